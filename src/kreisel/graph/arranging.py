@@ -7,9 +7,12 @@ an ensemble or with some constants folded in, give the same bits.
 from __future__ import annotations
 
 import heapq
+import math
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from kreisel.graph.graph import (
     APPLIED,
@@ -25,6 +28,7 @@ from kreisel.graph.graph import (
     Graph,
     Number,
     Operand,
+    evaluated,
     operands_of,
 )
 
@@ -161,6 +165,30 @@ def _with_reciprocals(steps: list[_Step]) -> list[_Step]:
         alone = not isinstance(x, Number) and x == 1
         out.append(_Step(step.place, SAME, (inverse,)) if alone else _Step(step.place, TIMES, (x, inverse)))
     return out
+
+
+class Formula:
+    """A function of arrays of these shapes, recorded and arranged; called on numbers of any kind.
+
+    Its result is flat: `count` numbers.
+    """
+
+    def __init__(self, function: Callable[..., Any], *shapes: tuple[int, ...]):
+        graph, arguments, first = Graph(), list[Any](), 0
+        for shape in shapes:
+            arguments.append(graph.inputs("x", math.prod(shape), first).reshape(shape)[()])
+            first += math.prod(shape)
+        values = [x if isinstance(x, Number) else float(x) for x in np.asarray(function(*arguments), dtype=object).flat]
+        self._graph, self._outputs = arranged(graph, values)
+        self.count = len(values)
+
+    def __call__(self, *arguments: Any) -> list[Any]:
+        numbers = [x for each in arguments for x in np.ravel(np.asarray(each, dtype=object))]
+        return evaluated(self._graph, self._outputs, lambda _, i: numbers[i])
+
+    def digest(self) -> str:
+        """SHA-256 of its operations."""
+        return self._graph.digest(self._outputs)
 
 
 # -- the order of operations ---------------------------------------------------------------------------

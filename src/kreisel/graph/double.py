@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from kreisel.graph.graph import Number, fma
+from kreisel.graph.graph import Number, fma, integer_power
 
 
 class DoubleDouble:
@@ -53,6 +53,9 @@ class DoubleDouble:
     def __rtruediv__(self, other: Any) -> DoubleDouble:
         return double_double(other) / self
 
+    def __pow__(self, exponent: Any) -> Any:
+        return integer_power(self, exponent)
+
     def sqrt(self) -> DoubleDouble:
         root = self.upper.sqrt() if isinstance(self.upper, Number) else math.sqrt(self.upper)
         remainder = fma(-root, root, self.upper) + self.lower
@@ -65,6 +68,11 @@ class DoubleDouble:
 def double_double(x: Any) -> DoubleDouble:
     """A number as a double-double."""
     return x if isinstance(x, DoubleDouble) else DoubleDouble(x)
+
+
+def upper(x: Any) -> Any:
+    """The number next to a double-double; other numbers as they are."""
+    return x.upper if isinstance(x, DoubleDouble) else x
 
 
 def two_sum(x: Any, y: Any) -> tuple[Any, Any]:

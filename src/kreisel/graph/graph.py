@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, ClassVar, NamedTuple
 
@@ -21,8 +21,8 @@ PLUS, MINUS, TIMES, OVER, FMA, SQRT, MAX, SIGN = "+", "-", "*", "/", "fma", "sqr
 SIZE, NEAREST, WHERE = "size", "nearest", "where"
 TRANSCENDENTAL = ("sin", "cos", "exp", "log")
 # Inputs (letter, index); a loop (its place in `Graph.loops`, start values, outer operands), a variable of its body, and
-# a result (loop, index).
-IN, LOOP, VARIABLE, RESULT = "in", "loop", "variable", "result"
+# a result (loop or branch, index); a branch (its place in `Graph.branches`, test, values without it, outer operands).
+IN, LOOP, VARIABLE, RESULT, BRANCH = "in", "loop", "variable", "result", "branch"
 
 Node = tuple[Any, ...]
 Operand = Any  # a Number or a float
@@ -47,6 +47,13 @@ class Loop(NamedTuple):
     most: int
 
 
+class Branch(NamedTuple):
+    """Values `new` of the nodes `body`, which are computed only if a test is positive, of a vector somewhere."""
+
+    body: tuple[int, ...]
+    new: tuple[Operand, ...]
+
+
 class Graph:
     """Nodes, each made once.  `mark` is part of the names of nodes.  Raises `TooLong` beyond `most` nodes."""
 
@@ -54,6 +61,7 @@ class Graph:
         self.nodes: list[Node] = []
         self.names: list[str] = []
         self.loops: list[Loop] = []
+        self.branches: list[Branch] = []
         self._index: dict[Node, int] = {}
         self._mark, self._most, self._count = mark, most, 0
         self._inside: set[int] | None = None  # the nodes of an open loop
@@ -114,20 +122,35 @@ class Graph:
             del self._index[self.nodes[at]]
         new = (*values, defect)
         members = tuple(sorted(inside - {x.at for x in variables}))
-        reads = [x for at in members for x in operands_of(self.nodes[at])] + [x for x in new if isinstance(x, Number)]
-        outer = dict.fromkeys(x.positive for x in reads if x.at not in inside)
         self.loops.append(Loop(tuple(variables), members, new, small, most))
-        loop = Number(self, self._added((LOOP, place, *start, *outer), ""))
+        loop = Number(self, self._added((LOOP, place, *start, *self._outer(members, new, inside)), ""))
         names.append(self._fresh("d"))
         results = [Number(self, self._added((RESULT, loop, i), name)) for i, name in enumerate(names)]
         return results[:-1], results[-1]
+
+    def branch(self, test: Number, body: Callable[[], Sequence[Operand]], values: Sequence[Operand]) -> list[Number]:
+        """Record `Branch`: body() if test > 0, of a vector somewhere, else `values`."""
+        first = len(self.nodes)
+        new = tuple(body())
+        members = range(first, len(self.nodes))
+        for at in members:
+            self._index.pop(self.nodes[at], None)
+        place = len(self.branches)
+        self.branches.append(Branch(tuple(members), new))
+        branch = Number(self, self._added((BRANCH, place, test, *values, *self._outer(members, new, members)), ""))
+        return [Number(self, self._added((RESULT, branch, i), self._fresh("b"))) for i in range(len(new))]
+
+    def _outer(self, members: Iterable[int], new: Iterable[Operand], inside: Container[int]) -> list[Number]:
+        """The nodes outside that those of a body, or what it makes, read."""
+        reads = [x for at in members for x in operands_of(self.nodes[at])] + [x for x in new if isinstance(x, Number)]
+        return list(dict.fromkeys(x.positive for x in reads if x.at not in inside))
 
     def needed(self, outputs: Iterable[Operand]) -> list[int]:
         """The nodes that the outputs depend on, in order; not those inside loops."""
         return self._reached(outputs, len(self.nodes), lambda at: True)
 
-    def needed_inside(self, loop: Loop) -> list[int]:
-        """The nodes of a loop's body that what it makes depends on, in order."""
+    def needed_inside(self, loop: Loop | Branch) -> list[int]:
+        """The nodes of a body that what it makes depends on, in order."""
         members = frozenset(loop.body)
         return self._reached(loop.new, len(self.nodes), members.__contains__)
 
@@ -161,6 +184,11 @@ class Graph:
                         places[x.at] = len(places)
                     add(self.needed_inside(loop))
                     found.update(f"{[*map(text, loop.new)]};".encode())
+                elif operation == BRANCH:
+                    branch = self.branches[operands.pop(0)]
+                    found.update(f"branch {[*map(text, operands)]};".encode())
+                    add(self.needed_inside(branch))
+                    found.update(f"{[*map(text, branch.new)]};".encode())
                 else:
                     found.update(f"{operation} {[*map(text, operands)]};".encode())
 
@@ -376,9 +404,18 @@ def maximum(x: Any, y: Any) -> Any:
     return max(x, y)
 
 
+def if_positive(test: Any, body: Callable[[], Sequence[Any]], values: Sequence[Any]) -> Sequence[Any]:
+    """body() if test > 0, else `values`; recorded as a branch, taken if test > 0 in some place of a vector."""
+    if isinstance(test, Number):
+        return test.graph.branch(test, body, values)
+    return body() if test > 0 else values
+
+
 def _method(name: str, plain: Callable[[float], float]) -> Callable[[Any], Any]:
     return lambda x: getattr(x, name)() if isinstance(x, Number) else plain(x)
 
+
+nearest = _method("nearest", lambda x: float(round(x)))
 
 APPLIED: dict[str, Callable[..., Any]] = {
     PLUS: lambda x, y: x + y,
@@ -390,7 +427,7 @@ APPLIED: dict[str, Callable[..., Any]] = {
     WHERE: where_less,
     SIGN: _method("sign", lambda x: -1.0 if x < 0 else 1.0),
     SIZE: abs,
-    NEAREST: _method("nearest", lambda x: float(round(x))),
+    NEAREST: nearest,
     SQRT: _method("sqrt", math.sqrt),
     **{name: _method(name, getattr(math, name)) for name in TRANSCENDENTAL},
 }

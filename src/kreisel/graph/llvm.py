@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import reduce
 from typing import Any
 
 from llvmlite import ir
 
 from kreisel.graph.graph import (
+    BRANCH,
     FMA,
     IN,
     LOOP,
@@ -227,6 +229,11 @@ class Function:
         with self.builder.goto_entry_block():
             return [Memory(self.builder, self.builder.alloca(kind), kind) for _ in range(count)]
 
+    def room(self, count: int, kind: ir.Type = DOUBLE) -> Memory:
+        """Memory for so many numbers, made once in a call."""
+        with self.builder.goto_entry_block():
+            return Memory(self.builder, self.builder.alloca(kind, INTEGER(count)), kind)
+
     def vectors(self, width: int) -> None:
         """To be called by functions that work on vectors: else those that are spilled lie across cache lines."""
         if width > 1:
@@ -280,6 +287,21 @@ class Function:
         with self.builder.if_then(test):
             yield
 
+    def largest(self, x: Value) -> Value:
+        """The largest of the places of a vector; of those that are numbers, if the first is one."""
+        if not isinstance(x.type, ir.VectorType):
+            return x
+        places = [self.builder.extract_element(x, INDEX(k)) for k in range(x.type.count)]
+        return reduce(lambda a, b: self.builder.select(self.builder.fcmp_ordered(">", b, a), b, a), places)
+
+    def spread(self, x: Value, kind: ir.Type) -> Value:
+        """A number in all places of a vector."""
+        if not isinstance(kind, ir.VectorType):
+            return x
+        first = self.builder.insert_element(ir.Constant(kind, ir.Undefined), x, INDEX(0))
+        places = ir.Constant(ir.VectorType(INDEX, kind.count), [0] * kind.count)
+        return self.builder.shuffle_vector(first, first, places)
+
     def otherwise(self, test: Value) -> Any:
         """Two blocks, of which one is run: with f.otherwise(test) as (yes, no): with yes: ...; with no: ..."""
         return self.builder.if_else(test)
@@ -307,6 +329,8 @@ class Function:
                 continue
             if operation == LOOP:
                 self._loop(graph, at, operands, values, kind)
+            elif operation == BRANCH:
+                self._branch(graph, at, operands, values, kind)
             elif operation == RESULT:
                 values[at] = values[operands[0].at][operands[1]]
             else:
@@ -348,6 +372,19 @@ class Function:
             zero, less, more = (constant(x[0].type, number) for number in (0.0, -1.0, 1.0))
             return builder.select(builder.fcmp_ordered("<", x[0], zero), less, more)
         return self.intrinsic(INTRINSIC[operation], *x)
+
+    def _branch(self, graph: Graph, at: int, operands: list[Any], values: dict[int, Value], kind: ir.Type) -> None:
+        branch = graph.branches[operands[0]]
+        memory = self.variables(len(branch.new), kind)
+        for room, x in zip(memory, operands[2:], strict=False):
+            room[0] = self.value(x, values, kind)
+        somewhere = self.largest(self.value(operands[1], values, kind))
+        with self.where(self.builder.fcmp_ordered(">", somewhere, DOUBLE(0.0))):
+            inside = dict(values)
+            self.emit(graph, graph.needed_inside(branch), inside, kind)
+            for room, x in zip(memory, branch.new, strict=True):
+                room[0] = self.value(x, inside, kind)
+        values[at] = [room[0] for room in memory]
 
     def _loop(self, graph: Graph, at: int, operands: list[Any], values: dict[int, Value], kind: ir.Type) -> None:
         """Of numbers: lanes of a vector would end at different times."""

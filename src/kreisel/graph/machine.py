@@ -79,6 +79,11 @@ def optimized(machine: Any, text: str) -> Any:
     return module
 
 
+def address_of(array: Any) -> int:
+    """The address of the first number of an array in one piece."""
+    return ctypes.addressof(ctypes.c_char.from_buffer(array)) if array.size else 0
+
+
 class Kernel:
     """A compiled function of integers of 64 bits, addresses among them.
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from kreisel.kernels._llvm import memory, rows
+from kreisel.kernels._llvm import memory
 from kreisel.kernels._llvm.numbers import (
     Emit,
     below,
@@ -81,12 +81,12 @@ carry: Any = _elementwise("carry", None, of_wholes=below)
 
 (
     gather, scatter, numbers, put_numbers, load, store, double_at, whole_at, long_at, put_double, put_whole,
-    vector_at, put_vector, call_at_address, polynomials, store_rows, expect_rows,
+    vector_at, put_vector, call_at_address,
 ) = (
     Operation(emit.__name__, emit)
     for emit in (
         memory.gather, memory.scatter, memory.numbers, memory.put_numbers, memory.load, memory.store, memory.double_at,
         memory.whole_at, memory.long_at, memory.put_double, memory.put_whole, memory.vector_at, memory.put_vector,
-        memory.call_at_address, rows.polynomials, rows.store_rows, rows.expect_rows,
+        memory.call_at_address,
     )
 )  # fmt: skip

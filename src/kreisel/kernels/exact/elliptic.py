@@ -1,4 +1,4 @@
-"""Elliptic integrals and functions in compiled code, without branches: for numbers and for vectors of them.
+"""Elliptic integrals and functions by a fixed number of operations, on numbers of any kind: to be recorded.
 
 Those of which a large multiple is taken are in double-doubles.  Arguments that need more iterations than are made
 give a result with its error, or no number.
@@ -6,46 +6,45 @@ give a result with its error, or no number.
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import Any
 
-from kreisel.kernels._llvm.functions import straight
-from kreisel.kernels._llvm.operations import fma, largest, nearest, pair, size, upper, where_less
+from kreisel.algebra import sqrt
+from kreisel.graph.double import DoubleDouble, upper
+from kreisel.graph.graph import fma, if_positive, maximum, nearest, where_less
 
 PI = 3.141592653589793, 1.2246467991473532e-16  # and what is left of it
 MEANS = 5  # enough for a/g = 100, if the first step of the mean was made
 DUPLICATIONS = 6  # of the arguments of R_J, whose ratios are at most 1e4
+LEVELS = 6  # of Landen's transformation
 BEYOND = 7  # more of them for ratios up to 1e46
 TURN = 0.15915494309189535, -9.839338337591867e-18  # 1/(2 pi)
 
 
-@straight
 def largest_root(u: Any, v: Any) -> Any:
     """Of y^3 + u y + v with three real roots, by Newton's method: double-double; and the last change, a double."""
     first, last = upper(u), upper(v)
     unit = 2.0 * sqrt(-first / 3.0)
     q = -4.0 * last / (unit * unit * unit)  # the root is `unit` cos(arccos(q)/3)
-    y = 0.5 + 0.5 * sqrt(max(0.5 + 0.5 * q, 0.0 * q))
+    y = 0.5 + 0.5 * sqrt(maximum(0.5 + 0.5 * q, 0.0))
     for _ in range(4):
         y = y - (y * (4.0 * y * y - 3.0) - q) / (12.0 * y * y - 3.0)
     y = y * unit
-    root = pair(y, 0.0)
+    root = DoubleDouble(y, 0.0)
     change = y
     for _ in range(2):
         square = root * root
         change = upper((square + u) * root + v) / upper(3 * square + u)
         root = root - change
-    return root, size(change)
+    return root, abs(change)
 
 
-@straight
 def either(test: Any, x: Any, y: Any) -> Any:
     """The double-double x where test < 0, else y."""
     first, second = upper(x), upper(y)
-    return pair(where_less(test, 0.0, first, second), where_less(test, 0.0, upper(x - first), upper(y - second)))
+    lower = where_less(test, 0.0, upper(x - first), upper(y - second))
+    return DoubleDouble(where_less(test, 0.0, first, second), lower)
 
 
-@straight
 def complete(a: Any, g: Any, p: Any) -> Any:
     """M(a, g), the sum S with R_J(0, a^2, g^2, p^2) = 3 pi S/(4 M p^2), and the relative error: double-doubles.
 
@@ -54,20 +53,21 @@ def complete(a: Any, g: Any, p: Any) -> Any:
     return _completed(a, g, p, MEANS)
 
 
-@straight
 def complete_beyond(a: Any, g: Any, p: Any, beyond: Any) -> Any:
     """The same; where `beyond` > 0 for a/g up to 6e13."""
     mean, total, error = _completed(a, g, p, MEANS)
-    if largest(beyond) > 0.0:
-        other, more, left = _completed(a, g, p, MEANS + 3)
-        mean, total = either(-beyond, other, mean), either(-beyond, more, total)
-        error = where_less(0.0, beyond, left, error)
-    return mean, total, error
+
+    def more() -> list[Any]:
+        finer, sum_, left = _completed(a, g, p, MEANS + 3)
+        finer, sum_ = either(-beyond, finer, mean), either(-beyond, sum_, total)
+        return [finer.upper, finer.lower, sum_.upper, sum_.lower, where_less(0.0, beyond, left, error)]
+
+    values = if_positive(beyond, more, [mean.upper, mean.lower, total.upper, total.lower, error])
+    return DoubleDouble(*values[:2]), DoubleDouble(*values[2:4]), values[4]
 
 
-@straight
 def _completed(a: Any, g: Any, p: Any, steps: Any) -> Any:
-    term, total = a / a, 0 * a
+    term, total = DoubleDouble(1.0), DoubleDouble(0.0)
     for _ in range(steps):
         product, square = a * g, p * p
         both = square + product
@@ -79,98 +79,68 @@ def _completed(a: Any, g: Any, p: Any, steps: Any) -> Any:
     return mean, total + 2 * term * p / (mean + p), apart * apart
 
 
-@straight
 def _descended(level: Any, a: Any, mean: Any, g: Any) -> Any:
     c, d = level
     ratio = c * c / mean
     return c * d, (g + ratio) / (a + ratio)
 
 
-@straight
 def cs(a: Any, g: Any, angle: Any) -> Any:
     """Jacobi's function of that name, times a, at u = a angle/M(a, g), 0 < angle <= pi/4, where k' = g/a."""
     cos, sin = cos_sin(angle)
     return cs_of(a, g, cos, sin)
 
 
-@straight
 def cs_of(a: Any, g: Any, cos: Any, sin: Any) -> Any:
     """The same from cos and sin of the angle, 0 < angle <= pi/2.  By descending Landen transformations."""
     return _level(a, g, cos, sin)[0]
 
 
-@straight
 def cs_beyond(a: Any, g: Any, cos: Any, sin: Any, beyond: Any) -> Any:
     """The same; where `beyond` > 0 for a/g up to 6e13."""
-    found = cs_of(a, g, cos, sin)
-    if largest(beyond) > 0.0:
-        a1, g1 = 0.5 * (a + g), sqrt(a * g)
-        a2, g2 = 0.5 * (a1 + g1), sqrt(a1 * g1)
-        a3, g3 = 0.5 * (a2 + g2), sqrt(a2 * g2)
-        level = _descended(_level(a3, g3, cos, sin), a2, a3, g2)
-        level = _descended(level, a1, a2, g1)
-        found = where_less(0.0, beyond, _descended(level, a, a1, g)[0], found)
-    return found
+    near = cs_of(a, g, cos, sin)
+
+    def far() -> list[Any]:
+        return [where_less(0.0, beyond, _level(a, g, cos, sin, LEVELS + 3)[0], near)]
+
+    return if_positive(beyond, far, [near])[0]
 
 
-@straight
-def _level(a: Any, g: Any, cos: Any, sin: Any) -> Any:
+def _level(a: Any, g: Any, cos: Any, sin: Any, levels: int = LEVELS) -> Any:
     """cs times a, and dn."""
-    a1, g1 = 0.5 * (a + g), sqrt(a * g)
-    a2, g2 = 0.5 * (a1 + g1), sqrt(a1 * g1)
-    a3, g3 = 0.5 * (a2 + g2), sqrt(a2 * g2)
-    a4, g4 = 0.5 * (a3 + g3), sqrt(a3 * g3)
-    a5, g5 = 0.5 * (a4 + g4), sqrt(a4 * g4)
-    a6 = 0.5 * (a5 + g5)
-    level = (a6 * cos / sin, a / a)
-    level = _descended(level, a5, a6, g5)
-    level = _descended(level, a4, a5, g4)
-    level = _descended(level, a3, a4, g3)
-    level = _descended(level, a2, a3, g2)
-    level = _descended(level, a1, a2, g1)
-    return _descended(level, a, a1, g)
+    mean = 0.5 * (a + g)
+    if levels == 1:
+        return _descended((mean * cos / sin, 1.0), a, mean, g)
+    return _descended(_level(mean, sqrt(a * g), cos, sin, levels - 1), a, mean, g)
 
 
-@straight
 def arctan_ratio(e: Any) -> Any:
     """arctan(x)/x, e = x^2: after three bisections of the angle by its series."""
-    factor = 1.0 + 0.0 * e
+    factor = 1.0
     for _ in range(3):
         part = 1.0 + sqrt(1.0 + e)
         factor = factor * 2.0 / part
         e = e / (part * part)
-    total = 1.0 / 25.0 + 0.0 * e
-    total = 1.0 / 23.0 - e * total
-    total = 1.0 / 21.0 - e * total
-    total = 1.0 / 19.0 - e * total
-    total = 1.0 / 17.0 - e * total
-    total = 1.0 / 15.0 - e * total
-    total = 1.0 / 13.0 - e * total
-    total = 1.0 / 11.0 - e * total
-    total = 1.0 / 9.0 - e * total
-    total = 1.0 / 7.0 - e * total
-    total = 1.0 / 5.0 - e * total
-    total = 1.0 / 3.0 - e * total
+    total = 1.0 / 25.0
+    for order in range(23, 1, -2):
+        total = 1.0 / order - e * total
     return factor * (1.0 - e * total)
 
 
-@straight
 def third_kind(x: Any, y: Any, z: Any, p: Any, delta: Any) -> Any:
     """R_J(x, y, z, p) by duplication (Carlson), delta = (p - x)(p - y)(p - z) >= 0."""
     return _duplicated(x, y, z, p, delta, DUPLICATIONS)
 
 
-@straight
 def third_kind_beyond(x: Any, y: Any, z: Any, p: Any, delta: Any) -> Any:
     """The same for arguments far apart."""
     return _duplicated(x, y, z, p, delta, DUPLICATIONS + BEYOND)
 
 
-@straight
 def _duplicated(x: Any, y: Any, z: Any, p: Any, delta: Any, steps: Any) -> Any:
     mean = 0.2 * (x + y + z + 2.0 * p)
     small_x, small_y, small_z = mean - x, mean - y, mean - z
-    part, total = 1.0, 0.0 * x
+    part, total = 1.0, 0.0
     for _ in range(steps):
         rx, ry, rz, rp = sqrt(x), sqrt(y), sqrt(z), sqrt(p)
         step = rx * ry + rx * rz + ry * rz
@@ -189,7 +159,6 @@ def _duplicated(x: Any, y: Any, z: Any, p: Any, delta: Any, steps: Any) -> Any:
     return part / (mean * sqrt(mean)) * (series + E5 * 3.0 / 26.0) + 6.0 * total
 
 
-@straight
 def cos_sin(x: Any) -> Any:
     """Of an angle of at most pi/4, by Taylor's series."""
     e = x * x
@@ -202,12 +171,11 @@ def cos_sin(x: Any) -> Any:
     return 1.0 - e * (0.5 - e * c), fma(x * e, s, x)
 
 
-@straight
 def of_turns(part: Any) -> Any:
     """Cos and sin of 2 pi part, |part| <= 1/2."""
     quarter = nearest(4.0 * part)
     c, s = cos_sin((part - 0.25 * quarter) * 6.283185307179586)
-    some = size(quarter)
+    some = abs(quarter)
     return (
         where_less(some, 0.5, c, where_less(some, 1.5, -s * quarter, -c)),
         where_less(some, 0.5, s, where_less(some, 1.5, c * quarter, -s)),

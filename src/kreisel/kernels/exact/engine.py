@@ -9,92 +9,24 @@ import math
 from collections.abc import Iterable, Mapping
 from functools import cache
 from threading import Lock
-from typing import Any
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.computed import cached_property
-from kreisel.kernels.cache import load_kernel
+from kreisel.graph.machine import Kernel, address_of
 from kreisel.kernels.exact import jumps
 from kreisel.kernels.exact.jumps import Jumps
+from kreisel.kernels.exact.rows import SIZE, RowKernel
 from kreisel.kernels.layout import LANES, Floats, Look, no_look
-from kreisel.kernels.printing import split
-from kreisel.kernels.recording import indented, recorded_function
-from kreisel.kernels.simd import HEAD
 from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import Orbit, Orbits, Scheme, Spin, States
 
 AT_ONCE = 4096  # times that a function is asked for
 MOST_PLACES = 12  # as a power of two, kept for all rows; of more only those that are asked for
-CIRCLE_BITS = 9  # angles in a table, as a power of two
 WORD = (1 << 64) - 1
-NO_PHASES, NO_PLACES = np.empty((0, 3), dtype=np.uint64), np.empty(0, dtype=np.int64)
 ROW_WORK = 8  # a row is worth so many steps of a map in an ensemble
-WIDTH = 16  # rows in a block, a multiple of LANES: with 64 the table of polynomials does not stay in the first cache
-
-ROWS = """
-from kreisel.kernels._llvm.operations import (
-    carry, expect_rows, polynomials, shifted_left, shifted_right, store_rows,
-)
-
-@compiled(
-    "i8[:,::1], i8[:,::1], i8[:,::1], i8[::1], i8[::1], f8[:,:,::1], f8[::1], f8[::1], i8, f8[:,:,::1], i8, i8, i8, "
-    "f8[::1], f8[::1], i8[::1], i8[::1], i8[::1]"
-)
-def kernel(at, step, phases, where, known, table, circle, c, places, out, lane, first, last, w, x, part, u, done):
-{constants}
-    half, shift = shifted_left(1, 63 - places), 64 - places
-{start}
-    start, stopped = first, 0
-    while start < last and stopped == 0:
-        count = min({width}, last - start)
-        if len(phases) > 0:
-            for i in range(count):
-                part[i] = where[start + i]
-{given}
-        else:
-{step}
-            for i in range(count):
-                j = shifted_right(u[i] + half, shift)
-                if not known[j]:
-                    count, stopped = i, 1
-                    break
-                part[i] = j
-        for i in range(count):
-            x[i] = float(shifted_left(u[i], places)) * {unit!r}
-{turns}
-        for i in range(0, count, {lanes}):
-            expect_rows(out, start + i, lane, {values})
-            polynomials(table, part, x, w, i, {terms}, {numbers}, {width})
-        for i in range(count):
-{begin}
-{body}
-{save}
-        for i in range(0, count - count % {lanes}, {lanes}):
-            store_rows(out, start + i, lane, w, i, {begin_out}, {values}, {width})
-        for i in range(count - count % {lanes}, count):
-{store}
-        start += count
-    done[0] = start
-"""
-
-STEP = """
-            for i in range(count):
-                u[{words} + i] = h{k}
-                l{k} += step[1, {k}]
-                h{k} += step[0, {k}] + carry(l{k}, step[1, {k}])
-"""
-
-TURN = """
-        for i in range(count):
-            phase = u[{words} + i]
-            j = shifted_right(phase + {half}, {shift})
-            w[{at} + i] = circle[j]
-            w[{at} + {width} + i] = circle[j + {size}]
-            w[{at} + 2 * {width} + i] = float(shifted_left(phase, {bits})) * {rest!r}
-"""
 
 
 def closed_form_of(scheme: Scheme) -> Orbits:
@@ -140,7 +72,7 @@ class ClosedForm:
         self._done, self._jumped = 0, jumps.ROWS * every if isinstance(closed_form_of(scheme).jump, Spin) else 0
         (self._dt,), (self._exponent,) = dyadic(np.array([dt]))
         self._known: dict[int, OrbitRows | Samples] = {}
-        self._compiled: tuple[list[int], tuple[int, int], Any] | None = None
+        self._compiled: tuple[list[int], Kernel] | None = None
 
     @cached_property
     def _jumps(self) -> Jumps:
@@ -157,11 +89,11 @@ class ClosedForm:
             )
         return {lane: self._known[lane] for lane in which}
 
-    def _kernel(self, orbit: Orbit, kinds: list[str]) -> tuple[list[int], tuple[int, int], Any]:
-        """The numbers of a place that are used, what room the kernel needs, and it; in it are no numbers of a lane."""
+    def _kernel(self, orbit: Orbit, kinds: list[str]) -> tuple[list[int], Kernel]:
+        """The numbers of a place that are used, and the kernel of all lanes."""
         if self._compiled is None:
-            used, room, source = _rows_source(orbit, kinds, self._scheme.name)
-            self._compiled = used, room, load_kernel(source).kernel
+            rows = RowKernel(orbit, kinds)
+            self._compiled = rows.used, rows.kernel()
         return self._compiled
 
     def ready(self) -> ClosedForm:
@@ -228,10 +160,10 @@ def words(numbers: list[int]) -> Array:
 
 @cache
 def circle() -> Floats:
-    """Cos and then sin of the multiples of 2 pi/2^CIRCLE_BITS below 2 pi."""
+    """Cos and then sin of the multiples of 2 pi/SIZE below 2 pi."""
     import mpmath
 
-    angles = [mpmath.mpf(2 * i) / 2**CIRCLE_BITS for i in range(2**CIRCLE_BITS)]
+    angles = [mpmath.mpf(2 * i) / SIZE for i in range(SIZE)]
     with mpmath.workdps(30):
         return np.array([float(f(a)) for f in (mpmath.cospi, mpmath.sinpi) for a in angles])
 
@@ -259,8 +191,8 @@ class Samples:
 class OrbitRows:
     """The states of one orbit, by a kernel made of its `row`."""
 
-    def __init__(self, orbit: Orbit, used: list[int], room: tuple[int, int], kernel: Any):
-        self.orbit, self._used, self._room = orbit, used, room
+    def __init__(self, orbit: Orbit, used: list[int], kernel: Kernel):
+        self.orbit, self._used = orbit, used
         values = [np.asarray(v, dtype=np.float64) for v in orbit.constants.values()]
         self._constants = np.concatenate([np.empty(0), *(v.ravel() for v in values)])
         dense = orbit.places <= MOST_PLACES
@@ -281,7 +213,7 @@ class OrbitRows:
             while first < last:
                 at = words([b + (first + 1) * s for b, s in zip(before, step, strict=True)])
                 self._place(at[0, 0])
-                first = self._call(at, words(step), NO_PHASES, NO_PLACES, self._table, out, lane, first, last)
+                first = self._call(at, words(step), None, None, self._table, out, lane, first, last)
 
         on_threads(len(out), ROW_WORK * len(out), share)
 
@@ -318,67 +250,23 @@ class OrbitRows:
         kept = self.orbit.place(j)[:, self._used]
         return np.pad(kept, ((0, 0), (0, -len(self._used) % LANES)))
 
-    def _call(self, at: Array, step: Array, phases: Array, where: Array, table: Floats, *rest: Any) -> int:
+    def _call(
+        self,
+        at: Array,
+        step: Array,
+        phases: Array | None,
+        where: Array | None,
+        table: Floats,
+        out: Floats,
+        lane: int,
+        first: int,
+        last: int,
+    ) -> int:
         """The kernel, up to a row whose place is not known; its number."""
-        at, step, phases = (np.ascontiguousarray(array).view(np.int64) for array in (at, step, phases))
-        given = (at, step, phases, where, self._known, table, circle(), self._constants, self.orbit.places)
-        room, count, done = (
-            np.empty(self._room[0]),
-            np.empty(self._room[1], dtype=np.int64),
-            np.zeros(1, dtype=np.int64),
-        )
-        self._kernel(*given, *rest, room, np.zeros(WIDTH), np.zeros(WIDTH, dtype=np.int64), count, done)
-        return int(done[0])
-
-
-def _rows_source(orbit: Orbit, kinds: list[str], name: str) -> tuple[list[int], tuple[int, int], str]:
-    """The numbers of a place that are used, the sizes of w and u, and straight-line code of `row` in blocks of rows.
-
-    LLVM vectorises it; what all rows share comes first.
-    """
-    terms, numbers = orbit.place(0).shape
-    shapes = {"place": (numbers,), "left": (3,), "right": (3,)}
-
-    def function(place: Array, left: Array, right: Array, **known: Array) -> Array:
-        return algebra.flatten(orbit.row(place, left, right, **known), kinds)
-
-    lines, values, count = recorded_function(function, shapes, {k: np.shape(v) for k, v in orbit.constants.items()})
-    words = {name for line in lines for name in line.needs} | {value.strip("(-)") for value in values}
-    constants, inputs = (
-        sorted(int(w[1:]) for w in words if w[0] == letter and w[1:].isdigit()) for letter in ("c", "z")
-    )
-    fixed, varying = split(lines, [f"c{k}" for k in constants])
-    used = [k for k in inputs if k < numbers]
-    at = {k: place * WIDTH for place, k in enumerate([*used, *range(numbers, count)])}
-    begin = len(at) * WIDTH
-    turns = {1 + side: at[first] for side, first in enumerate((numbers, numbers + 3)) if first in inputs}
-    phases = [0, *turns]
-    circle = {
-        "width": WIDTH,
-        "size": 1 << CIRCLE_BITS,
-        "bits": CIRCLE_BITS,
-        "shift": 64 - CIRCLE_BITS,
-        "half": 1 << (63 - CIRCLE_BITS),
-        "rest": float(np.pi) * 2.0 ** -(63 + CIRCLE_BITS),
-    }
-    source = HEAD.format(name=f"{name} in closed form") + ROWS.format(
-        width=WIDTH,
-        unit=2.0**-63,
-        lanes=LANES,
-        terms=terms,
-        numbers=len(used),
-        begin_out=begin,
-        values=len(values),
-        constants=indented([*(f"c{k} = c[{k}]" for k in constants), *(line.text for line in fixed)], 4),
-        start=indented([f"h{k}, l{k} = at[0, {k}], at[1, {k}]" for k in phases], 4),
-        given=indented([f"u[{place * WIDTH} + i] = phases[start + i, {k}]" for place, k in enumerate(phases)], 16),
-        step="".join(STEP.format(k=k, words=place * WIDTH).rstrip() for place, k in enumerate(phases)).strip("\n"),
-        turns="".join(
-            TURN.format(words=(1 + place) * WIDTH, at=at, **circle).rstrip() for place, at in enumerate(turns.values())
-        ).strip("\n"),
-        begin=indented([f"z{k} = w[{at[k]} + i]" for k in inputs], 12),
-        body=indented([line.text for line in varying], 12),
-        save=indented([f"w[{begin + d * WIDTH} + i] = {value}" for d, value in enumerate(values)], 12),
-        store=indented([f"out[start + i, lane, {d}] = w[{begin + d * WIDTH} + i]" for d in range(len(values))], 12),
-    )
-    return used, (begin + len(values) * WIDTH, len(phases) * WIDTH), source
+        listed = [np.empty(0) if v is None else np.ascontiguousarray(v) for v in (phases, where)]
+        arrays = [*listed, self._known, table, circle(), self._constants]
+        addresses = [address_of(array) for array in arrays]
+        more = [*addresses, self.orbit.places, address_of(out), lane, out.shape[1], first, last, 0]
+        frame = np.array([*at.view(np.int64).flat, *step.view(np.int64).flat, *more])
+        self._kernel(address_of(frame))
+        return int(frame[-1])

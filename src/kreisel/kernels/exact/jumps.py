@@ -1,19 +1,14 @@
 """Flows, n = 3, from time 0 to any time at once: kernels that set up and jump, for many tops or free bodies.
 
 Of the free body: `kreisel.kernels.exact.rotating`.  Over the period of nutation the flow of the Lagrange top is a turn
-about p; over what is left of the time it is `count` times D_eps, less the turn of D_eps.  The formulas of
-`kreisel.exact.nutation` are recorded here, for doubles and double-doubles alike; `kreisel.kernels.exact.nutating` puts
-them together.  Each lane tells what it may be off; some need more digits.
+about p; over what is left of the time it is `count` times D_eps, less the turn of D_eps: `leap` of
+`kreisel.kernels.exact.nutating`.  Each lane tells what it may be off; some need more digits.
 """
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Mapping
-from dataclasses import astuple
-from functools import cache
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,15 +16,18 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.exact.motion import half_turns
-from kreisel.exact.nutation import Integrals, darboux, squared_length, turning
+from kreisel.exact.nutation import Integrals, darboux
 from kreisel.exact.turning import turned
-from kreisel.kernels._llvm.machine import register_width
-from kreisel.kernels.cache import load_kernel
+from kreisel.graph.arranging import Formula
+from kreisel.graph.double import DoubleDouble
+from kreisel.graph.graph import Graph, Operand, array_of, nearest, where_less
+from kreisel.graph.llvm import DOUBLE, Function, Integer, Lanes, Value
+from kreisel.graph.machine import Kernel, address_of, kernel, register_width
+from kreisel.graph.recording import as_operands, count_of, flat_constants
+from kreisel.kernels.exact.elliptic import of_turns
+from kreisel.kernels.exact.nutating import leap
+from kreisel.kernels.exact.rotating import rotated
 from kreisel.kernels.layout import Floats
-from kreisel.kernels.printing import arranged
-from kreisel.kernels.recording import count_of, flat_constants, indented
-from kreisel.kernels.simd import HEAD
-from kreisel.kernels.tape import Scalar, Tape, source_of
 from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import Jump, Scheme, Spin
 
@@ -37,245 +35,210 @@ TOLERANCE = 1e-16  # of a turn and of a period: more that a jump may be off, and
 FEW = 10_000  # times that are jumps: the set-up of a motion in many digits takes as long as 10^5 of them
 ROWS = 10**6  # of a run of a free body that are jumps: its set-up takes as long, 50 ms
 WORK = 200  # a jump is worth so many steps of a map in an ensemble
-# What the kernel imports beside the operations of all kernels.
-TEXTS = ("elliptic.py", "nutating.py", "rotating.py")
-
-FUNCTION = """
-@straight
-def {name}({arguments}):
-{body}
-    return {result}
-
-"""
-
-KERNEL = """
 MOST = 64  # maps in a jump
 
-
-@straight
-def moment(time, step):
-    return pair(time, 0.0) * step
+Recorded = tuple[Graph, list[Operand]]
 
 
-@compiled(
-    "f8[:,::1], f8[:,::1], f8[::1], f8, f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1]"
-)
-def jump(z, c, times, step, out, off, states, constants, when):
-    lanes, rows = len(z), len(out)
-{single}
-    for k in range(rows):
-        put_numbers(states, (k,), numbers(z, (k % lanes,), {state}, ()), ())
-        put_numbers(constants, (k,), numbers(c, (k % lanes,), {constants}, ()), ())
-        when[k, 0] = times[k // lanes]
-    for row in range(0, rows, {width}):
-        (number,) = gather(when, 1, row, rows, {width})
-        t = moment(number, step)
-        now = gather(states, {state}, row, rows, {width})
-        known = gather(constants, {constants}, row, rows, {width})
-{body}
-"""
+class Rows(NamedTuple):
+    """What a kernel reads and writes for rows first, first + 1, ...: state, constants and time; new state, error.
 
-TOP = """
-        m0, m1, m2, b0, b1, b2, p0, p1, p2, above, within = begin(*now, *known)
-        conserved = integrals({pairs})
-        count, eps, r, unit, turn, spin, off_state, off_all = leap(conserved, (above, within), t, turning, length)
-        {carry}
-        most = MOST
-        if largest(count) < MOST:
-            most = int(largest(count))
-        for k in range(most):
-            {mapped} = mapped(
-                {mapped}, p0, p1, p2, where_less(float(k), count, eps, 0.0), r
+    unit  of the times
+    """
+
+    states: Lanes
+    constants: Lanes
+    times: Lanes
+    unit: Value
+    new: Lanes
+    errors: Lanes
+
+    def input(self, letter: str, index: int) -> Value:
+        """The values of an input of a graph: z the state, c the constants, t the time and its unit."""
+        if letter == "t":
+            return self.unit if index else self.times[0]
+        return (self.states if letter == "z" else self.constants)[index]
+
+
+class _Jumping:
+    """The kernel of a scheme's jumps: kernel(room, constants, first, last, lanes, times) for some of the lanes.
+
+    room  the unit of time, times, states (lanes, d), room for new states (times, lanes, d) and errors (times, lanes)
+    """
+
+    def __init__(self, scheme: Scheme, columns: Mapping[str, slice]):
+        jump = None if scheme.orbits is None else scheme.orbits.jump
+        if jump is None:
+            raise TypeError(f"the scheme {scheme.name} states no jump")
+        self._scheme, self._kinds = scheme, scheme.kinds
+        self._state = algebra.coordinate_count(self._kinds, scheme.n)
+        self._columns = columns
+        self._constants, self._width = count_of(self._columns), register_width()
+        self._single = isinstance(jump, Spin)  # a number takes 1.1 us, a vector of eight 1.7 us
+        self._write = self._top(jump) if isinstance(jump, Jump) else self._body(jump)
+
+    def kernel(self) -> Kernel:
+        """Compiled, or from the disk."""
+        key = "jump", *self._key, self._kinds, self._state, self._constants, self._width
+        return kernel(key, 6, self._function)
+
+    def _by_name(self, c: Array) -> dict[str, Array]:
+        scheme = self._scheme
+        return {name: c[place].reshape((scheme.n,) * scheme.axes[name])[()] for name, place in self._columns.items()}
+
+    def _parts(self, z: Array) -> tuple[Array, ...]:
+        return algebra.restore(z, self._kinds, self._scheme.n)
+
+    def _function(self, f: Function) -> None:
+        room, constants, first, last, lanes, times = f.arguments
+        numbers, width, d = f.doubles(room), self._width, self._state
+        states = numbers.beyond(times + 1)
+        new = states.beyond(lanes * d)
+        errors = new.beyond(times * lanes * d)
+        count = last - first
+        rows = count * times
+
+        def write(row: Any, width: int) -> None:
+            at = [f.integer(k) for k in f.lanes(row, width, rows)]
+            when, which = [k // count for k in at], [first + k % count for k in at]
+            there = [t * lanes + lane for t, lane in zip(when, which, strict=True)]
+            self._write(
+                f,
+                Rows(
+                    Lanes(states, which, d),
+                    Lanes(f.doubles(constants), which, self._constants),
+                    Lanes(numbers.beyond(1), when, 1),
+                    Lanes(numbers, [f.integer(0)] * width, 0)[0],
+                    Lanes(new, there, d),
+                    Lanes(errors, there, 1),
+                ),
             )
-        cos, sin = of_turns(0.5 * (turn - nearest(turn)))
-        new = finish({mapped}, p0 * unit, p1 * unit, p2 * unit, cos, sin)
-        scatter(out, (), row, rows, new, {width})
-        scatter(off, (), row, rows, ({error} + where_less(float(MOST), count, 1.0, 0.0),), {width})
-"""
 
-# The orientation begins with a turn about b.
-CARRY = """
-        spin = spin - nearest(spin)
-        q0, q1, q2, q3 = carried(*now, b0, b1, b2, *of_turns(0.5 * spin))
-"""
+        f.vectors(width)
+        if self._single:
+            with f.otherwise(rows.compared("==", 1)) as (single, several):
+                with single:
+                    write(0, 1)
+                with several, f.loop(0, rows, width) as row:
+                    write(row, width)
+        else:
+            with f.loop(0, rows, width) as row:
+                write(row, width)
 
-BODY = """
-        new = rotated(moments({pairs}), begin(*now), t)
-        scatter(out, (), row, rows, finish(*now, *new[:7]), {width})
-        scatter(off, (), row, rows, (new[7],), {width})
-"""
+    def _recorded(self, program: Callable[[Array, Array, Any], Sequence[Any]]) -> Recorded:
+        graph = Graph()
+        t = DoubleDouble(graph.input("t", 0)) * DoubleDouble(graph.input("t", 1))
+        values = program(graph.inputs("z", self._state), graph.inputs("c", self._constants), t)
+        return graph, as_operands(values)
 
-# A number takes 1.1 us, a vector of eight 1.7 us.
-SINGLE = """
-    if rows == 1:
-        now, known = numbers(z, (0,), {state}, ()), numbers(c, (0,), {constants}, ())
-        new = rotated(moments({pairs}), begin(*now), moment(times[0], step))
-        put_numbers(out, (0,), finish(*now, *new[:7]), ())
-        off[0, 0] = new[7]
-        return
-"""
+    def _body(self, jump: Spin) -> Callable[[Function, Rows], None]:
+        def start(z: Array) -> list[Any]:
+            return list(jump.begin(*self._parts(z))[0])
 
-IMPORTS = """from kreisel.kernels._llvm.operations import largest, nearest, pair, where_less
-from kreisel.kernels.exact.elliptic import of_turns
-from kreisel.kernels.exact.nutating import leap
-from kreisel.kernels.exact.rotating import rotated
+        def end(z: Array, m: Array, turn: Array) -> Array:
+            before = jump.begin(*self._parts(z))[1:]
+            new = jump.finish(m, *(algebra.quaternion_product(g, turn) for g in before))
+            return algebra.flatten(new, self._kinds)
 
-"""
+        begin, finish = Formula(start, (self._state,)), Formula(end, (self._state,), (3,), (4,))
+        moments = Formula(lambda c: jump.moments(**self._by_name(c)), (self._constants,))
+        self._key = begin.digest(), finish.digest(), moments.digest()
 
+        def program(z: Array, c: Array, t: Any) -> list[Any]:
+            moments = jump.moments(**self._by_name(array_of([DoubleDouble(x) for x in c])))
+            *new, off = rotated(moments, begin(z), t)
+            return [off, *finish(z, new[:3], new[3:])]
 
-def _function_source(name: str, function: Callable[..., Any], *shapes: tuple[int, ...], fuse: bool = True) -> str:
-    """Source of a function of numbers, from one of arrays of these shapes; `fuse`: products into sums."""
-    tape = Tape()
-    names: list[str] = []
-    given: list[Any] = []
-    for shape in shapes:
-        own = [f"x{len(names) + k}" for k in range(int(np.prod(shape)))]
-        names += own
-        array: Any = np.array([Scalar(tape, x) for x in own], dtype=object).reshape(shape)
-        given.append(array[()])
-    values = list(function(*given))
-    outputs = [v.name for v in values if isinstance(v, Scalar)]
-    lines = tape.needed(outputs)
-    body = [line.text for line in (arranged(lines, outputs) if fuse else lines)]
-    result = ", ".join(map(source_of, values))
-    return FUNCTION.format(
-        name=name,
-        arguments=", ".join(names),
-        body=indented(body or ["pass"], 4),
-        result=result if len(values) == 1 else f"({result})",
-    )
+        def write(f: Function, rows: Rows) -> None:
+            off, *state = f.outputs(*self._recorded(program), rows.input, rows.states.kind)
+            rows.new.put(state)
+            rows.errors[0] = off
 
+        return write
 
-@cache
-def _formulas() -> str:
-    """What is the same for all systems: the integrals and `turning`, for double-doubles too, r, and D_eps."""
+    def _top(self, jump: Jump) -> Callable[[Function, Rows], None]:
+        oriented = "quaternion" in self._kinds
+        turns = [(4,)] * oriented
 
-    def integrals(m: Array, b: Array, p: Array) -> list[Any]:
-        known = Integrals.of(m, b, p)
-        return [*astuple(known), known.K, *known.depressed, known.dual.K]
+        def start(z: Array, c: Array) -> list[Any]:
+            m, b, p, *alphas = jump.begin(*self._parts(z), **self._by_name(c))
+            return [*m, *b, *p, *alphas]
 
-    three = (3,), (3,), (3,)
-    return (
-        _function_source("integrals", integrals, *three, fuse=False)
-        + _function_source("turning", lambda *x: [turning(*x)], *[()] * 5, fuse=False)
-        + _function_source("length", lambda *x: [squared_length(*x)], *[()] * 6)
-    )
+        def carry(z: Array, b: Array, cos: Any, sin: Any) -> Array:
+            """The orientation begins with a turn about b."""
+            spin = array_of([cos, *(sin / algebra.sqrt(algebra.dot(b, b)) * b)])
+            return algebra.quaternion_product(spin, jump.orientation(self._parts(z)[-1]))
 
+        def end(m: Array, b: Array, *more: Any) -> Array:
+            q, (axis, cos, sin) = more[:-3], more[-3:]
+            turn = array_of([cos, *(sin * axis)])
+            new = [turned(turn, v) for v in (m, b)] + [algebra.unit(algebra.quaternion_product(turn, x)) for x in q]
+            return algebra.flatten(jump.finish(*new), self._kinds)
 
-@cache
-def _map_source(oriented: bool) -> str:
-    """D_eps; with the orientation, which each map turns by R_a R_b."""
-
-    def mapped(m: Array, b: Array, *rest: Any) -> list[Any]:
-        q, (p, eps, r) = rest[:-3], rest[-3:]
-        hat, new, a = darboux(algebra.hat(m), b, p, eps, r)
-        turned = (algebra.unit(algebra.quaternion_product(half_turns(a, b), x)) for x in q)
-        return [*algebra.axial(hat), *new, *(v for x in turned for v in x)]
-
-    return _function_source("mapped", mapped, (3,), (3,), *[(4,)] * oriented, (3,), (), ())
-
-
-def _jump_source(scheme: Scheme, columns: Mapping[str, slice]) -> str:
-    jump = None if scheme.orbits is None else scheme.orbits.jump
-    if jump is None:
-        raise TypeError(f"the scheme {scheme.name} states no jump")
-    state = algebra.coordinate_count(scheme.kinds, scheme.n)
-    constants, width = count_of(columns), register_width()
-    if isinstance(jump, Jump):
-        functions, body, single = _of_top(scheme, jump, state, columns, width)
-    else:
-        functions, body, single = _of_body(scheme, jump, state, columns, width)
-    return (
-        HEAD.format(name=f"{scheme.name} of {[kind for _, kind in scheme.components]}, jumps")
-        + IMPORTS
-        + f"# {_imported_operations()}\n"
-        + functions
-        + KERNEL.format(
-            width=width,
-            state=state,
-            constants=constants,
-            body=body.strip("\n"),
-            single=single.strip("\n"),
+        begin, finish = (
+            Formula(start, (self._state,), (self._constants,)),
+            Formula(end, (3,), (3,), *turns, (3,), (), ()),
         )
-    )
+        carried, mapped = (
+            Formula(carry, (self._state,), (3,), (), ()) if oriented else None,
+            Formula(_d_eps, (3,), (3,), *turns, (3,), (), ()),
+        )
+        self._key = begin.digest(), finish.digest(), str(carried and carried.digest())
+        count = 6 + 4 * oriented
+
+        def first(z: Array, c: Array, t: Any) -> list[Any]:
+            *known, above, within = begin(z, c)
+            m, b, p = (array_of([DoubleDouble(x) for x in known[k : k + 3]]) for k in (0, 3, 6))
+            maps, eps, r, unit, turn, spin, off, off_all = leap(Integrals.of(m, b, p), (above, within), t)
+            error = (off_all if oriented else off) + where_less(float(MOST), maps, 1.0, 0.0)
+            spin = spin - nearest(spin)
+            q = carried(z, known[3:6], *of_turns(0.5 * spin)) if carried else []
+            cos, sin = of_turns(0.5 * (turn - nearest(turn)))
+            return [error, maps, *known[:6], *q, *known[6:], eps, r, *(x * unit for x in known[6:]), cos, sin]
+
+        def write(f: Function, rows: Rows) -> None:
+            kind = rows.states.kind
+            error, maps, *values = f.outputs(*self._recorded(first), rows.input, kind)
+            rows.errors[0] = error
+            state, (*p, eps, r), last = values[:count], values[count : count + 5], values[count + 5 :]
+            memory = f.variables(count, kind)
+            for room, x in zip(memory, state, strict=True):
+                room[0] = x
+            graph = Graph()
+            inputs = graph.inputs("x", count + 7)
+            step = where_less(inputs[-1], inputs[-3], inputs[-2], 0.0)  # of k, the count and eps
+            outputs = as_operands(mapped(inputs[: count + 3], step, inputs[count + 3]))
+            with f.loop(0, _most(f, maps)) as k:
+                now = [room[0] for room in memory]
+                values = [*now, *p, r, maps, eps, f.spread(k.double(), kind)]
+                new = f.outputs(graph, outputs, lambda _, i: values[i], kind)
+                for room, x in zip(memory, new, strict=True):
+                    room[0] = x
+            graph = Graph()
+            outputs = as_operands(finish(graph.inputs("x", count + 5)))
+            values = [*(room[0] for room in memory), *last]
+            rows.new.put(f.outputs(graph, outputs, lambda _, i: values[i], kind))
+
+        return write
 
 
-def _constants_by_name(c: Array, scheme: Scheme, columns: Mapping[str, slice]) -> dict[str, Array]:
-    return {name: c[place].reshape((scheme.n,) * scheme.axes[name])[()] for name, place in columns.items()}
+def _d_eps(m: Array, b: Array, *more: Any) -> list[Any]:
+    """D_eps, with the orientation, which it turns by R_a R_b."""
+    q, (p, eps, r) = more[:-3], more[-3:]
+    hat, new, a = darboux(algebra.hat(m), b, p, eps, r)
+    turned = (algebra.unit(algebra.quaternion_product(half_turns(a, b), x)) for x in q)
+    return [*algebra.axial(hat), *new, *(v for x in turned for v in x)]
 
 
-def _of_top(scheme: Scheme, jump: Jump, state: int, columns: Mapping[str, slice], width: int) -> tuple[str, str, str]:
-    """The functions of a top, and what the kernel does with them."""
-    kinds, n = [kind for _, kind in scheme.components], scheme.n
-    constants, oriented = count_of(columns), "quaternion" in kinds
-
-    def begin(z: Array, c: Array) -> list[Any]:
-        m, b, p, *alphas = jump.begin(*algebra.restore(z, kinds, n), **_constants_by_name(c, scheme, columns))
-        return [*m, *b, *p, *alphas]
-
-    def carried(z: Array, b: Array, cos: Any, sin: Any) -> list[Any]:
-        spin = np.array([cos, *(sin / algebra.sqrt(algebra.dot(b, b)) * b)], dtype=object)
-        return list(algebra.quaternion_product(spin, jump.orientation(algebra.restore(z, kinds, n)[-1])))
-
-    def finish(m: Array, b: Array, *rest: Any) -> list[Any]:
-        q, (axis, cos, sin) = rest[:-3], rest[-3:]
-        turn = np.array([cos, *(sin * axis)], dtype=object)
-        new = [turned(turn, v) for v in (m, b)] + [algebra.unit(algebra.quaternion_product(turn, x)) for x in q]
-        return list(algebra.flatten(jump.finish(*new), kinds))
-
-    four = [(4,)] * oriented
-    names = [f"{letter}{k}" for letter in "mb" for k in range(3)] + [f"q{k}" for k in range(4)] * oriented
-    return (
-        _function_source("begin", begin, (state,), (constants,))
-        + (_function_source("carried", carried, (state,), (3,), (), ()) if oriented else "")
-        + _function_source("finish", finish, (3,), (3,), *four, (3,), (), ())
-        + _formulas()
-        + _map_source(oriented),
-        TOP.format(
-            pairs=", ".join(f"pair({letter}{k}, 0.0)" for letter in "mbp" for k in range(3)),
-            carry=CARRY.strip() if oriented else "",
-            mapped=", ".join(names),
-            error="off_all" if oriented else "off_state",
-            width=width,
-        ),
-        "",
-    )
-
-
-def _of_body(scheme: Scheme, jump: Spin, state: int, columns: Mapping[str, slice], width: int) -> tuple[str, str, str]:
-    """The same of a free body."""
-    kinds, n = [kind for _, kind in scheme.components], scheme.n
-    constants = count_of(columns)
-
-    def begin(z: Array) -> list[Any]:
-        return list(jump.begin(*algebra.restore(z, kinds, n))[0])
-
-    def moments(c: Array) -> list[Any]:
-        return list(jump.moments(**_constants_by_name(c, scheme, columns)))
-
-    def finish(z: Array, m: Array, turn: Array) -> list[Any]:
-        before = jump.begin(*algebra.restore(z, kinds, n))[1:]
-        return list(algebra.flatten(jump.finish(m, *(algebra.quaternion_product(g, turn) for g in before)), kinds))
-
-    pairs = ", ".join(f"pair(known[{k}], 0.0)" for k in range(constants))
-    return (
-        _function_source("begin", begin, (state,))
-        + _function_source("moments", moments, (constants,), fuse=False)
-        + _function_source("finish", finish, (state,), (3,), (4,)),
-        BODY.format(pairs=pairs, width=width),
-        SINGLE.format(
-            pairs=pairs,
-            state=state,
-            constants=constants,
-        ),
-    )
-
-
-@cache
-def _imported_operations() -> str:
-    """Of the text of what the kernel imports, which is compiled into it."""
-    texts = b"".join((Path(__file__).parent / name).read_bytes() for name in TEXTS)
-    return hashlib.sha256(texts).hexdigest()
+def _most(f: Function, count: Value) -> Integer:
+    """The largest of the counts, at most MOST."""
+    (most,) = f.variables(1, f.arguments[0].value.type)
+    most[0] = MOST
+    largest = f.largest(count)
+    with f.where(f.builder.fcmp_ordered("<", largest, DOUBLE(float(MOST)))):
+        most[0] = Integer(f.builder, f.builder.fptosi(largest, f.arguments[0].value.type))
+    result: Integer = most[0]
+    return result
 
 
 class Jumps:
@@ -283,29 +246,23 @@ class Jumps:
 
     def __init__(self, scheme: Scheme, lanes: int):
         self._constants, columns = flat_constants(scheme, lanes)
+        self._address = address_of(self._constants)
         key = None if scheme.definition_key is None else (Jumps, scheme.definition_key)
-        self._jump = reused(key, lambda: load_kernel(_jump_source(scheme, columns)).jump.call)
+        self._jump = reused(key, lambda: _Jumping(scheme, columns).kernel())
 
     def at(self, z: Floats, times: Floats, unit: float = 1.0) -> tuple[Floats, Array]:
         """The states (times, lanes, d) from z (lanes, d) at time 0, and which of them are right (times, lanes).
 
         At the exact products of `times` and `unit`.
         """
-        z, c, count = np.ascontiguousarray(z), self._constants, len(z)
-        out, off = np.empty((len(times), *z.shape)), np.empty((len(times), count))
-
-        def jump(first: int, last: int) -> None:
-            given = z[first:last], c[first:last]
-            if len(times) == 1:  # rows as they lie
-                when = np.empty((last - first, 1))
-                self._jump(*given, times, unit, out[0, first:last], off[0, first:last, None], *given, when)
-                return
-            rows = len(times) * (last - first)
-            states, errors = np.empty((rows, z.shape[1])), np.empty((rows, 1))
-            room = [np.empty((rows, length)) for length in (z.shape[1], c.shape[1], 1)]
-            self._jump(*given, times, unit, states, errors, *room)
-            out[:, first:last] = states.reshape(len(times), last - first, -1)
-            off[:, first:last] = errors.reshape(len(times), -1)
-
-        on_threads(count, WORK * count * len(times) if count > 1 else 0, jump)
-        return out, off <= TOLERANCE
+        (lanes, d), count = z.shape, len(times)
+        before, after = 1 + count + lanes * d, 1 + count + (1 + count) * lanes * d
+        room = np.empty(after + count * lanes)
+        room[0], room[1 : 1 + count], room[1 + count : before] = unit, times, z.ravel()
+        address, jump = address_of(room), self._jump.call
+        if lanes == 1:
+            jump(address, self._address, 0, 1, 1, count)
+        else:
+            work = WORK * lanes * count
+            on_threads(lanes, work, lambda first, last: jump(address, self._address, first, last, lanes, count))
+        return room[before:after].reshape(count, lanes, d), room[after:].reshape(count, lanes) <= TOLERANCE

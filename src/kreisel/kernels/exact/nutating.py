@@ -1,15 +1,18 @@
-"""One motion of the Lagrange top, n = 3, over a time, in compiled code: what `kreisel.exact.motion` does in mpmath.
+"""One motion of the Lagrange top, n = 3, over a time, by operations to be recorded; in mpmath: `kreisel.exact.motion`.
 
-For numbers and vectors of them, without branches.  Double-doubles carry what the number of periods multiplies.
+Double-doubles carry what the number of periods multiplies.
 """
 
 from __future__ import annotations
 
-from math import sqrt
+from functools import cache
 from typing import Any
 
-from kreisel.kernels._llvm.functions import straight
-from kreisel.kernels._llvm.operations import nearest, pair, size, upper, where_less
+from kreisel.algebra import sqrt
+from kreisel.exact.nutation import Integrals, squared_length, turning
+from kreisel.graph.arranging import Formula
+from kreisel.graph.double import DoubleDouble, upper
+from kreisel.graph.graph import maximum, nearest, where_less
 from kreisel.kernels.exact.elliptic import (
     PI,
     TURN,
@@ -28,75 +31,75 @@ STEEP = 200.0  # energy/(x3 - x2): beyond, doubles lose more than a digit and a 
 LEAN = 0.25  # (eps |m|/2)^2 is at most 1/LEAN: D_eps then turns by no more than it can without loss
 
 
-@straight
-def leap(known: Any, alphas: Any, t: Any, turning: Any, length: Any) -> Any:
+def leap(integrals: Integrals, alphas: Any, t: Any) -> Any:
     """The flow over t as `count` times D_eps with the constant r, then a turn about p; and what it may be off.
 
-    t and `known`, which is A, P2, J, c, E, K, u, v and the K of the dual, are double-doubles
-    (`kreisel.exact.nutation.Integrals`); of that module also the functions.  Returns count, eps, r, 1/|p| or 0, the
+    t and the integrals are double-doubles.  Returns count, eps, r, 1/|p| or 0, the
     turn about p, and two errors: of the state, and of the orientation too.  Between the turn about p and one about b
     before, which come last, the maps carry the orientation.  The turns are angles in turns; with `alphas`, they grow
     by (1/alpha - 1) c/|p| and (1/alpha - 1) J/|b| in a unit of time beside.
     """
-    A, P2, J, c, E, K, u, v, dual = known
-    one = 0.0 * upper(A) + 1.0
+    A, P2, J, c, E = integrals.A, integrals.P2, integrals.J, integrals.c, integrals.E
+    u, v = integrals.depressed
     y, change = largest_root(u, v)
     square = 3 * y * y + u
-    scale = size(upper(E)) + sqrt(upper(A) * upper(P2)) + sqrt(size(upper(J) * upper(c)))
+    scale = abs(upper(E)) + sqrt(upper(A) * upper(P2)) + sqrt(abs(upper(J) * upper(c)))
     shape = y, y - 4 * E / 3, square, scale
-    above = axis_of(P2, c, K, shape, turning)
-    phase = t * above[4] * pair(TURN[0], TURN[1])
+    above = axis_of(P2, c, integrals.K, shape)
+    phase = t * above[4] * DoubleDouble(TURN[0], TURN[1])
     periods = nearest(upper(phase))
     phase = phase - periods
     part = upper(phase)
-    h = upper(phase * (2 * pair(PI[0], PI[1]) / above[4]))
+    h = upper(phase * (2 * DoubleDouble(PI[0], PI[1]) / above[4]))
     count, gaps, steep = remainder(upper(E), u, shape, part, h)
     x0 = gaps[3]
     s = 1.0 / x0
     root = sqrt((gaps[0] + gaps[1]) * s * ((gaps[0] + gaps[2]) * s) * (gaps[0] * s))
-    r = length(s, root, upper(A), upper(J), upper(c), upper(E))
-    direction = where_less(part, 0.0, -one, where_less(0.0, part, one, 0.0))
+    (r,) = _length()(s, root, upper(A), upper(J), upper(c), upper(E))
+    direction = where_less(part, 0.0, -1.0, where_less(0.0, part, 1.0, 0.0))
     eps = 2.0 * direction * sqrt(s)
 
-    maps = periods, count, direction, size(h), gaps
-    left, own = turned_by(above, maps, alphas[0], t, turning)
-    body = axis_of(A, -J, dual, shape, turning)
-    right, spun = turned_by(body, maps, alphas[1], t, turning)
+    maps = periods, count, direction, abs(h), gaps
+    left, own = turned_by(above, maps, alphas[0], t)
+    body = axis_of(A, -J, integrals.dual.K, shape)
+    right, spun = turned_by(body, maps, alphas[1], t)
     lean = upper(J / body[1]) * sqrt(s)
     right = count * direction * lean * arctan_ratio(lean * lean) * (2.0 * TURN[0]) - right
 
     # `energy` is the effect of a rounding of double-doubles on close roots
     energy = scale * scale / upper(square)
     root = change * change * (energy / scale) * (energy / scale)  # what the iterations leave
-    lost, last = (1.0 + size(periods)) * PLACE, (1.0 + size(periods)) * root
-    far = where_less(scale, SMALLEST, one, where_less(LARGEST, scale, one, 0.0 * one)) + steep + last
-    far = far + where_less(0.0, upper(P2), where_less(upper(P2), LEAST_SQUARE, one, 0.0 * one), 0.0 * one)
-    least = where_less(upper(A), LEAST_SQUARE, one, 0.0 * one)
-    off = lost * (1.0 + blurred(above, E, J, P2, shape, energy) + energy * energy) + (1.0 + size(periods)) * above[7]
+    lost, last = (1.0 + abs(periods)) * PLACE, (1.0 + abs(periods)) * root
+    far = where_less(scale, SMALLEST, 1.0, where_less(LARGEST, scale, 1.0, 0.0)) + steep + last
+    far = far + where_less(0.0, upper(P2), where_less(upper(P2), LEAST_SQUARE, 1.0, 0.0), 0.0)
+    least = where_less(upper(A), LEAST_SQUARE, 1.0, 0.0)
+    off = lost * (1.0 + blurred(above, E, J, P2, shape, energy) + energy * energy) + (1.0 + abs(periods)) * above[7]
     off = off + PLACE * own + far
-    more = lost * blurred(body, E, c, A, shape, energy) + (1.0 + size(periods)) * body[7] + PLACE * spun
-    still = where_less(0.0, upper(A), least, 0.0 * one)
+    more = lost * blurred(body, E, c, A, shape, energy) + (1.0 + abs(periods)) * body[7] + PLACE * spun
+    still = where_less(0.0, upper(A), least, 0.0)
     return count, eps, r, above[0] / upper(above[1]), left, right, off + still, off + least + more
 
 
-@straight
-def axis_of(P2: Any, c: Any, K: Any, shape: Any, turning: Any) -> Any:
+@cache
+def _length() -> Formula:
+    return Formula(squared_length, *[()] * 6)
+
+
+def axis_of(P2: Any, c: Any, K: Any, shape: Any) -> Any:
     """What turns about p take: 0 or 1, |p|, c and K, and what `period_of` returns; 0 where p = 0: they do not count."""
-    zero = 0.0 * upper(P2)
-    heavy = where_less(zero, upper(P2), 1.0 + zero, zero)  # 0 where p = 0: then K = c = 0, and no turn about p counts
+    heavy = where_less(0.0, upper(P2), 1.0, 0.0)  # 0 where p = 0: then K = c = 0, and no turn about p counts
     lower = upper(K - upper(K))
-    K = pair(where_less(zero, heavy, upper(K), zero), where_less(zero, heavy, lower, zero))
+    K = DoubleDouble(where_less(0.0, heavy, upper(K), 0.0), where_less(0.0, heavy, lower, 0.0))
     p = sqrt(P2 + (1.0 - heavy))
-    mean, period, n, last = period_of(p, c, K, shape, turning)
+    mean, period, n, last = period_of(p, c, K, shape)
     return heavy, p, c, K, mean, period, n, last
 
 
-@straight
-def turned_by(axis: Any, maps: Any, alpha: Any, t: Any, turning: Any) -> Any:
+def turned_by(axis: Any, maps: Any, alpha: Any, t: Any) -> Any:
     """The turn about an axis in turns, and the size of that by `alpha`."""
     heavy, p, c, K, _, period, _, _ = axis
     periods, count, direction, h, (gap, d1, d2, x0) = maps
-    inverse_turn = pair(TURN[0], TURN[1])
+    inverse_turn = DoubleDouble(TURN[0], TURN[1])
     turned = periods * period * inverse_turn
     own = (1 / (alpha + 0 * p) - 1) * c / p * t * inverse_turn
     turned = turned - nearest(upper(turned)) + (own - nearest(upper(own)))
@@ -104,54 +107,49 @@ def turned_by(axis: Any, maps: Any, alpha: Any, t: Any, turning: Any) -> Any:
     third = third_kind(gap + d1, gap + d2, gap, x0 + lean * lean, kappa * kappa)
     slope = lean / sqrt(x0)
     theta = turning(P, upper(c), upper(K), h / count, third) + slope * arctan_ratio(slope * slope)
-    return (upper(turned) - count * direction * theta * TURN[0]) * heavy, size(upper(own)) * heavy
+    return (upper(turned) - count * direction * theta * TURN[0]) * heavy, abs(upper(own)) * heavy
 
 
-@straight
 def blurred(axis: Any, E: Any, J: Any, P2: Any, shape: Any, energy: Any) -> Any:
     """What a rounding of double-doubles does to the turn of a period."""
     heavy, p, c, K, mean, _, n, _ = axis
     lean, kappa, scale = upper(c / p), upper(K / p), shape[3]
-    blur = size(2.0 * upper(J) * upper(p)) + size(2.0 * upper(E) * lean) + size(lean * lean * lean)
-    blur = blur + size(kappa) * (1.0 + scale * (1.0 + energy) / n)
-    return heavy * (size(lean) + blur / n) / upper(mean)
+    blur = abs(2.0 * upper(J) * upper(p)) + abs(2.0 * upper(E) * lean) + abs(lean * lean * lean)
+    blur = blur + abs(kappa) * (1.0 + scale * (1.0 + energy) / n)
+    return heavy * (abs(lean) + blur / n) / upper(mean)
 
 
-@straight
-def period_of(p: Any, c: Any, K: Any, shape: Any, turning: Any) -> Any:
+def period_of(p: Any, c: Any, K: Any, shape: Any) -> Any:
     """The mean M with omega_1 = pi/M, theta_P, x3 + c^2/P2 and the error of M: `square` = (x3 - x1)(x3 - x2).
 
     The first step of the mean is made by hand: it needs no difference of x1 and x2.
     """
     y, x3, square, scale = shape
-    zero = 0.0 * scale
     w = sqrt(square)
     n = x3 + c * c / (p * p)  # in [0, x3 - x2]
-    flat = where_less(zero, size(upper(K)), zero, zero + 1.0)
-    over = where_less(size(upper(n)), 1e-20 * scale, flat, zero)  # -c^2/P2 = x3, K = 0: a pendulum that turns over
+    flat = where_less(0.0, abs(upper(K)), 0.0, 1.0)
+    over = where_less(abs(upper(n)), 1e-20 * scale, flat, 0.0)  # -c^2/P2 = x3, K = 0: a pendulum that turns over
     n = n + over * scale
     mean, total, last = complete(sqrt(3 * y + 2 * w) / 2, sqrt(w), (n + w) / (2 * sqrt(n)))
     total = 1 + (n - w) / (n + w) / 2 * total
-    pi = pair(PI[0], PI[1])
+    pi = DoubleDouble(PI[0], PI[1])
     third = 3 * pi * total / (4 * mean * n)
     return mean, pi * (1.0 - over) - 2 * turning(p, c, K, pi / mean, third), upper(n), last
 
 
-@straight
 def remainder(E: Any, u: Any, shape: Any, part: Any, h: Any) -> Any:
     """In doubles, the count of the maps for the rest h of the time, `part` of a period, and x0 - x3 and the like.
 
     Last, 1 where doubles do not do: near the steady motion to which the separatrix tends.
     """
     y, x3, square, scale = shape
-    one = 0.0 * h + 1.0
-    apart = sqrt(max(upper(-u - 0.75 * y * y), 0.0 * h))  # (x2 - x1)/2
+    apart = sqrt(maximum(upper(-u - 0.75 * y * y), 0.0))  # (x2 - x1)/2
     d1 = 1.5 * upper(y) + apart
     d2 = upper(square) / d1
     bottom = upper(x3)
-    least = max(bottom + max(sqrt(upper(square)), LEAN * d1), LEAN * (d1 - bottom))  # of 4/eps^2
-    count = max(nearest(0.5 + 0.5 * size(h) * sqrt(least + 4.0 / 3.0 * E)), one)
-    angle = max(size(part) * PI[0] / count, LEAST_ANGLE)
+    least = maximum(bottom + maximum(sqrt(upper(square)), LEAN * d1), LEAN * (d1 - bottom))  # of 4/eps^2
+    count = maximum(nearest(0.5 + 0.5 * abs(h) * sqrt(least + 4.0 / 3.0 * E)), 1.0)
+    angle = maximum(abs(part) * PI[0] / count, LEAST_ANGLE)
     cotangent = cs(sqrt(d1), sqrt(d2), angle)
     gap = cotangent * cotangent
-    return count, (gap, d1, d2, bottom + gap), where_less(STEEP * d2, scale, one, 0.0)
+    return count, (gap, d1, d2, bottom + gap), where_less(STEEP * d2, scale, 1.0, 0.0)

@@ -1,17 +1,17 @@
-"""One motion of the free body, n = 3, over a time, in compiled code: what `kreisel.exact.rotor` does in mpmath.
+"""One motion of the free body, n = 3, over a time, by operations to be recorded; in mpmath: `kreisel.exact.rotor`.
 
-For numbers and vectors of them, without branches.  Double-doubles carry what the number of turns multiplies.  The
+Double-doubles carry what the number of turns multiplies.  The
 moments enter by rho = (I_3 - I_2)/(I_3 - I_1) and 1 - rho, so that none of the quotients is 0/0 for a ball, and
 D, E and L^2 - 2T I_2 by D/(I_3 - I_1) = f_1 + rho f_2, f_i = M_i^2/I_i, and the like.
 """
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import Any
 
-from kreisel.kernels._llvm.functions import straight
-from kreisel.kernels._llvm.operations import fma, largest, nearest, pair, size, upper, where_less
+from kreisel.algebra import sqrt
+from kreisel.graph.double import DoubleDouble, two_sum, upper
+from kreisel.graph.graph import fma, if_positive, maximum, nearest, where_less
 from kreisel.kernels.exact.elliptic import (
     PI,
     TURN,
@@ -34,90 +34,67 @@ CLOSE = 1e-3  # of L^2 - 2T I_2 to its terms: nearer, it is a sum of triples of 
 TRIPLE = 2.0**-155  # a rounding of these, some together
 
 
-@straight
 def in_order(test: Any, x: Any, y: Any) -> Any:
     """(y, x) where test < 0, else (x, y): numbers."""
     return where_less(test, 0.0, y, x), where_less(test, 0.0, x, y)
 
 
-@straight
 def _sorted(test: Any, I: Any, J: Any, M: Any, N: Any) -> Any:  # noqa: E741
-    return either(test, J, I), either(test, I, J), where_less(test, 0.0, N, M), where_less(test, 0.0, M, N)
+    return either(test, J, I), either(test, I, J), *in_order(test, M, N)
 
 
-@straight
-def _double_double_square(x: Any) -> Any:
-    wide = pair(x, 0.0 * x)
-    return wide * wide
-
-
-@straight
-def _two_sum(x: Any, y: Any) -> Any:
-    total = x + y
-    part = total - x
-    return total, (x - (total - part)) + (y - part)
-
-
-@straight
 def _two_product(x: Any, y: Any) -> Any:
     product = x * y
     return product, fma(x, y, -product)
 
 
-@straight
 def _halves(x: Any) -> Any:
     """The two numbers of a double-double."""
     first = upper(x)
     return first, upper(x - first)
 
 
-@straight
 def _apart(x: Any, y: Any) -> Any:
     """x - y, double-doubles whose difference is one, exactly: two numbers."""
     (x0, x1), (y0, y1) = _halves(x), _halves(y)
-    s, r = _two_sum(x0, -y0)
-    s1, r1 = _two_sum(x1, -y1)
-    a, b = _two_sum(r, s1)
-    c, d = _two_sum(s, a)
-    return _two_sum(c, d + (b + r1))
+    s, r = two_sum(x0, -y0)
+    s1, r1 = two_sum(x1, -y1)
+    a, b = two_sum(r, s1)
+    c, d = two_sum(s, a)
+    return two_sum(c, d + (b + r1))
 
 
-@straight
 def _triple(x: Any, y: Any) -> Any:
     """The product of three and of two numbers that stand for their sums, as three: 159 bits but for some."""
     (x0, x1, x2), (y0, y1) = x, y
     p0, e0 = _two_product(x0, y0)
     p1, e1 = _two_product(x0, y1)
     p2, e2 = _two_product(x1, y0)
-    s1, t1 = _two_sum(p1, p2)
-    s2, t2 = _two_sum(e0, s1)
-    a, b = _two_sum(p0, s2)
-    b, c = _two_sum(b, (t1 + t2) + ((e1 + e2) + (x1 * y1 + x2 * y0)))
+    s1, t1 = two_sum(p1, p2)
+    s2, t2 = two_sum(e0, s1)
+    a, b = two_sum(p0, s2)
+    b, c = two_sum(b, (t1 + t2) + ((e1 + e2) + (x1 * y1 + x2 * y0)))
     return a, b, c
 
 
-@straight
 def _gap(I1: Any, I2: Any, I3: Any, N1: Any, N3: Any) -> Any:
     """I_1 I_3 (L^2 - 2T I_2) = N_3^2 I_1 (I_3 - I_2) - N_1^2 I_3 (I_2 - I_1), where its terms nearly cancel."""
-    zero = 0.0 * N1
-    x0, x1, x2 = _triple(_triple((*_halves(I1), zero), _apart(I3, I2)), _two_product(N3, N3))
-    y0, y1, y2 = _triple(_triple((*_halves(I3), zero), _apart(I2, I1)), _two_product(N1, N1))
-    s0, r0 = _two_sum(x0, -y0)
-    s1, r1 = _two_sum(x1, -y1)
-    a, b = _two_sum(r0, s1)
-    c, d = _two_sum(s0, a)
-    first, second = _two_sum(c, d + (b + (r1 + (x2 - y2))))
-    return pair(first, second)
+    x0, x1, x2 = _triple(_triple((*_halves(I1), 0.0), _apart(I3, I2)), _two_product(N3, N3))
+    y0, y1, y2 = _triple(_triple((*_halves(I3), 0.0), _apart(I2, I1)), _two_product(N1, N1))
+    s0, r0 = two_sum(x0, -y0)
+    s1, r1 = two_sum(x1, -y1)
+    a, b = two_sum(r0, s1)
+    c, d = two_sum(s0, a)
+    first, second = two_sum(c, d + (b + (r1 + (x2 - y2))))
+    return DoubleDouble(first, second)
 
 
-@straight
 def rotated(moments: Any, momentum: Any, t: Any) -> Any:
     """The momentum after t, the turn g(0)^-1 g(t) as a quaternion, and what the phases may be off, in turns.
 
     `moments`: three double-doubles; `momentum`: three numbers; t: a double-double.
     """
     (I1, I2, I3), (N1, N2, N3) = moments, momentum  # sorted from here on
-    one = 0.0 * N1 + 1.0
     first = upper(I2 - I1)
     I1, I2, N1, N2 = _sorted(first, I1, I2, N1, N2)
     second = upper(I3 - I2)
@@ -126,20 +103,20 @@ def rotated(moments: Any, momentum: Any, t: Any) -> Any:
     I1, I2, N1, N2 = _sorted(third, I1, I2, N1, N2)
 
     width = I3 - I1
-    ball = where_less(0.0, upper(width), 0.0, one)
+    ball = where_less(0.0, upper(width), 0.0, 1.0)
     rho, kappa = (I3 - I2 + 0.5 * ball) / (width + ball), (I2 - I1 + 0.5 * ball) / (width + ball)
-    f1, f2, f3 = _double_double_square(N1) / I1, _double_double_square(N2) / I2, _double_double_square(N3) / I3
+    f1, f2, f3 = (DoubleDouble(N) * DoubleDouble(N) / I for N, I in ((N1, I1), (N2, I2), (N3, I3)))  # noqa: E741
     gap, terms = rho * f3 - kappa * f1, rho * f3 + kappa * f1
-    close = where_less(size(upper(gap)), CLOSE * upper(terms), one - ball, 0.0 * one)
+    close = where_less(abs(upper(gap)), CLOSE * upper(terms), 1.0 - ball, 0.0)
     gap = either(-close, _gap(I1, I2, I3, N1, N3) / (I1 * I3 * width + ball), gap)
     last = upper(gap)
-    still = where_less(0.0, size(N1) + size(N3), 0.0 * one, one)  # a turn about the second axis
-    middle = t * (pair(N2, 0.0 * N2) / I2) * (0.5 * pair(TURN[0], TURN[1]))
+    still = where_less(0.0, abs(N1) + abs(N3), 0.0, 1.0)  # a turn about the second axis
+    middle = t * (DoubleDouble(N2) / I2) * (0.5 * DoubleDouble(TURN[0], TURN[1]))
     given = N2
     I1, I3, N1, N3 = _sorted(last, I1, I3, N1, N3)
     f1, f3, rho, kappa = either(last, f3, f1), either(last, f1, f3), either(last, kappa, rho), either(last, rho, kappa)
-    s, side = where_less(last, 0.0, -one, one), where_less(N3, 0.0, -one, one)
-    flips = where_less(first, 0.0, -one, one) * where_less(second, 0.0, -one, one) * where_less(third, 0.0, -one, one)
+    s, side = where_less(last, 0.0, -1.0, 1.0), where_less(N3, 0.0, -1.0, 1.0)
+    flips = where_less(first, 0.0, -1.0, 1.0) * where_less(second, 0.0, -1.0, 1.0) * where_less(third, 0.0, -1.0, 1.0)
     chi = s * flips * side
     gap = either(last, -gap, gap)
 
@@ -147,11 +124,10 @@ def rotated(moments: Any, momentum: Any, t: Any) -> Any:
     N1, N2, N3, w, x, y, z, off = about_the_third_kind(known, chi, t)
     x, y, N3, z = chi * x, chi * y, side * N3, chi * side * z
     cos, sin = of_turns(upper(middle - nearest(upper(middle))))
-    zero = 0.0 * one
-    N1, N2, N3 = where_less(0.0, still, zero, N1), where_less(0.0, still, given, N2), where_less(0.0, still, zero, N3)
-    w, x = where_less(0.0, still, cos, w), where_less(0.0, still, zero, x)
-    y, z = where_less(0.0, still, sin, y), where_less(0.0, still, zero, z)
-    off = where_less(0.0, still, PLACE * (1.0 + size(upper(middle))), off)
+    N1, N2, N3 = where_less(0.0, still, 0.0, N1), where_less(0.0, still, given, N2), where_less(0.0, still, 0.0, N3)
+    w, x = where_less(0.0, still, cos, w), where_less(0.0, still, 0.0, x)
+    y, z = where_less(0.0, still, sin, y), where_less(0.0, still, 0.0, z)
+    off = where_less(0.0, still, PLACE * (1.0 + abs(upper(middle))), off)
     N1, N3 = in_order(last, N1, N3)
     x, z = in_order(last, x, z)
     N1, N2 = in_order(third, N1, N2)
@@ -163,28 +139,25 @@ def rotated(moments: Any, momentum: Any, t: Any) -> Any:
     return N1, N2, N3, w, x, y, z, off
 
 
-@straight
 def about_the_third_kind(known: Any, chi: Any, t: Any) -> Any:
     """The same for axes in the order of `kreisel.exact.rotor`, M_3 >= 0, whose formulas these are."""
     I1, I2, I3, N1, N2, N3, f1, f2, f3, rho, kappa, gap, terms, width = known
-    zero = 0.0 * N1
-    one = zero + 1.0
     d, e, volume = f1 + rho * f2, kappa * f2 + f3, I1 * I2 * I3  # D and E over I_3 - I_1
     squares = I1 * d, I2 * d / rho, I3 * e
     L = sqrt(I1 * f1 + I2 * f2 + I3 * f3)
     a3 = sqrt(squares[2])
     total = L + a3
     least = rho * e * (LEAST_MODULUS * LEAST_MODULUS)
-    lost = where_less(upper(gap), upper(least), one, zero)
+    lost = where_less(upper(gap), upper(least), 1.0, 0.0)
     gap = either(-lost, least, gap)
     A, G = sqrt(rho * e / volume), sqrt(gap / volume)  # lambda and lambda k' over |I_3 - I_1|
-    beyond = where_less(upper(G), SMALL_MODULUS * upper(A), one, zero)
+    beyond = where_less(upper(G), SMALL_MODULUS * upper(A), 1.0, 0.0)
     a, g = (A + G) / 2, sqrt(A * G)
     k1 = kappa * d / (volume * (4 * a * a))
     both = 1 + k1 * squares[0] / (total * total)  # 1 + beta
     mean, sum_, last = complete_beyond(a, g, a * sqrt(both), beyond)
-    inverse_turn = pair(TURN[0], TURN[1])
-    breadth = width * where_less(upper(width), 0.0, -one, one)
+    inverse_turn = DoubleDouble(TURN[0], TURN[1])
+    breadth = width * where_less(upper(width), 0.0, -1.0, 1.0)
     halves = t * breadth * mean * (2 * inverse_turn)  # of lambda t, in 2 K
     whole = nearest(upper(halves))
     part = upper(halves - whole)
@@ -200,34 +173,32 @@ def about_the_third_kind(known: Any, chi: Any, t: Any) -> Any:
     strength = upper(d) * ratio * 2.0 * upper(a3 * k1) / (upper(I3 * A) * upper(total) * upper(total))
     late = PI[0] * upper(a) * ratio / upper(mean) * left
     third = 0.25 * PI[0] * upper(a) / upper(mean) * upper(sum_) / upper(both)  # Q at K of k_1
-    direction = chi * where_less(upper(width), 0.0, -one, one)
+    direction = chi * where_less(upper(width), 0.0, -1.0, 1.0)
     first = N1, N2, N3
     cn, sn, dn, ripple = moved(doubles, first, (part * direction, late * direction), third, strength, beyond)
     odd = whole - 2.0 * nearest(0.5 * whole)
-    back = where_less(0.5, odd * odd, -one, one)
+    back = where_less(0.5, odd * odd, -1.0, 1.0)
     N1, N2, N3 = _times(a1, cn * back), _times(a2, sn * back), _times(a3, dn)
     cos, sin = of_turns(_within(chi * turns + 0.5 * TURN[0] * ripple))
     w, x, y, z = between(first, (N1, N2, N3), upper(L), cos, sin)
 
-    periods = size(upper(halves))
+    periods = abs(upper(halves))
     close = upper(terms) / upper(gap)
-    rough = where_less(close, 1.0 / CLOSE, close, one)
-    off = (1.0 + periods + size(upper(t * L / I3))) * (PLACE * (1.0 + rough) + last)
+    rough = where_less(close, 1.0 / CLOSE, close, 1.0)
+    off = (1.0 + periods + abs(upper(t * L / I3))) * (PLACE * (1.0 + rough) + last)
     off = off + (1.0 + periods) * TRIPLE * close * (1.0 - lost)
-    foldings = size(upper(t * breadth * A))
-    rest = where_less(size(first[0]), LEAST_START * amplitudes[0], one, where_less(FOLDINGS, foldings, one, zero))
-    largest = max(upper(L), max(upper(I1), upper(I3)))
-    least = 1.0 / max(1.0 / upper(L), max(1.0 / upper(I1), 1.0 / upper(I3)))
-    far = where_less(LARGEST, largest, one, where_less(least, SMALLEST, one, zero))
+    foldings = abs(upper(t * breadth * A))
+    rest = where_less(abs(first[0]), LEAST_START * amplitudes[0], 1.0, where_less(FOLDINGS, foldings, 1.0, 0.0))
+    largest = maximum(upper(L), maximum(upper(I1), upper(I3)))
+    least = 1.0 / maximum(1.0 / upper(L), maximum(1.0 / upper(I1), 1.0 / upper(I3)))
+    far = where_less(LARGEST, largest, 1.0, where_less(least, SMALLEST, 1.0, 0.0))
     return N1, N2, N3, w, x, y, z, off + far + lost * rest
 
 
-@straight
 def _within(turns: Any) -> Any:
     return turns - nearest(turns)
 
 
-@straight
 def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any) -> Any:
     """(cn, sn, dn) at u_0 + 2 K part + late, |part| <= 1/2, and psi there less psi at u_0 and the mean, in doubles.
 
@@ -235,13 +206,11 @@ def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any)
     """
     amplitudes, L, a, g, G, k1, both = known
     part, late = time
-    zero = 0.0 * part
-    one = zero + 1.0
-    flat = where_less(zero, amplitudes[0], zero, one)  # a turn about the axis: cn = 1
+    flat = where_less(0.0, amplitudes[0], 0.0, 1.0)  # a turn about the axis: cn = 1
     cn0, sn0, dn0 = (N[0] + flat) / (amplitudes[0] + flat), N[1] / (amplitudes[1] + flat), N[2] / amplitudes[2]
     k2, rest = 4.0 * k1 / ((1.0 + k1) * (1.0 + k1)), G / a
 
-    least = max(size(part), LEAST_PART)
+    least = maximum(abs(part), LEAST_PART)
     cos, sin = of_turns(0.5 * least)
     ratio = cs_beyond(a, g, cos, sin, beyond) / a
     s2 = 1.0 / (1.0 + ratio * ratio)
@@ -250,7 +219,7 @@ def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any)
     k1_prime = g / a
     dv = sqrt(c * c + k1_prime * k1_prime * s2)
     under = 1.0 + k1 * s2
-    sn1 = (1.0 + k1) * s / under * where_less(part, 0.0, -one, one)
+    sn1 = (1.0 + k1) * s / under * where_less(part, 0.0, -1.0, 1.0)
     cn1, dn1 = c * dv / under, (c * c + s2 * rest) / under
 
     below = 1.0 / (cn1 * cn1 + sn1 * sn1 * dn0 * dn0)
@@ -261,36 +230,35 @@ def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any)
     cn, sn = _on_circle(cn - late * dn * sn, sn + late * dn * cn)
     dn = sqrt(k_prime * k_prime + k2 * (cn * cn))
 
-    here = where_less(cn0, 0.0, -one, one)
-    there = where_less(cn * here, 0.0, -one, one)  # -1 in the cell beside
-    cell = 0.5 * (1.0 - there) * where_less(part, 0.0, -one, one)
+    here = where_less(cn0, 0.0, -1.0, 1.0)
+    there = where_less(cn * here, 0.0, -1.0, 1.0)  # -1 in the cell beside
+    cell = 0.5 * (1.0 - there) * where_less(part, 0.0, -1.0, 1.0)
     before, after = (sn0 * here, cn0 * here, dn0), (sn * here * there, cn * here * there, dn)
     beta = both - 1.0
     change = _third_kind(after, k1, rest, beta) - _third_kind(before, k1, rest, beta)
-    ripple = strength * (change + 2.0 * whole * (cell - part))
-    if largest(beyond) > 0.0:
+    near = strength * (change + 2.0 * whole * (cell - part))
+
+    def far() -> list[Any]:
         shape = amplitudes, L, k_prime * k_prime
         change = _behind(before, shape) - _behind(after, shape)
-        far = change - 2.0 * _behind((one, zero, k_prime), shape) * (cell - part)
-        ripple = where_less(0.0, beyond, far, ripple)
-    return cn, sn, dn, ripple
+        ripple = change - 2.0 * _behind((1.0, 0.0, k_prime), shape) * (cell - part)
+        return [where_less(0.0, beyond, ripple, near)]
+
+    return cn, sn, dn, if_positive(beyond, far, [near])[0]
 
 
-@straight
 def _root(x: Any) -> Any:
     """Of a double-double, 0 too."""
-    flat = where_less(0.0, upper(x), 0.0, 1.0 + 0.0 * upper(x))
+    flat = where_less(0.0, upper(x), 0.0, 1.0)
     return sqrt(x + flat) - flat
 
 
-@straight
 def _times(x: Any, y: Any) -> Any:
     """The double-double x times the number y, as a number."""
     first = upper(x)
     return fma(first, y, upper(x - first) * y)
 
 
-@straight
 def _on_circle(cn: Any, sn: Any) -> Any:
     """The same with cn^2 + sn^2 = 1, so that energy and |M| stay."""
     c2, s2 = cn * cn, sn * sn
@@ -298,7 +266,6 @@ def _on_circle(cn: Any, sn: Any) -> Any:
     return fma(left, cn, cn), fma(left, sn, sn)
 
 
-@straight
 def _third_kind(functions: Any, k1: Any, rest: Any, beta: Any) -> Any:
     """Q of (v, k_1), from the functions at u = (1 + k_1) v; `rest`: 1 - k_1."""
     sn, cn, dn = functions
@@ -308,10 +275,9 @@ def _third_kind(functions: Any, k1: Any, rest: Any, beta: Any) -> Any:
     d2 = (rest + dn * (1.0 + k1)) / above
     delta = s2 * s2 * s2 * beta * (1.0 + beta) * (k1 * k1 + beta)
     c2 = 4.0 * cn * cn / (above * above * d2)
-    return s * s2 * third_kind(c2, d2, 1.0 + 0.0 * s2, 1.0 + beta * s2, delta) / 3.0
+    return s * s2 * third_kind(c2, d2, 1.0, 1.0 + beta * s2, delta) / 3.0
 
 
-@straight
 def _behind(functions: Any, shape: Any) -> Any:
     """2T t/L - psi from u = 0, cn >= 0, where k' is small: it stays below pi, and small errors of u are small in it."""
     (sn, cn, dn), ((a1, a2, a3), L, rest) = functions, shape
@@ -322,11 +288,10 @@ def _behind(functions: Any, shape: Any) -> Any:
     small = rest * s2
     p = c2 + small * (third * third)
     delta = small * small * (first * first) * (third * third) * (1.0 - p)
-    area = first * (a2 / L) * third * small * sn * third_kind_beyond(c2, d2, 1.0 + 0.0 * s2, p, delta) / 3.0
+    area = first * (a2 / L) * third * small * sn * third_kind_beyond(c2, d2, 1.0, p, delta) / 3.0
     return x * arctan_ratio(x * x) + area
 
 
-@straight
 def between(first: Any, N: Any, L: Any, cos: Any, sin: Any) -> Any:
     """The quaternion p(first)^-1 z p(N), z = (cos, 0, 0, sin)."""
     A0, A = L + first[2], L + N[2]
