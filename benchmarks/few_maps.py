@@ -19,7 +19,8 @@ from scipy.optimize import least_squares
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.method.baecklund import MOST_ORDER, pade_zeros, stage_points
+from kreisel.method import METHODS
+from kreisel.method.baecklund import pade_zeros, stage_points
 
 ROUND_OFF = 1e-11
 Z = tuple[np.ndarray, np.ndarray]
@@ -41,7 +42,7 @@ def mapped(model: Any, z: Z, mu: complex | float) -> Z:
 def flowed(model: Any, z: Z, h: float) -> Z:
     """The flow over h, by order 24 in steps of a quarter."""
     parts = max(1, int(np.ceil(4 * h)))
-    for mu in stage_points(MOST_ORDER, h / parts) * parts:
+    for mu in stage_points(METHODS["baecklund"].orders[-1], h / parts) * parts:
         z = mapped(model, z, mu)
     return z
 

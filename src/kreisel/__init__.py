@@ -60,7 +60,6 @@ SHOWN.update(plot="kreisel.viewer.plots:plot", view="kreisel.viewer.page:view")
 _PARTS = ("analysis", "lab", "physical", "rebound", "reduction", "units")
 _EXTRAS = ("rebound", "reduction")  # parts that need REBOUND and JAX
 
-globals().update(NAMED)  # __init__.pyi tells them to editors and type checkers
 __all__ = ["AccuracyWarning", "ConservationWarning", "InputError", "InputWarning", "RunError", "methods", "systems"]
 __all__ += [*NAMED, *_LAZY, *(part for part in _PARTS if part not in _EXTRAS)]
 
@@ -86,6 +85,8 @@ def __getattr__(name: str) -> Any:
         value = getattr(importlib.import_module(_LAZY[name]), name)
         globals()[name] = value
         return value
+    if name in NAMED:  # __init__.pyi tells them to editors and type checkers
+        return NAMED[name]
     raise AttributeError(f"module 'kreisel' has no attribute {name!r}.{hint(name, __all__)}")
 
 

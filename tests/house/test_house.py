@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Collection
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+from pkgutil import resolve_name
 
 import numpy as np
 import pytest
@@ -147,6 +148,37 @@ def test_import_is_light() -> None:
     code = f"import sys, kreisel.cli; print(*(m for m in {heavy} if m in sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120).stdout
     assert out.split() == []
+
+
+def loaded(*lines: str) -> list[str]:
+    """The modules of kreisel that these lines import in a fresh process."""
+    script = [*lines, "import sys", "print(*sorted(name for name in sys.modules if name.split('.')[0] == 'kreisel'))"]
+    run = [sys.executable, "-c", "\n".join(script)]
+    return subprocess.run(run, capture_output=True, text=True, check=True, timeout=300).stdout.split()
+
+
+FIRST_RUN = (
+    "import kreisel as kr",
+    "top = kr.LagrangeTop(p=(0, 0, 1))",
+    "x0 = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))",
+    "run = kr.simulate(top, x0, dt=0.05, steps=100, progress=False)",
+)
+
+
+def test_a_run_imports_what_it_uses() -> None:
+    """One system and one method of those that there are: no page, closed form or force beside."""
+    names = loaded(*FIRST_RUN)
+    assert len(names) <= 90, "\n".join(names)
+    used = {"kreisel.system.lagrange_top", "kreisel.method.baecklund", "kreisel.baecklund.lagrange_top"}
+    rooms = ("kreisel.system.", "kreisel.baecklund.", "kreisel.forces", "kreisel.exact", "kreisel.bodies.")
+    makers = {method.maker.partition(":")[0] for method in kr.methods()}
+    assert {name for name in names if name.startswith(rooms) or name in makers} == used
+
+
+def test_records_import_neither_pages_nor_methods() -> None:
+    names = loaded("import kreisel as kr", "kr.systems(), kr.methods(), kr.method.find('suris').order_text")
+    makers = {method.maker.partition(":")[0] for method in kr.methods()}
+    assert not makers & {*names} and not [name for name in names if name.startswith("kreisel.system.")]
 
 
 def test_parts_load_when_they_are_asked_for() -> None:
@@ -302,7 +334,9 @@ def test_methods_and_systems_are_found_and_nothing_is_shadowed() -> None:
         *kreisel.method.METHODS
     }
     assert kr.systems() == [*kreisel.system.REGISTRY] and kr.LagrangeTopSU2.name == "lagrange-top-su2"
-    assert len(kr.systems()) == len([*(SOURCE / "system").glob("*.py")]) - 2  # without __init__ and fluid
+    assert len(kr.systems()) == len([*(SOURCE / "system").glob("*.py")]) - 1  # without __init__
+    assert all(kreisel.system.REGISTRY[name].name == name for name in kr.systems())
+    assert all(callable(resolve_name(method.maker)) for method in kr.methods())
     assert {*kreisel.system.NAMED} <= {*kr.__all__} and all(hasattr(kr, name) for name in kr.__all__)
 
 

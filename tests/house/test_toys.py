@@ -53,7 +53,7 @@ def test_a_toy_of_each_is_found_by_itself(tmp_path: Path) -> None:
     shutil.copytree(package, tmp_path / "src" / "kreisel", ignore=shutil.ignore_patterns("__pycache__"))
     found = DIFF.findall(PAGE.read_text(encoding="utf-8"))
     changed = [name for name, _ in found]
-    assert [name.split("/")[2] for name in changed] == ["system", "method", "kernels", "kernels"]
+    assert [name.split("/")[2] for name in changed] == ["system", "method", "method", "kernels", "kernels"]
     for name, diff in found:
         path = tmp_path / name
         path.write_text(apply(path.read_text(encoding="utf-8") if path.exists() else "", diff), encoding="utf-8")

@@ -10,8 +10,8 @@ import pytest
 
 import kreisel as kr
 from kreisel.errors import RunError
-from kreisel.method import splitting_coefficients
-from kreisel.method.splitting_coefficients import ORDERS, Splitting, conditions, splitting
+from kreisel.method import METHODS, splitting_coefficients
+from kreisel.method.splitting_coefficients import Splitting, conditions, splitting
 from sizes import FULL
 
 I = np.array([1.0, 1.3, 0.5])  # noqa: E741
@@ -89,7 +89,7 @@ def test_the_second_power_is_of_order_six() -> None:
     assert sixth < leapfrog / 30  # 190
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", METHODS["splitting"].orders)
 def test_a_coefficient_that_is_off_is_found(order: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(splitting(order).a) == len(splitting(order).b) + 1
     right = splitting_coefficients._fractions(order)
@@ -279,7 +279,7 @@ def test_bad_settings_are_refused(more: dict[str, Any], words: str) -> None:
 
 
 def test_fractions_are_symmetric() -> None:
-    for order in ORDERS:
+    for order in METHODS["splitting"].orders:
         found = splitting(order)
         assert isinstance(found, Splitting)
         assert found.a == found.a[::-1] and found.b == found.b[::-1]

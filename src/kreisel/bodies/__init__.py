@@ -1,19 +1,28 @@
-"""Ready-made bodies under forces, found by themselves: each file here that states `BODIES` has some."""
+"""Ready-made bodies under forces: a file here states the records of some as `BODIES`."""
+
+from __future__ import annotations
 
 import importlib
-import pkgutil
+from collections import ChainMap
+from typing import TYPE_CHECKING
 
 from kreisel import system
-from kreisel.record.contract import System
-from kreisel.system import REGISTRY
+from kreisel.system import REGISTRY, Records
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from kreisel.record.contract import System
 
 __all__ = ["BODIES", "KNOWN", "find"]
 
+_PAGES = {"satellite": "satellite", "satellite-with-wheel": "satellite", "submerged-body": "submerged"}
 
-def _found_bodies() -> dict[str, System]:
-    modules = [importlib.import_module(f"{__name__}.{page.name}") for page in pkgutil.iter_modules(__path__)]
-    found = [body for module in modules for body in getattr(module, "BODIES", ())]
-    return {body.name: body.remade_by(find, body.name) for body in found}
+
+def _stated(name: str) -> System:
+    """The record of a page, which pickle and copy find again by its name."""
+    page = importlib.import_module(f"{__name__}.{_PAGES[name]}")
+    return next(body.remade_by(find, name) for body in page.BODIES if body.name == name)
 
 
 def find(name: str) -> System:
@@ -21,5 +30,5 @@ def find(name: str) -> System:
     return system.find(name, KNOWN)
 
 
-BODIES = _found_bodies()
-KNOWN = REGISTRY | BODIES  # whatever a name stands for
+BODIES = Records(_PAGES, _stated)
+KNOWN: Mapping[str, System] = ChainMap(BODIES, REGISTRY)  # type: ignore[arg-type]  # whatever a name stands for; REGISTRY first

@@ -35,7 +35,7 @@ from kreisel.errors import InputError, shown
 from kreisel.forces.records import perturbed_record
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.checks import doubtful_angle, require_body
-from kreisel.record.contract import Parameter
+from kreisel.record.contract import Checks, Parameter
 from kreisel.record.perturbation import Force, Perturbation
 from kreisel.system import euler_top
 
@@ -275,8 +275,7 @@ def body(name, title, *wheel):
         integrals={},
         derive=derive,
         body_frame=body_frame,
-        doubts=doubts,
-        check_parameters=check_parameters,
+        checks=Checks(parameters=check_parameters, doubts=doubts),
         scaling="SI units.",
         n=3,
     )

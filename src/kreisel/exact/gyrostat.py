@@ -139,7 +139,9 @@ class Body:
     def __init__(self, M: Array, parameters: Mapping[str, Array], system: System, oriented: bool):
         self.M, self._parameters, self._system, self._oriented = M, parameters, system, oriented
         wide = {k: np.asarray(v, dtype=np.longdouble) for k, v in parameters.items()}
-        self.x, self.w, self.b = np.broadcast_arrays(M.astype(np.longdouble), *call(system.gyrostat, (), wide))
+        self.x, self.w, self.b = np.broadcast_arrays(
+            M.astype(np.longdouble), *call(system.closed_form.gyrostat, (), wide)
+        )
         with np.errstate(all="ignore"):
             self.L, self._K = curve(self.x, self.w, self.b)
             self.speed = length(self._K)
@@ -254,7 +256,7 @@ class Body:
     def _exactly(self, lane: tuple[int, ...]) -> tuple[Array, Array]:
         """w and b of one lane as rationals."""
         given = {k: rationals(np.broadcast_to(v, self.x.shape)[lane]) for k, v in self._parameters.items()}
-        w, b = call(self._system.gyrostat, (), given)
+        w, b = call(self._system.closed_form.gyrostat, (), given)
         return w, b
 
 

@@ -17,7 +17,6 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method.baecklund import (
-    MOST_ORDER,
     SPINS,
     one_stage,
     pade_zeros,
@@ -26,6 +25,7 @@ from kreisel.method.baecklund import (
     turned_with_body,
 )
 from kreisel.method.observing import Only, observer, with_orientation
+from kreisel.method.records import METHODS
 from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.calling import call
 from kreisel.record.model import Model
@@ -216,7 +216,9 @@ def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
 def _flown(model: Model, z: State, h: float, batch: tuple[int, ...]) -> tuple[State, list[Array]]:
     """The flow over h by a product of order 24, and the mu of its pairs."""
     parts = max(1, int(np.ceil(h * float(np.max(_rate(model, tuple(x.astype(float) for x in z[:2])))))))
-    points = [np.full(batch, mu, dtype=np.clongdouble)[()] for mu in stage_points(MOST_ORDER, h / parts)] * parts
+    points = [
+        np.full(batch, mu, dtype=np.clongdouble)[()] for mu in stage_points(METHODS["baecklund"].orders[-1], h / parts)
+    ] * parts
     for point in points:
         z = _pair(model, z, point)
     return z, points

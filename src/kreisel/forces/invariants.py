@@ -19,11 +19,11 @@ from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError
 from kreisel.forces import kicks
 from kreisel.forces.kicks import Body
-from kreisel.forces.pairs import constants_of_pairs, pairs_of
+from kreisel.forces.pairs import constants_of_pairs
 from kreisel.record.calling import Function, call
 from kreisel.record.contract import PhaseSpace
 from kreisel.record.model import Model
-from kreisel.record.perturbation import TIME
+from kreisel.record.perturbation import TIME, pairs_of
 
 POINTS = 3
 ZERO = 1e-13  # of the slope times the rate, in doubles

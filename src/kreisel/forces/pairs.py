@@ -12,7 +12,7 @@ from kreisel.errors import InputError, shown
 from kreisel.forces.kicks import perturbation_of
 from kreisel.record.contract import Parameter
 from kreisel.record.model import Model
-from kreisel.record.perturbation import PAIRS, Perturbation
+from kreisel.record.perturbation import PAIRS, Perturbation, pairs_of
 
 MOST_BODIES = 10**6
 
@@ -75,14 +75,6 @@ def _whole(value: Array, name: str) -> None:
         )
 
 
-def pairs_of(model: Model) -> Array | None:
-    """The bodies that act on each other, (pairs, 2); None where the lanes are independent."""
-    record = model.system.perturbation
-    if record is None or record.pair is None:
-        return None
-    return np.ascontiguousarray(model.params[PAIRS], dtype=np.int64)
-
-
 def constants_of_pairs(model: Model) -> tuple[dict[str, Array], dict[str, int]]:
     """The parameters of the pair potential, (pairs, ...), and their axes without that of pairs."""
     force, count = perturbation_of(model.system).pair, len(model.params[PAIRS])
@@ -104,13 +96,3 @@ def of_bodies(model: Model) -> dict[str, Array]:
     """The constants of the bodies, without those of pairs."""
     of_pairs = {p.letter for p in model.system.parameters if p.kind == "array"} if pairs_of(model) is not None else ()
     return {name: value for name, value in model.constants.items() if name not in of_pairs}
-
-
-def require_bodies(model: Model, batch: tuple[int, ...]) -> None:
-    """Raises `InputError` where the lanes of a run are not the bodies of the pairs."""
-    pairs = pairs_of(model)
-    if pairs is not None and batch != (pairs.max() + 1,):
-        raise InputError(
-            f"{model.system.name}: expected a state of {pairs.max() + 1} bodies along a first axis, since pairs has "
-            f"the bodies 0 to {pairs.max()}, got {f'axes {batch}' if batch else 'one body'}."
-        )

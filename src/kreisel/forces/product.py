@@ -17,7 +17,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.forces.records import naming
 from kreisel.record.calling import call
-from kreisel.record.contract import PhaseSpace, System
+from kreisel.record.contract import Checks, PhaseSpace, System
 from kreisel.record.model import Model
 
 TOTAL = "total_"  # before the name of what all bodies have together
@@ -85,30 +85,27 @@ def _record(models: Sequence[Model], factors: list[Factor]) -> System:
 
     def check_parameters(**known: Any) -> None:
         for f in factors:
-            if f.system.check_parameters is not None:
-                call(f.system.check_parameters, (), f.known(known))
+            if f.system.checks.parameters is not None:
+                call(f.system.checks.parameters, (), f.known(known))
 
     def check_state(*state: Array) -> None:
         for f in factors:
-            if f.system.check_state is not None:
-                f.system.check_state(*state[f.place])
+            if f.system.checks.state is not None:
+                f.system.checks.state(*state[f.place])
 
     return System(
         name="-and-".join(f.system.name for f in factors),
         title=" and ".join(f.system.title for f in factors),
         equations="; ".join(f"body {f.mark}: {f.system.equations}" for f in factors),
         source="; ".join(dict.fromkeys(f.system.source for f in factors)),
-        frame=factors[0].system.frame,
         space=_space(factors),
         parameters=tuple(parameters),
         flow=naming(flow, names),
         energy=naming(energy, names),
-        velocity=None,
         scaling="that of each body",
         integrals={name: naming(function, names) for name, function in _integrals(models, factors).items()},
         derive=naming(derive, tuple(p.letter for p in parameters)),
-        check_parameters=naming(check_parameters, tuple(p.letter for p in parameters)),
-        check_state=check_state,
+        checks=Checks(naming(check_parameters, tuple(p.letter for p in parameters)), check_state),
         n=models[0].n,
         product=tuple(factors),
     )

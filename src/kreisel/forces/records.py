@@ -12,7 +12,7 @@ from kreisel.algebra import Array
 from kreisel.forces import kicks
 from kreisel.forces.kicks import COUPLING, ORIENTATION, Body
 from kreisel.record.calling import call
-from kreisel.record.contract import Frame, System
+from kreisel.record.contract import ClosedForm, Frame, System
 from kreisel.record.perturbation import TIME, Perturbation
 
 # What is known of the integrable part alone.
@@ -25,9 +25,7 @@ UNKNOWN: dict[str, Any] = {
     "map": None,
     "baecklund": None,
     "relations": (),
-    "top": None,
-    "moments": None,
-    "gyrostat": None,
+    "closed_form": ClosedForm(),
     "body_frame": None,
     "notes": "",
 }

@@ -11,7 +11,7 @@ from kreisel.errors import RunError
 from kreisel.kernels.cpu import compiled_rate
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.recording import flat_constants
-from kreisel.method.driven import WORK
+from kreisel.method.observing import WORK
 from kreisel.method.scheme import Scheme
 
 # all that the next step and the dense output of scipy.integrate.DOP853 depend on

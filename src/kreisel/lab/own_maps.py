@@ -24,7 +24,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
 from kreisel.lab.fields import Pole, fraction
 from kreisel.lab.subject import Subject, subject
-from kreisel.record.contract import MOVING_SPACE, REST_SPACE, Frame, Map, System
+from kreisel.record.contract import MOVING_SPACE, REST_SPACE, Map, System
 
 Function = Callable[..., Any]
 OF_POINTS = ("flow", "involution")
@@ -68,12 +68,8 @@ def on_group(step: Function, n: int, frame: str, eps: Any, known: Mapping[str, A
         title="a map of your own",
         equations="",
         source="",
-        frame=Frame(frame),
         space=MOVING_SPACE if frame == "moving" else REST_SPACE,
-        parameters=(),
         flow=of_state.pop("flow", None),
-        energy=None,
-        velocity=None,
         scaling="",
         map=Map(**of_state),
         n=n,

@@ -30,7 +30,7 @@ from kreisel.lab.questions import QUESTIONS as _QUESTIONS
 from kreisel.lab.questions import Clues
 from kreisel.lab.subject import Subject, subject
 from kreisel.lab.verdicts import filled
-from kreisel.record.contract import MOVING_SPACE, Frame, Map, PhaseSpace, System
+from kreisel.record.contract import MOVING_SPACE, Map, PhaseSpace, System
 from kreisel.record.model import Model
 from kreisel.sweeps.workers import check_workers, pool
 from kreisel.system import euler_top
@@ -73,12 +73,7 @@ def model_of(name: str, n: int, mapped: Map, space: PhaseSpace = MOVING_SPACE) -
         title="a member of a family of discrete Lagrangians",
         equations="",
         source="",
-        frame=Frame.MOVING,
         space=space,
-        parameters=(),
-        flow=None,
-        energy=None,
-        velocity=None,
         scaling="",
         map=mapped,
         n=n,

@@ -1,17 +1,15 @@
-"""Methods by name, found by themselves: each file here that states a `METHOD` is one."""
+"""Methods by name: `records` has what each states about itself; its file is imported when it is first used."""
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from dataclasses import replace
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError, hint, shown
 from kreisel.method.observing import held_by_orientation
 from kreisel.method.record import Method
+from kreisel.method.records import METHODS
 from kreisel.method.scheme import Outcome, Scheme
 from kreisel.record.contract import System
 from kreisel.record.model import Model
@@ -19,40 +17,22 @@ from kreisel.record.model import Model
 __all__ = ["METHODS", "Method", "Outcome", "Scheme", "default_method", "find", "scheme"]
 
 
-if TYPE_CHECKING:
-    METHODS: dict[str, Method]
-
-
-def __getattr__(name: str) -> Any:  # not at the import: closed forms, which methods need, import what stands here
-    if name == "METHODS":
-        return _found_methods()
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-@cache
-def _found_methods() -> dict[str, Method]:
-    """All records by name, the first default first."""
-    modules = [importlib.import_module(f"{__name__}.{info.name}") for info in pkgutil.iter_modules(__path__)]
-    records = [module.METHOD for module in modules if hasattr(module, "METHOD")]
-    return {record.name: record for record in sorted(records, key=lambda r: (r.rank is None, r.rank, r.name))}
-
-
 def default_method(model: Model, stepped: bool = False) -> str:
     """The name of the first of the methods that suit a model; `stepped`: of those that make steps."""
-    fitting = (m.name for m in _found_methods().values() if m.may_be_default(model) and (m.steps or not stepped))
+    fitting = (m.name for m in METHODS.values() if m.may_be_default(model) and (m.steps or not stepped))
     return next(fitting, "dop853")  # which then says what it lacks
 
 
 def find(name: Any) -> Method:
     """The method of that name.  Raises `InputError` with the nearest name."""
     if not isinstance(name, str):
-        raise InputError(f"method: expected a name, one of {', '.join(_found_methods())}, got {shown(name)}.")
-    if name not in _found_methods():
+        raise InputError(f"method: expected a name, one of {', '.join(METHODS)}, got {shown(name)}.")
+    if name not in METHODS:
         raise InputError(
-            f"method: expected one of {', '.join(_found_methods())}, got {shown(name)}.{hint(name, _found_methods())} "
+            f"method: expected one of {', '.join(METHODS)}, got {shown(name)}.{hint(name, METHODS)} "
             "kr.methods() has what each is for."
         )
-    return _found_methods()[name]
+    return METHODS[name]
 
 
 def _turns(system: System) -> bool:

@@ -20,7 +20,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.forces.kicks import perturbation_of
 from kreisel.method.auto import Choice, checked_tolerance, size, with_lanes
-from kreisel.method.splitting_coefficients import ORDERS
+from kreisel.method.records import METHODS
 from kreisel.record.calling import call
 from kreisel.record.contract import System
 from kreisel.record.model import Model
@@ -84,7 +84,7 @@ def choose(steps: Steps, rate: float, spacing: float, time: float, tol: Any) -> 
     truth, doubt = _truth(steps, span, counts)
     grows = SAFETY * max(time / span, 1.0)
     best: tuple[float, Choice] | None = None
-    for order in ORDERS:
+    for order in METHODS["splitting"].orders:
         for count in counts:
             found = steps(order, span / count, count)
             expected = np.inf if found is None else grows * max(_apart(found.state, truth), doubt, ROUND_OFF)

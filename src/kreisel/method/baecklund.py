@@ -18,7 +18,6 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method.observing import as_matrix, observer, with_orientation
-from kreisel.method.record import Method
 from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.calling import call
 from kreisel.record.contract import Baecklund, Frame
@@ -27,7 +26,6 @@ from kreisel.record.model import Model
 
 DIGITS = 60
 MANY = 4096  # numbers of a component: from here on one point after the other
-MOST_ORDER = 24
 SPINS = ("spin0", "spin1")
 WHOLE_TURN = 2.0  # radians that one Cayley factor makes with tan(theta/2) of size about 1
 
@@ -253,18 +251,3 @@ def turned_with_body(
     for half in SPINS:
         own = tuple(algebra.turned(kind, -consts[half], x, consts[axis]) for x, kind in zip(own, kinds, strict=True))
     return own
-
-
-METHOD = Method(
-    name="baecklund",
-    title="products of commuting Bäcklund transformations",
-    needs="a system whose Bäcklund transformations are known",
-    applies=lambda model: model.system.baecklund is not None,
-    orders=tuple(range(2, MOST_ORDER + 1, 2)),
-    default=2,
-    poisson="yes",
-    conserves="all integrals of the flow",
-    sources=("suris2001", "kuznetsov2004", "zullo2011", "ragnisco2011"),
-    make=baecklund,
-    rank=1,
-)

@@ -9,11 +9,9 @@ from __future__ import annotations
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method.observing import observer
-from kreisel.method.record import Method
 from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.calling import call
 from kreisel.record.model import Model
-from kreisel.record.spheres import LATTICE_SPACE
 
 State = tuple[Array, ...]
 
@@ -45,19 +43,3 @@ def brickwork(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         outcomes=outcomes,
         options={"order": order},
     )
-
-
-METHOD = Method(
-    name="brickwork",
-    title="a lattice in discrete time: two-site maps of the odd bonds, then of the even ones",
-    needs="a lattice with such a map (lattice-landau-lifshitz)",
-    applies=lambda model: model.system.map is not None and model.system.space is LATTICE_SPACE,
-    orders=(1,),
-    default=1,
-    poisson="yes",
-    conserves="Casimirs, deformed integrals",
-    sources=("krajnik2021", "krajnik2020"),
-    make=brickwork,
-    rank=3,
-    of_map=True,
-)

@@ -41,11 +41,6 @@ FIRST_HALVES = {  # gamma_1 ... up to the middle one
         -0.60550853383003451169892108,
     ),
 }
-ORDERS = tuple(FIRST_HALVES)
-
-
-# Keys of refs.bib.
-COMPOSED = {4: ("suzuki1990", "hairer2006"), 6: ("kahan1997", "hairer2006"), 8: ("kahan1997", "hairer2006")}
 
 
 def symmetric_composition(order: int) -> Array:

@@ -12,13 +12,13 @@ from kreisel.errors import InputError
 from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved_totals
 from kreisel.forces.kicks import ORIENTATION, Body
-from kreisel.forces.pairs import constants_of_pairs, pairs_of
+from kreisel.forces.pairs import constants_of_pairs
+from kreisel.method.observing import BALANCE, WORK
 from kreisel.method.scheme import Coupling, Outcome
 from kreisel.record.contract import System
 from kreisel.record.model import Model
-from kreisel.record.perturbation import TIME
+from kreisel.record.perturbation import TIME, pairs_of
 
-COUNT, WORK, BALANCE = "count", "work", "balance"  # count: of whole steps
 TOTAL = "total_"  # before the name of what bodies in pairs have together
 
 

@@ -16,7 +16,6 @@ from kreisel.exact.nutation import MpNumber, mp_number, rationals
 from kreisel.exact.pairs import exact_pair
 from kreisel.exact.rotor import Rotor
 from kreisel.method.observing import observer, with_orientation
-from kreisel.method.record import Method
 from kreisel.method.scheme import Jump, Orbit, Orbits, Scheme, Spin
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame
@@ -25,7 +24,7 @@ from kreisel.record.model import Model
 
 def motion(model: Model, state: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> TopMotion:
     """The motion in space of the top that the record states.  Raises `InputError` if it states none."""
-    m, b, p = call(model.system.top, state[:2], constants)
+    m, b, p = call(model.system.closed_form.top, state[:2], constants)
     kappa = 1 / Fraction(float(constants.get("alpha", 1.0))) - 1  # omega = m + kappa (m.b) b/|b|^2
     return TopMotion(algebra.axial(m), b, p, reach=reach, spin_factor=kappa)
 
@@ -79,7 +78,7 @@ def _jump(model: Model) -> Jump:
     inside = model.system.frame is Frame.MOVING
 
     def begin(*z: Array, **constants: Array) -> tuple[Array, Array, Array, Array, Array]:
-        m, b, p = call(model.system.top, z[:2], constants)
+        m, b, p = call(model.system.closed_form.top, z[:2], constants)
         axial, alpha = algebra.axial(m), constants.get("alpha", 1.0)
         return (-axial, p, b, alpha, 1.0) if inside else (axial, b, p, 1.0, alpha)
 
@@ -97,7 +96,7 @@ def _spin(model: Model) -> Spin:
         return algebra.axial(M), *g
 
     def moments(**constants: Array) -> Array:
-        return np.asarray(call(model.system.moments, (), constants))
+        return np.asarray(call(model.system.closed_form.moments, (), constants))
 
     return Spin(begin, moments, lambda M, *g: (algebra.hat(M), *g))
 
@@ -121,7 +120,7 @@ def _orbit_of_top(model: Model, oriented: bool) -> Callable[..., Orbit]:
 def _orbit_of_body(model: Model, oriented: bool) -> Callable[..., Orbit]:
     def orbit(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Orbit:
         exactly = {p.letter: rationals(constants[p.letter]) for p in model.system.parameters}
-        moments = call(model.system.moments, (), exactly)
+        moments = call(model.system.closed_form.moments, (), exactly)
         return Rotor(algebra.axial(z0[0]), moments, reach, z0[1] if oriented else None).orbit()
 
     return orbit
@@ -135,10 +134,10 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     Bäcklund transformations alone go by `exact_pair`, whose error grows.
     """
     system = model.system
-    free = system.moments is not None
-    if system.gyrostat is not None:
+    free = system.closed_form.moments is not None
+    if system.closed_form.gyrostat is not None:
         return gyrostat(model, dt, oriented)
-    if not free and system.top is None:
+    if not free and system.closed_form.top is None:
         return exact_pair(model, dt, oriented)
     observe, outcomes = observer(model, None, None, oriented=oriented)
     outcomes = {k: replace(o, conserved=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
@@ -156,25 +155,3 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         else Orbits(_orbit_of_top(model, oriented), _jump(model)),
         outcomes=outcomes,
     )
-
-
-def _has_a_closed_form(model: Model) -> bool:
-    system = model.system
-    return model.n == 3 and any(v is not None for v in (system.baecklund, system.top, system.moments, system.gyrostat))
-
-
-METHOD = Method(
-    name="exact",
-    title="the flow itself, in closed form, or (Clebsch, Kirchhoff, Neumann) by one pair of maps",
-    needs="the Lagrange top, Clebsch's case, a body of revolution in a fluid, Neumann's system or the Euler top, n = 3",
-    applies=_has_a_closed_form,
-    suits=lambda model: model.n == 3 and any(v is not None for v in (model.system.moments, model.system.gyrostat)),
-    orders=(),
-    default=None,
-    poisson="yes",
-    conserves="all integrals of the flow",
-    sources=("suris2001", "carlson1995", "whittaker1937"),
-    make=exact,
-    rank=0,
-    steps=False,
-)

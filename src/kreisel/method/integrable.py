@@ -98,16 +98,16 @@ def _side_by_side(parts: list[tuple[Factor, Integrable]]) -> Integrable:
 
 def closed_form(base: System, n: int) -> Integrable | None:
     """Of a free body, a gyrostat or a Lagrange top, n = 3; None where none of one short step is known."""
-    if n == 3 and base.moments is not None:
+    if n == 3 and base.closed_form.moments is not None:
         return _free_body(base)
-    if n == 3 and base.gyrostat is not None and base.space.kinds == ("skew",):
-        return _gyrostat(lambda known: call(base.gyrostat, (), known), lambda known: 0)
-    return _top(base) if n == 3 and base.top is not None else None
+    if n == 3 and base.closed_form.gyrostat is not None and base.space.kinds == ("skew",):
+        return _gyrostat(lambda known: call(base.closed_form.gyrostat, (), known), lambda known: 0)
+    return _top(base) if n == 3 and base.closed_form.top is not None else None
 
 
 def _free_body(base: System) -> Integrable:
     def moments(known: Constants) -> Array:
-        return np.asarray(call(base.moments, (), known))
+        return np.asarray(call(base.closed_form.moments, (), known))
 
     def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
         M = algebra.axial(own[0])
@@ -125,7 +125,7 @@ def _with_wheel(base: System) -> Integrable:
     """A free body with a wheel, whose momentum is h: M + h is that of a gyrostat."""
 
     def inverse(known: Constants) -> Array:
-        return 1 / np.asarray(call(base.moments, (), known))
+        return 1 / np.asarray(call(base.closed_form.moments, (), known))
 
     return _gyrostat(lambda known: (inverse(known), inverse(known) * known[WHEEL]), lambda known: known[WHEEL])
 
@@ -151,7 +151,7 @@ def _top(base: System) -> Integrable:
     rest, unequal = base.frame is Frame.REST, any(p.letter == "alpha" for p in base.parameters)
 
     def of(own: State, known: Constants) -> tuple[Array, Array, Array, Array]:
-        m, a, p = call(base.top, own, known)
+        m, a, p = call(base.closed_form.top, own, known)
         return algebra.axial(m), a, p, known["alpha"] if unequal else 1.0
 
     def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:

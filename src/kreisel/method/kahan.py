@@ -24,11 +24,10 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError
-from kreisel.method.composition import COMPOSED, DEFECT, ORDERS, composed
+from kreisel.method.composition import DEFECT, composed
 from kreisel.method.kahan_integrals import deformed_integrals, one_lane
 from kreisel.method.kahan_step import State, advance, coordinate_count, state_of
 from kreisel.method.observing import Only, held_by_orientation, observer, turned, with_orientation
-from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Outcome, Scheme
 from kreisel.record.calling import call
 from kreisel.record.model import Model
@@ -127,28 +126,7 @@ def _random(model: Model, rng: np.random.Generator) -> list[Fraction]:
     ]
 
 
-def _has_a_quadratic_flow(model: Model) -> bool:
-    system = model.system
-    return (
-        system.flow is not None
-        and system.numbers == "any"
-        and system.perturbation is None
-        and sum(coordinate_count(kind, model.n) for kind in system.space.kinds) <= MOST_COORDINATES
-        and is_quadratic(model)
-    )
-
-
-METHOD = Method(
-    name="kahan",
-    title="Kahan's discretization of quadratic flows, and compositions of it",
-    needs=f"a flow that is quadratic in a state of at most {MOST_COORDINATES} coordinates",
-    applies=_has_a_quadratic_flow,
-    orders=ORDERS,
-    default=2,
-    poisson="no",
-    conserves="linear integrals; at order 2 deformed integrals of the Euler top (n = 3, 4), of Lagrange's top with "
-    "equal moments, of Clebsch's case and of gyrostats with the wheel across a principal axis",
-    sources=("kahan1993", "hirota2000", "petrera2011"),
-    make=kahan,
-    composed=COMPOSED,
-)
+def has_a_small_quadratic_flow(model: Model) -> bool:
+    """Whether the flow is quadratic, in few coordinates."""
+    count = sum(coordinate_count(kind, model.n) for kind in model.system.space.kinds)
+    return count <= MOST_COORDINATES and is_quadratic(model)

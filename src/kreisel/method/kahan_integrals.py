@@ -228,7 +228,7 @@ def _partings(J: Array) -> tuple[Array, Array, Array]:
 
 def is_gyrostat_in_a_plane(model: Model) -> bool:
     """Whether it is a gyrostat whose wheel is across some principal axis, the same in all lanes."""
-    return model.system.gyrostat is not None and bool(_across(model.constants["h"]).any())
+    return model.system.closed_form.gyrostat is not None and bool(_across(model.constants["h"]).any())
 
 
 def _across(h: Array) -> Array:

@@ -8,7 +8,6 @@ from functools import lru_cache
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.method.observing import observer, turned_by_map, with_orientation
-from kreisel.method.record import Method
 from kreisel.method.scheme import JaxSteps, Scheme
 from kreisel.record.calling import Function, call
 from kreisel.record.contract import Frame, Map
@@ -74,20 +73,3 @@ def _stepper(phi: Map, frame: Frame, count: int) -> Function:
         return (*new, *(turned_by_map(phi, frame, own, new, consts, g) for g in z[count:]))
 
     return both
-
-
-METHOD = Method(
-    name="lagrangian",
-    title="the map of a discrete Lagrangian of your own (kreisel.reduction)",
-    needs="a system of kreisel.reduction with a discrete Lagrangian",
-    applies=lambda model: model.system.map is not None and model.system.numbers == "jax",
-    orders=(),
-    default=None,
-    words="that of the discrete Lagrangian; 2 for a continuous one",
-    poisson="if its symmetries give the bracket",
-    conserves="what its symmetries give",
-    sources=("suris2001",),
-    make=lagrangian,
-    rank=3,
-    of_map=True,
-)

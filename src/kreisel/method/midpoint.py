@@ -24,16 +24,14 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.iteration import repeat
 from kreisel.algebra.spins import Spins, cross, inner
-from kreisel.method.composition import COMPOSED, DEFECT, ORDERS, composed
+from kreisel.method.composition import DEFECT, composed
 from kreisel.method.kahan import is_linear
 from kreisel.method.kahan_integrals import is_euler_top
 from kreisel.method.observing import held_by_orientation, observer, turned, with_orientation
-from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Scheme
 from kreisel.record.calling import call
 from kreisel.record.contract import PhaseSpace
 from kreisel.record.model import Model
-from kreisel.record.spheres import SPINS_SPACE
 
 SMALL, LIMIT = 5e-16, 1e-12  # of the last change of a direction, rms over the sites
 MOST = 100  # iterations; a step in which they do not settle is refused
@@ -107,30 +105,3 @@ def _state(space: PhaseSpace, spins: Spins) -> State:
 def _followed(model: Model, centre: State, g: Array, eps: Array, consts: Mapping[str, Array]) -> Array:
     X = algebra.mat(eps) / 2 * call(model.system.velocity, centre, consts)
     return turned(model.system.frame, X, g)
-
-
-def _on_spheres(model: Model) -> bool:
-    system, free = model.system, model.system.space.kinds == ("skew",) and model.n == 3
-    return (
-        (system.space is SPINS_SPACE or free)
-        and system.flow is not None
-        and system.numbers == "any"
-        and system.perturbation is None
-    )
-
-
-METHOD = Method(
-    name="midpoint",
-    title="the spherical midpoint method, and compositions of it",
-    needs="spins, or a free body with n = 3: products of spheres",
-    applies=_on_spheres,
-    orders=ORDERS,
-    default=2,
-    poisson="yes",
-    conserves="Casimirs, linear integrals; the energy of the Euler top",
-    sources=("mclachlan2014",),
-    make=midpoint,
-    rank=5,
-    suits=lambda model: model.system.space is SPINS_SPACE,
-    composed=COMPOSED,
-)

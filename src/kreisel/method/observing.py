@@ -17,6 +17,7 @@ from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 
 ORIENTATION = "g"
+COUNT, WORK, BALANCE = "count", "work", "balance"  # of driven bodies; count: of whole steps
 Only = Collection[str] | None
 
 

@@ -2,15 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Integral
-from typing import Any
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, shown
-from kreisel.method.scheme import Scheme
-from kreisel.record.contract import System
-from kreisel.record.model import Model
+
+if TYPE_CHECKING:
+    from kreisel.method.scheme import Scheme
+    from kreisel.record.contract import System
+    from kreisel.record.model import Model
+
+
+@dataclass(frozen=True)
+class Suits:
+    """Condition on a model: the fields below hold of its record.  Without any it holds for every model.
+
+    states   attributes of the record that are neither None nor False, such as "map.symmetric": all of them
+    either   attributes of which one at least is stated
+    lacks    attributes that are not stated
+    n        the dimension
+    space    the name of the phase space
+    kinds    the kinds of the components
+    numbers  for which the record is written: one of these
+    test     name of a function of the model, for what no attribute tells; imported if everything else holds
+    """
+
+    states: tuple[str, ...] = ()
+    either: tuple[str, ...] = ()
+    lacks: tuple[str, ...] = ()
+    n: int | None = None
+    space: str | None = None
+    kinds: tuple[str, ...] | None = None
+    numbers: tuple[str, ...] = ()
+    test: str = ""
+
+    def __call__(self, model: Model) -> bool:
+        """Whether the condition holds."""
+        system = model.system
+        return (
+            self.n in (None, model.n)
+            and self.space in (None, system.space.name)
+            and self.kinds in (None, system.space.kinds)
+            and (not self.numbers or system.numbers in self.numbers)
+            and all(_states(system, path) for path in self.states)
+            and not any(_states(system, path) for path in self.lacks)
+            and (not self.either or any(_states(system, path) for path in self.either))
+            and (not self.test or bool(resolve_name(self.test)(model)))
+        )
+
+
+def _states(system: System, path: str) -> bool:
+    """Whether a record states the attribute at the end of a path such as "map.symmetric"."""
+    value: Any = system
+    for name in path.split("."):
+        value = getattr(value, name)
+        if value is None or value is False:
+            return False
+    return True
 
 
 @dataclass(frozen=True)
@@ -18,30 +69,30 @@ class Method:
     """A method.
 
     name, title  of it, in a word and in a line
-    needs        what a system must state for it, in words; `applies` says so of a model
+    needs        what a system must state for it, in words
+    cases        what a system must state for it: one of these conditions
     orders       that it has, rising; none for the flow itself; tuples for splittings.  `default` if none is asked for;
                  `words` for them, where `make` knows which there are
     poisson      whether its map is Poisson for the bracket of the system
     conserves    what stays constant up to rounding errors
-    rank         of all methods that suit a model the one with the lowest is its default; None: never
-    suits        the models of which it may be the default; None: all that it applies to
+    default_for  the models of which it may be the default, as `cases`, which None stands for
     steps        whether it makes steps: if not, it is no default where an order or an engine is asked for
     sources      keys of refs.bib; `composed` of single orders beside
-    make(model, dt, order, oriented) -> Scheme
+    maker        name of the function (model, dt, order, oriented) -> Scheme, such as "kreisel.method.suris:suris",
+                 which is imported when the method is first used
     """
 
     name: str
     title: str
     needs: str
-    applies: Callable[[Model], bool]
+    cases: tuple[Suits, ...]
     orders: tuple[Any, ...]
     default: Any
     poisson: str
     conserves: str
     sources: tuple[str, ...]
-    make: Callable[[Model, float, Any, bool], Scheme]
-    rank: int | None = None
-    suits: Callable[[Model], bool] | None = None
+    maker: str
+    default_for: tuple[Suits, ...] | None = None
     steps: bool = True
     words: str = ""  # for the orders, where no list says it
     composed: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
@@ -49,6 +100,15 @@ class Method:
 
     def __repr__(self) -> str:
         return f"<kreisel method {self.name!r}: {self.title}>"
+
+    def make(self, model: Model, dt: float, order: Any, oriented: bool) -> Scheme:
+        """The scheme for a model."""
+        scheme: Scheme = resolve_name(self.maker)(model, dt, order, oriented)
+        return scheme
+
+    def applies(self, model: Model) -> bool:
+        """Whether a model states what the method needs."""
+        return any(suits(model) for suits in self.cases)
 
     def check(self, model: Model) -> None:
         """Raises `InputError` for a system that does not state what the method needs."""
@@ -60,7 +120,8 @@ class Method:
 
     def may_be_default(self, model: Model) -> bool:
         """Whether it is one of the methods of which the first is the default."""
-        return self.rank is not None and (self.suits or self.applies)(model)
+        cases = self.cases if self.default_for is None else self.default_for
+        return any(suits(model) for suits in cases)
 
     @property
     def order_text(self) -> str:

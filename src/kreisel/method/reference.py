@@ -11,7 +11,6 @@ from kreisel.algebra import Array
 from kreisel.forces.kicks import Body
 from kreisel.forces.pairs import of_bodies
 from kreisel.method.driven import (
-    WORK,
     coupling_of,
     outcomes_of_totals,
     outcomes_of_work,
@@ -20,8 +19,7 @@ from kreisel.method.driven import (
     with_work,
     zero,
 )
-from kreisel.method.observing import ORIENTATION, Only, as_matrix, observer, with_orientation
-from kreisel.method.record import Method
+from kreisel.method.observing import ORIENTATION, WORK, Only, as_matrix, observer, with_orientation
 from kreisel.method.scheme import Flow, Scheme
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame
@@ -106,18 +104,3 @@ def with_tolerance(scheme: Scheme, tol: float) -> Scheme:
         return scheme
     options = {**scheme.options, "rtol": tol, "atol": tol * ATOL / RTOL}
     return replace(scheme, options=options, definition_key=None, kernel_key=None)
-
-
-METHOD = Method(
-    name="dop853",
-    title="SciPy's adaptive Runge-Kutta method of order 8: the reference",
-    needs="a system that states its flow",
-    applies=lambda model: model.system.flow is not None,
-    orders=(8,),
-    default=8,
-    poisson="no",
-    conserves="nothing",
-    sources=("hairer1993",),
-    make=dop853,
-    rank=6,
-)

@@ -32,11 +32,9 @@ from kreisel.errors import InputError
 from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import ORIENTATION, Body, perturbation_of
-from kreisel.forces.pairs import of_bodies, pairs_of
+from kreisel.forces.pairs import of_bodies
 from kreisel.forces.turns import Turn, turns_of
 from kreisel.method.driven import (
-    COUNT,
-    WORK,
     coupling_of,
     outcomes_of_totals,
     outcomes_of_work,
@@ -45,8 +43,7 @@ from kreisel.method.driven import (
     zero,
 )
 from kreisel.method.integrable import Integrable, integrable
-from kreisel.method.observing import Only, as_matrix, observer, with_orientation
-from kreisel.method.record import Method
+from kreisel.method.observing import COUNT, WORK, Only, as_matrix, observer, with_orientation
 from kreisel.method.scheme import (
     COUPLED_N,
     Corrector,
@@ -58,13 +55,12 @@ from kreisel.method.scheme import (
     Steps,
     too_large_to_couple,
 )
-from kreisel.method.splitting_coefficients import ORDERS, corrector, inverse, splitting
 from kreisel.method.splitting_coefficients import Splitting as Fractions
+from kreisel.method.splitting_coefficients import corrector, inverse, splitting
 from kreisel.record.calling import call
 from kreisel.record.model import Model
-from kreisel.record.perturbation import TIME
+from kreisel.record.perturbation import TIME, pairs_of
 
-DEFAULT = (8, 6, 4)
 FOURTH = (1 / (2 - 2 ** (1 / 3)), 1 - 2 / (2 - 2 ** (1 / 3)), 1 / (2 - 2 ** (1 / 3)))  # Yoshida 1990
 REACH = "reach"
 TICKS = 1024  # in dt: a constant of 1 has a kernel of its own, and dt = 1 is common
@@ -316,18 +312,3 @@ def _observer(body: Splitting, order: Any) -> tuple[Any, dict[str, Outcome]]:
         return with_work(out, more[WORK]) if body.driven else out
 
     return observe, outcomes
-
-
-METHOD = Method(
-    name="splitting",
-    title="splittings of perturbed bodies: the integrable motion and the perturbation in turn",
-    needs="a perturbed body (kr.perturbed)",
-    applies=lambda model: model.system.perturbation is not None,
-    orders=ORDERS,
-    default=DEFAULT,
-    poisson="yes, without torque and damping",
-    conserves="Casimirs and integrals that no force changes",
-    sources=("touma1994", "wisdom1996", "laskar2001", "blanes2013"),
-    make=make,
-    rank=0,
-)

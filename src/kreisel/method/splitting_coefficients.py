@@ -70,11 +70,6 @@ class Splitting(NamedTuple):
 
 
 CORRECTED = {(10, 2): 4, (18, 2): 8}  # weights m of the corrector of a single kick, which leaves O(eps h^(2 m + 2))
-ORDERS: tuple[Any, ...] = (
-    *((2, 2), (4, 2), (6, 2), (8, 2), *CORRECTED),
-    *PUBLISHED,
-    *(p for p in FIRST_HALVES if p > 2),
-)
 
 
 @cache

@@ -6,7 +6,6 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method.exact import iterates
 from kreisel.method.observing import observer, turned_by_map, with_orientation
-from kreisel.method.record import Method
 from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.calling import call
 from kreisel.record.model import Model
@@ -67,24 +66,3 @@ def _check_domain(model: Model, state: tuple[Array, ...], dt: float) -> None:
             f"The map of {model.system.name} has a denominator that may vanish on this orbit: "
             f"expected dt < {largest:.6g}, got {dt:g}. Use a smaller dt{shift if 'b' in model.params else ''}."
         )
-
-
-def _has_a_map(model: Model) -> bool:
-    system = model.system
-    return system.map is not None and system.map.to_symmetric is not None and system.numbers != "jax"
-
-
-METHOD = Method(
-    name="suris",
-    title="the paper's maps (order 1), and their half-kick conjugates (order 2)",
-    needs="a system with an explicit map",
-    applies=_has_a_map,
-    orders=(1, 2),
-    default=2,
-    poisson="yes",
-    conserves="Casimirs, deformed integrals",
-    sources=("suris2001",),
-    make=suris,
-    rank=4,
-    of_map=True,
-)

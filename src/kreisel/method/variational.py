@@ -26,9 +26,8 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.iteration import repeat
-from kreisel.method.composition import COMPOSED, DEFECT, ORDERS, composed
+from kreisel.method.composition import DEFECT, composed
 from kreisel.method.observing import observer, turned
-from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Scheme
 from kreisel.record.calling import call
 from kreisel.record.contract import System
@@ -166,19 +165,3 @@ def _turned_like_the_vector(system: System, state: State, X: Array, g: Array, ep
     for Y in (*turns, system.space.sign * X):
         g = turned(system.frame, Y, g)
     return g
-
-
-METHOD = Method(
-    name="variational",
-    title="the variational Lie-Poisson integrator, and compositions of it",
-    needs="H = T(M) + V (a record with inverse_inertia and momentum)",
-    applies=lambda model: model.system.inverse_inertia is not None and model.system.space.momentum is not None,
-    orders=ORDERS,
-    default=2,
-    poisson="yes",
-    conserves="Casimirs, momenta of symmetries",
-    sources=("marsden1999", "suris2001"),
-    make=variational,
-    rank=5,
-    composed=COMPOSED,
-)

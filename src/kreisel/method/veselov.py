@@ -13,9 +13,8 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.method.composition import COMPOSED, DEFECT, ORDERS, composed, symmetric_composition
+from kreisel.method.composition import DEFECT, composed, symmetric_composition
 from kreisel.method.observing import observer, turned, turned_by_map
-from kreisel.method.record import Method
 from kreisel.method.scheme import Guard, Scheme
 from kreisel.record.calling import call, keywords
 from kreisel.record.model import Model
@@ -86,20 +85,3 @@ def _check_domain(model: Model, state: State, longest: float, order: int) -> Non
             f"below {largest:.6g}, got {longest:.6g}{stages}. Use less than {largest / longest:.6g} of this dt, or "
             "method='dop853'."
         )
-
-
-METHOD = Method(
-    name="veselov",
-    title="symmetric maps of Veselov, of Moser and Veselov, and of Suris (2000), and compositions of them",
-    needs="a system with a symmetric map",
-    applies=lambda model: model.system.map is not None and model.system.map.symmetric,
-    orders=ORDERS,
-    default=2,
-    poisson="yes",
-    conserves="all integrals of the flow",
-    sources=("moser1991", "suris2000"),
-    make=veselov,
-    rank=2,
-    composed=COMPOSED,
-    of_map=True,
-)

@@ -24,8 +24,7 @@ from kreisel.physical.measures import (
     three,
 )
 from kreisel.record.model import Model, State
-from kreisel.system.kirchhoff import SYSTEM as Kirchhoff
-from kreisel.system.kirchhoff_revolution import SYSTEM as KirchhoffRevolution
+from kreisel.system import REGISTRY
 from kreisel.units import Scales
 
 
@@ -113,9 +112,9 @@ class Ellipsoid:
         x, y, z = units.mass * units.length**2 / self._inertia
         inverse_masses = units.mass / (self.mass + self.added_masses)
         if self.semi_axes[0] == self.semi_axes[1]:
-            made = KirchhoffRevolution(a1=x, a3=z, c1=inverse_masses[0], c3=inverse_masses[2])
+            made = REGISTRY["kirchhoff-revolution"](a1=x, a3=z, c1=inverse_masses[0], c3=inverse_masses[2])
         else:
-            made = Kirchhoff(C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-inverse_masses)
+            made = REGISTRY["kirchhoff"](C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-inverse_masses)
         return made.of_body(body_frame(self.scales(units)))
 
     def state(self, velocity: Any, angular_velocity: Any, units: Units = SI) -> State:

@@ -30,7 +30,7 @@ from kreisel.physical.measures import (
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.checks import CLOSE
 from kreisel.record.model import Model, State
-from kreisel.system.euler_top import SYSTEM as EulerTop
+from kreisel.system import REGISTRY
 from kreisel.units import Scales
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
@@ -107,7 +107,7 @@ class FreeBody:
         i = self.principal.moments
         J = (i[[1, 2, 0]] + i[[2, 0, 1]] - i) / (2 * self.unit_moment)
         J[abs(J) < CLOSE] = 0
-        return EulerTop(J=J).of_body(self._frame)
+        return REGISTRY["euler-top"](J=J).of_body(self._frame)
 
     def state(self, spin: Any, axis: Any = None) -> State:
         """The scaled state M = I Omega, in principal axes.

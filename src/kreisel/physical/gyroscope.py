@@ -23,7 +23,7 @@ from kreisel.physical.measures import (
 )
 from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
-from kreisel.system.lagrange_top import SYSTEM as LagrangeTop
+from kreisel.system import REGISTRY
 from kreisel.units import Scales, size_in_si
 
 PIVOT = "transverse_moment not about the pivot: add mass lever^2"
@@ -98,7 +98,7 @@ class Gyroscope:
 
     def model(self) -> Model:
         """The scaled system: `LagrangeTop(p=(0, 0, 1), alpha=I3/I1)`."""
-        return LagrangeTop(p=(0.0, 0.0, 1.0), alpha=self.alpha).of_body(body_frame(self.scales()))
+        return REGISTRY["lagrange-top"](p=(0.0, 0.0, 1.0), alpha=self.alpha).of_body(body_frame(self.scales()))
 
     def dt(self, duration: float) -> float:
         """A duration, s, in the system's unit of time.  Raises `InputError`."""

@@ -25,7 +25,7 @@ from kreisel.physical.measures import (
 )
 from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
-from kreisel.system.heavy_top import SYSTEM as HeavyTop
+from kreisel.system import REGISTRY
 from kreisel.units import Scales
 
 PIVOT = "inertia not about the pivot: HeavyBody.about_centre adds m l^2"
@@ -97,7 +97,7 @@ class HeavyBody:
     def model(self) -> Model:
         """The scaled system: `HeavyTop(J, A)`."""
         A = self.arm / np.linalg.norm(self.arm) if self.torque else np.zeros(3)
-        return HeavyTop(J=self.mass_tensor / self.unit_moment, A=A).of_body(body_frame(self.scales()))
+        return REGISTRY["heavy-top"](J=self.mass_tensor / self.unit_moment, A=A).of_body(body_frame(self.scales()))
 
     def state(self, angular_velocity: Any, up: Any = (0.0, 0.0, 1.0)) -> State:
         """The scaled state M = I Omega, P = up/|up|.

@@ -68,6 +68,11 @@ class PhaseSpace:
         return tuple(kind for _, kind in self.components)
 
     @property
+    def frame(self) -> Frame:
+        """The frame of the state, which the sign of the bracket tells."""
+        return Frame.MOVING if self.sign > 0 else Frame.REST
+
+    @property
     def leading(self) -> int:
         """The place of the component that pictures and angles are about: the first that is carried, if any."""
         return self.carried[0] if self.carried else 0
@@ -253,6 +258,34 @@ class Relation:
 
 
 @dataclass(frozen=True)
+class ClosedForm:
+    """Functions by which the flow is known in closed form.
+
+    top(*state)   (m, a, p) of the Lagrange top in space, at time 0, whose motion this is
+    moments()     the principal moments of a free body, n = 3, whose momentum obeys Euler's equations
+    gyrostat()    w and b, n = 3, of a momentum that obeys M' = M x (w M - b), w a diagonal
+    """
+
+    top: Function | None = None
+    moments: Function | None = None
+    gyrostat: Function | None = None
+
+
+@dataclass(frozen=True)
+class Checks:
+    """Checks of parameters and states.
+
+    parameters(params)   raises `InputError` for parameters that do not go together
+    state(*state)        raises `InputError` for states without a meaning
+    doubts(params)       sentences on parameters that are possible and seldom meant, for `InputWarning`
+    """
+
+    parameters: Function | None = None
+    state: Function | None = None
+    doubts: Function | None = None
+
+
+@dataclass(frozen=True)
 class System:
     """The record of a system.  Call it with parameters to get a `Model`: `LagrangeTop(p=(0, 0, 1))`.
 
@@ -265,14 +298,10 @@ class System:
     inverse_inertia(M)       dT/dM, linear in the momentum M, where H = T(M) + V(vector)
     translation(*state)      U = dH/dP, the velocity of a body with the momentum P in its frame: x' = g U
     spin(*state)             what the velocity has beyond dT/dM: a turn about the vector, which H does not feel
-    top(*state)              (m, a, p) of the Lagrange top in space, at time 0, whose motion this is: its exact flow
-    moments()                the principal moments of a free body, n = 3, whose momentum obeys Euler's equations
-    gyrostat()               w and b, n = 3, of a momentum that obeys M' = M x (w M - b), w a diagonal
+    closed_form              the flow in closed form, where it is known without a Bäcklund transformation
     derive(params)           further constants computed once from the parameters: a formula, which can be differentiated
     body_frame(params)       the `BodyFrame` of a system that is a body in SI units, from parameters and constants
-    check_parameters(params) raises `InputError` for parameters that do not go together
-    check_state(*state)      raises `InputError` for states without a meaning
-    doubts(params)           sentences on parameters that are possible and seldom meant, for `InputWarning`
+    checks                   of parameters and states, beyond those of each `Parameter`
     n                        the dimension, where the parameters do not tell it
     numbers                  "any": the functions take any kind of number; "real": any with square roots; "jax": floats
                              and JAX arrays (`kreisel.reduction`), and steps are compiled by JAX
@@ -285,13 +314,12 @@ class System:
     title: str
     equations: str
     source: str
-    frame: Frame
     space: PhaseSpace
-    parameters: tuple[Parameter, ...]
-    flow: Function | None
-    energy: Function | None
-    velocity: Function | None
-    scaling: str
+    parameters: tuple[Parameter, ...] = ()
+    flow: Function | None = None
+    energy: Function | None = None
+    velocity: Function | None = None
+    scaling: str = "Any consistent units."
     integrals: Mapping[str, Function] = field(default_factory=dict)
     invariant: Mapping[str, tuple[Function, Function]] = field(default_factory=dict)
     commuting: tuple[str, ...] = ()
@@ -302,19 +330,20 @@ class System:
     map: Map | None = None
     baecklund: Baecklund | None = None
     relations: tuple[Relation, ...] = ()
-    top: Function | None = None
-    moments: Function | None = None
-    gyrostat: Function | None = None
+    closed_form: ClosedForm = ClosedForm()
     derive: Function | None = None
     body_frame: Function | None = None
-    check_parameters: Function | None = None
-    check_state: Function | None = None
-    doubts: Function | None = None
+    checks: Checks = Checks()
     notes: str = ""
     n: int | None = None
     numbers: str = "any"
     perturbation: Perturbation | None = None
     product: tuple[Any, ...] = ()
+
+    @property
+    def frame(self) -> Frame:
+        """The frame of the state."""
+        return self.space.frame
 
     def __call__(self, *unnamed: Any, **params: Any) -> Model:
         """The system with these parameters, by name.  Raises `InputError` as `Model` does."""

@@ -149,8 +149,8 @@ class Model:
             k: np.broadcast_to(v, self.batch + v.shape[len(b) :])
             for (k, v), b in zip(self.params.items(), batches, strict=True)
         }
-        if system.check_parameters is not None:
-            call(system.check_parameters, (), spread)
+        if system.checks.parameters is not None:
+            call(system.checks.parameters, (), spread)
         self.constants: dict[str, Array] = dict(spread)
         if system.derive is not None:
             self.constants.update(self._derived(spread))
@@ -299,8 +299,8 @@ class Model:
             parts[letter] = component(letter, kind, value, self.n, self._in_pairs, three_lanes)
         with np.errstate(all="ignore"):  # squares of what is that large overflow, and are refused where they matter
             require_on_phase_space(space, parts)
-            if self.system.check_state is not None:
-                self.system.check_state(*parts.values())
+            if self.system.checks.state is not None:
+                self.system.checks.state(*parts.values())
         return State(parts, dict(space.components), self.system)
 
     def call(self, function: Function | None, *state: Array, **extra: Any) -> Any:

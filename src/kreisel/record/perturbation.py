@@ -6,8 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from kreisel.errors import InputError
+
 if TYPE_CHECKING:
+    from kreisel.algebra import Array
     from kreisel.record.contract import System
+    from kreisel.record.model import Model
 
 TIME = "t"
 PAIRS = "pairs"
@@ -79,3 +85,21 @@ class Perturbation:
     def driven(self) -> bool:
         """Whether the energy changes by work: forces without a potential, or that depend on time."""
         return self.loaded or self.damping or self.names(TIME)
+
+
+def pairs_of(model: Model) -> Array | None:
+    """The bodies that act on each other, (pairs, 2); None where the lanes are independent."""
+    record = model.system.perturbation
+    if record is None or record.pair is None:
+        return None
+    return np.ascontiguousarray(model.params[PAIRS], dtype=np.int64)
+
+
+def require_bodies(model: Model, batch: tuple[int, ...]) -> None:
+    """Raises `InputError` where the lanes of a run are not the bodies of the pairs."""
+    pairs = pairs_of(model)
+    if pairs is not None and batch != (pairs.max() + 1,):
+        raise InputError(
+            f"{model.system.name}: expected a state of {pairs.max() + 1} bodies along a first axis, since pairs has "
+            f"the bodies 0 to {pairs.max()}, got {f'axes {batch}' if batch else 'one body'}."
+        )

@@ -12,7 +12,7 @@ from kreisel import algebra
 from kreisel.algebra import Array, invariants
 from kreisel.errors import InputError, explained, shown
 from kreisel.record.calling import Function
-from kreisel.record.contract import Frame, Map, Parameter, PhaseSpace, System
+from kreisel.record.contract import Checks, Frame, Map, Parameter, PhaseSpace, System
 from kreisel.record.given import PARAMETER_AXES, component_axes
 from kreisel.record.portable import Portable
 from kreisel.reduction.checks import check_lagrangian
@@ -297,7 +297,6 @@ class _Record:
             title=title,
             equations=(flow if given else step)[0 if moving else 1],
             source=source,
-            frame=self.frame,
             space=self.space(),
             parameters=self.parameters,
             flow=self.lift(self.flow, trouble=LEGENDRE) if given else None,
@@ -306,7 +305,7 @@ class _Record:
             scaling="As in the Lagrangian.",
             integrals=wrapped,
             map=self.map(source, conserved, order),
-            check_parameters=self._named(self.check),
+            checks=Checks(self._named(self.check)),
             n=self.group.n,
             numbers="jax",
             notes=f"Group {self.group.name}, {self.rep.name} representation on R^{self.rep.dim}; "

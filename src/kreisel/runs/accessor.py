@@ -13,7 +13,6 @@ import xarray as xr
 from kreisel.display import show
 from kreisel.errors import InputError
 from kreisel.record.model import Model
-from kreisel.runs.citing import cite
 from kreisel.runs.drift import broken, drift, table_of
 from kreisel.runs.run_record import RunRecord
 
@@ -50,6 +49,8 @@ class Kreisel:
 
     def cite(self) -> str:
         """`kr.cite(run)`."""
+        from kreisel.runs.citing import cite
+
         return cite(self._run)
 
     def __repr__(self) -> str:

@@ -194,7 +194,7 @@ def nutation(system: Model, x0: StateLike) -> Figures:
     separatrix if they make it exactly so.  Raises `InputError` for other systems, n > 3 and ensembles.
     """
     check_model(system)
-    if system.system.top is None or system.n != 3:
+    if system.system.closed_form.top is None or system.n != 3:
         raise InputError(f"kr.nutation is for Lagrange tops with n = 3, got {system.system.name}, n = {system.n}.")
     parts = tuple(checked_state(system, x0).values())
     if system.batch or parts[0].ndim > 2 or parts[1].ndim > 1:

@@ -14,9 +14,9 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, hint, shown
 from kreisel.method import find, scheme
 from kreisel.method.baecklund import SPINS, Product
-from kreisel.method.driven import COUNT, zero
+from kreisel.method.driven import zero
 from kreisel.method.integrable import closed_form
-from kreisel.method.observing import ORIENTATION, as_matrix, turned, with_orientation
+from kreisel.method.observing import COUNT, ORIENTATION, as_matrix, turned, with_orientation
 from kreisel.method.scheme import Components, Guard, JaxSteps, Scheme, Steps
 from kreisel.method.splitting import REACH
 from kreisel.method.splitting import make as splitting

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,11 +19,13 @@ from kreisel.errors import InputError, RunError
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Flow, Orbits
 from kreisel.record.lanes import in_lane
-from kreisel.runs.plan import Plan
+from kreisel.runs.plan import BREAKS, Plan
 from kreisel.runs.planning import cause_of_no_numbers
-from kreisel.runs.propagation.breaks import BREAKS, Breaks, Stop
 from kreisel.runs.settings import of_forces
 from kreisel.stopwatch import SPENT
+
+if TYPE_CHECKING:
+    from kreisel.runs.propagation.breaks import Breaks, Stop
 
 BLOCK_BYTES = 1 << 21  # of states, held at once
 END = BREAKS + "end"  # in a snapshot: the rows and the last time of a run that an event has stopped
@@ -90,7 +92,11 @@ class Integration:
         self.inside: Callable[[], None] = lambda: None
         self._scratch, self._burst = np.empty((1, *plan.engine.z.shape)), 1  # a single step may take seconds
         by_itself = plan.settings.times is None or isinstance(plan.scheme.motion, Flow | Orbits)
-        self._breaks = None if by_itself and not plan.broken else Breaks(plan)
+        self._breaks: Breaks | None = None
+        if not by_itself or plan.broken:
+            from kreisel.runs.propagation.breaks import Breaks
+
+            self._breaks = Breaks(plan)
 
     @property
     def rows(self) -> int:

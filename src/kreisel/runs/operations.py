@@ -41,7 +41,7 @@ NOT_RUN |= {
     "draw",
     "tensor",
     "momentum",
-    "check_state",
+    "state",  # the check of states
     "body_frame",
     "parameters",
     "perturbation",

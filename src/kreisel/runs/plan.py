@@ -12,7 +12,6 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.computed import cached_property
 from kreisel.errors import InputError, shown
-from kreisel.forces.pairs import require_bodies
 from kreisel.kernels.correcting import Rows, corrections
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
@@ -21,6 +20,7 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Flow
 from kreisel.record.given import component_axes
 from kreisel.record.model import Model, State
+from kreisel.record.perturbation import require_bodies
 from kreisel.runs.settings import LARGE, Event, Settings, Timetable, initial_orientation
 from kreisel.stopwatch import spent_on
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from kreisel.record.model import OrientationLike
 
 TIMES = "times"  # of the rows, beside the state in `Plan.start`
+BREAKS = "breaks/"  # before the names of what a snapshot holds of impulses and events
 COMPUTED = ("constants", "stages", "basis")  # of a scheme
 
 

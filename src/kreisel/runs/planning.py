@@ -15,12 +15,11 @@ from kreisel.algebra import Array
 from kreisel.errors import AccuracyWarning, InputError, doubt
 from kreisel.method import find, scheme
 from kreisel.method.observing import ORIENTATION
-from kreisel.method.reference import with_tolerance
 from kreisel.record.calling import call
 from kreisel.record.model import Model, State
 from kreisel.runs.plan import Plan, default, initial_parts, planned
-from kreisel.runs.propagation.breaks import broken_by
 from kreisel.runs.settings import (
+    Event,
     Settings,
     check_model,
     checked_state,
@@ -51,9 +50,21 @@ def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: Orient
     method = settings.method or default(model, settings)
     made = scheme(model, method, settings.dt, whole_order(settings.order), orientation is not None)
     if settings.tol is not None:
+        from kreisel.method.reference import with_tolerance
+
         made = with_tolerance(made, within_tolerances(settings.tol))
     observed(settings.observe, made)
     return broken_by(planned(model, made, settings, initial_parts(model, state, orientation), settings.engine))
+
+
+def broken_by(plan: Plan, events: tuple[Event, ...] = ()) -> Plan:
+    """The plan with these events in addition to its impulses.  Raises `InputError` where its steps cannot be broken."""
+    plan = replace(plan, events=events)
+    if not plan.broken:
+        return plan
+    from kreisel.runs.propagation.breaks import not_conserved
+
+    return replace(plan, lost=not_conserved(plan))
 
 
 def _chosen(model: Model, state: State, settings: Settings, orientation: OrientationLike | None) -> Plan:
@@ -199,8 +210,8 @@ def warn_of(plan: Plan) -> None:
     """Warns of steps too long for the motion or its forces, of moments that no body has, and of doubtful input."""
     for sentence in (*_long_step(plan), *_long_kick(plan), *_no_body(plan)):
         warnings.warn(sentence, AccuracyWarning, stacklevel=4)
-    if plan.model.system.doubts is not None:
-        for sentence in call(plan.model.system.doubts, (), plan.model.params):
+    if plan.model.system.checks.doubts is not None:
+        for sentence in call(plan.model.system.checks.doubts, (), plan.model.params):
             doubt(sentence)
 
 

@@ -40,7 +40,7 @@ from kreisel.runs.describing import (
 from kreisel.runs.integration import Integration, Snapshot, block_rows, chunk_rows
 from kreisel.runs.operations import require_events
 from kreisel.runs.plan import Plan
-from kreisel.runs.propagation.breaks import broken_by
+from kreisel.runs.planning import broken_by
 from kreisel.runs.settings import checked_events
 from kreisel.storage import checkpoint, manifest
 from kreisel.storage.nodes import require_sound

@@ -10,8 +10,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
-from kreisel.method.driven import COUNT
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.observing import COUNT, ORIENTATION
 from kreisel.record.perturbation import TIME
 from kreisel.runs.describing import versions
 from kreisel.runs.integration import Integration

@@ -13,11 +13,9 @@ from kreisel.process import signals_wait
 from kreisel.runs.drift import watched
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan
-from kreisel.runs.planning import make_plan, warn_of
+from kreisel.runs.planning import broken_by, make_plan, warn_of
 from kreisel.runs.progress import Progress, bytes_of, require_room
-from kreisel.runs.propagation.breaks import broken_by
 from kreisel.runs.settings import Event, checked_events, flag, whole_number
-from kreisel.storage.part import one_writer
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,6 +102,7 @@ def _in_memory(plan: Plan, progress: bool | None) -> xr.Dataset:
 def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress: bool | None) -> xr.Dataset:
     from kreisel.storage.archive import Archive
     from kreisel.storage.nodes import target
+    from kreisel.storage.part import one_writer
 
     where = target(path)
     require_room(where, bytes_of(plan)[1], "Save less often (every), or choose another disk.")
@@ -136,6 +135,7 @@ def resume(
     from kreisel.storage.archive import reopen
     from kreisel.storage.nodes import target
     from kreisel.storage.opening import open_archive
+    from kreisel.storage.part import one_writer
 
     where = target(path)
     where = where.with_suffix("") if where.suffix == ".part" else where

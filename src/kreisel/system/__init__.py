@@ -1,24 +1,53 @@
-"""The systems, one page each, found by themselves: each file here that states a `SYSTEM` is one."""
+"""The systems, one page each: the file `lagrange_top.py` states as `SYSTEM` the record of lagrange-top.
+
+A page is imported when its system is first asked for.
+"""
+
+from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING
 
 from kreisel.errors import InputError, hint, shown
-from kreisel.record.contract import System
 
-__all__ = ["NAMED", "REGISTRY", "find"]
+if TYPE_CHECKING:
+    from kreisel.record.contract import System
+
+__all__ = ["NAMED", "REGISTRY", "Records", "find"]
 
 
-def _found_systems() -> dict[str, System]:
-    modules = [importlib.import_module(f"{__name__}.{page.name}") for page in pkgutil.iter_modules(__path__)]
-    records = [module.SYSTEM for module in modules if hasattr(module, "SYSTEM")]
-    return {system.name: system.remade_by(find, system.name) for system in records}
+class Records(Mapping[str, "System"]):
+    """Systems by name; load(name) is called when one is asked for."""
+
+    def __init__(self, names: Iterable[str], load: Callable[[str], System]):
+        self._names, self._load = dict.fromkeys(names), load
+
+    def __getitem__(self, name: str) -> System:
+        if name not in self._names:
+            raise KeyError(name)
+        return self._load(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
 
 
 def _class_name(name: str) -> str:
     """LagrangeTopSU2 for lagrange-top-su2."""
     return "".join(part.upper() if part[-1].isdigit() else part.capitalize() for part in name.split("-"))
+
+
+def _stated(name: str) -> System:
+    """The record of a page, which pickle and copy find again by its name."""
+    system: System = importlib.import_module(f"{__name__}.{name.replace('-', '_')}").SYSTEM
+    return system.remade_by(find, name)
 
 
 def find(name: str, known: Mapping[str, System] | None = None) -> System:
@@ -29,5 +58,6 @@ def find(name: str, known: Mapping[str, System] | None = None) -> System:
     return known[name]
 
 
-REGISTRY = _found_systems()
-NAMED = {_class_name(name): system for name, system in REGISTRY.items()}  # as attributes of `kreisel`
+REGISTRY = Records((page.name.replace("_", "-") for page in pkgutil.iter_modules(__path__)), _stated)
+_NAMES = {_class_name(name): name for name in REGISTRY}
+NAMED = Records(_NAMES, lambda name: REGISTRY[_NAMES[name]])  # as attributes of `kreisel`

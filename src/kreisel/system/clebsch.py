@@ -10,7 +10,7 @@ from kreisel.algebra import act, cayley_act, dot, identity, log, mat, moebius, p
 from kreisel.algebra.invariants import pencil_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.clebsch import BAECKLUND, shifted_diagonal
-from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.record.contract import MOVING_SPACE, Map, Parameter, Relation, System
 
 
 def flow(M, P, *, b):  # (Clebsch spec)   M' = P ^ BP,   P' = -M P
@@ -118,7 +118,6 @@ SYSTEM = System(
     title="Clebsch's case, the special flow c = 1",
     equations="M' = P ^ BP,  P' = -M P",
     source="Suris 2001, section 7, (Clebsch spec)",
-    frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(
         Parameter(

@@ -13,7 +13,7 @@ from kreisel.algebra import dot, identity, mat, sqrt, turned
 from kreisel.algebra.invariants import pencil_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.implicit import branch
-from kreisel.record.contract import MOVING_SPACE, Relation
+from kreisel.record.contract import MOVING_SPACE, ClosedForm, Relation
 from kreisel.system import clebsch_general, euler_top, quadratic_potential
 
 
@@ -100,7 +100,7 @@ SYSTEM = replace(
     integrals={"spectrum": spectrum},
     lax=lax,
     scaling="Any consistent units: the potential energy is -<P, JP>/2.",
-    moments=None,
+    closed_form=ClosedForm(),
     map=replace(
         euler_top.MAP,
         trajectory=None,

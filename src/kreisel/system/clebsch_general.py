@@ -8,7 +8,7 @@ from kreisel.algebra import act, dot, identity, pairing, wedge
 from kreisel.algebra.invariants import pencil_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.record.checks import distinct
-from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, Relation, System
+from kreisel.record.contract import MOVING_SPACE, Parameter, Relation, System
 
 
 def quotients(*, a, b):
@@ -51,7 +51,6 @@ SYSTEM = System(
     title="Clebsch's case of Kirchhoff's equations",
     equations="M' = [M, Omega] + P ^ BP,  P' = -Omega P,  Omega_jk = (b_j - b_k)/(a_j - a_k) M_jk",
     source="Suris 2001, section 7",
-    frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(
         Parameter("a", "vector", "diagonal of A, distinct entries", distinct, distinct=True, diagonal=True),
@@ -63,7 +62,6 @@ SYSTEM = System(
     translation=translation,
     inverse_inertia=inverse_inertia,
     derive=quotients,
-    scaling="Any consistent units.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
     lax=lax,

@@ -18,7 +18,7 @@ from kreisel.algebra.matrices import diagonal
 from kreisel.errors import InputError
 from kreisel.implicit import branch, quartic
 from kreisel.record.checks import check_diagonal
-from kreisel.record.contract import FREE_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.record.contract import FREE_SPACE, ClosedForm, Map, Parameter, Relation, System
 
 
 def sums(*, J):
@@ -139,7 +139,6 @@ SYSTEM = System(
     title="Euler top, moving frame",
     equations="M' = [M, Omega],  M = J Omega + Omega J",
     source="Suris 2001, Introduction; Frahm 1874, Manakov 1976",
-    frame=Frame.MOVING,
     space=FREE_SPACE,
     parameters=(
         Parameter(
@@ -155,12 +154,11 @@ SYSTEM = System(
     energy=energy,
     velocity=velocity,
     inverse_inertia=inverse_inertia,
-    scaling="Any consistent units.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
     lax=lax,
     map=MAP,
-    moments=lambda *, J: np.stack([J[1] + J[2], J[2] + J[0], J[0] + J[1]]),
+    closed_form=ClosedForm(moments=lambda *, J: np.stack([J[1] + J[2], J[2] + J[0], J[0] + J[1]])),
     derive=sums,
     relations=(
         Relation("manakov-top", lambda M, g, *, J: ((M,), {"a": J * J, "b": J}), meaning="the metric a = J^2, b = J"),

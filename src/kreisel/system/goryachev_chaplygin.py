@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import act, axial, cross, dot, hat, identity, vec, wedge
-from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System
+from kreisel.record.contract import MOVING_SPACE, Parameter, System
 
 INVERSE_MOMENTS = np.array([1, 1, 4], dtype=np.int8)
 
@@ -45,7 +45,6 @@ SYSTEM = System(
     title="Goryachev-Chaplygin top",
     equations="M' = M x Omega + P x e_1,  P' = P x Omega,  Omega = (M_1, M_2, 4 M_3 + gamma)",
     source="Goryachev 1900, Chaplygin 1901; Suris 2001, Introduction",
-    frame=Frame.MOVING,
     space=replace(
         MOVING_SPACE,
         name="e*(3), <M, P> = 0",

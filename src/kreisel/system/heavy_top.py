@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel.algebra import act, coordinates, dot, identity, is_known_zero, pairing, skew, solve, wedge
 from kreisel.record.checks import check_mass_tensor
-from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System
+from kreisel.record.contract import MOVING_SPACE, Parameter, System
 
 
 def principal(*, J):
@@ -54,7 +54,6 @@ SYSTEM = System(
     title="Heavy top, moving frame",
     equations="M' = [M, Omega] + A ^ P,  P' = -Omega P,  M = J Omega + Omega J",
     source="Suris 2001, section 4",
-    frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(
         Parameter(

@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.algebra import act, axial, dot, hat, wedge
 from kreisel.errors import InputError
-from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System
+from kreisel.record.contract import MOVING_SPACE, Parameter, System
 
 
 def positive(a, letter):
@@ -56,7 +56,6 @@ SYSTEM = System(
     title="Hess and Appelrot's heavy top",
     equations="M' = [M, Omega] + A ^ P,  P' = -Omega P",
     source="Hess 1890, Appelrot 1894; Suris 2001, Introduction",
-    frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(
         Parameter("a", "scalar", "the least of the inverse moments", positive, positive=True),

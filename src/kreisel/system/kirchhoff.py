@@ -6,7 +6,7 @@ for a body in a fluid B = -diag(1/(mass + added mass)).  Plus bracket, F' = {H, 
 
 from kreisel.algebra import act, dot, pairing, wedge
 from kreisel.record.checks import off_diagonal
-from kreisel.record.contract import MOVING_SPACE, Frame, Parameter, System
+from kreisel.record.contract import MOVING_SPACE, Parameter, System
 
 
 def inverse_inertia(M, *, C):  # Omega_jk = c_jk M_jk
@@ -35,7 +35,6 @@ SYSTEM = System(
     title="Kirchhoff's rigid body in an ideal fluid",
     equations="M' = [M, Omega] + P ^ BP,  P' = -Omega P,  Omega_jk = c_jk M_jk",
     source="Suris 2001, section 7, (Kirch)",
-    frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(
         Parameter(

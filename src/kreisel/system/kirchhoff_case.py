@@ -5,15 +5,33 @@ M_3 is conserved.  Plus bracket, F' = {H, F}.  [Kirchhoff 1870; named in Suris 2
 
 For b_1 = b_3 the mixed terms are a Casimir.  The flow over t is then that of Clebsch's case with b = (0, 0, b),
 b = (c_1 - c_3)/a_1, over a_1 t, followed by the turn of M and P about the axis by (a_1 - a_3) M_3 t, in the body frame.
-"""
 
-from dataclasses import replace
+The formulas hold for any diagonal matrices, as in `steklov` and `lyapunov`:
+H = (1/2) sum [x_i M_i^2 + 2 y_i M_i P_i + z_i P_i^2];  M' = M x dH/dM + P x dH/dP,  P' = P x dH/dM.
+"""
 
 import numpy as np
 
-from kreisel.algebra import axial
-from kreisel.record.contract import Parameter
-from kreisel.system import fluid
+from kreisel.algebra import axial, cross, dot, hat
+from kreisel.record.contract import MOVING_SPACE, Parameter, System
+
+
+def velocity(M, P, *, x, y):  # Omega = dH/dM
+    return hat(x * axial(M) + y * P)
+
+
+def translation(M, P, *, y, z):  # U = dH/dP
+    return y * axial(M) + z * P
+
+
+def flow(M, P, *, x, y, z):
+    u, omega = axial(M), x * axial(M) + y * P
+    return hat(cross(u, omega) + cross(P, translation(M, P, y=y, z=z))), cross(P, omega)
+
+
+def energy(M, P, *, x, y, z):
+    u = axial(M)
+    return (dot(u, x * u + y * P) + dot(P, translation(M, P, y=y, z=z))) / 2
 
 
 def twice(first, third):
@@ -28,10 +46,12 @@ def noether(M, P):  # M_3
     return axial(M)[..., 2]
 
 
-SYSTEM = replace(
-    fluid.CASE,
+SYSTEM = System(
     name="kirchhoff-case",
     title="Kirchhoff's case of a body of revolution in a fluid",
+    equations="M' = M x dH/dM + P x dH/dP,  P' = P x dH/dM",
+    source="Kirchhoff 1870",
+    space=MOVING_SPACE,
     parameters=tuple(
         Parameter(letter + i, "scalar", f"coefficient of {term} in H")
         for letter, both, third in (
@@ -41,9 +61,14 @@ SYSTEM = replace(
         )
         for i, term in (("1", both), ("3", third))
     ),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    translation=translation,
     derive=coefficients,
     integrals={"noether": noether},
     commuting=("noether",),
+    n=3,
     notes="For b1 = b3 the mixed terms are a Casimir; M and P move as those of kirchhoff-revolution, which has maps. "
     "For b1 and b3 that differ a Lax pair and an integrable discretization are open. It runs by dop853, or kahan.",
 )

@@ -26,7 +26,7 @@ from kreisel.algebra import (
 )
 from kreisel.baecklund.kirchhoff_revolution import BAECKLUND
 from kreisel.errors import InputError, shown
-from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.record.contract import MOVING_SPACE, Map, Parameter, Relation, System
 from kreisel.system import clebsch
 
 
@@ -151,7 +151,6 @@ SYSTEM = System(
     equations="M' = [M, Omega] + U ^ P,  P' = -Omega P,  Omega = a1 M + (a3 - a1) Pi M Pi,  "
     "U = c1 P + (c3 - c1) P_n e_n",
     source="Kirchhoff 1870; Suris 2001, section 7",
-    frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(
         Parameter("a1", "scalar", "inverse moment of inertia across the axis", check_positive, positive=True),
@@ -166,7 +165,6 @@ SYSTEM = System(
     velocity=velocity,
     translation=translation,
     inverse_inertia=inverse_inertia,
-    scaling="Any consistent units.",
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
     lax=lax,

@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.algebra import act, identity, mat, pairing, wedge
 from kreisel.algebra.invariants import laurent_spectrum
-from kreisel.record.contract import TWO_FIELDS_SPACE, Frame, Parameter, System
+from kreisel.record.contract import TWO_FIELDS_SPACE, Parameter, System
 
 
 def shape(*, n):
@@ -73,7 +73,6 @@ SYSTEM = System(
     title="Kovalevskaya gyrostat in two fields",
     equations="M' = [M, Omega] + e_1 ^ P + e_2 ^ Q,  P' = -Omega P,  Q' = -Omega Q",
     source="Reyman, Semenov-Tian-Shansky 1987; Suris 2001, Introduction",
-    frame=Frame.MOVING,
     space=TWO_FIELDS_SPACE,
     parameters=(
         Parameter("n", "dimension", "the dimension of the space"),

@@ -4,7 +4,7 @@ For n = 3 and Q = 0 this is Kovalevskaya's top of 1889.  [as `kovalevskaya_gyros
 """
 
 from kreisel.algebra import act
-from kreisel.record.contract import TWO_FIELDS_SPACE, Frame, Parameter, Relation, System
+from kreisel.record.contract import TWO_FIELDS_SPACE, Parameter, Relation, System
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 
 
@@ -38,7 +38,6 @@ SYSTEM = System(
     title="Kovalevskaya top in two fields",
     equations="M' = [M, Omega] + e_1 ^ P + e_2 ^ Q,  P' = -Omega P,  Q' = -Omega Q",
     source="Kovalevskaya 1889; Reyman, Semenov-Tian-Shansky 1987; Suris 2001, Introduction",
-    frame=Frame.MOVING,
     space=TWO_FIELDS_SPACE,
     parameters=(Parameter("n", "dimension", "the dimension of the space"),),
     flow=flow,

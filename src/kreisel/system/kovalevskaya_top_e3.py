@@ -9,7 +9,7 @@ cay((eps/2) M) cay((eps/2) M_11), M_11 the part of M in the plane (1, 2).  It is
 import numpy as np
 
 from kreisel.algebra import act, axial, cayley_act, dot, vec, wedge
-from kreisel.record.contract import MOVING_SPACE, Frame, Map, Relation, System
+from kreisel.record.contract import MOVING_SPACE, Map, Relation, System
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 from kreisel.system import kovalevskaya_top as top
 from kreisel.system import kovalevskaya_top_so3 as two
@@ -109,7 +109,6 @@ SYSTEM = System(
     title="Kovalevskaya's top of 1889",
     equations="M' = [M, Omega] + e_1 ^ P,  P' = -Omega P",
     source="Kovalevskaya 1889; Suris 2001, Introduction",
-    frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(),
     flow=flow,

@@ -16,7 +16,7 @@ import numpy as np
 
 from kreisel.algebra import act, axial, cayley, cayley_columns, cross, dot, identity, mat, pairing, solve, vec, wedge
 from kreisel.record.checks import nonzero_vector
-from kreisel.record.contract import Map, Relation
+from kreisel.record.contract import Checks, Map, Relation
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 from kreisel.system import kovalevskaya_top as top
 
@@ -179,7 +179,7 @@ SYSTEM = replace(
     scaling="Omega = (M_1, M_2, 2 M_3): the moments of inertia are 1, 1, 1/2.",
     integrals={"kovalevskaya": kovalevskaya, "gram": gram},
     commuting=("kovalevskaya", "gram"),
-    check_state=two_fields,
+    checks=Checks(state=two_fields),
     map=MAP,
     relations=(Relation("kovalevskaya-top", lambda M, P, Q, g: ((M, P, Q), {"n": 3}), meaning="the same for every n"),),
     n=3,

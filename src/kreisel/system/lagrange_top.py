@@ -23,7 +23,7 @@ from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top import BAECKLUND, spin
 from kreisel.record.checks import nonzero_alpha, nonzero_vector
-from kreisel.record.contract import REST_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.record.contract import REST_SPACE, Checks, ClosedForm, Map, Parameter, Relation, System
 
 
 def flow(m, a, *, p):  # (mLT right)   m' = a ^ p,   a' = m a
@@ -131,7 +131,6 @@ SYSTEM = System(
     title="Lagrange top, rest frame",
     equations="m' = a ^ p,  a' = m a",
     source="Suris 2001, sections 5 and 6.1",
-    frame=Frame.REST,
     space=REST_SPACE,
     parameters=(
         Parameter("p", "vector", "gravity vector in the rest frame: the potential energy is <p, a>", fixed="space"),
@@ -150,13 +149,13 @@ SYSTEM = System(
     spin=spin,
     scaling="The transverse moment of inertia is 1: with body values I1, M g l take the time unit sqrt(I1/(M g l)), "
     "momenta in sqrt(I1 M g l), |a| = |p| = 1.",
-    check_state=lambda m, a: nonzero_vector(a, "a"),
+    checks=Checks(state=lambda m, a: nonzero_vector(a, "a")),
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
     lax=lax,
     map=MAP,
     baecklund=BAECKLUND,
-    top=lambda m, a, *, p: (m, a, p),
+    closed_form=ClosedForm(top=lambda m, a, *, p: (m, a, p)),
     relations=(Relation("lagrange-top-moving", to_moving_frame, "adjoint", "the same body seen in its own frame"),),
     notes="For n >= 4 the spectrum alone is not complete: noether, the block pi m pi, is needed too.",
 )

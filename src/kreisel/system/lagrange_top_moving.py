@@ -27,7 +27,7 @@ from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top_moving import BAECKLUND
 from kreisel.record.checks import nonzero_alpha, nonzero_vector
-from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.record.contract import MOVING_SPACE, ClosedForm, Map, Parameter, Relation, System
 
 
 def inverse_inertia(M, *, A, alpha):  # Omega, (mLT operator inv)
@@ -142,7 +142,6 @@ SYSTEM = System(
     title="Lagrange top, moving frame",
     equations="M' = [M, Omega] + A ^ P,  P' = -Omega P,  M = alpha Omega + (1 - alpha)(Omega AA^T + AA^T Omega)/|A|^2",
     source="Suris 2001, sections 5 and 6.2",
-    frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(
         Parameter(
@@ -160,7 +159,7 @@ SYSTEM = System(
     lax=lax,
     map=MAP,
     baecklund=BAECKLUND,
-    top=lambda M, P, *, A: (M, A, P),
+    closed_form=ClosedForm(top=lambda M, P, *, A: (M, A, P)),
     relations=(
         Relation(
             "heavy-top",

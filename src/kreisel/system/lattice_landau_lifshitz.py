@@ -22,7 +22,7 @@ from kreisel.algebra import log, sqrt, vec
 from kreisel.algebra.invariants import stack
 from kreisel.algebra.spins import cross, inner, shifted
 from kreisel.errors import InputError
-from kreisel.record.contract import Frame, Map, Parameter, System
+from kreisel.record.contract import Map, Parameter, System
 from kreisel.record.spheres import LATTICE_SPACE
 
 MOST_VALUES = 8  # of the spectral parameter
@@ -184,7 +184,6 @@ SYSTEM = System(
     title="Lattice Landau-Lifshitz model with one axis",
     equations="H = -2 sum log((W W' + x x' + y y' + (1 + D) z z')/2) over neighbours,  W = (1 + D z^2)^(1/2)",
     source="Krajnik, Ilievski, Prosen, Pasquier 2021; Sklyanin 1982; Faddeev, Takhtajan 1987",
-    frame=Frame.REST,
     space=LATTICE_SPACE,
     parameters=(
         Parameter("n", "dimension", "half the number of sites of the ring"),
@@ -192,7 +191,6 @@ SYSTEM = System(
     ),
     flow=flow,
     energy=energy,
-    velocity=None,
     integrals={"transfer": transfer, "magnetization": magnetization},
     commuting=("transfer", "magnetization"),
     map=Map(

@@ -9,11 +9,11 @@ from dataclasses import replace
 from kreisel.algebra import hat
 from kreisel.algebra.invariants import stack
 from kreisel.record.contract import Relation
-from kreisel.system import fluid, steklov, steklov_lyapunov
+from kreisel.system import kirchhoff_case, steklov, steklov_lyapunov
 
 
 def second(M, P, *, b, nu):
-    return stack([fluid.energy(M, P, **steklov.coefficients(b=b, nu=nu))])
+    return stack([kirchhoff_case.energy(M, P, **steklov.coefficients(b=b, nu=nu))])
 
 
 def lax(M, P, *, b, nu, lam):

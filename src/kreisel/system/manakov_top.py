@@ -7,7 +7,7 @@ Suris 2001, Introduction]
 from kreisel.algebra.invariants import metric_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.record.checks import distinct
-from kreisel.record.contract import FREE_SPACE, Frame, Parameter, System
+from kreisel.record.contract import FREE_SPACE, Parameter, System
 from kreisel.system.clebsch_general import quotients
 from kreisel.system.euler_top import energy, flow, inverse_inertia, velocity
 
@@ -25,7 +25,6 @@ SYSTEM = System(
     title="Euler top with Manakov's metrics",
     equations="M' = [M, Omega],  Omega_jk = (b_j - b_k)/(a_j - a_k) M_jk",
     source="Manakov 1976; Suris 2001, Introduction",
-    frame=Frame.MOVING,
     space=FREE_SPACE,
     parameters=(
         Parameter("a", "vector", "diagonal of A, distinct entries", distinct, distinct=True, diagonal=True),
@@ -36,7 +35,6 @@ SYSTEM = System(
     velocity=velocity,
     inverse_inertia=inverse_inertia,
     derive=quotients,
-    scaling="Any consistent units.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
     lax=lax,

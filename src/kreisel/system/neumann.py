@@ -10,7 +10,7 @@ from kreisel.algebra import dot, log, mat, vec, wedge
 from kreisel.algebra.invariants import plane_spectrum
 from kreisel.baecklund.clebsch import shifted_diagonal
 from kreisel.baecklund.neumann import BAECKLUND, on_sphere
-from kreisel.record.contract import Frame, Map, Parameter, Relation, System
+from kreisel.record.contract import Map, Parameter, Relation, System
 from kreisel.record.spheres import SPHERE_SPACE
 from kreisel.system import clebsch
 
@@ -117,7 +117,6 @@ SYSTEM = System(
     title="Neumann's particle on the sphere",
     equations="x' = q,  q' = Bx - (<x, Bx> + |q|^2) x",
     source="Suris 2001, section 7, end",
-    frame=Frame.MOVING,
     space=SPHERE_SPACE,
     parameters=(Parameter("b", "vector", "diagonal of B: the potential energy is -<x, Bx>/2", diagonal=True),),
     flow=flow,

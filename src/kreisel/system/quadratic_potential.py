@@ -17,7 +17,7 @@ from kreisel.algebra import bracket, cayley, identity, pairing, resolvent, solve
 from kreisel.algebra.invariants import laurent_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.implicit import branch
-from kreisel.record.contract import QUADRATIC_SPACE
+from kreisel.record.contract import QUADRATIC_SPACE, ClosedForm
 from kreisel.system import euler_top
 from kreisel.system.euler_top import inverse_inertia
 
@@ -139,7 +139,7 @@ SYSTEM = replace(
     scaling="Any consistent units: the potential energy is -tr(J P)/2; P may have any sign.",
     integrals={"spectrum": spectrum},
     lax=lax,
-    moments=None,
+    closed_form=ClosedForm(),
     map=replace(
         euler_top.MAP,
         trajectory=None,

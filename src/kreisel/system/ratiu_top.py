@@ -10,7 +10,7 @@ import numpy as np
 from kreisel.algebra import bracket, identity, mat, pairing, wedge
 from kreisel.algebra.invariants import laurent_spectrum
 from kreisel.errors import InputError
-from kreisel.record.contract import ADJOINT_SPACE, Frame, Parameter, System
+from kreisel.record.contract import ADJOINT_SPACE, Parameter, System
 
 
 def positive(a, letter):
@@ -63,7 +63,6 @@ SYSTEM = System(
     title="Ratiu's Lagrange top",
     equations="M' = [M, Omega] + [G, chi],  G' = [G, Omega],  M = J Omega + Omega J,  J = diag(a, a, b, ..., b)",
     source="Ratiu 1982; Suris 2001, Conclusions",
-    frame=Frame.MOVING,
     space=ADJOINT_SPACE,
     parameters=(
         Parameter("n", "dimension", "the dimension of the space"),

@@ -15,7 +15,7 @@ from kreisel.algebra.invariants import stack
 from kreisel.algebra.matrices import diagonal
 from kreisel.errors import InputError
 from kreisel.record.checks import distinct
-from kreisel.record.contract import Frame, Map, Parameter, System
+from kreisel.record.contract import Checks, Map, Parameter, System
 from kreisel.record.spheres import SPHERE_SPACE, random_on_sphere
 from kreisel.system import neumann, neumann_veselov
 
@@ -105,7 +105,6 @@ SYSTEM = System(
     title="Rosochatius's particle on the sphere",
     equations="x' = q,  q' = f - (<x, f> + |q|^2) x,  f_i = b_i x_i + mu_i^2/x_i^3",
     source="Rosochatius 1877; Moser 1980",
-    frame=Frame.MOVING,
     space=replace(SPHERE_SPACE, draw=lambda n, draw: random_on_sphere(n, draw, least=1)),
     parameters=(
         Parameter(
@@ -123,7 +122,7 @@ SYSTEM = System(
     velocity=neumann.velocity,
     inverse_inertia=neumann.inverse_inertia,
     scaling="The mass and the radius of the sphere are 1.",
-    check_state=off_the_walls,
+    checks=Checks(state=off_the_walls),
     integrals={"squares": squares},
     commuting=("squares",),
     lax=lax,

@@ -13,7 +13,7 @@ import numpy as np
 
 from kreisel.algebra import dot, vec
 from kreisel.algebra.spins import cross, shifted
-from kreisel.record.contract import Frame, Parameter, System
+from kreisel.record.contract import Parameter, System
 from kreisel.record.spheres import SPINS_SPACE
 
 
@@ -55,12 +55,10 @@ SYSTEM = System(
     title="Classical spin chain, XYZ, in a field",
     equations="S_i' = S_i x B_i,  B_i = J (S_(i-1) + S_(i+1)) + B + K Sz_i e_z",
     source="Landau, Lifshitz 1935; McLachlan, Modin, Verdier 2014",
-    frame=Frame.REST,
     space=SPINS_SPACE,
     parameters=PARAMETERS,
     flow=flow,
     energy=energy,
-    velocity=None,
     derive=ends,
     scaling="Any consistent units: S is an angular momentum, H an energy.",
     notes="Not integrable. Where couplings are equal, `heisenberg-chain`, `uniaxial-chain` state the total spin.",

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.algebra import hat, vec
+from kreisel.algebra import SECOND, THIRD, hat, vec
 from kreisel.algebra.invariants import stack
 from kreisel.errors import InputError
 from kreisel.record.contract import Parameter, Relation
-from kreisel.system import fluid, steklov_lyapunov
+from kreisel.system import kirchhoff_case, steklov_lyapunov
 
 
 def nonzero(nu, letter):
@@ -23,18 +23,18 @@ def nonzero(nu, letter):
 
 
 def coefficients(*, b, nu):
-    (j, k), nu = fluid.around(b), vec(nu)
+    j, k, nu = b[..., SECOND], b[..., THIRD], vec(nu)
     return {"x": b, "y": nu * j * k, "z": nu * nu * b * (j - k) * (j - k)}
 
 
 def other(*, b, nu):
     """The coefficients of Lyapunov's H."""
-    (j, k), nu = fluid.around(b), vec(nu)
+    j, k, nu = b[..., SECOND], b[..., THIRD], vec(nu)
     return {"x": 1 + 0 * b, "y": -nu * b, "z": nu * nu * (j - k) * (j - k)}
 
 
 def lyapunov(M, P, *, b, nu):
-    return stack([fluid.energy(M, P, **other(b=b, nu=nu))])
+    return stack([kirchhoff_case.energy(M, P, **other(b=b, nu=nu))])
 
 
 def matrix_b(b, nu):
@@ -50,7 +50,7 @@ def lax(M, P, *, b, nu, lam):
 
 
 SYSTEM = replace(
-    fluid.CASE,
+    kirchhoff_case.SYSTEM,
     name="steklov",
     title="Steklov's case of a body in a fluid",
     source="Steklov 1893; Suris 2001, Conclusions",
@@ -62,6 +62,7 @@ SYSTEM = replace(
     integrals={"lyapunov": lyapunov},
     commuting=("lyapunov",),
     lax=lax,
+    notes="No integrable discretization is known here. H has mixed terms, so that it runs by dop853.",
     relations=(
         Relation(
             "steklov-lyapunov",

@@ -13,7 +13,7 @@ Conclusions.  The Lax pair was found from the requirement of involution; it was 
 from kreisel.algebra import bracket, identity, mat, pairing, vec
 from kreisel.algebra.invariants import stack, trace
 from kreisel.algebra.matrices import diagonal
-from kreisel.record.contract import ADJOINT_PAIR_SPACE, Frame, Parameter, System
+from kreisel.record.contract import ADJOINT_PAIR_SPACE, Parameter, System
 
 
 def coefficients(*, b, s, l):
@@ -73,7 +73,6 @@ SYSTEM = System(
     title="Steklov's and Lyapunov's cases of a body in a fluid",
     equations="M' = [M, Omega] + [P, dH/dP],  P' = [P, Omega],  Omega = dH/dM",
     source="Steklov 1893, Lyapunov 1893, Bolsinov, Fedorov 1992; Suris 2001, Conclusions",
-    frame=Frame.MOVING,
     space=ADJOINT_PAIR_SPACE,
     parameters=(
         Parameter("b", "vector", "diagonal of B", diagonal=True),
@@ -84,7 +83,6 @@ SYSTEM = System(
     energy=energy,
     velocity=velocity,
     derive=coefficients,
-    scaling="Any consistent units.",
     integrals={"traces": traces},
     commuting=("traces",),
     lax=lax,

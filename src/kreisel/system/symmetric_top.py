@@ -23,7 +23,7 @@ from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund import lagrange_top, lagrange_top_moving
 from kreisel.record.checks import nonzero_vector
-from kreisel.record.contract import MOVING_SPACE, Frame, Map, Parameter, Relation, System
+from kreisel.record.contract import MOVING_SPACE, ClosedForm, Map, Parameter, Relation, System
 
 
 def flow(M, P, *, A):  # M' = A ^ P,   P' = -M P
@@ -125,7 +125,6 @@ SYSTEM = System(
     title="Totally symmetric Lagrange top, moving frame",
     equations="M' = A ^ P,  P' = -M P",
     source="Suris 2001, section 1",
-    frame=Frame.MOVING,
     space=MOVING_SPACE,
     parameters=(
         Parameter(
@@ -161,7 +160,7 @@ SYSTEM = System(
         case=rational_case,
         pair_case=gaussian_case,
     ),
-    top=lambda M, P, *, A: (M, A, P),
+    closed_form=ClosedForm(top=lambda M, P, *, A: (M, A, P)),
     relations=(
         Relation(
             "lagrange-top-moving", lambda M, P, g, *, A: ((M, P), {"A": A, "alpha": one(A)}), "adjoint", "alpha = 1"

@@ -13,17 +13,15 @@ H and the Casimir |M|^2 are complete.  Plus bracket, F' = {H, F}.  The Lax pair,
 [Zhukovsky 1885; Volterra, Acta Mathematica 22 (1899)]
 """
 
-from kreisel.algebra import axial, dot, hat, identity
+from kreisel.algebra import SECOND, THIRD, axial, dot, hat, identity
 from kreisel.algebra.matrices import diagonal
 from kreisel.record.checks import check_positive_diagonal
-from kreisel.record.contract import FREE_SPACE, Frame, Parameter, System
-from kreisel.system.fluid import around
+from kreisel.record.contract import FREE_SPACE, ClosedForm, Parameter, System
 
 
 def inverse_moments(*, J):
     """The 1/I_i, where I_i = J_j + J_k."""
-    second, third = around(J)
-    return {"w": 1 / (second + third)}
+    return {"w": 1 / (J[..., SECOND] + J[..., THIRD])}
 
 
 def velocity(M, *, h, w):  # Omega_i = (M_i - h_i)/I_i
@@ -55,7 +53,6 @@ SYSTEM = System(
     title="Zhukovsky-Volterra gyrostat",
     equations="M' = [M, Omega],  Omega_i = (M_i - h_i)/I_i",
     source="Zhukovsky 1885, Volterra 1899",
-    frame=Frame.MOVING,
     space=FREE_SPACE,
     parameters=(
         Parameter(
@@ -72,8 +69,7 @@ SYSTEM = System(
     energy=energy,
     velocity=velocity,
     derive=inverse_moments,
-    gyrostat=gyrostat,
-    scaling="Any consistent units.",
+    closed_form=ClosedForm(gyrostat=gyrostat),
     lax=lax,
     n=3,
     notes="Its flow is known in elliptic functions [Volterra 1899]; method='exact' makes it a quotient of "

@@ -15,9 +15,9 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
-from kreisel.forces.pairs import pairs_of
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
+from kreisel.record.perturbation import pairs_of
 from kreisel.runs.geometry import components
 from kreisel.runs.run_record import RunRecord
 from kreisel.viewer.thinning import mixed

@@ -9,7 +9,7 @@ import numpy as np
 from kreisel.errors import InputError, brief, explained
 from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON
-from kreisel.method.driven import BALANCE
+from kreisel.method.observing import BALANCE
 from kreisel.record.contract import Frame
 from kreisel.runs.drift import all_series
 from kreisel.runs.geometry import axes_of_state, fixed_vector, model_for, require_unchanged

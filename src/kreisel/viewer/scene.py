@@ -12,9 +12,9 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, printable, shown
 from kreisel.files import parsed
-from kreisel.forces.pairs import pairs_of
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.record.model import Model
+from kreisel.record.perturbation import pairs_of
 from kreisel.runs.drift import all_series
 from kreisel.runs.geometry import continued, model_for, require_unchanged
 from kreisel.runs.run_record import RunRecord

@@ -17,14 +17,13 @@ from kreisel import algebra
 from kreisel.errors import InputError, RunError, shown
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
-from kreisel.method.driven import COUNT, WORK
+from kreisel.method.observing import COUNT, WORK
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import CoupledSteps, Flow, Scheme, Steps
-from kreisel.runs.plan import Plan
+from kreisel.runs.plan import BREAKS, Plan
 from kreisel.runs.propagation.stepper import AT_ZERO, Signs, Stepper, number_of
 from kreisel.runs.settings import LARGE, WHOLE, Event
 
-BREAKS = "breaks/"  # before the names of what a snapshot holds of them
 MOST_ROWS = 256  # steps that are made before events are looked at
 MOST_IN_STEP = 1000  # events within one step
 SAME = 1e-12  # relative: what an impulse leaves as it is
@@ -317,14 +316,11 @@ def _require_few(count: int, time: float) -> None:
         )
 
 
-def broken_by(plan: Plan, events: tuple[Event, ...] = ()) -> Plan:
-    """The plan with these events beside its impulses.  Raises `InputError` where its steps cannot be broken."""
-    plan = replace(plan, events=events)
-    return replace(plan, lost=_not_conserved(plan)) if plan.broken else plan
+def not_conserved(plan: Plan) -> frozenset[str]:
+    """Names of what the method conserves but impulses and events change; of impulses it is known, at random states.
 
-
-def _not_conserved(plan: Plan) -> frozenset[str]:
-    """What the method conserves but impulses and events change; of impulses alone it is known, at random states."""
+    Raises `InputError` where the steps of the plan cannot be broken.
+    """
     held = frozenset(name for name, outcome in plan.scheme.outcomes.items() if outcome.conserved)
     if any(event.action for event in plan.events):
         return held

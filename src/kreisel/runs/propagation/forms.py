@@ -13,7 +13,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.computed import cached_property
 from kreisel.errors import InputError, shown
-from kreisel.forces.pairs import pairs_of, require_bodies
+from kreisel.record.perturbation import pairs_of, require_bodies
 from kreisel.kernels.cpu import compiled_rows
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION, with_orientation

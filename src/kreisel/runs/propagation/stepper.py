@@ -17,7 +17,7 @@ from kreisel.kernels.engines import Engine
 from kreisel.kernels.exact.jumps import FEW, Jumps
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
-from kreisel.method.driven import COUNT
+from kreisel.method.observing import COUNT
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Flow, Jump, Orbits, Scheme
 from kreisel.record.lanes import in_lane
