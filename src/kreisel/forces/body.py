@@ -19,13 +19,12 @@ from kreisel.forces.kicks import COUPLING, DAMPING, INERTIA, ORIENTATION, Body
 from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
 from kreisel.forces.product import product
 from kreisel.forces.records import in_words, perturbed_record
-from kreisel.record.calling import keywords
+from kreisel.record.calling import Portable, keywords
 from kreisel.record.checks import require_body
 from kreisel.record.contract import Frame, Parameter, System
 from kreisel.record.given import SKEW_TOLERANCE, axes_of, numbers, require_one_reading
 from kreisel.record.model import Model
 from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation
-from kreisel.record.portable import Portable
 from kreisel.system import REGISTRY
 
 if TYPE_CHECKING:

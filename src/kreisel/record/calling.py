@@ -1,9 +1,10 @@
-"""Functions of a record, called by the names of what they take."""
+"""Functions of a record, called by the names of what they take; functions of a user for pickle."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -44,3 +45,31 @@ def call(function: Function | None, state: tuple[Array, ...], available: Mapping
         raise InputError("The record of this system does not state what is needed here; see `kreisel systems NAME`.")
     names = keywords(function)
     return function(*state, **{k: v for k, v in available.items() if k in names})
+
+
+@dataclass(frozen=True)
+class Portable:
+    """A function of a user for pickle: by its name, or, if it has none that can be imported, by cloudpickle."""
+
+    function: Any
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Portable:
+        return self
+
+    def __reduce__(self) -> Any:
+        if "<" not in getattr(self.function, "__qualname__", ""):
+            return Portable, (self.function,)
+        try:
+            import cloudpickle
+        except ImportError:
+            raise InputError(
+                f"pickle: expected a function at the top level of a module, got {shown(self.function)}. Usual cause: a "
+                "lambda. Name it there, or install cloudpickle."
+            ) from None
+        return _loaded, (cloudpickle.dumps(self.function),)
+
+
+def _loaded(function: bytes) -> Portable:
+    import cloudpickle
+
+    return Portable(cloudpickle.loads(function))

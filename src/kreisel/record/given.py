@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from decimal import Decimal
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,9 @@ COMPONENT_AXES = {"skew": 2, "symmetric": 2, "vector": 1, "matrix": 2, "quaterni
 PARAMETER_AXES = {"scalar": 0, "dimension": 0, "vector": 1, "symmetric": 2}  # and "array": any shape, no batch axes
 SKEW_TOLERANCE = 1e-12
 MOST_N = 4096  # a matrix of n x n doubles then takes 128 MiB
+MOST_SHOWN = 100  # entries in the text of an array
+T = TypeVar("T")
+Check = Callable[..., T]
 
 
 def whole_dimension(value: Array, letter: str, system: str) -> int:
@@ -228,3 +231,61 @@ def shape_of(value: Any) -> tuple[int, ...]:
 def component_axes(kind: str) -> int:
     """The axes of a component without its batch; the kind "R^6" is a plain list of six numbers."""
     return 1 if kind.startswith("R^") else COMPONENT_AXES[kind]
+
+
+# -- lanes: checks look at all of them at once, messages name the first bad one ----------------------------------
+
+
+def by_lane(check: Check[T], *values: Any, single: Callable[[Any], int]) -> T:
+    """check(*values).  Raises `InputError`, for an ensemble with the number of its first bad lane and only its values.
+
+    single   the number of axes that one of the values has without those of lanes, which are in front
+    """
+    try:
+        return check(*values)
+    except InputError as error:
+        arrays = [_array(value) for value in values]
+        spread = [a if a is not None and a.ndim > single(a) and len(a) > 1 else None for a in arrays]
+        counts = {len(a) for a in spread if a is not None}
+        if len(counts) != 1:
+            raise
+
+        def fault(lanes: slice | int) -> InputError | None:
+            try:
+                check(*(v if a is None else a[lanes] for a, v in zip(spread, values, strict=True)))
+            except InputError as of_lanes:
+                return of_lanes
+            return None
+
+        count = counts.pop()
+        first, last = 0, count
+        while last - first > 1:
+            middle = (first + last) // 2
+            first, last = (first, middle) if fault(slice(first, middle)) else (middle, last)
+        of_lane = fault(first)
+        common = first == 0 and fault(count // 2) and fault(count - 1)  # a shape, rather than one of the lanes
+        if of_lane is None or common:
+            raise
+        raise InputError(f"Lane {first}: {of_lane}") from error
+
+
+def _array(value: Any) -> Array | None:
+    """An array that can be cut into lanes and keeps its meaning; None of text, units, masked and ragged values."""
+    try:
+        array = None if algebra.loses(value) else np.asarray(value)
+    except (TypeError, ValueError):
+        return None
+    return None if array is None or array.dtype.kind not in "biufO" else array
+
+
+def in_lane(bad: Array) -> str:
+    """The first of the lanes (lanes,) that are bad, as " in lane 3"; "" of one lane."""
+    return f" in lane {int(np.argmax(bad))}" if bad.size > 1 else ""
+
+
+def text_of(value: Array) -> str:
+    """All entries, or of many the first and the last with the shape."""
+    if value.size <= MOST_SHOWN:
+        return str(value.tolist())
+    text = np.array2string(value, separator=", ", threshold=MOST_SHOWN, edgeitems=1, max_line_width=10**6)
+    return f"{' '.join(text.split())} of shape {value.shape}"

@@ -21,13 +21,14 @@ from kreisel.record.calling import Function, call, require_names
 from kreisel.record.given import (
     PARAMETER_AXES,
     axes_of,
+    by_lane,
     component,
     parameter,
     require_on_phase_space,
     shape_of,
+    text_of,
     whole_dimension,
 )
-from kreisel.record.lanes import by_lane, text_of
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,10 +11,9 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array, invariants
 from kreisel.errors import InputError, explained, shown
-from kreisel.record.calling import Function
+from kreisel.record.calling import Function, Portable
 from kreisel.record.contract import Checks, Frame, Map, Parameter, PhaseSpace, System
 from kreisel.record.given import PARAMETER_AXES, component_axes
-from kreisel.record.portable import Portable
 from kreisel.reduction.checks import check_lagrangian
 from kreisel.reduction.continuous import Continuous
 from kreisel.reduction.discrete import Discrete, symmetric_rule

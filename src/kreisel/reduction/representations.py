@@ -20,7 +20,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.record.portable import Portable
+from kreisel.record.calling import Portable
 from kreisel.reduction.double import double, jax
 from kreisel.reduction.groups import Group, Space, numbers, random_element
 

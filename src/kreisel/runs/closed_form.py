@@ -18,7 +18,7 @@ from kreisel.method import default_method, find, scheme
 from kreisel.method.exact import motion
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Jump
-from kreisel.record.lanes import in_lane
+from kreisel.record.given import in_lane
 from kreisel.runs.describing import in_memory
 from kreisel.runs.plan import Plan, initial_parts, planned
 from kreisel.runs.settings import (

@@ -18,7 +18,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Flow, Orbits
-from kreisel.record.lanes import in_lane
+from kreisel.record.given import in_lane
 from kreisel.runs.plan import BREAKS, Plan
 from kreisel.runs.planning import cause_of_no_numbers
 from kreisel.runs.settings import of_forces

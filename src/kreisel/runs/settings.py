@@ -20,11 +20,11 @@ from kreisel.kernels.engines import ENGINES
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Scheme
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
+from kreisel.record.calling import Portable
 from kreisel.record.contract import System
-from kreisel.record.lanes import by_lane
+from kreisel.record.given import by_lane
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import TIME
-from kreisel.record.portable import Portable
 
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow

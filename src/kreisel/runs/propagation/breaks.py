@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,12 +16,11 @@ from kreisel import algebra
 from kreisel.errors import InputError, RunError, shown
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
-from kreisel.method.observing import COUNT, WORK
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.observing import COUNT, ORIENTATION, WORK
 from kreisel.method.scheme import CoupledSteps, Flow, Scheme, Steps
 from kreisel.runs.plan import BREAKS, Plan
 from kreisel.runs.propagation.stepper import AT_ZERO, Signs, Stepper, number_of
-from kreisel.runs.settings import LARGE, WHOLE, Event
+from kreisel.runs.settings import LARGE, WHOLE
 
 MOST_ROWS = 256  # steps that are made before events are looked at
 MOST_IN_STEP = 1000  # events within one step

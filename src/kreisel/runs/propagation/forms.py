@@ -13,13 +13,13 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.computed import cached_property
 from kreisel.errors import InputError, shown
-from kreisel.record.perturbation import pairs_of, require_bodies
 from kreisel.kernels.cpu import compiled_rows
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION, with_orientation
 from kreisel.method.scheme import Flow, Scheme
-from kreisel.record.lanes import in_lane
+from kreisel.record.given import in_lane
 from kreisel.record.model import Model, State
+from kreisel.record.perturbation import pairs_of, require_bodies
 from kreisel.runs.plan import Plan
 from kreisel.runs.settings import ORTHOGONAL_TOLERANCE, Settings, initial_orientation
 
@@ -51,7 +51,7 @@ class StateForms:
         self._single = (self.size,) if single else None  # the shape of one state as it may be given
         free = single and not model.system.space.constraints
         self._readers = [(k, _reader(kind, model.n)) for k, kind in components] if free else []
-        self._check = model.system.check_state
+        self._check = model.system.checks.state
         self._restored = [(algebra.KINDS[kind].axes, _restored(kind, model.n)) for kind in model.system.space.kinds]
         several = [algebra.KINDS[kind].unpack if algebra.KINDS[kind].axes > 1 else None for kind in self._kinds]
         self._unpack = list(zip(self.letters, self.places.values(), several, strict=True))

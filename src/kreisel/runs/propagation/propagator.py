@@ -12,7 +12,7 @@ from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
 from kreisel.method.scheme import Flow, Orbits, Scheme
-from kreisel.record.lanes import in_lane
+from kreisel.record.given import in_lane
 from kreisel.record.model import Model
 from kreisel.runs.propagation.forms import is_finite
 from kreisel.runs.propagation.stepper import AT_ZERO, Signs, Stepper, number_of

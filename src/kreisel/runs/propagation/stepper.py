@@ -17,10 +17,9 @@ from kreisel.kernels.engines import Engine
 from kreisel.kernels.exact.jumps import FEW, Jumps
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
-from kreisel.method.observing import COUNT
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.observing import COUNT, ORIENTATION
 from kreisel.method.scheme import Flow, Jump, Orbits, Scheme
-from kreisel.record.lanes import in_lane
+from kreisel.record.given import in_lane
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.runs.plan import planned
