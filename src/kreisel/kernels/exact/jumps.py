@@ -158,7 +158,6 @@ class _Jumping:
 
     def _top(self, jump: Jump) -> Callable[[Function, Rows], None]:
         oriented = "quaternion" in self._kinds
-        turns = [(4,)] * oriented
 
         def start(z: Array, c: Array) -> list[Any]:
             m, b, p, *alphas = jump.begin(*self._parts(z), **self._by_name(c))
@@ -175,16 +174,14 @@ class _Jumping:
             new = [turned(turn, v) for v in (m, b)] + [algebra.unit(algebra.quaternion_product(turn, x)) for x in q]
             return algebra.flatten(jump.finish(*new), self._kinds)
 
-        begin, finish = (
+        shapes = (3,), (3,), *[(4,)] * oriented, (3,), (), ()
+        begin, mapped, finish = (
             Formula(start, (self._state,), (self._constants,)),
-            Formula(end, (3,), (3,), *turns, (3,), (), ()),
+            Formula(_d_eps, *shapes),
+            Formula(end, *shapes),
         )
-        carried, mapped = (
-            Formula(carry, (self._state,), (3,), (), ()) if oriented else None,
-            Formula(_d_eps, (3,), (3,), *turns, (3,), (), ()),
-        )
+        carried = Formula(carry, (self._state,), (3,), (), ()) if oriented else None
         self._key = begin.digest(), finish.digest(), str(carried and carried.digest())
-        count = 6 + 4 * oriented
 
         def first(z: Array, c: Array, t: Any) -> list[Any]:
             *known, above, within = begin(z, c)
@@ -196,30 +193,7 @@ class _Jumping:
             cos, sin = of_turns(0.5 * (turn - nearest(turn)))
             return [error, maps, *known[:6], *q, *known[6:], eps, r, *(x * unit for x in known[6:]), cos, sin]
 
-        def write(f: Function, rows: Rows) -> None:
-            kind = rows.states.kind
-            error, maps, *values = f.outputs(*self._recorded(first), rows.input, kind)
-            rows.errors[0] = error
-            state, (*p, eps, r), last = values[:count], values[count : count + 5], values[count + 5 :]
-            memory = f.variables(count, kind)
-            for room, x in zip(memory, state, strict=True):
-                room[0] = x
-            graph = Graph()
-            inputs = graph.inputs("x", count + 7)
-            step = where_less(inputs[-1], inputs[-3], inputs[-2], 0.0)  # of k, the count and eps
-            outputs = as_operands(mapped(inputs[: count + 3], step, inputs[count + 3]))
-            with f.loop(0, _most(f, maps)) as k:
-                now = [room[0] for room in memory]
-                values = [*now, *p, r, maps, eps, f.spread(k.double(), kind)]
-                new = f.outputs(graph, outputs, lambda _, i: values[i], kind)
-                for room, x in zip(memory, new, strict=True):
-                    room[0] = x
-            graph = Graph()
-            outputs = as_operands(finish(graph.inputs("x", count + 5)))
-            values = [*(room[0] for room in memory), *last]
-            rows.new.put(f.outputs(graph, outputs, lambda _, i: values[i], kind))
-
-        return write
+        return lambda f, rows: _write_maps(f, rows, self._recorded(first), mapped, finish)
 
 
 def _d_eps(m: Array, b: Array, *more: Any) -> list[Any]:
@@ -228,6 +202,29 @@ def _d_eps(m: Array, b: Array, *more: Any) -> list[Any]:
     hat, new, a = darboux(algebra.hat(m), b, p, eps, r)
     turned = (algebra.unit(algebra.quaternion_product(half_turns(a, b), x)) for x in q)
     return [*algebra.axial(hat), *new, *(v for x in turned for v in x)]
+
+
+def _write_maps(f: Function, rows: Rows, start: Recorded, mapped: Formula, finish: Formula) -> None:
+    """Maps from what `start` makes: error, count of the maps, state, p, eps, r, and what `finish` needs."""
+    kind, count = rows.states.kind, mapped.count
+    error, maps, *values = f.outputs(*start, rows.input, kind)
+    rows.errors[0] = error
+    (*p, eps, r), last = values[count : count + 5], values[count + 5 :]
+    memory = f.variables(count, kind)
+    for room, x in zip(memory, values[:count], strict=True):
+        room[0] = x
+    graph = Graph()
+    inputs = graph.inputs("x", count + 7)
+    step = where_less(inputs[-1], inputs[-3], inputs[-2], 0.0)  # of the map's number, their count and eps
+    new = as_operands(mapped(inputs[: count + 3], step, inputs[count + 3]))
+    with f.loop(0, _most(f, maps)) as k:
+        state = [room[0] for room in memory]
+        known = [*state, *p, r, maps, eps, f.spread(k.double(), kind)]
+        for room, x in zip(memory, f.outputs(graph, new, lambda _, i: known[i], kind), strict=True):
+            room[0] = x
+    graph = Graph()
+    arguments = [*(room[0] for room in memory), *last]
+    rows.new.put(f.outputs(graph, finish(graph.inputs("x", count + 5)), lambda _, i: arguments[i], kind))
 
 
 def _most(f: Function, count: Value) -> Integer:
