@@ -7,7 +7,7 @@ import importlib.metadata
 import json
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MOST_EVENTS = 10_000  # in an attribute
+FEW_TIMES = 1000  # of a run whose form is kept for the next one
 
 
 def dimensions(plan: Plan, name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
@@ -149,23 +150,48 @@ def time_attributes(plan: Plan) -> dict[str, str]:
 
 def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None = None) -> xr.Dataset:
     """Blocks of outputs as a Dataset, at the times of the saved steps, or at others, or at one, without an axis."""
-    import xarray as xr
-
     import kreisel.runs.accessor  # noqa: F401 - run.kreisel
 
     attrs = attributes(plan, blocks[0])
     for name, largest in _corrections(plan).items():
         attrs[name][CORRECTION] = largest
     when = saved_times(plan) if times is None else times
-    data = {}
+    data, shapes = {}, []
     for name in plan.outcomes:
         value = np.concatenate([block.pop(name) for block in blocks])
-        names = dimensions(plan, name, value.shape)
-        data[name] = (names, value, attrs[name]) if when.ndim else (names[1:], value[0], attrs[name])
-    coords: dict[str, Any] = {"time": (("time",)[: when.ndim], when, time_attributes(plan))}
-    if plan.batched:
-        coords["lane"] = ("lane", np.arange(plan.lanes))
-    return xr.Dataset(data, coords, describe(plan).to_attrs())
+        dims = dimensions(plan, name, value.shape)
+        data[name] = value if when.ndim else value[0]
+        shapes.append((name, dims if when.ndim else dims[1:], data[name].shape))
+    lanes = plan.lanes if plan.batched else None
+    if when.size <= FEW_TIMES:
+        run = _empty(tuple(shapes), when.tobytes() if when.ndim else None, lanes).copy(data=data)
+    else:
+        run = _dataset({name: (dims, data[name]) for name, dims, _ in shapes}, when, lanes)
+    for name in data:
+        run.variables[name].attrs = attrs[name]
+    time = run.variables["time"]
+    time.attrs = time_attributes(plan)
+    if not when.ndim:
+        time.values = when
+    run.attrs = describe(plan).to_attrs()
+    return run
+
+
+def _dataset(data: Mapping[str, tuple[tuple[str, ...], Array]], times: Floats, lanes: int | None) -> xr.Dataset:
+    """Arrays with their dimensions as a Dataset, at times or at one, without an axis."""
+    import xarray as xr
+
+    coords: dict[str, Any] = {"time": (("time",)[: times.ndim], times)}
+    if lanes is not None:
+        coords["lane"] = ("lane", np.arange(lanes))
+    return xr.Dataset(data, coords)
+
+
+@lru_cache(16)
+def _empty(variables: tuple[tuple[str, tuple[str, ...], tuple[int, ...]], ...], times: bytes | None, lanes: Any) -> Any:
+    """A Dataset of zeros of these names, dimensions and shapes: xarray takes 0.2 ms to make one, 0.04 to copy one."""
+    data = {name: (dims, np.broadcast_to(0.0, shape)) for name, dims, shape in variables}
+    return _dataset(data, np.array(0.0) if times is None else np.frombuffer(times).copy(), lanes)
 
 
 CORRECTION = "largest_correction"  # of the state, by the projection, in units of eps_machine |state|

@@ -390,7 +390,7 @@ def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Fl
     record = RunRecord.from_attrs(run.attrs)
     if "system" not in run.attrs or record.is_own or not record.stepped:
         return None
-    rows = np.unique(np.linspace(0, run.sizes["time"] - 1, ROWS).astype(int))
+    rows = _spread(run.sizes["time"], ROWS)
     some = run.isel(time=rows, lane=lanes) if "lane" in run.dims else run.isel(time=rows)
     try:
         model = record.model.lanes(some["lane"].values) if "lane" in run.coords else record.model
@@ -433,20 +433,35 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     samples = max(1, min(samples, SAMPLES * MANY_LANES // plan.lanes))
     directions = _signs(samples, z.shape) * _largest(plan, z)
     by = np.concatenate([factor * directions for factor in (NUDGE, -NUDGE, HAIR, -HAIR)] + [0 * directions[:1]])
-    every = plan.observe((z + by).reshape(-1, *z.shape[1:]))
-    out = {}
-    for name, outcome in plan.outcomes.items():
-        if outcome.kind in KINDS:
-            values = every[name].reshape((*by.shape[:2], *every[name].shape[1:]))
-            up, down, a_bit_up, a_bit_down = values[:-1].reshape(4, samples, *values.shape[1:])
-            here = values[-1]
-            felt = np.sqrt((((up - down) / (2 * NUDGE)) ** 2).mean((0, 1)))
-            noise = abs(a_bit_up + a_bit_down - 2 * here) / (2 * MACHINE_EPSILON)
-            if n > MANY_SAMPLES_N and noise.shape[-1] == algebra.KINDS["skew"].count(n):
-                noise = np.broadcast_to(noise.max(-1, keepdims=True), noise.shape)  # entries of one matrix
-            computed = np.maximum(noise.max((0, 1)), abs(here).max(0))
-            out[name] = {"roundoff_scale": _listed(felt, plan), "evaluation_scale": _listed(computed, plan)}
-    return out
+    outputs = plan.observe((z + by).reshape(-1, *z.shape[1:]))
+    values = {
+        name: outputs[name].reshape((*by.shape[:2], *outputs[name].shape[1:]))
+        for name, outcome in plan.outcomes.items()
+        if outcome.kind in KINDS
+    }
+    single = [name for name, v in values.items() if v.size == v.shape[0] * v.shape[1]]
+    groups = [([name], v[None]) for name, v in values.items() if name not in single]
+    if single:  # together: NumPy takes longer to begin than to compute
+        groups.append((single, np.stack([values[name].reshape(by.shape[:2]) for name in single])))
+    scales = {}
+    for names, group in groups:
+        felt, computed = _scales_of(group, samples, n)
+        for name, by_steps, by_value in zip(names, felt, computed, strict=True):
+            scales[name] = {"roundoff_scale": _listed(by_steps, plan), "evaluation_scale": _listed(by_value, plan)}
+    return {name: scales[name] for name in values}
+
+
+def _scales_of(values: Array, samples: int, n: int) -> tuple[Array, Array]:
+    """Both scales of integrals (integrals, states, rows, ...), of states moved up, down, both by a hair, and not."""
+    count = len(values)
+    up, down, a_bit_up, a_bit_down = (values[:, k * samples : (k + 1) * samples] for k in range(4))
+    here = values[:, -1]
+    squares = ((up - down) / (2 * NUDGE)) ** 2
+    felt = np.sqrt(squares.reshape(count, -1, *values.shape[3:]).mean(1))
+    noise = abs(a_bit_up + a_bit_down - 2 * here[:, None]) / (2 * MACHINE_EPSILON)
+    if n > MANY_SAMPLES_N and noise.shape[-1] == algebra.KINDS["skew"].count(n):
+        noise = np.broadcast_to(noise.max(-1, keepdims=True), noise.shape)  # entries of one matrix
+    return felt, np.maximum(noise.max((1, 2)), abs(here).max(1))
 
 
 @lru_cache(4)
@@ -464,9 +479,16 @@ def _listed(scale: Array, plan: Plan) -> list[float]:
 
 def _largest(plan: Plan, z: Floats) -> Floats:
     """For each coordinate the largest of its component, in the shape of z."""
-    parts = zip(algebra.restore(z, plan.kinds, plan.model.n), plan.kinds, strict=True)
-    flat = [abs(algebra.flatten((part,), (kind,))) for part, kind in parts]
-    return np.concatenate([f.max(-1, keepdims=True).repeat(f.shape[-1], -1) for f in flat], -1)
+    out = np.empty_like(z)
+    for place in algebra.slices(plan.kinds, plan.model.n):
+        out[..., place] = abs(z[..., place]).max(-1, keepdims=True)
+    return out
+
+
+@lru_cache(16)
+def _spread(length: int, count: int) -> np.ndarray:
+    """Places of so many rows, evenly spread."""
+    return np.unique(np.linspace(0, length - 1, count).astype(int))
 
 
 def _sampled_rows(plan: Plan, first: Mapping[str, Array]) -> Floats:
@@ -475,7 +497,7 @@ def _sampled_rows(plan: Plan, first: Mapping[str, Array]) -> Floats:
     Of more than 64 lanes, and for n > 16, fewer rows, down to one: some thousand numbers are enough.
     """
     count = min(32, max(1, 2048 // plan.lanes), max(1, 512 // plan.model.n))
-    rows = np.unique(np.linspace(0, len(next(iter(first.values()))) - 1, count).astype(int))
+    rows = _spread(len(next(iter(first.values()))), count)
     parts = []
     for letter, outcome in plan.outcomes.items():
         if outcome.kind not in ("state", "orientation"):
