@@ -24,7 +24,7 @@ import numpy as np
 from cases import machine, parser, write
 
 import kreisel as kr
-from kreisel.analysis.chaos import megno
+from kreisel.analysis.frequencies import megno
 from kreisel.physical import Asteroid, FreeBody
 
 ORBITS, STEPS, LANES = 500, 96, 64

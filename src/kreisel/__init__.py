@@ -55,7 +55,7 @@ _LAZY = {
     "plot": "kreisel.viewer.plots",
     "view": "kreisel.viewer.page",
 }
-SHOWN.update({what: f"kreisel.viewer.html:{what}_html" for what in ("system", "model", "state", "run")})
+SHOWN.update({what: f"kreisel.viewer.record:{what}_html" for what in ("system", "model", "state", "run")})
 SHOWN.update(plot="kreisel.viewer.plots:plot", view="kreisel.viewer.page:view")
 _PARTS = ("analysis", "lab", "physical", "rebound", "reduction", "units")
 _EXTRAS = ("rebound", "reduction")  # parts that need REBOUND and JAX

@@ -228,7 +228,7 @@ def test_lines_of_a_sum_are_found_to_1e_12():
 def test_few_samples_of_one_line_are_enough():
     t = np.arange(64) * 0.25
     found = lines_of(t, np.cos(1.37 * t + 0.4), 3)
-    assert abs(found.frequency[0] - 1.37) < 1e-12 and found.rest < 1e-14
+    assert abs(found.frequency[0] - 1.37) < 1e-12 and found.remainder < 1e-14
     assert abs(found.amplitude[0] - np.exp(0.4j)) < 1e-12
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.lab import families
-from kreisel.lab.hirota_kimura import bases
+from kreisel.lab import search
+from kreisel.lab.darboux import bases
 from kreisel.lab.subject import subject
 from sizes import FULL
 
@@ -33,16 +33,16 @@ KNOWN += [(lambda: kr.LagrangeTop(p=(0, 0, 0, 1)), 32, 6), (lambda: kr.Clebsch(b
 
 @pytest.mark.parametrize(("make", "combinations", "count"), KNOWN)
 def test_bases_of_degree_2(make: Any, combinations: int, count: int) -> None:
-    found = bases(families.kahan_map(make()), 2)
+    found = bases(search.kahan_map(make()), 2)
     assert (found.combinations, found.integrals) == (combinations, count)
     assert f"{count} independent integrals" in str(found)
 
 
 def test_investigations_count_them_where_others_are_too_few() -> None:
     """Four in six dimensions do not decide; two in three, with a volume, do."""
-    page = kr.lab.investigate(families.kahan_map(kr.Clebsch(b=(1, 2, 4))), iterates=6, steps=1000)
+    page = kr.lab.investigate(search.kahan_map(kr.Clebsch(b=(1, 2, 4))), iterates=6, steps=1000)
     assert page.verdict == "undecided" and "4 as coefficients of Hirota-Kimura bases" in page.reason
-    page = kr.lab.investigate(families.kahan_map(kr.ZhukovskyVolterra(J=(1, 2, 4), h=(0, 1, 0))), steps=1000)
+    page = kr.lab.investigate(search.kahan_map(kr.ZhukovskyVolterra(J=(1, 2, 4), h=(0, 1, 0))), steps=1000)
     assert page.verdict == "integrable"
 
 
@@ -61,20 +61,20 @@ def test_the_adjusted_map_of_a_gyrostat_is_integrable(h: Any, eps: F) -> None:
 
     M = np.array([F(int(v), 7) for v in rng.integers(1, 9, 3)], dtype=object)
     for share, holds in ((1, True), (F(1, 2), False), (-1, False)):
-        adjusted = families.adjusted_gyrostat(h, eps=eps, share=share)
+        adjusted = search.adjusted_gyrostat(h, eps=eps, share=share)
         new = adjusted.step(M)
         assert (integrals(new) == integrals(M)) == holds
-        assert (families.adjusted_gyrostat(h, eps=-eps, share=share).step(new) == M).all()
-    rate = families.kahan_gyrostat(h, eps=F(1, 10**9)).step(M) - families.adjusted_gyrostat(h, eps=F(1, 10**9)).step(M)
+        assert (search.adjusted_gyrostat(h, eps=-eps, share=share).step(new) == M).all()
+    rate = search.kahan_gyrostat(h, eps=F(1, 10**9)).step(M) - search.adjusted_gyrostat(h, eps=F(1, 10**9)).step(M)
     assert 0 < max(abs(rate)) < F(1, 10**24)
 
 
 def test_bases_of_the_adjusted_map() -> None:
-    found = bases(families.adjusted_gyrostat())
+    found = bases(search.adjusted_gyrostat())
     assert (found.combinations, found.integrals) == (2, 2)
-    assert bases(families.adjusted_gyrostat(share=0)).integrals == 1
+    assert bases(search.adjusted_gyrostat(share=0)).integrals == 1
     with pytest.raises(kr.InputError, match="h_3 = 0"):
-        families.adjusted_gyrostat((1, 2, 3))
+        search.adjusted_gyrostat((1, 2, 3))
 
 
 def test_integrals_of_a_polynomial_and_none_of_a_spoiled_map() -> None:
@@ -87,4 +87,4 @@ def test_integrals_of_a_polynomial_and_none_of_a_spoiled_map() -> None:
 
     assert bases(subject(euler, names=("x", "y", "z")), 2).combinations == 0
     with pytest.raises(kr.InputError, match="monomials"):
-        bases(families.kahan_map(kr.Clebsch(b=(1, 2, 4))), 9)
+        bases(search.kahan_map(kr.Clebsch(b=(1, 2, 4))), 9)

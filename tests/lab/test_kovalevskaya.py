@@ -10,9 +10,9 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.lab import exact, families, laws
+from kreisel.lab import exact, laws, search
 from kreisel.lab.darboux import Ratio
-from kreisel.lab.fields import fraction
+from kreisel.lab.exact import fraction
 from kreisel.record.calling import call
 from kreisel.system import kovalevskaya_top, kovalevskaya_top_e3, kovalevskaya_top_so3
 
@@ -81,7 +81,7 @@ def test_the_deformed_energy_is_conserved_for_every_n(n: int) -> None:
     last = [M[0, 1] * algebra.dot(P, algebra.act(M, Q)) for M, P, Q in (state, new)]
     assert last[0] != last[1]
     plain = [np.vectorize(fraction, otypes=[object])(x) for x in (*state, known["eps"])]
-    found = families.kovalevskaya(n=n).step(*plain[:3], eps=plain[3][()])
+    found = search.kovalevskaya(n=n).step(*plain[:3], eps=plain[3][()])
     assert all((x == y).all() for x, y in zip(plain_step(plain, known), found, strict=True))
 
 

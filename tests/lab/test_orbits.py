@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.lab import certified, dynamics, orbits, proofs
+from kreisel.lab import certified, dynamics, growth
 from kreisel.lab.exact import independent, slopes
 from kreisel.lab.subject import Subject, subject
 
@@ -55,7 +55,7 @@ def escaped(steps: int, radius: Fraction = QUARTER) -> int:
     assert all(t.steps == k for k, t in enumerate(enclosures, 1))
     lost = 0
     for corner in itertools.product((-1, 1), repeat=6):
-        orbit = orbits.exact_orbit(TOP, [v + s * radius for v, s in zip(START, corner, strict=True)], steps)
+        orbit = growth.exact_orbit(TOP, [v + s * radius for v, s in zip(START, corner, strict=True)], steps)
         for k, enclosed in enumerate(enclosures, 1):
             exact = [flint.arb(flint.fmpq(v.numerator, v.denominator)) for v in orbit[k]]
             lost += not all(ball.contains(v) for ball, v in zip(enclosed.enclosure, exact, strict=True))
@@ -105,38 +105,38 @@ def test_certified_complains() -> None:
 
 
 def test_heights() -> None:
-    found = orbits.heights(TOP, START, 16)
+    found = growth.heights(TOP, START, 16)
     assert 1.5 < found.power < 2.3
-    assert abs(orbits.heights(plane(area), [F(1, 2), F(1, 3)], 12).entropy - math.log(2)) < 0.01
+    assert abs(growth.heights(plane(area), [F(1, 2), F(1, 3)], 12).entropy - math.log(2)) < 0.01
     with pytest.raises(kr.InputError, match="pole at step 1"):
-        orbits.heights(plane(lambda x: array(1 / x[0], x[1])), [0, 1], 3)
+        growth.heights(plane(lambda x: array(1 / x[0], x[1])), [0, 1], 3)
 
 
 def test_cycles_modulo_primes() -> None:
     """On curves of genus 1 they obey Hasse and Weil; those of Henon's area-preserving map are those of a random one."""
     for p in (101, 211):
-        good, bad = (orbits.cycles(plane(step), p, 200, limit=p * p) for step in (mcmillan, area))
+        good, bad = (growth.cycles(plane(step), p, 200, limit=p * p) for step in (mcmillan, area))
         assert good.longest <= good.hasse_weil < 2 * p < bad.longest
         assert good.open == bad.open == 0 and good.poles + len(good.lengths) == 200
     with pytest.raises(kr.InputError, match="prime"):
-        orbits.cycles(plane(area), 100)
+        growth.cycles(plane(area), 100)
     with pytest.raises(kr.InputError, match="another prime"):
-        orbits.cycles(subject(kr.LagrangeTop(p=(0, 0, 1)), eps=F(1, 101)), 101)
+        growth.cycles(subject(kr.LagrangeTop(p=(0, 0, 1)), eps=F(1, 101)), 101)
 
 
 def test_proofs() -> None:
     pytest.importorskip("sympy")
-    for proof in proofs.prove(kr.LagrangeTop(p=(0, 0, 1)), ("casimir", "energy", "noether")):
+    for proof in certified.prove(kr.LagrangeTop(p=(0, 0, 1)), ("casimir", "energy", "noether")):
         assert proof.holds and "eps" in proof.unknowns
     from dataclasses import replace
 
     top = kr.LagrangeTop(p=(0, 0, 1))
     plain = replace(top.system, energy=lambda m, a, *, p: top.system.energy(m, a, p=p))
-    assert [p.holds for p in proofs.prove(plain(p=(0, 0, 1)))] == [True, False]  # the undeformed energy is not kept
+    assert [p.holds for p in certified.prove(plain(p=(0, 0, 1)))] == [True, False]  # the undeformed energy is not kept
     with pytest.raises(kr.InputError, match="states no"):
-        proofs.prove(kr.LagrangeTop, ("spin",))
+        certified.prove(kr.LagrangeTop, ("spin",))
     with pytest.raises(kr.InputError, match="rational"):
-        proofs.prove(kr.EulerTop)
+        certified.prove(kr.EulerTop)
 
 
 # -- floats ---------------------------------------------------------------------------------------------

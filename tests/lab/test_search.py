@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.lab import brackets, controls, dynamics, families, growth, integrals, search
-from kreisel.lab.numerical import integrals_in_floats
+from kreisel.lab import brackets, dynamics, growth, integrals, investigation, search
+from kreisel.lab.integrals import integrals_in_floats
+from kreisel.lab.questions import liouville
 from kreisel.lab.subject import subject
-from kreisel.lab.verdicts import liouville
 from kreisel.system import clebsch, kovalevskaya_top_e3, symmetric_top
 
 F = Fraction
@@ -74,7 +74,7 @@ def test_integrals_in_floats() -> None:
     good = integrals_in_floats(subject(kr.LagrangeTop(p=(0, 0, 1)), eps=F(1, 3)))
     assert (good.count, good.on_leaf, good.leaf, good.enough) == (4, 2, 4, True)
     assert good.largest < 1e-14 and good.next > 1e-3
-    _, perturbed, options = controls.controls()[1]
+    _, perturbed, options = investigation.controls()[1]
     from kreisel.lab.investigation import _subject
 
     bad = integrals_in_floats(_subject(perturbed, 3, "rest", F(1, 3), None, {}))
@@ -90,9 +90,9 @@ def test_veselov_comes_out_of_a_family_of_kinetic_parts() -> None:
 def test_kovalevskaya_comes_out_of_a_family_of_potentials() -> None:
     """kappa = -1/4 alone: degrees 9 k^2 + 1, two integrals in involution, of degrees 4 and 6, beside the Casimirs."""
     grid = {"s": [1], "tilt": [(1, 0, 0)], "kappa": [0, F(-1, 8), F(-1, 4)]}
-    found = search.search(families.spinning, grid, **EXACT)
+    found = search.search(search.spinning, grid, **EXACT)
     assert verdicts(found, "kappa") == {0: "not integrable", F(-1, 8): "not integrable", F(-1, 4): "undecided"}
-    what = subject(families.spinning(1, (1, 0, 0), F(-1, 4)), eps=2)  # of eps there is a scaling
+    what = subject(search.spinning(1, (1, 0, 0), F(-1, 4)), eps=2)  # of eps there is a scaling
     assert growth.degrees(what, 6) == tuple(9 * k * k + 1 for k in range(7))
     kept = integrals.integrals(what, 6)
     assert [f.degree for f in kept] == [2, 2, 4, 6]
@@ -113,7 +113,7 @@ def test_the_map_of_kovalevskaya_discretizes_kovalevskayas_top() -> None:
         Omega = M.copy()
         Omega[:-1, :-1] *= 2
         rates = M @ Omega - Omega @ M + kr.algebra.wedge(A, P), -Omega @ P
-        member, eps = families.spinning(1, A.astype(int), F(-1, 4)), 1e-6
+        member, eps = search.spinning(1, A.astype(int), F(-1, 4)), 1e-6
         for new, old, rate in zip(member.step(M, P, eps=eps), (M, P), rates, strict=True):
             assert np.allclose((np.asarray(new, dtype=float) - old) / eps, rate, atol=1e-4)
 
@@ -124,7 +124,7 @@ def test_the_found_map_is_that_of_the_record_and_no_other_member_conserves_its_e
     for kappa, tilt in ((F(-1, 4), (1, 0, 0)), (F(-1, 8), (1, 0, 0)), (F(-1, 4), (1, 0, 1))):
         x, P = (np.array([F(int(v), 7) for v in rng.integers(-9, 10, 3)], dtype=object) for _ in range(2))
         M, ours = kr.algebra.hat(x), (kappa, tilt) == (F(-1, 4), (1, 0, 0))
-        new = families.spinning(1, tilt, kappa).step(M, P, eps=eps)
+        new = search.spinning(1, tilt, kappa).step(M, P, eps=eps)
         same = all((a == b).all() for a, b in zip(new, record.step(M, P, e=known["e"], eps=eps), strict=True))
         before, after = (record.energy(*z, c=known["c"], eps=eps) for z in ((M, P), new))
         assert (same, before == after) == (ours, ours)
@@ -132,25 +132,25 @@ def test_the_found_map_is_that_of_the_record_and_no_other_member_conserves_its_e
 
 def test_kovalevskayas_top_in_two_fields() -> None:
     """Degrees 12 k^2 + 2 k + 1 with the determinant, exponential without; it discretizes the record, n = 3 and 4."""
-    what = subject(families.kovalevskaya(), eps=2)
+    what = subject(search.kovalevskaya(), eps=2)
     assert growth.degrees(what, 5) == tuple(12 * k * k + 2 * k + 1 for k in range(6)) and brackets.preserves(
         what, what.tensor
     )
     assert [f.degree for f in integrals.integrals(what, 4)] == [2, 2, 2, 4]
-    assert growth.degrees(subject(families.kovalevskaya(coupling=0), eps=2), 3) == (1, 10, 47, 199)
+    assert growth.degrees(subject(search.kovalevskaya(coupling=0), eps=2), 3) == (1, 10, 47, 199)
     rng = np.random.default_rng(3)
     for n in (3, 4):
         top = kr.KovalevskayaTop(n=n)
         M, P, Q = kr.algebra.skew(rng.normal(size=n * (n - 1) // 2), n), rng.normal(size=n), rng.normal(size=n)
         rates = top.call(top.system.flow, M, P, Q)
-        new = families.kovalevskaya(n=n).step(M, P, Q, eps=1e-6)
+        new = search.kovalevskaya(n=n).step(M, P, Q, eps=1e-6)
         for x, old, rate in zip(new, (M, P, Q), rates, strict=True):
             assert np.allclose((np.asarray(x, dtype=float) - old) / 1e-6, rate, atol=1e-4)
 
 
 def test_kahans_gyrostat_needs_a_wheel_along_a_principal_axis() -> None:
     grid = {"h": [(0, 1, 0), (1, 2, 3)], "J": [(1, 2, 4)]}
-    found = search.search(families.kahan_gyrostat, grid, steps=0, iterates=5)
+    found = search.search(search.kahan_gyrostat, grid, steps=0, iterates=5)
     known = {(0, 1, 0): "integrable", (1, 2, 3): "not integrable"}
     assert {s.parameters["h"]: s.verdict for s in found.scores} == known
 
@@ -162,15 +162,15 @@ def test_members_of_the_further_families() -> None:
         M, P, eps = kr.algebra.skew(rng.normal(size=n * (n - 1) // 2), n), rng.normal(size=n), 0.3
         b, axis = [0] * (n - 1) + [3], [0] * (n - 1) + [1]
         for ours, system, known in (
-            (families.shifted_logarithm(0, 2, b), clebsch, {"b": np.array(b, dtype=float)}),
-            (families.sum_of_logarithms(2, b), clebsch, {"b": np.array(b, dtype=float)}),
-            (families.spinning(0, axis), symmetric_top, {"A": np.array(axis, dtype=float)}),
+            (search.shifted_logarithm(0, 2, b), clebsch, {"b": np.array(b, dtype=float)}),
+            (search.sum_of_logarithms(2, b), clebsch, {"b": np.array(b, dtype=float)}),
+            (search.spinning(0, axis), symmetric_top, {"A": np.array(axis, dtype=float)}),
         ):
             new, theirs = ours.step(M, P, eps=eps), system.SYSTEM.map.step(M, P, eps=eps, **known)
             assert all(np.allclose(x.astype(float), y, atol=1e-13) for x, y in zip(new, theirs, strict=True))
-        spun = subject(families.spinning(1, axis[::-1]))
+        spun = subject(search.spinning(1, axis[::-1]))
         assert brackets.preserves(spun, spun.tensor)
-    top = subject(families.kahan_heavy_top(I3=2))
+    top = subject(search.kahan_heavy_top(I3=2))
     assert len(integrals.integrals(top, 1)) == 1  # M3
 
 

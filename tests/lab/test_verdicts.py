@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.lab import controls, growth, integrals, investigation, verdicts
+from kreisel.lab import growth, integrals, investigation, questions
 from kreisel.lab.investigation import investigate, typical
 from kreisel.lab.subject import subject
 from kreisel.system import REGISTRY
@@ -58,7 +58,7 @@ def test_an_implicit_map_in_floats() -> None:
     assert found["degree growth"].answer == "does not apply"
 
 
-@pytest.mark.parametrize("control", controls.controls(), ids=lambda control: control[0])
+@pytest.mark.parametrize("control", investigation.controls(), ids=lambda control: control[0])
 def test_negative_controls(control) -> None:
     _, what, options = control
     found = investigate(what, **options, steps=4000)
@@ -131,13 +131,13 @@ def test_a_map_that_permutes_leaves(third, verdict: str) -> None:
 
 def test_the_rule_needs_all_of_its_parts() -> None:
     """Mutants of the rule's own inputs: no bracket, too few integrals, integrals not in involution."""
-    liouville = verdicts.liouville
+    liouville = questions.liouville
     what = subject(kr.LagrangeTop(p=(0, 0, 1)), eps=F(1, 3))
     found = integrals.integrals(what, 2)
-    assert verdicts.enough(liouville(what, what.tensor, found, 0))
-    assert not verdicts.enough(liouville(what, what.tensor, found[:3], 0))
+    assert questions.enough(liouville(what, what.tensor, found, 0))
+    assert not questions.enough(liouville(what, what.tensor, found[:3], 0))
     m = [f for f in integrals.integrals(replace(what, step=lambda x, **k: x), 1)][:2]
-    assert not verdicts.enough(liouville(what, what.tensor, m, 0))
+    assert not questions.enough(liouville(what, what.tensor, m, 0))
 
 
 # -- pages and the command ----------------------------------------------------------------------------

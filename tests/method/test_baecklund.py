@@ -13,7 +13,7 @@ import walks
 from kreisel import algebra
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
-from kreisel.lab.orders import baecklund_orders
+from kreisel.lab.law import baecklund_orders
 from kreisel.method import scheme
 from kreisel.method.baecklund import pade_denominator, pade_zeros, stage_points
 from kreisel.system import REGISTRY

@@ -15,7 +15,7 @@ import walks
 from kreisel import algebra
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
-from kreisel.lab.orders import scheme_orders
+from kreisel.lab.law import scheme_orders
 from kreisel.method import composition, scheme
 from kreisel.record.model import Model
 from kreisel.system import REGISTRY

@@ -17,7 +17,7 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.exact.turning import turn
 from kreisel.kernels.layout import MACHINE_EPSILON as EPS
-from kreisel.rebound import Body, Spins, attach, compiled, interaction, library, load
+from kreisel.rebound import Body, Spins, attach, compiled, interaction, load
 from rotors import closed_form
 
 DAY, EARTH_RADIUS = 2 * np.pi / 365.25, 4.2635e-5  # G = 1, masses in that of the Sun, lengths in au
@@ -699,10 +699,12 @@ def test_broken_files(tmp_path: Path) -> None:
 
 
 def test_without_rebound(monkeypatch: pytest.MonkeyPatch) -> None:
-    library.rebound.cache_clear()
+    from kreisel.rebound import spins
+
+    spins.rebound.cache_clear()
     monkeypatch.setitem(sys.modules, "rebound", None)
     try:
         with pytest.raises(kr.InputError, match=r"pip install 'kreisel\[rebound\]'"):
             kr.rebound.attach(None, {})
     finally:
-        library.rebound.cache_clear()
+        spins.rebound.cache_clear()

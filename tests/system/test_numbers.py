@@ -10,7 +10,7 @@ import pytest
 from kreisel import algebra
 from kreisel.algebra import act, invariants
 from kreisel.lab import exact
-from kreisel.lab.fields import fraction
+from kreisel.lab.exact import fraction
 from kreisel.record.calling import call, keywords
 from kreisel.system import REGISTRY, lagrange_top_moving
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.viewer.meshes import read_mesh
+from kreisel.viewer.bodies import read_mesh
 from kreisel.viewer.scene import scene
 from scenes import IDENTITY, points
 

@@ -11,7 +11,8 @@ import pytest
 
 import browser
 import kreisel as kr
-from kreisel.viewer import notebook, serve
+from kreisel.viewer import page as page_module
+from kreisel.viewer import serve
 from kreisel.viewer.frames import between
 from kreisel.viewer.scene import scene
 from scenes import HOSTILE, IDENTITY, array, hostile, tip
@@ -238,7 +239,7 @@ def kernel(monkeypatch):
     cell = {"id": None}
     shell = types.SimpleNamespace(get_parent=lambda: {"metadata": {"cellId": cell["id"]}})
     monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: shell))
-    monkeypatch.setattr(notebook, "_carried", {"cell": None, "count": 0})
+    monkeypatch.setattr(page_module, "_carried", {"cell": None, "count": 0})
     return cell
 
 
@@ -262,8 +263,8 @@ def test_text_of_an_archive_stays_text_in_a_notebook(kernel, oriented):
 
 @needs_browser
 def test_cells_share_the_script_and_say_where_it_is_missing(kernel, chromium, oriented, tmp_path, monkeypatch):
-    monkeypatch.setattr(notebook, "SANDBOX", notebook.SANDBOX + " allow-same-origin")  # to look inside
-    monkeypatch.setattr(notebook, "WAIT", 6)
+    monkeypatch.setattr(page_module, "SANDBOX", page_module.SANDBOX + " allow-same-origin")  # to look inside
+    monkeypatch.setattr(page_module, "WAIT", 6)
     first, second = shown(kernel, oriented, "one"), shown(kernel, hostile(oriented), "two")
     chromium.complaints.clear()
     for name, cells, frames in (("both.html", second + first, 2), ("lost.html", second, 0)):

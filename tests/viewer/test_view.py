@@ -15,9 +15,9 @@ import pytest
 
 import kreisel as kr
 from kreisel.viewer import bodies, serve
-from kreisel.viewer.document import as_json, page, scripts
+from kreisel.viewer.frames import extremes, mixed
+from kreisel.viewer.page import as_json, page, scripts
 from kreisel.viewer.scene import scene
-from kreisel.viewer.thinning import extremes, mixed
 from scenes import HOSTILE, IDENTITY, array, hostile, points, tip, turned
 from support import ROOT
 
@@ -82,7 +82,7 @@ def test_a_body_in_a_fluid_is_its_ellipsoid():
 
 def test_a_body_in_a_fluid_is_on_its_path(monkeypatch):
     """Its momentum is the vertical; its nose turns as g does; no path where there are too many rows."""
-    from kreisel.viewer import showing
+    from kreisel.viewer import scene as showing
 
     body = kr.Kirchhoff(C=[[0, 0.5, 0.8], [0.5, 0, 1.2], [0.8, 1.2, 0]], B=(-0.9, -0.7, -0.4))
     start = {"M": (0.3, -0.4, 1.2), "P": (0.5, 0.2, 0.9)}

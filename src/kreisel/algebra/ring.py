@@ -27,6 +27,12 @@ class Ring:
     def __rmul__(self, other: Any) -> Any:
         return self * other
 
+    def __pow__(self, exponent: int) -> Any:
+        power: Any = 1
+        for _ in range(exponent):
+            power = power * self
+        return power
+
 
 def is_array(x: Any) -> bool:
     """Whether it is an array, not a number."""

@@ -12,13 +12,10 @@ from 0 as in `kr.drift`, or a function of the components of the state.  The resu
 pandas, or a small record with a `plot()`; `kreisel.viewer.charts` draws all of them.
 """
 
-from kreisel.analysis.angles import euler_angles, mean_rates, quaternions, rates, rotations
-from kreisel.analysis.chaos import megno
+from kreisel.analysis.angles import angular_velocity, euler_angles, mean_rates, path, quaternions, rates, rotations
 from kreisel.analysis.comparison import Comparison, compare
-from kreisel.analysis.events import events
-from kreisel.analysis.frequencies import Lines, frequencies, power_spectrum
-from kreisel.analysis.moving import angular_velocity, path
-from kreisel.analysis.sections import return_map, section
+from kreisel.analysis.events import events, return_map, section
+from kreisel.analysis.frequencies import Lines, frequencies, megno, power_spectrum
 from kreisel.storage.attitude import write_aem
 
 __all__ = [

@@ -82,20 +82,24 @@ class Carrier:
                     break
         raise InputError("The saved states are too far apart to be joined by the flow: save more often (every).")
 
-    def rates(self, *z: Array, **known: Array) -> tuple[Array, ...]:
+    def rates(self, *z: Array, **constants: Array) -> tuple[Array, ...]:
         """The rates of all parts, for any kind of number."""
         model, space = self.model, self.model.system.space
         x, z = z[: self.moving], z[self.moving :]
         state, beside = z[: len(space.letters)], z[len(space.letters) :]
         g, time = beside[: len(beside) - self.timed], beside[len(beside) - self.timed :]
-        known = {**known, **dict(zip((ORIENTATION,), g, strict=False)), **dict(zip((TIME,), time, strict=False))}
-        rate = tuple(model.call(model.system.flow, *state, **known))
+        constants = {
+            **constants,
+            **dict(zip((ORIENTATION,), g, strict=False)),
+            **dict(zip((TIME,), time, strict=False)),
+        }
+        rate = tuple(model.call(model.system.flow, *state, **constants))
         for turn in g:
-            omega = model.call(model.system.velocity, *state, **known)
+            omega = model.call(model.system.velocity, *state, **constants)
             rate += (omega @ turn if model.system.frame is Frame.REST else turn @ omega,)
-        for here in x:
-            U = model.call(model.system.translation, *state, **known)
-            rate = (algebra.act(g[0], U + 0 * here), *rate)
+        for position in x:
+            U = model.call(model.system.translation, *state, **constants)
+            rate = (algebra.act(g[0], U + 0 * position), *rate)
         return (*rate, *(0 * t + 1 for t in time))
 
     def _components(self, count: int) -> tuple[tuple[str, str], ...]:
@@ -132,9 +136,9 @@ class _Flow:
         """before + eps z'(here) many times over, by a kernel."""
         count = len(components)
 
-        def step(*z: Array, eps: Array, **known: Array) -> tuple[Array, ...]:
-            before, here = z[:count], z[count:]
-            return (*here, *(b + eps * r for b, r in zip(before, self.rates(*here, **known), strict=True)))
+        def step(*z: Array, eps: Array, **constants: Array) -> tuple[Array, ...]:
+            before, state = z[:count], z[count:]
+            return (*state, *(b + eps * r for b, r in zip(before, self.rates(*state, **constants), strict=True)))
 
         def unchanged(z: Any) -> Any:
             return z
@@ -155,21 +159,21 @@ class _Flow:
         rows, columns = flat_constants(scheme, lanes)
         kernel = compiled_step(scheme, rows, columns)
 
-        def advance(before: Floats, here: Floats, eps: Floats, steps: int, lanes: Array) -> Floats:
-            z, c = np.concatenate([before, here], 1), rows[lanes]
+        def advance(before: Floats, state: Floats, eps: Floats, steps: int, lanes: Array) -> Floats:
+            z, c = np.concatenate([before, state], 1), rows[lanes]
             c[:, columns[STEP]] = eps[:, None]
             kernel(z, c, steps)
-            return z[:, here.shape[1] :]
+            return z[:, state.shape[1] :]
 
         return advance
 
-    def _by_arrays(self, before: Floats, here: Floats, eps: Floats, steps: int, lanes: Array) -> Floats:
-        """The same by array code."""
-        known = {k: v[lanes] if v.ndim > self.model.axes[k] else v for k, v in self.constants.items()}
+    def _by_arrays(self, before: Floats, state: Floats, eps: Floats, steps: int, lanes: Array) -> Floats:
+        """before + eps z'(state) many times over, by array code."""
+        constants = {k: v[lanes] if v.ndim > self.model.axes[k] else v for k, v in self.constants.items()}
         for _ in range(steps):
-            rate = algebra.flatten(self.rates(*algebra.restore(here, self.kinds, self.n), **known), self.kinds)
-            before, here = here, before + eps[:, None] * rate
-        return here
+            rate = algebra.flatten(self.rates(*algebra.restore(state, self.kinds, self.n), **constants), self.kinds)
+            before, state = state, before + eps[:, None] * rate
+        return state
 
     def size(self, y: Floats) -> Floats:
         """The largest entry of each component, (lanes, components)."""
@@ -183,7 +187,7 @@ class _Flow:
         """
         rate, size = self._rate_and_scale(y, h, size, lanes)
         row: list[Floats] = []
-        found, best, columns = y, np.full(len(h), np.inf), np.zeros(len(h), dtype=int)
+        end, best, columns = y, np.full(len(h), np.inf), np.zeros(len(h), dtype=int)
         for j, steps in enumerate(COLUMNS):
             h_j = h / steps
             new = [self.advance(y, y + h_j[:, None] * rate, 2 * h_j, steps - 1, lanes)]
@@ -192,18 +196,18 @@ class _Flow:
             if j > 1:
                 error = (self.size(new[-1] - new[-2]) / np.maximum(size, self.size(new[-1]))).max(1)
                 better = error < best
-                found = np.where(better[:, None], new[-1], found)
+                end = np.where(better[:, None], new[-1], end)
                 best, columns = np.where(better, error, best), np.where(best > CONVERGED, j + 1, columns)
             row = new
             if (best <= CONVERGED).all():
                 break
-        return found, best, columns
+        return end, best, columns
 
     def _rate_and_scale(self, y: Floats, h: Floats, size: Floats, lanes: Array) -> tuple[Floats, Floats]:
         jitter = JITTER * np.where(np.arange(y.shape[1]) % 2, -1, 1)
         near = y + jitter * np.repeat(size, np.diff([*self.starts, y.shape[1]]), 1)
-        rate, other = (self.advance(np.zeros_like(y), at, np.ones(len(y)), 1, lanes) for at in (y, near))
-        unsure = self.size(h[:, None] * (other - rate)) / ACCURATE
+        rate, nearby = (self.advance(np.zeros_like(y), at, np.ones(len(y)), 1, lanes) for at in (y, near))
+        unsure = self.size(h[:, None] * (nearby - rate)) / ACCURATE
         return rate, np.maximum(size, self.size(h[:, None] * rate)) + unsure + np.finfo(float).tiny
 
     def require_met(self, y: Floats, h: Floats, following: Floats) -> None:

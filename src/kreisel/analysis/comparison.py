@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @explained
 @dataclass(frozen=True)
 class Comparison:
-    """What `compare` returns.
+    """Distance and drift of two runs; `compare` returns it.
 
     distance   Dataset along the common times (and lane): for each component of the state the Euclidean distance over
                the largest length of that component in the first run; for the orientation the angle between them, in rad
@@ -60,7 +60,7 @@ class Comparison:
 
 
 @explained
-def compare(run: xr.Dataset, other: xr.Dataset) -> Comparison:
+def compare(run: xr.Dataset, second_run: xr.Dataset) -> Comparison:
     """Two runs of the same system at the times that both saved.
 
     Times are the same if they agree to 1e-9 of the shortest distance between rows.  Raises `InputError` for different
@@ -68,29 +68,29 @@ def compare(run: xr.Dataset, other: xr.Dataset) -> Comparison:
     """
     import pandas as pd
 
-    records = [RunRecord.of(each, "system", "n", "method") for each in (run, other)]
+    records = [RunRecord.of(each, "system", "n", "method") for each in (run, second_run)]
     for key in ("system", "n"):
         first, second = (getattr(record, key) for record in records)
         if first != second:
             raise InputError(f"Runs of one system can be compared; {key} is {first} and {second}.")
-    if run.sizes.get("lane") != other.sizes.get("lane"):
+    if run.sizes.get("lane") != second_run.sizes.get("lane"):
         raise InputError("Both runs must have the same lanes; take one lane of each with isel(lane=...).")
-    i, j = _common(np.asarray(run["time"].values), np.asarray(other["time"].values))
-    tables = [table_of(each).max_change for each in (run, other)]
+    i, j = _common(np.asarray(run["time"].values), np.asarray(second_run["time"].values))
+    tables = [table_of(each).max_change for each in (run, second_run)]
     both = tables[0].index.intersection(tables[1].index, sort=False)
     table = pd.DataFrame({"first": tables[0][both], "second": tables[1][both]})
     with np.errstate(all="ignore"):
         table["ratio"] = table["second"] / table["first"]
     names = [f"{record.method}, dt = {record.dt:g}" if record.stepped else "exact" for record in records]
-    return Comparison(_distances(run.isel(time=i), other.isel(time=j)), table, (names[0], names[1]))
+    return Comparison(_distances(run.isel(time=i), second_run.isel(time=j)), table, (names[0], names[1]))
 
 
-def _common(one: Array, two: Array) -> tuple[Array, Array]:
-    if len(one) < 2 or len(two) < 2:
+def _common(first: Array, two: Array) -> tuple[Array, Array]:
+    if len(first) < 2 or len(two) < 2:
         raise InputError("Each run needs two saved times or more.")
-    tolerance = 1e-9 * min(np.diff(one).min(), np.diff(two).min())
-    near = np.clip(np.searchsorted(two, one - tolerance), 0, len(two) - 1)
-    same = np.abs(two[near] - one) <= np.maximum(tolerance, 4 * np.finfo(float).eps * np.abs(one))
+    tolerance = 1e-9 * min(np.diff(first).min(), np.diff(two).min())
+    near = np.clip(np.searchsorted(two, first - tolerance), 0, len(two) - 1)
+    same = np.abs(two[near] - first) <= np.maximum(tolerance, 4 * np.finfo(float).eps * np.abs(first))
     if same.sum() < 2:
         raise InputError(
             "The runs have fewer than two saved times in common. Choose steps and `every` so that they have."
@@ -98,25 +98,27 @@ def _common(one: Array, two: Array) -> tuple[Array, Array]:
     return np.nonzero(same)[0], near[same]
 
 
-def _distances(run: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
+def _distances(run: xr.Dataset, second_run: xr.Dataset) -> xr.Dataset:
     import xarray as xr
 
     lead = 1 + ("lane" in run.dims)
     data: dict[str, Any] = {}
     dims: tuple[Any, ...] = ()
     for letter in RunRecord.from_attrs(run.attrs).kinds:
-        if letter not in run or letter not in other:
+        if letter not in run or letter not in second_run:
             raise InputError(f"expected two runs with {letter} of their state, got one without.")
-        one, two = (np.asarray(each[letter].values).reshape((*each[letter].shape[:lead], -1)) for each in (run, other))
+        first, two = (
+            np.asarray(each[letter].values).reshape((*each[letter].shape[:lead], -1)) for each in (run, second_run)
+        )
         with np.errstate(all="ignore"):
-            size = np.linalg.norm(one, axis=-1).max() or 1.0
-            apart = np.linalg.norm(one - two, axis=-1) / size
+            size = np.linalg.norm(first, axis=-1).max() or 1.0
+            apart = np.linalg.norm(first - two, axis=-1) / size
         if not np.isfinite(apart).all():
             raise InputError(f"expected {letter} with finite squares in both runs, got numbers beyond that.")
         dims = run[letter].dims[:lead]
         data[letter] = (dims, apart, {"long_name": f"distance of {letter}"})
-    if all(ORIENTATION in each and each[ORIENTATION].shape[-1] == 4 for each in (run, other)):
-        q, r = run[ORIENTATION].values, other[ORIENTATION].values
+    if all(ORIENTATION in each and each[ORIENTATION].shape[-1] == 4 for each in (run, second_run)):
+        q, r = run[ORIENTATION].values, second_run[ORIENTATION].values
         nearest = np.minimum(np.linalg.norm(q - r, axis=-1), np.linalg.norm(q + r, axis=-1))
         angle = 4 * np.arcsin(np.clip(nearest / 2, 0, 1))
         data[ORIENTATION] = (dims, angle, {"long_name": "angle between the orientations", "units": "rad"})

@@ -1,4 +1,4 @@
-"""kr.analysis.events: where a quantity crosses a value, to round-off."""
+"""kr.analysis.events: where a quantity crosses a value, to round-off; Poincare sections and the return maps on them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,18 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.analysis.carrying import Carrier, depends_on_time
-from kreisel.analysis.quantities import Quantity, label, of_state
+from kreisel.analysis.quantities import Quantity, label, of_state, series
 from kreisel.errors import InputError, explained
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs.geometry import components, model_for, orientation_of
-from kreisel.runs.settings import finite_number, flag
+from kreisel.runs.settings import finite_number, flag, whole_number
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from kreisel.record.model import Model
+
 
 NODES = 12  # of the polynomial that finds a crossing
 NUDGE = 1e-5  # of an interval, for its slope
@@ -110,8 +113,8 @@ def _carrier(model: Model, rows: tuple[Array, ...]) -> Any:
 
     def carry(h: Array, row: Array, lane: Array, to_next: bool = False) -> tuple[Array, ...]:
         of_lane = {k: v[lane] for k, v in batched.items()}
-        here, following = (tuple(v[at, lane] for v in rows) for at in (row, row + 1))
-        return Carrier(model, of_lane)(here, np.asarray(h), following if to_next else None)
+        start, following = (tuple(v[at, lane] for v in rows) for at in (row, row + 1))
+        return Carrier(model, of_lane)(start, np.asarray(h), following if to_next else None)
 
     return carry
 
@@ -135,11 +138,11 @@ def _crossing_times(
             break
         right = np.where(outside, 1.25 * right, right)
         ends = off(right, number)
-    found = _roots_within(off, right, number)
+    roots = _roots_within(off, right, number)
     at_row = f[place, lane] == 0
-    if not (np.isfinite(found) | at_row).all():
+    if not (np.isfinite(roots) | at_row).all():
         raise InputError("A crossing between two rows could not be found again by the flow: save more often (every).")
-    return np.where(at_row, 0.0, found)
+    return np.where(at_row, 0.0, roots)
 
 
 def _roots_within(off: Any, right: Array, number: Array) -> Array:
@@ -164,14 +167,70 @@ def _roots_within(off: Any, right: Array, number: Array) -> Array:
     guess = elementwise.find_root(polynomial, (0.0 * right, 0.0 * right + 1), args=(number,))
     s = np.where(guess.success, guess.x, np.nan)
     slope = (polynomial(s + NUDGE, number) - polynomial(s - NUDGE, number)) / (2 * NUDGE)
-    known = np.nonzero(np.isfinite(s) & (slope != 0))[0]
+    guessed = np.nonzero(np.isfinite(s) & (slope != 0))[0]
     left = np.full(len(s), np.inf)
     for _ in range(2):
-        rest = off(s[known] * right[known], known)
-        left[known] = np.abs(rest)
-        s[known] = np.clip(s[known] - rest / slope[known], 0, 1)
+        residuals = off(s[guessed] * right[guessed], guessed)
+        left[guessed] = np.abs(residuals)
+        s[guessed] = np.clip(s[guessed] - residuals / slope[guessed], 0, 1)
     poor = np.nonzero(~(left <= NEAR * np.abs(values).max(0)))[0]
     if len(poor):
         again = elementwise.find_root(off, (0.0 * right[poor], right[poor]), args=(poor,))
         s[poor] = np.where(again.success, again.x / right[poor], np.nan)
     return s * right
+
+
+# -- sections --------------------------------------------------------------------------------------
+
+
+@explained
+def section(
+    run: xr.Dataset, quantity: Quantity, value: float = 0.0, *, rising: bool | None = True, system: Model | None = None
+) -> xr.Dataset:
+    """Poincare's section: the states at which f = value is crossed in one direction, located to round-off (`events`).
+
+    Of an ensemble the points of all lanes, with the coordinate lane.  Returns and raises as `events`.
+    """
+    return events(run, quantity, value, rising=rising, system=system)
+
+
+@explained
+def return_map(
+    run: xr.Dataset,
+    quantity: Quantity,
+    seen: Quantity,
+    value: float = 0.0,
+    *,
+    rising: bool | None = True,
+    returns: int = 1,
+    system: Model | None = None,
+) -> xr.Dataset:
+    """The return map on the section f = value: `seen` at a crossing, and at the `returns`-th one after it.
+
+    `seen` is a component such as "a[0]" or a function of the components of the state, as f is.  Crossings of different
+    lanes are not mixed.  Returns a Dataset along `event` with here, after, the time of return elapsed, and the
+    coordinate lane of an ensemble.  Raises `InputError` as `events` does, and for returns < 1.
+    """
+    import xarray as xr
+
+    returns = whole_number(returns, "returns")
+    cut = section(run, quantity, value, rising=rising, system=system)
+    lanes = cut["lane"].values if "lane" in cut.coords else np.zeros(cut.sizes["event"], dtype=int)
+    values = _values_at_crossings(cut, seen)
+    first, last = [], []
+    for lane in np.unique(lanes):
+        places = np.nonzero(lanes == lane)[0]
+        first.append(places[:-returns])
+        last.append(places[returns:])
+    i, j = (np.concatenate(p) if p else np.zeros(0, dtype=int) for p in (first, last))
+    coords = {"time": ("event", cut["time"].values[i])}
+    if "lane" in cut.coords:
+        coords["lane"] = ("event", lanes[i])
+    elapsed = cut["time"].values[j] - cut["time"].values[i]
+    data = {"here": ("event", values[i]), "after": ("event", values[j]), "elapsed": ("event", elapsed)}
+    return xr.Dataset(data, coords, {**cut.attrs, "seen": label(seen), "returns": returns})
+
+
+def _values_at_crossings(cut: xr.Dataset, seen: Quantity) -> np.ndarray:
+    """`seen` at each crossing; the events stand where a run has its times."""
+    return np.asarray(series(cut.reset_coords("lane", drop=True) if "lane" in cut.coords else cut, seen))

@@ -40,7 +40,7 @@ OFF = 10  # errors of an observation, root mean square: beyond it the motion is 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """What observations say of a motion.
+    """Parameters and a state fitted to observations.
 
     table         value, standard error, start, low and high of each unknown, by name
     covariance    of the values, a table
@@ -161,19 +161,19 @@ def fit(
     within(evaluations, "evaluations", 1, 10**6)
     dt = _step_of(observations) if dt is None else positive_number(dt, "dt")
     state = checked_state(system, _first(system, observations) if x0 is None else x0)
-    own = dict(observables or {})
+    functions = dict(observables or {})
     attitude = _attitude(system, observations, orientation)
-    unknown, starts = unknowns(system, state, attitude, free, bounds or {}, own)
-    seen = observed(system, observations, dt, own, starts)
+    unknown, starts = unknowns(system, state, attitude, free, bounds or {}, functions)
+    seen = observed(system, observations, dt, functions, starts)
     _require_enough(seen, unknown)
     settings: dict[str, Any] = {"method": method, "order": order}
     f = differentiable(system, **settings, orientation=attitude is not None)
     kind = system.key, _axes_of(system, observations), method, order, *(u.name for u in unknown), *seen.names
-    key = *kind, dt, seen.time.tobytes(), tuple((name, Identity(function)) for name, function in own.items())
+    key = *kind, dt, seen.time.tobytes(), tuple((name, Identity(function)) for name, function in functions.items())
     predicted = _predictions(f, system, unknown, starts, seen, key)
-    found = _least_squares(predicted, seen, unknown, evaluations, system)
-    start, last = (system, state, attitude), predicted(found.x.tobytes())[0]
-    return _as_fit(found, unknown, start, seen, last, {"dt": dt, **settings})
+    solution = _least_squares(predicted, seen, unknown, evaluations, system)
+    start, last = (system, state, attitude), predicted(solution.x.tobytes())[0]
+    return _as_fit(solution, unknown, start, seen, last, {"dt": dt, **settings})
 
 
 def _require_enough(seen: Observations, unknown: list[Unknown]) -> None:
@@ -246,42 +246,44 @@ def _predictions(
         return out
 
     def predicted(x: Any, starts: Any) -> tuple[Any, Any]:
-        given = {k: filled(x, starts, k) for k in starts if k != ORIENTATION}
-        own = {k: given.pop(k) for k in letters}
+        values = {k: filled(x, starts, k) for k in starts if k != ORIENTATION}
+        state = {k: values.pop(k) for k in letters}
         if ORIENTATION in starts:
-            own[ORIENTATION] = attitude_near(
-                by, model, turn_coordinates(model, given.pop(ATTITUDE)), starts[ORIENTATION]
+            state[ORIENTATION] = attitude_near(
+                by, model, turn_coordinates(model, values.pop(ATTITUDE)), starts[ORIENTATION]
             )
-        moving = {k: given[k] for k in parameters}
-        rows = _at_times(jax, f, own, seen, moving)
-        known = constants_of(by, model, moving)
+        moving = {k: values[k] for k in parameters}
+        rows = _at_times(jax, f, state, seen, moving)
+        constants = constants_of(by, model, moving)
         out = [
-            jax.vmap(lambda row, t, show=show: show(by, row, t, known, given))(rows, jnp.asarray(seen.time))
+            jax.vmap(lambda row, t, show=show: show(by, row, t, constants, values))(rows, jnp.asarray(seen.time))
             for show in seen.shows
         ]
         return out, out
 
-    made = reused(("fit", *key), lambda: jax.jit(jax.jacfwd(predicted, has_aux=True)))
+    compiled = reused(("fit", *key), lambda: jax.jit(jax.jacfwd(predicted, has_aux=True)))
     begin = {k: np.asarray(v, dtype=np.float64) for k, v in starts.items()}
 
     def at(x: bytes) -> tuple[list[Array], list[Array]]:
         with double():
-            slopes, values = made(np.frombuffer(x), begin)
+            slopes, values = compiled(np.frombuffer(x), begin)
             return [np.asarray(v) for v in values], [np.asarray(v) for v in slopes]
 
     return lru_cache(1)(at)
 
 
-def _at_times(jax: Any, f: Any, own: Any, seen: Observations, given: Any) -> Any:
+def _at_times(jax: Any, f: Any, state: Any, seen: Observations, parameters: Any) -> Any:
     """The states at the times of the observations."""
-    rows = f(own, dt=seen.dt, steps=seen.steps, every=seen.every, **given)
+    rows = f(state, dt=seen.dt, steps=seen.steps, every=seen.every, **parameters)
     at = jax.tree.map(lambda v: v[seen.rows], rows)
     if not len(seen.between):
         return at
     begin = jax.tree.map(lambda v: v[seen.between], at)
-    time = seen.time[seen.between] - seen.rest[seen.between]
-    rest = jax.vmap(lambda row, h, t: f(row, dt=h, steps=1, time=t, **given))(begin, seen.rest[seen.between], time)
-    return jax.tree.map(lambda v, w: v.at[seen.between].set(w), at, rest)
+    time = seen.time[seen.between] - seen.remainder[seen.between]
+    remainder = jax.vmap(lambda row, h, t: f(row, dt=h, steps=1, time=t, **parameters))(
+        begin, seen.remainder[seen.between], time
+    )
+    return jax.tree.map(lambda v, w: v.at[seen.between].set(w), at, remainder)
 
 
 def _least_squares(
@@ -303,7 +305,7 @@ def _least_squares(
             f"{', '.join(f'{u.name} = {u.start:g}' for u in unknown)}. Usual cause: dt too long, or an observable that "
             "is no number there."
         )
-    found = least_squares(
+    solution = least_squares(
         value,
         start,
         slope,
@@ -314,10 +316,10 @@ def _least_squares(
         gtol=PRECISION,
         max_nfev=evaluations,
     )
-    if not found.success:
-        text = f"fit: the search did not converge: {found.message} Begin nearer, or raise evaluations."
+    if not solution.success:
+        text = f"fit: the search did not converge: {solution.message} Begin nearer, or raise evaluations."
         warnings.warn(text, AccuracyWarning, stacklevel=3)
-    return found
+    return solution
 
 
 def covariance_of(J: Array, names: Sequence[str]) -> Array:
@@ -342,7 +344,7 @@ def covariance_of(J: Array, names: Sequence[str]) -> Array:
 
 
 def _as_fit(
-    found: Any,
+    solution: Any,
     unknown: list[Unknown],
     start: tuple[Model, State, Array | None],
     seen: Observations,
@@ -352,8 +354,8 @@ def _as_fit(
     import pandas as pd
 
     names = [u.name for u in unknown]
-    covariance = covariance_of(np.asarray(found.jac), names)
-    chi2, dof = 2 * float(found.cost), seen.size - len(unknown)
+    covariance = covariance_of(np.asarray(solution.jac), names)
+    chi2, dof = 2 * float(solution.cost), seen.size - len(unknown)
     if seen.weighted and chi2 > OFF**2 * max(dof, 1):
         doubt(
             f"fit: the observations are {np.sqrt(chi2 / max(dof, 1)):.3g} of their errors away from the motion found. "
@@ -364,9 +366,9 @@ def _as_fit(
     if not seen.weighted:
         sigma = float(np.sqrt(chi2 / dof)) if dof else np.nan
         covariance = covariance * sigma**2
-    model, state, attitude = _model_at(*start, unknown, found.x)
+    model, state, attitude = _model_at(*start, unknown, solution.x)
     columns = {
-        "value": found.x,
+        "value": solution.x,
         "error": np.sqrt(np.diag(covariance)),
         "start": [u.start for u in unknown],
         "low": [u.low for u in unknown],
@@ -382,10 +384,10 @@ def _as_fit(
         chi2=chi2,
         dof=dof,
         sigma=sigma,
-        at_bound=tuple(n for n, active in zip(names, found.active_mask, strict=True) if active),
-        converged=bool(found.success),
-        message=str(found.message),
-        evaluations=int(found.nfev),
+        at_bound=tuple(n for n, active in zip(names, solution.active_mask, strict=True) if active),
+        converged=bool(solution.success),
+        message=str(solution.message),
+        evaluations=int(solution.nfev),
         settings=settings,
     )
 
@@ -400,13 +402,17 @@ def _model_at(
             values[u.letter] = np.where(u.place != 0, u.place * value, values[u.letter])
     try:
         fitted = Model(model.system, {k: values[k] for k in model.params}, model.body_frame)
-        own = fitted.state(**{k: values[k] for k in model.system.space.letters})
+        fitted_state = fitted.state(**{k: values[k] for k in model.system.space.letters})
     except InputError as error:
         raise RunError(f"fit: the values found are none of {model.system.name}. {error} Use bounds=... .") from error
     if attitude is None:
-        return fitted, own, None
+        return fitted, fitted_state, None
     from kreisel.kernels import jax_numbers as by
     from kreisel.reduction.double import double
 
     with double():
-        return fitted, own, np.asarray(attitude_near(by, model, turn_coordinates(model, values[ATTITUDE]), attitude))
+        return (
+            fitted,
+            fitted_state,
+            np.asarray(attitude_near(by, model, turn_coordinates(model, values[ATTITUDE]), attitude)),
+        )

@@ -3,6 +3,14 @@
 Laskar's numerical analysis of fundamental frequencies: a line is a maximum of the windowed Fourier integral
 (`kreisel.runs.harmonics`).  Then all amplitudes are fitted together, and each line is sought again in what the others
 leave, until the frequencies no longer change.
+
+kr.analysis.megno: regular or chaotic, from a neighbouring motion that is brought back beside the first.
+
+    Y(t) = (2/t) int_0^t (d'/d) s ds,   d the distance of two neighbouring motions
+
+Its mean over time goes to 2 for quasiperiodic motions, whose neighbours part like t, to 0 for stable periodic ones, and
+grows like lambda t/2 for chaotic ones, lambda Lyapunov's exponent.
+[P. M. Cincotta, C. Simo, Astron. Astrophys. Suppl. 147 (2000) 205]
 """
 
 from __future__ import annotations
@@ -12,17 +20,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kreisel.algebra import Array
+from kreisel.algebra import Array, axial, dot, unit
 from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError, explained, shown
+from kreisel.record.model import Model
+from kreisel.record.perturbation import TIME
 from kreisel.runs import harmonics
+from kreisel.runs.propagation.propagator import propagator
 from kreisel.runs.run_record import a_run
-from kreisel.runs.settings import whole_number
+from kreisel.runs.settings import check_model, checked_state, initial_orientation, whole_number, within
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
+
+    from kreisel.record.model import OrientationLike, StateLike
+
 
 FEWEST = 16  # samples
 SWEEPS = 40
@@ -36,13 +50,13 @@ class Lines:
     frequency   (lines,) angular, in radians and the run's unit of time; of a real signal those >= 0
     amplitude   (lines,) complex, for t counted from time 0; of a real signal f = sum of
                 Re(amplitude_j exp(i omega_j t))
-    rest        root mean square of what the lines leave of the signal
+    remainder        root mean square of what the lines leave of the signal
     change      largest |change| of a frequency in the last sweep, a measure of how constant they are
     """
 
     frequency: Array
     amplitude: Array
-    rest: float
+    remainder: float
     change: float
     time: Array
     values: Array
@@ -82,7 +96,7 @@ def frequencies(run: xr.Dataset, quantity: Quantity, lines: int = 8, *, power: i
 
 
 def lines_of(time: Array, values: Array, lines: int = 8, *, power: int = 3, quantity: str = "f") -> Lines:
-    """The same for any evenly spaced samples `values` (time,) at `time`."""
+    """The strongest lines of evenly spaced samples `values` (time,) at `time`."""
     time, values = _even(time, values)
     lines = whole_number(lines, "lines")
     if not (isinstance(power, int) and power == 0) and whole_number(power, "power") > 8:
@@ -90,25 +104,25 @@ def lines_of(time: Array, values: Array, lines: int = 8, *, power: int = 3, quan
     real = values.dtype.kind != "c"
     centre = (time[0] + time[-1]) / 2
     finder = _Finder(time - centre, power)
-    found: list[float] = []
+    omegas: list[float] = []
     change = 0.0
-    rest = values.astype(complex)
+    remainder = values.astype(complex)
     floor = 4 * np.finfo(float).eps * np.sqrt((np.abs(values) ** 2).mean())
     for _ in range(lines):
-        if np.sqrt((np.abs(rest) ** 2).mean()) <= floor:
+        if np.sqrt((np.abs(remainder) ** 2).mean()) <= floor:
             break
-        new = finder.strongest(rest, real)
-        if min((abs(new - old) for old in found), default=np.inf) < finder.width:
+        new = finder.strongest(remainder, real)
+        if min((abs(new - old) for old in omegas), default=np.inf) < finder.width:
             break  # what is left of a line that is there
-        found, change = _settled(finder, [*found, new], values, real)
-        rest = values - finder.model(found, finder.fit(found, values, real), real)
-    amplitude = finder.fit(found, values, real)
-    rest = values - finder.model(found, amplitude, real)
-    omega = np.array(found)
+        omegas, change = _settled(finder, [*omegas, new], values, real)
+        remainder = values - finder.model(omegas, finder.fit(omegas, values, real), real)
+    amplitude = finder.fit(omegas, values, real)
+    remainder = values - finder.model(omegas, amplitude, real)
+    omega = np.array(omegas)
     amplitude = amplitude * np.exp(-1j * omega * centre)
     order = np.argsort(-np.abs(amplitude), kind="stable")
     return Lines(
-        omega[order], amplitude[order], float(np.sqrt((np.abs(rest) ** 2).mean())), change, time, values, quantity
+        omega[order], amplitude[order], float(np.sqrt((np.abs(remainder) ** 2).mean())), change, time, values, quantity
     )
 
 
@@ -133,21 +147,21 @@ def _finite_squares(values: Array) -> bool:
         return bool(np.isfinite((np.abs(values) ** 2).sum()))
 
 
-def _settled(finder: _Finder, found: list[float], values: Array, real: bool) -> tuple[list[float], float]:
+def _settled(finder: _Finder, omegas: list[float], values: Array, real: bool) -> tuple[list[float], float]:
     """Each line sought again in what the others leave, until none changes any more."""
-    change, small = np.inf, 4 * np.finfo(float).eps * max(map(abs, found))
+    change, small = np.inf, 4 * np.finfo(float).eps * max(map(abs, omegas))
     for _ in range(SWEEPS):
-        before, last = list(found), change
-        for j in range(len(found)):
-            amplitude = finder.fit(found, values, real)
-            others = [k for k in range(len(found)) if k != j]
-            mirrored = finder.mirror(found[j], amplitude[j], real)
-            own = values - finder.model([found[k] for k in others], amplitude[others], real) - mirrored
-            found[j] = finder.peak(own, found[j])
-        change = max(abs(a - b) for a, b in zip(found, before, strict=True))
+        before, last = list(omegas), change
+        for j in range(len(omegas)):
+            amplitude = finder.fit(omegas, values, real)
+            others = [k for k in range(len(omegas)) if k != j]
+            mirrored = finder.mirror(omegas[j], amplitude[j], real)
+            line = values - finder.model([omegas[k] for k in others], amplitude[others], real) - mirrored
+            omegas[j] = finder.peak(line, omegas[j])
+        change = max(abs(a - b) for a, b in zip(omegas, before, strict=True))
         if change <= small or last <= change < 1e-9 * finder.width:  # only rounding moves them
             break
-    return found, change
+    return omegas, change
 
 
 class _Finder:
@@ -166,20 +180,20 @@ class _Finder:
         """The maximum of |Z| next to a guess."""
         return float(harmonics.peaks(self.t, (self.window * f)[:, None], [guess])[0])
 
-    def _waves(self, found: list[float]) -> Array:
-        return np.exp(1j * np.outer(self.t, found))
+    def _waves(self, omegas: list[float]) -> Array:
+        return np.exp(1j * np.outer(self.t, omegas))
 
-    def fit(self, found: list[float], values: Array, real: bool) -> Array:
+    def fit(self, omegas: list[float], values: Array, real: bool) -> Array:
         """The amplitudes of least squares under the window."""
-        root, waves = np.sqrt(self.window)[:, None], self._waves(found)
+        root, waves = np.sqrt(self.window)[:, None], self._waves(omegas)
         if not real:
             return np.linalg.lstsq(root * waves, root[:, 0] * values, rcond=None)[0]
         columns = np.concatenate([waves.real, -waves.imag], 1)
         both = np.linalg.lstsq(root * columns, root[:, 0] * values, rcond=None)[0]
-        return both[: len(found)] + 1j * both[len(found) :]
+        return both[: len(omegas)] + 1j * both[len(omegas) :]
 
-    def model(self, found: list[float], amplitude: Array, real: bool) -> Array:
-        total = self._waves(found) @ amplitude if len(found) else np.zeros(len(self.t), dtype=complex)
+    def model(self, omegas: list[float], amplitude: Array, real: bool) -> Array:
+        total = self._waves(omegas) @ amplitude if len(omegas) else np.zeros(len(self.t), dtype=complex)
         return total.real if real else total
 
     def mirror(self, omega: float, amplitude: complex, real: bool) -> Array:
@@ -211,3 +225,83 @@ def power_spectrum(run: xr.Dataset, quantity: Quantity) -> xr.Dataset:
     dims = ("frequency",) if values.ndim == 1 else ("frequency", "lane")
     data = power[0] if values.ndim == 1 else np.stack(power, -1)
     return xr.Dataset({"power": (dims, data)}, {"frequency": frequency}, {"quantity": label(quantity)})
+
+
+# -- regular or chaotic ----------------------------------------------------------------------------
+
+
+APART = 1e-8  # of the neighbour, relative
+MOST, MOST_SEED = 10**9, 2**63
+TINY = 1e-300
+
+
+@explained
+def megno(
+    system: Model,
+    x0: StateLike,
+    *,
+    dt: float,
+    steps: int,
+    every: int = 10,
+    orientation: OrientationLike | None = None,
+    method: str | None = None,
+    order: int | None = None,
+    seed: int = 0,
+) -> xr.Dataset:
+    """MEGNO and Lyapunov's exponent of the motion from a state, of each lane, against time.
+
+    system, x0, dt, steps, orientation, method, order   as for `kr.simulate`
+    every    steps after which the neighbour is brought back to a distance of 1e-8
+    seed     of the direction of the neighbour, whose momentum differs
+
+    Returns a Dataset with megno Y, its mean over time, and lyapunov, ln(d(t)/d(0))/t, each (time,) or (time, lane).
+    The system may be one of `kr.perturbed`, whose forces may depend on the orientation and on time; n = 3.
+    Raises `InputError` as `kr.simulate` does.
+    """
+    import xarray as xr
+
+    check_model(system)
+    rows = -(-within(steps, "steps", 1, MOST) // within(every, "every", 1, MOST))
+    if system.n != 3 or system.system.space.kinds[0] != "skew":
+        raise InputError(f"megno: expected a body with n = 3 and its momentum, got {system.system.name}.")
+    first, lanes, single = _rows(system, x0, orientation)
+    both = system.lanes(np.tile(np.arange(lanes), 2)) if system.batch else system
+    p = propagator(both, method=method, order=order, dt=dt, orientation=orientation is not None)
+    record = system.system.perturbation
+    timed = record is not None and record.names(TIME)
+    scale = np.ones_like(first)
+    scale[:, :3] = np.maximum(_length(first[:, :3]), TINY)
+    change = np.zeros_like(first)
+    change[:, :3] = np.random.default_rng(within(seed, "seed", 0, MOST_SEED)).normal(size=(lanes, 3))
+    neighbour = first + APART * scale * change / _length(change)
+    growth = np.empty((rows, lanes))
+    for row in range(rows):
+        moved = p.steps(np.concatenate([first, neighbour]), every, time=row * every * p.dt if timed else None)
+        first, neighbour = moved[:lanes, : p.size], moved[lanes:, : p.size]
+        if orientation is not None:  # q and -q are the same turn
+            neighbour[:, -4:] *= np.where(dot(first[:, -4:], neighbour[:, -4:]) < 0, -1, 1)[:, None]
+        distance = _length((neighbour - first) / scale)
+        growth[row] = np.log(distance[:, 0] / APART)
+        neighbour = first + (neighbour - first) * APART / distance
+        if orientation is not None:
+            neighbour[:, -4:] = unit(neighbour[:, -4:])
+    number = np.arange(1, rows + 1)[:, None]
+    value, time = 2 / number * np.cumsum(number * growth, 0), number * every * p.dt
+    results = {"megno": value, "mean": np.cumsum(value, 0) / number, "lyapunov": np.cumsum(growth, 0) / time}
+    dims = ("time",) if single else ("time", "lane")
+    return xr.Dataset({k: (dims, v[:, 0] if single else v) for k, v in results.items()}, {"time": time[:, 0]})
+
+
+def _rows(system: Model, x0: StateLike, orientation: OrientationLike | None) -> tuple[Array, int, bool]:
+    """States and orientations as a propagator takes them (lanes, size), how many, and whether it is a single one."""
+    state = checked_state(system, x0)
+    kinds = system.system.space.kinds
+    parts = [axial(z) if kind == "skew" else z for kind, z in zip(kinds, state.values(), strict=True)]
+    parts += [] if orientation is None else [initial_orientation(orientation, system)]
+    batch = np.broadcast_shapes(system.batch, *(component.shape[:-1] for component in parts))
+    flat = np.concatenate([np.broadcast_to(component, (*batch, component.shape[-1])) for component in parts], -1)
+    return flat.reshape(-1, flat.shape[-1]).astype(np.float64), int(np.prod(batch)), not batch
+
+
+def _length(x: Array) -> Array:
+    return np.sqrt((x * x).sum(-1, keepdims=True))

@@ -1,4 +1,4 @@
-"""What kr.fit is given: unknowns by name, and observations with their times, errors and gaps."""
+"""Input of kr.fit: unknowns by name, and observations with their times, errors and gaps."""
 
 from __future__ import annotations
 
@@ -81,38 +81,38 @@ def unknowns(
         array = np.asarray(starts[letter], dtype=np.float64)
         entries = _entries(kinds[letter], array, index)
         if not entries:
-            known = ", ".join(_named(letter, i) for i, _ in _entries(kinds[letter], array, None))
-            raise InputError(f"free: {letter} has the numbers {known}, got {shown(name)}.")
+            numbers = ", ".join(_named(letter, i) for i, _ in _entries(kinds[letter], array, None))
+            raise InputError(f"free: {letter} has the numbers {numbers}, got {shown(name)}.")
         begin = _spread(start, array.shape, name) if start is not None else array
         for place, pattern in entries:
-            own = _named(letter, place)
-            if own in out:
-                raise InputError(f"free: expected each number once, got {own} twice.")
+            entry = _named(letter, place)
+            if entry in out:
+                raise InputError(f"free: expected each number once, got {entry} twice.")
             at = float(begin if np.ndim(begin) == 0 else begin[place])
-            out[own] = Unknown(own, letter, pattern, at, -np.inf, np.inf)
+            out[entry] = Unknown(entry, letter, pattern, at, -np.inf, np.inf)
     if not out:
         raise InputError("free: expected names of what is unknown, such as ['p', 'm[2]'], got none.")
     return [_bounded(u, bounds, out) for u in out.values()], starts
 
 
 def _of_instrument(model: Model, observables: Mapping[str, Any]) -> list[str]:
-    """What observables take by name that the model has not."""
+    """Arguments of observables, by name, that the model does not have."""
     names = [n for f in observables.values() if callable(f) for n in sorted(keywords(f))]
     return [n for n in dict.fromkeys(names) if n not in (*model.params, ORIENTATION, TIME)]
 
 
 def _by_name(free: Any) -> dict[str, Any]:
     if isinstance(free, Mapping):
-        found = dict(free)
+        starts = dict(free)
     elif isinstance(free, Sequence) and not isinstance(free, str):
-        found = dict.fromkeys(name if isinstance(name, str) else None for name in free)
+        starts = dict.fromkeys(name if isinstance(name, str) else None for name in free)
     else:
-        found = {None: None}
-    if not all(isinstance(name, str) for name in found):
+        starts = {None: None}
+    if not all(isinstance(name, str) for name in starts):
         raise InputError(
             f"free: expected a list of names such as ['p', 'm[2]'], or a dict of starts, got {shown(free)}."
         )
-    return found
+    return starts
 
 
 def _entries(kind: str, array: Array, index: Any) -> list[tuple[tuple[int, ...], Array]]:
@@ -149,35 +149,35 @@ def _named(letter: str, index: tuple[int, ...]) -> str:
 
 
 def _array(value: Any, name: str) -> Array:
-    found = algebra.floats(value)
-    if not np.isfinite(found).all():
+    array = algebra.floats(value)
+    if not np.isfinite(array).all():
         raise InputError(f"free: expected finite numbers to begin {name} with, got {shown(value)}.")
-    return found
+    return array
 
 
 def _spread(value: Any, shape: tuple[int, ...], name: str) -> Array:
-    found = _array(value, name)
-    if len(shape) == 2 and found.shape == shape[:1] and shape[0] == shape[1]:
-        found = np.diag(found)
-    if found.shape not in ((), shape):
+    array = _array(value, name)
+    if len(shape) == 2 and array.shape == shape[:1] and shape[0] == shape[1]:
+        array = np.diag(array)
+    if array.shape not in ((), shape):
         raise InputError(f"free: expected numbers of shape {shape} to begin {name} with, got {shown(value)}.")
-    return found
+    return array
 
 
-def _bounded(u: Unknown, bounds: Any, known: Mapping[str, Any]) -> Unknown:
-    letters = {v.letter for v in known.values()}
-    unmatched = [name for name in bounds if name not in known and name not in letters]
+def _bounded(u: Unknown, bounds: Any, free: Mapping[str, Any]) -> Unknown:
+    letters = {v.letter for v in free.values()}
+    unmatched = [name for name in bounds if name not in free and name not in letters]
     if unmatched:
-        raise InputError(f"bounds: expected names of free numbers, {', '.join(known)}, got {shown(unmatched[0])}.")
-    given = bounds.get(u.name, bounds.get(u.letter))
-    if given is None:
+        raise InputError(f"bounds: expected names of free numbers, {', '.join(free)}, got {shown(unmatched[0])}.")
+    limits = bounds.get(u.name, bounds.get(u.letter))
+    if limits is None:
         return u
     try:
-        low, high = (float(v) for v in given)
+        low, high = (float(v) for v in limits)
     except (TypeError, ValueError):
         low = high = math.nan
     if not low < high or not low <= u.start <= high:
-        raise InputError(f"bounds: expected (low, high) around the start {u.start:g} of {u.name}, got {shown(given)}.")
+        raise InputError(f"bounds: expected (low, high) around the start {u.start:g} of {u.name}, got {shown(limits)}.")
     return u._replace(low=low, high=high)
 
 
@@ -203,7 +203,7 @@ class Observations(NamedTuple):
     steps: int
     every: int
     rows: Array
-    rest: Array
+    remainder: Array
     between: Array
 
     @property
@@ -219,10 +219,10 @@ class Observations(NamedTuple):
     def differences(self, predicted: list[Array]) -> list[Array]:
         """Observed - predicted; of a quaternion q or -q, whichever is nearer."""
         out = []
-        for name, value, other in zip(self.names, self.values, predicted, strict=True):
+        for name, value, prediction in zip(self.names, self.values, predicted, strict=True):
             if name == ORIENTATION and value.ndim == 2:
-                value = np.where((np.nan_to_num(value) * other).sum(-1, keepdims=True) < 0, -value, value)
-            out.append(value - other)
+                value = np.where((np.nan_to_num(value) * prediction).sum(-1, keepdims=True) < 0, -value, value)
+            out.append(value - prediction)
         return out
 
     def residuals(self, predicted: list[Array]) -> xr.Dataset:
@@ -230,8 +230,8 @@ class Observations(NamedTuple):
         import xarray as xr
 
         pieces = zip(self.names, self.dims, self.differences(predicted), self.masks, strict=True)
-        found = {n: (d, np.where(m, v, np.nan)) for n, d, v, m in pieces}
-        return xr.Dataset(found, {"time": self.time})
+        variables = {n: (d, np.where(m, v, np.nan)) for n, d, v, m in pieces}
+        return xr.Dataset(variables, {"time": self.time})
 
 
 def observed(
@@ -260,19 +260,19 @@ def observed(
     values = [_numbers(data, name) / size for name, size in zip(names, sizes, strict=True)]
     time = _times(data) / _size_of_unit(model, data["time"], "time")
     _check_shapes(model, names, values, shows, starts)
-    given = [SIGMA + name in data for name in names]
-    if any(given) and not all(given):
+    has_sigma = [SIGMA + name in data for name in names]
+    if any(has_sigma) and not all(has_sigma):
         raise InputError(
             f"observations: expected sigma_NAME for each of {', '.join(names)} or for none, got it for "
-            f"{', '.join(n for n, has in zip(names, given, strict=True) if has)} alone."
+            f"{', '.join(n for n, has in zip(names, has_sigma, strict=True) if has)} alone."
         )
     sigmas = [
         _sigma(data, n, v) / size if has else np.ones(v.shape)
-        for n, v, size, has in zip(names, values, sizes, given, strict=True)
+        for n, v, size, has in zip(names, values, sizes, has_sigma, strict=True)
     ]
     dims = [tuple(map(str, data[name].dims)) for name in names]
     masks = [np.isfinite(v) for v in values]
-    return Observations(names, values, sigmas, masks, shows, any(given), time, dims, dt, *_grid(time, dt))
+    return Observations(names, values, sigmas, masks, shows, any(has_sigma), time, dims, dt, *_grid(time, dt))
 
 
 def _size_of_unit(model: Model, variable: Any, name: str) -> float:
@@ -313,15 +313,15 @@ def _times(data: Any) -> Array:
 
 
 def _sigma(data: Any, name: str, values: Array) -> Array:
-    given = data[SIGMA + name]
+    variable = data[SIGMA + name]
     try:
-        sigma = given.broadcast_like(data[name]).transpose(*data[name].dims).values.astype(np.float64)
+        sigma = variable.broadcast_like(data[name]).transpose(*data[name].dims).values.astype(np.float64)
     except (ValueError, TypeError):
         sigma = np.zeros(0)
     if sigma.shape != values.shape or not (sigma[np.isfinite(values)] > 0).all():
         raise InputError(
             f"observations: expected {SIGMA}{name} > 0, of the shape of {name}, {values.shape}, or spread over it, got "
-            f"the shape {given.shape}."
+            f"the shape {variable.shape}."
         )
     return np.where(np.isfinite(sigma), sigma, 1)
 
@@ -333,8 +333,8 @@ def _grid(time: Array, dt: float) -> tuple[int, int, Array, Array, Array]:
             f"dt: expected at most {MOST_NUMBERS:,} steps to the last time {time.max():g}, got dt = {dt:g}."
         )
     number = np.floor(time / dt + ON_STEP).astype(np.int64)
-    rest = time - number * dt
-    rest = np.where(rest > ON_STEP * dt, rest, 0.0)
+    remainder = time - number * dt
+    remainder = np.where(remainder > ON_STEP * dt, remainder, 0.0)
     every = int(np.gcd.reduce(number)) or 1
     steps = max(int(number.max()), 1)
     if steps // every > MOST_NUMBERS // 100:
@@ -342,7 +342,7 @@ def _grid(time: Array, dt: float) -> tuple[int, int, Array, Array, Array]:
             f"dt: expected times at multiples of a number of steps, got {steps // every:,} states to keep. Choose a dt "
             "so that times are multiples of many steps, or observe a shorter time."
         )
-    return steps, every, number // every, rest, np.nonzero(rest)[0]
+    return steps, every, number // every, remainder, np.nonzero(remainder)[0]
 
 
 def _check_shapes(
@@ -356,9 +356,9 @@ def _check_shapes(
     components = with_orientation(model, ORIENTATION in starts)
 
     def row(*state: Any) -> list[Any]:
-        known = constants_of(by, model, {})
-        own = dict(zip((letter for letter, _ in components), state, strict=True))
-        return [show(by, own, 0.0, known, starts) for show in shows]
+        constants = constants_of(by, model, {})
+        components_of_state = dict(zip((letter for letter, _ in components), state, strict=True))
+        return [show(by, components_of_state, 0.0, constants, starts) for show in shows]
 
     sizes = [_size(kind, model.n) for _, kind in components]
     with double():
@@ -376,7 +376,7 @@ def _size(kind: str, n: int) -> tuple[int, ...]:
 
 
 def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None, oriented: bool) -> Show:
-    """What a variable is in a state; `axes`: what the variable says of the axes of its components.
+    """A variable as a function of the state; `axes`: the attribute of the variable about the axes of its components.
 
     Without a word of them M and P are along the axes of the state, Omega and g along those in which the body was given.
     Raises `InputError` for unknown names.
@@ -387,12 +387,14 @@ def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None
     letter, index = parse_quantity(name)
     table = {k: f for k, (_, f, _) in functions(model, None).items()}
     if model.system.velocity is not None:
-        table[VELOCITY] = lambda *state, **known: _in_body(model, call(model.system.velocity, state, known))
+        table[VELOCITY] = lambda *state, **constants: _in_body(model, call(model.system.velocity, state, constants))
     if letter in space.letters or (letter == ORIENTATION and oriented):
         turned = axes == BODY if letter in space.letters else axes != STATE
         frame = model.body_frame if turned and model.body_frame is not None else BodyFrame()
         turn = frame.attitude(np.eye(4)).T if letter == ORIENTATION else frame.axes
-        return lambda by, own, t, known, given: (turn @ own[letter] if frame.turned else own[letter])[index]
+        return lambda by, state_of, t, constants, values: (
+            turn @ state_of[letter] if frame.turned else state_of[letter]
+        )[index]
     if letter not in table:
         known_names = [*space.letters, *(ORIENTATION,) * oriented, *table, *observables]
         raise InputError(
@@ -400,12 +402,14 @@ def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None
             f"{hint(letter, known_names)} For another quantity give observables={{'NAME': function}}."
         )
 
-    def show(by: Any, own: Mapping[str, Any], t: Any, known: Mapping[str, Any], given: Mapping[str, Any]) -> Any:
+    def show(
+        by: Any, state_of: Mapping[str, Any], t: Any, constants: Mapping[str, Any], values: Mapping[str, Any]
+    ) -> Any:
         axial = [k == "skew" and model.n == 3 for k in space.kinds]
-        parts = [by.numbers(own[k]) for k in space.letters]  # JAX sorts the keys of a dict
+        parts = [by.numbers(state_of[k]) for k in space.letters]  # JAX sorts the keys of a dict
         state = [algebra.hat(x) if short else x for x, short in zip(parts, axial, strict=True)]
-        where = {ORIENTATION: as_matrix(model, by.numbers(own[ORIENTATION]))} if oriented else {}
-        value: Any = table[letter](*state, **known, **where, **{TIME: by.mixed(by.jnp.asarray(t, dtype=float))})
+        where = {ORIENTATION: as_matrix(model, by.numbers(state_of[ORIENTATION]))} if oriented else {}
+        value: Any = table[letter](*state, **constants, **where, **{TIME: by.mixed(by.jnp.asarray(t, dtype=float))})
         value = algebra.axial(value) if np.shape(value) == (3, 3) else value
         return by.values(value)[index]
 
@@ -425,11 +429,13 @@ def _of_user(name: str, function: Any, model: Model, oriented: bool) -> Show:
     if ORIENTATION in keywords(function) and not oriented:
         raise InputError(f"observables: {name} takes the orientation g: expected orientation=..., got none.")
 
-    def show(by: Any, own: Mapping[str, Any], t: Any, known: Mapping[str, Any], given: Mapping[str, Any]) -> Any:
-        where = {ORIENTATION: as_matrix(model, own[ORIENTATION])} if oriented else {}
-        state = tuple(own[k] for k in model.system.space.letters)
+    def show(
+        by: Any, state_of: Mapping[str, Any], t: Any, constants: Mapping[str, Any], values: Mapping[str, Any]
+    ) -> Any:
+        where = {ORIENTATION: as_matrix(model, state_of[ORIENTATION])} if oriented else {}
+        state = tuple(state_of[k] for k in model.system.space.letters)
         try:
-            return by.jnp.asarray(call(function, state, {**given, **where, TIME: t}))
+            return by.jnp.asarray(call(function, state, {**values, **where, TIME: t}))
         except (TypeError, AttributeError, IndexError, ValueError) as error:
             raise InputError(
                 f"observables: {name} cannot be computed and differentiated by JAX: {str(error).splitlines()[0]} Write "

@@ -1,4 +1,4 @@
-"""What is measured along a run: "a[2]", "energy", or a function of the components of the state."""
+"""Quantities along a run: "a[2]", "energy", or a function of the components of the state."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ NAME = re.compile(r"\s*(\w+)\s*(?:\[\s*(\d+(?:\s*,\s*\d+)*)\s*\])?\s*")
 
 def parse_quantity(quantity: str) -> tuple[str, tuple[int, ...]]:
     """A name and its indices, counted from 0.  Raises `InputError`."""
-    found = NAME.fullmatch(quantity)
-    if found is None:
+    match = NAME.fullmatch(quantity)
+    if match is None:
         raise InputError(f'A quantity is a name such as "a[2]" or "m[0, 1]", or a function, got {shown(quantity)}.')
-    return found[1], tuple(int(i) for i in found[2].split(",")) if found[2] else ()
+    return match[1], tuple(int(i) for i in match[2].split(",")) if match[2] else ()
 
 
 def pick(value: Array, index: tuple[int, ...], name: str, lead: int) -> Array:

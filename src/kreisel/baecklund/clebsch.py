@@ -48,14 +48,14 @@ def curve(M, P, *, c, mu):
     """rho with <P, Q> = rho: the one root with Re rho > 0, since c <= 0; from a pencil, then by Newton's method."""
     alive = dot(P, P) > 0
     rho = _root(M, np.where(vec(alive), P, 1), c, mu).astype(np.result_type(M.dtype, mu))
-    found = np.False_
+    converged = np.False_
     for _ in range(4):
         d = vec(mu) - vec(rho) * c
         Q, Y = diagonal_resolvent(d, M, P), diagonal_resolvent(d, -M, P)
         change = (dot(P, Q) - rho) / (dot(Y, c * Q) - 1)
-        rho = np.where(found, rho, rho - change)  # each lane as if it were alone
-        found = found | (abs(change) <= CLOSE * abs(rho))
-        if found.all():
+        rho = np.where(converged, rho, rho - change)  # each lane as if it were alone
+        converged = converged | (abs(change) <= CLOSE * abs(rho))
+        if converged.all():
             break
     return np.where(alive, rho, np.nan)
 
@@ -135,20 +135,20 @@ def gaussian_case(n, draw, diagonal=any_diagonal):
     """
     b, u, w, (r, i), K = diagonal(n, draw), draw((n,)), draw((n,)), draw((2,)), skew(draw((n * (n - 1) // 2,)), n)
     c, rho = shifted_diagonal(b=b)["c"], complex_number(r, i)
-    one = parts(1 / rho)
+    inverse = parts(1 / rho)
 
     def conditions(x, y, t):  # of mu = x + iy, tC: linear
         re, im = (x - t * r * c) * u - (y - t * i * c) * w, (x - t * r * c) * w + (y - t * i * c) * u
         return np.array([dot(u, re) - dot(w, im), dot(u, im) + dot(w, re), dot(w, im)])
 
     units = np.stack([conditions(*e) for e in identity(3).tolist()], -1)
-    x, y, t = solve(units, np.array([[one[0]], [one[1]], [0 * r]]))[:, 0]
+    x, y, t = solve(units, np.array([[inverse[0]], [inverse[1]], [0 * r]]))[:, 0]
     uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
     size = uu * ww - uw * uw
     u1, w1 = (ww * u - uw * w) / size, (uu * w - uw * u) / size  # dual to u, w
     P = u1 + K[0] - u1 * dot(u, K[0]) - w1 * dot(w, K[0])
-    alpha = one[0] * P - ((x - t * r * c) * u - (y - t * i * c) * w)  # M u and M w
-    beta = one[1] * P - ((x - t * r * c) * w + (y - t * i * c) * u)
+    alpha = inverse[0] * P - ((x - t * r * c) * u - (y - t * i * c) * w)  # M u and M w
+    beta = inverse[1] * P - ((x - t * r * c) * w + (y - t * i * c) * u)
     free = identity(n) - u[:, None] * u1 - w[:, None] * w1
     M = wedge(alpha, u1) + wedge(beta, w1) - dot(beta, u) * wedge(u1, w1) + free.T @ K @ free
     return (M, P), {"b": t * b}, rho * together(u, w), complex_number(x, y) - rho * (t * c).max(), rho

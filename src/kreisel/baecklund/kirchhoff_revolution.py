@@ -43,8 +43,8 @@ def with_its_parameters(case, draw):
     """A case of Clebsch's system with B = diag(0, ..., 0, beta) as one of this, with a3 = 1 and c1 = 0."""
     (M, P), params, Q, mu, rho = case
     a1 = 1 + abs(draw((1,)))[0]
-    given = {"a1": a1, "a3": a1 / a1, "c1": 0 * a1, "c3": -params["b"][-1] / a1, "n": len(params["b"])}
-    return (M / a1, P), given, Q, mu, rho
+    parameters = {"a1": a1, "a3": a1 / a1, "c1": 0 * a1, "c3": -params["b"][-1] / a1, "n": len(params["b"])}
+    return (M / a1, P), parameters, Q, mu, rho
 
 
 def rational_case(n, draw):

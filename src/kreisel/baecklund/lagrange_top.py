@@ -98,8 +98,8 @@ def largest_step(m, a, *, p):
         forever = exists(high)
         for _ in range(80):
             middle = np.sqrt(low * high)
-            found = exists(middle)
-            low, high = np.where(found, middle, low), np.where(found, high, middle)
+            reached = exists(middle)
+            low, high = np.where(reached, middle, low), np.where(reached, high, middle)
     return np.where(forever, np.inf, low)
 
 

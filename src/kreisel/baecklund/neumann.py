@@ -54,14 +54,14 @@ def gaussian_case(n, draw):
     turn, u, w, (r, i, x0) = cayley(skew(draw((n * (n - 1) // 2,)), n)), draw((n,)), draw((n,)), draw((3,))
     x, rho = turn[:, 0], complex_number(r, i)
     u, w = u + x * (1 - dot(x, u)), w - x * dot(x, w)
-    one = parts(1 / rho)
+    inverse = parts(1 / rho)
 
-    def conditions(c, y, tau, given):  # of C, mu = given + iy and Im DQ = tau x: linear
-        re, im = (given - r * c) * u - (y - i * c) * w, (given - r * c) * w + (y - i * c) * u
+    def conditions(c, y, tau, real):  # of C, mu = given + iy and Im DQ = tau x: linear
+        re, im = (real - r * c) * u - (y - i * c) * w, (real - r * c) * w + (y - i * c) * u
         return np.append(im - tau * x, [dot(re, u), dot(re, w) + tau]), re
 
     units = np.stack([conditions(e[:n], e[n], e[n + 1], 0 * r)[0] for e in identity(n + 2) + 0 * r], -1)
-    wanted = np.append(0 * x, [one[0], one[1]]) - conditions(0 * x, 0 * r, 0 * r, x0)[0]
+    wanted = np.append(0 * x, [inverse[0], inverse[1]]) - conditions(0 * x, 0 * r, 0 * r, x0)[0]
     *c, y, tau = solve(units, wanted[:, None])[:, 0]
     c = np.array(c)
     re = conditions(c, y, tau, x0)[1]

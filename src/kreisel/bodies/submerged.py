@@ -48,18 +48,18 @@ def wrench(M, P, *, inverse, coupling, D, turn, shift, linear_drag, quadratic_dr
     return np.array(drag[:3]), np.array(drag[3:])
 
 
-def force(M, P, g, *, weight, buoyancy, turn, **known):
-    F, _ = wrench(M, P, turn=turn, **known)
+def force(M, P, g, *, weight, buoyancy, turn, **constants):
+    F, _ = wrench(M, P, turn=turn, **constants)
     return (buoyancy - weight) * g[2] + F @ turn
 
 
-def torque(M, P, *, turn, shift, **known):
-    F, tau = wrench(M, P, turn=turn, shift=shift, **known)
+def torque(M, P, *, turn, shift, **constants):
+    F, tau = wrench(M, P, turn=turn, shift=shift, **constants)
     return (tau - cross(shift, F)) @ turn
 
 
 def derive(*, mass_matrix, weight, buoyancy, center_of_mass, center_of_buoyancy):
-    """What `kirchhoff` takes, where the state is: C, B and the coupling; and the place and the axes of the state."""
+    """C, B and the coupling of `kirchhoff` at the place of the state; the place and the axes of the state."""
     inverse = solve(mass_matrix.reshape(-1, 6, 6)[0], identity(6))  # the same in all lanes
     D, K, A = inverse[:3, :3], inverse[3:, :3], inverse[3:, 3:]
     shift = -act(solve(trace(A) * identity(3) - A, identity(3)), axial(K - K.T))
@@ -69,8 +69,8 @@ def derive(*, mass_matrix, weight, buoyancy, center_of_mass, center_of_buoyancy)
     D, K = (turn.T @ (X + X.T) @ turn / 2 for X in (D, K))
     lever = weight[..., None] * (center_of_mass - shift) - buoyancy[..., None] * (center_of_buoyancy - shift)
     planes = (1 - identity(3)) * rates[OTHER]
-    found = {"C": planes, "B": -D, "D": D, "coupling": K, "inverse": rates, "turn": turn, "shift": shift}
-    return {name: value + 0 * weight.reshape(*weight.shape, *[1] * value.ndim) for name, value in found.items()} | {
+    values = {"C": planes, "B": -D, "D": D, "coupling": K, "inverse": rates, "turn": turn, "shift": shift}
+    return {name: value + 0 * weight.reshape(*weight.shape, *[1] * value.ndim) for name, value in values.items()} | {
         "lever": lever @ turn
     }
 

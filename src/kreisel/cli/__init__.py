@@ -11,7 +11,7 @@ import sys
 import warnings
 from typing import Any
 
-from kreisel.cli import code, new, runs, subjects  # noqa: F401 - each registers its commands
+from kreisel.cli import new, runs, subjects  # noqa: F401 - each registers its commands
 from kreisel.cli.output import NOT_CONSERVED, TOO_MUCH, app, say
 from kreisel.errors import InputError, Interrupted, RunError, Stopped, disk_trouble
 

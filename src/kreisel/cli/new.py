@@ -80,27 +80,27 @@ def _write(files: Mapping[Path, str], overwrite: bool) -> None:
             scratch.write_text(text, encoding="utf-8")
 
 
-def text_of(made: Example, target: Path, swept: bool = False) -> str:
+def text_of(sample: Example, target: Path, swept: bool = False) -> str:
     """The TOML file of a run or a sweep."""
-    system = made.model.system
-    lines = [f'name = "{system.name}"', *_parameters(system, made.parameters)]
-    return _text(made, _about(system, target, "sweep" if swept else "run"), lines, target, swept)
+    system = sample.model.system
+    lines = [f'name = "{system.name}"', *_parameters(system, sample.parameters)]
+    return _text(sample, _about(system, target, "sweep" if swept else "run"), lines, target, swept)
 
 
 def _text(
-    made: Example,
+    sample: Example,
     about: list[str],
     system: list[str],
     target: Path,
     swept: bool = False,
     chosen: list[str] | None = None,
 ) -> str:
-    lines = [*about, "", "[system]", *system, "", "[state]", *_state(made), "", "[run]"]
-    lines += _run(made, *((SWEEP_STEPS, SWEEP_EVERY) if swept else (STEPS, EVERY)))
-    lines += _methods(made) if chosen is None else chosen
+    lines = [*about, "", "[system]", *system, "", "[state]", *_state(sample), "", "[run]"]
+    lines += _run(sample, *((SWEEP_STEPS, SWEEP_EVERY) if swept else (STEPS, EVERY)))
+    lines += _methods(sample) if chosen is None else chosen
     lines += _with('# observe = ["energy"]', "which Casimirs and integrals to save; default: all")
     if swept:
-        lines += ["", *_sweep(made)]
+        lines += ["", *_sweep(sample)]
     stem = Path(target.name).with_suffix("")
     lines += ["", "[output]", f'path = "{stem}.zarr"']
     return "\n".join(lines if swept else [*lines, f'# figure = "{stem}.png"   # or .pdf, .svg']) + "\n"
@@ -124,12 +124,12 @@ def _with(setting: str, meaning: str) -> list[str]:
     return [line] if len(line) <= WIDTH else [*_comments(meaning), setting]
 
 
-def _parameters(system: System, given: Mapping[str, Any]) -> list[str]:
+def _parameters(system: System, values: Mapping[str, Any]) -> list[str]:
     lines: list[str] = []
     for p in system.parameters:
         meaning = f"{p.kind}: {p.meaning}"
-        if p.letter in given:
-            lines += _with(f"{p.letter} = {_toml(given[p.letter])}", meaning)
+        if p.letter in values:
+            lines += _with(f"{p.letter} = {_toml(values[p.letter])}", meaning)
         elif (value := _default(p)) is not None:
             lines += _with(f"# {p.letter} = {_toml(value)}", f"{meaning}; this is the default")
     return lines
@@ -140,45 +140,49 @@ def _default(p: Parameter) -> Any:
     return None if isinstance(value, list) and p.kind == "array" else value
 
 
-def _state(made: Example) -> list[str]:
-    system = made.model.system
-    kinds, n = dict(system.space.components), made.model.n
+def _state(sample: Example) -> list[str]:
+    system = sample.model.system
+    kinds, n = dict(system.space.components), sample.model.n
     words = {"skew": "axial vector" if n == 3 else f"skew matrix {n} x {n}", "symmetric": f"symmetric matrix {n} x {n}"}
     lines: list[str] = []
-    for letter, value in made.state.items():
+    for letter, value in sample.state.items():
         meaning = words.get(kinds[letter], f"{len(value)} numbers")
         if letter in ("m", "M"):
             parts = ", of body and wheel" if system.name in GYROSTATS else ""
             meaning = f"angular momentum{parts}, {system.frame.value} frame: {meaning}, in the units named above"
-        lines += _with(f"{letter} = {_toml(value)}", made.meanings.get(letter, meaning))
-    if made.orientation is not None:
-        lines += _with(f"orientation = {_toml(made.orientation)}", "g, body to space, as w, x, y, z; carried along")
+        lines += _with(f"{letter} = {_toml(value)}", sample.meanings.get(letter, meaning))
+    if sample.orientation is not None:
+        lines += _with(f"orientation = {_toml(sample.orientation)}", "g, body to space, as w, x, y, z; carried along")
     return lines
 
 
-def _run(made: Example, steps: int, every: int) -> list[str]:
+def _run(sample: Example, steps: int, every: int) -> list[str]:
     return [
-        *_with(f"dt = {made.dt!r}", "step, in the unit of time"),
-        *_with(f"steps = {steps:_}", f"or t_end = {steps * made.dt:g}"),
+        *_with(f"dt = {sample.dt!r}", "step, in the unit of time"),
+        *_with(f"steps = {steps:_}", f"or t_end = {steps * sample.dt:g}"),
         *_with(f"every = {every}", f"save every {every}th state"),
     ]
 
 
-def _methods(made: Example) -> list[str]:
+def _methods(sample: Example) -> list[str]:
     from kreisel.method import METHODS
 
-    others = [m.name for m in METHODS.values() if m.applies(made.model) and m.name != made.method]
-    orders, default = METHODS[made.method].order_text, METHODS[made.method].default
+    others = [m.name for m in METHODS.values() if m.applies(sample.model) and m.name != sample.method]
+    orders, default = METHODS[sample.method].order_text, METHODS[sample.method].default
     beside = f"; also {', '.join(others)}: `kreisel methods`" if others else ""
     return [
-        *_with(f'# method = "{made.method}"', f"the default here{beside}"),
-        *([] if default is None else _with(f"# order = {_toml(default)}", f"the default; {made.method} has {orders}")),
+        *_with(f'# method = "{sample.method}"', f"the default here{beside}"),
+        *(
+            []
+            if default is None
+            else _with(f"# order = {_toml(default)}", f"the default; {sample.method} has {orders}")
+        ),
     ]
 
 
-def _sweep(made: Example) -> list[str]:
+def _sweep(sample: Example) -> list[str]:
     """[sweep]: a parameter, or the momentum, from 0.8 to 1.2 of the example's."""
-    quantity, value = _varied(made)
+    quantity, value = _varied(sample)
     low, high = _ends(value)
     return [
         "[sweep]",
@@ -194,21 +198,21 @@ def _sweep(made: Example) -> list[str]:
     ]
 
 
-def _varied(made: Example) -> tuple[str, float]:
-    free = not made.model.system.space.constraints and made.model.system.perturbation is None
-    for letter, kind in made.model.system.space.components:
-        if free and kind == "skew" and made.model.n == 3:
-            place = max(range(3), key=lambda k: abs(made.state[letter][k]))
-            return f'state."{letter}[{place}]"', made.state[letter][place]
-    numbers = [(k, v) for k, v in made.parameters.items() if isinstance(v, float)]
-    vectors = [(k, v) for k, v in made.parameters.items() if isinstance(v, list) and isinstance(v[-1], float)]
+def _varied(sample: Example) -> tuple[str, float]:
+    free = not sample.model.system.space.constraints and sample.model.system.perturbation is None
+    for letter, kind in sample.model.system.space.components:
+        if free and kind == "skew" and sample.model.n == 3:
+            place = max(range(3), key=lambda k: abs(sample.state[letter][k]))
+            return f'state."{letter}[{place}]"', sample.state[letter][place]
+    numbers = [(k, v) for k, v in sample.parameters.items() if isinstance(v, float)]
+    vectors = [(k, v) for k, v in sample.parameters.items() if isinstance(v, list) and isinstance(v[-1], float)]
     for letter, value in numbers:
-        if all(_allowed(made, letter, end) for end in _ends(value)):
+        if all(_allowed(sample, letter, end) for end in _ends(value)):
             return f"system.{letter}", value
     for letter, vector in vectors:
-        if vector[-1] and all(_allowed(made, letter, [*vector[:-1], end]) for end in _ends(vector[-1])):
+        if vector[-1] and all(_allowed(sample, letter, [*vector[:-1], end]) for end in _ends(vector[-1])):
             return f'system."{letter}[{len(vector) - 1}]"', vector[-1]
-    return "run.dt", made.dt
+    return "run.dt", sample.dt
 
 
 def _ends(value: float) -> tuple[float, float]:
@@ -216,9 +220,9 @@ def _ends(value: float) -> tuple[float, float]:
     return low, high
 
 
-def _allowed(made: Example, letter: str, value: Any) -> bool:
+def _allowed(sample: Example, letter: str, value: Any) -> bool:
     try:
-        made.model.system(**{**made.parameters, letter: value})
+        sample.model.system(**{**sample.parameters, letter: value})
     except InputError:
         return False
     return True
@@ -252,14 +256,14 @@ DAMPING = "\n    damping={0!r},  # M' = ... - damping M"
 TORQUE = "    torque=lambda M, *, strength: -strength * M * np.sqrt(M @ M),  # the rate of M beside: quadratic friction"
 
 
-def forced(made: Example, name: str, target: Path, code: Path) -> dict[Path, str]:
+def forced(sample: Example, name: str, target: Path, code: Path) -> dict[Path, str]:
     """The two files of a system under forces, tried.  Raises `InputError` for a system that takes none."""
     from kreisel.runs.config import load_system, read
     from kreisel.runs.planning import make_plan
 
     why = ""
     for method in ("splitting", "dop853"):
-        files = {code: _forces(made, name), target: _of_forces(made, name, target, code, method)}
+        files = {code: _forces(sample, name), target: _of_forces(sample, name, target, code, method)}
         with tempfile.TemporaryDirectory() as folder:
             for path, text in files.items():
                 Path(folder, path.name).write_text(text, encoding="utf-8")
@@ -271,35 +275,35 @@ def forced(made: Example, name: str, target: Path, code: Path) -> dict[Path, str
                 why = why or str(error).replace(f"{folder}/", "")
             else:
                 return files
-    raise InputError(f"--perturbed: no forces of this kind for {made.model.system.name}: {why}")
+    raise InputError(f"--perturbed: no forces of this kind for {sample.model.system.name}: {why}")
 
 
-def _size(made: Example) -> float:
+def _size(sample: Example) -> float:
     """A hundredth of the rate of the motion."""
-    return round(0.0005 / made.dt, 6)
+    return round(0.0005 / sample.dt, 6)
 
 
-def _forces(made: Example, name: str) -> str:
+def _forces(sample: Example, name: str) -> str:
     from kreisel.system import NAMED
 
-    system = made.model.system
+    system = sample.model.system
     called = next((title for title, record in NAMED.items() if record is system), None)
-    if called is None or made.model.n != 3:
+    if called is None or sample.model.n != 3:
         raise InputError(f"--perturbed: expected a system of `kreisel systems` with n = 3, got {system.name}.")
-    parameters = ", ".join(f"{k}={v!r}" for k, v in made.parameters.items())
+    parameters = ", ".join(f"{k}={v!r}" for k, v in sample.parameters.items())
     carried = [system.space.components[place] for place in system.space.carried]
     letters = [letter for letter, kind in carried if kind == "vector"]
-    size = _size(made)
+    size = _size(sample)
     forces = POTENTIAL.format(letters[0]) if letters else TORQUE
     if letters and system.space.kinds[0] == "skew":
         forces += DAMPING.format(size)
     return FORCES.format(
-        head=HEAD, title=system.title, made=f"{called}({parameters})", forces=forces, strength=size, name=name
+        head=HEAD, title=system.title, sample=f"{called}({parameters})", forces=forces, strength=size, name=name
     )
 
 
-def _of_forces(made: Example, name: str, target: Path, code: Path, method: str) -> str:
-    system = made.model.system
+def _of_forces(sample: Example, name: str, target: Path, code: Path, method: str) -> str:
+    system = sample.model.system
     about = [
         f"{HEAD} {system.name} --perturbed; run it by: kreisel run {target}",
         *_comments(f"{system.title} under the forces of {code.name}, which is run, because this file names it."),
@@ -307,10 +311,10 @@ def _of_forces(made: Example, name: str, target: Path, code: Path, method: str) 
     lines = [
         f'file = "{code.name}"',
         f'name = "{name}"',
-        *_with(f"# strength = {_size(made)!r}", "the forces' own parameter"),
+        *_with(f"# strength = {_size(sample)!r}", "the forces' own parameter"),
     ]
     chosen = _with(f'method = "{method}"', "the forces and the integrable motion in turn; or dop853")
-    return _text(made, about, lines, target, chosen=chosen)
+    return _text(sample, about, lines, target, chosen=chosen)
 
 
 LAGRANGIAN = """{head} --lagrangian: a body of your own by its Lagrangian; it needs the extra reduction (JAX).

@@ -1,4 +1,4 @@
-"""What the commands share: the application, options, and how tables, JSON and messages are printed."""
+"""Parts that the commands share: the application, options, and how tables, JSON and messages are printed."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the fi
 
 def a_path(text: str, *names: str) -> Any:
     """An argument, or an option of these names, that is a path, ~ expanded; Kreisel says whether it can be read."""
-    known: dict[str, Any] = {"readable": False, "callback": _from_home, "help": text}
-    return typer.Option(*names, **known) if names else typer.Argument(**known)
+    settings: dict[str, Any] = {"readable": False, "callback": _from_home, "help": text}
+    return typer.Option(*names, **settings) if names else typer.Argument(**settings)
 
 
 def _from_home(path: Path | None) -> Path | None:
@@ -108,7 +108,7 @@ def parameter_of(text: str) -> tuple[str, Any]:
 
     name, sign, value = text.partition("=")
     try:
-        numbers = [Fraction(part) for part in value.split(",")]
+        numbers = [Fraction(number) for number in value.split(",")]
     except (ValueError, ZeroDivisionError):
         numbers = []
     if not sign or not name or not numbers:
@@ -127,7 +127,7 @@ def print_finding(finding: Any) -> None:
 
 
 def finding_data(finding: Any) -> dict[str, Any]:
-    """The same as plain data."""
+    """The result for one statement as plain data."""
     statement = finding.statement
     return {
         "row": statement.name,
@@ -164,7 +164,7 @@ def save_sweep_figure(store: Path, target: Path, show: str | None, theme: str, o
     """Draw the summaries of a sweep into a file."""
     from kreisel.files import written
     from kreisel.sweeps.sweep import open_sweep
-    from kreisel.viewer.sweep_chart import sweep_figure
+    from kreisel.viewer.plots import sweep_figure
 
     with written(target, overwrite) as scratch:
         sweep_figure(open_sweep(store), show, theme).savefig(scratch, metadata=_mark(target))
@@ -194,7 +194,7 @@ def warnings_in_the_table() -> Iterator[None]:
 
 
 def shout(sentences: list[str]) -> None:
-    """What is not conserved, on stderr; exit code 3."""
+    """Sentences on quantities that are not conserved, on stderr; exit code 3."""
     for sentence in sentences:
         say(f"kreisel: {sentence}", file=sys.stderr)
     if sentences:

@@ -134,9 +134,9 @@ def _say_how_long(model: Any, state: Any, settings: dict[str, Any], asked: Any) 
     from kreisel.runs.planning import make_plan
     from kreisel.runs.progress import estimate
 
-    found = estimate(make_plan(model, state, **settings), asked.path)
-    if found.seconds > LONG_SECONDS or found.bytes > LARGE:
-        say(f"{found.text}; Ctrl-C stops it, `kreisel resume {asked.path}` goes on", file=sys.stderr)
+    duration = estimate(make_plan(model, state, **settings), asked.path)
+    if duration.seconds > LONG_SECONDS or duration.bytes > LARGE:
+        say(f"{duration.text}; Ctrl-C stops it, `kreisel resume {asked.path}` goes on", file=sys.stderr)
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""Commands on what there is and whether it holds: systems, methods, verify, bench, investigate."""
+"""Commands on what there is and whether it holds: systems, methods, code, verify, bench, investigate."""
 
 from __future__ import annotations
 
@@ -143,17 +143,16 @@ def _print_bench(result: dict[str, Any]) -> None:
     for label, row in result["maps"].items():
         grid.add_row(label, *(f"{row[name]:.2f}" for name in shown))
     Console(width=None if sys.stdout.isatty() else 110, highlight=False).print(grid)
-    known = result["machine"]
-    print(
-        f"{known['cpu']}, {known['cores']} cores; load average {result['load_average']}; times are medians, of one core"
-    )
+    machine = result["machine"]
+    load = f"load average {result['load_average']}"
+    print(f"{machine['cpu']}, {machine['cores']} cores; {load}; times are medians, of one core")
     if "note" in result:
         print(result["note"])
 
 
 @app.command()
 def investigate(
-    what: Annotated[
+    subject: Annotated[
         str | None, typer.Argument(help="A system, or a Python file with a step, a Lagrangian or a model.")
     ] = None,
     eps: Annotated[str | None, typer.Option("--eps", help="The step, a whole number or a fraction; 1/3.")] = None,
@@ -171,28 +170,92 @@ def investigate(
 ) -> None:
     """Is this map integrable?  Poisson, reversible, order, degrees, integrals, Lax pair, chaos; with a verdict."""
     from kreisel.files import require_file
-    from kreisel.lab import investigation, report
+    from kreisel.lab import investigation
 
-    known: dict[str, Any] = {"eps": eps, "n": n, "degree": degree, "iterates": iterates, "steps": steps, "seed": seed}
+    settings: dict[str, Any] = {
+        "eps": eps,
+        "n": n,
+        "degree": degree,
+        "iterates": iterates,
+        "steps": steps,
+        "seed": seed,
+    }
     if markdown:
         print(investigation.registry_table(), end="")
         return
-    if what is None:
+    if subject is None:
         raise InputError("Name a system (kreisel systems) or a Python file: kreisel investigate clebsch.")
     if html is not None:
         require_file(html)
-    given = investigation.constants_of(dict(parameter_of(text) for text in constants or []), "--set")
-    file = what.endswith(".py")
-    found = (
-        investigation.investigate_file(Path(what).expanduser(), **{**known, **given})
+    values = investigation.constants_of(dict(parameter_of(text) for text in constants or []), "--set")
+    file = subject.endswith(".py")
+    report = (
+        investigation.investigate_file(Path(subject).expanduser(), **{**settings, **values})
         if file
-        else investigation.investigate(what, **{**known, **given})
+        else investigation.investigate(subject, **{**settings, **values})
     )
     if html is not None:
-        found.save(html)
+        report.save(html)
     if as_json:
-        print_json(report.plain_data(found))
+        print_json(investigation.plain_data(report))
     else:
-        print(report.terminal_table(found, width()))
+        print(investigation.terminal_table(report, width()))
         if html is not None:
             say(f"page: {html}")
+
+
+# -- code ------------------------------------------------------------------------------------------
+
+
+@app.command()
+def code(
+    subject: Annotated[
+        str, typer.Argument(help="A system by name, or the TOML file of a run.", autocompletion=system_names)
+    ],
+    language: Annotated[str, typer.Option(help="c, js or julia.")] = "c",
+    method: Annotated[str | None, typer.Option(help=r"As in \[run]; one that makes steps, or exact.")] = None,
+    order: Annotated[int | None, typer.Option(help=r"As in \[run].")] = None,
+    dt: Annotated[float | None, typer.Option(help="The step; 0.01 for a system by name.")] = None,
+    n: Annotated[int, typer.Option("--n", help="The dimension, for a system by name.")] = 3,
+    values: Annotated[
+        list[str] | None, typer.Option("--set", help="A parameter of a system by name: p=0,0,1; once for each.")
+    ] = None,
+    orientation: Annotated[
+        bool, typer.Option("--orientation/--no-orientation", help="Carry the orientation, for a system by name.")
+    ] = True,
+    project: Annotated[
+        bool, typer.Option("--project/--no-project", help="Put the state back on what is conserved.")
+    ] = True,
+    name: Annotated[
+        str | None, typer.Option(help="Of the body, which names in C begin with; by default of the content.")
+    ] = None,
+) -> None:
+    """Print one file, without dependencies, with the step of a body: kreisel code euler-top --name rock > rock.h.
+
+    A TOML file says the parameters, the state, the step and the method; for a system by name they are examples, but for
+    what is set.
+    """
+    from kreisel.bodies import find
+    from kreisel.languages.source import code as text_of
+    from kreisel.runs.config import load_system, read
+    from kreisel.runs.examples import example
+
+    g: Any = None
+    if subject.endswith(".toml"):
+        if values:
+            raise InputError("--set: expected a system by name, got a TOML file, which has its parameters itself.")
+        asked = read(Path(subject).expanduser())
+        model = load_system(asked.name, asked.file)(**asked.parameters)
+        state, g, run = asked.state, asked.orientation, asked.run
+        method, project = method or run.method, project and run.project
+        order = order if order is not None or not isinstance(run.order, int) else run.order
+        dt = run.dt if dt is None else dt
+    else:
+        sample = example(find(subject), n, dict(parameter_of(text) for text in values or ()))
+        model, state = sample.model, sample.state
+        if orientation and model.system.velocity is not None:
+            g = [1.0, 0.0, 0.0, 0.0] if model.n == 3 else [[float(i == j) for j in range(n)] for i in range(n)]
+        dt = 0.01 if dt is None else dt
+    body = model.state(**state)
+    settings: dict[str, Any] = {"method": method, "order": order, "orientation": g, "project": project, "name": name}
+    print(text_of(model, body, dt=dt, language=language, **settings), end="")

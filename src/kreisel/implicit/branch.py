@@ -50,8 +50,8 @@ def turn(M, J, Q, square, eps):
     else:
         state, _ = repeat(doubled, state, SMALL, MOST_DOUBLINGS, ("matrix", "symmetric", "symmetric"))
     W = (state[1] - middle) / (2 * mat(gamma)) + eps / 2 * M  # Q W J
-    one = Q @ D
-    return skew_part(D @ solve(W + one, W - one) / J[..., None, :])  # (W + 1)^-1 (W - 1)
+    QD = Q @ D
+    return skew_part(D @ solve(W + QD, W - QD) / J[..., None, :])  # (W + 1)^-1 (W - 1)
 
 
 def through_inverse(S: Array, A: Array) -> tuple[Array, Array, Array]:
@@ -108,9 +108,9 @@ def largest_step(M, J, P, enough=np.inf):
         w = y / np.sqrt(d * d + y * y)
         both = w[..., :, None] * w[..., None, :]
         B, C = 1j * both * M / y[..., None], both * P
-        one = np.broadcast_to(identity(n), B.shape)
+        unit = np.broadcast_to(identity(n), B.shape)
         C = np.broadcast_to(C, B.shape)
-        u = np.linalg.eigvals(np.concatenate([np.concatenate([0 * B, one], -1), np.concatenate([C, -B], -1)], -2))
+        u = np.linalg.eigvals(np.concatenate([np.concatenate([0 * B, unit], -1), np.concatenate([C, -B], -1)], -2))
         real = abs(u.imag) <= 1e-6 * (abs(u).max(-1, keepdims=True) + 1e-300)
         return np.where(real, u.real, 0).max(-1)
 

@@ -1,8 +1,14 @@
-"""Poisson brackets and volumes that a rational map preserves, found by exact linear algebra.
+"""Poisson brackets and volumes that a rational map preserves, and Lax pairs put to the test, by exact linear algebra.
 
 A bivector Pi with polynomial entries is preserved if J Pi(x) J^T = Pi(f(x)) with the Jacobian J of f; a density rho if
 rho(f(x)) det J = rho(x), or 1/rho if rho(f(x)) = rho(x) det J.  All are linear in the unknown coefficients, so a null
 space has them all.  Whether a bivector is a Poisson bracket is decided by Jacobi's identity.
+
+Lax pairs.  For matrices L(x, lambda), V(x, lambda) of a map x -> x': the residual V L(x') - L(x) V, the coefficients of
+det(L(lambda) - mu) at x and x', the rank of their differentials, their brackets, and how many there are on a leaf
+against half its dimension.  All modulo primes at random points, the residual also over Q.  A rank at a random point is
+a lower bound that fails with probability 1/p.  The differentials are those of tr L^k, d tr L^k = k tr(L^(k-1) dL), at
+as many lambda as L can tell apart: they span those of the coefficients.
 """
 
 from __future__ import annotations
@@ -10,20 +16,33 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array, objects
+from kreisel.algebra.complex import Complex
 from kreisel.errors import InputError
-from kreisel.lab.exact import independent, slopes
-from kreisel.lab.fields import PRIMES, Mod, Pole, random_residues, require_flint
+from kreisel.lab.exact import (
+    PRIMES,
+    ROOT,
+    Mod,
+    Pole,
+    fractions,
+    independent,
+    modular_matrix,
+    random_residues,
+    rank_modulo,
+    residues_at,
+    slopes,
+    without_poles,
+)
 from kreisel.lab.integrals import (
-    ATTEMPTS,
     MOST_MONOMIALS,
     SPARE,
-    Exponents,
     Polynomial,
     monomial_values,
     monomials,
@@ -56,60 +75,43 @@ class Volume:
         return f"dx / ({self.rho})" if self.inverse else f"({self.rho}) dx"
 
 
-def jacobians(what: Subject, p: int, seed: list[int], points: int) -> tuple[Array, Array, Array]:
+def jacobians(subject: Subject, p: int, seed: list[int], points: int) -> tuple[Array, Array, Array]:
     """x and f(x) (points, d) and df_i/dx_j (points, d, d), modulo p at random points."""
-    x = what.point(random_residues(np.random.default_rng([*seed, p]), p, points))
-    new = what.over(p)(independent(x))
-    J = slopes(new, what.dim)
+    x = subject.point(random_residues(np.random.default_rng([*seed, p]), p, points))
+    new = subject.over(p)(independent(x))
+    J = slopes(new, subject.dim)
     values = np.array([getattr(v, "value", v) for v in new], dtype=object)
-    return _residues_at_points(x, points, p), _residues_at_points(values, points, p), _residues_at_points(J, points, p)
+    return residues_at(x, points, p), residues_at(values, points, p), residues_at(J, points, p)
 
 
-def _residues_at_points(x: Array, points: int, p: int) -> Array:
-    out = np.zeros((points, *x.shape), dtype=np.int64)
-    for place in np.ndindex(x.shape):
-        v = x[place]
-        out[(slice(None), *place)] = v.v if isinstance(v, Mod) else int(v) % p
-    return out
-
-
-def preserves(what: Subject, tensor: Callable[[Array], Array], seed: int = 0, points: int = 20) -> bool:
+def preserves(subject: Subject, tensor: Callable[[Array], Array], seed: int = 0, points: int = 20) -> bool:
     """Whether J Pi(x) J^T = Pi(f(x)) at random points, for tensor(x) -> Pi (d, d)."""
 
     def test(p: int, seeds: list[int]) -> bool:
-        x, new, J = jacobians(what, p, seeds, points)
+        x, new, J = jacobians(subject, p, seeds, points)
         before, after = (_tensor_at(tensor, v, p) for v in (x, new))
         return bool((_product_modulo(_product_modulo(J, before, p), np.swapaxes(J, 1, 2), p) == after).all())
 
-    return _without_poles(what, seed, test)
+    return bool(without_poles(subject.name, lambda attempt: test(PRIMES[0], [seed, attempt])))
 
 
 def _tensor_at(tensor: Callable[[Array], Array], x: Array, p: int) -> Array:
     numbers = objects(Mod(column, p) for column in x.T)
-    return _residues_at_points(np.asarray(tensor(numbers), dtype=object), len(x), p)
+    return residues_at(np.asarray(tensor(numbers), dtype=object), len(x), p)
 
 
 def _product_modulo(A: Array, B: Array, p: int) -> Array:
     return sum(A[:, :, k, None] * B[:, None, k, :] % p for k in range(A.shape[2])) % p
 
 
-def _without_poles(what: Subject, seed: int, test: Callable[[int, list[int]], Any]) -> Any:
-    for attempt in range(ATTEMPTS):
-        try:
-            return test(PRIMES[0], [seed, attempt])
-        except Pole as error:
-            trouble = error
-    raise InputError(f"{what.name} divides by 0 from {ATTEMPTS} random starts ({trouble}).")
-
-
-def brackets(what: Subject, degree: int = 1, seed: int = 0) -> list[Bivector]:
+def brackets(subject: Subject, degree: int = 1, seed: int = 0) -> list[Bivector]:
     """A basis of the bivectors of that degree that the map preserves."""
-    pairs = list(itertools.combinations(range(what.dim), 2))
-    count = _checked_count(len(pairs) * math.comb(what.dim + degree, degree), degree)
-    exponents = list(monomials(what.dim, degree))
+    pairs = list(itertools.combinations(range(subject.dim), 2))
+    count = _checked_count(len(pairs) * math.comb(subject.dim + degree, degree), degree)
+    exponents = list(monomials(subject.dim, degree))
 
     def rows(p: int, seeds: list[int]) -> Array:
-        x, new, J = jacobians(what, p, seeds, -(-(count + SPARE) // len(pairs)))
+        x, new, J = jacobians(subject, p, seeds, -(-(count + SPARE) // len(pairs)))
         before, after = (monomial_values(v, exponents, p) for v in (x, new))
         out = np.zeros((len(x), len(pairs), len(pairs), len(exponents)), dtype=np.int64)
         for a, (i, j) in enumerate(pairs):
@@ -119,32 +121,33 @@ def brackets(what: Subject, degree: int = 1, seed: int = 0) -> list[Bivector]:
             out[:, a, a] = (out[:, a, a] - after) % p
         return out.reshape(-1, count)
 
-    found = []
-    for terms in _lifted_kernel(what, rows, seed, [(pair, e) for pair in pairs for e in exponents]):
-        entries = {pair: Polynomial({e: c for (q, e), c in terms.items() if q == pair}, what.names) for pair in pairs}
-        found.append(Bivector(entries, what.names, _jacobi(entries, what.dim)))
-    return found
+    bivectors = []
+    for terms in _lifted_kernel(subject, rows, seed, [(pair, e) for pair in pairs for e in exponents]):
+        entries = {
+            pair: Polynomial({e: c for (q, e), c in terms.items() if q == pair}, subject.names) for pair in pairs
+        }
+        bivectors.append(Bivector(entries, subject.names, _jacobi(entries, subject.dim)))
+    return bivectors
 
 
-def volumes(what: Subject, degree: int = 2, seed: int = 0) -> list[Volume]:
+def volumes(subject: Subject, degree: int = 2, seed: int = 0) -> list[Volume]:
     """Bases of the densities rho, and of the inverse densities, of that degree that the map preserves."""
-    count = _checked_count(math.comb(what.dim + degree, degree), degree)
-    exponents = list(monomials(what.dim, degree))
-    found: list[Volume] = []
+    count = _checked_count(math.comb(subject.dim + degree, degree), degree)
+    exponents = list(monomials(subject.dim, degree))
+    densities: list[Volume] = []
     for inverse in (False, True):
 
         def rows(p: int, seeds: list[int], inverse: bool = inverse) -> Array:
-            flint = require_flint()
-            x, new, J = jacobians(what, p, seeds, count + SPARE)
+            x, new, J = jacobians(subject, p, seeds, count + SPARE)
             before, after = (monomial_values(v, exponents, p) for v in (x, new))
-            dets = np.array([int(flint.nmod_mat(*m.shape, [int(v) for v in m.ravel()], p).det()) for m in J])[:, None]
+            dets = np.array([int(modular_matrix(m, p).det()) for m in J])[:, None]
             return (after - before * dets) % p if inverse else (after * dets - before) % p
 
-        for terms in _lifted_kernel(what, rows, seed, exponents):
-            rho = Polynomial(terms, what.names)
+        for terms in _lifted_kernel(subject, rows, seed, exponents):
+            rho = Polynomial(terms, subject.names)
             if rho.degree or not inverse:  # the constant is its own inverse
-                found.append(Volume(rho, inverse))
-    return found
+                densities.append(Volume(rho, inverse))
+    return densities
 
 
 def _checked_count(count: int, degree: int) -> int:
@@ -154,18 +157,9 @@ def _checked_count(count: int, degree: int) -> int:
 
 
 def _lifted_kernel(
-    what: Subject, rows: Callable[[int, list[int]], Array], seed: int, labels: list[Any]
+    subject: Subject, rows: Callable[[int, list[int]], Array], seed: int, labels: list[Any]
 ) -> list[dict[Any, Any]]:
-    for attempt in range(ATTEMPTS):
-
-        def at(p: int, attempt: int = attempt) -> Array:
-            return rows(p, [seed, attempt])
-
-        try:
-            return rational_kernel(at, labels)
-        except Pole as error:
-            trouble = error
-    raise InputError(f"{what.name} divides by 0 from {ATTEMPTS} random starts ({trouble}).")
+    return without_poles(subject.name, lambda attempt: rational_kernel(lambda p: rows(p, [seed, attempt]), labels))
 
 
 def _jacobi(entries: dict[tuple[int, int], Polynomial], dim: int) -> bool:
@@ -180,4 +174,225 @@ def _jacobi(entries: dict[tuple[int, int], Polynomial], dim: int) -> bool:
     return not ((total + total.transpose(1, 2, 0) + total.transpose(2, 0, 1)) % p).any()
 
 
-__all__ = ["Bivector", "Exponents", "Volume", "brackets", "jacobians", "preserves", "volumes"]
+# -- Lax pairs ----------------------------------------------------------------------------------------
+
+POINTS = 6
+LAMBDAS = 8  # more values of lambda than the matrix has rows
+
+
+@dataclass(frozen=True)
+class Lax:
+    """Ranks, brackets and residuals of a Lax pair.
+
+    equation     whether V L(x') = L(x) V, exactly; None without V, or for a map that is not rational
+    isospectral  whether the spectrum of L is conserved; None for a map that is not rational
+    involution   whether the brackets of the coefficients vanish; None without a bracket
+    rank         independent coefficients, Casimirs among them
+    on_leaf      those on a generic leaf
+    with_more    the same with the further integrals
+    torus        dimension of the tori that the integrals in `with_more` leave
+    leaf         dimension of the leaf
+    """
+
+    name: str
+    dimension: int
+    leaf: int
+    rank: int
+    on_leaf: int
+    with_more: int
+    torus: int
+    equation: bool | None
+    isospectral: bool | None
+    involution: bool | None
+
+    @property
+    def needed(self) -> int:
+        """Half the dimension of a leaf."""
+        return self.leaf // 2
+
+    @property
+    def conserved(self) -> bool:
+        """Whether the coefficients are integrals, as far as that is known."""
+        return self.isospectral is not False and self.equation is not False and None in (self.involution, True)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the spectrum alone makes the map integrable in Liouville's sense."""
+        return self.isospectral is True and self.involution is True and self.on_leaf == self.needed
+
+    @property
+    def superintegrable(self) -> bool:
+        """Whether the orbits lie on tori that all the integrals, not in involution, leave: rank + torus = leaf."""
+        commuting = self.isospectral is True and self.involution is True
+        return commuting and self.torus < self.needed and self.with_more + self.torus == self.leaf
+
+    def __str__(self) -> str:
+        words = {True: "yes", False: "no", None: "unknown"}
+        text = (
+            f"V L' = L V: {words[self.equation]}; spectrum conserved: {words[self.isospectral]}; in involution: "
+            f"{words[self.involution]}; {self.on_leaf} independent on leaves of dimension {self.leaf}, needed "
+            f"{self.needed}"
+        )
+        if self.with_more > self.on_leaf:
+            text += f"; with further integrals {self.with_more}, tori of dimension {self.torus}"
+        return text
+
+
+def lax(
+    subject: Subject,
+    L: Callable[..., Array] | None = None,
+    V: Callable[..., Array] | None = None,
+    more: Callable[..., Array] | None = None,
+    seed: int = 0,
+) -> Lax:
+    """Test the Lax pair of a record, or your own L(x, lam) and V(x, lam), with further integrals more(x).
+
+    They take the coordinates x (d,) and lam as numbers of any field, and by keyword the constants of the subject.
+    Raises `InputError` where there is no L, where its functions are not rational, and for shapes that do not fit.
+    """
+    subject = replace(
+        subject,
+        lax=L or subject.lax,
+        conjugator=V if L is not None else V or subject.conjugator,
+        integrals=more or subject.integrals,
+    )
+    if subject.lax is None:
+        raise InputError(f"{subject.name} has no Lax matrix: give L(x, lam), and V(x, lam) if it is known.")
+    name = f"The Lax pair of {subject.name}"
+    return without_poles(name, lambda attempt: _tested(subject, [seed, attempt]), (Pole, ZeroDivisionError))
+
+
+def _tested(subject: Subject, seed: list[int]) -> Lax:
+    equation = isospectral = None
+    if not subject.implicit:
+        isospectral = all(_isospectral(subject, seed, p) for p in PRIMES[:2])
+        if subject.conjugator is not None:
+            equation = all(_residual(subject, seed, p) for p in PRIMES[:2]) and _residual_over_q(subject, seed)
+    p = PRIMES[0]
+    x = subject.point(random_residues(np.random.default_rng([*seed, p]), p, 1))
+    G = _spectral_gradients(subject, x, p, seed)
+    H = G if subject.integrals is None else np.concatenate([G, _gradients_modulo(subject, subject.integrals, x, p)])
+    return counted(subject, x, G, H, p, equation, isospectral)
+
+
+def counted(
+    subject: Subject,
+    x: Array,
+    G: Array,
+    H: Array,
+    p: int,
+    equation: bool | None = None,
+    isospectral: bool | None = None,
+) -> Lax:
+    """Ranks and brackets of the gradients G (rows, d) at x modulo p, and of H, which has further ones."""
+    if subject.tensor is None:
+        rank = rank_modulo(G, p)
+        return Lax(
+            subject.name, subject.dim, subject.dim, rank, rank, rank_modulo(H, p), 0, equation, isospectral, None
+        )
+    tensor = residues_at(np.asarray(subject.tensor(x), dtype=object), 1, p)[0].astype(object)
+    fields, more = G @ tensor % p, H @ tensor % p
+    brackets, with_more = fields @ G.T % p, rank_modulo(more, p)
+    return Lax(
+        name=subject.name,
+        dimension=subject.dim,
+        leaf=rank_modulo(tensor, p),
+        rank=rank_modulo(G, p),
+        on_leaf=rank_modulo(fields, p),
+        with_more=with_more,
+        torus=with_more - rank_modulo(more @ H.T % p, p),
+        equation=equation,
+        isospectral=isospectral,
+        involution=not brackets.any(),
+    )
+
+
+def _matrix(subject: Subject, function: Any, x: Array, lam: Any, constants: dict[str, Any]) -> Array:
+    try:
+        out = np.asarray(function(x, lam, **constants), dtype=object)
+    except (TypeError, AttributeError) as error:
+        raise InputError(
+            f"The Lax pair of {subject.name} failed on exact numbers: {error}. It must be rational in the coordinates "
+            "and in lam, and take the constants of the map by keyword."
+        ) from error
+    out = _without_complex(out, lam.p if isinstance(lam, Mod) else 0)
+    if out.ndim != 2 or out.shape[0] != out.shape[1]:
+        raise InputError(f"The Lax pair of {subject.name} must be square matrices, got shape {out.shape}.")
+    return out
+
+
+def _without_complex(out: Array, p: int) -> Array:
+    """Complex entries re + i im as re + r im with r^2 = -1 modulo p (1 modulo 4), which keeps all identities."""
+    if not p or not any(isinstance(v, Complex) for v in out.flat):
+        return out
+    root = pow(ROOT, (p - 1) // 4, p)
+    return objects((v.re + root * v.im if isinstance(v, Complex) else v for v in out.flat), out.shape)
+
+
+def _vanishes(v: Any) -> bool:
+    return bool(v.re == 0 and v.im == 0) if isinstance(v, Complex) else bool(v == 0)
+
+
+def _random(subject: Subject, seed: list[int], p: int) -> tuple[Array, Mod]:
+    rng = np.random.default_rng([*seed, p])
+    return subject.point(random_residues(rng, p, POINTS)), Mod(rng.integers(1, p, POINTS), p)
+
+
+def _residual(subject: Subject, seed: list[int], p: int) -> bool:
+    (x, lam), constants = _random(subject, seed, p), subject.modulo(p)
+    new = subject.over(p)(x)
+    V, L, L1 = (
+        _matrix(subject, f, z, lam, constants)
+        for f, z in ((subject.conjugator, x), (subject.lax, x), (subject.lax, new))
+    )
+    if V.shape != L.shape:
+        raise InputError(f"L and V of {subject.name} must have one shape, got {L.shape} and {V.shape}.")
+    return not any(np.any(np.asarray(getattr(v, "v", v)) % p) for v in (V @ L1 - L @ V).flat)
+
+
+def _residual_over_q(subject: Subject, seed: list[int]) -> bool:
+    rng = np.random.default_rng(seed)
+
+    def draw(shape: tuple[int, ...]) -> Array:
+        draws = range(math.prod(shape))
+        return objects((Fraction(int(rng.integers(1, 12)), int(rng.integers(1, 9))) for _ in draws), shape)
+
+    x, lam = subject.point(draw), Fraction(int(rng.integers(2, 9)), 7)
+    constants = {k: fractions(v) for k, v in subject.constants.items()}
+    new = subject.step(x, **constants)
+    V, L, L1 = (
+        _matrix(subject, f, z, lam, constants)
+        for f, z in ((subject.conjugator, x), (subject.lax, x), (subject.lax, new))
+    )
+    return all(_vanishes(v) for v in (V @ L1 - L @ V).flat)
+
+
+def _isospectral(subject: Subject, seed: list[int], p: int) -> bool:
+    (x, lam), constants = _random(subject, seed, p), subject.modulo(p)
+    both = [residues_at(_matrix(subject, subject.lax, z, lam, constants), POINTS, p) for z in (x, subject.over(p)(x))]
+
+    return all(
+        modular_matrix(old, p).charpoly() == modular_matrix(new, p).charpoly() for old, new in zip(*both, strict=True)
+    )
+
+
+def _spectral_gradients(subject: Subject, x: Array, p: int, seed: list[int]) -> Array:
+    """The gradients (rows, d) of tr L^k at many lambda."""
+    constants, unit = subject.modulo(p), np.ones(1, dtype=np.int64)
+    size = _matrix(subject, subject.lax, x, Mod(unit, p), constants).shape[0]
+    lanes = size + LAMBDAS
+    lam = Mod(np.random.default_rng([*seed, p, 1]).integers(1, p, lanes), p)
+    wide = objects(Mod(np.broadcast_to(v.v, lanes), p) for v in x)
+    L = _matrix(subject, subject.lax, independent(wide), lam, constants)
+    values = objects((getattr(v, "value", v) for v in L.flat), L.shape)
+    at, along = (residues_at(v, lanes, p).astype(object) for v in (values, slopes(L, subject.dim)))
+    power, rows = np.broadcast_to(algebra.identity(size).astype(object), at.shape), []
+    for _ in range(size):
+        rows.append(np.einsum("lij,ljik->lk", power, along) % p)
+        power = np.einsum("lij,ljk->lik", power, at) % p
+    return np.concatenate(rows)
+
+
+def _gradients_modulo(subject: Subject, functions: Any, x: Array, p: int) -> Array:
+    out = np.ravel(np.asarray(functions(independent(x), **subject.modulo(p)), dtype=object))
+    return residues_at(slopes(out, subject.dim), 1, p)[0].astype(object)

@@ -1,34 +1,43 @@
-"""Certified orbits: enclosures of every iterate, and of integrals along the orbit, in ball arithmetic.
+"""Statements that are certain: enclosures of orbits in ball arithmetic, and identities proved by SymPy.
 
-The step runs unchanged on balls of python-flint (Arb).  A box that is only mapped grows by the wrapping of its turns;
-so a set c + Q r is carried, Q a matrix close to orthogonal, r a box (Lohner's method):
+Orbits.  The step runs unchanged on balls of python-flint (Arb).  A box that is only mapped grows by the wrapping of its
+turns; so a set c + Q r is carried, Q a matrix close to orthogonal, r a box (Lohner's method):
 
     phi(c + Q r)  is in  phi(c) + Dphi(X) Q r,   X a box around c + Q r        (mean-value form)
 
 c is mapped as a point, Dphi(X) comes from dual numbers over balls, and the new Q from a QR decomposition of the middle
 of Dphi(X) Q, whose longest columns come first.
 [Lohner 1987; Neumaier, Reliable Computing 8 (2002); Arb: Johansson, IEEE Trans. Computers 66 (2017)]
+
+Identities, for all states, all steps and all parameters of a given n.  The definition runs on rational functions
+(SymPy's sparse fraction fields, in normal form) with a generator for each coordinate, parameter and for eps.  An
+identity whose two sides have the same normal form holds: a proof, where the laws test at random points.
 """
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError
-from kreisel.lab.exact import Dual, independent, slopes
-from kreisel.lab.fields import fraction, require_flint
-from kreisel.lab.subject import Subject
+from kreisel.algebra.ring import Ring
+from kreisel.errors import InputError, shown
+from kreisel.lab.exact import Dual, fraction, fractions, independent, require_flint, slopes
+from kreisel.lab.integrals import Polynomial
+from kreisel.lab.subject import Subject, coordinate_names
+from kreisel.record.calling import call
+from kreisel.record.contract import System
+from kreisel.record.model import Model
 
 
 @dataclass(frozen=True)
 class Certified:
-    """What is certain of an orbit.
+    """Enclosures of an orbit, and of functions along it.
 
     steps      the enclosures of steps 0 ... `steps` have radii of at most `tolerance`
     stopped    why no further: "" if as many as asked for
@@ -60,7 +69,7 @@ class Certified:
 
 
 def certify(
-    what: Subject,
+    subject: Subject,
     x: Any,
     steps: int = 1000,
     *,
@@ -79,22 +88,22 @@ def certify(
     Ends where an enclosure is larger than `tolerance` or meets a pole.  Raises `InputError` without python-flint, for
     implicit maps and for a start that does not fit.
     """
-    if what.implicit:
-        raise InputError(f"{what.implicit}: a certified step must be a rational function. Choose an explicit map.")
+    if subject.implicit:
+        raise InputError(f"{subject.implicit}: a certified step must be a rational function. Choose an explicit map.")
     if steps < 1 or precision < 24 or not tolerance > 0:
-        given = f"{steps}, {precision} and {tolerance}"
-        raise InputError(f"steps >= 1, precision >= 24 and tolerance > 0 were expected, got {given}.")
+        values = f"{steps}, {precision} and {tolerance}"
+        raise InputError(f"steps >= 1, precision >= 24 and tolerance > 0 were expected, got {values}.")
     flint = require_flint()
     with _working(flint, precision):
-        known = {k: _balls(flint, v) for k, v in what.constants.items()}
-        start = _start(flint, what, x)
+        constants = {k: _balls(flint, v) for k, v in subject.constants.items()}
+        start = _start(flint, subject, x)
         box = flint.arb(0, _rational(flint, radius))
-        named = {k: _of_balls(flint, f) for k, f in (functions or _energy(what, known)).items()}
-        reached, stopped, X, ranges = _lohner(flint, what, known, start, box, steps, tolerance, named)
-        alone = _alone(what, known, start + box, steps, tolerance) if plain else None
+        named = {k: _of_balls(flint, f) for k, f in (functions or _energy(subject, constants)).items()}
+        reached, stopped, X, ranges = _lohner(flint, subject, constants, start, box, steps, tolerance, named)
+        alone = _alone(subject, constants, start + box, steps, tolerance) if plain else None
         middle = np.array([float(v.mid()) for v in X])
         radii = max(float(v.rad()) for v in X)
-    return Certified(what.name, precision, tolerance, reached, stopped, radii, middle, X, ranges, alone)
+    return Certified(subject.name, precision, tolerance, reached, stopped, radii, middle, X, ranges, alone)
 
 
 @contextlib.contextmanager
@@ -116,48 +125,35 @@ def _balls(flint: Any, v: Any) -> Any:
     return np.vectorize(lambda c: _rational(flint, c), otypes=[object])(v)[()]
 
 
-def _start(flint: Any, what: Subject, x: Any) -> Array:
+def _start(flint: Any, subject: Subject, x: Any) -> Array:
     values = np.asarray(x, dtype=object)
-    if values.shape != (what.dim,):
-        raise InputError(f"A start is {what.dim} numbers, {', '.join(what.names)}, got shape {values.shape}.")
+    if values.shape != (subject.dim,):
+        raise InputError(f"A start is {subject.dim} numbers, {', '.join(subject.names)}, got shape {values.shape}.")
     return np.asarray(_balls(flint, values))
 
 
-def _energy(what: Subject, known: Mapping[str, Any]) -> dict[str, Any]:
-    return {} if what.energy is None else {"energy": lambda x: what.energy(x, **known)}
+def _energy(subject: Subject, constants: Mapping[str, Any]) -> dict[str, Any]:
+    return {} if subject.energy is None else {"energy": lambda x: subject.energy(x, **constants)}
 
 
 def _of_balls(flint: Any, f: Any) -> Callable[[Array], Any]:
     """A function on balls: the coefficients of a polynomial become rationals that balls know."""
-    terms = getattr(f, "terms", None)
-    if terms is None:
+    if not isinstance(f, Polynomial):
         return f
-    own = {e: flint.fmpq(c.numerator, c.denominator) for e, c in terms.items()}
-
-    def polynomial(x: Array) -> Any:
-        total: Any = 0
-        for exponents, c in own.items():
-            term: Any = flint.arb(c)
-            for v, e in zip(x, exponents, strict=True):
-                for _ in range(e):
-                    term = v * term
-            total = term + total
-        return total
-
-    return polynomial
+    return replace(f, terms={e: flint.arb(flint.fmpq(c.numerator, c.denominator)) for e, c in f.terms.items()})
 
 
 def _lohner(
     flint: Any,
-    what: Subject,
-    known: Mapping[str, Any],
+    subject: Subject,
+    constants: Mapping[str, Any],
     start: Array,
     box: Any,
     steps: int,
     tolerance: float,
     named: Mapping[str, Callable[[Array], Any]],
 ) -> tuple[int, str, Array, dict[str, tuple[float, float]]]:
-    d = what.dim
+    d = subject.dim
     c = np.array([v.mid() for v in start], dtype=object)
     r = (start - c) + box
     Q = np.array([[flint.arb(int(i == j)) for j in range(d)] for i in range(d)], dtype=object)
@@ -170,9 +166,9 @@ def _lohner(
             ranges[name] = _wider(ranges.get(name), _mean_value_form(f, c, X, Q, r))
         if done == steps:
             break
-        new = _step(what, c, known)
-        images = np.asarray(what.step(independent(X), **known), dtype=object)
-        A = _jacobian(images, d) @ Q
+        new = _step(subject, c, constants)
+        images = np.asarray(subject.step(independent(X), **constants), dtype=object)
+        A = slopes(images, d) @ Q
         following = np.array([v.mid() for v in new], dtype=object)
         off = new - following
         if not _all_finite(A) or not _all_finite(new):
@@ -183,7 +179,7 @@ def _lohner(
         inner = (back @ A) @ r + back @ off
         box_of = following + U @ inner
         mapped = np.array([_value_of(v) for v in images], dtype=object)
-        box_of = np.array([_both(a, b) for a, b in zip(box_of, mapped, strict=True)], dtype=object)
+        box_of = np.array([a.intersection(b) for a, b in zip(box_of, mapped, strict=True)], dtype=object)
         if max(float(v.rad()) for v in box_of) > tolerance:
             stopped = f"the next enclosure is wider than {tolerance:g}"
             break
@@ -191,21 +187,12 @@ def _lohner(
     return done, stopped, X, ranges
 
 
-def _step(what: Subject, x: Array, known: Mapping[str, Any]) -> Array:
-    return np.asarray(what.step(x, **known), dtype=object)
+def _step(subject: Subject, x: Array, constants: Mapping[str, Any]) -> Array:
+    return np.asarray(subject.step(x, **constants), dtype=object)
 
 
 def _value_of(v: Any) -> Any:
     return v.value if isinstance(v, Dual) else v
-
-
-def _jacobian(images: Array, d: int) -> Array:
-    return slopes(images, d)
-
-
-def _both(a: Any, b: Any) -> Any:
-    """The intersection of two enclosures of one number."""
-    return a.intersection(b)
 
 
 def _all_finite(values: Array) -> bool:
@@ -233,18 +220,129 @@ def _mean_value_form(f: Callable[[Array], Any], c: Array, X: Array, Q: Array, r:
     if not isinstance(at, Dual):
         return direct
     mean = f(c) + np.asarray(at.slope, dtype=object) @ Q @ r
-    return _both(mean, direct)
+    return mean.intersection(direct)
 
 
-def _wider(known: tuple[float, float] | None, value: Any) -> tuple[float, float]:
+def _wider(bounds: tuple[float, float] | None, value: Any) -> tuple[float, float]:
     low = float(np.nextafter(float(value.lower()), -np.inf))
     high = float(np.nextafter(float(value.upper()), np.inf))
-    return (low, high) if known is None else (min(low, known[0]), max(high, known[1]))
+    return (low, high) if bounds is None else (min(low, bounds[0]), max(high, bounds[1]))
 
 
-def _alone(what: Subject, known: Mapping[str, Any], x: Array, steps: int, tolerance: float) -> int:
+def _alone(subject: Subject, constants: Mapping[str, Any], x: Array, steps: int, tolerance: float) -> int:
     for done in range(steps):
-        x = _step(what, x, known)
+        x = _step(subject, x, constants)
         if not _all_finite(x) or max(float(v.rad()) for v in x) > tolerance:
             return done
     return steps
+
+
+# -- identities proved -----------------------------------------------------------------------------------
+
+
+class Expression(Ring):
+    """A rational function of SymPy that lets arrays have their say."""
+
+    __slots__ = ("f",)
+
+    def __init__(self, f: Any):
+        self.f = f
+
+    def __add__(self, other: Any) -> Any:
+        return NotImplemented if isinstance(other, np.ndarray) else Expression(self.f + _inner(other))
+
+    def __mul__(self, other: Any) -> Any:
+        return NotImplemented if isinstance(other, np.ndarray) else Expression(self.f * _inner(other))
+
+    def __truediv__(self, other: Any) -> Any:
+        return NotImplemented if isinstance(other, np.ndarray) else Expression(self.f / _inner(other))
+
+    def __rtruediv__(self, other: Any) -> Expression:
+        return Expression(_inner(other) / self.f)
+
+    def __neg__(self) -> Expression:
+        return Expression(-self.f)
+
+
+def _inner(x: Any) -> Any:
+    return x.f if isinstance(x, Expression) else int(x)
+
+
+@dataclass(frozen=True)
+class Proof:
+    """A statement, whether it holds identically, and in which unknowns."""
+
+    statement: str
+    holds: bool
+    unknowns: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"{self.statement}: {'proved' if self.holds else 'false'}, for all {', '.join(self.unknowns)}"
+
+
+def prove(claimed: System | Model, names: tuple[str, ...] = ("casimir", "energy"), n: int = 3) -> list[Proof]:
+    """For each name, "casimir", "energy" or an integral of the record: f(step(z)) = f(z) identically.
+
+    Of a system its parameters are unknowns too; of a model they are the numbers given.  Raises `InputError` without
+    SymPy, for implicit maps, for states that are not free, and for names that the record does not state.
+    """
+    system = claimed.system if isinstance(claimed, Model) else claimed
+    mapped = system.map
+    if mapped is None or mapped.turn is not None or system.numbers != "any":
+        raise InputError(f"{system.name} has no map that is a rational function: nothing can be proved.")
+    if system.space.constraints:
+        raise InputError(f"The coordinates of {system.name} are not free; prove it for the system that contains it.")
+    functions = {"casimir": system.space.casimirs, "energy": system.energy, **system.integrals}
+    for name in names:
+        if functions.get(name) is None:
+            raise InputError(f"{system.name} states no {shown(name)}; it states {', '.join(functions)}.")
+    n = claimed.n if isinstance(claimed, Model) else n
+    state, constants, unknowns = _symbols(claimed, system, n)
+    new = tuple(call(mapped.step, state, constants))
+    return [
+        Proof(f"{system.name}, n = {n}: {name}", _same(functions[name], state, new, constants), unknowns)
+        for name in names
+    ]
+
+
+def _same(f: Any, state: tuple[Array, ...], new: tuple[Array, ...], constants: dict[str, Any]) -> bool:
+    before, after = (np.ravel(np.asarray(call(f, z, constants), dtype=object)) for z in (state, new))
+    return all(_inner(a - b) == 0 for a, b in zip(before, after, strict=True))
+
+
+def _symbols(
+    claimed: System | Model, system: System, n: int
+) -> tuple[tuple[Array, ...], dict[str, Any], tuple[str, ...]]:
+    try:
+        from sympy import QQ
+        from sympy.polys.fields import field
+    except ImportError as error:
+        raise InputError("A proof needs SymPy, which is missing. Install it with: pip install sympy") from error
+    names = list(coordinate_names(system.space.components, n))
+    sizes = {"scalar": (), "vector": (n,)}
+    if isinstance(claimed, System):
+        for p in system.parameters:
+            if p.kind not in sizes:
+                raise InputError(f"The parameter {p.letter} of {system.name} is no scalar or vector: give a model.")
+            names += [p.letter] if p.kind == "scalar" else [f"{p.letter}{i + 1}" for i in range(n)]
+    names.append("eps")
+    K, *plain = field(names, QQ)
+    generators = [Expression(f) for f in plain]
+    count = algebra.coordinate_count(system.space.kinds, n)
+    flat, parameters = np.array(generators[:count], dtype=object), generators[count:]
+    state = algebra.restore(flat, system.space.kinds, n)
+    constants: dict[str, Any] = {"eps": parameters[-1]}
+    if isinstance(claimed, Model):
+        constants |= {k: _rational_constants(K, v) for k, v in claimed.constants.items()}
+    else:
+        place = 0
+        for p in system.parameters:
+            size = 1 if p.kind == "scalar" else n
+            chosen = parameters[place : place + size]
+            constants[p.letter] = chosen[0] if p.kind == "scalar" else np.array(chosen, dtype=object)
+            place += size
+    return state, constants, tuple(names)
+
+
+def _rational_constants(K: Any, v: Any) -> Any:
+    return np.vectorize(lambda q: Expression(K(q.numerator) / K(q.denominator)), otypes=[object])(fractions(v))[()]

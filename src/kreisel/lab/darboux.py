@@ -1,9 +1,16 @@
-"""Darboux polynomials of a rational map: P(f(x)) = C(x) P(x), and the integrals and measures that they give.
+"""Darboux polynomials of a rational map: P(f(x)) = C(x) P(x), and the integrals and measures that they give; bases.
 
 The cofactors C that are tried are numbers times powers of the factors of det f' and of the denominators of f; for
 each the P of a degree are a null space.  Cofactors multiply as polynomials do: a product of powers of P with cofactor 1
 is an integral, one with the cofactor det f' is the inverse of an invariant density.
 [Celledoni, Evripidou, McLaren, Owren, Quispel, Tapley, arXiv 1902.04685]
+
+Hirota-Kimura bases: functions f_1, ..., f_l of which some combinations with constant coefficients vanish along every
+orbit, sum_i c_i f_i(x_k) = 0 for all k; the coefficients depend on the orbit, so that their ratios are integrals of the
+map.  Orbits then lie on the common zeros of the combinations.  The f_i are all monomials up to a degree; the
+coefficients are the null space of a matrix of their values along an orbit, exact modulo a prime.  Many integrable maps
+of Kahan, Hirota and Kimura's have such bases of degree 2 where their integrals are quotients of a high degree.
+[Petrera, Pfadler, Suris 2011]
 """
 
 from __future__ import annotations
@@ -16,16 +23,39 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.algebra import Array
+from kreisel.algebra import Array, objects
 from kreisel.algebra.ring import Ring
 from kreisel.errors import InputError
-from kreisel.lab.exact import independent, rational, slopes
-from kreisel.lab.fields import PRIMES, Pole, fraction, random_residues, reconstructed, require_flint
-from kreisel.lab.integrals import SPARE, Polynomial, expanded, kernel, monomial_values, monomials, rational_kernel
-from kreisel.lab.subject import Subject
+from kreisel.lab.exact import (
+    PRIMES,
+    Pole,
+    fraction,
+    fractions,
+    independent,
+    modular_matrix,
+    random_residues,
+    rank_modulo,
+    rationals,
+    reconstructed,
+    require_flint,
+    residue,
+    residues_at,
+    slopes,
+    without_poles,
+)
+from kreisel.lab.integrals import (
+    SPARE,
+    Exponents,
+    Polynomial,
+    expanded,
+    kernel,
+    monomial_values,
+    monomials,
+    rational_kernel,
+)
+from kreisel.lab.subject import Subject, stacked
 
 MOST_COFACTORS = 600
-ATTEMPTS = 5
 LARGEST = 10_000  # number in a cofactor
 Points = tuple[Array, Array, list[Array]]
 Powers = tuple[int, ...]
@@ -44,8 +74,7 @@ class Ratio(Ring):
     def _other(self, other: Any) -> Ratio:
         if isinstance(other, Ratio):
             return other
-        q = fraction(other)
-        return Ratio(0 * self.n + rational(q.numerator, q.denominator), 0 * self.d + 1)
+        return Ratio(0 * self.n + rationals(other), 0 * self.d + 1)
 
     def __add__(self, other: Any) -> Any:
         if isinstance(other, np.ndarray):
@@ -69,9 +98,6 @@ class Ratio(Ring):
         if self.n == 0:
             raise Pole("a denominator vanishes identically")
         return self._other(other) * Ratio(self.d, self.n)
-
-    def __pow__(self, exponent: int) -> Any:
-        return math.prod([self] * exponent, start=self._other(1))
 
 
 @dataclass(frozen=True)
@@ -100,7 +126,7 @@ class Product:
 
 @dataclass(frozen=True)
 class Darboux:
-    """What was found.
+    """Darboux polynomials of a map, with the integrals and densities that they give.
 
     polynomials   P that are no products of others of the list
     cofactors     of each: a number, and powers of `factors`
@@ -115,61 +141,61 @@ class Darboux:
     densities: tuple[Product, ...]
 
 
-def darboux(what: Subject, degree: int = 2, seed: int = 0) -> Darboux:
+def darboux(subject: Subject, degree: int = 2, seed: int = 0) -> Darboux:
     """Darboux polynomials up to a degree, with their integrals and measures; for maps of few coordinates.
 
     Raises `InputError` for maps that are not rational, and where there are too many cofactors to try.
     """
-    factors, jacobian, most = _factors(what)
+    factors, jacobian, most = _factors(subject)
     polynomials: list[Polynomial] = []
     cofactors: list[Cofactor] = []
     for d in range(1, degree + 1):
-        exponents = list(monomials(what.dim, d))
-        data = {p: _points(what, factors, p, 3 * len(exponents) + SPARE, seed) for p in PRIMES}
+        exponents = list(monomials(subject.dim, d))
+        data = {p: _points(subject, factors, p, 3 * len(exponents) + SPARE, seed) for p in PRIMES}
         for powers in _candidates(factors, d, most):
             for c in _numbers(data[PRIMES[0]], powers, exponents):
                 products = _products(polynomials, cofactors, (c, powers), exponents)
                 for terms in _of_cofactor(data, (c, powers), exponents, products):
-                    polynomials.append(Polynomial(terms, what.names))
+                    polynomials.append(Polynomial(terms, subject.names))
                     cofactors.append((c, powers))
     integrals, densities = _relations(polynomials, cofactors, jacobian)
     return Darboux(tuple(polynomials), tuple(cofactors), tuple(factors), integrals, densities)
 
 
-def _factors(what: Subject) -> tuple[list[Polynomial], Cofactor, int]:
+def _factors(subject: Subject) -> tuple[list[Polynomial], Cofactor, int]:
     """Factors of det f' and of the denominators of f, det f' itself, and the degree of the map."""
     flint = require_flint()
-    if what.implicit or what.start is not None:
-        raise InputError(f"{what.name}: Darboux polynomials need a rational map of free coordinates.")
-    ring = flint.fmpq_mpoly_ctx.get(what.names, flint.Ordering.degrevlex)
-    one = ring.constant(1)
-    x = np.array([Ratio(g, one) for g in ring.gens()], dtype=object)
-    known = {k: np.vectorize(fraction, otypes=[object])(v)[()] for k, v in what.constants.items()}
-    new = what.step(independent(x), **known)
-    J = slopes(new, what.dim)
+    if subject.implicit or subject.start is not None:
+        raise InputError(f"{subject.name}: Darboux polynomials need a rational map of free coordinates.")
+    ring = flint.fmpq_mpoly_ctx.get(subject.names, flint.Ordering.degrevlex)
+    unit = ring.constant(1)
+    x = np.array([Ratio(g, unit) for g in ring.gens()], dtype=object)
+    constants = {k: fractions(v) for k, v in subject.constants.items()}
+    new = subject.step(independent(x), **constants)
+    J = slopes(new, subject.dim)
     det = _determinant([[v if isinstance(v, Ratio) else x[0] * 0 + int(v) for v in row] for row in J])
     if det.n == 0:
-        raise InputError(f"The Jacobian determinant of {what.name} vanishes: the map is not invertible.")
+        raise InputError(f"The Jacobian determinant of {subject.name} vanishes: the map is not invertible.")
     values = [v.value for v in new]
-    found: dict[Any, tuple[Polynomial, int]] = {}
+    powers_of: dict[Any, tuple[Polynomial, int]] = {}
     c = Fraction(1)
     for polynomial, sign in [(det.n, 1), (det.d, -1), *((v.d, 0) for v in values)]:
         leading, powers = polynomial.factor()
         c *= fraction(leading) ** sign
         for factor, k in powers:
-            f = Polynomial({tuple(e): fraction(v) for e, v in factor.to_dict().items()}, what.names)
+            f = Polynomial({tuple(e): fraction(v) for e, v in factor.to_dict().items()}, subject.names)
             key = tuple(sorted(f.terms.items()))
-            found[key] = f, found.get(key, (f, 0))[1] + sign * k
-    common = one
+            powers_of[key] = f, powers_of.get(key, (f, 0))[1] + sign * k
+    common = unit
     for v in values:
         common = common * (v.d // common.gcd(v.d))
     degree = max(common.total_degree(), *((v.n * (common // v.d)).total_degree() for v in values))
-    return [f for f, _ in found.values()], (c, tuple(k for _, k in found.values())), degree
+    return [f for f, _ in powers_of.values()], (c, tuple(k for _, k in powers_of.values())), degree
 
 
-def jacobian_factors(what: Subject) -> list[Polynomial]:
+def jacobian_factors(subject: Subject) -> list[Polynomial]:
     """The irreducible factors of det f' and of the denominators of a rational map."""
-    return _factors(what)[0]
+    return _factors(subject)[0]
 
 
 def _determinant(rows: list[list[Any]]) -> Any:
@@ -218,7 +244,7 @@ def _products(
 def _rows(data: Points, C: Cofactor, exponents: list[Any], p: int) -> tuple[Array, Array]:
     """The monomials at f(x), and C times those at x, modulo p."""
     new, old, values = data
-    cofactor = np.full(len(old), C[0].numerator * pow(C[0].denominator, -1, p) % p, dtype=np.int64)
+    cofactor = np.full(len(old), residue(C[0], p), dtype=np.int64)
     for v, k in zip(values, C[1], strict=True):
         for _ in range(abs(k)):
             cofactor = cofactor * v[int(k < 0)] % p
@@ -233,27 +259,25 @@ def _numbers(data: Points, powers: Powers, exponents: list[Any]) -> list[Fractio
     p, n = PRIMES[0], len(exponents)
     A, B = _rows(data, (Fraction(1), powers), exponents, p)
     try:
-        M, other = (_modular(B[k : k + n]).solve(_modular(A[k : k + n])) for k in (0, n))
+        M, M1 = (modular_matrix(B[k : k + n], PRIMES[0]).solve(modular_matrix(A[k : k + n], PRIMES[0])) for k in (0, n))
     except ZeroDivisionError:
         return []
-    basis, nullity = (M - other).nullspace()
+    basis, nullity = (M - M1).nullspace()
     if not nullity:
         return []
     vectors = np.array([[int(basis[i, j]) for j in range(nullity)] for i in range(n)], dtype=object)
     moved = np.array([[int(v) for v in row] for row in M.tolist()], dtype=object) @ vectors % p
     leads = _leads(vectors)
-    roots = _modular(vectors[leads]).solve(_modular(moved[leads])).charpoly().factor()[1]
+    roots = (
+        modular_matrix(vectors[leads], PRIMES[0]).solve(modular_matrix(moved[leads], PRIMES[0])).charpoly().factor()[1]
+    )
     numbers = [reconstructed(-int(f[0]) % p, p) for f, _ in roots if f.degree() == 1]
     return sorted({c for c in numbers if c and max(abs(c.numerator), c.denominator) < LARGEST})
 
 
-def _modular(A: Array) -> Any:
-    return require_flint().nmod_mat(*A.shape, [int(v) for v in A.ravel()], PRIMES[0])
-
-
 def _leads(vectors: Array) -> list[int]:
     """Rows of a basis of columns that are independent."""
-    reduced, rank = _modular(vectors.T).rref()
+    reduced, rank = modular_matrix(vectors.T, PRIMES[0]).rref()
     return [next(j for j in range(vectors.shape[0]) if int(reduced[i, j])) for i in range(rank)]
 
 
@@ -269,22 +293,20 @@ def _of_cofactor(
     return rational_kernel(rows, exponents, products)
 
 
-def _points(what: Subject, factors: list[Polynomial], p: int, points: int, seed: int) -> Points:
+def _points(subject: Subject, factors: list[Polynomial], p: int, points: int, seed: int) -> Points:
     """f(x), x (points, d), and the factors with their inverses (2, points) at random x modulo p."""
-    for attempt in range(ATTEMPTS):
-        try:
-            x = random_residues(np.random.default_rng([seed, attempt, p]), p, points)((what.dim,))
-            new = what.over(p)(x)
-            table = [np.stack([np.broadcast_to(v.v, points) for v in z], -1) for z in (new, x)]
-            values = [np.array([[f.at(row, p)] * 2 for row in table[1]]).T for f in factors]
-            if not all(v.all() for v in values):
-                continue
-            for v in values:
-                v[1] = [pow(int(w), -1, p) for w in v[0]]
-            return table[0], table[1], values
-        except Pole as error:
-            trouble = error
-    raise InputError(f"{what.name} divides by 0 from {ATTEMPTS} random starts ({trouble}).")
+
+    def drawn(attempt: int) -> Points:
+        x = random_residues(np.random.default_rng([seed, attempt, p]), p, points)((subject.dim,))
+        new, old = (stacked(z, points).T for z in (subject.over(p)(x), x))
+        values = [np.array([[f.at(row, p)] * 2 for row in old]).T for f in factors]
+        if not all(v.all() for v in values):
+            raise Pole("a factor vanishes at a random point")
+        for v in values:
+            v[1] = [pow(int(w), -1, p) for w in v[0]]
+        return new, old, values
+
+    return without_poles(subject.name, drawn)
 
 
 def _relations(
@@ -294,7 +316,7 @@ def _relations(
     if not polynomials:
         return (), ()
     numbers = [c for c, _ in (*cofactors, jacobian)]
-    primes = sorted({q for c in numbers for part in (c.numerator, c.denominator) for q in _primes(abs(part))})
+    primes = sorted({q for c in numbers for whole in (c.numerator, c.denominator) for q in _primes(abs(whole))})
 
     def row(C: Cofactor) -> list[int]:
         return [*C[1], *(_valuation(C[0], q) for q in primes)]
@@ -344,4 +366,110 @@ def _whole_kernel(table: list[list[int]]) -> list[list[int]]:
     return out
 
 
-__all__ = ["Darboux", "Product", "Ratio", "darboux"]
+# -- Hirota-Kimura bases ---------------------------------------------------------------------------------
+
+SPARE_POINTS = 12  # more than monomials: a combination vanishes on them by chance with probability p^-SPARE_POINTS
+MOST_MONOMIALS = 500
+
+
+@dataclass(frozen=True)
+class Bases:
+    """Counts of Hirota-Kimura bases at random points, equal modulo two primes.
+
+    degree        of the monomials
+    monomials     how many there are
+    combinations  how many independent combinations of them vanish along an orbit
+    integrals     how many functionally independent integrals the coefficients are
+    """
+
+    degree: int
+    monomials: int
+    combinations: int
+    integrals: int
+
+    def __str__(self) -> str:
+        return (
+            f"degree {self.degree}: {self.combinations} combinations of {self.monomials} monomials vanish along an "
+            f"orbit; their coefficients are {self.integrals} independent integrals"
+        )
+
+
+def bases(subject: Subject, degree: int = 2, seed: int = 0) -> Bases:
+    """The combinations of monomials up to a degree that vanish along orbits, and how many integrals they give.
+
+    Raises `InputError` for maps that are not rational, and for degrees with more than MOST_MONOMIALS monomials.
+    """
+    count = math.comb(subject.dim + degree, degree)
+    if count > MOST_MONOMIALS:
+        raise InputError(
+            f"Degree {degree} in {subject.dim} coordinates has {count} monomials; at most {MOST_MONOMIALS} are tried. "
+            "Use a lower degree."
+        )
+    exponents = list(monomials(subject.dim, degree))
+    counts = {_at_a_point(subject, exponents, p, seed) for p in PRIMES[:2]}
+    if len(counts) > 1:
+        raise InputError(f"{subject.name}: two primes give different counts, {counts}. Use another seed.")
+    combinations, rank = counts.pop()
+    return Bases(degree, len(exponents), combinations, rank)
+
+
+def _at_a_point(subject: Subject, exponents: list[Exponents], p: int, seed: int) -> tuple[int, int]:
+
+    def counted(attempt: int) -> tuple[int, int]:
+        x = subject.point(random_residues(np.random.default_rng([seed, attempt, p]), p, 1))
+        return _counted(subject, x, exponents, p)
+
+    return without_poles(subject.name, counted, (Pole, ZeroDivisionError))
+
+
+def _counted(subject: Subject, x: Array, exponents: list[Exponents], p: int) -> tuple[int, int]:
+    """The combinations at x, and the rank of the derivatives of their coefficients.
+
+    With the basis in reduced form, a coefficient is a function u of x with A u = -b: A are the columns of the pivots, b
+    the others.  A du = -(db + dA u).
+    """
+    values, derivatives = _along(subject, x, exponents, p)
+    null = kernel(values, p)
+    if not null:
+        return 0, 0
+    free = [next(j for j in reversed(range(len(v))) if v[j] and all(w is v or not w[j] for w in null)) for v in null]
+    pivots = [j for j in range(len(exponents)) if j not in free]
+    A = values[:, pivots]
+    moved: list[Array] = []
+    for vector in null:
+        change = _combined(derivatives, np.array(vector), p)  # (points, dim)
+        moved.append(_solved(A, -change % p, p))
+    return len(null), rank_modulo(np.concatenate(moved), p)
+
+
+def _along(subject: Subject, x: Array, exponents: list[Exponents], p: int) -> tuple[Array, Array]:
+    """The monomials along the orbit of x (points, l), and their derivatives by x (points, l, dim)."""
+    step, moving, rows, slopes_of = subject.over(p), independent(x), [], []
+    for _ in range(len(exponents) + SPARE_POINTS):
+        point = residues_at(objects(v.value for v in moving), 1, p)
+        tangent = residues_at(slopes(moving, subject.dim), 1, p)[0]
+        rows.append(monomial_values(point, exponents, p)[0])
+        gradients = np.stack([_partial(point, exponents, i, p) for i in range(subject.dim)], -1)
+        product = modular_matrix(gradients, p) * modular_matrix(tangent, p)
+        slopes_of.append(np.array([[int(v) for v in row] for row in product.tolist()], dtype=np.int64))
+        moving = step(moving)
+    return np.array(rows), np.array(slopes_of)
+
+
+def _partial(point: Array, exponents: list[Exponents], i: int, p: int) -> Array:
+    lower = [(*e[:i], max(e[i] - 1, 0), *e[i + 1 :]) for e in exponents]
+    distinct = sorted(set(lower), key=sum)
+    values = dict(zip(distinct, monomial_values(point, distinct, p)[0].tolist(), strict=True))
+    return np.array([e[i] * values[low] % p for e, low in zip(exponents, lower, strict=True)], dtype=np.int64)
+
+
+def _combined(derivatives: Array, vector: Array, p: int) -> Array:
+    """sum_j d(f_j) c_j (points, dim)."""
+    return sum((derivatives[:, j] * int(c) % p for j, c in enumerate(vector) if c), 0 * derivatives[:, 0]) % p
+
+
+def _solved(A: Array, right: Array, p: int) -> Array:
+    """u (columns, dim) with A u = right, of full rank and consistent."""
+    k = A.shape[1]
+    table, _ = modular_matrix(np.concatenate([A, right], 1), p).rref()
+    return np.array([[int(table[i, k + j]) for j in range(right.shape[1])] for i in range(k)], dtype=np.int64)

@@ -24,7 +24,6 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
 from kreisel.kernels.adjoint import code_of, recorded
 from kreisel.lab import exact
-from kreisel.lab.fields import fraction
 from kreisel.lab.subject import Subject
 from kreisel.method.scheme import JaxSteps, Scheme
 
@@ -40,7 +39,7 @@ NEIGHBOURS = 8  # iterates on each side in the interpolation of a section
 
 @dataclass(frozen=True)
 class Dynamics:
-    """What one orbit of `steps` steps from `start` does.
+    """Exponents and alignment indices of one orbit of `steps` steps from `start`.
 
     exponents     per step, the largest first; `errors` their spread over the parts of the orbit
     sali          the smallest SALI, and the step at which it was reached
@@ -83,14 +82,14 @@ class Dynamics:
 class CompiledOrbit:
     """A compiled step, with tangent vectors (k, d) along; a point is x (d,)."""
 
-    def __init__(self, what: Subject, x: Array, vectors: Array | None = None):
-        self.what = what
+    def __init__(self, subject: Subject, x: Array, vectors: Array | None = None):
+        self.subject = subject
         start = np.asarray(x, dtype=np.float64)
-        if start.shape != (what.dim,) or not np.isfinite(start).all():
-            raise InputError(f"A start is {what.dim} finite numbers, {', '.join(what.names)}, got {shown(x)}.")
+        if start.shape != (subject.dim,) or not np.isfinite(start).all():
+            raise InputError(f"A start is {subject.dim} finite numbers, {', '.join(subject.names)}, got {shown(x)}.")
         count = 0 if vectors is None else len(vectors)
-        orbit = _ByJax if what.model is not None and what.model.system.numbers == "jax" else _ByKernels
-        self._orbit: Any = orbit(what, start.copy(), np.zeros((count, what.dim)) if vectors is None else vectors)
+        orbit = _ByJax if subject.model is not None and subject.model.system.numbers == "jax" else _ByKernels
+        self._orbit: Any = orbit(subject, start.copy(), np.zeros((count, subject.dim)) if vectors is None else vectors)
 
     @property
     def vectors(self) -> Array:
@@ -105,41 +104,43 @@ class CompiledOrbit:
         """`rows` points (rows, d), `steps` steps apart.  Raises `RunError` where the orbit escapes."""
         points = self._orbit.advance(steps, rows)
         if not (np.abs(points) < FURTHEST).all():
-            raise RunError(f"The orbit of {self.what.name} escapes, or meets a pole. Choose another start.")
+            raise RunError(f"The orbit of {self.subject.name} escapes, or meets a pole. Choose another start.")
         return points
 
 
 class _ByKernels:
     """By the kernels of the recorded step: `forward`, and `push` where there are vectors."""
 
-    def __init__(self, what: Subject, x: Array, vectors: Array):
+    def __init__(self, subject: Subject, x: Array, vectors: Array):
         self.x, self.vectors = x, vectors
-        scalars = {k: np.asarray(v, dtype=object) for k, v in what.floats.items() if np.ndim(v) == 0}
+        scalars = {k: np.asarray(v, dtype=object) for k, v in subject.floats.items() if np.ndim(v) == 0}
         names = {k: np.array(f"c{i}", dtype=object) for i, k in enumerate(scalars)}
-        fixed = {k: v for k, v in what.floats.items() if np.ndim(v) > 0}
-        own = replace(what, step=partial(what.step, **fixed))
-        record = recorded(lambda x, **known: (_called(own, x, known),), [f"R^{what.dim}"], 3, names, MOST_LINES)
+        fixed = {k: v for k, v in subject.floats.items() if np.ndim(v) > 0}
+        fixed_subject = replace(subject, step=partial(subject.step, **fixed))
+        record = recorded(
+            lambda x, **constants: (_called(fixed_subject, x, constants),), [f"R^{subject.dim}"], 3, names, MOST_LINES
+        )
         if record is None:
             raise InputError(
-                f"The step of {what.name} could not be recorded: expected a formula of at most {MOST_LINES:,} "
+                f"The step of {subject.name} could not be recorded: expected a formula of at most {MOST_LINES:,} "
                 "operations, without a loop, got a longer one."
             )
         self._code = code_of(record, None, len(names), 0)
-        self._known = np.array([float(v) for v in scalars.values()]), np.zeros((1, 0))
+        self._constants = np.array([float(v) for v in scalars.values()]), np.zeros((1, 0))
 
     def advance(self, steps: int, rows: int) -> Array:
         if not len(self.vectors):
             points = np.empty((rows, len(self.x)))
-            self._code.forward(self.x, *self._known, points, steps, steps)
+            self._code.forward(self.x, *self._constants, points, steps, steps)
             self.x = points[-1].copy()
             return points
         points = np.empty((rows, len(self.x)))
         columns = np.ascontiguousarray(self.vectors.T)
         count = columns.shape[1]
-        empty = np.zeros((len(self._known[0]), count)), np.zeros((1, 0, count))
+        empty = np.zeros((len(self._constants[0]), count)), np.zeros((1, 0, count))
         for row in range(rows):
-            self._code.push(False)(self.x, *self._known, columns, *empty, np.empty((1, *columns.shape)), steps)
-            self._code.forward(self.x, *self._known, points[row : row + 1], steps, steps)
+            self._code.push(False)(self.x, *self._constants, columns, *empty, np.empty((1, *columns.shape)), steps)
+            self._code.forward(self.x, *self._constants, points[row : row + 1], steps, steps)
             self.x = points[row].copy()
         self.vectors = columns.T
         return points
@@ -148,12 +149,12 @@ class _ByKernels:
 class _ByJax:
     """By JAX: a lane for each vector."""
 
-    def __init__(self, what: Subject, x: Array, vectors: Array):
+    def __init__(self, subject: Subject, x: Array, vectors: Array):
         from kreisel.kernels.jax import JaxEngine
 
         self._dim, self._count = len(x), len(vectors)
         rows = np.concatenate([np.tile(x, (len(vectors), 1)), vectors], axis=1) if len(vectors) else x[None]
-        self._kernel = JaxEngine(_scheme(what, len(vectors) > 0), rows, 1.0)
+        self._kernel = JaxEngine(_scheme(subject, len(vectors) > 0), rows, 1.0)
 
     @property
     def vectors(self) -> Array:
@@ -169,18 +170,18 @@ class _ByJax:
         return out[:, 0, : self._dim]
 
 
-def _scheme(what: Subject, tangent: bool) -> Scheme:
+def _scheme(subject: Subject, tangent: bool) -> Scheme:
     """The step of JAX as a scheme, with a tangent vector or without."""
-    constants = {k: np.asarray(v) for k, v in what.floats.items() if np.ndim(v) == 0}
-    fixed = {k: v for k, v in what.floats.items() if np.ndim(v) > 0}
+    constants = {k: np.asarray(v) for k, v in subject.floats.items() if np.ndim(v) == 0}
+    fixed = {k: v for k, v in subject.floats.items() if np.ndim(v) > 0}
     return Scheme(
-        name=f"{what.name}{' and its tangent map' if tangent else ''}",
-        components=(("x", f"R^{what.dim}"),) + ((("v", f"R^{what.dim}"),) if tangent else ()),
+        name=f"{subject.name}{' and its tangent map' if tangent else ''}",
+        components=(("x", f"R^{subject.dim}"),) + ((("v", f"R^{subject.dim}"),) if tangent else ()),
         constants=constants,
         axes={k: np.ndim(v) for k, v in constants.items()},
         n=3,
         prepare=lambda z: z,
-        motion=JaxSteps(_pushed_by_jax(what.step, _Fixed(fixed))),
+        motion=JaxSteps(_pushed_by_jax(subject.step, _Fixed(fixed))),
         observe=lambda z, only=None, /, **constants: {},
         reopen=lambda z: z,
         outcomes={},
@@ -199,55 +200,55 @@ class _Fixed(dict[str, Array]):
 
 
 @lru_cache(16)
-def _pushed_by_jax(own: Callable[..., Array], fixed: _Fixed) -> Callable[..., tuple[Array, ...]]:
-    """The same function for the same step, so that it is compiled once."""
+def _pushed_by_jax(formula: Callable[..., Array], fixed: _Fixed) -> Callable[..., tuple[Array, ...]]:
+    """The step with its tangent map, one function for each step, so that it is compiled once."""
     from kreisel.reduction.double import jax
 
     def step(x: Array, v: Array | None = None, /, **constants: Array) -> tuple[Array, ...]:
-        def one(y: Array) -> Array:
-            return own(y, **fixed, **constants)
+        def at_point(y: Array) -> Array:
+            return formula(y, **fixed, **constants)
 
-        return (one(x),) if v is None else tuple(jax.jvp(one, (x,), (v,)))
+        return (at_point(x),) if v is None else tuple(jax.jvp(at_point, (x,), (v,)))
 
     return step
 
 
-def _called(what: Subject, x: Array, constants: dict[str, Array]) -> Array:
+def _called(subject: Subject, x: Array, constants: dict[str, Array]) -> Array:
     try:
-        return np.asarray(what.step(x, **constants), dtype=object)
+        return np.asarray(subject.step(x, **constants), dtype=object)
     except (TypeError, AttributeError) as error:
         raise InputError(
-            f"The step of {what.name} could not be recorded: {error}. It must be a formula in + - * /, whole "
+            f"The step of {subject.name} could not be recorded: {error}. It must be a formula in + - * /, whole "
             "powers, sqrt, sin, cos, exp and log, without branches."
         ) from error
 
 
-def float_start(what: Subject, seed: int = 0) -> Array:
+def float_start(subject: Subject, seed: int = 0) -> Array:
     """A random point of size about 1, at which the record allows the step."""
     rng = np.random.default_rng(seed)
     for _ in range(STARTS):
-        x = np.asarray(what.point(exact.float_random(rng)), dtype=np.float64)
-        if what.allowed is None or what.allowed(x, **what.floats):
+        x = np.asarray(subject.point(exact.float_random(rng)), dtype=np.float64)
+        if subject.allowed is None or subject.allowed(x, **subject.floats):
             return x
-    raise RunError(f"The step of {what.name} is too long for {STARTS} random starts. Use a smaller eps.")
+    raise RunError(f"The step of {subject.name} is too long for {STARTS} random starts. Use a smaller eps.")
 
 
-def tangents(what: Subject, x: Array, count: int | None, seed: int = 0) -> Array:
+def tangents(subject: Subject, x: Array, count: int | None, seed: int = 0) -> Array:
     """Random orthonormal tangent vectors (k, d) at x: as many as the phase space has dimensions, or `count`."""
-    vectors = np.random.default_rng([seed, 7]).normal(size=(what.dim, what.dim))
-    if what.model is not None and what.model.system.space.constraints:
-        pi = np.asarray(what.tensor(x), dtype=float) if what.tensor is not None else np.eye(what.dim)
+    vectors = np.random.default_rng([seed, 7]).normal(size=(subject.dim, subject.dim))
+    if subject.model is not None and subject.model.system.space.constraints:
+        pi = np.asarray(subject.tensor(x), dtype=float) if subject.tensor is not None else np.eye(subject.dim)
         left, sizes, _ = np.linalg.svd(pi)
         basis = left[:, sizes > 1e-9 * sizes[0]]
         vectors = (vectors @ basis) @ basis.T
         free = basis.shape[1]
     else:
-        free = what.dim
+        free = subject.dim
     return np.linalg.qr(vectors.T)[0][:, : min(free, count or free)].T
 
 
 def dynamics(
-    what: Subject, x: Array | None = None, steps: int = 10_000, *, count: int | None = None, seed: int = 0
+    subject: Subject, x: Array | None = None, steps: int = 10_000, *, count: int | None = None, seed: int = 0
 ) -> Dynamics:
     """Exponents, SALI and GALI along one orbit from x (by default a random point of size 1).
 
@@ -255,11 +256,11 @@ def dynamics(
     """
     if steps < 100 * PARTS:
         raise InputError(f"steps must be {100 * PARTS} or more, got {steps}.")
-    x = float_start(what, seed) if x is None else np.asarray(x, dtype=np.float64)
-    frame = tangents(what, x, count, seed)
+    x = float_start(subject, seed) if x is None else np.asarray(x, dtype=np.float64)
+    frame = tangents(subject, x, count, seed)
     k = len(frame)
-    apart = tangents(what, x, None if count is None else max(2, count), seed + 1)  # these are only scaled
-    orbit = CompiledOrbit(what, x, np.concatenate([frame, apart]))
+    apart = tangents(subject, x, None if count is None else max(2, count), seed + 1)  # these are only scaled
+    orbit = CompiledOrbit(subject, x, np.concatenate([frame, apart]))
     logs, sali, reached = [], 2.0, 0
     gali = np.full(max(0, len(apart) - 1), np.nan)
     for done in range(EVERY, steps + 1, EVERY):
@@ -275,30 +276,42 @@ def dynamics(
     for j in range(2, len(apart) + 1):
         gali[j - 2] = float(np.prod(np.linalg.svd(free[:j], compute_uv=False)))
     logs_ = np.array(logs)[len(logs) // 10 :]  # the vectors turn into place first
-    rates = np.array([part.sum(0) / (EVERY * len(part)) for part in np.array_split(logs_, PARTS)])
+    rates = np.array([rows.sum(0) / (EVERY * len(rows)) for rows in np.array_split(logs_, PARTS)])
     exponents = logs_.sum(0) / (EVERY * len(logs_))
     order = np.argsort(-exponents, kind="stable")
     errors = rates.std(0, ddof=1) / math.sqrt(PARTS)
     return Dynamics(x, steps, exponents[order], errors[order], sali, reached, gali)
 
 
-def points(what: Subject, x: Array | None = None, steps: int = 4096, seed: int = 0) -> Array:
+def several(subject: Subject, steps: int, orbits: int, seed: int = 0) -> tuple[list[Dynamics], str]:
+    """The orbits from random points that do not escape, and why another did."""
+    bounded, trouble = [], ""
+    slow = subject.model is not None and subject.model.system.numbers == "jax"  # each step a root, found anew
+    for k in range(orbits):
+        try:
+            bounded.append(dynamics(subject, steps=steps, count=1 if slow else None, seed=seed + 10 * k))
+        except RunError as error:
+            trouble = str(error)
+    return bounded, trouble
+
+
+def points(subject: Subject, x: Array | None = None, steps: int = 4096, seed: int = 0) -> Array:
     """The orbit (steps + 1, d)."""
-    x = float_start(what, seed) if x is None else np.asarray(x, dtype=np.float64)
-    return np.concatenate([x[None], CompiledOrbit(what, x).advance(1, steps)])
+    x = float_start(subject, seed) if x is None else np.asarray(x, dtype=np.float64)
+    return np.concatenate([x[None], CompiledOrbit(subject, x).advance(1, steps)])
 
 
-def frequencies(what: Subject, x: Array | None = None, steps: int = 4096, lines: int = 6, seed: int = 0) -> Any:
+def frequencies(subject: Subject, x: Array | None = None, steps: int = 4096, lines: int = 6, seed: int = 0) -> Any:
     """Angular frequencies a step of a generic function along the orbit: `kreisel.analysis.frequencies.Lines`."""
     from kreisel.analysis.frequencies import lines_of
 
-    orbit = points(what, x, steps, seed)
-    weights = np.random.default_rng([seed, 3]).uniform(0.5, 1.5, what.dim)
+    orbit = points(subject, x, steps, seed)
+    weights = np.random.default_rng([seed, 3]).uniform(0.5, 1.5, subject.dim)
     return lines_of(np.arange(len(orbit), dtype=float), (orbit - orbit.mean(0)) @ weights, lines)
 
 
 def section(
-    what: Subject,
+    subject: Subject,
     f: Callable[[Array], Array],
     x: Array | None = None,
     steps: int = 4096,
@@ -314,27 +327,27 @@ def section(
     """
     from scipy.optimize import brentq
 
-    orbit = points(what, x, steps, seed)
+    orbit = points(subject, x, steps, seed)
     value = np.asarray(f(orbit))
     if value.shape != (len(orbit),):
         raise InputError(f"f must give one number a point, {(len(orbit),)}, got shape {value.shape}.")
     up, down = (value[:-1] < 0) & (value[1:] >= 0), (value[:-1] > 0) & (value[1:] <= 0)
     wanted = up | down if rising is None else up if rising else down
-    times, found, worst = [], [], 0.0
+    times, places, worst = [], [], 0.0
     for k in np.nonzero(wanted)[0]:
         if not NEIGHBOURS <= k < len(orbit) - NEIGHBOURS:
             continue
         curve, check = (_interpolant(orbit, int(k), m) for m in (NEIGHBOURS, NEIGHBOURS - 1))
         t = float(brentq(lambda s, curve=curve: float(f(curve(s)[None])[0]), 0.0, 1.0, xtol=1e-15))
         times.append(k + t)
-        found.append(curve(t))
+        places.append(curve(t))
         worst = max(worst, float(np.abs(curve(t) - check(t)).max()))
     if worst > 1e-6:
         raise InputError(
-            f"The iterates of {what.name} are too far apart for a curve through them (it is known to {worst:.1g}). "
+            f"The iterates of {subject.name} are too far apart for a curve through them (it is known to {worst:.1g}). "
             "Use a smaller step."
         )
-    return np.array(times), np.array(found).reshape(-1, what.dim)
+    return np.array(times), np.array(places).reshape(-1, subject.dim)
 
 
 def _interpolant(orbit: Array, k: int, m: int) -> Callable[[float], Array]:
@@ -353,6 +366,6 @@ def _interpolant(orbit: Array, k: int, m: int) -> Callable[[float], Array]:
     return curve
 
 
-def rational_start(what: Subject, seed: int = 0) -> Array:
+def rational_start(subject: Subject, seed: int = 0) -> Array:
     """A random rational point with small numerators and denominators."""
-    return np.vectorize(fraction, otypes=[object])(what.point(exact.rational_random(np.random.default_rng(seed))))
+    return np.asarray(exact.fractions(subject.point(exact.rational_random(np.random.default_rng(seed)))))

@@ -1,18 +1,19 @@
-"""Numbers for the laws: rationals, dual numbers over any field, and random points."""
+"""Numbers for exact experiments: rationals, dual numbers, jets, residues modulo primes; random points in them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from fractions import Fraction
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from kreisel import algebra
-from kreisel.algebra import Array
+from kreisel.algebra import Array, objects
 from kreisel.algebra.ring import Ring
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 from kreisel.record.contract import Parameter, PhaseSpace, System
 from kreisel.record.model import Model
 
@@ -24,6 +25,7 @@ except ImportError:  # the extra "exact" is not installed: the same numbers, mor
     rational = Fraction
 
 Random = Callable[[tuple[int, ...]], Array]
+T = TypeVar("T")
 
 
 class Dual(Ring):
@@ -67,12 +69,6 @@ class Dual(Ring):
     def __rtruediv__(self, other: Any) -> Dual:
         inverse = 1 / self.value
         return Dual(other * inverse, self.slope * (-other * inverse * inverse))
-
-    def __pow__(self, exponent: int) -> Dual:
-        out: Any = 1
-        for _ in range(exponent):
-            out = self * out
-        return out
 
     def sqrt(self) -> Dual:
         root = self.value.sqrt() if hasattr(self.value, "sqrt") else math.sqrt(self.value)
@@ -175,3 +171,297 @@ def random_state(space: PhaseSpace, n: int, draw: Random) -> tuple[Array, ...]:
 def random_rotation(n: int, draw: Random) -> Array:
     """A random orthogonal matrix of determinant 1, rational when `draw` is."""
     return algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
+
+
+# -- multilinear jets ---------------------------------------------------------------------------------
+#
+# Numbers a + sum a_S x_S over sets S of generators with x_i^2 = 0, in any field.
+#
+# They give mixed derivatives exactly: f(z + s x + t y) has d/dx d/dy f as the coefficient of st.  With k generators,
+# e = x1 + ... + xk is a step with e^k = k! x1...xk and e^(k+1) = 0, so that they also expand in powers of a step.
+
+
+class Jet(Ring):
+    """The coefficients by sets of generators, written as bit masks."""
+
+    __slots__ = ("terms",)
+
+    def __init__(self, terms: dict[int, Any]):
+        self.terms = terms
+
+    @property
+    def inexact(self) -> bool:
+        return isinstance(self.value, float)
+
+    @property
+    def value(self) -> Any:
+        """The part without generators."""
+        return self.terms.get(0, 0)
+
+    def __add__(self, other: Any) -> Jet:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        out = dict(self.terms)
+        for mask, term in _terms(other).items():
+            out[mask] = out[mask] + term if mask in out else term
+        return Jet(out)
+
+    def __neg__(self) -> Jet:
+        return Jet({mask: -term for mask, term in self.terms.items()})
+
+    def __mul__(self, other: Any) -> Jet:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        out: dict[int, Any] = {}
+        theirs = _terms(other)
+        for mask, term in self.terms.items():
+            for more, factor in theirs.items():
+                if not mask & more:
+                    product = term * factor
+                    out[mask | more] = out[mask | more] + product if mask | more in out else product
+        return Jet(out)
+
+    def __truediv__(self, other: Any) -> Jet:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        if isinstance(other, Jet):
+            return self * (1 / other)
+        return Jet({mask: term / other for mask, term in self.terms.items()})
+
+    def __rtruediv__(self, other: Any) -> Jet:
+        inverse = self._inverse()
+        return self._series(inverse, lambda k: inverse * (-1) ** k) * other
+
+    def log(self) -> Jet:
+        """log; of an exact number the value is not in its field, and 0 stands for it."""
+        value = math.log(self.value) if self.inexact else 0 * self.value
+        unit = self.value * self._inverse()
+        return self._series(self._inverse(), lambda k: value if k == 0 else unit * (-1) ** (k + 1) / k)
+
+    def _inverse(self) -> Any:
+        return self.value if self.value in (1, -1) else 1 / self.value  # the integer 1 stays in every field
+
+    def _series(self, inverse: Any, coefficient: Callable[[int], Any]) -> Jet:
+        """sum_k coefficient(k) (N / value)^k with N the nilpotent part."""
+        small = Jet({mask: term * inverse for mask, term in self.terms.items() if mask})
+        out, power, k = Jet({0: coefficient(0)}), Jet({0: 1}), 0
+        while power.terms:
+            k, power = k + 1, power * small
+            out = out + power * coefficient(k)
+        return out
+
+
+def _terms(x: Any) -> dict[int, Any]:
+    if isinstance(x, Jet):
+        return x.terms
+    return {} if isinstance(x, int) and x == 0 else {0: x}  # the integer 0 is no number of the field
+
+
+def generator(i: int, unit: Any) -> Jet:
+    """The i-th generator; `unit` is the 1 of the field."""
+    return Jet({1 << i: unit})
+
+
+def coefficient(x: Array, mask: int) -> Array:
+    """The coefficient of a set of generators in a number or an array."""
+    if isinstance(x, np.ndarray):
+        return objects((_terms(v).get(mask, 0) for v in x.flat), x.shape)
+    return _terms(x).get(mask, 0)
+
+
+# -- residues modulo primes ------------------------------------------------------------------------
+
+
+# p = k 2^e + 1 below 2^30, with 3 as a primitive root: products of residues fit 64 bits, and 2^e-th roots of 1 exist
+PRIMES = (998244353, 469762049, 167772161)
+ROOT = 3
+
+
+class Pole(ArithmeticError):
+    """A division by 0 at one of the points: another seed, or another prime, avoids it."""
+
+
+_MARKS: list[Any] = []
+
+
+@contextmanager
+def poles_marked(lanes: int) -> Iterator[Any]:
+    """Within, a division by 0 marks its lane in the array that this gives, and goes on with 1."""
+    marks = np.zeros(lanes, dtype=bool)
+    _MARKS.append(marks)
+    try:
+        yield marks
+    finally:
+        _MARKS.pop()
+
+
+class Mod(Ring):
+    """An array of residues modulo p that behaves as one number: the same arithmetic at many points."""
+
+    __slots__ = ("p", "v")
+    ordered: ClassVar[bool] = False
+
+    def __init__(self, v: Any, p: int):
+        self.v, self.p = v, p
+
+    def __add__(self, other: Any) -> Any:
+        n = _operand(other, self.p)
+        return n if n is NotImplemented else Mod((self.v + n) % self.p, self.p)
+
+    def __neg__(self) -> Mod:
+        return Mod(-self.v % self.p, self.p)
+
+    def __sub__(self, other: Any) -> Any:
+        n = _operand(other, self.p)
+        return n if n is NotImplemented else Mod((self.v - n) % self.p, self.p)
+
+    def __mul__(self, other: Any) -> Any:
+        n = _operand(other, self.p)
+        return n if n is NotImplemented else Mod(self.v * n % self.p, self.p)
+
+    def __pow__(self, exponent: int) -> Mod:
+        return Mod(_power_modulo(self.v, exponent, self.p), self.p)
+
+    def inverse(self) -> Mod:
+        v = self.v
+        if not np.all(v):
+            if not _MARKS:
+                raise Pole("division by 0 modulo a prime")
+            _MARKS[-1][...] |= v == 0
+            v = np.where(v == 0, 1, v)
+        return Mod(_power_modulo(v, self.p - 2, self.p), self.p)
+
+    def __truediv__(self, other: Any) -> Any:
+        n = _operand(other, self.p)
+        return n if n is NotImplemented else self * Mod(n, self.p).inverse()
+
+    def __rtruediv__(self, other: Any) -> Mod:
+        return self.inverse() * other
+
+    def __bool__(self) -> bool:  # also for <, > and the like
+        raise TypeError("a comparison: the step is not a rational function, which exact experiments need")
+
+    def __lt__(self, other: Any) -> bool:
+        return bool(self)
+
+    __gt__ = __le__ = __ge__ = __lt__
+
+    def __float__(self) -> float:
+        raise TypeError("a conversion to float: the step is not a rational function, which exact experiments need")
+
+
+def _operand(other: Any, p: int) -> Any:
+    """The residues of a number; NotImplemented for arrays and for numbers made of residues, which know what to do."""
+    if isinstance(other, Mod):
+        return other.v
+    rational_number = isinstance(other, int | Fraction | np.integer) or (hasattr(other, "q") and hasattr(other, "p"))
+    return residue(other, p) if rational_number else NotImplemented
+
+
+def _power_modulo(base: Any, exponent: int, p: int) -> Any:
+    out = base * 0 + 1
+    while exponent:
+        if exponent & 1:
+            out = out * base % p
+        base = base * base % p
+        exponent >>= 1
+    return out
+
+
+def fraction(x: Any) -> Fraction:
+    """An integer, a fraction of any library or a float, as it is, as a Fraction.  Raises `InputError` for others."""
+    if hasattr(x, "q") and hasattr(x, "p"):  # python-flint
+        return Fraction(int(x.p), int(x.q))
+    try:
+        return Fraction(x.item() if isinstance(x, np.generic) else x)
+    except (ValueError, TypeError, ZeroDivisionError, OverflowError):
+        raise InputError(f"A whole number or a fraction such as 1/3 was expected, got {shown(x)}.") from None
+
+
+def fractions(v: Any) -> Any:
+    """A number or an array of numbers as `Fraction`; a number as itself, not as an array."""
+    return np.vectorize(fraction, otypes=[object])(v)[()]
+
+
+def rationals(v: Any) -> Any:
+    """A number or an array of numbers as rationals of python-flint, as `Fraction` without it."""
+    return np.vectorize(lambda q: rational(q.numerator, q.denominator), otypes=[object])(fractions(v))[()]
+
+
+def residue(x: Any, p: int) -> int:
+    """A rational number modulo p.  Raises `Pole` where p divides the denominator."""
+    q = fraction(x)
+    if q.denominator % p == 0:
+        raise Pole(f"{p} divides the denominator of {q}")
+    return q.numerator * pow(q.denominator, -1, p) % p
+
+
+def residues(x: Array, p: int) -> Array:
+    """An array of rational numbers as residues, each one number."""
+    return objects((Mod(np.int64(residue(v, p)), p) for v in np.asarray(x).flat), np.shape(x))
+
+
+def residues_at(x: Array, points: int, p: int) -> Array:
+    """An array of numbers, each of residues at `points` points, as 64-bit integers (points, ...)."""
+    out = np.zeros((points, *x.shape), dtype=np.int64)
+    for place in np.ndindex(x.shape):
+        v = x[place]
+        out[(slice(None), *place)] = v.v if isinstance(v, Mod) else int(v) % p
+    return out
+
+
+def random_residues(rng: np.random.Generator, p: int, points: int, least: int = 1) -> Random:
+    """draw(shape): arrays of numbers, each at `points` points, from `least` on."""
+
+    def draw(shape: tuple[int, ...]) -> Array:
+        return objects((Mod(rng.integers(least, p, points), p) for _ in range(math.prod(shape))), shape)
+
+    return draw
+
+
+def reconstructed(r: int, p: int) -> Fraction | None:
+    """The rational number of least size that is r modulo p, None where none is small (Wang's reconstruction)."""
+    bound = int((p // 2) ** 0.5)
+    a, b, s, t = p, r % p, 0, 1
+    while b > bound:
+        a, b, s, t = b, a % b, t, s - a // b * t
+    if t == 0 or abs(t) > bound:
+        return None
+    return Fraction(b, t)
+
+
+def require_flint() -> Any:
+    """python-flint.  Raises `InputError` where it is not installed."""
+    try:
+        import flint
+    except ImportError as error:
+        raise InputError(
+            "This experiment needs python-flint, which is missing. Install it with: pip install 'kreisel[exact]'"
+        ) from error
+    return flint
+
+
+def modular_matrix(A: Array, p: int) -> Any:
+    """A matrix of python-flint modulo p."""
+    return require_flint().nmod_mat(*A.shape, [int(v) for v in A.ravel()], p)
+
+
+def rank_modulo(A: Array, p: int) -> int:
+    """The rank modulo p."""
+    return int(modular_matrix(A, p).rank())
+
+
+ATTEMPTS = 5
+
+
+def without_poles(name: str, experiment: Callable[[int], T], errors: tuple[type[Exception], ...] = (Pole,)) -> T:
+    """experiment(0), or of the first further attempt that meets no pole.  Raises `InputError` if all do."""
+    for attempt in range(ATTEMPTS):
+        try:
+            return experiment(attempt)
+        except errors as error:
+            trouble = error
+    raise InputError(
+        f"{name} divides by 0 from {ATTEMPTS} random starts ({trouble}). Usual cause: a denominator that vanishes "
+        "identically, or constants whose denominators a prime divides."
+    )

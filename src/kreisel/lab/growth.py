@@ -1,29 +1,57 @@
-"""Degree growth of a rational map: the degrees of its iterates, and how fast they grow.
+"""How fast a rational map grows: degrees of iterates, heights over Q, cycles over F_p; confinement of singularities.
 
-On a line x = a + t b over F_p each coordinate of the k-th iterate is a rational function of t.  Its values at 2^e
-points c w^j, w a root of 1, give its interpolating polynomial; the division with the largest quotient in Euclid's
+Degrees.  On a line x = a + t b over F_p each coordinate of the k-th iterate is a rational function of t.  Its values at
+2^e points c w^j, w a root of 1, give its interpolating polynomial; the division with the largest quotient in Euclid's
 algorithm for it and t^N - c^N gives numerator and denominator.  A random linear combination of the coordinates has the
 degree of the map on projective space.  Degrees that grow like a power mean integrability, algebraic entropy
 lim log(d_k)/k > 0 the lack of it.  [Bellon, Viallet, Algebraic entropy, Comm. Math. Phys. 204 (1999); maximal quotient:
 Monagan, ISSAC 2004]
+
+Heights.  Over Q the height of a point, the digits of its numerators and denominators, grows like the degrees of the
+iterates: like a power of the step for an integrable map, exponentially otherwise.
+[Abarenkova et al., Physica A 264 (1999)]
+
+Cycles.  Over F_p every orbit of an invertible map is a cycle or runs into a pole.  If orbits lie on curves of genus 1,
+a cycle has at most p + 1 + 2 sqrt(p) points (Hasse, Weil); a map without integrals permutes all p^d points like one at
+random.  [Roberts, Vivaldi, Phys. Rev. Lett. 90 (2003)]
+
+Confinement.  A curve on which det f' vanishes, or has a pole, may be contracted to a point.  From a point of it, moved
+away by s, the iterates are Laurent series in s over F_p; their limits for s -> 0, at two points of the curve, tell
+whether the position on the curve is lost, and whether a later iterate has it again: then the singularity is confined.
+[Grammaticos, Ramani, Papageorgiou, Phys. Rev. Lett. 67 (1991)]
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from kreisel.algebra import Array, objects
+from kreisel.algebra.ring import Ring
 from kreisel.errors import InputError
-from kreisel.lab.fields import PRIMES, ROOT, Mod, Pole, require_flint
-from kreisel.lab.subject import Subject
+from kreisel.lab.darboux import jacobian_factors
+from kreisel.lab.exact import (
+    PRIMES,
+    ROOT,
+    Mod,
+    fractions,
+    poles_marked,
+    random_residues,
+    rationals,
+    reconstructed,
+    require_flint,
+    residue,
+    without_poles,
+)
+from kreisel.lab.integrals import Polynomial
+from kreisel.lab.subject import Subject, stacked
 
 FEWEST, MOST = 64, 1 << 13  # points
 CERTAIN = 6  # the degree of the largest quotient; by chance it is this large with probability about p^-6 times N
-ATTEMPTS = 5
 ENTROPY = 0.1  # the least estimate without a recurrence that counts
 
 
@@ -75,53 +103,44 @@ class Growth:
         return f"degrees {shown}: exponential growth, entropy {self.entropy:.9g}"
 
 
-def growth(what: Subject, iterates: int = 20, seed: int = 0) -> Growth:
+def growth(subject: Subject, iterates: int = 20, seed: int = 0) -> Growth:
     """Degrees of that many iterates of a map, and their growth.  Raises `InputError` for maps that are not rational."""
-    return fitted_growth(degrees(what, iterates, seed))
+    return fitted_growth(degrees(subject, iterates, seed))
 
 
-def degrees(what: Subject, iterates: int = 20, seed: int = 0) -> tuple[int, ...]:
+def degrees(subject: Subject, iterates: int = 20, seed: int = 0) -> tuple[int, ...]:
     """d_0, d_1, ...; fewer than asked for where a degree is beyond MOST/2.  On two primes, which must agree."""
-    found = [_with_other_seeds(what, iterates, seed, p) for p in PRIMES[:2]]
-    if found[0] != found[1]:  # a prime that divides a leading coefficient gives too small a degree
-        found.append(_with_other_seeds(what, iterates, seed, PRIMES[2]))
-        return tuple(max(d) for d in zip(*found, strict=False))
-    return found[0]
+
+    def modulo(p: int) -> tuple[int, ...]:
+        return without_poles(subject.name, lambda attempt: _degrees(subject, iterates, [seed, attempt], p))
+
+    sequences = [modulo(p) for p in PRIMES[:2]]
+    if sequences[0] != sequences[1]:  # a prime that divides a leading coefficient gives too small a degree
+        sequences.append(modulo(PRIMES[2]))
+    return tuple(max(d) for d in zip(*sequences, strict=len(sequences) == 2))
 
 
-def _with_other_seeds(what: Subject, iterates: int, seed: int, p: int) -> tuple[int, ...]:
-    for attempt in range(ATTEMPTS):
-        try:
-            return _degrees(what, iterates, [seed, attempt], p)
-        except Pole as error:
-            trouble = error
-    raise InputError(
-        f"{what.name} divides by 0 from {ATTEMPTS} random starts modulo {p} ({trouble}). Usual cause: a denominator "
-        "that vanishes identically, or constants whose denominators the prime divides."
-    )
-
-
-def _degrees(what: Subject, iterates: int, seed: list[int], p: int) -> tuple[int, ...]:
+def _degrees(subject: Subject, iterates: int, seed: list[int], p: int) -> tuple[int, ...]:
     flint, points = require_flint(), FEWEST
     while True:
         rng = np.random.default_rng([*seed, p])  # the same line for any number of points
-        coset, weights = int(rng.integers(2, p)), rng.integers(1, p, what.dim)
+        coset, weights = int(rng.integers(2, p)), rng.integers(1, p, subject.dim)
         t = coset * _powers(pow(ROOT, (p - 1) // points, p), points, p) % p
 
         def draw(shape: tuple[int, ...], rng: Any = rng, t: Array = t) -> Array:
             lines = (rng.integers(1, p, 2).tolist() for _ in range(math.prod(shape)))
             return objects((Mod((a + b * t) % p, p) for a, b in lines), shape)
 
-        x, step, found = what.point(draw), what.over(p), list[int]()
+        x, step, sequence = subject.point(draw), subject.over(p), list[int]()
         for k in range(iterates + 1):
             x = step(x) if k else x
             values = sum(int(w) * np.broadcast_to(v.v, points) % p for w, v in zip(weights, x, strict=True)) % p
             degree = _degree(flint, values, coset, p)
             if degree is None:
                 break
-            found.append(degree)
-        if len(found) > iterates or points == MOST:
-            return tuple(found)
+            sequence.append(degree)
+        if len(sequence) > iterates or points == MOST:
+            return tuple(sequence)
         points *= 2
 
 
@@ -169,10 +188,10 @@ def _degree(flint: Any, values: Array, coset: int, p: int) -> int | None:
 def fitted_growth(d: tuple[int, ...]) -> Growth:
     """The growth of a sequence of degrees: by a linear recurrence that further terms confirm, else by estimates."""
     for after in range(max(1, len(d) // 3)):
-        found = _polynomial(d[after:]) or _recurrence(d[after:])
-        if found is not None:
-            power, entropy = _roots(found)
-            return Growth(d, found, after, power, entropy, 0.0)
+        recurrence = _polynomial(d[after:]) or _recurrence(d[after:])
+        if recurrence is not None:
+            power, entropy = _roots(recurrence)
+            return Growth(d, recurrence, after, power, entropy, 0.0)
     late = [math.log(b / a) for a, b in zip(d[len(d) // 2 :], d[len(d) // 2 + 1 :], strict=False) if a > 0 and b > 0]
     if not late:
         return Growth(d, None, 0, None, math.nan, math.inf)
@@ -216,3 +235,257 @@ def _roots(recurrence: tuple[int, ...]) -> tuple[int | None, float]:
         else:
             largest = max(largest, *(abs(complex(z.real, z.imag)) for z, _ in factor.complex_roots()))
     return (multiplicity - 1, 0.0) if largest <= 1 else (None, math.log(largest))
+
+
+# -- heights over Q, cycles modulo p ---------------------------------------------------------------------
+
+MOST_BITS = 2_000_000
+LARGEST_PRIME = 1 << 20
+
+
+@dataclass(frozen=True)
+class Heights:
+    """Bits of the largest numerator or denominator at steps 0, 1, ..., and how they grow.
+
+    power    of the step, over the second half of the orbit;  entropy  log of the last ratio
+    """
+
+    bits: tuple[int, ...]
+
+    @property
+    def power(self) -> float:
+        """The slope of log bits against log step over the second half."""
+        half = max(1, len(self.bits) // 2)
+        k = np.arange(half, len(self.bits))
+        return float(np.polyfit(np.log(k), np.log(np.maximum(self.bits[half:], 1)), 1)[0])
+
+    @property
+    def entropy(self) -> float:
+        """The logarithm of the growth in the last step."""
+        return math.log(self.bits[-1] / max(1, self.bits[-2]))
+
+
+def exact_orbit(subject: Subject, x: Any, steps: int) -> list[Array]:
+    """The orbit over Q from whole numbers and fractions x (d,), each point an object array of Fractions.
+
+    Raises `InputError` at a pole, and where the numbers get too large.
+    """
+    x = np.asarray(x, dtype=object)
+    if x.shape != (subject.dim,):
+        raise InputError(f"A start is {subject.dim} numbers, {', '.join(subject.names)}, got shape {x.shape}.")
+    if subject.implicit:
+        raise InputError(f"{subject.implicit}: its orbits are not rational. Choose an explicit map.")
+    constants = {k: rationals(v) for k, v in subject.constants.items()}
+    x, out = rationals(x), []
+    for k in range(steps + 1):
+        if k:
+            try:
+                x = np.asarray(subject.step(x, **constants), dtype=object)
+            except ZeroDivisionError:
+                raise InputError(
+                    f"The orbit of {subject.name} meets a pole at step {k}. Choose another start."
+                ) from None
+        out.append(fractions(x))
+        if _bits(out[-1]) > MOST_BITS:
+            raise InputError(
+                f"The numbers of {subject.name} have {_bits(out[-1]):,} bits at step {k}: ask for fewer steps."
+            )
+    return out
+
+
+def heights(subject: Subject, x: Any, steps: int = 20) -> Heights:
+    """The heights along the orbit over Q from x.  Raises `InputError` as `exact_orbit` does."""
+    return Heights(tuple(_bits(point) for point in exact_orbit(subject, x, steps)))
+
+
+def _bits(point: Array) -> int:
+    return max(max(abs(c.numerator).bit_length(), c.denominator.bit_length()) for c in map(Fraction, point))
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """Lengths of the cycles modulo p of random points; `poles` ran into a division by 0, `open` beyond the limit."""
+
+    p: int
+    lengths: tuple[int, ...]
+    poles: int
+    open: int
+
+    @property
+    def longest(self) -> int:
+        """The longest cycle that was closed."""
+        return max(self.lengths, default=0)
+
+    @property
+    def hasse_weil(self) -> float:
+        """The most points of a curve of genus 1: p + 1 + 2 sqrt(p)."""
+        return self.p + 1 + 2 * math.sqrt(self.p)
+
+
+def cycles(subject: Subject, p: int, starts: int = 200, limit: int | None = None, seed: int = 0) -> Cycles:
+    """Cycles modulo a prime p from random points, followed for at most `limit` steps, by default 10 p.
+
+    Raises `InputError` for p that is no prime, too small or too large, or divides a denominator of the constants.
+    """
+    if not (3 <= p <= LARGEST_PRIME and all(p % q for q in range(2, math.isqrt(p) + 1))):
+        raise InputError(f"p must be a prime from 3 to {LARGEST_PRIME:,}, got {p}.")
+    try:
+        step = subject.over(p)
+    except ArithmeticError as error:
+        raise InputError(f"{error}: choose another prime.") from None
+    rng = np.random.default_rng([seed, p])
+    with poles_marked(starts) as dead:
+        first = stacked(subject.point(random_residues(rng, p, starts, least=0)), starts)
+        dead[:] = False
+        x, lengths = first.copy(), np.zeros(starts, dtype=int)
+        gone = np.zeros(starts, dtype=bool)
+        for k in range(1, (limit or 10 * p) + 1):
+            x = stacked(step(objects(Mod(row, p) for row in x)), starts)
+            gone |= dead & (lengths == 0)
+            back = (x == first).all(0) & ~gone & (lengths == 0)
+            lengths[back] = k
+            if (gone | (lengths > 0)).all():
+                break
+    closed = lengths > 0
+    return Cycles(p, tuple(lengths[closed].tolist()), int(gone.sum()), int((~closed & ~gone).sum()))
+
+
+# -- confinement of singularities ------------------------------------------------------------------------
+
+TERMS = 40  # of a series; cancellations use them up
+LARGEST = 1000  # numerator and denominator of a limit that is shown
+INFINITY, FREE, OTHER = "oo", "*", "c"
+
+
+class Series(Ring):
+    """s^v (c_0 + c_1 s + ...) modulo p, c_0 not 0 unless it is 0 as far as it is known."""
+
+    __slots__ = ("c", "p", "v")
+
+    def __init__(self, v: int, c: list[int], p: int):
+        lead = next((i for i, a in enumerate(c) if a), len(c))
+        self.v, self.c, self.p = v + lead, c[lead:], p
+
+    def _other(self, other: Any) -> Series:
+        if isinstance(other, Series):
+            return other
+        return Series(0, [residue(other, self.p), *[0] * (TERMS - 1)], self.p)
+
+    def __add__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        a, b = self, self._other(other)
+        end, v = min(a.v + len(a.c), b.v + len(b.c)), min(a.v, b.v)
+        total = [0] * max(0, end - v)
+        for series in (a, b):
+            for i, x in enumerate(series.c[: max(0, end - series.v)]):
+                total[series.v - v + i] = (total[series.v - v + i] + x) % self.p
+        return Series(v, total, self.p)
+
+    def __neg__(self) -> Series:
+        return Series(self.v, [-x % self.p for x in self.c], self.p)
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        b = self._other(other)
+        count = min(len(self.c), len(b.c))
+        flint = require_flint()
+        product = flint.nmod_poly(self.c[:count], self.p) * flint.nmod_poly(b.c[:count], self.p)
+        return Series(self.v + b.v, [int(product[i]) for i in range(count)], self.p)
+
+    def __truediv__(self, other: Any) -> Any:
+        return NotImplemented if isinstance(other, np.ndarray) else self * self._other(other)._inverse()
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._other(other) * self._inverse()
+
+    def _inverse(self) -> Series:
+        if not self.c:
+            raise ZeroDivisionError("no terms of a series are left")
+        out = [pow(self.c[0], -1, self.p)]
+        for k in range(1, len(self.c)):
+            out.append(-out[0] * sum(self.c[i] * out[k - i] for i in range(1, k + 1)) % self.p)
+        return Series(-self.v, out, self.p)
+
+    @property
+    def limit(self) -> int | None:
+        """The value at s = 0, None at infinity."""
+        if not self.c and self.v <= 0:
+            raise ZeroDivisionError("no terms of a series are left")
+        return 0 if self.v > 0 else None if self.v < 0 else self.c[0]
+
+
+@dataclass(frozen=True)
+class Singularity:
+    """A contracted curve, the limits of its iterates, and after how many it is a curve again (0: not in those).
+
+    pattern    the limits of x, x', x'', ...: a number, oo, c for an algebraic one, * where it depends on the point
+    """
+
+    curve: Polynomial
+    pattern: tuple[tuple[str, ...], ...]
+    confined: int
+
+    def __str__(self) -> str:
+        orbit = " -> ".join(f"({', '.join(point)})" for point in self.pattern)
+        return f"{self.curve} = 0: {orbit}" + ("" if self.confined else " -> ..., not confined")
+
+
+def singularities(subject: Subject, steps: int = 12, seed: int = 0) -> list[Singularity]:
+    """The curves that a map of the plane contracts, with their orbits.  Raises `InputError` for other maps."""
+    if subject.dim != 2:
+        raise InputError(f"Singularities are followed in the plane, got {subject.dim} coordinates.")
+    return [s for f in jacobian_factors(subject) for s in [_followed(subject, f, steps, seed)] if s is not None]
+
+
+def _followed(subject: Subject, curve: Polynomial, steps: int, seed: int) -> Singularity | None:
+    p = PRIMES[0]
+    rng = np.random.default_rng([seed, 29])
+    starts = [_on_curve(curve, p, rng) for _ in range(2)]
+    if None in starts:
+        return None
+    orbits = []
+    for start in starts:
+        assert start is not None
+        slope = [int(v) for v in rng.integers(1, p, 2)]
+        x = objects(Series(0, [a, b, *[0] * (TERMS - 2)], p) for a, b in zip(start, slope, strict=True))
+        orbits.append([[s.limit for s in x]])
+        try:
+            for _ in range(steps):
+                x = subject.over(p)(x)
+                orbits[-1].append([s.limit for s in x])
+        except ZeroDivisionError:
+            pass
+    points = [tuple(map(_limit, *pair)) for pair in zip(*orbits, strict=False)]
+    free = [FREE in point for point in points]
+    if all(free[:2]):
+        return None  # not contracted
+    again = next((k for k in range(2, len(free)) if free[k] and not free[k - 1]), 0)
+    return Singularity(curve, tuple(points[: (again or 6) + 1]), again)
+
+
+def _on_curve(curve: Polynomial, p: int, rng: np.random.Generator) -> list[int] | None:
+    """A point of it modulo p."""
+    flint = require_flint()
+    for _ in range(60):
+        drawn, place = int(rng.integers(1, p)), int(any(e[1] for e in curve.terms))
+        coefficients: dict[int, int] = {}
+        for e, c in curve.terms.items():
+            term = residue(c, p) * pow(drawn, e[1 - place], p)
+            coefficients[e[place]] = (coefficients.get(e[place], 0) + term) % p
+        polynomial = flint.nmod_poly([coefficients.get(k, 0) for k in range(max(coefficients) + 1)], p)
+        roots = [f for f, _ in polynomial.factor()[1] if f.degree() == 1]
+        if roots:
+            root = -int(roots[0][0]) % p
+            return [drawn, root] if place else [root, drawn]
+    return None
+
+
+def _limit(x: int | None, y: int | None) -> str:
+    if x != y:
+        return FREE
+    if x is None:
+        return INFINITY
+    q = reconstructed(x, PRIMES[0])
+    return str(q) if q is not None and max(abs(q.numerator), q.denominator) < LARGEST else OTHER

@@ -1,35 +1,39 @@
-"""kr.lab.investigate: every instrument of the laboratory on one map, and what their evidence carries."""
+"""kr.lab.investigate: every instrument of the laboratory on one map, and the page of what their evidence carries."""
 
 from __future__ import annotations
 
 import inspect
+import io
+import math
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from kreisel.algebra import Array, act, cayley_act, wedge
 from kreisel.errors import InputError, explained, shown
-from kreisel.lab import report
-from kreisel.lab.fields import fraction
-from kreisel.lab.own_maps import BESIDE, in_coordinates, on_group
-from kreisel.lab.questions import QUESTIONS, Clues, Finding
-from kreisel.lab.subject import Subject, subject
-from kreisel.lab.verdicts import verdict
-from kreisel.record.contract import Parameter, System
+from kreisel.files import place, written
+from kreisel.lab.exact import fraction
+from kreisel.lab.questions import QUESTIONS, Clues, Finding, verdict
+from kreisel.lab.subject import BESIDE, Subject, in_coordinates, on_group, subject
+from kreisel.method.variational import stage
+from kreisel.record.contract import Map, Parameter, System
 from kreisel.record.model import Model
 from kreisel.runs.config import executed, own_systems
 from kreisel.runs.settings import within
+from kreisel.system import heavy_top
 
 OF_A_FILE = ("names", "n", "frame", "eps", *BESIDE)
 
 
 @dataclass(frozen=True)
 class Investigation:
-    """What was found.  `print` it, or `.save("page.html")`; in a notebook it shows itself."""
+    """Findings and verdict on a map.  `print` it, or `.save("page.html")`; in a notebook it shows itself."""
 
     name: str
     about: str
@@ -42,19 +46,19 @@ class Investigation:
         return next(f for f in self.findings if f.question == question)
 
     def __str__(self) -> str:
-        return report.terminal_table(self)
+        return terminal_table(self)
 
     @property
     def html(self) -> str:
         """One page that needs nothing else."""
-        return report.report_page(self)
+        return report_page(self)
 
     def _repr_html_(self) -> str:
-        return report.table_html(self)
+        return table_html(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the page."""
-        report.save(self, path)
+        save(self, path)
 
 
 RANGES = {"n": (1, 64), "degree": (0, 12), "iterates": (0, 40), "steps": (1, 10**9), "seed": (0, 2**63)}
@@ -62,7 +66,7 @@ RANGES = {"n": (1, 64), "degree": (0, 12), "iterates": (0, 40), "steps": (1, 10*
 
 @explained
 def investigate(
-    what: Model | System | str | Subject | Callable[..., Any],
+    candidate: Model | System | str | Subject | Callable[..., Any],
     *,
     n: int | None = None,
     frame: str = "moving",
@@ -76,7 +80,7 @@ def investigate(
 ) -> Investigation:
     """Look at a map from every side.
 
-    what       a model with a map, `kr.Clebsch(b=(1, 2, 4))`; a system or its name, with parameters chosen here; a
+    candidate       a model with a map, `kr.Clebsch(b=(1, 2, 4))`; a system or its name, with parameters chosen here; a
                Lagrangian of your own (`kreisel.reduction.system`, with its parameters); or a function:
                step(M, P) on e*(n) with n given, in the frame "moving" or "rest", or step(x) with the names of its
                coordinates
@@ -84,14 +88,14 @@ def investigate(
     degree     of the integrals that are sought, by default 4 or as far as the number of monomials allows
     iterates   whose degrees are computed;  steps  of the orbits for Lyapunov's exponents
     options    constants of a function, by keyword; `flow`, `involution`, `lax`, `conjugator`, of a step(x) also
-               `tensor` and `start`: functions that take the state as the step does, see `kreisel.lab.own_maps`
+               `tensor` and `start`: functions that take the state as the step does, see `kreisel.lab.subject`
 
     Raises `InputError` for what is no map, or not one of rational functions.
     """
     for name, value in {"n": n, "degree": degree, "iterates": iterates, "steps": steps, "seed": seed}.items():
         if value is not None or name in ("steps", "seed"):
             within(value, name, *RANGES[name])
-    x = _subject(what, n, frame, eps, names, options)
+    x = _subject(candidate, n, frame, eps, names, options)
     clues = Clues(x, degree, iterates, steps, seed)
     findings = tuple(question(clues) for question in QUESTIONS)
     stated = x.constants if x.model is None or not x.model.params else {**x.model.params, "eps": x.constants["eps"]}
@@ -126,18 +130,18 @@ def investigate_file(file: Path, /, **options: Any) -> Investigation:
     defined = executed(file)
     options = {k: v for k, v in options.items() if v is not None}
     if callable(defined.get("step")):
-        own = {k: defined[k] for k in OF_A_FILE if k in defined}
+        settings = {k: defined[k] for k in OF_A_FILE if k in defined}
         constants = constants_of(defined.get("constants", {}), f"{file}: constants")
-        return investigate(defined["step"], **{**own, **constants, **options})
+        return investigate(defined["step"], **{**settings, **constants, **options})
     models = [v for v in defined.values() if isinstance(v, Model)]
-    found: list[Any] = models or list(own_systems(defined).values())
-    if len(found) != 1:
+    candidates: list[Any] = models or list(own_systems(defined).values())
+    if len(candidates) != 1:
         raise InputError(
-            f"{file}: expected one thing to investigate at its top level, got {len(found)}. Write where the map lives "
-            'and a function step, such as the two lines `names = ("x", "y")` and `def step(x): return x[1], 2 - x[0] - '
+            f"{file}: expected one thing to investigate at its top level, got {len(candidates)}. Write where the map "
+            'lives and a function step, such as `names = ("x", "y")` and `def step(x): return x[1], 2 - x[0] - '
             "x[1] ** 2`; on e*(3) `n = 3` and `def step(M, P): ...`; or one model or system of your own."
         )
-    return investigate(found[0], **options)
+    return investigate(candidates[0], **options)
 
 
 def constants_of(constants: Any, place: str) -> Mapping[str, Any]:
@@ -157,40 +161,40 @@ def constants_of(constants: Any, place: str) -> Mapping[str, Any]:
 
 
 def _subject(
-    what: Any, n: int | None, frame: str, eps: Any, names: tuple[str, ...] | None, options: dict[str, Any]
+    candidate: Any, n: int | None, frame: str, eps: Any, names: tuple[str, ...] | None, options: dict[str, Any]
 ) -> Subject:
-    if isinstance(what, str):
+    if isinstance(candidate, str):
         from kreisel.system import find
 
-        what = find(what)
-    if isinstance(what, System):
-        what = typical(what, n or what.n or 3, options)
+        candidate = find(candidate)
+    if isinstance(candidate, System):
+        candidate = typical(candidate, n or candidate.n or 3, options)
         options = {}
-    if isinstance(what, Model | Subject):
+    if isinstance(candidate, Model | Subject):
         if options:
             raise InputError(f"A model has its parameters, got {', '.join(options)} besides.")
-        return subject(what, eps=eps)
-    if not callable(what):
+        return subject(candidate, eps=eps)
+    if not callable(candidate):
         raise InputError(
             "A model, a system, its name, or a function step was expected, such as kr.lab.investigate('clebsch'), "
-            f"got {shown(what)}."
+            f"got {shown(candidate)}."
         )
     if names:
-        return in_coordinates(what, names, eps, options)
+        return in_coordinates(candidate, names, eps, options)
     if n is None:
         raise InputError("Say where the step lives: n=3 for step(M, P) on e*(3), or names=('x', 'y') for step(x).")
-    return on_group(what, n, frame, eps, options)
+    return on_group(candidate, n, frame, eps, options)
 
 
-def typical(system: System, n: int = 3, given: Mapping[str, Any] | None = None) -> Model:
-    """A system with parameters that are small whole numbers, but for those `given`."""
+def typical(system: System, n: int = 3, values: Mapping[str, Any] | None = None) -> Model:
+    """A system with parameters that are small whole numbers, but for those `values`."""
     if system.map is None:
         raise InputError(
             f"{system.name} has no map to investigate. Systems with one: see `kreisel systems`; or give a map of yours."
         )
-    given = dict(given or {})
-    known = {p.letter: given.pop(p.letter, _typical(p, n, i)) for i, p in enumerate(system.parameters)}
-    return system(**known, **given)
+    values = dict(values or {})
+    parameters = {p.letter: values.pop(p.letter, _typical(p, n, i)) for i, p in enumerate(system.parameters)}
+    return system(**parameters, **values)
 
 
 def _typical(p: Parameter, n: int, place: int) -> Any:
@@ -205,16 +209,210 @@ def _typical(p: Parameter, n: int, place: int) -> Any:
     return tuple(2**i if place == 0 else Fraction(i + 1, 8) for i in range(n))
 
 
-__all__ = ["Finding", "Investigation", "investigate", "investigate_file", "typical"]
-
-
 def registry_table() -> str:
     """Every map of the registry, n = 3, and the negative controls, as a page of the documentation."""
-    from kreisel.lab.controls import controls
     from kreisel.system import REGISTRY
 
     asked: list[tuple[str, Any, dict[str, Any]]] = [
         (f"`{name}`", name, {}) for name, system in REGISTRY.items() if system.map is not None
     ]
     asked += controls()
-    return report.HEAD + report.markdown([(shown, investigate(what, **options)) for shown, what, options in asked])
+    return HEAD + markdown([(shown, investigate(candidate, **options)) for shown, candidate, options in asked])
+
+
+# -- negative controls: maps that are not integrable, each a good map with one thing wrong -------------
+
+
+def naive_heavy_top(M: Array, P: Array, *, eps: Any) -> tuple[Array, Array]:
+    """The equations of a heavy top of equal moments by Euler's method: M' = A ^ P, P' = -M P."""
+    A = 0 * P + _axis(P)
+    return M + eps * wedge(A, P), P - eps * act(M, P)
+
+
+def perturbed_lagrange_top(m: Array, a: Array, *, eps: Any) -> tuple[Array, Array]:
+    """Suris's map with gravity that grows with height, V = a_3 + a_3^2/2 + a_1^2/2: Poisson, and no symmetry."""
+    force = 0 * a + _axis(a)
+    force = force + a * _axis(a) + a * _axis(a)[::-1]
+    m = m + eps * wedge(a, force)
+    return m, cayley_act(eps / 2 * m, a)
+
+
+def _axis(x: Array) -> Array:
+    out = np.zeros(x.shape[-1], dtype=np.int8)
+    out[-1] = 1
+    return out
+
+
+def variational_step(M: Array, P: Array, *, A: Array, R: Array, c: Array, W: Array, eps: Any) -> tuple[Array, Array]:
+    """The symmetric variational step of `kreisel.method.variational`: Poisson, of order 2."""
+    state, _, _ = stage(heavy_top.SYSTEM, (M, P), eps, {"A": A, "R": R, "c": c, "W": W})
+    return state
+
+
+def variational_heavy_top() -> Model:
+    """A heavy top with three unequal moments, its centre of mass off the axes, and that step."""
+    rule = Map(step=variational_step, rational=False, order=2)
+    system = replace(heavy_top.SYSTEM, name="variational-heavy-top", map=rule)
+    return system(J=[0.4, 1.0, 1.7], A=[0.6, 0.3, 0.9])
+
+
+THIRD = Fraction(1, 3)
+
+
+def controls() -> list[tuple[str, Any, dict[str, Any]]]:
+    """Title, map and options of each."""
+    return [
+        ("heavy top of equal moments, Euler's method", naive_heavy_top, {"n": 3, "eps": THIRD}),
+        ("Lagrange top, perturbed", perturbed_lagrange_top, {"n": 3, "frame": "rest", "eps": THIRD}),
+        ("heavy top, variational", variational_heavy_top(), {"eps": THIRD}),
+    ]
+
+
+# -- the page, for the terminal and as one HTML file ---------------------------------------------------
+
+STYLE = """
+:root { color-scheme: light dark; --ink: #111; --paper: #fff; --line: #d8d8d8; --faint: #666; --accent: #0072B2; }
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #f0f0f0; --paper: #16181d; --line: #3a3e46; --faint: #a5aab3; --accent: #56B4E9; } }
+body { margin: 2rem auto; max-width: 62rem; padding: 0 1rem; font: 15px/1.5 system-ui, sans-serif;
+  color: var(--ink); background: var(--paper); }
+h1 { font-size: 1.3rem; margin: 0; }
+.about, figcaption { color: var(--faint); font-size: .9rem; overflow-wrap: anywhere; }
+.verdict { font-size: 1.15rem; font-weight: 600; margin: 1.2rem 0 0; }
+table { border-collapse: collapse; width: 100%; margin: 1.2rem 0; }
+th, td { text-align: left; vertical-align: top; padding: .35rem .8rem .35rem 0; border-top: 1px solid var(--line); }
+th { white-space: nowrap; font-weight: 600; }
+td:last-child { overflow-wrap: anywhere; font-size: .9rem; }
+figure { margin: 0; }
+svg { max-width: 26rem; height: auto; }
+svg text { fill: var(--faint); font-size: 11px; }
+"""
+RULE = (
+    "“Integrable” needs a Poisson bracket that the map preserves with its leaves and a complete set of integrals "
+    "(Liouville, or superintegrable), or all integrals but one and a volume. “Periodic” is a map with an iterate "
+    "that is the identity, “linear” one of degree 1. “Not integrable” needs exponential growth of degrees, or a "
+    "chaotic orbit, which is a float experiment. Everything else is undecided. Exact statements are identities at "
+    "random points modulo primes."
+)
+
+
+def terminal_table(investigation: Investigation, width: int = 110) -> str:
+    """A table for the terminal."""
+    from rich.console import Console
+    from rich.table import Table
+
+    grid = Table(box=None, pad_edge=False, show_header=False)
+    for style in ("bold", "", "dim"):
+        grid.add_column(style=style)
+    for f in investigation.findings:
+        grid.add_row(f.question, _literal(f.answer), _literal(f.evidence))
+    console = Console(file=io.StringIO(), width=width, highlight=False, no_color=True)
+    console.print(f"{_literal(investigation.name)}: {_literal(investigation.about)}\n")
+    console.print(grid)
+    console.print(f"\n[bold]{investigation.verdict}[/bold]: {_literal(investigation.reason)}")
+    return str(console.file.getvalue()).rstrip()  # type: ignore[attr-defined]
+
+
+def _literal(text: str) -> str:
+    return text.replace("[", r"\[")
+
+
+def table_html(investigation: Investigation) -> str:
+    """The verdict and the table, for a page or a notebook."""
+    rows = "".join(
+        f"<tr><th>{escape(f.question)}</th><td>{escape(f.answer)}</td><td>{escape(f.evidence)}</td></tr>"
+        for f in investigation.findings
+    )
+    return (
+        f'<h1>{escape(investigation.name)}</h1><p class="about">{escape(investigation.about)}</p>'
+        f'<p class="verdict">{escape(investigation.verdict)}</p><p>{escape(investigation.reason)}</p>'
+        f"<table>{rows}</table>"
+    )
+
+
+def report_page(investigation: Investigation) -> str:
+    """One HTML file: no script, nothing from elsewhere."""
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="generator" content="Kreisel">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">"
+        f"<title>{escape(investigation.name)}: {escape(investigation.verdict)}</title>"
+        f"<style>{STYLE}</style></head><body>"
+        f'{table_html(investigation)}{_degree_chart(investigation.degrees)}<p class="about">{RULE}</p></body></html>\n'
+    )
+
+
+def _degree_chart(degrees: tuple[int, ...]) -> str:
+    """The degrees against the iterate, both on logarithmic scales: a power is a straight line."""
+    positive = [(k, d) for k, d in enumerate(degrees) if k and d > 0]
+    if len(positive) < 3:
+        return ""
+    across, up = math.log(positive[-1][0]), max(math.log(max(d for _, d in positive)), 1e-9)
+
+    def place(k: int, d: int) -> tuple[float, float]:
+        return 50 + 330 * math.log(k) / across, 190 - 170 * math.log(d) / up
+
+    points = [place(k, d) for k, d in positive]
+    line = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    dots = "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="var(--accent)"/>' for x, y in points)
+    (x0, _), (x1, y1) = points[0], points[-1]
+    labels = (
+        f'<text x="{x0:.0f}" y="206" text-anchor="middle">1</text>'
+        f'<text x="{x1:.0f}" y="206" text-anchor="middle">{positive[-1][0]}</text>'
+        f'<text x="{x1 + 6:.0f}" y="{y1 + 4:.0f}">{positive[-1][1]}</text>'
+    )
+    return (
+        '<figure><svg viewBox="0 0 430 214" role="img" aria-label="Degrees of the iterates">'
+        '<path d="M50 20V190H385" fill="none" stroke="var(--line)"/>'
+        f'<polyline points="{line}" fill="none" stroke="var(--accent)" stroke-width="1.2"/>{dots}{labels}</svg>'
+        "<figcaption>Degree against iterate, both logarithmic: a power of k is a straight line.</figcaption></figure>"
+    )
+
+
+def save(investigation: Investigation, path: str | os.PathLike[str]) -> None:
+    """Write the page; a page that Kreisel wrote is replaced.
+
+    Raises `InputError` where anything else has that name, and `RunError` where it cannot be written.
+    """
+    with written(place(path, "The page needs a name such as map.html")) as scratch:
+        scratch.write_text(report_page(investigation), encoding="utf-8")
+
+
+def markdown(results: list[tuple[str, Investigation]]) -> str:
+    """A table of the documentation: one row a map."""
+    head = "| map | Poisson | reversible | order | degree growth | integrals | Lax pair | Lyapunov | verdict |"
+    lines = [head, "|" + "---|" * 9]
+    for name, investigation in results:
+        cells = [
+            investigation[q].answer
+            for q in ("Poisson", "reversible", "order", "degree growth", "integrals", "Lax pair")
+        ]
+        cells += [investigation["Lyapunov"].answer, f"**{investigation.verdict}**: {investigation.reason}"]
+        lines.append("| " + " | ".join([name, *(cell.replace("|", "\\|") for cell in cells)]) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def plain_data(investigation: Investigation) -> dict[str, Any]:
+    """An investigation as plain data."""
+    findings = [{"question": f.question, "answer": f.answer, "evidence": f.evidence} for f in investigation.findings]
+    return {
+        "map": investigation.name,
+        "about": investigation.about,
+        "verdict": investigation.verdict,
+        "reason": investigation.reason,
+        "degrees": list(investigation.degrees),
+        "findings": findings,
+    }
+
+
+HEAD = """# Every map, investigated
+
+`kreisel investigate` on every map of the registry, n = 3 (the bitop: 4), eps = 1/3, small numbers for other parameters,
+and on three negative controls (`kreisel.lab.investigation`): the equations of a heavy top of equal moments by
+Euler's method; the map of the Lagrange top in a field that grows with height and breaks its symmetry; and the symmetric
+variational step of a heavy top with three unequal moments. What the columns mean and the rule of the verdict:
+[the laboratory](integrability.md).
+
+Made by `make investigate` (`kreisel investigate --markdown`).
+
+"""

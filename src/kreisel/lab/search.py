@@ -1,11 +1,11 @@
-"""kr.lab.search: a family of discrete Lagrangians, its members looked at one by one and ranked.
+"""kr.lab.search: families of maps, their members looked at one by one and ranked.
 
 For the kinetic part -(1/eps) tr log(2I + W + W^T) and any potential U(P) the discrete Euler-Poincare equations are
 explicit: with M' = d'_W Lambda = (2/eps) (W - I)(W + I)^-1 and W M' W^T = M',
 
     M' = M + P ^ grad U(P),   P' = cay(-(eps/2) M') P,
 
-rational where grad U is.  Such members are judged exactly: degrees of the iterates over finite fields, and the
+rational if grad U is.  Such members are judged exactly: degrees of the iterates over finite fields, and the
 integrals that the finder finds.  For -(1/eps) tr(WJ) the step is Moser and Veselov's root after the same kick; other
 kinetic parts are Lagrangians in JAX.  Those are judged in floats: by what stands still to round-off, and by chaos.
 """
@@ -22,21 +22,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kreisel.algebra import Array, cayley_act, dot, trace_log, vec, wedge
+from kreisel import algebra
+from kreisel.algebra import Array, act, cayley, cayley_act, dot, identity, mat, objects, trace_log, vec, wedge
 from kreisel.errors import InputError, RunError
 from kreisel.lab import dynamics
-from kreisel.lab.fields import fraction
+from kreisel.lab.exact import fraction, fractions
 from kreisel.lab.questions import QUESTIONS as _QUESTIONS
-from kreisel.lab.questions import Clues
-from kreisel.lab.subject import Subject, subject
-from kreisel.lab.verdicts import filled
-from kreisel.record.contract import MOVING_SPACE, Map, PhaseSpace, System
+from kreisel.lab.questions import Clues, filled
+from kreisel.lab.subject import Subject, coordinate_names, subject
+from kreisel.method.kahan_step import advance, eliminate
+from kreisel.record.contract import MOVING_SPACE, TWO_FIELDS_SPACE, Map, PhaseSpace, System
 from kreisel.record.model import Model
 from kreisel.sweeps.workers import check_workers, pool
 from kreisel.system import euler_top
 
 if TYPE_CHECKING:
     import pandas as pd
+
 
 Gradient = Callable[[Array, Any], Array]  # (P, eps) -> grad U(P)
 LABELS = {question.__name__.strip("_"): question for question in _QUESTIONS}
@@ -86,8 +88,8 @@ def model_of(name: str, n: int, mapped: Map, space: PhaseSpace = MOVING_SPACE) -
 
 def logarithmic(c: Any, kappa: Any = Fraction(1, 4), gravity: Any = 0, b: Sequence[Any] = (1, 2, 4)) -> Model:
     """U = (c/eps) log(1 + kappa eps^2 <P, BP>) - eps gravity <P, e_n>.  The paper's: c = 2 (printed 4), kappa = 1/4."""
-    B, axis = exact_constants(b), exact_constants([0] * (len(b) - 1) + [1])
-    c, kappa, gravity = (exact_constants(v) for v in (c, kappa, gravity))
+    B, axis = fractions(b), fractions([0] * (len(b) - 1) + [1])
+    c, kappa, gravity = (fractions(v) for v in (c, kappa, gravity))
 
     def gradient(P: Array, eps: Any) -> Array:
         den = 1 + kappa * (eps * eps) * dot(P, B * P)
@@ -98,14 +100,14 @@ def logarithmic(c: Any, kappa: Any = Fraction(1, 4), gravity: Any = 0, b: Sequen
 
 def quadratic(c: Any = Fraction(1, 2), b: Sequence[Any] = (1, 2, 4)) -> Model:
     """U = c eps <P, BP>: the potential of the flow itself."""
-    B, c = exact_constants(b), exact_constants(c)
+    B, c = fractions(b), fractions(c)
     return explicit(lambda P, eps: 2 * c * eps * (B * P), "quadratic", len(b))
 
 
 def axial_potential(beta: Any = 0, kappa: Any = 0, mu: Any = 0) -> Model:
     """The potential U = -eps V(<P, e_3>), V' = (1 + beta u + mu u^2)/(1 + kappa eps^2 u).  The paper's: all 0."""
-    axis = exact_constants([0, 0, 1])
-    beta, kappa, mu = (exact_constants(v) for v in (beta, kappa, mu))
+    axis = fractions([0, 0, 1])
+    beta, kappa, mu = (fractions(v) for v in (beta, kappa, mu))
 
     def gradient(P: Array, eps: Any) -> Array:
         u = P[..., 2]
@@ -151,17 +153,12 @@ def mixed_kinetic(theta: float = 1.0, J: Sequence[float] = (0.4, 1.0, 1.7)) -> M
     return red.system("mixed-kinetic", group=red.SO(3), discrete=discrete)(theta=float(theta))
 
 
-def exact_constants(v: Any) -> Any:
-    """Fractions; a scalar as itself."""
-    return fraction(v) if np.ndim(v) == 0 else np.array([fraction(w) for w in v], dtype=object)
-
-
 # -- judging ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Score:
-    """What was found of a member; `rank` sorts: 0 integrable, 1 not condemned, 2 condemned.
+    """Results for a member of a family; `rank` sorts: 0 integrable, 1 not condemned, 2 condemned.
 
     entropy    algebraic, exact where `power` is given; NaN for members in floats
     on_leaf, needed   independent integrals found on a leaf, and half its dimension
@@ -203,17 +200,17 @@ def judge(
 ) -> Score:
     """One member.  An error goes into the score, so that a search goes on."""
     try:
-        made = family(**parameters)
-        what = made if isinstance(made, Subject) else subject(made, eps=eps)
-        clues = Clues(what, degree, iterates, steps, 0)
-        names = ("period", "poisson", *(["volume"] if what.dim < 5 else []), "growth", "integrals")
-        for name in names if not what.implicit else ("poisson", "integrals"):
+        member = family(**parameters)
+        member = member if isinstance(member, Subject) else subject(member, eps=eps)
+        clues = Clues(member, degree, iterates, steps, 0)
+        names = ("period", "poisson", *(["volume"] if member.dim < 5 else []), "growth", "integrals")
+        for name in names if not member.implicit else ("poisson", "integrals"):
             LABELS[name](clues)
-        found = _orbits(clues, steps, orbits)
+        runs = dynamics.several(member, steps, orbits if steps else 0)[0]
     except (InputError, RunError) as error:
         return Score(parameters, (), None, math.nan, 0, 0, math.nan, 0, 0, False, False, str(error))
     growth, ranks, numeric = clues.growth, clues.ranks, clues.numeric
-    chaotic = sum(o.chaotic for o in found)
+    chaotic = sum(o.chaotic for o in runs)
     exponential = growth is not None and growth.exponential
     complete = filled(clues) or (numeric is not None and numeric.enough)
     return Score(
@@ -221,25 +218,14 @@ def judge(
         degrees=growth.degrees if growth else (),
         power=growth.power if growth else None,
         entropy=growth.entropy if growth else math.nan,
-        on_leaf=ranks.with_more if ranks else numeric.on_leaf if numeric else len(clues.found),
-        needed=ranks.needed if ranks else numeric.leaf // 2 if numeric else what.dim - 1,
-        exponent=max((float(o.exponents[0]) for o in found), default=math.nan),
+        on_leaf=ranks.with_more if ranks else numeric.on_leaf if numeric else len(clues.integrals),
+        needed=ranks.needed if ranks else numeric.leaf // 2 if numeric else member.dim - 1,
+        exponent=max((float(o.exponents[0]) for o in runs), default=math.nan),
         chaotic=chaotic,
-        orbits=len(found),
+        orbits=len(runs),
         integrable=complete and not exponential and not chaotic,
         condemned=exponential or chaotic > 0,
     )
-
-
-def _orbits(clues: Clues, steps: int, orbits: int) -> list[dynamics.Dynamics]:
-    out = []
-    slow = clues.what.model is not None and clues.what.model.system.numbers == "jax"
-    for k in range(orbits if steps else 0):
-        try:
-            out.append(dynamics.dynamics(clues.what, steps=steps, count=1 if slow else None, seed=10 * k))
-        except RunError:
-            continue  # it escapes: no answer
-    return out
 
 
 @dataclass(frozen=True)
@@ -311,17 +297,169 @@ def _sort_key(s: Score) -> tuple[float, ...]:
     return (s.rank, s.needed - s.on_leaf, entropy, s.power or 0, exponent)
 
 
-__all__ = [
-    "Ranking",
-    "Score",
-    "axial_potential",
-    "explicit",
-    "judge",
-    "logarithmic",
-    "mixed_kinetic",
-    "modified_kinetic",
-    "quadratic",
-    "search",
-    "veselov",
-    "veselov_with_potential",
-]
+# -- further families: other potentials, spinning bodies, Kahan's maps ------------------------------------
+#
+# All are rational, so that members are judged exactly.  Those on e*(n) are Poisson for every value of the parameters.
+
+
+def shifted_logarithm(gamma: Any = 0, c: Any = 2, b: Sequence[Any] = (1, 2, 4), place: int = -1) -> Model:
+    """U = (c/eps) log(1 + (eps^2/4) (<P, BP> + 2 gamma P_i)), i = `place`: gravity in Clebsch's logarithm."""
+    B, axis = fractions(b), fractions(np.eye(len(b), dtype=int)[place])
+    gamma, c = fractions(gamma), fractions(c)
+
+    def gradient(P: Array, eps: Any) -> Array:
+        force = B * P + gamma * axis
+        den = 1 + eps * eps / 4 * (dot(P, B * P) + 2 * gamma * dot(P, axis + 0 * P))
+        return vec(c * eps / 2 / den) * force
+
+    return explicit(gradient, "shifted-logarithm", len(b))
+
+
+def sum_of_logarithms(c: Any = 2, b: Sequence[Any] = (1, 2, 4), gravity: Any = 0) -> Model:
+    """U = (c/eps) sum_i log(1 + (eps^2/4) b_i P_i^2) - eps gravity P_n: one logarithm for each axis."""
+    B, axis = fractions(b), fractions([0] * (len(b) - 1) + [1])
+    c, gravity = fractions(c), fractions(gravity)
+
+    def gradient(P: Array, eps: Any) -> Array:
+        return c * eps / 2 * (B * P) / (1 + eps * eps / 4 * (B * P * P)) - gravity * eps * axis
+
+    return explicit(gradient, "sum-of-logarithms", len(b))
+
+
+def spinning(s: Any = 0, tilt: Sequence[Any] = (1, 0, 0), kappa: Any = 0, b: Any = 0) -> Model:
+    """A body of revolution, Omega = M + s pi M pi, pi across e_n, with its centre of mass anywhere.
+
+    A kick by U = -eps <P, tilt> + (2/eps) log(1 + (eps^2/4) b P_n^2), divided by 1 + kappa eps^2 <P, tilt>; the paper's
+    drift P -> cay(-(eps/2) M) P; and the turn of M and P by cay((eps s/2) pi M pi).  s = 1 and tilt across the axis:
+    Kovalevskaya's moments, integrable for kappa = -1/4; s = 3: Goryachev's and Chaplygin's; tilt = e_n: Lagrange's.
+    """
+    A, n = fractions(tilt), len(tilt)
+    s, kappa, b = (fractions(v) for v in (s, kappa, b))
+
+    def step(M: Array, P: Array, *, eps: Any) -> tuple[Array, Array]:
+        axis = np.arange(n) == n - 1
+        pull = vec(-eps / (1 + kappa * (eps * eps) * dot(P, A + 0 * P))) * A
+        well = vec(eps * b / (1 + eps * eps / 4 * b * (P[..., -1] * P[..., -1]))) * (P * axis)
+        M = M + wedge(P, pull + well)
+        P = cayley_act(-eps / 2 * M, P)
+        W = cayley(eps * s / 2 * M * (1 - axis[:, None]) * (1 - axis)) if n > 3 else _turn(M, eps * s / 2)
+        return W.mT @ M @ W, act(W.mT, P)
+
+    return model_of("spinning", n, Map(step=step))
+
+
+def _turn(M: Array, t: Any) -> Array:
+    """cay(t M) of the block of the plane (1, 2) alone: without a linear solve."""
+    n = M.shape[-1]
+    flat = np.arange(n) < 2
+    q, plane = t * t * (M[..., 0, 1] * M[..., 0, 1]), identity(n) * flat
+    return (
+        identity(n)
+        - plane
+        + mat(1 / (1 + q)) * (mat(1 - q) * plane + mat(2 * t + 0 * q) * (M * (flat[:, None] & flat)))
+    )
+
+
+def kovalevskaya(c: Any = 4, coupling: Any = 1, n: int = 3) -> Model:
+    """A body with Omega = M, but twice M_12, in two fields, in n dimensions: Kovalevskaya's, for c = 4, coupling = 1.
+
+    The same with U = (c/eps) log(1 - (eps^2/4) (P_1 + Q_2) + coupling (eps^2/4)^2 (P_1 Q_2 - P_2 Q_1)): for c = 4 and
+    coupling = 1 it is 4/eps times the logarithm of the determinant of 1 - (eps^2/4) (P, Q) in the plane (1, 2).
+    """
+    c, coupling = fractions(c), fractions(coupling)
+    first, second = np.eye(2, n, dtype=np.int8)
+
+    def step(M: Array, P: Array, Q: Array, *, eps: Any) -> tuple[Array, ...]:
+        k = eps * eps / 4
+        (p1, p2), (q1, q2) = ((v[..., 0], v[..., 1]) for v in (P, Q))
+        scale = -c * k / eps / (1 - k * (p1 + q2) + coupling * k * k * (p1 * q2 - p2 * q1))
+        on_P = vec(scale * (1 - coupling * k * q2)) * first + vec(scale * coupling * k * q1) * second
+        on_Q = vec(scale * coupling * k * p2) * first + vec(scale * (1 - coupling * k * p1)) * second
+        M = M + wedge(P, on_P + 0 * P) + wedge(Q, on_Q + 0 * Q)
+        P, Q = (cayley_act(-eps / 2 * M, v) for v in (P, Q))
+        W = _turn(M, eps / 2)
+        return W.mT @ M @ W, act(W.mT, P), act(W.mT, Q)
+
+    return model_of("kovalevskaya", n, Map(step=step), TWO_FIELDS_SPACE)
+
+
+def kahan(flow: Any, names: Sequence[str], eps: Any = Fraction(1, 3), adjustment: Any = None) -> Subject:
+    """Kahan's map of a quadratic flow x' = flow(x) on numbers of any field; adjustment(x) adds to eps/2 flow'(x)."""
+    eps = fraction(eps)
+
+    def step(x: Array) -> Array:
+        from kreisel.algebra.gradient import value_and_jacobian
+
+        rates, slopes = value_and_jacobian(lambda y: list(flow(objects(y))), list(x), [])
+        matrix = [[(i == j) - eps / 2 * v for j, v in enumerate(row)] for i, row in enumerate(slopes)]
+        if adjustment is not None:
+            matrix = [[v - w for v, w in zip(*rows, strict=True)] for rows in zip(matrix, adjustment(x), strict=True)]
+        change, _ = eliminate(matrix, [eps * v for v in rates])
+        return objects(y + z for y, z in zip(x, change, strict=True))
+
+    return subject(step, names=tuple(names))
+
+
+def kahan_map(model: Model, eps: Any = Fraction(1, 3)) -> Subject:
+    """Kahan's map of a model whose flow is quadratic in the state."""
+    model = Model(model.system, {k: fractions(v) for k, v in model.params.items()})  # what is derived is exact too
+    space, n = model.system.space, model.n
+    letters = {f"parameter_{k}": fractions(v) for k, v in model.constants.items()}
+
+    def step(coordinates: Array, /, *, eps: Any, **constants: Any) -> Array:
+        consts = {k.removeprefix("parameter_"): v for k, v in constants.items()}
+        new, _ = advance(model, algebra.restore(coordinates, space.kinds, n), eps, consts)
+        return algebra.flatten(new, space.kinds)
+
+    return Subject(
+        f"Kahan's map of {model.system.name}",
+        step,
+        coordinate_names(space.components, n),
+        {**letters, "eps": fraction(eps)},
+    )
+
+
+def kahan_gyrostat(h: Sequence[Any] = (0, 0, 0), J: Sequence[Any] = (1, 2, 4), eps: Any = Fraction(1, 3)) -> Subject:
+    """Kahan's map of M' = (M + h) x Omega, Omega_i = M_i/J_i."""
+    wheel, w = fractions(h), 1 / fractions(J)
+    return kahan(lambda M: _cross(M + wheel, w * M), ("M1", "M2", "M3"), eps)
+
+
+def adjusted_gyrostat(
+    h: Sequence[Any] = (2, 3, 0), J: Sequence[Any] = (1, 2, 4), eps: Any = Fraction(1, 3), share: Any = 1
+) -> Subject:
+    """Kahan's map of M' = (M + h) x Omega, Omega_i = M_i/J_i, h_3 = 0, adjusted so that it is integrable.
+
+    With w = 1/J and c = (h_1 w_3/(w_1 - w_3), h_2 w_3/(w_2 - w_3), 0) the third equation has one more term,
+
+        (eps^2/4) (u(M) M3' - u(M') M3),   u(M) = h_1 w_1 (w_2 - w_3) (M - c)_1 + h_2 w_2 (w_1 - w_3) (M - c)_2,
+
+    of the third order in eps, `share` times.  (F(M) - F(c))/(1 - (eps^2/4) (w_1 - w_3) (w_3 - w_2) M_3^2) is conserved
+    for F = |M + h|^2 and F = <M, w M>.  Raises `InputError` unless h_3 = 0 and J_3 differs from J_1 and J_2.
+    """
+    wheel, w = fractions(h), 1 / fractions(J)
+    if wheel[2] != 0 or w[2] in (w[0], w[1]):
+        raise InputError(f"Expected h_3 = 0 and J_3 other than J_1 and J_2, got h = {tuple(h)}, J = {tuple(J)}.")
+    slope = wheel[:2] * w[:2] * (w[1::-1] - w[2]) * fraction(share) * fraction(eps) ** 2 / 4
+    c = wheel[:2] * w[2] / (w[:2] - w[2])
+
+    def adjustment(M: Array) -> list[list[Any]]:
+        u = slope[0] * (M[0] - c[0]) + slope[1] * (M[1] - c[1])
+        return [[0, 0, 0], [0, 0, 0], [-M[2] * slope[0], -M[2] * slope[1], u]]
+
+    return kahan(lambda M: _cross(M + wheel, w * M), ("M1", "M2", "M3"), eps, adjustment)
+
+
+def kahan_heavy_top(I3: Any = 1, tilt: Sequence[Any] = (0, 0, 1), I2: Any = 1, eps: Any = Fraction(1, 3)) -> Subject:
+    """Kahan's map of M' = M x Omega + P x A, P' = P x Omega, with moments (1, I2, I3)."""
+    A, w = fractions(tilt), 1 / fractions((1, I2, I3))
+
+    def flow(x: Array) -> Array:
+        M, P = x[:3], x[3:]
+        return np.concatenate([_cross(M, w * M) + _cross(P, A), _cross(P, w * M)])
+
+    return kahan(flow, ("M1", "M2", "M3", "P1", "P2", "P3"), eps)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return objects(a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3] for i in range(3))

@@ -1,8 +1,9 @@
-"""What the laboratory investigates: a rational map x -> step(x) of R^d, of a record or of your own."""
+"""The map that the laboratory investigates: a rational map x -> step(x) of R^d, of a record or user-defined."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
@@ -11,14 +12,12 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, RunError, shown
 from kreisel.lab import exact
-from kreisel.lab.fields import Pole, fraction, random_residues, residues
+from kreisel.lab.exact import Pole, fraction, random_residues, residues
 from kreisel.record.calling import call
-from kreisel.record.contract import Map, System
+from kreisel.record.contract import MOVING_SPACE, REST_SPACE, Map, System
 from kreisel.record.model import Model
-
-ATTEMPTS = 5
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ class Subject:
         """The number of coordinates."""
         return len(self.names)
 
-    def known(self, p: int) -> dict[str, Any]:
+    def modulo(self, p: int) -> dict[str, Any]:
         """The constants as residues modulo p."""
         return {k: residues(v, p)[()] for k, v in self.constants.items()}
 
@@ -79,11 +78,11 @@ class Subject:
                 f"{self.implicit}: its step is a root, not a rational function, and exact experiments need one. "
                 "Choose a system with an explicit map."
             )
-        known = self.known(p)
+        constants = self.modulo(p)
 
         def step(x: Array) -> Array:
             try:
-                new = np.asarray(self.step(x, **known), dtype=object)
+                new = np.asarray(self.step(x, **constants), dtype=object)
             except (TypeError, AttributeError) as error:
                 raise InputError(
                     f"The step of {self.name} failed on residues modulo {p}: {error}. Exact experiments need a "
@@ -104,31 +103,27 @@ class Subject:
         return {k: np.vectorize(float, otypes=[float])(v)[()] for k, v in self.constants.items()}
 
     def some_orbits(self, p: int, seed: int, lanes: int, steps: int) -> Array:
-        """`orbits` of a seed that meets no pole.  Raises `InputError` where all that are tried do."""
-        for attempt in range(ATTEMPTS):
-            try:
-                return self.orbits(p, seed + attempt, lanes, steps)
-            except Pole as error:
-                trouble = error
-        raise InputError(f"{self.name} divides by 0 from {ATTEMPTS} random starts ({trouble}).")
+        """`orbits` of a seed that meets no pole.  Raises `InputError` if all that are tried do."""
+        return exact.without_poles(self.name, lambda attempt: self.orbits(p, seed + attempt, lanes, steps))
 
     def orbits(self, p: int, seed: int, lanes: int, steps: int) -> Array:
         """Residues (steps + 1, d, lanes) along orbits from random points."""
         rng = np.random.default_rng([seed, p])
         x, step = self.point(random_residues(rng, p, lanes)), self.over(p)
-        out = [_stacked(x, lanes)]
+        out = [stacked(x, lanes)]
         for _ in range(steps):
             x = step(x)
-            out.append(_stacked(x, lanes))
+            out.append(stacked(x, lanes))
         return np.stack(out)
 
 
-def _stacked(x: Array, lanes: int) -> Array:
+def stacked(x: Array, lanes: int) -> Array:
+    """Numbers of residues as integers (d, lanes)."""
     return np.stack([np.broadcast_to(number.v, lanes) for number in x])
 
 
 def subject(
-    what: Model | Subject | Callable[..., Any],
+    candidate: Model | Subject | Callable[..., Any],
     *,
     eps: int | float | str | Fraction | None = None,
     names: tuple[str, ...] | None = None,
@@ -138,23 +133,23 @@ def subject(
 
     Floats count as the rational numbers that they are; prefer whole numbers and fractions.
     """
-    if isinstance(what, Subject):
-        return what
-    if isinstance(what, Model):
-        return _of_model(what, fraction("1/3") if eps is None else fraction(eps))
-    if not callable(what) or not names:
+    if isinstance(candidate, Subject):
+        return candidate
+    if isinstance(candidate, Model):
+        return _of_model(candidate, fraction("1/3") if eps is None else fraction(eps))
+    if not callable(candidate) or not names:
         raise InputError(
             "Give a model with a map, such as kr.LagrangeTop(p=(0, 0, 1)), or a function step(x) with the names of its "
-            f"coordinates, names=('x', 'y'), got {shown(what)}."
+            f"coordinates, names=('x', 'y'), got {shown(candidate)}."
         )
-    return Subject(getattr(what, "__name__", "step"), what, tuple(names), constants)
+    return Subject(getattr(candidate, "__name__", "step"), candidate, tuple(names), constants)
 
 
 def _of_model(model: Model, eps: Any) -> Subject:
     system, n = model.system, model.n
     space, mapped = system.space, model.map
     implicit = f"The map of {system.name} is implicit" if not mapped.rational or system.numbers != "any" else ""
-    constants = {k: _fractions(v) for k, v in model.constants.items()}
+    constants = {k: exact.fractions(v) for k, v in model.constants.items()}
 
     def unpacked(x: Array) -> tuple[Array, ...]:
         return algebra.restore(_axial(x, space.kinds, n), space.kinds, n)
@@ -163,7 +158,7 @@ def _of_model(model: Model, eps: Any) -> Subject:
         return _axial(algebra.flatten(state, space.kinds), space.kinds, n)
 
     def on_coordinates(function: Any) -> Any:
-        return None if function is None else lambda x, **known: packed(tuple(call(function, unpacked(x), known)))
+        return None if function is None else lambda x, **values: packed(tuple(call(function, unpacked(x), values)))
 
     def start(draw: Callable[[tuple[int, ...]], Array]) -> Array:
         return packed(exact.random_state(space, n, draw))
@@ -174,18 +169,20 @@ def _of_model(model: Model, eps: Any) -> Subject:
         return (model.call(space.tensor, *unpacked(x)) * (sign[:, None] * sign))[np.ix_(place, place)]
 
     def of_record(function: Any) -> Any:
-        return None if function is None else lambda x, lam, **known: call(function, unpacked(x), {**known, "lam": lam})
+        return (
+            None if function is None else lambda x, lam, **values: call(function, unpacked(x), {**values, "lam": lam})
+        )
 
     extra = _beyond_the_spectrum(system, mapped)
 
-    def integrals(x: Array, **known: Array) -> Array:
-        return np.concatenate([np.ravel(call(f, unpacked(x), known)) for f in extra])
+    def integrals(x: Array, **values: Array) -> Array:
+        return np.concatenate([np.ravel(call(f, unpacked(x), values)) for f in extra])
 
     def casimirs(x: Array) -> Array:
         return np.ravel(call(space.casimirs, unpacked(x), {}))
 
-    def allowed(x: Array, **known: Any) -> bool:
-        return bool(known["eps"] < call(mapped.largest_step, unpacked(x), known))
+    def allowed(x: Array, **values: Any) -> bool:
+        return bool(values["eps"] < call(mapped.largest_step, unpacked(x), values))
 
     return Subject(
         name=system.name,
@@ -200,7 +197,7 @@ def _of_model(model: Model, eps: Any) -> Subject:
         integrals=integrals if extra else None,
         involution=on_coordinates(mapped.involution),
         flow=on_coordinates(system.flow),
-        energy=None if system.energy is None else lambda x, **known: call(system.energy, unpacked(x), known),
+        energy=None if system.energy is None else lambda x, **values: call(system.energy, unpacked(x), values),
         allowed=allowed if mapped.largest_step is not None else None,
         implicit=implicit,
         model=model,
@@ -215,10 +212,6 @@ def _beyond_the_spectrum(system: System, mapped: Map) -> list[Callable[..., Any]
     if mapped.lax is None and system.energy is not None and (keeps is None or "energy" in keeps):
         return [system.energy, *extra]
     return extra
-
-
-def _fractions(v: Any) -> Any:
-    return np.vectorize(fraction, otypes=[object])(v)[()]
 
 
 def _axial(flat: Array, kinds: tuple[str, ...], n: int) -> Array:
@@ -243,3 +236,155 @@ def coordinate_names(components: tuple[tuple[str, str], ...], n: int) -> tuple[s
         else:
             names += [f"{letter}{i + 1}" for i in range(algebra.KINDS[kind].count(n))]
     return tuple(names)
+
+
+# -- user-defined maps -----------------------------------------------------------------------------
+# A map of your own: a function step, and flow, lax and the like, which all take the state as the step does.
+#
+# In coordinates, `names = ("x", "y")`, x an array (d,):
+#
+#     step(x), flow(x), involution(x) -> d numbers;  tensor(x) -> (d, d);  lax(x, lam), conjugator(x, lam) -> (k, k);
+#     start(draw) -> d numbers
+#
+# On e*(n), `n = 3`, M (n, n) skew, P (n,):
+#
+#     step(M, P), flow(M, P), involution(M, P) -> (M, P);  lax(M, P, lam), conjugator(M, P, lam) -> (k, k)
+#
+# Each of them takes, after that, the constants that it names, eps among them: flow(x, *, a).
+
+
+Function = Callable[..., Any]
+OF_POINTS = ("flow", "involution")
+OF_LAMBDA = ("lax", "conjugator")
+BESIDE = (*OF_POINTS, "tensor", *OF_LAMBDA, "start")  # what may be known of a step
+EXPECTED: dict[str, tuple[type[Exception], ...]] = {  # errors with which the instruments deal
+    "step": (TypeError, AttributeError, ArithmeticError),
+    **dict.fromkeys(OF_LAMBDA, (ArithmeticError,)),
+}
+POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+
+
+def in_coordinates(step: Function, names: Sequence[str], eps: Any, options: Mapping[str, Any]) -> Subject:
+    """A step(x) as a subject; `options` has constants and the functions of `BESIDE`.  Raises `InputError`."""
+    if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+        raise InputError(f'names: expected those of the coordinates, such as ("x", "y"), got {shown(names)}.')
+    functions, constants = _parted(options)
+    taken = _parameters(step).get("eps")
+    if taken is not None and "eps" not in constants:
+        stated = None if taken.default is taken.empty else taken.default
+        constants["eps"] = fraction(eps or stated or "1/3")
+    beside: dict[str, Any] = {name: _of_coordinates(name, f, constants, len(names)) for name, f in functions.items()}
+    of_x = _of_coordinates("step", step, constants, len(names))
+    return Subject(getattr(step, "__name__", "step"), of_x, tuple(names), constants, **beside)
+
+
+def on_group(step: Function, n: int, frame: str, eps: Any, options: Mapping[str, Any]) -> Subject:
+    """A step(M, P) on e*(n) as a subject; `options` as in `in_coordinates`.  Raises `InputError`."""
+    if frame not in ("moving", "rest"):
+        raise InputError(f"frame must be 'moving' or 'rest', got {shown(frame)}.")
+    functions, constants = _parted(options)
+    if more := {"tensor", "start"} & functions.keys():
+        raise InputError(
+            f"{', '.join(sorted(more))}: expected none on e*({n}), whose bracket is known and whose coordinates are "
+            'free. For another bracket give the coordinates, names=("M1", ...), and step(x).'
+        )
+    named = {k: np.asarray(v, dtype=object) for k, v in constants.items()}
+    of_state: dict[str, Any] = {name: _on_state(name, f, named) for name, f in {"step": step, **functions}.items()}
+    system = System(
+        name=getattr(step, "__name__", "step"),
+        title="a map of your own",
+        equations="",
+        source="",
+        space=MOVING_SPACE if frame == "moving" else REST_SPACE,
+        flow=of_state.pop("flow", None),
+        scaling="",
+        map=Map(**of_state),
+        n=n,
+    )
+    return subject(system(), eps=eps)
+
+
+def _parted(options: Mapping[str, Any]) -> tuple[dict[str, Function], dict[str, Any]]:
+    """The functions and the constants."""
+    functions = {name: options[name] for name in BESIDE if options.get(name) is not None}
+    for name, f in functions.items():
+        if not callable(f):
+            raise InputError(f"{name}: expected a function of the state, as step is, got {shown(f)}.")
+    return functions, {k: v for k, v in options.items() if k not in BESIDE}
+
+
+def _parameters(function: Function) -> Mapping[str, inspect.Parameter]:
+    try:
+        return inspect.signature(function).parameters
+    except (TypeError, ValueError):  # built in: without a signature
+        return {}
+
+
+def _taken(name: str, function: Function, state: Sequence[str], constants: Mapping[str, Any]) -> list[str]:
+    """The constants that a function takes after the state.  Raises `InputError` for one that takes no state."""
+    parameters = [*_parameters(function).values()]
+    places = [p for p in parameters if p.kind in POSITIONAL]
+    many = any(p.kind is p.VAR_POSITIONAL for p in parameters)
+    after = [*places[len(state) :], *(p for p in parameters if p.kind is p.KEYWORD_ONLY)]
+    missing = [p.name for p in after if p.default is p.empty and p.name not in constants]
+    if (parameters and len(places) < len(state) and not many) or (missing and missing[0] in ("P", "lam")):
+        raise InputError(
+            f"{name}: expected {name}({', '.join(state)}), the state as the step takes it, and constants by keyword; "
+            f"got {name}{inspect.signature(function)}."
+        )
+    if missing:
+        raise InputError(
+            f"{name}{inspect.signature(function)} takes {', '.join(missing)} by keyword: give their values. "
+            f"The state is {', '.join(state)}."
+        )
+    every = any(p.kind is p.VAR_KEYWORD for p in parameters)
+    return [*constants] if every else [p.name for p in after if p.name in constants]
+
+
+def _of_coordinates(name: str, function: Function, constants: Mapping[str, Any], d: int) -> Function:
+    """A function of coordinates, called with the constants that it takes and with an array of the right shape."""
+    state = ["draw" if name == "start" else "x", *(["lam"] if name in OF_LAMBDA else [])]
+    takes = _taken(name, function, state, constants)
+    shape = {"flow": (d,), "involution": (d,), "start": (d,), "tensor": (d, d)}.get(name)
+
+    def of_x(x: Any, *lam: Any, **values: Any) -> Any:
+        value = _called(name, function, (x, *lam), {k: values.get(k, constants[k]) for k in takes})
+        if shape is None:
+            return value
+        array = np.asarray(value, dtype=getattr(x, "dtype", object))
+        if array.shape != shape:
+            raise InputError(f"{name}: expected an array of the shape {shape}, got {array.shape}.")
+        return array
+
+    return of_x
+
+
+def _on_state(name: str, function: Function, named: Mapping[str, Any]) -> Function:
+    """A function of M, P as a function of a record."""
+    more = name in OF_LAMBDA
+    takes = _taken(name, function, ["M", "P", *(["lam"] if more else [])], {**named, "eps": None})
+
+    def of_state(*state: Array, eps: Any, lam: Any = None) -> Any:
+        values = {k: eps if k == "eps" else named[k] for k in takes}
+        new = _called(name, function, (*state, lam) if more else state, values)
+        if more:
+            return new
+        if not isinstance(new, tuple | list) or [np.shape(v) for v in new] != [np.shape(v) for v in state]:
+            sizes = ", ".join(map(str, map(np.shape, state)))
+            raise InputError(f"{name}: expected M and P, of the shapes {sizes}, got {shown(new)}.")
+        return tuple(new)
+
+    return of_state
+
+
+def _called(name: str, function: Function, state: tuple[Any, ...], values: Mapping[str, Any]) -> Any:
+    expected: tuple[type[Exception], ...] = (InputError, RunError, *EXPECTED.get(name, (Pole,)))
+    try:
+        return function(*state, **values)
+    except expected:
+        raise
+    except Exception as error:  # whatever a user's code raises
+        raise InputError(
+            f"{name} failed: {type(error).__name__}: {error}. It takes the state as the step does, of numbers of any "
+            "kind: + - * / and whole powers."
+        ) from error

@@ -17,7 +17,6 @@ Lengths, times and masses are those of the simulation; vectors are in its frame.
 
 from __future__ import annotations
 
-from kreisel.rebound.body import Body
-from kreisel.rebound.spins import Spins, attach, load
+from kreisel.rebound.spins import Body, Spins, attach, load
 
 __all__ = ["Body", "Spins", "attach", "load"]

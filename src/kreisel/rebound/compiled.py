@@ -155,7 +155,7 @@ def _room() -> list[Any]:
 
 
 def act_on_all(p: Any, masses: Any, index: Any, z: Any, c: Any, dv: Any, h: float, G: float, backwards: bool) -> None:
-    """What particles and bodies do to each other over a time h, pair after pair; `backwards`: in the other order."""
+    """Interaction of particles and bodies over a time h, pair after pair; `backwards`: in the other order."""
     _kernels().act_on_all(p, masses, index, z, c, dv, h, G, int(backwards), *_room())
 
 
@@ -166,30 +166,34 @@ def turn_all(z: Any, c: Any, h: float) -> bool:
     return bool(done[0] == 0)
 
 
-def advance(*given: Any) -> bool:
+def advance(*arguments: Any) -> bool:
     """So many steps of bodies and particles: the arguments of the kernel but for its room; False as of `turn_all`."""
     done = np.zeros(1, dtype=np.int64)
-    _kernels().advance(*given, *_room(), done)
+    _kernels().advance(*arguments, *_room(), done)
     return bool(done[0] == 0)
 
 
 def source() -> str:
     """Their text."""
-    L, g, one = (3,), (4,), ()
+    L, g, number = (3,), (4,), ()
     texts = [
         _function(
-            interaction.kick, {"r": L, "L": L, "g": g, "h": one, "m": one, "G": one}, FIGURE, ("lag",), OF_FIGURE
+            interaction.kick,
+            {"r": L, "L": L, "g": g, "h": number, "m": number, "G": number},
+            FIGURE,
+            ("lag",),
+            OF_FIGURE,
         ),
         _function(
             interaction.friction,
-            {"r": L, "v": L, "L": L, "g": g, "h": one, "m": one, "own": one, "G": one},
+            {"r": L, "v": L, "L": L, "g": g, "h": number, "m": number, "own": number, "G": number},
             FIGURE,
             ("D", "fluid"),
             OF_FIGURE,
         ),
-        _function(interaction.turn, {"L": L, "g": g, "h": one}, ROTOR),
-        _function(interaction.turn_of_ball, {"L": L, "g": g, "h": one}, {"I": (3,)}, first=OF_FIGURE),
-        _function(interaction.reach, {"L": L, "g": g, "h": one}, ROTOR),
+        _function(interaction.turn, {"L": L, "g": g, "h": number}, ROTOR),
+        _function(interaction.turn_of_ball, {"L": L, "g": g, "h": number}, {"I": (3,)}, first=OF_FIGURE),
+        _function(interaction.reach, {"L": L, "g": g, "h": number}, ROTOR),
     ]
     head = HEAD.format(name="bodies of a REBOUND simulation")
     head += "from kreisel.kernels._llvm.operations import put_whole, whole_at\n\n"
@@ -206,8 +210,8 @@ def _function(
 ) -> str:
     """A function of arrays as one of the row w and of c[body] from number `first` on, which writes the row `out`."""
 
-    def called(**given: Any) -> list[Any]:
-        return list(function(**{name: value for name, value in given.items() if name not in without}))
+    def called(**arguments: Any) -> list[Any]:
+        return list(function(**{name: value for name, value in arguments.items() if name not in without}))
 
     lines, values, _ = recorded_function(called, inputs, constants)
     used = {name for line in lines for name in line.needs} | {value.strip("(-)") for value in values}

@@ -75,16 +75,16 @@ def friction(
     return -rate * (3 / (1 + 1.5 * rate * ratio) * along + R @ cross(y, b) / square)
 
 
-def turn(L: Array, g: Array, h: Any, **known: Array) -> Array:
-    """The orientation after the free motion over the time h, exactly; `known`: of `rotor_step.constants`."""
-    return rotor_step.step(L @ algebra.rotation_matrix(g), g, h=h, **known)[1]
+def turn(L: Array, g: Array, h: Any, **constants: Array) -> Array:
+    """The orientation after the free motion over the time h, exactly; `constants`: of `rotor_step.constants`."""
+    return rotor_step.step(L @ algebra.rotation_matrix(g), g, h=h, **constants)[1]
 
 
 def turn_of_ball(L: Array, g: Array, h: Any, *, I: Array) -> Array:
-    """The same for equal moments, for turns up to 8 radians."""
+    """The orientation after the free motion of a ball over the time h, for rotations up to 8 radians."""
     return algebra.quaternion_product(turning.turn(3 * h / I.sum() * L), g)
 
 
-def reach(L: Array, g: Array, h: Any, **known: Array) -> list[Any]:
+def reach(L: Array, g: Array, h: Any, **constants: Array) -> list[Any]:
     """A measure of the length of that step, as in `rotor_step`."""
-    return [rotor_step.reach(L @ algebra.rotation_matrix(g), h, **known)]
+    return [rotor_step.reach(L @ algebra.rotation_matrix(g), h, **constants)]

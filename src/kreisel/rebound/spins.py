@@ -9,20 +9,141 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import os
+import warnings
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
 from typing import Any, NoReturn
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError, explained, hint, shown
-from kreisel.rebound import compiled, saving
-from kreisel.rebound.body import Body
+from kreisel.errors import InputError, RunError, explained, hint, on_disk, shown
+from kreisel.files import place
+from kreisel.physical.free_body import UPRIGHT, FreeBody
+from kreisel.physical.measures import RATE, si_numbers
+from kreisel.process import scratch
+from kreisel.rebound import compiled
+from kreisel.rebound.compiled import COLUMNS, is_ball
 from kreisel.rebound.interaction import potential
-from kreisel.rebound.library import rebound
 from kreisel.runs.settings import MOST_STEPS
+
+# -- REBOUND, loaded when it is needed -------------------------------------------------------------
+
+
+OFFSETS = {"x": 0, "y": 8, "z": 16, "vx": 24, "vy": 32, "vz": 40, "m": 72}  # bytes, of a particle
+
+
+@cache
+def rebound() -> ModuleType:
+    """The module.  Raises `InputError` where it is not installed or keeps its particles otherwise."""
+    try:
+        import rebound as library
+    except ImportError as error:
+        raise InputError("expected REBOUND, got none. Install it: pip install 'kreisel[rebound]'.") from error
+    offsets = {name: getattr(library.Particle, name).offset for name in OFFSETS}
+    if offsets != OFFSETS:
+        raise InputError(
+            f"expected REBOUND 5, whose particles begin with x, v, a, m, got {library.__version__}. Usual cause: "
+            "another version than the one that kreisel[rebound] asks for."
+        )
+    return library
+
+
+# -- bodies ----------------------------------------------------------------------------------------
+
+
+@explained
+@dataclass(frozen=True, eq=False)
+class Body:
+    """An extended body, in the units of the simulation.
+
+    inertia      moments of inertia about the centre of mass: one number for a ball, (3,) along the principal axes, or a
+                 tensor (3, 3) in any body axes; or a body of `kreisel.physical` where the simulation is in SI units
+    spin         angular velocity (3,) in the frame of the simulation
+    orientation  unit quaternion (w, x, y, z), body axes to the frame of the simulation
+    love         potential Love number k_2 of the tides; a ball is a fluid that its rotation flattens with the same k_2
+    radius       R, where there are tides; if not given, that of the particle
+    lag          time by which the tides are late
+
+    Other bodies than balls keep their figure, of which the moments tell.  REBOUNDx calls half the lag `tau` in
+    `tides_spin`.  Raises `InputError` for moments that no body has.
+    """
+
+    inertia: Any
+    spin: Any = (0.0, 0.0, 0.0)
+    orientation: Any = UPRIGHT
+    love: float = 0.0
+    radius: float | None = None
+    lag: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.state()
+        for name in ("love", "lag"):
+            self._not_negative(name)
+
+    def principal(self) -> tuple[Array, Array]:
+        """The moments (3,), and the orientation of the principal axes.  Raises `InputError`."""
+        inertia = getattr(self.inertia, "inertia", self.inertia)
+        number = isinstance(inertia, int | float | np.number)
+        body = FreeBody(np.full(3, inertia) if number else inertia)
+        moments = body.principal.moments
+        if moments.min() <= 0:
+            raise InputError(
+                f"inertia: expected three moments > 0, got {shown(moments.tolist())}. Usual cause: a rod without "
+                "thickness, or a point. Give it its thickness, or leave it a particle."
+            )
+        g = body.orientation(self.orientation)
+        if g.shape != (4,):
+            raise InputError(f"orientation: expected one unit quaternion (w, x, y, z), got {shown(self.orientation)}.")
+        return moments, g
+
+    def angular_velocity(self) -> Array:
+        """(3,).  Raises `InputError`."""
+        return si_numbers(self.spin, RATE, "spin, an angular velocity in the frame of the simulation,", ((3,),))
+
+    def state(self) -> Array:
+        """L and g, (7,)."""
+        moments, g = self.principal()
+        R = algebra.rotation_matrix(g)
+        return np.concatenate([R @ (moments * (R.T @ self.angular_velocity())), g])
+
+    def tides(self, radius: float) -> tuple[float, float, float]:
+        """k_2 R^5, the same for a fluid ball, else 0, and the lag; `radius`: that of the particle.
+
+        Raises `InputError`.
+        """
+        love, lag = (self._not_negative(name) for name in ("love", "lag"))
+        if lag and not love:
+            raise InputError(
+                f"lag: expected 0 for a body without tides, got {shown(self.lag)}. Usual cause: no love=, the Love "
+                "number k_2 of the tides."
+            )
+        if not love:
+            return 0.0, 0.0, 0.0
+        size = radius if self.radius is None else self._not_negative("radius")
+        if not size > 0:
+            raise InputError(
+                f"radius: expected a number > 0 for a body with tides, got {shown(self.radius)} and a particle of "
+                f"radius {radius}. Usual cause: sim.add(..., r=...) is missing."
+            )
+        tide = love * size**5
+        return tide, tide if is_ball(self.principal()[0]) else 0.0, lag
+
+    def _not_negative(self, name: str) -> float:
+        value = getattr(self, name)
+        if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0 <= value < math.inf:
+            raise InputError(f"{name}: expected a finite number >= 0, got {shown(value)}.")
+        return float(value)
+
+
+# -- the bodies of a simulation --------------------------------------------------------------------
+
 
 FIXED = ("whfast", "leapfrog", "saba", "mercurius", "trace")  # a step is dt
 ADAPTIVE = ("ias15", "bs")
@@ -158,15 +279,15 @@ class Spins:
         """Of the particles, of the rotation of the bodies, and of their interaction; tides that lag take it away."""
         p, masses, index, z, c = self._arguments()
         total = float(self.sim.energy())
-        for i, row, known in zip(index, z, c, strict=True):
+        for i, row, columns in zip(index, z, c, strict=True):
             R = algebra.rotation_matrix(row[3:])
-            M, D, (tide, fluid, _) = row[:3] @ R, known[15:18], known[18:]
-            total += M @ (M * known[:3]) / 2
+            M, D, (tide, fluid, _) = row[:3] @ R, columns[15:18], columns[18:]
+            total += M @ (M * columns[:3]) / 2
             for j in range(self._count):
                 if j != i and masses[j]:
                     b = (p[j, :3] - p[i, :3]) @ R
-                    given = {"D": D, "tide": tide, "fluid": fluid, "G": self.sim.G, "m": masses[j]}
-                    total += masses[j] * potential(b, M * known[:3], **given)
+                    constants = {"D": D, "tide": tide, "fluid": fluid, "G": self.sim.G, "m": masses[j]}
+                    total += masses[j] * potential(b, M * columns[:3], **constants)
         return float(total)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -174,7 +295,7 @@ class Spins:
         names = [("#" if isinstance(name, str) else "") + str(name) for name in self.names]
         kick = np.nan if self._kick is None else self._kick
         parts = {"z": self._z, "c": self._c, "names": np.array(names), "dt": np.array(kick), "seen": self._seen}
-        saving.write(path, self.sim, parts)
+        write_file(path, self.sim, parts)
 
     # -- what the kernels work on ---------------------------------------------------------------------------
 
@@ -231,7 +352,7 @@ class Spins:
         return self.names.index(which)
 
     def _check(self) -> None:
-        """What simulations must be.  Raises `InputError`."""
+        """Checks of the simulation and of the masses of its bodies.  Raises `InputError`."""
         self._check_count()
         check_simulation(self.sim)
         _ = self.dt
@@ -297,12 +418,12 @@ def check_simulation(sim: Any) -> None:
 
 def index_of(sim: Any, name: int | str) -> int:
     """Where a particle stands.  Raises `InputError`."""
-    known = [p.name for p in sim.particles]
-    if isinstance(name, str) and name in known:
-        return known.index(name)
+    names = [p.name for p in sim.particles]
+    if isinstance(name, str) and name in names:
+        return names.index(name)
     if isinstance(name, int | np.integer) and not isinstance(name, bool) and 0 <= name < sim.N:
         return int(name)
-    named = [n for n in known if n]
+    named = [n for n in names if n]
     raise InputError(
         f"expected an index below {sim.N} or the name of a particle, one of {named}, got {shown(name)}."
         + hint(name, named)
@@ -339,11 +460,67 @@ def load(path: str | os.PathLike[str]) -> Spins:
     """The simulation and its bodies as they were saved; they go on bit for bit.
 
     Forces, heartbeats and other functions of the simulation are not in the file: set them again.  Raises `InputError`
-    for a file that is no such file, `RunError` where it cannot be read.
+    for a file that is no such file, `RunError` where it cannot be read_file.
     """
-    sim, found = saving.read(path)
-    names = [name[1:] if name.startswith("#") else int(name) for name in found["names"].tolist()]
-    kick = None if np.isnan(found["dt"]) else float(found["dt"])
-    spins = Spins(sim, names, found["z"], found["c"], kick)
-    spins._seen = found["seen"]
+    sim, arrays = read_file(path)
+    names = [name[1:] if name.startswith("#") else int(name) for name in arrays["names"].tolist()]
+    kick = None if np.isnan(arrays["dt"]) else float(arrays["dt"])
+    spins = Spins(sim, names, arrays["z"], arrays["c"], kick)
+    spins._seen = arrays["seen"]
     return spins
+
+
+# -- files: NumPy's archive of plain arrays, one of them the bytes of REBOUND's simulation ---------
+
+
+FORMAT = 1
+NEEDED = "The simulation and its bodies need a file name such as spins.npz"
+FILES = "simulation", "whole.npz"
+SHAPES = {"z": 7, "c": COLUMNS}
+
+
+def write_file(path: str | os.PathLike[str], sim: Any, parts: Mapping[str, Any]) -> None:
+    """Write `path` whole or not at all.  Raises `RunError` where the disk does not let it."""
+    target = place(path, NEEDED)
+    with on_disk(path, "be written"), scratch(target.parent, ".kreisel-", files=FILES) as folder:
+        simulation_file, whole = (folder / name for name in FILES)
+        sim.save_to_file(str(simulation_file))
+        data = np.frombuffer(simulation_file.read_bytes(), dtype=np.uint8)
+        with whole.open("wb") as file:
+            np.savez(file, format=np.array(FORMAT), simulation=data, **parts)
+            file.flush()
+            os.fsync(file.fileno())
+        whole.replace(target)
+
+
+def read_file(path: str | os.PathLike[str]) -> tuple[Any, dict[str, np.ndarray]]:
+    """The simulation and the arrays beside it.
+
+    Raises `InputError` for a file that is no such file, `RunError` where it cannot be read_file.
+    """
+    source = place(path, NEEDED)
+    try:
+        with on_disk(path, "be read_file"), source.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in ("format", "simulation", "z", "c", "names", "dt", "seen")}
+    except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: expected a file that spins.save wrote, got {shown(error)}.") from error
+    names = arrays["names"] if arrays["names"].ndim == 1 and arrays["names"].dtype.kind == "U" else np.empty(0, str)
+    fits = [arrays[name].shape == (len(names), width) for name, width in SHAPES.items()]
+    fits += [name.startswith("#") or name.isdecimal() for name in names.tolist()]
+    fits += [arrays[name].shape == () and arrays[name].dtype.kind in "if" for name in ("format", "dt")]
+    fits += [arrays["seen"].dtype == np.float64, arrays["simulation"].dtype == np.uint8]
+    if not all(fits) or arrays["format"] != FORMAT:
+        raise InputError(f"{path}: expected format {FORMAT} of kreisel.rebound, got {shown(arrays['format'])}.")
+    try:
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            sim = rebound().Simulation(arrays["simulation"].tobytes())
+    except RuntimeError as error:
+        raise RunError(
+            f"{path}: REBOUND could not read_file its part: {error}. Usual cause: another version of it."
+        ) from error
+    for each in said:
+        if "corrupted" in str(each.message):
+            raise RunError(f"{path}: REBOUND could not read_file its part: {each.message}")
+        warnings.warn(str(each.message), RuntimeWarning, stacklevel=2)
+    return sim, arrays

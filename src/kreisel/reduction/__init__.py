@@ -14,21 +14,34 @@ JAX computes in float64 inside `double()`; the user's own settings stay as they 
 """
 
 from kreisel.record.contract import Frame, Parameter
-from kreisel.reduction.continuous import Continuous
-from kreisel.reduction.discrete import Discrete, Unreduced, left_derivative, reduce, right_derivative, symmetric_rule
 from kreisel.reduction.double import double
-from kreisel.reduction.groups import SE3, SO, SU2, Group, matrix_group, product, unit_sums
-from kreisel.reduction.records import system
-from kreisel.reduction.representations import (
+from kreisel.reduction.equations import (
+    Continuous,
+    Discrete,
+    Unreduced,
+    left_derivative,
+    reduce,
+    right_derivative,
+    symmetric_rule,
+)
+from kreisel.reduction.groups import (
+    SE3,
+    SO,
+    SU2,
+    Group,
     Representation,
     adjoint,
     casimir_count,
     casimir_gradients,
+    matrix_group,
+    product,
     quadratic_casimirs,
     representation,
     standard,
     trivial,
+    unit_sums,
 )
+from kreisel.reduction.records import system
 
 __all__ = [
     "SE3",

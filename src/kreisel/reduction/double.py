@@ -50,19 +50,19 @@ def require_double(*values: Any) -> None:
             )
 
 
-def on_host(function: Callable[..., Any], shapes: Any, *args: Any, **known: Any) -> Any:
+def on_host(function: Callable[..., Any], shapes: Any, *args: Any, **options: Any) -> Any:
     """A function of trees of NumPy arrays in float64, as one of JAX.
 
     The bits travel as whole numbers: a thread of XLA's own may call it, in which JAX would make float32 of them.
     """
 
-    def host(*given: Any) -> Any:
-        out = function(*jax.tree.map(lambda v: np.array(v, order="C").view(np.float64)[..., 0], given))
+    def host(*values: Any) -> Any:
+        out = function(*jax.tree.map(lambda v: np.array(v, order="C").view(np.float64)[..., 0], values))
         return jax.tree.map(lambda v: np.ascontiguousarray(v, np.float64)[..., None].view(np.uint32), out)
 
     def halves(v: Any) -> Any:
         return jax.lax.bitcast_convert_type(jax.numpy.asarray(v, dtype=np.float64), np.uint32)
 
     wanted = jax.tree.map(lambda v: Struct((*v.shape, 2), np.dtype(np.uint32)), shapes)
-    found = jax.pure_callback(host, wanted, *jax.tree.map(halves, args), **known)
-    return jax.tree.map(lambda v: jax.lax.bitcast_convert_type(v, np.float64), found)
+    bits = jax.pure_callback(host, wanted, *jax.tree.map(halves, args), **options)
+    return jax.tree.map(lambda v: jax.lax.bitcast_convert_type(v, np.float64), bits)

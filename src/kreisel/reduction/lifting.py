@@ -37,15 +37,15 @@ def lifted(
     run = _Batched(core, tuple(axes), dict(keywords), trouble)
     absent = dict(defaults or {})
 
-    def function(*args: Any, **given: Any) -> Any:
-        known = {**absent, **given}
+    def function(*args: Any, **options: Any) -> Any:
+        constants = {**absent, **options}
         with double():
-            if is_jax(*args, *known.values()):
-                require_double(*args, *known.values())
-                return core(*args, **known)
+            if is_jax(*args, *constants.values()):
+                require_double(*args, *constants.values())
+                return core(*args, **constants)
             if any(np.asarray(a).dtype == object for a in args):
-                return _on_duals(run, args, known)
-            return run(args, known)
+                return _on_duals(run, args, constants)
+            return run(args, constants)
 
     kind, positional = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_ONLY
     wanted = [inspect.Parameter(f"z{i}", positional) for i in range(len(axes))]
@@ -61,61 +61,63 @@ class _Batched:
         self.compiled = cache(self._compiled)
 
     def _compiled(self, spread: frozenset[str]) -> Callable[..., Any]:
-        def one(args: Sequence[Array], known: Mapping[str, Array]) -> Any:
-            return self.core(*args, **known)
+        def at_lane(args: Sequence[Array], constants: Mapping[str, Array]) -> Any:
+            return self.core(*args, **constants)
 
-        return jax.jit(jax.vmap(one, in_axes=(0, {k: 0 if k in spread else None for k in self.keywords})))
+        return jax.jit(jax.vmap(at_lane, in_axes=(0, {k: 0 if k in spread else None for k in self.keywords})))
 
     @cached_property
     def pushed(self) -> Callable[..., Any]:
         """Value and derivatives along each of the directions (count, size of all arguments)."""
 
-        def along(values: Sequence[Array], known: Mapping[str, Array], directions: Array) -> Any:
+        def along(values: Sequence[Array], constants: Mapping[str, Array], directions: Array) -> Any:
             edges, shapes = np.cumsum([v.size for v in values])[:-1], [v.shape for v in values]
 
             def push(direction: Array) -> Any:
                 parts = [p.reshape(s) for p, s in zip(jnp.split(direction, edges), shapes, strict=True)]
-                return jax.jvp(lambda *z: self.core(*z, **known), tuple(values), tuple(parts))
+                return jax.jvp(lambda *z: self.core(*z, **constants), tuple(values), tuple(parts))
 
             return jax.vmap(push, out_axes=(None, -1))(directions)
 
         return jax.jit(along)
 
-    def __call__(self, args: Sequence[Any], known: Mapping[str, Any]) -> Any:
+    def __call__(self, args: Sequence[Any], constants: Mapping[str, Any]) -> Any:
         args = [np.asarray(a, dtype=np.float64) for a in args]
-        known = {k: np.asarray(v, dtype=np.float64) for k, v in known.items()}
-        own = {k: v.ndim if self.keywords[k] is None else self.keywords[k] for k, v in known.items()}
+        constants = {k: np.asarray(v, dtype=np.float64) for k, v in constants.items()}
+        axes = {k: v.ndim if self.keywords[k] is None else self.keywords[k] for k, v in constants.items()}
         batch = np.broadcast_shapes(
             *(a.shape[: a.ndim - n] for a, n in zip(args, self.axes, strict=True)),
-            *(v.shape[: v.ndim - own[k]] for k, v in known.items()),
+            *(v.shape[: v.ndim - axes[k]] for k, v in constants.items()),
         )
         lanes = [_as_lanes(a, n, batch) for a, n in zip(args, self.axes, strict=True)]
-        spread = frozenset(k for k, v in known.items() if v.ndim > own[k])
-        known = {k: _as_lanes(v, own[k], batch) if k in spread else v for k, v in known.items()}
-        out = self._in_pieces(lanes, known, spread, int(np.prod(batch)))
+        spread = frozenset(k for k, v in constants.items() if v.ndim > axes[k])
+        constants = {k: _as_lanes(v, axes[k], batch) if k in spread else v for k, v in constants.items()}
+        out = self._in_pieces(lanes, constants, spread, int(np.prod(batch)))
         count = int(np.prod(batch))
         whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:count].reshape(batch + parts[0].shape[1:]), *out)
         if not all(np.isfinite(v).all() for v in jax.tree.leaves(whole)) and all(np.isfinite(a).all() for a in args):
             raise RunError(self.trouble)
         return jax.tree.map(lambda v: v[()] if v.ndim == 0 else v, whole)
 
-    def _in_pieces(self, lanes: list[Array], known: dict[str, Any], spread: frozenset[str], count: int) -> list[Any]:
+    def _in_pieces(
+        self, lanes: list[Array], constants: dict[str, Any], spread: frozenset[str], count: int
+    ) -> list[Any]:
         size = 1 if count == 1 else LONGEST
         out = []
         for start in range(0, count, size):
             places = np.minimum(np.arange(start, start + size), count - 1)
-            piece = {k: v[places] if k in spread else v for k, v in known.items()}
+            piece = {k: v[places] if k in spread else v for k, v in constants.items()}
             result = self.compiled(spread)([a[places] for a in lanes], piece)
             out.append(jax.tree.map(np.asarray, result))
         return out
 
 
 def _as_lanes(a: Array, axes: Any, batch: tuple[int, ...]) -> Array:
-    own = a.shape[a.ndim - axes :]
-    return np.broadcast_to(a, batch + own).reshape((-1, *own))
+    shape = a.shape[a.ndim - axes :]
+    return np.broadcast_to(a, batch + shape).reshape((-1, *shape))
 
 
-def _on_duals(run: _Batched, args: Sequence[Any], known: Mapping[str, Any]) -> Any:
+def _on_duals(run: _Batched, args: Sequence[Any], constants: Mapping[str, Any]) -> Any:
     """The chain rule: values and derivatives by JAX, slopes as the dual numbers carry them."""
     flat = np.concatenate([np.asarray(a, dtype=object).ravel() for a in args])
     some = next((v for v in flat if hasattr(v, "slope")), None)
@@ -125,10 +127,10 @@ def _on_duals(run: _Batched, args: Sequence[Any], known: Mapping[str, Any]) -> A
         )
     values = [np.vectorize(_plain_number, otypes=[float])(a) for a in args]
     if some is None:
-        return run(values, known)
+        return run(values, constants)
     slopes = np.array([getattr(v, "slope", 0 * some.slope) for v in flat], dtype=np.float64)
-    known = {k: np.asarray(v, dtype=np.float64) for k, v in known.items()}
-    out, rates = run.pushed(values, known, slopes.T)
+    constants = {k: np.asarray(v, dtype=np.float64) for k, v in constants.items()}
+    out, rates = run.pushed(values, constants, slopes.T)
     return jax.tree.map(lambda v, r: _dual_array(type(some), np.asarray(v), np.asarray(r)), out, rates)
 
 

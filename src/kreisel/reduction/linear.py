@@ -53,8 +53,8 @@ def _jvp(at: tuple[Array], along: tuple[Array]) -> tuple[tuple[Array, Array], tu
 def principal_axes(A: Array) -> tuple[Array, Array]:
     """As `algebra.principal_axes`, found by NumPy.  With W = R^T dA R: dR = R F, F_ij = W_ij/(v_j - v_i)."""
     shapes = jnp.zeros(A.shape[:-1]), jnp.zeros(A.shape)
-    found: tuple[Array, Array] = on_host(nearest_axes, shapes, A, vmap_method="sequential")
-    return found
+    axes: tuple[Array, Array] = on_host(nearest_axes, shapes, A, vmap_method="sequential")
+    return axes
 
 
 @principal_axes.defjvp

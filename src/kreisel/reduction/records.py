@@ -14,13 +14,86 @@ from kreisel.errors import InputError, explained, shown
 from kreisel.record.calling import Function, Portable
 from kreisel.record.contract import Checks, Frame, Map, Parameter, PhaseSpace, System
 from kreisel.record.given import PARAMETER_AXES, component_axes
-from kreisel.reduction.checks import check_lagrangian
-from kreisel.reduction.continuous import Continuous
-from kreisel.reduction.discrete import Discrete, symmetric_rule
-from kreisel.reduction.double import jax
-from kreisel.reduction.groups import Group
+from kreisel.reduction.double import double, jax
+from kreisel.reduction.equations import Continuous, Discrete, symmetric_rule
+from kreisel.reduction.groups import Group, Representation, quadratic_casimirs, standard
 from kreisel.reduction.lifting import lifted
-from kreisel.reduction.representations import Representation, quadratic_casimirs, standard
+
+# -- what a Lagrangian must be, found out before the first step ------------------------------------
+
+
+jnp = jax.numpy
+SAMPLE_STEP = 0.01
+SINGULAR = 1e-12
+TRACING = (
+    jax.errors.TracerArrayConversionError,
+    jax.errors.TracerBoolConversionError,
+    jax.errors.ConcretizationTypeError,
+    jax.errors.TracerIntegerConversionError,
+)
+
+
+def check_lagrangian(record: Any, constants: Mapping[str, Any]) -> None:
+    """Real, scalar, differentiable and with an invertible Legendre transform at a random point; else `InputError`."""
+    rng = np.random.default_rng(3)
+    with double():
+        P = jnp.asarray(rng.uniform(0.2, 1, record.rep.dim))
+        zero = jnp.zeros(record.group.dim)
+        if record.continuous_lagrangian is not None:
+            inner = record.continuous(constants)
+            _check(inner.value, inner.momentum, zero, P, "L(Omega, P)", "Omega = 0")
+        if record.discrete_lagrangian is not None:
+            inner = record.discrete({**constants, "eps": SAMPLE_STEP})
+
+            def value(x: Array, P: Array) -> Array:
+                return inner.value(record.group.retract(x), P)
+
+            def before(x: Array, P: Array) -> Array:
+                return inner.before(record.group.retract(x), P)
+
+            _check(value, before, zero, P, "Lambda(W, P)", "W = I")
+
+
+def _check(value: Callable[..., Any], momentum: Callable[..., Any], x: Array, P: Array, name: str, where: str) -> None:
+    out = _tried(lambda: jax.eval_shape(value, x, P), name)
+    shape = getattr(out, "shape", None)
+    if shape != () or not jnp.issubdtype(out.dtype, jnp.floating):
+        got = f"shape {shape}, {out.dtype}" if shape is not None else repr(out)
+        raise InputError(
+            f"The Lagrangian {name} must give one real number, got {got}. Usual cause: a missing sum, trace or .real."
+        )
+    M, slope = _tried(jax.jit(lambda: (momentum(x, P), jax.jacfwd(momentum)(x, P))), name)
+    if not (np.isfinite(M).all() and np.isfinite(slope).all()):
+        raise InputError(
+            f"The Lagrangian {name} must be twice differentiable; its derivatives are not finite at {where}. "
+            "Usual cause: a norm or a square root at 0, a logarithm of 0, or 1/eps without eps."
+        )
+    values = np.linalg.svd(np.asarray(slope), compute_uv=False)
+    if not values[-1] > SINGULAR * max(values[0], 1e-300):
+        raise InputError(
+            f"The Legendre transform of {name} is singular at {where}: the second derivatives have the singular values "
+            f"{np.array2string(values, precision=3)}. Usual cause: a direction without kinetic energy (a moment of "
+            "inertia that is 0), or numbers that JAX does not see (plain NumPy, round, sign)."
+        )
+
+
+def _tried(function: Callable[[], Any], name: str) -> Any:
+    try:
+        return function()
+    except TRACING as error:
+        raise InputError(
+            f"The Lagrangian {name} cannot be differentiated: {str(error).splitlines()[0]} "
+            "Usual cause: numpy for jax.numpy, float(...), or an `if` on a value; use jax.numpy and jnp.where."
+        ) from error
+    except (TypeError, ValueError, IndexError, AttributeError, ZeroDivisionError) as error:
+        raise InputError(
+            f"The Lagrangian {name} failed: {error} "
+            "Usual cause: shapes that do not fit, or a wrong number of arguments; constants are keyword-only."
+        ) from error
+
+
+# -- records ---------------------------------------------------------------------------------------
+
 
 jnp = jax.numpy
 BRANCH = (
@@ -86,8 +159,8 @@ def system(
             f"retraction is another. Make both from the same group: red.standard(G), red.trivial(G), group=G."
         )
     record = _Record(rep, _frame(frame), lagrangian, discrete, {p.letter: p for p in parameters})
-    made = record.system(name, title or name, source, dict(integrals or {}), tuple(conserved), order)
-    return made.remade_by(_again, name, functions, stated)
+    result = record.system(name, title or name, source, dict(integrals or {}), tuple(conserved), order)
+    return result.remade_by(_again, name, functions, stated)
 
 
 def _again(name: str, functions: Mapping[str, Portable], stated: Mapping[str, Any]) -> System:
@@ -112,7 +185,7 @@ def lagrangian_constants(function: Callable[..., Any] | None) -> dict[str, Any]:
 
 
 class _Record:
-    """What the functions of the record share."""
+    """Group, representation and Lagrangians, which the functions of the record share."""
 
     def __init__(
         self,
@@ -122,40 +195,40 @@ class _Record:
         discrete: Callable[..., Any] | None,
         stated: Mapping[str, Parameter],
     ):
-        self.rep, self.frame, self.own, self.own_discrete = rep, frame, lagrangian, discrete
+        self.rep, self.frame, self.continuous_lagrangian, self.discrete_lagrangian = rep, frame, lagrangian, discrete
         self.group = rep.group
         self.rotations = rep.group.skew and rep.name == "standard"  # e(n): the orientation can be carried along
         self.spaces = (self.group.dual, rep.space)[: 2 if rep.dim else 1]
-        found = {**lagrangian_constants(lagrangian), **lagrangian_constants(discrete)}
-        self.parameters = tuple(stated.get(k, _lagrangian_parameter(k, v)) for k, v in found.items())
+        defaults = {**lagrangian_constants(lagrangian), **lagrangian_constants(discrete)}
+        self.parameters = tuple(stated.get(k, _lagrangian_parameter(k, v)) for k, v in defaults.items())
         for letter in stated:
-            if letter not in found:
+            if letter not in defaults:
                 raise InputError(
-                    f"No Lagrangian takes the parameter {shown(letter)}; they take {', '.join(found) or 'none'}."
+                    f"No Lagrangian takes the parameter {shown(letter)}; they take {', '.join(defaults) or 'none'}."
                 )
         self.axes = [component_axes(s.kind) for s in self.spaces]
         self.keywords = {p.letter: PARAMETER_AXES.get(p.kind) for p in self.parameters}
 
     # the Lagrangians with their constants filled in
 
-    def _bound(self, function: Callable[..., Any], known: Mapping[str, Any]) -> Callable[..., Any]:
+    def _bound(self, function: Callable[..., Any], constants: Mapping[str, Any]) -> Callable[..., Any]:
         mine = lagrangian_constants(function)
         if "eps" in inspect.signature(function).parameters:
             mine["eps"] = None
-        known = {k: jnp.asarray(known[k]) for k in mine}
+        constants = {k: jnp.asarray(constants[k]) for k in mine}
         if self.rep.dim:
-            return lambda first, P: function(first, P, **known)
-        return lambda first, P: function(first, **known)
+            return lambda first, P: function(first, P, **constants)
+        return lambda first, P: function(first, **constants)
 
-    def continuous(self, known: Mapping[str, Any]) -> Continuous:
-        if self.own is None:
+    def continuous(self, constants: Mapping[str, Any]) -> Continuous:
+        if self.continuous_lagrangian is None:
             raise InputError("Only a discrete Lagrangian was given; this needs the continuous one: lagrangian=...")
-        return Continuous(self._bound(self.own, known), self.rep, self.frame)
+        return Continuous(self._bound(self.continuous_lagrangian, constants), self.rep, self.frame)
 
-    def discrete(self, known: Mapping[str, Any]) -> Discrete:
-        if self.own_discrete is None:
-            return symmetric_rule(self.continuous(known), known["eps"])
-        return Discrete(self._bound(self.own_discrete, known), self.rep, self.frame)
+    def discrete(self, constants: Mapping[str, Any]) -> Discrete:
+        if self.discrete_lagrangian is None:
+            return symmetric_rule(self.continuous(constants), constants["eps"])
+        return Discrete(self._bound(self.discrete_lagrangian, constants), self.rep, self.frame)
 
     # states as they are shown, and as coordinates
 
@@ -168,47 +241,47 @@ class _Record:
 
     # the functions of the record
 
-    def step(self, *state: Array, **known: Any) -> tuple[Array, ...]:
-        return self.shown(self.discrete(known).step(*self.coordinates(state)))
+    def step(self, *state: Array, **constants: Any) -> tuple[Array, ...]:
+        return self.shown(self.discrete(constants).step(*self.coordinates(state)))
 
-    def inverse(self, *state: Array, **known: Any) -> tuple[Array, ...]:
-        return self.shown(self.discrete(known).inverse(*self.coordinates(state)))
+    def inverse(self, *state: Array, **constants: Any) -> tuple[Array, ...]:
+        return self.shown(self.discrete(constants).inverse(*self.coordinates(state)))
 
-    def generator(self, *old_and_new: Array, **known: Any) -> Array:
+    def generator(self, *old_and_new: Array, **constants: Any) -> Array:
         """X with W = cay(X), from the old state."""
-        W = self.discrete(known).turn(*self.coordinates(old_and_new[: len(self.spaces)]))
-        one = jnp.eye(self.group.size)
-        X = algebra.solve(W + one, W - one)
+        W = self.discrete(constants).turn(*self.coordinates(old_and_new[: len(self.spaces)]))
+        unit = jnp.eye(self.group.size)
+        X = algebra.solve(W + unit, W - unit)
         return (X - X.T) / 2
 
-    def unreduced(self, g: Array, h: Array, carried: Array, **known: Any) -> Array:
+    def unreduced(self, g: Array, h: Array, carried: Array, **constants: Any) -> Array:
         """LL(g, h; p or A) = Lambda(g^-1 h, Phi(g^-1) p), Lambda(h g^-1, Phi(g) A)."""
-        inner, inverse = self.discrete(known), self.group.inverse(g)
+        inner, inverse = self.discrete(constants), self.group.inverse(g)
         v = self.rep.space.coordinates(carried) if self.rep.dim else jnp.zeros(0)
         moving = self.frame is Frame.MOVING
         return inner.value(inverse @ h if moving else h @ inverse, self.rep.act(inverse if moving else g, v))
 
-    def regularity(self, *state: Array, **known: Any) -> Array:
-        inner, (_, P) = self.discrete(known), self.coordinates(state)
+    def regularity(self, *state: Array, **constants: Any) -> Array:
+        inner, (_, P) = self.discrete(constants), self.coordinates(state)
         slope = jax.jacfwd(lambda x: inner.before(self.group.retract(x), P))(jnp.zeros(self.group.dim))
         values = jnp.linalg.svd(slope, compute_uv=False)
         return values[-1] / jnp.maximum(values[0], 1e-300)
 
-    def flow(self, *state: Array, **known: Any) -> tuple[Array, ...]:
-        return self.shown(self.continuous(known).flow(*self.coordinates(state)))
+    def flow(self, *state: Array, **constants: Any) -> tuple[Array, ...]:
+        return self.shown(self.continuous(constants).flow(*self.coordinates(state)))
 
-    def energy(self, *state: Array, **known: Any) -> Array:
-        return self.continuous(known).energy(*self.coordinates(state))
+    def energy(self, *state: Array, **constants: Any) -> Array:
+        return self.continuous(constants).energy(*self.coordinates(state))
 
-    def velocity(self, *state: Array, **known: Any) -> Array:
-        return self.group.matrix(self.continuous(known).velocity(*self.coordinates(state)))
+    def velocity(self, *state: Array, **constants: Any) -> Array:
+        return self.group.matrix(self.continuous(constants).velocity(*self.coordinates(state)))
 
-    def check(self, **known: Any) -> None:
+    def check(self, **constants: Any) -> None:
         """Check the Lagrangians at these constants, of the first lane of an ensemble."""
         axes = self.keywords
         # all come spread over the lanes
-        lanes = max((v.ndim - axes[k] for k, v in known.items() if axes[k] is not None), default=0)
-        first = {k: v[(0,) * lanes] for k, v in known.items()}
+        lanes = max((v.ndim - axes[k] for k, v in constants.items() if axes[k] is not None), default=0)
+        first = {k: v[(0,) * lanes] for k, v in constants.items()}
         check_lagrangian(self, first)
 
     def lift(self, core: Callable[..., Any], axes: Sequence[int] | None = None, eps: bool = False, **more: Any) -> Any:
@@ -252,8 +325,8 @@ class _Record:
         step: dict[str, Any] = {"eps": True, "trouble": BRANCH}
         inverse = self.lift(self.inverse, **step)
 
-        def adjoint(*state: Array, **known: Any) -> Any:
-            return inverse(*state, **{**known, "eps": -known["eps"]})
+        def adjoint(*state: Array, **constants: Any) -> Any:
+            return inverse(*state, **{**constants, "eps": -constants["eps"]})
 
         adjoint.__signature__ = inspect.signature(inverse)  # type: ignore[attr-defined]
         return Map(
@@ -264,8 +337,8 @@ class _Record:
             lagrangian=self.lift(self.unreduced, [2, 2, *carried], eps=True) if self.rotations else None,
             regularity=self.lift(self.regularity, eps=True),
             conserves=conserved,
-            order=order if order is not None else (1 if self.own_discrete is not None else 2),
-            source=source if self.own_discrete is not None else f"{source}, by the symmetric rule",
+            order=order if order is not None else (1 if self.discrete_lagrangian is not None else 2),
+            source=source if self.discrete_lagrangian is not None else f"{source}, by the symmetric rule",
         )
 
     def system(
@@ -277,7 +350,7 @@ class _Record:
         conserved: tuple[str, ...],
         order: int | None,
     ) -> System:
-        given = self.own is not None
+        has_flow = self.continuous_lagrangian is not None
         for k in conserved:
             if k not in ("energy", *integrals):
                 raise InputError(f"conserved: expected names of {', '.join(('energy', *integrals))}, got {shown(k)}.")
@@ -294,13 +367,13 @@ class _Record:
         return System(
             name=name,
             title=title,
-            equations=(flow if given else step)[0 if moving else 1],
+            equations=(flow if has_flow else step)[0 if moving else 1],
             source=source,
             space=self.space(),
             parameters=self.parameters,
-            flow=self.lift(self.flow, trouble=LEGENDRE) if given else None,
-            energy=self.lift(self.energy, trouble=LEGENDRE) if given else None,
-            velocity=self.lift(self.velocity, trouble=LEGENDRE) if given and self.rotations else None,
+            flow=self.lift(self.flow, trouble=LEGENDRE) if has_flow else None,
+            energy=self.lift(self.energy, trouble=LEGENDRE) if has_flow else None,
+            velocity=self.lift(self.velocity, trouble=LEGENDRE) if has_flow and self.rotations else None,
             scaling="As in the Lagrangian.",
             integrals=wrapped,
             map=self.map(source, conserved, order),
@@ -316,14 +389,14 @@ class _Record:
         unknown = [k for k in mine if k not in self.keywords]
         if unknown:
             raise InputError(f"An integral takes {shown(unknown[0])}, which no Lagrangian takes.")
-        return lambda *state, **known: function(*state, **{k: known[k] for k in mine})
+        return lambda *state, **constants: function(*state, **{k: constants[k] for k in mine})
 
     def _named(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """The function with the constants as its keyword arguments, for `contract.call`."""
         kind = inspect.Parameter.KEYWORD_ONLY
 
-        def named(**known: Any) -> Any:
-            return function(**known)
+        def named(**constants: Any) -> Any:
+            return function(**constants)
 
         named.__signature__ = inspect.Signature([inspect.Parameter(k, kind) for k in self.keywords])  # type: ignore[attr-defined]
         return named

@@ -1,14 +1,17 @@
-"""Shapes to be drawn, of triangles in the colours of a palette, so that a rotation is visible."""
+"""Shapes to be drawn, of triangles in the colours of a palette, so that a rotation is visible; shapes from files."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from kreisel.algebra import Array, axial, hat
 from kreisel.errors import InputError, hint, shown
+from kreisel.files import place
 from kreisel.record.model import Model
 
 SECTORS, AROUND = 6, 60
@@ -60,17 +63,17 @@ class Body:
 
 def joined(*parts: Body) -> Body:
     """Several as one."""
-    offsets = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
-    faces = [part.faces + offset for part, offset in zip(parts, offsets, strict=True)]
-    points, colours = [part.points for part in parts], [part.colour for part in parts]
+    offsets = np.cumsum([0, *(len(body.points) for body in parts[:-1])])
+    faces = [body.faces + offset for body, offset in zip(parts, offsets, strict=True)]
+    points, colours = [body.points for body in parts], [body.colour for body in parts]
     return Body(np.concatenate(points), np.concatenate(faces), np.concatenate(colours))
 
 
 def gyration(model: Model, carried: Array) -> Array | None:
     """The tensor tr(I)/2 - I (3, 3) of the body's inertia I, from M -> Omega of the record; None where it is none."""
     try:
-        rest = [carried] * (len(model.system.space.letters) - 1)
-        columns = [axial(model.call(model.system.velocity, hat(e), *rest)) for e in np.eye(3)]
+        vectors = [carried] * (len(model.system.space.letters) - 1)
+        columns = [axial(model.call(model.system.velocity, hat(e), *vectors)) for e in np.eye(3)]
         inertia = np.linalg.inv(np.stack(columns, -1))
     except (np.linalg.LinAlgError, ValueError, TypeError):
         return None
@@ -124,19 +127,21 @@ def _along(axis: Array, tensor: Array | None, length: float) -> Callable[[Body],
 
 def top(axis: Array, tensor: Array | None, length: float) -> Body:
     """A top about the point 0 along `axis`, its disc stretched as the inertia across the axis is."""
-    made = _revolved(TOP)
-    height = made.points[made.faces][:, :, 2].mean(1)
+    shape = _revolved(TOP)
+    height = shape.points[shape.faces][:, :, 2].mean(1)
     low, high = TOP_METAL
-    sector = _sector(made)
+    sector = _sector(shape)
     colour = np.where((height < low) | (height > high), METAL, np.where(sector, FIRST, SECOND))
-    return _along(axis, tensor, length)(replace(made, colour=colour))
+    return _along(axis, tensor, length)(replace(shape, colour=colour))
 
 
 def gyroscope(axis: Array, tensor: Array | None, length: float) -> Body:
     """A wheel with spokes on an axle from the point 0 along `axis`."""
     rim = _revolved(WHEEL)
     rim = replace(rim, colour=np.where(_sector(rim), FIRST, SECOND))
-    metal = [replace(part, colour=np.full(len(part.faces), METAL)) for part in map(_revolved, (HUB, AXLE))]
+    metal = [
+        replace(metal_part, colour=np.full(len(metal_part.faces), METAL)) for metal_part in map(_revolved, (HUB, AXLE))
+    ]
     spokes = []
     for angle in np.arange(SPOKES) * 2 * np.pi / SPOKES:
         spoke = _box((0.17, 0.022, 0.022), METAL)
@@ -149,9 +154,9 @@ def gyroscope(axis: Array, tensor: Array | None, length: float) -> Body:
 def box(axis: Array, tensor: Array | None, radius: float) -> Body:
     """The box with that gyration tensor: its half edges go like the semi-axes of the ellipsoid."""
     size, axes = _semi_axes(tensor)
-    made = _box(size, FIRST)
+    shape = _box(size, FIRST)
     colour = np.repeat([FIRST, FIRST, SECOND, SECOND, METAL, METAL], 2)
-    return Body(made.points @ axes.T, made.faces, colour).scaled(radius)
+    return Body(shape.points @ axes.T, shape.faces, colour).scaled(radius)
 
 
 def satellite(axis: Array, tensor: Array | None, radius: float) -> Body:
@@ -168,8 +173,8 @@ def satellite(axis: Array, tensor: Array | None, radius: float) -> Body:
         parts.append(replace(arm, points=arm.points + np.array([0, side * (size[1] + 0.07), 0])))
     dish = _revolved([(0.0, 0.0), (0.18, 0.03), (0.30, 0.12), (0.28, 0.13), (0.17, 0.06), (0.0, 0.03)])
     dish = Body(dish.points + np.array([0, 0, size[2]]), dish.faces, np.full(len(dish.faces), FIRST))
-    made = joined(*parts, dish)
-    return replace(made, points=made.points @ axes.T).scaled(radius)
+    shape = joined(*parts, dish)
+    return replace(shape, points=shape.points @ axes.T).scaled(radius)
 
 
 SHAPES: dict[str, Callable[[Array, Array | None, float], Body]] = {
@@ -193,11 +198,11 @@ def body(name: str, axis: Array, tensor: Array | None, size: float) -> Body:
     return SHAPES[known_shape(name)](axis, tensor, size)
 
 
-def _sector(made: Body) -> Array:
+def _sector(shape: Body) -> Array:
     """Whether a face lies in an odd sector about the third axis, the other way round on its upper half."""
-    middle = made.points[made.faces].mean(1)
+    middle = shape.points[shape.faces].mean(1)
     angle = np.arctan2(middle[:, 1], middle[:, 0]) / (2 * np.pi) % 1.0
-    middle_height = np.ptp(made.points[:, 2]) / 2 + made.points[:, 2].min()
+    middle_height = np.ptp(shape.points[:, 2]) / 2 + shape.points[:, 2].min()
     return (np.floor(angle * SECTORS) + (middle[:, 2] > middle_height)) % 2 > 0
 
 
@@ -223,3 +228,78 @@ def _box(half: object, colour: int) -> Body:
     quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     faces = np.array([triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))])
     return Body(signs * np.asarray(half), faces, np.full(len(faces), colour))
+
+
+# -- files: STL, binary or as text, and OBJ; read as numbers, checked, never as code ---------------
+
+
+MOST_FACES = 200_000
+LARGEST = 1e9
+SUFFIXES = (".stl", ".obj")
+RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("extra", "<u2")])  # a facet of binary STL
+
+
+def read_mesh(path: str | os.PathLike[str]) -> Body:
+    """The triangles of a file.  Raises `InputError` for another format, a damaged file or too many triangles."""
+    file = place(path, "mesh: expected the name of a file")
+    if file.suffix.lower() not in SUFFIXES:
+        raise InputError(
+            f"mesh: expected a file that ends in {' or '.join(SUFFIXES)}, got {file.name!r}. Programs that draw "
+            "bodies, such as Blender, export glTF, PLY and others as STL."
+        )
+    try:
+        if file.stat().st_size > 400 * MOST_FACES:
+            raise InputError(f"mesh: {file.name} is too large; expected at most {MOST_FACES:,} triangles.")
+        raw = file.read_bytes()
+    except OSError as error:
+        raise InputError(f"mesh: {file} cannot be read: {error.strerror or error}.") from error
+    try:
+        points, faces = _obj(raw) if file.suffix.lower() == ".obj" else _stl(raw)
+    except (ValueError, IndexError, UnicodeDecodeError) as error:
+        raise InputError(f"mesh: {file.name} is no whole {file.suffix[1:].upper()} file: {error}.") from error
+    if not 1 <= len(faces) <= MOST_FACES:
+        raise InputError(f"mesh: expected 1 to {MOST_FACES:,} triangles in {file.name}, got {len(faces):,}.")
+    if not (np.isfinite(points).all() and (abs(points) < LARGEST).all() and abs(points).max() > 0):
+        raise InputError(f"mesh: expected finite points below {LARGEST:g}, not all 0, in {file.name}.")
+    octant = (points[faces].mean(1) > 0).sum(1) % 2
+    return Body(points, faces, np.where(octant, FIRST, SECOND))
+
+
+def _stl(raw: bytes) -> tuple[Array, Array]:
+    count = int(np.frombuffer(raw[80:84], "<u4")[0]) if len(raw) >= 84 else -1
+    if len(raw) == 84 + RECORD.itemsize * count:
+        corners = np.frombuffer(raw, RECORD, count, 84)["corners"].astype(np.float64)
+    elif raw.lstrip()[:5].lower() == b"solid":
+        lines = [line.split() for line in raw.decode("ascii", "strict").splitlines()]
+        numbers = [line[1:] for line in lines if line[:1] == ["vertex"]]
+        if len(numbers) % 3 or any(len(line) != 3 for line in numbers):
+            raise ValueError("a facet is not of three points")
+        corners = np.array(numbers, dtype=np.float64).reshape(-1, 3, 3)
+    else:
+        raise ValueError("its length is not that of its facets")
+    points, places = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    return points, places.reshape(-1, 3)
+
+
+def _obj(raw: bytes) -> tuple[Array, Array]:
+    points: list[list[float]] = []
+    faces: list[tuple[int, int, int]] = []
+    for line in raw.decode("utf-8").splitlines():
+        word, *entries = line.split("#")[0].split() or [""]
+        if word == "v":
+            x, y, z, *_ = map(float, entries)
+            points.append([x, y, z])
+        elif word == "f":
+            corners = [_place(int(each.split("/")[0]), len(points)) for each in entries]
+            if len(corners) < 3:
+                raise ValueError("a face has fewer than three corners")
+            faces += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
+    return np.array(points, dtype=np.float64).reshape(-1, 3), np.array(faces, dtype=int).reshape(-1, 3)
+
+
+def _place(number: int, count: int) -> int:
+    """From 1 on; a negative one counts from the end."""
+    place = number - 1 if number > 0 else count + number
+    if number == 0 or not 0 <= place < count:
+        raise ValueError(f"a face names the point {number} of {count}")
+    return place

@@ -5,15 +5,13 @@ Each takes what `kr.analysis` returns and gives a matplotlib figure in the style
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError
-from kreisel.viewer.style import Theme, theme_of
+from kreisel.viewer.style import figure
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,58 +23,51 @@ if TYPE_CHECKING:
 MOST_POINTS = 20_000  # of a series; extremes are kept
 
 
-@contextmanager
-def figure(theme: str, width: float = 7.0, height: float = 4.0) -> Iterator[tuple[Figure, Theme]]:
-    """A figure in the style of the house."""
-    import matplotlib as mpl
-
-    from kreisel.viewer.shown_figure import ShownFigure
-
-    colours = theme_of(theme)
-    with mpl.rc_context(cast("Any", colours.rc)):
-        yield ShownFigure(figsize=(width, height), layout="constrained"), colours
-
-
 def plot_series(data: xr.Dataset, *, theme: str = "light") -> Figure:
     """Every variable along time, a panel each, all lanes: what `euler_angles` and `rates` return."""
-    from kreisel.viewer.thinning import extremes
+    from kreisel.viewer.frames import extremes
 
     names = [name for name, v in data.data_vars.items() if "time" in v.dims]
     if not names:
         raise InputError(f"Nothing here is along time: {', '.join(map(str, data.data_vars)) or 'no variables'}.")
-    with figure(theme, 7.0, 1.2 + 1.2 * len(names)) as (made, colours):
-        panels = made.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    with figure(theme, 7.0, 1.2 + 1.2 * len(names)) as (picture, colours):
+        panels = picture.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
         for number, (name, axes) in enumerate(zip(names, panels, strict=True)):
             values = data[name].values.reshape(data.sizes["time"], -1)
             rows = extremes(values, MOST_POINTS)
-            colour = colours.colours[number % len(colours.colours)]
+            colour = colours.colour(number)
             axes.plot(data["time"].values[rows], values[rows], color=colour, linewidth=0.8)
             units = data[name].attrs.get("units", "")
             axes.set_ylabel(f"{name}\n({units})" if units not in ("", "1") else str(name))
         panels[-1].set_xlabel("time")
-        made.suptitle(str(data.attrs.get("title", "")), fontsize=10)
-    return made
+        picture.suptitle(str(data.attrs.get("title", "")), fontsize=10)
+    return picture
 
 
-def plot_events(run: xr.Dataset, found: xr.Dataset, quantity: Quantity, *, theme: str = "light") -> Figure:
+def plot_events(run: xr.Dataset, crossings: xr.Dataset, quantity: Quantity, *, theme: str = "light") -> Figure:
     """A quantity along a run, the value, and the events on it."""
-    from kreisel.viewer.thinning import extremes
+    from kreisel.viewer.frames import extremes
 
     values = series(run, quantity).reshape(run.sizes["time"], -1)
     rows = extremes(values, MOST_POINTS)
-    with figure(theme, 7.0, 3.2) as (made, colours):
-        axes = made.subplots()
+    with figure(theme, 7.0, 3.2) as (picture, colours):
+        axes = picture.subplots()
         axes.plot(run["time"].values[rows], values[rows], color=colours.colours[0], linewidth=0.8)
-        axes.axhline(found.attrs["value"], color=colours.faint, linewidth=0.8)
+        axes.axhline(crossings.attrs["value"], color=colours.faint, linewidth=0.8)
         for way, marker, colour in ((True, "^", colours.colours[1]), (False, "v", colours.colours[2])):
-            times = found["time"].values[found["rising"].values == way]
+            times = crossings["time"].values[crossings["rising"].values == way]
             direction = "rising" if way else "falling"
             axes.plot(
-                times, np.full(len(times), found.attrs["value"]), marker, color=colour, markersize=4, label=direction
+                times,
+                np.full(len(times), crossings.attrs["value"]),
+                marker,
+                color=colour,
+                markersize=4,
+                label=direction,
             )
         axes.set(xlabel="time", ylabel=label(quantity))
         axes.legend(loc="upper right", ncols=2)
-    return made
+    return picture
 
 
 def plot_section(cut: xr.Dataset, x: Quantity, y: Quantity, *, theme: str = "light") -> Figure:
@@ -84,23 +75,23 @@ def plot_section(cut: xr.Dataset, x: Quantity, y: Quantity, *, theme: str = "lig
     plain = cut.reset_coords("lane", drop=True) if "lane" in cut.coords else cut
     lanes = cut["lane"].values if "lane" in cut.coords else np.zeros(cut.sizes["event"], dtype=int)
     across, up = series(plain, x), series(plain, y)
-    with figure(theme, 5.0, 4.6) as (made, colours):
-        axes = made.subplots()
+    with figure(theme, 5.0, 4.6) as (picture, colours):
+        axes = picture.subplots()
         for number, lane in enumerate(np.unique(lanes)):
-            here = lanes == lane
-            colour = colours.colours[number % len(colours.colours)]
-            axes.plot(across[here], up[here], ".", color=colour, markersize=2.0, markeredgewidth=0)
+            of_lane = lanes == lane
+            colour = colours.colour(number)
+            axes.plot(across[of_lane], up[of_lane], ".", color=colour, markersize=2.0, markeredgewidth=0)
         quantity, value = cut.attrs["quantity"], cut.attrs["value"]
         axes.set(
             xlabel=label(x), ylabel=label(y), title=f"section {quantity} = {value:g}, {cut.sizes['event']:,} points"
         )
-    return made
+    return picture
 
 
 def plot_return_map(returns: xr.Dataset, *, theme: str = "light") -> Figure:
     """The return map: what is seen at a crossing, and at the next one."""
-    with figure(theme, 4.6, 4.4) as (made, colours):
-        axes = made.subplots()
+    with figure(theme, 4.6, 4.4) as (picture, colours):
+        axes = picture.subplots()
         both = np.concatenate([returns["here"].values, returns["after"].values])
         ends = [both.min(initial=np.inf), both.max(initial=-np.inf)] if both.size else [0, 1]
         axes.plot(ends, ends, color=colours.faint, linewidth=0.8, label="fixed points")
@@ -108,7 +99,7 @@ def plot_return_map(returns: xr.Dataset, *, theme: str = "light") -> Figure:
         seen, count = returns.attrs["seen"], returns.attrs["returns"]
         axes.set(xlabel=seen, ylabel=f"{seen}, {count} return{'s' * (count > 1)} later", aspect="equal")
         axes.legend(loc="upper left")
-    return made
+    return picture
 
 
 def plot_lines(lines: Lines, *, theme: str = "light") -> Figure:
@@ -120,38 +111,40 @@ def plot_lines(lines: Lines, *, theme: str = "light") -> Figure:
     omega = 2 * np.pi * np.fft.fftfreq(len(time), step)
     order = np.argsort(omega)
     use = order if np.iscomplexobj(values) else order[omega[order] >= 0]
-    with figure(theme, 7.0, 3.6) as (made, colours):
-        axes = made.subplots()
+    with figure(theme, 7.0, 3.6) as (picture, colours):
+        axes = picture.subplots()
         axes.semilogy(omega[use], spectrum[use] + 1e-300, color=colours.faint, linewidth=0.8, label="window of Hann")
         size = np.abs(lines.amplitude)
-        axes.vlines(lines.frequency, lines.rest + 1e-18, size, color=colours.colours[1], linewidth=1.0)
+        axes.vlines(lines.frequency, lines.remainder + 1e-18, size, color=colours.colours[1], linewidth=1.0)
         axes.plot(lines.frequency, size, "o", color=colours.colours[1], markersize=4, label="lines")
         reach = 1.5 * np.abs(lines.frequency).max(initial=4 * np.pi / (time[-1] - time[0]))
         axes.set(xlabel="angular frequency", ylabel=f"amplitude of {lines.quantity}")
         axes.set_xlim(-reach if np.iscomplexobj(values) else 0, reach)
         axes.set_ylim(max(spectrum[use].max() * 1e-16, 1e-17), 3 * spectrum[use].max())
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
-    return made
+    return picture
 
 
 def plot_comparison(comparison: Comparison, *, theme: str = "light") -> Figure:
     """Distances of two runs against time, and the largest change of each integral in both."""
-    with figure(theme, 9.0, 3.8) as (made, colours):
-        left, right = made.subplots(1, 2, width_ratios=[1.3, 1])
+    with figure(theme, 9.0, 3.8) as (picture, colours):
+        left, right = picture.subplots(1, 2, width_ratios=[1.3, 1])
         data = comparison.distance
         for number, (name, values) in enumerate(data.data_vars.items()):
             worst = values.values.reshape(data.sizes["time"], -1).max(-1)
-            colour = colours.colours[number % len(colours.colours)]
+            colour = colours.colour(number)
             left.plot(data["time"][1:], np.maximum(worst[1:], 1e-17), color=colour, label=str(name))
         left.set(xscale="log", yscale="log", xlabel="time", title="distance, relative")
         left.legend(loc="upper left")
         table = comparison.drift
         place = np.arange(len(table))
         for column, name, marker, number in (("first", 0, "o", 0), ("second", 1, "s", 1)):
-            found = np.maximum(table[column].to_numpy(), 1e-17)
-            right.plot(found, place, marker, color=colours.colours[number], label=comparison.names[name], markersize=4)
+            changes = np.maximum(table[column].to_numpy(), 1e-17)
+            right.plot(
+                changes, place, marker, color=colours.colours[number], label=comparison.names[name], markersize=4
+            )
         right.set(xscale="log", xlabel="largest |change|", title="integrals")
         right.set_yticks(place, [str(name) for name in table.index])
         right.invert_yaxis()
         right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16))
-    return made
+    return picture

@@ -1,4 +1,4 @@
-"""Which states a page shows: saved rows, and between rows too far apart the motion computed again from them.
+"""States that a page shows: saved rows, and between rows too far apart the motion computed again from them.
 
 A row is followed by the next so closely that the motion between them may be interpolated where the fastest body turns
 by at most `DENSE` radians from one to the other.  Elsewhere some rows are starts of a replay with the run's own method.
@@ -20,10 +20,10 @@ from kreisel.record.model import Model
 from kreisel.record.perturbation import pairs_of
 from kreisel.runs.geometry import components
 from kreisel.runs.run_record import RunRecord
-from kreisel.viewer.thinning import mixed
 
 if TYPE_CHECKING:
     import xarray as xr
+
 
 MOST_FRAMES = 100_001  # numbers of a page: rows of one body with three coordinates
 DENSE = 0.8  # radians: eight states a turn
@@ -85,7 +85,7 @@ def _said(note: str, joined: Array) -> str:
         between = (
             "the saved states are too far apart for the motion between them to be known: they are shown one by one"
         )
-    text = "; ".join(part for part in (note, between) if part)
+    text = "; ".join(text for text in (note, between) if text)
     return text[:1].upper() + text[1:] + "." if text else ""
 
 
@@ -139,8 +139,8 @@ def _rate(sample: xr.Dataset, record: RunRecord, model: Model | None) -> float |
             speed = np.linalg.norm(change, axis=inner) / np.where(size > 0, size, 1.0)
     except InputError:
         return None
-    found = float(np.max(speed, initial=0.0))
-    return found if math.isfinite(found) else None
+    largest = float(np.max(speed, initial=0.0))
+    return largest if math.isfinite(largest) else None
 
 
 def _measured_rate(first: xr.Dataset, record: RunRecord) -> float:
@@ -197,23 +197,23 @@ def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, n
             pieces.append(xr.Dataset({k: v for k, v in data.items()}).rename(frame="time").assign_coords(time=at))
     if split > 1 and worst > ROUGH:
         more = f"a step turns the body by up to {record.dt * rate:.2g} rad, and shorter ones lead elsewhere"
-        return shown, "; ".join(part for part in (note, more) if part)
+        return shown, "; ".join(text for text in (note, more) if text)
     if not pieces:
         return shown, note
     kept = shown.isel(time=keep).drop_vars([c for c in shown.coords if c not in ("time", "lane")])
-    made = xr.concat([kept, *pieces], "time", coords="minimal", compat="override", join="override").sortby("time")
+    merged = xr.concat([kept, *pieces], "time", coords="minimal", compat="override", join="override").sortby("time")
     whole = len(starts) == len(gaps) and length >= wanted.max()
     said = "the motion" if whole else f"{len(starts)} stretches of the motion"
     text = f"{said} between saved states computed again from them by the run's own method"
     text += f", with steps of {step:.3g}" if split > 1 else ""
     text += f", which gives the next saved state to {worst:.0e}" if worst else ""
-    return made.assign_attrs(shown.attrs), "; ".join(part for part in (note, text) if part)
+    return merged.assign_attrs(shown.attrs), "; ".join(text for text in (note, text) if text)
 
 
 def _divisor(number: int, most: int) -> int:
     """The largest divisor up to `most`, unless it is much smaller."""
-    found = next(d for d in range(min(most, number), 0, -1) if number % d == 0)
-    return found if 3 * found >= most else most
+    divisor = next(d for d in range(min(most, number), 0, -1) if number % d == 0)
+    return divisor if 3 * divisor >= most else most
 
 
 def _carried_on(
@@ -228,13 +228,13 @@ def _carried_on(
     together = alone and model.system.perturbation is None and pairs_of(model) is None
     moving = propagator(model, method=record.method, order=record.order, dt=step, orientation=oriented)
     if together:
-        found = moving.steps({k: starts[k].values for k in names}, length * every, every)
-        return {k: np.asarray(found[k]) for k in names}
+        states = moving.steps({k: starts[k].values for k in names}, length * every, every)
+        return {k: np.asarray(states[k]) for k in names}
     runs = []
     for row, begun in enumerate(np.asarray(starts["time"].values, dtype=np.float64).tolist()):
         clock = {} if model.system.perturbation is None else {"time": begun}
         runs.append(moving.steps({k: starts[k].values[row] for k in names}, length * every, every, **clock))
-    return {k: np.stack([np.asarray(found[k]) for found in runs], 1) for k in names}
+    return {k: np.stack([np.asarray(states[k]) for states in runs], 1) for k in names}
 
 
 def _apart_by(
@@ -244,8 +244,8 @@ def _apart_by(
     worst = 0.0
     for letter in record.kinds:
         saved = np.asarray(shown[letter].values[row])
-        found = states[letter][step, number].reshape(saved.shape)
-        worst = max(worst, float(abs(found - saved).max()) / (float(abs(saved).max()) or 1.0))
+        replayed = states[letter][step, number].reshape(saved.shape)
+        worst = max(worst, float(abs(replayed - saved).max()) / (float(abs(saved).max()) or 1.0))
     return worst
 
 
@@ -263,9 +263,9 @@ def between(values: Array, place: Array, joined: Array) -> Array:
     after = ((i + 2 <= last) & open_[np.minimum(i + 1, last)]).reshape(u.shape)
     a = np.where(before, values[np.maximum(i - 1, 0)], 2 * b - c)
     d = np.where(after, values[np.minimum(i + 2, last)], 2 * c - b)
-    found = b + u / 2 * (c - a + u * (2 * a - 5 * b + 4 * c - d + u * (3 * (b - c) + d - a)))
+    cubic = b + u / 2 * (c - a + u * (2 * a - 5 * b + 4 * c - d + u * (3 * (b - c) + d - a)))
     apart = ~open_[i].reshape(u.shape)
-    return np.where(apart, np.where(u >= 1, c, b), found)
+    return np.where(apart, np.where(u >= 1, c, b), cubic)
 
 
 def as_matrices(q: Array) -> Array:
@@ -277,3 +277,48 @@ def windows(joined: Array) -> list[tuple[int, int]]:
     """First and last frame of each stretch of joined ones."""
     edges = np.diff(np.concatenate([[0], joined.astype(int), [0]]))
     return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
+
+
+# -- fewer rows for the eye, without losing an extreme ---------------------------------------------
+
+
+def extremes(values: Array, most: int) -> Array:
+    """At most about `most` rows of `values` (rows, k), sorted, with the extremes of every column.
+
+    The first row, the last one, and from each of many equal stretches the rows with the least and the greatest value of
+    every column.  NaN counts as no extreme.
+    """
+    values = np.asarray(values).reshape(len(values), -1)
+    rows, columns = values.shape
+    if rows <= max(most, 2):
+        return np.arange(rows)
+    stretch = -(-rows // max(1, (most - 2) // (2 * max(columns, 1))))
+    kept = {0, rows - 1}
+    for start in range(0, rows, stretch * 256):  # many stretches at once, memory flat
+        block = values[start : start + stretch * 256]
+        whole = len(block) // stretch * stretch
+        for piece, offset in (
+            (block[:whole].reshape(-1, stretch, columns), start),
+            (block[None, whole:], start + whole),
+        ):
+            if piece.size:
+                base = offset + stretch * np.arange(len(piece))[:, None]
+                low = np.where(np.isnan(piece), np.inf, piece).argmin(1)
+                high = np.where(np.isnan(piece), -np.inf, piece).argmax(1)
+                kept.update((base + low).ravel().tolist(), (base + high).ravel().tolist())
+    return np.array(sorted(kept))
+
+
+def mixed(values: Array, most: int) -> Array:
+    """At most about `most` rows, sorted: half of them the extremes, half one of each equal stretch, at random.
+
+    The extremes alone would show the ends of a path too often, and even steps could keep time with it.  The choice is
+    always the same.
+    """
+    rows = len(values)
+    if rows <= most:
+        return np.arange(rows)
+    edges = np.linspace(0, rows, most // 2 + 1)
+    draws = np.random.default_rng(0).random(most // 2)
+    drawn = (edges[:-1] + draws * np.diff(edges)).astype(int)
+    return np.union1d(extremes(values, most // 2), drawn)

@@ -67,7 +67,7 @@ def movie(
 
 
 class _Film:
-    """What is drawn at each time."""
+    """The picture at each time."""
 
     def __init__(self, data: dict[str, Any], theme: Theme):
         self.data, self.theme, self.radius = data, theme, data["radius"]
@@ -141,8 +141,8 @@ class _Film:
         r, angle = self.radius, np.linspace(0, 2 * np.pi, 97)
         ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle])
         low = -1.16 * r
-        for part in (0.4, 0.8, 1.2):
-            x, y, _ = self.camera @ (part * r * ring + np.array([[0], [0], [low]]))
+        for size in (0.4, 0.8, 1.2):
+            x, y, _ = self.camera @ (size * r * ring + np.array([[0], [0], [low]]))
             axes.plot(x, y, color=self.theme.grid, linewidth=0.9, zorder=0)
         if self.data["kind"] != "path":
             for turned in (ring, ring[[0, 2, 1]], ring[[2, 0, 1]]):
@@ -163,9 +163,9 @@ class _Film:
         colours = np.tile(to_rgba(self.theme.colours[0]), (len(pieces), 1))
         colours[:, 3] = np.linspace(0.02, 1, len(pieces)) ** 1.4
         front = flat[1:, 2] > 0
-        for part, order in ((~front, 1), (front, 5)):
+        for side, order in ((~front, 1), (front, 5)):
             axes.add_collection(
-                LineCollection(cast("Any", pieces[part]), colors=colours[part], linewidths=2.2, zorder=order)
+                LineCollection(cast("Any", pieces[side]), colors=colours[side], linewidths=2.2, zorder=order)
             )
 
     def _solid(self, axes: Any, body: dict[str, Any], g: Array, tip: Array) -> None:

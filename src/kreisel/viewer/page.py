@@ -3,23 +3,159 @@
 The file holds three.js and uPlot (assets/README.md), Kreisel's own script, and the data as JSON in which no markup can
 begin.  Text from the archive is only ever set as text.  Its Content-Security-Policy names the two scripts by their
 hashes and allows no request, so that nothing else runs in it, whatever an archive says.
+
+In a notebook each cell holds its data, one cell the scripts: it builds the page in a separate frame, without the
+notebook's origin, from its data and the library that the first cell has left at `window.kreiselLibrary`.  If that is
+missing, the cell says so.
 """
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import html
+import json
 import os
+import sys
+from functools import cache
+from importlib import resources
 from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, explained
 from kreisel.files import place, written
 from kreisel.viewer.bodies import known_shape
-from kreisel.viewer.document import page
-from kreisel.viewer.notebook import cell
 from kreisel.viewer.scene import scene
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+# -- the text of a page: scripts, data and the policy that allows nothing else ---------------------
+
+
+@cache
+def scripts() -> tuple[str, str]:
+    """three.js with uPlot, and the page's own script."""
+    return _asset("library.min.js"), "\n".join(map(_asset, ("lines.js", "drawing.js", "charts.js", "page.js")))
+
+
+@cache
+def _asset(name: str) -> str:
+    return resources.files("kreisel.viewer").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def as_json(data: Any) -> str:
+    """JSON in which no tag, comment or line of script can begin or end."""
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
+    for character in "<>&\u2028\u2029":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text
+
+
+def page(data: dict[str, Any], follow: float | None = None) -> str:
+    """The page of a scene.  `follow`: it asks its server for news every so many seconds."""
+    return filled(as_json({**data, "follow": follow}), data["title"] or "run", scripts()[0], follow is not None)
+
+
+def filled(data: str, title: str, library: str, served: bool = False) -> str:
+    """The page with its data; the policy names the scripts, `library` stands where three.js does."""
+    hashes = " ".join(f"'sha256-{_hash(text)}'" for text in scripts())
+    # one substitution each, of text that is not searched again
+    return Template(_asset("page.html")).substitute(
+        policy=f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
+        f"media-src blob:; connect-src '{'self' if served else 'none'}'; base-uri 'none'; form-action 'none'",
+        title=html.escape(title),
+        style=_asset("library.css") + _asset("page.css"),
+        library=library,
+        script=scripts()[1],
+        data=data,
+    )
+
+
+@cache
+def _hash(text: str) -> str:
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
+
+
+# -- cells of a notebook ---------------------------------------------------------------------------
+
+
+MARK = "\u0001kreisel-library\u0001"  # stands in the page for the library
+SANDBOX = "allow-scripts allow-downloads"
+WAIT = 10  # seconds for a first cell that is drawn after this one
+MISSING = (
+    "The script of this page is in an earlier cell, which is not here. Run that cell again, or restart the kernel and "
+    "run this one."
+)
+SCRIPT = """(() => {
+const box = document.getElementById(%(name)s), page = %(page)s, mark = %(mark)s, lost = %(lost)s, version = %(version)s;
+const begun = Date.now();
+const show = () => {
+  const library = window.kreiselLibrary && window.kreiselLibrary[version];
+  if (library) {
+    const frame = document.createElement("iframe");
+    frame.setAttribute("sandbox", %(sandbox)s); frame.title = "Kreisel: view of a run";
+    frame.style.cssText = "width:100%%;height:660px;border:0"; frame.srcdoc = page.split(mark).join(library);
+    box.replaceChildren(frame);
+  } else if (Date.now() - begun > 1000 * %(wait)d) box.textContent = lost;
+  else setTimeout(show, 100);
+};
+show();
+})();"""
+
+_carried: dict[str, Any] = {"cell": None, "count": 0}
+
+
+def cell(data: dict[str, Any]) -> str:
+    """The output of a cell.  The first of a kernel carries the library; so does that cell when it runs again."""
+    _carried["count"] += 1
+    name = f"kreisel-{_carried['count']}-{abs(hash(data['title'])) % 10**8}"
+    fill = {
+        "name": as_json(name),
+        "page": as_json(filled(as_json({**data, "follow": None}), data["title"] or "run", MARK)),
+        "mark": as_json(MARK),
+        "lost": as_json(MISSING),
+        "version": as_json(version()),
+        "sandbox": as_json(SANDBOX),
+        "wait": WAIT,
+    }
+    library = f"<script>{_library()}</script>" if _carries() else ""
+    return f'{library}<div id="{name}">Kreisel: view of a run</div><script>{SCRIPT % fill}</script>'
+
+
+def version() -> str:
+    """A hash of the scripts: cells made by another version do not use them."""
+    import hashlib
+
+    return hashlib.sha256("".join(scripts()).encode()).hexdigest()[:12]
+
+
+def _library() -> str:
+    at = f"(window.kreiselLibrary = window.kreiselLibrary || {{}})[{as_json(version())}]"
+    return f"{at} = {as_json(scripts()[0])};"
+
+
+def _carries() -> bool:
+    """Whether this cell is the one that carries the library, or nothing is shared between cells."""
+    name = _cell_id()
+    if "google.colab" in sys.modules:  # each output is a page of its own
+        return True
+    if _carried["cell"] is None:
+        _carried["cell"] = name or "the first"
+        return True
+    return name is not None and _carried["cell"] == name
+
+
+def _cell_id() -> str | None:
+    """The notebook's name of the cell that runs, if it gives one."""
+    ask = getattr(sys.modules.get("IPython"), "get_ipython", None)
+    shell = ask() if ask is not None else None
+    try:
+        return str(shell.get_parent()["metadata"]["cellId"])  # type: ignore[union-attr]
+    except (AttributeError, KeyError, TypeError):
+        return None
 
 
 @explained
@@ -78,14 +214,14 @@ def view(
     section   what `kr.analysis.section` returns, drawn beside
 
     Shows itself in a notebook; `kr.view(run).save("run.html")` writes a file that opens offline in any browser, and
-    `.movie("run.gif")` a film.  What is shown is decided by the record (`kreisel.viewer.showing`).  Give `kr.simulate`
+    `.movie("run.gif")` a film.  What is shown is decided by the record (`kreisel.viewer.scene`).  Give `kr.simulate`
     an orientation to see a body turn.  It plays evenly in time.  Where a body turns by at most 0.8 rad between saved
     states, the motion between them is interpolated; where more, it is computed again from them by the run's own method,
     and the page says so.  At most 100,000 states of one body are shown, the extremes of the vector among them; each
     point of a drift is the largest change in its stretch of time.  Raises `InputError` for what is no run and for a bad
     mesh.
     """
-    from kreisel.viewer.meshes import read_mesh
+    from kreisel.viewer.bodies import read_mesh
 
     if body is not None and mesh is not None:
         raise InputError("expected body= or mesh=, got both.")

@@ -1,12 +1,13 @@
-"""kr.plot: the trajectory beside the drift of every integral."""
+"""kr.plot: the trajectory next to the drift of every integral; figures of sweeps."""
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from kreisel.errors import InputError, brief, explained
+from kreisel.errors import InputError, brief, explained, hint, shown
 from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.observing import BALANCE
@@ -14,12 +15,13 @@ from kreisel.record.contract import Frame
 from kreisel.runs.drift import all_series
 from kreisel.runs.geometry import axes_of_state, fixed_vector, model_for, require_unchanged
 from kreisel.runs.run_record import RunRecord
-from kreisel.viewer.style import WIDTHS, Theme, theme_of
-from kreisel.viewer.thinning import mixed
+from kreisel.viewer.frames import mixed
+from kreisel.viewer.style import Theme, figure
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
+
 
 ARC_SHOWN = 45  # radii of path drawn on the sphere, so that the pattern stays readable
 SAME_LENGTH = 1e-3  # relative: a vector whose length changes by more is on no sphere
@@ -54,24 +56,18 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "li
         require_unchanged(each)
     if records[-1].system != records[0].system:
         raise InputError(f"Runs of one system can be compared, got {records[0].system} and {records[1].system}.")
-    import matplotlib as mpl
-
-    from kreisel.viewer.shown_figure import ShownFigure
-
-    colours = theme_of(theme, style)
-    with mpl.rc_context(cast("Any", colours.rc)), np.errstate(all="ignore"):
-        figure = ShownFigure(figsize=(WIDTHS[style], 0.53 * WIDTHS[style]), layout="constrained")
-        left, right = cast("Any", figure.subfigures(1, 2, width_ratios=[1, 1.25]))
+    with figure(theme, 1.0, 0.53, style) as (picture, colours), np.errstate(all="ignore"):
+        left, right = cast("Any", picture.subfigures(1, 2, width_ratios=[1, 1.25]))
         vector = _vector_letter(run, records[0])
         lanes = _lanes(run)
-        if lanes[0][1][vector].shape[1:] == (3,) and all(_keeps_its_length(one[vector]) for _, one in lanes):
+        if lanes[0][1][vector].shape[1:] == (3,) and all(_keeps_its_length(lane[vector]) for _, lane in lanes):
             _sphere(left.add_subplot(projection="3d"), lanes, vector, colours)
         else:
             _components(left, lanes[0], vector, colours)
         _draw_drifts(right, runs, records, colours)
         if style != "journal":
-            figure.suptitle(_title(run, *records), fontsize=10)
-    return figure
+            picture.suptitle(_title(run, *records), fontsize=10)
+    return picture
 
 
 def _lanes(run: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
@@ -84,7 +80,7 @@ def _lanes(run: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
 
 
 def _title(run: xr.Dataset, record: RunRecord, *others: RunRecord) -> str:
-    beside = "".join(f" beside {brief(other.method, MOST_TITLE)}" for other in others)
+    beside = "".join(f" beside {brief(record_beside.method, MOST_TITLE)}" for record_beside in others)
     lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.dims else ""
     return f"{brief(record.title, MOST_TITLE)}{beside}, n = {record.n}{lanes}, {record.steps:,} steps of {record.dt:g}"
 
@@ -112,21 +108,21 @@ def _seen(run: xr.Dataset, letter: str, rows: int) -> np.ndarray:
 
 
 def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: Theme) -> None:
-    paths = [_seen(one, letter, MOST_ROWS) for _, one in lanes]
+    paths = [_seen(lane, letter, MOST_ROWS) for _, lane in lanes]
     radius = max(float(np.linalg.norm(xyz[:1], axis=-1).max()) for xyz in paths) or 1.0
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25))
     ball = radius * np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
     axes.plot_wireframe(*ball, rstride=4, cstride=4, color=theme.faint, linewidth=0.3, alpha=0.6)
     spans = set()
-    for number, ((name, one), xyz) in enumerate(zip(lanes, paths, strict=True)):
-        colour = theme.colours[number % len(theme.colours)]
+    for number, ((name, lane), xyz) in enumerate(zip(lanes, paths, strict=True)):
+        colour = theme.colour(number)
         size = float(np.linalg.norm(xyz[0])) or 1.0
-        if _advance_per_row(one, letter) < MOST_GAP * size:
+        if _advance_per_row(lane, letter) < MOST_GAP * size:
             arc = np.cumsum(np.linalg.norm(np.diff(xyz, axis=0), axis=-1))
             shown = int(np.searchsorted(arc, ARC_SHOWN * size / len(lanes))) + 1
             path = _on_sphere(xyz[:shown], size)
             axes.plot(*path.T, color=colour, linewidth=0.8, label=name or f"tip of ${letter}$")
-            spans.add(f"to time {read_values(one['time'][: min(shown, len(xyz))])[-1]:.4g}")
+            spans.add(f"to time {read_values(lane['time'][: min(shown, len(xyz))])[-1]:.4g}")
         else:
             dots = xyz[mixed(xyz, MOST_DOTS // len(lanes))]
             axes.plot(*dots.T, ".", color=colour, markersize=1.0, label=name or f"tip of ${letter}$")
@@ -184,10 +180,10 @@ def _on_sphere(xyz: np.ndarray, radius: float, pieces: int = 6) -> np.ndarray:
     return radius * chords / np.linalg.norm(chords, axis=-1, keepdims=True)
 
 
-def _components(part: Any, lane: tuple[str, xr.Dataset], letter: str, theme: Theme) -> None:
+def _components(panel: Any, lane: tuple[str, xr.Dataset], letter: str, theme: Theme) -> None:
     """The first saved states, and the whole run in two of the components that change most."""
     name, run = lane
-    above, below = part.subplots(2, 1, height_ratios=[1, 1.25])
+    above, below = panel.subplots(2, 1, height_ratios=[1, 1.25])
     time, values = read_values(run["time"][:STATES_SHOWN]), _seen(run, letter, STATES_SHOWN)
     labels = [str(i + 1) for i in range(values.shape[1])]
     whole = _seen(run, letter, MOST_ROWS)
@@ -197,13 +193,13 @@ def _components(part: Any, lane: tuple[str, xr.Dataset], letter: str, theme: The
         whole = whole[:, j, k]
     for i, (label, series) in enumerate(zip(labels, values.T, strict=True)):
         style = DASHES[i // len(theme.colours) % len(DASHES)]
-        colour = theme.colours[i % len(theme.colours)]
+        colour = theme.colour(i)
         above.plot(time, series, color=colour, linestyle=style, label=f"${letter}_{{{label}}}$")
     of_lane = f" of {name}" if name else ""
     above.set(xlabel="time", title=f"components of ${letter}${of_lane}, first {len(time)} saved states")
     above.legend(ncols=min(values.shape[1], 6), loc="upper left", bbox_to_anchor=(0, -0.3), handlelength=1.4)
-    i, *rest = sorted(np.argsort(-np.ptp(whole, axis=0), kind="stable")[:2].tolist())
-    j = rest[0] if rest else i
+    i, *second = sorted(np.argsort(-np.ptp(whole, axis=0), kind="stable")[:2].tolist())
+    j = second[0] if second else i
     dots = whole[mixed(whole, MOST_DOTS)]
     below.plot(dots[:, i], dots[:, j], ".", color=theme.colours[0], markersize=1.2, markeredgewidth=0)
     below.plot(
@@ -219,7 +215,7 @@ def _components(part: Any, lane: tuple[str, xr.Dataset], letter: str, theme: The
     below.legend(loc="upper right")
 
 
-def _draw_drifts(part: Any, runs: list[xr.Dataset], records: list[RunRecord], theme: Theme) -> None:
+def _draw_drifts(panel: Any, runs: list[xr.Dataset], records: list[RunRecord], theme: Theme) -> None:
     """A strip for each family of integrals, all of one scale."""
     run, record, reference = runs[0], records[0], records[0].method == "dop853"
     everything = _envelopes(run, everything=reference)
@@ -227,22 +223,24 @@ def _draw_drifts(part: Any, runs: list[xr.Dataset], records: list[RunRecord], th
     everything |= _envelopes(run, everything=True, only=BALANCE) if of_balance else {}
     still = [family for family, change in everything.items() if not np.nanmax(change, initial=0.0) > 0]
     families = {k: v for k, v in everything.items() if k not in still} or {"": np.full(len(_thinned_time(run)), np.nan)}
-    others = [(each, other, _envelopes(each, True)) for each, other in zip(runs[1:], records[1:], strict=True)]
+    others = [
+        (each, record_beside, _envelopes(each, True)) for each, record_beside in zip(runs[1:], records[1:], strict=True)
+    ]
     columns = 1 + (len(families) > 7)
     rows = -(-len(families) // columns)
-    panels = part.subplots(rows, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw={"hspace": 0.06}).T
+    panels = panel.subplots(rows, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw={"hspace": 0.06}).T
     ends = [0.0, *read_values(run["time"][[0, -1]]).tolist()]
     first, last = min(ends), max(ends) if max(ends) > min(ends) else record.dt
     time = np.linspace(0, last, 400)[1:]
     width = MACHINE_EPSILON * np.sqrt(time / record.dt)
-    drawn = [*families.values(), *(v for *_, found in others for k, v in found.items() if k in families)]
+    drawn = [*families.values(), *(v for *_, envelopes in others for k, v in envelopes.items() if k in families)]
     top = max([width[-1], *(float(np.nanmax(v, initial=0.0)) for v in drawn)])
     for number, (axes, (family, change)) in enumerate(zip(panels.flat, families.items(), strict=False)):
-        for other_run, other, found in others:
-            if family in found:
-                named = brief(other.method, MOST_TITLE)
-                axes.plot(_thinned_time(other_run), found[family], color=theme.faint, label=named)
-        colour = theme.colours[number % len(theme.colours)]
+        for other_run, record_beside, envelopes in others:
+            if family in envelopes:
+                named = brief(record_beside.method, MOST_TITLE)
+                axes.plot(_thinned_time(other_run), envelopes[family], color=theme.faint, label=named)
+        colour = theme.colour(number)
         axes.plot(_thinned_time(run), change, color=colour, linewidth=0.7, label=brief(record.method, MOST_TITLE))
         walk = r"$2^{-52}\,\sqrt{\mathrm{steps}}$"
         axes.plot(time, width, color=theme.ink, linestyle="--", linewidth=0.9, label=walk)
@@ -254,14 +252,14 @@ def _draw_drifts(part: Any, runs: list[xr.Dataset], records: list[RunRecord], th
         axes.set_visible(False)
     for column in panels:
         column[-1].set_xlabel("time")
-    part.supylabel("change since the start, relative", fontsize="medium")
+    panel.supylabel("change since the start, relative", fontsize="medium")
     title = "integrals of the flow" if reference else "what the method conserves"
     panels.flat[0].set_title("balance: the energy less the work done" if of_balance else title)
     handles, labels = panels.flat[0].get_legend_handles_labels()
-    part.legend(handles, labels, loc="outside lower left", ncols=3)
+    panel.legend(handles, labels, loc="outside lower left", ncols=3)
     if still:
         same = f"no change at all: {', '.join(still)}"
-        part.text(0.99, 0.005, same, ha="right", va="bottom", fontsize="small", parse_math=False)
+        panel.text(0.99, 0.005, same, ha="right", va="bottom", fontsize="small", parse_math=False)
 
 
 def _envelopes(run: xr.Dataset, everything: bool, only: str = "") -> dict[str, np.ndarray]:
@@ -283,3 +281,113 @@ def _edges(rows: int) -> np.ndarray:
 
 def _thinned_time(run: xr.Dataset) -> np.ndarray:
     return np.asarray(read_values(run["time"])[_edges(run.sizes["time"])])
+
+
+# -- sweeps: summaries of lanes over one or two of the quantities that vary ------------------------
+
+
+MOST_PANELS = 3
+MOST_POINTS = 50_000
+FEW = 200  # lanes, whose points are larger
+ENTRY = re.compile(r"(.+?)(?:\[([0-9]+(?:,[0-9]+)*)\])?")
+
+
+def sweep_figure(run: xr.Dataset, show: str | None = None, theme: str = "light") -> Figure:
+    """A panel for each summary, by default the motion of the carried vector, its frequency and the worst drift.
+
+    run    a sweep by lane;  show   a variable of it instead, or one entry, "a_max[2]"
+
+    Over one quantity of the grid each lane is a point; over two the colour is the median of the lanes that share both;
+    without a grid the first number that varies is the axis.  Raises `InputError` for what is no variable of the sweep.
+    """
+    axes = _axes_of(run)
+    panels = _panels(run) if show is None else {show: _entry(run, show)}
+    with figure(theme, 4.1 * len(panels) + 0.6, 3.9) as (picture, colours):
+        for place, (label, value) in enumerate(panels.items()):
+            _panel(picture, picture.add_subplot(1, len(panels), place + 1), axes, label, value, colours)
+        failed = int((run["failed"].values != 0).sum())
+        lost = f", {failed:,} failed or missing" if failed else ""
+        picture.suptitle(f"{brief(run.attrs.get('title', 'sweep'), 100)}{lost}", fontsize=10)
+    return picture
+
+
+def _axes_of(run: xr.Dataset) -> dict[str, np.ndarray]:
+    """One or two scalar quantities that vary: a grid, whose values occur in several lanes, comes first."""
+    inputs = {
+        str(name): np.asarray(v.values, dtype=float)
+        for name, v in run.variables.items()
+        if v.attrs.get("kind") == "input" and v.ndim == 1 and "flag_meanings" not in v.attrs
+    }
+    varied = {k: v for k, v in inputs.items() if len(np.unique(v)) > 1}
+    grids = {k: v for k, v in varied.items() if len(np.unique(v)) < len(v)}
+    chosen = list(grids.items())[:2] or list(varied.items())[:1]
+    return dict(chosen) or {"lane": np.arange(run.sizes["lane"], dtype=float)}
+
+
+def _panels(run: xr.Dataset) -> dict[str, np.ndarray]:
+    """The summaries that are shown by default."""
+    out: dict[str, np.ndarray] = {}
+    highest = [str(name) for name in run.variables if str(name).endswith("_max") and name != "g_max"]
+    for name in highest[-1:]:
+        letter = name.removesuffix("_max")
+        value = np.asarray(run[name].values) - np.asarray(run[f"{letter}_min"].values)
+        entry = value.reshape(len(value), -1)
+        last = f"[{entry.shape[1] - 1}]" if value.ndim == 2 else ""
+        out[f"{letter}{last}: largest less least"] = entry[:, -1]
+        if f"{letter}_frequency" in run.variables:
+            frequency = np.asarray(run[f"{letter}_frequency"].values).reshape(len(value), -1)
+            out[f"{letter}{last}: frequency"] = frequency[:, -1]
+    drifts = [v for k, v in run.variables.items() if str(k).endswith("_drift") and "not conserved" not in
+              str(v.attrs.get("long_name"))]  # fmt: skip
+    if drifts:
+        worst = [np.asarray(v.values).reshape(run.sizes["lane"], -1).max(1) for v in drifts]
+        out["largest change of what is conserved"] = np.max(worst, 0)
+    if not out:
+        raise InputError(
+            "The sweep saved neither drift nor extremes: say what to draw, --show NAME, one of "
+            f"{', '.join(str(k) for k in run.data_vars)}."
+        )
+    return dict(list(out.items())[:MOST_PANELS])
+
+
+def _entry(run: xr.Dataset, show: str) -> np.ndarray:
+    match = ENTRY.fullmatch(show)
+    name = match[1] if match else ""
+    names = [str(k) for k, v in run.variables.items() if v.dims[:1] == ("lane",) and v.dtype.kind == "f"]
+    if match is None or name not in names:
+        raise InputError(f"--show: expected one of {', '.join(names)}, got {shown(show)}.{hint(name, names)}")
+    value = np.asarray(run[name].values)
+    index = tuple(int(i) for i in match[2].split(",")) if match[2] else ()
+    if len(index) != value.ndim - 1 or any(i >= k for i, k in zip(index, value.shape[1:], strict=True)):
+        entry = ",".join(["0"] * (value.ndim - 1))
+        raise InputError(f"--show: {name} has the shape {value.shape[1:]}: one entry is {name}[{entry}], got {show}.")
+    return np.asarray(value.reshape(len(value), -1)[:, np.ravel_multi_index(index, value.shape[1:]) if index else 0])
+
+
+def _panel(
+    picture: Figure, axes: Any, along: dict[str, np.ndarray], label: str, value: np.ndarray, theme: Theme
+) -> None:
+    import pandas as pd
+
+    tiny = label.startswith("largest change") or label.partition("[")[0].endswith("_drift")
+    medians = pd.Series(value).groupby(list(along.values())[::-1]).median()
+    logarithmic = tiny and bool((medians > 0).any())
+    if len(along) == 2:
+        (first, _), (second, _) = along.items()
+        table = medians.unstack()
+        shading: dict[str, Any] = {"norm": "log"} if logarithmic else {}
+        colours = axes.pcolormesh(
+            table.columns, table.index, table.values, cmap="viridis", shading="nearest", **shading
+        )
+        picture.colorbar(colours, ax=axes)
+        axes.grid(visible=False)
+        axes.set(xlabel=first, ylabel=second, title=label)
+        return
+    ((name, x),) = along.items()
+    every = max(1, len(x) // MOST_POINTS)
+    size = 5 if len(x) < FEW else 3
+    axes.plot(x[::every], value[::every], ".", color=theme.colours[0], markersize=size, alpha=0.6)
+    if len(medians) < len(x):
+        axes.plot(medians.index, medians.values, "-", color=theme.colours[1], linewidth=1.2, label="median")
+        axes.legend(fontsize=7)
+    axes.set(xlabel=name, ylabel=label, yscale="log" if logarithmic else "linear")

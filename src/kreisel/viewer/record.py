@@ -1,15 +1,21 @@
-"""Records as text: what `kreisel systems` prints."""
+"""Records as text, what `kreisel systems` prints; systems and runs as HTML for notebooks, in the page's colours."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from html import escape
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kreisel.method import Method
 from kreisel.record.calling import keywords
 from kreisel.record.contract import Map, Parameter, System
+from kreisel.record.model import Model, State
+
+if TYPE_CHECKING:
+    import xarray as xr
+
 
 SHORT = {"skew": "so(n)", "symmetric": "Sym(n)", "vector": "R^n"}
 MAP_CLAIMS = {
@@ -66,16 +72,16 @@ def record(system: System) -> str:
     lines.append(f"  integrals   {', '.join(facts['integrals'])}; Casimirs")
     for name in system.invariant:
         lines.append(f"  relation    {name} = 0 is invariant")
-    lines.append(f"  Lax pair    {'yes' if system.lax else 'none known'}")
+    lines.append(f"  Lax pair    {'yes' if system.lax else 'none claims'}")
     if system.map is None:
         lines.append("  map         no integrable discretization known here")
     else:
-        known = facts["map"]
+        claims = facts["map"]
         after = ", 2 after half a kick" if system.map.to_symmetric is not None else ""
-        lines.append(f"  map         {known['source']}; order {system.map.order}{after}")
+        lines.append(f"  map         {claims['source']}; order {system.map.order}{after}")
         named = [f for f in (system.energy, *system.integrals.values()) if f is not None]
         deformed = "; deformed integrals" if any("eps" in keywords(f) for f in named) else ""
-        lines.append(f"              with {', '.join(known['known'])}{deformed}")
+        lines.append(f"              with {', '.join(claims['claims'])}{deformed}")
     for relation in system.relations:
         lines.append(f"  related     {relation.target}: {relation.meaning}")
     lines += [f"  scaling     {system.scaling}", f"  source      {system.source}"]
@@ -117,8 +123,103 @@ def _aligned(rows: list[tuple[str, ...]]) -> str:
 
 
 def parameter_text(p: Parameter) -> str:
-    """What a parameter means, and its default."""
+    """The meaning of a parameter, and its default."""
     if p.default is None:
         return p.meaning
     value = f"{p.default:g}" if np.ndim(p.default) == 0 else str(np.asarray(p.default).tolist())
     return f"{p.meaning} (default {value})"
+
+
+# -- HTML ------------------------------------------------------------------------------------------
+
+
+MOST_NUMBERS = 24  # of a parameter or a component that are shown
+CONSERVED = {  # the cell of an integral that is (conserved, broken)
+    (True, True): "<td style='color:#c00;font-weight:bold'>BROKEN</td>",
+    (True, False): "<td>yes</td>",
+    (False, False): "<td>no</td>",
+}
+
+
+def system_html(system: System) -> str:
+    """The record of a system."""
+    facts = summary(system)
+    state = ", ".join(f"{letter} ({kind})" for letter, kind in facts["state"].items())
+    where = f"{facts['phase_space']}, {facts['frame']} frame, {facts['bracket']} bracket, F' = {{H, F}}"
+    rows = [
+        ("equations", system.equations),
+        ("state", f"{state}; {where}"),
+        *((f"parameter {p.letter}", parameter_text(p)) for p in system.parameters),
+        ("integrals", ", ".join(["Casimirs", *facts["integrals"]])),
+        ("Lax pair", "yes" if facts["lax"] else "none known"),
+        ("map", "none known" if facts["map"] is None else facts["map"]["source"]),
+        ("scaling", system.scaling),
+        ("source", system.source),
+        *([("note", system.notes)] if system.notes else []),
+    ]
+    return _block(f"{escape(system.title)} <code>{escape(system.name)}</code>", _html_table(rows))
+
+
+def model_html(model: Model) -> str:
+    """A system with its parameters."""
+    system = model.system
+    rows = [
+        ("equations", system.equations),
+        ("dimension", f"n = {model.n}" + (f", {model.batch[0]:,} lanes" if len(model.batch) == 1 else "")),
+        *((letter, _numbers_html(value)) for letter, value in model.params.items()),
+        ("state", ", ".join(f"{letter} ({kind})" for letter, kind in system.space.components)),
+    ]
+    return _block(f"{escape(system.title)} <code>{escape(system.name)}</code>", _html_table(rows))
+
+
+def state_html(state: State) -> str:
+    """A state, with axial vectors for n = 3."""
+    return _block("State", _html_table((letter, _numbers_html(value)) for letter, value in state.axial.items()))
+
+
+def run_html(run: xr.Dataset) -> str:
+    """A run, and the drift of its Casimirs and integrals."""
+    from kreisel.runs.drift import broken, table_of
+    from kreisel.runs.run_record import RunRecord
+
+    needed = ("title", "equations", "parameters", "n", "steps", "method", "options")
+    record, drifts = RunRecord.of(run, *needed, rows=False), table_of(run)
+    lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.sizes else ""
+    steps = f"{record.pace}, " if record.stepped else ""
+    rows = f"{run.sizes.get('time', 1):,} saved states"
+    head = [
+        ("equations", record.equations),
+        ("parameters", record.parameters if len(record.parameters) < 200 else "…"),
+        ("run", f"n = {record.n}{lanes}; {steps}{rows}"),
+        ("method", f"{record.method} {record.options}"),
+    ]
+    titles = ("integral", "conserved", "start", "max |change|", "ulps")
+    body = "".join(
+        f"<tr style='opacity:{1 if row.conserved else 0.6}'><th style='text-align:left'>{escape(str(name))}</th>"
+        f"{CONSERVED[bool(row.conserved), bool(row.broken)]}<td>{row.start:.6g}</td><td>{row.max_change:.1e}</td>"
+        f"<td>{row.ulps:.2g}</td></tr>"
+        for name, row in drifts.iterrows()
+    )
+    table = f"<table><tr>{''.join(f'<th>{title}</th>' for title in titles)}</tr>{body}</table>"
+    warnings = "".join(f"<p style='color:#c00'>{escape(sentence)}</p>" for sentence in broken(drifts))
+    return _block(escape(record.title), _html_table(head) + table + warnings)
+
+
+def _numbers_html(value: Any) -> str:
+    array = np.asarray(value)
+    if array.size > MOST_NUMBERS:
+        return f"array of shape {array.shape}"
+    return np.array2string(array, separator=", ", precision=6) if array.dtype != object else str(array.tolist())
+
+
+def _html_table(rows: Iterable[tuple[str, str]]) -> str:
+    cells = "".join(
+        f"<tr><th style='text-align:left;vertical-align:top'>{escape(name)}</th>"
+        f"<td style='text-align:left;white-space:pre-wrap'>{escape(text)}</td></tr>"
+        for name, text in rows
+    )
+    return f"<table>{cells}</table>"
+
+
+def _block(title: str, body: str) -> str:
+    return f"<div><strong>{title}</strong>{body}</div>"

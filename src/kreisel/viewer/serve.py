@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 
 from kreisel.errors import InputError, RunError
 from kreisel.storage.opening import open_archive
-from kreisel.viewer.document import as_json, page
+from kreisel.viewer.page import as_json, page
 from kreisel.viewer.scene import scene
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
@@ -69,7 +69,7 @@ class Handler(BaseHTTPRequestHandler):
         self._answer(body=True)
 
     def do_HEAD(self) -> None:
-        """The same without a body."""
+        """The headers of the page or its data, without a body."""
         self._answer(body=False)
 
     def _answer(self, body: bool) -> None:

@@ -7,10 +7,15 @@ contrast of at least 2.1 to its paper (lines), the ink of text 12.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from kreisel.errors import InputError, hint, shown
+
+if TYPE_CHECKING:
+    from kreisel.viewer.shown_figure import ShownFigure
 
 
 @dataclass(frozen=True)
@@ -24,6 +29,10 @@ class Theme:
     colours: tuple[str, ...]
     sequence: str  # a colour map of even lightness that begins near the paper
     extra: tuple[tuple[str, Any], ...] = ()  # settings of matplotlib of a style
+
+    def colour(self, number: int) -> str:
+        """The colour of a series, from 0 on; the first again after the last."""
+        return self.colours[number % len(self.colours)]
 
     @property
     def rc(self) -> dict[str, Any]:
@@ -110,7 +119,23 @@ WIDTHS = {"house": 9.2, "journal": 183 / 25.4}  # inches
 
 def theme_of(name: str, style: str = "house") -> Theme:
     """The theme "light" or "dark" in the style "house" or "journal".  Raises `InputError`."""
-    for given, known, what in ((name, THEMES, "theme"), (style, STYLES, "style")):
-        if not isinstance(given, str) or given not in known:
-            raise InputError(f"{what} must be {' or '.join(map(repr, known))}, got {shown(given)}.{hint(given, known)}")
+    for option, value, names in (("theme", name, THEMES), ("style", style, STYLES)):
+        if not isinstance(value, str) or value not in names:
+            raise InputError(
+                f"{option} must be {' or '.join(map(repr, names))}, got {shown(value)}.{hint(value, names)}"
+            )
     return replace(THEMES[name], extra=tuple(STYLES[style].items()))
+
+
+@contextmanager
+def figure(
+    theme: str, width: float = 7.0, height: float = 4.0, style: str | None = None
+) -> Iterator[tuple[ShownFigure, Theme]]:
+    """A figure and its theme, inches wide and high; with a style in widths of it.  Raises `InputError`."""
+    import matplotlib as mpl
+
+    from kreisel.viewer.shown_figure import ShownFigure
+
+    colours, unit = theme_of(theme, style or "house"), 1.0 if style is None else WIDTHS[style]
+    with mpl.rc_context(cast("Any", colours.rc)):
+        yield ShownFigure(figsize=(width * unit, height * unit), layout="constrained"), colours

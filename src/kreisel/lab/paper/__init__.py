@@ -9,8 +9,7 @@ arithmetic they must be equal exactly, a randomized identity test; in floats up 
 also has the printed form, which must fail.
 """
 
-from kreisel.lab.paper import reduction, groups, tops, top_rest_frame, top_moving_frame  # noqa: F401, I001  - each registers its statements, in this order
-from kreisel.lab.paper import clebsch, clebsch_proof, neumann, named, records  # noqa: F401
+from kreisel.lab.paper import reduction, tops, discrete_top, clebsch, records  # noqa: F401, I001  - each registers its statements, in this order
 from kreisel.lab.paper.statements import STATEMENTS, StatementResult, Statement, tested, verify
 
 __all__ = ["STATEMENTS", "Statement", "StatementResult", "tested", "verify"]

@@ -1,4 +1,4 @@
-"""Section 7 (and its display in section 1): Kirchhoff's equations, Clebsch's case and its discretization."""
+"""Section 7 (and its display in section 1): Kirchhoff's equations, Clebsch's case, its discretization, Neumann's system."""
 
 from __future__ import annotations
 
@@ -10,23 +10,33 @@ import numpy as np
 from kreisel.algebra import Array, act, bracket, cayley, dot, identity, log, pairing, wedge
 from kreisel.algebra.invariants import characteristic
 from kreisel.algebra.matrices import diagonal
-from kreisel.lab.jets import coefficient, generator
+from kreisel.lab.exact import coefficient, generator
 from kreisel.lab.law import Sides
-from kreisel.lab.paper.shared import HALF_LEAF, half, outer, rank_on_leaf, trace_log_of
-from kreisel.lab.paper.statements import Setting, gradient, printed, printed_law, right_derivative, stated, stated_law
-from kreisel.system import clebsch, clebsch_body, clebsch_general, kirchhoff, quadratic_potential
+from kreisel.lab.paper.statements import (
+    HALF_LEAF,
+    Setting,
+    gradient,
+    half,
+    outer,
+    printed,
+    printed_law,
+    rank,
+    rank_on_leaf,
+    right_derivative,
+    stated,
+    stated_law,
+    trace_log_of,
+)
+from kreisel.system import clebsch, clebsch_body, clebsch_general, kirchhoff, neumann, quadratic_potential
 
-KIRCHHOFF, GENERAL, CLEBSCH = kirchhoff.SYSTEM, clebsch_general.SYSTEM, clebsch.SYSTEM
+KIRCHHOFF, GENERAL, CLEBSCH, NEUMANN = (m.SYSTEM for m in (kirchhoff, clebsch_general, clebsch, neumann))
 
 stated_law(
     "introduction-clebsch",
     "Section 1, second display",
     "M' = P ^ BP, P' = -MP is Hamiltonian; its map is Poisson, conserves its energy and has a Lax pair",
     CLEBSCH,
-    "hamiltonian-flow",
-    "poisson",
-    "integrals-of-the-map",
-    "discrete-lax-equation",
+    ("hamiltonian-flow", "poisson", "integrals-of-the-map", "discrete-lax-equation"),
 )
 
 # -- the continuous system ------------------------------------------------------------------------------
@@ -36,16 +46,13 @@ stated_law(
     "Section 7, (Kirch) and its Hamilton function",
     "M' = [M, Omega] + P ^ BP, P' = -Omega P, Omega_jk = c_jk M_jk is z' = {H, z}",
     KIRCHHOFF,
-    "hamiltonian-flow",
+    ("hamiltonian-flow",),
 )
 
 
-@stated(
-    "kirchhoff-lagrangian",
-    "Section 7, (Kirch Lagr)",
-    "L = <Omega, J(Omega)>/2 + <P, BP>/2, J(Omega)_jk = Omega_jk/c_jk, reduces to (Kirch)",
-)
+@stated("kirchhoff-lagrangian", "Section 7, (Kirch Lagr)")
 def kirchhoff_lagrangian(s: Setting) -> Sides:
+    """L = <Omega, J(Omega)>/2 + <P, BP>/2, J(Omega)_jk = Omega_jk/c_jk, reduces to (Kirch)"""
     C, B, Omega, P = s.symmetric(), s.symmetric(), s.skew(), s.vector()
     C = C + 3 + 0 * C  # away from 0 off the diagonal
     M = gradient(lambda x: pairing(x, x / C) / 2, Omega)
@@ -60,13 +67,9 @@ def _clebsch_relations(b: Array, c: Array) -> Sides:
         yield terms[0] + terms[1], -terms[2]
 
 
-@stated(
-    "clebsch-condition",
-    "Section 7, Clebsch's relations",
-    "(b_i - b_j)/c_ij + (b_j - b_k)/c_jk + (b_k - b_i)/c_ki = 0 for i, j = 1, 2, all k implies c_jk = (b_j - b_k)/(a_j - a_k) for some a, "
-    "and those c fulfil the relations for all i, j, k",
-)
+@stated("clebsch-condition", "Section 7, Clebsch's relations")
 def clebsch_condition(s: Setting) -> Sides:
+    """(b_i - b_j)/c_ij + (b_j - b_k)/c_jk + (b_k - b_i)/c_ki = 0 for i, j = 1, 2, all k implies c_jk = (b_j - b_k)/(a_j - a_k) for some a, and those c fulfil the relations for all i, j, k"""
     b, c = s.diagonal(), 1 + 0 * s.symmetric()
     c[0, 1:] = c[1:, 0] = s.vector()[1:] + 5  # the others by the relations of 1, j, k
     for j, k in itertools.combinations(range(1, s.n), 2):
@@ -83,18 +86,13 @@ stated_law(
     "Section 7, Lax representation of Clebsch's case",
     "L' = [L, U], L = lambda A + M + P P^T/lambda, U = lambda B + Omega; the spectrum is in involution",
     GENERAL,
-    "lax-equation",
-    "involution",
+    ("lax-equation", "involution"),
 )
 
 
-@stated(
-    "clebsch-quadratic",
-    "Section 7, the flow of the earlier paper",
-    "c_jk = 1/(J_j + J_k), b = J fulfil Clebsch's relations with a = J^2; the flow is that of a body, J(Omega) = J Omega + Omega J, "
-    "in a quadratic potential, with P P^T for its P",
-)
+@stated("clebsch-quadratic", "Section 7, the flow of the earlier paper")
 def clebsch_quadratic(s: Setting) -> Sides:
+    """c_jk = 1/(J_j + J_k), b = J fulfil Clebsch's relations with a = J^2; the flow is that of a body, J(Omega) = J Omega + Omega J, in a quadratic potential, with P P^T for its P"""
     J, M, P = s.diagonal(), s.skew(), s.vector()
     c = 1 / (J[:, None] + J)
     yield from _clebsch_relations(J, c)
@@ -114,15 +112,13 @@ stated_law(
     "Section 7, (Clebsch spec), its Hamilton function, L' = [L, U+]",
     "c = 1, a = b: M = Omega, M' = P ^ BP, P' = -MP is z' = {H, z}, H = <M, M>/2 - <P, BP>/2; L' = [L, lambda B + M]",
     CLEBSCH,
-    "hamiltonian-flow",
-    "lax-equation",
+    ("hamiltonian-flow", "lax-equation"),
 )
 
 
-@stated(
-    "clebsch-two-lax-forms", "Section 7, Lax representation of (Clebsch spec)", "[L, lambda B + M] = [P P^T/lambda, L]"
-)
+@stated("clebsch-two-lax-forms", "Section 7, Lax representation of (Clebsch spec)")
 def two_lax_forms(s: Setting) -> Sides:
+    """[L, lambda B + M] = [P P^T/lambda, L]"""
     M, P, b = s.skew(), s.vector(), s.vector()
     L = s.lam * diagonal(b) + M + outer(P) / s.lam
     yield bracket(L, s.lam * diagonal(b) + M), bracket(outer(P) / s.lam, L)
@@ -131,17 +127,9 @@ def two_lax_forms(s: Setting) -> Sides:
 # -- the map --------------------------------------------------------------------------------------------
 
 
-@stated(
-    "clebsch-discrete-limit",
-    "Section 7, (dClebsch spec Lagr)",
-    "eps (discrete Lagrangian - constant) = eps^2 (Clebsch spec Lagr) + O(eps^3), with 2/eps before the logarithm (E1, E15)",
-    "E1, E15",
-)
-def discrete_limit(s: Setting) -> Sides:
-    yield from _discrete_limit(s, 2)
-
-
-def _discrete_limit(s: Setting, factor: int) -> Sides:
+@stated("clebsch-discrete-limit", "Section 7, (dClebsch spec Lagr)", "E1, E15", printed={"factor": 4})
+def discrete_limit(s: Setting, factor: int = 2) -> Sides:
+    """eps (discrete Lagrangian - constant) = eps^2 (Clebsch spec Lagr) + O(eps^3), with 2/eps before the logarithm (E1, E15)"""
     one = 1 + 0 * s.scalar()
     e = generator(0, one) + generator(1, one)
     Omega, P, b = s.skew(), s.vector(), s.vector()
@@ -152,17 +140,9 @@ def _discrete_limit(s: Setting, factor: int) -> Sides:
     yield np.asarray(coefficient(value, 0b11) / 2), pairing(Omega, Omega) / 2 + dot(P, b * P) / 2
 
 
-@printed("clebsch-discrete-limit")
-def discrete_limit_printed(s: Setting) -> Sides:
-    yield from _discrete_limit(s, 4)
-
-
-@stated(
-    "clebsch-momentum",
-    "Section 7, proof of Theorem 7.1",
-    "M_(k+1) = d'_W Lambda = (2/eps)(W - I)/(W + I), W = cay(eps/2 M_(k+1)); grad_P Lambda = eps BP/(1 + eps^2/4 <P, BP>)",
-)
+@stated("clebsch-momentum", "Section 7, proof of Theorem 7.1")
 def clebsch_momentum(s: Setting) -> Sides:
+    """M_(k+1) = d'_W Lambda = (2/eps)(W - I)/(W + I), W = cay(eps/2 M_(k+1)); grad_P Lambda = eps BP/(1 + eps^2/4 <P, BP>)"""
     W, P, b, e = s.rotation(), s.vector(), s.diagonal(), s.eps
     M1 = 2 / e * half(W)
     yield right_derivative(lambda x: -trace_log_of(x) / e, W), M1
@@ -176,8 +156,7 @@ stated_law(
     "Section 7, Theorem 7.1, (dClebsch spec)",
     "the discrete Euler-Lagrange equations of (dClebsch spec Lagr), with 2/eps (E1), are the map; it is Poisson, any |P|",
     CLEBSCH,
-    "discrete-euler-lagrange",
-    "poisson",
+    ("discrete-euler-lagrange", "poisson"),
     erratum="E1",
 )
 
@@ -194,7 +173,7 @@ stated_law(
     "Section 7, Theorem 7.1, Lax representation",
     "L_(k+1) = V_k L_k V_k^-1 with S = I + (eps^2 |P|^2/4) B for I + (eps^2/4) B, any |P| (E10)",
     CLEBSCH,
-    "discrete-lax-equation",
+    ("discrete-lax-equation",),
     erratum="E10",
 )
 
@@ -211,8 +190,7 @@ stated_law(
     "Section 7, the discretization",
     "(step - 1)/eps -> (Clebsch spec); the error of the map is O(dt), of its conjugate O(dt^2)",
     CLEBSCH,
-    "continuous-limit",
-    "order",
+    ("continuous-limit", "order"),
     numbers=("float",),
 )
 stated_law(
@@ -220,13 +198,22 @@ stated_law(
     'Section 7, Theorem 7.1, "completely integrable"',
     "the coefficients of det(L_k(lambda) - mu) are integrals of the map in involution",
     CLEBSCH,
-    "integrals-of-the-map",
-    "involution",
+    ("integrals-of-the-map", "involution"),
 )
 
 
-def _lax_rank(s: Setting, b: Array) -> int:
-    """The rank on the leaf of the coefficients of det(L_k(lambda) - mu), L_k as printed, at a point with |P| = 1."""
+@stated(
+    "clebsch-completeness",
+    'Section 7, Theorem 7.1, "completely integrable"',
+    "E17",
+    printed={"distinct": False},
+    numbers=("exact",),
+)
+def clebsch_completeness(s: Setting, distinct: bool = True) -> Sides:
+    """det(L_k(lambda) - mu) has half the dimension of the leaf, 2, 4, 6, 9 for n = 3...6, for distinct b; not if three coincide (E17)"""
+    b = s.diagonal()
+    if not distinct:
+        b[1] = b[2] = b[0]
     M, P, e = s.skew(), s.unit(), s.eps
     draws = [s.lam + k for k in range(s.n + 2)]  # of degrees -1 ... n in lambda
 
@@ -234,35 +221,12 @@ def _lax_rank(s: Setting, b: Array) -> int:
         rows = [characteristic(printed_pencil(*z, b=b, lam=lam, eps=e))[1:] for lam in draws]
         return np.concatenate([np.asarray(row, dtype=object) for row in rows])
 
-    return rank_on_leaf(CLEBSCH, (M, P), [coefficients])
+    yield np.asarray(rank_on_leaf(CLEBSCH, (M, P), [coefficients])), np.asarray(HALF_LEAF[s.n])
 
 
-@stated(
-    "clebsch-completeness",
-    'Section 7, Theorem 7.1, "completely integrable"',
-    "det(L_k(lambda) - mu) has half the dimension of the leaf, 2, 4, 6, 9 for n = 3...6, for distinct b; not if three coincide (E17)",
-    "E17",
-    numbers=("exact",),
-)
-def clebsch_completeness(s: Setting) -> Sides:
-    yield np.asarray(_lax_rank(s, s.diagonal())), np.asarray(HALF_LEAF[s.n])
-
-
-@printed("clebsch-completeness")
-def clebsch_completeness_printed(s: Setting) -> Sides:
-    b = s.diagonal()
-    b[1] = b[2] = b[0]
-    yield np.asarray(_lax_rank(s, b)), np.asarray(HALF_LEAF[s.n])
-
-
-@stated(
-    "clebsch-two-maps",
-    "Conclusion, last remark",
-    "both discretized flows have the Lax matrix with A = J^2, but the maps have different integrals: the rank of both is the dimension "
-    "of the leaf, 4, 8, 12, 18, of each half of it",
-    numbers=("exact",),
-)
+@stated("clebsch-two-maps", "Conclusion, last remark", numbers=("exact",))
 def clebsch_two_maps(s: Setting) -> Sides:
+    """both discretized flows have the Lax matrix with A = J^2, but the maps have different integrals: the rank of both is the dimension of the leaf, 4, 8, 12, 18, of each half of it"""
     M, P, J, e = s.skew(), s.vector(), s.diagonal(), s.eps
     yield (
         clebsch.lax(M, P, b=J * J, lam=s.lam)[0],
@@ -274,3 +238,148 @@ def clebsch_two_maps(s: Setting) -> Sides:
     ]
     ranks = [rank_on_leaf(CLEBSCH, (M, P), chosen) for chosen in ([sets[0]], [sets[1]], sets)]
     yield np.asarray(ranks), HALF_LEAF[s.n] * np.asarray([1, 1, 2])
+
+
+# -- proof of Theorem 7.1: the identities (dClebsch spec aux) --------------------------------------
+
+
+class Step:
+    """A step of the map and the matrices of the proof, P = P_k, |P| = 1 unless `unit` is False."""
+
+    def __init__(self, s: Setting, unit: bool = True):
+        self.e, self.b = s.eps, s.diagonal()
+        self.M, self.P = s.skew(), s.unit() if unit else s.vector()
+        self.M1, self.P1 = clebsch.step(self.M, self.P, b=self.b, eps=self.e)
+        one = identity(s.n)
+        den = clebsch.denominator(self.P, b=self.b, eps=self.e)
+        S = one + self.e**2 / 4 * diagonal(self.b)
+        self.Q, self.R = outer(self.P) @ S / den, S @ outer(self.P) / den
+        self.script = self._script(self.M, self.P, one)
+        self.script1 = self._script(self.M1, self.P1, one)
+        self.dM, self.one = self.M1 - self.M, one
+
+    def _script(self, M: Array, P: Array, one: Array) -> Array:  # (dClebsch spec P)
+        return (one + self.e / 2 * M) @ outer(P) @ (one - self.e / 2 * M)
+
+
+@stated("clebsch-aux1", "Section 7, (dClebsch spec aux1)")
+def aux1(s: Setting) -> Sides:
+    """(I - eps/(2 lambda) R)(lambda B + M_(k+1) + P_(k+1)/lambda)(I + eps/(2 lambda) Q) = the same with signs turned, M_k, P_k; |P| = 1"""
+    k = Step(s)
+    B, turn = s.lam * diagonal(k.b), k.e / (2 * s.lam)
+    new, old = B + k.M1 + k.script1 / s.lam, B + k.M + k.script / s.lam
+    yield (k.one - turn * k.R) @ new @ (k.one + turn * k.Q), (k.one + turn * k.R) @ old @ (k.one - turn * k.Q)
+
+
+@stated("clebsch-aux3", "Section 7, (dClebsch spec aux3)")
+def aux3(s: Setting) -> Sides:
+    """lambda^0: M_(k+1) - M_k = eps (R_k B - B Q_k)"""
+    k = Step(s)
+    yield k.dM, k.e * (k.R * k.b - k.b[:, None] * k.Q)
+
+
+@stated("clebsch-aux4", "Section 7, (dClebsch spec aux4)")
+def aux4(s: Setting) -> Sides:
+    """lambda^-1: P_(k+1) - P_k = (eps/2) R_k (M_(k+1) + M_k) - (eps/2)(M_(k+1) + M_k) Q_k, script P"""
+    k = Step(s)
+    yield k.script1 - k.script, k.e / 2 * (k.R @ (k.M1 + k.M) - (k.M1 + k.M) @ k.Q)
+
+
+@stated("clebsch-aux5", "Section 7, (dClebsch spec aux5)")
+def aux5(s: Setting) -> Sides:
+    """lambda^-2: (P_(k+1) + P_k) Q_k - R_k (P_(k+1) + P_k) = (eps/2) R_k dM Q_k = 0"""
+    k = Step(s)
+    left = (k.script1 + k.script) @ k.Q - k.R @ (k.script1 + k.script)
+    yield left, k.e / 2 * k.R @ k.dM @ k.Q
+    yield left, 0 * left
+
+
+@stated("clebsch-aux6", "Section 7, (dClebsch spec aux6)", "E5")
+def aux6(s: Setting) -> Sides:
+    """R_k (P_(k+1) - P_k) Q_k = 0; it stands at lambda^-3 of (aux1), aux3 to aux5 at 0, -1, -2 (printed lambda^-2, E5)"""
+    k = Step(s)
+    value = k.R @ (k.script1 - k.script) @ k.Q
+    yield value, 0 * value
+    yield from _expansion(s, 3)
+
+
+def _expansion(s: Setting, order: int) -> Sides:
+    """(aux1) for any matrices in the powers of lambda, with R (P_(k+1) - P_k) Q at lambda^-order."""
+    B, R, Q, M, M1, P, P1 = (s.draw((s.n, s.n)) for _ in range(7))
+    one, t, lam = identity(s.n), s.eps / 2, s.lam
+    new = (one - t / lam * R) @ (lam * B + M1 + P1 / lam) @ (one + t / lam * Q)
+    old = (one + t / lam * R) @ (lam * B + M + P / lam) @ (one - t / lam * Q)
+    at_0 = M1 - M - 2 * t * (R @ B - B @ Q)
+    at_1 = P1 - P - t * (R @ (M1 + M) - (M1 + M) @ Q)
+    at_2 = t * ((P1 + P) @ Q - R @ (P1 + P)) - t**2 * R @ (M1 - M) @ Q
+    yield new - old, at_0 + at_1 / lam + at_2 / lam**2 - t**2 * R @ (P1 - P) @ Q / lam**order
+
+
+@printed("clebsch-aux6")
+def aux6_printed(s: Setting) -> Sides:
+    yield from _expansion(s, 2)
+
+
+@stated("clebsch-aux8", "Section 7, (dClebsch spec aux8)", "E10", printed={"unit": False})
+def aux8(s: Setting, unit: bool = True) -> Sides:
+    """Q_k = P P^T (I + eps/4 dM), R_k = (I - eps/4 dM) P P^T, Q_k^2 = Q_k; |P| = 1 (E10)"""
+    k = Step(s, unit)
+    yield k.Q, outer(k.P) @ (k.one + k.e / 4 * k.dM)
+    yield k.R, (k.one - k.e / 4 * k.dM) @ outer(k.P)
+    yield k.Q @ k.Q, k.Q
+
+
+@stated("clebsch-aux9", "Section 7, (dClebsch spec aux9)")
+def aux9(s: Setting) -> Sides:
+    """P_(k+1) = (I - eps/2 M_(k+1)) P_k P_k^T (I + eps/2 M_(k+1)), script P on the left"""
+    k = Step(s)
+    yield k.script1, (k.one - k.e / 2 * k.M1) @ outer(k.P) @ (k.one + k.e / 2 * k.M1)
+
+
+@stated("clebsch-last-display", "Section 7, last display of the proof", "E3", printed={"factor": 1})
+def last_display(s: Setting, factor: int = 2) -> Sides:
+    """(P_(k+1) + P_k) Q_k = R_k (P_(k+1) + P_k) = 2 (I - eps/4 dM) P P^T (I + eps/4 dM) (E3: the 2)"""
+    k = Step(s)
+    right = factor * (k.one - k.e / 4 * k.dM) @ outer(k.P) @ (k.one + k.e / 4 * k.dM)
+    yield (k.script1 + k.script) @ k.Q, right
+    yield k.R @ (k.script1 + k.script), right
+
+
+# -- end of section 7: Neumann's system on the smallest leaf ---------------------------------------
+
+
+def _leaf_point(s: Setting) -> tuple[Array, Array]:
+    x = s.unit()
+    q = s.vector()
+    return x, q - x * dot(x, q)
+
+
+@stated("neumann-leaf", "Section 7, end, the smallest leaf", "E6", printed={"codimension": 0}, numbers=("exact",))
+def neumann_leaf(s: Setting, codimension: int = 2) -> Sides:
+    """at M = x ^ q, P = x the bracket has rank 2(n - 1) (printed 2n, E6)"""
+    x, q = _leaf_point(s)
+    yield np.asarray(rank(CLEBSCH.space.tensor(wedge(x, q), x))), np.asarray(2 * s.n - codimension)
+
+
+@stated("neumann-flow", "Section 7, end, Neumann's system", "E7", printed={"sign": -1})
+def neumann_flow(s: Setting, sign: int = 1) -> Sides:
+    """P = x, M = x ^ q: x' = q, q' = Bx - (...)x, that is the potential energy -<x, Bx>/2 (printed +, E7)"""
+    x, q = _leaf_point(s)
+    b = s.diagonal()
+    force = sign * b * x  # minus the gradient of -sign <x, Bx>/2
+    x_rate, q_rate = q, force - (dot(x, force) + dot(q, q)) * x
+    M, (M_rate, P_rate) = wedge(x, q), clebsch.flow(wedge(x, q), x, b=b)
+    yield P_rate, x_rate
+    yield M_rate, wedge(x_rate, q) + wedge(x, q_rate)
+    yield -act(M_rate, x) - act(M, P_rate), q_rate  # q = -M x; wedged with x alone the multiplier is free
+    if sign > 0:
+        yield from zip(neumann.flow(x, q, b=b), (x_rate, q_rate), strict=True)
+
+
+stated_law(
+    "neumann-map",
+    "Section 7, end, Adler's discretization",
+    "the map on the leaf in (x, q), in second-order form, and as a Poisson map of T*S^(n-1) with a Lax pair",
+    NEUMANN,
+    ("relations", "second-order-form", "poisson", "integrals-of-the-map", "discrete-lax-equation", "involution"),
+)

@@ -1,4 +1,4 @@
-"""The functions of the records against the printed formulas, which are written out here in matrices and entries."""
+"""The records against the paper: the systems that it only names, and functions against the printed formulas."""
 
 from __future__ import annotations
 
@@ -6,14 +6,139 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.algebra import Array, dot, identity, log, solve
-from kreisel.algebra.invariants import characteristic
-from kreisel.algebra.matrices import diagonal
+from kreisel.algebra import Array, act, axial, bracket, cayley, dot, hat, identity, log, mat, solve
+from kreisel.algebra.invariants import characteristic, trace
+from kreisel.algebra.matrices import diagonal, su2
 from kreisel.lab.law import Sides
 from kreisel.lab.paper.clebsch import printed_pencil
-from kreisel.lab.paper.shared import half, outer, trace_log_of
-from kreisel.lab.paper.statements import Setting, stated
-from kreisel.system import clebsch, clebsch_general, heavy_top, kirchhoff, lagrange_top, lagrange_top_moving, neumann
+from kreisel.lab.paper.statements import Setting, half, outer, stated, stated_law, trace_log_of
+from kreisel.record.contract import System
+from kreisel.system import (
+    REGISTRY,
+    clebsch,
+    clebsch_general,
+    heavy_top,
+    kirchhoff,
+    lagrange_top,
+    lagrange_top_moving,
+    lagrange_top_su2,
+    lagrange_top_su2_moving,
+    neumann,
+)
+
+# -- the systems that the Introduction and the Conclusions name ------------------------------------
+
+
+EARLIER = "Introduction, the map of Bobenko and Suris 1999"
+ONE = identity(2)
+
+# -- SU(2) -----------------------------------------------------------------------------------------------
+
+
+@stated("su2-rest-frame", EARLIER, dimensions=(3,))
+def su2_rest(s: Setting) -> Sides:
+    """in 2 x 2 matrices m1 = m + eps [p, a], a1 (1 + eps m1) = (1 + eps m1) a is the case n = 3 of (dLT rest frame)"""
+    m, a, p = s.skew(), s.vector(), s.vector()
+    m1, a1 = lagrange_top.step(m, a, p=p, eps=s.eps)
+    yield su2(axial(m1)), su2(axial(m)) + s.eps * bracket(su2(p), su2(a))
+    turn = ONE + su2(s.eps * axial(m1))
+    yield su2(a1) @ turn, turn @ su2(a)
+
+
+@stated("su2-moving-frame", EARLIER, dimensions=(3,))
+def su2_moving(s: Setting) -> Sides:
+    """M = (alpha/eps) (W - W^-1)/tr W + (2(1 - alpha)/eps) [A, A1]/(|A|^2 + <A, A1>), A1 = W A W^-1; P1 = W^-1 P W, M1 = W^-1 M W + eps [P1, A] is the case n = 3 of (dmLT body)"""
+    M, P, A, alpha = s.skew(), s.vector(), s.vector(), -s.sign * abs(s.scalar())
+    M1, P1 = lagrange_top_moving.step(M, P, A=A, alpha=alpha, eps=s.eps)
+    X = lagrange_top_moving.legendre(M, P, A=A, alpha=alpha, eps=s.eps)
+    w = su2(2 * axial(X))
+    W, A1 = ONE + w, act(cayley(X), A)  # up to a factor
+    yield W @ su2(A), su2(A1) @ W
+    force = bracket(su2(A), su2(A1)) * mat(2 * (1 - alpha) / (dot(A, A) + dot(A, A1)))
+    yield s.eps * su2(axial(M)), alpha * w + force  # (W - W^-1)/tr W = w
+    yield W @ su2(P1), su2(P) @ W
+    yield W @ (su2(axial(M1)) - s.eps * bracket(su2(P1), su2(A))), su2(axial(M)) @ W
+
+
+@stated("su2-trace", EARLIER, dimensions=(3,))
+def su2_trace(s: Setting) -> Sides:
+    """for the rotation R that w in SU(2) covers, det(2 + R + R^T) = 4 (tr w)^4 and 1 + tr R = (tr w)^2"""
+    v = s.vector()
+    R, square = cayley(hat(v)), 4 / (1 + dot(v, v))  # w = (1 + 2v)/sqrt(1 + |v|^2) in su(2)
+    yield 1 + trace(R), square
+    yield -characteristic(2 * identity(3) + R + R.mT)[3], 4 * square * square
+
+
+for name, system in (
+    ("su2-rest-frame-laws", lagrange_top_su2.SYSTEM),
+    ("su2-moving-frame-laws", lagrange_top_su2_moving.SYSTEM),
+):
+    stated_law(
+        name,
+        EARLIER,
+        "Poisson, deformed integrals, Lax pair in 2 x 2 matrices, from the Lagrangian with log tr w",
+        system,
+        ("poisson", "integrals-of-the-map", "discrete-lax-equation", "discrete-euler-lagrange", "relations"),
+        dimensions=(3,),
+    )
+
+# -- further systems -------------------------------------------------------------------------------------
+
+FLOWS = ("hamiltonian-flow", "integrals-of-the-flow")
+COMPLETE = (*FLOWS, "involution", "lax-equation")
+CONTINUOUS = {
+    "euler-top": ("Introduction, the Euler top in n dimensions", COMPLETE),
+    "manakov-top": ("Introduction, the Euler top in n dimensions", COMPLETE),
+    "quadratic-potential": ("Introduction, the rigid body in a quadratic potential", COMPLETE),
+    "clebsch-body": ("Section 7, the other flow of Clebsch's case", COMPLETE),
+    "kovalevskaya-top": ("Introduction, Kovalevskaya's top", COMPLETE),
+    "kovalevskaya-gyrostat": ("Introduction, Kovalevskaya's top", COMPLETE),
+    "goryachev-chaplygin": ("Introduction, Goryachev and Chaplygin", (*FLOWS, "involution")),
+    "hess-appelrot": ("Introduction, Hess and Appelrot", (*FLOWS, "invariant-relations")),
+    "kirchhoff-case": ("Introduction, Kirchhoff's case", (*FLOWS, "involution")),
+    "kirchhoff-revolution": ("Introduction, Kirchhoff's case", COMPLETE),
+    "steklov": ("Conclusions, Steklov's case", (*COMPLETE, "relations")),
+    "lyapunov": ("Conclusions, Lyapunov's case", (*COMPLETE, "relations")),
+    "steklov-lyapunov": ("Conclusions, Steklov's and Lyapunov's cases", COMPLETE),
+    "ratiu-top": ("Conclusions, Ratiu's Lagrange top", COMPLETE),
+    "ratiu-bitop": ("Conclusions, Ratiu's Lagrange top", COMPLETE),
+    "rosochatius": ("Section 7, end, beside Neumann's system", COMPLETE),
+}
+MAPS = {
+    "euler-top": ("Introduction, the discrete Euler top of Veselov, Moser and Veselov", True),
+    "quadratic-potential": ("Introduction, the earlier paper's discretization", True),
+    "clebsch-body": ("Conclusions, the other discretization of Clebsch's case", True),
+    "neumann-veselov": ("Introduction, Veselov's discretization of Neumann's system", True),
+    "rosochatius": ("Section 7, end, beside Neumann's system", True),
+    "ratiu-bitop": ("Conclusions, a map for n = 4", False),
+    "kirchhoff-revolution": ("Introduction, Kirchhoff's case", False),
+}
+
+
+def sizes(system: System) -> tuple[int, ...]:
+    """The dimensions of a statement: two, since the laws of the registry go further."""
+    return (3, 4) if system.n is None else (system.n,)
+
+
+for name, (place, names) in CONTINUOUS.items():
+    system = REGISTRY[name]
+    claims = "Hamiltonian; integrals" + (" in involution; Lax pair" if "lax-equation" in names else "")
+    stated_law(f"{name}-flow", place, f"{system.equations}: {claims}", system, names, dimensions=sizes(system))
+for name, (place, commutes) in MAPS.items():
+    system = REGISTRY[name]
+    stated_law(
+        f"{name}-map",
+        place,
+        "the map is Poisson, conserves its integrals and has a Lax pair"
+        + ("; it commutes with the flow and with itself at other steps" if commutes else ""),
+        system,
+        ("poisson", "integrals-of-the-map", "discrete-lax-equation", *(["commuting-maps"] if commutes else [])),
+        numbers=("float",),
+        dimensions=sizes(system),
+    )
+
+
+# -- the printed formulas, written out in matrices and entries -------------------------------------
 
 
 def _wedge(x: Array, y: Array) -> Array:  # x ^ y = x y^T - y x^T
@@ -40,12 +165,9 @@ def _cayley_of(X: Array, V: Array) -> Sides:
     yield V @ (one - X), one + X
 
 
-@stated(
-    "record-heavy-top",
-    "Section 4, (mLT left), its Hamilton function",
-    "flow, energy and velocity of the record: H = sum of M_jk^2/(J_j + J_k)/2 over j < k + sum P_k A_k",
-)
+@stated("record-heavy-top", "Section 4, (mLT left), its Hamilton function")
 def record_heavy_top(s: Setting) -> Sides:
+    """flow, energy and velocity of the record: H = sum of M_jk^2/(J_j + J_k)/2 over j < k + sum P_k A_k"""
     M, P, A, J = s.skew(), s.vector(), s.vector(), abs(s.diagonal()) + 1
     known = heavy_top.principal(J=diagonal(J))
     Omega = M / (J[:, None] + J)
@@ -59,9 +181,9 @@ def record_heavy_top(s: Setting) -> Sides:
 @stated(
     "record-lagrange-top",
     "Sections 5 and 6.1: (mLT right), its H, l and u; (dLT rest frame), (dLT rest H), l_k, v_k, b_k",
-    "flow, energy, step, deformed energy and both Lax pairs of the record, |a| = 1",
 )
 def record_lagrange_top(s: Setting) -> Sides:
+    """flow, energy, step, deformed energy and both Lax pairs of the record, |a| = 1"""
     m, a, p, e, lam = s.skew(), s.unit(), s.vector(), s.eps, s.lam
     rate = lagrange_top.flow(m, a, p=p)
     yield rate[0], _wedge(a, p)
@@ -83,10 +205,9 @@ def record_lagrange_top(s: Setting) -> Sides:
 @stated(
     "record-lagrange-top-moving",
     "Sections 5 and 6.2: (mLT left), (mLT operator inv1), L and U; (dmLT body), (dmLT W thru M), Hbar_eps, L_k, V_k, B_k",
-    "velocity, flow, energy, step, deformed energy less the energy of the spin (E16) and both Lax pairs of the record, with +lambda A^T "
-    "in U (E2), |A| = 1",
 )
 def record_lagrange_top_moving(s: Setting) -> Sides:
+    """velocity, flow, energy, step, deformed energy less the energy of the spin (E16) and both Lax pairs of the record, with +lambda A^T in U (E2), |A| = 1"""
     W, P, A, alpha, e, lam = s.rotation(), s.vector(), s.unit(), s.scalar(), s.eps, s.lam
     one, WA = identity(s.n), W @ A
     M = 2 * alpha / e * half(W) - 2 * (1 - alpha) / e * _wedge(A, WA) / (1 + (A * WA).sum())
@@ -115,12 +236,9 @@ def record_lagrange_top_moving(s: Setting) -> Sides:
     yield from _cayley_of(e / 2 * _block(0 * M, lam * A, lam * A), back @ V)
 
 
-@stated(
-    "record-kirchhoff",
-    "Section 7, (Kirch), its Hamilton function; Clebsch's L and U",
-    "flow and energy of both records, L = lambda A + M + P P^T/lambda, U = lambda B + Omega with c_jk = (b_j - b_k)/(a_j - a_k)",
-)
+@stated("record-kirchhoff", "Section 7, (Kirch), its Hamilton function; Clebsch's L and U")
 def record_kirchhoff(s: Setting) -> Sides:
+    """flow and energy of both records, L = lambda A + M + P P^T/lambda, U = lambda B + Omega with c_jk = (b_j - b_k)/(a_j - a_k)"""
     M, P, a, b = s.skew(), s.vector(), s.diagonal(), s.vector()
     c = (b[:, None] - b + identity(s.n)) / (a[:, None] - a + identity(s.n))
     Omega = c * M
@@ -137,12 +255,9 @@ def record_kirchhoff(s: Setting) -> Sides:
     yield U, s.lam * diagonal(b) + Omega
 
 
-@stated(
-    "record-clebsch",
-    "Section 7: (Clebsch spec), its H, L and U+; (dClebsch spec), L_k, V_k",
-    "flow, energy, step and both Lax pairs of the record, |P| = 1",
-)
+@stated("record-clebsch", "Section 7: (Clebsch spec), its H, L and U+; (dClebsch spec), L_k, V_k")
 def record_clebsch(s: Setting) -> Sides:
+    """flow, energy, step and both Lax pairs of the record, |P| = 1"""
     M, P, b, e, lam = s.skew(), s.unit(), s.diagonal(), s.eps, s.lam
     one, B = identity(s.n), diagonal(b)
     rate = clebsch.flow(M, P, b=b)
@@ -164,13 +279,9 @@ def record_clebsch(s: Setting) -> Sides:
     yield from _cayley_of(-X, back)
 
 
-@stated(
-    "record-clebsch-energy",
-    "Section 7, Theorem 7.1, det(L_k(lambda) - mu)",
-    "the deformed energy of the record is -(1/2) sum b_i F_i with det(L_k(lambda) - lambda nu) = lambda^n det(S^-1 D) (1 + sum F_i/D_i/lambda^2 + ...), "
-    "D = B - nu S, S = I + (eps^2/4) B, |P| = 1",
-)
+@stated("record-clebsch-energy", "Section 7, Theorem 7.1, det(L_k(lambda) - mu)")
 def record_clebsch_energy(s: Setting) -> Sides:
+    """the deformed energy of the record is -(1/2) sum b_i F_i with det(L_k(lambda) - lambda nu) = lambda^n det(S^-1 D) (1 + sum F_i/D_i/lambda^2 + ...), D = B - nu S, S = I + (eps^2/4) B, |P| = 1"""
     M, P, b, e = s.skew(), s.unit(), s.diagonal(), s.eps
     S = 1 + e * e / 4 * b
     rows, values = [], []
@@ -204,12 +315,9 @@ def _solved(A: Array, y: Array) -> Array:
     return solve(A, y[:, None])[:, 0]
 
 
-@stated(
-    "record-spectra",
-    "Sections 5, 6.1, 6.2 and 7: det(l_k(lambda) - mu), det(L_k(lambda) - mu)",
-    "the integrals `spectrum` of the records are coefficients in lambda and mu of the characteristic polynomials of the printed matrices",
-)
+@stated("record-spectra", "Sections 5, 6.1, 6.2 and 7: det(l_k(lambda) - mu), det(L_k(lambda) - mu)")
 def record_spectra(s: Setting) -> Sides:
+    """the integrals `spectrum` of the records are coefficients in lambda and mu of the characteristic polynomials of the printed matrices"""
     m, a, p, e = s.skew(), s.unit(), s.vector(), s.eps
     for eps in (0 * e, e):
         b = a - eps / 2 * (m @ a) + eps * eps / 4 * p
@@ -254,10 +362,10 @@ def _bordered(s: Setting, m: Array, b: Array, p: Array, spectrum: Array, whole: 
 @stated(
     "record-lagrangians",
     "Sections 6.1, 6.2 and 7: (dmLT Lagr 1), (dmLT Lagr body), (dClebsch spec Lagr)",
-    "the discrete Lagrangians of the records, |A| = 1, with 2/eps for Clebsch's (E1)",
     numbers=("float",),
 )
 def record_lagrangians(s: Setting) -> Sides:
+    """the discrete Lagrangians of the records, |A| = 1, with 2/eps for Clebsch's (E1)"""
     g, h, A, p, b, e = s.rotation(), s.rotation(), s.unit(), s.vector(), abs(s.vector()), abs(s.eps)
     h, alpha = g @ _near(h), abs(s.scalar()) + 1 / 2
     w, W, a, P = h @ g.T, g.T @ h, g @ A, g.T @ p

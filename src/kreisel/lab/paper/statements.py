@@ -1,18 +1,20 @@
-"""What a statement of the paper is, and how statements are tested."""
+"""Statements of the paper: places, texts and pairs of sides; derivatives, ranks; how statements are tested."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from kreisel import algebra
-from kreisel.algebra import Array
+from kreisel.algebra import Array, identity, trace_log
 from kreisel.errors import InputError, hint, shown
 from kreisel.lab import exact, laws
-from kreisel.lab.law import Sides
+from kreisel.lab.exact import jacobian
+from kreisel.lab.law import Case, Sides, residual
 from kreisel.record.contract import System
 from kreisel.record.model import Model
 
@@ -71,6 +73,7 @@ class Setting:
 
 
 SidesOf = Callable[[Setting], Sides]
+Decorator = Callable[[Callable[..., Sides]], Callable[..., Sides]]
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,7 @@ class StatementResult:
 
     @property
     def computed(self) -> str:
-        """What is compared."""
+        """The quantities that are compared, in words."""
         if self.statement.by_laws:
             return "laws " + ", ".join(self.statement.by_laws)
         return "ranks of differentials" if "float" not in self.statement.numbers else "both sides"
@@ -121,13 +124,19 @@ class StatementResult:
 STATEMENTS: dict[str, Statement] = {}
 
 
-def stated(name: str, place: str, text: str, erratum: str = "", **more: Any) -> Callable[[SidesOf], SidesOf]:
-    """Register the decorated function as a statement."""
+def stated(
+    name: str, place: str, erratum: str = "", printed: Mapping[str, Any] | None = None, **more: Any
+) -> Decorator:
+    """Register the decorated function as a statement, which its docstring says.
 
-    def register(sides: SidesOf) -> SidesOf:
+    `printed` are the arguments with which the function gives the printed form instead: it must fail.
+    """
+
+    def register(sides: Callable[..., Sides]) -> Callable[..., Sides]:
         if name in STATEMENTS:
             raise ValueError(f"two statements are called {name}")
-        STATEMENTS[name] = Statement(name, place, text, sides, erratum=erratum, **more)
+        misprint = None if printed is None else partial(sides, **printed)
+        STATEMENTS[name] = Statement(name, place, sides.__doc__ or "", sides, misprint, erratum, **more)
         return sides
 
     return register
@@ -154,9 +163,12 @@ def by_law(system: System, *names: str) -> SidesOf:
     return sides
 
 
-def stated_law(name: str, place: str, text: str, system: System, *names: str, **more: Any) -> None:
-    """A statement that is a law of the registry."""
-    stated(name, place, text, by_laws=names, **more)(by_law(system, *names))
+def stated_law(
+    name: str, place: str, text: str, system: System, laws: Sequence[str], erratum: str = "", **more: Any
+) -> None:
+    """A statement that laws of the registry test."""
+    statement = Statement(name, place, text, by_law(system, *laws), erratum=erratum, by_laws=tuple(laws), **more)
+    STATEMENTS[name] = statement
 
 
 def printed_law(name: str, system: System, law: str, **printed_functions: Any) -> None:
@@ -218,19 +230,6 @@ def rank(vectors: Array) -> int:
 
 
 # -- testing ------------------------------------------------------------------------------------------
-
-
-def residual(sides: Iterable[tuple[Array, Array]], numbers: str) -> float:
-    """The largest difference: 0 only if exactly 0 in rationals, relative to the size of the sides in floats."""
-    worst = 0.0
-    for left, right in laws.real(sides):
-        difference = np.asarray(left - right)
-        size = 0.0 if numbers == "exact" else max(algebra.magnitude(left), algebra.magnitude(right))
-        amount = algebra.magnitude(difference) / (1 + size)
-        if numbers == "exact" and amount == 0 and any(v != 0 for v in difference.flat):
-            amount = np.finfo(float).tiny
-        worst = max(worst, amount if np.isfinite(amount) else np.inf)
-    return worst
 
 
 def tested(statement: Statement, dimensions: Iterable[int] = DIMENSIONS, seed: int = 0) -> StatementResult:
@@ -326,3 +325,42 @@ Made by `make verify` (`kreisel verify --markdown`); one statement: `kreisel ver
 
 | name | where | statement | computed | n | over Q | floats | verdict |
 |---|---|---|---|---|---|---|---|"""
+
+
+# -- matrices of the proofs, ranks on a leaf ---------------------------------------------------------
+
+
+def outer(x: Array) -> Array:
+    """x x^T."""
+    return x[..., :, None] * x[..., None, :]
+
+
+def half(w: Array) -> Array:
+    """(w - I)/(w + I), written as in the paper."""
+    n = w.shape[-1]
+    return algebra.solve((w + identity(n)).T, (w - identity(n)).T).T
+
+
+def trace_log_of(w: Array) -> Any:
+    """Tr log(2I + w + w^-1)."""
+    return trace_log(2 * identity(w.shape[-1]) + w + w.T)
+
+
+HALF_LEAF = {3: 2, 4: 4, 5: 6, 6: 9}
+SPECTRAL_RANK = {3: 2, 4: 3, 5: 4, 6: 5}
+
+
+def rank_on_leaf(system: System, state: tuple[Array, ...], functions: Sequence[Callable[..., Any]]) -> int:
+    """The rank on the leaf of the differentials of functions of the state, at a rational point."""
+    space, n = system.space, state[0].shape[-1]
+    assert space.casimirs is not None
+    slopes = [jacobian(f, state, space.kinds, n)[1] for f in (space.casimirs, *functions)]
+    casimirs, *others = [x.reshape(-1, x.shape[-1]) for x in slopes]
+    return rank(np.concatenate([casimirs, *others])) - rank(casimirs)
+
+
+def leaf_rank(case: Case, names: tuple[str, ...]) -> int:
+    """The rank on the leaf of the differentials of the energy and the named integrals of a record."""
+    system = case.system
+    functions = [partial(case.call, f) for f in (system.energy, *(system.integrals[name] for name in names))]
+    return rank_on_leaf(system, case.state, functions)

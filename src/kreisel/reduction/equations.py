@@ -1,6 +1,13 @@
-"""Discrete Euler-Poincare equations of any Lagrangian on any matrix group with any representation, left and right.
+"""Euler-Poincare equations of any Lagrangian on any matrix group with any representation, left and right.
 
-Moving frame (left), W_k = g_k^-1 g_(k+1), P_k = Phi(g_k^-1) p, Lambda(W_k, P_k):
+Moving frame (left), L(Omega, P):   M' = ad*_Omega M + grad_P L <> P,    P' = -phi(Omega) P,   M = grad_Omega L
+Rest frame (right), L(omega, a):    m' = -ad*_omega m - grad_a L <> a,   a' = phi(omega) a,    m = grad_omega L
+Legendre transform:                 H = <M, Omega> - L,  F' = {H, F},  plus bracket (moving), minus (rest)
+
+States are coordinates M (d,), P (q,); x (d,) are coordinates of Omega.
+[Suris 2001, (EL left Ham red), (EL right Ham red)]
+
+Discrete equations.  Moving frame (left), W_k = g_k^-1 g_(k+1), P_k = Phi(g_k^-1) p, Lambda(W_k, P_k):
 
     Ad*_(W_k^-1) M_(k+1) = M_k + grad_P Lambda <> P_k,   P_(k+1) = Phi(W_k^-1) P_k,   M_(k+1) = d'_W Lambda
 
@@ -24,11 +31,63 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.record.contract import Frame
-from kreisel.reduction import newton
-from kreisel.reduction.continuous import Continuous, Lagrangian
+from kreisel.reduction import linear, newton
 from kreisel.reduction.double import double, jax
-from kreisel.reduction.groups import Group, random_element
-from kreisel.reduction.representations import Representation
+from kreisel.reduction.groups import Group, Representation, random_element
+
+jnp = jax.numpy
+Lagrangian = Callable[..., Any]  # (Omega, P) or (W, P): an algebra element or a group element, and a point of V
+
+
+@dataclass(frozen=True, eq=False)
+class Continuous:
+    """A reduced Lagrangian `lagrangian(Omega, P)`, as the user writes it, and what follows from it."""
+
+    lagrangian: Lagrangian
+    rep: Representation
+    frame: Frame
+
+    def value(self, x: Array, P: Array) -> Array:
+        """The Lagrangian in coordinates."""
+        return self.lagrangian(self.rep.group.matrix(x), self.rep.space.array(P))
+
+    def momentum(self, x: Array, P: Array) -> Array:
+        """M = grad_Omega L, the Legendre transform."""
+        return jax.grad(self.value)(x, P)
+
+    def velocity(self, M: Array, P: Array) -> Array:
+        """The x of Omega with grad_Omega L(Omega, P) = M, on the branch of Omega = 0; NaN where there is none."""
+
+        def off(x: Array, state: tuple[Array, Array]) -> Array:
+            M, P = state
+            return self.momentum(x, P) - M
+
+        return newton.find_root(off, self.rep.group.dim, (M, P))
+
+    def energy(self, M: Array, P: Array) -> Array:
+        """H = <M, Omega> - L."""
+        x = self.velocity(M, P)
+        return M @ x - self.value(x, P)
+
+    def flow(self, M: Array, P: Array) -> tuple[Array, Array]:
+        """The left or right Euler-Poincare equations in (M, P)."""
+        x = self.velocity(M, P)
+        sign = 1 if self.frame is Frame.MOVING else -1
+        force = self.rep.diamond(jax.grad(self.value, 1)(x, P), P)
+        return sign * (self.rep.group.ad_star(x, M) + force), -sign * self.rep.rate(x, P)
+
+    def acceleration(self, x: Array, P: Array) -> tuple[Array, Array]:
+        """The equations in (Omega, P): grad^2_Omega L Omega' = M' - (grad_P grad_Omega L) P'."""
+        M = self.momentum(x, P)
+        sign = 1 if self.frame is Frame.MOVING else -1
+        force = self.rep.diamond(jax.grad(self.value, 1)(x, P), P)
+        dM, dP = sign * (self.rep.group.ad_star(x, M) + force), -sign * self.rep.rate(x, P)
+        inertia, coupling = jax.jacfwd(self.momentum, (0, 1))(x, P)
+        return linear.inverse(inertia) @ (dM - coupling @ dP), dP
+
+
+# -- discrete equations ----------------------------------------------------------------------------
+
 
 jnp = jax.numpy
 INVARIANT = 1e-8
@@ -92,8 +151,8 @@ class Discrete:
     def turn(self, M: Array, P: Array) -> Array:
         """W_k from (M_k, P_k); NaN where the branch with the continuous limit ends."""
 
-        def off(x: Array, known: tuple[Array, Array]) -> Array:
-            M, P = known
+        def off(x: Array, state: tuple[Array, Array]) -> Array:
+            M, P = state
             return self.before(self.rep.group.retract(x), P) - M
 
         return self.rep.group.retract(newton.find_root(off, self.rep.group.dim, (M, P)))
@@ -106,8 +165,8 @@ class Discrete:
     def turn_back(self, M: Array, P: Array) -> Array:
         """W_k from (M_(k+1), P_(k+1))."""
 
-        def off(x: Array, known: tuple[Array, Array]) -> Array:
-            M, P = known
+        def off(x: Array, state: tuple[Array, Array]) -> Array:
+            M, P = state
             W = self.rep.group.retract(x)
             return self.after(W, self.brought(W, P)) - M
 
@@ -163,8 +222,8 @@ class Unreduced:
     def turn(self, M: Array, g: Array) -> Array:
         """W with -d'_1 LL(g, g W) = M."""
 
-        def off(x: Array, known: tuple[Array, Array]) -> Array:
-            M, g = known
+        def off(x: Array, state: tuple[Array, Array]) -> Array:
+            M, g = state
             after = g @ self.group.retract(x)
             return -right_derivative(lambda y: self.lagrangian(y, after), g, self.group) - M
 
@@ -197,21 +256,21 @@ def reduce(
             pair = (k @ g, k @ h) if left else (g @ k, h @ k)
             return float(lagrangian(*pair, rep.space.array(u)))
 
-        here = moved(jnp.eye(group.size))
-        off_isotropy = abs(moved(group.retract(jnp.asarray(isotropic))) - here)
-        off = abs(moved(k) - here)
+        value = moved(jnp.eye(group.size))
+        off_isotropy = abs(moved(group.retract(jnp.asarray(isotropic))) - value)
+        off = abs(moved(k) - value)
     letter, group_letter = ("p", "G^[p]") if left else ("A", "G^[A]")
     side = "left" if left else "right"
-    if off_isotropy > INVARIANT * (1 + abs(here)):
+    if off_isotropy > INVARIANT * (1 + abs(value)):
         raise InputError(
             f"The Lagrangian LL(g, h) must be invariant under {side} translations by the isotropy group {group_letter} "
             f"of {letter}; at a random element it changes by {off_isotropy:.3g}. Usual cause: the other frame is "
             "meant, or a second constant vector; put both into one representation."
         )
-    if off > INVARIANT * (1 + abs(here)):
+    if off > INVARIANT * (1 + abs(value)):
         raise InputError(
             f"The Lagrangian LL(g, h, {letter}) must not change when g, h and {letter} are moved together by a group "
             f"element; it changes by {off:.3g}. Usual cause: {letter} is not the third argument but written into LL."
         )
-    one = jnp.eye(group.size)
-    return lambda W, P: lagrangian(one.astype(W.dtype), W, P)
+    unit = jnp.eye(group.size)
+    return lambda W, P: lagrangian(unit.astype(W.dtype), W, P)
