@@ -179,7 +179,7 @@ def _lohner(
         inner = (back @ A) @ r + back @ off
         box_of = following + U @ inner
         mapped = np.array([_value_of(v) for v in images], dtype=object)
-        box_of = np.array([a.intersection(b) for a, b in zip(box_of, mapped, strict=True)], dtype=object)
+        box_of = np.array([_both(a, b) for a, b in zip(box_of, mapped, strict=True)], dtype=object)
         if max(float(v.rad()) for v in box_of) > tolerance:
             stopped = f"the next enclosure is wider than {tolerance:g}"
             break
@@ -193,6 +193,11 @@ def _step(subject: Subject, x: Array, constants: Mapping[str, Any]) -> Array:
 
 def _value_of(v: Any) -> Any:
     return v.value if isinstance(v, Dual) else v
+
+
+def _both(a: Any, b: Any) -> Any:
+    """The intersection of two enclosures of one number."""
+    return a.intersection(b)
 
 
 def _all_finite(values: Array) -> bool:
@@ -220,7 +225,7 @@ def _mean_value_form(f: Callable[[Array], Any], c: Array, X: Array, Q: Array, r:
     if not isinstance(at, Dual):
         return direct
     mean = f(c) + np.asarray(at.slope, dtype=object) @ Q @ r
-    return mean.intersection(direct)
+    return _both(mean, direct)
 
 
 def _wider(bounds: tuple[float, float] | None, value: Any) -> tuple[float, float]:
