@@ -460,7 +460,7 @@ def load(path: str | os.PathLike[str]) -> Spins:
     """The simulation and its bodies as they were saved; they go on bit for bit.
 
     Forces, heartbeats and other functions of the simulation are not in the file: set them again.  Raises `InputError`
-    for a file that is no such file, `RunError` where it cannot be read_file.
+    for a file that is no such file, `RunError` where it cannot be read.
     """
     sim, arrays = read_file(path)
     names = [name[1:] if name.startswith("#") else int(name) for name in arrays["names"].tolist()]
@@ -496,11 +496,11 @@ def write_file(path: str | os.PathLike[str], sim: Any, parts: Mapping[str, Any])
 def read_file(path: str | os.PathLike[str]) -> tuple[Any, dict[str, np.ndarray]]:
     """The simulation and the arrays beside it.
 
-    Raises `InputError` for a file that is no such file, `RunError` where it cannot be read_file.
+    Raises `InputError` for a file that is no such file, `RunError` where it cannot be read.
     """
     source = place(path, NEEDED)
     try:
-        with on_disk(path, "be read_file"), source.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+        with on_disk(path, "be read"), source.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             arrays = {name: file[name] for name in ("format", "simulation", "z", "c", "names", "dt", "seen")}
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: expected a file that spins.save wrote, got {shown(error)}.") from error
@@ -517,10 +517,10 @@ def read_file(path: str | os.PathLike[str]) -> tuple[Any, dict[str, np.ndarray]]
             sim = rebound().Simulation(arrays["simulation"].tobytes())
     except RuntimeError as error:
         raise RunError(
-            f"{path}: REBOUND could not read_file its part: {error}. Usual cause: another version of it."
+            f"{path}: REBOUND could not read its part: {error}. Usual cause: another version of it."
         ) from error
     for each in said:
         if "corrupted" in str(each.message):
-            raise RunError(f"{path}: REBOUND could not read_file its part: {each.message}")
+            raise RunError(f"{path}: REBOUND could not read its part: {each.message}")
         warnings.warn(str(each.message), RuntimeWarning, stacklevel=2)
     return sim, arrays

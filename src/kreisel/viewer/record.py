@@ -72,7 +72,7 @@ def record(system: System) -> str:
     lines.append(f"  integrals   {', '.join(facts['integrals'])}; Casimirs")
     for name in system.invariant:
         lines.append(f"  relation    {name} = 0 is invariant")
-    lines.append(f"  Lax pair    {'yes' if system.lax else 'none claims'}")
+    lines.append(f"  Lax pair    {'yes' if system.lax else 'none known'}")
     if system.map is None:
         lines.append("  map         no integrable discretization known here")
     else:
@@ -81,7 +81,7 @@ def record(system: System) -> str:
         lines.append(f"  map         {claims['source']}; order {system.map.order}{after}")
         named = [f for f in (system.energy, *system.integrals.values()) if f is not None]
         deformed = "; deformed integrals" if any("eps" in keywords(f) for f in named) else ""
-        lines.append(f"              with {', '.join(claims['claims'])}{deformed}")
+        lines.append(f"              with {', '.join(claims['known'])}{deformed}")
     for relation in system.relations:
         lines.append(f"  related     {relation.target}: {relation.meaning}")
     lines += [f"  scaling     {system.scaling}", f"  source      {system.source}"]
