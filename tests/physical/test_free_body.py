@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import mpmath
 import numpy as np
@@ -12,7 +13,8 @@ from scipy.integrate import quad
 import kreisel as kr
 from kreisel import units
 from kreisel.algebra import act, rotation_matrix
-from kreisel.physical import FreeBody, HeavyBody, elliptic, free_rotation
+from kreisel.exact.rotor import Rotor
+from kreisel.physical import FreeBody, HeavyBody
 
 ROUNDING = 4e-15  # relative: periods were off by 3e-16 at most
 MOMENTS = np.array((1.0, 2.1, 2.7))
@@ -100,33 +102,6 @@ def test_beside_the_middle_axis(e: float) -> None:
     assert motion.precession == pytest.approx(precession, rel=ROUNDING)
 
 
-@pytest.mark.parametrize("kc", [0.9, 1e-3, 1.1e-4, 0.9e-4, 1.1e-8, 0.9e-8, 1e-12, 1e-60, 1e-200])
-def test_the_amplitude_in_extended_digits(kc: float) -> None:
-    """The functions am, F, Pi on both sides of the seams at k' = 1e-4 and 1e-8, over two periods."""
-    ctx, quarter = mpmath.MPContext(), elliptic.complete(kc)
-    ctx.dps = 30 + round(-2 * math.log10(kc))
-    k2 = 1 - ctx.mpf(kc) ** 2
-    assert quarter == pytest.approx(float(ctx.ellipk(k2)), rel=1e-15)
-    for u in np.array((-3.7, -2.2, -0.6, 0.05, 0.45, 0.55, 0.98, 1.9, 2.4)) * quarter:
-        phi = float(elliptic.amplitude(np.array(u), kc, quarter))
-        whole = round(u / (2 * quarter))
-        sn, cn = (float(ctx.ellipfun(name, ctx.mpf(float(u)), m=k2)) for name in ("sn", "cn"))
-        assert abs(math.sin(phi) - sn) < 1e-13 and abs(math.cos(phi) - cn) < 1e-13
-        part = phi - whole * math.pi
-        if kc > 1e-30:  # the angle tells u
-            assert float(elliptic.third(np.array(part), -0.7, kc)) == pytest.approx(
-                float(ctx.ellippi(-0.7, part, k2)), rel=1e-13
-            )
-
-
-def test_what_rounding_would_do_to_the_modulus() -> None:
-    """The negative control: k' from k^2 in doubles misses the bounds of the two tests above."""
-    spin = (1e-9, 1.0, 1e-9 / 3)
-    motion, (period, _) = FreeBody(MOMENTS).rotation(spin), in_extended_digits(MOMENTS, spin)
-    rounded = math.sqrt(max(1 - motion.modulus, 1e-17))
-    assert abs(elliptic.complete(rounded) / motion._quarter * motion.period / period - 1) > 1e-3
-
-
 def test_steady_rotations() -> None:
     body = FreeBody(MOMENTS)
     for i, growth in enumerate((0.0, 1.0, 0.0)):
@@ -176,36 +151,35 @@ def test_the_closed_form_is_the_run(inertia: np.ndarray, kind: str) -> None:
     assert np.linalg.norm(si.M[0]) == pytest.approx(np.linalg.norm(motion.momentum), rel=1e-13)
 
 
-def test_mutants_of_the_closed_form_miss_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Half of nu, a lost arctangent, the other side of the second axis: each is seen by the test above."""
-    right = free_rotation._relabelled
+def test_mutants_of_the_closed_form_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wrong lambda and a wrong mean rate miss the periods, the other side of u the run; each is seen above."""
+    right = Rotor._constants
 
-    def mutant(**wrong: object) -> None:
-        monkeypatch.setattr(
-            free_rotation, "_relabelled", lambda *a: (f := right(*a))._replace(**{k: v(f) for k, v in wrong.items()})
-        )
+    def mutant(name: str, wrong: Callable[[Rotor], object]) -> None:
+        def constants(rotor: Rotor) -> None:
+            right(rotor)
+            setattr(rotor, name, wrong(rotor))
 
-    for wrong in ({"nu": lambda f: f.nu / 2}, {"side": lambda f: -f.side}, {"lam": lambda f: 2 * f.lam}):
-        mutant(**wrong)
+        monkeypatch.setattr(Rotor, "_constants", constants)
+
+    for name, wrong in (("lam", lambda r: 2 * r.lam), ("mean", lambda r: r.mean * (1 + 1e-11))):
+        mutant(name, wrong)
         with pytest.raises(AssertionError):
-            test_the_closed_form_is_the_run(TENSOR, "short-axis mode")
-    monkeypatch.setattr(free_rotation, "_relabelled", right)
-    monkeypatch.setattr(free_rotation, "stretched", lambda phi, c: 0 * phi)
+            test_periods_in_extended_digits(MOMENTS, "short-axis mode")
+    mutant("s", lambda r: -r.s)
     with pytest.raises(AssertionError):
-        test_the_closed_form_is_the_run(TENSOR, "short-axis mode")
+        test_flips_are_seen_in_a_run()
 
 
-def test_short_and_long_times_join() -> None:
-    """The attitude on both sides of the time where its formula changes, against small steps of the same motion."""
+def test_a_motion_goes_on_from_any_state() -> None:
+    """Two times after one another are their sum."""
     for kind, spin in SPINS.items():
-        motion = FreeBody(MOMENTS).rotation(spin)
-        seam = free_rotation.SHORT / (motion._form.lam * motion._rate)
-        _, g = motion.at(seam * np.array((1 - 1e-14, 1 + 1e-14)))
-        assert abs(g[1] - g[0]).max() < 1e-13, kind
-        velocity, middle = motion.at(0.7 * seam)
-        later = FreeBody(MOMENTS).rotation(velocity).at(0.7 * seam, middle)
-        straight = motion.at(1.4 * seam)
-        assert abs(straight[0] - later[0]).max() < 1e-13 and abs(straight[1] - later[1]).max() < 1e-13
+        for time in (0.1, 7.0):
+            velocity, middle = FreeBody(MOMENTS).rotation(spin).at(time)
+            later = FreeBody(MOMENTS).rotation(velocity).at(time, middle)
+            straight = FreeBody(MOMENTS).rotation(spin).at(2 * time)
+            assert abs(straight[0] - later[0]).max() < 1e-13, kind
+            assert abs(rotation_matrix(straight[1]) - rotation_matrix(later[1])).max() < 1e-13, kind
 
 
 @pytest.mark.parametrize("e", [1e-5, 1e-13, 1e-58, 1e-200])

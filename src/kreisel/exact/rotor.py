@@ -33,6 +33,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.computed import cached_property
 from kreisel.exact.nutation import MpNumber, mp_number, rationals
 from kreisel.exact.parts import (
     BINARY,
@@ -85,7 +86,10 @@ class Axes:
 class Rotor:
     """The motion through mu (3,) of a body with the moments (3,), taken as exact; `reach`: the largest |time| asked.
 
-    `start`: the orientation at time 0, a unit quaternion, or None where it is not asked for.
+    start     the orientation at time 0, a unit quaternion, or None where it is not asked for
+    gap       L^2 - 2T I_2; 0 on the separatrix and about the middle axis
+    quarter   K, infinite if gap = 0; of steady motions that of a small disturbance, as lam is
+    mean      the mean rate of psi
     """
 
     def __init__(self, mu: Array, moments: Array, reach: float, start: Array | None = None):
@@ -107,7 +111,11 @@ class Rotor:
         self.bits = 64 + PHASE_BITS + 53 + max(0, math.frexp(reach)[1])
         self.ctx.dps = DIGITS + int(spread * math.log10(2)) + self._lost + 1
         self._constants()
-        self._clock()
+
+    @property
+    def start_along(self) -> list[MpNumber]:
+        """M/L at time 0 along the axes in the order of the closed form."""
+        return [v / self.L for v in self._numbers(self.N)]
 
     def _numbers(self, values: list[Fraction]) -> list[MpNumber]:
         return [mp_number(self.ctx, v) for v in values]
@@ -116,19 +124,20 @@ class Rotor:
         """What the integrals determine."""
         ctx, (I1, I2, I3) = self.ctx, self.I
         self.L = ctx.sqrt(mp_number(ctx, self.L2))
-        self.lam, self._lost = ctx.zero, 0
+        D, E, gap = self.T2 * I3 - self.L2, self.L2 - self.T2 * I1, self.L2 - self.T2 * I2
+        self.gap, self.s, self._lost = gap, 1 if I3 > I1 else -1, 0
+        self.lam = ctx.sqrt(mp_number(ctx, (I3 - I2) * E / (I1 * I2 * I3)))
         if self.steady:
+            self.quarter = ctx.pi / 2 if gap else ctx.inf
             self.mean = mp_number(ctx, self.T2) / self.L if self.L else ctx.zero
             return
-        D, E, gap = self.T2 * I3 - self.L2, self.L2 - self.T2 * I1, self.L2 - self.T2 * I2
-        squares = I1 * D / (I3 - I1), I2 * D / (I3 - I2), I3 * E / (I3 - I1), (I3 - I2) * E / (I1 * I2 * I3)
-        *self.a, self.lam = (ctx.sqrt(v) for v in self._numbers(list(squares)))
-        self.s = 1 if I3 > I1 else -1
+        squares = I1 * D / (I3 - I1), I2 * D / (I3 - I2), I3 * E / (I3 - I1)
+        self.a = [ctx.sqrt(v) for v in self._numbers(list(squares))]
         self.k2 = (I2 - I1) * D / ((I3 - I2) * E)
         self.k_prime = ctx.sqrt(mp_number(ctx, (I3 - I1) * gap / ((I3 - I2) * E)))
         a3, total = self.a[2], self.L + self.a[2]
         B = mp_number(ctx, D / I3) / (self.lam * total)
-        self.separatrix = gap == 0
+        self.separatrix, self.quarter = gap == 0, ctx.inf
         if self.separatrix:  # the same half-plane of M_1 stays
             self.a[:2] = [a if self.N[0] > 0 else -a for a in self.a[:2]]
             self.slope = B * total / self.L  # psi' tends to L/I_2
@@ -137,6 +146,7 @@ class Rotor:
             self.k1 = mp_number(ctx, self.k2) / (1 + self.k_prime) ** 2
             self.k1_prime = 2 * ctx.sqrt(self.k_prime) / (1 + self.k_prime)
             self.K1 = ctx.pi / (2 * ctx.agm(1, self.k1_prime))
+            self.quarter = (1 + self.k1) * self.K1
             self.beta = self.k1 * self.a[0] ** 2 / total**2
             self.whole = ctx.elliprj(0, self.k1_prime**2, 1, 1 + self.beta) / 3
             ripple = 2 * a3 * self.k1 / total
@@ -144,21 +154,23 @@ class Rotor:
             self.ripple = B * (1 + self.k1) * ripple
         self.mean = self.L / mp_number(ctx, I3) + self.lam * self.slope
 
+    @cached_property
+    def u0(self) -> MpNumber:
+        """The u at time 0."""
+        cn, sn, dn = (n / a for n, a in zip(self._numbers(self.N), self.a, strict=True))
+        if self.separatrix:
+            return self.ctx.asinh(sn / cn)
+        u0 = sn * self.ctx.elliprf(cn**2, dn**2, 1)
+        return u0 if cn >= 0 else (2 if sn >= 0 else -2) * self.quarter - u0
+
     def _clock(self) -> None:
-        """u_0, the length of a part in u, and how many parts there are."""
+        """The length of a part in u, and how many parts there are."""
         ctx = self.ctx
         self.places, self.settled = LEAST_PLACES, 0
         if self.steady:
             return
-        cn, sn, dn = (n / a for n, a in zip(self._numbers(self.N), self.a, strict=True))
         self._inverse = [1 / i - 1 / self.I[2] for i in self.I]
-        if self.separatrix:
-            unit, self.u0 = ctx.one, ctx.asinh(sn / cn)
-        else:
-            unit = 2 * (1 + self.k1) * self.K1
-            self.u0 = sn * ctx.elliprf(cn**2, dn**2, 1)
-            if cn < 0:
-                self.u0 = (1 if sn >= 0 else -1) * unit - self.u0
+        unit = ctx.one if self.separatrix else 2 * self.quarter
         self.psi0 = self._psi(self.u0)[1]
         bounds = abs(self._series(ctx.zero, ctx.one).astype(np.float64)).sum(1) * 2.0**-BINARY
         halvings = 0
@@ -256,6 +268,7 @@ class Rotor:
 
     def orbit(self) -> Orbit:
         """The states (M,) or (M, g).  The second phase is half of psi, so that g is continuous in time."""
+        self._clock()
         ctx, direction = self.ctx, 0 if self.steady else self.axes.chi * self.s
         parts = direction * self.lam / self.part if direction else ctx.zero
         moving, turning = (int(ctx.floor(ctx.ldexp(v, self.bits))) for v in (parts, self.mean / (4 * ctx.pi)))
