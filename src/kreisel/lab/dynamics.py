@@ -364,8 +364,3 @@ def _interpolant(orbit: Array, k: int, m: int) -> Callable[[float], Array]:
         return scale @ rows / scale.sum()
 
     return curve
-
-
-def rational_start(subject: Subject, seed: int = 0) -> Array:
-    """A random rational point with small numerators and denominators."""
-    return np.asarray(exact.fractions(subject.point(exact.rational_random(np.random.default_rng(seed)))))

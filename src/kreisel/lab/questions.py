@@ -51,12 +51,11 @@ LARGEST = 8  # coordinates of maps of which Hirota-Kimura bases are looked for
 
 @dataclass(frozen=True)
 class Finding:
-    """A question, the answer and the evidence; `weight` +1 for integrability, -1 against it, 0 neither."""
+    """A question, the answer and the evidence."""
 
     question: str
     answer: str
     evidence: str
-    weight: int = 0
 
 
 class Clues:
@@ -308,7 +307,7 @@ def _period(c: Clues) -> Finding:
     periods = {_first_return(c, p) for p in PRIMES[:2]}
     c.period = max(periods) if 0 not in periods else 0
     if c.period:
-        return Finding("period", str(c.period), f"step^{c.period} = 1 at random points modulo two primes", 1)
+        return Finding("period", str(c.period), f"step^{c.period} = 1 at random points modulo two primes")
     return Finding("period", "none", f"no iterate up to {PERIODS} is the identity" + _clock(c))
 
 
@@ -413,31 +412,18 @@ def _growth(c: Clues) -> Finding:
     if not c.rational:
         return Finding("degree growth", "does not apply", c.subject.implicit)
     for iterates in sorted({c.iterates, *(() if c.fixed_iterates else MORE)}):
-        degrees_found = c.growth = growth.growth(c.subject, max(iterates, c.iterates), c.seed)
-        if (
-            degrees_found.recurrence is not None
-            or len(degrees_found.degrees) <= iterates
-            or degrees_found.degrees[-1] > GREAT
-        ):
+        growing = c.growth = growth.growth(c.subject, max(iterates, c.iterates), c.seed)
+        if growing.recurrence is not None or len(growing.degrees) <= iterates or growing.degrees[-1] > GREAT:
             break
-    if degrees_found.recurrence is None:
-        answer = f"entropy {degrees_found.entropy:.2g} ± {degrees_found.uncertainty:.1g}"
-    elif degrees_found.power is None:
-        answer = f"exponential, entropy {degrees_found.entropy:.6g}"
+    if growing.recurrence is None:
+        answer = f"entropy {growing.entropy:.2g} ± {growing.uncertainty:.1g}"
+    elif growing.power is None:
+        answer = f"exponential, entropy {growing.entropy:.6g}"
     else:
-        answer = f"k^{degrees_found.power}, entropy 0"
-    drops = (
-        f"; singularities confine first at iterate {degrees_found.drops[0]}"
-        if degrees_found.drops
-        else "; no degree is lost"
-    )
-    evidence = f"degrees {', '.join(map(str, degrees_found.degrees))} on two primes{drops}"
-    return Finding(
-        "degree growth",
-        answer,
-        evidence,
-        1 if degrees_found.power is not None else -1 if degrees_found.exponential else 0,
-    )
+        answer = f"k^{growing.power}, entropy 0"
+    drops = f"; singularities confine first at iterate {growing.drops[0]}" if growing.drops else "; no degree is lost"
+    evidence = f"degrees {', '.join(map(str, growing.degrees))} on two primes{drops}"
+    return Finding("degree growth", answer, evidence)
 
 
 def _singularities(c: Clues) -> Finding:
@@ -463,7 +449,7 @@ def _integrals(c: Clues) -> Finding:
         answer = (
             f"{numeric.count} of degree 2 or less, in floats; {numeric.on_leaf} on leaves of dimension {numeric.leaf}"
         )
-        return Finding("integrals", answer, str(numeric), 1 if numeric.enough else 0)
+        return Finding("integrals", answer, str(numeric))
     c.integrals = list(integrals.integrals(subject, c.degree, seed=c.seed))
     rank_on_leaves(c)
     for degree in DARBOUX.get(subject.dim, ()):
@@ -493,8 +479,7 @@ def _integrals(c: Clues) -> Finding:
     if c.bases is not None and c.bases.integrals:
         answers.append(f"{c.bases.integrals} as coefficients")
         shown.append(f"Hirota-Kimura bases, {c.bases}")
-    good = ranks is not None and enough(ranks)
-    return Finding("integrals", "; ".join(answers) or "none found", "; ".join(shown), 1 if good else 0)
+    return Finding("integrals", "; ".join(answers) or "none found", "; ".join(shown))
 
 
 def _truncated(text: str) -> str:
@@ -513,8 +498,7 @@ def _lax(c: Clues) -> Finding:
     answer = "complete" if ranks.complete else "superintegrable" if ranks.superintegrable else "not complete"
     if ranks.isospectral is not True:
         answer = "no Lax pair of this map"
-    good = ranks.isospectral is True and ranks.involution is True and enough(ranks)
-    return Finding("Lax pair", answer, str(ranks), 1 if good else 0)
+    return Finding("Lax pair", answer, str(ranks))
 
 
 def _isospectral_in_floats(c: Clues) -> bool:
@@ -537,7 +521,7 @@ def _chaos(c: Clues) -> Finding:
     kinds = ["chaotic" if o.chaotic else "regular" if o.regular else "unknown" for o in c.orbits]
     worst = max(c.orbits, key=lambda o: (o.chaotic, float(o.exponents[0])))
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-    return Finding("Lyapunov", f"{counts} of {len(kinds)} orbits", str(worst), -1 if worst.chaotic else 0)
+    return Finding("Lyapunov", f"{counts} of {len(kinds)} orbits", str(worst))
 
 
 QUESTIONS = (_period, _poisson, _volume, _reversible, _order, _growth, _singularities, _integrals, _lax, _chaos)

@@ -58,11 +58,10 @@ class Continuous:
     def velocity(self, M: Array, P: Array) -> Array:
         """The x of Omega with grad_Omega L(Omega, P) = M, on the branch of Omega = 0; NaN where there is none."""
 
-        def off(x: Array, state: tuple[Array, Array]) -> Array:
-            M, P = state
+        def off(x: Array, M: Array, P: Array) -> Array:
             return self.momentum(x, P) - M
 
-        return newton.find_root(off, self.rep.group.dim, (M, P))
+        return newton.find_root(off, self.rep.group.dim, M, P)
 
     def energy(self, M: Array, P: Array) -> Array:
         """H = <M, Omega> - L."""
@@ -151,11 +150,10 @@ class Discrete:
     def turn(self, M: Array, P: Array) -> Array:
         """W_k from (M_k, P_k); NaN where the branch with the continuous limit ends."""
 
-        def off(x: Array, state: tuple[Array, Array]) -> Array:
-            M, P = state
+        def off(x: Array, M: Array, P: Array) -> Array:
             return self.before(self.rep.group.retract(x), P) - M
 
-        return self.rep.group.retract(newton.find_root(off, self.rep.group.dim, (M, P)))
+        return self.rep.group.retract(newton.find_root(off, self.rep.group.dim, M, P))
 
     def step(self, M: Array, P: Array) -> tuple[Array, Array]:
         """(M_k, P_k) -> (M_(k+1), P_(k+1))."""
@@ -165,12 +163,11 @@ class Discrete:
     def turn_back(self, M: Array, P: Array) -> Array:
         """W_k from (M_(k+1), P_(k+1))."""
 
-        def off(x: Array, state: tuple[Array, Array]) -> Array:
-            M, P = state
+        def off(x: Array, M: Array, P: Array) -> Array:
             W = self.rep.group.retract(x)
             return self.after(W, self.brought(W, P)) - M
 
-        return self.rep.group.retract(newton.find_root(off, self.rep.group.dim, (M, P)))
+        return self.rep.group.retract(newton.find_root(off, self.rep.group.dim, M, P))
 
     def inverse(self, M: Array, P: Array) -> tuple[Array, Array]:
         """(M_(k+1), P_(k+1)) -> (M_k, P_k)."""
@@ -222,12 +219,11 @@ class Unreduced:
     def turn(self, M: Array, g: Array) -> Array:
         """W with -d'_1 LL(g, g W) = M."""
 
-        def off(x: Array, state: tuple[Array, Array]) -> Array:
-            M, g = state
+        def off(x: Array, M: Array, g: Array) -> Array:
             after = g @ self.group.retract(x)
             return -right_derivative(lambda y: self.lagrangian(y, after), g, self.group) - M
 
-        return self.group.retract(newton.find_root(off, self.group.dim, (M, g)))
+        return self.group.retract(newton.find_root(off, self.group.dim, M, g))
 
     def step(self, before: Array, g: Array) -> tuple[Array, Array]:
         """(g_(k-1), g_k) -> (g_k, g_(k+1)), on the branch with the continuous limit."""

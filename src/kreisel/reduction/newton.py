@@ -26,12 +26,12 @@ REFINEMENTS = 2  # such steps, each of which takes six digits
 SLACK = 1e-6  # a Newton step as short as this ends a stretch; the error after it is its square
 MOST_ITERATIONS = 20
 SHORTEST = 1 / 1024  # of the path
-Residual = Callable[[Array, Any], Array]
+Residual = Callable[..., Array]
 
 
-def find_root(residual: Residual, dim: int, args: Any) -> Array:
-    """The root x (dim,) of residual(x, args) on the branch of x = 0; NaN where there is none."""
-    start, inverse = _follow(lambda x: residual(x, lax.stop_gradient(args)), dim)
+def find_root(residual: Residual, dim: int, *args: Any) -> Array:
+    """The root x (dim,) of residual(x, *args) on the branch of x = 0; NaN if there is none."""
+    start, inverse = _follow(lambda x: residual(x, *lax.stop_gradient(args)), dim)
 
     def refined(f: Callable[[Array], Array], x: Array) -> Array:
         for _ in range(REFINEMENTS):
@@ -42,7 +42,7 @@ def find_root(residual: Residual, dim: int, args: Any) -> Array:
     def tangent(slope: Callable[[Array], Array], y: Array) -> Array:
         return linear.solve(jax.jacfwd(slope)(jnp.zeros(dim)), y[:, None])[:, 0]
 
-    return lax.custom_root(lambda x: residual(x, args), start, refined, tangent)
+    return lax.custom_root(lambda x: residual(x, *args), start, refined, tangent)
 
 
 def _follow(residual: Callable[[Array], Array], dim: int) -> tuple[Array, Array]:

@@ -62,30 +62,38 @@ def _map_summary(phi: Map) -> dict[str, Any]:
 
 def record(system: System) -> str:
     """The record of a system, a line for each claim."""
+    return f"{system.name}: {system.title}\n  {system.equations}\n\n{_listing(_claims(system))}"
+
+
+def _claims(system: System) -> list[tuple[str, str]]:
+    """Label and text of each claim of a record."""
     facts = summary(system)
-    lines = [f"{system.name}: {system.title}", f"  {system.equations}", ""]
     state = ", ".join(f"{letter} in {SHORT.get(kind, kind)}" for letter, kind in system.space.components)
     frame = f"{facts['phase_space']}, {facts['frame']} frame, {facts['bracket']} bracket"
-    lines.append(f"  state       {state}; {frame}, F' = {{H, F}}")
-    for p in system.parameters:
-        lines.append(f"  parameter   {p.letter}: {parameter_text(p)}")
-    lines.append(f"  integrals   {', '.join(facts['integrals'])}; Casimirs")
-    for name in system.invariant:
-        lines.append(f"  relation    {name} = 0 is invariant")
-    lines.append(f"  Lax pair    {'yes' if system.lax else 'none known'}")
-    if system.map is None:
-        lines.append("  map         no integrable discretization known here")
-    else:
-        claims = facts["map"]
+    plan = "no integrable discretization known here"
+    if system.map is not None:
         after = ", 2 after half a kick" if system.map.to_symmetric is not None else ""
-        lines.append(f"  map         {claims['source']}; order {system.map.order}{after}")
         named = [f for f in (system.energy, *system.integrals.values()) if f is not None]
         deformed = "; deformed integrals" if any("eps" in keywords(f) for f in named) else ""
-        lines.append(f"              with {', '.join(claims['known'])}{deformed}")
-    for relation in system.relations:
-        lines.append(f"  related     {relation.target}: {relation.meaning}")
-    lines += [f"  scaling     {system.scaling}", f"  source      {system.source}"]
-    return "\n".join(lines + ([f"  note        {system.notes}"] if system.notes else []))
+        plan = f"{facts['map']['source']}; order {system.map.order}{after}"
+        plan += f"\nwith {', '.join(facts['map']['known'])}{deformed}"
+    return [
+        ("state", f"{state}; {frame}, F' = {{H, F}}"),
+        *(("parameter", f"{p.letter}: {parameter_text(p)}") for p in system.parameters),
+        ("integrals", f"{', '.join(facts['integrals'])}; Casimirs"),
+        *(("relation", f"{name} = 0 is invariant") for name in system.invariant),
+        ("Lax pair", "yes" if system.lax else "none known"),
+        ("map", plan),
+        *(("related", f"{relation.target}: {relation.meaning}") for relation in system.relations),
+        ("scaling", system.scaling),
+        ("source", system.source),
+        *([("note", system.notes)] if system.notes else []),
+    ]
+
+
+def _listing(rows: Iterable[tuple[str, str]]) -> str:
+    indent = "\n" + 14 * " "
+    return "\n".join(f"  {label:<11} {text.replace(chr(10), indent)}" for label, text in rows)
 
 
 def table(systems: Iterable[System]) -> str:
@@ -106,15 +114,14 @@ def method_table(methods: Iterable[Method]) -> str:
 def method_record(method: Method) -> str:
     """The record of a method, a line for each claim."""
     default = "" if method.default is None else f" (default {method.default})"
-    lines = {
-        "for": method.needs,
-        "orders": method.order_text + default,
-        "Poisson": method.poisson,
-        "conserves": method.conserves,
-        "sources": ", ".join(method.sources),
-    }
-    table = "\n".join(f"  {name:<11} {text}" for name, text in lines.items())
-    return f"{method.name}: {method.title}\n\n{table}"
+    rows = [
+        ("for", method.needs),
+        ("orders", method.order_text + default),
+        ("Poisson", method.poisson),
+        ("conserves", method.conserves),
+        ("sources", ", ".join(method.sources)),
+    ]
+    return f"{method.name}: {method.title}\n\n{_listing(rows)}"
 
 
 def _aligned(rows: list[tuple[str, ...]]) -> str:
@@ -143,20 +150,7 @@ CONSERVED = {  # the cell of an integral that is (conserved, broken)
 
 def system_html(system: System) -> str:
     """The record of a system."""
-    facts = summary(system)
-    state = ", ".join(f"{letter} ({kind})" for letter, kind in facts["state"].items())
-    where = f"{facts['phase_space']}, {facts['frame']} frame, {facts['bracket']} bracket, F' = {{H, F}}"
-    rows = [
-        ("equations", system.equations),
-        ("state", f"{state}; {where}"),
-        *((f"parameter {p.letter}", parameter_text(p)) for p in system.parameters),
-        ("integrals", ", ".join(["Casimirs", *facts["integrals"]])),
-        ("Lax pair", "yes" if facts["lax"] else "none known"),
-        ("map", "none known" if facts["map"] is None else facts["map"]["source"]),
-        ("scaling", system.scaling),
-        ("source", system.source),
-        *([("note", system.notes)] if system.notes else []),
-    ]
+    rows = [("equations", system.equations), *_claims(system)]
     return _block(f"{escape(system.title)} <code>{escape(system.name)}</code>", _html_table(rows))
 
 
