@@ -98,7 +98,7 @@ def eccentric_anomaly(mean: Any, e: Any) -> Any:
 
 
 def place(t, rate, along, across, eccentricity):
-    """Where the satellite is in space, and its velocity."""
+    """The place of the satellite in space, and its velocity."""
     E = eccentric_anomaly(rate * t, eccentricity)
     c, s = cos(E), sin(E)
     return (c - eccentricity) * along + s * across, rate / (1 - eccentricity * c) * (c * across - s * along)

@@ -167,7 +167,7 @@ def turn_all(z: Any, c: Any, h: float) -> bool:
 
 
 def advance(*arguments: Any) -> bool:
-    """So many steps of bodies and particles: the arguments of the kernel but for its room; False as of `turn_all`."""
+    """Steps of bodies and particles: the arguments of the kernel but for its room; False as of `turn_all`."""
     done = np.zeros(1, dtype=np.int64)
     _kernels().advance(*arguments, *_room(), done)
     return bool(done[0] == 0)

@@ -268,15 +268,15 @@ class Spins:
         return self._z[self._number(which), 3:].copy()
 
     def spin_angular_momentum(self, which: int | str) -> Array:
-        """Of a body, (3,)."""
+        """The spin angular momentum (3,) of a body."""
         return self._z[self._number(which), :3].copy()
 
     def angular_momentum(self) -> Array:
-        """Of all orbits and spins, (3,)."""
+        """The angular momentum (3,) of all orbits and spins."""
         return np.array([*self.sim.angular_momentum()]) + self._z[:, :3].sum(0)
 
     def energy(self) -> float:
-        """Of the particles, of the rotation of the bodies, and of their interaction; tides that lag take it away."""
+        """The energy of particles, rotation and interaction; tides that lag take it away."""
         p, masses, index, z, c = self._arguments()
         total = float(self.sim.energy())
         for i, row, columns in zip(index, z, c, strict=True):
@@ -417,7 +417,7 @@ def check_simulation(sim: Any) -> None:
 
 
 def index_of(sim: Any, name: int | str) -> int:
-    """Where a particle stands.  Raises `InputError`."""
+    """The index of a particle.  Raises `InputError`."""
     names = [p.name for p in sim.particles]
     if isinstance(name, str) and name in names:
         return names.index(name)

@@ -52,17 +52,17 @@ class Body:
     colour: Array
 
     def scaled(self, size: float) -> Body:
-        """Of which the farthest point has that distance from 0."""
+        """The body scaled so that its farthest point has that distance from 0."""
         far = float(np.linalg.norm(self.points, axis=-1).max(initial=0.0)) or 1.0
         return replace(self, points=self.points * (size / far))
 
     def plain(self) -> Body:
-        """Without the sectors that show a rotation."""
+        """The body without the sectors that show a rotation."""
         return replace(self, colour=np.where(self.colour == SECOND, FIRST, self.colour))
 
 
 def joined(*parts: Body) -> Body:
-    """Several as one."""
+    """Several bodies as one."""
     offsets = np.cumsum([0, *(len(body.points) for body in parts[:-1])])
     faces = [body.faces + offset for body, offset in zip(parts, offsets, strict=True)]
     points, colours = [body.points for body in parts], [body.colour for body in parts]

@@ -125,7 +125,7 @@ class Shown:
         self.frame = np.eye(3)
 
     def _path(self) -> Array | None:
-        """Where the body is, if it moves through space and its rows follow each other closely enough."""
+        """The places of the body, if it moves through space and its rows follow each other closely enough."""
         from kreisel.analysis.angles import path
 
         moves = self.model is not None and self.model.system.translation is not None

@@ -133,7 +133,7 @@ def server(path: Path, *, host: str = "127.0.0.1", port: int = 0, lane: Any = No
 
 
 def address(serving: ThreadingHTTPServer) -> str:
-    """Where the page is."""
+    """The address of the page."""
     host, port = serving.server_address[:2]
     name = f"[{host!s}]" if ":" in str(host) else str(host)
     return f"http://{name}:{port}/"

@@ -78,7 +78,7 @@ Decorator = Callable[[Callable[..., Sides]], Callable[..., Sides]]
 
 @dataclass(frozen=True)
 class Statement:
-    """Where it stands, what it says, the two sides, and for an erratum the printed form.
+    """Name, place and text of a statement, its two sides, and for an erratum the printed form.
 
     `numbers` are the kinds in which it is tested; the printed form must fail for each n of `misprinted`, and hold for others.
     """
