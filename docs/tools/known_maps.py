@@ -47,7 +47,7 @@ def second_order(right: Callable[..., Any]) -> Callable[..., Any]:
 def kahan(flow: Callable[[Sequence[Any]], list[Any]], eps: Any = F(1, 3)) -> Callable[..., Any]:
     """Kahan's step of a quadratic flow: the polarization of x' = f(x), solved for x'."""
     from kreisel.lab.exact import independent, slopes
-    from kreisel.method.kahan_step import eliminate
+    from kreisel.method.kahan import eliminate
 
     def step(x: np.ndarray) -> np.ndarray:
         rates = flow(independent(x))

@@ -15,7 +15,7 @@ import walks
 from kreisel import algebra
 from kreisel.implicit import branch
 from kreisel.lab import exact
-from kreisel.method.veselov import LIMIT
+from kreisel.method.maps import LIMIT
 from kreisel.system import REGISTRY
 
 BODIES = 40

@@ -22,7 +22,7 @@ import pytest
 
 import kreisel as kr
 from kreisel.algebra import reuse
-from kreisel.algebra.computed import cached_property
+from kreisel.algebra.reuse import cached_property
 from kreisel.kernels import cache
 
 SOURCE = Path(kr.__file__).parent

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 import kreisel as kr
 from kreisel import algebra
 from kreisel.lab import exact
-from kreisel.method import METHODS, composition, default_method, kahan_integrals, kahan_step, scheme
+from kreisel.method import METHODS, composition, default_method, kahan, scheme
 from kreisel.record.model import Model
 from kreisel.system import REGISTRY
 
@@ -29,7 +29,7 @@ J = (1.0, 2.0, 3.5)
 M = (0.3, 0.5, 1.1)
 
 State = tuple[np.ndarray, ...]
-DEFORMED = {name for known in kahan_integrals.KNOWN for name in known.meanings}
+DEFORMED = {name for known in kahan.KNOWN for name in known.meanings}
 
 
 def start(name: str, n: int = 3, numbers: str = "exact") -> tuple[Model, State]:
@@ -40,7 +40,7 @@ def start(name: str, n: int = 3, numbers: str = "exact") -> tuple[Model, State]:
 
 
 def step(model: Model, z: State, eps: Any) -> State:
-    return kahan_step.advance(model, z, eps, model.constants)[0]
+    return kahan.advance(model, z, eps, model.constants)[0]
 
 
 def flat(model: Model, z: State) -> np.ndarray:
@@ -83,11 +83,11 @@ def change_of_euler(share: int = 12, name: str = "euler-top") -> list[Any]:
         x = algebra.axial(z[0])
         own = {"M": z[0], "casimir": algebra.dot(x, x), "energy": model.call(model.system.energy, *z)}
         eps2 = EPS * EPS * 12 / share
-        a = kahan_integrals._alphas(model, model.constants)
+        a = kahan._alphas(model, model.constants)
         if share == 12:
-            out = kahan_integrals.euler_integrals(model, own, EPS, model.constants)
+            out = kahan.euler_integrals(model, own, EPS, model.constants)
             return [out["casimir_eps"], out["energy_eps"]]
-        D = 1 - eps2 / 12 * (kahan_integrals._others(a) * x * x).sum()
+        D = 1 - eps2 / 12 * (kahan._others(a) * x * x).sum()
         return [own["casimir"] / D, own["energy"] / D]
 
     return [x - y for x, y in zip(seen(step(model, z, EPS)), seen(z), strict=True)]
@@ -104,7 +104,7 @@ def off_density(share: int = 4) -> Any:
     """det(dx'/dx) - phi(x')/phi(x), phi = product over two i of (1 - dt^2/4 alpha_j alpha_k x_i^2)."""
     model, z = start("euler-top")
     new, slopes = exact.jacobian(lambda *z: step(model, z, EPS), z, ("skew",), 3)
-    a = kahan_integrals._others(kahan_integrals._alphas(model, model.constants))
+    a = kahan._others(kahan._alphas(model, model.constants))
 
     def phi(x: np.ndarray) -> Any:
         numbers = 1 - EPS * EPS / share * a * x * x
@@ -133,7 +133,7 @@ def density_off(model: Model, z: State, density: Any) -> Any:
     """det(dx'/dx) - phi(x')/phi(x)."""
     kinds = model.system.space.kinds
     _, slopes = exact.jacobian(lambda *z: step(model, z, EPS), z, kinds, model.n)
-    det = product(kahan_step.eliminate(slopes.tolist(), [0] * len(slopes))[1])
+    det = product(kahan.eliminate(slopes.tolist(), [0] * len(slopes))[1])
     return det - density(step(model, z, EPS)) / density(z)
 
 
@@ -142,13 +142,13 @@ def test_densities_of_clebschs_case_and_of_so4(name: str) -> None:
     """det(1 - dt/2 f'(x)) <P, P'>, and the same with Z_p(M, M'), over Q; with another form it is none."""
     model, z = start(name, 4 if name == "euler-top" else 3)
     if name == "euler-top":
-        s, t, p = kahan_integrals._partings(model.constants["J"])
+        s, t, p = kahan._partings(model.constants["J"])
 
     def density(z: State, sign: int = 1) -> Any:
-        new, pivots = kahan_step.advance(model, z, EPS, model.constants)
+        new, pivots = kahan.advance(model, z, EPS, model.constants)
         if name == "clebsch":
             return product(pivots) * (z[1] * new[1] * (1, 1, sign)).sum()
-        (a, d), (e, g) = (kahan_integrals._halves(x) for x in (z[0], new[0]))
+        (a, d), (e, g) = (kahan._halves(x) for x in (z[0], new[0]))
         return product(pivots) * (p * (t / s * a * e - sign * s / t * d * g)).sum()
 
     assert density_off(model, z, density) == 0
@@ -278,7 +278,7 @@ def test_a_step_near_a_singular_one_ends_the_run(lanes: int) -> None:
 
 def test_elimination_over_q_and_its_pivots() -> None:
     rows = [[Fraction(2), Fraction(1)], [Fraction(1), Fraction(1, 4)]]
-    found, pivots = kahan_step.eliminate(rows, [Fraction(5), Fraction(1)])
+    found, pivots = kahan.eliminate(rows, [Fraction(5), Fraction(1)])
     assert found == [Fraction(-1, 2), Fraction(6)]
     assert pivots == [2, Fraction(-1, 4)]
 
@@ -287,11 +287,11 @@ def test_elimination_over_q_and_its_pivots() -> None:
 def test_deformed_integrals_of_lagranges_top(name: str) -> None:
     """Exactly over Q; with another denominator, or undeformed, none is conserved."""
     model, z = start(name)
-    assert kahan_integrals.is_lagrange_top(start(name, numbers="float")[0])
+    assert kahan.is_lagrange_top(start(name, numbers="float")[0])
 
     def values(state: State, eps: Any = EPS) -> list[Any]:
         seen = dict(zip(model.system.space.letters, state, strict=True))
-        found = kahan_integrals.lagrange_integrals(model, seen, eps, model.constants)
+        found = kahan.lagrange_integrals(model, seen, eps, model.constants)
         return [*found["casimir_eps"], found["energy_eps"]]
 
     new = step(model, z, EPS)
@@ -306,11 +306,11 @@ def test_deformed_integrals_of_clebschs_case() -> None:
     """Exactly over Q: four, independent, at dt = 0 those of the flow; with any other dt none is conserved."""
     model, z = start("clebsch")
     b, (M, P) = model.constants["b"], z
-    assert kahan_integrals.is_clebsch(start("clebsch", numbers="float")[0])
+    assert kahan.is_clebsch(start("clebsch", numbers="float")[0])
 
     def values(state: State, eps: Any = EPS) -> list[Any]:
         seen = dict(zip("MP", state, strict=True))
-        found = kahan_integrals.clebsch_integrals(model, seen, eps, model.constants)
+        found = kahan.clebsch_integrals(model, seen, eps, model.constants)
         return [*found["casimir_eps"], found["energy_eps"], found["clebsch_eps"]]
 
     new = step(model, z, EPS)
@@ -355,15 +355,15 @@ def changes(values: Any, model: Model, z: State, eps: Any = EPS) -> np.ndarray:
 def test_deformed_integrals_of_the_euler_top_in_so4() -> None:
     """Exactly over Q; with another dt, or undeformed, none.  Two more are quotients of values at two states."""
     model, z = start("euler-top", 4)
-    assert kahan_integrals.is_euler_top_of_four(start("euler-top", 4, "float")[0])
-    assert not kahan_integrals.is_euler_top_of_four(start("manakov-top", 4, "float")[0])
-    assert (changes(kahan_integrals.so4_integrals, model, z) == 0).all()
+    assert kahan.is_euler_top_of_four(start("euler-top", 4, "float")[0])
+    assert not kahan.is_euler_top_of_four(start("manakov-top", 4, "float")[0])
+    assert (changes(kahan.so4_integrals, model, z) == 0).all()
     for eps in (0 * EPS, 2 * EPS):
-        assert (changes(kahan_integrals.so4_integrals, model, z, eps) != 0).all()
+        assert (changes(kahan.so4_integrals, model, z, eps) != 0).all()
     orbit = [z]
     for _ in range(4):
         orbit.append(step(model, orbit[-1], EPS))
-    s, t, _ = kahan_integrals._partings(model.constants["J"])
+    s, t, _ = kahan._partings(model.constants["J"])
 
     def combination(one: State, other: State) -> list[Any]:  # tau, lambda: T + tau T_s + lambda X = 0 at both states
         rows = []
@@ -382,8 +382,8 @@ def test_deformed_integrals_of_gyrostats(plane: tuple[int, int, int]) -> None:
     system, h = REGISTRY["zhukovsky-volterra"], np.array([exact.rational(v, 7) for v in plane], dtype=object)
     known, z = start("zhukovsky-volterra")
     model = Model(system, {"J": known.params["J"], "h": h})
-    values = kahan_integrals.gyrostat_integrals
-    assert kahan_integrals.is_gyrostat_in_a_plane(model) and not kahan_integrals.is_gyrostat_in_a_plane(known)
+    values = kahan.gyrostat_integrals
+    assert kahan.is_gyrostat_in_a_plane(model) and not kahan.is_gyrostat_in_a_plane(known)
     assert (changes(values, model, z) == 0).all()
     for eps in (0 * EPS, 2 * EPS):
         assert (changes(values, model, z, eps) != 0).all()
@@ -394,7 +394,7 @@ def test_deformed_integrals_of_gyrostats(plane: tuple[int, int, int]) -> None:
 
 def test_lagranges_top_with_other_moments_is_not_taken_for_it() -> None:
     for name in ("lagrange-top-moving", "clebsch", "heavy-top", "kirchhoff-revolution"):
-        assert not kahan_integrals.is_lagrange_top(start(name, numbers="float")[0])
+        assert not kahan.is_lagrange_top(start(name, numbers="float")[0])
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.algebra.computed import cached_property
-from kreisel.algebra.reuse import Identity, reused
+from kreisel.algebra.reuse import Identity, cached_property, reused
 from kreisel.analysis.observations import ATTITUDE, Observations, Unknown, observed, turn_coordinates, unknowns
 from kreisel.errors import AccuracyWarning, InputError, RunError, doubt, explained
 from kreisel.method.observing import ORIENTATION

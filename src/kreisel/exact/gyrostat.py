@@ -38,7 +38,7 @@ from kreisel.exact.quadrics import (
     quartic,
 )
 from kreisel.exact.turning import turn
-from kreisel.method.observing import observer, with_orientation
+from kreisel.method.observing import observer, scheme_of
 from kreisel.method.scheme import Orbits, Scheme, States, Steps
 from kreisel.record.calling import call
 from kreisel.record.contract import System
@@ -75,7 +75,7 @@ AXES = {**FORMS, **BELOW, **TURN, **LEAN, "size": 0, "inverse": 0, "still": 0}
 
 def gyrostat(model: Model, dt: float, oriented: bool) -> Scheme:
     """The exact flow of a body with a wheel; see the module."""
-    observe, outcomes = observer(model, None, None, ("casimir", "energy"), oriented=oriented)
+    observed = observer(model, oriented, conserved=("casimir", "energy"))
     letters = [p.letter for p in model.system.parameters]
 
     def trajectory(x0: tuple[Array, ...]) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -88,19 +88,9 @@ def gyrostat(model: Model, dt: float, oriented: bool) -> Scheme:
         stages = {k: np.repeat(np.expand_dims(v.astype(float), time.ndim), maps, time.ndim) for k, v in stage.items()}
         return {k: v.astype(float) for k, v in known.items()}, stages
 
-    return Scheme(
-        name="exact",
-        components=with_orientation(model, oriented),
-        constants=dict(model.constants),
-        axes={**model.axes, **AXES},
-        n=3,
-        prepare=tuple,
-        motion=Steps(step, iterates=Orbits(_orbit(model, oriented))),
-        observe=observe,
-        reopen=tuple,
-        outcomes=outcomes,
-        trajectory=trajectory,
-    )
+    motion = Steps(step, iterates=Orbits(_orbit(model, oriented)))
+    axes = {**model.axes, **AXES}
+    return scheme_of("exact", model, motion, observed, oriented, axes=axes, trajectory=trajectory)
 
 
 def step(M: Array, *g: Array, size: Array, inverse: Array, **known: Array) -> tuple[Array, ...]:

@@ -24,7 +24,7 @@ from kreisel.method.baecklund import (
     stage_points,
     turned_with_body,
 )
-from kreisel.method.observing import Only, observer, with_orientation
+from kreisel.method.observing import Only, State, observer, scheme_of
 from kreisel.method.records import METHODS
 from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.calling import call
@@ -38,8 +38,6 @@ BETWEEN = 20  # steps between projections at most: 1 % of the time; with 500 err
 LEAST_REAL = 0.5  # of mu h, which is 3 for short times
 MOST_COPIES = 1_000_000  # of a pair in a step: tens of megabytes a lane
 
-State = tuple[Array, ...]
-
 
 def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
     """The exact flow of a body in e*(3) with Bäcklund maps, or of its leaf; see the module.
@@ -52,7 +50,7 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         raise TypeError(f"{body.system.name} states no Bäcklund transformation")
     spins = record.spin is not None
     conserved = ("casimir", "energy", *model.system.integrals)
-    observe, outcomes = observer(model, None, None, conserved=conserved, oriented=oriented)
+    observe, outcomes = observer(model, oriented, conserved=conserved)
 
     def observed(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
         out = observe((*back(z[:2]), *z[2:]), only, **constants)
@@ -83,18 +81,15 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         return (*own, *(_turned(g, SPINS if spins else (), **consts) for g in z[2:]))
 
     numbers = dict.fromkeys(["mu_re", "mu_im", "rho_re", "rho_im", "cos"], 0)
-    axes = {**body.axes, **numbers, "sin": 1, **dict.fromkeys(SPINS, 2)}
-    return Scheme(
-        name="exact",
-        components=with_orientation(body, oriented),
-        constants=dict(body.constants),
-        axes=axes,
-        n=3,
+    return scheme_of(
+        "exact",
+        body,
+        Steps(step, close if oriented or spins else None),
+        (observed, outcomes),
+        oriented,
+        axes={**body.axes, **numbers, "sin": 1, **dict.fromkeys(SPINS, 2)},
         prepare=prepare,
-        motion=Steps(step, close if oriented or spins else None),
-        observe=observed,
         reopen=prepare,
-        outcomes=outcomes,
         trajectory=trajectory,
         between=BETWEEN,
     )

@@ -33,7 +33,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.computed import cached_property
+from kreisel.algebra.reuse import cached_property
 from kreisel.exact.nutation import MpNumber, mp_number, rationals
 from kreisel.exact.parts import (
     BINARY,

@@ -15,8 +15,8 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import gradient
-from kreisel.algebra.computed import cached_property
 from kreisel.algebra.gradient import TracedNumber
+from kreisel.algebra.reuse import cached_property
 from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line, arranged, split

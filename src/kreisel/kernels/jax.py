@@ -186,7 +186,8 @@ class JaxEngine:
         state = algebra.restore(self.z[lane], self._kinds, self._scheme.n)
         constants = {k: v[lane] if v.ndim > self._scheme.axes[k] else v for k, v in self._constants.items()}
         where = f" of lane {lane}" if lanes > 1 else ""
-        why = self._steps.explain(state, constants)
+        guard = self._scheme.guard
+        why = "The step is not finite." if guard is None else guard.text(state, constants)
         raise RunError(f"Step {step}{where} (time {step * self._dt:g}) could not be made. {why}")
 
 

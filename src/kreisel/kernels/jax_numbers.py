@@ -14,7 +14,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.ring import Ring
+from kreisel.algebra.complex import Ring
 from kreisel.errors import InputError
 from kreisel.kernels import adjoint, jax_primitives
 from kreisel.kernels.jax_primitives import iterated, with_jacobian

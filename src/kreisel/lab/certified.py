@@ -25,7 +25,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.ring import Ring
+from kreisel.algebra.complex import Ring
 from kreisel.errors import InputError, shown
 from kreisel.lab.exact import Dual, fraction, fractions, independent, require_flint, slopes
 from kreisel.lab.integrals import Polynomial

@@ -12,7 +12,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array, objects
-from kreisel.algebra.ring import Ring
+from kreisel.algebra.complex import Ring
 from kreisel.errors import InputError, shown
 from kreisel.record.contract import Parameter, PhaseSpace, System
 from kreisel.record.model import Model

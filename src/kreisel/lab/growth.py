@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array, objects
-from kreisel.algebra.ring import Ring
+from kreisel.algebra.complex import Ring
 from kreisel.errors import InputError
 from kreisel.lab.darboux import jacobian_factors
 from kreisel.lab.exact import (

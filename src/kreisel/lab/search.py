@@ -30,7 +30,7 @@ from kreisel.lab.exact import fraction, fractions
 from kreisel.lab.questions import QUESTIONS as _QUESTIONS
 from kreisel.lab.questions import Clues, filled
 from kreisel.lab.subject import Subject, coordinate_names, subject
-from kreisel.method.kahan_step import advance, eliminate
+from kreisel.method.kahan import advance, eliminate
 from kreisel.record.contract import MOVING_SPACE, TWO_FIELDS_SPACE, Map, PhaseSpace, System
 from kreisel.record.model import Model
 from kreisel.sweeps.workers import check_workers, pool

@@ -17,9 +17,9 @@ from kreisel.kernels.projection.program import Program, program_of, program_of_o
 from kreisel.kernels.recording import Outputs, Recording, flat_constants, flat_stages, recorded_outputs, recorded_values
 from kreisel.kernels.tape import Scalar, Tape
 from kreisel.method import scheme
-from kreisel.method.integrable import closed_form
 from kreisel.method.observing import ORIENTATION, turned
 from kreisel.method.scheme import Orbits, Scheme, Steps
+from kreisel.method.splitting import closed_form
 from kreisel.record.calling import call
 from kreisel.record.model import Model
 from kreisel.runs.plan import Plan

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from kreisel.algebra.computed import cached_property
+from kreisel.algebra.reuse import cached_property
 
 SECTION = re.compile(r"^@@ (.+)\n", re.MULTILINE)
 WORD = re.compile(r"@(\w+?)@")

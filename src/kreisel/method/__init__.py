@@ -8,8 +8,7 @@ from typing import Any
 from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError, hint, shown
 from kreisel.method.observing import held_by_orientation
-from kreisel.method.record import Method
-from kreisel.method.records import METHODS
+from kreisel.method.records import METHODS, Method
 from kreisel.method.scheme import Outcome, Scheme
 from kreisel.record.contract import System
 from kreisel.record.model import Model

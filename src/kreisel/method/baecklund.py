@@ -17,7 +17,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.method.observing import as_matrix, observer, with_orientation
+from kreisel.method.observing import State, as_matrix, observer, scheme_of
 from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.calling import call
 from kreisel.record.contract import Baecklund, Frame
@@ -87,7 +87,7 @@ class Product:
         self.rest = model.system.frame is Frame.REST
         self.spins = self.record.spin is not None and not self.rest
 
-    def trajectory(self, x0: tuple[Array, ...]) -> tuple[dict[str, Array], dict[str, Array]]:
+    def trajectory(self, x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
         """The constants of the trajectory from x0, and those of its stages."""
         own = x0[: self.count]
         constants, stages = {**self.constants}, {**self.stages}
@@ -103,14 +103,12 @@ class Product:
                 constants |= self._orientation_turns(own, as_matrix(self.model, x0[self.count]))
         return constants, stages
 
-    def pair(
-        self, *z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **consts: Array
-    ) -> tuple[Array, ...]:
+    def pair(self, *z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **consts: Array) -> State:
         """A conjugate pair of maps."""
         mu, rho = algebra.complex_number(mu_re, mu_im), algebra.complex_number(rho_re, rho_im)
         return self._stage(z, {**consts, "mu": mu, "rho": rho}, True)
 
-    def close(self, *z: Array, **consts: Array) -> tuple[Array, ...]:
+    def close(self, *z: Array, **consts: Array) -> State:
         """The real map and the turns."""
         z = self._stage(z, consts, False) if self.single else z
         own, g = z[: self.count], z[self.count :]
@@ -118,11 +116,11 @@ class Product:
             own = turned_with_body(self.model.system.space.kinds, own, consts, self.record.axis)
         return (*own, *(_turned_by_constants(h, consts, self.rest, self.record.spin is not None) for h in g))
 
-    def _stage(self, z: tuple[Array, ...], known: dict[str, Array], paired: bool) -> tuple[Array, ...]:
+    def _stage(self, z: State, known: dict[str, Array], paired: bool) -> State:
         own, (x, y) = one_stage(self.record, z[: self.count], known, paired)
         return (*own, *(algebra.double_turn(x, y, h, right=not self.rest) for h in z[self.count :]))
 
-    def _rho(self, own: tuple[Array, ...], mus: Array) -> Array:
+    def _rho(self, own: State, mus: Array) -> Array:
         """The constants of the trajectory (..., points), in extended precision where the platform has it.
 
         NumPy's complex doubles are no choice: their last bits depend on how they lie in an array, and so on the lanes.
@@ -140,7 +138,7 @@ class Product:
             self._explain(own, mus)
         return rho.astype(mus.dtype)
 
-    def _explain(self, own: tuple[Array, ...], mus: Array) -> None:
+    def _explain(self, own: State, mus: Array) -> None:
         name = self.model.system.name
         if self.record.largest_step is None or np.iscomplexobj(mus):
             raise InputError(
@@ -154,7 +152,7 @@ class Product:
             "reaches further; orders 4, 8, 12, ... take any dt."
         )
 
-    def _orientation_turns(self, own: tuple[Array, ...], g: Array) -> dict[str, Array]:
+    def _orientation_turns(self, own: State, g: Array) -> dict[str, Array]:
         """Constants of the turn of g on the other side than the state's: prod cay(eps/2 block), and the body's spin."""
 
         def other(X: Array) -> Array:
@@ -183,31 +181,28 @@ def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     Raises `InputError` for steps beyond the domain.
     """
     maps = Product(model, dt, order, oriented)
-    observe, outcomes = observer(model, None, None, ("casimir", "energy", *model.system.integrals), oriented=oriented)
+    observed = observer(model, oriented, conserved=("casimir", "energy", *model.system.integrals))
     axes = dict.fromkeys(["mu", "mu_re", "mu_im", "rho", "rho_re", "rho_im"], 0)
     axes |= {f"{k}{j}": 2 for k in ("spin", "turn", "body") for j in (0, 1)}
-    return Scheme(
-        name="baecklund",
-        components=with_orientation(model, oriented),
-        constants=dict(model.constants),
+    motion = Steps(
+        maps.pair if maps.pairs else maps.close,
+        maps.close if maps.pairs and (maps.single or maps.spins or oriented) else None,
+    )
+    return scheme_of(
+        "baecklund",
+        model,
+        motion,
+        observed,
+        oriented,
         axes={**model.axes, **axes},
-        n=model.n,
-        prepare=lambda x0: x0,
-        motion=Steps(
-            maps.pair if maps.pairs else maps.close,
-            maps.close if maps.pairs and (maps.single or maps.spins or oriented) else None,
-        ),
-        observe=observe,
-        reopen=lambda x: x,
-        outcomes=outcomes,
         options={"order": order},
         trajectory=maps.trajectory,
     )
 
 
 def one_stage(
-    record: Baecklund, own: tuple[Array, ...], known: dict[str, Array], paired: bool
-) -> tuple[tuple[Array, ...], tuple[Array, Array]]:
+    record: Baecklund, own: State, known: dict[str, Array], paired: bool
+) -> tuple[State, tuple[Array, Array]]:
     """One map, or one conjugate pair, and the turn of the carried vector as (x, y)."""
     e = call(record.vector, own, known)
     move, arc = (record.pair, record.arc_of_pair) if paired else (record.step, record.arc)
@@ -238,15 +233,13 @@ def _turned_by_constants(g: Array, consts: dict[str, Array], rest: bool, spins: 
     return g
 
 
-def spin_turns(model: Model, own: tuple[Array, ...], dt: float) -> dict[str, Array]:
+def spin_turns(model: Model, own: State, dt: float) -> dict[str, Array]:
     """The turns `SPINS` of the state in a moving frame by the constant rest of the angular velocity."""
     record = cast("Baecklund", model.system.baecklund)
     return _constant_turns("spin", model.call(record.spin, *own), lambda theta: dt * theta)
 
 
-def turned_with_body(
-    kinds: tuple[str, ...], own: tuple[Array, ...], consts: dict[str, Array], axis: str
-) -> tuple[Array, ...]:
+def turned_with_body(kinds: tuple[str, ...], own: State, consts: dict[str, Array], axis: str) -> State:
     """The state in a body turned by `SPINS`."""
     for half in SPINS:
         own = tuple(algebra.turned(kind, -consts[half], x, consts[axis]) for x, kind in zip(own, kinds, strict=True))

@@ -7,14 +7,15 @@ Wanner, Geometric Numerical Integration, second edition, section V.3.2.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import reduce
 from typing import Any
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.method.observing import with_orientation
-from kreisel.method.scheme import Guard, Outcome, Scheme, Steps
+from kreisel.method.observing import Observed, State, scheme_of, with_orientation
+from kreisel.method.scheme import Guard, Scheme, Steps
 from kreisel.record.model import Model
 
 DEFECT = "defect"
@@ -49,7 +50,6 @@ def symmetric_composition(order: int) -> Array:
     return np.array(half + half[-2::-1])
 
 
-State = tuple[Array, ...]
 Stage = Callable[[State, State, Array, Mapping[str, Array]], tuple[State, Iterable[Array], Iterable[Array]]]
 
 
@@ -60,44 +60,33 @@ def composed(
     order: int,
     oriented: bool,
     stage: Stage,
-    observed: tuple[Callable[..., dict[str, Array]], dict[str, Outcome]],
+    observed: Observed,
     guard: Guard | None,
-    **more: Any,
+    **fields: Any,
 ) -> Scheme:
-    """The scheme of a symmetric step of order 2, composed to the order.
+    """The scheme of a symmetric step of order 2, composed to the order; `fields` as in `scheme_of`.
 
-    stage(own, turned, eps, constants) -> own, turned, defects: state, orientations, and numbers, of which the largest
-    so far is carried along as the component "defect", for the guard; none without a guard.
+    stage(state, turned, eps, constants) -> state, turned, defects, with the orientations `turned`.  The largest defect
+    so far is carried along as the component "defect" for the guard; there is none without a guard.
     """
-    space, (observe, outcomes) = model.system.space, observed
+    space, (observe, _) = model.system.space, observed
     count, last = len(space.letters), None if guard is None else -1
-    components = with_orientation(model, oriented)
 
-    def step(*z: Array, eps: Array, **consts: Array) -> State:
-        own, turned, defects = stage(z[:count], z[count:last], eps, consts)
-        new = (*own, *turned)
-        if guard is None:
-            return new
-        defect = z[-1]
-        for other in defects:
-            defect = algebra.maximum(defect, other)
-        return (*new, defect)
+    def step(*z: Array, eps: Array, **constants: Array) -> State:
+        state, turned, defects = stage(z[:count], z[count:last], eps, constants)
+        return (*state, *turned, *(reduce(algebra.maximum, defects, defect) for defect in z[len(z[:last]) :]))
 
     def reopen(x: State) -> State:
         return x if guard is None else (*x, 0 * algebra.coordinates_of(space.kinds[0], x[0])[..., 0])
 
-    scheme: dict[str, Any] = {
-        "components": components if guard is None else (*components, (DEFECT, "scalar")),
-        "constants": dict(model.constants),
+    usual: dict[str, Any] = {
+        "components": with_orientation(model, oriented) + (() if guard is None else ((DEFECT, "scalar"),)),
         "axes": {**model.axes, "eps": 0},
         "stages": {"eps": symmetric_composition(order) * dt},
-        "n": model.n,
         "prepare": reopen,
-        "motion": Steps(step),
-        "observe": lambda z, only=None, /, **constants: observe(z[:last], only, **constants),
         "reopen": reopen,
-        "outcomes": outcomes,
+        "observe": lambda z, only=None, /, **constants: observe(z[:last], only, **constants),
         "options": {"order": order},
         "guard": guard,
     }
-    return Scheme(name, **(scheme | more))
+    return scheme_of(name, model, Steps(step), observed, oriented, **(usual | fields))

@@ -25,9 +25,8 @@ from kreisel.algebra import Array
 from kreisel.algebra.iteration import repeat
 from kreisel.algebra.spins import Spins, cross, inner
 from kreisel.method.composition import DEFECT, composed
-from kreisel.method.kahan import is_linear
-from kreisel.method.kahan_integrals import is_euler_top
-from kreisel.method.observing import held_by_orientation, observer, turned, with_orientation
+from kreisel.method.kahan import is_euler_top, is_linear
+from kreisel.method.observing import State, held_by_orientation, observer, turned, with_orientation
 from kreisel.method.scheme import Guard, Scheme
 from kreisel.record.calling import call
 from kreisel.record.contract import PhaseSpace
@@ -35,8 +34,6 @@ from kreisel.record.model import Model
 
 SMALL, LIMIT = 5e-16, 1e-12  # of the last change of a direction, rms over the sites
 MOST = 100  # iterations; a step in which they do not settle is refused
-
-State = tuple[Array, ...]
 
 
 def midpoint(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
@@ -48,17 +45,17 @@ def midpoint(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     meanings = {"energy": f"Hamiltonian H, not conserved: it oscillates by O(dt^{order}), without a trend"}
     if is_euler_top(model):
         conserved, meanings = [*conserved, "energy"], {}
-    watched = observer(model, None, None, conserved, meanings, oriented)
+    watched = observer(model, oriented, conserved=conserved, meanings=meanings)
 
     def stage(old: State, turned: State, eps: Array, consts: Mapping[str, Array]) -> tuple[Any, Any, Any]:
         new, centre, defect = advance(model, old, eps, consts)
         return new, (_followed(model, centre, g, eps, consts) for g in turned), [defect]
 
     guard = Guard(
-        DEFECT,
-        LIMIT**2,
         "The implicit equation of the midpoint step was not solved to round-off",
         "a step in which a spin turns too far: dt times the field must be below about 1. Use a smaller dt.",
+        DEFECT,
+        LIMIT**2,
     )
     held = held_by_orientation(model, with_orientation(model, oriented), bound=False)
     return composed("midpoint", model, dt, order, oriented, stage, watched, guard, held=held, dt_in_constants=True)

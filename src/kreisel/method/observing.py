@@ -1,4 +1,4 @@
-"""The variables of a run, derived from the record: state, orientation, Casimirs, integrals."""
+"""The variables of a run, derived from the record: state, orientation, Casimirs, integrals; a scheme of these."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.method.scheme import Components, Outcome
+from kreisel.method.scheme import Components, Motion, Outcome, Scheme
 from kreisel.record.calling import call, keywords
 from kreisel.record.contract import Frame, Map
 from kreisel.record.given import component_axes
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 
+State = tuple[Array, ...]
+Observed = tuple[Callable[..., dict[str, Array]], dict[str, Outcome]]  # `observe`, and what its variables are
+Only = Collection[str] | None
 ORIENTATION = "g"
 COUNT, WORK, BALANCE = "count", "work", "balance"  # of driven bodies; count: of whole steps
-Only = Collection[str] | None
 
 
 def orientation_component(n: int) -> tuple[str, str]:
@@ -26,8 +28,26 @@ def orientation_component(n: int) -> tuple[str, str]:
     return (ORIENTATION, "quaternion" if n == 3 else "matrix")
 
 
+def scheme_of(
+    name: str, model: Model, motion: Motion, observed: Observed, oriented: bool = False, **fields: Any
+) -> Scheme:
+    """The scheme of a method that steps the variables of the system; `fields`: those of a `Scheme` that differ."""
+    observe, outcomes = observed
+    usual: dict[str, Any] = {
+        "components": with_orientation(model, oriented),
+        "constants": dict(model.constants),
+        "axes": model.axes,
+        "n": model.n,
+        "prepare": tuple,
+        "observe": observe,
+        "reopen": tuple,
+        "outcomes": outcomes,
+    }
+    return Scheme(name, motion=motion, **(usual | fields))
+
+
 def with_orientation(model: Model, oriented: bool) -> Components:
-    """The components of the state that a scheme steps."""
+    """The components of the state, and the orientation."""
     return model.system.space.components + ((orientation_component(model.n),) if oriented else ())
 
 
@@ -50,17 +70,16 @@ def as_matrix(model: Model, g: Array) -> Array:
 
 def functions(
     model: Model,
-    eps: float | None,
+    eps: float | None = None,
     order: int = 1,
     conserved: Collection[str] = (),
     meanings: Mapping[str, str] | None = None,
 ) -> dict[str, tuple[Outcome, Callable[..., Array], bool]]:
-    """Name -> (what it is, function, whether it takes the map's own variables).
+    """Name -> (outcome, function, whether it takes the variables of the map).
 
-    With `eps` (a step of the map) those integrals are conserved that the map's record names (`Map.conserves`).  Where
-    they take `eps`, they are conserved deformed, under names ending in `_eps`, and the undeformed ones change by
-    O(dt^order).
-    Without `eps` only the names in `conserved` are.  `meanings` replaces what is said of some names.
+    With `eps`, a step of the map, the integrals that its record names (`Map.conserves`) are conserved; those that take
+    `eps` deformed, under names ending in `_eps`, while the undeformed ones change by O(dt^order).
+    Without `eps` the names in `conserved` are.  `meanings` replaces the meaning of some names.
     """
     system = model.system
     by_map = eps is not None
@@ -102,17 +121,15 @@ def _bind(model: Model, function: Callable[..., Array], **extra: Any) -> Callabl
 
 def observer(
     model: Model,
-    eps: float | None,
-    to_user: Callable[..., tuple[Array, ...]] | None,
+    oriented: bool = False,
+    eps: float | None = None,
+    to_user: Callable[..., State] | None = None,
     conserved: Collection[str] = (),
     meanings: Mapping[str, str] | None = None,
-    oriented: bool = False,
-) -> tuple[Callable[..., dict[str, Array]], dict[str, Outcome]]:
-    """`observe` and its outcomes, with that of the orientation where there is one.
+) -> Observed:
+    """`observe` and its outcomes, as `functions` has them; `to_user` takes the variables of the map to the user's.
 
-    `to_user` takes the map's own variables to the user's.
-
-    `observe(z, only)` leaves out what is not named in `only`, beside the state, where that is given.
+    `observe(z, only)`: if `only` is given, the state and the variables that it names.
     """
     space = model.system.space
     table = functions(model, eps, 1 if to_user is None else 2, conserved, meanings)

@@ -19,7 +19,7 @@ from kreisel.method.driven import (
     with_work,
     zero,
 )
-from kreisel.method.observing import ORIENTATION, WORK, Only, as_matrix, observer, with_orientation
+from kreisel.method.observing import ORIENTATION, WORK, Only, State, as_matrix, observer, scheme_of, with_orientation
 from kreisel.method.scheme import Flow, Scheme
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame
@@ -36,7 +36,7 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
     quaternion, 2 q' = omega q or q Omega.  Of a perturbed body also the time, t' = 1, and the work, where its forces
     need them.
     """
-    observe, outcomes = observer(model, None, None, oriented=oriented)
+    observe, outcomes = observer(model, oriented)
     space, record = model.system.space, model.system.perturbation
     require_orientation(model, oriented)
     count = len(space.letters)
@@ -44,14 +44,14 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
     timed, driven = (False, False) if record is None else (record.names(TIME), record.driven)
     beside = ((TIME, "scalar"),) * timed + ((WORK, "scalar"),) * driven
 
-    def prepare(x0: tuple[Array, ...]) -> tuple[Array, ...]:
+    def prepare(x0: State) -> State:
         return (*x0, *(zero(model.system, x0) for _ in beside))
 
-    def where(z: tuple[Array, ...]) -> dict[str, Array]:
+    def where(z: State) -> dict[str, Array]:
         g = tuple(as_matrix(model, algebra.unit(q) if model.n == 3 else q) for q in z[count:end])
         return dict(zip((ORIENTATION,) * oriented + (TIME,) * timed, (*g, *z[end:]), strict=False))
 
-    def rate(*z: Array, **consts: Array) -> tuple[Array, ...]:
+    def rate(*z: Array, **consts: Array) -> State:
         own, known = z[:count], {**consts, **where(z)}
         out = tuple(call(model.system.flow, own, known))
         for g in z[count:end]:
@@ -60,7 +60,7 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
         out += (1.0,) * timed
         return (*out, power(model, own, known)) if driven else out
 
-    def observe_all(z: tuple[Array, ...], only: Only = None, /, **constants: Array) -> dict[str, Array]:
+    def observe_all(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
         known = where(z) if record is not None else {}
         out = observe(z[:end], only, **{**constants, **known})
         if oriented and model.n == 3:
@@ -70,22 +70,21 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
     if driven:
         outcomes |= outcomes_of_work("not conserved by this method")
     outcomes |= outcomes_of_totals(model, "not conserved by this method")
-    return Scheme(
-        name="dop853",
+    coupling = coupling_of(
+        model, lambda z, known: Body(z[:count], where(z).get(ORIENTATION), where(z).get(TIME)), driven
+    )
+    return scheme_of(
+        "dop853",
+        model,
+        Flow(rate),
+        (observe_all, outcomes),
         components=with_orientation(model, oriented) + beside,
         constants=of_bodies(model),
-        axes=model.axes,
-        n=model.n,
         prepare=prepare,
-        motion=Flow(rate),
-        observe=observe_all,
         reopen=prepare,
-        outcomes=outcomes,
         options={"order": 8, "rtol": RTOL, "atol": ATOL},
         recordable=model.system.numbers != "jax",
-        coupling=coupling_of(
-            model, lambda z, known: Body(z[:count], where(z).get(ORIENTATION), where(z).get(TIME)), driven
-        ),
+        coupling=coupling,
     )
 
 

@@ -89,12 +89,22 @@ class Spin:
 
 @dataclass(frozen=True)
 class Guard:
-    """A component that must stay at most `limit`; else the run ends with `fault`, its usual `cause` and the fix."""
+    """The reason why a run ends: its fault, the usual cause and the fix.
 
-    component: str
-    limit: float
+    component, limit       a component that is carried along, and its bound; without one the step gives NaN
+    instead(z, constants)  the reason why the step from z fails, if more is known of it; or None
+    """
+
     fault: str
     cause: str
+    component: str = ""
+    limit: float = np.inf
+    instead: Callable[[tuple[Array, ...], Mapping[str, Array]], Guard | None] | None = None
+
+    def text(self, z: tuple[Array, ...], constants: Mapping[str, Array]) -> str:
+        """The reason why the step from z fails, in words."""
+        guard = (self.instead(z, constants) if self.instead is not None else None) or self
+        return f"{guard.fault}. Usual cause: {guard.cause}"
 
 
 COUPLED_N = 10  # up to which steps of lanes in pairs are straight-line code, if they are short enough
@@ -188,10 +198,9 @@ class Steps:
 
 @dataclass(frozen=True)
 class JaxSteps:
-    """A map of JAX arrays, in one stage; explain(z, constants) -> text says why the step from z gave NaN."""
+    """A map of JAX arrays, in one stage."""
 
     step: Callable[..., tuple[Array, ...]]
-    explain: Callable[[tuple[Array, ...], Mapping[str, Array]], str] = lambda z, constants: "The step is not finite."
 
 
 @dataclass(frozen=True)
@@ -233,7 +242,7 @@ class Scheme:
     held(z)                 -> arrays    constant along a trajectory, which bind an orientation to the state; or None
     between                              the most steps between two projections; 0: what their cost allows
     coupling                             what lanes do to each other; None for lanes on their own
-    guard                                what the run must not exceed; None for nothing
+    guard                                why steps may fail; None if nothing is known of it
     corrector                            between `prepare` and the steps, and between these and `observe`; None without
     """
 
@@ -268,9 +277,11 @@ class Scheme:
         """The kinds of the components."""
         return [kind for _, kind in self.components]
 
-    def component(self, z: tuple[Array, ...], letter: str) -> Array:
-        """The component of that letter."""
-        return z[[name for name, _ in self.components].index(letter)]
+    def guarded(self, z: tuple[Array, ...]) -> Array:
+        """Whether states are within the guard; if it carries no component along, all of them are."""
+        if self.guard is None or not self.guard.component:
+            return np.array(True)
+        return z[[name for name, _ in self.components].index(self.guard.component)] <= self.guard.limit
 
     @property
     def known(self) -> dict[str, Array]:

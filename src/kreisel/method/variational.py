@@ -27,7 +27,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.iteration import repeat
 from kreisel.method.composition import DEFECT, composed
-from kreisel.method.observing import observer, turned
+from kreisel.method.observing import State, observer, turned
 from kreisel.method.scheme import Guard, Scheme
 from kreisel.record.calling import call
 from kreisel.record.contract import System
@@ -38,7 +38,6 @@ NEWTON_LIMIT = 1e-8  # of the last correction of X: what is left is of the order
 MOST_SWEEPS = 100
 SWEEP_LIMIT = 1e-15
 
-State = tuple[Array, ...]
 Linear = Callable[[Array], Array]
 Constants = Mapping[str, Array]
 
@@ -50,17 +49,17 @@ def variational(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     along as the component "defect" and guarded.
     """
     energy = f"Hamiltonian H, not conserved: it oscillates by O(dt^{order}), without a trend"
-    watched = observer(model, None, None, ("casimir", "noether"), {"energy": energy}, oriented)
+    watched = observer(model, oriented, conserved=("casimir", "noether"), meanings={"energy": energy})
 
     def taken(own: State, turned: State, eps: Array, consts: Constants) -> tuple[State, State, list[Array]]:
         own, turned, defect = stage(model.system, own, eps, consts, turned)
         return own, turned, [defect]
 
     guard = Guard(
-        DEFECT,
-        (NEWTON_LIMIT if model.n == 3 else SWEEP_LIMIT) ** 2,
         "The implicit equation of the variational step was not solved to round-off",
         "a step in which the body turns too far, or a singular kinetic energy. Use a smaller dt.",
+        DEFECT,
+        (NEWTON_LIMIT if model.n == 3 else SWEEP_LIMIT) ** 2,
     )
     return composed("variational", model, dt, order, oriented, taken, watched, guard, dt_in_constants=True)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.computed import cached_property
+from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES, satellite
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.free_body import UPRIGHT, FreeBody, angular_velocity_of

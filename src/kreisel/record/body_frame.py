@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.computed import cached_property
+from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
 
 ORTHOGONAL = 1e-9

@@ -32,7 +32,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.computed import cached_property
+from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, explained, shown
 from kreisel.record.calling import Portable
 from kreisel.reduction import linear, newton

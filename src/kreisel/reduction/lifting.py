@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array, objects
-from kreisel.algebra.computed import cached_property
+from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, RunError
 from kreisel.record.calling import Function
 from kreisel.reduction.double import double, is_jax, jax, require_double

@@ -15,7 +15,7 @@ from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.exact.motion import TopMotion
 from kreisel.exact.nutation import Integrals, MpNumber, Nutation, mp_number
 from kreisel.method import default_method, find, scheme
-from kreisel.method.exact import motion
+from kreisel.method.exact import motion_of_top
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Jump
 from kreisel.record.given import in_lane
@@ -208,7 +208,7 @@ def nutation(system: Model, x0: StateLike) -> Figures:
 
 
 def _figures(system: Model, parts: tuple[Any, ...]) -> Figures:
-    here = motion(system, parts, system.constants, reach=0.0)
+    here = motion_of_top(system, parts, system.constants, reach=0.0)
     top, kind = here.nutation, _kind(here)
     known, ctx, (x1, x2, _) = top.integrals, top.ctx, top.x
     height = mp_number(ctx, known.E)

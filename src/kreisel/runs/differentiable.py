@@ -15,10 +15,9 @@ from kreisel.errors import InputError, RunError, explained, hint, shown
 from kreisel.method import find, scheme
 from kreisel.method.baecklund import SPINS, Product
 from kreisel.method.driven import zero
-from kreisel.method.integrable import closed_form
 from kreisel.method.observing import COUNT, ORIENTATION, as_matrix, turned, with_orientation
 from kreisel.method.scheme import Components, Guard, JaxSteps, Scheme, Steps
-from kreisel.method.splitting import REACH
+from kreisel.method.splitting import REACH, closed_form
 from kreisel.method.splitting import make as splitting
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame
@@ -229,7 +228,7 @@ def _closed(model: Model, made: Scheme, oriented: bool) -> Step:
         own, g = part.move(z[:count], z[count:-1], eps, known)
         return (*own, *g, algebra.maximum(z[-1], reach(z[:count], eps, known)))
 
-    guard = Guard(REACH, 1.0, f"A step is longer than {part.name} is precise for", "more than some radians a step.")
+    guard = Guard(f"A step is longer than {part.name} is precise for", "more than some radians a step.", REACH, 1.0)
     components = (*with_orientation(model, oriented), (REACH, "scalar"))
     return Step(components, _same, _same, take, None, lambda own, known, dt: ({"eps": dt}, {}), guard)
 

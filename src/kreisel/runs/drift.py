@@ -12,7 +12,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.computed import cached_property
+from kreisel.algebra.reuse import cached_property
 from kreisel.errors import AccuracyWarning, ConservationWarning, InputError, explained
 from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats

@@ -259,11 +259,10 @@ class Integration:
             lambda step: cause_of_no_numbers(self.plan, step),
         )
         guard = self.plan.scheme.guard
-        if guard is not None:
+        if guard is not None and guard.component:
 
             def within(rows: Floats) -> Array:
-                z = algebra.restore(rows, self.plan.kinds, self.plan.model.n)
-                return self.plan.scheme.component(z, guard.component) <= guard.limit
+                return self.plan.scheme.guarded(algebra.restore(rows, self.plan.kinds, self.plan.model.n))
 
             self._require(within, guard.fault, guard.cause)
         projection = self.plan.engine.projection

@@ -164,7 +164,7 @@ def pilot(
         out = np.empty((1, *plan.first.shape))
         plan.engine.advance(out, count)
         z = algebra.restore(plan.corrections[1](out)[0], plan.kinds, model.n)
-        if made.guard is not None and not (made.component(z, made.guard.component) <= made.guard.limit).all():
+        if not made.guarded(z).all():
             return None
         own = tuple(algebra.flatten((z[i],), plan.kinds[i : i + 1]) for i in range(len(parts)))
         if not all(np.isfinite(part).all() for part in own):

@@ -13,7 +13,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.computed import cached_property
+from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES
 from kreisel.errors import InputError, doubt, explained, hint, shown
 from kreisel.kernels.engines import ENGINES

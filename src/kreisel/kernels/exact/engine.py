@@ -14,7 +14,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.computed import cached_property
+from kreisel.algebra.reuse import cached_property
 from kreisel.graph.machine import Kernel, address_of
 from kreisel.kernels.exact import jumps
 from kreisel.kernels.exact.jumps import Jumps

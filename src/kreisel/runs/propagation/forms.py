@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.computed import cached_property
+from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
 from kreisel.kernels.cpu import compiled_rows
 from kreisel.kernels.layout import Floats

@@ -143,7 +143,7 @@ class Stepper:
         guard, projection = self.scheme.guard, engine.projection
         if guard is not None:
             z = algebra.restore(rows, self.scheme.kinds, self.model.n)
-            beyond = self.scheme.component(z, guard.component) > guard.limit
+            beyond = ~self.scheme.guarded(z)
             if beyond.any():
                 where = in_lane(beyond.reshape(*rows.shape[:2], -1).any((0, 2)))
                 raise RunError(f"{guard.fault}{where}. Usual cause: {guard.cause}")

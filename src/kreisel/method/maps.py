@@ -1,0 +1,226 @@
+"""Methods that step the map phi of a system, as its record states it.
+
+method="suris"       the paper's maps, and their half-kick conjugates of order 2
+method="veselov"     symmetric maps of Veselov, of Moser and Veselov, and of Suris (2000), of order 2, and compositions:
+                     they conserve the integrals of the flow, and commute with the flow and with each other at other
+                     steps, so that symmetric compositions of order 4, 6, 8 conserve the same integrals
+method="brickwork"   a lattice in discrete time: a step is the two-site maps of all odd bonds, then of all even ones;
+                     Poisson, of order 1, and conserves the traces of the monodromy matrix in which its step stands
+                     [Krajnik, Prosen 2020; Krajnik, Ilievski, Prosen, Pasquier 2021]
+method="lagrangian"  the map of a user-defined discrete Lagrangian (`kreisel.reduction`)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError, shown
+from kreisel.method.composition import DEFECT, composed, symmetric_composition
+from kreisel.method.observing import State, observer, scheme_of, turned, turned_by_map
+from kreisel.method.scheme import Guard, JaxSteps, Orbit, Orbits, Scheme, Steps
+from kreisel.record.calling import Function, call, keywords
+from kreisel.record.contract import Frame, Map
+from kreisel.record.model import Model
+
+LIMIT = 1e-13  # of the error of X
+SINGULAR = 1e-12
+
+
+def suris(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
+    """The system's map phi with step eps = dt; with order = 2 chi phi chi^-1, chi half a kick.
+
+    Both are Poisson and conserve the deformed integrals.  The conjugate runs phi and changes variables once
+    at the start and at every saved state.  Raises `InputError` for steps at which the map may be singular.
+    """
+    phi, count = model.map, len(model.system.space.letters)
+
+    def to_user(*z: Array, **constants: Array) -> State:
+        return model.call(phi.to_symmetric, *z, eps=dt, **constants)
+
+    def reopen(x: State) -> State:
+        return x if order == 1 else (*model.call(phi.from_symmetric, *x[:count], eps=dt), *x[count:])
+
+    def prepare(x0: State) -> State:
+        shift = ", or add a constant to b so that no entry is negative (the flow stays as it is)"
+        _require_below(
+            model,
+            x0[:count],
+            dt,
+            f"has a denominator that may vanish on this orbit: expected dt < {{largest:.6g}}, got {dt:g}. Use a "
+            f"smaller dt{shift if 'b' in model.params else ''}.",
+        )
+        return reopen(x0)
+
+    return _stepped(
+        "suris",
+        model,
+        dt,
+        Steps(_step(phi, model.system.frame, count), iterates=None if oriented else iterates(model)),
+        oriented,
+        observer(model, oriented, dt, to_user if order == 2 else None),
+        prepare=prepare,
+        reopen=reopen,
+        options={"order": order},
+    )
+
+
+def brickwork(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
+    """The map of a lattice with step dt.  Raises `InputError` for steps at which it does not exist."""
+
+    def prepare(x0: State) -> State:
+        _require_below(
+            model,
+            x0,
+            dt,
+            "takes an angle t with tan t = dt |s| < 1 for an easy plane: expected dt < {largest:.6g}, got "
+            f"{dt:g}. Use a smaller dt.",
+        )
+        return x0
+
+    motion = Steps(_step(model.map, model.system.frame, len(model.system.space.letters)))
+    return _stepped(
+        "brickwork", model, dt, motion, False, observer(model, eps=dt), prepare=prepare, options={"order": order}
+    )
+
+
+def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
+    """The implicit map of a discrete Lagrangian with step eps = dt; the orientation is carried along.
+
+    Poisson, so that Casimirs are conserved; of the integrals, those that the record names.  Raises `InputError` for
+    other orders than the map's, and for an orientation of a group that is not SO(n).
+    """
+    phi, space = model.map, model.system.space
+    if order not in (None, phi.order):
+        raise InputError(
+            f"The map of {model.system.name} has order {phi.order}, got order={shown(order)}. Leave it out."
+        )
+    if oriented and phi.generator is None:
+        raise InputError(
+            f"The orientation is carried along for SO(n) on R^n; {model.system.name} lives on {space.name}. "
+            "Leave it out, and use kreisel.reduction's Discrete.reconstruct."
+        )
+    count = len(space.letters)
+    singular = Guard(
+        "The Legendre transform of the discrete Lagrangian is singular at this state",
+        "a kinetic energy that vanishes or changes its sign there.",
+    )
+    lost = Guard(
+        "The implicit equation has no solution on the branch with the continuous limit: two solutions have met, or "
+        "Newton's method failed on the way",
+        f"a step too long for this state. Use dt = {dt / 2:g} or less.",
+        instead=lambda z, known: singular if float(call(phi.regularity, z[:count], known)) < SINGULAR else None,
+    )
+    motion = JaxSteps(_step(phi, model.system.frame, count))
+    return _stepped(
+        "lagrangian",
+        model,
+        dt,
+        motion,
+        oriented,
+        observer(model, oriented, dt),
+        options={"order": phi.order},
+        recordable=False,
+        guard=lost,
+    )
+
+
+def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
+    """The system's symmetric map with step dt, of order 2, or composed to order 4, 6 or 8.
+
+    The error that the solution of an implicit map has left, as estimated, an angle squared, is guarded: its largest
+    value is carried along as the component "defect".  Raises `InputError` for steps at which the map does not exist.
+    """
+    phi = model.map
+    gamma = symmetric_composition(order)
+    count, frame = len(model.system.space.letters), model.system.frame
+    longest = dt * float(abs(gamma).max())
+
+    def stage(state: State, gs: State, eps: Array, constants: Mapping[str, Array]) -> tuple[Any, Any, Any]:
+        constants = {**constants, "eps": eps}
+        if phi.turn is not None:
+            X, defect = call(phi.turn, state, constants)
+            return call(phi.move, (*state, X), constants), (turned(frame, X, g) for g in gs), [defect]
+        new = call(phi.step, state, constants)
+        return new, (turned_by_map(phi, frame, state, new, constants, g) for g in gs), ()
+
+    def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
+        with np.errstate(all="ignore"):  # `prepare` refuses what lies beyond the domain
+            each = [model.call(phi.trajectory, *x0[:count], eps=eps) for eps in gamma * dt]
+        return {}, {name: np.stack([constants[name] for constants in each], -1) for name in each[0]}
+
+    def prepare(x0: State) -> State:
+        stages = "" if order == 2 else f" in its longest stage (order {order})"
+        _require_below(
+            model,
+            x0[:count],
+            longest,
+            "has no solution that tends to 1 with dt for this state: expected a step below {largest:.6g}, got "
+            f"{longest:.6g}{stages}. Use less than {{share:.6g}} of this dt, or method='dop853'.",
+            enough=longest,
+        )
+        return scheme.reopen(x0)
+
+    guard = Guard(
+        "The implicit equation of the map was not solved to round-off",
+        "a step close to the largest at which the map exists. Use a smaller dt.",
+        DEFECT,
+        LIMIT**2,
+    )
+    scheme = composed(
+        "veselov",
+        model,
+        dt,
+        order,
+        oriented,
+        stage,
+        observer(model, oriented, dt),
+        None if phi.turn is None else guard,
+        axes={**model.axes, **dict.fromkeys(keywords(phi.turn or phi.step) - {*model.axes}, 0)},
+        prepare=prepare,
+        trajectory=None if phi.trajectory is None else trajectory,
+    )
+    return scheme
+
+
+def iterates(model: Model) -> Orbits | None:
+    """The iterates of a map that is D_eps in other variables, n = 3, in closed form; None if that is not known."""
+    if model.n != 3 or model.map.darboux is None:
+        return None
+
+    def orbit(z0: State, constants: Mapping[str, Array], reach: float) -> Orbit:
+        from kreisel.method.exact import iterated
+
+        return iterated(model, tuple(z0), constants, reach)
+
+    return Orbits(orbit)
+
+
+def _stepped(name: str, model: Model, dt: float, motion: Any, oriented: bool, observed: Any, **fields: Any) -> Scheme:
+    """The scheme of a map with step eps = dt."""
+    constants, axes = {**model.constants, "eps": dt}, {**model.axes, "eps": 0}
+    return scheme_of(name, model, motion, observed, oriented, constants=constants, axes=axes, **fields)
+
+
+@lru_cache(64)
+def _step(phi: Map, frame: Frame, count: int) -> Function:
+    """The step of state and orientation; the same function for the same record, so that JAX compiles it once."""
+
+    def step(*z: Array, **constants: Array) -> State:
+        new = call(phi.step, z[:count], constants)
+        return (*new, *(turned_by_map(phi, frame, z[:count], new, constants, g) for g in z[count:]))
+
+    return step
+
+
+def _require_below(model: Model, state: State, step: float, sentence: str, **options: float) -> None:
+    """Raises `InputError` with a sentence about the map where the step is not below the largest."""
+    if model.map.largest_step is None:
+        return
+    largest = model.largest_step(*state, **options)
+    if not step < largest:
+        raise InputError(f"The map of {model.system.name} " + sentence.format(largest=largest, share=largest / step))
