@@ -28,18 +28,20 @@ OF_A_RUN: dict[str, Any] = {  # attributes and their types
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunRecord:
-    """The attributes of a run, under their own names; properties read what is JSON in them.
-
-    A Dataset may lack some, which xarray has dropped or which a run of `kr.at` has not: `InputError` when one of them
-    is asked for.
-    """
+class Heading:
+    """Attributes by which other programs know a file."""
 
     Conventions: str = "CF-1.11"
     title: str
     source: str
     references: str
     kreisel_format: int = FORMAT
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subject:
+    """Attributes of what moves: the system, its parameters, the state at the start."""
+
     system: str
     system_sha256: str | None = None  # of a user-defined system: `kreisel.runs.operations`
     equations: str
@@ -50,121 +52,11 @@ class RunRecord:
     n: int
     parameters: str  # JSON
     start_sha256: str
-    method: str
-    options: str  # JSON
-    observe: str | None = None  # JSON; None for all
-    engine: str = "cpu"
-    projection: int
-    dt: float
-    asked_dt: float | None = None  # where t_end is not a multiple of it
-    steps: int
-    every: int
-    rows: int | None = None  # where they are not those of every `every`-th step
-    stopped: float | None = None  # the time at which an event stopped the run
-    impulses: str | None = None  # JSON
-    events: str | None = None  # JSON, their names, directions and checksums: an archive holds no code
-    event_times: str | None = None  # JSON, (time, number of the event)
-    rows_in_block: int
-    complete: int = 1  # a number: NetCDF has no truth values
-    created: str
-    versions: str  # JSON
-    recovered: str | None = None
-
-    @classmethod
-    def from_attrs(cls, attrs: Mapping[str, Any]) -> RunRecord:
-        """What the attributes of a Dataset or of an archive say.  Raises `InputError` for damaged ones."""
-        as_made(attrs)
-        record = object.__new__(cls)
-        record.__dict__.update((each.name, attrs[each.name]) for each in fields(cls) if each.name in attrs)
-        return record
-
-    @classmethod
-    def of(cls, run: Any, *attributes: str, rows: bool = True) -> RunRecord:
-        """That of a Dataset, looked at as by `a_run`."""
-        return cls.from_attrs(a_run(run, *attributes, rows=rows).attrs)
-
-    def to_attrs(self) -> dict[str, Any]:
-        """The attributes."""
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
-        return {name: value for name, value in values.items() if value is not None}
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name):
-            raise (AttributeError if name.startswith("_") else InputError)(
-                f"expected the attributes of a run, got none named {name}. Usual cause: a sweep, whose lanes are no "
-                "runs, an operation of xarray, which drops attributes, or kr.at, which makes no steps."
-            )
 
     @cached_property
     def body_frame(self) -> BodyFrame | None:
         """Axes and units of the body that the model was made from, None of another model.  Raises `InputError`."""
         return None if self.body is None else BodyFrame.from_table(_an_object(self.body, "body"))
-
-    @property
-    def stepped(self) -> bool:
-        """Whether it says that steps were made, of which length; those of `kr.at` are states at given times."""
-        return "dt" in self.__dict__
-
-    @property
-    def pace(self) -> str:
-        """The steps in words, and whether dt is that which was asked for."""
-        asked = self.asked_dt
-        return f"{self.steps:,} steps of {self.dt:g}" + (
-            "" if asked is None else f" (asked for: dt = {asked:g}, of which t_end is not a multiple)"
-        )
-
-    @cached_property
-    def _options(self) -> dict[str, Any]:
-        return _an_object(self.options, "options")
-
-    @property
-    def order(self) -> int | tuple[int, ...] | None:
-        """The order of the method.  Raises `InputError`."""
-        order = self._options.get("order")
-        if isinstance(order, list) and all(isinstance(v, int) for v in order):
-            return tuple(order)
-        if not isinstance(order, int | None):
-            raise InputError(f"The attribute options is damaged: expected a whole number as order, got {shown(order)}.")
-        return order
-
-    @property
-    def tolerance(self) -> float | None:
-        """The tolerance of an adaptive method; None of a fixed step.  Raises `InputError`."""
-        tol = self._options.get("rtol")
-        if not isinstance(tol, float | None):
-            raise InputError(f"The attribute options is damaged: expected a number as rtol, got {shown(tol)}.")
-        return tol
-
-    @property
-    def observed(self) -> list[str] | None:
-        """What is observed beside the state, or None for all.  Raises `InputError`."""
-        if self.observe is None:
-            return None
-        names = parsed(self.observe, "The attribute observe")
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise InputError(f"The attribute observe is damaged: expected a list of names, got {shown(names)}.")
-        return names
-
-    @property
-    def row_count(self) -> int:
-        """How many rows the run has."""
-        return count_of_rows(self.steps, self.every) if self.rows is None else self.rows
-
-    @property
-    def at_times(self) -> bool:
-        """Whether rows stand at times that were given."""
-        return self.rows is not None and self.stopped is None
-
-    @property
-    def broken(self) -> bool:
-        """Whether impulses or events break steps."""
-        return self.impulses is not None or self.events is not None
-
-    @property
-    def struck(self) -> tuple[dict[str, Any], ...]:
-        """The impulses.  Raises `InputError` for damaged ones."""
-        return () if self.impulses is None else tuple(parsed(self.impulses, "The attribute impulses"))
 
     @property
     def is_own(self) -> bool:
@@ -205,6 +97,138 @@ class RunRecord:
     def missing_from(self, run: xr.Dataset) -> list[str]:
         """The components of the state that a Dataset lacks."""
         return [letter for letter in self.kinds if letter not in run]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Numerics:
+    """Attributes of how it is computed."""
+
+    method: str
+    options: str  # JSON
+    observe: str | None = None  # JSON; None for all
+    engine: str = "cpu"
+    projection: int
+
+    @cached_property
+    def _options(self) -> dict[str, Any]:
+        return _an_object(self.options, "options")
+
+    @property
+    def order(self) -> int | tuple[int, ...] | None:
+        """The order of the method.  Raises `InputError`."""
+        order = self._options.get("order")
+        if isinstance(order, list) and all(isinstance(v, int) for v in order):
+            return tuple(order)
+        if not isinstance(order, int | None):
+            raise InputError(f"The attribute options is damaged: expected a whole number as order, got {shown(order)}.")
+        return order
+
+    @property
+    def tolerance(self) -> float | None:
+        """The tolerance of an adaptive method; None of a fixed step.  Raises `InputError`."""
+        tol = self._options.get("rtol")
+        if not isinstance(tol, float | None):
+            raise InputError(f"The attribute options is damaged: expected a number as rtol, got {shown(tol)}.")
+        return tol
+
+    @property
+    def observed(self) -> list[str] | None:
+        """What is observed beside the state, or None for all.  Raises `InputError`."""
+        if self.observe is None:
+            return None
+        names = parsed(self.observe, "The attribute observe")
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise InputError(f"The attribute observe is damaged: expected a list of names, got {shown(names)}.")
+        return names
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """Attributes of the steps, the rows, and what interrupts them."""
+
+    dt: float
+    asked_dt: float | None = None  # where t_end is not a multiple of it
+    steps: int
+    every: int
+    rows: int | None = None  # where they are not those of every `every`-th step
+    stopped: float | None = None  # the time at which an event stopped the run
+    impulses: str | None = None  # JSON
+    events: str | None = None  # JSON, their names, directions and checksums: an archive holds no code
+    event_times: str | None = None  # JSON, (time, number of the event)
+    rows_in_block: int
+
+    @property
+    def stepped(self) -> bool:
+        """Whether it says that steps were made, of which length; those of `kr.at` are states at given times."""
+        return "dt" in self.__dict__
+
+    @property
+    def pace(self) -> str:
+        """The steps in words, and whether dt is that which was asked for."""
+        asked = self.asked_dt
+        return f"{self.steps:,} steps of {self.dt:g}" + (
+            "" if asked is None else f" (asked for: dt = {asked:g}, of which t_end is not a multiple)"
+        )
+
+    @property
+    def row_count(self) -> int:
+        """How many rows the run has."""
+        return count_of_rows(self.steps, self.every) if self.rows is None else self.rows
+
+    @property
+    def at_times(self) -> bool:
+        """Whether rows stand at times that were given."""
+        return self.rows is not None and self.stopped is None
+
+    @property
+    def broken(self) -> bool:
+        """Whether impulses or events break steps."""
+        return self.impulses is not None or self.events is not None
+
+    @property
+    def struck(self) -> tuple[dict[str, Any], ...]:
+        """The impulses.  Raises `InputError` for damaged ones."""
+        return () if self.impulses is None else tuple(parsed(self.impulses, "The attribute impulses"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord(Course, Numerics, Subject, Heading):
+    """The attributes of a run, under their own names; properties read what is JSON in them.
+
+    A Dataset may lack some, which xarray has dropped or which a run of `kr.at` has not: `InputError` when one of them
+    is asked for.
+    """
+
+    complete: int = 1  # a number: NetCDF has no truth values
+    created: str
+    versions: str  # JSON
+    recovered: str | None = None
+
+    @classmethod
+    def from_attrs(cls, attrs: Mapping[str, Any]) -> RunRecord:
+        """What the attributes of a Dataset or of an archive say.  Raises `InputError` for damaged ones."""
+        as_made(attrs)
+        record = object.__new__(cls)
+        record.__dict__.update((each.name, attrs[each.name]) for each in fields(cls) if each.name in attrs)
+        return record
+
+    @classmethod
+    def of(cls, run: Any, *attributes: str, rows: bool = True) -> RunRecord:
+        """That of a Dataset, looked at as by `a_run`."""
+        return cls.from_attrs(a_run(run, *attributes, rows=rows).attrs)
+
+    def to_attrs(self) -> dict[str, Any]:
+        """The attributes."""
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        return {name: value for name, value in values.items() if value is not None}
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            raise (AttributeError if name.startswith("_") else InputError)(
+                f"expected the attributes of a run, got none named {name}. Usual cause: a sweep, whose lanes are no "
+                "runs, an operation of xarray, which drops attributes, or kr.at, which makes no steps."
+            )
 
 
 def _an_object(text: str, name: str) -> dict[str, Any]:
