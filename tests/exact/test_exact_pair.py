@@ -10,8 +10,7 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.exact import pairs
-from kreisel.method import scheme
+from kreisel.method import pairs, scheme
 from kreisel.runs.planning import make_plan
 from sizes import FULL
 from taylor import taylor_solution

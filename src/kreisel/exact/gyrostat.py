@@ -13,7 +13,7 @@ in many digits, with any e L in place of the first M.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
@@ -38,11 +38,8 @@ from kreisel.exact.quadrics import (
     quartic,
 )
 from kreisel.exact.turning import turn
-from kreisel.method.observing import observer, scheme_of
-from kreisel.method.scheme import Orbits, Scheme, States, Steps
 from kreisel.record.calling import call
 from kreisel.record.contract import System
-from kreisel.record.model import Model
 
 FAR = 6  # maps in a step, beyond which whole periods are left out
 CORRECTIONS = 3
@@ -71,26 +68,6 @@ NODE, WEIGHT = _gauss()
 TURN = {"turn_" + k: v for k, v in FORMS.items()}  # of the vector of a quaternion
 LEAN = {"lean_" + k: max(0, v - 1) for k, v in FORMS.items()}  # and of its scalar
 AXES = {**FORMS, **BELOW, **TURN, **LEAN, "size": 0, "inverse": 0, "still": 0}
-
-
-def gyrostat(model: Model, dt: float, oriented: bool) -> Scheme:
-    """The exact flow of a body with a wheel; see the module."""
-    observed = observer(model, oriented, conserved=("casimir", "energy"))
-    letters = [p.letter for p in model.system.parameters]
-
-    def trajectory(x0: tuple[Array, ...]) -> tuple[dict[str, Array], dict[str, Array]]:
-        body = Body(algebra.axial(x0[0]), {k: model.constants[k] for k in letters}, model.system, oriented)
-        time = np.full(body.L.shape, dt, dtype=np.longdouble)
-        if not oriented:
-            for lane in np.argwhere(body.speed * dt > FAR):
-                (time[tuple(lane)],), _, _ = body.remainders(tuple(lane), [Fraction(dt)])
-        known, stage, maps = body.numbers(time)
-        stages = {k: np.repeat(np.expand_dims(v.astype(float), time.ndim), maps, time.ndim) for k, v in stage.items()}
-        return {k: v.astype(float) for k, v in known.items()}, stages
-
-    motion = Steps(step, iterates=Orbits(_orbit(model, oriented)))
-    axes = {**model.axes, **AXES}
-    return scheme_of("exact", model, motion, observed, oriented, axes=axes, trajectory=trajectory)
 
 
 def step(M: Array, *g: Array, size: Array, inverse: Array, **known: Array) -> tuple[Array, ...]:
@@ -263,22 +240,6 @@ def _nodes(K: Array) -> list[dict[str, Array]]:
 def _spread(known: Mapping[str, Array]) -> dict[str, Array]:
     """The same for the samples of a motion."""
     return {k: np.expand_dims(v, v.ndim - FORMS.get(k, 1)) for k, v in known.items()}
-
-
-def _orbit(model: Model, oriented: bool) -> Callable[..., States]:
-    letters = [p.letter for p in model.system.parameters]
-
-    def orbit(z0: tuple[Array, ...], given: Mapping[str, Array], reach: float) -> States:
-        body = Body(algebra.axial(z0[0]), {k: given[k] for k in letters}, model.system, oriented)
-
-        def states(mantissa: Array, exponent: Array) -> tuple[Array, ...]:
-            times = [Fraction(int(m)) * Fraction(2) ** int(e) for m, e in zip(mantissa, exponent, strict=True)]
-            M, *g = body.after(times, z0[1:])
-            return algebra.hat(M.astype(float)), *(v.astype(float) for v in g)
-
-        return states
-
-    return orbit
 
 
 def remainders(

@@ -36,7 +36,7 @@ from kreisel.exact.parts import (
     turns_of,
 )
 from kreisel.exact.slow import take_fewer_parts
-from kreisel.method.scheme import Orbit
+from kreisel.record.contract import Orbit
 
 DIGITS = 32  # of the set-up, beyond those that the number of periods and close roots use up
 LARGEST = 1e150  # of an integral: products of two must not overflow

@@ -49,7 +49,7 @@ from kreisel.exact.parts import (
     left_out,
     turns_of,
 )
-from kreisel.method.scheme import Orbit
+from kreisel.record.contract import Orbit
 
 DIGITS = 32  # of the set-up, beyond those that turns, a small k' and a small a_3 use up
 STILL = np.array([1.0, 0.0, 0.0, 0.0])

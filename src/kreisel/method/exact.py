@@ -10,15 +10,15 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.exact.gyrostat import gyrostat
+from kreisel.exact import gyrostat
 from kreisel.exact.motion import UNTURNED, TopMotion
 from kreisel.exact.nutation import MpNumber, mp_number, rationals
-from kreisel.exact.pairs import exact_pair
 from kreisel.exact.rotor import Rotor
 from kreisel.method.observing import State, observer, scheme_of
-from kreisel.method.scheme import Jump, Orbit, Orbits, Scheme, Spin
+from kreisel.method.pairs import exact_pair
+from kreisel.method.scheme import Jump, Orbits, Scheme, Spin, Steps
 from kreisel.record.calling import call
-from kreisel.record.contract import Frame
+from kreisel.record.contract import Frame, Orbit, States
 from kreisel.record.model import Model
 
 
@@ -115,6 +115,42 @@ def _orbit_of_body(model: Model, oriented: bool) -> Callable[..., Orbit]:
     return orbit
 
 
+def _orbit_of_gyrostat(model: Model, oriented: bool) -> Callable[..., States]:
+    letters = [p.letter for p in model.system.parameters]
+
+    def orbit(z0: tuple[Array, ...], given: Mapping[str, Array], reach: float) -> States:
+        body = gyrostat.Body(algebra.axial(z0[0]), {k: given[k] for k in letters}, model.system, oriented)
+
+        def states(mantissa: Array, exponent: Array) -> tuple[Array, ...]:
+            times = [Fraction(int(m)) * Fraction(2) ** int(e) for m, e in zip(mantissa, exponent, strict=True)]
+            M, *g = body.after(times, z0[1:])
+            return algebra.hat(M.astype(float)), *(v.astype(float) for v in g)
+
+        return states
+
+    return orbit
+
+
+def _gyrostat(model: Model, dt: float, oriented: bool) -> Scheme:
+    """The exact flow of a gyrostat; see `kreisel.exact.gyrostat`."""
+    observed = observer(model, oriented, conserved=("casimir", "energy"))
+    letters = [p.letter for p in model.system.parameters]
+
+    def trajectory(x0: tuple[Array, ...]) -> tuple[dict[str, Array], dict[str, Array]]:
+        body = gyrostat.Body(algebra.axial(x0[0]), {k: model.constants[k] for k in letters}, model.system, oriented)
+        time = np.full(body.L.shape, dt, dtype=np.longdouble)
+        if not oriented:
+            for lane in np.argwhere(body.speed * dt > gyrostat.FAR):
+                (time[tuple(lane)],), _, _ = body.remainders(tuple(lane), [Fraction(dt)])
+        known, stage, maps = body.numbers(time)
+        stages = {k: np.repeat(np.expand_dims(v.astype(float), time.ndim), maps, time.ndim) for k, v in stage.items()}
+        return {k: v.astype(float) for k, v in known.items()}, stages
+
+    motion = Steps(gyrostat.step, iterates=Orbits(_orbit_of_gyrostat(model, oriented)))
+    axes = {**model.axes, **gyrostat.AXES}
+    return scheme_of("exact", model, motion, observed, oriented, axes=axes, trajectory=trajectory)
+
+
 def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame, and for free bodies.
 
@@ -123,7 +159,7 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """
     known = model.system.closed_form
     if known.gyrostat is not None:
-        return gyrostat(model, dt, oriented)
+        return _gyrostat(model, dt, oriented)
     if known.moments is None and known.top is None:
         return exact_pair(model, dt, oriented)
     observe, outcomes = observer(model, oriented)

@@ -22,9 +22,9 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.method.composition import DEFECT, composed, symmetric_composition
 from kreisel.method.observing import State, observer, scheme_of, turned, turned_by_map
-from kreisel.method.scheme import Guard, JaxSteps, Orbit, Orbits, Scheme, Steps
+from kreisel.method.scheme import Guard, JaxSteps, Orbits, Scheme, Steps
 from kreisel.record.calling import Function, call, keywords
-from kreisel.record.contract import Frame, Map
+from kreisel.record.contract import Frame, Map, Orbit
 from kreisel.record.model import Model
 
 LIMIT = 1e-13  # of the error of X

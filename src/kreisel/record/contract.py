@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import enum
 import inspect
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, SupportsIndex
@@ -255,6 +255,32 @@ class Relation:
     meaning: str = ""
     exact: bool = True
     back: Function | None = None
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """One trajectory in closed form: three phases say where it is, 64-bit fractions of one.
+
+    phases(M, e)  -> (times, 3) unsigned integers, at times M 2^e: Python integers in an object array, small integers
+    rates         of the phases where they grow like the time, turns in a unit of time as integers of `bits` binary
+                  places; None otherwise
+    place(j)      -> (terms, numbers), for part j of the 2^places parts of the first phase: numbers that are polynomials
+                  in x, from -1 at the start of the part to 1 at its end; the lowest power first
+    row(place, left, right, **constants) -> z, from these numbers at one x; `left` and `right` are 2 pi times the other
+                  phases, as (cos, sin, rest of the angle, at most pi/512): half the angles of turns, so that a
+                  quaternion is continuous.  Compiled by an engine.
+    """
+
+    phases: Callable[[Array, Array], Array]
+    rates: tuple[int, int, int] | None
+    bits: int
+    places: int
+    place: Callable[[int], Array]
+    row: Callable[..., tuple[Array, ...]]
+    constants: Mapping[str, Array]
+
+
+States = Callable[[Array, Array], tuple[Array, ...]]  # (M, e) -> z at the times M 2^e: an orbit as a function
 
 
 @dataclass(frozen=True)

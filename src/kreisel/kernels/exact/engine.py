@@ -21,7 +21,8 @@ from kreisel.kernels.exact.jumps import Jumps
 from kreisel.kernels.exact.rows import SIZE, RowKernel
 from kreisel.kernels.layout import LANES, Floats, Look, no_look
 from kreisel.kernels.threads import on_threads
-from kreisel.method.scheme import Orbit, Orbits, Scheme, Spin, States
+from kreisel.method.scheme import Orbits, Scheme, Spin
+from kreisel.record.contract import Orbit, States
 
 AT_ONCE = 4096  # times that a function is asked for
 MOST_PLACES = 12  # as a power of two, kept for all rows; of more only those that are asked for

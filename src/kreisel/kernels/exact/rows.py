@@ -20,7 +20,7 @@ from kreisel.graph.llvm import DOUBLE, INDEX, INTEGER, Function, Integer, Memory
 from kreisel.graph.machine import Kernel, kernel
 from kreisel.graph.recording import recorded_function
 from kreisel.kernels.layout import LANES
-from kreisel.method.scheme import Orbit
+from kreisel.record.contract import Orbit
 
 WIDTH = 16  # rows in a block, a multiple of LANES: with 64 the table of polynomials does not stay in the first cache
 CIRCLE_BITS = 9  # angles in a table, as a power of two
