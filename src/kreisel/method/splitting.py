@@ -37,7 +37,7 @@ from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import Body, inverse_inertia_columns, perturbation_of, require_principal
 from kreisel.forces.pairs import of_bodies
 from kreisel.forces.product import Factor
-from kreisel.forces.turns import Turn, turns_of
+from kreisel.forces.turns import turns_of
 from kreisel.method.composition import symmetric_composition
 from kreisel.method.driven import (
     coupling_of,
@@ -107,117 +107,116 @@ class Splitting:
         end = self.count + self.oriented
         return z[: self.count], z[self.count : end], dict(zip(self.extra, z[end:], strict=True))
 
-    def step(self, *z: Array, _drift: Array, _kick: Array, _node: Array, **known: Array) -> State:
+    def step(self, *z: Array, _drift: Array, _kick: Array, _node: Array, **constants: Array) -> State:
         """A, then B."""
-        return self.kick(*self.drift(*z, _drift=_drift, _kick=_kick, **known), _kick=_kick, _node=_node, **known)
+        return self.kick(
+            *self.drift(*z, _drift=_drift, _kick=_kick, **constants), _kick=_kick, _node=_node, **constants
+        )
 
-    def drift(self, *z: Array, _drift: Array, **known: Array) -> State:
+    def drift(self, *z: Array, _drift: Array, **constants: Array) -> State:
         """A; and what comes before the kick where the sum over pairs divides B."""
-        own, g, more = self.moved(*self.apart(z), _drift, known)
+        state, g, more = self.moved(*self.apart(z), _drift, constants)
         if self.divided:
-            own, g, work = self._before(own, g, known["_kick"], known)
+            state, g, work = self._before(state, g, constants["_kick"], constants)
             if self.driven:
                 more[WORK] = more[WORK] + work
-        return (*own, *g, *more.values())
+        return (*state, *g, *more.values())
 
-    def kick(self, *z: Array, _kick: Array, _node: Array, **known: Array) -> State:
+    def kick(self, *z: Array, _kick: Array, _node: Array, **constants: Array) -> State:
         """B, or the rest of it, with what other bodies do to this one behind its state."""
         size = self.count + self.oriented + len(self.extra)
-        own, g, more = self.apart(z[:size])
+        state, g, more = self.apart(z[:size])
         pulled = (z[size : size + self.count], z[-1] if self.driven else 0) if len(z) > size else None
-        body = Body(own, None, self.time(more, _node, known))
+        body = Body(state, None, self.time(more, _node, constants))
         if self.divided:
-            own, g, work = self._rest(body, g, _kick, known, pulled)
+            state, g, work = self._rest(body, g, _kick, constants, pulled)
         else:
-            own, g, work = self.perturbed(body, g, _kick, known, pulled)
+            state, g, work = self.perturbed(body, g, _kick, constants, pulled)
         if self.driven:
             more[WORK] = more[WORK] + work
-        return (*own, *g, *more.values())
+        return (*state, *g, *more.values())
 
-    def where(self, z: State, known: Constants) -> Body:
+    def where(self, z: State, constants: Constants) -> Body:
         """The body at a node of the step."""
-        own, g, more = self.apart(z)
-        return Body(own, self.turn(g), self.time(more, known["_node"], known) if self.timed else None)
+        state, g, more = self.apart(z)
+        return Body(state, self.turn(g), self.time(more, constants["_node"], constants) if self.timed else None)
 
     def turn(self, g: State) -> Array | None:
         """The orientation as a matrix."""
         return as_matrix(self.model, g[0]) if g else None
 
-    def time(self, more: Mapping[str, Array], node: Array, known: Constants) -> Any:
+    def time(self, more: Mapping[str, Array], node: Array, constants: Constants) -> Any:
         """The time at a node of the step."""
-        return (more[COUNT] + node) * (known["_dt"] * TICKS) if self.timed else None
+        return (more[COUNT] + node) * (constants["_dt"] * TICKS) if self.timed else None
 
-    def close(self, *z: Array, _last: Array, _whole: Array, **known: Array) -> State:
+    def close(self, *z: Array, _last: Array, _whole: Array, **constants: Array) -> State:
         """The last A, and the count of steps: 1, 0 of a corrector."""
-        own, g, more = self.apart(z)
-        own, g, more = self.moved(own, g, more, _last, {**known, "_kicked": _whole})
+        state, g, more = self.apart(z)
+        state, g, more = self.moved(state, g, more, _last, {**constants, "_kicked": _whole})
         if self.timed:
             more[COUNT] = more[COUNT] + _whole
-        return (*own, *g, *more.values())
+        return (*state, *g, *more.values())
 
     def moved(
-        self, own: State, g: State, more: dict[str, Array], h: Array, known: Constants
+        self, state: State, g: State, more: dict[str, Array], h: Array, constants: Constants
     ) -> tuple[State, State, dict[str, Array]]:
         """The integrable motion, with the momentum of a wheel as the kicks before it left it."""
         if self.record.wheel:
-            known = {**known, kicks.WHEEL: kicks.momentum_of_wheel(known, self.time(more, known["_kicked"], known))}
+            constants = {
+                **constants,
+                kicks.WHEEL: kicks.momentum_of_wheel(constants, self.time(more, constants["_kicked"], constants)),
+            }
         if self.part.reach is not None:
-            more = {**more, REACH: algebra.maximum(more[REACH], self.part.reach(own, h, known))}
-        own, g = self.part.move(own, g, h, known)
-        return own, g, more
+            more = {**more, REACH: algebra.maximum(more[REACH], self.part.reach(state, h, constants))}
+        state, g = self.part.move(state, g, h, constants)
+        return state, g, more
 
     def perturbed(
-        self, body: Body, g: State, h: Array, known: Constants, pulled: tuple[State, Any] | None
+        self, body: Body, g: State, h: Array, constants: Constants, pulled: tuple[State, Any] | None
     ) -> tuple[State, State, Any]:
         """The flow of the perturbation, and its work."""
-        own, work = body.state, 0.0
+        state, work = body.state, 0.0
         for fraction in self.parts:
-            own, g, gained = self._once(body._replace(state=own), g, fraction * h, known, pulled)
-            work = work + gained
-        return own, g, work
+            state, g, before = self._before(state, g, fraction * h, constants)
+            state, g, after = self._rest(body._replace(state=state), g, fraction * h, constants, pulled)
+            work = work + (before + after)
+        return state, g, work
 
-    def _once(
-        self, body: Body, g: State, h: Array, known: Constants, pulled: tuple[State, Any] | None
-    ) -> tuple[State, State, Any]:
-        """The same to order 2."""
-        own, g, before = self._before(body.state, g, h, known)
-        own, g, work = self._rest(body._replace(state=own), g, h, known, pulled)
-        return own, g, before + work
-
-    def _before(self, own: State, g: State, h: Array, known: Constants) -> tuple[State, State, Any]:
-        own, work = self._damped(own, h / 2, known)
-        own, g = self._turned(own, g, self.turns, h / 2, known)
-        return own, g, work
+    def _before(self, state: State, g: State, h: Array, constants: Constants) -> tuple[State, State, Any]:
+        state, work = self._damped(state, h / 2, constants)
+        for turn in self.turns:
+            state, g = turn(state, g, h / 2, constants)
+        return state, g, work
 
     def _rest(
-        self, body: Body, g: State, h: Array, known: Constants, pulled: tuple[State, Any] | None
+        self, body: Body, g: State, h: Array, constants: Constants, pulled: tuple[State, Any] | None
     ) -> tuple[State, State, Any]:
-        own, gained = body.state, 0.0
+        state, gained = body.state, 0.0
         if self.kicked:
-            there = Body(own, self.turn(g), body.t)
-            others = self._others(known, pulled)
-            own, gained = kicks.kicked(self.model.system, there, h, known, self.model.axes, others)
-        own, g = self._turned(own, g, self.turns[::-1], h / 2, known)
-        own, after = self._damped(own, h / 2, known)
-        return own, g, gained + after
+            there = Body(state, self.turn(g), body.t)
+            others = self._others(constants, pulled)
+            state, gained = kicks.kicked(self.model.system, there, h, constants, self.model.axes, others)
+        for turn in self.turns[::-1]:
+            state, g = turn(state, g, h / 2, constants)
+        state, after = self._damped(state, h / 2, constants)
+        return state, g, gained + after
 
     def _others(
-        self, known: Constants, pulled: tuple[State, Any] | None
+        self, constants: Constants, pulled: tuple[State, Any] | None
     ) -> Callable[[State], tuple[State, Any]] | None:
         """What other bodies do in a kick, and what the integrable part leaves to it."""
         left = self.part.left
         if left is None:
-            return None if pulled is None else lambda own: pulled
+            return None if pulled is None else lambda state: pulled
         rest, power = pulled or ((0.0,) * self.count, 0.0)
-        return lambda own: (tuple(x + y for x, y in zip(left(own, known), rest, strict=True)), power)
+        return lambda state: (tuple(x + y for x, y in zip(left(state, constants), rest, strict=True)), power)
 
-    def _turned(self, own: State, g: State, turns: list[Turn], h: Array, known: Constants) -> tuple[State, State]:
-        for turn in turns:
-            own, g = turn(own, g, h, known)
-        return own, g
-
-    def _damped(self, own: State, h: Array, known: Constants) -> tuple[State, Any]:
-        return kicks.decayed(self.model.system, own, h, known, self.model.axes) if self.record.damping else (own, 0)
+    def _damped(self, state: State, h: Array, constants: Constants) -> tuple[State, Any]:
+        return (
+            kicks.decayed(self.model.system, state, h, constants, self.model.axes)
+            if self.record.damping
+            else (state, 0)
+        )
 
     def begin(self, x: State) -> State:
         """The state and the orientation with the other numbers at time 0."""
@@ -307,13 +306,13 @@ def _observer(body: Splitting, order: Any) -> Observed:
     outcomes |= outcomes_of_totals(model, oscillates)
 
     def observe(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
-        own, g, more = body.apart(z)
+        state, g, more = body.apart(z)
         where: dict[str, Any] = {}
         if record.names(TIME):
             where[TIME] = more[COUNT] * body.dt
         if record.names(ORIENTATION):
             where[ORIENTATION] = body.turn(g)
-        out = plain((*own, *g), only, **constants, **where)
+        out = plain((*state, *g), only, **constants, **where)
         return with_work(out, more[WORK]) if body.driven else out
 
     return observe, outcomes
@@ -336,7 +335,7 @@ class Integrable:
 
 
 def integrable(model: Model) -> Integrable:
-    """Of the base of a perturbed system, the best that is known.  Raises `InputError` where none is.
+    """The best motion that is known of the base of a perturbed system.  Raises `InputError` if there is none.
 
     Where H = T(M) + V has neither a map nor a closed form it is the free body, and V is left to the kicks.
     """
@@ -353,14 +352,14 @@ def integrable(model: Model) -> Integrable:
     return _integrable(record.base, record.inner, model.n, model.constants)
 
 
-def _integrable(base: System, inner: int | None, n: int, known: Constants) -> Integrable:
+def _integrable(base: System, inner: int | None, n: int, constants: Constants) -> Integrable:
     closed = closed_form(base, n) if inner is None else None
     if closed is not None:
         return closed
     if base.map is not None:
         return _composed(base, base.map, inner or ORDER)
     if separable(base, n):
-        require_principal(base, known)
+        require_principal(base, constants)
         return _carrying_rotor(base)
     raise InputError(
         f"perturbed: no map and no closed form of {base.name}, n = {n}, is known here. Use method='dop853'."
@@ -368,20 +367,20 @@ def _integrable(base: System, inner: int | None, n: int, known: Constants) -> In
 
 
 def _side_by_side(parts: list[tuple[Factor, Integrable]]) -> Integrable:
-    """Bodies of different systems, each with its own motion."""
+    """The motion of bodies of different systems, side by side."""
 
-    def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
-        return tuple(z for f, part in parts for z in part.move(own[f.place], (), h, f.known(known))[0]), g
+    def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
+        return tuple(z for f, part in parts for z in part.move(state[f.place], (), h, f.known(constants))[0]), g
 
-    def reach(own: State, h: Any, known: Constants) -> Any:
-        found = [part.reach(own[f.place], h, f.known(known)) for f, part in parts if part.reach is not None]
+    def reach(state: State, h: Any, constants: Constants) -> Any:
+        found = [part.reach(state[f.place], h, f.known(constants)) for f, part in parts if part.reach is not None]
         return reduce(algebra.maximum, found)
 
-    def left(own: State, known: Constants) -> State:
+    def left(state: State, constants: Constants) -> State:
         return tuple(
             z
             for f, part in parts
-            for z in (part.left(own[f.place], f.known(known)) if part.left else [0 * x for x in own[f.place]])
+            for z in (part.left(state[f.place], f.known(constants)) if part.left else [0 * x for x in state[f.place]])
         )
 
     return Integrable(
@@ -393,11 +392,11 @@ def _side_by_side(parts: list[tuple[Factor, Integrable]]) -> Integrable:
 
 
 def closed_form(base: System, n: int) -> Integrable | None:
-    """Of a free body, a gyrostat or a Lagrange top, n = 3; None where none of one short step is known."""
+    """The motion of a free body, a gyrostat or a Lagrange top, n = 3; None if no form for a short step is known."""
     if n == 3 and base.closed_form.moments is not None:
         return _free_body(base)
     if n == 3 and base.closed_form.gyrostat is not None and base.space.kinds == ("skew",):
-        return _gyrostat(lambda known: call(base.closed_form.gyrostat, (), known), lambda known: 0)
+        return _gyrostat(lambda constants: call(base.closed_form.gyrostat, (), constants), lambda constants: 0)
     return _top(base) if n == 3 and base.closed_form.top is not None else None
 
 
@@ -407,16 +406,16 @@ def _turn_of(M: Array, g: State) -> Array:
 
 
 def _free_body(base: System) -> Integrable:
-    def moments(known: Constants) -> Array:
-        return np.asarray(call(base.closed_form.moments, (), known))
+    def moments(constants: Constants) -> Array:
+        return np.asarray(call(base.closed_form.moments, (), constants))
 
-    def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
-        M = algebra.axial(own[0])
-        N, q = rotor_step.step(M, _turn_of(M, g), h=h, **rotor_step.constants(moments(known)))
+    def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
+        M = algebra.axial(state[0])
+        N, q = rotor_step.step(M, _turn_of(M, g), h=h, **rotor_step.constants(moments(constants)))
         return (algebra.hat(N),), (q,) * len(g)
 
-    def reach(own: State, h: Any, known: Constants) -> Any:
-        return rotor_step.reach(algebra.axial(own[0]), h, **rotor_step.constants(moments(known)))
+    def reach(state: State, h: Any, constants: Constants) -> Any:
+        return rotor_step.reach(algebra.axial(state[0]), h, **rotor_step.constants(moments(constants)))
 
     return Integrable("the closed form of a free body", move, reach)
 
@@ -424,25 +423,26 @@ def _free_body(base: System) -> Integrable:
 def _with_wheel(base: System) -> Integrable:
     """A free body with a wheel, whose momentum is h: M + h is that of a gyrostat."""
 
-    def inverse(known: Constants) -> Array:
-        return 1 / np.asarray(call(base.closed_form.moments, (), known))
+    def inverse(constants: Constants) -> Array:
+        return 1 / np.asarray(call(base.closed_form.moments, (), constants))
 
     return _gyrostat(
-        lambda known: (inverse(known), inverse(known) * known[kicks.WHEEL]), lambda known: known[kicks.WHEEL]
+        lambda constants: (inverse(constants), inverse(constants) * constants[kicks.WHEEL]),
+        lambda constants: constants[kicks.WHEEL],
     )
 
 
 def _gyrostat(numbers: Callable[[Constants], tuple[Array, Array]], beside: Callable[[Constants], Any]) -> Integrable:
     """M' = M x (w M - b), with w and b by `numbers`, of M less what `beside` says."""
 
-    def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
-        M, (w, b) = algebra.axial(own[0]) + beside(known), numbers(known)
+    def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
+        M, (w, b) = algebra.axial(state[0]) + beside(constants), numbers(constants)
         N, q = gyrostat_step.step(M, _turn_of(M, g), h=h, w=w, b=b)
-        return (algebra.hat(N - beside(known)),), (q,) * len(g)
+        return (algebra.hat(N - beside(constants)),), (q,) * len(g)
 
-    def reach(own: State, h: Any, known: Constants) -> Any:
-        w, b = numbers(known)
-        return gyrostat_step.reach(algebra.axial(own[0]) + beside(known), h, w=w, b=b)
+    def reach(state: State, h: Any, constants: Constants) -> Any:
+        w, b = numbers(constants)
+        return gyrostat_step.reach(algebra.axial(state[0]) + beside(constants), h, w=w, b=b)
 
     return Integrable("the closed form of a gyrostat", move, reach)
 
@@ -451,27 +451,27 @@ def _top(base: System) -> Integrable:
     """In the rest frame (m, a, p), in the moving frame (M, A, P) of the record."""
     rest, unequal = base.frame is Frame.REST, any(p.letter == "alpha" for p in base.parameters)
 
-    def of(own: State, known: Constants) -> tuple[Array, Array, Array, Array]:
-        m, a, p = call(base.closed_form.top, own, known)
-        return algebra.axial(m), a, p, known["alpha"] if unequal else 1.0
+    def of(state: State, constants: Constants) -> tuple[Array, Array, Array, Array]:
+        m, a, p = call(base.closed_form.top, state, constants)
+        return algebra.axial(m), a, p, constants["alpha"] if unequal else 1.0
 
-    def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
-        m, a, p, alpha = of(own, known)
+    def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
+        m, a, p, alpha = of(state, constants)
         if rest:
             m, b, *turned = top_step.step(m, a, *g, p=p, alpha=alpha, h=h)
         else:
             m, b, *turned = top_step.step_inside(m, p, *g, A=a, alpha=alpha, h=h)
         return (algebra.hat(m), b), tuple(turned)
 
-    def reach(own: State, h: Any, known: Constants) -> Any:
-        m, a, p, alpha = of(own, known)
+    def reach(state: State, h: Any, constants: Constants) -> Any:
+        m, a, p, alpha = of(state, constants)
         return top_step.reach(m, a, p=p, alpha=alpha, h=h)
 
     return Integrable("the closed form of a Lagrange top", move, reach)
 
 
 def separable(base: System, n: int) -> bool:
-    """Whether H = T(M) + V(vectors), of a body in its own frame with n = 3: turns of a free body, and kicks."""
+    """Whether H = T(M) + V(vectors), of a body in its frame with n = 3: turns of a free body, and kicks."""
     turning = base.frame is Frame.MOVING and base.inverse_inertia is not None and base.spin is None
     return n == 3 and turning and set(base.space.kinds) == {"skew", "vector"}
 
@@ -479,22 +479,22 @@ def separable(base: System, n: int) -> bool:
 def _carrying_rotor(base: System) -> Integrable:
     """The free body with the vectors that it carries, in closed form; V(vectors) is left to the kicks."""
 
-    def constants(own: State, known: Constants) -> Constants:
-        columns = inverse_inertia_columns(base, known, own[1])
+    def rates(state: State, constants: Constants) -> Constants:
+        columns = inverse_inertia_columns(base, constants, state[1])
         return rotor_step.constants(1 / np.stack([column[..., i] for i, column in enumerate(columns)], -1))
 
-    def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
-        M = algebra.axial(own[0])
-        N, q = rotor_step.step(M, _turn_of(M, ()), h=h, **constants(own, known))
+    def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
+        M = algebra.axial(state[0])
+        N, q = rotor_step.step(M, _turn_of(M, ()), h=h, **rates(state, constants))
         W = algebra.rotation_matrix(q)
-        carried = (algebra.act(W.mT, v) for v in own[1:])
+        carried = (algebra.act(W.mT, v) for v in state[1:])
         return (algebra.hat(N), *carried), tuple(algebra.quaternion_product(x, q) for x in g)
 
-    def reach(own: State, h: Any, known: Constants) -> Any:
-        return rotor_step.reach(algebra.axial(own[0]), h, **constants(own, known))
+    def reach(state: State, h: Any, constants: Constants) -> Any:
+        return rotor_step.reach(algebra.axial(state[0]), h, **rates(state, constants))
 
-    def left(own: State, known: Constants) -> State:
-        return tuple(call(base.flow, (0 * own[0], *own[1:]), known))
+    def left(state: State, constants: Constants) -> State:
+        return tuple(call(base.flow, (0 * state[0], *state[1:]), constants))
 
     return Integrable("the closed form of a free body", move, reach, left)
 
@@ -503,13 +503,13 @@ def _composed(base: System, phi: Map, order: int) -> Integrable:
     """The map of the system, made symmetric, in a composition of that order."""
     fractions = symmetric_composition(order)
 
-    def move(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
+    def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
         for fraction in fractions:
-            more = {**known, "eps": float(fraction) * h}
-            old = own if phi.symmetric else call(phi.from_symmetric, own, more)
+            more = {**constants, "eps": float(fraction) * h}
+            old = state if phi.symmetric else call(phi.from_symmetric, state, more)
             new = call(phi.step, old, more)
             g = tuple(turned_by_map(phi, base.frame, old, new, more, h) for h in g)
-            own = new if phi.symmetric else call(phi.to_symmetric, new, more)
-        return tuple(own), g
+            state = new if phi.symmetric else call(phi.to_symmetric, new, more)
+        return tuple(state), g
 
     return Integrable("its map", move)

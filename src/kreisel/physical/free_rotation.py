@@ -18,9 +18,10 @@ from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, explained, shown
 from kreisel.exact.nutation import rationals
 from kreisel.exact.rotor import Rotor
-from kreisel.method.scheme import Orbit, Orbits, Scheme, Spin
+from kreisel.method.scheme import Orbits, Scheme, Spin
 from kreisel.physical.inertia import Principal
 from kreisel.physical.measures import finite_floats, in_range, si_number
+from kreisel.record.contract import Orbit
 
 MOST_FLIPS = 10**7
 LEAST_POINTS = 2
