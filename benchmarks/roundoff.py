@@ -93,7 +93,7 @@ def _cases(steps: int) -> Iterator[tuple[str, Any, Any, str, float, int]]:
                 continue
             draw = exact.float_random(np.random.default_rng([7, n]))
             model = exact.random_model(system, n, draw)
-            state = dict(zip(system.space.letters, exact.random_state(system.space, n, draw), strict=True))
+            state = dict(zip(system.space.letters, system.space.point(n, draw), strict=True))
             methods = {default_method(model, stepped=True)} | (
                 {"suris"} if system.map and not system.map.symmetric else set()
             )
@@ -248,7 +248,7 @@ def problem(name: str, lane: int) -> tuple[Any, dict[str, Any]]:
     draw = exact.float_random(np.random.default_rng([11, lane]))
     model = exact.random_model(REGISTRY[name], 3, draw)
     space = model.system.space
-    return model, dict(zip(space.letters, exact.random_state(space, 3, draw), strict=True))
+    return model, dict(zip(space.letters, space.point(3, draw), strict=True))
 
 
 def moved(state: dict[str, Any], draw: np.random.Generator) -> dict[str, Any]:

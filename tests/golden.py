@@ -42,7 +42,7 @@ def digest(run: xr.Dataset) -> str:
 def starts(name: str, n: int) -> tuple[Any, dict[str, np.ndarray]]:
     system, draw = REGISTRY[name], exact.float_random(np.random.default_rng([1, n]))
     model = exact.random_model(system, n, draw)
-    return model, dict(zip(system.space.letters, exact.random_state(system.space, n, draw), strict=True))
+    return model, dict(zip(system.space.letters, system.space.point(n, draw), strict=True))
 
 
 def cases() -> Iterator[tuple[str, Any]]:

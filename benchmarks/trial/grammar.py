@@ -169,7 +169,7 @@ def state(system: Any, n: int, rng: random.Random, lanes: int = 0) -> dict[str, 
     from kreisel.lab import exact
 
     draw = exact.float_random(np.random.default_rng(rng.randrange(20)))
-    points = [exact.random_state(system.space, n, draw) for _ in range(max(1, lanes))]
+    points = [system.space.point(n, draw) for _ in range(max(1, lanes))]
     out = {}
     for place, (letter, kind) in enumerate(system.space.components):
         parts = [np.asarray(p[place], dtype=float) for p in points]

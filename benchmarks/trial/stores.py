@@ -82,7 +82,7 @@ def model(name: str, n: int, lanes: int = 0, seed: int = 1) -> tuple[Any, Any]:
 
     draw = exact.float_random(np.random.default_rng(seed))
     system = exact.random_model(find(name), n, draw)
-    parts = [exact.random_state(system.system.space, n, draw) for _ in range(max(1, lanes))]
+    parts = [system.system.space.point(n, draw) for _ in range(max(1, lanes))]
     letters = system.system.space.letters
     values = {k: np.stack([p[i] for p in parts]) if lanes else parts[0][i] for i, k in enumerate(letters)}
     return system, system.state(**values)

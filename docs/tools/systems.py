@@ -86,7 +86,7 @@ def _example(system: System) -> tuple[Any, Any, float]:
         return model, model.state(**state), dt
     draw = exact.float_random(np.random.default_rng(1))
     model = exact.random_model(system, system.n or 3, draw)
-    state = exact.random_state(system.space, model.n, draw)
+    state = system.space.point(model.n, draw)
     return model, model.state(**dict(zip(system.space.letters, state, strict=True))), 0.02
 
 

@@ -38,7 +38,7 @@ def components(letter: str, kind: str, n: int) -> np.ndarray:
 
 def flat(kind: str, z: np.ndarray) -> np.ndarray:
     """A component of the state as the numbers that have symbols."""
-    return algebra.axial(z) if kind == "skew" and z.shape[-1] == 3 else algebra.coordinates_of(kind, z)
+    return algebra.axial(z) if kind == "skew" and z.shape[-1] == 3 else algebra.KINDS[kind].pack(z)
 
 
 def matrix(kind: str, v: np.ndarray, n: int) -> np.ndarray:

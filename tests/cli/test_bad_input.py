@@ -571,7 +571,7 @@ def test_the_exact_flow_is_known_or_refused(name: str) -> None:
 
     draw = exact.float_random(np.random.default_rng(1))
     model = exact.random_model(find(name), find(name).n or 3, draw)
-    state = dict(zip(model.system.space.letters, exact.random_state(model.system.space, model.n, draw), strict=True))
+    state = dict(zip(model.system.space.letters, model.system.space.point(model.n, draw), strict=True))
     try:
         run = kr.simulate(model, state, dt=0.1, steps=10, method="exact")
     except kr.InputError:

@@ -127,7 +127,7 @@ def test_typeset_equations_are_those_of_the_record(tools, name: str) -> None:
     typeset = tools("typeset")
     symbolic = typeset.typeset(system)
     draw = exact.float_random(np.random.default_rng(3))
-    state = exact.random_state(system.space, symbolic.n, draw)
+    state = system.space.point(symbolic.n, draw)
     flat = [typeset.flat(kind, z) for z, kind in zip(state, system.space.kinds, strict=True)]
     values = dict(zip(symbolic.names, np.concatenate(flat), strict=True))
     numbers, params = {}, {}

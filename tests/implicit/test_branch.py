@@ -25,7 +25,7 @@ SYSTEMS = ["euler-top", "quadratic-potential", "clebsch-body"]
 def bodies(name: str, n: int) -> Iterator[tuple[Any, tuple[np.ndarray, ...], float]]:
     for seed in range(BODIES):
         draw = exact.float_random(np.random.default_rng([seed, n]))
-        model, state = exact.random_model(REGISTRY[name], n, draw), exact.random_state(REGISTRY[name].space, n, draw)
+        model, state = exact.random_model(REGISTRY[name], n, draw), REGISTRY[name].space.point(n, draw)
         yield model, state, float(model.call(model.map.largest_step, *state))
 
 

@@ -56,7 +56,7 @@ def random_plan(
 ) -> Any:
     draw = exact.float_random(np.random.default_rng([seed, n]))
     models = [exact.random_model(REGISTRY[name], n, draw) for _ in range(lanes)]
-    states = [exact.random_state(REGISTRY[name].space, n, draw) for _ in range(lanes)]
+    states = [REGISTRY[name].space.point(n, draw) for _ in range(lanes)]
     system, together = REGISTRY[name], lambda parts: np.stack(parts) if lanes > 1 else parts[0]
     kinds = {p.letter: p.kind for p in system.parameters}
     params = {
@@ -189,7 +189,7 @@ def test_what_is_conserved_does_not_walk(name: str, n: int, often: int) -> None:
     """Of every system, by its own method: the change is that of one interval, whatever the length of the run."""
     draw = exact.float_random(np.random.default_rng([7, n]))
     model = exact.random_model(REGISTRY[name], n, draw)
-    z = exact.random_state(model.system.space, n, draw)
+    z = model.system.space.point(n, draw)
     method = default_method(model, stepped=True)
     dt = {"rosochatius": 0.02}.get(name, 0.1 if n < 9 else 0.03)
     state = dict(zip(model.system.space.letters, z, strict=True))
@@ -523,7 +523,7 @@ def entries_of_T(m: Any, p: Any) -> Any:
 def test_a_degenerate_lane_takes_nothing_from_the_others(name: str, n: int) -> None:
     draw = exact.float_random(np.random.default_rng(6))
     one = exact.random_model(REGISTRY[name], n, draw)
-    state = dict(zip(one.system.space.letters, exact.random_state(one.system.space, n, draw), strict=True))
+    state = dict(zip(one.system.space.letters, one.system.space.point(n, draw), strict=True))
     letter = "p" if name == "lagrange-top" else "b"
     flat = {"p": np.eye(n)[0], "b": np.zeros(n)}[letter]
     both = REGISTRY[name](**{**one.params, letter: np.stack([flat, one.params[letter]])})
@@ -672,7 +672,7 @@ def test_a_lane_at_rest_stays_there(name: str, often: int) -> None:
     draw = exact.float_random(np.random.default_rng(4))
     model = exact.random_model(REGISTRY[name], 11, draw)
     letters = model.system.space.letters
-    state = dict(zip(letters, exact.random_state(model.system.space, 11, draw), strict=True))
+    state = dict(zip(letters, model.system.space.point(11, draw), strict=True))
     still = {k: 0 * v if k in "Mm" else v for k, v in state.items()}
     both = {k: np.stack([still[k], state[k]]) for k in letters}
     run = kr.simulate(model, both, dt=0.02, steps=300, every=100, method=default_method(model))
@@ -690,7 +690,7 @@ def test_an_orientation_is_bound_where_the_map_binds_it(name: str, method: str) 
     """What a projection puts back stays by the map itself; kahan and midpoint bind to their order alone."""
     draw = exact.float_random(np.random.default_rng(8))
     model = exact.random_model(REGISTRY[name], 3, draw)
-    x0 = dict(zip(model.system.space.letters, exact.random_state(model.system.space, 3, draw), strict=True))
+    x0 = dict(zip(model.system.space.letters, model.system.space.point(3, draw), strict=True))
     made = scheme(model, method, 0.1, 2, True)
     run = kr.simulate(model, x0, dt=0.1, steps=100, method=method, order=2, orientation=(1, 0, 0, 0), project=False)
     letters = model.system.space.letters

@@ -74,7 +74,7 @@ def test_the_deformed_energy_is_conserved_for_every_n(n: int) -> None:
     """At a random point over Q, in two fields; the same with another factor of the last term fails."""
     draw = exact.rational_random(np.random.default_rng(n))
     known = {**kovalevskaya_top.SYSTEM.derive(n=np.asarray(n)), "eps": draw((1,))[0] / 3}
-    state = exact.random_state(kovalevskaya_top.SYSTEM.space, n, draw)
+    state = kovalevskaya_top.SYSTEM.space.point(n, draw)
     new = call(kovalevskaya_top_so3.step, state, known)
     before, after = (call(kovalevskaya_top_so3.energy, z, known) for z in (state, new))
     assert before == after
@@ -106,7 +106,7 @@ def test_one_field_of_two() -> None:
     """With Q = 0 step, energy and K are those in two fields, K but for (eps^2/4) <M, P>^2; G is <M, P>^2."""
     draw = exact.rational_random(np.random.default_rng(1))
     known = {**ONE.derive(), "eps": draw((1,))[0]}
-    M, P = exact.random_state(ONE.space, 3, draw)
+    M, P = ONE.space.point(3, draw)
     both = (M, P, 0 * P)
     for x, y in zip(call(ONE.map.step, (M, P), known), call(TWO.map.step, both, known), strict=False):
         assert (x == y).all()
@@ -119,7 +119,7 @@ def test_one_field_of_two() -> None:
 
 def test_k_is_kovalevskayas_integral_at_eps_0() -> None:
     draw = exact.rational_random(np.random.default_rng(2))
-    M, P, Q = exact.random_state(TWO.space, 3, draw)
+    M, P, Q = TWO.space.point(3, draw)
     (x, y, _), (p, q, _), (u, v, _) = algebra.axial(M), P, Q
     K = ((x * x - y * y) / 2 - p + v) ** 2 + (x * y - q - u) ** 2
     assert call(TWO.integrals["kovalevskaya"], (M, P, Q), TWO.derive()) == K

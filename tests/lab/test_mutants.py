@@ -195,7 +195,7 @@ def opposite(M, P, *, b, nu):
 
 def cayley_turn(M, G, *, X, h, eps):  # cay(h M) for W, which is right for n = 3
     M = M + eps * algebra.bracket(G, X)
-    return M, algebra.turned("skew", -eps * h / 2 * M, G)
+    return M, algebra.cayley_conjugate(-eps * h / 2 * M, G)
 
 
 def unturned(M, G, *, X, h, u, v, eps):  # M without its turn by R

@@ -23,7 +23,7 @@ BEYOND = [("lagrange-top", 4), *([("lagrange-top-moving", 4)] if FULL else [])] 
 
 def start(name: str, n: int) -> tuple[object, object]:
     draw = exact.float_random(np.random.default_rng([3, n]))
-    model, parts = exact.random_model(REGISTRY[name], n, draw), exact.random_state(REGISTRY[name].space, n, draw)
+    model, parts = exact.random_model(REGISTRY[name], n, draw), REGISTRY[name].space.point(n, draw)
     return model, model.state(**dict(zip(REGISTRY[name].space.letters, parts, strict=True)))
 
 

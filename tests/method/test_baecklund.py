@@ -60,7 +60,7 @@ def test_a_dropped_stage_is_caught_by_the_order(
 
 def start(name: str, n: int, seed: int = 0) -> tuple[object, tuple[np.ndarray, ...]]:
     draw = exact.float_random(np.random.default_rng([seed, n]))
-    return exact.random_model(REGISTRY[name], n, draw), exact.random_state(REGISTRY[name].space, n, draw)
+    return exact.random_model(REGISTRY[name], n, draw), REGISTRY[name].space.point(n, draw)
 
 
 def growth(model: object, z: tuple[np.ndarray, ...]) -> float:

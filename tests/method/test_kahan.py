@@ -36,7 +36,7 @@ def start(name: str, n: int = 3, numbers: str = "exact") -> tuple[Model, State]:
     rng = np.random.default_rng([3, n])
     draw = exact.rational_random(rng) if numbers == "exact" else exact.float_random(rng)
     model = exact.random_model(REGISTRY[name], n, draw)
-    return model, exact.random_state(REGISTRY[name].space, n, draw)
+    return model, REGISTRY[name].space.point(n, draw)
 
 
 def step(model: Model, z: State, eps: Any) -> State:

@@ -27,7 +27,7 @@ State = tuple[np.ndarray, ...]
 
 def start(name: str, n: int = 3, seed: int = 3) -> tuple[Model, State]:
     draw = exact.float_random(np.random.default_rng([seed, n]))
-    return exact.random_model(REGISTRY[name], n, draw), exact.random_state(REGISTRY[name].space, n, draw)
+    return exact.random_model(REGISTRY[name], n, draw), REGISTRY[name].space.point(n, draw)
 
 
 def step(model: Model, z: State, eps: float = H) -> State:

@@ -29,7 +29,7 @@ ROUNDOFF = 2.0**12 * float(np.finfo(float).eps)
 def random_start(name: str, n: int, seed: int = 0) -> tuple[Model, tuple[np.ndarray, ...]]:
     draw = exact.float_random(np.random.default_rng([seed, n]))
     model = exact.random_model(REGISTRY[name], n, draw)
-    return model, exact.random_state(REGISTRY[name].space, n, draw)
+    return model, REGISTRY[name].space.point(n, draw)
 
 
 def step(model: Model, z: tuple[np.ndarray, ...], dt: float, order: int = 2) -> tuple[np.ndarray, ...]:

@@ -178,9 +178,7 @@ def test_the_papers_maps_follow_from_their_lagrangians(name: str, n: int) -> Non
     model, copy = registered(name, n)
     state = [
         np.stack(z)
-        for z in zip(
-            *(exact.random_state(model.system.space, n, exact.float_random(rng(s))) for s in range(6)), strict=True
-        )
+        for z in zip(*(model.system.space.point(n, exact.float_random(rng(s))) for s in range(6)), strict=True)
     ]
     if name.startswith("lagrange-top-m"):
         state[0] = state[0] / 2

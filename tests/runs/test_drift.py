@@ -141,7 +141,7 @@ def states(model: object, n: int) -> Iterator[tuple[str, tuple[np.ndarray, ...]]
     """Random, huge, tiny, at rest, asleep and upright, nearly so."""
     draw = exact.float_random(np.random.default_rng([17, n]))
     space = model.system.space
-    z = exact.random_state(space, n, draw)
+    z = space.point(n, draw)
     yield "random", z
     if space.constraints:
         return

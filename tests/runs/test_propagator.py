@@ -37,7 +37,7 @@ CASES = [
 def case(name: str, n: int, seed: int = 1) -> tuple[Any, dict[str, np.ndarray]]:
     draw = exact.float_random(np.random.default_rng(seed))
     model = exact.random_model(REGISTRY[name], n, draw)
-    state = exact.random_state(model.system.space, n, draw)
+    state = model.system.space.point(n, draw)
     return model, dict(zip(model.system.space.letters, state, strict=True))
 
 

@@ -22,7 +22,7 @@ REFERENCE = [name for name, system in REGISTRY.items() if system.map is None and
 def random_run(name: str, n: int, **options: object) -> xr.Dataset:
     draw = exact.float_random(np.random.default_rng([7, n]))
     model = exact.random_model(REGISTRY[name], n, draw)
-    state = exact.random_state(model.system.space, n, draw)
+    state = model.system.space.point(n, draw)
     return kr.simulate(model, dict(zip(model.system.space.letters, state, strict=True)), **options)
 
 
@@ -58,7 +58,7 @@ def test_integrals_of_the_flow_stand_still(name: str, n: int, order: int) -> Non
 def test_a_step_beyond_the_map_is_refused(name: str) -> None:
     draw = exact.float_random(np.random.default_rng(3))
     model = exact.random_model(REGISTRY[name], 4, draw)
-    z = exact.random_state(model.system.space, 4, draw)
+    z = model.system.space.point(4, draw)
     state = dict(zip(model.system.space.letters, z, strict=True))
     largest = float(model.call(model.map.largest_step, *z))
     run = kr.simulate(model, state, dt=0.97 * largest, steps=20, every=1, method="veselov")

@@ -130,7 +130,7 @@ def random_start(name: str, n: int) -> tuple[Any, dict[str, np.ndarray]]:
     if name == "heavy-top":  # not diagonal
         g = exact.random_rotation(n, draw)
         model = type(model)(model.system, {**model.params, "J": g @ model.params["J"] @ g.T})
-    return model, dict(zip(model.system.space.letters, exact.random_state(model.system.space, n, draw), strict=True))
+    return model, dict(zip(model.system.space.letters, model.system.space.point(n, draw), strict=True))
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ def floats_of(x: np.ndarray) -> np.ndarray:
 def rational_case(name: str, n: int) -> tuple[object, tuple[np.ndarray, ...]]:
     draw = exact.rational_random(np.random.default_rng([5, n]))
     model = exact.random_model(REGISTRY[name], n, draw)
-    return model, exact.random_state(REGISTRY[name].space, n, draw)
+    return model, REGISTRY[name].space.point(n, draw)
 
 
 @pytest.mark.parametrize("n", [3, 4])
@@ -76,7 +76,7 @@ def test_batch_axes_in_front(name: str, n: int) -> None:
     draw = exact.float_random(np.random.default_rng(n))
     system = REGISTRY[name]
     models = [exact.random_model(system, n, draw) for _ in range(3)]
-    states = [exact.random_state(system.space, n, draw) for _ in range(3)]
+    states = [system.space.point(n, draw) for _ in range(3)]
     batch = system(**{k: np.stack([m.params[k] for m in models]) for k in models[0].params})
     together = tuple(np.stack(parts) for parts in zip(*states, strict=True))
     functions = [system.flow, system.energy, system.velocity, *system.integrals.values()]
@@ -155,7 +155,7 @@ def test_spectrum_is_the_characteristic_polynomial(n: int) -> None:
 def test_what_vanishes_on_the_neumann_sphere(n: int) -> None:
     """For M = x ^ q only the coefficients of degree 2 are not 0, exactly."""
     draw = exact.rational_random(np.random.default_rng(n))
-    x, q = exact.random_state(REGISTRY["neumann"].space, n, draw)
+    x, q = REGISTRY["neumann"].space.point(n, draw)
     b, M = draw((n,)), algebra.wedge(x, q)
     whole = invariants.pencil_spectrum(M, algebra.identity(n) * b, x + act(M, x) / 3, exact.rational(1, 9))
     plane = invariants.plane_spectrum(x, q, b, 1 + x @ q / 3, -x @ x / 3, exact.rational(1, 9))
@@ -172,7 +172,7 @@ def test_what_a_turn_leaves_alone_gets_no_trend(monkeypatch: pytest.MonkeyPatch)
     """
     draw = exact.float_random(np.random.default_rng([7, 4]))
     model = exact.random_model(REGISTRY["lagrange-top-moving"], 4, draw)
-    start = exact.random_state(model.system.space, 4, draw)
+    start = model.system.space.point(4, draw)
 
     def change() -> float:
         M, P = start

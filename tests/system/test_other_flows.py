@@ -18,7 +18,7 @@ def test_clebschs_body_is_a_combination_of_two_commuting_flows() -> None:
     powers = np.array([[1, s, s * s] for s in a], dtype=object)  # J = f_0 + f_1 a + f_2 a^2
     f = _solved(powers, J)
     draw = exact.rational_random(np.random.default_rng(1))
-    M, P = exact.random_state(clebsch_general.SYSTEM.space, 3, draw)
+    M, P = clebsch_general.SYSTEM.space.point(3, draw)
     M, P = (np.vectorize(lambda v: F(int(v.p), int(v.q)), otypes=[object])(z) for z in (M, P))
 
     def energy(b: np.ndarray, c: np.ndarray) -> F:

@@ -159,7 +159,7 @@ def test_the_integrals_are_complete() -> None:
     """2n independent ones on the 4n-dimensional product of spheres."""
     n = 3
     model = kr.LatticeLandauLifshitz(n=n, D=0.3)
-    z = exact.random_state(model.system.space, n, exact.float_random(np.random.default_rng(1)))
+    z = model.system.space.point(n, exact.float_random(np.random.default_rng(1)))
     kinds = model.system.space.kinds
     found = [
         np.atleast_2d(exact.jacobian(lambda *z, f=f: model.call(f, *z), z, kinds, n)[1].astype(float))
@@ -173,7 +173,7 @@ def test_the_variables_are_canonical_up_to_a_factor() -> None:
     """{angle, z~} is constant, sinh(h z~) = z sinh h."""
     D, n = 0.7, 3
     model = kr.LatticeLandauLifshitz(n=n, D=D)
-    z = exact.random_state(model.system.space, n, exact.float_random(np.random.default_rng(1)))
+    z = model.system.space.point(n, exact.float_random(np.random.default_rng(1)))
     tensor, (x, y, w) = model.call(model.system.space.tensor, *z), z[:3]
     angle = np.concatenate([np.diag(-y / (x * x + y * y)), np.diag(x / (x * x + y * y)), 0 * np.eye(3)], 1)
     height = np.concatenate([0 * np.eye(3), 0 * np.eye(3), np.diag(1 / np.sqrt(1 + D * w * w))], 1)  # dz~ h/s

@@ -115,7 +115,7 @@ def test_the_branch_is_that_of_a_riccati_equation(n: int, share: float) -> None:
 
     draw = exact.float_random(np.random.default_rng([2, n]))
     top = exact.random_model(kr.EulerTop, n, draw)
-    (M,) = exact.random_state(kr.EulerTop.space, n, draw)
+    (M,) = kr.EulerTop.space.point(n, draw)
     eps, J = share * float(top.call(top.map.largest_step, M)), top.params["J"]
     A, one = eps / 2 * M, np.eye(n)
     W = (solve_continuous_are(-A, one, np.diag(J * J) + A @ A, one) + A) / J

@@ -116,7 +116,7 @@ def test_the_colours_are_readable_and_apart(name):
 def test_a_matrix_is_drawn_by_its_entries(name):
     draw = exact.float_random(np.random.default_rng(1))
     model = exact.random_model(REGISTRY[name], 4, draw)
-    state = exact.random_state(model.system.space, 4, draw)
+    state = model.system.space.point(4, draw)
     x0 = model.state(**dict(zip(model.system.space.letters, state, strict=True)))
     run = kr.simulate(model, x0, dt=0.01, steps=4)
     lines = kr.plot(run).axes[0].lines

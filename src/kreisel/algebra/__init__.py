@@ -44,10 +44,8 @@ from kreisel.algebra.cayley import (
     cayley_plane,
     diagonal_resolvent,
     moebius,
-    rate,
     resolvent,
     shifted_resolvent,
-    turned,
 )
 from kreisel.algebra.floats import floats, is_number, loses
 from kreisel.algebra.kinds import KINDS, coordinate_count, flatten, restore, slices
@@ -69,7 +67,6 @@ from kreisel.algebra.skew import (
     axial,
     bracket,
     coordinates,
-    coordinates_of,
     cross,
     dot,
     hat,
@@ -101,7 +98,6 @@ __all__ = [
     "continued",
     "coordinate_count",
     "coordinates",
-    "coordinates_of",
     "cross",
     "diagonal_resolvent",
     "dot",
@@ -127,7 +123,6 @@ __all__ = [
     "principal_axes",
     "project_out",
     "quaternion_product",
-    "rate",
     "resolvent",
     "restore",
     "rotation_matrix",
@@ -144,7 +139,6 @@ __all__ = [
     "triangle_with_diagonal",
     "turn_left",
     "turn_right",
-    "turned",
     "unit",
     "unit_quaternion",
     "vec",

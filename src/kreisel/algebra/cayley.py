@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel.algebra.backend import Array, identity, mat, solve, vec
-from kreisel.algebra.skew import SECOND, THIRD, act, axial, bracket, cross, dot, hat, wedge
+from kreisel.algebra.skew import SECOND, THIRD, act, axial, cross, dot, hat, wedge
 
 
 def resolvent(X: Array, V: Array) -> Array:
@@ -71,18 +71,6 @@ def cayley_conjugate(X: Array, M: Array, axis: Array | None = None) -> Array:
         y = act(M, axis)
         return M + wedge((cayley_act(X, y) - y) / vec(dot(axis, axis)), axis)
     return cayley_columns(X, cayley_columns(X, M).mT).mT
-
-
-def rate(kind: str, X: Array, z: Array) -> Array:
-    """How a component changes that turns with the velocity X: X z for vectors, [X, z] for matrices."""
-    return act(X, z) if kind == "vector" else bracket(X, z)
-
-
-def turned(kind: str, X: Array, z: Array, axis: Array | None = None) -> Array:
-    """A component turned by cay(X): cay(X) z for vectors, cay(X) z cay(X)^T for matrices; see `cayley_conjugate`."""
-    if kind == "vector":
-        return cayley_act(X, z)
-    return cayley_conjugate(X, z, axis) if kind == "skew" else cayley_columns(X, cayley_columns(X, z).mT).mT
 
 
 def cayley_plane(x: Array, y: Array, v: Array) -> Array:

@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import (
+    KINDS,
     Array,
     act,
     axial,
-    coordinates_of,
     dot,
     holds_objects,
     identity,
     mat,
-    rate,
     sqrt,
     triangle,
     vec,
@@ -267,11 +266,10 @@ def lie_poisson(kinds: Sequence[str], M: Array, *carried: Array) -> Array:
     i, j = triangle(n)
     one = identity(n)
     E = one[i][:, :, None] * one[j][:, None, :] - one[j][:, :, None] * one[i][:, None, :]
-    state = [
-        z[..., None, :, :] if kind != "vector" else z[..., None, :]
-        for kind, z in zip(kinds, (M, *carried), strict=True)
-    ]
-    moved = [coordinates_of(kind, rate(kind, -E, z)) for kind, z in zip(kinds, state, strict=True)]
+    moved = []
+    for kind, z in zip(map(KINDS.__getitem__, kinds), (M, *carried), strict=True):
+        of_all = z[(..., None, *(slice(None),) * kind.axes)]
+        moved.append(kind.pack(kind.rate(-E, of_all)))
     MM = moved[0]
     MV = np.concatenate([MM[..., :0], *moved[1:]], -1)
     VV = 0 * (MV.mT @ MV)

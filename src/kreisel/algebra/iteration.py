@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 
-import numpy as np
-
-from kreisel.algebra import Array, coordinates_of, holds_objects, skew, symmetric
+from kreisel.algebra import Array, flatten, holds_objects, restore
 
 State = tuple[Array, ...]
 
@@ -27,21 +24,13 @@ def repeat(
     recorded = [v for part in X for v in part.flat if hasattr(v, "record_loop")] if objects else []
     if recorded:
         n = first.shape[-1]
-        edges = np.cumsum([0, *(coordinates_of(kind, part).size for kind, part in zip(kinds, X, strict=True))])
-
-        def joined(X: State) -> Array:
-            return np.concatenate([coordinates_of(kind, part).ravel() for kind, part in zip(kinds, X, strict=True)])
-
-        def parted(x: Array) -> State:
-            pieces = (x[a:b] for a, b in itertools.pairwise(edges))
-            return tuple(_matrix_of(kind, piece, n) for kind, piece in zip(kinds, pieces, strict=True))
 
         def on_coordinates(x: Array) -> tuple[Array, Array]:
-            Y, defect = improve(*parted(x))
-            return joined(Y), defect
+            Y, defect = improve(*restore(x, kinds, n))
+            return flatten(Y, kinds), defect
 
-        x, defect = recorded[0].record_loop(on_coordinates, joined(X), small, most)
-        return parted(x), defect
+        x, defect = recorded[0].record_loop(on_coordinates, flatten(X, kinds), small, most)
+        return restore(x, kinds, n), defect
     last = most
     for k in range(most):
         X, defect = improve(*X)
@@ -52,11 +41,3 @@ def repeat(
         if k == last:
             break
     return X, defect
-
-
-def _matrix_of(kind: str, x: Array, n: int) -> Array:
-    if kind == "matrix":
-        return x.reshape((n, n))
-    if kind == "vector":
-        return x
-    return skew(x, n) if kind == "skew" else symmetric(x, n)

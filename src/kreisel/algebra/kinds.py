@@ -8,20 +8,32 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from kreisel.algebra.backend import Array
 from kreisel.algebra.cayley import cayley_act, cayley_columns, cayley_conjugate
-from kreisel.algebra.skew import act, bracket, coordinates, skew, symmetric, triangle_with_diagonal
+from kreisel.algebra.skew import (
+    act,
+    axial,
+    bracket,
+    coordinates,
+    hat,
+    skew,
+    symmetric,
+    triangle,
+    triangle_with_diagonal,
+)
 
 
 @dataclass(frozen=True)
 class Kind:
     """Kind of component: its coordinates, and how rotations act on it.
 
+    space                 where components are, such as so(n)
     axes                  axes of a component without those of its batch
+    labels                names of these axes in a Dataset; {} for the letter
     count(n)              number of independent coordinates
     pack(z)               coordinates (..., d) of a component
     unpack(x, n)          component with the coordinates x (..., d)
@@ -31,7 +43,9 @@ class Kind:
     """
 
     name: str
+    space: str
     axes: int
+    labels: tuple[str, ...]
     count: Callable[[int], int]
     pack: Callable[[Array], Array]
     unpack: Callable[[Array, int], Array]
@@ -39,16 +53,42 @@ class Kind:
     rotated: Callable[[Array, Array], Array] = lambda R, z: R @ z @ R.mT
     turned: Callable[..., Array] = lambda X, z, axis=None: cayley_columns(X, cayley_columns(X, z).mT).mT
 
+    def shape(self, n: int) -> tuple[int, ...]:
+        """Shape of a component without its batch."""
+        return (self.count(n),) if self.axes == 1 else (n,) * self.axes
+
+    def names(self, letter: str, n: int) -> list[str]:
+        """Names of the coordinates: m1, m2, m3 of an axial or other vector; m12, m13, ... for n > 3; m of a number."""
+        if not self.axes:
+            return [letter]
+        if self is SKEW and n > 3:
+            return [f"{letter}{i + 1}{j + 1}" for i, j in zip(*triangle(n), strict=True)]
+        return [f"{letter}{i + 1}" for i in range(self.count(n))]
+
+    def shown(self, n: int) -> Kind:
+        """Kind in which users see the component: for n = 3 the axial vector of a skew matrix."""
+        return VECTOR if self is SKEW and n == 3 else self
+
+    def for_user(self, z: Array) -> Array:
+        """Component as a user sees it."""
+        return axial(z) if self is SKEW and z.shape[-1] == 3 else z
+
+    def from_user(self, value: Array, n: int) -> Array:
+        """Component from what a user sees; inverse of `for_user`."""
+        return value if self.shown(n) is self else hat(value)
+
 
 def _upper(z: Array) -> Array:
     rows, columns = triangle_with_diagonal(z.shape[-1])
     return z[..., rows, columns]
 
 
-def _row(name: str, count: Callable[[int], int]) -> Kind:
+def _row(name: str, space: str, labels: tuple[str, ...], count: Callable[[int], int]) -> Kind:
     return Kind(
         name,
+        space,
         axes=1,
+        labels=labels,
         count=count,
         pack=lambda z: z,
         unpack=lambda x, n: x,
@@ -58,24 +98,30 @@ def _row(name: str, count: Callable[[int], int]) -> Kind:
     )
 
 
-SKEW = Kind("skew", 2, lambda n: n * (n - 1) // 2, coordinates, skew, turned=cayley_conjugate)
-SYMMETRIC = Kind("symmetric", 2, lambda n: n * (n + 1) // 2, _upper, symmetric)
-VECTOR = _row("vector", lambda n: n)
+SQUARE = ("row", "column")
+SKEW = Kind("skew", "so(n)", 2, SQUARE, lambda n: n * (n - 1) // 2, coordinates, skew, turned=cayley_conjugate)
+SYMMETRIC = Kind("symmetric", "Sym(n)", 2, SQUARE, lambda n: n * (n + 1) // 2, _upper, symmetric)
+VECTOR = _row("vector", "R^n", ("axis",), lambda n: n)
+QUATERNION = _row("quaternion", "S^3", ("quaternion",), lambda n: 4)  # an orientation for n = 3
 MATRIX = Kind(  # an orientation for n > 3
     "matrix",
+    "O(n)",
     axes=2,
+    labels=SQUARE,
     count=lambda n: n * n,
     pack=lambda z: z.reshape((*z.shape[:-2], z.shape[-2] * z.shape[-1])),
     unpack=lambda x, n: x.reshape((*x.shape[:-1], n, n)),
 )
-QUATERNION = _row("quaternion", lambda n: 4)  # an orientation for n = 3
 SCALAR = Kind(
     "scalar",
+    "R",
     axes=0,
+    labels=(),
     count=lambda n: 1,
     pack=lambda z: (z if hasattr(z, "ndim") else np.asarray(z))[..., None],
     unpack=lambda x, n: x[..., 0][()],
 )
+DIMENSION = replace(SCALAR, name="dimension")  # n as a parameter
 
 
 class _Kinds(dict[str, Kind]):
@@ -85,10 +131,10 @@ class _Kinds(dict[str, Kind]):
         if not name.startswith("R^"):
             raise KeyError(name)
         size = int(name[2:])
-        return self.setdefault(name, _row(name, lambda n: size))
+        return self.setdefault(name, _row(name, name, ("{}_axis",), lambda n: size))
 
 
-KINDS = _Kinds({kind.name: kind for kind in (SKEW, SYMMETRIC, VECTOR, MATRIX, QUATERNION, SCALAR)})
+KINDS = _Kinds({kind.name: kind for kind in (SKEW, SYMMETRIC, VECTOR, QUATERNION, MATRIX, SCALAR, DIMENSION)})
 
 
 def coordinate_count(kinds: Sequence[str], n: int) -> int:

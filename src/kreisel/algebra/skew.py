@@ -95,16 +95,6 @@ def symmetric(x: Array, n: int) -> Array:
     return x[..., _symmetric_unfolding(n)]
 
 
-def coordinates_of(kind: str, z: Array) -> Array:
-    """The independent coordinates (..., d) of a component of the state."""
-    if kind == "skew":
-        return coordinates(z)
-    if kind == "symmetric":
-        rows, columns = triangle_with_diagonal(z.shape[-1])
-        return z[..., rows, columns]
-    return z
-
-
 def hat(v: Array) -> Array:
     """The skew matrix X of an axial vector v, X x = v x x (cross product), n = 3.  Inverse: `axial`."""
     return skew(v[..., np.array([2, 1, 0])] * np.array([-1, 1, -1], dtype=np.int8), 3)

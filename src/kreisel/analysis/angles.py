@@ -207,12 +207,13 @@ def mean_rates(run: xr.Dataset, system: Model | None = None) -> pd.DataFrame:
 
 def _height(model: Model) -> tuple[Any, Any]:
     """cos(tilt) and its derivative as functions of the stored components."""
-    from kreisel.algebra import hat
+    from kreisel.algebra import KINDS
 
     place = model.system.space.leading
 
     def matrices(parts: tuple[Array, ...]) -> tuple[Array, ...]:
-        return tuple(hat(v) if kind == "skew" else v for v, kind in zip(parts, model.system.space.kinds, strict=True))
+        kinds = (KINDS[kind] for kind in model.system.space.kinds)
+        return tuple(kind.from_user(v, model.n) for kind, v in zip(kinds, parts, strict=True))
 
     def height(*parts: Array) -> Array:
         e, k = vertical_and_axis(model, parts[place])

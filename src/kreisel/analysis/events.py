@@ -72,7 +72,7 @@ def events(
     order = np.argsort(time[place] + h, kind="stable")
     data: dict[str, Any] = {"rising": ("event", upward[order])}
     for (letter, kind), v in zip(model.system.space.components, state, strict=False):
-        values = algebra.axial(v) if kind == "skew" and model.n == 3 else v
+        values = algebra.KINDS[kind].for_user(v)
         data[letter] = (("event", *run[letter].dims[run[letter].ndim - values.ndim + 1 :]), values[order])
     if oriented:
         q = algebra.unit_quaternion(state[len(model.system.space.letters)])

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kreisel.algebra import Array, axial, dot, unit
+from kreisel.algebra import Array, dot, unit
 from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError, explained, shown
 from kreisel.record.model import Model
@@ -262,7 +262,7 @@ def megno(
 
     check_model(system)
     rows = -(-within(steps, "steps", 1, MOST) // within(every, "every", 1, MOST))
-    if system.n != 3 or system.system.space.kinds[0] != "skew":
+    if system.n != 3 or not system.system.space.of_body:
         raise InputError(f"megno: expected a body with n = 3 and its momentum, got {system.system.name}.")
     first, lanes, single = _rows(system, x0, orientation)
     both = system.lanes(np.tile(np.arange(lanes), 2)) if system.batch else system
@@ -294,9 +294,7 @@ def megno(
 
 def _rows(system: Model, x0: StateLike, orientation: OrientationLike | None) -> tuple[Array, int, bool]:
     """States and orientations as a propagator takes them (lanes, size), how many, and whether it is a single one."""
-    state = checked_state(system, x0)
-    kinds = system.system.space.kinds
-    parts = [axial(z) if kind == "skew" else z for kind, z in zip(kinds, state.values(), strict=True)]
+    parts = list(checked_state(system, x0).axial.values())
     parts += [] if orientation is None else [initial_orientation(orientation, system)]
     batch = np.broadcast_shapes(system.batch, *(component.shape[:-1] for component in parts))
     flat = np.concatenate([np.broadcast_to(component, (*batch, component.shape[-1])) for component in parts], -1)

@@ -122,6 +122,7 @@ def _entries(kind: str, array: Array, index: Any) -> list[tuple[tuple[int, ...],
     """
     out = []
     square = array.ndim == 2 and array.shape[0] == array.shape[1]
+    odd = square and kind == "skew"
     even = square and (kind == "symmetric" or (kind == "array" and (array == array.T).all()))
     diagonal = even and not index and not (array - np.diag(np.diag(array))).any()
     for place in np.ndindex(array.shape):
@@ -129,12 +130,12 @@ def _entries(kind: str, array: Array, index: Any) -> list[tuple[tuple[int, ...],
             continue
         pattern = np.zeros(array.shape)
         pattern[place] = 1
-        if even or (square and kind == "skew"):
+        if even or odd:
             i, j = place
-            if i > j or (kind == "skew" and i == j) or (diagonal and i != j):
+            if i > j or (odd and i == j) or (diagonal and i != j):
                 continue
             if i != j:
-                pattern[j, i] = -1 if kind == "skew" else 1
+                pattern[j, i] = -1 if odd else 1
         out.append((place, pattern))
     return out
 
@@ -360,19 +361,13 @@ def _check_shapes(
         components_of_state = dict(zip((letter for letter, _ in components), state, strict=True))
         return [show(by, components_of_state, 0.0, constants, starts) for show in shows]
 
-    sizes = [_size(kind, model.n) for _, kind in components]
+    sizes = [algebra.KINDS[kind].shown(model.n).shape(model.n) for _, kind in components]
     with double():
         shapes = jax.eval_shape(row, *(np.empty(s) for s in sizes))
     for name, value, shape in zip(names, values, shapes, strict=True):
         wanted = (len(value), *shape.shape)
         if value.shape != wanted:
             raise InputError(f"observations: expected {name} of the shape {wanted}, got {value.shape}.")
-
-
-def _size(kind: str, n: int) -> tuple[int, ...]:
-    if kind.startswith("R^") or kind == "quaternion":
-        return (4,) if kind == "quaternion" else (int(kind[2:]),)
-    return (n,) if kind == "vector" or (kind == "skew" and n == 3) else (n, n)
 
 
 def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None, oriented: bool) -> Show:
@@ -405,9 +400,9 @@ def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None
     def show(
         by: Any, state_of: Mapping[str, Any], t: Any, constants: Mapping[str, Any], values: Mapping[str, Any]
     ) -> Any:
-        axial = [k == "skew" and model.n == 3 for k in space.kinds]
-        parts = [by.numbers(state_of[k]) for k in space.letters]  # JAX sorts the keys of a dict
-        state = [algebra.hat(x) if short else x for x, short in zip(parts, axial, strict=True)]
+        state = [  # JAX sorts the keys of a dict
+            algebra.KINDS[kind].from_user(by.numbers(state_of[k]), model.n) for k, kind in space.components
+        ]
         where = {ORIENTATION: as_matrix(model, by.numbers(state_of[ORIENTATION]))} if oriented else {}
         value: Any = table[letter](*state, **constants, **where, **{TIME: by.mixed(by.jnp.asarray(t, dtype=float))})
         value = algebra.axial(value) if np.shape(value) == (3, 3) else value

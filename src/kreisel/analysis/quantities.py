@@ -71,8 +71,7 @@ def of_state(quantity: Quantity, model: Model) -> Callable[[tuple[Array, ...]], 
     kinds: Mapping[str, str] = dict(model.system.space.components)
 
     def stored(state: tuple[Array, ...]) -> list[Array]:
-        axial = [kind == "skew" and model.n == 3 for kind in kinds.values()]
-        return [algebra.axial(v) if as_vector else v for v, as_vector in zip(state, axial, strict=True)]
+        return [algebra.KINDS[kind].for_user(v) for kind, v in zip(kinds.values(), state, strict=True)]
 
     if isinstance(quantity, str):
         name, index = parse_quantity(quantity)

@@ -255,9 +255,9 @@ def _standard_row(case: BenchCase) -> Array:
 def _entries(case: BenchCase) -> Array:
     """The matrix Q with row Q the row in entries (0, 1), (0, 2), (1, 2) of skew matrices, n = 3."""
     kinds = case.model.system.space.kinds
-    vectors = ["vector" if kind == "skew" else kind for kind in kinds]
+    vectors = [algebra.KINDS[kind].shown(3).name for kind in kinds]
     rows = algebra.restore(np.eye(algebra.coordinate_count(vectors, 3)), vectors, 3)
-    components = [algebra.hat(v) if kind == "skew" else v for kind, v in zip(kinds, rows, strict=True)]
+    components = [algebra.KINDS[kind].from_user(v, 3) for kind, v in zip(kinds, rows, strict=True)]
     return np.asarray(algebra.flatten(components, kinds))
 
 

@@ -295,7 +295,7 @@ def _forces(sample: Example, name: str) -> str:
     letters = [letter for letter, kind in carried if kind == "vector"]
     size = _size(sample)
     forces = POTENTIAL.format(letters[0]) if letters else TORQUE
-    if letters and system.space.kinds[0] == "skew":
+    if letters and system.space.of_body:
         forces += DAMPING.format(size)
     return FORCES.format(
         head=HEAD, title=system.title, sample=f"{called}({parameters})", forces=forces, strength=size, name=name

@@ -287,7 +287,7 @@ def _require_suitable(model: Model, record: Perturbation) -> None:
             " got none, or other forces. Forces that take g are those of a body alone, or of bodies in pairs."
         )
     turns = record.loaded or record.damping or record.inertia or record.coupling or record.names(ORIENTATION)
-    if turns and (space.kinds[0] != "skew" or system.velocity is None):
+    if turns and (not space.of_body or system.velocity is None):
         raise InputError(
             f"{system.name}: expected a potential alone, since its first component is no momentum in so(n)."
         )
@@ -353,7 +353,7 @@ def _try(model: Model) -> None:
     def draw(shape: tuple[int, ...]) -> Array:
         return rng.normal(size=shape)
 
-    state = space.draw(n, draw) if space.draw else tuple(_random(kind, n, draw) for kind in space.kinds)
+    state = space.point(n, draw)
     g = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
     known = {letter: v.reshape(-1, *v.shape[v.ndim - model.axes[letter] :])[0] for letter, v in model.constants.items()}
     try:
@@ -375,13 +375,3 @@ def _try(model: Model) -> None:
         raise InputError(
             "torque: expected a skew matrix or, for n = 3, an axial vector, got a matrix that is not skew."
         )
-
-
-def _random(kind: str, n: int, draw: Callable[..., Array]) -> Array:
-    if kind == "vector":
-        return draw((n,))
-    return (
-        algebra.skew(draw((n * (n - 1) // 2,)), n)
-        if kind == "skew"
-        else algebra.symmetric(draw((n * (n + 1) // 2,)), n)
-    )

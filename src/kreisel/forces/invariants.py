@@ -6,7 +6,7 @@ are, in all lanes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -21,7 +21,6 @@ from kreisel.forces import kicks
 from kreisel.forces.kicks import Body
 from kreisel.forces.pairs import constants_of_pairs
 from kreisel.record.calling import Function, call
-from kreisel.record.contract import PhaseSpace
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME, pairs_of
 
@@ -150,7 +149,7 @@ def _slopes(models: list[Model], function: Function, number: Callable[[float], A
         t = draw((1,))[0] if times is None else times
         bodies, rates, slopes = [], [], []
         for one in (models[0], models[-1])[: 1 + in_pairs]:
-            state = _point(space, n, draw)
+            state = space.point(n, draw)
             slopes.append(_slopes_at(one, function, state))
             turn = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
             bodies.append(Body(tuple(_at_times(z, times) for z in state), _at_times(turn, times), t))
@@ -160,10 +159,7 @@ def _slopes(models: list[Model], function: Function, number: Callable[[float], A
             mean = {k: _mean(v, rng.random(len(v)), number) for k, v in of_pairs.items()}
             pulled = kicks.pulls(model.system, (bodies[0], bodies[1]), mean, axes)[:2]
             rates = [tuple(x + y for x, y in zip(*both, strict=True)) for both in zip(rates, pulled, strict=True)]
-        flat = [
-            np.concatenate([algebra.coordinates_of(kind, r) for kind, r in zip(space.kinds, rate, strict=True)], -1)
-            for rate in rates
-        ]
+        flat = [algebra.flatten(rate, space.kinds) for rate in rates]
         for together in zip(*(np.atleast_2d(rate) for rate in flat), strict=True):
             if times is None or np.isfinite(np.concatenate(together)).all():  # some forces overflow at late times
                 yield [
@@ -184,26 +180,10 @@ def _mean(values: Array, weights: Array, number: Callable[[float], Any]) -> Any:
 def _slopes_at(model: Model, function: Function, state: tuple[Array, ...]) -> list[Array]:
     """The derivative of each part of a function by the independent coordinates of all components."""
     kinds, n = model.system.space.kinds, model.n
-    flat = [algebra.coordinates_of(kind, z) for kind, z in zip(kinds, state, strict=True)]
-    ends = np.cumsum([len(x) for x in flat])[:-1]
 
     def parts_of(numbers: Sequence[Any]) -> list[Any]:
-        made = [
-            algebra.skew(x, n) if kind == "skew" else algebra.symmetric(x, n) if kind == "symmetric" else x
-            for kind, x in zip(kinds, np.split(np.array(numbers, dtype=object), ends), strict=True)
-        ]
-        found: Any = call(function, tuple(made), model.constants)
-        return np.asarray(found, dtype=object).ravel().tolist()
+        components = algebra.restore(np.array(numbers, dtype=object), kinds, n)
+        values: Any = call(function, components, model.constants)
+        return np.asarray(values, dtype=object).ravel().tolist()
 
-    return [np.array(row) for row in value_and_jacobian(parts_of, np.concatenate(flat).tolist())[1]]
-
-
-def _point(space: PhaseSpace, n: int, draw: Callable[..., Array]) -> tuple[Array, ...]:
-    if space.draw is not None:
-        return tuple(space.draw(n, draw))
-    out: Mapping[str, Callable[[], Array]] = {
-        "vector": lambda: draw((n,)),
-        "skew": lambda: algebra.skew(draw((n * (n - 1) // 2,)), n),
-        "symmetric": lambda: algebra.symmetric(draw((n * (n + 1) // 2,)), n),
-    }
-    return tuple(out[kind]() for kind in space.kinds)
+    return [np.array(row) for row in value_and_jacobian(parts_of, algebra.flatten(state, kinds).tolist())[1]]

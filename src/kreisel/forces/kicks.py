@@ -23,7 +23,6 @@ from kreisel.algebra.gradient import traced, value_and_gradient
 from kreisel.errors import InputError
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame, System
-from kreisel.record.given import component_axes
 from kreisel.record.perturbation import FIRST, SECOND, TIME, Force, Perturbation
 
 ORIENTATION = "g"
@@ -164,8 +163,8 @@ def seen(system: System, body: Body) -> dict[str, tuple[Any, int]]:
     """What a force may take of a body, by name: (value, its axes)."""
     known: dict[str, tuple[Any, int]] = {}
     for (letter, kind), z in zip(system.space.components, body.state, strict=True):
-        axial = kind == "skew" and z.shape[-1] == 3
-        known[letter] = (algebra.axial(z), 1) if axial else (z, component_axes(kind))
+        shown = algebra.KINDS[kind].shown(z.shape[-1])
+        known[letter] = algebra.KINDS[kind].for_user(z), shown.axes
     return known | {ORIENTATION: (body.g, 2), TIME: (body.t, 0)}
 
 
@@ -176,8 +175,8 @@ def _called(force: Force, numbers: Sequence[Any]) -> Any:
 
 def _back(system: System, name: str, slope: Array, body: Body) -> Array:
     """A derivative by the axial vector of a skew matrix as a skew matrix: <X, Y> = x.y."""
-    kinds = dict(system.space.components)
-    return algebra.hat(slope) if kinds.get(name) == "skew" and body.state[0].shape[-1] == 3 else slope
+    kind = dict(system.space.components).get(name)
+    return slope if kind is None else algebra.KINDS[kind].from_user(slope, body.state[0].shape[-1])
 
 
 def _values(found: Array, body: Body) -> Array:
@@ -198,24 +197,13 @@ def force_of_potential(system: System, body: Body, slopes: Mapping[str, Array]) 
     rates: list[Array] = [0 * z for z in state]
     if any(letter in slopes for letter in space.letters):
         by = [slopes.get(letter, 0 * z) for letter, z in zip(space.letters, state, strict=True)]
-        flat = np.concatenate([algebra.coordinates_of(k, v) for k, v in zip(space.kinds, by, strict=True)], -1)
-        rates = _components(system, algebra.act(space.tensor(*state).mT, flat), state)
+        flat = algebra.flatten(by, space.kinds)
+        rates = list(algebra.restore(algebra.act(space.tensor(*state).mT, flat), space.kinds, state[0].shape[-1]))
     if ORIENTATION in slopes:
         G, g = slopes[ORIENTATION], body.g
         turned = G @ g.mT if system.frame is Frame.REST else g.mT @ G  # type: ignore[union-attr]
         rates[0] = rates[0] - (turned - turned.mT)
     return tuple(rates)
-
-
-def _components(system: System, flat: Array, state: tuple[Array, ...]) -> list[Array]:
-    """Coordinates as the components of a state."""
-    out, start, n = [], 0, state[0].shape[-1]
-    for kind, z in zip(system.space.kinds, state, strict=True):
-        count = algebra.coordinates_of(kind, z).shape[-1]
-        x = flat[..., start : start + count]
-        out.append(algebra.skew(x, n) if kind == "skew" else algebra.symmetric(x, n) if kind == "symmetric" else x)
-        start += count
-    return out
 
 
 def inverse_inertia_columns(base: System, known: Constants, like: Any = 0) -> list[Array]:
@@ -296,7 +284,7 @@ def rates(system: System, body: Body, known: Constants, axes: Mapping[str, int])
     if record.inertia:
         X = algebra.hat(inverse_moments(system, known) * algebra.axial(body.state[0]))
         for i, kind in enumerate(system.space.kinds):
-            out[i] = out[i] - algebra.rate(kind, X, body.state[i])
+            out[i] = out[i] - algebra.KINDS[kind].rate(X, body.state[i])
     if record.wheel:
         Omega = algebra.axial(velocity(system, body.state, known))
         out[0] = out[0] + algebra.hat(algebra.cross(momentum_of_wheel(known, body.t), Omega))
@@ -357,7 +345,7 @@ def changes_its_loads(system: System) -> bool:
 
 def _after(system: System, state: tuple[Array, ...], h: Any, rates: tuple[Any, ...]) -> tuple[Array, ...]:
     """state + h rates."""
-    scale = [algebra.mat(h) if component_axes(k) == 2 else algebra.vec(h) for k in system.space.kinds]
+    scale = [algebra.mat(h) if algebra.KINDS[k].axes == 2 else algebra.vec(h) for k in system.space.kinds]
     return tuple(z + s * r for z, s, r in zip(state, scale, rates, strict=True))
 
 

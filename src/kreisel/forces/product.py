@@ -121,7 +121,8 @@ def _integrals(models: Sequence[Model], factors: list[Factor]) -> dict[str, Call
         return lambda *state, **known: sum(of_one(f, name)(*state, **known) for f in factors)
 
     def shape(m: Model, name: str) -> tuple[int, ...]:
-        point = _point(m.system.space, m.n, np.ones)
+        kinds = m.system.space.kinds
+        point = algebra.restore(np.ones(algebra.coordinate_count(kinds, m.n)), kinds, m.n)
         return np.shape(m.call(m.system.integrals[name], *point))
 
     found = {name + f.mark: of_one(f, name) for f in factors for name in f.system.integrals}
@@ -147,7 +148,7 @@ def _space(factors: list[Factor]) -> PhaseSpace:
         return np.concatenate([s.casimirs(*state[f.place]) for f, s in spaces if s.casimirs is not None], -1)
 
     def draw(n: int, numbers: Callable[..., Array]) -> State:
-        return tuple(z for f, s in spaces for z in (s.draw(n, numbers) if s.draw else _point(s, n, numbers)))
+        return tuple(z for f, s in spaces for z in s.point(n, numbers))
 
     return PhaseSpace(
         name=" x ".join(s.name for _, s in spaces),
@@ -163,9 +164,3 @@ def _space(factors: list[Factor]) -> PhaseSpace:
         carried=tuple(f.place.start + place for f, s in spaces for place in s.carried),
         draw=draw if any(s.draw for _, s in spaces) else None,
     )
-
-
-def _point(space: PhaseSpace, n: int, draw: Callable[..., Array]) -> State:
-    count = {"vector": n, "skew": n * (n - 1) // 2, "symmetric": n * (n + 1) // 2}
-    made = {"vector": lambda x: x, "skew": lambda x: algebra.skew(x, n), "symmetric": lambda x: algebra.symmetric(x, n)}
-    return tuple(made[kind](draw((count[kind],))) for kind in space.kinds)

@@ -88,8 +88,5 @@ def turned(system: System, own: State, g: State, angle: Any, axis: Array) -> tup
     s, c = sin(angle / 2), cos(angle / 2)
     q = algebra.vec(c) * algebra.identity(4)[0] + algebra.vec(s) * np.append(0.0, axis)
     W = algebra.rotation_matrix(q)
-    new = tuple(
-        algebra.act(W.mT, z) if kind == "vector" else W.mT @ z @ W
-        for kind, z in zip(system.space.kinds, own, strict=True)
-    )
+    new = tuple(algebra.KINDS[kind].rotated(W.mT, z) for kind, z in zip(system.space.kinds, own, strict=True))
     return new, tuple(algebra.quaternion_product(x, q) for x in g)

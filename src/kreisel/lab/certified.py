@@ -324,29 +324,21 @@ def _symbols(
     except ImportError as error:
         raise InputError("A proof needs SymPy, which is missing. Install it with: pip install sympy") from error
     names = list(coordinate_names(system.space.components, n))
-    sizes = {"scalar": (), "vector": (n,)}
-    if isinstance(claimed, System):
-        for p in system.parameters:
-            if p.kind not in sizes:
-                raise InputError(f"The parameter {p.letter} of {system.name} is no scalar or vector: give a model.")
-            names += [p.letter] if p.kind == "scalar" else [f"{p.letter}{i + 1}" for i in range(n)]
+    parameters = system.parameters if isinstance(claimed, System) else ()
+    for p in parameters:
+        if p.kind not in ("scalar", "vector"):
+            raise InputError(f"The parameter {p.letter} of {system.name} is no scalar or vector: give a model.")
+        names += algebra.KINDS[p.kind].names(p.letter, n)
     names.append("eps")
     K, *plain = field(names, QQ)
-    generators = [Expression(f) for f in plain]
-    count = algebra.coordinate_count(system.space.kinds, n)
-    flat, parameters = np.array(generators[:count], dtype=object), generators[count:]
-    state = algebra.restore(flat, system.space.kinds, n)
-    constants: dict[str, Any] = {"eps": parameters[-1]}
+    *coordinates, eps = map(Expression, plain)
+    kinds = (*system.space.kinds, *(p.kind for p in parameters))
+    values = algebra.restore(np.array(coordinates, dtype=object), kinds, n)
+    size = len(system.space.letters)
+    constants = {"eps": eps, **{p.letter: value for p, value in zip(parameters, values[size:], strict=True)}}
     if isinstance(claimed, Model):
         constants |= {k: _rational_constants(K, v) for k, v in claimed.constants.items()}
-    else:
-        place = 0
-        for p in system.parameters:
-            size = 1 if p.kind == "scalar" else n
-            chosen = parameters[place : place + size]
-            constants[p.letter] = chosen[0] if p.kind == "scalar" else np.array(chosen, dtype=object)
-            place += size
-    return state, constants, tuple(names)
+    return values[:size], constants, tuple(names)
 
 
 def _rational_constants(K: Any, v: Any) -> Any:

@@ -14,7 +14,7 @@ from kreisel import algebra
 from kreisel.algebra import Array, objects
 from kreisel.algebra.complex import Ring
 from kreisel.errors import InputError, shown
-from kreisel.record.contract import Parameter, PhaseSpace, System
+from kreisel.record.contract import Parameter, System
 from kreisel.record.model import Model
 
 try:
@@ -159,13 +159,6 @@ def _random_parameter(p: Parameter, n: int, draw: Random) -> Array:
         return value / 4 + 2 * np.cumsum(0 * value + 1) if p.distinct else value
     square = draw((n, n))
     return (square @ square.T) / n + algebra.identity(n)
-
-
-def random_state(space: PhaseSpace, n: int, draw: Random) -> tuple[Array, ...]:
-    """A random point of a phase space."""
-    if space.draw is not None:
-        return tuple(space.draw(n, draw))
-    return algebra.restore(draw((algebra.coordinate_count(space.kinds, n),)), space.kinds, n)
 
 
 def random_rotation(n: int, draw: Random) -> Array:

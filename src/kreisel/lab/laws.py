@@ -104,7 +104,7 @@ def lax_equation(case: Case) -> Sides:
 def velocity(case: Case) -> Sides:
     turn, rate = -case.system.space.sign * case.call(case.system.velocity), case.model.flow(*case.state)
     for i in case.system.space.carried:
-        yield rate[i], algebra.rate(case.kinds[i], turn, case.state[i])
+        yield rate[i], algebra.KINDS[case.kinds[i]].rate(turn, case.state[i])
 
 
 @law(
@@ -130,7 +130,7 @@ def separable(case: Case) -> Sides:
     parts = zip(space.kinds, case.state, case.model.flow(*still), strict=True)
     yield (
         case.flat(case.model.flow(*case.state)),
-        case.flat(tuple(algebra.rate(k, -space.sign * turn, z) + kick for k, z, kick in parts)),
+        case.flat(tuple(algebra.KINDS[k].rate(-space.sign * turn, z) + kick for k, z, kick in parts)),
     )
     M, N = (algebra.skew(case.draw((case.model.n * (case.model.n - 1) // 2,)), case.model.n) for _ in range(2))
     linear = [case.call(case.system.inverse_inertia, K) for K in (2 * M - N, M, N)]
@@ -139,7 +139,7 @@ def separable(case: Case) -> Sides:
         spin = case.call(case.system.spin)
         yield case.call(case.system.velocity), turn + spin
         for i in carried:
-            turning = algebra.rate(space.kinds[i], spin, case.state[i])
+            turning = algebra.KINDS[space.kinds[i]].rate(spin, case.state[i])
             yield turning, 0 * turning
 
 
@@ -243,7 +243,7 @@ def reconstruction(case: Case) -> Sides:
     yield X, -X.mT
     sign = 1 if case.system.frame is Frame.REST else -1
     for i in case.system.space.carried if _has_turning_components(case.system) else ():
-        yield algebra.turned(case.kinds[i], sign * X, case.state[i]), new[i]
+        yield algebra.KINDS[case.kinds[i]].turned(sign * X, case.state[i]), new[i]
 
 
 @law(
@@ -265,7 +265,7 @@ def discrete_euler_lagrange(case: Case) -> Sides:
         q0, q1, q2 = g0, g1, g2
         g = g0.mT if in_rest_frame else g0
         places = case.system.space.carried
-        carried = tuple(g @ first[i] if case.kinds[i] == "vector" else g @ first[i] @ g.mT for i in places)
+        carried = tuple(algebra.KINDS[case.kinds[i]].rotated(g, first[i]) for i in places)
         momentum = second[0]
 
     def action(function_of: Callable[[Array], tuple[Array, Array]]) -> Array:
@@ -553,7 +553,7 @@ def drawn_case(system: System | Model, n: int, numbers: str, draw: exact.Random)
     """A case with random numbers from `draw`."""
     record = system.system if isinstance(system, Model) else system
     model = system if isinstance(system, Model) else exact.random_model(system, n, draw)
-    state = exact.random_state(record.space, n, draw)
+    state = record.space.point(n, draw)
     eps = abs(draw((1,)))[0] / 4  # short enough for the logarithms of Lagrangians in floats
     if record.map is not None and record.map.largest_step is not None and numbers == "float":
         eps = min(eps, float(model.call(record.map.largest_step, *state)) / 4)

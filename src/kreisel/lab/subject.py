@@ -151,20 +151,23 @@ def _of_model(model: Model, eps: Any) -> Subject:
     implicit = f"The map of {system.name} is implicit" if not mapped.rational or system.numbers != "any" else ""
     constants = {k: exact.fractions(v) for k, v in model.constants.items()}
 
+    kinds = [algebra.KINDS[kind] for kind in space.kinds]
+    shown_kinds = [kind.shown(n).name for kind in kinds]
+
     def unpacked(x: Array) -> tuple[Array, ...]:
-        return algebra.restore(_axial(x, space.kinds, n), space.kinds, n)
+        return tuple(k.from_user(v, n) for k, v in zip(kinds, algebra.restore(x, shown_kinds, n), strict=True))
 
     def packed(state: tuple[Array, ...]) -> Array:
-        return _axial(algebra.flatten(state, space.kinds), space.kinds, n)
+        return algebra.flatten([kind.for_user(z) for kind, z in zip(kinds, state, strict=True)], shown_kinds)
 
     def on_coordinates(function: Any) -> Any:
         return None if function is None else lambda x, **values: packed(tuple(call(function, unpacked(x), values)))
 
     def start(draw: Callable[[tuple[int, ...]], Array]) -> Array:
-        return packed(exact.random_state(space, n, draw))
+        return packed(space.point(n, draw))
 
     def tensor(x: Array) -> Array:
-        turn = _axial(np.arange(1, len(x) + 1), space.kinds, n)  # a permutation with signs
+        turn = packed(algebra.restore(np.arange(1, len(x) + 1), space.kinds, n))  # a permutation with signs
         place, sign = abs(turn) - 1, np.sign(turn)
         return (model.call(space.tensor, *unpacked(x)) * (sign[:, None] * sign))[np.ix_(place, place)]
 
@@ -214,28 +217,9 @@ def _beyond_the_spectrum(system: System, mapped: Map) -> list[Callable[..., Any]
     return extra
 
 
-def _axial(flat: Array, kinds: tuple[str, ...], n: int) -> Array:
-    """Skew components by their axial vectors for n = 3, and back: the same change both ways."""
-    if n != 3:
-        return flat
-    place, sign = np.arange(flat.shape[-1]), np.ones(flat.shape[-1], dtype=np.int8)
-    start = 0
-    for kind in kinds:
-        if kind == "skew":
-            place[start : start + 3], sign[start : start + 3] = place[start : start + 3][::-1], (-1, 1, -1)
-        start += algebra.KINDS[kind].count(n)
-    return flat[..., place] * sign
-
-
 def coordinate_names(components: tuple[tuple[str, str], ...], n: int) -> tuple[str, ...]:
     """m1, m2, m3 for an axial vector, m12, m13, ... for n > 3, a1, a2, ... for vectors."""
-    names: list[str] = []
-    for letter, kind in components:
-        if kind == "skew" and n > 3:
-            names += [f"{letter}{i + 1}{j + 1}" for i, j in zip(*algebra.triangle(n), strict=True)]
-        else:
-            names += [f"{letter}{i + 1}" for i in range(algebra.KINDS[kind].count(n))]
-    return tuple(names)
+    return tuple(name for letter, kind in components for name in algebra.KINDS[kind].names(letter, n))
 
 
 # -- user-defined maps -----------------------------------------------------------------------------

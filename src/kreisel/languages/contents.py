@@ -142,9 +142,10 @@ def _letters(made: Scheme) -> list[str]:
 
 def _of_user(plan: Plan, name: str, value: Any) -> Any:
     """A component as a user has it: axial vectors for n = 3, else the entries above the diagonal, row by row."""
-    kind = dict(plan.scheme.components).get(name)
-    if kind == "skew" and np.shape(value)[-2:] == (plan.model.n, plan.model.n):
-        return algebra.axial(value) if plan.model.n == 3 else algebra.coordinates(value)
+    kind, n = dict(plan.scheme.components).get(name, ""), plan.model.n
+    if kind == "skew" and np.shape(value)[-2:] == (n, n):
+        value = algebra.KINDS[kind].for_user(value)
+        return algebra.KINDS[kind].shown(n).pack(value)
     return value
 
 
@@ -167,10 +168,8 @@ def _opened(made: Scheme) -> tuple[list[Line], list[str]]:
         count = algebra.KINDS[kinds[name]].count(made.n)
         numbers: Any = np.array([Scalar(tape, f"x{start + i}") for i in range(count)], dtype=object)
         start += count
-        if kinds[name] == "skew" and made.n == 3:
-            parts.append(algebra.hat(numbers))
-        else:
-            parts += algebra.restore(numbers, [kinds[name]], made.n)
+        kind = algebra.KINDS[kinds[name]]
+        parts.append(kind.from_user(kind.shown(made.n).unpack(numbers, made.n), made.n))
     return recorded_values(tape, list(algebra.flatten(made.reopen(tuple(parts)), made.kinds)))
 
 

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.method.baecklund import baecklund
-from kreisel.record.given import component_axes
 from kreisel.record.model import Model
 
 ORDERS = (4, 8, 12, 16, 20, 24)  # an even number of stages: they take any step
@@ -115,7 +115,7 @@ def _pilot_steps(model: Model, state: tuple[Array, ...], time: float) -> tuple[A
 
 def with_lanes(model: Model, state: tuple[Array, ...]) -> tuple[Array, ...]:
     """The components with their axis of lanes, of one lane if need be."""
-    axes = [component_axes(kind) for _, kind in model.system.space.components]
+    axes = [algebra.KINDS[kind].axes for kind in model.system.space.kinds]
     batch = np.broadcast_shapes((1,), model.batch, *(p.shape[: p.ndim - k] for p, k in zip(state, axes, strict=True)))
     return tuple(np.broadcast_to(p, batch + p.shape[p.ndim - k :]) for p, k in zip(state, axes, strict=True))
 

@@ -21,7 +21,6 @@ from kreisel.method.observing import State, as_matrix, observer, scheme_of
 from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.calling import call
 from kreisel.record.contract import Baecklund, Frame
-from kreisel.record.given import component_axes
 from kreisel.record.model import Model
 
 DIGITS = 60
@@ -128,7 +127,7 @@ class Product:
         if len(mus) > 1 and own[0].size > MANY:  # arrays of all points would leave the cache
             return np.concatenate([self._rho(own, mus[i : i + 1]) for i in range(len(mus))], -1)
         wide, kinds = np.clongdouble if np.iscomplexobj(mus) else np.longdouble, self.model.system.space.kinds
-        state = tuple(_at_points(x, component_axes(kind)) for kind, x in zip(kinds, own, strict=True))
+        state = tuple(_at_points(x, algebra.KINDS[kind].axes) for kind, x in zip(kinds, own, strict=True))
         with np.errstate(all="ignore"):
             try:
                 rho = call(self.record.point, state, {**self.known, "mu": mus.astype(wide)})
@@ -242,5 +241,7 @@ def spin_turns(model: Model, own: State, dt: float) -> dict[str, Array]:
 def turned_with_body(kinds: tuple[str, ...], own: State, consts: dict[str, Array], axis: str) -> State:
     """The state in a body turned by `SPINS`."""
     for half in SPINS:
-        own = tuple(algebra.turned(kind, -consts[half], x, consts[axis]) for x, kind in zip(own, kinds, strict=True))
+        own = tuple(
+            algebra.KINDS[kind].turned(-consts[half], x, consts[axis]) for x, kind in zip(own, kinds, strict=True)
+        )
     return own

@@ -77,7 +77,7 @@ def composed(
         return (*state, *turned, *(reduce(algebra.maximum, defects, defect) for defect in z[len(z[:last]) :]))
 
     def reopen(x: State) -> State:
-        return x if guard is None else (*x, 0 * algebra.coordinates_of(space.kinds[0], x[0])[..., 0])
+        return x if guard is None else (*x, 0 * algebra.KINDS[space.kinds[0]].pack(x[0])[..., 0])
 
     usual: dict[str, Any] = {
         "components": with_orientation(model, oriented) + (() if guard is None else ((DEFECT, "scalar"),)),

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.forces import kicks
@@ -34,7 +35,8 @@ def require_orientation(model: Model, oriented: bool) -> None:
 
 def zero(system: System, state: tuple[Array, ...]) -> Array:
     """The number 0 for each lane of a state."""
-    return 0 * (state[0][..., 0, 0] if system.space.kinds[0] in ("skew", "symmetric") else state[0][..., 0])
+    first = (0,) * algebra.KINDS[system.space.kinds[0]].axes
+    return 0 * state[0][(..., *first)]
 
 
 def power(model: Model, state: tuple[Array, ...], known: Mapping[str, Any]) -> Array:

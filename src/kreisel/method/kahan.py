@@ -126,7 +126,7 @@ def eliminate(matrix: list[list[Any]], right: list[Any]) -> tuple[list[Any], lis
 
 def numbers_of(space: PhaseSpace, state: State) -> list[Any]:
     """The independent coordinates, each with its batch."""
-    flat = [algebra.coordinates_of(kind, z) for kind, z in zip(space.kinds, state, strict=True)]
+    flat = [algebra.KINDS[kind].pack(z) for kind, z in zip(space.kinds, state, strict=True)]
     return [z[..., i][()] for z in flat for i in range(z.shape[-1])]
 
 

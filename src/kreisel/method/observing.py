@@ -12,7 +12,6 @@ from kreisel.algebra import Array
 from kreisel.method.scheme import Components, Motion, Outcome, Scheme
 from kreisel.record.calling import call, keywords
 from kreisel.record.contract import Frame, Map
-from kreisel.record.given import component_axes
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 
@@ -139,7 +138,7 @@ def observer(
 
     def observe(z: tuple[Array, ...], only: Only = None, /, **constants: Array) -> dict[str, Array]:
         own, count = z[: len(space.letters)], len(space.letters)
-        batch = np.ndim(own[0]) - component_axes(space.kinds[0])
+        batch = np.ndim(own[0]) - algebra.KINDS[space.kinds[0]].axes
         known = {k: v for k, v in constants.items() if k in model.constants or k in (ORIENTATION, TIME)}
         user = to_user(*own, **known) if to_user is not None else own
         out = dict(zip(space.letters, user, strict=True))
@@ -175,14 +174,14 @@ def held_by_orientation(
 
     def held(z: tuple[Array, ...]) -> list[Array]:
         g = z[count]
-        out = [algebra.dot(g, g)] if g.ndim == 1 else [algebra.coordinates_of("symmetric", g.mT @ g)]
+        out = [algebra.dot(g, g)] if g.ndim == 1 else [algebra.KINDS["symmetric"].pack(g.mT @ g)]
         if not bound:
             return out
         turn = algebra.rotation_matrix(g) if g.ndim == 1 else g
         turn = turn.mT if rest else turn
         for i in space.carried or (0,) * (model.system.perturbation is None):
-            turned = algebra.act(turn, z[i]) if space.kinds[i] == "vector" else turn @ z[i] @ turn.mT
-            out.append(algebra.coordinates_of(space.kinds[i], turned))
+            kind = algebra.KINDS[space.kinds[i]]
+            out.append(kind.pack(kind.rotated(turn, z[i])))
         return out
 
     return held

@@ -86,7 +86,7 @@ def kick(system: System, state: State, time: Array, consts: Constants) -> State:
 
 def coadjoint(system: System, X: Array, state: State) -> State:
     """The state turned by W^T = cay(-X): matrices W^T M W, vectors W^T P."""
-    return tuple(algebra.turned(kind, -X, z) for kind, z in zip(system.space.kinds, state, strict=True))
+    return tuple(algebra.KINDS[kind].turned(-X, z) for kind, z in zip(system.space.kinds, state, strict=True))
 
 
 def half_turn(system: System, state: State, eps: Array, consts: Constants) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, SupportsIndex
 
-from kreisel.algebra import Array, invariants
+from kreisel.algebra import KINDS, Array, coordinate_count, invariants, restore
 from kreisel.algebra.reuse import KEPT
 from kreisel.display import show
 from kreisel.record.calling import Function, require_names
@@ -71,6 +71,17 @@ class PhaseSpace:
     def frame(self) -> Frame:
         """The frame of the state, which the sign of the bracket tells."""
         return Frame.MOVING if self.sign > 0 else Frame.REST
+
+    @property
+    def of_body(self) -> bool:
+        """Whether the first component is the momentum of a body, in so(n)."""
+        return self.kinds[0] == "skew"
+
+    def point(self, n: int, draw: Function) -> tuple[Array, ...]:
+        """Random point, from random numbers draw(shape)."""
+        if self.draw is not None:
+            return tuple(self.draw(n, draw))
+        return restore(draw((coordinate_count(self.kinds, n),)), self.kinds, n)
 
     @property
     def leading(self) -> int:
@@ -141,6 +152,11 @@ class Parameter:
     distinct: bool = False  # the entries must be distinct
     positive: bool = False  # the entries must be positive
     fixed: str = ""
+
+    @property
+    def axes(self) -> int | None:
+        """Axes without those of lanes; None for an array, which has any shape."""
+        return None if self.kind == "array" else KINDS[self.kind].axes
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,6 @@ from kreisel.errors import InputError, shown
 if TYPE_CHECKING:
     from kreisel.record.contract import Parameter, PhaseSpace
 
-COMPONENT_AXES = {"skew": 2, "symmetric": 2, "vector": 1, "matrix": 2, "quaternion": 1}
-PARAMETER_AXES = {"scalar": 0, "dimension": 0, "vector": 1, "symmetric": 2}  # and "array": any shape, no batch axes
 SKEW_TOLERANCE = 1e-12
 MOST_N = 4096  # a matrix of n x n doubles then takes 128 MiB
 MOST_SHOWN = 100  # entries in the text of an array
@@ -64,7 +62,7 @@ def numbers(value: Any, name: str) -> Array:
 
 def axes_of(p: Parameter, value: Array) -> int:
     """The axes of a parameter, without those of lanes."""
-    return value.ndim if p.kind == "array" else PARAMETER_AXES[p.kind]
+    return value.ndim if p.axes is None else p.axes
 
 
 def says_lanes(value: Any) -> bool:
@@ -151,7 +149,7 @@ def component(letter: str, kind: str, value: Any, n: int, of_bodies: bool, three
         _check_symmetric(array, name)
         return array / 2 + array.mT / 2
     if kind != "skew":
-        count, expected = (n, f"n = {n}") if kind == "vector" else (int(kind[2:]), kind[2:])
+        count, expected = (n, f"n = {n}") if kind == "vector" else (algebra.KINDS[kind].count(n), kind[2:])
         if array.ndim < 1 or array.shape[-1] != count:
             raise InputError(f"{name} must be {expected} numbers (..., {count}), got shape {array.shape}.")
         return array
@@ -197,7 +195,7 @@ def _three_by_three(array: Array, letter: str, lanes: bool, three_lanes: bool) -
 
 def require_on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> None:
     """Raises `InputError` for components whose batches do not fit, or a state off the phase space."""
-    batches = [v.shape[: v.ndim - component_axes(k)] for v, k in zip(parts.values(), space.kinds, strict=True)]
+    batches = [v.shape[: v.ndim - algebra.KINDS[k].axes] for v, k in zip(parts.values(), space.kinds, strict=True)]
     try:
         np.broadcast_shapes(*batches)
     except ValueError:
@@ -226,11 +224,6 @@ def shape_of(value: Any) -> tuple[int, ...]:
         return np.shape(value)
     except (TypeError, ValueError):
         return ()
-
-
-def component_axes(kind: str) -> int:
-    """The axes of a component without its batch; the kind "R^6" is a plain list of six numbers."""
-    return 1 if kind.startswith("R^") else COMPONENT_AXES[kind]
 
 
 # -- lanes: checks look at all of them at once, messages name the first bad one ----------------------------------

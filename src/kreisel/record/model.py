@@ -19,7 +19,6 @@ from kreisel.errors import InputError, hint, shown
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import Function, call, require_names
 from kreisel.record.given import (
-    PARAMETER_AXES,
     axes_of,
     by_lane,
     component,
@@ -47,12 +46,10 @@ def _check(p: Parameter, value: Array) -> None:
             p.check(value, p.letter)
 
 
-def _single(kind: str, value: Array) -> int:
+def _single(p: Parameter, value: Array) -> int:
     """The axes of a parameter as it is given, without those of lanes: a diagonal may be given for a matrix."""
-    if kind == "array":
-        return value.ndim
-    diagonals = kind == "symmetric" and value.ndim == 2 and value.shape[0] != value.shape[1]
-    return 1 if diagonals else PARAMETER_AXES[kind]
+    diagonals = p.kind == "symmetric" and value.ndim == 2 and value.shape[0] != value.shape[1]
+    return 1 if diagonals else axes_of(p, value)
 
 
 class State(Mapping[str, Array]):
@@ -100,11 +97,9 @@ class State(Mapping[str, Array]):
     @property
     def axial(self) -> State:
         """The same state with axial vectors (..., 3) for skew matrices when n = 3."""
-        parts = {
-            k: algebra.axial(v) if self._kinds[k] == "skew" and v.shape[-1] == 3 else v
-            for k, v in self._components.items()
-        }
-        return State(parts, {**self._kinds, **{k: "vector" for k in parts}})
+        kinds = {k: algebra.KINDS[kind] for k, kind in self._kinds.items()}
+        components = {k: kinds[k].for_user(v) for k, v in self._components.items()}
+        return State(components, {k: kind.shown(self._components[k].shape[-1]).name for k, kind in kinds.items()})
 
 
 class Model:
@@ -132,7 +127,7 @@ class Model:
                     f"{system.name} needs the parameter {p.letter} ({p.kind}): {p.meaning}, got none; "
                     f"give {p.letter}=..."
                 )
-            self.params[p.letter] = by_lane(partial(parameter, p, system.name), value, single=partial(_single, p.kind))
+            self.params[p.letter] = by_lane(partial(parameter, p, system.name), value, single=partial(_single, p))
         self.n = self._dimension()
         for p in system.parameters:
             if p.check is not None:
@@ -209,7 +204,8 @@ class Model:
     def of_body(self, frame: BodyFrame) -> Model:
         """The model as that of a body with these axes and units."""
         moving = self.system.frame.value == "moving"
-        along = [k for k, kind in self.system.space.components if moving and kind in ("skew", "vector")]
+        shown = {k: algebra.KINDS[kind].shown(self.n).name for k, kind in self.system.space.components}
+        along = [k for k, kind in shown.items() if moving and kind == "vector"]
         made = copy(self)
         made.body_frame = replace(frame, along=along)
         return made

@@ -53,11 +53,11 @@ class Space:
 
     def array(self, x: Array) -> Array:
         """Coordinates (..., dim) as what the user sees."""
-        return algebra.skew(x, self.n) if self.kind == "skew" else x
+        return algebra.KINDS[self.kind].unpack(x, self.n)
 
     def coordinates(self, value: Array) -> Array:
         """The inverse of `array`."""
-        return algebra.coordinates(value) if self.kind == "skew" else value
+        return algebra.KINDS[self.kind].pack(value)
 
 
 def numbers(dim: int, n: int) -> Space:

@@ -13,7 +13,6 @@ from kreisel.algebra import Array, invariants
 from kreisel.errors import InputError, explained, shown
 from kreisel.record.calling import Function, Portable
 from kreisel.record.contract import Checks, Frame, Map, Parameter, PhaseSpace, System
-from kreisel.record.given import PARAMETER_AXES, component_axes
 from kreisel.reduction.double import double, jax
 from kreisel.reduction.equations import Continuous, Discrete, symmetric_rule
 from kreisel.reduction.groups import Group, Representation, quadratic_casimirs, standard
@@ -206,8 +205,8 @@ class _Record:
                 raise InputError(
                     f"No Lagrangian takes the parameter {shown(letter)}; they take {', '.join(defaults) or 'none'}."
                 )
-        self.axes = [component_axes(s.kind) for s in self.spaces]
-        self.keywords = {p.letter: PARAMETER_AXES.get(p.kind) for p in self.parameters}
+        self.axes = [algebra.KINDS[s.kind].axes for s in self.spaces]
+        self.keywords = {p.letter: p.axes for p in self.parameters}
 
     # the Lagrangians with their constants filled in
 
@@ -321,7 +320,7 @@ class _Record:
         return casimirs
 
     def map(self, source: str, conserved: tuple[str, ...], order: int | None) -> Map:
-        both, carried = [*self.axes, *self.axes], [component_axes(self.rep.space.kind)]
+        both, carried = [*self.axes, *self.axes], [algebra.KINDS[self.rep.space.kind].axes]
         step: dict[str, Any] = {"eps": True, "trouble": BRANCH}
         inverse = self.lift(self.inverse, **step)
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.kernels.layout import Floats
 from kreisel.method import find
@@ -33,14 +34,9 @@ def dimensions(plan: Plan, name: str, shape: tuple[int, ...]) -> tuple[str, ...]
     """Dimension names of an output of that shape."""
     lead = ("time", "lane") if plan.batched else ("time",)
     outcome = plan.outcomes[name]
-    rest = len(shape) - len(lead)
-    if outcome.axes == "quaternion":
-        return (*lead, "quaternion")
-    if outcome.axes.startswith("R^"):
-        return (*lead, f"{name}_axis")
     if outcome.axes:
-        return (*lead, *(("axis",) if rest == 1 else ("row", "column")))
-    return (*lead, *((f"{name}_part",) if rest else ()))
+        return (*lead, *(label.format(name) for label in algebra.KINDS[outcome.axes].shown(plan.model.n).labels))
+    return (*lead, *((f"{name}_part",) if len(shape) > len(lead) else ()))
 
 
 @cache

@@ -327,14 +327,13 @@ def _given(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, begi
         if letter == ORIENTATION and not by.is_traced(value):
             value = initial_orientation(value, model)
         x = by.array(value, letter)
-        axial = kind == "skew" and model.n == 3
-        n = model.n
-        square = kind in ("skew", "symmetric", "matrix") and not axial
-        wanted = (n, n) if square else (algebra.KINDS[kind].count(n),)
+        form = algebra.KINDS[kind].shown(model.n)
+        wanted = form.shape(model.n)
         if x.shape != wanted:
-            fix = " Use x0.axial for an axial vector." if axial and x.shape == (3, 3) else " For a batch use jax.vmap."
+            axial = form.name != kind and x.shape == (3, 3)
+            fix = " Use x0.axial for an axial vector." if axial else " For a batch use jax.vmap."
             raise InputError(f"{letter}: expected the shape {wanted}, got {x.shape}.{fix}")
-        out.append(algebra.hat(by.numbers(x)) if axial else by.numbers(x))
+        out.append(algebra.KINDS[kind].from_user(by.numbers(x), model.n))
     return tuple(out)
 
 
@@ -373,9 +372,7 @@ def _rows(
     def shown_row(row: Array) -> dict[str, Array]:
         parts = algebra.restore(by.numbers(row), step.kinds, model.n)
         x = step.end(*parts[: len(shown)], **known)
-        short = [k == "skew" and model.n == 3 for _, k in shown]
-        pieces = [algebra.axial(v) if axial else v for axial, v in zip(short, x, strict=True)]
-        out = {k: by.values(v) for (k, _), v in zip(shown, pieces, strict=True)}
+        out = {k: by.values(algebra.KINDS[kind].for_user(v)) for (k, kind), v in zip(shown, x, strict=True)}
         if step.guard is None:
             return out
         return {k: by.jnp.where(row[-1] <= step.guard.limit, v, by.jnp.nan) for k, v in out.items()}
@@ -412,11 +409,15 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
     jnp = jax.numpy
 
     space, n = model.system.space, model.n
-    start = [np.asarray(run[letter].values[0], dtype=np.float64) for letter in space.letters]
-    shown = [algebra.hat(x) if k == "skew" and n == 3 else x for k, x in zip(space.kinds, start, strict=True)]
-    flat = [algebra.coordinates_of(k, x) for k, x in zip(space.kinds, shown, strict=True)]
-    flat += [np.zeros(n * (n - 1) // 2)] * (ORIENTATION in run)
-    edges = np.cumsum([len(x) for x in flat])[:-1]
+    kinds = [algebra.KINDS[kind] for kind in space.kinds]
+    size = algebra.coordinate_count(space.kinds, n)
+
+    def coordinates(state: Mapping[str, Any]) -> Array:
+        components = [kind.from_user(state[letter], n) for letter, kind in zip(space.letters, kinds, strict=True)]
+        return algebra.flatten(components, space.kinds)
+
+    start = coordinates({letter: np.asarray(run[letter].values[0], dtype=np.float64) for letter in space.letters})
+    start = np.append(start, np.zeros(n * (n - 1) // 2 * (ORIENTATION in run)))
 
     def coordinates_of_turn(g: Array) -> Array:
         """Of X, 0 where it is differentiated."""
@@ -426,20 +427,16 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
         return algebra.coordinates((turn - turn.mT) / 2)
 
     def end(x: Array) -> Array:
-        state, pieces = {}, jnp.split(x, edges)
-        for (letter, kind), piece in zip(space.components, pieces, strict=False):
-            X = algebra.skew(piece, n) if kind == "skew" else piece
-            X = algebra.symmetric(piece, n) if kind == "symmetric" else X
-            state[letter] = algebra.axial(X) if kind == "skew" and n == 3 else X
+        parts = zip(kinds, algebra.restore(x[:size], space.kinds, n), strict=True)
+        state = dict(zip(space.letters, (kind.for_user(z) for kind, z in parts), strict=True))
         if ORIENTATION in run:
-            state[ORIENTATION] = attitude_near(by, model, pieces[-1], run.g.values[0])
+            state[ORIENTATION] = attitude_near(by, model, x[size:], run.g.values[0])
         out = f(state, dt=record.dt, steps=steps, time=float(run["time"][0]))
-        whole = [algebra.hat(out[k]) if kind == "skew" and n == 3 else out[k] for k, kind in space.components]
-        parts = [algebra.coordinates_of(k, v) for k, v in zip(space.kinds, whole, strict=True)]
-        return jnp.concatenate(parts + ([coordinates_of_turn(out[ORIENTATION])] if ORIENTATION in run else []))
+        flat = coordinates(out)
+        return jnp.append(flat, coordinates_of_turn(out[ORIENTATION])) if ORIENTATION in run else flat
 
     with double():
-        J = np.asarray(jax.jit(jax.jacfwd(end))(jnp.asarray(np.concatenate(flat))))
+        J = np.asarray(jax.jit(jax.jacfwd(end))(jnp.asarray(start)))
     if not np.isfinite(J).all():
         raise RunError("tangent: the Jacobian is not finite. Usual cause: dt too long, or a run too long for doubles.")
     return J

@@ -459,7 +459,7 @@ def _scales_of(values: Array, samples: int, n: int) -> tuple[Array, Array]:
     squares = ((up - down) / (2 * NUDGE)) ** 2
     felt = np.sqrt(squares.reshape(count, -1, *values.shape[3:]).mean(1))
     noise = abs(a_bit_up + a_bit_down - 2 * here[:, None]) / (2 * MACHINE_EPSILON)
-    if n > MANY_SAMPLES_N and noise.shape[-1] == algebra.KINDS["skew"].count(n):
+    if n > MANY_SAMPLES_N and noise.shape[-1] == n * (n - 1) // 2:
         noise = np.broadcast_to(noise.max(-1, keepdims=True), noise.shape)  # entries of one matrix
     return felt, np.maximum(noise.max((1, 2)), abs(here).max(1))
 
@@ -504,6 +504,5 @@ def _sampled_rows(plan: Plan, first: Mapping[str, Array]) -> Floats:
             continue
         value = np.asarray(first[letter])[rows].astype(np.float64)
         value = value.reshape((len(rows), plan.lanes, *value.shape[1 + plan.batched :]))
-        axial = outcome.axes == "skew" and plan.model.n == 3
-        parts.append(algebra.hat(value) if axial else value)
+        parts.append(algebra.KINDS[outcome.axes].from_user(value, plan.model.n))
     return np.asarray(algebra.flatten(plan.scheme.reopen(tuple(parts)), plan.kinds))

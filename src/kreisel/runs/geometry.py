@@ -14,7 +14,6 @@ from kreisel.files import read_values
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body_frame import AXES, BODY
 from kreisel.record.contract import Frame
-from kreisel.record.given import component_axes
 from kreisel.record.model import Model
 from kreisel.runs.operations import require_operations
 from kreisel.runs.run_record import RunRecord, a_run
@@ -41,9 +40,9 @@ def components(run: xr.Dataset, model: Model) -> tuple[Array, ...]:
         if letter not in run:
             raise InputError(f"The run lacks {letter} of its state. Give the run as kr.simulate returned it.")
         value = np.asarray(run[letter].values, dtype=np.float64)
-        value = algebra.hat(value) if kind == "skew" and model.n == 3 else value
+        value = algebra.KINDS[kind].from_user(value, model.n)
         inner = value.shape[1 + ("lane" in run[letter].dims) :]
-        expected = (int(kind[2:]),) if kind.startswith("R^") else (model.n,) * component_axes(kind)
+        expected = algebra.KINDS[kind].shape(model.n)
         if inner != expected:
             raise InputError(
                 f"expected a run with n = {model.n}, {letter} of the shape {expected} at each time, got {inner}. Give "

@@ -180,12 +180,8 @@ def _shape(model: Model, name: str) -> tuple[int, ...]:
 
 def _component(kind: str, n: int, numbers: Iterator[Scalar], axial: bool) -> Any:
     """A component of a state, of recorded numbers."""
-    if kind == "skew" and not (axial and n == 3):
-        return algebra.skew(_filled(numbers, (n * (n - 1) // 2,)), n)
-    if kind == "symmetric":
-        return algebra.symmetric(_filled(numbers, (n * (n + 1) // 2,)), n)
-    shapes: dict[str, tuple[int, ...]] = {"scalar": (), "matrix": (n, n)}
-    return _filled(numbers, (int(kind[2:]),) if kind.startswith("R^") else shapes.get(kind, (n,)))
+    form = algebra.KINDS[kind].shown(n) if axial else algebra.KINDS[kind]
+    return form.unpack(_filled(numbers, (form.count(n),)), n)
 
 
 def _filled(numbers: Iterator[Scalar], shape: tuple[int, ...]) -> Any:

@@ -16,9 +16,8 @@ from kreisel.kernels.correcting import Rows, corrections
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.observing import ORIENTATION, with_orientation
 from kreisel.method.scheme import Flow
-from kreisel.record.given import component_axes
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import require_bodies
 from kreisel.runs.settings import LARGE, Event, Settings, Timetable, initial_orientation
@@ -195,7 +194,7 @@ class Plan:
         outputs = self.scheme.observe(parts, self.settings.observe if alone else None, **constants)
         chosen = self.outcomes if alone else self.scheme.outcomes
         return {
-            name: algebra.axial(outputs[name]) if outcome.axes == "skew" and self.model.n == 3 else outputs[name]
+            name: algebra.KINDS[outcome.axes].for_user(outputs[name]) if outcome.axes else outputs[name]
             for name, outcome in chosen.items()
             if name in outputs
         }
@@ -250,8 +249,8 @@ def _lanes(
     and faster, scheme and start are in its form, and the printer prints its kernel.
     """
     own = len(model.system.space.letters)
-    before = [kind for _, kind in model.system.space.components] + ["quaternion" if model.n == 3 else "matrix"]
-    batches = [p.shape[: p.ndim - component_axes(k)] for p, k in zip(parts, before[: len(parts)], strict=True)]
+    components = with_orientation(model, len(parts) > own)
+    batches = [z.shape[: z.ndim - algebra.KINDS[kind].axes] for z, (_, kind) in zip(parts, components, strict=True)]
     try:
         batch = np.broadcast_shapes(model.batch, *batches)
     except ValueError:

@@ -262,8 +262,7 @@ def _block_faults(block: xr.Dataset, first: int, record: RunRecord, again: Schem
 def _recomputed(block: xr.Dataset, first: int, again: Scheme) -> Iterator[str]:
     """Integrals of the saved states against the saved integrals."""
     kinds = {name: o.axes for name, o in again.outcomes.items() if o.kind == "state"}
-    axial = again.n == 3
-    state = tuple(algebra.hat(block[k].values) if axial and kinds[k] == "skew" else block[k].values for k in kinds)
+    state = tuple(algebra.KINDS[kind].from_user(block[k].values, again.n) for k, kind in kinds.items())
     outputs: Mapping[str, Array] = again.observe(again.reopen(state))
     for name, value in outputs.items():
         if again.outcomes[name].kind in KINDS and name in block:

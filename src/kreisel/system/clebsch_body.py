@@ -9,7 +9,7 @@ integrals are conserved as they are; those of the explicit map of `clebsch`, ano
 from dataclasses import replace
 from math import inf
 
-from kreisel.algebra import dot, identity, mat, sqrt, turned
+from kreisel.algebra import cayley_act, dot, identity, mat, sqrt
 from kreisel.algebra.invariants import pencil_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.implicit import branch
@@ -54,7 +54,7 @@ def turn(M, P, *, J, c, eps):
 
 
 def move(M, P, X, *, J, eps):
-    return quadratic_potential.moved(M, deviation(P, eps), X, J=J, eps=eps), turned("vector", -X, P)
+    return quadratic_potential.moved(M, deviation(P, eps), X, J=J, eps=eps), cayley_act(-X, P)
 
 
 def step(M, P, *, J, c, eps):

@@ -13,7 +13,7 @@ Notices 2000, no. 12; the flow by Brun, Bogoyavlensky, Reyman; named in Suris 20
 from dataclasses import replace
 from math import inf
 
-from kreisel.algebra import bracket, cayley, identity, pairing, resolvent, solve, turned
+from kreisel.algebra import KINDS, bracket, cayley, cayley_conjugate, identity, pairing, resolvent, solve
 from kreisel.algebra.invariants import laurent_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.implicit import branch
@@ -78,11 +78,11 @@ def turn(M, P, *, J, c, eps):
 
 def moved(M, R, X, *, J, eps):  # W^T (M + eps [R, W J + J W^T]) W
     A = cayley(X) * J[..., None, :]
-    return turned("skew", -X, M + eps * bracket(R, A + A.mT))
+    return cayley_conjugate(-X, M + eps * bracket(R, A + A.mT))
 
 
 def move(M, P, X, *, J, eps):
-    return moved(M, deviation(P, eps), X, J=J, eps=eps), turned("symmetric", -X, P)
+    return moved(M, deviation(P, eps), X, J=J, eps=eps), KINDS["symmetric"].turned(-X, P)
 
 
 def step(M, P, *, J, c, eps):

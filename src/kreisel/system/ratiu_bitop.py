@@ -18,6 +18,7 @@ from kreisel.algebra import (
     bracket,
     cayley,
     cayley_act,
+    cayley_conjugate,
     coordinates,
     dot,
     hat,
@@ -27,7 +28,6 @@ from kreisel.algebra import (
     skew,
     solve,
     sqrt,
-    turned,
     vec,
     wedge,
 )
@@ -81,7 +81,7 @@ def turn(M, G, *, h, u, v, eps):
     pairs = zip(halves(M), halves(G), strict=True)
     G = whole(*(cayley_act(-vec(h * eps) * hat(m), g) for m, g in pairs))
     Y = about(M, u=u, v=v, eps=eps)
-    return turned("skew", -Y, M), turned("skew", -Y, G)
+    return cayley_conjugate(-Y, M), cayley_conjugate(-Y, G)
 
 
 def step(M, G, *, X, h, u, v, eps):

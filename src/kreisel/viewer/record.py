@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kreisel.algebra import KINDS
 from kreisel.method import Method
 from kreisel.record.calling import keywords
 from kreisel.record.contract import Map, Parameter, System
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-SHORT = {"skew": "so(n)", "symmetric": "Sym(n)", "vector": "R^n"}
 MAP_CLAIMS = {
     "inverse": "inverse",
     "adjoint": "adjoint",
@@ -68,7 +68,7 @@ def record(system: System) -> str:
 def _claims(system: System) -> list[tuple[str, str]]:
     """Label and text of each claim of a record."""
     facts = summary(system)
-    state = ", ".join(f"{letter} in {SHORT.get(kind, kind)}" for letter, kind in system.space.components)
+    state = ", ".join(f"{letter} in {KINDS[kind].space}" for letter, kind in system.space.components)
     frame = f"{facts['phase_space']}, {facts['frame']} frame, {facts['bracket']} bracket"
     plan = "no integrable discretization known here"
     if system.map is not None:

@@ -199,7 +199,7 @@ class LargeForm:
         if not self.inverses:
             return z
         batch = np.broadcast_shapes(*(v.shape[: v.ndim - k] for v, k in zip(z, self._axes, strict=True)))
-        own = (algebra.coordinates_of("skew", v) if k == 2 else v for v, k in zip(z, self._axes, strict=True))
+        own = (algebra.coordinates(v) if k == 2 else v for v, k in zip(z, self._axes, strict=True))
         return (*own, *(np.zeros((*batch, self.n**2)) for _ in range(self.inverses)))
 
     def _observer(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:

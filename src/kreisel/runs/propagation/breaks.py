@@ -285,7 +285,7 @@ def _place(plan: Plan, time: float) -> tuple[int, float]:
 def _jump(stepper: Stepper, impulse: Mapping[str, Any], lanes: int) -> Floats:
     """The change of a state (lanes, size) by an impulse.  Raises `InputError`."""
     system, n = stepper.model.system, stepper.model.n
-    momenta = [system.space.letters[0]] if system.space.kinds[0] == "skew" else []
+    momenta = [system.space.letters[0]] if system.space.of_body else []
     momenta += [] if system.translation is None else [k for k, kind in system.space.components if kind == "vector"]
     out = np.zeros((lanes, stepper.forms.size))
     letters = [letter for letter in impulse if letter != "time"]
@@ -296,8 +296,9 @@ def _jump(stepper: Stepper, impulse: Mapping[str, Any], lanes: int) -> Floats:
         )
     for letter in letters:
         value, place = np.asarray(impulse[letter], dtype=np.float64), stepper.forms.places[letter]
-        if dict(system.space.components)[letter] == "skew" and value.shape[-2:] == (n, n):
-            value = algebra.axial(value) if n == 3 else algebra.flatten([value], ["skew"])
+        kind = algebra.KINDS[dict(system.space.components)[letter]]
+        if kind.axes == 2 and value.shape[-2:] == (n, n):
+            value = kind.shown(n).pack(kind.for_user(value))
         width = place.stop - place.start
         if value.shape not in ((width,), (lanes, width)) or not np.isfinite(value).all():
             wanted = f"{width} finite numbers" if n == 3 or width == n else f"a skew {n} x {n} matrix"

@@ -43,8 +43,8 @@ class StateForms:
         self.oriented = ORIENTATION in scheme.outcomes
         components = with_orientation(model, self.oriented)
         self.letters = tuple(letter for letter, _ in components)
-        self._axial = [letter for letter, kind in components if kind == "skew" and model.n == 3]
-        self._kinds = ["vector" if letter in self._axial else kind for letter, kind in components]
+        self._stored = [algebra.KINDS[kind] for _, kind in components]
+        self._kinds = [kind.shown(model.n).name for kind in self._stored]
         self.size = algebra.coordinate_count(self._kinds, model.n)
         self.places = dict(zip(self.letters, algebra.slices(self._kinds, model.n), strict=True))
         single = not model.batch and pairs_of(model) is None
@@ -128,14 +128,17 @@ class StateForms:
         checked = self.model.state(**{str(letter): value for letter, value in components.items()})
         parts = [checked[letter] for letter in self.model.system.space.letters]
         parts += [] if g is None else [initial_orientation(g, self.model)]
-        natural = [algebra.axial(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True)]
+        natural = [kind.for_user(z) for kind, z in zip(self._stored, parts, strict=True)]
         return np.asarray(algebra.flatten(natural, self._kinds))
 
     def components(self, x: Array) -> tuple[Array, ...]:
         """The components of states (..., size) as the system has them."""
         with np.errstate(invalid="ignore"):
             parts = algebra.restore(x, self._kinds, self.model.n)
-        return tuple(algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True))
+        return self._from_user(parts)
+
+    def _from_user(self, parts: tuple[Array, ...]) -> tuple[Array, ...]:
+        return tuple(kind.from_user(x, self.model.n) for kind, x in zip(self._stored, parts, strict=True))
 
     def require_on_phase_space(self, x: Floats) -> None:
         """Raises `InputError` for states off the phase space, which is not checked of arrays else."""
@@ -160,8 +163,7 @@ class StateForms:
         n, scheme, plan = self.model.n, self.scheme, self.plan(self.scheme, np.zeros((lanes, 0)))
 
         def prepared(parts: tuple[Array, ...], /, **_: Array) -> dict[str, Array]:
-            state = [algebra.hat(p) if k in self._axial else p for k, p in zip(self.letters, parts, strict=True)]
-            return {"z": algebra.flatten(scheme.prepare(tuple(state)), scheme.kinds)}
+            return {"z": algebra.flatten(scheme.prepare(self._from_user(parts)), scheme.kinds)}
 
         def returned(parts: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
             return self._lines(plan.variables(parts, **constants))
@@ -189,9 +191,9 @@ class StateForms:
 
     def _line(self, name: str, value: Array) -> Array:
         kind = self.scheme.outcomes[name].axes
-        if kind in ("skew", "symmetric", "matrix") and name not in self._axial:
-            return algebra.flatten([value], [kind])
-        return value if kind or np.ndim(value) > 2 else value[..., None]
+        if kind:
+            return algebra.KINDS[kind].shown(self.model.n).pack(value)
+        return value if np.ndim(value) > 2 else value[..., None]
 
     def of_plan(self, outputs: Mapping[str, Array]) -> Floats:
         """The outputs of a plan as rows ([rows,] lanes, numbers)."""
