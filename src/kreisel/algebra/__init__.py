@@ -18,11 +18,14 @@ from kreisel.algebra.backend import (
     Array,
     complex_number,
     conjugate,
+    floats,
     holds_objects,
     identity,
     is_exact,
     is_known_zero,
+    is_number,
     log,
+    loses,
     magnitude,
     mat,
     maximum,
@@ -47,7 +50,6 @@ from kreisel.algebra.cayley import (
     resolvent,
     shifted_resolvent,
 )
-from kreisel.algebra.floats import floats, is_number, loses
 from kreisel.algebra.kinds import KINDS, coordinate_count, flatten, restore, slices
 from kreisel.algebra.orientation import (
     continued,
