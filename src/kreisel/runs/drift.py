@@ -440,28 +440,32 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
         if outcome.kind in KINDS
     }
     single = [name for name, v in values.items() if v.size == v.shape[0] * v.shape[1]]
-    groups = [([name], v[None]) for name, v in values.items() if name not in single]
-    if single:  # together: NumPy takes longer to begin than to compute
-        groups.append((single, np.stack([values[name].reshape(by.shape[:2]) for name in single])))
-    scales = {}
-    for names, group in groups:
-        felt, computed = _scales_of(group, samples, n)
-        for name, by_steps, by_value in zip(names, felt, computed, strict=True):
-            scales[name] = {"roundoff_scale": _listed(by_steps, plan), "evaluation_scale": _listed(by_value, plan)}
+    several = [name for name in values if name not in single]
+    groups = [single, several] if n <= MANY_SAMPLES_N else [single, *([name] for name in several)]
+    scales: dict[str, Any] = {}
+    for group in filter(None, groups):  # together: NumPy takes longer to begin than to compute
+        flat = [values[name].reshape((*by.shape[:2], -1)) for name in group]
+        felt, computed = _scales_of(np.concatenate(flat, -1), samples, n, group is single)
+        for name, place in zip(group, algebra.slices([f"R^{v.shape[-1]}" for v in flat], n), strict=True):
+            shape = values[name].shape[2:]
+            step, value = (_listed(scale[place].reshape(shape), plan) for scale in (felt, computed))
+            scales[name] = {"roundoff_scale": step, "evaluation_scale": value}
     return {name: scales[name] for name in values}
 
 
-def _scales_of(values: Array, samples: int, n: int) -> tuple[Array, Array]:
-    """Both scales of integrals (integrals, states, rows, ...), of states moved up, down, both by a hair, and not."""
-    count = len(values)
-    up, down, a_bit_up, a_bit_down = (values[:, k * samples : (k + 1) * samples] for k in range(4))
-    here = values[:, -1]
-    squares = ((up - down) / (2 * NUDGE)) ** 2
-    felt = np.sqrt(squares.reshape(count, -1, *values.shape[3:]).mean(1))
-    noise = abs(a_bit_up + a_bit_down - 2 * here[:, None]) / (2 * MACHINE_EPSILON)
+def _scales_of(values: Array, samples: int, n: int, single: bool) -> tuple[Array, Array]:
+    """Both scales of integrals (states, rows, integrals), of states moved up, down, both by a hair, and not.
+
+    The sums have the bits that they have for each integral: by pairs of what is contiguous for a `single` number.
+    """
+    up, down, a_bit_up, a_bit_down = values[:-1].reshape(4, samples, *values.shape[1:])
+    here = values[-1]
+    squares = (((up - down) / (2 * NUDGE)) ** 2).reshape(-1, values.shape[-1])
+    felt = np.sqrt(np.ascontiguousarray(squares.T).mean(1) if single else squares.mean(0))
+    noise = abs(a_bit_up + a_bit_down - 2 * here) / (2 * MACHINE_EPSILON)
     if n > MANY_SAMPLES_N and noise.shape[-1] == n * (n - 1) // 2:
         noise = np.broadcast_to(noise.max(-1, keepdims=True), noise.shape)  # entries of one matrix
-    return felt, np.maximum(noise.max((1, 2)), abs(here).max(1))
+    return felt, np.maximum(noise.max((0, 1)), abs(here).max(0))
 
 
 @lru_cache(4)

@@ -59,9 +59,9 @@ def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: Orient
 
 def broken_by(plan: Plan, events: tuple[Event, ...] = ()) -> Plan:
     """The plan with these events in addition to its impulses.  Raises `InputError` where its steps cannot be broken."""
-    plan = replace(plan, events=events)
-    if not plan.broken:
+    if not events and not plan.broken:
         return plan
+    plan = replace(plan, events=events)
     from kreisel.runs.propagation.breaks import not_conserved
 
     return replace(plan, lost=not_conserved(plan))
