@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -103,6 +104,70 @@ def test_a_mapping_comes_back_with_what_is_observed(method: str) -> None:
     assert abs(rows["energy"] - run.energy.values).max() < 1e-14  # products are fused in another order
 
 
+@pytest.mark.parametrize("name", ["lagrange-top", "clebsch", "euler-top", "neumann", "kirchhoff", "heavy-top"])
+@pytest.mark.parametrize("n", [3, 4])
+@pytest.mark.parametrize("oriented", [False, True])
+def test_every_form_of_a_state_has_the_bits_of_the_others(name: str, n: int, oriented: bool) -> None:
+    """Of a `State`, matrices, axial vectors, lists and an array; -0.0 and 0.0 too."""
+    if REGISTRY[name].n not in (None, n):
+        return
+    model, parts = case(name, n)
+    if "vector" in model.system.space.kinds and not model.system.space.constraints:
+        parts = {k: np.where(np.arange(v.shape[-1]) == 0, -0.0, v) if v.ndim == 1 else v for k, v in parts.items()}
+    p = kr.propagator(model, method="dop853", dt=0.02, orientation=oriented and name != "neumann")
+    g = {"g": np.array([0.6, 0.0, -0.8, 0.0])} if n == 3 else {"g": np.eye(n)}
+    g = g if "g" in p.letters else {}
+    state = model.state(**parts)
+    arrays = {k: v.copy() for k, v in state.items()}
+    forms = [state if not g else {**state, **g}, {**arrays, **g}, {**{k: v.tolist() for k, v in arrays.items()}, **g}]
+    forms += [{**state.axial, **g}, {**{k: v.tolist() for k, v in state.axial.items()}, **g}]
+    forms += [{k: np.stack([v, v]) for k, v in forms[1].items()}]  # lanes, which get every check
+    found = [p.steps(x, 7) for x in forms]
+    last = {k: v[1] for k, v in found.pop().items()}
+    for form in found:
+        assert {k: v.tobytes() for k, v in form.items()} == {k: v.tobytes() for k, v in last.items()}
+
+
+X0 = {"m": np.array([0.1, 0.2, 1.5]), "a": np.array([0.6, 0.0, 0.8])}
+
+
+@pytest.mark.parametrize(
+    ("state", "words"),
+    [
+        ({**X0, "a": np.zeros(3)}, "a must not be the zero vector"),
+        ({**X0, "a": [1e-200, 0.0, 0.0]}, "a must not be the zero vector"),
+        ({**X0, "m": np.ones((3, 3))}, "may be a skew matrix|must be skew"),
+        ({**X0, "m": np.diag([0.0, 0.0, 1e-3])}, "may be a skew matrix|must be skew"),
+        ({**X0, "m": [0.1, np.nan, 1.5]}, "must be finite"),
+        ({**X0, "m": [True, False, True]}, "must be real numbers"),
+        ({**X0, "m": np.ones(4)}, "must be a skew matrix"),
+        ({**X0, "b": np.ones(3)}, "has the components m, a"),
+        ({"m": X0["m"]}, "needs a"),
+    ],
+)
+def test_components_that_are_no_state_are_refused(state: Any, words: str, top: Any) -> None:
+    p = kr.propagator(top, method="suris", dt=0.05)
+    p.steps(X0, 3)
+    with pytest.raises(kr.InputError, match=words):
+        p.steps(state, 3)
+
+
+def test_a_state_of_another_system_gets_the_checks_of_this_one(top: Any) -> None:
+    other = kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), potential=lambda a: a[0])
+    free = replace(other.system, checks=replace(other.system.checks, state=None))
+    zero = type(other)(free, other.params).state(m=(1, 2, 3), a=(0, 0, 0))
+    with pytest.raises(kr.InputError, match="a must not be the zero vector"):
+        kr.propagator(top, method="suris", dt=0.05).steps(zero, 3)
+
+
+def test_what_is_returned_is_not_changed_by_the_next_call(top: Any) -> None:
+    p, exact = kr.propagator(top, method="suris", dt=0.05), kr.propagator(top, method="exact")
+    x, y = p.steps(X, 3), exact.at(X, 2.0)
+    before = x.tobytes(), y.tobytes()
+    p.steps(2 * X, 3), exact.at(2 * X, 2.0)
+    assert (x.tobytes(), y.tobytes()) == before
+
+
 def test_threads_share_a_propagator(top: Any) -> None:
     p = kr.propagator(top, method="baecklund", dt=0.05)
     starts = np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8]) + 0.01 * np.arange(40)[:, None]
@@ -122,8 +187,6 @@ def test_a_projection_begins_anew_with_each_call(top: Any) -> None:
 
 
 def test_a_map_that_does_not_conserve_ends_with_an_error() -> None:
-    from dataclasses import replace
-
     top = kr.LagrangeTop(p=(0, 0, 1))
     record = top.system
     off = replace(record.map, step=lambda m, a, *, p, eps: record.map.step(m * (1 + 1e-9), a, p=p, eps=eps))

@@ -8,13 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kreisel.errors import InputError, RunError, explained, shown
+from kreisel.errors import InputError, explained, shown
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
 from kreisel.method.scheme import Flow, Orbits, Scheme
-from kreisel.record.given import in_lane
 from kreisel.record.model import Model
-from kreisel.runs.propagation.forms import is_finite
 from kreisel.runs.propagation.stepper import AT_ZERO, Signs, Stepper, number_of
 from kreisel.runs.settings import (
     LARGE,
@@ -99,6 +97,7 @@ class Propagator:
         self.model, self._paced = model, paced  # whether a dt was asked for
         self._stepper = Stepper(model, scheme, settings)
         self._forms, self._by_plan = self._stepper.forms, model.n >= LARGE
+        self._known_at_times = scheme.orbits is not None
         self.letters, self.size, self.dt = self._forms.letters, self._forms.size, settings.dt
 
     def __reduce__(self) -> Any:  # kernels stay where they are
@@ -131,18 +130,14 @@ class Propagator:
 
         Raises `InputError` for bad input and where no closed form is known, `RunError` where numbers overflow.
         """
-        if self._stepper.scheme.orbits is None:
+        if not self._known_at_times:
             raise InputError(
                 f"No closed form of method={self._stepper.scheme.name!r} for {self.model.system.name} is known here. "
                 "Use .steps(state, n), or kr.simulate."
             )
         wanted = wanted_times(times)
         x, batched = self._forms.given(state)
-        rows = self._stepper.states(self._forms.prepared(x), wanted if wanted.ndim else wanted[None])
-        if not is_finite(rows):
-            where = in_lane(~np.isfinite(rows).all((0, 2)))
-            raise RunError(f"The state is not finite{where}: its powers leave the range of doubles. Use other units.")
-        found = self._forms.observed(rows)
+        found = self._stepper.at(x, wanted if wanted.ndim else wanted[None])
         return self._forms.returned(found if wanted.ndim else found[0], state, batched)
 
     @explained

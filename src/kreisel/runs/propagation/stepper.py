@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import sys
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.errors import InputError, RunError, shown
+from kreisel.graph.machine import address_of
 from kreisel.kernels.correcting import corrections
+from kreisel.kernels.cpu import CpuEngine, frame_of
 from kreisel.kernels.engines import Engine
 from kreisel.kernels.exact.jumps import FEW, Jumps
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
 from kreisel.method.observing import COUNT, ORIENTATION
-from kreisel.method.scheme import Flow, Jump, Orbits, Scheme
+from kreisel.method.scheme import Flow, Jump, Orbits, Scheme, Steps
 from kreisel.record.given import in_lane
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.runs.plan import planned
-from kreisel.runs.propagation.forms import StateForms, is_finite
+from kreisel.runs.propagation.forms import RowFunction, StateForms, is_finite
 from kreisel.runs.settings import MOST_STEPS, SHORTEST_STEP, WHOLE, Settings, finite_number, of_forces
 
 if TYPE_CHECKING:
@@ -50,9 +54,12 @@ class Stepper:
         self._set_up = isinstance(scheme.motion, Flow | Orbits)  # by the state
         self._back, self._out = corrections(scheme)
         self._at_rest: dict[int, deque[Engine]] = {}
+        plain = isinstance(scheme.motion, Steps) and scheme.trajectory is None and scheme.corrector is None
+        self._courses = deque[Course](maxlen=AT_REST) if plain and not self.timed and not model.batch else None
         jump = None if scheme.orbits is None else scheme.orbits.jump
         self._jumping, self._of_top = jump is not None, isinstance(jump, Jump)
         self._jumps: dict[int, Jumps] = {}
+        self._rooms = None if model.batch else deque[Room](maxlen=AT_REST)
         self._orbits: tuple[tuple[bytes, float], ClosedForm] | None = None
 
     @property
@@ -66,6 +73,8 @@ class Stepper:
         """The states (lanes, numbers) after so many steps from x; with `every`, rows of the steps 0, every, ..."""
         if self._set_up:
             self.forms.require_on_phase_space(x)
+        if self._courses is not None and every is None and time is None and len(x) == 1:
+            return self._on_course(x, count, self._courses)
         z = self.forms.prepared(x)
         if self.timed or time is not None:
             z = self._at_time(z, time)
@@ -77,6 +86,22 @@ class Stepper:
         engine.advance(out, count)
         self._keep(engine, out, count)
         return self.forms.observed(self._out(out))[0]
+
+    def _on_course(self, x: Floats, count: int, courses: deque[Course]) -> Floats:
+        try:
+            course = courses.pop()
+        except IndexError:
+            rows, plan = self.forms.compiled(1), self.forms.plan(self.scheme, self.forms.prepared(x), count, count)
+            if rows is None or not Course.takes(plan.engine):
+                self._courses = None
+                return self.steps(x, count, None, None)
+            course = Course(cast("CpuEngine", plan.engine), *rows, self.forms.size)
+        course.step(x, count)
+        if not course.room.is_finite() or course.projected or self.scheme.guard is not None:
+            self._require_sound(course.engine, course.room.row, count)
+        y = course.room.leave()
+        courses.append(course)
+        return y
 
     def by_a_plan(self, x: Floats, count: int, every: int | None) -> Floats:
         """The same by an engine as a run has it, for dimensions whose kernels depend on the state."""
@@ -184,6 +209,31 @@ class Stepper:
 
     # -- the closed form -------------------------------------------------------------------------------
 
+    def at(self, x: Floats, times: Floats) -> Floats:
+        """The states (times, lanes, numbers) from x at time 0.  Raises `RunError` for numbers that overflow."""
+        if self._rooms is None or len(x) > 1 or len(times) > 1:
+            return self.forms.observed(self._require_numbers(self.states(self.forms.prepared(x), times)))
+        try:
+            room = self._rooms.pop()
+        except IndexError:
+            rows = self.forms.compiled(1)
+            if rows is None:
+                self._rooms = None
+                return self.at(x, times)
+            room = Room(*rows, self.forms.size, self.forms.prepared(x))
+        room.row[:] = self.states(room.enter(x), times)
+        if not room.is_finite():
+            self._require_numbers(room.row)
+        y = room.leave()
+        self._rooms.append(room)
+        return y[None]
+
+    def _require_numbers(self, rows: Floats) -> Floats:
+        if not is_finite(rows):
+            where = in_lane(~np.isfinite(rows).all((0, 2)))
+            raise RunError(f"The state is not finite{where}: its powers leave the range of doubles. Use other units.")
+        return rows
+
     def states(self, z: Floats, times: Floats) -> Floats:
         """Rows (times, lanes, d): by compiled jumps if all of them are right, else by orbits set up for this state."""
         if self._jumping and len(times) <= FEW:
@@ -239,6 +289,65 @@ class Stepper:
     def returned(self, z: Floats, time: float) -> Floats:
         """Rows of the variables that are stepped at a time as states (lanes, numbers), with what is observed."""
         return self.forms.observed(self.at_time(z, time, self.dt)[None])[0]
+
+
+class Room:
+    """Memory of one state, of which compiled conversions have the addresses once.
+
+    z    variables of the method at the state that `enter` is given
+    row  variables (1, 1, d) at the state that `leave` returns
+    """
+
+    def __init__(self, into: RowFunction, out: RowFunction, size: int, z: Floats):
+        self.z, self.row = z, np.empty((1, *z.shape))
+        self._x, self._y, self._numbers = np.empty((1, 1, size)), np.empty((1, 1, out.count)), self.row.ravel()
+        self._into, self._out = into.bound(self._x, z[None]), out.bound(self.row, self._y)
+
+    def enter(self, x: Floats) -> Floats:
+        """The variables at a state (1, size)."""
+        self._x[0] = x
+        self._into()
+        return self.z
+
+    def leave(self) -> Floats:
+        """The state (1, numbers) of the row."""
+        self._out()
+        return self._y[0].copy()
+
+    def is_finite(self) -> bool:
+        """Whether the sum of the row is finite."""
+        return math.isfinite(sum(self._numbers.tolist()))
+
+
+class Course:
+    """Steps of one state by an engine with straight-line code: its room, and the call of its kernel."""
+
+    def __init__(self, engine: CpuEngine, into: RowFunction, out: RowFunction, size: int):
+        self.engine, self.room = engine, Room(into, out, size, engine.z)
+        projection: Any = engine.projection
+        self._projection, self.projected = projection, False
+        self._every = sys.maxsize if projection is None else projection.every
+        frame, self._held = frame_of(engine.code, engine.z, engine.constants, engine.stages, projection, 0)
+        call: Any = engine.code.steps and engine.code.steps.kernel.call
+        self._frame, self._count = frame, ctypes.c_int64(1)
+        words = [ctypes.c_int64(word) for word in (address_of(frame), address_of(self.room.row), 1, 0, 0, 0, 1)]
+        self._call = partial(call, *words[:3], self._count, *words[4:])
+
+    @staticmethod
+    def takes(engine: Engine) -> bool:
+        """Whether the engine has straight-line code, which calls the projection if there is one."""
+        if not isinstance(engine, CpuEngine) or engine.code.steps is None:
+            return False
+        return engine.projection is None or bool(engine.code.programs)
+
+    def step(self, x: Floats, count: int) -> None:
+        """Make so many steps from a state (1, size)."""
+        self.room.enter(x)
+        self.projected = count >= self._every
+        if self.projected:
+            self._projection.begin(count)
+        self._count.value = count
+        self._call()
 
 
 class Signs:
