@@ -25,7 +25,6 @@ from kreisel.errors import InputError, RunError, shown
 from kreisel.kernels.adjoint import code_of, recorded
 from kreisel.lab import exact
 from kreisel.lab.subject import Subject
-from kreisel.method.scheme import JaxSteps, Scheme
 
 EVERY = 10  # steps between two orthogonalizations
 PARTS = 10  # of an orbit, for the uncertainty of an exponent
@@ -147,70 +146,40 @@ class _ByKernels:
 
 
 class _ByJax:
-    """By JAX: a lane for each vector."""
+    """By JAX: the step with its derivative along the vectors."""
 
     def __init__(self, subject: Subject, x: Array, vectors: Array):
-        from kreisel.kernels.jax import JaxEngine
-
-        self._dim, self._count = len(x), len(vectors)
-        rows = np.concatenate([np.tile(x, (len(vectors), 1)), vectors], axis=1) if len(vectors) else x[None]
-        self._kernel = JaxEngine(_scheme(subject, len(vectors) > 0), rows, 1.0)
-
-    @property
-    def vectors(self) -> Array:
-        return self._kernel.z[:, self._dim :] if self._count else np.zeros((0, self._dim))
-
-    @vectors.setter
-    def vectors(self, vectors: Array) -> None:
-        self._kernel.z[:, self._dim :] = vectors
+        self.x, self.vectors, self._constants = x, vectors, subject.floats
+        self._pushed = _pushed_by_jax(subject.step)
 
     def advance(self, steps: int, rows: int) -> Array:
-        out = np.empty((rows, *self._kernel.z.shape))
-        self._kernel.advance(out, steps)
-        return out[:, 0, : self._dim]
+        from kreisel.reduction.double import double
 
-
-def _scheme(subject: Subject, tangent: bool) -> Scheme:
-    """The step of JAX as a scheme, with a tangent vector or without."""
-    constants = {k: np.asarray(v) for k, v in subject.floats.items() if np.ndim(v) == 0}
-    fixed = {k: v for k, v in subject.floats.items() if np.ndim(v) > 0}
-    return Scheme(
-        name=f"{subject.name}{' and its tangent map' if tangent else ''}",
-        components=(("x", f"R^{subject.dim}"),) + ((("v", f"R^{subject.dim}"),) if tangent else ()),
-        constants=constants,
-        axes={k: np.ndim(v) for k, v in constants.items()},
-        n=3,
-        prepare=lambda z: z,
-        motion=JaxSteps(_pushed_by_jax(subject.step, _Fixed(fixed))),
-        observe=lambda z, only=None, /, **constants: {},
-        reopen=lambda z: z,
-        outcomes={},
-        recordable=False,
-    )
-
-
-class _Fixed(dict[str, Array]):
-    """Constants that tell by their numbers whether they are the same."""
-
-    def __hash__(self) -> int:  # type: ignore[override]
-        return hash(tuple((k, v.tobytes()) for k, v in sorted(self.items())))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Fixed) and hash(self) == hash(other)
+        points = np.empty((rows, len(self.x)))
+        with double():
+            for row in range(rows):
+                self.x, self.vectors = map(np.asarray, self._pushed(self.x, self.vectors, self._constants, steps))
+                points[row] = self.x
+        return points
 
 
 @lru_cache(16)
-def _pushed_by_jax(formula: Callable[..., Array], fixed: _Fixed) -> Callable[..., tuple[Array, ...]]:
-    """The step with its tangent map, one function for each step, so that it is compiled once."""
+def _pushed_by_jax(step: Callable[..., Array]) -> Callable[..., tuple[Array, Array]]:
+    """Steps from x (d,) with tangent vectors (k, d) along; the function is the same for one step: compiled once."""
     from kreisel.reduction.double import jax
 
-    def step(x: Array, v: Array | None = None, /, **constants: Array) -> tuple[Array, ...]:
-        def at_point(y: Array) -> Array:
-            return formula(y, **fixed, **constants)
+    def moved(x: Array, vectors: Array, constants: dict[str, Array]) -> tuple[Array, Array]:
+        def formula(y: Array) -> Array:
+            return step(y, **constants)
 
-        return (at_point(x),) if v is None else tuple(jax.jvp(at_point, (x,), (v,)))
+        if not len(vectors):
+            return formula(x), vectors
+        return jax.vmap(lambda v: jax.jvp(formula, (x,), (v,)), out_axes=(None, 0))(vectors)  # one root for all
 
-    return step
+    def pushed(x: Array, vectors: Array, constants: dict[str, Array], steps: int) -> tuple[Array, Array]:
+        return jax.lax.fori_loop(0, steps, lambda _, state: moved(state[0], state[1], constants), (x, vectors))
+
+    return jax.jit(pushed)
 
 
 def _called(subject: Subject, x: Array, constants: dict[str, Array]) -> Array:
