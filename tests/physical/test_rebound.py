@@ -15,7 +15,6 @@ import rebound
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.exact.turning import turn
 from kreisel.kernels.layout import MACHINE_EPSILON as EPS
 from kreisel.rebound import Body, Spins, attach, compiled, interaction, load
 from rotors import closed_form
@@ -181,7 +180,7 @@ def test_bodies_without_masses_near_turn_freely(moments: tuple[float, ...]) -> N
         M = L @ algebra.rotation_matrix(start)
         spins.steps(20)
         if moments[0] == moments[2]:
-            g = algebra.quaternion_product(start, turn(M / moments * 60.0, 9))
+            g = algebra.quaternion_product(start, algebra.turn(M / moments * 60.0, 9))
         else:
             _, g = closed_form(np.array(moments), M, start, 60.0, 40)
         pairs = list(zip(g, spins.orientation(0), strict=True))

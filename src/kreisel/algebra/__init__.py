@@ -52,11 +52,13 @@ from kreisel.algebra.cayley import (
 )
 from kreisel.algebra.kinds import KINDS, coordinate_count, flatten, restore, slices
 from kreisel.algebra.orientation import (
+    conjugated,
     continued,
     double_turn,
     inverse_turn,
     quaternion_product,
     rotation_matrix,
+    turn,
     turn_left,
     turn_right,
     unit,
@@ -97,6 +99,7 @@ __all__ = [
     "cayley_plane",
     "complex_number",
     "conjugate",
+    "conjugated",
     "continued",
     "coordinate_count",
     "coordinates",
@@ -139,6 +142,7 @@ __all__ = [
     "trace_log",
     "triangle",
     "triangle_with_diagonal",
+    "turn",
     "turn_left",
     "turn_right",
     "unit",

@@ -37,7 +37,6 @@ from kreisel.exact.quadrics import (
     moved,
     quartic,
 )
-from kreisel.exact.turning import turn
 from kreisel.record.calling import call
 from kreisel.record.contract import System
 
@@ -171,7 +170,7 @@ class Body:
         for known, weight in zip(nodes[:-1], WEIGHT, strict=True):
             angle = angle + weight * rate(x, x + change(x, known), size, w, b)
         rest = -b * (size == 0)  # M = 0: the body turns against its wheel
-        z = turn(algebra.vec(angle) * part[..., None, None] * x + rest * part[..., None, None])
+        z = algebra.turn(algebra.vec(angle) * part[..., None, None] * x + rest * part[..., None, None])
         return algebra.unit(algebra.quaternion_product(z, lift(x, x + change(x, nodes[-1]))))
 
     def after(self, times: list[Fraction], g: tuple[Array, ...]) -> tuple[Array, ...]:
@@ -189,9 +188,9 @@ class Body:
         nodes = _nodes(K * algebra.mat(part)) if g else [forms(K * algebra.mat(part))]
         M = self.x + np.zeros((len(times), 1), dtype=np.longdouble)
         x = M * self.inverse
-        q = turn(algebra.vec(angle) * x)
+        q = algebra.turn(algebra.vec(angle) * x)
         if g:
-            q = algebra.quaternion_product(q, turn(algebra.vec(evenly(start, common, times)) * x))
+            q = algebra.quaternion_product(q, algebra.turn(algebra.vec(evenly(start, common, times)) * x))
         spread = [_spread(k) for k in nodes]
         for _ in range(maps):
             if g:
@@ -203,7 +202,7 @@ class Body:
             end = M[k] * self.inverse
             beyond = algebra.dot(w * M[k] - self.b, end) * (_wide(times[k]) - time[k])
             beyond = beyond - TWICE * np.rint(beyond / TWICE)
-            last = algebra.quaternion_product(algebra.unit(lift(x[k], end)), turn(beyond * end))
+            last = algebra.quaternion_product(algebra.unit(lift(x[k], end)), algebra.turn(beyond * end))
             q[k] = algebra.quaternion_product(q[k], last)
         return M, *(algebra.unit(algebra.quaternion_product(v, q)) for v in g)
 

@@ -28,7 +28,6 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.exact.quadrics import invariants, weights
 from kreisel.exact.rotor_step import restored
-from kreisel.exact.turning import turn
 
 NODES = 12
 ORDERS = 16  # of Laurent's series at half the time
@@ -69,7 +68,7 @@ def step(M: Array, g: Array, *, h: Array, w: Array, b: Array) -> tuple[Array, Ar
     N = restored(L * at(1.0), L * x, w, b)
     y = N / L
     lift = np.concatenate([algebra.vec(1 + algebra.dot(x, y)) + 0 * x[..., :1], algebra.cross(y, x)], -1)
-    z = turn(algebra.vec(psi * h) * x)
+    z = algebra.turn(algebra.vec(psi * h) * x)
     return N, algebra.quaternion_product(g, algebra.unit(algebra.quaternion_product(z, lift)))
 
 

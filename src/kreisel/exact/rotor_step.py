@@ -21,7 +21,6 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.exact.turning import turn
 
 NODES = 8  # lambda t = 0.5: psi is off by 2e-16; 1: by 6e-15
 ORDERS = 11  # of Laurent's series: full precision up to lambda t = 1
@@ -59,7 +58,7 @@ def step(M: Array, g: Array, *, h: Array, **known: Array) -> tuple[Array, Array]
         psi = psi + float(weight) * rate
     N = restored(_moved(M, 1.0, h, series, **known), M, known["inverse"])
     lift = np.concatenate([algebra.vec(L2 + algebra.dot(N, M) + TINY) + 0 * M[..., :1], algebra.cross(N, M)], -1)
-    z = turn(algebra.vec(psi * h) * M)
+    z = algebra.turn(algebra.vec(psi * h) * M)
     return N, algebra.quaternion_product(g, algebra.unit(algebra.quaternion_product(z, lift)))
 
 

@@ -30,7 +30,6 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.exact.turning import turn, turned
 
 NODES = 8  # of Gauss's rule, in the half of its interval
 ORDERS = 16  # of Laurent's series
@@ -67,7 +66,7 @@ def step(m: Array, a: Array, *g: Array, p: Array, alpha: Array, h: Array) -> tup
     kick = algebra.cross(f, e)
     mean = algebra.vec(h) * (m + kick / 2)
     lean = _lean(levels, f, h)
-    state = turned(lean, m + kick), turned(lean, a + algebra.cross(mean, e))
+    state = algebra.conjugated(lean, m + kick), algebra.conjugated(lean, a + algebra.cross(mean, e))
     if not g:
         return state
     q = algebra.quaternion_product(lean, _within(known, a, e, levels, alpha))
@@ -81,7 +80,7 @@ def step_inside(M: Array, P: Array, *g: Array, A: Array, alpha: Array, h: Array)
     e, levels = _vector(known, M, A, f, h), _levels(known)
     q = _within(known, A, e, levels, alpha)
     back = algebra.inverse_turn(q)
-    state = turned(back, M + algebra.cross(f, e)), turned(back, P)
+    state = algebra.conjugated(back, M + algebra.cross(f, e)), algebra.conjugated(back, P)
     if not g:
         return state
     q = algebra.quaternion_product(_lean(levels, f, h), q)
@@ -150,7 +149,7 @@ def _lean(levels: list[Level], f: Array, h: Array) -> Array:
     theta = 0 * h
     for (X, weight), (kappa, _, T, lever) in zip(_rule(NODES), levels, strict=True):
         theta = theta + (weight * X / 8) * (lever / (kappa * T))
-    return turn(algebra.vec(-theta * h) * f, LEAN)
+    return algebra.turn(algebra.vec(-theta * h) * f, LEAN)
 
 
 def _within(known: Known, a: Array, e: Array, levels: list[Level], alpha: Array) -> Array:
@@ -159,4 +158,4 @@ def _within(known: Known, a: Array, e: Array, levels: list[Level], alpha: Array)
     for (_, weight), (kappa, N, _, lever) in zip(_rule(NODES), levels, strict=True):
         psi = psi + (weight / 4) * (lever / (kappa * N))
     lift = np.concatenate([algebra.vec(algebra.dot(a, e)) + 0 * a[..., :1], algebra.cross(a, e)], -1)
-    return algebra.quaternion_product(lift, turn(algebra.vec(psi) * a))
+    return algebra.quaternion_product(lift, algebra.turn(algebra.vec(psi) * a))

@@ -23,7 +23,7 @@ from typing import Any
 from kreisel import algebra
 from kreisel.algebra import Array, cross, dot
 from kreisel.algebra.gradient import value_and_gradient
-from kreisel.exact import rotor_step, turning
+from kreisel.exact import rotor_step
 
 
 def potential(b: Array, W: Array, *, D: Array, tide: Any, fluid: Any, G: Any, m: Any) -> Any:
@@ -82,7 +82,7 @@ def turn(L: Array, g: Array, h: Any, **constants: Array) -> Array:
 
 def turn_of_ball(L: Array, g: Array, h: Any, *, I: Array) -> Array:
     """The orientation after the free motion of a ball over the time h, for rotations up to 8 radians."""
-    return algebra.quaternion_product(turning.turn(3 * h / I.sum() * L), g)
+    return algebra.quaternion_product(algebra.turn(3 * h / I.sum() * L), g)
 
 
 def reach(L: Array, g: Array, h: Any, **constants: Array) -> list[Any]:

@@ -17,7 +17,6 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.exact.motion import half_turns
 from kreisel.exact.nutation import Integrals, darboux
-from kreisel.exact.turning import turned
 from kreisel.graph.arranging import Formula
 from kreisel.graph.double import DoubleDouble
 from kreisel.graph.graph import Graph, Operand, array_of, nearest, where_less
@@ -171,7 +170,9 @@ class _Jumping:
         def end(m: Array, b: Array, *more: Any) -> Array:
             q, (axis, cos, sin) = more[:-3], more[-3:]
             turn = array_of([cos, *(sin * axis)])
-            new = [turned(turn, v) for v in (m, b)] + [algebra.unit(algebra.quaternion_product(turn, x)) for x in q]
+            new = [algebra.conjugated(turn, v) for v in (m, b)] + [
+                algebra.unit(algebra.quaternion_product(turn, x)) for x in q
+            ]
             return algebra.flatten(jump.finish(*new), self._kinds)
 
         shapes = (3,), (3,), *[(4,)] * oriented, (3,), (), ()
