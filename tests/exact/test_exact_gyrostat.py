@@ -12,7 +12,7 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.exact import gyrostat, gyrostat_step, quadrics
+from kreisel.exact import gyrostat, quadrics
 from kreisel.exact.nutation import rationals
 
 J, H, M0 = (0.7, 1.1, 1.6), (0.3, -0.5, 0.8), (0.9, -0.4, 1.3)
@@ -133,9 +133,9 @@ def simulated(J: Any, h: Any, M: Any, dt: float, steps: int, **more: Any) -> Any
 
 
 def stepped(J: Any, h: Any, M: Any, time: float) -> tuple[float, float]:
-    """The errors of a step of `kreisel.exact.gyrostat_step`."""
+    """The errors of a step of `kreisel.exact.quadrics`."""
     w = kr.ZhukovskyVolterra(J=J, h=h).constants["w"]
-    N, q = gyrostat_step.step(np.array(M, float), np.array(UPRIGHT), h=np.float64(time), w=w, b=w * np.array(h, float))
+    N, q = quadrics.step(np.array(M, float), np.array(UPRIGHT), h=np.float64(time), w=w, b=w * np.array(h, float))
     want = truth(J, h, M, time)
     size = np.linalg.norm(want[:3]) or 1.0
     return float(abs(N - want[:3]).max() / size), float(min(abs(q - s * want[3:]).max() for s in (1, -1)))
@@ -147,7 +147,7 @@ def test_a_step_against_taylor(seed: int) -> None:
     draw = np.random.default_rng(seed)
     J, h, M = draw.uniform(0.3, 2, 3), draw.normal(size=3) * 10 ** draw.uniform(-2, 1), draw.normal(size=3)
     w, time = kr.ZhukovskyVolterra(J=J, h=h).constants["w"], np.float64(1e-2)
-    while gyrostat_step.reach(M, 1.05 * time, w=w, b=w * h) <= 1:
+    while quadrics.reach(M, 1.05 * time, w=w, b=w * h) <= 1:
         time = 1.05 * time
     for length, bound in ((0.5, 1e-12), (-1.0, 1e-7)):
         assert max(stepped(J, h, M, length * time)) < bound
@@ -177,13 +177,13 @@ def test_a_step_of_a_gyrostat_keeps_its_integrals(monkeypatch: pytest.MonkeyPatc
     def left() -> tuple[float, float]:
         M, g = start, np.tile(UPRIGHT, (64, 1))
         for _ in range(100):
-            M, g = gyrostat_step.step(M, g, h=np.full(64, 1.0), w=w, b=b)
+            M, g = quadrics.step(M, g, h=np.full(64, 1.0), w=w, b=b)
         energy = [(z * (w * z / 2 - b)).sum(-1) for z in (start, M)]
         turned = algebra.act(algebra.rotation_matrix(g), M)
         return float(abs((energy[1] - energy[0]).mean())), float(abs(turned - start).max())
 
     assert left()[0] < 2e-15 and left()[1] < 1e-13
-    monkeypatch.setattr(gyrostat_step, "restored", lambda N, *_: N)
+    monkeypatch.setattr(quadrics, "restored", lambda N, *_: N)
     assert left()[0] > 2e-15
 
 
@@ -191,10 +191,10 @@ def test_a_step_of_a_gyrostat_keeps_its_integrals(monkeypatch: pytest.MonkeyPatc
 def test_a_wrong_step_is_seen(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The mutants: a weight of the addition theorem off by 1e-9, and a third of the nodes."""
     if name == "NODES":
-        monkeypatch.setattr(gyrostat_step, name, 4)
+        monkeypatch.setattr(quadrics, name, 4)
     else:
-        right = gyrostat_step.weights
-        monkeypatch.setattr(gyrostat_step, name, lambda p, *s: (right(p * (1 + 1e-9), *s)[0], *right(p, *s)[1:]))
+        right = quadrics.weights
+        monkeypatch.setattr(quadrics, name, lambda p, *s: (right(p * (1 + 1e-9), *s)[0], *right(p, *s)[1:]))
     assert max(stepped(J, H, M0, 1.8)) > 1e-12
 
 

@@ -22,7 +22,6 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.exact.gyrostat_step import curve_of, motion
 from kreisel.exact.nutation import rationals
 from kreisel.exact.quadrics import (
     BELOW,
@@ -31,9 +30,11 @@ from kreisel.exact.quadrics import (
     change,
     coefficients,
     curve,
+    curve_of,
     forms,
     invariants,
     length,
+    motion,
     moved,
     quartic,
 )

@@ -31,7 +31,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.exact import gyrostat_step, rotor_step, top_step
+from kreisel.exact import quadrics, rotor_step, top_step
 from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import Body, inverse_inertia_columns, perturbation_of, require_principal
@@ -437,12 +437,12 @@ def _gyrostat(numbers: Callable[[Constants], tuple[Array, Array]], beside: Calla
 
     def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
         M, (w, b) = algebra.axial(state[0]) + beside(constants), numbers(constants)
-        N, q = gyrostat_step.step(M, _turn_of(M, g), h=h, w=w, b=b)
+        N, q = quadrics.step(M, _turn_of(M, g), h=h, w=w, b=b)
         return (algebra.hat(N - beside(constants)),), (q,) * len(g)
 
     def reach(state: State, h: Any, constants: Constants) -> Any:
         w, b = numbers(constants)
-        return gyrostat_step.reach(algebra.axial(state[0]) + beside(constants), h, w=w, b=b)
+        return quadrics.reach(algebra.axial(state[0]) + beside(constants), h, w=w, b=b)
 
     return Integrable("the closed form of a gyrostat", move, reach)
 
