@@ -29,6 +29,11 @@ def _half_turn(X: Array) -> Array:
     return joined(1 + 0 * u[..., :1], u)
 
 
+def quaternion(scalar: Array, vector: Array) -> Array:
+    """The quaternion (..., 4) of a scalar (...) and a vector (..., 3)."""
+    return joined(vec(scalar) + 0 * vector[..., :1], vector)
+
+
 def quaternion_product(a: Array, b: Array) -> Array:
     """The product of quaternions (..., 4) = (w, x, y, z): the turn b first, then a."""
     s, u, t, v = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
@@ -59,7 +64,7 @@ def turn(v: Array, squarings: int = SQUARINGS) -> Array:
     ratio = 1 - y * (1 / 6 - y * (1 / 120 - y * (1 / 5040 - y * (1 / 362880 - y * (1 / 39916800)))))  # sin x/x
     for _ in range(squarings):
         versed, ratio, y = 2 * y * ratio * ratio, ratio * (1 - versed), 4 * y
-    return joined(vec(1 - versed) + 0 * v[..., :1], vec(ratio / 2) * v)
+    return quaternion(1 - versed, vec(ratio / 2) * v)
 
 
 def conjugated(q: Array, v: Array) -> Array:
@@ -91,10 +96,8 @@ def double_turn(x: Array, y: Array, g: Array, right: bool = False) -> Array:
         for axis in (x, y):
             h = axis[..., :, None] * (2 / mat(dot(axis, axis)) * act(h.mT, axis)[..., None, :]) - h
         return h.mT if right else h
-    turn = joined(vec(dot(x, y)) + 0 * x[..., :1], cross(x, y))
-    if right:
-        return unit(quaternion_product(g, inverse_turn(turn)))
-    return unit(quaternion_product(turn, g))
+    turn = quaternion(dot(x, y), cross(x, y))
+    return unit(quaternion_product(g, inverse_turn(turn)) if right else quaternion_product(turn, g))
 
 
 def rotation_matrix(q: Array) -> Array:

@@ -22,7 +22,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.exact.nutation import rationals
+from kreisel.exact.nutation import mp_number, rationals
 from kreisel.exact.quadrics import (
     BELOW,
     FORMS,
@@ -34,9 +34,11 @@ from kreisel.exact.quadrics import (
     forms,
     invariants,
     length,
+    lift,
     motion,
     moved,
     quartic,
+    rate,
 )
 from kreisel.record.calling import call
 from kreisel.record.contract import System
@@ -84,20 +86,11 @@ def turned(x: Array, y: Array, g: Array, known: Mapping[str, Array]) -> Array:
     turn = algebra.act(known["turn_squares"], squares) + algebra.act(known["turn_products"], products)
     turn = turn + algebra.act(known["turn_linear"], x) + known["turn_fixed"]
     lean = algebra.dot(known["lean_squares"], squares) + algebra.dot(known["lean_products"], products)
-    q = _quaternion(lean + algebra.dot(known["lean_linear"], x) + known["lean_fixed"], turn)
-    shortest, half = lift(x, y), _quaternion(0 * lean, x + y)
+    q = algebra.quaternion(lean + algebra.dot(known["lean_linear"], x) + known["lean_fixed"], turn)
+    shortest, half = lift(x, y), algebra.quaternion(0 * lean, x + y)
     carrying = algebra.vec(algebra.dot(q, shortest)) * shortest + algebra.vec(algebra.dot(q, half)) * half
     q = carrying + algebra.vec(known["still"]) * (q - carrying)
     return algebra.unit(algebra.quaternion_product(g, q))
-
-
-def _quaternion(scalar: Array, vector: Array) -> Array:
-    return np.concatenate([algebra.vec(scalar) + 0 * vector[..., :1], vector], -1)
-
-
-def lift(x: Array, y: Array) -> Array:
-    """The shortest turn q that carries y to x, q y q^-1 = x, of unit vectors; not of unit length."""
-    return _quaternion(1 + algebra.dot(x, y), algebra.cross(y, x))
 
 
 class Body:
@@ -227,11 +220,6 @@ class Body:
         return w, b
 
 
-def rate(e: Array, x: Array, size: Array, w: Array, b: Array) -> Array:
-    """psi' at M = size x, counted from the unit vector e."""
-    return algebra.dot(w * size * x - b, e + x) / (1 + algebra.dot(e, x))
-
-
 def _nodes(K: Array) -> list[dict[str, Array]]:
     """The forms at the nodes of Gauss's rule and after the whole map."""
     return [forms(K * node) for node in [*NODE, 1]]
@@ -258,8 +246,8 @@ def remainders(
     if not algebra.cross(M, Omega).any():  # it stands still in the body, which turns evenly
         spin = algebra.dot(Omega, Omega) if oriented else Fraction(0)
         ctx.dps = DIGITS + _figures(longest**2 * spin + 1)
-        period = 4 * ctx.pi / ctx.sqrt(_many(ctx, spin)) if spin else None
-        left = [_without(ctx, _many(ctx, t), period)[0] if spin else np.longdouble(0) for t in times]
+        period = 4 * ctx.pi / ctx.sqrt(mp_number(ctx, spin)) if spin else None
+        left = [_without(ctx, mp_number(ctx, t), period)[0] if spin else np.longdouble(0) for t in times]
         return left, none, never
     K = np.diag([*w, (algebra.dot(M, w * M) - 2 * algebra.dot(b, M)) / square])
     K[:3, 3], K[3, :3] = -b, b / square
@@ -275,7 +263,7 @@ def remainders(
             return clipped, none, abs(np.array(clipped)) == most
     small = abs(left) / (abs(g2) ** 3 + 27 * g3**2) if left else Fraction(1)
     ctx.dps = DIGITS + _figures(longest**4 * max(abs(g2), abs(g3)) + 1) + _figures(1 / small)
-    g2, g3, left = (_many(ctx, x) for x in (g2, g3, left / 27))
+    g2, g3, left = (mp_number(ctx, x) for x in (g2, g3, left / 27))
     if left >= 0:
         root = ctx.sqrt(g2 / 3) * ctx.cos(ctx.atan2(ctx.sqrt(left), g3) / 3)
     else:
@@ -283,7 +271,7 @@ def remainders(
         root = part + g2 / (12 * part)
     apart = ctx.sqrt(g2 - 3 * root * root) / 2 if left > 0 else 1j * ctx.sqrt(abs(3 * root * root - g2)) / 2
     period = 2 * ctx.re(ctx.elliprf(0, 1.5 * root - apart, 1.5 * root + apart))
-    parts = [_without(ctx, _many(ctx, t), period) for t in times]
+    parts = [_without(ctx, mp_number(ctx, t), period) for t in times]
     whole = [count for _, count in parts]
     if oriented and any(whole):
         fastest = max(abs(g2 / 3) ** 0.25, abs(g3) ** (1 / ctx.mpf(6)))
@@ -299,8 +287,8 @@ def evenly(M: Array, w: Fraction, times: list[Fraction]) -> Array:
 
     ctx, square = mpmath.MPContext(), algebra.dot(M, M) * w * w
     ctx.dps = DIGITS + _figures(max(abs(t) for t in times) ** 2 * square)
-    speed = ctx.sqrt(_many(ctx, square)) * (-1 if w < 0 else 1)
-    return np.array([_without(ctx, speed * _many(ctx, t), 4 * ctx.pi)[0] for t in times])
+    speed = ctx.sqrt(mp_number(ctx, square)) * (-1 if w < 0 else 1)
+    return np.array([_without(ctx, speed * mp_number(ctx, t), 4 * ctx.pi)[0] for t in times])
 
 
 def turn_of_a_period(ctx: Any, M: Array, w: Array, b: Array, fastest: Any, period: Any, digits: int) -> Any:
@@ -309,7 +297,7 @@ def turn_of_a_period(ctx: Any, M: Array, w: Array, b: Array, fastest: Any, perio
     The error falls exponentially with the points, so that of the next mean is the square of the last change.  Points
     lie around few of them; `fastest` is sqrt(max |e_i|).
     """
-    M, w, b = (np.array([[_many(ctx, v) for v in x]], dtype=object) for x in (M, w, b))
+    M, w, b = (np.array([[mp_number(ctx, v) for v in x]], dtype=object) for x in (M, w, b))
     size = np.array([ctx.sqrt(algebra.dot(M, M)[0])], dtype=object)
     starts = max(3, math.ceil(float(period * fastest) / NEAR))
     falls = 9 * (2 * NEAR * starts / float(period * fastest)) ** 2  # of the terms of the series half-way between two
@@ -342,10 +330,6 @@ def turn_of_a_period(ctx: Any, M: Array, w: Array, b: Array, fastest: Any, perio
 
 def _figures(x: Any) -> int:
     return len(str(int(x)))
-
-
-def _many(ctx: Any, x: Fraction) -> Any:
-    return ctx.mpf(x.numerator) / x.denominator
 
 
 def _without(ctx: Any, x: Any, period: Any) -> tuple[np.longdouble, int]:

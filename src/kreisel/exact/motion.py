@@ -4,17 +4,24 @@ Three phases grow like the time: that of nutation, and those of the mean turns a
 of nutation is cut into 2^k parts.  The state at the middle of each, freed of the mean turns, comes from the closed
 form in extended digits, once, and from the equations of motion the polynomials that it follows within the part.
 The phases are integers, mod one turn: no error grows with t.
+
+Beside the critical sleeping top the period of nutation is long, and within it the top turns many times about p and
+about its axis at rates
+
+    phi' = (c - J z)/(1 - z^2),   psi' = (J - c z)/(1 - z^2)
+
+(|p| = |b| = 1, z = b.p).  Freed of all these turns, not of their fractions alone, the state changes as slowly as z.
+Series of what is slow, made of fast equations, lose digits: as many more are taken.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import astuple, dataclass
 from fractions import Fraction
-from functools import cache, partial
+from functools import partial
 from operator import mul
-from typing import Any
 
 import numpy as np
 
@@ -31,13 +38,17 @@ from kreisel.exact.parts import (
     TAIL,
     convolved,
     cos_sin,
-    economised,
+    crossed,
+    from_middle,
     left_out,
-    turns_of,
+    orbit_in_parts,
+    polynomials,
 )
-from kreisel.exact.slow import take_fewer_parts
 from kreisel.record.contract import Orbit
 
+SAMPLES = 64  # of z in half a period, for the whole turns of a slow top
+PLACES = 4  # its first parts, as a power of two: where the series are made that say how many there must be
+MARGIN = 1e-2  # between them the series may converge more slowly
 DIGITS = 32  # of the set-up, beyond those that the number of periods and close roots use up
 LARGEST = 1e150  # of an integral: products of two must not overflow
 LEAPT = 8  # as a power of two
@@ -69,10 +80,12 @@ def _taylor(binary: int, m: Array, b: Array, q: Array, p: Array, turning: Array,
     w, b, q = ([[x] for x in v] for v in (m - turning, b, q))  # w = m - turning: of each coordinate its series
     for k in range(1, ORDERS):
         (now, b_now, (scalar, *u)), (q0, *qs) = ([x[-1] for x in v] for v in (w, b, q)), q
-        forces = zip(_cross(p, b_now), _cross(turning, now), strict=True)
-        rates = _cross(w, b, convolved)
+        forces = zip(crossed(p, b_now), crossed(turning, now), strict=True)
+        rates = crossed(w, b, convolved)
         lean = -sum(map(convolved, w, qs)) - sum(map(mul, u, spinning))
-        leans = zip((convolved(x, q0) for x in w), _cross(w, qs, convolved), _cross(u, spinning), spinning, strict=True)
+        leans = zip(
+            (convolved(x, q0) for x in w), crossed(w, qs, convolved), crossed(u, spinning), spinning, strict=True
+        )
         turns = [lean, *(x + y + z + scalar * s for x, y, z, s in leans)]
         for series, new in zip((*w, *b, *q), [x - y for x, y in forces] + rates + turns, strict=True):
             series.append((new >> binary) // k)
@@ -81,10 +94,6 @@ def _taylor(binary: int, m: Array, b: Array, q: Array, p: Array, turning: Array,
     out = np.array([*w, *b, *q], dtype=object).T
     out[0, :3] += turning
     return out
-
-
-def _cross(x: Sequence[Any], y: Sequence[Any], times: Callable[[Any, Any], int] = mul) -> list[int]:
-    return [times(x[i], y[j]) - times(x[j], y[i]) for i, j in ((1, 2), (2, 0), (0, 1))]
 
 
 def _pure(v: Array) -> Array:
@@ -130,7 +139,7 @@ class TopMotion:
         self.begin()
         fastest = self._clock(reach, spin_factor)
         if self.places > LEAPT and not self.apart and known.A and known.P2:
-            take_fewer_parts(self, fastest)
+            self._take_fewer_parts(fastest)
 
     def begin(self) -> None:
         """The state at time 0 in the digits that there are, and no other yet."""
@@ -224,6 +233,61 @@ class TopMotion:
             return 0
         return int(self.ctx.ceil((SETTLED + away) / (self.ctx.sqrt(x3 - x1) / 2 * self.part)))
 
+    # -- slow tops -----------------------------------------------------------------------------------
+
+    def _whole_turns(self) -> tuple[int, int]:
+        """The turns about p and about the axis, in a period, beyond the fractions that the integrals tell."""
+        ctx, known, nutation = self.ctx, self.integrals, self.nutation
+        x1, x2, x3 = nutation.x
+        A, p = (ctx.sqrt(mp_number(ctx, v)) for v in (known.A, known.P2))
+        c, J, E = mp_number(ctx, known.c) / p, mp_number(ctx, known.J) / A, mp_number(ctx, known.E)
+        one, other = ctx.zero, ctx.zero
+        for k in range(SAMPLES):
+            t = nutation.half_period * (k + ctx.mpf(1) / 2) / SAMPLES
+            u = ctx.sqrt(x3 - x1) * t / 2
+            x = x1 + (x2 - x1) * ctx.ellipfun("sn", u=u, m=(x2 - x1) / (x3 - x1)) ** 2
+            z = (x / 2 + E) / (A * p)
+            one, other = one + (c + J) / (1 + z), other + (c - J) / (1 - z)
+        unit = nutation.half_period / (SAMPLES * 2 * ctx.pi)  # of a rate, in turns a period: (one + other)/2 is phi'
+        return int(ctx.nint((one + other) * unit)), int(ctx.nint((one - other) * unit))
+
+    def _take_fewer_parts(self, fastest: float) -> None:
+        """Leave out all whole turns, where that makes fewer parts do; `fastest`, a rate of the equations."""
+        ctx, known = self.ctx, self.integrals
+        before = ctx.dps, self.binary, self.nutation, self.means, self.places, self.part
+        lost = ORDERS * math.log10(max(10.0, fastest * float(self.nutation.half_period)))
+        ctx.dps += int(lost)
+        self.binary += int(lost * math.log2(10))
+        self.nutation = Nutation(ctx, known)
+        self.begin()
+        period, turn = 2 * self.nutation.half_period, 2 * ctx.pi
+        fractions = [self.nutation.period_turn(dual) / turn for dual in (False, True)]
+        whole = self._whole_turns()
+        means = [f + ctx.nint(n - f) for f, n in zip(fractions, (whole[0], -whole[1]), strict=True)]
+        self.means = [v / period for v in means]
+        self.places, self.part = PLACES, period / (1 << PLACES)
+        more = self._halvings()
+        if more is not None and PLACES + more < before[4]:
+            self.refine(more)
+            return
+        ctx.dps, self.binary, self.nutation, self.means, self.places, self.part = before
+        self.begin()
+
+    def _halvings(self) -> int | None:
+        """How often the parts must be halved."""
+        worst = np.zeros(ORDERS)
+        for j in range(1 << PLACES):
+            for inside in (False, True):
+                found, _ = self.series(j, inside)
+                sizes = abs(np.ldexp(found.astype(np.float64), -self.binary))
+                for first, last in ((0, 3), (3, 6), (6, 10)):
+                    own = sizes[:, first:last].sum(1)
+                    worst = np.maximum(worst, own / max(own[0], np.finfo(float).tiny))
+        for more in range(12):
+            if left_out(worst, 0.5**more) < MARGIN * TAIL:
+                return more
+        return None
+
     # -- in extended digits --------------------------------------------------------------------------
 
     def place(self, j: int, inside: bool = False) -> Array:
@@ -232,18 +296,13 @@ class TopMotion:
         Of m, b (axial) and the orientation from time 0, a unit quaternion, freed of the mean turns; `inside`: of
         -M, P and the inverse orientation, which obey the same equations with (m, b, p) -> (-M, P, A).
         """
-        found, units = self.series(j, inside)
-        scaled = [
-            self.ctx.ldexp(self.ctx.mpf(int(v)), -self.binary) * unit for v, unit in zip(found[0], units, strict=True)
-        ]
-        out = economised()[0] @ np.ldexp(found.astype(np.float64), -self.binary) * units.astype(np.float64)
-        out[0] = [float(v) for v in scaled]
-        return out
+        series, units = self.series(j, inside)
+        return polynomials(series, self.binary, self.ctx, units)
 
     def series(self, j: int, inside: bool) -> tuple[Array, Array]:
         """The power series of part j, (ORDERS, 10), integers of `binary` places, and the units of the ten."""
         ctx = self.ctx
-        m, b, q = self._at((j + (1 << (self.places - 1))) % (1 << self.places) - (1 << (self.places - 1)))
+        m, b, q = self._at(from_middle(j, self.places))
         p, axis = self._mp[2], self._mp[1]
         turning, spinning = (self._along(v) * (2 * ctx.pi * w) for w, v in zip(self.means, (p, axis), strict=True))
         if inside:
@@ -343,40 +402,24 @@ class TopMotion:
         units = (tau / self.part, *(v / 2 for v in turns))  # of half the angles
         nutating, left, right = (int(self.ctx.floor(self.ctx.ldexp(v, self.bits))) for v in units)
         twice = self._other_sign()
-        places = self.places + twice
-        rates = (nutating >> places, left, right)
         up, axis = (_unit_vector(v) for v in ((self.b, self.p) if inside else (self.p, self.b)))
-        rates = (rates[0], -rates[2], -rates[1]) if inside else rates
+        asleep = int(self.ctx.floor(self.ctx.ldexp(self.sleeping * self.part / 2, self.bits)))
 
         def row(
             place: Array, left: Array, right: Array, *, up: Array, axis: Array, start: Array, **known: Array
         ) -> tuple[Array, ...]:
             return finish(*turned(place, left, right, up=up, axis=axis, start=start), **known)
 
-        def phases(M: Array, e: Array) -> Array:
-            low = int(e.min(initial=0))
-            scaled = M << (e - low).astype(object)
-            return turns_of([scaled * rate for rate in rates], self.bits - low)
-
-        def phases_to_rest(M: Array, e: Array) -> Array:
-            low = int(e.min(initial=0))
-            scaled = M << (e - low).astype(object)
-            bits = self.bits - low
-            most, at = self.settled << bits, scaled * nutating
-            kept = np.minimum(np.maximum(at, -most), most)
-            asleep = int(self.ctx.floor(self.ctx.ldexp(self.sleeping * self.part / 2, self.bits)))
-            beyond = ((at - kept) * asleep) >> self.bits
-            turns = [scaled * left, scaled * right + beyond]
-            return turns_of([kept >> places, *([-t for t in turns[::-1]] if inside else turns)], bits)
-
-        return Orbit(
-            phases=phases_to_rest if self.apart else phases,
-            rates=None if self.apart else rates,
+        return orbit_in_parts(
+            partial(self._place_of_two if twice else self.place, inside=inside),
+            row,
+            {"up": up, "axis": axis, "start": np.asarray(start, dtype=np.float64), **constants},
+            moving=nutating,
+            turns=(-right, -left) if inside else (left, right),
+            places=self.places + twice,
             bits=self.bits,
-            places=places,
-            place=cache(partial(self._place_of_two if twice else self.place, inside=inside)),
-            row=row,
-            constants={"up": up, "axis": axis, "start": np.asarray(start, dtype=np.float64), **constants},
+            settled=self.settled if self.apart else None,
+            asleep=(-asleep, 0) if inside else (0, asleep),
         )
 
 
@@ -389,7 +432,7 @@ def turned(
     """
     (cos, sin), (c, s), H = cos_sin(left), cos_sin(right), algebra.hat(up)
     R = algebra.identity(3) + algebra.mat(2 * sin * cos) * H + algebra.mat(2 * sin * sin) * (H @ H)
-    turn = np.concatenate([algebra.vec(cos) + 0 * up[..., :1], algebra.vec(sin) * up], -1)
+    turn = algebra.quaternion(cos, algebra.vec(sin) * up)
     first = algebra.vec(c) * start + algebra.vec(s) * algebra.quaternion_product(_pure(axis), start)
     q = algebra.quaternion_product(turn, algebra.quaternion_product(place[..., 6:], first))
     return algebra.act(R, place[..., :3]), algebra.act(R, place[..., 3:6]), q
@@ -397,7 +440,7 @@ def turned(
 
 def half_turns(a: Array, b: Array) -> Array:
     """The turn R_a R_b, R_x = 2 x x^T/|x|^2 - 1, as a quaternion of length |a| |b|."""
-    return np.concatenate([(a * b).sum(-1, keepdims=True), algebra.cross(b, a - b)], -1)
+    return algebra.quaternion((a * b).sum(-1), algebra.cross(b, a - b))
 
 
 def _unit_vector(x: Array) -> Array:

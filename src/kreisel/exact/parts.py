@@ -1,13 +1,19 @@
-"""A period in parts, each with polynomials in the time: what the exact flows, n = 3, have in common."""
+"""A period in parts, each with polynomials in the time: orbits of the exact flows, n = 3.
+
+Phases that grow like the time are integers, mod one turn: no error grows with it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from operator import mul
+from typing import Any
 
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.record.contract import Orbit
 
 TERMS = 18  # of the polynomials: with 14, twice as many parts do not stay in the first cache
 ORDERS = 28  # of the Taylor series that they come from
@@ -45,6 +51,11 @@ def convolved(f: list[int], g: list[int]) -> int:
     return sum(map(mul, f, reversed(g)))
 
 
+def crossed(x: Sequence[Any], y: Sequence[Any], times: Callable[[Any, Any], int] = mul) -> list[int]:
+    """The cross product of two vectors by that product of their entries."""
+    return [times(x[i], y[j]) - times(x[j], y[i]) for i, j in ((1, 2), (2, 0), (0, 1))]
+
+
 def cos_sin(half: Array) -> tuple[Array, Array]:
     """Of an angle in parts, the rest of it at most pi/512; as small changes of the first part, so rounded once."""
     cos, sin, x = half[..., 0], half[..., 1], half[..., 2]
@@ -53,6 +64,50 @@ def cos_sin(half: Array) -> tuple[Array, Array]:
     return cos - (cos * less + sin * s), sin - (sin * less - cos * s)
 
 
-def turns_of(scaled: list[Array], bits: int) -> Array:
-    """Integers of `bits` binary places, mod 1, as 64-bit fractions (times, count)."""
-    return np.stack([((v >> (bits - 64)) & (2**64 - 1)).astype(np.uint64) for v in scaled], -1)
+def from_middle(j: int, places: int) -> int:
+    """The number of a part, those of the second half of a period as negative ones."""
+    half = 1 << (places - 1)
+    return (j + half) % (2 * half) - half
+
+
+def polynomials(series: Array, binary: int, ctx: Any, units: Array | None = None) -> Array:
+    """Of a part, (TERMS, numbers), from power series (ORDERS, numbers): integers of `binary` places, in these units."""
+    units = np.ones(series.shape[1], dtype=object) if units is None else units
+    out: Array = economised()[0] @ np.ldexp(series.astype(np.float64), -binary) * units.astype(np.float64)
+    out[0] = [float(ctx.ldexp(ctx.mpf(int(v)), -binary) * unit) for v, unit in zip(series[0], units, strict=True)]
+    return out
+
+
+def orbit_in_parts(
+    place: Callable[[int], Array],
+    row: Callable[..., tuple[Array, ...]],
+    constants: Mapping[str, Array],
+    *,
+    moving: int,
+    turns: tuple[int, int],
+    places: int,
+    bits: int,
+    settled: int | None = None,
+    asleep: tuple[int, int] = (0, 0),
+) -> Orbit:
+    """The orbit of 2^places parts, `moving` of which, and `turns` of the other phases, are a unit of time, of `bits`.
+
+    Without a period `settled` is the number of parts after which it is steady, and `asleep` what is then added to the
+    turns in a part.
+    """
+    rates = (moving >> places, *turns)
+
+    def phases(M: Array, e: Array) -> Array:
+        low = int(e.min(initial=0))
+        scaled, more = M << (e - low).astype(object), bits - low
+        numbers = [scaled * rate for rate in rates]
+        if settled is not None:
+            most, at = settled << more, scaled * moving
+            kept = np.minimum(np.maximum(at, -most), most)
+            numbers = [
+                kept >> places,
+                *(v + ((at - kept) * w >> bits) for v, w in zip(numbers[1:], asleep, strict=True)),
+            ]
+        return np.stack([((v >> (more - 64)) & (2**64 - 1)).astype(np.uint64) for v in numbers], -1)
+
+    return Orbit(phases, None if settled is not None else rates, bits, places, cache(place), row, constants)

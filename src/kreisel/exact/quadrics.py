@@ -229,13 +229,20 @@ def step(M: Array, g: Array, *, h: Array, w: Array, b: Array) -> tuple[Array, Ar
     x, at = curve.x, motion(curve)
     L, psi = algebra.vec(curve.size), 0 * curve.size
     for node, share in zip(*_rule(), strict=True):
-        y = at(node)
-        psi = psi + share * algebra.dot(L * w * y - b, x + y) / (1 + algebra.dot(x, y))
+        psi = psi + share * rate(x, at(node), L, w, b)
     N = restored(L * at(1.0), L * x, w, b)
-    y = N / L
-    lift = np.concatenate([algebra.vec(1 + algebra.dot(x, y)) + 0 * x[..., :1], algebra.cross(y, x)], -1)
     z = algebra.turn(algebra.vec(psi * h) * x)
-    return N, algebra.quaternion_product(g, algebra.unit(algebra.quaternion_product(z, lift)))
+    return N, algebra.quaternion_product(g, algebra.unit(algebra.quaternion_product(z, lift(x, N / L))))
+
+
+def rate(e: Array, x: Array, size: Array, w: Array, b: Array) -> Array:
+    """psi' at M = size x, counted from the unit vector e."""
+    return algebra.dot(w * size * x - b, e + x) / (1 + algebra.dot(e, x))
+
+
+def lift(x: Array, y: Array) -> Array:
+    """The shortest turn q that carries y to x, q y q^-1 = x, of unit vectors; not of unit length."""
+    return algebra.quaternion(1 + algebra.dot(x, y), algebra.cross(y, x))
 
 
 def reach(M: Array, h: Array, *, w: Array, b: Array) -> Array:

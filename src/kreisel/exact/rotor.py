@@ -27,7 +27,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
 
 import numpy as np
 
@@ -45,9 +44,11 @@ from kreisel.exact.parts import (
     TERMS,
     convolved,
     cos_sin,
-    economised,
+    crossed,
+    from_middle,
     left_out,
-    turns_of,
+    orbit_in_parts,
+    polynomials,
 )
 from kreisel.record.contract import Orbit
 
@@ -231,10 +232,11 @@ class Rotor:
             rates = [-step * (convolved(sn, dn) >> BINARY), step * (convolved(cn, dn) >> BINARY)]
             rates.append(-k2 * (convolved(cn, sn) >> BINARY))
             if self.start is not None:
-                turned = _quaternion_coefficient(
-                    q, [[(f * x) >> BINARY for x in of] for f, of in zip(w, X, strict=True)]
-                )
-                for of, rate in zip(q, turned, strict=True):
+                turning, (scalar, *vector) = [[(f * x) >> BINARY for x in of] for f, of in zip(w, X, strict=True)], q
+                rates_of_q = [-sum(map(convolved, vector, turning))]
+                along = (convolved(scalar, x) for x in turning)
+                rates_of_q += [x + y for x, y in zip(along, crossed(vector, turning, convolved), strict=True)]
+                for of, rate in zip(q, rates_of_q, strict=True):
                     of.append((rate >> BINARY) // k)
             for of, rate in zip(X, rates, strict=True):
                 of.append((rate >> BINARY) // k)
@@ -247,16 +249,13 @@ class Rotor:
 
     def place(self, j: int) -> Array:
         """The polynomials (TERMS, 7) of part j in x, -1 ... 1: M, and the orientation freed of the mean turn."""
-        out = np.zeros((TERMS, 3 if self.start is None else 7))
         if self.steady:
+            out = np.zeros((TERMS, 3 if self.start is None else 7))
             out[0, :3] = self.axes.back(np.array(self.N, dtype=object)).astype(np.float64)
             out[0, 3:] = STILL[: out.shape[1] - 3]
             return out
-        j = (j + (1 << (self.places - 1))) % (1 << self.places) - (1 << (self.places - 1))
-        found = self._series(self.u0 + j * self.part, self.part / 2)
-        series = np.ldexp(found.astype(np.float64), -BINARY)
-        out[:] = economised()[0] @ series
-        out[0] = [float(self.ctx.ldexp(self.ctx.mpf(int(v)), -BINARY)) for v in found[0]]
+        j = from_middle(j, self.places)
+        out = polynomials(self._series(self.u0 + j * self.part, self.part / 2), BINARY, self.ctx)
         out[:, :3] = self.axes.back(out[:, :3] * np.array([float(a) for a in self.a]))
         if not j:
             out[0, :3] = self.axes.back(np.array(self.N, dtype=object)).astype(np.float64)
@@ -272,25 +271,15 @@ class Rotor:
         ctx, direction = self.ctx, 0 if self.steady else self.axes.chi * self.s
         parts = direction * self.lam / self.part if direction else ctx.zero
         moving, turning = (int(ctx.floor(ctx.ldexp(v, self.bits))) for v in (parts, self.mean / (4 * ctx.pi)))
-        rates = (moving >> self.places, turning, 0)
-        apart = not self.steady and self.separatrix
-
-        def phases(M: Array, e: Array) -> Array:
-            low = int(e.min(initial=0))
-            scaled, bits = M << (e - low).astype(object), self.bits - low
-            most = self.settled << bits
-            at = scaled * moving
-            first = np.minimum(np.maximum(at, -most), most) >> self.places if apart else scaled * rates[0]
-            return turns_of([first, scaled * turning, 0 * scaled], bits)
-
-        return Orbit(
-            phases=phases,
-            rates=None if apart else rates,
-            bits=self.bits,
+        return orbit_in_parts(
+            self.place,
+            _state if self.start is None else _oriented,
+            {} if self.start is None else self._starts(),
+            moving=moving,
+            turns=(turning, 0),
             places=self.places,
-            place=cache(self.place),
-            row=_state if self.start is None else _oriented,
-            constants={} if self.start is None else self._starts(),
+            bits=self.bits,
+            settled=self.settled if not self.steady and self.separatrix else None,
         )
 
     def _starts(self) -> dict[str, Array]:
@@ -307,17 +296,6 @@ class Rotor:
             along = axis.astype(object)
         turned = algebra.quaternion_product(start, along)
         return {"start": start.astype(np.float64), "turned": turned.astype(np.float64)}
-
-
-def _quaternion_coefficient(q: list[list[int]], w: list[list[int]]) -> list[int]:
-    """The last coefficient of the product of quaternions q w, w a vector."""
-    (s, x, y, z), (a, b, c), of = q, w, convolved
-    return [
-        -of(x, a) - of(y, b) - of(z, c),
-        of(s, a) + of(y, c) - of(z, b),
-        of(s, b) + of(z, a) - of(x, c),
-        of(s, c) + of(x, b) - of(y, a),
-    ]
 
 
 def _state(place: Array, left: Array, right: Array) -> tuple[Array, ...]:

@@ -57,7 +57,7 @@ def step(M: Array, g: Array, *, h: Array, **known: Array) -> tuple[Array, Array]
         rate = (energy + algebra.dot(N, Omega)) / (L2 + algebra.dot(N, M) + TINY)
         psi = psi + float(weight) * rate
     N = restored(_moved(M, 1.0, h, series, **known), M, known["inverse"])
-    lift = np.concatenate([algebra.vec(L2 + algebra.dot(N, M) + TINY) + 0 * M[..., :1], algebra.cross(N, M)], -1)
+    lift = algebra.quaternion(L2 + algebra.dot(N, M) + TINY, algebra.cross(N, M))
     z = algebra.turn(algebra.vec(psi * h) * M)
     return N, algebra.quaternion_product(g, algebra.unit(algebra.quaternion_product(z, lift)))
 

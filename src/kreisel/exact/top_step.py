@@ -157,5 +157,5 @@ def _within(known: Known, a: Array, e: Array, levels: list[Level], alpha: Array)
     psi = (1 / alpha - 1) * known.J / known.A
     for (_, weight), (kappa, N, _, lever) in zip(_rule(NODES), levels, strict=True):
         psi = psi + (weight / 4) * (lever / (kappa * N))
-    lift = np.concatenate([algebra.vec(algebra.dot(a, e)) + 0 * a[..., :1], algebra.cross(a, e)], -1)
+    lift = algebra.quaternion(algebra.dot(a, e), algebra.cross(a, e))
     return algebra.quaternion_product(lift, algebra.turn(algebra.vec(psi) * a))

@@ -416,6 +416,7 @@ def _method(name: str, plain: Callable[[float], float]) -> Callable[[Any], Any]:
 
 
 nearest = _method("nearest", lambda x: float(round(x)))
+sign = _method("sign", lambda x: -1.0 if x < 0 else 1.0)
 
 APPLIED: dict[str, Callable[..., Any]] = {
     PLUS: lambda x, y: x + y,
@@ -425,7 +426,7 @@ APPLIED: dict[str, Callable[..., Any]] = {
     FMA: fma,
     MAX: maximum,
     WHERE: where_less,
-    SIGN: _method("sign", lambda x: -1.0 if x < 0 else 1.0),
+    SIGN: sign,
     SIZE: abs,
     NEAREST: nearest,
     SQRT: _method("sqrt", math.sqrt),

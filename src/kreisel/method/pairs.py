@@ -97,7 +97,7 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
 
 def _turned(g: Array, spins: Sequence[str], *, cos: Array, sin: Array, **consts: Array) -> Array:
     """The orientation, turned in space by the quaternion (cos, sin), and in the body by the spin."""
-    turn = np.concatenate([algebra.vec(cos) + 0 * g[..., :1], sin + 0 * g[..., 1:]], -1)
+    turn = algebra.quaternion(cos, sin + 0 * g[..., 1:])
     g = algebra.unit(algebra.quaternion_product(turn, g))
     for half in spins:
         g = algebra.turn_right(g, consts[half])

@@ -11,7 +11,7 @@ from typing import Any
 
 from kreisel.algebra import sqrt
 from kreisel.graph.double import DoubleDouble, two_sum, upper
-from kreisel.graph.graph import fma, if_positive, maximum, nearest, where_less
+from kreisel.graph.graph import fma, if_positive, maximum, nearest, sign, where_less
 from kreisel.kernels.exact.elliptic import (
     PI,
     TURN,
@@ -94,13 +94,13 @@ def rotated(moments: Any, momentum: Any, t: Any) -> Any:
 
     `moments`: three double-doubles; `momentum`: three numbers; t: a double-double.
     """
-    (I1, I2, I3), (N1, N2, N3) = moments, momentum  # sorted from here on
-    first = upper(I2 - I1)
-    I1, I2, N1, N2 = _sorted(first, I1, I2, N1, N2)
-    second = upper(I3 - I2)
-    I2, I3, N2, N3 = _sorted(second, I2, I3, N2, N3)
-    third = upper(I2 - I1)
-    I1, I2, N1, N2 = _sorted(third, I1, I2, N1, N2)
+    I, N, swaps = list(moments), list(momentum), list[Any]()  # noqa: E741
+    for i in (0, 1, 0):
+        test = upper(I[i + 1] - I[i])
+        swaps.append((i, i + 1, test))
+        I[i], I[i + 1], N[i], N[i + 1] = _sorted(test, I[i], I[i + 1], N[i], N[i + 1])
+    (I1, I2, I3), (N1, N2, N3) = I, N
+    flips = sign(swaps[0][2]) * sign(swaps[1][2]) * sign(swaps[2][2])
 
     width = I3 - I1
     ball = where_less(0.0, upper(width), 0.0, 1.0)
@@ -112,36 +112,28 @@ def rotated(moments: Any, momentum: Any, t: Any) -> Any:
     last = upper(gap)
     still = where_less(0.0, abs(N1) + abs(N3), 0.0, 1.0)  # a turn about the second axis
     middle = t * (DoubleDouble(N2) / I2) * (0.5 * DoubleDouble(TURN[0], TURN[1]))
-    given = N2
+    swaps.append((0, 2, last))
     I1, I3, N1, N3 = _sorted(last, I1, I3, N1, N3)
     f1, f3, rho, kappa = either(last, f3, f1), either(last, f1, f3), either(last, kappa, rho), either(last, rho, kappa)
-    s, side = where_less(last, 0.0, -1.0, 1.0), where_less(N3, 0.0, -1.0, 1.0)
-    flips = where_less(first, 0.0, -1.0, 1.0) * where_less(second, 0.0, -1.0, 1.0) * where_less(third, 0.0, -1.0, 1.0)
+    s, side = sign(last), sign(N3)
     chi = s * flips * side
     gap = either(last, -gap, gap)
 
-    known = I1, I2, I3, N1, N2, side * N3, f1, f2, f3, rho, kappa, gap, terms, width * s
-    N1, N2, N3, w, x, y, z, off = about_the_third_kind(known, chi, t)
-    x, y, N3, z = chi * x, chi * y, side * N3, chi * side * z
+    constants = I1, I2, I3, N1, N2, side * N3, f1, f2, f3, rho, kappa, gap, terms, width * s
+    n1, n2, n3, w, x, y, z, off = about_the_third_kind(constants, chi, t)
     cos, sin = of_turns(upper(middle - nearest(upper(middle))))
-    N1, N2, N3 = where_less(0.0, still, 0.0, N1), where_less(0.0, still, given, N2), where_less(0.0, still, 0.0, N3)
-    w, x = where_less(0.0, still, cos, w), where_less(0.0, still, 0.0, x)
-    y, z = where_less(0.0, still, sin, y), where_less(0.0, still, 0.0, z)
-    off = where_less(0.0, still, PLACE * (1.0 + abs(upper(middle))), off)
-    N1, N3 = in_order(last, N1, N3)
-    x, z = in_order(last, x, z)
-    N1, N2 = in_order(third, N1, N2)
-    x, y = in_order(third, x, y)
-    N2, N3 = in_order(second, N2, N3)
-    y, z = in_order(second, y, z)
-    N1, N2 = in_order(first, N1, N2)
-    x, y = in_order(first, x, y)
-    return N1, N2, N3, w, x, y, z, off
+    moving = [n1, n2, side * n3, w, chi * x, chi * y, chi * side * z, off]
+    resting = [0.0, N2, 0.0, cos, 0.0, sin, 0.0, PLACE * (1.0 + abs(upper(middle)))]
+    result = [where_less(0.0, still, u, v) for u, v in zip(resting, moving, strict=True)]
+    for i, j, test in reversed(swaps):
+        for k in (0, 4):  # of the momentum and of the turn's vector
+            result[i + k], result[j + k] = in_order(test, result[i + k], result[j + k])
+    return tuple(result)
 
 
-def about_the_third_kind(known: Any, chi: Any, t: Any) -> Any:
+def about_the_third_kind(constants: Any, chi: Any, t: Any) -> Any:
     """The same for axes in the order of `kreisel.exact.rotor`, M_3 >= 0, whose formulas these are."""
-    I1, I2, I3, N1, N2, N3, f1, f2, f3, rho, kappa, gap, terms, width = known
+    I1, I2, I3, N1, N2, N3, f1, f2, f3, rho, kappa, gap, terms, width = constants
     d, e, volume = f1 + rho * f2, kappa * f2 + f3, I1 * I2 * I3  # D and E over I_3 - I_1
     squares = I1 * d, I2 * d / rho, I3 * e
     L = sqrt(I1 * f1 + I2 * f2 + I3 * f3)
@@ -157,7 +149,7 @@ def about_the_third_kind(known: Any, chi: Any, t: Any) -> Any:
     both = 1 + k1 * squares[0] / (total * total)  # 1 + beta
     mean, sum_, last = complete_beyond(a, g, a * sqrt(both), beyond)
     inverse_turn = DoubleDouble(TURN[0], TURN[1])
-    breadth = width * where_less(upper(width), 0.0, -1.0, 1.0)
+    breadth = width * sign(upper(width))
     halves = t * breadth * mean * (2 * inverse_turn)  # of lambda t, in 2 K
     whole = nearest(upper(halves))
     part = upper(halves - whole)
@@ -173,7 +165,7 @@ def about_the_third_kind(known: Any, chi: Any, t: Any) -> Any:
     strength = upper(d) * ratio * 2.0 * upper(a3 * k1) / (upper(I3 * A) * upper(total) * upper(total))
     late = PI[0] * upper(a) * ratio / upper(mean) * left
     third = 0.25 * PI[0] * upper(a) / upper(mean) * upper(sum_) / upper(both)  # Q at K of k_1
-    direction = chi * where_less(upper(width), 0.0, -1.0, 1.0)
+    direction = chi * sign(upper(width))
     first = N1, N2, N3
     cn, sn, dn, ripple = moved(doubles, first, (part * direction, late * direction), third, strength, beyond)
     odd = whole - 2.0 * nearest(0.5 * whole)
@@ -219,7 +211,7 @@ def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any)
     k1_prime = g / a
     dv = sqrt(c * c + k1_prime * k1_prime * s2)
     under = 1.0 + k1 * s2
-    sn1 = (1.0 + k1) * s / under * where_less(part, 0.0, -1.0, 1.0)
+    sn1 = (1.0 + k1) * s / under * sign(part)
     cn1, dn1 = c * dv / under, (c * c + s2 * rest) / under
 
     below = 1.0 / (cn1 * cn1 + sn1 * sn1 * dn0 * dn0)
@@ -230,9 +222,9 @@ def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any)
     cn, sn = _on_circle(cn - late * dn * sn, sn + late * dn * cn)
     dn = sqrt(k_prime * k_prime + k2 * (cn * cn))
 
-    here = where_less(cn0, 0.0, -1.0, 1.0)
-    there = where_less(cn * here, 0.0, -1.0, 1.0)  # -1 in the cell beside
-    cell = 0.5 * (1.0 - there) * where_less(part, 0.0, -1.0, 1.0)
+    here = sign(cn0)
+    there = sign(cn * here)  # -1 in the cell beside
+    cell = 0.5 * (1.0 - there) * sign(part)
     before, after = (sn0 * here, cn0 * here, dn0), (sn * here * there, cn * here * there, dn)
     beta = both - 1.0
     change = _third_kind(after, k1, rest, beta) - _third_kind(before, k1, rest, beta)
