@@ -18,6 +18,7 @@ from kreisel.method import scheme
 SIMULATED = """
 import numpy as np
 import kreisel as kr
+from kreisel import algebra
 from kreisel.runs.planning import make_plan
 
 draw = np.random.default_rng(3)

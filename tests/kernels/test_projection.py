@@ -14,15 +14,14 @@ import pytest
 import kreisel as kr
 from kreisel import algebra
 from kreisel.algebra import invariants
-from kreisel.kernels._llvm import projecting
+from kreisel.graph import project
+from kreisel.graph.graph import TooLong
+from kreisel.graph.invariants import gradients, program_of
+from kreisel.graph.project import CompiledProjection
 from kreisel.kernels.cpu import CpuEngine
-from kreisel.kernels.projection import corrections, text
-from kreisel.kernels.projection.arrays import Observed
-from kreisel.kernels.projection.compiled import CompiledProjection
-from kreisel.kernels.projection.gradients import Traced, gradient
-from kreisel.kernels.projection.program import _register_gradients, program_of
+from kreisel.kernels.projection import corrections
+from kreisel.kernels.projection.arrays import Observed, Traced, gradient
 from kreisel.kernels.recording import flat_constants
-from kreisel.kernels.tape import TooLong
 from kreisel.lab import exact
 from kreisel.method import default_method, scheme
 from kreisel.method.observing import held_by_orientation
@@ -153,23 +152,23 @@ WRITTEN_OUT = [
 def test_a_projection_written_out_is_that_of_its_program(
     name: str, n: int, method: str, orientation: Any, lanes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The bits are those of the text that goes through any program, and which other languages have."""
+    """The bits are those of the loops that go through any program."""
     options: dict[str, Any] = {"orientation": None if orientation is None else np.eye(3)}
-    monkeypatch.setattr("kreisel.kernels.projection.text.GAIN_STRAIGHT", text.GAIN)
+    monkeypatch.setattr("kreisel.graph.project.GAIN_STRAIGHT", corrections.GAIN)
     out = projected(name, n, method, lanes, **options)
-    monkeypatch.setattr("kreisel.kernels.projection.program.MOST_STRAIGHT", 0)
+    monkeypatch.setattr("kreisel.graph.invariants.MOST_STRAIGHT", 0)
     through = projected(name, n, method, lanes, **options)
     assert abs(out[0]).max() > 1e-12
     for what, other in zip(out, through, strict=True):
         assert (what == other).all()
 
 
-@pytest.mark.parametrize("what", ["pair_product", "pair_sum"])
-def test_mutants_of_what_is_written_out(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("what", "tau"), [("pair_product", 1.5e-6), ("pair_sum", 1.6e-6)])
+def test_mutants_of_numbers_in_pairs(what: str, tau: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the second double of a product or a sum values have no more digits than the state."""
-    whole = getattr(projecting.Arithmetic, what)
-    monkeypatch.setattr(projecting.Arithmetic, what, lambda *given: (whole(*given)[0], 0.0))
-    monkeypatch.setattr("kreisel.kernels.projection.text.TAU", 1.5e-6)  # another text: not that of the cache
+    whole = getattr(project, what)
+    monkeypatch.setattr(project, what, lambda *operands: (whole(*operands)[0], 0.0))
+    monkeypatch.setattr(project, "TAU", tau)  # another kernel than that of the cache
     with pytest.raises(AssertionError):
         test_values_have_twice_the_digits("lagrange-top", "baecklund", 4, 3)
 
@@ -247,8 +246,8 @@ def test_an_invariant_whose_gradient_vanishes() -> None:
 
 def test_mutant_of_the_lead(monkeypatch: pytest.MonkeyPatch) -> None:
     """Back to the values at the start and no further."""
-    for name in ("text.GAIN_STRAIGHT", "arrays.GAIN"):
-        monkeypatch.setattr(f"kreisel.kernels.projection.{name}", 0.0)
+    for name in ("graph.project.GAIN_STRAIGHT", "kernels.projection.arrays.GAIN"):
+        monkeypatch.setattr(f"kreisel.{name}", 0.0)
     for n, engine in ((3, "cpu"), (12, "large")):
         found = drifting(random_plan("lagrange-top", n, "suris", 1, engine=engine))
         assert abs(found - 0.5).max() < 1e-2
@@ -261,10 +260,10 @@ def test_the_error_grows_like_the_steps(monkeypatch: pytest.MonkeyPatch) -> None
     x0 = top.state(m=draw.normal(size=(lanes, 3)), a=draw.normal(size=(lanes, 3)))
     true = kr.at(top, x0, float(steps), method="suris", dt=0.1, order=1)
     error = {}
-    for project in (True, False):
-        options = {"dt": 0.1, "steps": steps, "every": steps, "method": "suris", "order": 1, "project": project}
+    for projected in (True, False):
+        options = {"dt": 0.1, "steps": steps, "every": steps, "method": "suris", "order": 1, "project": projected}
         end = kr.simulate(top, x0, **options).isel(time=-1)
-        error[project] = np.max([abs(end[k] - true[k]).max(end[k].dims[-1]).values for k in "ma"], 0)
+        error[projected] = np.max([abs(end[k] - true[k]).max(end[k].dims[-1]).values for k in "ma"], 0)
     assert np.median(error[True]) < 1e-16 * steps  # 1e-17 measured
     assert np.median(error[False]) > 10 * np.median(error[True])  # 100 measured
 
@@ -607,8 +606,7 @@ def test_sums_of_logarithms_are_projected_as_products(n: int, monkeypatch: pytes
         "energy_eps"
     ]
     assert abs(abs(np.log(high)) - abs(energy)) < 1e-12 * abs(energy)
-    name = "kreisel.kernels.projection.program._without_logarithms"
-    monkeypatch.setattr(name, lambda tape, lines, varying, name: name)  # the mutant
+    monkeypatch.setattr("kreisel.graph.invariants._without_logarithms", lambda x, varying: x)  # the mutant
     _, columns = flat_constants(plan.scheme, 1)
     with pytest.raises(TooLong):
         program_of(plan.scheme, columns)
@@ -618,13 +616,12 @@ def left_out(monkeypatch: pytest.MonkeyPatch, most: float) -> float:
     """The largest weight of the chosen gradients in one that is left out; Clebsch's case, n = 5, at random states."""
     found = random_plan("clebsch", 5, "suris", 1).scheme
     _, columns = flat_constants(found, 1)
-    monkeypatch.setattr("kreisel.kernels.projection.program.MOST_WEIGHT", most)
+    monkeypatch.setattr("kreisel.graph.invariants.MOST_WEIGHT", most)
     some = program_of(found, columns)
-    monkeypatch.setattr("kreisel.kernels.projection.program.MOST_CHOSEN", 0)
+    monkeypatch.setattr("kreisel.graph.invariants.MOST_CHOSEN", 0)
     everything = program_of(found, columns)
-    assert some is not None and everything is not None and len(some.names) < len(everything.names)
-    x = np.random.default_rng(9).normal(size=(50, everything.registers))
-    J = _register_gradients(everything, x)
+    assert some is not None and everything is not None and len(some.labels) < len(everything.labels)
+    J = gradients(everything, np.random.default_rng(9).normal(size=(50, everything.base)))
     J /= np.sqrt((J * J).sum(-1, keepdims=True))
     chosen = [everything.labels.index(label) for label in some.labels]
     weight = J @ np.linalg.pinv(J[:, chosen], rcond=1e-7)

@@ -11,6 +11,8 @@ from typing import Any
 
 from kreisel.graph.graph import Number, fma, integer_power
 
+Pair = tuple[Any, Any]
+
 
 class DoubleDouble:
     """upper + lower; other operands of its operators are exact: lower = 0."""
@@ -57,9 +59,9 @@ class DoubleDouble:
         return integer_power(self, exponent)
 
     def sqrt(self) -> DoubleDouble:
-        root = self.upper.sqrt() if isinstance(self.upper, Number) else math.sqrt(self.upper)
-        remainder = fma(-root, root, self.upper) + self.lower
-        return ordered_sum(root, remainder / (root + root))
+        r = root(self.upper)
+        remainder = fma(-r, r, self.upper) + self.lower
+        return ordered_sum(r, remainder / (r + r))
 
     def __repr__(self) -> str:
         return f"({self.upper!r} + {self.lower!r})"
@@ -86,3 +88,53 @@ def ordered_sum(x: Any, y: Any) -> DoubleDouble:
     """x + y with its error, for |x| >= |y|."""
     total = x + y
     return DoubleDouble(total, y - (total - x))
+
+
+# -- pairs that are not made ordered -------------------------------------------------------------------
+# The second number is of the size of the rounding errors of the terms of the first; to make it less would gain nothing
+# for a projection.  Quotients and roots give what their derivatives need too.
+
+
+def fused(x: Any, y: Any, z: Any) -> Any:
+    """x y + z, rounded once unless x and y are known."""
+    return x * y + z if isinstance(x, float) and isinstance(y, float) else fma(x, y, z)
+
+
+def root(x: Any) -> Any:
+    """Square root."""
+    return x.sqrt() if isinstance(x, Number) else math.sqrt(x)
+
+
+def pair_sum(x: Pair, y: Pair) -> Pair:
+    """x + y."""
+    total, error = two_sum(x[0], y[0])
+    return total, error + (x[1] + y[1])
+
+
+def pair_difference(x: Pair, y: Pair) -> Pair:
+    """x - y."""
+    return pair_sum(x, (-y[0], -y[1]))
+
+
+def pair_product(x: Pair, y: Pair) -> Pair:
+    """x y; without the error of the upper numbers where one of them is a known power of 2."""
+    (a, la), (b, lb) = x, y
+    product = a * b
+    exact = any(isinstance(v, float) and math.frexp(v)[0] in (0, 0.5, -0.5) for v in (a, b))
+    return product, fused(a, lb, fused(la, b, 0.0 if exact else fused(a, b, -product)))
+
+
+def pair_quotient(x: Pair, y: Pair) -> tuple[Pair, Any]:
+    """x/y, and 1/y."""
+    (a, la), (b, lb) = x, y
+    inverse = 1.0 / b
+    quotient = a * inverse
+    remainder = fused(-quotient, b, a) + fused(-quotient, lb, la)
+    return (quotient, remainder * inverse), inverse
+
+
+def pair_root(x: Pair) -> tuple[Pair, Any]:
+    """Square root, and 1/2 over it."""
+    value = root(x[0])
+    inverse = 0.5 / value
+    return (value, (fused(-value, value, x[0]) + x[1]) * inverse), inverse

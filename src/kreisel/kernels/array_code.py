@@ -6,7 +6,6 @@ from typing import Any
 
 from kreisel.kernels import dense
 from kreisel.kernels.cache import load_kernel
-from kreisel.kernels.projection.compiled import Weave
 from kreisel.kernels.recording import Recording, indented
 from kreisel.method.scheme import Scheme
 
@@ -48,13 +47,49 @@ def kernel(z, c, out):
 """
 
 
+class Weave:
+    """How steps are written into a kernel: one after the other."""
+
+    types = arguments = head = ""
+    begin: tuple[str, ...] = ()  # lines before the first step
+
+    def steps(self, step: str, load: str, store: str, end: str) -> list[str]:
+        """The lines for `every` steps of the lanes from `lane` to `end`."""
+        return ["for _ in range(every):", *(f"    {line}" for line in step.splitlines())]
+
+
+class Woven(Weave):
+    """And every `often` steps a projection, with room for it at the address `room`."""
+
+    types = ", i8, i8, i8, i8, i8"
+    arguments = ", begun, often, project, table, room"
+    begin = ("done = begun",)
+    head = "from kreisel.kernels._numba.pointers import call_at_address\n\n"  # of array code
+
+    def steps(self, step: str, load: str, store: str, end: str) -> list[str]:
+        return [
+            "left = every",
+            "while left > 0:",
+            "    count = min(left, often - done)",
+            "    for _ in range(count):",
+            *(f"        {line}" for line in step.splitlines()),
+            "    left, done = left - count, done + count",
+            "    if done == often:",
+            "        done = 0",
+            *(f"        {line}" for line in store.splitlines()),
+            f"        call_at_address(project, (table, room, lane, {end}, 0))",
+            *(f"        {line}" for line in load.splitlines()),
+        ]
+
+
 def head(scheme: Scheme) -> str:
     """What all array code begins with."""
     return HEAD.format(name=f"{scheme.name}, n = {scheme.n}") + dense.HELPERS.format(options=FAST)
 
 
-def compiled_arrays(record: Recording, weave: Weave) -> Any:
-    """kernel(z, c, s, out, every, first, last, ...) of array code."""
+def compiled_arrays(record: Recording, project: bool) -> Any:
+    """kernel(z, c, s, out, every, first, last, ...) of array code, with projections between steps."""
+    weave = Woven() if project else Weave()
     source = head(record.scheme) + weave.head + _array_source(record, weave)
     return load_kernel(source, by_numba=True).kernel
 

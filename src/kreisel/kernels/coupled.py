@@ -14,8 +14,10 @@ import numpy as np
 from kreisel import algebra
 from kreisel.graph.arranging import arranged
 from kreisel.graph.graph import Graph, Number, Operand, TooLong
+from kreisel.graph.invariants import recordable
 from kreisel.graph.llvm import Function, Integer, Lanes, Memory, kind_of
 from kreisel.graph.machine import Kernel, kernel, register_width
+from kreisel.graph.project import CompiledProjection
 from kreisel.graph.recording import (
     Recording,
     as_operands,
@@ -27,8 +29,6 @@ from kreisel.graph.recording import (
 )
 from kreisel.kernels.cpu import address_of, projection_between
 from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.kernels.projection.compiled import CompiledProjection
-from kreisel.kernels.projection.program import recordable
 from kreisel.kernels.stepped import SteppedEngine
 from kreisel.kernels.steps import Constants, Split
 from kreisel.method.scheme import Coupling, Scheme, too_large_to_couple

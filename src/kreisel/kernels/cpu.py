@@ -18,6 +18,8 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.graph.graph import TooLong
+from kreisel.graph.invariants import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
+from kreisel.graph.project import WIDE, CompiledProjection, compiled
 from kreisel.graph.recording import (
     Recording,
     count_of,
@@ -30,10 +32,7 @@ from kreisel.graph.recording import (
 from kreisel.kernels import array_code
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
-from kreisel.kernels.projection.compiled import CompiledProjection, compiled, plain, woven
 from kreisel.kernels.projection.corrections import ALONE, Corrections, interval
-from kreisel.kernels.projection.program import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
-from kreisel.kernels.projection.text import WIDTH as WIDE
 from kreisel.kernels.stepped import SteppedEngine
 from kreisel.kernels.steps import FRAME, Steps, compiled_steps, outputs_by_rows
 from kreisel.kernels.threads import on_threads
@@ -99,7 +98,7 @@ def code_of(
             every = interval(cost_of(programs), record.work * scheme.stage_count, scheme.between)
             project_them = compiled(programs, width)
         steps = compiled_steps(record, len(constants), bool(programs)) if straight else None
-        kernel = None if straight else array_code.compiled_arrays(record, woven if programs else plain)
+        kernel = None if straight else array_code.compiled_arrays(record, bool(programs))
         tried = programs is not None
         return Code(steps, kernel, record.work, tuple(programs or ()), project_them, every, width, tried)
 
@@ -120,7 +119,7 @@ class CpuEngine(SteppedEngine):
     """A compiled step, its state in rows (lanes, d), and its constants.
 
     `advance(out, every)` makes `every` steps for each row of `out` (rows, lanes, d) and stores the state there.
-    With `project` the state is put back on its invariants now and then (`kreisel.kernels.projection.program`).
+    With `project` the state is put back on its invariants now and then (`kreisel.graph.project`).
     """
 
     def __init__(self, scheme: Scheme, z0: Floats, printer: Printer | None = None, project: bool = False):

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import InputError
+from kreisel.graph.graph import TooLong
+from kreisel.graph.invariants import Program, program_of, program_of_orientation, recordable
+from kreisel.graph.project import FLAT
 from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.kernels.projection.corrections import Corrections, interval
-from kreisel.kernels.projection.program import Program, program_of, program_of_orientation, recordable
-from kreisel.kernels.projection.text import FLAT, GAIN, TAU, projection_block
+from kreisel.kernels.projection.corrections import EPS, GAIN, TAU, Corrections, interval
+from kreisel.kernels.projection.text import block_arrays, block_sizes, projection_block
 from kreisel.kernels.recording import Recording, flat_constants, flat_stages, indented
-from kreisel.kernels.tape import TooLong
 from kreisel.method.scheme import Scheme
 
 THREADS = 128  # in a block
@@ -213,7 +214,7 @@ class CudaProjection(Corrections):
             tau=TAU,
             flat=FLAT,
             gain=GAIN,
-            eps=float(np.finfo(np.float64).eps),
+            eps=EPS,
             block=projection_block(INLINE, "@cuda.jit(device=True)", "i * lanes + at", "j * lanes + at", 1),
         )
         self._kernel, self._cuda, self._z, self._constants = (
@@ -242,8 +243,8 @@ class CudaProjection(Corrections):
                 self._kernel[blocks, THREADS](*program, z, c, room, first, begin)
 
     def _there(self, program: Program) -> tuple[Any, ...]:
-        arrays = (self._cuda.to_device(array.ravel()) for array in program.arrays)
-        return program.sizes(self._z.shape[1], self._constants.shape[0]), *arrays
+        arrays = (self._cuda.to_device(array.ravel()) for array in block_arrays(program))
+        return block_sizes(program, self._z.shape[1], self._constants.shape[0]), *arrays
 
     def _read(self) -> None:
         arrays = (*self._known, self._bound)

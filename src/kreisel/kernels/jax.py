@@ -11,9 +11,9 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import RunError
+from kreisel.graph.invariants import recordable
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection.arrays import InDoubles, gauss_newton, led, scales
-from kreisel.kernels.projection.program import recordable
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Flow, JaxSteps, Scheme
 from kreisel.reduction.double import double, jax

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from kreisel.kernels._llvm.machine import register_width
+from kreisel.kernels.array_code import Weave
 from kreisel.kernels.printing import Line, latest
-from kreisel.kernels.projection.compiled import Weave
 from kreisel.kernels.recording import Recording, indented, names_of
 
 # Nanoseconds a lane-step with 1, 2, 4, 8 vectors, AVX2, n = 3: lagrange-top (32 lines) 1.9, 0.94, 0.61, 0.66; its

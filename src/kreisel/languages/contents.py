@@ -11,9 +11,9 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
+from kreisel.graph.invariants import Program, program_of, program_of_orientation
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.printing import Line
-from kreisel.kernels.projection.program import Program, program_of, program_of_orientation
 from kreisel.kernels.recording import Outputs, Recording, flat_constants, flat_stages, recorded_outputs, recorded_values
 from kreisel.kernels.tape import Scalar, Tape
 from kreisel.method import scheme

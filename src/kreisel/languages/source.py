@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.errors import InputError, explained, hint, shown
+from kreisel.graph.invariants import Program
+from kreisel.graph.project import FLAT, gain_of
 from kreisel.kernels.printing import Line
-from kreisel.kernels.projection.program import Program
-from kreisel.kernels.projection.text import FLAT, TAU, gain_of, projection_block
+from kreisel.kernels.projection.corrections import EPS, TAU
+from kreisel.kernels.projection.text import block_arrays, block_sizes, projection_block
 from kreisel.kernels.recording import Recording
 from kreisel.languages.contents import Contents, contents
 from kreisel.languages.dialects import LANGUAGES, Dialect, filled
@@ -252,16 +254,16 @@ def _projection(dialect: Dialect, programs: Sequence[Program], constants: int) -
         names = OF_PROGRAM[1:-1]
         tables = [
             dialect.numbers(_own(dialect, f"{n}_{k}"), np.ravel(a).tolist(), True)
-            for n, a in zip(names, program.arrays, strict=False)
+            for n, a in zip(names, block_arrays(program), strict=False)
         ]
-        tables.append(dialect.numbers(_own(dialect, f"SIZES_{k}"), program.sizes(1, constants), True))
+        tables.append(dialect.numbers(_own(dialect, f"SIZES_{k}"), block_sizes(program, 1, constants), True))
         out.append("\n".join([*tables, dialect.numbers(_own(dialect, f"LITERALS_{k}"), program.literals.tolist())]))
     text = projection_block("", "", "at * d + i", "at * constants + j", 1)
     constants_text = {
         "TAU": TAU,
         "FLAT": FLAT,
         "GAIN": gain_of(programs),
-        "EPS": float(np.finfo(np.float64).eps),
+        "EPS": EPS,
         "HUGE": 1e300,
     }
     if dialect.name == "js":

@@ -22,6 +22,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
+from kreisel.graph.graph import Number
 from kreisel.kernels.large.basis import AXIS_NAME, BASIS_AXES, SHORTEST, TURN_NAME, Basis, _axis_lengths
 from kreisel.kernels.large.dense_momentum import Dense, changed_inverse
 from kreisel.kernels.large.products import Change, Inverse, Upkeep
@@ -211,7 +212,7 @@ class LargeForm:
 
 def _scalar_or_plain(x: Any) -> Any:
     """A number that is recorded, or a plain one."""
-    return x if isinstance(x, Scalar) else float(x)
+    return x if isinstance(x, Scalar | Number) else float(x)
 
 
 def _momentum(value: Any) -> StructuredVector:

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from kreisel.algebra.complex import Complex
+from kreisel.graph import graph
 from kreisel.kernels.tape import Scalar
 
 Number = Any  # recorded, complex of recorded, or plain
@@ -27,15 +28,15 @@ def total(x: Number) -> Number:
 
 def is_number(x: Any) -> bool:
     """Whether it is recorded, complex of recorded, or plain."""
-    return isinstance(x, Scalar | Complex | int | float | np.number)
+    return isinstance(x, Scalar | graph.Number | Complex | int | float | np.number)
 
 
 def key_of(x: Any) -> Any:
     """Equal for what is the same on the tape: numbers, arrays, and vectors, which have a `key`."""
     if hasattr(x, "key"):
         return x.key
-    if isinstance(x, Scalar):
-        return x.signed
+    if isinstance(x, Scalar | graph.Number):
+        return x if isinstance(x, graph.Number) else x.signed
     if isinstance(x, np.ndarray):
         return tuple(map(key_of, x))
     return (key_of(x.re), key_of(x.im)) if isinstance(x, Complex) else float(x)

@@ -9,6 +9,10 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.kernels.layout import Floats
 
+EPS = float(np.finfo(np.float64).eps)
+TAU = 1e-6  # of a row of length 1: what depends on the others to less is left as it is
+GAIN = 0.0625  # of the mean that is found of what an invariant drifts by from one projection to the next
+GAIN_STRAIGHT = 0.015625  # the same where projections are written out, and K is 5 to 8 times shorter
 FAR = 1e3  # times what a random walk of rounding errors makes of a state that turns by a radian in a step
 # K: parts of 10^k, from 10 on.  With SHARE projections of vectors of lanes take 2 to 4 % of the time, n = 3 to 5; those
 # of a single trajectory, whose steps wait for each other, 1 %.

@@ -1,25 +1,11 @@
-"""The text of the projection, for one state, vectors of lanes and GPUs: `BLOCK` goes through any program.
-
-A program that is not long is written out instead, without loops (`kreisel.kernels._llvm.projecting`): 5 to 8 times as
-fast, and compiled in 0.1 to 2 s; this text takes one.
-"""
+"""The text of the projection for GPUs and other languages: `BLOCK` goes through any program."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from kreisel.kernels.projection.program import Program, written_out
+from kreisel.graph.invariants import Program
 
-TAU = 1e-6  # of a row of length 1: what depends on the others to less is left as it is
-GAIN = 0.0625  # of the mean that is found of what an invariant drifts by from one projection to the next
-GAIN_STRAIGHT = 0.015625  # the same where projections are written out, and K is 5 to 8 times shorter
-FLAT = 2.0**-30  # a gradient so small beside the terms of its invariant tells no direction
-WIDTH = 8  # lanes at once
-LINE = 64  # bytes of the cache; a vector that lies across two takes twice the time
-
-# The second double of a number is of the size of the rounding errors of its terms; to make it less gains nothing.
 BLOCK = """
 {inline}
 def put_pair(room, high, low, p, e):
@@ -203,125 +189,21 @@ def block(sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst
             set_number(worst, at * k + j, entry(room, T + 5 * j + 4, w))
 """
 
-HEAD = '''"""Made by kreisel.kernels.projection.text; not to be edited."""
-from math import sqrt
-
-from kreisel.kernels._llvm.machine import compiled
-from kreisel.kernels._llvm.operations import double_at as number
-from kreisel.kernels._llvm.operations import fma, long_at, size, vector_at, where_less
-from kreisel.kernels._llvm.operations import put_double as set_number
-from kreisel.kernels._llvm.operations import put_vector
-from kreisel.kernels._llvm.operations import whole_at as whole
-from kreisel.kernels._llvm.functions import straight
-
-TAU, FLAT, EPS, GAIN, HUGE = {tau!r}, {flat!r}, {eps!r}, {gain!r}, 1e300
-
-
-@straight
-def get(room, row):
-    return {get}
-
-
-@straight
-def put(room, row, value):
-    {put}
-
-
-@straight
-def entry(room, row, w):
-    return number(room, {width} * row + w)
-
-
-@straight
-def set_entry(room, row, w, value):
-    set_number(room, {width} * row + w, value)
-
-
-@straight
-def times(x, y):
-    return x * y
-
-'''
-
-STRAIGHT = '''"""Made by kreisel.kernels.projection.text; not to be edited."""
-from kreisel.kernels._llvm.machine import compiled
-from kreisel.kernels._llvm.operations import long_at
-from kreisel.kernels._llvm.projecting import projection
-
-{parts}
-
-@compiled("i8, i8, i8, i8, i8")
-def project(table, place, first, last, begin):
-{loops}
-'''
-LOOP = """    for lane in range(first, last, {width}):
-        part{i}(table, lane, last, begin)
-    table = long_at(table, 5)
-"""
-
-TABLE = '''
-
-@compiled("i8, i8, i8, i8, i8")
-def project(table, place, first, last, begin):
-    """The lanes from first to last; `table` has the numbers below and where the next one is, `place` is room."""
-    place = (place + {line} - 1) // {line} * {line}
-    while table != 0:
-        sizes = (
-            long_at(table, 0), long_at(table, 1), long_at(table, 2), long_at(table, 3), long_at(table, 4),
-            long_at(table, 5), long_at(table, 6), long_at(table, 7), long_at(table, 8),
-        )
-        ops, runs, outs = long_at(table, 9), long_at(table, 10), long_at(table, 11)
-        ends, cones, columns = long_at(table, 12), long_at(table, 13), long_at(table, 14)
-        literals, targets, worst = long_at(table, 15), long_at(table, 16), long_at(table, 17)
-        z, c = long_at(table, 18), long_at(table, 19)
-        for lane in range(first, last, {width}):
-            block(
-                sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst, z, c, place, lane, last, begin
-            )
-        table = long_at(table, 20)
-'''
-
-
-def gain_of(programs: Sequence[Program]) -> float:
-    """`GAIN` of these programs."""
-    return GAIN_STRAIGHT if written_out(programs) else GAIN
-
-
-def projection_source(width: int) -> str:
-    """The text of the projection of so many states at once."""
-    one = width == 1
-    head = HEAD.format(
-        get="number(room, row)" if one else f"vector_at(room, row, {width})",
-        put="set_number(room, row, value)" if one else "put_vector(room, row, value)",
-        width=width,
-        tau=TAU,
-        flat=FLAT,
-        gain=GAIN,
-        eps=float(np.finfo(np.float64).eps),
-    )
-    states = projection_block("@straight", "@straight", "at * d + i", "at * constants + j", width)
-    return head + states + TABLE.format(width=width, line=LINE)
-
 
 def projection_block(inline: str, compiled: str, z: str, c: str, width: int) -> str:
     """The text of the projection of `width` states, by decorators, and by where the numbers i of z and j of c stand."""
     return BLOCK.format(inline=inline, compiled=compiled, z=z, c=c, width=width)
 
 
-def straight_source(programs: list[Program], width: int) -> str:
-    """The text of the projection of so many states at once by these programs, written out."""
-    numbers = {"tau": TAU, "flat": FLAT, "gain": gain_of(programs), "eps": float(np.finfo(np.float64).eps)}
-    parts = []
-    for i, program in enumerate(programs):
-        of_program = {
-            "size": program.size,
-            "first": program.first,
-            "outs": program.outs.tolist(),
-            "columns": program.columns.tolist(),
-            "literals": [str(number) for number in program.literals.tolist()],
-            "ops": program.operations(),
-            "cones": [cone.tolist() for cone in np.split(program.cones, program.ends[:-1])],
-        }
-        parts.append(f"part{i} = projection({width}, **{numbers | of_program})\n")
-    loops = [LOOP.format(i=i, width=width) for i in range(len(programs))]
-    return STRAIGHT.format(parts="".join(parts), loops="".join(loops))
+def block_sizes(program: Program, lanes: int, constants: int) -> tuple[int, ...]:
+    """Sizes that the text looks at, and `Program.first`."""
+    used, literals = len(program.columns), len(program.literals)
+    counts = len(program.ops), len(program.runs), program.first
+    return program.size, len(program.outs), lanes, constants, used, literals, *counts
+
+
+def block_arrays(program: Program) -> tuple[np.ndarray, ...]:
+    """All numbers of a program, as the text has them."""
+    runs, ends = program.runs[:, [0, 2]], program.ends[1:]
+    integers = program.ops, runs, program.outs, ends, program.cones, program.columns
+    return *(array.astype(np.int32) for array in integers), program.literals

@@ -1,0 +1,465 @@
+"""Round-off, in one place: every K steps the state goes back to the values that its invariants had at the start.
+
+    r = I(z) - I(z_0)                           in double-double
+    J = dI/dz                                   in double, by a reverse sweep
+    d <- d + g (r - r_0 - d)                    r_0 of just after the last projection: the mean drift in K steps
+    z <- z - J^T (J J^T + tau)^-1 (r + d/2)     one step of Gauss and Newton; rows of J, and r with them, of length 1
+
+Rounding errors have a mean, and so I drifts.  By d/2 the mean of I over an interval, and not its start, is I(z_0): else
+the frequencies would be off by d/2, and the phase by that times N.  g = 1/16, 1/64 where K is short: a mean of few
+intervals is as uncertain as their random walks, which 7 ulp at n = 3 and K = 1250 showed.
+
+The operations stand here once, in loops: of a short program these are written out, and what is known before, numbers 0
+and 1 above all, is not computed; code for long ones goes through the tables of any program.  For one state or a vector
+of lanes the bits are the same, and those of a state on its own.  K counts from step 0 of a trajectory, so the bits do
+not depend on `every`, nor on where a run was interrupted.
+
+A correction is of the size of rounding errors, or the map does not conserve what it claims: the largest one is kept.
+[Hairer, Lubich, Wanner, Geometric Numerical Integration, section IV.4]
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+
+from kreisel.algebra.reuse import Identity, reused
+from kreisel.graph.double import fused, pair_difference, pair_product, pair_quotient, pair_root, pair_sum, root
+from kreisel.graph.graph import IN, Graph, Number, Operand, where_less
+from kreisel.graph.invariants import ADD, DIVIDE, MULTIPLY, OPERATIONS, SUBTRACT, Program, written_out
+from kreisel.graph.llvm import Function, Integer, Lanes, Memory, kind_of
+from kreisel.graph.machine import Kernel, kernel
+from kreisel.kernels.layout import Floats
+from kreisel.kernels.projection.corrections import EPS, GAIN, GAIN_STRAIGHT, TAU, Corrections
+
+FLAT = 2.0**-30  # a gradient so small beside the terms of its invariant tells no direction
+HUGE = 1e300
+WIDE = 8  # lanes at once
+LINE = 64  # bytes of the cache; a vector that lies across two takes twice the time
+
+
+def gain_of(programs: Sequence[Program]) -> float:
+    """`GAIN` of these programs."""
+    return GAIN_STRAIGHT if written_out(programs) else GAIN
+
+
+# -- the projection ------------------------------------------------------------------------------------
+
+
+class Projection:
+    """The operations of a projection, on numbers that are recorded or written into a function.
+
+    flow     loops, as of `Straight`
+    tables   of a `Program`, and its `literals`
+    bound    whether the program binds an orientation
+    x        room: of each register its two doubles, then its slope; J (k, d), J J^T (k, k), what is to be solved (k,)
+    rows     z, constants, targets and worst as of `Corrections`
+    """
+
+    def __init__(
+        self, flow: Any, tables: Sequence[Any], literals: Any, bound: bool, gain: float, x: Any, rows: Sequence[Any]
+    ):
+        self.flow, self.literals, self.bound, self.gain, self.x = flow, literals, bound, gain, x
+        self.z, self.c, self.targets, self.worst = rows
+        sizes, self.ops, self.runs, self.outs, self.ends, self.cones, self.columns = tables
+        self.d, self.k, columns, literal_count, length, self.run_count, self.first = (sizes[i] for i in range(7))
+        self.literal = self.d + columns
+        self.base = self.literal + literal_count
+        self.low = self.base + length
+        self.slopes = 2 * self.low
+        self.J = self.slopes + self.low
+        self.G = self.J + self.k * self.d
+        self.R = self.G + self.k * self.k
+
+    def _operations(self) -> Iterator[tuple[int, Any, Any, Any, Any]]:
+        """All operations of the program: the kind, the place, the registers of the result and of both operands."""
+        for r in self.flow.each(0, self.run_count):
+            kind, first, last = (self.runs[3 * r + i] for i in range(3))
+            for place in range(len(OPERATIONS)):
+                for _ in self.flow.only(kind, place):
+                    for i in self.flow.each(first, last):
+                        yield place, i, self.base + i, self.ops[4 * i], self.ops[4 * i + 1]
+
+    def values(self) -> None:
+        """All registers, and the slopes of quotients and roots."""
+        x, low, each = self.x, self.low, self.flow.each
+        for i in each(0, self.d):
+            x[i] = self.z[i]
+        for i in each(self.d, self.literal):
+            x[i] = self.c[self.columns[i - self.d]]
+        for i in each(self.literal, self.base):
+            x[i] = self.literals[i - self.literal]
+        for i in each(low, low + self.base):
+            x[i] = 0.0
+        for kind, i, result, a, b in self._operations():
+            left, right = (x[a], x[low + a]), (x[b], x[low + b])
+            if kind <= MULTIPLY:
+                pair = {ADD: pair_sum, SUBTRACT: pair_difference, MULTIPLY: pair_product}[kind](left, right)
+            else:
+                pair, inverse = pair_quotient(left, right) if kind == DIVIDE else pair_root(left)
+                x[self.ops[4 * i + 2]] = inverse
+                if kind == DIVIDE:
+                    x[self.ops[4 * i + 3]] = -(pair[0] * inverse)
+            x[result], x[low + result] = pair
+
+    def begin(self) -> None:
+        """The values of the invariants and the sizes of their terms: each sum with all its terms of one sign."""
+        x, size = self.x, self.slopes
+        for i in self.flow.each(0, self.base):
+            x[size + i] = abs(x[i])
+        for kind, _, result, a, b in self._operations():
+            left, right = x[size + a], x[size + b]
+            if kind <= SUBTRACT:
+                x[size + result] = left + right
+            elif kind == MULTIPLY:
+                x[size + result] = left * right
+            else:
+                x[size + result] = left / right if kind == DIVIDE else root(left)
+        for j in self.flow.each(0, self.k):
+            for i, row in enumerate((0, self.low, size)):
+                self.targets[4 * j + i] = x[row + self.outs[j]]
+
+    def gradients(self) -> None:
+        """J, by a reverse sweep for each invariant."""
+        x, ops, slopes, each = self.x, self.ops, self.slopes, self.flow.each
+        for i in each(slopes, slopes + self.low):
+            x[i] = 0.0
+        for j in each(0, self.k):
+            row = self.J + j * self.d
+            x[slopes + self.outs[j]] = 1.0
+            for place in each(self.ends[j], self.ends[j + 1]):
+                i = self.cones[place]
+                slope = x[slopes + self.base + i]
+                x[slopes + self.base + i] = 0.0
+                for side in (0, 1):
+                    into = slopes + ops[4 * i + side]
+                    x[into] = fused(slope, x[ops[4 * i + 2 + side]], x[into])
+            for i in each(0, self.first):
+                x[row + i] = 0.0
+            for i in each(self.first, self.d):
+                x[row + i] = x[slopes + i]
+            for i in each(slopes, slopes + self.d):
+                x[i] = 0.0
+
+    def correct(self) -> None:
+        """One step of Gauss and Newton, and the lead and the farthest correction of each invariant."""
+        unit = 1.0 / root(self._dot(0, 0))
+        for j in self.flow.each(0, self.k):
+            self._lack(j, unit)
+        self._solve()
+        for i in self.flow.each(self.first, self.d):
+            value = self.flow.cell(self.x[i])
+            for j in self.flow.each(0, self.k):
+                value[0] = fused(-self.x[self.J + j * self.d + i], self.x[self.R + j], value[0])
+            self.z[i] = value[0]
+
+    def _dot(self, a: Any, b: Any) -> Any:
+        """The product of d numbers from a and from b on."""
+        total = self.flow.cell(0.0)
+        for i in self.flow.each(0, self.d):
+            total[0] = fused(self.x[a + i], self.x[b + i], total[0])
+        return total[0]
+
+    def _lack(self, j: Any, unit: Any) -> None:
+        """Make a row of J of length 1; by how much its invariant is to change, in that unit."""
+        x, targets, row, out = self.x, self.targets, self.J + j * self.d, self.outs[j]
+        flat = targets[4 * j + 2] * (unit * FLAT)
+        total = root(fused(flat, flat, self._dot(row, row)))
+        scale = where_less(0.0, total, 1.0 / total, 0.0)
+        scale = where_less(total, HUGE, scale, 0.0)  # of what is not finite here too
+        for i in self.flow.each(row, row + self.d):
+            slope = x[i]
+            if isinstance(slope, Number) or slope:
+                x[i] = where_less(0.0, scale, scale * slope, 0.0)
+        lack = (x[out] - targets[4 * j]) + (x[self.low + out] - targets[4 * j + 1])
+        lack = where_less(abs(lack), HUGE, lack, 0.0)
+        lead = targets[4 * j + 3]
+        lead = fused(self.gain, 0.5 * (lack + lead) - lead, lead)
+        distance = scale * (unit * (1.0 / EPS))
+        farthest, off = self.worst[j], abs(lack) * distance
+        farthest = where_less(farthest, off, off, farthest)
+        if self.bound:  # what binds an orientation has no frequency
+            lead = 0.0
+        else:
+            lead = targets[4 * j + 3] = where_less(farthest, abs(lead) * distance, 0.0, lead)
+        self.worst[j] = farthest
+        x[self.R + j] = (lack + lead) * scale
+
+    def _solve(self) -> None:
+        """(J J^T + tau) R = lack, by elimination."""
+        x, k, G, R, each = self.x, self.k, self.G, self.R, self.flow.each
+        for j in each(0, k):
+            for q in each(j, k):
+                x[G + j * k + q] = self._dot(self.J + j * self.d, self.J + q * self.d)
+            x[G + j * k + j] = x[G + j * k + j] + TAU
+        for j in each(0, k):
+            pivot = 1.0 / x[G + j * k + j]
+            for q in each(j + 1, k):
+                factor = -(x[G + j * k + q] * pivot)
+                for i in each(q, k):
+                    x[G + q * k + i] = fused(factor, x[G + j * k + i], x[G + q * k + i])
+                x[R + q] = fused(factor, x[R + j], x[R + q])
+            x[G + j * k + j] = pivot
+        for j in each(k - 1, -1, -1):
+            total = self.flow.cell(x[R + j])
+            for q in each(j + 1, k):
+                total[0] = fused(-x[G + j * k + q], x[R + q], total[0])
+            x[R + j] = total[0] * x[G + j * k + j]
+
+
+# -- written out ---------------------------------------------------------------------------------------
+
+
+class Straight:
+    """Loops that are run while operations are recorded."""
+
+    each = range
+
+    @staticmethod
+    def only(kind: int, place: int) -> range:
+        """A loop that is run once where kind = place."""
+        return range(kind == place)
+
+    @staticmethod
+    def cell(x: Any) -> list[Any]:
+        """Room for a number that loops change."""
+        return [x]
+
+
+class _Inputs(dict[int, Any]):
+    """The inputs of a letter, and the outputs that were put in their place."""
+
+    def __init__(self, graph: Graph, letter: str):
+        super().__init__()
+        self._graph, self._letter = graph, letter
+
+    def __missing__(self, i: int) -> Number:
+        return self._graph.input(self._letter, i)
+
+
+Outputs = dict[tuple[str, int], Operand]
+
+
+def recorded_projection(program: Program, gain: float) -> tuple[Graph, Outputs, Outputs]:
+    """The graph of a projection, and by (letter, index) the outputs of the beginning of a run and of a projection.
+
+    Letters: z and c, t for `Corrections.targets` (4 j + i of invariant j), w for `Corrections.worst`.
+    """
+    graph = Graph()
+    rows = [_Inputs(graph, letter) for letter in "zctw"]
+    tables, room = [table.ravel().tolist() for table in program.tables], defaultdict[int, Any](float)
+    projection = Projection(Straight, tables, program.literals.tolist(), program.first > 0, gain, room, rows)
+    projection.values()
+    projection.gradients()
+    projection.correct()
+    out = {(letter, i): x for letter, row in zip("zctw", rows, strict=True) for i, x in row.items()}
+    rows[2].clear()
+    projection.begin()
+    return graph, {("t", i): x for i, x in rows[2].items()}, out
+
+
+def _straight(
+    f: Function, program: Program, gain: float, lanes: Mapping[str, Lanes], kind: ir.Type, begin: Integer
+) -> None:
+    graph, *results = recorded_projection(program, gain)
+    needs = [graph.needed(list(outputs.values())) for outputs in results]
+    values: dict[int, Any] = {}
+
+    def compute(nodes: Sequence[int], into: dict[int, Any]) -> None:
+        for at in nodes:
+            operation, *place = graph.nodes[at]
+            if operation == IN and at not in into:
+                into[at] = lanes[place[0]][place[1]]
+        f.emit(graph, nodes, into, kind)
+
+    compute(sorted({*needs[0]} & {*needs[1]}), values)
+    with f.otherwise(begin.compared("!=", 0)) as blocks:
+        for block, nodes, outputs in zip(blocks, needs, results, strict=True):
+            with block:
+                into = dict(values)
+                compute(nodes, into)
+                for (letter, i), x in outputs.items():
+                    lanes[letter][i] = f.value(x, into, kind)
+
+
+# -- in loops ------------------------------------------------------------------------------------------
+
+
+class _Looping(Graph):
+    """Loops of a function, and its numbers: operations go into it as they are recorded, each where it is."""
+
+    def __init__(self, f: Function, kind: ir.Type):
+        super().__init__()
+        self._f, self._kind, self._values = f, kind, dict[int, Any]()
+
+    def __contains__(self, key: Any) -> bool:
+        return False
+
+    def node(self, operation: str, *operands: Operand) -> int:
+        at = len(self.nodes)
+        self.nodes.append((operation, *operands))
+        self.names.append(f"t{at}")
+        self._f.emit(self, [at], self._values, self._kind)
+        return at
+
+    def number(self, value: Any) -> Number:
+        """A number of LLVM."""
+        number = Number(self, self.node(IN))
+        self._values[number.at] = value
+        return number
+
+    def value(self, x: Operand) -> Any:
+        """And back."""
+        return self._f.value(x, self._values, self._kind)
+
+    def each(self, first: Any, last: Any, step: int = 1) -> Iterator[Integer]:
+        """The variable of a loop: the body is run once, to be written."""
+        with self._f.loop(first, last, step) as i:
+            yield i
+
+    def only(self, kind: Integer, place: int) -> Iterator[None]:
+        with self._f.where(kind.compared("==", place)):
+            yield
+
+    def cell(self, x: Operand) -> _Rows:
+        cell = _Rows(self, self._f.variables(1, self._kind)[0])
+        cell[0] = x
+        return cell
+
+
+class _Rows:
+    """Numbers in memory."""
+
+    def __init__(self, graph: _Looping, memory: Memory | Lanes):
+        self._graph, self._memory = graph, memory
+
+    def __getitem__(self, i: Any) -> Number:
+        return self._graph.number(self._memory[i])
+
+    def __setitem__(self, i: Any, x: Operand) -> None:
+        self._memory[i] = self._graph.value(x)
+
+
+def _in_loops(
+    f: Function, bound: bool, gain: float, lanes: Mapping[str, Lanes], kind: ir.Type, begin: Integer,
+    tables: Sequence[Memory], room: Memory,
+) -> None:  # fmt: skip
+    flow = _Looping(f, kind)
+    memories: list[Memory | Lanes] = [*lanes.values(), room]
+    *rows, literals, x = (_Rows(flow, memory) for memory in memories)
+    projection = Projection(flow, tables, literals, bound, gain, x, rows)
+    projection.values()
+    with f.otherwise(begin.compared("!=", 0)) as (start, proceed):
+        with start:
+            projection.begin()
+        with proceed:
+            projection.gradients()
+            projection.correct()
+
+
+# -- compiled ------------------------------------------------------------------------------------------
+
+
+def compiled(programs: Sequence[Program], width: int) -> Kernel:
+    """The compiled projection of `width` lanes at once by these programs, one after the other.
+
+    Called with the address of a table, of room, with the first lane, the last one, and whether a run begins.
+    """
+    return reused(("projection", width, *map(Identity, programs)), lambda: _compiled(programs, width))
+
+
+def _compiled(programs: Sequence[Program], width: int) -> Kernel:
+    straight, gain, kind = written_out(programs), gain_of(programs), kind_of(width)
+    parts = [program.digest if straight else program.first > 0 for program in programs]
+
+    def write(f: Function) -> None:
+        table, room, first, last, begin = f.arguments
+        f.vectors(width)
+        rows = f.doubles((room + (LINE - 1)) // LINE * LINE).of(kind)
+        for program in programs:
+            words = f.integers(table)
+            targets, worst, z, constants, literals, *tables = (words[i] for i in range(12))
+            integers = [f.integers(address) for address in tables]
+            size, count = (program.size, len(program.outs)) if straight else (integers[0][0], integers[0][1])
+            strides = {"z": (z, size), "c": (constants, words[12]), "t": (targets, 4 * count), "w": (worst, count)}
+            with f.loop(first, last, width) as lane:
+                at = f.lanes(lane, width, last)
+                lanes = {
+                    name: Lanes(f.doubles(address), at, stride)
+                    for name, (address, stride) in (strides | {"l": (literals, 0)}).items()
+                }
+                if straight:
+                    _straight(f, program, gain, lanes, kind, begin)
+                else:
+                    _in_loops(f, program.first > 0, gain, lanes, kind, begin, integers, rows)
+            table = words[13]
+
+    return kernel(("projection", width, straight, gain, TAU, *parts), 5, write)
+
+
+class CompiledProjection(Corrections):
+    """The compiled projection of rows z (lanes, d), which kernels call by its address.
+
+    programs  of the invariants, and of what binds an orientation to the state
+    project   `compiled` of them, `width` lanes at once
+    """
+
+    def __init__(
+        self, programs: Sequence[Program], project: Kernel, every: int, z: Floats, constants: Floats, width: int
+    ):
+        super().__init__(programs[0].labels, every, len(z), sum(len(program.outs) for program in programs[1:]))
+        self._z, self._compiled = z, project
+        self._room = LINE // 8 + (0 if written_out(programs) else width * max(program.rows for program in programs))
+        self._held: list[np.ndarray] = []  # as long as their addresses are used
+        self._rooms: dict[int, int] = {}
+        self._first = 0
+        for program in reversed(programs):
+            first = program is programs[0]
+            targets, worst = (self.targets, self.worst) if first else (self.bound, np.zeros(self.bound.shape[:2]))
+            arrays = targets, worst, z, constants, program.literals, *program.tables
+            table = [*(array.ctypes.data for array in arrays), constants.shape[1], self._first]
+            self._held += [*arrays, np.array(table, dtype=np.int64)]
+            self._first = self._held[-1].ctypes.data
+        self._call(1)
+
+    @property
+    def arguments(self) -> tuple[int, ...]:
+        """Integers that a kernel takes for it before the address of `room`."""
+        return self.done, self.every, self._compiled.address, self._first
+
+    def room(self, first: int) -> int:
+        """The address of room for the thread whose lanes begin with this one."""
+        if first not in self._rooms:
+            room = np.zeros(self._room)
+            self._held.append(room)  # threads ask at once: the last of these may be that of another one
+            self._rooms[first] = room.ctypes.data
+        return self._rooms[first]
+
+    def _call(self, begin: int) -> None:
+        self._compiled(self._first, self.room(0), 0, len(self._z), begin)
+
+    def begin(self, steps: int) -> None:
+        """Take the values at the start from the rows z as they are now, if that many steps are projected at all."""
+        self.done = 0
+        self.worst[:] = 0
+        if steps >= self.every:
+            self.targets[:] = self.bound[:] = 0
+            self._call(1)
+
+    def apply(self) -> None:
+        """Project the state, in place."""
+        self._call(0)
+
+    def peek(self, z: Floats) -> Floats:
+        arrays = self._z, self.worst, self.targets, self.bound
+        before = [array.copy() for array in arrays]
+        self._z[:] = z
+        self._call(0)
+        worst = self.worst.copy()
+        for array, value in zip(arrays, before, strict=True):
+            array[:] = value
+        return worst
