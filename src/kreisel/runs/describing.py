@@ -14,6 +14,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.reuse import reused
 from kreisel.kernels.layout import Floats
 from kreisel.method import find
 from kreisel.record.model import Model
@@ -53,39 +54,47 @@ def versions() -> dict[str, str]:
 
 def describe(plan: Plan) -> RunRecord:
     """What a run is: everything needed to know it and to repeat it."""
-    model, system, observe = plan.model, plan.model.system, plan.settings.observe
+    model, settings, end = plan.model, plan.settings, plan.timetable.end
     return RunRecord(
-        title=f"{system.title}: {plan.scheme.name}",
-        source=f"kreisel {versions()['kreisel']}",
-        references=find(plan.scheme.name).references(system),
-        system=system.name,
-        system_sha256=operations_of(model),
-        equations=system.equations,
+        **reused((__name__, model.key, plan.scheme.name), lambda: _subject(model, plan.scheme.name)),
         body=body_of(model),
-        components=json.dumps(dict(system.space.components)),
-        frame=system.frame.value,
-        bracket="plus" if system.space.sign > 0 else "minus",
-        n=model.n,
-        parameters=parameters_of(model),
         start_sha256=hash_of_start(plan.start),
-        method=plan.scheme.name,
         options=json.dumps(dict(plan.scheme.options)),
-        observe=None if observe is None else json.dumps(observe),
+        observe=None if settings.observe is None else json.dumps(settings.observe),
         engine=plan.where,
         projection=plan.engine.projection.every if plan.engine.projection else 0,
         dt=plan.dt,
-        asked_dt=plan.settings.asked_dt,
+        asked_dt=settings.asked_dt,
         steps=plan.steps,
         every=plan.every,
-        rows=None if plan.settings.times is None and plan.timetable.end is None else plan.rows,
-        stopped=None if plan.timetable.end is None else plan.timetable.end[1],
-        impulses=json.dumps(plan.settings.impulses) if plan.settings.impulses else None,
+        rows=None if settings.times is None and end is None else plan.rows,
+        stopped=None if end is None else end[1],
+        impulses=json.dumps(settings.impulses) if settings.impulses else None,
         events=json.dumps(events_of(plan)) if plan.events else None,
         event_times=_event_times(plan),
         rows_in_block=block_rows(plan),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
-        versions=json.dumps(versions()),
     )
+
+
+def _subject(model: Model, method: str) -> dict[str, Any]:
+    """The attributes that depend on the model and the method alone."""
+    system = model.system
+    return {
+        "title": f"{system.title}: {method}",
+        "source": f"kreisel {versions()['kreisel']}",
+        "references": find(method).references(system),
+        "system": system.name,
+        "system_sha256": operations_of(model),
+        "equations": system.equations,
+        "components": json.dumps(dict(system.space.components)),
+        "frame": system.frame.value,
+        "bracket": "plus" if system.space.sign > 0 else "minus",
+        "n": model.n,
+        "parameters": parameters_of(model),
+        "method": method,
+        "versions": json.dumps(versions()),
+    }
 
 
 def hash_of_start(start: Mapping[str, Floats]) -> str:

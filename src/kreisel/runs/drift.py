@@ -42,6 +42,7 @@ GROWN = 100  # times the state of the first block
 LOOKED_AT = 16  # lanes at most, in which the width of the walk is measured again
 NUMBERS_AT_ONCE = 1 << 19  # of a variable, in memory
 TOGETHER = 64  # rows
+FEW_ROWS = 1024
 
 
 def _place_in_table(variable: xr.Variable) -> tuple[bool, int]:
@@ -334,6 +335,8 @@ def all_series(run: xr.Dataset) -> Iterator[Series]:
 
 def _extremes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The least and the largest along the first axis; NumPy is slow where the others are short."""
+    if len(values) < FEW_ROWS:
+        return values.min(0), values.max(0)
     whole, shape = len(values) // TOGETHER * TOGETHER, values.shape[1:]
     out = []
     for least in (np.minimum, np.maximum):

@@ -17,11 +17,11 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
 from kreisel.kernels.layout import Floats
-from kreisel.method.scheme import Flow, Orbits
+from kreisel.method.scheme import Flow, Orbits, Steps
 from kreisel.record.given import in_lane
 from kreisel.runs.plan import BREAKS, Plan
 from kreisel.runs.planning import cause_of_no_numbers
-from kreisel.runs.settings import of_forces
+from kreisel.runs.settings import LARGE, of_forces
 from kreisel.stopwatch import SPENT
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ END = BREAKS + "end"  # in a snapshot: the rows and the last time of a run that 
 CHUNKS = 8  # of a block, each compressed apart; a block is a file of each variable
 SHARDED = 512  # rows: a smaller block is one chunk
 TICK_SECONDS = 0.1  # between two looks at the clock
+SHORT_STEPS = 1000  # of straight-line code, in the first call
 LONG_SECONDS = 1.0  # a longer call of the engine can be interrupted
 
 
@@ -90,7 +91,9 @@ class Integration:
         self.buffer[0] = plan.engine.z
         self.filled, self.flushed, self.into = int(plan.settings.times is None), 0, 0
         self.inside: Callable[[], None] = lambda: None
-        self._scratch, self._burst = np.empty((1, *plan.engine.z.shape)), 1  # a single step may take seconds
+        self._scratch = np.empty((1, *plan.engine.z.shape))
+        short = isinstance(plan.scheme.motion, Steps) and plan.model.n < LARGE
+        self._burst = max(1, SHORT_STEPS // plan.lanes) if short else 1  # a single step may take seconds
         by_itself = plan.settings.times is None or isinstance(plan.scheme.motion, Flow | Orbits)
         self._breaks: Breaks | None = None
         if not by_itself or plan.broken:
