@@ -223,10 +223,6 @@ def whole_kick(m, a, *, p, eps):
     return m + eps * wedge(a, p), a
 
 
-def whole_kick_back(m, a, *, p, eps):
-    return m - eps * wedge(a, p), a
-
-
 def transformed(system: System, **changes: object) -> System:
     return replace(system, baecklund=replace(system.baecklund, **changes))
 
@@ -416,11 +412,11 @@ MUTANTS = [
     ("discrete-lax-equation", mapped(CLEBSCH, lax=printed_pencil), 3),
     ("poisson", mapped(TOP, step=not_poisson), 3),
     ("poisson", mapped(TOP, step=euler_for_cayley), 3),
-    ("inverse", mapped(TOP, inverse=lagrange_top.adjoint), 3),
-    ("adjoint", mapped(TOP, adjoint=lagrange_top.step), 3),
+    ("inverse", mapped(TOP, inverse=lagrange_top.MAP.adjoint), 3),
+    ("adjoint", mapped(TOP, symmetric=True), 3),
     ("reversing-involution", mapped(TOP, involution=lambda m, a: (-m, a)), 3),
     ("reversing-involution", mapped(TOP, involution=same), 3),
-    ("symmetric-conjugate", mapped(TOP, to_symmetric=whole_kick, from_symmetric=whole_kick_back), 3),
+    ("symmetric-conjugate", mapped(TOP, to_symmetric=whole_kick), 3),
     ("symmetric-conjugate", mapped(TOP, to_symmetric=same), 3),
     ("reconstruction", mapped(TOP, generator=transposed_turn), 3),
     ("reconstruction", mapped(TOP, generator=isotropic_turn), 3),
@@ -452,7 +448,7 @@ MUTANTS = [
     ("discrete-euler-lagrange", mapped(VESELOV, lagrangian=neumann.lagrangian), 3),
     ("discrete-lax-equation", mapped(VESELOV, step=other_root), 4),
     ("continuous-limit", mapped(VESELOV, step=other_root), 3),
-    ("adjoint", mapped(VESELOV, adjoint=neumann.adjoint), 3),
+    ("adjoint", mapped(VESELOV, step=neumann.step), 3),
     ("integrals-of-the-map", mapped(ROSOCHATIUS, step=without_walls), 3),
     ("lax-equation", replace(ROSOCHATIUS, lax=without_turns), 3),
     ("integrals-of-the-map", mapped(BODY, step=force_forgotten), 3),
@@ -490,12 +486,12 @@ MUTANTS = [
     ("poisson", mapped(LATTICE, step=one_spin_of_two), 3),
     ("poisson", wrong_space(LATTICE, tensor=lambda *spins: LATTICE.space.tensor(*spins, D=0)), 3),
     ("hamiltonian-flow", replace(LATTICE, flow=without_anisotropy), 3),
-    ("adjoint", mapped(LATTICE, adjoint=lattice_landau_lifshitz.step), 3),
+    ("adjoint", mapped(LATTICE, symmetric=True), 3),
     ("involution", replace(LATTICE, energy=of_one_sublattice), 3),
     ("hamiltonian-flow", replace(CHAIN, flow=without_left_neighbours), 3),
     ("casimirs", wrong_space(CHAIN, casimirs=lambda x, y, z: x * x + y * y), 3),
     ("second-order-form", mapped(NEUMANN, second_order=without_curvature), 3),
-    ("order", mapped(TOP, to_symmetric=same, from_symmetric=same), 3),
+    ("order", mapped(TOP, to_symmetric=same), 3),
     ("order", mapped(TOP, generator=lambda m, a, m1, a1, *, alpha, eps: eps / 2 * m1), 3),
 ]
 

@@ -223,7 +223,7 @@ def reversing_involution(case: Case) -> Sides:
     yield J @ case.tensor(case.state) @ J.T, -case.tensor(turned)
 
 
-@law("S(eps) S(-eps) = 1 for S = chi step chi^-1, chi half a kick", has_map_with("to_symmetric", "from_symmetric"))
+@law("S(eps) S(-eps) = 1 for S = chi step chi^-1, chi half a kick", has_map_with("to_symmetric"))
 def symmetric_conjugate(case: Case) -> Sides:
     def symmetric(state: tuple[Array, ...], eps: Any) -> tuple[Array, ...]:
         inner = case.call(case.map.from_symmetric, *state, eps=eps)

@@ -12,7 +12,7 @@ import enum
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any, SupportsIndex
 
 from kreisel.algebra import KINDS, Array, coordinate_count, invariants, restore
@@ -165,9 +165,10 @@ class Map:
 
     Only the step must be stated.
 
-    step, inverse, adjoint   (*state, eps) -> state; the adjoint is the inverse of the step with -eps
+    step, inverse            (*state, eps) -> state
+    symmetric                whether the step with -eps is the inverse
     involution               R with R step R = inverse, anti-Poisson
-    to_symmetric             chi with chi step chi^-1 of order 2 and symmetric; from_symmetric is chi^-1
+    to_symmetric             chi with chi step chi^-1 of order 2 and symmetric; chi^-1 is chi with -eps
     generator                X(*old, *new, eps) with the turn of the body w = cay(X)
     lagrangian               (q0, q1, *carried, eps): q = g in SO(n) and what is carried, such as A (rest frame) or
                              p (moving frame), or q = x on the sphere; only its differences matter
@@ -187,10 +188,8 @@ class Map:
 
     step: Function
     inverse: Function | None = None
-    adjoint: Function | None = None
     involution: Function | None = None
     to_symmetric: Function | None = None
-    from_symmetric: Function | None = None
     generator: Function | None = None
     lagrangian: Function | None = None
     lax: Function | None = None
@@ -204,14 +203,33 @@ class Map:
     conserves: tuple[str, ...] | None = None
     darboux: Function | None = None
     rational: bool = True
+    symmetric: bool = False
     commutes: bool = False
     order: int = 1
     source: str = ""
 
     @property
-    def symmetric(self) -> bool:
-        """Whether the map is its own adjoint."""
-        return self.adjoint is self.step
+    def from_symmetric(self) -> Function | None:
+        """chi^-1."""
+        return None if self.to_symmetric is None else _with_the_other_sign(self.to_symmetric)
+
+    @property
+    def adjoint(self) -> Function | None:
+        """The inverse of the step with -eps: of a symmetric map the step itself."""
+        if self.symmetric or self.inverse is None:
+            return self.step if self.symmetric else None
+        return _with_the_other_sign(self.inverse)
+
+
+@cache
+def _with_the_other_sign(function: Function) -> Function:
+    """A function of a state with -eps for eps."""
+
+    def reversed_step(*state: Array, eps: Any, **constants: Any) -> Any:
+        return function(*state, eps=-eps, **constants)
+
+    reversed_step.__dict__["__signature__"] = inspect.signature(function)
+    return reversed_step
 
 
 @dataclass(frozen=True)

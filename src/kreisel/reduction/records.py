@@ -323,15 +323,9 @@ class _Record:
         both, carried = [*self.axes, *self.axes], [algebra.KINDS[self.rep.space.kind].axes]
         step: dict[str, Any] = {"eps": True, "trouble": BRANCH}
         inverse = self.lift(self.inverse, **step)
-
-        def adjoint(*state: Array, **constants: Any) -> Any:
-            return inverse(*state, **{**constants, "eps": -constants["eps"]})
-
-        adjoint.__signature__ = inspect.signature(inverse)  # type: ignore[attr-defined]
         return Map(
             step=self.lift(self.step, **step),
             inverse=inverse,
-            adjoint=adjoint,
             generator=self.lift(self.generator, both, **step) if self.rotations else None,
             lagrangian=self.lift(self.unreduced, [2, 2, *carried], eps=True) if self.rotations else None,
             regularity=self.lift(self.regularity, eps=True),

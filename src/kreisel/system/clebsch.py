@@ -35,21 +35,12 @@ def inverse(M, P, *, b, eps):
     return M - kick(P, b=b, eps=eps), P
 
 
-def adjoint(M, P, *, b, eps):
-    P = cayley_act(-eps / 2 * M, P)
-    return M + kick(P, b=b, eps=eps), P
-
-
 def involution(M, P, *, b, eps):
     return -(M + kick(P, b=b, eps=eps)), P
 
 
 def half_kick(M, P, *, b, eps):  # K^(1/2), with the denominator of the whole step
     return M + kick(P, b=b, eps=eps) / 2, P
-
-
-def half_kick_back(M, P, *, b, eps):
-    return M - kick(P, b=b, eps=eps) / 2, P
 
 
 def shifted(M, P, *, eps):  # Pt
@@ -139,10 +130,8 @@ SYSTEM = System(
     map=Map(
         step=step,
         inverse=inverse,
-        adjoint=adjoint,
         involution=involution,
         to_symmetric=half_kick,
-        from_symmetric=half_kick_back,
         generator=generator,
         lagrangian=lagrangian,
         lax=lax_matrix,

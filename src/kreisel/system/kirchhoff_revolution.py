@@ -99,22 +99,12 @@ def inverse(M, P, *, a1, a3, b, e, eps):
     return M - kick(P, a1, b, eps), P
 
 
-def adjoint(M, P, *, a1, a3, b, e, eps):
-    M, P = turned(M, P, a1, a3, e, eps)
-    P = carried(M, P, a1, eps)
-    return M + kick(P, a1, b, eps), P
-
-
 def involution(M, P, *, a1, b, eps):
     return -(M + kick(P, a1, b, eps)), P
 
 
 def half_kick(M, P, *, a1, b, eps):
     return M + kick(P, a1, b, eps) / 2, P
-
-
-def half_kick_back(M, P, *, a1, b, eps):
-    return M - kick(P, a1, b, eps) / 2, P
 
 
 def lax_matrix(M, P, *, a1, b, lam, eps):
@@ -171,10 +161,8 @@ SYSTEM = System(
     map=Map(
         step=step,
         inverse=inverse,
-        adjoint=adjoint,
         involution=involution,
         to_symmetric=half_kick,
-        from_symmetric=half_kick_back,
         generator=generator,
         lax=lax_matrix,
         conjugator=conjugator,

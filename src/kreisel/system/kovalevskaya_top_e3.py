@@ -43,21 +43,12 @@ def inverse(M, P, *, e, eps):
     return kicked(M, P, e, -eps), P
 
 
-def adjoint(M, P, *, e, eps):
-    M, P = turn(M, P, eps)
-    return kicked(M, P, e, eps), P
-
-
 def involution(M, P, *, e, eps):
     return -kicked(M, P, e, eps), P
 
 
 def half_kick(M, P, *, e, eps):
     return kicked(M, P, e, eps, 2), P
-
-
-def half_kick_back(M, P, *, e, eps):
-    return kicked(M, P, e, eps, -2), P
 
 
 def generator(M, P, M1, P1, *, e, eps):
@@ -95,10 +86,8 @@ def lax(M, P, *, c, e, h, lam):
 MAP = Map(
     step=step,
     inverse=inverse,
-    adjoint=adjoint,
     involution=involution,
     to_symmetric=half_kick,
-    from_symmetric=half_kick_back,
     generator=generator,
     largest_step=largest_step,
     source="Kreisel",

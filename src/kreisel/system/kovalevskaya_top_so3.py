@@ -54,21 +54,12 @@ def inverse(M, P, Q, *, e, h, eps):
     return kicked(M, P, Q, e, h, -eps), P, Q
 
 
-def adjoint(M, P, Q, *, e, h, eps):
-    M, P, Q = turn(M, P, Q, eps)
-    return kicked(M, P, Q, e, h, eps), P, Q
-
-
 def involution(M, P, Q, *, e, h, eps):
     return -kicked(M, P, Q, e, h, eps), P, Q
 
 
 def half_kick(M, P, Q, *, e, h, eps):
     return kicked(M, P, Q, e, h, eps, share=2), P, Q
-
-
-def half_kick_back(M, P, Q, *, e, h, eps):
-    return kicked(M, P, Q, e, h, eps, share=-2), P, Q
 
 
 def composed(M, eps):  # X with cay(X) = cay((eps/2) M) cay((eps/2) M_11)
@@ -159,10 +150,8 @@ def two_fields(M, P, Q):
 MAP = Map(
     step=step,
     inverse=inverse,
-    adjoint=adjoint,
     involution=involution,
     to_symmetric=half_kick,
-    from_symmetric=half_kick_back,
     generator=generator,
     largest_step=largest_step,
     source="Kreisel",

@@ -40,21 +40,12 @@ def inverse(m, a, *, p, eps):
     return m - eps * wedge(a, p), a
 
 
-def adjoint(m, a, *, p, eps):
-    a = cayley_act(eps / 2 * m, a)
-    return m + eps * wedge(a, p), a
-
-
 def involution(m, a, *, p, eps):
     return -(m + eps * wedge(a, p)), a
 
 
 def half_kick(m, a, *, p, eps):  # A_(eps/2)
     return m + eps / 2 * wedge(a, p), a
-
-
-def half_kick_back(m, a, *, p, eps):
-    return m - eps / 2 * wedge(a, p), a
 
 
 def shifted(m, a, *, p, eps):  # b_k of (bk), for any |a|
@@ -114,10 +105,8 @@ def to_moving_frame(m, a, g, *, p, alpha):
 MAP = Map(
     step=step,
     inverse=inverse,
-    adjoint=adjoint,
     involution=involution,
     to_symmetric=half_kick,
-    from_symmetric=half_kick_back,
     generator=generator,
     lagrangian=lagrangian,
     lax=lax_matrix,

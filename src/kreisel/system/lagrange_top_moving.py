@@ -68,10 +68,6 @@ def inverse(M, P, *, A, alpha, eps):
     return turn(M + eps * wedge(P, A), P, A=A, alpha=alpha, eps=-eps)
 
 
-def adjoint(M, P, *, A, alpha, eps):
-    return turn(M - eps * wedge(P, A), P, A=A, alpha=alpha, eps=eps)
-
-
 def involution(M, P, *, A, eps):
     return -(M + eps * wedge(P, A)), P
 
@@ -126,10 +122,8 @@ def lagrangian(g, h, p, *, A, alpha, eps):  # (dmLT Lagr body), with |A|^2 for 1
 MAP = Map(
     step=step,
     inverse=inverse,
-    adjoint=adjoint,
     involution=involution,
     to_symmetric=lambda M, P, *, A, eps: half_kick(M, P, A=A, eps=-eps),
-    from_symmetric=half_kick,
     generator=generator,
     lagrangian=lagrangian,
     lax=lax_matrix,

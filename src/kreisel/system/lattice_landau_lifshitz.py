@@ -86,10 +86,6 @@ def inverse(Sx, Sy, Sz, Tx, Ty, Tz, *, D, eps):
     return *S, *T
 
 
-def adjoint(Sx, Sy, Sz, Tx, Ty, Tz, *, D, eps):
-    return inverse(Sx, Sy, Sz, Tx, Ty, Tz, D=D, eps=-eps)
-
-
 def product(p, q, D):  # <N, N'> of null vectors
     return p[0] * q[0] + inner(p[1], q[1])
 
@@ -196,7 +192,6 @@ SYSTEM = System(
     map=Map(
         step=step,
         inverse=inverse,
-        adjoint=adjoint,
         largest_step=largest_step,
         rational=False,
         source="Krajnik, Ilievski, Prosen, Pasquier 2021",

@@ -42,21 +42,12 @@ def inverse(x, q, *, b, eps):
     return x, kick(x, q, -eps, b=b, eps=eps)
 
 
-def adjoint(x, q, *, b, eps):
-    x, q = turn(x, q, eps)
-    return x, kick(x, q, eps, b=b, eps=eps)
-
-
 def involution(x, q, *, b, eps):
     return x, -kick(x, q, eps, b=b, eps=eps)
 
 
 def half_kick(x, q, *, b, eps):
     return x, kick(x, q, eps / 2, b=b, eps=eps)
-
-
-def half_kick_back(x, q, *, b, eps):
-    return x, kick(x, q, -eps / 2, b=b, eps=eps)
 
 
 def second_order(x0, x, *, b, eps):
@@ -130,10 +121,8 @@ SYSTEM = System(
     map=Map(
         step=step,
         inverse=inverse,
-        adjoint=adjoint,
         involution=involution,
         to_symmetric=half_kick,
-        from_symmetric=half_kick_back,
         generator=generator,
         lagrangian=lagrangian,
         lax=lax_matrix,

@@ -93,21 +93,12 @@ def inverse(M, G, *, X, h, u, v, eps):
     return kicked(M, G, X, -eps), G
 
 
-def adjoint(M, G, *, X, h, u, v, eps):
-    M, G = turn(M, G, h=h, u=u, v=v, eps=eps)
-    return kicked(M, G, X, eps), G
-
-
 def involution(M, G, *, X, eps):
     return -kicked(M, G, X, eps), G
 
 
 def half_kick(M, G, *, X, eps):
     return kicked(M, G, X, eps / 2), G
-
-
-def half_kick_back(M, G, *, X, eps):
-    return kicked(M, G, X, -eps / 2), G
 
 
 def generator(M, G, M1, G1, *, X, h, u, v, eps):  # W R = cay(generator)
@@ -166,10 +157,8 @@ SYSTEM = replace(
     map=Map(
         step=step,
         inverse=inverse,
-        adjoint=adjoint,
         involution=involution,
         to_symmetric=half_kick,
-        from_symmetric=half_kick_back,
         generator=generator,
         lax=lax_matrix,
         conjugator=conjugator,

@@ -40,21 +40,12 @@ def inverse(M, P, *, A, eps):
     return M + eps * wedge(P, A), P
 
 
-def adjoint(M, P, *, A, eps):
-    P = cayley_act(-eps / 2 * M, P)
-    return M - eps * wedge(P, A), P
-
-
 def involution(M, P, *, A, eps):
     return -(M - eps * wedge(P, A)), P
 
 
 def half_kick(M, P, *, A, eps):
     return M - eps / 2 * wedge(P, A), P
-
-
-def half_kick_back(M, P, *, A, eps):
-    return M + eps / 2 * wedge(P, A), P
 
 
 def shifted(M, P, *, A, eps):
@@ -142,10 +133,8 @@ SYSTEM = System(
     map=Map(
         step=step,
         inverse=inverse,
-        adjoint=adjoint,
         involution=involution,
         to_symmetric=half_kick,
-        from_symmetric=half_kick_back,
         generator=generator,
         lagrangian=lagrangian,
         lax=lax_matrix,

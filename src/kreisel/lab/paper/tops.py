@@ -51,7 +51,7 @@ def introduction_frames(s: Setting) -> Sides:
 
 
 @stated("introduction-adjoint", "Sections 1 and 6.2", "E13", printed={"step": lagrange_top_moving.step})
-def introduction_adjoint(s: Setting, step: Any = lagrange_top_moving.adjoint) -> Sides:
+def introduction_adjoint(s: Setting, step: Any = lagrange_top_moving.MAP.adjoint) -> Sides:
     """the Introduction's map is the adjoint of section 6.2's at alpha = 1, not the same (E13)"""
     M, P, A = s.skew(), s.vector(), s.vector()
     mine = symmetric_top.step(M, P, A=A, eps=s.eps)
