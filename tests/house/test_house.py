@@ -175,6 +175,21 @@ def test_a_run_imports_what_it_uses() -> None:
     assert {name for name in names if name.startswith(rooms) or name in makers} == used
 
 
+def test_a_warm_run_crosses_few_files() -> None:
+    """The second of two runs that are alike: files of the package whose functions are called."""
+    lines = (
+        "files = set()",
+        "import sys",
+        "sys.setprofile(lambda frame, event, argument: files.add(frame.f_code.co_filename))",
+        FIRST_RUN[-1],
+        "sys.setprofile(None)",
+        "from pathlib import Path",
+        "inside = sorted(name for name in files if name.startswith(str(Path(kr.__file__).parent)))",
+        "assert 20 < len(inside) <= 60, inside",
+    )
+    assert loaded(*FIRST_RUN, *lines)
+
+
 def test_records_import_neither_pages_nor_methods() -> None:
     names = loaded("import kreisel as kr", "kr.systems(), kr.methods(), kr.method.find('suris').order_text")
     makers = {method.maker.partition(":")[0] for method in kr.methods()}
