@@ -10,7 +10,18 @@ import numpy as np
 import pytest
 
 from kreisel.graph.arranging import arranged, independent, latest, length
-from kreisel.graph.graph import APPLIED, Graph, Number, TooLong, array_of, evaluated, fma, maximum, where_less
+from kreisel.graph.graph import (
+    APPLIED,
+    Graph,
+    Number,
+    TooLong,
+    array_of,
+    evaluated,
+    fma,
+    if_positive,
+    maximum,
+    where_less,
+)
 from kreisel.graph.llvm import Function, Lanes, kind_of
 from kreisel.graph.machine import kernel
 
@@ -137,6 +148,24 @@ def test_a_recorded_loop_is_the_loop() -> None:
     assert compiled(graph, [short, few], np.array([[7.0]]))[0] == pytest.approx([2.875, 1.125**2])
     with pytest.raises(TypeError, match="loop within a loop"):
         a.record_loop(lambda x: improve(a.record_loop(improve, x, 0.0, 2)[0]), array_of([1.0]), 0.0, 2)
+
+
+@pytest.mark.parametrize("width", [1, 4])
+def test_a_branch_is_taken_if_a_lane_needs_it(width: int) -> None:
+    """Nodes of it are not used elsewhere; other lanes keep what they have; plain numbers branch as Python does."""
+
+    def formula(x: Any, y: Any) -> list[Any]:
+        (root,) = if_positive(x, lambda: [where_less(0.0, x, (x * y + 1.0) / x, y)], [y])
+        return [root * 2.0, x * y + 1.0]
+
+    graph = Graph()
+    x, y = graph.inputs("x", 2)
+    outputs = formula(x, y)
+    assert operations(graph, outputs) == ["branch", "result", "*", "*", "+"]
+    assert graph.digest(outputs) != graph.digest([y * 2.0, *outputs[1:]])
+    for rows in ([(-1.0, 3.0), (0.0, 2.0)], [(-1.0, 3.0), (0.5, 7.0), (0.0, 2.0), (-2.0, 1.0), (4.0, 1.0)]):
+        values = np.array(rows)
+        assert compiled(graph, outputs, values, width).tolist() == [formula(*row) for row in values.tolist()]
 
 
 def test_the_latest_order_computes_the_same() -> None:

@@ -123,6 +123,9 @@ def test_a_symmetric_body_precesses_as_in_the_textbook() -> None:
         assert motion.period == pytest.approx(2 * math.pi / (abs(axial - 1) * 1.1), rel=ROUNDING)
         assert motion.tilts == pytest.approx((math.atan2(0.5, axial * 1.1),) * 2, rel=ROUNDING)
     assert FreeBody((2.0, 2.0, 2.0)).rotation((0.4, -0.3, 1.1)).kind == "steady"
+    for moments, third in (((1.0, 2.0, 2.0), 0), ((1.0, 1.0, 1.8), 2)):  # across the axis of symmetry
+        motion = FreeBody(moments).rotation(np.roll((0.0, 0.5, 0.7), third))
+        assert np.array_equal(motion.axis, np.eye(3)[third]) and motion.tilts == (math.pi / 2,) * 2
 
 
 # ------------------------------------------------------------------------------------------------ the motion

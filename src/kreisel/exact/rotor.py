@@ -66,9 +66,10 @@ class Axes:
 
     @classmethod
     def of(cls, mu: Array, moments: Array, L2: Fraction, T2: Fraction) -> Axes:
-        """From rationals."""
+        """From rationals.  The third axis of a steady motion across the axis of a symmetric body is that axis."""
         i = sorted(range(3), key=lambda k: moments[k])
-        if L2 < T2 * moments[i[1]]:
+        gap = L2 - T2 * moments[i[1]]
+        if gap < 0 or (gap == 0 and moments[i[1]] == moments[i[2]]):
             i.reverse()
         side = 1 if mu[i[2]] >= 0 else -1
         return cls(tuple(i), side, side if i in ([0, 1, 2], [1, 2, 0], [2, 0, 1]) else -side)

@@ -74,7 +74,7 @@ class FreeRotation:
     def axis(self) -> Array:
         """The principal axis (3,) in the body that M goes round, on the side of M."""
         axes = self._rotor.axes
-        return np.asarray(axes.side * self.principal.axes[:, axes.i[2]])
+        return np.asarray(axes.side * self.principal.axes[:, axes.i[2]]) + 0.0
 
     @property
     def modulus(self) -> float:
@@ -161,19 +161,20 @@ class FreeRotation:
             raise InputError(f"attitude: expected a unit quaternion (w, x, y, z), got {shown(attitude)}.")
         frame = algebra.unit_quaternion(self.principal.axes)
         g = algebra.quaternion_product(algebra.unit(start), frame)
-        M, g = in_range("The motion at these times", lambda: self._states(times, g))
+        velocity, g = in_range("The motion at these times", lambda: self._states(times, g))
         attitudes = algebra.quaternion_product(g, algebra.inverse_turn(frame))
-        return self._velocity(M), algebra.unit(attitudes)
+        return velocity @ self.principal.axes.T, algebra.unit(attitudes)
 
     def _states(self, times: Array, g: Array) -> tuple[Array, Array]:
-        """M (..., 3) along the principal axes and their orientation (..., 4), now g."""
+        """Omega (..., 3) along the principal axes and their orientation (..., 4), now g; moments in a power of two."""
         from kreisel.kernels.exact.engine import ClosedForm
 
         moments, kinds = self.principal.moments, ["skew", "quaternion"]
+        moments = np.ldexp(moments, -math.frexp(moments.max())[1])
         z = algebra.flatten((algebra.hat(moments * (self.spin @ self.principal.axes)), g), kinds)
         form = ClosedForm(_scheme(moments), z[None], 1.0, float(abs(times).max(initial=0.0)))
         M, g = algebra.restore(form.at(times.ravel())[:, 0], kinds, 3)
-        return algebra.axial(M).reshape((*times.shape, 3)), g.reshape((*times.shape, 4))
+        return (algebra.axial(M) / moments).reshape((*times.shape, 3)), g.reshape((*times.shape, 4))
 
     def polhode(self, points: int = 400) -> Array:
         """The angular velocity's path in the body, (points, 3), rad/s: closed, but on the separatrix half of it."""
@@ -186,7 +187,8 @@ class FreeRotation:
         phi = begin + rotor.axes.chi * rotor.s * np.linspace(-reach, reach, _points(points))
         cn, sn = np.cos(phi), np.sin(phi)
         sides = np.stack([cn, sn, np.hypot(cn, float(rotor.k_prime) * sn)], -1)
-        return self._velocity(rotor.axes.back(float(rotor.L) * a * sides))
+        M = rotor.axes.back(float(rotor.L) * a * sides)
+        return np.asarray(M / self.principal.moments @ self.principal.axes.T)
 
     def herpolhode(self, duration: float, points: int = 2000) -> Array:
         """The angular velocity's path in space over a duration, s: (points, 3), rad/s, the third axis along M.
@@ -199,10 +201,6 @@ class FreeRotation:
         upright = np.array([length + z, y, -x, 0.0] if z > -length / 2 else [y, length - z, 0.0, x])
         velocity, attitude = self.at(np.linspace(0.0, reach, _points(points)), algebra.unit(upright))
         return algebra.act(algebra.rotation_matrix(attitude), velocity)
-
-    def _velocity(self, M: Array) -> Array:
-        """Omega along the body axes, from M along the principal axes."""
-        return np.asarray(M / self.principal.moments @ self.principal.axes.T)
 
 
 def _scheme(moments: Array) -> Scheme:
