@@ -144,7 +144,7 @@ def coordinate_count(kinds: Sequence[str], n: int) -> int:
 
 def slices(kinds: Sequence[str], n: int) -> list[slice]:
     """Places of the components of these kinds among their coordinates."""
-    ends = np.cumsum([0, *(KINDS[kind].count(n) for kind in kinds)]).tolist()
+    ends = itertools.accumulate((KINDS[kind].count(n) for kind in kinds), initial=0)
     return [slice(start, end) for start, end in itertools.pairwise(ends)]
 
 
