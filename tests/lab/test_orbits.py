@@ -125,7 +125,6 @@ def test_cycles_modulo_primes() -> None:
 
 
 def test_proofs() -> None:
-    pytest.importorskip("sympy")
     for proof in certified.prove(kr.LagrangeTop(p=(0, 0, 1)), ("casimir", "energy", "noether")):
         assert proof.holds and "eps" in proof.unknowns
     from dataclasses import replace

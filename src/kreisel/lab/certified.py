@@ -1,4 +1,4 @@
-"""Statements that are certain: enclosures of orbits in ball arithmetic, and identities proved by SymPy.
+"""Statements that are certain: enclosures of orbits in ball arithmetic, and identities proved.
 
 Orbits.  The step runs unchanged on balls of python-flint (Arb).  A box that is only mapped grows by the wrapping of its
 turns; so a set c + Q r is carried, Q a matrix close to orthogonal, r a box (Lohner's method):
@@ -9,9 +9,9 @@ c is mapped as a point, Dphi(X) comes from dual numbers over balls, and the new 
 of Dphi(X) Q, whose longest columns come first.
 [Lohner 1987; Neumaier, Reliable Computing 8 (2002); Arb: Johansson, IEEE Trans. Computers 66 (2017)]
 
-Identities, for all states, all steps and all parameters of a given n.  The definition runs on rational functions
-(SymPy's sparse fraction fields, in normal form) with a generator for each coordinate, parameter and for eps.  An
-identity whose two sides have the same normal form holds: a proof, where the laws test at random points.
+Identities, for all states, all steps and all parameters of a given n.  The definition runs on rational functions over Q
+(quotients of python-flint's polynomials without common factors), with a variable for each coordinate, parameter and for
+eps.  An identity whose sides differ by 0 holds: a proof, where the laws test at random points.
 """
 
 from __future__ import annotations
@@ -25,9 +25,8 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.complex import Ring
 from kreisel.errors import InputError, shown
-from kreisel.lab.exact import Dual, fraction, fractions, independent, require_flint, slopes
+from kreisel.lab.exact import Dual, fraction, generators, independent, rationals, require_flint, slopes
 from kreisel.lab.integrals import Polynomial
 from kreisel.lab.subject import Subject, coordinate_names
 from kreisel.record.calling import call
@@ -245,34 +244,6 @@ def _alone(subject: Subject, constants: Mapping[str, Any], x: Array, steps: int,
 # -- identities proved -----------------------------------------------------------------------------------
 
 
-class Expression(Ring):
-    """A rational function of SymPy that lets arrays have their say."""
-
-    __slots__ = ("f",)
-
-    def __init__(self, f: Any):
-        self.f = f
-
-    def __add__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else Expression(self.f + _inner(other))
-
-    def __mul__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else Expression(self.f * _inner(other))
-
-    def __truediv__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else Expression(self.f / _inner(other))
-
-    def __rtruediv__(self, other: Any) -> Expression:
-        return Expression(_inner(other) / self.f)
-
-    def __neg__(self) -> Expression:
-        return Expression(-self.f)
-
-
-def _inner(x: Any) -> Any:
-    return x.f if isinstance(x, Expression) else int(x)
-
-
 @dataclass(frozen=True)
 class Proof:
     """A statement, whether it holds identically, and in which unknowns."""
@@ -289,7 +260,7 @@ def prove(claimed: System | Model, names: tuple[str, ...] = ("casimir", "energy"
     """For each name, "casimir", "energy" or an integral of the record: f(step(z)) = f(z) identically.
 
     Of a system its parameters are unknowns too; of a model they are the numbers given.  Raises `InputError` without
-    SymPy, for implicit maps, for states that are not free, and for names that the record does not state.
+    python-flint, for implicit maps, for states that are not free, and for names that the record does not state.
     """
     system = claimed.system if isinstance(claimed, Model) else claimed
     mapped = system.map
@@ -312,17 +283,12 @@ def prove(claimed: System | Model, names: tuple[str, ...] = ("casimir", "energy"
 
 def _same(f: Any, state: tuple[Array, ...], new: tuple[Array, ...], constants: dict[str, Any]) -> bool:
     before, after = (np.ravel(np.asarray(call(f, z, constants), dtype=object)) for z in (state, new))
-    return all(_inner(a - b) == 0 for a, b in zip(before, after, strict=True))
+    return all(getattr(difference, "n", difference) == 0 for difference in after - before)
 
 
 def _symbols(
     claimed: System | Model, system: System, n: int
 ) -> tuple[tuple[Array, ...], dict[str, Any], tuple[str, ...]]:
-    try:
-        from sympy import QQ
-        from sympy.polys.fields import field
-    except ImportError as error:
-        raise InputError("A proof needs SymPy, which is missing. Install it with: pip install sympy") from error
     names = list(coordinate_names(system.space.components, n))
     parameters = system.parameters if isinstance(claimed, System) else ()
     for p in parameters:
@@ -330,16 +296,11 @@ def _symbols(
             raise InputError(f"The parameter {p.letter} of {system.name} is no scalar or vector: give a model.")
         names += algebra.KINDS[p.kind].names(p.letter, n)
     names.append("eps")
-    K, *plain = field(names, QQ)
-    *coordinates, eps = map(Expression, plain)
+    *coordinates, eps = generators(names)
     kinds = (*system.space.kinds, *(p.kind for p in parameters))
     values = algebra.restore(np.array(coordinates, dtype=object), kinds, n)
     size = len(system.space.letters)
     constants = {"eps": eps, **{p.letter: value for p, value in zip(parameters, values[size:], strict=True)}}
     if isinstance(claimed, Model):
-        constants |= {k: _rational_constants(K, v) for k, v in claimed.constants.items()}
+        constants |= {k: rationals(v) for k, v in claimed.constants.items()}
     return values[:size], constants, tuple(names)
-
-
-def _rational_constants(K: Any, v: Any) -> Any:
-    return np.vectorize(lambda q: Expression(K(q.numerator) / K(q.denominator)), otypes=[object])(fractions(v))[()]

@@ -24,18 +24,18 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array, objects
-from kreisel.algebra.complex import Ring
 from kreisel.errors import InputError
 from kreisel.lab.exact import (
     PRIMES,
     Pole,
+    Ratio,
     fraction,
     fractions,
+    generators,
     independent,
     modular_matrix,
     random_residues,
     rank_modulo,
-    rationals,
     reconstructed,
     require_flint,
     residue,
@@ -60,44 +60,6 @@ LARGEST = 10_000  # number in a cofactor
 Points = tuple[Array, Array, list[Array]]
 Powers = tuple[int, ...]
 Cofactor = tuple[Fraction, Powers]
-
-
-class Ratio(Ring):
-    """A quotient of polynomials over Q, without common factors."""
-
-    __slots__ = ("d", "n")
-
-    def __init__(self, n: Any, d: Any):
-        g = n.gcd(d)
-        self.n, self.d = n // g, d // g
-
-    def _other(self, other: Any) -> Ratio:
-        if isinstance(other, Ratio):
-            return other
-        return Ratio(0 * self.n + rationals(other), 0 * self.d + 1)
-
-    def __add__(self, other: Any) -> Any:
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        o = self._other(other)
-        return Ratio(self.n * o.d + o.n * self.d, self.d * o.d)
-
-    def __neg__(self) -> Ratio:
-        return Ratio(-self.n, self.d)
-
-    def __mul__(self, other: Any) -> Any:
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        o = self._other(other)
-        return Ratio(self.n * o.n, self.d * o.d)
-
-    def __truediv__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else self * (1 / self._other(other))
-
-    def __rtruediv__(self, other: Any) -> Any:
-        if self.n == 0:
-            raise Pole("a denominator vanishes identically")
-        return self._other(other) * Ratio(self.d, self.n)
 
 
 @dataclass(frozen=True)
@@ -164,12 +126,9 @@ def darboux(subject: Subject, degree: int = 2, seed: int = 0) -> Darboux:
 
 def _factors(subject: Subject) -> tuple[list[Polynomial], Cofactor, int]:
     """Factors of det f' and of the denominators of f, det f' itself, and the degree of the map."""
-    flint = require_flint()
     if subject.implicit or subject.start is not None:
         raise InputError(f"{subject.name}: Darboux polynomials need a rational map of free coordinates.")
-    ring = flint.fmpq_mpoly_ctx.get(subject.names, flint.Ordering.degrevlex)
-    unit = ring.constant(1)
-    x = np.array([Ratio(g, unit) for g in ring.gens()], dtype=object)
+    x = generators(subject.names)
     constants = {k: fractions(v) for k, v in subject.constants.items()}
     new = subject.step(independent(x), **constants)
     J = slopes(new, subject.dim)
@@ -186,7 +145,7 @@ def _factors(subject: Subject) -> tuple[list[Polynomial], Cofactor, int]:
             f = Polynomial({tuple(e): fraction(v) for e, v in factor.to_dict().items()}, subject.names)
             key = tuple(sorted(f.terms.items()))
             powers_of[key] = f, powers_of.get(key, (f, 0))[1] + sign * k
-    common = unit
+    common: Any = x[0].d  # 1
     for v in values:
         common = common * (v.d // common.gcd(v.d))
     degree = max(common.total_degree(), *((v.n * (common // v.d)).total_degree() for v in values))

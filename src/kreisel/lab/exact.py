@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 from typing import Any, ClassVar, TypeVar
@@ -432,6 +432,54 @@ def require_flint() -> Any:
             "This experiment needs python-flint, which is missing. Install it with: pip install 'kreisel[exact]'"
         ) from error
     return flint
+
+
+# -- rational functions ----------------------------------------------------------------------------------
+
+
+class Ratio(Ring):
+    """A quotient of polynomials over Q, without common factors."""
+
+    __slots__ = ("d", "n")
+
+    def __init__(self, n: Any, d: Any):
+        g = n.gcd(d)
+        self.n, self.d = n // g, d // g
+
+    def _other(self, other: Any) -> Ratio:
+        if isinstance(other, Ratio):
+            return other
+        return Ratio(0 * self.n + rationals(other), 0 * self.d + 1)
+
+    def __add__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        o = self._other(other)
+        return Ratio(self.n * o.d + o.n * self.d, self.d * o.d)
+
+    def __neg__(self) -> Ratio:
+        return Ratio(-self.n, self.d)
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        o = self._other(other)
+        return Ratio(self.n * o.n, self.d * o.d)
+
+    def __truediv__(self, other: Any) -> Any:
+        return NotImplemented if isinstance(other, np.ndarray) else self * (1 / self._other(other))
+
+    def __rtruediv__(self, other: Any) -> Any:
+        if self.n == 0:
+            raise Pole("a denominator vanishes identically")
+        return self._other(other) * Ratio(self.d, self.n)
+
+
+def generators(names: Sequence[str]) -> Array:
+    """The variables of these names as rational functions over Q (len(names),)."""
+    flint = require_flint()
+    ring = flint.fmpq_mpoly_ctx.get(names, flint.Ordering.degrevlex)
+    return objects(Ratio(g, ring.constant(1)) for g in ring.gens())
 
 
 def modular_matrix(A: Array, p: int) -> Any:
