@@ -29,8 +29,8 @@ LANES, STEPS, ROWS = 4096, 2000, 10**6
 METHODS = (("suris", None), ("baecklund", 2), ("baecklund", 8))
 
 
-def took(call: Callable[[], Any], repetitions: int = 60, seconds: float = 0.3) -> float:
-    """Microseconds of a call, the least of several loops of so many seconds together."""
+def took(call: Callable[[], Any], repetitions: int = 300, seconds: float = 0.3) -> float:
+    """Microseconds of a call, the least of several loops of so many seconds together, each within a time slice."""
     call()
     begun = time.perf_counter()
     call()
@@ -51,6 +51,14 @@ def stepping(p: Propagator, x: np.ndarray) -> dict[str, float]:
     return {"one step us": one, "further step us": step, "above the kernel us": one - step}
 
 
+def forms(model: Any, call: Callable[[Any], Any], x: np.ndarray) -> dict[str, float]:
+    """Microseconds of a call with one state as an array, as a dict of axial vectors and vectors, and as a `State`."""
+    letters = model.system.space.letters
+    components = dict(zip(letters, np.split(x, len(letters)), strict=True))
+    states = {"array": x, "dict": components, "State": model.state(**components)}
+    return {f"{form} us": took(lambda state=state: call(state)) for form, state in states.items()}
+
+
 def measure() -> dict[str, Any]:
     """Everything, as written to results/propagator.json."""
     top, euler = kr.LagrangeTop(p=(0, 0, 1)), kr.EulerTop(J=(1, 2, 3))
@@ -61,6 +69,9 @@ def measure() -> dict[str, Any]:
         one, all_of_them = stepping(p, START), stepping(p, lanes)
         per_lane = {f"{k} a lane": v / LANES for k, v in all_of_them.items()}
         found[f"LagrangeTop, {method} {order or 1}"] = one | per_lane
+    for method in ("suris", "baecklund"):
+        p = kr.propagator(top, method=method, dt=0.05)
+        found[f"LagrangeTop, {method}, 10 steps"] = forms(top, lambda state, p=p: p.steps(state, 10), START)
     for name, model, x in (("LagrangeTop", top, START), ("EulerTop", euler, BODY)):
         p = kr.propagator(model, method="exact")
         many = np.tile(x, (LANES, 1))
@@ -68,6 +79,7 @@ def measure() -> dict[str, Any]:
             "a state at a time us": took(lambda p=p, x=x: p.at(x, 37.7)),
             "a state at a time us a lane": took(lambda p=p, many=many: p.at(many, 37.7)) / LANES,
         }
+        found[f"{name}, exact, at a time"] = forms(model, lambda state, p=p: p.at(state, 37.7), x)
     found["kr.at, one time"] = {"us": took(lambda: kr.at(top, state, 37.7))}
     found["kr.simulate, 100 steps"] = {"us": took(lambda: kr.simulate(top, state, dt=0.05, steps=100, progress=False))}
     for method in ("exact", "baecklund"):
