@@ -47,7 +47,7 @@ _LAZY = {
     "propagator": "kreisel.runs.propagation.propagator",
     "simulate": "kreisel.storage.simulate",
     "resume": "kreisel.storage.simulate",
-    "open_run": "kreisel.storage.opening",
+    "open_run": "kreisel.sweeps.grids",
     "drift": "kreisel.runs.drift",
     "export": "kreisel.storage.exporting",
     "failures": "kreisel.sweeps.sweep",

@@ -26,7 +26,7 @@ from kreisel.storage.exporting import export as export
 from kreisel.sweeps.sweep import failures as failures
 from kreisel.analysis.fit import fit as fit
 from kreisel.runs.closed_form import nutation as nutation
-from kreisel.storage.opening import open_run as open_run
+from kreisel.sweeps.grids import open_run as open_run
 from kreisel.forces.body import perturbed as perturbed
 from kreisel.viewer.plots import plot as plot
 from kreisel.runs.propagation.propagator import propagator as propagator

@@ -144,32 +144,32 @@ def hint(word: object, known: Iterable[str]) -> str:
 
 
 def explained(call: F) -> F:
-    """The same function or class, whose misfitting arguments are an `InputError` that says how to call it.
+    """The function or class with an `InputError` for misfitting arguments, which says how to call it.
 
     Misfitting are missing, superfluous and unknown arguments; and arguments of another type than in the signature, if
     the call ends in an exception that is not Kreisel's.  Any other exception is unchanged.  For a class: its public
     methods too.
     """
     if isinstance(call, type):
-        made = "__new__" if issubclass(call, tuple) else "__init__"
-        setattr(call, made, explained(getattr(call, made)))
-        for name, value in list(vars(call).items()):
-            if isinstance(value, classmethod | staticmethod) and not name.startswith("_"):
+        maker = "__new__" if issubclass(call, tuple) else "__init__"
+        public = {name: value for name, value in vars(call).items() if not name.startswith("_")}
+        for name, value in {**public, maker: getattr(call, maker)}.items():
+            if isinstance(value, classmethod | staticmethod):
                 setattr(call, name, type(value)(explained(value.__func__)))
-            elif isinstance(value, FunctionType) and not name.startswith("_"):
+            elif name == maker or isinstance(value, FunctionType):
                 setattr(call, name, explained(value))
         return call
 
     @functools.wraps(call)
-    def checked(*given: Any, **named: Any) -> Any:
+    def checked(*values: Any, **named: Any) -> Any:
         try:
-            return call(*given, **named)
+            return call(*values, **named)
         except (InputError, RunError):
             raise
         except Exception as error:
             if isinstance(error, TypeError) and error.__traceback__ and error.__traceback__.tb_next is None:
-                raise InputError(_misfit(call, given, named)) from None
-            if fault := _mistyped(call, given, named):
+                raise InputError(_misfit(call, values, named)) from None
+            if fault := _mistyped(call, values, named):
                 raise InputError(fault) from error
             raise
 
@@ -215,37 +215,50 @@ def _title(call: Callable[..., Any]) -> str:
     return call.__qualname__.removesuffix(".__init__").removesuffix(".__new__").split("<locals>.")[-1]
 
 
-def _misfit(call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[str, Any]) -> str:
-    """Why these arguments do not fit, and the call that would."""
+def _misfit(call: Callable[..., Any], values: tuple[Any, ...], named: Mapping[str, Any]) -> str:
+    """Why these arguments do not fit, and the call that would: the first fault that there is."""
     import inspect
 
-    known = list(inspect.signature(call).parameters.values())
-    if known and known[0].name in ("self", "cls", "_cls"):
-        known, given = known[1:], given[1:]
-    what = _title(call)
-    names, first = [p.name for p in known], [p.name for p in known if p.kind is p.POSITIONAL_OR_KEYWORD]
-    needed = [p.name for p in known if p.default is p.empty and p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
-    filled = dict(zip(names, given, strict=False))
-    any_name = any(p.kind is p.VAR_KEYWORD for p in known)
-    if unknown := next((name for name in named if name not in names and not any_name), None):
-        there = ", ".join(names) or "none"
-        return f"{what} has no argument {shown(unknown)}.{hint(unknown, names)} Its arguments are: {there}."
-    if twice := next((name for name in first[: len(given)] if name in named), None):
-        return f"{what}: expected {twice} once, got it by position, {shown(filled[twice])}, and by name."
-    if len(given) > len(names):
-        most = f"at most {_arguments(len(names))}, {', '.join(names)}" if names else "no arguments"
-        return f"{what}: expected {most}, got {len(given)}."
-    by_name = {name: filled[name] for name in names[len(first) : len(given)]}
-    words = [name for name in first if name in needed or name in names[: len(given)]]
-    for name, value in (by_name | dict(named)).items():
-        text = shown(value)
-        words += [f"{name}={text if len(text) < BRIEF else '...'}"] if name not in words else []
-    words += [f"{name}=..." for name in needed if name not in words and name not in by_name and name not in named]
-    if by_name:
-        fault = f"expected {_arguments(len(first))} by position and the others by name, got {len(given)} by position"
-    else:
-        fault = f"expected {', '.join(n for n in needed if n not in filled and n not in named)}, got none"
-    return f"{what}: {fault}. Write {what}({', '.join(words)})."
+    parameters = list(inspect.signature(call).parameters.values())
+    if parameters and parameters[0].name in ("self", "cls", "_cls"):
+        parameters, values = parameters[1:], values[1:]
+    title, names = _title(call), [p.name for p in parameters]
+    first = [p.name for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD]
+    needed = [
+        p.name for p in parameters if p.default is p.empty and p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)
+    ]
+    filled, any_name = dict(zip(names, values, strict=False)), any(p.kind is p.VAR_KEYWORD for p in parameters)
+    missing = ", ".join(name for name in needed if name not in filled and name not in named)
+    write = f"Write {title}({_written_call(names, first, needed, filled, named)})."
+    most = f"at most {_arguments(len(names))}, {', '.join(names)}" if names else "no arguments"
+    by_position = f"expected {_arguments(len(first))} by position and the others by name"
+    faults = (
+        *(
+            f" has no argument {shown(name)}.{hint(name, names)} Its arguments are: {', '.join(names) or 'none'}."
+            for name in named
+            if name not in names and not any_name
+        ),
+        *(
+            f": expected {name} once, got it by position, {shown(filled[name])}, and by name."
+            for name in first[: len(values)]
+            if name in named
+        ),
+        *([f": expected {most}, got {len(values)}."] if len(values) > len(names) else []),
+        *([f": {by_position}, got {len(values)} by position. {write}"] if len(values) > len(first) else []),
+        f": expected {missing}, got none. {write}",
+    )
+    return title + faults[0]
+
+
+def _written_call(
+    names: list[str], first: list[str], needed: list[str], filled: Mapping[str, Any], named: Mapping[str, Any]
+) -> str:
+    """The arguments of the call that would fit."""
+    by_name = {name: filled[name] for name in names[len(first) : len(filled)]} | dict(named)
+    words = [name for name in first if name in needed or name in names[: len(filled)]]
+    texts = {name: shown(value) for name, value in by_name.items() if name not in words}
+    words += [f"{name}={text if len(text) < BRIEF else '...'}" for name, text in texts.items()]
+    return ", ".join([*words, *(f"{name}=..." for name in needed if name not in words and name not in by_name)])
 
 
 def _arguments(count: int) -> str:

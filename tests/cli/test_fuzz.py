@@ -29,7 +29,8 @@ import kreisel as kr
 from kreisel.runs import config, integration
 from kreisel.storage import checking
 from kreisel.storage import simulate as runs
-from kreisel.storage.nodes import too_large
+from kreisel.storage.opening import too_large
+from kreisel.sweeps.lanes import check_archive
 from kreisel.sweeps.sweep import carry_out
 from support import ROOT, configuration
 
@@ -324,7 +325,7 @@ def used(store: Path, out: Path, rng: random.Random) -> None:
         lambda: kr.resume(store, extend=120, progress=False),
         lambda: kr.resume(store, progress=False),
     ]
-    for use in (lambda: checking.check_archive(store), *rng.choices(uses, weights=[2, 2, 1, 2, 1, 6, 3], k=2)):
+    for use in (lambda: check_archive(store), *rng.choices(uses, weights=[2, 2, 1, 2, 1, 6, 3], k=2)):
         try:
             use()
         except KNOWN as error:
@@ -371,7 +372,7 @@ def test_every_flip_of_a_chunk_is_found(stores: list[Path], tmp_path: Path) -> N
             data = bytearray(here.read_bytes())
             data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
             here.write_bytes(bytes(data))
-            assert checking.check_archive(store)[1], here
+            assert check_archive(store)[1], here
             shutil.rmtree(store)
 
 
@@ -384,4 +385,4 @@ def test_every_change_of_the_attributes_is_found(stores: list[Path], tmp_path: P
             continue
         changed = {**metadata, "attributes": {**metadata["attributes"], key: value + " "}}
         (store / "zarr.json").write_text(json.dumps(changed))
-        assert checking.check_archive(store)[1] == ["zarr.json was changed after the run"]
+        assert check_archive(store)[1] == ["zarr.json was changed after the run"]

@@ -18,7 +18,7 @@ from kreisel.runs.config import load_system, parse, parse_sweep, read, read_swee
 from kreisel.runs.examples import Example, example
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import make_plan
-from kreisel.sweeps.blocks import Sweep
+from kreisel.sweeps.ensemble import Sweep
 from kreisel.sweeps.store import Store
 from kreisel.sweeps.sweep import _checked_description
 from support import EXAMPLES

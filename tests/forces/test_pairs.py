@@ -15,7 +15,7 @@ from kreisel.forces.invariants import conserved, conserved_totals
 from kreisel.method.splitting import Splitting
 from kreisel.record.model import Model
 from kreisel.runs.planning import make_plan
-from kreisel.storage import checking
+from kreisel.sweeps.lanes import check_archive
 
 TOP = kr.LagrangeTop(p=(0, 0, 1), alpha=[0.5, 0.7, 1.1])
 PAIRS = [(0, 1), (1, 2)]
@@ -160,7 +160,7 @@ def test_interrupted_and_lengthened(tmp_path: Path) -> None:
     longer = kr.resume(tmp_path / "run.zarr", extend=60, system=body).load()
     for name in whole.data_vars:
         np.testing.assert_array_equal(whole[name], longer[name])
-    assert checking.check_archive(tmp_path / "run.zarr")[1] == []
+    assert check_archive(tmp_path / "run.zarr")[1] == []
     with pytest.raises(kr.InputError, match="parameters"):
         kr.resume(tmp_path / "run.zarr", extend=90, system=chain(pairs=[(0, 1), (0, 2)]))
 

@@ -27,7 +27,7 @@ from kreisel.method import default_method, scheme
 from kreisel.method.observing import held_by_orientation
 from kreisel.physical import Ellipsoid
 from kreisel.runs.planning import make_plan
-from kreisel.storage import checking
+from kreisel.sweeps.lanes import check_archive
 from kreisel.system import REGISTRY
 from sizes import FULL, costly
 
@@ -649,7 +649,7 @@ def test_the_correction_is_stored_and_shown(often: int, top: Any, x0: Any, tmp_p
     memory = kr.simulate(top, x0, dt=0.1, steps=1000, every=7)
     assert sorted(table.index) == sorted(kr.drift(memory).index)
     assert kr.drift(memory).loc[table.index].equals(table)
-    assert checking.check_archive(tmp_path / "run.zarr")[1] == []
+    assert check_archive(tmp_path / "run.zarr")[1] == []
     longer = kr.resume(tmp_path / "run.zarr", extend=1400)
     whole = kr.simulate(top, x0, dt=0.1, steps=1400, every=7)
     assert longer.equals(whole)

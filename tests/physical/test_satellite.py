@@ -32,8 +32,8 @@ from kreisel.physical import (
     Primary,
     Satellite,
 )
-from kreisel.storage.checking import check_archive
-from kreisel.storage.recomputing import steps_again
+from kreisel.storage.checking import steps_again
+from kreisel.sweeps.lanes import check_archive
 from sizes import FULL
 from torques import torque_on
 

@@ -12,7 +12,7 @@ import pytest
 import kreisel as kr
 from kreisel.runs import integration
 from kreisel.storage import simulate as simulating
-from kreisel.storage.checking import check_archive
+from kreisel.sweeps.lanes import check_archive
 from support import contents
 
 BODY = kr.perturbed(
@@ -230,7 +230,9 @@ def test_archives_do_not_depend_on_the_clock(
     kr.simulate(BODY, START, dt=0.05, path=tmp_path / "often.zarr", **asked)
     assert contents(tmp_path / "often.zarr") == expected
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr("kreisel.storage.archive.Archive.finish", lambda _: (_ for _ in ()).throw(KeyboardInterrupt))
+        patch.setattr(
+            "kreisel.storage.run_archive.RunArchive.finish", lambda _: (_ for _ in ()).throw(KeyboardInterrupt)
+        )
         kr.simulate(BODY, START, dt=0.05, path=tmp_path / "run.zarr", **asked)
     whole, kept = (kr.open_run(tmp_path / name).load() for name in ("whole.zarr", "run.zarr.part"))
     assert kept.equals(whole)

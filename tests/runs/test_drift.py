@@ -20,7 +20,7 @@ from kreisel.lab import exact
 from kreisel.method import scheme
 from kreisel.record.contract import Map, System
 from kreisel.runs import drift, integration
-from kreisel.sweeps import broken_lanes
+from kreisel.sweeps import lanes as broken_lanes
 from kreisel.system import REGISTRY
 from support import configuration
 

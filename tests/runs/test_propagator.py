@@ -13,7 +13,7 @@ import pytest
 import kreisel as kr
 from kreisel.algebra import reuse
 from kreisel.lab import exact
-from kreisel.storage.checking import check_archive
+from kreisel.sweeps.lanes import check_archive
 from kreisel.system import REGISTRY
 
 CASES = [

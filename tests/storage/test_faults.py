@@ -20,8 +20,9 @@ import zarr
 import kreisel as kr
 from kreisel.process import Lock
 from kreisel.runs import integration
-from kreisel.storage import checking, manifest
+from kreisel.storage import archive
 from kreisel.storage import simulate as runs
+from kreisel.sweeps.lanes import check_archive
 from support import ROOT
 
 OPTIONS = {"dt": 0.1, "steps": 900, "every": 3}
@@ -82,7 +83,7 @@ def test_a_full_disk_and_space_freed(top: object, x0: object, disk: Path, tmp_pa
     file.unlink()
     kr.resume(disk / "run.zarr")
     assert same(values(disk / "run.zarr"), values(tmp_path / "whole.zarr"))
-    assert checking.check_archive(disk / "run.zarr")[1] == []
+    assert check_archive(disk / "run.zarr")[1] == []
 
 
 def test_a_full_disk_under_a_sweep(top: object, x0: object, disk: Path, tmp_path: Path) -> None:
@@ -140,7 +141,7 @@ def test_a_read_only_disk(top: object, x0: object, disk: Path) -> None:
     ):
         with pytest.raises(kr.RunError, match="read-only"):
             act()
-    assert checking.check_archive(disk / "run.zarr")[1] == []  # reading needs no writing
+    assert check_archive(disk / "run.zarr")[1] == []  # reading needs no writing
     subprocess.run(["mount", "-o", "remount,rw", str(disk)], check=True, timeout=20)
     assert kr.resume(disk / "run.zarr", extend=100).attrs["steps"] == 100
 
@@ -212,7 +213,7 @@ def test_nothing_outside_a_store_is_read_or_written(place: str, top: object, x0:
     before = sorted((p, p.stat().st_mtime_ns) for p in [secret, *secret.rglob("*")])
     for act in (
         lambda: kr.open_run(path),
-        lambda: checking.check_archive(path),
+        lambda: check_archive(path),
         lambda: kr.resume(path, extend=6000),
     ):
         with pytest.raises(kr.InputError, match="holds a link"):
@@ -244,15 +245,15 @@ def test_a_checkpoint_that_claims_too_much(top: object, x0: object, tmp_path: Pa
     with pytest.raises(kr.InputError, match="claims"):
         kr.resume(path, extend=6000)
     np.savez(file, **{**arrays, "rows": np.zeros((5, 1, 7))})
-    manifest.of_all(path)
+    archive.list_all(path)
     with pytest.raises(kr.InputError, match="does not belong"):
         kr.resume(path, extend=6000)
     np.savez(file, **{**arrays, "flushed": np.asarray(10**9)})
-    manifest.of_all(path)
+    archive.list_all(path)
     with pytest.raises(kr.InputError, match="does not belong"):
         kr.resume(path, extend=6000)
     np.savez(file, **arrays)
-    manifest.of_all(path)
+    archive.list_all(path)
     assert kr.resume(path, extend=6000).attrs["steps"] == 6000
 
 

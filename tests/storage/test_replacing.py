@@ -18,7 +18,8 @@ import kreisel as kr
 from kreisel.files import require_file
 from kreisel.process import Lock
 from kreisel.runs import config
-from kreisel.storage import checking, replacing
+from kreisel.storage import archive, checking
+from kreisel.sweeps.lanes import check_archive
 from support import configuration
 
 OPTIONS: dict[str, Any] = {"dt": 0.1, "steps": 30}
@@ -122,28 +123,28 @@ def test_what_kreisel_made_is_replaced(top: Any, x0: Any, tmp_path: Path, monkey
     shutil.copytree(path, path.with_name("run.zarr.part"))  # a kill before it took its name
     shutil.rmtree(path / "a")  # damaged
     kr.simulate(top, x0, path=path, overwrite=True, **OPTIONS)
-    assert checking.check_archive(path)[1] == []
+    assert check_archive(path)[1] == []
     assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]
 
 
 def test_what_comes_to_stand_there_during_a_run_is_left(
     top: Any, x0: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path, original = tmp_path / "run.zarr", replacing.take_name
+    path, original = tmp_path / "run.zarr", archive.take_name
     for overwrite in (False, True):
 
         def late(*args: Any) -> None:
             thesis(path)
             original(*args)
 
-        monkeypatch.setattr("kreisel.storage.part.take_name", late)
+        monkeypatch.setattr(archive, "take_name", late)
         with pytest.raises(kr.RunError, match="left as it is"):
             kr.simulate(top, x0, path=path, overwrite=overwrite, **OPTIONS)
         monkeypatch.undo()
         assert (path / "thesis.tex").read_text() == "three years"
         shutil.rmtree(path)
         kr.resume(path)
-        assert checking.check_archive(path)[1] == []
+        assert check_archive(path)[1] == []
         shutil.rmtree(path)
 
 
@@ -193,8 +194,8 @@ def test_a_kill_at_any_rename_leaves_the_old_or_the_new(
         path.with_name("run.zarr.lock").unlink(missing_ok=True)  # the system takes a lock away from a dead process
         states.add(tuple(sorted(p.name for p in tmp_path.iterdir())))
         kr.open_run(path)
-        assert checking.check_archive(path)[1] == []
-        assert not replacing.replaced(path).exists()
+        assert check_archive(path)[1] == []
+        assert not archive.replaced(path).exists()
         make(top, x0, path=path, overwrite=True, **options)
         assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]
     assert (".run.zarr.replaced", "run.zarr.part") in states
@@ -206,8 +207,8 @@ def test_resume_ends_a_replacement_that_was_cut(top: Any, x0: Any, tmp_path: Pat
     path = tmp_path / "run.zarr"
     kr.simulate(top, x0, path=path, **OPTIONS)
     kr.simulate(top, x0, path=tmp_path / "new.zarr", **{**OPTIONS, "steps": 60})
-    path.rename(replacing.replaced(path))
-    (tmp_path / "new.zarr").rename(replacing.part_of(path))
+    path.rename(archive.replaced(path))
+    (tmp_path / "new.zarr").rename(archive.part_of(path))
     run = kr.resume(path)
     assert run.attrs["steps"] == 60 and [p.name for p in tmp_path.iterdir()] == ["run.zarr"]
     with pytest.raises(kr.InputError, match="is finished"):
@@ -254,7 +255,7 @@ def test_pages(top: Any, x0: Any, tmp_path: Path) -> None:
 def test_a_reader_does_not_settle_what_a_writer_does(top: Any, x0: Any, tmp_path: Path) -> None:
     path = tmp_path / "run.zarr"
     kr.simulate(top, x0, path=path, **OPTIONS)
-    path.rename(replacing.replaced(path))
+    path.rename(archive.replaced(path))
     with Lock(path), pytest.raises(kr.InputError, match="no archive"):
         kr.open_run(path)
     assert kr.open_run(path).sizes["time"] == 31
@@ -277,7 +278,7 @@ def test_an_archive_holds_one_run_and_nothing_else(top: Any, x0: Any, tmp_path: 
     for figure in ("run.zarr", "run.zarr/top.png", "run.zarr/a/top.png"):
         with pytest.raises(kr.InputError, match=r"beside the archive|must end in"):
             config.parse(tomllib.loads(TOML.format(path="run.zarr", figure=figure)))
-    assert checking.check_archive(path)[1] == []
+    assert check_archive(path)[1] == []
     assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]
 
 
@@ -289,16 +290,16 @@ def test_a_replacement_that_was_interrupted_goes_on(
     path, longer = tmp_path / "run.zarr", {**(SWEPT if swept else OPTIONS), "steps": 60}
     make = kr.sweep if swept else kr.simulate
     kr.simulate(top, x0, path=path, **OPTIONS)
-    sealed = "kreisel.storage.manifest.seal"
+    sealed = "kreisel.storage.archive.seal"
     for _ in range(2):
         with monkeypatch.context() as patch, pytest.raises(Killed):
-            patch.setattr(sealed, lambda *_: (_ for _ in ()).throw(Killed))
+            patch.setattr(sealed, lambda *_, **__: (_ for _ in ()).throw(Killed))
             make(top, x0, path=path, overwrite=True, **longer)
         path.with_name("run.zarr.lock").unlink(missing_ok=True)
         assert "failed" not in kr.open_run(path)
         if swept:
             made = len(list((path.with_name("run.zarr.part") / "engine" / "blocks").iterdir()))
-            assert made == 3  # metadata and two; and a second time none of them is computed again
+            assert made == 2  # and a second time none of them is computed again
             monkeypatch.setattr("kreisel.sweeps.workers.compute", None)
     if swept:
         kr.sweep(top, x0, path=path, overwrite=True, **longer)
@@ -312,7 +313,7 @@ def test_a_replacement_that_was_interrupted_goes_on(
         shutil.rmtree(path)
         kept.rename(path)
         assert kr.resume(path).attrs["steps"] == 60
-    assert checking.check_archive(path)[1] == []
+    assert check_archive(path)[1] == []
     assert not path.with_name("run.zarr.part").exists()
 
 
@@ -333,10 +334,10 @@ def test_a_sweep_killed_before_its_metadata_are_listed(
     if overwrite:
         kr.simulate(top, x0, path=path, **OPTIONS)
     with monkeypatch.context() as patch, pytest.raises(Killed):
-        patch.setattr("kreisel.storage.manifest.begin", lambda *_: (_ for _ in ()).throw(Killed))
+        patch.setattr("kreisel.storage.archive.write_metadata", lambda *_: (_ for _ in ()).throw(Killed))
         kr.sweep(top, x0, path=path, **options)
     path.with_name("run.zarr.lock").unlink(missing_ok=True)
     kr.sweep(top, x0, path=path, **options)
     assert kr.open_run(path).sizes["lane"] == 3
-    assert checking.check_archive(path)[1] == []
+    assert check_archive(path)[1] == []
     assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]

@@ -23,8 +23,9 @@ from kreisel.bodies import BODIES
 from kreisel.lab import exact
 from kreisel.process import Lock
 from kreisel.runs import integration
-from kreisel.storage import checking, checkpoint, manifest
+from kreisel.storage import archive, checking, checkpoint
 from kreisel.storage import simulate as runs
+from kreisel.sweeps.lanes import check_archive
 from kreisel.system import REGISTRY
 from support import ROOT, contents
 
@@ -53,7 +54,7 @@ def apart(begun: Any, path: Path, a_top: dict, x0: dict, options: dict) -> None:
 def kill_during(path: Path, after: float, *run: object) -> bool:
     """Start a run in a process of its own and kill it; whether it was still at work."""
     context = multiprocessing.get_context("forkserver")  # this process may hold threads, which no fork survives
-    context.set_forkserver_preload(["kreisel.storage.simulate", "kreisel.storage.archive", "numba"])
+    context.set_forkserver_preload(["kreisel.storage.simulate", "kreisel.storage.run_archive", "numba"])
     begun = context.Event()
     child = context.Process(target=apart, args=(begun, path, *run), daemon=True)
     child.start()
@@ -219,7 +220,7 @@ def test_rows_of_an_interrupted_run_are_read_when_asked_for(
         stop_after(34, patch)
         slow_run(tmp_path / "run.zarr", top, x0, OPTIONS)
     kept = kr.open_run(tmp_path / "run.zarr.part")
-    border, rows = kr.storage.checkpoint.read(tmp_path / "run.zarr.part")[0].flushed, kept.sizes["time"]
+    border, rows = checkpoint.read(tmp_path / "run.zarr.part").snapshot.flushed, kept.sizes["time"]
     assert 0 < border < rows - 2
     assert not kept.a.variable._in_memory
     choices = [5, border, border - 1, -1, slice(None), slice(border - 2, border + 2), slice(1, None, 3)]
@@ -265,7 +266,7 @@ def test_extended_equals_longer(first: int, top: object, x0: object, tmp_path: P
     run = kr.resume(tmp_path / "run.zarr", extend=400)
     assert run.attrs["steps"] == 400
     assert contents(tmp_path / "run.zarr") == contents(tmp_path / "long.zarr")
-    assert checking.check_archive(tmp_path / "run.zarr")[1] == []
+    assert check_archive(tmp_path / "run.zarr")[1] == []
 
 
 def test_extended_with_the_tolerance_of_the_run(top: object, x0: object, tmp_path: Path) -> None:
@@ -274,7 +275,7 @@ def test_extended_with_the_tolerance_of_the_run(top: object, x0: object, tmp_pat
     kr.simulate(top, x0, path=tmp_path / "run.zarr", steps=30, **asked)
     kr.resume(tmp_path / "run.zarr", extend=60)
     assert contents(tmp_path / "run.zarr") == contents(tmp_path / "long.zarr")
-    assert checking.check_archive(tmp_path / "run.zarr")[1] == []
+    assert check_archive(tmp_path / "run.zarr")[1] == []
     tight = kr.simulate(top, x0, steps=60, **{**asked, "tol": 1e-9})
     assert abs(tight.a.values - kr.open_run(tmp_path / "run.zarr").a.values).max() > 1e-6  # tol makes a difference
 
@@ -315,7 +316,7 @@ def test_damage_is_named_and_the_rest_recovered(top: object, x0: object, tmp_pat
     flipped.write_bytes(bytes(data))
     gone.unlink()
     cut.write_bytes(cut.read_bytes()[:10])
-    faults = checking.check_archive(path)[1]
+    faults = check_archive(path)[1]
     assert sorted(fault.split(":")[0] for fault in faults) == [
         "a cannot be read in rows 14 to 20",
         "casimir cannot be read in rows 42 to 48",
@@ -334,7 +335,7 @@ def test_damaged_numbers_of_lanes_are_named_and_the_rest_recovered(top: object, 
     whole = kr.simulate(top, start, path=path, **OPTIONS).load()
     chunk = path / "lane" / "c" / "0"
     chunk.write_bytes(chunk.read_bytes() + b"more")
-    run, faults = checking.check_archive(path)
+    run, faults = check_archive(path)
     assert [fault.split(":")[0] for fault in faults] == ["lane cannot be read"]
     assert run is not None and (run.a.values == whole.a.values).all()
     assert checking.recover(path, tmp_path / "rest.zarr") == (len(whole.time), len(whole.time))
@@ -348,27 +349,26 @@ def test_changed_metadata_are_named(top: object, x0: object, tmp_path: Path) -> 
     kr.simulate(top, x0, path=path, **OPTIONS)
     meta = path / "a" / "zarr.json"
     meta.write_text(meta.read_text().replace('"state"', '"casimir"'))
-    assert checking.check_archive(path)[1][0].startswith("a/zarr.json was changed")
+    assert check_archive(path)[1][0].startswith("a/zarr.json was changed")
 
 
 def test_a_claim_of_more_than_memory_is_not_read(top: object, x0: object, tmp_path: Path) -> None:
     path = tmp_path / "run.zarr"
     kr.simulate(top, x0, path=path, **OPTIONS)
-    for meta in path.glob("*/zarr.json"):
-        metadata = json.loads(meta.read_text())
-        if metadata["node_type"] == "array":
-            metadata["shape"][0] = 10**14
-            meta.write_text(json.dumps(metadata))
-    assert any("a/zarr.json was changed" in fault for fault in checking.check_archive(path)[1])
-    manifest.of_all(path)
-    assert any("rows were expected, 100000000000000 are there" in fault for fault in checking.check_archive(path)[1])
+    metadata = json.loads((path / "zarr.json").read_text())
+    for node in archive.arrays_of(metadata).values():
+        node["shape"][0] = 10**14
+    (path / "zarr.json").write_text(json.dumps(metadata))
+    assert any("zarr.json was changed" in fault for fault in check_archive(path)[1])
+    archive.list_all(path)
+    assert any("rows were expected, 100000000000000 are there" in fault for fault in check_archive(path)[1])
 
 
 def test_damaged_checkpoint(top: object, x0: object, tmp_path: Path) -> None:
     path = tmp_path / "run.zarr"
     kr.simulate(top, x0, path=path, **OPTIONS)
     file = path / "engine" / "checkpoint.npz"
-    data, (snapshot, _) = bytearray(file.read_bytes()), checkpoint.read(path)
+    data, snapshot = bytearray(file.read_bytes()), checkpoint.read(path).snapshot
     data[data.index(snapshot.engine["z"].tobytes())] ^= 1
     file.write_bytes(bytes(data))
     with pytest.raises(kr.InputError, match=r"checkpoint .* is damaged"):
@@ -428,7 +428,7 @@ def test_every_shape_of_an_interrupted_run_opens_and_goes_on(
     state = system.state(**start)
     options = {"dt": 0.1, "steps": 67, "every": 3, "progress": False, **more}  # 24 rows in blocks of seven
     monkeypatch.setattr(integration, "block_rows", lambda plan: 7)
-    for place in ("storage.archive", "runs.describing"):
+    for place in ("storage.run_archive", "runs.describing"):
         monkeypatch.setattr(f"kreisel.{place}.block_rows", lambda plan: 7)
     whole = kr.simulate(system, state, path=tmp_path / "whole.zarr", **options).load()
     expected = contents(tmp_path / "whole.zarr")
@@ -453,7 +453,7 @@ def test_every_shape_of_an_interrupted_run_opens_and_goes_on(
             same = whole.isel(time=slice(0, rows))[name]
             assert kept[name].dims == same.dims
             np.testing.assert_array_equal(kept[name].values, same.values)
-        assert [fault[:23] for fault in checking.check_archive(part)[1]] == ["the run was interrupted"]
+        assert [fault[:23] for fault in check_archive(part)[1]] == ["the run was interrupted"]
         assert len(kr.drift(kept)) > 0
         kr.resume(path, progress=False)
         assert contents(path) == expected
@@ -461,7 +461,7 @@ def test_every_shape_of_an_interrupted_run_opens_and_goes_on(
 
 @pytest.mark.parametrize(
     "place",
-    ["kreisel.storage.verified.consolidated", "kreisel.storage.manifest.seal", "kreisel.storage.manifest.clear"],
+    ["run_archive._fit", "archive.seal", "archive.clear", "archive.take_name"],
 )
 def test_a_kill_while_it_is_finished(
     place: str, top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -469,10 +469,10 @@ def test_a_kill_while_it_is_finished(
     path, part = tmp_path / "run.zarr", tmp_path / "run.zarr.part"
     slow_run(tmp_path / "whole.zarr", top, x0, OPTIONS)
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(place, lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
+        patch.setattr(f"kreisel.storage.{place}", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
         slow_run(path, top, x0, OPTIONS)
-    faults = checking.check_archive(part)[1]
-    assert [fault[:23] for fault in faults] == (["the run was interrupted"] if "clear" not in place else [])
+    faults = check_archive(part)[1]
+    assert [fault[:23] for fault in faults] == (["the run was interrupted"] if "take_name" not in place else [])
     assert kr.open_run(part).sizes["time"] >= 134
     kr.resume(path)
     assert contents(path) == contents(tmp_path / "whole.zarr")
@@ -482,11 +482,9 @@ def test_a_kill_while_arrays_are_lengthened(
     top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At each file that changes: what was there opens, and the run goes on to the right bytes."""
-    from kreisel.storage import manifest
-
     slow_run(tmp_path / "whole.zarr", top, x0, OPTIONS)
     short = {**OPTIONS, "steps": 190}
-    rows, original, killed = 1 + 190 // 3, manifest.replace_file, 0
+    rows, original, killed = 1 + 190 // 3, archive.replace_file, 0
     for last in range(0, 60, 3):
         path, count = tmp_path / f"{last}.zarr", iter(range(10**9))
         slow_run(path, top, x0, short)
@@ -497,7 +495,7 @@ def test_a_kill_while_arrays_are_lengthened(
             original(*arguments, **more)
 
         with monkeypatch.context() as patch:
-            patch.setattr(manifest, "replace_file", replace_file)
+            patch.setattr(archive, "replace_file", replace_file)
             try:
                 kr.resume(path, extend=400, progress=False)
             except KeyboardInterrupt:
@@ -519,7 +517,7 @@ def test_a_chunk_that_is_not_listed_does_not_stay(
     slow_run(tmp_path / "whole.zarr", top, x0, OPTIONS)
     path, part = tmp_path / "run.zarr", tmp_path / "run.zarr.part"
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr("kreisel.storage.manifest.seal", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        patch.setattr("kreisel.storage.archive.seal", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         slow_run(path, top, x0, OPTIONS)
     (part / "a" / "c" / "99").mkdir()
     (part / "a" / "c" / "99" / "0").write_bytes((part / "a" / "c" / "0" / "0").read_bytes())

@@ -22,10 +22,11 @@ import pytest
 
 import kreisel as kr
 from kreisel.runs.config import read_sweep
-from kreisel.storage import checking
 from kreisel.sweeps import workers
-from kreisel.sweeps.blocks import Sweep, compute
 from kreisel.sweeps.design import Lanes
+from kreisel.sweeps.ensemble import Sweep
+from kreisel.sweeps.lanes import check_archive
+from kreisel.sweeps.store import compute
 from kreisel.sweeps.summaries import angular_frequency
 from kreisel.sweeps.sweep import carry_out
 from support import ROOT, configuration, contents
@@ -192,7 +193,7 @@ def test_bad_lanes_are_named_and_the_others_go_on(tmp_path: Path) -> None:
     good = kr.Design(together={"system.alpha": [1.0, 1.2]})
     alone = kr.sweep(top, x0, good, path=tmp_path / "good.zarr", **options)
     assert (alone.a.values == run.a.values[:, [0, 3]]).all()
-    assert checking.check_archive(tmp_path / "s.zarr")[1] == []
+    assert check_archive(tmp_path / "s.zarr")[1] == []
 
 
 def test_a_lane_that_blows_up_late_keeps_its_rows(tmp_path: Path) -> None:
@@ -221,6 +222,7 @@ def test_steps_methods_and_orders_vary(tmp_path: Path) -> None:
         found = run.energy_drift.sel({"run.method": method}).isel(list=place)
         assert float(found) == float(abs(single.energy - single.energy[0]).max())
     assert np.isnan(run.energy_eps_drift.values).tolist() == [[False, False], [True, True]]
+    assert check_archive(tmp_path / "s.zarr")[1] == []
     with pytest.raises(kr.InputError, match="the same times"):
         kr.sweep(top, x0, design, dt=1, steps=1, path=tmp_path / "t.zarr", workers=0, save=["trajectories"])
 
@@ -303,7 +305,7 @@ def test_the_same_call_goes_on(whole: Path, tmp_path: Path, monkeypatch: pytest.
     shutil.copy(chunk, chunk.with_name("3"))  # a worker that outlives its client is writing block 3
     assert np.isfinite(kept.load().energy_start.values[:10]).all() and np.isnan(kept.energy_start.values[10:]).all()
     chunk.with_name("3").unlink()
-    assert "3 of 5 blocks are to do" in checking.check_archive(part)[1][0]
+    assert "3 of 5 blocks are to do" in check_archive(part)[1][0]
     with pytest.raises(kr.InputError, match=r"another sweep.*sweep\.rng"):
         carried(tmp_path / "s", SWEEP.replace("rng = 7", "rng = 8"))
     assert contents(carried(tmp_path / "s")) == contents(whole)
@@ -389,7 +391,7 @@ def apart(begun: Any, folder: Path) -> None:
 def test_killed_at_random_moments(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(ROOT)  # where the process to be killed finds this file
     context = multiprocessing.get_context("forkserver")  # this process may hold threads, which no fork survives
-    context.set_forkserver_preload(["kreisel.sweeps.sweep", "kreisel.storage.archive", "numba"])
+    context.set_forkserver_preload(["kreisel.sweeps.sweep", "kreisel.storage.run_archive", "numba"])
     begun = time.monotonic()
     carried(tmp_path / "timed")
     took, expected, moments, killed, trial = time.monotonic() - begun, contents(whole), random.Random(1), 0, 0
@@ -483,12 +485,12 @@ def test_damage_is_named(whole: Path, tmp_path: Path) -> None:
     data[len(data) // 2] ^= 1
     chunk.write_bytes(bytes(data))
     (path / "a" / "c" / "0" / "3" / "0").unlink()
-    faults = checking.check_archive(path)[1]
+    faults = check_archive(path)[1]
     assert sorted(fault.split(":")[0].split(",")[0] for fault in faults) == [
         "a cannot be read in lanes 15 to 19",
         "energy_drift cannot be read in lanes 10 to 14",
     ]
-    assert checking.check_archive(whole)[1] == []
+    assert check_archive(whole)[1] == []
 
 
 BAD = [

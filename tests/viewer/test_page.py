@@ -201,7 +201,7 @@ def test_a_section_stands_beside_and_coordinates_can_be_chosen(chromium, top, x0
 
 @needs_browser
 def test_a_served_page_follows_a_run_that_goes_on(chromium, tmp_path, top, x0, monkeypatch):
-    from kreisel.storage.archive import reopen
+    from kreisel.storage.run_archive import reopen
 
     path = tmp_path / "top.zarr"
     kr.simulate(top, x0, dt=0.05, steps=200, path=path, progress=False)

@@ -163,11 +163,11 @@ def save_figure(
 def save_sweep_figure(store: Path, target: Path, show: str | None, theme: str, overwrite: bool) -> None:
     """Draw the summaries of a sweep into a file."""
     from kreisel.files import written
-    from kreisel.sweeps.sweep import open_sweep
+    from kreisel.storage.opening import open_lanes
     from kreisel.viewer.plots import sweep_figure
 
     with written(target, overwrite) as scratch:
-        sweep_figure(open_sweep(store), show, theme).savefig(scratch, metadata=_mark(target))
+        sweep_figure(open_lanes(store), show, theme).savefig(scratch, metadata=_mark(target))
 
 
 def _mark(target: Path) -> dict[str, str]:

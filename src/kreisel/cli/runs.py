@@ -175,12 +175,13 @@ def sweep(
 ) -> None:
     """`SWEEP_HELP`."""
     from kreisel.runs.config import read_sweep
-    from kreisel.sweeps.broken_lanes import broken_lanes
-    from kreisel.sweeps.sweep import carry_out, failures, open_sweep
+    from kreisel.storage.opening import open_lanes
+    from kreisel.sweeps.lanes import broken_lanes
+    from kreisel.sweeps.sweep import carry_out, failures
 
     description, file, path = read_sweep(config, changes or ())
     report = carry_out(description, path, file=file, workers=workers, scheduler=scheduler, overwrite=overwrite)
-    result = open_sweep(report.path)
+    result = open_lanes(report.path)
     worst = {str(k): float(v.max()) for k, v in result.data_vars.items() if v.attrs.get("kind") == "drift"}
     largest = {name: finite(value) for name, value in worst.items() if name.endswith("_drift")}
     lost = broken_lanes(result, file)
@@ -218,8 +219,8 @@ def check(
     """Check an archive: complete, readable, finite, its integrals those of its states, conserved if they should be."""
     from kreisel.runs.drift import broken, table_of
     from kreisel.runs.run_record import RunRecord
-    from kreisel.storage.checking import check_archive, recover
-    from kreisel.sweeps.broken_lanes import broken_lanes
+    from kreisel.storage.checking import recover
+    from kreisel.sweeps.lanes import broken_lanes, check_archive
 
     result, faults = check_archive(archive)
     if out is not None:
@@ -251,7 +252,7 @@ def export(
     epoch: Annotated[str | None, typer.Option("--epoch", help="The date of time 0, for .aem.")] = None,
 ) -> None:
     """Write an archive as NetCDF (HDF5), Parquet, CSV or, the attitude alone, as a CCSDS attitude ephemeris message."""
-    from kreisel.storage.attitude import SUFFIX, date_of, write_aem
+    from kreisel.storage.exporting import SUFFIX, date_of, write_aem
     from kreisel.storage.exporting import export as write
 
     if out.suffix.lower() == SUFFIX:
@@ -276,9 +277,8 @@ def plot(
     show: Annotated[str | None, typer.Option("--show", help="Of a sweep: the variable to draw, a_max[2].")] = None,
 ) -> None:
     """Draw the figure of an archive; of a sweep a summary of its lanes over one or two of what varies."""
-    from kreisel.storage.nodes import is_sweep
-    from kreisel.storage.opening import open_archive
-    from kreisel.storage.replacing import settled
+    from kreisel.storage.archive import settled
+    from kreisel.storage.opening import is_sweep, open_rows
 
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
     where, theme = settled(archive), "dark" if dark else "light"
@@ -291,8 +291,8 @@ def plot(
     elif show is not None:
         raise InputError(f"--show: expected a sweep, got the run {archive}. Leave it out.")
     else:
-        beside = open_archive(settled(compare)) if compare else None
-        save_figure(open_archive(where), target, beside, theme, style, overwrite)
+        beside = open_rows(settled(compare)) if compare else None
+        save_figure(open_rows(where), target, beside, theme, style, overwrite)
     say(f"figure: {target}")
 
 
@@ -317,10 +317,9 @@ def view(
 ) -> None:
     """Write the interactive page of an archive: one HTML file that opens offline; of a sweep that of one lane."""
     from kreisel.files import require_file
-    from kreisel.storage.nodes import is_sweep
-    from kreisel.storage.opening import open_archive
-    from kreisel.storage.replacing import settled
-    from kreisel.sweeps.one_lane import one_lane
+    from kreisel.storage.archive import settled
+    from kreisel.storage.opening import is_sweep, open_rows
+    from kreisel.sweeps.lanes import one_lane
     from kreisel.viewer.page import view as page_of
 
     where = settled(archive)
@@ -332,7 +331,7 @@ def view(
         return
     target = movie or out or (archive if archive.name else archive.resolve()).with_suffix(".html")
     require_file(target, overwrite)
-    shown = one_lane(where, lane[0] if lane else 0) if swept else open_archive(where)
+    shown = one_lane(where, lane[0] if lane else 0) if swept else open_rows(where)
     lanes = shown.sizes.get("lane", 1)
     if not swept and not all(0 <= each < lanes for each in lane or ()):
         raise InputError(f"--lane: expected numbers from 0 to {lanes - 1}, got {lane}.")

@@ -267,52 +267,70 @@ def _positive(value: Array, name: str) -> None:
         raise InputError(f"{name}: expected three moments of inertia > 0, got {shown(value.tolist())}.")
 
 
+def _by_momenta(record: Perturbation) -> bool:
+    """Whether a potential takes a momentum."""
+    space, pair = record.base.space, record.pair
+    momenta = [letter for place, letter in enumerate(space.letters) if place not in space.carried]
+    alone = record.potential is not None and any(map(record.potential.names, momenta))
+    return alone or (pair is not None and any(pair.names(m + mark) for m in momenta for mark in (FIRST, SECOND)))
+
+
+# Forces (record) that do not suit a system: when, and the message, with the names that `_require_suitable` has.
+UNSUITABLE: tuple[tuple[Callable[[System, Perturbation, int], Any], str], ...] = (
+    (
+        lambda system, record, n: _by_momenta(record),
+        "potential: expected a function of {carried}g, t, got one of the momentum {momenta}. For other moments of "
+        "inertia use inertia=..., for drag torque=... or damping=...",
+    ),
+    (
+        lambda system, record, n: (
+            system.product and (record.potential is None or record.names(ORIENTATION) or record.beside)
+        ),
+        "{name}: expected several bodies with one potential, of {carried}t, got none, or other forces. Forces that "
+        "take g are those of a body alone, or of bodies in pairs.",
+    ),
+    (
+        lambda system, record, n: (
+            (record.beside or record.names(ORIENTATION)) and (not system.space.of_body or system.velocity is None)
+        ),
+        "{name}: expected a potential alone, since its first component is no momentum in so(n).",
+    ),
+    (
+        lambda system, record, n: record.force and record.pair,
+        "force: expected bodies in pairs without one, since the pair potential may take P.",
+    ),
+    (
+        lambda system, record, n: (
+            (record.coupling and n != 3) or ((record.force or record.coupling) and system.translation is None)
+        ),
+        "{moving}: expected a body that moves through space, such as kr.Kirchhoff, n = 3, got {name}, n = {n}.",
+    ),
+    (
+        lambda system, record, n: (
+            record.inertia and (n != 3 or system.frame is not Frame.MOVING or system.inverse_inertia is None)
+        ),
+        "inertia: expected a body in its own frame, n = 3, such as kr.LagrangeTopMoving or kr.EulerTop, got {name}, "
+        "n = {n}.",
+    ),
+    (
+        lambda system, record, n: record.damping and system.frame is Frame.REST and not system.space.carried,
+        "damping: expected a body with an axis, got {name}.",
+    ),
+)
+
+
 def _require_suitable(model: Model, record: Perturbation) -> None:
     """Raises `InputError` for forces that this system cannot have."""
     system, space = model.system, model.system.space
-    momenta = [letter for i, letter in enumerate(space.letters) if i not in space.carried]
-    of_momenta = any(record.potential.names(letter) for letter in momenta) if record.potential else False
-    if record.pair is not None:
-        of_momenta |= any(record.pair.names(letter + mark) for letter in momenta for mark in (FIRST, SECOND))
-    if of_momenta:
-        raise InputError(
-            f"potential: expected a function of {', '.join((*_carried(system), ORIENTATION, TIME))}, got one of the "
-            f"momentum {', '.join(momenta)}. For other moments of inertia use inertia=..., for drag torque=... or "
-            "damping=..."
-        )
-    others = record.loaded or record.damping or record.inertia or record.coupling
-    if system.product and (record.potential is None or record.names(ORIENTATION) or others):
-        raise InputError(
-            f"{system.name}: expected several bodies with one potential, of {', '.join(_carried(system))}, t,"
-            " got none, or other forces. Forces that take g are those of a body alone, or of bodies in pairs."
-        )
-    turns = record.loaded or record.damping or record.inertia or record.coupling or record.names(ORIENTATION)
-    if turns and (not space.of_body or system.velocity is None):
-        raise InputError(
-            f"{system.name}: expected a potential alone, since its first component is no momentum in so(n)."
-        )
-    if record.force is not None and record.pair is not None:
-        raise InputError("force: expected bodies in pairs without one, since the pair potential may take P.")
-    if (record.force is not None and system.translation is None) or (
-        record.coupling and (system.translation is None or model.n != 3)
-    ):
-        raise InputError(
-            f"{'coupling' if record.coupling else 'force'}: expected a body that moves through space, such as "
-            f"kr.Kirchhoff, n = 3, got {system.name}, n = {model.n}."
-        )
-    if record.inertia and (model.n != 3 or system.frame is not Frame.MOVING or system.inverse_inertia is None):
-        raise InputError(
-            f"inertia: expected a body in its own frame, n = 3, such as kr.LagrangeTopMoving or kr.EulerTop, got "
-            f"{system.name}, n = {model.n}."
-        )
+    carried = [space.letters[place] for place in space.carried]
+    names = {"carried": "".join(f"{letter}, " for letter in carried), "name": system.name, "n": model.n}
+    names["momenta"] = ", ".join(letter for letter in space.letters if letter not in carried)
+    names["moving"] = "coupling" if record.coupling else "force"
+    for fails, message in UNSUITABLE:
+        if fails(system, record, model.n):
+            raise InputError(message.format(**names))
     if record.inertia:
         kicks.require_principal(system, model.constants)
-    if record.damping and system.frame is Frame.REST and not space.carried:
-        raise InputError(f"damping: expected a body with an axis, got {system.name}.")
-
-
-def _carried(system: System) -> list[str]:
-    return [system.space.letters[i] for i in system.space.carried]
 
 
 def _system(model: Model, record: Perturbation, own: list[Parameter], name: str | None) -> System:

@@ -82,6 +82,11 @@ class Perturbation:
         return self.torque is not None or self.force is not None or self.wheel
 
     @property
+    def beside(self) -> bool:
+        """Whether there are other forces than potentials."""
+        return self.loaded or self.damping or self.inertia or self.coupling
+
+    @property
     def driven(self) -> bool:
         """Whether the energy changes by work: forces without a potential, or that depend on time."""
         return self.loaded or self.damping or self.names(TIME)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -40,15 +40,13 @@ LONG_SECONDS = 1.0  # a longer call of the engine can be interrupted
 class Snapshot:
     """Where a run stands: the rows in finished blocks, the rows after them, the steps made since, and the engine.
 
-    `engine` also holds `Plan.computed`, the constants of the trajectory.  `shown` has the outputs of the rows, with
-    their dimensions and attributes, if the archive does not hold the system that computes them.
+    `engine` also holds `Plan.computed`, the constants of the trajectory.
     """
 
     flushed: int
     into: int
     rows: Floats
     engine: dict[str, Floats] = field(default_factory=dict)
-    shown: dict[str, tuple[tuple[str, ...], Array, dict[str, Any]]] = field(default_factory=dict)
 
 
 def block_rows(plan: Plan) -> int:

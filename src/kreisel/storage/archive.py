@@ -1,252 +1,578 @@
-"""Datasets in memory and Zarr archives on disk, both described from the record.
+"""An archive on disk: a Zarr store whose arrays have blocks along one axis, the rows of a run or the lanes of a sweep.
 
-An archive is written beside its final name, as NAME.part, block by block; it takes its name only when it is
-whole.  Its arrays have their full length from the beginning, each block is a shard of eight chunks, and a checkpoint
-says how far the run is: a process killed at any instant leaves an archive that opens and can go on.  A manifest has the
-SHA-256 of every file (`kreisel.storage.manifest`).  Archives are data: arrays and JSON, nothing that runs.
+    zarr.json                 the attributes, and the metadata of every array, which Zarr calls consolidated
+    ARRAY/zarr.json           the metadata of an array once more, for readers that open it alone
+    ARRAY/c/...               a file for each block, a chunk or a shard of several
+    engine/checksums.sha256   the SHA-256 of every file, each chunk bound to its place; `sha256sum -c` reads it
+    engine/blocks/K.sha256    that of the files of block K, while the archive is being made
+
+An archive is made as NAME.part and takes its name when it is whole.  Its arrays have their full length from the
+beginning.  A file takes its name when it is written, a block counts when its checksums are there, and all metadata
+change at once, with zarr.json; the checksums of a file that is about to change are listed before.  So a kill at any
+moment leaves files that are listed and blocks that are whole.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import json
 import os
-from collections.abc import Mapping
-from contextlib import AbstractContextManager
-from dataclasses import replace
+import re
+import stat
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
-import numpy as np
+import msgspec
 
 from kreisel.algebra import Array
-from kreisel.bodies import KNOWN
-from kreisel.errors import InputError, RunError, Stopped, on_disk
-from kreisel.files import stands
-from kreisel.kernels.layout import Floats
-from kreisel.record.model import Model
-from kreisel.runs.describing import (
-    CORRECTION,
-    _corrections,
-    at_the_end,
-    attributes,
-    describe,
-    dimensions,
-    in_memory,
-    saved_times,
-    time_attributes,
-    versions,
+from kreisel.errors import InputError, RunError
+from kreisel.files import BLOCKS, CHECKSUMS, digest, is_plain, parsed, place, replace_file, require_outside, stands
+from kreisel.process import Lock
+
+REPLACES = "engine/replaces"  # of an archive that is being made: what it may replace
+LARGEST_METADATA = 64 << 20  # bytes of a zarr.json: the parameters of an ensemble may be long
+PARTIAL = r"(\.[0-9a-f]{32}\.partial)?"  # what a kill leaves of a file that Zarr was writing
+CHUNK = re.compile(rf"[^/]+/c(/\d+)*{PARTIAL}")
+MADE = re.compile(
+    rf"([^/]+/)?zarr(\.json|\.[0-9a-f]{{32}}\.partial)|{CHUNK.pattern}"
+    r"|engine/(checkpoint\.npz|checksums\.sha256|replaces|blocks/(\.new-[0-9a-f]{16}|\w+\.sha256))|([^/]+/)?\.new-[0-9a-f]{16}"
 )
-from kreisel.runs.integration import Integration, Snapshot, block_rows, chunk_rows
-from kreisel.runs.operations import require_events
-from kreisel.runs.plan import Plan
-from kreisel.runs.planning import broken_by
-from kreisel.runs.settings import checked_events
-from kreisel.storage import checkpoint, manifest
-from kreisel.storage.nodes import require_sound
-from kreisel.storage.opening import _checkpoint, _integration, _plan_of_run, _require_arrays, archive_record
-from kreisel.storage.part import Part
-from kreisel.storage.replacing import agreed, part_of, remove
+CHECKPOINT = "engine/checkpoint.npz"
+LINE = re.compile(r"([0-9a-f]{64})  ([^\0\n]+)")
+LARGEST_LIST, LARGEST_CHUNK = 1 << 30, 1 << 30  # bytes; chunks have a thousandth
+
+Listed = dict[str, frozenset[str]]  # the files of an archive, and what the SHA-256 of each may be
 
 
-class Archive:
-    """A Zarr store that grows block by block under NAME.part and gets its name when it is whole.
+def target(path: str | os.PathLike[str]) -> Path:
+    """A path that can name an archive, with ~ for the user's own folder.  Raises `InputError`."""
+    return place(path, "The archive needs a name such as run.zarr")
 
-    `begun` continues a store that is there: rows up to the checkpoint are in it.
-    """
 
-    def __init__(
-        self, path: Path, plan: Plan, overwrite: bool = False, begun: bool = False, rows_in_block: int | None = None
-    ):
-        self._store = Part(path)
-        self.path, self.part, self.plan = path, self._store.part, plan
-        self._overwrite, self._begun, self._worth_keeping = overwrite, begun, begun
-        self._start: dict[str, Floats] = dict(plan.start)
-        self._rows_in_block = rows_in_block or block_rows(plan)
+# -- metadata ----------------------------------------------------------------------------------------
 
-    def __enter__(self) -> Archive:
-        import zarr
 
-        with _disk(self.path, "be opened again" if self._begun else "be created"):
-            if not self._begun:
-                self._make_room()
-                self._store.create(replace(describe(self.plan), complete=0).to_attrs(), self._overwrite)
-                manifest.begin(self.part)
+class Node(msgspec.Struct):
+    """The metadata of an array or a group, as far as they are looked at."""
+
+    node_type: str
+    attributes: dict[str, Any]
+    shape: tuple[int, ...] = ()
+    dimension_names: tuple[str, ...] = ()
+
+
+class Consolidated(msgspec.Struct):
+    """The metadata of every array."""
+
+    metadata: dict[str, Node]
+
+
+class Root(msgspec.Struct):
+    """The metadata of an archive."""
+
+    attributes: dict[str, Any]
+    consolidated_metadata: Consolidated
+
+
+def metadata(store: Path) -> dict[str, Any]:
+    """The metadata of an archive and all its arrays, as JSON.  Raises `InputError` if there are none, or damaged."""
+    if not stands(store):
+        there = bool(store.name) and store.suffix != ".part" and stands(part_of(store))
+        left = f" {part_of(store)} is there: `kreisel resume {store}` goes on." if there else ""
+        raise InputError(f"There is no archive {store}. Run `kreisel run` first, or check the name.{left}")
+    path = store / "zarr.json"
+    try:
+        size = path.stat().st_size
+        if not is_plain(path) or size > LARGEST_METADATA:
+            raise InputError(f"{store} is damaged: its zarr.json is no plain file, or has {size:,} bytes.")
+        root = parsed(path.read_bytes(), str(path))
+        msgspec.convert(root, Root)
+    except OSError as error:
+        raise InputError(f"{store} cannot be read as a Zarr archive: {error}") from error
+    except msgspec.ValidationError as error:
+        cause = "another program wrote to the archive, or made it"
+        raise InputError(f"{path} is damaged: {error}. Usual cause: {cause}.") from None
+    return dict(root)
+
+
+def attributes(store: Path) -> dict[str, Any]:
+    """The attributes of an archive, not yet checked.  Raises `InputError`."""
+    return dict(metadata(store)["attributes"])
+
+
+def arrays_of(root: Mapping[str, Any]) -> dict[str, Any]:
+    """The metadata of every array."""
+    nodes = root["consolidated_metadata"]["metadata"]
+    return {name: node for name, node in nodes.items() if node["node_type"] == "array"}
+
+
+def new_metadata(attrs: Mapping[str, Any], layouts: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """The metadata of a new archive, as Zarr makes them."""
+    import zarr
+    from zarr.codecs import Crc32cCodec, ZstdCodec
+
+    files: dict[str, Any] = {}
+    group = zarr.create_group(zarr.storage.MemoryStore(files), zarr_format=3, attributes=dict(attrs))
+    group.create_group(CHECKSUMS.split("/")[0])  # where Zarr looks for no arrays
+    for name, layout in layouts.items():
+        group.create_array(name, compressors=[ZstdCodec(level=1), Crc32cCodec()], **layout)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Zarr calls consolidated metadata not yet a standard
+        zarr.consolidate_metadata(group.store)
+    return dict(json.loads(files["zarr.json"].to_bytes()))
+
+
+def write_metadata(store: Path, root: Mapping[str, Any]) -> None:
+    """Replace all metadata: what is about to change is listed first, and zarr.json, which counts, comes last."""
+    nodes = root["consolidated_metadata"]["metadata"]
+    files = {f"{name}/zarr.json": node for name, node in nodes.items()} | {"zarr.json": root}
+    data = {name: json.dumps(node).encode() for name, node in files.items()}
+    changed = {n: text for n, text in data.items() if not is_plain(store / n) or (store / n).read_bytes() != text}
+    pairs = _pairs(store / CHECKSUMS) if begun(store) else set()
+    _write_list(store, pairs | {(name, hashlib.sha256(text).hexdigest()) for name, text in changed.items()})
+    for name, text in changed.items():
+        (store / name).parent.mkdir(exist_ok=True)
+        replace_file(store / name, text)
+
+
+@contextlib.contextmanager
+def edited(store: Path) -> Iterator[dict[str, Any]]:
+    """The metadata of an archive, whose changes are written at the end, all at once."""
+    root = metadata(store)
+    yield root
+    write_metadata(store, root)
+
+
+def note_versions(attrs: dict[str, Any], versions: Mapping[str, str]) -> None:
+    """Note in `resumed` what goes on with an archive, if it is other than what began it."""
+    now = json.dumps(versions)
+    if attrs["versions"] != now:
+        attrs["resumed"] = now
+
+
+# -- checksums ---------------------------------------------------------------------------------------
+
+
+def _pairs(path: Path) -> set[tuple[str, str]]:
+    """Name and SHA-256 of each line.  Raises `InputError` for what is no list of checksums."""
+    try:
+        if not is_plain(path) or path.stat().st_size > LARGEST_LIST:
+            raise InputError(f"{path} is damaged: expected a text file of checksums, got something else.")
+        lines = path.read_bytes().decode().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read: {error}. `kreisel check` says what is whole.") from error
+    found = [LINE.fullmatch(line) for line in lines]
+    if None in found:
+        line = lines[found.index(None)]
+        raise InputError(f"{path} is damaged: expected lines of a SHA-256 and a name, got {line[:80]!r}.")
+    return {(match[2], match[1]) for match in found if match is not None}
+
+
+def _write_list(store: Path, pairs: Iterable[tuple[str, str]], name: str = CHECKSUMS, durable: bool = False) -> None:
+    replace_file(store / name, "".join(f"{sha}  {file}\n" for file, sha in sorted(pairs)).encode(), durable)
+
+
+def _lists(store: Path) -> list[Path]:
+    """The files of checksums: one, and those of the blocks while there are such."""
+    with contextlib.suppress(OSError):
+        blocks = sorted(store / BLOCKS / name for name in os.listdir(store / BLOCKS) if name.endswith(".sha256"))
+        return [store / CHECKSUMS, *blocks]
+    return [store / CHECKSUMS]
+
+
+def listed(store: Path, strict: bool = True) -> Listed:
+    """The checksums of an archive.  Raises `InputError` if they are damaged; unless `strict`, reads what it can."""
+    if strict and not begun(store):
+        raise InputError(
+            f"{store} is damaged: {CHECKSUMS} is missing. Usual cause: a copy of a run by its to_zarr, a plain "
+            "Dataset without checksums: xr.open_zarr opens it. kr.simulate(..., path=...) makes an archive."
+        )
+    out: dict[str, set[str]] = {}
+    for path in _lists(store):
+        with contextlib.suppress(*(() if strict else (InputError,))):
+            for name, sha in _pairs(path):
+                out.setdefault(name, set()).add(sha)
+    return {name: frozenset(digests) for name, digests in out.items()}
+
+
+def begun(store: Path) -> bool:
+    """Whether an archive has its metadata and their checksums, whole or not."""
+    return stands(store / CHECKSUMS) and stands(store / "zarr.json")
+
+
+def whole(store: Path) -> bool:
+    """Whether an archive is finished: it has its checksums, and no more blocks to come."""
+    return begun(store) and not stands(store / BLOCKS)
+
+
+def blocks_done(store: Path, array: str) -> set[int]:
+    """The blocks whose checksums are there, by an array of one axis."""
+    return {int(name.split("/")[-1]) for name in listed(store) if name.startswith(f"{array}/c/")}
+
+
+def is_chunk(name: str) -> bool:
+    """Whether a file of an archive holds numbers, not metadata."""
+    return name.split("/")[1:2] == ["c"]
+
+
+def is_scratch(name: str) -> bool:
+    """Whether a kill left it, of a file that was being written."""
+    return name.endswith(".partial") or name.split("/")[-1].startswith(".new-")
+
+
+def file_names(store: Path) -> set[str]:
+    """The names of all files, relative to the archive."""
+    return {Path(folder, name).relative_to(store).as_posix() for folder, _, some in os.walk(store) for name in some}
+
+
+def faults(store: Path, known: Listed) -> list[tuple[str, str]]:
+    """The faults of all files but listed chunks, each with its sentence.  Chunks are compared when arrays are read."""
+    found, names = [], file_names(store)
+    for name in sorted(names | set(known)):
+        array = name.removesuffix("/zarr.json")
+        if name in (CHECKSUMS, REPLACES) or name.startswith(f"{BLOCKS}/") or (is_chunk(name) and name in known):
+            continue
+        if name not in known:
+            found.append((name, f"{array} was added after the run"))
+        elif name not in names:
+            found.append((name, f"{array} is missing"))
+        else:
             try:
-                self._group = zarr.open_group(str(self.part), mode="r+", zarr_format=3, use_consolidated=False)
-            except OSError:
-                raise
-            except Exception as error:  # whatever a damaged store makes the libraries raise
-                raise InputError(f"{self.part} is damaged: {error}. `kreisel check {self.part}`.") from error
-        return self
+                if digest(store / name) not in known[name]:
+                    found.append((name, f"{name} was changed after the run"))
+            except OSError as error:
+                found.append((name, f"{name} cannot be read: {error.strerror}"))
+    return found
 
-    def _make_room(self) -> None:
-        self._store.require_room()
-        if stands(self.path) and not self._overwrite:
-            raise InputError(
-                f"{self.path} exists already and is left as it is. Choose another path, or replace it with --overwrite "
-                "(overwrite=True)."
-            )
-        if not self._overwrite and (self.part / checkpoint.NAME).exists():
-            raise InputError(
-                f"{self.part} was left by a run that was interrupted. `kreisel resume {self.path}` goes on, "
-                f"`kreisel plot {self.part}` shows it; or start over with --overwrite (overwrite=True)."
-            )
 
-    def _require_there(self) -> None:
-        """Raises `RunError` where the store is no longer the folder that it was: Zarr would make a new one."""
-        if not manifest.begun(self.part):
-            raise self._vanished()
+def list_all(store: Path) -> None:
+    """List all files of an archive that is whole as they are."""
+    (store / CHECKSUMS).parent.mkdir(exist_ok=True)
+    _write_list(store, ((name, digest(store / name)) for name in file_names(store) - {CHECKSUMS}))
 
-    def _vanished(self, name: str = "") -> RunError:
-        return RunError(
-            f"{self.part / name} vanished during the run. Usual cause: somebody else removed it. Run it again."
+
+def require_plain(store: Path) -> None:
+    """Raises `InputError` if an archive holds links, pipes or devices: what links lead to is not in the archive."""
+    for folder, folders, files in os.walk(store):
+        for name in (*folders, *files):
+            try:
+                mode = os.lstat(os.path.join(folder, name)).st_mode
+            except OSError as error:
+                raise InputError(f"{store} cannot be read: {folder}/{name}: {error.strerror}.") from error
+            if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+                kind = "a link" if stat.S_ISLNK(mode) else "a pipe, a socket or a device"
+                raise InputError(f"{store} holds {kind}, {os.path.join(folder, name)}. An archive has no use for one.")
+
+
+# -- writing -----------------------------------------------------------------------------------------
+
+
+def create(
+    path: Path,
+    attrs: Mapping[str, Any],
+    layouts: Mapping[str, Mapping[str, Any]],
+    fixed: Mapping[str, Array],
+    overwrite: bool,
+) -> None:
+    """Make NAME.part, in the place of an unfinished one; with `overwrite` it may replace what has its name.
+
+    layouts   how Zarr makes each array
+    fixed     values of those arrays that have no blocks, and are complete from the beginning
+    """
+    part = part_of(path)
+    if stands(part):
+        remove(part)
+    (part / BLOCKS).mkdir(parents=True)
+    write_metadata(part, new_metadata(attrs, layouts))
+    arrays = opened_arrays(part)
+    for name, values in fixed.items():
+        arrays[name][:] = values
+    _write_list(part, _pairs(part / CHECKSUMS) | {(n, digest(part / n)) for name in fixed for n in [f"{name}/c/0"]})
+    if overwrite:
+        agree(path)
+
+
+def opened_arrays(store: Path) -> dict[str, Any]:
+    """The arrays of an archive that is being made, to be written to; every chunk is written, whatever is in it."""
+    import zarr
+
+    try:
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            return dict(zarr.open_group(str(store), mode="r+", zarr_format=3, use_consolidated=True).arrays())
+    except OSError:
+        raise
+    except Exception as error:  # whatever damaged metadata make the library raise
+        raise InputError(f"{store} is damaged: {error}. `kreisel check {store}`.") from error
+
+
+def write_block(
+    store: Path,
+    arrays: Mapping[str, Any],
+    axis: str,
+    number: int,
+    first: int,
+    values: Mapping[str, Array],
+    durable: bool = False,
+) -> None:
+    """Write a block, whose values begin at `first` along the axis, and then its checksums.
+
+    Raises `RunError` if the archive has vanished: Zarr would make new folders for its chunks.
+    """
+    names = []
+    require_there(store)
+    for name, value in values.items():
+        place = arrays[name].metadata.dimension_names.index(axis)
+        chosen = slice(first, first + value.shape[place])
+        arrays[name][(*(slice(None),) * place, chosen)] = value
+        names.append(f"{name}/c/" + "/".join(str(number) if k == place else "0" for k in range(value.ndim)))
+    for name in names if durable else ():
+        with (store / name).open("rb+") as file:  # Windows makes durable only what may be written
+            os.fsync(file.fileno())
+    require_there(store)
+    lines = [(name, digest(store / name)) for name in names]
+    _write_list(store, lines, f"{BLOCKS}/{number}.sha256", durable)
+
+
+def require_there(store: Path) -> None:
+    """Raises `RunError` if an archive that is being made has vanished."""
+    if not begun(store):
+        raise RunError(
+            f"{store} vanished during the run: {CHECKSUMS} is gone. Usual cause: somebody else removed it. Run it "
+            "again."
         )
 
-    def append(self, block: Mapping[str, Array], start: int) -> None:
-        """Write a block of rows that begins at row `start`, a chunk or the last rows."""
-        stop = start + len(next(iter(block.values())))
-        values = {"time": saved_times(self.plan, start, stop), **block}
-        number = start // self._rows_in_block
-        with _disk(self.path, "be written"):
-            self._require_there()
-            names = [f"{name}/c/{number}{'/0' * (value.ndim - 1)}" for name, value in values.items()]
-            if start == 0:
-                names += self._create(values, {"time": time_attributes(self.plan), **attributes(self.plan, block)})
-            for name, value in values.items():
-                array: Any = self._group.get(name)
-                if array is None:
-                    raise self._vanished(name)
-                array[start:stop] = value
-            manifest.add_block(self.part, number, names)
-        self._worth_keeping = True
 
-    def _create(self, values: Mapping[str, Array], attrs: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Create every array at its full length and write the numbers of the lanes.  Returns their chunks' names."""
-        from kreisel.storage.verified import made_array
+def seal(store: Path, variables: Mapping[str, Mapping[str, Any]] | None = None, **attrs: Any) -> None:
+    """Set the last attributes, of variables too, and list every file: the archive is whole.
 
-        block, rows = self._rows_in_block, self.plan.rows
-        chunk = chunk_rows(block)
-        if self.plan.batched:
-            lanes = np.arange(self.plan.lanes)
-            made_array(
-                self._group,
-                "lane",
-                data=lanes,
-                chunks=lanes.shape,
-                dimension_names=("lane",),
-                attributes={"long_name": "lane"},
-                config={"write_empty_chunks": True},
-                overwrite=True,
+    Raises `FileNotFoundError` if a chunk that was written is gone.
+    """
+    with edited(store) as root:
+        root["attributes"].update(attrs)
+        for name, more in (variables or {}).items():
+            arrays_of(root)[name]["attributes"].update(more)
+    chunks = [(name, sha) for name, (sha, *_) in listed(store).items() if is_chunk(name)]
+    for name, _ in chunks:
+        os.stat(store / name)
+    others = [f"{name}/zarr.json" for name in root["consolidated_metadata"]["metadata"]] + ["zarr.json"]
+    others += [CHECKPOINT] if stands(store / CHECKPOINT) else []
+    _write_list(store, [*chunks, *((name, digest(store / name)) for name in others)])
+    clear(store)
+
+
+def clear(store: Path) -> None:
+    """Remove the checksums of the blocks, which are those of the whole archive now."""
+    for path in (store / BLOCKS).iterdir():
+        path.unlink()
+    (store / BLOCKS).rmdir()
+
+
+def unseal(store: Path) -> None:
+    """Go on with an archive that is whole, or was being sealed: its checkpoint may change, and blocks may come."""
+    (store / BLOCKS).mkdir(exist_ok=True)
+    _write_list(store, [pair for pair in _pairs(store / CHECKSUMS) if pair[0] != CHECKPOINT])
+
+
+def drop_blocks(store: Path, keep: int) -> None:
+    """Keep the first `keep` blocks: later ones, and what a kill left half written, are no longer there."""
+    pairs = {(name, sha) for name, digests in listed(store).items() for sha in digests}
+    _write_list(store, [(name, sha) for name, sha in pairs if not is_chunk(name) or _block_of(name) < keep])
+    for path in (store / BLOCKS).iterdir():
+        path.unlink()
+    remove_scratch(store, unlisted=True)
+
+
+def _block_of(name: str) -> int:
+    """The number of a chunk's block of rows: the first index in its name.  The numbers of the lanes are in none."""
+    array, _, *places = name.split("/")
+    return -1 if array == "lane" else int(places[0])
+
+
+def remove_scratch(store: Path, unlisted: bool = False) -> None:
+    """Remove what a kill left half written, and with `unlisted` chunks that are not listed."""
+    known = listed(store) if unlisted else {}
+    for name in file_names(store):
+        if is_scratch(name) or (unlisted and is_chunk(name) and name not in known):
+            (store / name).unlink(missing_ok=True)
+
+
+# -- names -------------------------------------------------------------------------------------------
+
+# To take the name of an old archive, NAME.part goes through two renames: NAME becomes .NAME.replaced, NAME.part becomes
+# NAME, and the old one is removed.  A kill in between leaves one of these states; `settle` ends it.  NAME.part says
+# which archive it may replace, so that a run that is resumed may do so too.  A folder is removed file by file, only
+# files that Kreisel or Zarr makes: what somebody else has put there stays, and so does the folder around it.
+
+
+def part_of(path: Path) -> Path:
+    """Where an archive is made.  Raises `InputError` for the name of one that is being made."""
+    if path.suffix == ".part":
+        raise InputError(f"{path}: expected a name that does not end in .part, as that of an unfinished archive does.")
+    return path.with_name(f"{path.name}.part")
+
+
+def replaced(path: Path) -> Path:
+    """Where the old archive of that name waits for the new one to be there."""
+    return path.with_name(f".{path.name}.replaced")
+
+
+def why_not(path: Path) -> str | None:
+    """Why a folder must not be replaced, in a clause; None for an archive or a store of Kreisel, whole or partial."""
+    kind = os.lstat(path).st_mode
+    if stat.S_ISLNK(kind):
+        return "is a link"
+    if not stat.S_ISDIR(kind):
+        return "is no folder"
+    here, inner = Path.cwd().resolve(), path.resolve()
+    if inner == here or inner in here.parents:
+        return "is the working folder, or one around it"
+    foreign = next(_foreign(path), None)
+    if foreign is not None:
+        return f"holds {foreign}, which Kreisel did not write"
+    if not _says_so(path) and any(not CHUNK.fullmatch(name) for name in _files(path)):
+        return "does not say that it is an archive of Kreisel"
+    return None
+
+
+def require_replaceable(path: Path) -> None:
+    """Raises `InputError` where something stands that is no archive of Kreisel, and within another archive."""
+    require_outside(path)
+    why = why_not(path) if stands(path) else None
+    if why is not None:
+        raise InputError(
+            f"{path} is left as it is: expected nothing there or an archive of Kreisel, but it {why}. Choose another "
+            "path, or move it away."
+        )
+
+
+def _says_so(store: Path) -> bool:
+    """Whether a folder calls itself a run or a sweep, or holds nothing: what a kill leaves of one just begun."""
+    try:
+        if (store / "zarr.json").stat().st_size > LARGEST_METADATA:
+            return False
+        attrs = json.loads((store / "zarr.json").read_bytes())["attributes"]
+    except FileNotFoundError:
+        return stands(store / CHECKSUMS) or all(is_scratch(name) for name in _files(store))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return False
+    return "kreisel_format" in attrs or "kreisel_sweep" in attrs
+
+
+def _files(store: Path) -> Iterator[str]:
+    """The names in a folder of all that is no folder, relative to it."""
+    for folder, folders, files in os.walk(store):
+        links = [name for name in folders if os.path.islink(os.path.join(folder, name))]
+        for name in (*files, *links):
+            yield Path(folder, name).relative_to(store).as_posix()
+
+
+def _foreign(store: Path) -> Iterator[str]:
+    """Those among them that neither Kreisel nor Zarr makes, that are no plain files, or that belong to other arrays."""
+    known = listed(store, strict=False)
+    arrays = {name.removesuffix("/zarr.json") for name in known if name.endswith("/zarr.json")} - {"engine"}
+    for name in _files(store):
+        first = name.split("/")[0]
+        added = arrays and "/" in name and first not in ("engine", *arrays)
+        if added or not MADE.fullmatch(name) or not stat.S_ISREG(os.lstat(store / name).st_mode):
+            yield name
+
+
+def remove(store: Path) -> None:
+    """Remove an archive or a store.  Raises `InputError` where there is something else, and removes no file of that."""
+    require_replaceable(store)
+    made = [name for name in _files(store) if MADE.fullmatch(name)]
+    for name in sorted(
+        made, key=lambda name: (name != CHECKPOINT, not name.startswith("engine/"), name == "zarr.json")
+    ):
+        os.unlink(store / name)  # what is left by a kill cannot go on, and says to the end what it was
+    for folder, folders, _ in os.walk(store, topdown=False):
+        for name in folders:
+            os.rmdir(os.path.join(folder, name))
+    os.rmdir(store)
+
+
+def agree(path: Path) -> None:
+    """Write down in NAME.part that it may replace what has its name now, with --overwrite."""
+    replace_file(part_of(path) / REPLACES, _mark(path).encode())
+
+
+def agreed(path: Path) -> bool:
+    """Whether NAME.part may replace what has its name."""
+    try:
+        consent = part_of(path) / REPLACES
+        return is_plain(consent) and consent.read_text() == _mark(path)
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _mark(path: Path) -> str:
+    """What tells one archive from another: the SHA-256 of its manifest, or of its attributes where it has none."""
+    for name in (CHECKSUMS, "zarr.json"):
+        if is_plain(path / name):
+            return digest(path / name)
+    return "something" if stands(path) else "nothing"
+
+
+def take_name(path: Path) -> None:
+    """Give NAME.part its name; an archive that has it is replaced where that was agreed.
+
+    Raises `RunError` where something else has come to stand there: what is done stays in NAME.part.
+    """
+    part, old = part_of(path), replaced(path)
+    if stands(path):
+        why = why_not(path) if agreed(path) else "was made there by somebody else during the run"
+        if why is not None:
+            raise RunError(
+                f"{path} is left as it is: it {why}. The run is whole and kept in {part}. Move {path} away, then "
+                f"`kreisel resume {path}` gives the run its name."
             )
-        for name, value in values.items():
-            made_array(
-                self._group,
-                name,
-                shape=(rows, *value.shape[1:]),
-                chunks=(chunk, *value.shape[1:]),
-                shards=(block, *value.shape[1:]) if chunk < block else None,
-                dtype=value.dtype,
-                dimension_names=("time",) if name == "time" else dimensions(self.plan, name, value.shape),
-                attributes=dict(attrs[name]),
-                fill_value=np.nan,
-                overwrite=True,
-            )
-        manifest.begin(self.part)
-        return ["lane/c/0"] if self.plan.batched else []
-
-    def checkpoint(self, snapshot: Snapshot) -> None:
-        """Write down where the run stands; everything before is kept whatever happens."""
-        with _disk(self.path, "be written"):
-            self._require_there()
-            checkpoint.write(self.part, replace(snapshot, shown=self._shown(snapshot)), self._start)
-
-    def _shown(self, snapshot: Snapshot) -> dict[str, tuple[tuple[str, ...], Array, dict[str, Any]]]:
-        """Outputs of the rows of a snapshot, if nobody who opens the archive can compute them."""
-        if self.plan.model.system.name in KNOWN or not len(snapshot.rows):
-            return {}
-        times = saved_times(self.plan, snapshot.flushed, snapshot.flushed + len(snapshot.rows))
-        with np.errstate(all="ignore"):
-            rows = in_memory(self.plan, [self.plan.observe(snapshot.rows)], times)
-        return {str(name): (tuple(map(str, v.dims)), v.values, dict(v.attrs)) for name, v in rows.variables.items()}
-
-    def finish(self) -> None:
-        """Mark the archive as whole and give it its name; with its last checkpoint it can be lengthened."""
-        with _disk(self.path, "be finished"):
-            self._require_there()
-            of_variables = {name: {CORRECTION: value} for name, value in _corrections(self.plan).items()}
-            if self.plan.timetable.end is not None:
-                _resize(self._group, self.plan.rows)
-            self._store.seal([checkpoint.NAME], of_variables, **at_the_end(self.plan))
-            self._require_there()
-            self._store.take_name()
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        stopped = isinstance(error, Stopped | KeyboardInterrupt)
-        if error is not None and not (stopped or self._worth_keeping):
-            with contextlib.suppress(OSError, InputError):
-                remove(self.part)
+        if stands(old):
+            remove(old)
+        os.replace(path, old)
+    (part / REPLACES).unlink(missing_ok=True)
+    os.replace(part, path)
+    if stands(old):
+        remove(old)
 
 
-def reopen(
-    path: Path, extend: int | None, system: Model | None = None, events: Any = None
-) -> tuple[Archive, Integration]:
-    """An interrupted archive, or a finished one to be lengthened, and the run at its last checkpoint."""
-    part = part_of(path)
-    store = part if stands(part) else path
-    record = archive_record(store)
-    require_sound(store)
-    if store == part and stands(path) and not agreed(path):
-        raise InputError(f"{path} stands where {part} is to go, and was not to be replaced. Move one of them away.")
-    if store == path and extend is None:
-        raise InputError(f"{path} is finished: its {record.steps:,} steps are done. --extend STEPS lengthens it.")
-    steps = record.steps if extend is None else extend
-    if extend is not None and extend < record.steps:
-        raise InputError(f"{path} has {record.steps:,} steps: expected more for --extend, got {extend:,}.")
-    if extend is not None and record.rows is not None:
-        why = "at given times" if record.stopped is None else f"that an event stopped at {record.stopped:g}"
-        raise InputError(f"{path}: expected a run with rows at every dt for --extend, got one {why}.")
-    snapshot, start, known = _checkpoint(store, record)
-    plan = broken_by(_plan_of_run(record, start, steps, system), checked_events(events))
-    require_events(plan, record.events)
-    block = record.rows_in_block if snapshot.flushed else block_rows(plan)
-    integration = _integration(plan, block)
-    integration.restore(snapshot)
-    if snapshot.flushed:
-        _require_arrays(store, plan, record, known)
-    archive = Archive(path, plan, begun=True, rows_in_block=block)
-    with _disk(path, "be opened again"):
-        if store == path:
-            os.replace(path, part)
-        _continue(part, plan, snapshot, block)
-    return archive, integration
+def settle(path: Path) -> bool:
+    """Finish what a kill left of `take_name`; whether a whole NAME.part got its name.  The caller is the one writer."""
+    part, old = part_of(path), replaced(path)
+    if not stands(old) or why_not(old) is not None:
+        return False
+    if not stands(path):
+        if _complete(part):
+            take_name(path)
+            return True
+        os.replace(old, path)
+    if stands(old):
+        remove(old)
+    return False
 
 
-def _continue(part: Path, plan: Plan, snapshot: Snapshot, block: int) -> None:
-    """Make a store ready to go on after its finished blocks: not complete any more, and as long as the plan."""
-    from kreisel.storage.verified import edited, note_versions
-
-    manifest.unseal(part, snapshot.flushed // block)
-    manifest.remove_scratch(part, unlisted=True)
-    with edited(part) as group:
-        group.attrs.update({"complete": 0, "steps": plan.steps, "rows_in_block": block})
-        note_versions(group, versions())
-        if snapshot.flushed:
-            _resize(group, plan.rows)
+def _complete(part: Path) -> bool:
+    try:
+        return (
+            is_plain(part / "zarr.json")
+            and json.loads((part / "zarr.json").read_bytes())["attributes"]["complete"] == 1
+        )
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return False
 
 
-def _resize(group: Any, rows: int) -> None:
-    """Give every array along the time so many rows."""
-    for _, array in group.arrays():
-        if array.metadata.dimension_names[0] == "time" and array.shape[0] != rows:
-            array.resize((rows, *array.shape[1:]))
+def settled(path: Path) -> Path:
+    """The path itself, after `settle` where that is needed and nobody is writing.  A lock left by a kill is removed."""
+    if path.name and (stands(replaced(path)) or stands(Lock(path).path)):
+        with contextlib.suppress(InputError, RunError, OSError), Lock(path):
+            settle(path)
+    return path
 
 
-def _disk(path: Path, what: str) -> AbstractContextManager[None]:
-    def kept() -> str:
-        there = (part_of(path) / checkpoint.NAME).exists()
-        return f" What was done until the last checkpoint is kept: `kreisel resume {path}` goes on." if there else ""
-
-    return on_disk(path, what, kept)
+@contextlib.contextmanager
+def one_writer(path: Path) -> Iterator[bool]:
+    """The lock of an archive.  Gives whether what a kill left there is whole now, and has its name."""
+    with Lock(path):
+        yield settle(path)

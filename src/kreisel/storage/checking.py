@@ -1,146 +1,187 @@
-"""What `kreisel check` does: whether an archive is as it was written, and whether its numbers fit each other."""
+"""`kreisel check`: whether an archive is as it was written, and whether its numbers fit each other."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError
-from kreisel.files import stands
+from kreisel.errors import InputError, RunError
+from kreisel.files import require_file, stands
 from kreisel.method import Scheme, scheme
+from kreisel.method.observing import COUNT, ORIENTATION
 from kreisel.method.scheme import KINDS
+from kreisel.record.perturbation import TIME
 from kreisel.runs.drift import lane_scales
+from kreisel.runs.integration import Integration
+from kreisel.runs.plan import Plan
+from kreisel.runs.planning import plan_of
 from kreisel.runs.run_record import RunRecord
-from kreisel.storage import checkpoint, manifest
-from kreisel.storage.nodes import is_sweep, require_sound, too_large
-from kreisel.storage.opening import MOST_INDEXED, archive_record, is_cut, open_archive, opened, ordered
-from kreisel.storage.recomputing import lanes_again, steps_again
-from kreisel.storage.replacing import require_replaceable, settled
-from kreisel.storage.verified import Damaged
-from kreisel.sweeps.blocks import COMPUTED, MISSING
-from kreisel.sweeps.sweep import open_sweep
-from kreisel.sweeps.sweep_record import SweepRecord
+from kreisel.runs.settings import Settings
+from kreisel.storage import archive
+from kreisel.storage.archive import CHECKPOINT
+from kreisel.storage.opening import (
+    COMPUTED,
+    MISSING,
+    MOST_INDEXED,
+    SweepRecord,
+    is_cut,
+    is_sweep,
+    open_lanes,
+    open_rows,
+    ordered,
+    run_record,
+    too_large,
+)
+from kreisel.storage.verified import Damaged, opened
 
 if TYPE_CHECKING:
     import xarray as xr
 
 RELATIVE = 1e-12
+SAMPLES = 8
+MOST_STEPS = 200_000  # lane-steps in all samples together; below a second for most maps
+NUDGE = 1e-10  # relative change of a start, which measures how sensitive a row is to the one before
+CLOSE, LOOSE = 1e-7, 1e-4  # relative: of maps, and of dop853, which chooses its own steps (at least)
+
+
+class Unread(NamedTuple):
+    """A variable that cannot be read, of the rows or lanes first to last, or complete; the reason."""
+
+    name: str
+    first: int
+    last: int
+    axis: str
+    why: str
+
+    @property
+    def sentence(self) -> str:
+        """The fault in words."""
+        where = f" in {self.axis}s {self.first} to {self.last}" if self.axis else ""
+        return f"{self.name} cannot be read{where}: {self.why}"
 
 
 def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
-    """The run, as far as it can be read, and what is wrong with it, each fault in one sentence.
+    """The run or sweep, as far as it can be read, and its faults, each in one sentence.
 
     Every file is compared with its SHA-256.  The times, the Casimirs and the integrals that are functions of the saved
     state alone are computed again, block by block.  From some rows the next row is computed again, with its state and
-    its orientation.  Raises `InputError` if there is no archive at all.
+    its orientation.  Lanes of a sweep that did not fail must have finite values; `kreisel.sweeps.lanes.check` computes
+    some of them again.  Raises `InputError` if there is no archive at all.
     """
-    path = settled(path)
-    if is_sweep(path):
-        return check_sweep(path)
-    record = archive_record(path)
-    require_sound(path)
+    path = archive.settled(path)
+    return check_lanes(path) if is_sweep(path) else check_rows(path)
+
+
+def check_rows(path: Path) -> tuple[xr.Dataset | None, list[str]]:
+    """The check of a run."""
+    record = run_record(path)
+    archive.require_plain(path)
     cut = ["the run was interrupted before its end: `kreisel resume` goes on with it"] if is_cut(path, record) else []
     try:
-        known = manifest.read(path)
+        known = archive.listed(path)
         changed = _file_faults(path, record, known)
-        run = open_archive(path, indexed=False) if cut else ordered(opened(path, known))
+        run = open_rows(path, indexed=False) if cut else ordered(opened(path, known))
     except InputError as error:
         return None, [*cut, *(([] if cut else _unreadable(path)) or [str(error)])]
-    faults, sizes = changed, _size_faults(run)
+    run, faults, sizes = _without_lost(path, run), changed, _size_faults(run)
     if sizes or "time" not in run.variables:
         return None, [*cut, *faults, *sizes]
-    damaged = damaged_rows(run)
-    for name, (first, last, why) in damaged:
-        where = f" in rows {first} to {last}" if "time" in run[name].dims else ""
-        faults.append(f"{name} cannot be read{where}: {why}")
-    run = run.drop_vars({name for name, _ in damaged})
+    unread = [each for _, _, found in blocks(run, "time", record.rows_in_block) for each in found]
+    faults += [each.sentence for each in unread]
+    run = run.drop_vars({each.name for each in unread})
     faults += [] if faults else _number_faults(run)
     few = "time" in run.coords and run.sizes["time"] <= MOST_INDEXED
     return (run.set_xindex("time") if few and "time" not in run.xindexes else run), [*cut, *faults]
 
 
-def _unreadable(path: Path) -> list[str]:
-    """What is wrong with the files of an archive that cannot be opened, apart from the first of them."""
-    known = manifest.listed(path)
-    return [message for _, message in manifest.faults(path, known)] if known else []
-
-
-def _file_faults(path: Path, record: RunRecord, known: manifest.Listed) -> list[str]:
-    """What is wrong with files that are no chunks; an interrupted run may have some that are not listed yet."""
-    found = manifest.faults(path, known)
-    if not is_cut(path, record):
-        return [message for _, message in found]
-    flushed = checkpoint.read(path)[0].flushed
-    return [
-        message
-        for name, message in found
-        if not (
-            name == checkpoint.NAME
-            or manifest.is_scratch(name)
-            or manifest.is_chunk(name)
-            or (flushed == 0 and name.count("/") == 1 and name.endswith("/zarr.json"))
-        )
-    ]
-
-
-def check_sweep(path: Path) -> tuple[xr.Dataset | None, list[str]]:
-    """A sweep, not yet read, and what is wrong with it.
-
-    Every file is compared with its SHA-256; lanes that did not fail must have finite values; some lanes are computed
-    again.
-    """
+def check_lanes(path: Path) -> tuple[xr.Dataset | None, list[str]]:
+    """The check of a sweep, which is not read as a whole."""
     try:
-        run = open_sweep(path)
-        record, known = SweepRecord.from_attrs(run.attrs, str(path)), manifest.read(path)
+        run = open_lanes(path)
+        record, known = SweepRecord.from_attrs(run.attrs, path), archive.listed(path)
     except InputError as error:
-        require_sound(path)
+        archive.require_plain(path)
         return None, _unreadable(path) or [str(error)]
     faults = [
         message
-        for name, message in manifest.faults(path, known)
-        if record.complete or not (manifest.is_chunk(name) or manifest.is_scratch(name))
+        for name, message in archive.faults(path, known)
+        if record.complete or not (archive.is_chunk(name) or archive.is_scratch(name))
     ]
+    run = _without_lost(path, run)
     faults += too_large(run)
     if run.sizes.get("lane") != record.lanes or "failed" not in run:
         faults.append(f"{record.lanes:,} lanes were expected, {run.sizes.get('lane', 0):,} are there")
     if faults:
         return run, faults
-    if "time" in run.variables and "lane" not in run["time"].dims:
-        faults += _unread(run["time"].variable, "time", "")
-    width, missing = record.block_lanes, 0
-    for first in range(0, record.lanes, width):
-        lanes = run.isel(lane=slice(first, first + width))
-        where = f" in lanes {first} to {first + lanes.sizes['lane'] - 1}"
-        unread = _unread(lanes["failed"].variable, "failed", where)
-        state = None if unread else lanes["failed"].values
-        faults += unread
+    missing, mixed = 0, not {"run.method", "run.order"}.isdisjoint(run.variables)  # then lanes have different variables
+    for first, values, unread in blocks(run, "lane", record.block_lanes):
+        state = values.get("failed")
         if state is not None and (state == MISSING).all():
             missing += 1
             continue
-        for name, variable in lanes.data_vars.items():
-            unread = [] if name == "failed" else _unread(variable.variable, str(name), where)
-            faults += unread
-            if unread or state is None or variable.dtype.kind != "f" or "lane" not in variable.dims:
+        faults += [each.sentence for each in unread]
+        for name, value in values.items():
+            if state is None or value.dtype.kind != "f" or "lane" not in run[name].dims or name == "failed":
                 continue
-            if not np.isfinite(variable.transpose("lane", ...).values[state == COMPUTED]).all():
-                faults.append(f"{name} is not finite{where}, although they did not fail")
-    blocks = record.blocks
+            lanes = np.moveaxis(value, run[name].dims.index("lane"), 0).reshape(len(state), -1)
+            lost = ~np.isfinite(lanes[state == COMPUTED])
+            if (lost.any(1) & ~(mixed & lost.all(1))).any():
+                where = f"lanes {first} to {first + len(state) - 1}"
+                faults.append(f"{name} is not finite in {where}, although they did not fail")
     if missing and record.complete:
-        faults.append(f"{missing:,} of {blocks:,} blocks are missing")
+        faults.append(f"{missing:,} of {record.blocks:,} blocks are missing")
     elif not record.complete:
-        faults.insert(0, f"the sweep was interrupted: {missing:,} of {blocks:,} blocks are to do")
-    return run, faults or lanes_again(run)
+        faults.insert(0, f"the sweep was interrupted: {missing:,} of {record.blocks:,} blocks are to do")
+    return run, faults
 
 
-def _unread(part: xr.Variable, name: str, where: str) -> list[str]:
-    why = _trouble(part)
-    return [] if why is None else [f"{name} cannot be read{where}: {why}"]
+def blocks(run: xr.Dataset, axis: str, width: int) -> Iterator[tuple[int, dict[str, np.ndarray], list[Unread]]]:
+    """The first row or lane of each block, its values by variable, and the variables that cannot be read.
+
+    Variables without that axis are read with the first block.
+    """
+    size = run.sizes.get(axis, 0)
+    for first in range(0, max(size, 1), max(1, width)):
+        last, values, unread = min(first + width, size) - 1, {}, []
+        for name, variable in run.variables.items():
+            along = axis in variable.dims
+            if not along and first:
+                continue
+            try:
+                values[str(name)] = np.asarray(
+                    (variable.isel({axis: slice(first, last + 1)}) if along else variable).values
+                )
+            except Exception as error:  # whatever a damaged chunk makes the libraries raise
+                why = error.why if isinstance(error, Damaged) else str(error) or type(error).__name__
+                unread.append(Unread(str(name), first, last, {"time": "row"}.get(axis, axis) if along else "", why))
+        yield first, values, unread
+
+
+def _without_lost(path: Path, run: xr.Dataset) -> xr.Dataset:
+    """The dataset without the arrays whose folders are gone."""
+    return run.drop_vars([name for name in run.variables if not stands(path / str(name))])
+
+
+def _unreadable(path: Path) -> list[str]:
+    """The faults of the files of an archive that cannot be opened."""
+    known = archive.listed(path, strict=False)
+    return [message for _, message in archive.faults(path, known)] if known else []
+
+
+def _file_faults(path: Path, record: RunRecord, known: archive.Listed) -> list[str]:
+    """The faults of files that are no chunks; an interrupted run may have some that are not listed."""
+    cut = is_cut(path, record)
+    return [
+        message
+        for name, message in archive.faults(path, known)
+        if not (cut and (name == CHECKPOINT or archive.is_scratch(name) or archive.is_chunk(name)))
+    ]
 
 
 def _size_faults(run: xr.Dataset) -> list[str]:
@@ -151,68 +192,42 @@ def _size_faults(run: xr.Dataset) -> list[str]:
     return faults + too_large(run)
 
 
-def damaged_rows(run: xr.Dataset) -> list[tuple[str, tuple[int, int, str]]]:
-    """Each variable that cannot be read, with the first and last row and the reason, block by block."""
-    found: list[tuple[str, tuple[int, int, str]]] = []
-    for name, variable in run.variables.items():
-        rows = variable.shape[0] if "time" in variable.dims else 1
-        whole = variable.encoding.get("shards") or variable.encoding.get("chunks") or (rows,)
-        chunk = max(1, whole[0])
-        for first in range(0, rows, chunk) if "time" in variable.dims else [0]:
-            last = min(first + chunk, rows) - 1
-            why = _trouble(variable[first : last + 1] if "time" in variable.dims else variable)
-            if why is not None:
-                found.append((str(name), (first, last, why)))
-    return found
-
-
-def _trouble(part: xr.Variable) -> str | None:
-    """Why a part cannot be read, if so."""
-    try:
-        part.values  # noqa: B018 - reading it verifies it
-    except Damaged as error:
-        return error.why
-    except Exception as error:  # whatever a damaged chunk makes the libraries raise
-        return str(error) or type(error).__name__
-    return None
-
-
 def recover(path: Path, out: Path) -> tuple[int, int]:
     """Write the rows that are whole in every variable to a new archive.  Returns their number and that of all rows.
 
-    The new archive has the attribute `recovered`, and complete = 0 where rows are lost.  Where the manifest itself
-    is lost, `recovered` says that the rows were not compared with it.  Raises `InputError` where nothing is whole, or
-    `out` exists.
+    The new archive has the attribute `recovered`, and complete = 0 if rows are lost.  If the checksums themselves are
+    lost, `recovered` says that the rows were not compared with them.  Raises `InputError` if nothing is whole, or `out`
+    exists.
     """
     if stands(out):
         raise InputError(f"{out} exists already and is left as it is. Choose another path for what is recovered.")
-    require_replaceable(out)
-    record = archive_record(path)
-    require_sound(path)
-    known = manifest.read(path) if manifest.begun(path) else None
-    run = open_archive(path, indexed=False) if is_cut(path, record) else ordered(opened(path, known))
-    rows = run.sizes.get("time", 0)
-    keep = np.ones(rows, dtype=bool)
-    for name, (first, last, _) in damaged_rows(run):
-        if "time" in run[name].dims:
-            keep[first : last + 1] = False
-        else:
-            run = run.drop_vars(name)  # the numbers of the lanes
+    require_file(out)
+    record = run_record(path)
+    archive.require_plain(path)
+    known = archive.listed(path) if archive.begun(path) else None
+    run = open_rows(path, indexed=False) if is_cut(path, record) else ordered(opened(path, known))
+    rows, keep = run.sizes.get("time", 0), np.ones(run.sizes.get("time", 0), dtype=bool)
+    for _, _, unread in blocks(run, "time", record.rows_in_block):
+        for each in unread:
+            if each.axis:
+                keep[each.first : each.last + 1] = False
+            else:
+                run = run.drop_vars(each.name)  # the numbers of the lanes
     if not keep.any():
         raise InputError(f"No row of {path} is whole in every variable. Run it again from its TOML file.")
-    whole = run.isel(time=np.flatnonzero(keep)).load().drop_encoding()
+    sound = run.isel(time=np.flatnonzero(keep)).load().drop_encoding()
     lost = not (run.attrs["complete"] and keep.all())
     note = "" if known else ", not compared with any checksum"
-    whole.attrs.update(complete=int(not lost), recovered=f"{int(keep.sum())} of {rows} rows of {path.name}{note}")
+    sound.attrs.update(complete=int(not lost), recovered=f"{int(keep.sum())} of {rows} rows of {path.name}{note}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        whole.to_zarr(out, zarr_format=3)
-    manifest.of_all(out)
+        sound.to_zarr(out, zarr_format=3, consolidated=True)
+    archive.list_all(out)
     return int(keep.sum()), rows
 
 
 def _number_faults(run: xr.Dataset) -> list[str]:
-    """What is wrong with the numbers of a run, read block by block.
+    """The faults in the numbers of a run, read block by block.
 
     They must be finite, the times those of the steps, the integrals those of the states, and some rows must follow from
     the row before.
@@ -273,3 +288,75 @@ def _recomputed(block: xr.Dataset, first: int, again: Scheme) -> Iterator[str]:
             if worst > RELATIVE:
                 rows = f"rows {first} to {first + len(off) - 1}"
                 yield f"{name} does not belong to the saved states: it is off by {worst:.2g} relative in {rows}"
+
+
+def steps_again(run: xr.Dataset) -> list[str]:
+    """Compute the row after each of some rows, state and orientation, and compare it with the saved one.
+
+    A row may differ by `CLOSE` (dop853: `LOOSE`, or 100 times its tolerance), and by a hundredth of the effect of a
+    relative change of the start by 1e-10.  Nothing is compared where a row takes too long.
+    """
+    record, rows = RunRecord.from_attrs(run.attrs), run.sizes["time"]
+    each = record.every * run.sizes.get("lane", 1)
+    count = min(SAMPLES, rows - 1, MOST_STEPS // each)
+    if record.is_own or count < 1 or record.recovered is not None or record.rows is not None or record.broken:
+        return []
+    names = [str(k) for k, v in run.data_vars.items() if v.attrs.get("kind") in ("state", "orientation")]
+    tol = record.tolerance
+    close = CLOSE if tol is None else max(LOOSE, 100 * tol)
+    for row in np.unique(np.linspace(0, rows - 2, count).astype(int)).tolist():
+        steps = min((row + 1) * record.every, record.steps) - row * record.every
+        saved = run[names].isel(time=slice(row, row + 2)).load()
+        try:
+            here, nudged = (_next(record, saved, steps, row * record.every, nudge) for nudge in (0.0, NUDGE))
+        except (InputError, RunError):
+            continue  # a state at the edge of what the method takes
+        for name in names:
+            value = saved[name].values[1]
+            off = _difference_of_rows(here[name], value, name)
+            feels = _difference_of_rows(here[name], nudged[name], name)
+            size = abs(value).max()
+            if off > close * size + feels / 100:
+                return [f"{name} of row {row + 1} does not follow from row {row}: it is off by {off:.2g}"]
+    return []
+
+
+def _next(record: RunRecord, saved: xr.Dataset, steps: int, before: int, nudge: float) -> dict[str, Array]:
+    """The row after the first of `saved`, `before` steps on, from a start that is changed by `nudge`, relative."""
+    plan = _plan_from_row(record, saved, steps)
+    back, out = plan.corrections
+    plan.engine.z[:] = out(plan.engine.z[None])[0]
+    plan.engine.z *= 1 + nudge * np.random.default_rng(0).choice([-1.0, 1.0], plan.engine.z.shape)
+    letters = [letter for letter, _ in plan.scheme.components]
+    for clock, now in ((COUNT, float(before)), (TIME, before * record.dt)):  # of forces that depend on time
+        if clock in letters:
+            kinds = plan.kinds[: letters.index(clock)]
+            plan.engine.z[:, algebra.coordinate_count(kinds, plan.model.n)] = now
+    plan.engine.z[:] = back(plan.engine.z[None])[0]
+    *_, last = Integration(plan).blocks()
+    return {name: value[-1] for name, value in last.items()}
+
+
+def _plan_from_row(record: RunRecord, saved: xr.Dataset, steps: int) -> Plan:
+    start = saved.isel(time=0)
+    model = record.model
+    asked = Settings(
+        dt=record.dt,
+        steps=steps,
+        every=steps,
+        method=record.method,
+        order=record.order,
+        tol=record.tolerance,
+        engine="cpu",
+        project=False,
+    )
+    state = {letter: start[letter].values for letter in model.system.space.letters}
+    return plan_of(model, state, asked, start[ORIENTATION].values if ORIENTATION in saved else None)
+
+
+def _difference_of_rows(one: Array, two: Array, name: str) -> float:
+    """The largest difference; q and -q are the same orientation."""
+    apart = abs(one - two)
+    if name == ORIENTATION and one.shape[-1] == 4:
+        apart = np.minimum(apart.max(-1), abs(one + two).max(-1))
+    return float(apart.max())

@@ -1,4 +1,4 @@
-"""What lets a run go on after a kill: a checkpoint beside the data.
+"""The checkpoint of an archive, from which its run goes on after a kill: one file beside the data.
 
 It is one file of plain arrays (.npz without pickle; zip keeps a CRC-32 of each), replaced atomically.
 """
@@ -6,56 +6,57 @@ It is one file of plain arrays (.npz without pickle; zip keeps a CRC-32 of each)
 from __future__ import annotations
 
 import io
-import json
 import math
 import tokenize
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.files import parsed, replace_file
+from kreisel.files import replace_file
 from kreisel.kernels.layout import Floats
 from kreisel.runs.integration import Snapshot
-
-ABOUT = "about"  # JSON: dimensions and attributes of what is shown
-NAME = "engine/checkpoint.npz"  # in a group of its own, where Zarr does not look for arrays
+from kreisel.storage.archive import CHECKPOINT
 
 
-def write(store: Path, snapshot: Snapshot, start: Mapping[str, Floats]) -> None:
-    """Replace the checkpoint of a store by this snapshot and the start of the run, atomically and durably."""
+class Checkpoint(NamedTuple):
+    """A snapshot, the start of the run, and the outputs of the snapshot's rows, which no block has yet."""
+
+    snapshot: Snapshot
+    start: Mapping[str, Floats]
+    outputs: Mapping[str, Array]
+
+
+def write(store: Path, point: Checkpoint) -> None:
+    """Replace the checkpoint of an archive, atomically and durably."""
     arrays = {
-        "flushed": np.asarray(snapshot.flushed),
-        "into": np.asarray(snapshot.into),
-        "rows": snapshot.rows,
-        **{f"engine/{name}": value for name, value in snapshot.engine.items()},
-        **{f"start/{name}": value for name, value in start.items()},
-        **{f"shown/{name}": value for name, (_, value, _) in snapshot.shown.items()},
+        "flushed": np.asarray(point.snapshot.flushed),
+        "into": np.asarray(point.snapshot.into),
+        "rows": point.snapshot.rows,
     }
-    if snapshot.shown:
-        about = {name: (dims, attrs) for name, (dims, _, attrs) in snapshot.shown.items()}
-        arrays[ABOUT] = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
+    for part, values in (("engine", point.snapshot.engine), ("start", point.start), ("outputs", point.outputs)):
+        arrays |= {f"{part}/{name}": value for name, value in values.items()}
     data = io.BytesIO()
     np.savez(data, allow_pickle=False, **arrays)
-    replace_file(store / NAME, data.getvalue(), durable=True)
+    replace_file(store / CHECKPOINT, data.getvalue(), durable=True)
 
 
-def read(store: Path) -> tuple[Snapshot, dict[str, Floats]]:
-    """The snapshot and the start.  Raises `InputError` where there is none, or it is damaged."""
-    path = store / NAME
+def read(store: Path) -> Checkpoint:
+    """The checkpoint of an archive.  Raises `InputError` if there is none, or it is damaged."""
+    path = store / CHECKPOINT
     if not path.exists():
         raise InputError(f"{store} has no checkpoint to go on from. Run it again from its TOML file.")
     try:
         arrays = _arrays(path)
-        engine, start = (
-            {k.split("/", 1)[1]: v for k, v in arrays.items() if k.startswith(p)} for p in ("engine/", "start/")
+        engine, start, outputs = (
+            {k.split("/", 1)[1]: v for k, v in arrays.items() if k.startswith(f"{part}/")}
+            for part in ("engine", "start", "outputs")
         )
-        about = parsed(arrays[ABOUT].tobytes().decode(), str(path)) if ABOUT in arrays else {}
-        shown = {name: (tuple(dims), arrays[f"shown/{name}"], attrs) for name, (dims, attrs) in about.items()}
-        return Snapshot(int(arrays["flushed"]), int(arrays["into"]), arrays["rows"], engine, shown), start
+        return Checkpoint(Snapshot(int(arrays["flushed"]), int(arrays["into"]), arrays["rows"], engine), start, outputs)
     except DAMAGE as error:
         raise InputError(f"The checkpoint {path} is damaged: {error}. Run it again from its TOML file.") from error
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from kreisel.record.model import Model, OrientationLike, StateLike
-    from kreisel.storage.archive import Archive
+    from kreisel.storage.run_archive import RunArchive
 
 CHECKPOINT_SECONDS = 5.0  # between two checkpoints of a run to disk
 ALWAYS_THERE = 1 << 28  # bytes of memory, for which nobody is asked
@@ -100,15 +100,14 @@ def _in_memory(plan: Plan, progress: bool | None) -> xr.Dataset:
 
 
 def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress: bool | None) -> xr.Dataset:
-    from kreisel.storage.archive import Archive
-    from kreisel.storage.nodes import target
-    from kreisel.storage.part import one_writer
+    from kreisel.storage.archive import one_writer, target
+    from kreisel.storage.run_archive import RunArchive
 
     where = target(path)
     require_room(where, bytes_of(plan)[1], "Save less often (every), or choose another disk.")
     integration = Integration(plan)  # compiled before anything is made there
     with one_writer(where):
-        return _write(Archive(where, plan, overwrite), integration, progress)
+        return _write(RunArchive(where, plan, overwrite), integration, progress)
 
 
 @explained
@@ -132,23 +131,22 @@ def resume(
     promised for the same versions on the same machine; where versions have changed, the attribute `resumed` says so.
     Raises `InputError` where there is nothing to go on from, and `RunError` as `simulate` does.
     """
-    from kreisel.storage.archive import reopen
-    from kreisel.storage.nodes import target
-    from kreisel.storage.opening import open_archive
-    from kreisel.storage.part import one_writer
+    from kreisel.storage.archive import one_writer, target
+    from kreisel.storage.opening import open_rows
+    from kreisel.storage.run_archive import reopen
 
     where = target(path)
     where = where.with_suffix("") if where.suffix == ".part" else where
     with one_writer(where) as settled:
         if settled and extend is None:  # all that was left to do
-            return open_archive(where)
+            return open_rows(where)
         archive, integration = reopen(where, None if extend is None else whole_number(extend, "extend"), system, events)
         return watched(_write(archive, integration, progress))
 
 
-def _write(archive: Archive, integration: Integration, progress: bool | None) -> xr.Dataset:
+def _write(archive: RunArchive, integration: Integration, progress: bool | None) -> xr.Dataset:
     """Integrate into an archive, with a checkpoint now and then and when the run is asked to stop."""
-    from kreisel.storage.opening import open_archive
+    from kreisel.storage.opening import open_rows
 
     plan, last, kept = integration.plan, -math.inf, integration.steps
 
@@ -175,7 +173,7 @@ def _write(archive: Archive, integration: Integration, progress: bool | None) ->
         for block in integration.blocks(between):
             archive.append(block, integration.flushed)
         archive.finish()
-    return open_archive(archive.path)
+    return open_rows(archive.path)
 
 
 def _check_memory(plan: Plan) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,10 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from kreisel.algebra import Array
+from kreisel.errors import explained
 from kreisel.files import parsed
+from kreisel.storage.archive import target
+from kreisel.storage.opening import open_archive
 from kreisel.sweeps.design import SECTIONS, Lanes
 
 LIST, DRAW, LANE = "list", "draw", "lane"
@@ -87,3 +91,16 @@ def by_lane(run: xr.Dataset) -> xr.Dataset:
     names = ["failed", "message", *(k for k, v in run.variables.items() if v.attrs.get("kind") == "input")]
     flat = run[names].drop_vars(LANE, errors="ignore").stack({LANE: run["failed"].dims}, create_index=False)
     return flat.transpose(LANE, ...)
+
+
+@explained
+def open_run(path: str | os.PathLike[str], *, grid: bool = False) -> xr.Dataset:
+    """Open a run on disk lazily, as `kr.simulate` returns it, or a sweep; of an interrupted one the part that is done.
+
+    A sweep has the dimension `lane`, with `grid` those of its grid, as `kr.sweep` returns it.
+
+    Every file is compared with its SHA-256 when it is read.  Raises `InputError` for what is not an archive of
+    Kreisel, and for a damaged one, as it is opened or later as it is read (`kreisel check` says what is damaged).
+    """
+    run = open_archive(target(path))
+    return gridded(run) if grid and "kreisel_sweep" in run.attrs else run

@@ -1,4 +1,7 @@
-"""The Zarr store of a sweep: its arrays, which have their full length from the beginning, and its blocks."""
+"""The archive of a sweep: its arrays, whose blocks are lanes, and the computation of a block.
+
+A block is idempotent: what it writes depends on the description in the attributes and on its number alone.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,11 @@ import hashlib
 import importlib.metadata
 import json
 import math
+import os
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +25,14 @@ from kreisel.files import parsed, stands
 from kreisel.runs.describing import body_of, dimensions, saved_times, time_attributes, versions
 from kreisel.runs.plan import Plan
 from kreisel.runs.progress import LEAST, require_room
-from kreisel.storage import manifest
-from kreisel.storage.nodes import require_sound
-from kreisel.storage.part import Part
-from kreisel.storage.replacing import agreed
-from kreisel.sweeps import blocks
-from kreisel.sweeps.blocks import COMPUTED, FAILED, MESSAGE_BYTES, MISSING, TRAJECTORIES, Sweep
+from kreisel.storage import archive
+from kreisel.storage.opening import COMPUTED, FAILED, MISSING, SweepRecord, open_lanes
 from kreisel.sweeps.design import Varied, as_json
-from kreisel.sweeps.summaries import FEWEST_ROWS, PARTS
-from kreisel.sweeps.sweep_record import SweepRecord
-from kreisel.sweeps.workers import LOST
+from kreisel.sweeps.ensemble import CHOSEN, TRAJECTORIES, TROUBLES, Sweep
+from kreisel.sweeps.summaries import FEWEST_ROWS, SUMMARIES, summarized
 
+LOST = "The blocks that were done are kept: the same command goes on."
+MESSAGE_BYTES = 400
 LONGEST_BLOCK = 10**9  # steps: about half a minute for n = 3
 MOST_IN_BLOCK = 4096
 FEWEST_BLOCKS = 16
@@ -38,11 +41,10 @@ CHUNK_BYTES = 1 << 20  # of a trajectory: what is read at once
 
 
 class Store:
-    """The Zarr store of a sweep: NAME.part until every block is there, then NAME."""
+    """The archive of a sweep: NAME.part until every block is there, then NAME."""
 
     def __init__(self, path: Path, sweep: Sweep):
-        self._store = Part(path)
-        self.path, self.part, self.sweep = path, self._store.part, sweep
+        self.path, self.part, self.sweep = path, archive.part_of(path), sweep
         self._text = as_json(sweep.description)
         self.digest = hashlib.sha256(self._text.encode()).hexdigest()
         self._plans = list(_templates(sweep))
@@ -50,14 +52,12 @@ class Store:
 
     @property
     def blocks(self) -> int:
-        """How many blocks there are."""
+        """The number of blocks."""
         return -(-self.sweep.lanes.total // self.width)
 
     def missing(self) -> list[int]:
         """The blocks that are not done."""
-        if manifest.whole(self.part):
-            return []
-        there = manifest.blocks_done(self.part)
+        there = archive.blocks_done(self.part, "failed")
         return [k for k in range(self.blocks) if k not in there]
 
     def lanes_done(self, todo: Sequence[int]) -> int:
@@ -66,14 +66,15 @@ class Store:
         return self.sweep.lanes.total - sum(last if k == self.blocks - 1 else self.width for k in todo)
 
     def open(self, overwrite: bool) -> list[int]:
-        """Make the store or go on with it; the blocks to do.  Raises `InputError` where another one is in the way."""
+        """Make the archive or go on with it; the blocks to do.  Raises `InputError` if another one is in the way."""
         with on_disk(self.path, "be created"):
-            going_on = agreed(self.path) and self._is_same(self.part)  # begun with --overwrite
+            going_on = archive.agreed(self.path) and self._is_same(self.part)  # begun with --overwrite
             if stands(self.path) and not (overwrite or going_on):
                 self._same(self.path)
                 return []
-            self._store.require_room()
-            if stands(self.part) and (going_on or (not overwrite and manifest.begun(self.part))):
+            for path in (self.path, self.part):
+                archive.require_replaceable(path)
+            if stands(self.part) and (going_on or (not overwrite and archive.begun(self.part))):
                 self._same(self.part)
                 self._fit()
             else:
@@ -85,11 +86,11 @@ class Store:
             self._same(where)
         except InputError:
             return False
-        return manifest.begun(where)
+        return archive.begun(where)
 
     def _same(self, where: Path) -> None:
         record = SweepRecord.of_store(where)
-        require_sound(where)
+        archive.require_plain(where)
         if record.sweep != self._text or record.block_lanes != self.width:
             raise InputError(
                 f"{where} holds another sweep{_difference(record.sweep, self._text)} and is left as it is. Choose "
@@ -97,19 +98,17 @@ class Store:
             )
 
     def _fit(self) -> None:
-        """Compare the metadata with the manifest; note other versions; remove what a kill left half written."""
-        from kreisel.storage.verified import Verified, edited, note_versions
+        """Compare the metadata with their checksum; note other versions; remove what a kill left half written."""
+        from kreisel.storage.verified import Verified
 
-        if manifest.whole(self.part):
+        if archive.whole(self.part):
             return
-        store = Verified(self.part, manifest.read(self.part))
-        for name in ("zarr.json", *(f"{name}/zarr.json" for name in self._arrays())):
-            store.verify(name)
-        manifest.remove_scratch(self.part)
-        with edited(self.part) as group:
-            note_versions(group, versions())
+        Verified(self.part, archive.listed(self.part)).verify("zarr.json")
+        archive.remove_scratch(self.part)
+        with archive.edited(self.part) as root:
+            archive.note_versions(root["attributes"], versions())
 
-    def _arrays(self) -> dict[str, dict[str, Any]]:
+    def _layouts(self) -> dict[str, dict[str, Any]]:
         """Every array as Zarr makes it."""
         total, width = self.sweep.lanes.total, self.width
         out: dict[str, dict[str, Any]] = {}
@@ -131,7 +130,7 @@ class Store:
             if TRAJECTORIES in self.sweep.save:
                 for name, layout in _trajectories(plan, total, width).items():
                     out.setdefault(name, layout)
-        for name, meaning in blocks.CHOSEN.items() if self.sweep.automatic else ():
+        for name, meaning in CHOSEN.items() if self.sweep.automatic else ():
             add(name, (), (), {"long_name": meaning, "units": "1"})
         spare = {"dtype": np.dtype("u1"), "fill_value": 0}
         add("message", (MESSAGE_BYTES,), ("character",), {"long_name": "why a lane failed, in UTF-8"}, **spare)
@@ -139,13 +138,7 @@ class Store:
         add("failed", (), (), {"long_name": "whether a lane failed", **flags}, dtype=np.dtype("u1"), fill_value=MISSING)
         return out
 
-    def _require_room(self, arrays: Mapping[str, Mapping[str, Any]]) -> None:
-        numbers = sum(math.prod(a["shape"]) for a in arrays.values() if a["dtype"] == np.dtype("f8"))
-        require_room(self.path, LEAST * 8 * numbers, "Save less (save, every), fewer lanes, or choose another disk.")
-
     def _create(self, overwrite: bool) -> None:
-        from kreisel.storage.verified import made_array
-
         plan, system = self._plans[0], self.sweep.system
         record = SweepRecord(
             title=f"{system.title}: sweep of {self.sweep.lanes.total:,} lanes",
@@ -162,25 +155,14 @@ class Store:
             created=datetime.now(UTC).isoformat(timespec="seconds"),
             versions=json.dumps(versions()),
         )
-        arrays = self._arrays()
-        self._require_room(arrays)
-        group = self._store.create(record.to_attrs(), overwrite)
+        layouts, fixed = self._layouts(), {}
+        numbers = sum(math.prod(layout["shape"]) for layout in layouts.values() if layout["dtype"] == np.dtype("f8"))
+        require_room(self.path, LEAST * 8 * numbers, "Save less (save, every), fewer lanes, or choose another disk.")
         if TRAJECTORIES in self.sweep.save:
-            times = saved_times(plan)
-            made_array(
-                group,
-                "time",
-                data=times,
-                chunks=times.shape,
-                dimension_names=("time",),
-                attributes=time_attributes(plan),
-            )
-        for name, layout in arrays.items():
-            made_array(group, name, **layout)
-        (self.part / manifest.BLOCKS).mkdir()
-        if TRAJECTORIES in self.sweep.save:
-            manifest.add_block(self.part, "before", ["time/c/0"])
-        manifest.begin(self.part)
+            fixed["time"] = times = saved_times(plan)
+            layout = {"shape": times.shape, "chunks": times.shape, "dtype": times.dtype, "dimension_names": ("time",)}
+            layouts["time"] = layout | {"attributes": time_attributes(plan)}
+        archive.create(self.path, record.to_attrs(), layouts, fixed, overwrite)
 
     def _body(self) -> str | None:
         """Axes and units of the body of all lanes; None if they differ."""
@@ -196,19 +178,13 @@ class Store:
         if missing:
             raise RunError(f"{self.part} lacks {len(missing):,} blocks although they were reported as done. {LOST}")
         with on_disk(self.path, "be finished", lambda: f" {LOST}"):
-            if not manifest.whole(self.part):
-                manifest.remove_scratch(self.part)
-                self._store.seal(failed_lanes=self._failed(), complete=1)
-            manifest.clear(self.part)
-            self._store.take_name()
+            if not archive.whole(self.part):
+                archive.remove_scratch(self.part)
+                archive.seal(self.part, failed_lanes=self._failed(), complete=1)
+            archive.take_name(self.path)
 
     def _failed(self) -> int:
-        import zarr
-
-        from kreisel.storage.verified import Verified
-
-        failed: Any = zarr.open_group(Verified(self.part, manifest.read(self.part)), mode="r")["failed"]
-        return int((np.asarray(failed[:]) == FAILED).sum())
+        return int((open_lanes(self.part)["failed"].values == FAILED).sum())
 
     def failed_lanes(self) -> int:
         """How many lanes failed, of a store that is whole."""
@@ -231,15 +207,12 @@ def _templates(sweep: Sweep) -> Iterator[Plan]:
 
     Raises `InputError` where no lane of them can be planned.
     """
-    lanes = sweep.lanes
     for combination in _combinations(sweep):
         last: Exception | None = None
         for lane in combination:
-            values = lanes.values(lane, lane + 1)
-            varied = {(q.section, q.letter) for q in values}
             try:
-                plan = sweep.plan(lanes.filled(values), np.arange(1), varied)
-            except blocks.TROUBLES as error:
+                plan = sweep.plan_of_lane(lane)
+            except TROUBLES as error:
                 last = last or error
                 continue
             _check_rows(sweep, plan)
@@ -331,11 +304,13 @@ def _input(quantity: Varied, example: Array, sweep: Sweep) -> tuple[tuple[int, .
 
 
 def _summaries(sweep: Sweep, plan: Plan) -> dict[str, tuple[tuple[int, ...], tuple[str, ...], dict[str, Any]]]:
-    outputs, out = plan.example, {}
-    for kind in sweep.save:
-        for name, (of, meaning) in PARTS[kind](plan.outcomes).items() if kind in PARTS else ():
-            dims = dimensions(plan, of, outputs[of].shape)[2:]
-            out[name] = outputs[of].shape[2:], dims, {"long_name": meaning, "kind": kind, "units": "1"}
+    out = {}
+    for kind in (kind for kind in sweep.save if kind in SUMMARIES):
+        for name in summarized(kind, plan.outcomes):
+            shape, outcome = plan.example[name].shape, plan.outcomes[name]
+            for end, meaning in SUMMARIES[kind].meanings(outcome).items():
+                attrs = {"long_name": f"{outcome.meaning}: {meaning}", "kind": kind, "units": "1"}
+                out[f"{name}_{end}"] = shape[2:], dimensions(plan, name, shape)[2:], attrs
     return out
 
 
@@ -360,3 +335,79 @@ def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any
             },
         }
     return out
+
+
+def compute(part: str, block: int, file: str | None = None, digest: str = "") -> dict[str, Any]:
+    """Compute a block and write it.  Returns what it took.  Raises `RunError` where the store cannot be written.
+
+    `digest` is the hash of the description: a worker keeps what it has read.
+    """
+    import psutil
+
+    begun = time.perf_counter()
+    store = Path(part)
+    with on_disk(store, "be written", lambda: f" {LOST}"):
+        archive.require_there(store)
+        sweep, group, width = _opened_sweep(part, file, digest)
+        first, stop = block * width, min((block + 1) * width, sweep.lanes.total)
+        lane_axis = {name: a.metadata.dimension_names.index("lane") for name, a in group.items()}
+        out = results_of(sweep, group, lane_axis, first, stop)
+        archive.write_block(store, group, "lane", block, first, out, durable=True)
+    return {
+        "block": block,
+        "lanes": stop - first,
+        "failed": int((out["failed"] == FAILED).sum()),
+        "seconds": time.perf_counter() - begun,
+        "memory_MiB": psutil.Process().memory_info().rss / (1 << 20),
+        "process": os.getpid(),
+    }
+
+
+def results_of(
+    sweep: Sweep, arrays: Mapping[str, Any], lane_axis: Mapping[str, int], first: int, stop: int
+) -> dict[str, Array]:
+    """Every variable of lanes first to stop - 1, as it is written to `arrays`, whose axes of lanes are given."""
+    known = {
+        name: (tuple(stop - first if i == lane_axis[name] else k for i, k in enumerate(array.shape)), lane_axis[name])
+        for name, array in arrays.items()
+        if array.attrs.get("kind") != "input" and name not in ("failed", "message")
+    }
+    out, faults = sweep.results(first, stop, known)
+    out |= {q.name: _numbered(v, arrays[q.name]) for q, v in sweep.lanes.values(first, stop).items()}
+    state = np.full(stop - first, COMPUTED, dtype=np.uint8)
+    state[list(faults)] = FAILED
+    return out | {"message": _messages(faults, stop - first), "failed": state}
+
+
+@lru_cache(4)
+def _opened_sweep(part: str, file: str | None, digest: str) -> tuple[Sweep, dict[str, Any], int]:
+    """The sweep of a store, its arrays of lanes, and how many lanes a block has."""
+    record = SweepRecord.of_store(Path(part))
+    if hashlib.sha256(record.sweep.encode()).hexdigest() != digest:
+        raise RunError(f"{part} is no longer the store of this sweep: another one was written there.")
+    found = archive.opened_arrays(Path(part))
+    arrays = {name: array for name, array in found.items() if "lane" in (array.metadata.dimension_names or ())}
+    return Sweep(record.description, Path(file) if file else None), arrays, record.block_lanes
+
+
+def _numbered(value: Array, array: Any) -> Array:
+    """Words as their numbers in the attribute flag_meanings."""
+    if value.dtype.kind != "U":
+        return value
+    words = array.attrs["flag_meanings"].split()
+    return np.array([words.index(word) for word in value], dtype=np.uint8)
+
+
+def _messages(faults: Mapping[int, str], lanes: int) -> Array:
+    out = np.zeros((lanes, MESSAGE_BYTES), dtype=np.uint8)
+    for lane, why in faults.items():
+        text = why.encode()[:MESSAGE_BYTES]
+        out[lane, : len(text)] = np.frombuffer(text, dtype=np.uint8)
+    return out
+
+
+def failed_lanes(run: Any) -> Iterator[tuple[int, str]]:
+    """Lane and message of each lane that failed."""
+    for lane in np.flatnonzero(run["failed"].values == FAILED).tolist():
+        message = bytes(run["message"][lane].values.tolist()).rstrip(b"\0")
+        yield lane, message.decode(errors="replace")

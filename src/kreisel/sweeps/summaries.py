@@ -10,8 +10,7 @@ length of the run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Protocol
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -27,85 +26,70 @@ AT_ONCE = 1 << 18  # samples in a slab of the frequency analysis
 ROUND_OFF = 1e-12  # relative: a component that changes less is constant
 
 
-class Summary(Protocol):
-    """Fed with blocks of outputs (rows, lanes, ...), in order; then the summaries (lanes, ...) by name."""
-
-    def add(self, block: Mapping[str, Array]) -> None:
-        """Take a block in."""
-
-    def result(self) -> dict[str, Floats]:
-        """The summaries."""
-
-
 class Drift:
     """First value and largest change of the Casimirs and integrals."""
 
-    def __init__(self, outcomes: Mapping[str, Outcome], rows: int, spacing: float):
-        self._names = [name for name, outcome in outcomes.items() if outcome.kind in KINDS]
+    kinds = KINDS
+
+    def __init__(self, names: Sequence[str], rows: int, spacing: float):
+        self._names = names
         self._start: dict[str, Array] = {}
         self._worst: dict[str, Array] = {}
 
     def add(self, block: Mapping[str, Array]) -> None:
-        """Take a block in."""
+        """Take in the outputs of a block (rows, lanes, ...); blocks come in order."""
         for name in self._names:
             start = self._start.setdefault(name, block[name][0].copy())
             change = abs(block[name] - start).max(0)
             self._worst[name] = np.maximum(self._worst.get(name, 0.0), change)
 
     def result(self) -> dict[str, Floats]:
-        """The summaries."""
+        """The summaries (lanes, ...)."""
         return {f"{k}_start": v for k, v in self._start.items()} | {f"{k}_drift": v for k, v in self._worst.items()}
 
     @staticmethod
-    def parts(outcomes: Mapping[str, Outcome]) -> dict[str, tuple[str, str]]:
-        """Name -> (the variable that it is of, its meaning)."""
-        out = {}
-        for name, outcome in outcomes.items():
-            if outcome.kind in KINDS:
-                out[f"{name}_start"] = name, f"{outcome.meaning}: at time 0"
-                out[f"{name}_drift"] = (
-                    name,
-                    f"{outcome.meaning}: largest |change|{'' if outcome.conserved else ', not conserved'}",
-                )
-        return out
+    def meanings(outcome: Outcome) -> dict[str, str]:
+        """The summaries of a variable and their meaning, by the end of their name."""
+        return {"start": "at time 0", "drift": f"largest |change|{'' if outcome.conserved else ', not conserved'}"}
 
 
 class Extremes:
     """Least and greatest values of the state."""
 
-    def __init__(self, outcomes: Mapping[str, Outcome], rows: int, spacing: float):
-        self._names = [name for name, outcome in outcomes.items() if outcome.kind in STATES]
+    kinds = STATES
+
+    def __init__(self, names: Sequence[str], rows: int, spacing: float):
+        self._names = names
         self._least: dict[str, Array] = {}
         self._greatest: dict[str, Array] = {}
 
     def add(self, block: Mapping[str, Array]) -> None:
-        """Take a block in."""
+        """Take in the outputs of a block (rows, lanes, ...)."""
         for name in self._names:
             self._least[name] = np.minimum(self._least.get(name, np.inf), block[name].min(0))
             self._greatest[name] = np.maximum(self._greatest.get(name, -np.inf), block[name].max(0))
 
     def result(self) -> dict[str, Floats]:
-        """The summaries."""
+        """The summaries (lanes, ...)."""
         return {f"{k}_min": v for k, v in self._least.items()} | {f"{k}_max": v for k, v in self._greatest.items()}
 
     @staticmethod
-    def parts(outcomes: Mapping[str, Outcome]) -> dict[str, tuple[str, str]]:
-        """Name -> (the variable that it is of, its meaning)."""
-        states = {name: outcome.meaning for name, outcome in outcomes.items() if outcome.kind in STATES}
-        least = {f"{name}_min": (name, f"{meaning}: least") for name, meaning in states.items()}
-        return least | {f"{name}_max": (name, f"{meaning}: greatest") for name, meaning in states.items()}
+    def meanings(outcome: Outcome) -> dict[str, str]:
+        """The summaries of a variable and their meaning, by the end of their name."""
+        return {"min": "least", "max": "greatest"}
 
 
 class Frequencies:
     """Angular frequencies of the state; rows are `spacing` apart, a last one that is not is left out."""
 
-    def __init__(self, outcomes: Mapping[str, Outcome], rows: int, spacing: float):
-        self._names = [name for name, outcome in outcomes.items() if outcome.kind in STATES]
-        self._rows, self._spacing, self._filled = rows, spacing, 0
+    kinds = STATES
+
+    def __init__(self, names: Sequence[str], rows: int, spacing: float):
+        self._names, self._rows, self._spacing, self._filled = names, rows, spacing, 0
         self._samples: dict[str, Array] = {}
 
     def add(self, block: Mapping[str, Array]) -> None:
-        """Take a block in."""
+        """Take in the outputs of a block (rows, lanes, ...); blocks come in order."""
         for name in self._names:
             value = block[name][: self._rows - self._filled]
             samples = self._samples.setdefault(name, np.empty((self._rows, *value.shape[1:])))
@@ -113,7 +97,7 @@ class Frequencies:
         self._filled += len(value)
 
     def result(self) -> dict[str, Floats]:
-        """The summaries."""
+        """The summaries (lanes, ...)."""
         out = {}
         for name, samples in self._samples.items():
             flat = samples.reshape(len(samples), -1)
@@ -123,21 +107,21 @@ class Frequencies:
         return out
 
     @staticmethod
-    def parts(outcomes: Mapping[str, Outcome]) -> dict[str, tuple[str, str]]:
-        """Name -> (the variable that it is of, its meaning)."""
-        return {
-            f"{name}_frequency": (name, f"{outcome.meaning}: angular frequency of the largest harmonic; 0: constant")
-            for name, outcome in outcomes.items()
-            if outcome.kind in STATES
-        }
+    def meanings(outcome: Outcome) -> dict[str, str]:
+        """The summaries of a variable and their meaning, by the end of their name."""
+        return {"frequency": "angular frequency of the largest harmonic; 0: constant"}
 
 
-SUMMARIES: dict[str, Callable[[Mapping[str, Outcome], int, float], Summary]] = {
+SUMMARIES: dict[str, type[Drift | Extremes | Frequencies]] = {
     "drift": Drift,
     "extremes": Extremes,
     "frequencies": Frequencies,
 }
-PARTS = {"drift": Drift.parts, "extremes": Extremes.parts, "frequencies": Frequencies.parts}
+
+
+def summarized(kind: str, outcomes: Mapping[str, Outcome]) -> list[str]:
+    """The variables that a kind of summary is of."""
+    return [name for name, outcome in outcomes.items() if outcome.kind in SUMMARIES[kind].kinds]
 
 
 def angular_frequency(samples: Floats, spacing: float) -> Floats:

@@ -16,15 +16,12 @@ from kreisel.process import signals_wait
 from kreisel.record.model import Model
 from kreisel.runs.progress import Progress
 from kreisel.runs.settings import check_model, checked_state, flag
-from kreisel.storage import manifest
-from kreisel.storage.nodes import dataset, require_sound, target
-from kreisel.storage.part import one_writer
-from kreisel.sweeps import blocks
-from kreisel.sweeps.blocks import TRAJECTORIES, Sweep
-from kreisel.sweeps.broken_lanes import watched_lanes
+from kreisel.storage.archive import one_writer, target
+from kreisel.storage.opening import open_lanes
 from kreisel.sweeps.design import Design, described
-from kreisel.sweeps.store import Store
-from kreisel.sweeps.sweep_record import SweepRecord
+from kreisel.sweeps.ensemble import TRAJECTORIES, Sweep
+from kreisel.sweeps.lanes import watched_lanes
+from kreisel.sweeps.store import Store, failed_lanes
 from kreisel.sweeps.workers import Tasks, check_workers, pool
 
 if TYPE_CHECKING:
@@ -116,7 +113,7 @@ def sweep(
     report = carry_out(description, where, workers=workers, scheduler=scheduler, overwrite=overwrite, progress=progress)
     from kreisel.sweeps.grids import gridded
 
-    return gridded(watched_lanes(open_sweep(report.path)))
+    return gridded(watched_lanes(open_lanes(report.path)))
 
 
 def _of_body(model: Model) -> dict[str, Any]:
@@ -191,15 +188,6 @@ def _checked_description(description: dict[str, Any], file: Path | None) -> dict
     return out
 
 
-def open_sweep(path: Path) -> xr.Dataset:
-    """The Dataset of a sweep, opened lazily; lanes of blocks that are not done have failed = 255."""
-    from kreisel.storage.verified import verified
-
-    record = SweepRecord.of_store(path)
-    require_sound(path)
-    return dataset(path, verified(path, manifest.read(path), every_array=True, partial=not record.complete))
-
-
 @explained
 def failures(run: xr.Dataset) -> pd.DataFrame:
     """The lanes of a sweep that failed: a row for each, with its message and the numbers that varied."""
@@ -210,7 +198,7 @@ def failures(run: xr.Dataset) -> pd.DataFrame:
     from kreisel.sweeps.grids import by_lane
 
     run = by_lane(run)
-    failed = list(blocks.failed_lanes(run))
+    failed = list(failed_lanes(run))
     ids = [lane for lane, _ in failed]
     table = pd.DataFrame({"message": [why for _, why in failed]}, index=pd.Index(ids, name="lane"))
     for name, variable in run.variables.items():

@@ -16,14 +16,13 @@ from typing import Any
 
 from kreisel.errors import InputError, RunError, shown
 from kreisel.process import Stop, signals_to
-from kreisel.sweeps.blocks import compute
+from kreisel.sweeps.store import LOST, compute
 
 LOSSES = 5  # workers that a block may lose before it is blamed
 LOOK = 0.5  # seconds between two looks at what is going on
 PATIENCE = 120.0  # seconds that workers of our own may take to start, and that none of them may be there
 CLOSING = 20.0  # seconds after which they are killed
 ANSWER = 20.0  # seconds in which somebody else's scheduler must answer
-LOST = "The blocks that were done are kept: the same command goes on."
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class Tasks:
     todo: Sequence[int]
 
     def arguments(self, block: int) -> tuple[str, int, str | None, str]:
-        """Of `blocks.compute`."""
+        """Of `store.compute`."""
         return self.part, block, self.file, self.digest
 
 
@@ -72,7 +71,7 @@ class Here:
     """The process itself, one block after the other."""
 
     def run(self, tasks: Tasks, stop: Stop) -> Iterator[dict[str, Any]]:
-        """What each block took."""
+        """The counts of each block."""
         for block in tasks.todo:
             if stop.signal is not None:
                 return
@@ -99,63 +98,60 @@ class Pool:
         self._client, self._address, self._seen = client, address, time.monotonic()
 
     def run(self, tasks: Tasks, stop: Stop) -> Iterator[dict[str, Any]]:
-        """What each block took, in the order in which they end.  Only a few are with the workers at a time."""
+        """The counts of each block, in the order in which they end.  Only a few are with the workers at a time."""
+
+        def submit(block: int, trial: int) -> Any:
+            key = f"kreisel-{tasks.digest[:12]}-{os.getpid()}-{block}-{trial}"
+            return self._client.submit(compute, *tasks.arguments(block), key=key, pure=False)
+
+        for _, counts in self._results(tasks.todo, submit, stop, "Block"):
+            yield counts
+
+    def map(self, function: Callable[..., Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """The place of each item and function(item), in the order in which they end."""
+
+        def submit(place: int, trial: int) -> Any:
+            return self._client.submit(function, items[place], pure=False)
+
+        return self._results(range(len(items)), submit, Stop(), "Item")
+
+    def _results(
+        self, todo: Sequence[int], submit: Callable[[int, int], Any], stop: Stop, noun: str
+    ) -> Iterator[tuple[int, Any]]:
+        """The number and the result of each task, in the order in which they end; lost ones are submitted again."""
         import distributed
 
-        waiting, losses = iter(tasks.todo), dict.fromkeys(tasks.todo, 0)
+        waiting, losses = iter(todo), dict.fromkeys(todo, 0)
         at_work: dict[Any, int] = {}
         try:
             while stop.signal is None:
                 room = 2 * max(2, sum(self._client.ncores().values())) - len(at_work)
-                for block in itertools.islice(waiting, max(0, room)):
-                    at_work[self._submit(tasks, block, 0)] = block
+                for number in itertools.islice(waiting, max(0, room)):
+                    at_work[submit(number, 0)] = number
                 if not at_work:
                     return
                 for future in self._ended(at_work):
-                    block = at_work[future]
+                    number = at_work[future]
                     try:
-                        got = self._fetched(future)
+                        result = self._fetched(future)
                     except distributed.KilledWorker:
                         del at_work[future]
-                        losses[block] += 1
-                        if losses[block] >= LOSSES:
+                        losses[number] += 1
+                        if losses[number] >= LOSSES:
                             raise RunError(
-                                f"Block {block} lost its worker again and again. Usual cause: too little memory for "
+                                f"{noun} {number} lost its worker again and again. Usual cause: too little memory for "
                                 f"it. Use a smaller block or memory in [sweep]. {LOST}"
                             ) from None
-                        at_work[self._submit(tasks, block, losses[block])] = block
+                        at_work[submit(number, losses[number])] = number
                         continue
-                    if got:
+                    if result:
                         del at_work[future]
-                        yield got[0]
+                        yield number, result[0]
         except (OSError, distributed.CancelledError) as error:
             raise RunError(f"The scheduler {self._address or 'here'} went away: {error}. {LOST}") from error
         finally:
             with contextlib.suppress(Exception):
                 self._client.cancel(list(at_work), force=True)
-
-    def map(self, function: Callable[..., Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        """The place of each item and function(item), in the order in which they end."""
-        import distributed
-
-        at_work = {self._client.submit(function, item, pure=False): place for place, item in enumerate(items)}
-        try:
-            while at_work:
-                for future in self._ended(at_work):
-                    got = self._fetched(future)
-                    if got:
-                        yield at_work.pop(future), got[0]
-        except distributed.KilledWorker as error:
-            raise RunError(f"A worker was lost again and again: {error}. Usual cause: too little memory.") from None
-        except (OSError, distributed.CancelledError) as error:
-            raise RunError(f"The scheduler {self._address or 'here'} went away: {error}.") from error
-        finally:
-            with contextlib.suppress(Exception):
-                self._client.cancel(list(at_work), force=True)
-
-    def _submit(self, tasks: Tasks, block: int, trial: int) -> Any:
-        key = f"kreisel-{tasks.digest[:12]}-{os.getpid()}-{block}-{trial}"
-        return self._client.submit(compute, *tasks.arguments(block), key=key, pure=False)
 
     def _fetched(self, future: Any) -> list[Any]:
         """The result of one that has ended; none where its worker went away with it, and it is made again."""

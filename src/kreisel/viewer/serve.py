@@ -17,7 +17,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from kreisel.errors import InputError, RunError
-from kreisel.storage.opening import open_archive
+from kreisel.storage.opening import open_rows
 from kreisel.viewer.page import as_json, page
 from kreisel.viewer.scene import scene
 
@@ -42,7 +42,7 @@ class Source:
             mark = self._mark()
             if mark != self._seen:
                 try:
-                    self._scene = scene(open_archive(self._part if self._part.exists() else self._whole), self._lane)
+                    self._scene = scene(open_rows(self._part if self._part.exists() else self._whole), self._lane)
                     self._seen = mark
                 except (InputError, RunError, OSError):
                     if not self._scene:

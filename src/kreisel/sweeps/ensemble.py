@@ -1,16 +1,8 @@
-"""A block of lanes of a sweep: simulated, summed up, and written to its region of the store.
-
-A block is idempotent: what it writes depends on the description in the store's attributes and on its number alone.  It
-writes whole chunks, each atomically, and last their checksums: where that file of the manifest is, the block is done.
-"""
+"""A sweep from its description: its lanes, planned and simulated in groups."""
 
 from __future__ import annotations
 
-import hashlib
-import os
-import time
-from collections.abc import Iterator, Mapping
-from functools import lru_cache
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +10,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError, on_disk
-from kreisel.kernels.layout import Floats
+from kreisel.errors import InputError, RunError
 from kreisel.method.auto import Choice
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import System
@@ -29,14 +20,10 @@ from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import choices, plan_of, with_choice
 from kreisel.runs.settings import Settings
-from kreisel.storage import manifest
 from kreisel.sweeps.design import Lanes, Varied
-from kreisel.sweeps.summaries import SUMMARIES, Summary
-from kreisel.sweeps.sweep_record import SweepRecord
+from kreisel.sweeps.summaries import SUMMARIES, summarized
 
 TRAJECTORIES = "trajectories"
-COMPUTED, FAILED, MISSING = 0, 1, 255  # values of the variable `failed`
-MESSAGE_BYTES = 400
 CHOSEN = {"chosen_order": "order chosen for the tolerance", "chosen_dt": "step chosen for the tolerance"}
 TROUBLES = (InputError, RunError, ArithmeticError, np.linalg.LinAlgError)  # of single lanes
 
@@ -83,6 +70,13 @@ class Sweep:
                 "expected one lane in [system] and [state], got a batch axis; what varies stands in [sweep.list]."
             )
         return plan
+
+    def plan_of_lane(self, lane: int) -> Plan:
+        """The ensemble of one lane.  Raises `InputError`."""
+        values = self.lanes.values(lane, lane + 1)
+        sections, varied = self.lanes.filled(values), {(q.section, q.letter) for q in values}
+        ((ids, choice),) = self.alike(sections, np.arange(1), varied)
+        return self.plan(sections, ids, varied, choice)
 
     def alike(
         self, sections: Mapping[str, Mapping[str, Any]], ids: Array, varied: set[tuple[str, str]]
@@ -189,8 +183,10 @@ class Sweep:
         """Summaries (lanes, ...) and, if asked for, trajectories (time, lanes, ...) of an ensemble; its faults."""
         failed: dict[int, str] = {}
         regular = plan.steps // plan.every + 1
-        summaries: list[Summary] = [
-            SUMMARIES[kind](plan.outcomes, regular, plan.dt * plan.every) for kind in self.save if kind in SUMMARIES
+        summaries = [
+            SUMMARIES[kind](summarized(kind, plan.outcomes), regular, plan.dt * plan.every)
+            for kind in self.save
+            if kind in SUMMARIES
         ]
         whole: dict[str, list[Array]] = {}
         for block in Integration(plan, faults=failed).blocks():
@@ -229,112 +225,3 @@ def _ready(value: Any, kind: str | None, varied: bool, lanes: int | None = None)
     if lanes is not None and not varied:
         array = np.broadcast_to(array, (lanes, *array.shape))
     return array
-
-
-def compute(part: str, block: int, file: str | None = None, digest: str = "") -> dict[str, Any]:
-    """Compute a block and write it.  Returns what it took.  Raises `RunError` where the store cannot be written.
-
-    `digest` is the hash of the description: a worker keeps what it has read.
-    """
-    import psutil
-
-    begun = time.perf_counter()
-    store = Path(part)
-    with on_disk(store, "be written", lambda: " The blocks that were done are kept: the same command goes on."):
-        sweep, group, width = _opened_sweep(part, file, digest)
-        first, stop = block * width, min((block + 1) * width, sweep.lanes.total)
-        lane_axis = {name: a.metadata.dimension_names.index("lane") for name, a in group.items()}
-        out = results_of(sweep, group, lane_axis, first, stop)
-        _require_there(store)
-        for name, value in out.items():
-            _write_slice(group[name], value, lane_axis[name], first, stop)
-        names = [_chunk(name, array, lane_axis[name], block) for name, array in group.items()]
-        _sync(store, names)
-        _require_there(store)
-        manifest.add_block(store, block, names, durable=True)
-    return {
-        "block": block,
-        "lanes": stop - first,
-        "failed": int((out["failed"] == FAILED).sum()),
-        "seconds": time.perf_counter() - begun,
-        "memory_MiB": psutil.Process().memory_info().rss / (1 << 20),
-        "process": os.getpid(),
-    }
-
-
-def results_of(
-    sweep: Sweep, arrays: Mapping[str, Any], lane_axis: Mapping[str, int], first: int, stop: int
-) -> dict[str, Array]:
-    """Every variable of lanes first to stop - 1, as it is written to `arrays`, whose axes of lanes are given."""
-    known = {
-        name: (tuple(stop - first if i == lane_axis[name] else k for i, k in enumerate(array.shape)), lane_axis[name])
-        for name, array in arrays.items()
-        if array.attrs.get("kind") != "input" and name not in ("failed", "message")
-    }
-    out, faults = sweep.results(first, stop, known)
-    out |= {q.name: _numbered(v, arrays[q.name]) for q, v in sweep.lanes.values(first, stop).items()}
-    state = np.full(stop - first, COMPUTED, dtype=np.uint8)
-    state[list(faults)] = FAILED
-    return out | {"message": _messages(faults, stop - first), "failed": state}
-
-
-@lru_cache(4)
-def _opened_sweep(part: str, file: str | None, digest: str) -> tuple[Sweep, dict[str, Any], int]:
-    """The sweep of a store, its arrays of lanes, and how many lanes a block has."""
-    import zarr
-
-    with zarr.config.set({"array.write_empty_chunks": True}):  # so that every chunk is there, and has its checksum
-        group = zarr.open_group(part, mode="r+", zarr_format=3, use_consolidated=False)
-        found: dict[str, Any] = dict(group.arrays())
-    record = SweepRecord.from_attrs(group.attrs, part)
-    if hashlib.sha256(record.sweep.encode()).hexdigest() != digest:
-        raise RunError(f"{part} is no longer the store of this sweep: another one was written there.")
-    arrays = {name: array for name, array in found.items() if "lane" in (array.metadata.dimension_names or ())}
-    return Sweep(record.description, Path(file) if file else None), arrays, record.block_lanes
-
-
-def _numbered(value: Array, array: Any) -> Array:
-    """Words as their numbers in the attribute flag_meanings."""
-    if value.dtype.kind != "U":
-        return value
-    words = array.attrs["flag_meanings"].split()
-    return np.array([words.index(word) for word in value], dtype=np.uint8)
-
-
-def _messages(faults: Mapping[int, str], lanes: int) -> Array:
-    out = np.zeros((lanes, MESSAGE_BYTES), dtype=np.uint8)
-    for lane, why in faults.items():
-        text = why.encode()[:MESSAGE_BYTES]
-        out[lane, : len(text)] = np.frombuffer(text, dtype=np.uint8)
-    return out
-
-
-def _write_slice(array: Any, value: Array | Floats, axis: int, first: int, stop: int) -> None:
-    array[(*(slice(None),) * axis, slice(first, stop))] = value
-
-
-def _require_there(store: Path) -> None:
-    """Raises `RunError` where a store has vanished: Zarr would make new folders for its chunks."""
-    if not (store / manifest.METADATA).exists():
-        raise RunError(f"{store} vanished during the sweep: {manifest.METADATA} is gone. Run the same command again.")
-
-
-def _chunk(name: str, array: Any, axis: int, block: int) -> str:
-    """The file of a block of an array."""
-    places = ["0"] * array.ndim
-    places[axis] = str(block)
-    return f"{name}/c/{'/'.join(places)}"
-
-
-def _sync(store: Path, names: list[str]) -> None:
-    """Make the chunks of a block durable."""
-    for name in names:
-        with (store / name).open("rb+") as file:  # Windows makes durable only what may be written
-            os.fsync(file.fileno())
-
-
-def failed_lanes(run: Any) -> Iterator[tuple[int, str]]:
-    """Lane and message of each lane that failed."""
-    for lane in np.flatnonzero(run["failed"].values == FAILED).tolist():
-        message = bytes(run["message"][lane].values.tolist()).rstrip(b"\0")
-        yield lane, message.decode(errors="replace")

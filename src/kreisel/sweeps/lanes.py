@@ -1,11 +1,12 @@
-"""Lanes of a sweep in which something that the method conserves is not conserved.
+"""Lanes of a sweep computed again: as a run of one lane, for the check of an archive, and to judge what is conserved.
 
-A sweep saves how far each integral has changed, and no scale.  Lanes with large changes are begun again for some steps,
-which measures their scales.
+A sweep saves summaries, and its description has all that a lane needs.  It saves how far each integral has changed, and
+no scale: lanes with large changes are begun again for some steps, which measures their scales.
 """
 
 from __future__ import annotations
 
+import json
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,16 +16,19 @@ import numpy as np
 from kreisel.errors import ConservationWarning, InputError
 from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
+from kreisel.runs.describing import in_memory, versions
 from kreisel.runs.drift import FAR_RELATIVE, GROWN, LOOKED_AT, far, lane_scales
 from kreisel.runs.integration import Integration
-from kreisel.sweeps.blocks import COMPUTED, TROUBLES, Sweep
-from kreisel.sweeps.sweep_record import SweepRecord
+from kreisel.storage import checking
+from kreisel.storage.checking import MOST_STEPS, SAMPLES
+from kreisel.storage.opening import COMPUTED, SweepRecord
+from kreisel.sweeps.ensemble import TROUBLES, Sweep
+from kreisel.sweeps.store import results_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from kreisel.runs.plan import Plan
-
+MOST_BYTES = 1 << 30  # of a trajectory
 BEGUN, ROWS = 4096, 64  # steps of a lane that are made again, and the rows of them
 SMALL, NOTHING = 1e-3, 1e-13  # a change of a part by so much of itself counts, unless it is nothing beside the others
 
@@ -88,10 +92,8 @@ def _score(start: Floats, drift: Floats) -> Floats:
 
 
 def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tuple[Floats, Floats]]) -> list[str]:
-    from kreisel.runs.describing import in_memory
-
     try:
-        plan = _begun(sweep, lane)
+        plan = sweep.plan_of_lane(lane)
         steps, few = plan.steps, min(plan.steps, BEGUN)
         plan.settings = plan.settings.but(steps=few, every=max(1, few // ROWS))
         run = in_memory(plan, list(Integration(plan).blocks()))
@@ -115,14 +117,63 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
     return out
 
 
-def _begun(sweep: Sweep, lane: int) -> Plan:
-    values = sweep.lanes.values(lane, lane + 1)
-    sections, varied = sweep.lanes.filled(values), {(q.section, q.letter) for q in values}
-    ids, choice = sweep.alike(sections, np.arange(1), varied)[0]
-    return sweep.plan(sections, ids, varied, choice)
-
-
 def _extreme(result: xr.Dataset, name: str, lane: int) -> float:
     """The largest entry of a component of the state over the whole run, where it was saved."""
     saved = [f"{name}_{end}" for end in ("min", "max") if f"{name}_{end}" in result]
     return max((float(abs(read_values(result[k].isel(lane=lane))).max()) for k in saved), default=0.0)
+
+
+def one_lane(path: Path, lane: int) -> xr.Dataset:
+    """The run of a lane, with an axis of this one lane.
+
+    Raises `InputError` for a lane that is not there and a system of the user's own, and `RunError` where the lane
+    failed.
+    """
+    record = SweepRecord.of_store(path)
+    if not 0 <= lane < record.lanes:
+        raise InputError(f"--lane: expected 0 to {record.lanes - 1} of the sweep {path}, got {lane}.")
+    description = record.description
+    if description.get("file"):
+        raise InputError(
+            f"{path} is a sweep of a system of your own, {record.system}, whose Python file no archive holds. Write "
+            "the lane as a TOML file, `kreisel run` it, and view that."
+        )
+    plan = Sweep(description, None).plan_of_lane(lane)
+    if plan.rows * plan.first.nbytes * 4 > MOST_BYTES:
+        raise InputError(f"{path}: lane {lane} has {plan.rows:,} rows, too many for memory. `kreisel run` it to disk.")
+    return in_memory(plan, list(Integration(plan).blocks()))
+
+
+def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
+    """The run or sweep of an archive and its faults, as in `kreisel.storage.checking`; lanes are computed again."""
+    run, faults = checking.check_archive(path)
+    return run, faults if faults or run is None or "kreisel_sweep" not in run.attrs else lanes_again(run)
+
+
+def lanes_again(run: xr.Dataset) -> list[str]:
+    """Compute some lanes of a sweep again and compare them bit for bit with what is saved.
+
+    Only where versions and processor are those of the sweep.  Nothing is compared for a system of the user's own, whose
+    file an archive does not hold, and for lanes that take too long.
+    """
+    record = SweepRecord.from_attrs(run.attrs, "The sweep")
+    spec = record.description
+    if "file" in spec or json.loads(record.versions) != versions() or record.resumed is not None:
+        return []
+    sweep = Sweep(spec)
+    arrays = {str(name): v for name, v in run.variables.items() if "lane" in v.dims}
+    for lane in np.unique(np.linspace(0, record.lanes - 1, SAMPLES).astype(int)).tolist():
+        values = sweep.lanes.values(lane, lane + 1)
+        settings = sweep.lanes.filled(values)["run"]
+        if np.max(settings["steps"]) > MOST_STEPS // SAMPLES:
+            continue
+        try:
+            here = results_of(sweep, arrays, {k: v.dims.index("lane") for k, v in arrays.items()}, lane, lane + 1)
+        except TROUBLES as error:
+            return [f"lane {lane} cannot be computed again: {error}"]
+        for name, value in here.items():
+            variable = run[name]
+            saved = variable.isel(lane=slice(lane, lane + 1)).values
+            if not np.array_equal(saved, value, equal_nan=value.dtype.kind == "f"):
+                return [f"{name} of lane {lane} is not what the lane gives when it is computed again"]
+    return []

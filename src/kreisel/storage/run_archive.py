@@ -1,0 +1,280 @@
+"""The archive of a run: rows written block by block, with a checkpoint from which an interrupted run goes on."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError, Stopped, on_disk
+from kreisel.files import stands
+from kreisel.kernels.layout import Floats
+from kreisel.method.observing import ORIENTATION
+from kreisel.record.model import Model
+from kreisel.runs.describing import (
+    CORRECTION,
+    _corrections,
+    at_the_end,
+    attributes,
+    body_of,
+    describe,
+    dimensions,
+    parameters_of,
+    saved_times,
+    time_attributes,
+    versions,
+)
+from kreisel.runs.integration import Integration, Snapshot, block_rows, chunk_rows
+from kreisel.runs.operations import require_events, require_operations
+from kreisel.runs.plan import TIMES, Plan
+from kreisel.runs.planning import broken_by, plan_of
+from kreisel.runs.run_record import RunRecord
+from kreisel.runs.settings import Settings, check_model, checked_events
+from kreisel.storage import archive, checkpoint
+from kreisel.storage.archive import CHECKPOINT, LARGEST_CHUNK, part_of
+from kreisel.storage.checkpoint import Checkpoint
+from kreisel.storage.opening import checked_checkpoint, run_record
+
+
+class RunArchive:
+    """The archive of a plan, which grows block by block under NAME.part and gets its name when it is whole.
+
+    resumed        the archive is there, with the rows up to its checkpoint
+    rows_in_block  that of a resumed archive
+    """
+
+    def __init__(
+        self, path: Path, plan: Plan, overwrite: bool = False, resumed: bool = False, rows_in_block: int | None = None
+    ):
+        self.path, self.part, self.plan = path, part_of(path), plan
+        self._overwrite, self._resumed, self._worth_keeping = overwrite, resumed, resumed
+        self._start: dict[str, Floats] = dict(plan.start)
+        self._rows_in_block = rows_in_block or block_rows(plan)
+        self._last: Snapshot | None = None
+        self._described = resumed
+
+    def __enter__(self) -> RunArchive:
+        with _disk(self.path, "be opened again" if self._resumed else "be created"):
+            if not self._resumed:
+                self._make_room()
+                lanes = {"lane": np.arange(self.plan.lanes)} if self.plan.batched else {}
+                attrs = replace(describe(self.plan), complete=0).to_attrs()
+                archive.create(self.path, attrs, layouts(self.plan, self._rows_in_block), lanes, self._overwrite)
+            self._arrays = archive.opened_arrays(self.part)
+        return self
+
+    def _make_room(self) -> None:
+        for path in (self.path, self.part):
+            archive.require_replaceable(path)
+        if stands(self.path) and not self._overwrite:
+            raise InputError(
+                f"{self.path} exists already and is left as it is. Choose another path, or replace it with --overwrite "
+                "(overwrite=True)."
+            )
+        if not self._overwrite and (self.part / CHECKPOINT).exists():
+            raise InputError(
+                f"{self.part} was left by a run that was interrupted. `kreisel resume {self.path}` goes on, "
+                f"`kreisel plot {self.part}` shows it; or start over with --overwrite (overwrite=True)."
+            )
+
+    def append(self, block: Mapping[str, Array], start: int) -> None:
+        """Write a block of rows that begins at row `start`."""
+        values = {"time": saved_times(self.plan, start, start + len(next(iter(block.values())))), **block}
+        with _disk(self.path, "be written"):
+            if start == 0:
+                self._describe(block)
+            archive.write_block(self.part, self._arrays, "time", start // self._rows_in_block, start, values)
+        self._worth_keeping = True
+
+    def _describe(self, rows: Mapping[str, Array]) -> None:
+        """Set the attributes of the variables, whose scales come from the first rows."""
+        archive.require_there(self.part)
+        with archive.edited(self.part) as root:
+            for name, attrs in attributes(self.plan, rows).items():
+                archive.arrays_of(root)[name]["attributes"] = attrs
+        self._described = True
+
+    def checkpoint(self, snapshot: Snapshot) -> None:
+        """Write down where the run stands; everything before is kept whatever happens."""
+        with _disk(self.path, "be written"):
+            archive.require_there(self.part)
+            outputs = observed(self.plan, snapshot)
+            if not self._described and outputs:
+                self._describe(outputs)
+            checkpoint.write(self.part, Checkpoint(snapshot, self._start, outputs))
+        self._last = snapshot
+
+    def finish(self) -> None:
+        """Mark the archive as whole and give it its name; with its last checkpoint it can be lengthened."""
+        with _disk(self.path, "be finished"):
+            archive.require_there(self.part)
+            corrections = {name: {CORRECTION: value} for name, value in _corrections(self.plan).items()}
+            with archive.edited(self.part) as root:  # all rows are there
+                _fit(root, self.plan, at_the_end(self.plan), corrections)
+            if self._last is not None:
+                checkpoint.write(self.part, Checkpoint(self._last, self._start, {}))
+            archive.seal(self.part)
+            archive.take_name(self.path)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        stopped = isinstance(error, Stopped | KeyboardInterrupt)
+        if error is not None and not (stopped or self._worth_keeping):
+            with contextlib.suppress(OSError, InputError):
+                archive.remove(self.part)
+
+
+def observed(plan: Plan, snapshot: Snapshot) -> dict[str, Array]:
+    """The outputs of the rows of a snapshot, which no block has yet, and their times."""
+    if not len(snapshot.rows):
+        return {}
+    times = saved_times(plan, snapshot.flushed, snapshot.flushed + len(snapshot.rows))
+    with np.errstate(all="ignore"):
+        return {"time": times, **plan.observe(snapshot.rows)}
+
+
+def layouts(plan: Plan, block: int) -> dict[str, dict[str, Any]]:
+    """Every array as Zarr makes it: at full length, a block in a shard of eight chunks or in one chunk."""
+    chunk = chunk_rows(block)
+    out: dict[str, dict[str, Any]] = {}
+    if plan.batched:
+        shape = (plan.lanes,)
+        out["lane"] = {"shape": shape, "chunks": shape, "dtype": np.dtype("i8"), "dimension_names": ("lane",)}
+        out["lane"]["attributes"] = {"long_name": "lane"}
+    for name, value in {"time": np.zeros(1), **plan.example}.items():
+        out[name] = {
+            "shape": (plan.rows, *value.shape[1:]),
+            "chunks": (chunk, *value.shape[1:]),
+            "shards": (block, *value.shape[1:]) if chunk < block else None,
+            "dtype": value.dtype,
+            "dimension_names": ("time",) if name == "time" else dimensions(plan, name, value.shape),
+            "attributes": time_attributes(plan) if name == "time" else {},
+            "fill_value": np.nan,
+        }
+    return out
+
+
+def _fit(
+    root: dict[str, Any], plan: Plan, attrs: Mapping[str, Any], variables: Mapping[str, Mapping[str, Any]] | None = None
+) -> None:
+    """Set attributes, of variables too, and give every array along the time the rows of the plan."""
+    root["attributes"].update(attrs)
+    for name, node in archive.arrays_of(root).items():
+        node["attributes"].update((variables or {}).get(name, {}))
+        if node["dimension_names"][0] == "time":
+            node["shape"][0] = plan.rows
+
+
+def reopen(
+    path: Path, extend: int | None, system: Model | None = None, events: Any = None
+) -> tuple[RunArchive, Integration]:
+    """An interrupted archive, or a finished one to be lengthened, and the run at its last checkpoint."""
+    part = part_of(path)
+    store = part if stands(part) else path
+    record = run_record(store)
+    archive.require_plain(store)
+    if store == part and stands(path) and not archive.agreed(path):
+        raise InputError(f"{path} stands where {part} is to go, and was not to be replaced. Move one of them away.")
+    if store == path and extend is None:
+        raise InputError(f"{path} is finished: its {record.steps:,} steps are done. --extend STEPS lengthens it.")
+    steps = record.steps if extend is None else extend
+    if extend is not None and extend < record.steps:
+        raise InputError(f"{path} has {record.steps:,} steps: expected more for --extend, got {extend:,}.")
+    if extend is not None and record.rows is not None:
+        why = "at given times" if record.stopped is None else f"that an event stopped at {record.stopped:g}"
+        raise InputError(f"{path}: expected a run with rows at every dt for --extend, got one {why}.")
+    point = checked_checkpoint(store, record, archive.listed(store))
+    plan = broken_by(_plan_of_run(record, point.start, steps, system), checked_events(events))
+    require_events(plan, record.events)
+    flushed = point.snapshot.flushed
+    block = record.rows_in_block if flushed else block_rows(plan)
+    if block * plan.first.nbytes > LARGEST_CHUNK:
+        raise InputError(f"The attribute rows_in_block = {block:,} is damaged: no run has such blocks.")
+    integration = Integration(plan, rows_in_block=block)
+    integration.restore(point.snapshot)
+    root = archive.metadata(store)
+    fresh = archive.new_metadata(root["attributes"], layouts(plan, block))
+    if flushed:
+        _require_arrays(store, root, fresh)
+    for name, node in archive.arrays_of(fresh).items():
+        node["attributes"] = archive.arrays_of(root).get(name, node)["attributes"]
+    with _disk(path, "be opened again"):
+        if store == path:
+            os.replace(path, part)
+        _continue(part, plan, point, fresh, block)
+    return RunArchive(path, plan, resumed=True, rows_in_block=block), integration
+
+
+def _continue(part: Path, plan: Plan, point: Checkpoint, root: dict[str, Any], block: int) -> None:
+    """Make an archive ready to go on after its finished blocks: not complete any more, and as long as the plan.
+
+    The rows that are in no block after that are written to the checkpoint before.
+    """
+    archive.unseal(part)
+    checkpoint.write(part, point._replace(outputs=observed(plan, point.snapshot)))
+    _fit(root, plan, {"complete": 0, "steps": plan.steps, "rows_in_block": block})
+    archive.note_versions(root["attributes"], versions())
+    archive.write_metadata(part, root)
+    archive.drop_blocks(part, point.snapshot.flushed // block)
+
+
+def _require_arrays(store: Path, root: Mapping[str, Any], fresh: Mapping[str, Any]) -> None:
+    """Raises `InputError` if an archive that is to be written to has not the arrays of its run."""
+    found = archive.arrays_of(root)
+    for name, node in archive.arrays_of(fresh).items():
+        same = [k for k in node if k not in ("shape", "attributes")]
+        if name not in found or any(found[name].get(k) != node[k] for k in same):
+            raise InputError(f"{store} is damaged: {name} is not as the run made it. `kreisel check {store}`.")
+
+
+def _plan_of_run(record: RunRecord, start: Mapping[str, Floats], steps: int, system: Model | None = None) -> Plan:
+    """The plan of a run from its record and its start; `system`: of a system of the user's own."""
+    asked = Settings.checked(
+        dt=record.dt,
+        steps=steps,
+        every=record.every,
+        method=record.method,
+        order=record.order,
+        tol=record.tolerance,
+        engine=record.engine,
+        project=record.projection > 0,
+        observe=record.observed,
+        times=None if TIMES not in start else start[TIMES],
+        impulses=record.struck,
+    )
+    state = {letter: value for letter, value in start.items() if letter not in (ORIENTATION, TIMES)}
+    model = record.model if system is None else _same(system, record)
+    return plan_of(model, state, asked, start.get(ORIENTATION))
+
+
+def _same(model: Model, record: RunRecord) -> Model:
+    """The model, if a run was made from one of its name and parameters.  Raises `InputError`."""
+    check_model(model)
+    if model.system.name != record.system or parameters_of(model) != record.parameters:
+        raise InputError(
+            f"system: expected {record.system} with the parameters {record.parameters} of the run, got {model!r}."
+        )
+    if body_of(model) != record.body:
+        raise InputError(
+            f"system: expected the body of the run, with the axes and units {record.body}, got {body_of(model)}. Usual "
+            "cause: a model of another body, or one by its parameters alone."
+        )
+    require_operations(model, record.system_sha256)
+    return model
+
+
+def _disk(path: Path, action: str) -> AbstractContextManager[None]:
+    def kept() -> str:
+        there = (part_of(path) / CHECKPOINT).exists()
+        return f" What was done until the last checkpoint is kept: `kreisel resume {path}` goes on." if there else ""
+
+    return on_disk(path, action, kept)
