@@ -225,3 +225,13 @@ def test_every_operation_is_known_to_all() -> None:
         value = compiled(graph, result, np.array([[0.3, 0.7, 0.2, 0.9]]))[0, 0]
         right = evaluated(graph, result, lambda _, i: (0.3, 0.7, 0.2, 0.9)[i])[0]
         assert value == pytest.approx(right, rel=1e-15)
+
+
+def test_a_loop_is_evaluated_until_it_has_settled() -> None:
+    """Newton's method for a root of 2; twice only if it may not go on."""
+    for most, root in ((20, 2**0.5), (2, 17 / 12)):
+        graph = Graph()
+        y, start = graph.inputs("x", 2)
+        x, defect = graph.loop(lambda x, y=y: ([(x[0] + y / x[0]) / 2], abs(x[0] * x[0] - y)), [start], 1e-12, most)
+        assert evaluated(graph, x, lambda _, i: (2.0, 1.0)[i]) == pytest.approx([root], rel=1e-15)
+        assert (evaluated(graph, [defect], lambda _, i: (2.0, 1.0)[i])[0] <= 1e-12) == (most == 20)

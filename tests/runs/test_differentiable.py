@@ -18,7 +18,7 @@ from kreisel.algebra.iteration import repeat
 from kreisel.baecklund import lagrange_top
 from kreisel.bodies import KNOWN
 from kreisel.kernels import jax_numbers as by
-from kreisel.kernels.jax_numbers import numbers, values
+from kreisel.kernels.jax_numbers import numbers
 from kreisel.method import scheme
 from kreisel.runs.differentiable import constants_of
 from kreisel.runs.examples import example
@@ -163,7 +163,7 @@ def test_constants_have_derivatives_by_every_parameter(name: str) -> None:
     made, x, v = varied(KNOWN[name])
 
     def constants(y: Any) -> Any:
-        return {k: by.values_of(c) for k, c in constants_of(by, made.model, y).items()}
+        return {k: by.values(c) for k, c in constants_of(by, made.model, y).items()}
 
     with red.double():
         value, found = jax.jvp(constants, (x,), (v,))
@@ -329,13 +329,16 @@ def test_a_gradient_needs_room_like_the_root_of_the_steps() -> None:
 def test_a_loop_has_the_derivative_of_its_fixed_point() -> None:
     """X = c + X X/4, by sweeps, whose own derivative the last sweep does not have."""
 
-    def fixed(c: Any) -> Any:
+    def step(x: Any, *, c: Any) -> Any:
         def improved(X: Any) -> Any:
-            new = numbers(c).reshape(1, 1) + X @ X / 4
+            new = c.reshape(1, 1) + X @ X / 4
             return (new,), ((new - X) * (new - X)).sum(-1).sum(-1)
 
-        (X,), _ = repeat(improved, (numbers(c * 0).reshape(1, 1),), 1e-30, 200, ("matrix",))
-        return values(X)[0, 0]
+        (X,), _ = repeat(improved, (0 * x.reshape(1, 1) + x[0],), 1e-30, 200, ("matrix",))
+        return (X[0],)
+
+    def fixed(c: Any) -> Any:
+        return by.orbit(step, None, ["R^1"], 1, jnp.zeros(1), {"c": numbers(c)}, {}, 1, 1)[1, 0]
 
     with red.double():
         c = jnp.array([0.6])

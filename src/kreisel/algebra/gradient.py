@@ -22,6 +22,18 @@ def _function(name: str) -> Callable[[Any], Any]:
 
 
 sin, cos, exp, log = (_function(name) for name in ("sin", "cos", "exp", "log"))
+# Derivatives of an operation by its operands: slopes(value, *operands).
+SLOPES: dict[str, Callable[..., tuple[Any, ...]]] = {
+    "+": lambda value, x, y: (1, 1),
+    "-": lambda value, x, y: (1, -1),
+    "*": lambda value, x, y: (y, x),
+    "/": lambda value, x, y: (1 / y, -value / y),
+    "sqrt": lambda value, x: (1 / (2 * value),),
+    "sin": lambda value, x: (cos(x),),
+    "cos": lambda value, x: (-sin(x),),
+    "exp": lambda value, x: (value,),
+    "log": lambda value, x: (1 / x,),
+}
 
 
 class TracedNumber:
@@ -37,6 +49,10 @@ class TracedNumber:
     def _of(self, value: Any, *parents: tuple[Any, Any]) -> TracedNumber:
         return TracedNumber(self.tape, value, tuple((x, slope) for x, slope in parents if isinstance(x, TracedNumber)))
 
+    def _by(self, operation: str, value: Any, *operands: Any) -> TracedNumber:
+        slopes = SLOPES[operation](value, *map(_value, operands))
+        return self._of(value, *zip(operands, slopes, strict=True))
+
     def __neg__(self) -> TracedNumber:
         return self._of(-self.value, (self, -1))
 
@@ -44,30 +60,23 @@ class TracedNumber:
         return self
 
     def __add__(self, other: Any) -> Any:
-        return NotImplemented if _is_array(other) else self._of(self.value + _value(other), (self, 1), (other, 1))
+        return NotImplemented if _is_array(other) else self._by("+", self.value + _value(other), self, other)
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Any:
-        return NotImplemented if _is_array(other) else self._of(self.value - _value(other), (self, 1), (other, -1))
+        return NotImplemented if _is_array(other) else self._by("-", self.value - _value(other), self, other)
 
     def __rsub__(self, other: Any) -> Any:
         return -self + other
 
     def __mul__(self, other: Any) -> Any:
-        if _is_array(other):
-            return NotImplemented
-        x, y = self.value, _value(other)
-        return self._of(x * y, (self, y), (other, x))
+        return NotImplemented if _is_array(other) else self._by("*", self.value * _value(other), self, other)
 
     __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Any:
-        if _is_array(other):
-            return NotImplemented
-        y = _value(other)
-        out = self.value / y
-        return self._of(out, (self, 1 / y), (other, -out / y))
+        return NotImplemented if _is_array(other) else self._by("/", self.value / _value(other), self, other)
 
     def __rtruediv__(self, other: Any) -> Any:
         if _is_array(other):
@@ -93,24 +102,22 @@ class TracedNumber:
         return (self * np.log(base)).exp()
 
     def sqrt(self) -> TracedNumber:
-        out = sqrt(self.value)
-        return self._of(out, (self, 1 / (2 * out)))
+        return self._by("sqrt", sqrt(self.value), self)
 
     def sin(self) -> TracedNumber:
-        return self._of(sin(self.value), (self, cos(self.value)))
+        return self._by("sin", sin(self.value), self)
 
     def cos(self) -> TracedNumber:
-        return self._of(cos(self.value), (self, -sin(self.value)))
+        return self._by("cos", cos(self.value), self)
 
     def tan(self) -> TracedNumber:
         return self.sin() / self.cos()
 
     def exp(self) -> TracedNumber:
-        out = exp(self.value)
-        return self._of(out, (self, out))
+        return self._by("exp", exp(self.value), self)
 
     def log(self) -> TracedNumber:
-        return self._of(log(self.value), (self, 1 / self.value))
+        return self._by("log", log(self.value), self)
 
     def sinh(self) -> TracedNumber:
         return (self.exp() - (-self).exp()) / 2

@@ -15,6 +15,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from kreisel.algebra.complex import Ring
+
 # Operations: those of arithmetic; MAX (x unless y > x), SIGN (-1 where x < 0, else 1), SIZE (|x|), NEAREST (the
 # integer next to x, of two the even one) and WHERE (of x, y, a, b: a where x < y, else b).
 PLUS, MINUS, TIMES, OVER, FMA, SQRT, MAX, SIGN = "+", "-", "*", "/", "fma", "sqrt", "max", "sign"
@@ -162,39 +164,37 @@ class Graph:
                 wanted.update(x.at for x in operands_of(self.nodes[at]) if within(x.at))
         return sorted(wanted)
 
-    def digest(self, outputs: Sequence[Operand]) -> str:
-        """SHA-256 of the operations that the outputs depend on; other graphs with the same have the same."""
-        found, places = hashlib.sha256(), dict[int, int]()
+    def digest(self, outputs: Sequence[Any]) -> str:
+        """SHA-256 of the operations that the outputs depend on, in whatever order they were recorded.
+
+        Texts may be among the outputs.
+        """
+        digests = dict[int, str]()
 
         def text(x: Any) -> str:
             if isinstance(x, Number):
-                return f"{'-' * x.negative}#{places[x.at]}"
+                return f"{'-' * x.negative}{digests[x.at]}"
             return x.hex() if isinstance(x, float) else repr(x)
 
-        def add(nodes: Iterable[int]) -> None:
-            for at in nodes:
-                operation, *operands = self.nodes[at]
-                places[at] = len(places)
-                if operation == LOOP:
-                    loop = self.loops[operands.pop(0)]
-                    found.update(
-                        f"loop {loop.small!r} {loop.most} {len(loop.variables)} {[*map(text, operands)]};".encode()
-                    )
-                    for x in loop.variables:
-                        places[x.at] = len(places)
-                    add(self.needed_inside(loop))
-                    found.update(f"{[*map(text, loop.new)]};".encode())
-                elif operation == BRANCH:
-                    branch = self.branches[operands.pop(0)]
-                    found.update(f"branch {[*map(text, operands)]};".encode())
-                    add(self.needed_inside(branch))
-                    found.update(f"{[*map(text, branch.new)]};".encode())
-                else:
-                    found.update(f"{operation} {[*map(text, operands)]};".encode())
+        def add(at: int) -> None:
+            operation, *operands = self.nodes[at]
+            if operation in (LOOP, BRANCH):
+                inner: Loop | Branch = (self.loops if operation == LOOP else self.branches)[operands[0]]
+                variables = inner.variables if isinstance(inner, Loop) else ()
+                digests.update({x.at: f"variable {i}" for i, x in enumerate(variables)})
+                for member in self.needed_inside(inner):
+                    add(member)
+                settings = [inner.small, inner.most] if isinstance(inner, Loop) else []
+                operands = [*settings, *inner.new, *operands[1 : 1 + len(variables or (None, *inner.new))]]
+            texts = sorted(map(text, operands)) if operation in (PLUS, TIMES) else [*map(text, operands)]
+            digests[at] = sealed([operation, *texts])
 
-        add(at for at in self.needed(outputs))
-        found.update(repr([*map(text, outputs)]).encode())
-        return found.hexdigest()
+        def sealed(texts: Iterable[str]) -> str:
+            return hashlib.sha256(" ".join(texts).encode()).hexdigest()
+
+        for at in self.needed(outputs):
+            add(at)
+        return sealed(map(text, outputs))
 
 
 def operands_of(node: Node) -> list[Number]:
@@ -209,7 +209,7 @@ def array_of(entries: Sequence[Any]) -> Any:
     return out
 
 
-class Number:
+class Number(Ring):
     """A recorded real number: the node `at` of a graph; the sign is kept apart, so that -x costs nothing."""
 
     __slots__ = ("at", "graph", "negative")
@@ -261,14 +261,6 @@ class Number:
             return self.record(MINUS, minus, plus, negative=True)
         return self.record(MINUS, plus, minus)
 
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> Any:
-        return self + (-other) if is_number(other) else NotImplemented
-
-    def __rsub__(self, other: Any) -> Any:
-        return (-self) + other if is_number(other) else NotImplemented
-
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, Number):
             operands = sorted((self.positive, other.positive), key=_spelling)
@@ -278,8 +270,6 @@ class Number:
         if other in (0, 1, -1):
             return 0.0 if other == 0 else (self if other == 1 else -self)
         return self.record(TIMES, self.positive, abs(float(other)), negative=self.negative != (other < 0))
-
-    __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Any:
         if isinstance(other, Number):
@@ -411,6 +401,16 @@ def if_positive(test: Any, body: Callable[[], Sequence[Any]], values: Sequence[A
     return body() if test > 0 else values
 
 
+def looped(body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], small: float, most: int) -> Sequence[Any]:
+    """The last x and defect of `*x, defect = body(x)` from `start`, until defect <= small, at most `most` times."""
+    new: Sequence[Any] = [*start, math.inf]
+    for _ in range(most):
+        new = body([*new[:-1]])
+        if new[-1] <= small:
+            break
+    return new
+
+
 def _method(name: str, plain: Callable[[float], float]) -> Callable[[Any], Any]:
     return lambda x: getattr(x, name)() if isinstance(x, Number) else plain(x)
 
@@ -440,13 +440,33 @@ def evaluated(
     inputs: Callable[[str, int], Any],
     operations: Mapping[str, Callable[..., Any]] = APPLIED,
 ) -> list[Any]:
-    """The outputs of a graph without loops, on numbers of any kind: inputs(letter, index), and functions by name."""
+    """The outputs of a graph on numbers of any kind: inputs(letter, index), and functions by name, LOOP as `looped`."""
     values: dict[int, Any] = {}
 
     def of(x: Operand) -> Any:
         return x if not isinstance(x, Number) else -values[x.at] if x.negative else values[x.at]
 
-    for at in graph.needed(outputs):
-        operation, *operands = graph.nodes[at]
-        values[at] = inputs(*operands) if operation == IN else operations[operation](*map(of, operands))
+    def repeated(loop: Loop, *operands: Operand) -> Sequence[Any]:
+        def body(x: list[Any]) -> list[Any]:
+            values.update({variable.at: value for variable, value in zip(loop.variables, x, strict=True)})
+            compute(graph.needed_inside(loop))
+            return [of(x) for x in loop.new]
+
+        start = [of(x) for x in operands[: len(loop.variables)]]
+        repeat: Callable[..., Sequence[Any]] = operations.get(LOOP, looped)
+        return repeat(body, start, loop.small, loop.most)
+
+    def compute(nodes: Iterable[int]) -> None:
+        for at in nodes:
+            operation, *operands = graph.nodes[at]
+            if operation == IN:
+                values[at] = inputs(*operands)
+            elif operation == LOOP:
+                values[at] = repeated(graph.loops[operands[0]], *operands[1:])
+            elif operation == RESULT:
+                values[at] = values[operands[0].at][operands[1]]
+            else:
+                values[at] = operations[operation](*map(of, operands))
+
+    compute(graph.needed(outputs))
     return [of(x) for x in outputs]

@@ -1,128 +1,79 @@
 """Derivatives of a recorded step, compiled: many steps, their tangent map on columns, and its transpose.
 
-A step is recorded once.  Its lines run again on numbers that remember what they were made of, whose local derivatives
-are recorded too: forwards for the tangent map, all columns in one loop, backwards for the transpose.
+A step is recorded once; `kreisel.graph.sweep` has its derivatives, forwards for the tangent map, all columns in one
+loop, in reverse for the transpose.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
-from math import isqrt
+from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from kreisel import algebra
-from kreisel.algebra import gradient
-from kreisel.algebra.gradient import TracedNumber
 from kreisel.algebra.reuse import cached_property
-from kreisel.kernels.cache import load_kernel
+from kreisel.graph.arranging import arranged, independent, latest
+from kreisel.graph.graph import IN, Graph, Number, Operand, array_of
+from kreisel.graph.llvm import DOUBLE, Function, Integer, Memory, Value, kind_of
+from kreisel.graph.machine import Kernel, address_of, kernel
+from kreisel.graph.recording import as_operands
+from kreisel.graph.sweep import pulled, pushed
 from kreisel.kernels.layout import Floats
-from kreisel.kernels.printing import Line, arranged, split
-from kreisel.kernels.recording import indented, recorded_values
-from kreisel.kernels.simd import HEAD, function_of_tuples
-from kreisel.kernels.tape import TRANSCENDENTAL, Scalar, Tape, TooLong, source_of
 from kreisel.kernels.threads import on_threads
 
-MOST_LINES = 2500  # of a stage; its transpose has four times as many, compiled in some ten seconds
-VECTOR = 4  # columns that a processor takes at once
+MOST_NODES = 2500  # of a stage; its transpose has four times as many, compiled in some ten seconds
+VECTORS = 1, 4, 8  # columns that are taken at once
 PLAIN = (0.0, 1.0, -1.0)  # constants that are folded into the code
 
-FORWARD = """
-@compiled("f8[::1], f8[::1], f8[:,::1], f8[:,::1], i8, i8")
-def forward(z, c, s, marks, every, part):
-    x, known = numbers(z, (), {d}, ()), numbers(c, (), {constants}, ())
-    parts = (every + part - 1) // part
-    for mark in range(marks.shape[0]):
-        for _ in range(part if (mark + 1) % parts else every - part * (parts - 1)):
-{steps}
-        put_numbers(marks, (mark,), x, ())
-"""
 
-PULL = """
-@compiled("f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[:,::1], i8")
-def pull(z, c, s, path, g, gc, gs, steps):
-    x, known = numbers(z, (), {d}, ()), numbers(c, (), {constants}, ())
-    w = numbers(g, (), {d}, ())
-{begin}    i = 0
-    for _ in range(steps):
-{steps}
-    for _ in range(steps):
-{back}
-    put_numbers(g, (), w, ())
-{end}"""
+class Part(NamedTuple):
+    """A part of a step, recorded: numbers of z, c and s, and those of the new state."""
 
-PUSH = """
-@compiled("f8[::1], f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], i8")
-def push(z, c, s, dz, dc, ds, out, every):
-    x, known = numbers(z, (), {d}, ()), numbers(c, (), {constants}, ())
-    for row in range(out.shape[0]):
-        for _ in range(every):
-{steps}
-        for k in range(dz.shape[1]):
-            put_numbers(out, (row,), numbers(dz, (), {d}, (k,)), (k,))
-"""
-STAGES = "for stage in range(s.shape[0]):"
-
-
-class Record(NamedTuple):
-    """Lines of z..., c... and s..., as recorded, and the source of each number of the new state."""
-
-    lines: tuple[Line, ...]
-    new: tuple[str, ...]
-
-
-class Slopes(NamedTuple):
-    """Lines, and the sources of what they give by name."""
-
-    lines: list[Line]
-    outputs: dict[str, str]
+    graph: Graph
+    outputs: list[Operand]
 
 
 def recorded(
-    function: Callable[..., Any], kinds: Sequence[str], n: int, known: Mapping[str, Any], most: int = MOST_LINES
-) -> Record | None:
-    """A step on recorded numbers, None where it has a loop, is too long or cannot be recorded.
+    function: Callable[..., Any], kinds: Sequence[str], n: int, constants: Mapping[str, Any], most: float = inf
+) -> Part:
+    """A step on recorded numbers.  `constants` may have inputs of any graph, which become those of this one.
 
-    `known`: constants with the name of each recorded entry, a string, in place of its number.
+    Raises `TooLong` beyond `most` operations.
     """
-    tape = Tape(most=most)
-    count = algebra.coordinate_count(kinds, n)
-    flat = np.array([Scalar(tape, f"z{i}") for i in range(count)], dtype=object)
-    try:
-        given = {k: _named(tape, v) for k, v in known.items()}
-        values = list(algebra.flatten(function(*algebra.restore(flat, kinds, n), **given), kinds))
-    except (TooLong, TypeError, AttributeError):
-        return None
-    lines = tape.needed([v.name for v in values if isinstance(v, Scalar)])
-    if any("\n" in line.text for line in lines):
-        return None
-    return Record(tuple(lines), tuple(source_of(v) for v in values))
+    graph = Graph(most=most)
 
+    def inputs(x: Any) -> Any:
+        array = np.asarray(x)
+        if array.dtype != object:
+            return x
+        entries = [graph.input(*v.node[1:]) if isinstance(v, Number) else v for v in array.flat]
+        return array_of(entries).reshape(array.shape)[()]
 
-def _named(tape: Tape, x: Any) -> Any:
-    array: Any = np.asarray(x)
-    if array.dtype != object:
-        return x
-    out = np.empty(array.shape, dtype=object)
-    for place in np.ndindex(array.shape):
-        out[place] = Scalar(tape, array[place]) if isinstance(array[place], str) else array[place]
-    return out[()]
-
-
-@lru_cache(64)
-def code_of(stage: Record, close: Record | None, constants: int, of_stage: int) -> Code:
-    """The same object for the same step, so that JAX compiles what calls it once."""
-    return Code(stage, close, constants, of_stage)
+    z = graph.inputs("z", algebra.coordinate_count(kinds, n))
+    new = function(*algebra.restore(z, kinds, n), **{name: inputs(x) for name, x in constants.items()})
+    return Part(graph, as_operands(list(algebra.flatten(new, kinds))))
 
 
 class Code:
-    """Kernels of a step: `stage` once for each row of s, then `close`.  Compiled when they are first used."""
+    """Kernels of a step: `stage` for each row of s, then `close`, compiled when they are first used.
 
-    def __init__(self, stage: Record, close: Record | None, constants: int, of_stage: int):
-        self.stage, self.close, self.sizes = stage, close, (len(stage.new), constants, of_stage)
-        self._made: dict[tuple[str, bool], Any] = {}
+    constants, of_stage   how many numbers c and a row of s have
+    Codes of the same operations are equal, so that JAX compiles what calls them once.
+    """
+
+    def __init__(self, stage: Part, close: Part | None, constants: int, of_stage: int):
+        self.stage, self.close, self.sizes = stage, close, (len(stage.outputs), constants, of_stage)
+        self._parts = [Part(*arranged(*part)) for part in ([stage] if close is None else [stage, close])]
+        self._key = self.sizes, *(part.graph.digest(part.outputs) for part in self._parts)
+        self._made: dict[Any, Kernel] = {}
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Code) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
 
     @property
     def dim(self) -> int:
@@ -130,114 +81,113 @@ class Code:
         return self.sizes[0]
 
     @cached_property
-    def forward(self) -> Any:
-        """(z, c, s, marks, every, part): the state at the ends of parts of every so many steps."""
-        functions, steps = self._steps(())
-        return self._kernel(functions, FORWARD, 12, steps).forward
+    def straight(self) -> bool:
+        """Whether kernels can be made of it: there is no loop, and it is not too long."""
+        parts = (part for part in (self.stage, self.close) if part is not None)
+        return all(not part.graph.loops and len(part.graph.nodes) < MOST_NODES for part in parts)
 
-    def _kernel(self, functions: str, text: str, indent: int, steps: list[str], **more: Any) -> Any:
-        head = HEAD.format(name=f"a step of {self.dim} numbers and its derivative")
-        sizes = {"d": self.dim, "constants": self.sizes[1]}
-        kernel = text.format(**sizes, steps=indented(steps, indent), **more)
-        return load_kernel(head + functions + kernel)
+    def _kernel(self, write: Callable[..., None], arguments: int, derive: Callable[..., Any] | None, *more: Any) -> Any:
+        """The kernel that write(function, derivatives, *more) writes, with those that derive(part) gives."""
+        found = self._made.get((write.__name__, *more))
+        if found is None:
+            parts = [Part(*arranged(*derive(part))) for part in self._parts] if derive else []
+            key = write.__name__, *more, self._key, *(part.graph.digest(part.outputs) for part in parts)
+            found = self._made[write.__name__, *more] = kernel(key, arguments, lambda f: write(f, parts, *more))
+        return found
 
-    @property
-    def _parts(self) -> list[tuple[str, Record, dict[str, list[str]]]]:
-        """The parts of a step by name, and what they take."""
-        names = {letter: [f"{letter}{i}" for i in range(n)] for letter, n in zip("zcs", self.sizes, strict=True)}
-        parts = [("step", self.stage, names)]
-        return parts if self.close is None else [*parts, ("close", self.close, {**names, "s": []})]
+    def _forward(self, f: Function, _: Sequence[Part]) -> None:
+        """(z, c, s, stages, marks, count, every, part): the state at the ends of parts of every so many steps."""
+        *start, marks, count, every, part = f.arguments
+        motion, parts = _Motion(f, self, *start), (every + (part - 1)) // part
+        with f.loop(0, count) as mark:
+            with f.loop(0, part.least(every - part * (mark % parts))):
+                motion.through(motion.advance)
+            f.doubles(marks).put(motion.state, mark * self.dim)
 
-    def _arguments(self, part: str) -> str:
-        return f"x, known, numbers(s, (stage,), {self.sizes[2]}, ())" if part == "step" else "x, known, ()"
-
-    def _steps(self, keep: Sequence[str]) -> tuple[str, list[str]]:
-        """The functions of a step, and its lines, with `keep` before each part of it."""
-        functions, text = "", []
-        for name, record, given in self._parts:
-            lines = arranged(list(record.lines), [v.strip("(-)") for v in record.new])
-            functions += function_of_tuples(name, given, lines, list(record.new))
-            block = [*keep, f"x = {name}({self._arguments(name)})"]
-            text += [STAGES, *(f"    {line}" for line in block)] if name == "step" else block
-        return functions, text
-
-    def pull(self, wide: bool) -> Any:
-        """(z, c, s, path, g, gc, gs, steps): g <- J^T g of some steps, gc and gs with it where `wide`.
+    def _pull(self, f: Function, derivatives: Sequence[Part], wide: bool) -> None:
+        """(z, c, s, stages, path, g, gc, gs, steps): g <- J^T g of some steps, gc and gs with it if `wide`.
 
         path (parts of all steps, d) is room.
         """
-        if ("pull", wide) not in self._made:
-            self._made["pull", wide] = self._pull(wide).pull
-        return self._made["pull", wide]
+        *start, path, g, gc, gs, steps = f.arguments
+        d, constants, of_stage = self.sizes
+        motion, per_step = _Motion(f, self, *start), start[3] + (len(self._parts) - 1)
+        slopes = f.variables(d + constants * wide)
+        _put(slopes, f.doubles(g).get(d) + (f.doubles(gc).get(constants) if wide else []))
+        states, slopes_of_stages = f.doubles(path), f.doubles(gs)
 
-    def _pull(self, wide: bool) -> Any:
-        d, constants, of_stage = self.dim, self.sizes[1] * wide, self.sizes[2] * wide
-        functions, steps = self._steps(("put_numbers(path, (i,), x, ())", "i += 1"))
-        back: list[str] = []
-        for name, record, given in reversed(self._parts):
-            staged, found = name == "step", backward(record, self.sizes, wide)
-            sums = [f"h{j}" for j in range(constants)] + [f"q{j}" for j in range(of_stage * staged)]
-            old = [v.replace("h", "c").replace("q", "s") for v in sums]
-            new = [found.outputs[f"z{i}"] for i in range(d)]
-            new += [f"{v} + {found.outputs[slope]}" for v, slope in zip(sums, old, strict=True)]
-            more = {"w": [f"w{i}" for i in range(d)], "h": sums[:constants], "q": sums[constants:]}
-            given = {**given, **{letter: names for letter, names in more.items() if names}}
-            functions += function_of_tuples(f"{name}_back", given, found.lines, new)
-            own = staged and of_stage > 0
-            slopes = (", h" if constants else "") + (f", numbers(gs, (stage,), {of_stage}, ())" if own else "")
-            block = ["i -= 1", f"x = numbers(path, (i,), {d}, ())"]
-            block += [f"v = {name}_back({self._arguments(name)}, w{slopes})", f"w = v[:{d}]"]
-            block += [f"h = v[{d}:{d + constants}]"] if constants else []
-            block += [f"put_numbers(gs, (stage,), v[{d + constants}:], ())"] if own else []
-            back += ["for stage in range(s.shape[0] - 1, -1, -1):", *(f"    {v}" for v in block)] if staged else block
-        begin = f"    h = numbers(gc, (), {constants}, ())\n" if constants else ""
-        end = "    put_numbers(gc, (), h, ())\n" if constants else ""
-        return self._kernel(functions, PULL, 8, steps, back=indented(back, 8), begin=begin, end=end)
+        def back(k: int, stage: Integer) -> None:
+            motion.state = states.get(d, (step * per_step + stage) * d)
+            w, of_this = _get(slopes), slopes_of_stages.beyond(stage * of_stage)
+            new = motion.outputs(derivatives[k], stage, w=w[:d], h=w[d:], q=of_this)
+            _put(slopes, new[: len(slopes)])
+            of_this.put(new[len(slopes) :])
 
-    def push(self, wide: bool) -> Any:
-        """(z, c, s, dz, dc, ds, out, every): columns dz (d, k) -> J dz + ..., and those at the rows of `out`."""
-        if ("push", wide) not in self._made:
-            self._made["push", wide] = self._push(wide).push
-        return self._made["push", wide]
+        def forth(k: int, stage: Integer) -> None:
+            states.put(motion.state, (step * per_step + stage) * d)
+            motion.advance(k, stage)
 
-    def _push(self, wide: bool) -> Any:
-        d, functions, text = self.dim, "", []
-        for name, record, given in self._parts:
-            found, staged = forward(record, self.sizes, wide), name == "step"
-            slopes = {f"v{letter}": [f"v{v}" for v in given[letter]] for letter in ("zcs" if wide else "z")}
-            moving = {v for group in slopes.values() for v in group}
-            names = {v for line in found.lines for v in (*line.names, *line.needs)} - moving
-            for line in found.lines:
-                if not moving.isdisjoint(line.needs):
-                    moving.update(line.names)
-            fixed, rest = split(found.lines, names - moving)
-            new = {d: [found.outputs[f"{d}z{i}"] for i in range(self.dim)] for d in ("", "d")}
-            used = {v for line in rest for v in line.needs} | {v.strip("(-)") for v in new["d"]}
-            handed = sorted(v for v in used - moving if v.isidentifier())
-            functions += function_of_tuples(f"{name}_fixed", given, fixed, [*new[""], *handed])
-            functions += function_of_tuples(f"{name}_moving", {"f": handed, **slopes}, rest, new["d"])
-            columns = [f"numbers(dz, (), {d}, (k,))"]
-            if wide:
-                columns.append(f"numbers(dc, (), {self.sizes[1]}, (k,))")
-                columns.append(f"numbers(ds, (stage,), {self.sizes[2]}, (k,))" if staged else "()")
-            block = [
-                f"y = {name}_fixed({self._arguments(name)})",
-                f"x, f = y[:{d}], y[{d}:]",
-                "for k in range(dz.shape[1]):",
-                f"    put_numbers(dz, (), {name}_moving(f, {', '.join(columns)}), (k,))",
-            ]
-            text += [STAGES, *(f"    {line}" for line in block)] if staged else block
-        return self._kernel(functions, PUSH, 12, text)
+        with f.loop(0, steps) as step:
+            motion.through(forth)
+        with f.loop(steps - 1, -1, -1) as step:
+            motion.through(back, reverse=True)
+        f.doubles(g).put(_get(slopes[:d]))
+        f.doubles(gc).put(_get(slopes[d:]))
+
+    def _slopes(self, part: Part, wide: bool) -> tuple[Graph, list[Operand]]:
+        """Those by z; if `wide` also by c and s, added to h and q."""
+        graph, slopes = pulled(*part, "" if wide else "cs")
+        outputs = [slopes.get(("z", i), 0.0) for i in range(self.dim)]
+        of_stage = self.sizes[2] if part is self._parts[0] else 0
+        for old, letter, size in (("h", "c", self.sizes[1]), ("q", "s", of_stage)):
+            outputs += [graph.input(old, i) + slopes.get((letter, i), 0.0) for i in range(size * wide)]
+        return graph, outputs
+
+    def _push(self, f: Function, derivatives: Sequence[Part], wide: bool, width: int) -> None:
+        """(z, c, s, stages, dz, dc, ds, out, rows, every, blocks): blocks of `width` columns dz (d, ...) -> J dz + ...
+
+        Those at the rows go to `out`.
+        """
+        *start, dz, dc, ds, out, rows, every, blocks = f.arguments
+        f.vectors(width)
+        motion, kind, size = _Motion(f, self, *start), kind_of(width), self.dim * blocks
+        vz, vc, vs, rooms = (f.doubles(address).of(kind) for address in (dz, dc, ds, out))
+
+        def through(k: int, stage: Integer) -> None:
+            graph, outputs = derivatives[k]
+            nodes = graph.needed(outputs)
+            still = independent(graph, nodes, "zcs")
+            fixed, moving = ([at for at in nodes if (at in still) == chosen] for chosen in (True, False))
+            values = _loaded(graph, fixed, motion.inputs(stage))
+            f.emit(graph, latest(graph, fixed), values, DOUBLE)
+            motion.state = [f.value(x, values, DOUBLE) for x in outputs[: self.dim]]
+            spread = {at: f.spread(values[at], kind) for at in fixed}
+            columns = [("z", vz), ("c", vc), ("s", vs.beyond(stage * self.sizes[2] * blocks))]
+            with f.loop(0, blocks) as block:
+                inputs = zip(columns, self.sizes if wide else self.sizes[:1], strict=False)
+                along = {f"v{k}": [x[blocks * i + block] for i in range(count)] for (k, x), count in inputs}
+                inside = spread | _loaded(graph, moving, along)
+                f.emit(graph, latest(graph, moving), inside, kind)
+                for i, x in enumerate(outputs[self.dim :]):
+                    vz[blocks * i + block] = f.value(x, inside, kind)
+
+        with f.loop(0, rows) as row:
+            with f.loop(0, every):
+                motion.through(through)
+            with f.loop(0, size) as i:
+                rooms[row * size + i] = vz[i]
 
     # -- rows of lanes -----------------------------------------------------------------------------
 
     def marks(self, z: Floats, c: Floats, s: Floats, rows: int, every: int, part: int) -> Floats:
-        """The states (lanes, rows * parts, d) at the ends of parts."""
-        out, kernel = np.empty((len(z), rows * -(-every // part), self.dim)), self.forward
+        """The states (lanes, rows * parts, d) at the ends of parts of every so many steps."""
+        call = self._kernel(self._forward, 8, None)
+        out = np.empty((len(z), rows * -(-every // part), self.dim))
 
         def work_on(first: int, last: int) -> None:
             for i in range(first, last):
-                kernel(z[i], c[i], s[i], out[i], every, part)
+                start = *map(address_of, (z[i], c[i], s[i])), s.shape[1]
+                call(*start, address_of(out[i]), out.shape[1], every, part)
 
         on_threads(len(z), len(z) * rows * every, work_on)
         return out
@@ -246,12 +196,16 @@ class Code:
         self, z: Floats, c: Floats, s: Floats, dz: Floats, dc: Floats, ds: Floats, rows: int, every: int
     ) -> Floats:
         """The tangents (lanes, k, rows, d) of the rows for those (lanes, k, ...) of the arguments."""
-        kernel = self.push(dc.size + ds.size > 0)
+        wide = dc.size + ds.size > 0
+        width = next((width for width in VECTORS if width >= dz.shape[1]), VECTORS[-1])
+        fixed = "" if wide else "cs"
+        call = self._kernel(self._push, 11, lambda part: pushed(part.graph, part.outputs, fixed), wide, width)
         out = np.empty((*dz.shape[:2], rows, self.dim))
         for i in range(len(z)):
-            columns = [_columns(v[i]) for v in (dz, dc, ds)]
+            columns = [_columns(v[i], width) for v in (dz, dc, ds)]
             room = np.empty((rows, *columns[0].shape))
-            kernel(z[i], c[i], s[i], *columns, room, every)
+            start = *map(address_of, (z[i], c[i], s[i])), s.shape[1]
+            call(*start, *map(address_of, (*columns, room)), rows, every, room.shape[-1] // width)
             out[i] = np.moveaxis(room, -1, 0)[: dz.shape[1]]
         return out
 
@@ -259,90 +213,83 @@ class Code:
         self, z: Floats, c: Floats, s: Floats, marks: Floats, g: Floats, every: int, part: int, wide: bool
     ) -> tuple[Floats, Floats, Floats]:
         """The slopes (lanes, k, ...) by z, c and s from those g (lanes, k, rows, d) by the rows."""
-        kernel, parts = self.pull(wide), -(-every // part)
-        gz, rows = np.zeros((*g.shape[:2], self.dim)), g.shape[2]
+        call = self._kernel(self._pull, 9, lambda part: self._slopes(part, wide), wide)
+        parts, rows = -(-every // part), g.shape[2]
+        gz = np.zeros((*g.shape[:2], self.dim))
         gc, gs = np.zeros((*g.shape[:2], c.shape[1])), np.zeros((*g.shape[:2], *s.shape[1:]))
-        path = np.empty((part * (s.shape[1] + (self.close is not None)), self.dim))
+        path = np.empty((part * (s.shape[1] + len(self._parts) - 1), self.dim))
         for i, j in np.ndindex(*g.shape[:2]):
             starts = np.concatenate([z[i][None], marks[i]])
+            constants = [*map(address_of, (c[i], s[i])), s.shape[1]]
+            room = [*map(address_of, (path, gz[i, j], gc[i, j], gs[i, j]))]
             for row in range(rows - 1, -1, -1):
                 gz[i, j] += g[i, j, row]
                 for k in range(parts - 1, -1, -1):
                     steps = part if k < parts - 1 else every - part * (parts - 1)
-                    kernel(starts[row * parts + k], c[i], s[i], path, gz[i, j], gc[i, j], gs[i, j], steps)
+                    call(address_of(starts[row * parts + k]), *constants, *room, steps)
         return gz, gc, gs
 
 
-def part_of(every: int) -> int:
-    """How many steps lie between two states that the reverse sweep keeps."""
-    return max(1, isqrt(every))
+class _Motion:
+    """The state and the constants of a motion in a kernel that is being written."""
+
+    def __init__(self, f: Function, code: Code, z: Integer, c: Integer, s: Integer, stages: Integer):
+        d, constants, self._of_stage = code.sizes
+        self._f, self._parts, self._stages, self._room = f, code._parts, stages, f.variables(d)
+        self.state = f.doubles(z).get(d)
+        self._c, self._s = f.doubles(c).get(constants), f.doubles(s)
+
+    @property
+    def state(self) -> list[Value]:
+        """The numbers z."""
+        return _get(self._room)
+
+    @state.setter
+    def state(self, values: Sequence[Value]) -> None:
+        _put(self._room, values)
+
+    def inputs(self, stage: Integer) -> dict[str, Any]:
+        """The numbers of each letter."""
+        return {"z": self.state, "c": self._c, "s": self._s.beyond(stage * self._of_stage)}
+
+    def outputs(self, part: Part, stage: Integer, **more: Any) -> list[Value]:
+        """Those of a graph."""
+        nodes = part.graph.needed(part.outputs)
+        values = _loaded(part.graph, nodes, self.inputs(stage) | more)
+        self._f.emit(part.graph, latest(part.graph, nodes), values, DOUBLE)
+        return [self._f.value(x, values, DOUBLE) for x in part.outputs]
+
+    def advance(self, k: int, stage: Integer) -> None:
+        """The state after a part of the step."""
+        self.state = self.outputs(self._parts[k], stage)
+
+    def through(self, write: Callable[[int, Integer], None], reverse: bool = False) -> None:
+        """write(part, place) for the parts of a step, in order: 0 for each stage, 1 for what closes it."""
+        closes = len(self._parts) > 1
+        if reverse and closes:
+            write(1, self._stages)
+        with self._f.loop(*((self._stages - 1, -1, -1) if reverse else (0, self._stages))) as stage:
+            write(0, stage)
+        if closes and not reverse:
+            write(1, self._stages)
 
 
-def _columns(v: Floats) -> Floats:
-    """Tangents (k, ...) as columns (..., k); where there are several, zeros fill the vectors of the processor."""
-    more = -len(v) % VECTOR if len(v) > 1 else 0
-    return np.ascontiguousarray(np.moveaxis(np.concatenate([v, np.zeros((more, *v.shape[1:]))]), 0, -1))
+def _loaded(graph: Graph, nodes: Sequence[int], numbers: Mapping[str, Any]) -> dict[int, Value]:
+    """The inputs among the nodes, from the numbers of each letter."""
+    inputs = {at: graph.nodes[at][1:] for at in nodes if graph.nodes[at][0] == IN}
+    return {at: numbers[letter][i] for at, (letter, i) in inputs.items()}
 
 
-# -- derivatives of a record -----------------------------------------------------------------------
+def _get(rooms: Sequence[Memory]) -> list[Value]:
+    return [room[0] for room in rooms]
 
 
-def _max(x: Any, y: Any) -> Any:
-    a, b = (v.value if isinstance(v, TracedNumber) else v for v in (x, y))
-    first = (1 + (a - b).sign()) / 2
-    return first * x + (1 - first) * y
+def _put(rooms: Sequence[Memory], values: Sequence[Value]) -> None:
+    for room, value in zip(rooms, values, strict=True):
+        room[0] = value
 
 
-FUNCTIONS: dict[str, Any] = {
-    **{name: getattr(gradient, name) for name in TRANSCENDENTAL},
-    "sqrt": lambda x: x.sqrt(),
-    "fma": lambda x, y, z: x * y + z,
-    "sign": lambda x: (x.value if isinstance(x, TracedNumber) else x).sign(),
-    "max": _max,
-}
-
-
-def _traced(record: Record, sizes: Sequence[int], wide: bool) -> tuple[Tape, list[TracedNumber], list[Any]]:
-    """The record on numbers that remember what they were made of; the first of them are z, and c and s if `wide`."""
-    tape, nodes = Tape(), list[TracedNumber]()
-    known: dict[str, Any] = dict(FUNCTIONS)
-    for letter, size in zip("zcs", sizes, strict=True):
-        for i in range(size):
-            x = Scalar(tape, f"{letter}{i}")
-            known[x.name] = TracedNumber(nodes, x) if wide or letter == "z" else x
-    for line in record.lines:
-        exec(line.text, known)
-    return tape, nodes, [eval(v, known) for v in record.new]
-
-
-def backward(record: Record, sizes: Sequence[int], wide: bool) -> Slopes:
-    """The slopes by z, c, s from those w... by the new state."""
-    tape, nodes, new = _traced(record, sizes, wide)
-    slopes: list[Any] = [0] * len(nodes)
-    for i, value in enumerate(new):
-        if isinstance(value, TracedNumber):
-            slopes[value.place] = slopes[value.place] + Scalar(tape, f"w{i}")
-    for node in reversed(nodes):
-        here = slopes[node.place]
-        if isinstance(here, Scalar):
-            for parent, slope in node.parents:
-                slopes[parent.place] = slopes[parent.place] + here * slope
-    names = [f"{letter}{i}" for letter, size in zip("zcs", sizes, strict=True) for i in range(size)]
-    count = len(names) if wide else sizes[0]
-    lines, sources = recorded_values(tape, slopes[:count])
-    return Slopes(lines, dict(zip(names[:count], sources, strict=True)))
-
-
-def forward(record: Record, sizes: Sequence[int], wide: bool) -> Slopes:
-    """The new state z..., and its tangent dz... for those vz..., vc..., vs... of z, c and s."""
-    tape, nodes, new = _traced(record, sizes, wide)
-    letters = [f"v{letter}{i}" for letter, size in zip("zcs", sizes, strict=True) for i in range(size)]
-    count = len(letters) if wide else sizes[0]
-    tangents: list[Any] = [Scalar(tape, name) for name in letters[:count]]
-    for node in nodes[count:]:
-        tangents.append(sum((slope * tangents[parent.place] for parent, slope in node.parents), 0))
-    own = [v.value if isinstance(v, TracedNumber) else v for v in new]
-    slopes = [tangents[v.place] if isinstance(v, TracedNumber) else 0.0 for v in new]
-    lines, sources = recorded_values(tape, [*own, *slopes])
-    names = [f"{d}z{i}" for d in ("", "d") for i in range(sizes[0])]
-    return Slopes(lines, dict(zip(names, sources, strict=True)))
+def _columns(v: Floats, width: int) -> Floats:
+    """Tangents (k, ...) as columns (..., k), with zeros that fill vectors of that width."""
+    zeros = np.zeros((-len(v) % width, *v.shape[1:]))
+    return np.ascontiguousarray(np.moveaxis(np.concatenate([v, zeros]), 0, -1))

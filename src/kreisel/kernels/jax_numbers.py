@@ -1,7 +1,6 @@
-"""Definitions on JAX: a number that stands in NumPy's object arrays as the recorded ones of `kreisel.kernels.tape` do.
+"""Definitions on JAX: a number that stands in NumPy's object arrays, and the orbits of steps.
 
-A loop until an improvement has settled becomes one of JAX; derivatives through it come from the implicit function
-theorem.  Exact zeros and ones fold away as they do on a tape.
+Exact zeros and ones fold away as they do in a graph; a step, which may have a loop, is recorded as one.
 """
 
 from __future__ import annotations
@@ -16,14 +15,18 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.complex import Ring
 from kreisel.errors import InputError
+from kreisel.graph.graph import Graph, array_of, integer_power
 from kreisel.kernels import adjoint, jax_primitives
-from kreisel.kernels.jax_primitives import iterated, with_jacobian
-from kreisel.kernels.tape import whole_power
+from kreisel.kernels.jax_primitives import iterated, rows_by_xla
 from kreisel.reduction import linear
 from kreisel.reduction.double import jax, on_host, require_double
 
 jnp = jax.numpy
 lax = jax.lax
+
+
+def _function(name: str) -> Any:
+    return lambda x: Number(getattr(jnp, name)(x.value))
 
 
 class Number(Ring):
@@ -58,53 +61,14 @@ class Number(Ring):
             return NotImplemented
         return 0.0 if _is(other, 0) else Number(plain(other) / self.value)
 
-    def __pow__(self, exponent: int) -> Any:
-        return whole_power(self, exponent)
-
-    def sqrt(self) -> Number:
-        return Number(jnp.sqrt(self.value))
-
-    def sin(self) -> Number:
-        return Number(jnp.sin(self.value))
-
-    def cos(self) -> Number:
-        return Number(jnp.cos(self.value))
-
-    def exp(self) -> Number:
-        return Number(jnp.exp(self.value))
-
-    def log(self) -> Number:
-        return Number(jnp.log(self.value))
+    __pow__ = integer_power
+    sqrt, sin, cos, exp, log = map(_function, ("sqrt", "sin", "cos", "exp", "log"))
 
     def sign(self) -> Number:
         return Number(jnp.where(self.value < 0, -1.0, 1.0))
 
     def maximum(self, other: Any) -> Number:
         return Number(jnp.maximum(self.value, plain(other)))
-
-    def record_loop(
-        self, body: Callable[..., tuple[Any, Any]], start: Any, small: float, most: int
-    ) -> tuple[Any, Number]:
-        """`x, defect = body(x)`, repeated until defect <= small, at most `most` times, for an array x (d,)."""
-
-        def improved(x: Array) -> tuple[Array, Array]:
-            new, defect = body(numbers(x))
-            return values(new), jnp.asarray(plain(defect))
-
-        def found(_: Any, x: Array) -> Array:
-            def going(carry: tuple[Array, Array, Array]) -> Array:
-                return (carry[2] < most) & ~(carry[1] <= small)
-
-            def once(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-                return *improved(carry[0]), carry[2] + 1
-
-            return lax.while_loop(going, once, (x, jnp.asarray(jnp.inf), 0))[0]
-
-        def tangent(slope: Callable[[Array], Array], y: Array) -> Array:
-            return linear.solve(jax.jacfwd(slope)(jnp.zeros_like(y)), y[:, None])[:, 0]
-
-        x = lax.custom_root(lambda x: x - improved(x)[0], lax.stop_gradient(values(start)), found, tangent)
-        return numbers(x), Number(lax.stop_gradient(improved(lax.stop_gradient(x))[1]))
 
 
 def _is_number(x: Any) -> bool:
@@ -129,7 +93,9 @@ def numbers(x: Array) -> Any:
 
 
 def values(x: Any) -> Array:
-    """The inverse of `numbers`; plain numbers may be among them."""
+    """The inverse of `numbers`; plain numbers may be among them, and an array of JAX or NumPy may be there already."""
+    if isinstance(x, jax.Array):
+        return jnp.asarray(x, dtype=jnp.float64)
     entries = np.asarray(x, dtype=object)
     flat = [jnp.asarray(plain(v), dtype=jnp.float64) for v in entries.flat]
     return jnp.stack(flat).reshape(entries.shape) if flat else jnp.zeros(entries.shape)
@@ -210,88 +176,37 @@ def orbit(
 ) -> Array:
     """States (rows + 1, d) at every so many steps: `take` once for each stage, then `close`.
 
+    By compiled kernels; by XLA where the step has a loop or is too long for them, or JAX not on the CPU.
     The reverse sweep keeps the states at the ends of about sqrt(every) parts, and those of one part, made again.
     """
-    found = compiled_orbit(take, close, kinds, n, z, known, stages, rows, every)
-    if found is not None:
-        return found
-    moving = {k: x for k, x in known.items() if any(isinstance(v, Number) for v in np.asarray(x, dtype=object).flat)}
-    fixed = {k: v for k, v in known.items() if k not in moving}
-    count = max((np.shape(v)[0] for v in stages.values()), default=1)
-    constants = _scalars(moving)  # one by one: those without a tangent then cost nothing
-    of_stages = [_scalars({k: v[i] for k, v in stages.items()}) for i in range(count)]
-    shapes = {k: np.shape(v) for k, v in moving.items()}, {k: np.shape(v)[1:] for k, v in stages.items()}
-
-    def on_scalars(function: Callable[..., tuple[Any, ...]], staged: bool) -> Callable[..., Array]:
-        def scalars(*numbered: Array) -> tuple[Array, ...]:
-            rest = [Number(v) for v in numbered]
-            state, rest = rest[: len(z)], rest[len(z) :]
-            more, rest = _shaped(rest, shapes[0])
-            of_stage = _shaped(rest, shapes[1])[0] if staged else {}
-            parts = algebra.restore(_objects(state), kinds, n)
-            new = algebra.flatten(function(*parts, **fixed, **more, **of_stage), kinds)
-            return tuple(jnp.asarray(plain(v), dtype=jnp.float64) for v in new)
-
-        made = with_jacobian(scalars)
-        return lambda z, constants, of_stage: jnp.stack(made(*z, *constants, *(of_stage if staged else ())))
-
-    stage, end = on_scalars(take, True), None if close is None else on_scalars(close, False)
-    along = [jnp.stack(v) for v in zip(*of_stages, strict=True)]
-
-    def step(z: Array, constants: Any) -> Array:
-        if count == 1:
-            z = stage(z, constants, of_stages[0])
-        else:
-            z, _ = lax.scan(lambda z, s: (stage(z, constants, s), None), z, along)
-        return z if end is None else end(z, constants, ())
-
-    return iterated(step, z, constants, rows, every)
-
-
-def compiled_orbit(
-    take: Callable[..., tuple[Any, ...]],
-    close: Callable[..., tuple[Any, ...]] | None,
-    kinds: Sequence[str],
-    n: int,
-    z: Array,
-    known: Mapping[str, Any],
-    stages: Mapping[str, Any],
-    rows: int,
-    every: int,
-) -> Array | None:
-    """The same by compiled kernels, None where the step has a loop or is too long for them, or JAX not on the CPU."""
-    if jax.default_backend() != "cpu":
-        return None
     names, constants = _named("c", known)
     count = max((np.shape(v)[0] for v in stages.values()), default=1)
     each = [_named("s", {k: _entries(v)[i] for k, v in stages.items()}, fold=False) for i in range(count)]
     stage = adjoint.recorded(take, kinds, n, {**names, **each[0][0]})
     end = None if close is None else adjoint.recorded(close, kinds, n, names)
-    if stage is None or (close is not None and end is None):
-        return None
-    code = adjoint.code_of(stage, end, len(constants), len(each[0][1]))
-    s = jnp.stack([values(np.array(row, dtype=object)) for _, row in each])
-    return jax_primitives.orbit(code, z, values(np.array(constants, dtype=object)), s, rows, every)
+    code = adjoint.Code(stage, end, len(constants), len(each[0][1]))
+    s = jnp.stack([values(row) for _, row in each])
+    if code.straight and jax.default_backend() == "cpu":
+        return jax_primitives.orbit(code, z, values(constants), s, rows, every)
+    return rows_by_xla(code, z, [plain(v) for v in constants], s, rows, every)
 
 
 def _named(letter: str, known: Mapping[str, Any], fold: bool = True) -> tuple[dict[str, Any], list[Any]]:
-    """Names in place of entries, and the entries; 0, 1, -1 stay if they may `fold`, and what is no array."""
+    """Inputs of a graph in place of entries, and the entries; 0, 1, -1 stay if they may `fold`, and other kinds."""
     names: dict[str, Any] = {}
     found: list[Any] = []
+    graph = Graph()
+
+    def named(entry: Any) -> Any:
+        if fold and not isinstance(entry, Number) and float(entry) in adjoint.PLAIN:
+            return float(entry)
+        found.append(entry)
+        return graph.input(letter, len(found) - 1)
+
     for key, value in known.items():
         entries = _entries(value)
-        if entries.dtype.kind not in "fO":
-            names[key] = value
-            continue
-        named = np.empty(entries.shape, dtype=object)
-        for place in np.ndindex(entries.shape):
-            entry = entries[place]
-            if fold and not isinstance(entry, Number) and float(entry) in adjoint.PLAIN:
-                named[place] = float(entry)
-            else:
-                named[place] = f"{letter}{len(found)}"
-                found.append(entry)
-        names[key] = named
+        numeric = entries.dtype.kind in "fO"
+        names[key] = array_of([*map(named, entries.flat)]).reshape(entries.shape) if numeric else value
     return names, found
 
 
@@ -308,33 +223,10 @@ def orbit_of_arrays(
     rows: int,
     every: int,
 ) -> Array:
-    """The same for a step of arrays of JAX."""
+    """States (rows + 1, d) of a step of arrays of JAX."""
     constants = {k: values(v) for k, v in known.items()}
 
     def step(z: Array, constants: Mapping[str, Array]) -> Array:
         return algebra.flatten(take(*algebra.restore(z, kinds, n), **constants), kinds)
 
     return iterated(step, z, constants, rows, every)
-
-
-def _scalars(known: Mapping[str, Any]) -> list[Array]:
-    return [v for x in known.values() for v in jnp.ravel(values_of(x))]
-
-
-def values_of(x: Any) -> Array:
-    """An array of JAX, of numbers or of NumPy, as one of JAX."""
-    return jnp.asarray(x, dtype=jnp.float64) if isinstance(x, jax.Array) else values(x)
-
-
-def _shaped(rest: list[Number], shapes: Mapping[str, tuple[int, ...]]) -> tuple[dict[str, Any], list[Number]]:
-    out = {}
-    for name, shape in shapes.items():
-        size = int(np.prod(shape))
-        out[name], rest = _objects(rest[:size]).reshape(shape)[()], rest[size:]
-    return out, rest
-
-
-def _objects(entries: list[Number]) -> Any:
-    out = np.empty(len(entries), dtype=object)
-    out[:] = entries
-    return out

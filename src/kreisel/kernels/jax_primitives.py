@@ -7,7 +7,7 @@ s (l, stages, of a stage); tangents and slopes have a second axis of columns.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isqrt
 from typing import Any
 
@@ -18,20 +18,15 @@ from jax.interpreters import ad as differentiation
 from jax.interpreters import batching, mlir
 
 from kreisel.algebra import Array
-from kreisel.kernels.adjoint import Code, Record, part_of
-from kreisel.kernels.tape import TRANSCENDENTAL
+from kreisel.graph.graph import APPLIED, FMA, LOOP, MAX, NEAREST, SIGN, SQRT, TRANSCENDENTAL, WHERE, evaluated
+from kreisel.kernels.adjoint import Code, Part
+from kreisel.reduction import linear
 from kreisel.reduction.double import jax, on_host
 
 jnp = jax.numpy
 ad: Any = differentiation
 Struct: Any = jax.ShapeDtypeStruct
 lax = jax.lax
-FUNCTIONS: dict[str, Any] = {
-    **{name: getattr(jnp, name) for name in ("sqrt", *TRANSCENDENTAL)},
-    "fma": lambda x, y, z: x * y + z,
-    "sign": lambda x: jnp.where(x < 0, -1.0, 1.0),
-    "max": jnp.maximum,
-}
 
 
 def orbit(code: Code, z: Any, c: Any, s: Any, rows: int, every: int) -> Any:
@@ -44,22 +39,23 @@ def _array(*shape: int) -> ShapedArray:
     return ShapedArray(shape, np.dtype(np.float64))
 
 
-# -- what they compute -----------------------------------------------------------------------------
+# -- what they compute, on the host ------------------------------------------------------------------
 
 
-def _orbit_shapes(z: Any, c: Any, s: Any, *, code: Code, rows: int, every: int, part: int) -> list[Any]:
+def _orbit(z: Any, c: Any, s: Any, *, code: Code, rows: int, every: int, part: int) -> list[Any]:
+    marks = code.marks(z, c, s, rows, every, part)
+    parts = marks.shape[1] // rows
+    return [marks[:, parts - 1 :: parts], marks]
+
+
+def _orbit_shapes(z: Any, c: Any, s: Any, *, rows: int, every: int, part: int, **_: Any) -> list[Any]:
     lanes, d = z.shape
     return [_array(lanes, rows, d), _array(lanes, rows * -(-every // part), d)]
 
 
-def _orbit(z: Any, c: Any, s: Any, *, code: Code, rows: int, every: int, part: int) -> list[Any]:
-    def host(z: Any, c: Any, s: Any) -> Any:
-        marks = code.marks(z, c, s, rows, every, part)
-        parts = marks.shape[1] // rows
-        return [np.ascontiguousarray(marks[:, parts - 1 :: parts]), marks]
-
-    shapes = _orbit_shapes(z, c, s, code=code, rows=rows, every=every, part=part)
-    return list(on_host(host, [Struct(v.shape, v.dtype) for v in shapes], z, c, s))
+def _push(z: Any, c: Any, s: Any, dz: Any, *more: Any, code: Code, rows: int, every: int, **_: Any) -> list[Any]:
+    dc, ds = more or (np.empty((*dz.shape[:2], 0)), np.empty((*dz.shape[:2], s.shape[1], 0)))
+    return [code.pushed(z, c, s, dz, dc, ds, rows, every)]
 
 
 def _push_shapes(*args: Any, rows: int, **_: Any) -> list[Any]:
@@ -67,15 +63,10 @@ def _push_shapes(*args: Any, rows: int, **_: Any) -> list[Any]:
     return [_array(*dz.shape[:2], rows, dz.shape[2])]
 
 
-def _push(*args: Any, code: Code, rows: int, every: int, part: int, wide: bool) -> list[Any]:
-    z, c, s, _, dz, *more = args
-    shape = Struct((*dz.shape[:2], rows, code.dim), dz.dtype)
-
-    def host(z: Any, c: Any, s: Any, dz: Any, *more: Any) -> Any:
-        dc, ds = more or (np.empty((*dz.shape[:2], 0)), np.empty((*dz.shape[:2], s.shape[1], 0)))
-        return [code.pushed(z, c, s, dz, dc, ds, rows, every)]
-
-    return list(on_host(host, [shape], z, c, s, dz, *more))
+def _pull(
+    z: Any, c: Any, s: Any, marks: Any, g: Any, *, code: Code, every: int, part: int, wide: bool, **_: Any
+) -> list[Any]:
+    return list(code.pulled(z, c, s, marks, g, every, part, wide))[: 3 if wide else 1]
 
 
 def _pull_shapes(z: Any, c: Any, s: Any, marks: Any, g: Any, *, wide: bool, **_: Any) -> list[Any]:
@@ -84,74 +75,118 @@ def _pull_shapes(z: Any, c: Any, s: Any, marks: Any, g: Any, *, wide: bool, **_:
     return [_array(*lead, z.shape[1]), *more]
 
 
-def _pull(*args: Any, code: Code, rows: int, every: int, part: int, wide: bool) -> list[Any]:
-    shapes = [Struct(v.shape, v.dtype) for v in _pull_shapes(*args, wide=wide)]
-
-    def host(z: Any, c: Any, s: Any, marks: Any, g: Any) -> Any:
-        return list(code.pulled(z, c, s, marks, g, every, part, wide))[: len(shapes)]
-
-    found = on_host(host, shapes, *args)
-    return list(found)
+# -- the same by XLA, for loops and long steps, and for derivatives of higher order -----------------------
 
 
-# -- the same by XLA, for derivatives of higher order ---------------------------------------------------
+def _looped(body: Callable[[Any], Sequence[Any]], start: Sequence[Any], small: float, most: int) -> list[Any]:
+    """A loop until an improvement has settled; derivatives through it come from the implicit function theorem."""
+
+    def improved(x: Any) -> tuple[Any, Any]:
+        *new, defect = body([*x])
+        return _stacked(new), jnp.asarray(defect)
+
+    def settled(_: Any, x: Any) -> Any:
+        def going(carry: tuple[Any, Any, Any]) -> Any:
+            return (carry[2] < most) & ~(carry[1] <= small)
+
+        def once(carry: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
+            return *improved(carry[0]), carry[2] + 1
+
+        return lax.while_loop(going, once, (x, jnp.asarray(jnp.inf), 0))[0]
+
+    def tangent(slope: Callable[[Any], Any], y: Any) -> Any:
+        return linear.solve(jax.jacfwd(slope)(jnp.zeros_like(y)), y[:, None])[:, 0]
+
+    x = lax.custom_root(lambda x: x - improved(x)[0], lax.stop_gradient(_stacked(start)), settled, tangent)
+    return [*x, lax.stop_gradient(improved(lax.stop_gradient(x))[1])]
 
 
-def _on_jax(record: Record, sizes: Sequence[int]) -> Callable[..., Any]:
-    """The record as a function of scalars of JAX."""
-    names = [f"{letter}{i}" for letter, size in zip("zcs", sizes, strict=True) for i in range(size)]
+def _stacked(values: Sequence[Any]) -> Any:
+    return jnp.stack([jnp.asarray(v, dtype=jnp.float64) for v in values])
+
+
+OPERATIONS: dict[str, Any] = APPLIED | {
+    **{name: getattr(jnp, name) for name in (SQRT, *TRANSCENDENTAL)},
+    FMA: lambda x, y, z: x * y + z,
+    SIGN: lambda x: jnp.where(x < 0, -1.0, 1.0),
+    MAX: jnp.maximum,
+    WHERE: lambda x, y, yes, no: jnp.where(x < y, yes, no),
+    NEAREST: jnp.round,
+    LOOP: _looped,
+}
+
+
+def _on_jax(part: Part, places: Sequence[tuple[str, int]], fixed: Mapping[tuple[str, int], float]) -> Any:
+    """A recorded part as a function of scalars of JAX, the inputs at these places."""
 
     def function(*values: Any) -> tuple[Any, ...]:
-        known = {**FUNCTIONS, **dict(zip(names, values, strict=True))}
-        for line in record.lines:
-            exec(line.text, known)
-        return tuple(jnp.asarray(eval(v, known), dtype=jnp.float64) for v in record.new)
+        inputs = {**fixed, **dict(zip(places, values, strict=True))}
+        new = evaluated(*part, lambda *place: inputs[place], OPERATIONS)
+        return tuple(jnp.asarray(v, dtype=jnp.float64) for v in new)
+
+    return with_jacobian(function)
+
+
+def rows_by_xla(code: Code, z: Any, c: Sequence[Any], s: Any, rows: int, every: int) -> Any:
+    """Rows (rows + 1, d).  Numbers c that are floats have no derivatives; s (stages, of a stage)."""
+    fixed = {("c", i): v for i, v in enumerate(c) if isinstance(v, float)}
+    moving = [("c", i) for i in range(len(c)) if ("c", i) not in fixed]
+    letters = [*(("z", i) for i in range(code.dim)), *moving]
+    stage = _on_jax(code.stage, [*letters, *(("s", i) for i in range(s.shape[1]))], fixed)
+    close = None if code.close is None else _on_jax(code.close, letters, fixed)
+
+    def step(z: Any, constants: Any) -> Any:
+        c, s = constants
+        if len(s) == 1:
+            z = jnp.stack(stage(*z, *c, *s[0]))
+        else:
+            z, _ = lax.scan(lambda z, row: (jnp.stack(stage(*z, *c, *row)), None), z, s)
+        return z if close is None else jnp.stack(close(*z, *c))
+
+    return iterated(step, z, ([c[i] for _, i in moving], s), rows, every)
+
+
+def _moving(code: Code, rows: int, every: int, *start: Any) -> Callable[..., Any]:
+    """The rows as a function of the first of z, c, s: a column of a derivative costs XLA some seconds."""
+
+    def function(*moving: Any) -> Any:
+        z, c, s = (*moving, *start[len(moving) :])
+        return rows_by_xla(code, z, c, s, rows, every)[1:]
 
     return function
 
 
-def _rows_by_xla(code: Code, z: Any, c: Any, s: Any, rows: int, every: int) -> Any:
-    stage = with_jacobian(_on_jax(code.stage, code.sizes))
-    close = None if code.close is None else with_jacobian(_on_jax(code.close, (*code.sizes[:2], 0)))
-
-    def step(z: Any, constants: Any) -> Any:
-        c, s = constants
-        z, _ = lax.scan(lambda z, row: (jnp.stack(stage(*z, *c, *row)), None), z, s)
-        return z if close is None else jnp.stack(close(*z, *c))
-
-    return iterated(step, z, (c, s), rows, every)[1:]
-
-
 def _push_by_xla(*args: Any, code: Code, rows: int, every: int, part: int, wide: bool) -> list[Any]:
-    z, c, s, _, *along = args
-
     def lane(z: Any, c: Any, s: Any, *along: Any) -> Any:
-        at, function = _moving(code, z, c, s, rows, every, wide)
+        function, at = _moving(code, rows, every, z, c, s), (z, c, s)[: len(along)]
         return jax.vmap(lambda *along: jax.jvp(function, at, along)[1])(*along)
 
+    z, c, s, _, *along = args
     return [jax.vmap(lane)(z, c, s, *along)]
 
 
 def _pull_by_xla(*args: Any, code: Code, rows: int, every: int, part: int, wide: bool) -> list[Any]:
     def lane(z: Any, c: Any, s: Any, g: Any) -> Any:
-        at, function = _moving(code, z, c, s, rows, every, wide)
-        return jax.vmap(jax.vjp(function, *at)[1])(g)
+        at = (z, c, s) if wide else (z,)
+        return jax.vmap(jax.vjp(_moving(code, rows, every, z, c, s), *at)[1])(g)
 
     z, c, s, _, g = args
     return list(jax.vmap(lane)(z, c, s, g))
 
 
-def _moving(code: Code, z: Any, c: Any, s: Any, rows: int, every: int, wide: bool) -> tuple[Any, Callable[..., Any]]:
-    """What is differentiated by, and the rows as a function of it: a column of a derivative costs XLA some seconds."""
-    if wide:
-        return (z, c, s), lambda z, c, s: _rows_by_xla(code, z, c, s, rows, every)
-    return (z,), lambda z: _rows_by_xla(code, z, c, s, rows, every)
-
-
 # -- rules -----------------------------------------------------------------------------------------
 
 
-def _primitive(name: str, function: Callable[..., Any], shapes: Callable[..., Any], *fixed: str) -> Any:
+def _primitive(
+    name: str, host: Callable[..., list[Any]], shapes: Callable[..., Any], *fixed: str, unread: int | None = None
+) -> Any:
+    """A primitive by a function of NumPy arrays, which does not read the argument at the place `unread`."""
+
+    def function(*args: Any, **known: Any) -> list[Any]:
+        read = [x for i, x in enumerate(args) if i != unread]
+        out = [Struct(v.shape, v.dtype) for v in shapes(*args, **known)]
+        return list(on_host(lambda *arrays: host(*arrays, **known), out, *read))
+
     made: Any = Primitive(name)
     made.multiple_results = True
     made.def_impl(jax.jit(function, static_argnames=("code", "rows", "every", "part", *fixed)))
@@ -161,7 +196,7 @@ def _primitive(name: str, function: Callable[..., Any], shapes: Callable[..., An
 
 
 orbit_p = _primitive("kreisel_orbit", _orbit, _orbit_shapes)
-push_p = _primitive("kreisel_push", _push, _push_shapes, "wide")
+push_p = _primitive("kreisel_push", _push, _push_shapes, "wide", unread=3)
 pull_p = _primitive("kreisel_pull", _pull, _pull_shapes, "wide")
 
 
@@ -170,7 +205,7 @@ def _is_zero(x: Any) -> bool:
 
 
 def _orbit_jvp(at: Sequence[Any], along: Sequence[Any], **known: Any) -> Any:
-    known["part"] = part_of(known["every"])
+    known["part"] = max(1, isqrt(known["every"]))  # steps between two states that the reverse sweep keeps
     found, marks = orbit_p.bind(*at, **known)
     wide = not (_is_zero(along[1]) and _is_zero(along[2]))
     columns = [ad.instantiate_zeros(v)[:, None] for v in along[: 3 if wide else 1]]

@@ -22,7 +22,8 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
-from kreisel.kernels.adjoint import code_of, recorded
+from kreisel.graph.graph import Graph, TooLong
+from kreisel.kernels.adjoint import Code, recorded
 from kreisel.lab import exact
 from kreisel.lab.subject import Subject
 
@@ -32,7 +33,7 @@ ALIGNED = 1e-12  # SALI below which two vectors are one, but for rounding
 CLEAR = 5.0  # exponents above CLEAR log(T)/T are not those of a regular orbit
 FURTHEST = 1e8  # an orbit beyond it has escaped
 STARTS = 50
-MOST_LINES = 20_000  # of a step
+MOST_NODES = 20_000  # of a step
 NEIGHBOURS = 8  # iterates on each side in the interpolation of a section
 
 
@@ -108,40 +109,36 @@ class CompiledOrbit:
 
 
 class _ByKernels:
-    """By the kernels of the recorded step: `forward`, and `push` where there are vectors."""
+    """By the kernels of the recorded step: states, and the tangent map if there are vectors."""
 
     def __init__(self, subject: Subject, x: Array, vectors: Array):
         self.x, self.vectors = x, vectors
-        scalars = {k: np.asarray(v, dtype=object) for k, v in subject.floats.items() if np.ndim(v) == 0}
-        names = {k: np.array(f"c{i}", dtype=object) for i, k in enumerate(scalars)}
+        scalars = {k: float(v) for k, v in subject.floats.items() if np.ndim(v) == 0}
         fixed = {k: v for k, v in subject.floats.items() if np.ndim(v) > 0}
-        fixed_subject = replace(subject, step=partial(subject.step, **fixed))
-        record = recorded(
-            lambda x, **constants: (_called(fixed_subject, x, constants),), [f"R^{subject.dim}"], 3, names, MOST_LINES
-        )
-        if record is None:
+        formula = replace(subject, step=partial(subject.step, **fixed))
+        inputs = zip(scalars, Graph().inputs("c", len(scalars)), strict=True)
+        constants = {k: np.array(c, dtype=object) for k, c in inputs}
+        try:
+            step = recorded(
+                lambda x, **constants: (_called(formula, x, constants),), [f"R^{subject.dim}"], 3, constants, MOST_NODES
+            )
+        except TooLong:
+            step = None
+        if step is None or step.graph.loops:
             raise InputError(
-                f"The step of {subject.name} could not be recorded: expected a formula of at most {MOST_LINES:,} "
+                f"The step of {subject.name} could not be recorded: expected a formula of at most {MOST_NODES:,} "
                 "operations, without a loop, got a longer one."
             )
-        self._code = code_of(record, None, len(names), 0)
-        self._constants = np.array([float(v) for v in scalars.values()]), np.zeros((1, 0))
+        self._code = Code(step, None, len(scalars), 0)
+        self._constants = np.array([[*scalars.values()]]), np.zeros((1, 1, 0))
 
     def advance(self, steps: int, rows: int) -> Array:
-        if not len(self.vectors):
-            points = np.empty((rows, len(self.x)))
-            self._code.forward(self.x, *self._constants, points, steps, steps)
-            self.x = points[-1].copy()
-            return points
-        points = np.empty((rows, len(self.x)))
-        columns = np.ascontiguousarray(self.vectors.T)
-        count = columns.shape[1]
-        empty = np.zeros((len(self._constants[0]), count)), np.zeros((1, 0, count))
-        for row in range(rows):
-            self._code.push(False)(self.x, *self._constants, columns, *empty, np.empty((1, *columns.shape)), steps)
-            self._code.forward(self.x, *self._constants, points[row : row + 1], steps, steps)
-            self.x = points[row].copy()
-        self.vectors = columns.T
+        start, count = (self.x[None], *self._constants), len(self.vectors)
+        points = self._code.marks(*start, rows, steps, steps)[0]
+        if count:
+            none = np.zeros((1, count, 0)), np.zeros((1, count, 1, 0))
+            self.vectors = self._code.pushed(*start, self.vectors[None], *none, rows, steps)[0, :, -1]
+        self.x = points[-1].copy()
         return points
 
 

@@ -12,7 +12,8 @@ import dataclasses
 import functools
 import hashlib
 import inspect
-import re
+import itertools
+import math
 import types
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
@@ -23,8 +24,7 @@ from kreisel import algebra
 from kreisel.algebra.reuse import Identity, reused
 from kreisel.errors import InputError, shown
 from kreisel.files import parsed
-from kreisel.kernels.printing import operation
-from kreisel.kernels.tape import Scalar, Tape, literal
+from kreisel.graph.graph import Graph, Number, array_of
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.calling import call
 from kreisel.record.contract import System
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from kreisel.runs.plan import Plan
     from kreisel.runs.settings import Event
 
-MOST_LINES = 5_000  # of a record; a longer function has the digest of its code
+MOST_NODES = 5_000  # of a graph; a longer function has the digest of its code
 NOT_RUN = {"lax", "relations", "conjugator", "lagrangian", "involution", "regularity", "darboux", "case", "pair_case"}
 NOT_RUN |= {
     "draw",
@@ -74,8 +74,8 @@ def events_of(plan: Plan) -> list[dict[str, Any]]:
     """What is known of the events of a plan: names, directions, whether they act, the operations of both functions."""
     shapes = {name: plan.example[name].shape[1:] for name in (*plan.start, ORIENTATION) if name in plan.example}
 
-    def state(tape: Tape) -> tuple[tuple[Any, ...], dict[str, Any]]:
-        numbers = (Scalar(tape, f"z{i}") for i in range(10**9))
+    def state(graph: Graph) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        numbers = _numbers(graph)
         return ({name: _filled(numbers, shape) for name, shape in shapes.items()},), {}
 
     def known(event: Event) -> dict[str, Any]:
@@ -143,14 +143,14 @@ def _of_record(record: Any, model: Model) -> Iterator[tuple[str, Any]]:
             yield field.name, _recorded(value, _state_of(value, model))
 
 
-def _state_of(function: Callable[..., Any], model: Model) -> Callable[[Tape], Any]:
+def _state_of(function: Callable[..., Any], model: Model) -> Callable[[Graph], Any]:
     """The arguments of a function of a record: the state, and what it takes by keyword."""
 
-    def arguments(tape: Tape) -> Any:
-        numbers = (Scalar(tape, f"z{i}") for i in range(10**9))
+    def arguments(graph: Graph) -> Any:
+        numbers = _numbers(graph)
         state = tuple(_component(kind, model.n, numbers, axial=False) for kind in model.system.space.kinds)
         known = {name: _filled(numbers, _shape(model, name)) for name in sorted(model.constants)}
-        return state, known | {name: Scalar(tape, name) for name in ("eps", "lam", "mu", "rho", TIME)}
+        return state, known | {name: graph.input(name, 0) for name in ("eps", "lam", "mu", "rho", TIME)}
 
     return arguments
 
@@ -158,8 +158,8 @@ def _state_of(function: Callable[..., Any], model: Model) -> Callable[[Tape], An
 def _of_force(force: Force, model: Model) -> Any:
     kinds = dict(model.system.space.components)
 
-    def arguments(tape: Tape) -> Any:
-        numbers = (Scalar(tape, f"z{i}") for i in range(10**9))
+    def arguments(graph: Graph) -> Any:
+        numbers = _numbers(graph)
 
         def of(letter: str) -> Any:
             name = letter if letter in (*kinds, ORIENTATION, TIME) else letter.removesuffix(FIRST).removesuffix(SECOND)
@@ -178,29 +178,29 @@ def _shape(model: Model, name: str) -> tuple[int, ...]:
     return shape[len(shape) - model.axes[name] :]
 
 
-def _component(kind: str, n: int, numbers: Iterator[Scalar], axial: bool) -> Any:
+def _component(kind: str, n: int, numbers: Iterator[Number], axial: bool) -> Any:
     """A component of a state, of recorded numbers."""
     form = algebra.KINDS[kind].shown(n) if axial else algebra.KINDS[kind]
     return form.unpack(_filled(numbers, (form.count(n),)), n)
 
 
-def _filled(numbers: Iterator[Scalar], shape: tuple[int, ...]) -> Any:
-    out = np.empty(shape, dtype=object)
-    for place in np.ndindex(*shape):
-        out[place] = next(numbers)
-    return out[()]
+def _numbers(graph: Graph) -> Iterator[Number]:
+    return (graph.input("z", i) for i in itertools.count())
+
+
+def _filled(numbers: Iterator[Number], shape: tuple[int, ...]) -> Any:
+    return array_of([*itertools.islice(numbers, math.prod(shape))]).reshape(shape)[()]
 
 
 # -- of a function -------------------------------------------------------------------------------------
 
 
-def _recorded(function: Callable[..., Any], arguments: Callable[[Tape], Any]) -> Any:
-    """The operations of a function of recorded numbers, or what its code is."""
-    tape = Tape(most=MOST_LINES)
+def _recorded(function: Callable[..., Any], arguments: Callable[[Graph], Any]) -> Any:
+    """The digest of the operations of a function of recorded numbers, or what its code is."""
+    graph = Graph(most=MOST_NODES)
     try:
-        given, known = arguments(tape)
-        values = list(_numbers_in(call(function, given, known)))
-        return _canonical(tape, values)
+        given, known = arguments(graph)
+        return graph.digest(list(_numbers_in(call(function, given, known))))
     except Exception:  # whatever a function raises that takes no recorded numbers
         return _code(function)
 
@@ -213,26 +213,12 @@ def _numbers_in(value: Any) -> Iterator[Any]:
     elif isinstance(value, tuple | list):
         for part in value:
             yield from _numbers_in(part)
-    elif isinstance(value, Scalar | str):
+    elif isinstance(value, Number | str):
         yield value
     else:
         array = np.asarray(value)
         yield str(array.shape)
-        yield from (v if isinstance(v, Scalar) else literal(float(v)) for v in array.flat)
-
-
-def _canonical(tape: Tape, values: list[Any]) -> Any:
-    """The values as the operations that give them, whatever the names and the order of the lines."""
-    known: dict[str, str] = {}
-    for line in tape.needed([v.name for v in values if isinstance(v, Scalar)]):
-        x, operator, y = (known.get(word, word) for word in operation(line))
-        if operator in ("+", "*"):
-            x, y = sorted((x, y))
-        text = line.text.partition(" = ")[2] if len(line.names) == 1 else line.text
-        words = (known.get(word, word) for word in re.split(r"(\w+)", text))
-        text = f"{x} {operator} {y}" if operator else "".join(words)
-        known |= {name: f"{_sha(text)[:32]}:{i}" for i, name in enumerate(line.names)}
-    return [f"{'-' * v.negative}{known.get(v.name, v.name)}" if isinstance(v, Scalar) else v for v in values]
+        yield from (v if isinstance(v, Number) else float(v) for v in array.flat)
 
 
 def _code(x: Any, seen: frozenset[int] = frozenset()) -> Any:

@@ -1,0 +1,92 @@
+"""Derivatives of graphs without loops, as graphs: forwards along tangents, in reverse for slopes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from kreisel.algebra import gradient
+from kreisel.graph.arranging import independent
+from kreisel.graph.graph import (
+    FMA,
+    IN,
+    MAX,
+    NEAREST,
+    SIGN,
+    SIZE,
+    WHERE,
+    Graph,
+    Number,
+    Operand,
+    evaluated,
+    where_less,
+)
+
+# Derivatives of an operation by its operands: slopes(value, *operands).
+SLOPES: dict[str, Callable[..., tuple[Operand, ...]]] = gradient.SLOPES | {
+    FMA: lambda value, x, y, z: (y, x, 1),
+    MAX: lambda value, x, y: (where_less(x, y, 0, 1), where_less(x, y, 1, 0)),
+    WHERE: lambda value, x, y, a, b: (0, 0, where_less(x, y, 1, 0), where_less(x, y, 0, 1)),
+    SIZE: lambda value, x: (x.sign(),),
+    SIGN: lambda value, x: (0,),
+    NEAREST: lambda value, x: (0,),
+}
+
+
+def pushed(graph: Graph, outputs: Sequence[Operand], fixed: str = "") -> tuple[Graph, list[Operand]]:
+    """A new graph, with the outputs and then their tangents J v; its inputs "vz" are the tangents of "z".
+
+    Inputs of the letters `fixed` have none.
+    """
+    along: dict[int, Operand] = {}
+
+    def of(x: Operand) -> Operand:
+        tangent = along.get(x.at, 0.0) if isinstance(x, Number) else 0.0
+        return -tangent if isinstance(x, Number) and x.negative else tangent
+
+    graph, new, moving = _copy(graph, outputs, fixed)
+    for at in moving:
+        operation, *operands = graph.nodes[at]
+        if operation == IN:
+            letter, index = operands
+            along[at] = graph.input(f"v{letter}", index)
+        else:
+            along[at] = sum((slope * of(x) for x, slope in _slopes(graph, at)), 0.0)
+    return graph, [*new, *map(of, new)]
+
+
+def pulled(graph: Graph, outputs: Sequence[Operand], fixed: str = "") -> tuple[Graph, dict[tuple[str, int], Operand]]:
+    """A new graph, with the slopes J^T w by inputs (letter, index); its inputs "w" are the slopes by the outputs.
+
+    Inputs of the letters `fixed`, and those on which no output depends, have none.
+    """
+    graph, new, moving = _copy(graph, outputs, fixed)
+    slopes: dict[int, Any] = dict.fromkeys(moving, 0.0)
+
+    def add(x: Operand, slope: Operand) -> None:
+        if isinstance(x, Number) and x.at in slopes:
+            slopes[x.at] = slopes[x.at] + (-slope if x.negative else slope)
+
+    for i, x in enumerate(new):
+        add(x, graph.input("w", i))
+    for at in reversed(moving):
+        if graph.nodes[at][0] != IN and isinstance(slopes[at], Number):
+            for x, slope in _slopes(graph, at):
+                add(x, slopes[at] * slope)
+    return graph, {graph.nodes[at][1:]: slopes[at] for at in moving if graph.nodes[at][0] == IN}
+
+
+def _copy(graph: Graph, outputs: Sequence[Operand], fixed: str) -> tuple[Graph, list[Operand], list[int]]:
+    """A new graph, the outputs there, and the nodes that depend on other inputs than `fixed`, in order."""
+    new = Graph()
+    copies = evaluated(graph, outputs, new.input)
+    nodes = new.needed(copies)
+    still = independent(new, nodes, fixed)
+    return new, copies, [at for at in nodes if at not in still]
+
+
+def _slopes(graph: Graph, at: int) -> list[tuple[Number, Operand]]:
+    """The operands of a node that are numbers, and its derivatives by them."""
+    operation, *operands = graph.nodes[at]
+    slopes = SLOPES[operation](Number(graph, at), *operands)
+    return [(x, slope) for x, slope in zip(operands, slopes, strict=True) if isinstance(x, Number)]
