@@ -523,3 +523,18 @@ def test_a_chunk_that_is_not_listed_does_not_stay(
     (part / "a" / "c" / "99" / "0").write_bytes((part / "a" / "c" / "0" / "0").read_bytes())
     kr.resume(path)
     assert contents(path) == contents(tmp_path / "whole.zarr")
+
+
+def test_a_block_that_is_no_longer_listed_is_neither_left_out_nor_removed(
+    top: object, x0: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, part = tmp_path / "run.zarr", tmp_path / "run.zarr.part"
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("kreisel.storage.archive.seal", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        patch.setattr("kreisel.storage.run_archive._fit", lambda *_: None)  # not complete yet
+        slow_run(path, top, x0, OPTIONS)
+    (part / "engine" / "blocks" / "0.sha256").unlink()
+    for act in (lambda: kr.open_run(part), lambda: kr.resume(path)):
+        with pytest.raises(kr.InputError, match="blocks before its checkpoint are missing"):
+            act()
+    assert (part / "a" / "c" / "0" / "0").exists()

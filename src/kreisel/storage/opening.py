@@ -200,8 +200,11 @@ def checked_checkpoint(store: Path, record: RunRecord, known: Listed) -> Checkpo
     point = checkpoint.read(store)
     for name in ("zarr.json", *({CHECKPOINT} & known.keys())):
         Verified(store, known).verify(name)
-    if hash_of_start(point.start) != record.start_sha256 or point.snapshot.flushed % record.rows_in_block:
+    flushed, block = point.snapshot.flushed, record.rows_in_block
+    if hash_of_start(point.start) != record.start_sha256 or flushed % block:
         raise InputError(f"The checkpoint of {store} is not that of its run. Run it again from its TOML file.")
+    if any(f"time/c/{k}" not in known for k in range(flushed // block)):
+        raise InputError(f"{store} is damaged: blocks before its checkpoint are missing. `kreisel check {store}`.")
     return point
 
 
@@ -225,6 +228,4 @@ def _until_checkpoint(path: Path, record: RunRecord, known: Listed) -> xr.Datase
                 array[first:stop] = point.outputs[name][: stop - first]
     except Exception as error:  # whatever outputs that fit no array make the libraries raise
         raise InputError(f"The checkpoint of {path} is damaged: its rows fit no array, {error}.") from error
-    if any(f"time/c/{k}" not in {**known, **files} for k in range(-(-stop // record.rows_in_block))):
-        raise InputError(f"{path} is damaged: blocks before its checkpoint are missing. `kreisel check {path}`.")
     return opened(path, known, files=files).isel(time=slice(0, stop))
