@@ -80,8 +80,13 @@ def optimized(machine: Any, text: str) -> Any:
 
 
 def address_of(array: Any) -> int:
-    """The address of the first number of an array in one piece."""
-    return ctypes.addressof(ctypes.c_char.from_buffer(array)) if array.size else 0
+    """Where the numbers of an array begin.  Raises `TypeError` for others than of 64 bits that lie in a row."""
+    if array.itemsize != 8 or not array.flags.c_contiguous:
+        raise TypeError(f"expected a contiguous array of numbers of 64 bits, got {array.dtype} {array.shape}")
+    if not array.size:
+        return 0
+    # its pointer by `array.ctypes.data` takes three times as long
+    return ctypes.addressof(ctypes.c_char.from_buffer(array)) if array.flags.writeable else int(array.ctypes.data)
 
 
 class Kernel:

@@ -16,7 +16,7 @@ from kreisel.graph.arranging import arranged
 from kreisel.graph.graph import Graph, Number, Operand, TooLong
 from kreisel.graph.invariants import recordable
 from kreisel.graph.llvm import Function, Integer, Lanes, Memory, kind_of
-from kreisel.graph.machine import Kernel, kernel, register_width
+from kreisel.graph.machine import Kernel, address_of, kernel, register_width
 from kreisel.graph.project import CompiledProjection
 from kreisel.graph.recording import (
     Recording,
@@ -27,7 +27,7 @@ from kreisel.graph.recording import (
     recorded_arguments,
     recorded_numbers,
 )
-from kreisel.kernels.cpu import address_of, projection_between
+from kreisel.kernels.cpu import projection_between
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.stepped import SteppedEngine
 from kreisel.kernels.steps import Constants, Split

@@ -7,7 +7,6 @@ Shares of the lanes go to threads (`kreisel.kernels.threads`).
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -19,6 +18,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.graph.graph import TooLong
 from kreisel.graph.invariants import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
+from kreisel.graph.machine import address_of
 from kreisel.graph.project import WIDE, CompiledProjection, compiled
 from kreisel.graph.recording import (
     Recording,
@@ -45,16 +45,6 @@ OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many operations compile in a second
 MOST_LARGE_N = 500  # up to which kernels of O(n) are projected: recording takes a second
 # Invariants of a position and a momentum that are recorded beyond MOST_N too: those of Rosochatius take minutes.
 FEW = 20
-
-
-def address_of(array: Floats) -> int:
-    """Where the numbers of an array begin.  Raises `TypeError` for other than doubles that lie in a row."""
-    if array.dtype != np.float64 or not array.flags.c_contiguous:
-        raise TypeError(f"expected a contiguous array of float64, got {array.dtype} {array.shape}")
-    if not array.size:
-        return 0
-    memory: Any = array  # its pointer by `array.ctypes.data` takes three times as long
-    return ctypes.addressof(ctypes.c_char.from_buffer(memory)) if array.flags.writeable else array.ctypes.data
 
 
 @dataclass(frozen=True)
