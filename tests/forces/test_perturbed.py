@@ -16,7 +16,7 @@ from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import Body
 from kreisel.forces.turns import turns_of
-from kreisel.method import auto_splitting
+from kreisel.method import auto
 from kreisel.record.model import Model
 
 I = np.array([1.0, 1.3, 0.5])  # noqa: E741
@@ -410,7 +410,7 @@ CHAOTIC = swinging(potential=lambda a: 0.1 * a[0] ** 2)
 
 def test_chaos_is_warned_of_where_a_step_is_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the motion is longer than what is run of it before."""
-    monkeypatch.setattr(auto_splitting, "CHAOTIC", 1)
+    monkeypatch.setattr(auto, "CHAOTIC", 1)
     asked = {"dt": 1.0, "steps": 200, "every": 10, "order": "auto", "tol": 1e-3}
     with pytest.warns(kr.AccuracyWarning, match="neighbours part much faster, as in chaos"):
         kr.simulate(CHAOTIC, SWING, **asked)

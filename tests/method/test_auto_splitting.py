@@ -11,7 +11,7 @@ import pytest
 import kreisel as kr
 from kreisel import algebra
 from kreisel.bodies import BODIES
-from kreisel.method import auto, auto_splitting
+from kreisel.method import auto
 from kreisel.method.splitting_coefficients import splitting
 from kreisel.runs.planning import choices
 from kreisel.runs.settings import Settings
@@ -93,18 +93,18 @@ def test_one_splitting_is_not_its_own_witness() -> None:
 def test_errors_that_grow_faster_than_the_time_take_shorter_steps(slow: float) -> None:
     """The error h^4 (t + slow t^2), of which a pilot sees the first part alone."""
 
-    def steps(order: Any, h: float, count: int) -> auto_splitting.Pilot:
+    def steps(order: Any, h: float, count: int) -> auto.Pilot:
         t = h * count
-        return auto_splitting.Pilot((np.array([[1.0, 3e-9 * h**4 * (t + slow * t * t)]]),), 1.0)
+        return auto.Pilot((np.array([[1.0, 3e-9 * h**4 * (t + slow * t * t)]]),), 1.0)
 
     tol, end = 1e-5, 2000.0
     first = auto.Choice((8, 6, 4), 500, 1e-6, "splitting")
-    found = auto_splitting.witnessed(steps, first, 1.0, 500.0, end, tol)
+    found = auto.witnessed(steps, first, 1.0, 500.0, end, tol)
     assert (found.steps > first.steps) == (slow > 0)
     for choice, below in ((first, slow == 0), (found, True)):
         off = 3e-9 * (500 / choice.steps) ** 4 * (1280 + slow * 1280**2) * end / 1280
         assert (off <= tol * 1.1) == below
-    hopeless = auto_splitting.witnessed(steps, first, 1.0, 500.0, end, 1e-10)
+    hopeless = auto.witnessed(steps, first, 1.0, 500.0, end, 1e-10)
     assert hopeless.steps > 7 * first.steps and hopeless.expected > 1e-10
 
 
@@ -112,15 +112,13 @@ def test_neither_rates_nor_errors_depend_on_units() -> None:
     """A grain and a moon turn alike, and the error of an orientation is seen beside a momentum of 1e20."""
     moments, M = np.array([0.5, 0.9, 1.0]), np.array([[0.1, 0.2, 0.3]])
     rates = [
-        auto_splitting.rate_of(
-            BODIES["satellite"](moments=size * moments, semi_major_axis=7e6), (algebra.hat(size * M),)
-        )
+        auto.rate_of(BODIES["satellite"](moments=size * moments, semi_major_axis=7e6), (algebra.hat(size * M),))
         for size in (1e-20, 1.0, 1e20)
     ]
     assert 0.1 < rates[0] < 1 and np.ptp(rates) < 1e-12
     for size in (1e-20, 1e20):
         one, other = (size * M, np.array([[1.0, 1e-3]])), (size * M, np.array([[1.0, 0.0]]))
-        assert auto_splitting._apart(one, other) == pytest.approx(1e-3)
+        assert auto._apart(one, other) == pytest.approx(1e-3)
 
 
 def test_orientations_by_lane() -> None:
@@ -140,7 +138,7 @@ def test_orders_that_a_force_does_not_have_are_left_out() -> None:
 
 def test_the_pilot_is_what_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     """A mutant that takes every error for none chooses the longest steps, and misses the tolerance."""
-    monkeypatch.setattr(auto_splitting, "_apart", lambda one, other: 0.0)
+    monkeypatch.setattr(auto, "_apart", lambda one, other: 0.0)
     body = top(1e-2)
     run = kr.simulate(body, START, dt=50.0, steps=1, order="auto", tol=1e-6)
     truth = kr.simulate(body, START, dt=50 / 2048, steps=2048, every=2048, order=8)

@@ -13,7 +13,7 @@ import pytest
 import kreisel as kr
 from kreisel.algebra.reuse import forget
 from kreisel.bodies import BODIES
-from kreisel.method import auto_splitting, splitting_coefficients
+from kreisel.method import auto, splitting_coefficients
 from kreisel.method import splitting as method
 from kreisel.method.splitting_coefficients import CORRECTED, Splitting, corrector, inverse, joined
 from kreisel.runs.planning import make_plan
@@ -257,10 +257,10 @@ def test_auto_counts_what_a_row_costs() -> None:
             return None
         error = {(2, 2): 1e-6 * h**2, (10, 2): 1e-6 * h**10}.get(order, 0.0)
         cost, row = (1.0, 15.0 if order == (10, 2) else 0.0) if error else (10.0, 0.0)
-        return auto_splitting.Pilot(np.array([[1.0, 1.0 + error]]), cost, row)
+        return auto.Pilot(np.array([[1.0, 1.0 + error]]), cost, row)
 
-    few = auto_splitting.choose(steps, 1.0, 64.0, 64.0, 1e-7)
-    many = auto_splitting.choose(steps, 1.0, 1.0, 64.0, 1e-7)
+    few = auto.choose_splitting(steps, 1.0, 64.0, 64.0, 1e-7)
+    many = auto.choose_splitting(steps, 1.0, 1.0, 64.0, 1e-7)
     assert few.order == (10, 2) and many.order != (10, 2)
 
 

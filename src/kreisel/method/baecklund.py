@@ -88,70 +88,70 @@ class Product:
 
     def trajectory(self, x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
         """The constants of the trajectory from x0, and those of its stages."""
-        own = x0[: self.count]
+        state = x0[: self.count]
         constants, stages = {**self.constants}, {**self.stages}
         if self.single:
-            constants |= {"rho": self._rho(own, np.array(self.single))[..., 0]}
+            constants |= {"rho": self._rho(state, np.array(self.single))[..., 0]}
         if self.pairs:
-            rho = self._rho(own, np.array(self.pairs))
+            rho = self._rho(state, np.array(self.pairs))
             stages |= {"rho_re": rho.real, "rho_im": rho.imag}
         with np.errstate(all="ignore"):  # what overflows is refused
             if self.spins:
-                constants |= spin_turns(self.model, own, self.dt)
+                constants |= spin_turns(self.model, state, self.dt)
             if self.oriented:
-                constants |= self._orientation_turns(own, as_matrix(self.model, x0[self.count]))
+                constants |= self._orientation_turns(state, as_matrix(self.model, x0[self.count]))
         return constants, stages
 
-    def pair(self, *z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **consts: Array) -> State:
+    def pair(self, *z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **constants: Array) -> State:
         """A conjugate pair of maps."""
         mu, rho = algebra.complex_number(mu_re, mu_im), algebra.complex_number(rho_re, rho_im)
-        return self._stage(z, {**consts, "mu": mu, "rho": rho}, True)
+        return self._stage(z, {**constants, "mu": mu, "rho": rho}, True)
 
-    def close(self, *z: Array, **consts: Array) -> State:
+    def close(self, *z: Array, **constants: Array) -> State:
         """The real map and the turns."""
-        z = self._stage(z, consts, False) if self.single else z
-        own, g = z[: self.count], z[self.count :]
+        z = self._stage(z, constants, False) if self.single else z
+        state, g = z[: self.count], z[self.count :]
         if self.spins:
-            own = turned_with_body(self.model.system.space.kinds, own, consts, self.record.axis)
-        return (*own, *(_turned_by_constants(h, consts, self.rest, self.record.spin is not None) for h in g))
+            state = turned_with_body(self.model.system.space.kinds, state, constants, self.record.axis)
+        return (*state, *(_turned_by_constants(h, constants, self.rest, self.record.spin is not None) for h in g))
 
-    def _stage(self, z: State, known: dict[str, Array], paired: bool) -> State:
-        own, (x, y) = one_stage(self.record, z[: self.count], known, paired)
-        return (*own, *(algebra.double_turn(x, y, h, right=not self.rest) for h in z[self.count :]))
+    def _stage(self, z: State, constants: dict[str, Array], paired: bool) -> State:
+        state, (x, y) = one_stage(self.record, z[: self.count], constants, paired)
+        return (*state, *(algebra.double_turn(x, y, h, right=not self.rest) for h in z[self.count :]))
 
-    def _rho(self, own: State, mus: Array) -> Array:
+    def _rho(self, state: State, mus: Array) -> Array:
         """The constants of the trajectory (..., points), in extended precision where the platform has it.
 
         NumPy's complex doubles are no choice: their last bits depend on how they lie in an array, and so on the lanes.
         """
-        if len(mus) > 1 and own[0].size > MANY:  # arrays of all points would leave the cache
-            return np.concatenate([self._rho(own, mus[i : i + 1]) for i in range(len(mus))], -1)
+        if len(mus) > 1 and state[0].size > MANY:  # arrays of all points would leave the cache
+            return np.concatenate([self._rho(state, mus[i : i + 1]) for i in range(len(mus))], -1)
         wide, kinds = np.clongdouble if np.iscomplexobj(mus) else np.longdouble, self.model.system.space.kinds
-        state = tuple(_at_points(x, algebra.KINDS[kind].axes) for kind, x in zip(kinds, own, strict=True))
+        wide_state = tuple(_at_points(x, algebra.KINDS[kind].axes) for kind, x in zip(kinds, state, strict=True))
         with np.errstate(all="ignore"):
             try:
-                rho = call(self.record.point, state, {**self.known, "mu": mus.astype(wide)})
+                rho = call(self.record.point, wide_state, {**self.known, "mu": mus.astype(wide)})
             except np.linalg.LinAlgError:  # beside numbers so large the others vanish
                 rho = np.array(np.nan)
         if not np.isfinite(rho).all():
-            self._explain(own, mus)
+            self._explain(state, mus)
         return rho.astype(mus.dtype)
 
-    def _explain(self, own: State, mus: Array) -> None:
+    def _explain(self, state: State, mus: Array) -> None:
         name = self.model.system.name
         if self.record.largest_step is None or np.iscomplexobj(mus):
             raise InputError(
                 f"The spectral curve of {name} has no point for this state and dt = {self.dt:g}: "
                 "look for a state that is zero or so large that its square overflows."
             )
-        largest = float(np.min(self.model.call(self.record.largest_step, *own))) * float(mus[0]) * self.dt / 2
+        largest = float(np.min(self.model.call(self.record.largest_step, *state))) * float(mus[0]) * self.dt / 2
         raise InputError(
             f"The real Bäcklund transformation of {name} does not reach as far as dt = {self.dt:g} from this "
             f"state at order {self.order}: dt < {largest:.6g} works. Use a smaller dt, or a higher order, which "
             "reaches further; orders 4, 8, 12, ... take any dt."
         )
 
-    def _orientation_turns(self, own: State, g: Array) -> dict[str, Array]:
+    def _orientation_turns(self, state: State, g: Array) -> dict[str, Array]:
         """Constants of the turn of g on the other side than the state's: prod cay(eps/2 block), and the body's spin."""
 
         def other(X: Array) -> Array:
@@ -160,15 +160,15 @@ class Product:
         def by_maps(theta: Array) -> Array:
             return sum(np.arctan(theta / mu).real * (4 if isinstance(mu, complex) else 2) for mu in self.points)
 
-        out = _constant_turns("turn", other(self.model.call(self.record.block, *own)), by_maps)
+        out = _constant_turns("turn", other(self.model.call(self.record.block, *state)), by_maps)
         if self.record.spin is not None:
-            spin = self.model.call(self.record.spin, *own)
+            spin = self.model.call(self.record.spin, *state)
             out |= _constant_turns("body", other(spin) if self.rest else spin, lambda theta: self.dt * theta)
         return out
 
 
 def _at_points(x: Array, axes: int) -> Array:
-    """With an axis of the points before its own, in extended precision."""
+    """With an axis of the points before those of the constant, in extended precision."""
     x = np.asarray(x, dtype=np.longdouble)
     lead = x.ndim - axes
     return x.reshape((*x.shape[:lead], 1, *x.shape[lead:]))
@@ -200,12 +200,12 @@ def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
 
 
 def one_stage(
-    record: Baecklund, own: State, known: dict[str, Array], paired: bool
+    record: Baecklund, state: State, constants: dict[str, Array], paired: bool
 ) -> tuple[State, tuple[Array, Array]]:
     """One map, or one conjugate pair, and the turn of the carried vector as (x, y)."""
-    e = call(record.vector, own, known)
+    e = call(record.vector, state, constants)
     move, arc = (record.pair, record.arc_of_pair) if paired else (record.step, record.arc)
-    return tuple(call(move, (*own, e), known)), call(arc, (*own, e), known)
+    return tuple(call(move, (*state, e), constants)), call(arc, (*state, e), constants)
 
 
 # -- turns that are the same at every step ----------------------------------------------------------
@@ -224,24 +224,25 @@ def _constant_turns(name: str, K: Array, angle: Callable[[Array], Array]) -> dic
     return {f"{name}0": V, f"{name}1": V if twice else 0 * V}
 
 
-def _turned_by_constants(g: Array, consts: dict[str, Array], rest: bool, spins: bool) -> Array:
+def _turned_by_constants(g: Array, constants: dict[str, Array], rest: bool, spins: bool) -> Array:
     for j in (0, 1):
-        V = consts[f"turn{j}"]
+        V = constants[f"turn{j}"]
         g = algebra.turn_right(g, V) if rest else algebra.turn_left(V, g)
-        g = algebra.turn_right(g, consts[f"body{j}"]) if spins else g
+        g = algebra.turn_right(g, constants[f"body{j}"]) if spins else g
     return g
 
 
-def spin_turns(model: Model, own: State, dt: float) -> dict[str, Array]:
+def spin_turns(model: Model, state: State, dt: float) -> dict[str, Array]:
     """The turns `SPINS` of the state in a moving frame by the constant rest of the angular velocity."""
     record = cast("Baecklund", model.system.baecklund)
-    return _constant_turns("spin", model.call(record.spin, *own), lambda theta: dt * theta)
+    return _constant_turns("spin", model.call(record.spin, *state), lambda theta: dt * theta)
 
 
-def turned_with_body(kinds: tuple[str, ...], own: State, consts: dict[str, Array], axis: str) -> State:
+def turned_with_body(kinds: tuple[str, ...], state: State, constants: dict[str, Array], axis: str) -> State:
     """The state in a body turned by `SPINS`."""
     for half in SPINS:
-        own = tuple(
-            algebra.KINDS[kind].turned(-consts[half], x, consts[axis]) for x, kind in zip(own, kinds, strict=True)
+        state = tuple(
+            algebra.KINDS[kind].turned(-constants[half], x, constants[axis])
+            for x, kind in zip(state, kinds, strict=True)
         )
-    return own
+    return state

@@ -1,4 +1,4 @@
-"""What methods for perturbed bodies share: the work of their forces, and what they need beside the state."""
+"""Parts that methods for perturbed bodies share: the work of forces, and what is carried in addition to the state."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def coupling_of(
     driven: bool,
     at_rows: Mapping[str, Any] | None = None,
 ) -> Coupling | None:
-    """What the bodies of pairs do to each other; None without pairs.
+    """Coupling of the bodies in pairs; None without pairs.
 
     where(z, known) -> the body, from what a method steps; `at_rows`: what it takes of `known` at saved rows.  What acts
     on a body are the rates of its state and, if `driven`, of the work.

@@ -39,6 +39,8 @@ MOST_COORDINATES = 15  # e(5); straight-line code of the elimination grows like 
 SMALLEST_PIVOT = 0.01
 POINTS = 3  # at which third differences are taken
 
+Values = Mapping[str, Array]
+
 
 def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     """Kahan's step with dt, of order 2, or composed to order 4, 6 or 8.
@@ -50,9 +52,9 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     observe_all, outcomes = observer(model, oriented, conserved=linear, meanings={"energy": energy})
     integrals = deformed_integrals(model) if order == 2 else None
 
-    def stage(old: State, turned: State, eps: Array, consts: Mapping[str, Array]) -> tuple[Any, Any, Any]:
-        new, pivots = advance(model, old, eps, consts)
-        return new, (_followed(model, old, new, g, eps, consts) for g in turned), (1 - pivot for pivot in pivots)
+    def stage(old: State, turned: State, eps: Array, constants: Values) -> tuple[Any, Any, Any]:
+        new, pivots = advance(model, old, eps, constants)
+        return new, (_followed(model, old, new, g, eps, constants) for g in turned), (1 - pivot for pivot in pivots)
 
     def observe(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
         out = observe_all(z, only if integrals is None else None, **constants)
@@ -80,26 +82,26 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     return replace(scheme, prepare=prepare, outcomes=outcomes | deformed)
 
 
-def _followed(model: Model, old: State, new: State, g: Array, eps: Array, consts: Mapping[str, Array]) -> Array:
+def _followed(model: Model, old: State, new: State, g: Array, eps: Array, constants: Values) -> Array:
     middle = tuple((x + y) / 2 for x, y in zip(old, new, strict=True))
-    X = eps / 2 * call(model.system.velocity, middle, consts)
+    X = eps / 2 * call(model.system.velocity, middle, constants)
     return turned(model.system.frame, X, g)
 
 
 # -- the step ---------------------------------------------------------------------------------------------
 
 
-def advance(model: Model, state: State, eps: Array, consts: Mapping[str, Array]) -> tuple[State, list[Any]]:
+def advance(model: Model, state: State, eps: Array, constants: Values) -> tuple[State, list[Any]]:
     """The step of order 2, and the pivots of its linear equation."""
     space = model.system.space
     numbers = numbers_of(space, state)
-    known = {name: value for name, value in consts.items() if name in model.axes}
+    parameters = {name: value for name, value in constants.items() if name in model.axes}
 
     def rates(x: Sequence[Any], *values: Any) -> list[Any]:
-        own = state_of(space, x, model.n)
-        return numbers_of(space, tuple(call(model.system.flow, own, dict(zip(known, values, strict=True)))))
+        state = state_of(space, x, model.n)
+        return numbers_of(space, tuple(call(model.system.flow, state, dict(zip(parameters, values, strict=True)))))
 
-    f, slopes = value_and_jacobian(rates, numbers, [(value, model.axes[name]) for name, value in known.items()])
+    f, slopes = value_and_jacobian(rates, numbers, [(value, model.axes[name]) for name, value in parameters.items()])
     matrix = [[(i == j) - eps / 2 * slope for j, slope in enumerate(row)] for i, row in enumerate(slopes)]
     change, pivots = eliminate(matrix, [eps * v for v in f])
     return state_of(space, [x + y for x, y in zip(numbers, change, strict=True)], model.n), pivots
@@ -157,7 +159,7 @@ def is_linear(model: Model, function: Callable[..., Any]) -> bool:
 def _differences_vanish(model: Model, function: Callable[..., Any] | None, order: int) -> bool:
     """Whether differences of that order vanish at random points, where parameters that vary are mixed at random."""
     rng = np.random.default_rng(1)
-    known = _of_one_lane(model, rng)
+    constants = _of_one_lane(model, rng)
     signs = {2: (1, -2, 1), 3: (-1, 3, -3, 1)}[order]
     for _ in range(POINTS):
         start, along = (_random(model, rng) for _ in range(2))
@@ -165,7 +167,7 @@ def _differences_vanish(model: Model, function: Callable[..., Any] | None, order
         for k, sign in enumerate(signs):
             state = state_of(model.system.space, [x + k * y for x, y in zip(start, along, strict=True)], model.n)
             try:
-                value = call(function, state, known)
+                value = call(function, state, constants)
             except (TypeError, AttributeError, ZeroDivisionError, InputError):  # no rational function
                 return False
             parts = value if isinstance(value, tuple) else (value,)
@@ -219,11 +221,11 @@ def is_euler_top(model: Model) -> bool:
     """Whether the flow is x_i' = alpha_i x_j x_k, with an energy: exactly, in one lane."""
     if model.n != 3 or model.system.space.kinds != ("skew",) or model.system.energy is None:
         return False
-    known, (x,) = _exactly(model, 1)
-    rate = algebra.axial(call(model.system.flow, (algebra.hat(x),), known)[0])
-    energy = [call(model.system.energy, (algebra.hat(sign * x),), known) for sign in (1, -1, 0)]
+    constants, (x,) = _exactly(model, 1)
+    rate = algebra.axial(call(model.system.flow, (algebra.hat(x),), constants)[0])
+    energy = [call(model.system.energy, (algebra.hat(sign * x),), constants) for sign in (1, -1, 0)]
     return bool(
-        all(v == w for v, w in zip(rate, _alphas(model, known) * _others(x), strict=True))
+        all(v == w for v, w in zip(rate, _alphas(model, constants) * _others(x), strict=True))
         and energy[0] == energy[1]
         and energy[2] == 0
     )
@@ -233,17 +235,17 @@ def _others(x: Array) -> Array:
     return x[..., algebra.SECOND] * x[..., algebra.THIRD]
 
 
-def _alphas(model: Model, known: Mapping[str, Array]) -> Array:
+def _alphas(model: Model, constants: Values) -> Array:
     """The alpha_i: the rate of x_i at x = (1, 1, 1)."""
     ones = algebra.hat(np.ones(3, dtype=np.int8))
-    return algebra.axial(call(model.system.flow, (ones,), known)[0])
+    return algebra.axial(call(model.system.flow, (ones,), constants)[0])
 
 
-def euler_integrals(model: Model, seen: Mapping[str, Array], dt: Any, known: Mapping[str, Array]) -> dict[str, Array]:
+def euler_integrals(model: Model, seen: Values, dt: Any, constants: Values) -> dict[str, Array]:
     """|M|^2/D and H/D, D = 1 - dt^2/12 sum alpha_j alpha_k x_i^2."""
     x = algebra.axial(seen[model.system.space.letters[0]])
-    own = {name: value for name, value in known.items() if name in model.axes}
-    D = 1 - dt * dt / 12 * (_others(_alphas(model, own)) * x * x).sum(-1)
+    parameters = {name: value for name, value in constants.items() if name in model.axes}
+    D = 1 - dt * dt / 12 * (_others(_alphas(model, parameters)) * x * x).sum(-1)
     return {"casimir_eps": seen["casimir"] / algebra.vec(D), "energy_eps": seen["energy"] / D}
 
 
@@ -257,11 +259,11 @@ def is_lagrange_top(model: Model) -> bool:
     name = _field(model)
     if name is None:
         return False
-    known, (a, x) = _exactly(model, 2)
+    constants, (a, x) = _exactly(model, 2)
     M, sign = algebra.hat(x), _sign(model)
-    rates = call(model.system.flow, (M, a), known)
+    rates = call(model.system.flow, (M, a), constants)
     return bool(
-        (rates[0] == sign * algebra.wedge(a, known[name])).all() and (rates[1] == sign * algebra.act(M, a)).all()
+        (rates[0] == sign * algebra.wedge(a, constants[name])).all() and (rates[1] == sign * algebra.act(M, a)).all()
     )
 
 
@@ -273,15 +275,13 @@ def _sign(model: Model) -> int:
     return 1 if model.system.frame is Frame.REST else -1
 
 
-def lagrange_integrals(
-    model: Model, seen: Mapping[str, Array], dt: Any, known: Mapping[str, Array]
-) -> dict[str, Array]:
+def lagrange_integrals(model: Model, seen: Values, dt: Any, constants: Values) -> dict[str, Array]:
     """C = (|a|^2 + k l^2)/(1 + k (|m|^2 + 2 k <m, p> l + k^2 |p|^2 l^2)), l^2, and the energy; k = dt^2/4.
 
     l = <m, a>/(1 - k <p, a>), and |m|^2/2 + (<p, a> + k <p, a>^2/2)/(1 - k^2 |p|^2 C) is the energy.
     """
     m, a = (seen[letter] for letter in model.system.space.letters)
-    m, p, k = _sign(model) * algebra.axial(m), known[_field(model) or ""], dt * dt / 4
+    m, p, k = _sign(model) * algebra.axial(m), constants[_field(model) or ""], dt * dt / 4
     u, p2 = algebra.dot(p, a), algebra.dot(p, p)
     length = algebra.dot(m, a) / (1 - k * u)
     whole = algebra.dot(m, m) + 2 * k * algebra.dot(m, p + 0 * m) * length + k * k * p2 * length * length
@@ -297,13 +297,13 @@ def is_clebsch(model: Model) -> bool:
     """Whether the flow is M' = P ^ BP, P' = -M P with B = diag(b), n = 3: exactly, in one lane."""
     if model.n != 3 or model.system.space.kinds != ("skew", "vector") or "b" not in model.constants:
         return False
-    known, (x, P) = _exactly(model, 2)
+    constants, (x, P) = _exactly(model, 2)
     M = algebra.hat(x)
-    rates = call(model.system.flow, (M, P), known)
-    return bool((rates[0] == algebra.wedge(P, known["b"] * P)).all() and (rates[1] == -algebra.act(M, P)).all())
+    rates = call(model.system.flow, (M, P), constants)
+    return bool((rates[0] == algebra.wedge(P, constants["b"] * P)).all() and (rates[1] == -algebra.act(M, P)).all())
 
 
-def clebsch_integrals(model: Model, seen: Mapping[str, Array], dt: Any, known: Mapping[str, Array]) -> dict[str, Array]:
+def clebsch_integrals(model: Model, seen: Values, dt: Any, constants: Values) -> dict[str, Array]:
     """(J, (J l)^2), the energy, and <M, BM> + <P, adj(B) P> deformed.  Axial M = m, P = p, and k = dt^2/4.
 
     With the next state (m', p'): J = |p|^2/(1 + k <p, Bp>), J' = <p, p'>/(1 - k <p, Bp'>) and
@@ -317,8 +317,8 @@ def clebsch_integrals(model: Model, seen: Mapping[str, Array], dt: Any, known: M
     bases: with D = 1 + k J' B the orbits lie on <p, Cp> = J, <m, Dp> = l |p|^2 and two more quadrics.
     """
     M, p = (seen[letter] for letter in model.system.space.letters)
-    new = advance(model, (M, p), dt, {name: value for name, value in known.items() if name in model.axes})[0]
-    b, k, m = known["b"], dt * dt / 4, algebra.axial(M)
+    new = advance(model, (M, p), dt, {name: value for name, value in constants.items() if name in model.axes})[0]
+    b, k, m = constants["b"], dt * dt / 4, algebra.axial(M)
     q, D = new[1], 1 + k * algebra.dot(p, b * p)
     J = algebra.dot(p, p) / D
     across, ahead = algebra.dot(p, b * q), algebra.dot(p, q)
@@ -354,7 +354,7 @@ def is_euler_top_of_four(model: Model) -> bool:
     return model.n == 4 and model.system.name == "euler-top"
 
 
-def so4_integrals(model: Model, seen: Mapping[str, Array], dt: Any, known: Mapping[str, Array]) -> dict[str, Array]:
+def so4_integrals(model: Model, seen: Values, dt: Any, constants: Values) -> dict[str, Array]:
     """I = Z_p(M, M)/(1 + k Z_q(M, M)) and (I - I')/(4 k), I' = Z_p(M, M')/(1 - k Z_q(M, M')), M' the next state.
 
     k = dt^2/4.  Over the three ways to part 1, 2, 3, 4 into ij and l4: s = J_i + J_j, t = J_l + J_4,
@@ -362,9 +362,9 @@ def so4_integrals(model: Model, seen: Mapping[str, Array], dt: Any, known: Mappi
     Z_c(x, y) = sum c (t/s x_ij y_ij - s/t x_l4 y_l4).
     """
     M = seen[model.system.space.letters[0]]
-    own = {name: value for name, value in known.items() if name in model.axes}
-    (new,) = advance(model, (M,), dt, own)[0]
-    J, k = known["J"], dt * dt / 4
+    parameters = {name: value for name, value in constants.items() if name in model.axes}
+    (new,) = advance(model, (M,), dt, parameters)[0]
+    J, k = constants["J"], dt * dt / 4
     s, t, p = _partings(J)
     q = (
         p[..., algebra.SECOND]
@@ -377,7 +377,7 @@ def so4_integrals(model: Model, seen: Mapping[str, Array], dt: Any, known: Mappi
         return algebra.dot(c, t / s * a * e - s / t * d * g)
 
     def polar(x: Array, y: Array) -> Array:  # 2 Q(x, y) of the flow Q(x, x)
-        both, one, other = (call(model.system.flow, (z,), own)[0] for z in (x + y, x, y))
+        both, one, other = (call(model.system.flow, (z,), parameters)[0] for z in (x + y, x, y))
         return both - one - other
 
     rate = polar(M, new) / 2
@@ -410,15 +410,13 @@ def _across(h: Array) -> Array:
     return (h == 0).reshape(-1, 3).all(0)
 
 
-def gyrostat_integrals(
-    model: Model, seen: Mapping[str, Array], dt: Any, known: Mapping[str, Array]
-) -> dict[str, Array]:
+def gyrostat_integrals(model: Model, seen: Values, dt: Any, constants: Values) -> dict[str, Array]:
     """For each axis i with h_i = 0: w_i |M|^2 - 2 H + <h, w h>, deformed; w = 1/I, b = w h, d = w_i - w, k = dt^2/4.
 
     (d_j x_j^2 + d_k x_k^2 + 2 b_j x_j + 2 b_k x_k - k x_i^2 (d_k b_j^2 + d_j b_k^2))/(1 + k d_j d_k x_i^2), x = M.
     """
-    x, w = algebra.axial(seen["M"]), known["w"]
-    b, k, out = w * known["h"], dt * dt / 4, []
+    x, w = algebra.axial(seen["M"]), constants["w"]
+    b, k, out = w * constants["h"], dt * dt / 4, []
     for i in np.flatnonzero(_across(model.constants["h"])):
         square = x[..., i] * x[..., i]
         d = algebra.vec(w[..., i]) - w
@@ -437,7 +435,7 @@ class Deformed:
     """Integrals of the map of order 2: what they are, and their values from what a run shows."""
 
     applies: Callable[[Model], bool]
-    values: Callable[[Model, Mapping[str, Array], Any, Mapping[str, Array]], dict[str, Array]]
+    values: Callable[[Model, Values, Any, Values], dict[str, Array]]
     meanings: Mapping[str, str]
     divides_by: str = ""
 
@@ -464,5 +462,5 @@ KNOWN = (
 
 
 def deformed_integrals(model: Model) -> Deformed | None:
-    """Those of the map of order 2, where they are known in closed form."""
-    return next((known for known in KNOWN if known.applies(model)), None)
+    """Integrals of the map of order 2, if they are in closed form."""
+    return next((integrals for integrals in KNOWN if integrals.applies(model)), None)

@@ -47,9 +47,9 @@ def midpoint(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         conserved, meanings = [*conserved, "energy"], {}
     watched = observer(model, oriented, conserved=conserved, meanings=meanings)
 
-    def stage(old: State, turned: State, eps: Array, consts: Mapping[str, Array]) -> tuple[Any, Any, Any]:
-        new, centre, defect = advance(model, old, eps, consts)
-        return new, (_followed(model, centre, g, eps, consts) for g in turned), [defect]
+    def stage(old: State, turned: State, eps: Array, constants: Mapping[str, Array]) -> tuple[Any, Any, Any]:
+        new, centre, defect = advance(model, old, eps, constants)
+        return new, (_followed(model, centre, g, eps, constants) for g in turned), [defect]
 
     guard = Guard(
         "The implicit equation of the midpoint step was not solved to round-off",
@@ -61,10 +61,10 @@ def midpoint(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     return composed("midpoint", model, dt, order, oriented, stage, watched, guard, held=held, dt_in_constants=True)
 
 
-def advance(model: Model, state: State, eps: Array, consts: Mapping[str, Array]) -> tuple[State, State, Array]:
+def advance(model: Model, state: State, eps: Array, constants: Mapping[str, Array]) -> tuple[State, State, Array]:
     """The step of order 2: the new state, the point c, and the square of the last change of a direction."""
     space = model.system.space
-    known = {name: value for name, value in consts.items() if name in model.axes}
+    parameters = {name: value for name, value in constants.items() if name in model.axes}
     w = _spins(space, state)
     square = inner(w, w)
     inverse, sites = 1 / square, w[0].shape[-1]
@@ -73,7 +73,7 @@ def advance(model: Model, state: State, eps: Array, consts: Mapping[str, Array])
         total = tuple(x + y for x, y in zip(w, new, strict=True))
         length = algebra.sqrt(square / inner(total, total))  # r/|w + w'|
         c = tuple(length * x for x in total)
-        X = _spins(space, tuple(call(model.system.flow, _state(space, c), known)))
+        X = _spins(space, tuple(call(model.system.flow, _state(space, c), parameters)))
         a = tuple(algebra.vec(eps) * length * inverse * x for x in cross(c, X))
         aw = cross(a, w)
         half = 2 / (1 + inner(a, a))
@@ -99,6 +99,6 @@ def _state(space: PhaseSpace, spins: Spins) -> State:
     return spins if space.kinds != ("skew",) else (algebra.hat(np.concatenate(spins, -1)),)
 
 
-def _followed(model: Model, centre: State, g: Array, eps: Array, consts: Mapping[str, Array]) -> Array:
-    X = algebra.mat(eps) / 2 * call(model.system.velocity, centre, consts)
+def _followed(model: Model, centre: State, g: Array, eps: Array, constants: Mapping[str, Array]) -> Array:
+    X = algebra.mat(eps) / 2 * call(model.system.velocity, centre, constants)
     return turned(model.system.frame, X, g)

@@ -137,14 +137,14 @@ def observer(
     outcomes |= {ORIENTATION: orientation_outcome(model)} if oriented else {}
 
     def observe(z: tuple[Array, ...], only: Only = None, /, **constants: Array) -> dict[str, Array]:
-        own, count = z[: len(space.letters)], len(space.letters)
-        batch = np.ndim(own[0]) - algebra.KINDS[space.kinds[0]].axes
+        state, count = z[: len(space.letters)], len(space.letters)
+        batch = np.ndim(state[0]) - algebra.KINDS[space.kinds[0]].axes
         known = {k: v for k, v in constants.items() if k in model.constants or k in (ORIENTATION, TIME)}
-        user = to_user(*own, **known) if to_user is not None else own
+        user = to_user(*state, **known) if to_user is not None else state
         out = dict(zip(space.letters, user, strict=True))
         for name in table if only is None else table.keys() & set(only):
             _, function, takes_own = table[name]
-            value = function(*(own if takes_own else user), **known)
+            value = function(*(state if takes_own else user), **known)
             out[name] = _entries(value) if np.ndim(value) == batch + 2 else value
         if len(z) > count:
             out[ORIENTATION] = z[count]  # of q and -q a method carries the one that is continuous in time
@@ -161,10 +161,10 @@ def _entries(X: Array) -> Array:
 def held_by_orientation(
     model: Model, components: Components, bound: bool = True
 ) -> Callable[[tuple[Array, ...]], list[Array]] | None:
-    """What an orientation g leaves constant: its own orthogonality, and what is carried, seen from the other frame.
+    """Functions that an orientation g leaves constant: its orthogonality, and what is carried, in the other frame.
 
     g^T a in the rest frame, g P in the moving frame; g M g^T where nothing is carried but the momentum.  None where the
-    method does not step the system's own variables.  `bound`: whether the method turns g by the turn of what is
+    method steps other variables than those of the system.  `bound`: whether the method turns g by the turn of what is
     carried; else only its orthogonality stays.
     """
     space = model.system.space
@@ -188,7 +188,7 @@ def held_by_orientation(
 
 
 def orientation_outcome(model: Model) -> Outcome:
-    """What g means in the frame of the system."""
+    """Outcome of the orientation g, in the frame of the system."""
     carried = "a = g A" if model.system.frame is Frame.REST else "P = g^T p"
     form = "unit quaternion (w, x, y, z), continuous in time" if model.n == 3 else "orthogonal matrix"
     return Outcome("orientation", f"orientation g, body to space, {carried}; {form}", orientation_component(model.n)[1])

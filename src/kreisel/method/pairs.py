@@ -63,22 +63,26 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         return (*carry(x0[:2]), *x0[2:])
 
     def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
-        own = carry(x0[:2])
-        copies, mu = parameter(body, own, dt)
-        rho = call(record.point, _wide(own), {**_wide_constants(body), "mu": mu})
+        state = carry(x0[:2])
+        copies, mu = parameter(body, state, dt)
+        rho = call(record.point, _wide(state), {**_wide_constants(body), "mu": mu})
         numbers = {"mu_re": mu.real, "mu_im": mu.imag, "rho_re": rho.real, "rho_im": rho.imag}
         stages = {k: np.repeat(np.asarray(v, dtype=np.float64)[..., None], copies, -1) for k, v in numbers.items()}
-        constants = _turn_in_space(body, own, x0[2], dt, copies, mu) if oriented else {}
-        return constants | (spin_turns(body, own, dt) if spins else {}), stages
+        constants = _turn_in_space(body, state, x0[2], dt, copies, mu) if oriented else {}
+        return constants | (spin_turns(body, state, dt) if spins else {}), stages
 
-    def step(*z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **consts: Array) -> State:
-        known = {**consts, "mu": algebra.complex_number(mu_re, mu_im), "rho": algebra.complex_number(rho_re, rho_im)}
-        own, (x, y) = one_stage(record, z[:2], known, True)
-        return (*own, *(algebra.double_turn(x, y, g, right=True) for g in z[2:]))
+    def step(*z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **constants: Array) -> State:
+        constants = {
+            **constants,
+            "mu": algebra.complex_number(mu_re, mu_im),
+            "rho": algebra.complex_number(rho_re, rho_im),
+        }
+        state, (x, y) = one_stage(record, z[:2], constants, True)
+        return (*state, *(algebra.double_turn(x, y, g, right=True) for g in z[2:]))
 
-    def close(*z: Array, **consts: Array) -> State:
-        own = turned_with_body(body.system.space.kinds, z[:2], consts, record.axis) if spins else z[:2]
-        return (*own, *(_turned(g, SPINS if spins else (), **consts) for g in z[2:]))
+    def close(*z: Array, **constants: Array) -> State:
+        state = turned_with_body(body.system.space.kinds, z[:2], constants, record.axis) if spins else z[:2]
+        return (*state, *(_turned(g, SPINS if spins else (), **constants) for g in z[2:]))
 
     numbers = dict.fromkeys(["mu_re", "mu_im", "rho_re", "rho_im", "cos"], 0)
     return scheme_of(
@@ -95,12 +99,12 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
     )
 
 
-def _turned(g: Array, spins: Sequence[str], *, cos: Array, sin: Array, **consts: Array) -> Array:
+def _turned(g: Array, spins: Sequence[str], *, cos: Array, sin: Array, **constants: Array) -> Array:
     """The orientation, turned in space by the quaternion (cos, sin), and in the body by the spin."""
     turn = algebra.quaternion(cos, sin + 0 * g[..., 1:])
     g = algebra.unit(algebra.quaternion_product(turn, g))
     for half in spins:
-        g = algebra.turn_right(g, consts[half])
+        g = algebra.turn_right(g, constants[half])
     return g
 
 
@@ -180,10 +184,10 @@ def _pair(model: Model, z: State, mu: Array) -> State:
     """The conjugate pair in extended precision; it turns an orientation too, but for a turn about P in space."""
     record: Any = model.system.baecklund
     with np.errstate(all="ignore"):
-        known = {**_wide_constants(model), "mu": mu}
-        known["rho"] = call(record.point, z[:2], known)
-        own, (x, y) = one_stage(record, z[:2], known, True)
-        return (*own, *(algebra.double_turn(x, y, g, right=True) for g in z[2:]))
+        constants = {**_wide_constants(model), "mu": mu}
+        constants["rho"] = call(record.point, z[:2], constants)
+        state, (x, y) = one_stage(record, z[:2], constants, True)
+        return (*state, *(algebra.double_turn(x, y, g, right=True) for g in z[2:]))
 
 
 def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
@@ -219,7 +223,7 @@ def _flown(model: Model, z: State, h: float, batch: tuple[int, ...]) -> tuple[St
     return z, points
 
 
-def _turn_in_space(model: Model, own: State, g: Array, dt: float, copies: int, mu: Array) -> dict[str, Array]:
+def _turn_in_space(model: Model, state: State, g: Array, dt: float, copies: int, mu: Array) -> dict[str, Array]:
     """The turn about p = g P that a step of the flow makes beyond the pairs: with them it commutes, so it is constant.
 
     In the product of order 24 each pair turns by prod cay(eps/2 block) about p; the exact pair by what is missing.
@@ -227,10 +231,10 @@ def _turn_in_space(model: Model, own: State, g: Array, dt: float, copies: int, m
     record: Any = model.system.baecklund
     one = np.zeros((*mu.shape, 4), dtype=np.longdouble)
     one[..., 0] = 1
-    start = (*_wide(own), one)
+    start = (*_wide(state), one)
     true, points = _flown(model, start, dt / copies, mu.shape)
     pair = _pair(model, start, mu.astype(np.clongdouble)[()])
-    P = own[1].astype(np.longdouble)
+    P = state[1].astype(np.longdouble)
     along = P / np.sqrt(algebra.dot(P, P))[..., None]
     theta = algebra.dot(algebra.axial(call(record.block, start[:2], _wide_constants(model))), along)
     by_maps = sum(4 * np.arctan(theta / point).real for point in points)

@@ -1,4 +1,4 @@
-"""What each method states about itself: `kr.methods`, defaults, checks, citations and tables come from these records.
+"""Records of the methods: `kr.methods`, defaults, checks, citations and tables come from them.
 
 Of the methods that suit a model the first is its default.  A new method is a file with its maker, and a record here,
 which names the maker.

@@ -51,18 +51,18 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
         g = tuple(as_matrix(model, algebra.unit(q) if model.n == 3 else q) for q in z[count:end])
         return dict(zip((ORIENTATION,) * oriented + (TIME,) * timed, (*g, *z[end:]), strict=False))
 
-    def rate(*z: Array, **consts: Array) -> State:
-        own, known = z[:count], {**consts, **where(z)}
-        out = tuple(call(model.system.flow, own, known))
+    def rate(*z: Array, **constants: Array) -> State:
+        state, constants = z[:count], {**constants, **where(z)}
+        out = tuple(call(model.system.flow, state, constants))
         for g in z[count:end]:
-            omega = call(model.system.velocity, own, known)
+            omega = call(model.system.velocity, state, constants)
             out += (turning(model.system.frame, omega, g),)
         out += (1.0,) * timed
-        return (*out, power(model, own, known)) if driven else out
+        return (*out, power(model, state, constants)) if driven else out
 
     def observe_all(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
-        known = where(z) if record is not None else {}
-        out = observe(z[:end], only, **{**constants, **known})
+        place = where(z) if record is not None else {}
+        out = observe(z[:end], only, **{**constants, **place})
         if oriented and model.n == 3:
             out[ORIENTATION] = algebra.unit(z[count])
         return with_work(out, z[-1]) if driven else out
@@ -71,7 +71,7 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
         outcomes |= outcomes_of_work("not conserved by this method")
     outcomes |= outcomes_of_totals(model, "not conserved by this method")
     coupling = coupling_of(
-        model, lambda z, known: Body(z[:count], where(z).get(ORIENTATION), where(z).get(TIME)), driven
+        model, lambda z, constants: Body(z[:count], where(z).get(ORIENTATION), where(z).get(TIME)), driven
     )
     return scheme_of(
         "dop853",
@@ -98,7 +98,7 @@ def turning(frame: Frame, omega: Array, g: Array) -> Array:
 
 
 def with_tolerance(scheme: Scheme, tol: float) -> Scheme:
-    """The same with rtol = tol and atol = tol/1000; itself for the rtol that it has."""
+    """The scheme with rtol = tol and atol = tol/1000; unchanged for the rtol that it has."""
     if tol == RTOL:
         return scheme
     options = {**scheme.options, "rtol": tol, "atol": tol * ATOL / RTOL}

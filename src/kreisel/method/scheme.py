@@ -1,4 +1,4 @@
-"""What a method hands to the engines: pure functions, and the layout of what they work on."""
+"""Schemes, which methods hand to the engines: pure functions, and the layout of what they work on."""
 
 from __future__ import annotations
 
@@ -304,7 +304,7 @@ class Scheme:
         )
 
     def by(self, numbers: Numbers) -> Scheme:
-        """The same motion by other numbers, without a corrector."""
+        """The scheme with other numbers, without a corrector."""
         constants = {**self.constants, **numbers.constants}
         return replace(self, constants=constants, stages=numbers.stages, corrector=None)
 

@@ -204,7 +204,7 @@ class Splitting:
     def _others(
         self, constants: Constants, pulled: tuple[State, Any] | None
     ) -> Callable[[State], tuple[State, Any]] | None:
-        """What other bodies do in a kick, and what the integrable part leaves to it."""
+        """Rates that other bodies and the integrable part add in a kick."""
         left = self.part.left
         if left is None:
             return None if pulled is None else lambda state: pulled

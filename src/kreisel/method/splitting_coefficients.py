@@ -104,7 +104,7 @@ def corrector(order: Any) -> Splitting | None:
 
 
 def inverse(parts: Splitting) -> Splitting:
-    """The same parts backwards, with the other sign."""
+    """The parts backwards, with the other sign."""
     return Splitting(tuple(-x for x in parts.a[::-1]), tuple(-x for x in parts.b[::-1]))
 
 

@@ -51,9 +51,9 @@ def variational(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     energy = f"Hamiltonian H, not conserved: it oscillates by O(dt^{order}), without a trend"
     watched = observer(model, oriented, conserved=("casimir", "noether"), meanings={"energy": energy})
 
-    def taken(own: State, turned: State, eps: Array, consts: Constants) -> tuple[State, State, list[Array]]:
-        own, turned, defect = stage(model.system, own, eps, consts, turned)
-        return own, turned, [defect]
+    def taken(state: State, turned: State, eps: Array, constants: Constants) -> tuple[State, State, list[Array]]:
+        state, turned, defect = stage(model.system, state, eps, constants, turned)
+        return state, turned, [defect]
 
     guard = Guard(
         "The implicit equation of the variational step was not solved to round-off",
@@ -65,22 +65,22 @@ def variational(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
 
 
 def stage(
-    system: System, state: State, eps: Array, consts: Constants, turned: State = ()
+    system: System, state: State, eps: Array, constants: Constants, turned: State = ()
 ) -> tuple[State, State, Array]:
     """The symmetric step of order 2: the new state, the orientations `turned` along, and the defect."""
-    state = kick(system, state, eps / 2, consts)
-    X, defect = half_turn(system, state, eps, consts)
-    turned = tuple(_turned_like_the_vector(system, state, X, g, eps, consts) for g in turned)
-    return kick(system, coadjoint(system, X, state), eps / 2, consts), turned, defect
+    state = kick(system, state, eps / 2, constants)
+    X, defect = half_turn(system, state, eps, constants)
+    turned = tuple(_turned_as_carried(system, state, X, g, eps, constants) for g in turned)
+    return kick(system, coadjoint(system, X, state), eps / 2, constants), turned, defect
 
 
-def kick(system: System, state: State, time: Array, consts: Constants) -> State:
+def kick(system: System, state: State, time: Array, constants: Constants) -> State:
     """The flow of V: the momenta grow at the rate that they have at rest, what is carried stays."""
     carried = system.space.carried
     if not carried:
         return state
     still = tuple(z if i in carried else 0 * z for i, z in enumerate(state))
-    rate = call(system.flow, still, consts)
+    rate = call(system.flow, still, constants)
     return tuple(z if i in carried else z + time * rate[i] for i, z in enumerate(state))
 
 
@@ -89,13 +89,13 @@ def coadjoint(system: System, X: Array, state: State) -> State:
     return tuple(algebra.KINDS[kind].turned(-X, z) for kind, z in zip(system.space.kinds, state, strict=True))
 
 
-def half_turn(system: System, state: State, eps: Array, consts: Constants) -> tuple[Array, Array]:
+def half_turn(system: System, state: State, eps: Array, constants: Constants) -> tuple[Array, Array]:
     """X of the free step, and the square of the last correction of X."""
     inverse_inertia: Any = system.inverse_inertia
     momentum: Any = system.space.momentum
 
     def turn(N: Array) -> Array:
-        return system.space.sign * eps / 2 * call(inverse_inertia, (N,), consts)
+        return system.space.sign * eps / 2 * call(inverse_inertia, (N,), constants)
 
     M = momentum(*state)
     N, defect = newton(turn, M) if M.shape[-1] == 3 else sweeps(turn, M)
@@ -136,7 +136,7 @@ def newton_step(turn: Linear, M: Array, N: Array) -> tuple[Array, Array]:
 
 
 def sweeps(turn: Linear, M: Array) -> tuple[Array, Array]:
-    """The same N by fixed-point sweeps, as many as round-off needs: for n > 3, where a Newton step costs O(n^6)."""
+    """N by fixed-point sweeps, as many as round-off needs: for n > 3, where a Newton step costs O(n^6)."""
 
     def improved(N: Array) -> tuple[tuple[Array], Array]:
         new, defect = fixed_point_sweep(turn, M, N)
@@ -158,9 +158,9 @@ def _square(X: Array) -> Array:
     return algebra.pairing(X, X)
 
 
-def _turned_like_the_vector(system: System, state: State, X: Array, g: Array, eps: Array, consts: Constants) -> Array:
+def _turned_as_carried(system: System, state: State, X: Array, g: Array, eps: Array, constants: Constants) -> Array:
     """The orientation, turned like the vector; first by the spin, if any, which leaves the vector alone."""
-    turns = [] if system.spin is None else [eps / 2 * call(system.spin, state, consts)]
+    turns = [] if system.spin is None else [eps / 2 * call(system.spin, state, constants)]
     for Y in (*turns, system.space.sign * X):
         g = turned(system.frame, Y, g)
     return g

@@ -31,8 +31,7 @@ from kreisel.runs.settings import (
 )
 
 if TYPE_CHECKING:
-    from kreisel.method.auto import Choice
-    from kreisel.method.auto_splitting import Pilot
+    from kreisel.method.auto import Choice, Pilot
     from kreisel.record.model import OrientationLike, StateLike
 
 
@@ -101,7 +100,7 @@ def choice_of(
 
     Raises `InputError`, and warns with `AccuracyWarning` where the motion looks chaotic.
     """
-    from kreisel.method import auto, auto_splitting
+    from kreisel.method import auto
 
     method, parts = settings.method or default(model, settings), initial_parts(model, state, None)
     when = settings.every * settings.dt, settings.time, settings.tol
@@ -114,12 +113,12 @@ def choice_of(
         return auto.choose_each(model, parts, *when) if each else [auto.choose(model, parts, *when)]
     lanes = auto.with_lanes(model, parts)
     if not each or len(lanes[0]) == 1:
-        steps, rate = pilot(model, state, settings, orientation), auto_splitting.rate_of(model, parts)
-        choice = auto_splitting.witnessed(steps, auto_splitting.choose(steps, rate, *when), rate, *when)
-        beside = pilot(model, state, settings, orientation, auto_splitting.NUDGE)
-        chaotic = auto_splitting.separates(steps, beside, choice, rate, *when[:2])
-        if chaotic and auto_splitting.within_reach(rate, settings.time):
-            choice, chaotic = auto_splitting.witnessed(steps, choice, rate, *when, chaotic=True), False
+        steps, rate = pilot(model, state, settings, orientation), auto.rate_of(model, parts)
+        choice = auto.witnessed(steps, auto.choose_splitting(steps, rate, *when), rate, *when)
+        beside = pilot(model, state, settings, orientation, auto.NUDGE)
+        chaotic = auto.separates(steps, beside, choice, rate, *when[:2])
+        if chaotic and auto.within_reach(rate, settings.time):
+            choice, chaotic = auto.witnessed(steps, choice, rate, *when, chaotic=True), False
         if chaotic:
             warnings.warn(CHAOTIC.format(tol=settings.tol), AccuracyWarning, stacklevel=8)
         elif choice.expected > (settings.tol or 0):
@@ -147,7 +146,7 @@ def pilot(
 
     Without `project` nothing is projected onto what is conserved.
     """
-    from kreisel.method.auto_splitting import Pilot
+    from kreisel.method.auto import Pilot
 
     momentum, *carried = initial_parts(model, state, orientation)
     parts = (momentum * (1 + nudge), *carried)
