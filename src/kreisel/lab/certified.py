@@ -26,7 +26,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
-from kreisel.lab.exact import Dual, fraction, generators, independent, rationals, require_flint, slopes
+from kreisel.lab.exact import Dual, generators, independent, rationals, require_flint, slopes
 from kreisel.lab.integrals import Polynomial
 from kreisel.lab.subject import Subject, coordinate_names
 from kreisel.record.calling import call
@@ -94,10 +94,10 @@ def certify(
         raise InputError(f"steps >= 1, precision >= 24 and tolerance > 0 were expected, got {values}.")
     flint = require_flint()
     with _working(flint, precision):
-        constants = {k: _balls(flint, v) for k, v in subject.constants.items()}
-        start = _start(flint, subject, x)
-        box = flint.arb(0, _rational(flint, radius))
-        named = {k: _of_balls(flint, f) for k, f in (functions or _energy(subject, constants)).items()}
+        constants = {k: _balls(v) for k, v in subject.constants.items()}
+        start = _start(subject, x)
+        box = flint.arb(0, _balls(radius))
+        named = {k: _of_balls(f) for k, f in (functions or _energy(subject, constants)).items()}
         reached, stopped, X, ranges = _lohner(flint, subject, constants, start, box, steps, tolerance, named)
         alone = _alone(subject, constants, start + box, steps, tolerance) if plain else None
         middle = np.array([float(v.mid()) for v in X])
@@ -115,31 +115,27 @@ def _working(flint: Any, precision: int) -> Iterator[None]:
         flint.ctx.prec = before
 
 
-def _rational(flint: Any, v: Any) -> Any:
-    q = fraction(v)
-    return flint.arb(flint.fmpq(q.numerator, q.denominator))
+def _balls(v: Any) -> Any:
+    """Exact balls of a number or an array of numbers."""
+    return np.vectorize(require_flint().arb, otypes=[object])(rationals(v))[()]
 
 
-def _balls(flint: Any, v: Any) -> Any:
-    return np.vectorize(lambda c: _rational(flint, c), otypes=[object])(v)[()]
-
-
-def _start(flint: Any, subject: Subject, x: Any) -> Array:
+def _start(subject: Subject, x: Any) -> Array:
     values = np.asarray(x, dtype=object)
     if values.shape != (subject.dim,):
         raise InputError(f"A start is {subject.dim} numbers, {', '.join(subject.names)}, got shape {values.shape}.")
-    return np.asarray(_balls(flint, values))
+    return np.asarray(_balls(values))
 
 
 def _energy(subject: Subject, constants: Mapping[str, Any]) -> dict[str, Any]:
     return {} if subject.energy is None else {"energy": lambda x: subject.energy(x, **constants)}
 
 
-def _of_balls(flint: Any, f: Any) -> Callable[[Array], Any]:
+def _of_balls(f: Any) -> Callable[[Array], Any]:
     """A function on balls: the coefficients of a polynomial become rationals that balls know."""
     if not isinstance(f, Polynomial):
         return f
-    return replace(f, terms={e: flint.arb(flint.fmpq(c.numerator, c.denominator)) for e, c in f.terms.items()})
+    return replace(f, terms={e: _balls(c) for e, c in f.terms.items()})
 
 
 def _lohner(
