@@ -60,7 +60,7 @@ def frames(run: xr.Dataset, record: RunRecord, model: Model | None, most: int = 
     entries = sum(math.prod(bare[name].shape[1:]) for name in record.kinds) // lanes
     most = max(400, most // (lanes * max(1, entries // 6)))
     time = np.asarray(run["time"].values, dtype=np.float64)
-    sample = bare.isel(time=np.unique(np.linspace(0, count - 1, min(count, SAMPLED)).astype(int)))
+    sample = bare.isel(time=evenly(count, SAMPLED))
     _finite(sample, record)
     rate = _rate(sample, record, model)
     if rate is None:
@@ -178,7 +178,7 @@ def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, n
     if wanted.sum() <= budget:
         starts = np.arange(len(gaps))
     else:
-        starts = np.unique(np.linspace(0, len(gaps) - 1, min(WINDOWS, len(gaps))).astype(int))
+        starts = evenly(len(gaps), WINDOWS)
     length = int(min(wanted[starts].max(), max(2, budget // len(starts))))
     try:
         states = _carried_on(shown.isel(time=starts), record, model, step, every, length)
@@ -280,6 +280,16 @@ def windows(joined: Array) -> list[tuple[int, int]]:
 
 
 # -- fewer rows for the eye, without losing an extreme ---------------------------------------------
+
+
+def evenly(count: int, most: int) -> Array:
+    """At most `most` rows of `count`, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
+
+
+def stretches(count: int, most: int) -> Array:
+    """The starts of at most `most` equal stretches of `count` rows."""
+    return np.unique(np.linspace(0, count, min(count, most) + 1).astype(int)[:-1])
 
 
 def extremes(values: Array, most: int) -> Array:

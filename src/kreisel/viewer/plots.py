@@ -15,7 +15,7 @@ from kreisel.record.contract import Frame
 from kreisel.runs.drift import all_series
 from kreisel.runs.geometry import axes_of_state, fixed_vector, model_for, require_unchanged
 from kreisel.runs.run_record import RunRecord
-from kreisel.viewer.frames import mixed
+from kreisel.viewer.frames import evenly, mixed, stretches
 from kreisel.viewer.style import Theme, figure
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ MOST_DOTS = 4000
 MOST_LANES = 7
 DASHES = ("-", "--", ":", "-.")
 STATES_SHOWN = 120
-STRETCHES = 1200
+STRETCHES = 1200  # of a drift; the largest change in each is drawn, so that no extreme is lost
 MOST_TITLE = 120
 MOST_ROWS = 200_000  # read for the picture of the path
 LARGEST = 1e100  # of numbers that are drawn: their squares do not overflow
@@ -74,7 +74,7 @@ def _lanes(run: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
     """Up to seven trajectories, evenly chosen, with their names."""
     if "lane" not in run.dims:
         return [("", run)]
-    chosen = np.unique(np.linspace(0, run.sizes["lane"] - 1, min(run.sizes["lane"], MOST_LANES)).astype(int))
+    chosen = evenly(run.sizes["lane"], MOST_LANES)
     names = run["lane"].values if "lane" in run.coords else np.arange(run.sizes["lane"])
     return [(f"lane {names[i]}", run.isel(lane=int(i))) for i in chosen]
 
@@ -264,7 +264,7 @@ def _draw_drifts(panel: Any, runs: list[xr.Dataset], records: list[RunRecord], t
 
 def _envelopes(run: xr.Dataset, everything: bool, only: str = "") -> dict[str, np.ndarray]:
     """For each family of integrals the largest |change|, thinned, relative to the integral's scale."""
-    edges = _edges(run.sizes["time"])
+    edges = stretches(run.sizes["time"], STRETCHES)
     out: dict[str, np.ndarray] = {}
     for series in all_series(run):
         if (series.conserved or everything) and only in ("", series.family):
@@ -274,13 +274,8 @@ def _envelopes(run: xr.Dataset, everything: bool, only: str = "") -> dict[str, n
     return {k: np.where(v > 0, v, np.nan) for k, v in out.items()}
 
 
-def _edges(rows: int) -> np.ndarray:
-    """Starts of at most 1200 stretches; the largest change in each is drawn, so that no extreme is lost."""
-    return np.unique(np.linspace(0, rows, min(rows, STRETCHES) + 1).astype(int)[:-1])
-
-
 def _thinned_time(run: xr.Dataset) -> np.ndarray:
-    return np.asarray(read_values(run["time"])[_edges(run.sizes["time"])])
+    return np.asarray(read_values(run["time"])[stretches(run.sizes["time"], STRETCHES)])
 
 
 # -- sweeps: summaries of lanes over one or two of the quantities that vary ------------------------

@@ -44,7 +44,7 @@ from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import within
 from kreisel.viewer import bodies
 from kreisel.viewer.bodies import Body
-from kreisel.viewer.frames import Frames, frames, mixed, windows
+from kreisel.viewer.frames import Frames, evenly, frames, mixed, stretches, windows
 from kreisel.viewer.style import THEMES
 
 if TYPE_CHECKING:
@@ -313,7 +313,7 @@ def _lanes(run: xr.Dataset, lane: Any) -> tuple[xr.Dataset, list[str]]:
         return run, [""]
     count = run.sizes["lane"]
     if lane is None:
-        chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_LANES)).astype(int)).tolist()
+        chosen = evenly(count, MOST_LANES).tolist()
     elif isinstance(lane, Sequence | np.ndarray) and not isinstance(lane, str):
         chosen = [within(each, "lane", 0, count - 1) for each in lane]
     else:
@@ -433,8 +433,7 @@ def _facts(run: xr.Dataset, lanes: list[str]) -> list[str]:
 
 def _drift_series(run: xr.Dataset) -> dict[str, Any]:
     """For each Casimir and integral the change of largest size in even stretches of time, relative to its scale."""
-    count = run.sizes["time"]
-    edges = np.unique(np.linspace(0, count, min(count, MOST_STRETCHES) + 1).astype(int)[:-1])
+    edges = stretches(run.sizes["time"], MOST_STRETCHES)
     time = np.asarray(run["time"].values, dtype=np.float64)
     series = []
     for number, each in enumerate(all_series(run)):
