@@ -9,7 +9,7 @@
 | batch axes | in front: skew matrices are (..., n, n), vectors (..., n), scalars (...)          |
 
 Every function works on NumPy and JAX arrays and on NumPy object arrays of any field (fractions,
-python-flint rationals, SymPy expressions, the recording scalars of `kreisel.kernels.tape`).
+python-flint rationals, SymPy expressions, the recorded numbers of `kreisel.graph`).
 `backend` alone knows which kind it has before it.  [Suris 2001, sections 2 and 4]
 """
 
