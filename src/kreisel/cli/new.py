@@ -245,7 +245,7 @@ import numpy as np
 import kreisel as kr
 
 BODY = kr.perturbed(
-    kr.{made},
+    kr.{sample},
 {forces}
     params={{"strength": {strength!r}}},  # what the function names after *; the TOML file may give it anew
     name="{name}",
