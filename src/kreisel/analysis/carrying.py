@@ -17,9 +17,9 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.forces.kicks import ORIENTATION
 from kreisel.forces.pairs import of_bodies
+from kreisel.graph.recording import flat_constants
 from kreisel.kernels.cpu import compiled_step
 from kreisel.kernels.layout import Floats
-from kreisel.kernels.recording import flat_constants
 from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model

@@ -231,7 +231,7 @@ def latest(graph: Graph, nodes: Sequence[int]) -> list[int]:
     return [nodes[i] for i in reversed(order)]
 
 
-def independent(graph: Graph, nodes: Sequence[int], letters: str) -> set[int]:
+def independent(graph: Graph, nodes: Sequence[int], letters: Collection[str]) -> set[int]:
     """Those of the nodes that depend on inputs of these letters alone; loops and what depends on them are none."""
     out = set[int]()
     for at in nodes:

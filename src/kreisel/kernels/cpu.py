@@ -29,7 +29,6 @@ from kreisel.graph.recording import (
     recorded_outputs,
     special_constants,
 )
-from kreisel.kernels import array_code
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
 from kreisel.kernels.projection.corrections import ALONE, Corrections, interval
@@ -39,8 +38,9 @@ from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import Scheme
 
 if TYPE_CHECKING:
-    from kreisel.kernels.large.blockwise import Printer
+    from kreisel.kernels.large.kernel import Large
 
+WORK = 20_000  # operations that NumPy takes as long as for those of a step to begin
 OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many operations compile in a second
 MOST_LARGE_N = 500  # up to which kernels of O(n) are projected: recording takes a second
 # Invariants of a position and a momentum that are recorded beyond MOST_N too: those of Rosochatius take minutes.
@@ -51,12 +51,11 @@ FEW = 20
 class Code:
     """A step compiled, `work` operations a stage, and the programs of a projection that its kernel calls, if it does.
 
-    steps    of straight-line code; of array code None, and `arrays` its kernel
+    steps    the kernel; None for what is no straight-line code: then the definition runs on arrays
     tried    whether such programs were looked for
     """
 
     steps: Steps | None
-    arrays: Any
     work: int
     programs: tuple[Program, ...] = ()  # of the invariants, and of the orientation
     project: Any = None  # `compiled` of them
@@ -73,24 +72,19 @@ def code_of(
     key = None if scheme.kernel_key is None else (Code, scheme.kernel_key, len(constants), special, project)
 
     def make() -> Code:
-        record: Any
         try:
             record = Recording(scheme, constants, columns, stage_columns)
         except TooLong:
-            from kreisel.kernels.recording import Recording as ArrayRecording
-
-            record = ArrayRecording(scheme, constants, columns, stage_columns)
-        straight = isinstance(record, Recording)
+            return Code(None, WORK + 50 * scheme.n**3)
         programs = _programs(scheme, columns) if project and scheme.n <= MOST_N else None
-        width = WIDE if len(constants) > 1 and straight and record.straight else 1
+        width = WIDE if len(constants) > 1 and record.straight else 1
         every, project_them = 0, None
         if programs:
             every = interval(cost_of(programs), record.work * scheme.stage_count, scheme.between)
             project_them = compiled(programs, width)
-        steps = compiled_steps(record, len(constants), bool(programs)) if straight else None
-        kernel = None if straight else array_code.compiled_arrays(record, bool(programs))
+        steps = compiled_steps(record, len(constants), bool(programs))
         tried = programs is not None
-        return Code(steps, kernel, record.work, tuple(programs or ()), project_them, every, width, tried)
+        return Code(steps, record.work, tuple(programs or ()), project_them, every, width, tried)
 
     return reused(key, make)
 
@@ -112,12 +106,12 @@ class CpuEngine(SteppedEngine):
     With `project` the state is put back on its invariants now and then (`kreisel.graph.project`).
     """
 
-    def __init__(self, scheme: Scheme, z0: Floats, printer: Printer | None = None, project: bool = False):
+    def __init__(self, scheme: Scheme, z0: Floats, large: Large | None = None, project: bool = False):
         super().__init__(scheme, z0)
         self._woven: CompiledProjection | None = None  # the projection, where the kernel calls it
         self._between: Corrections | None = None  # where it does not
-        if printer is not None:
-            code = self._printed(printer)
+        if large is not None:
+            code = self._large(large)
         else:
             code = code_of(scheme, self.constants, self.columns, self.stage_columns, project)
         self.code, self.work = code, code.work  # operations of a stage
@@ -127,23 +121,23 @@ class CpuEngine(SteppedEngine):
             self.projection = self._woven = CompiledProjection(*parts)
         elif project and not code.tried:
             work = scheme.stage_count * code.work
-            self._between = recordable(lambda: projection_between(scheme, self.z, work, arrays_only=printer is None))
+            self._between = recordable(lambda: projection_between(scheme, self.z, work, arrays_only=large is None))
             self.projection = self._between
 
-    def _printed(self, printer: Printer) -> Code:
-        scheme = self.scheme
+    def _large(self, large: Large) -> Code:
+        from kreisel.kernels.large.kernel import compiled_large
 
         def make() -> Code:
-            kernel = array_code.compiled_large(scheme, printer, self.columns, self.stage_columns)
-            return Code(None, kernel, _large_work(scheme))
+            steps = compiled_large(large, self.columns, self.stage_columns)
+            return Code(steps, _large_work(self.scheme))
 
-        return reused(None if scheme.kernel_key is None else (Code, scheme.kernel_key), make)
+        return reused(None if self.scheme.kernel_key is None else (Code, self.scheme.kernel_key), make)
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         if self._between is not None:
-            self._between.in_parts(out, every, self._advance, self._project)
+            self._between.in_parts(out, every, lambda rows, steps: self._advance(rows, steps, look), self._project)
         else:
-            self._advance(out, every)
+            self._advance(out, every, look)
             if self._woven is not None:
                 self._woven.count(len(out) * every)
 
@@ -160,24 +154,28 @@ class CpuEngine(SteppedEngine):
             self._frames[first] = frame.ctypes.data, (frame, held)  # threads ask at once, each for another one
         return self._frames[first][0]
 
-    def _advance(self, out: Floats, every: int) -> None:
+    def _advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         lanes, woven, steps = len(self.z), self._woven, self.code.steps
         if steps is None:
-            more = woven.arguments if woven else ()
+            self._by_definition(out, every, look)
+            return
+        if out.shape[1:] != self.z.shape:
+            raise TypeError(f"expected rows (rows, {lanes}, {self.z.shape[1]}), got {out.shape}")
+        call, address, rows, done = steps.kernel.call, address_of(out), len(out), woven.done if woven else 0
 
-            def work_on(first: int, last: int) -> None:
-                room = (woven.room(first),) if woven else ()
-                self.code.arrays(self.z, self.constants, self.stages, out, every, first, last, *more, *room)
-
-        else:
-            if out.shape[1:] != self.z.shape:
-                raise TypeError(f"expected rows (rows, {lanes}, {self.z.shape[1]}), got {out.shape}")
-            call, address, rows, done = steps.kernel.call, address_of(out), len(out), woven.done if woven else 0
-
-            def work_on(first: int, last: int) -> None:
-                call(self._frame(first), address, rows, every, done, first, last)
+        def work_on(first: int, last: int) -> None:
+            call(self._frame(first), address, rows, every, done, first, last)
 
         on_threads(lanes, len(out) * every * lanes, work_on)
+
+    def _by_definition(self, out: Floats, every: int, look: Look) -> None:
+        """The definition on arrays, one lane after the other."""
+        for lane, z in enumerate(self.z):
+            for row in out:
+                by_definition(self.scheme, self.columns, self.stage_columns)(
+                    z, self.constants[lane], self.stages[lane], every, look
+                )
+                row[lane] = z
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
         if self._between is not None or not self.adopts(scheme, z):
@@ -191,13 +189,36 @@ def frame_of(
     code: Code, z: Floats, constants: Floats, stages: Floats, projection: CompiledProjection | None, first: int
 ) -> tuple[Any, Any]:
     """The words that a kernel of straight-line code works on, and what must live as long as they do."""
-    room = np.empty(max(1, stages.shape[1] * (code.steps.room if code.steps else 0)))
+    steps = code.steps
+    room = np.zeros(max(1, steps.room * (stages.shape[1] if steps.by_stage else 1)) if steps else 1)
     words = [address_of(array) for array in (z, constants, stages, room)] + [len(z), stages.shape[1]]
     if projection is not None:
         _, every, project, table = projection.arguments
         words += [every, project, table, projection.room(first)]
     words += [0] * (len(FRAME) - len(words))
     return np.array(words, dtype=np.int64), (z, constants, stages, room)
+
+
+def by_definition(
+    scheme: Scheme, columns: Mapping[str, slice], stage_columns: Mapping[str, slice]
+) -> Callable[[Floats, Floats, Floats, int, Look], None]:
+    """advance(z, c, s, steps, look): steps by the definition, of rows z (d,), c (constants,), s (stages, constants)."""
+    kinds, n, parts = scheme.kinds, scheme.n, scheme.parts
+
+    def constants(row: Floats, places: Mapping[str, slice]) -> dict[str, Array]:
+        return {name: row[where].reshape((n,) * scheme.axes[name]) for name, where in places.items()}
+
+    def advance(z: Floats, c: Floats, s: Floats, steps: int, look: Look) -> None:
+        fixed = constants(c, columns)
+        stages = [{**fixed, **constants(row, stage_columns)} for row in s]
+        for _ in range(steps):
+            look()
+            for stage in stages:
+                z[:] = algebra.flatten(parts[0].function(*algebra.restore(z, kinds, n), **stage), kinds)
+            for part in parts[1:]:
+                z[:] = algebra.flatten(part.function(*algebra.restore(z, kinds, n), **fixed), kinds)
+
+    return advance
 
 
 def compiled_step(
@@ -214,7 +235,8 @@ def compiled_step(
     def advance(z: Floats, c: Floats, steps: int) -> None:
         s, out = np.broadcast_to(stages, (len(z), *stages.shape[1:])).copy(), np.empty((1, *z.shape))
         if code.steps is None:
-            code.arrays(z, c, s, out, steps, 0, len(z))
+            for row, of_row in zip(z, c, strict=True):
+                by_definition(scheme, columns, stage_columns)(row, of_row, stages[0], steps, no_look)
         else:
             frame, held = frame_of(code, z, c, s, None, 0)
             code.steps.kernel(frame.ctypes.data, address_of(out), 1, steps, 0, 0, len(z))
@@ -335,17 +357,7 @@ def compiled_rate(scheme: Scheme, lanes: int = 1) -> Callable[[float, Floats, Fl
     try:
         record = Recording(scheme, unknown, columns)
     except TooLong:
-        from kreisel.kernels.recording import Recording as ArrayRecording
-
-        by_arrays = array_code.compiled_array_rate(ArrayRecording(scheme, unknown, columns))
-
-        def rate_of_arrays(t: float, y: Floats, c: Floats) -> Floats:
-            out = np.empty_like(y)
-            by_arrays(np.ascontiguousarray(y), c, out)
-            return out
-
-        return rate_of_arrays
-
+        return _rate_of_arrays(scheme, columns)
     piece = record.pieces[0]
     inputs = {"z": (record.state, True), "c": (record.count("c"), False)}
     kernel = outputs_by_rows(piece.graph, piece.outputs, inputs)
@@ -354,5 +366,15 @@ def compiled_rate(scheme: Scheme, lanes: int = 1) -> Callable[[float, Floats, Fl
         y, c, out = np.ascontiguousarray(y), np.ascontiguousarray(c), np.empty(len(y))
         kernel.call(address_of(y), address_of(c), address_of(out), 1, 1)
         return out
+
+    return rate
+
+
+def _rate_of_arrays(scheme: Scheme, columns: Mapping[str, slice]) -> Callable[[float, Floats, Floats], Floats]:
+    function, kinds, n = scheme.parts[0].function, scheme.kinds, scheme.n
+
+    def rate(t: float, y: Floats, c: Floats) -> Floats:
+        constants = {name: c[where].reshape((n,) * scheme.axes[name]) for name, where in columns.items()}
+        return np.asarray(algebra.flatten(function(*algebra.restore(y, kinds, n), **constants), kinds))
 
     return rate

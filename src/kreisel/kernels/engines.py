@@ -13,7 +13,7 @@ from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.method.scheme import CoupledSteps, Flow, JaxSteps, Orbits, Scheme, Steps
 
 if TYPE_CHECKING:
-    from kreisel.kernels.large.blockwise import Printer
+    from kreisel.kernels.large.kernel import Large
     from kreisel.kernels.projection.corrections import Corrections
 
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
@@ -55,12 +55,12 @@ def engine_of(
     dt: float,
     steps: int,
     every: int,
-    printer: Printer | None,
+    large: Large | None,
     project: bool,
 ) -> Engine:
     """The engine of that name for rows z (lanes, d), which it may change, for so many steps, each `every`-th a row.
 
-    `printer`: what prints the kernel of engine="large".  Raises `InputError` where it does not run such a scheme.
+    `large`: the form of engine="large".  Raises `InputError` where it does not run such a scheme.
     """
     if name in ("cuda", "cuda-float32"):
         _require_map(scheme, name)
@@ -71,7 +71,7 @@ def engine_of(
         case Steps():
             from kreisel.kernels.cpu import CpuEngine
 
-            return CpuEngine(scheme, z, printer, project)
+            return CpuEngine(scheme, z, large, project)
         case CoupledSteps():
             from kreisel.kernels.coupled import CoupledEngine
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import RunError
+from kreisel.graph.recording import flat_constants
 from kreisel.kernels.cpu import compiled_rate
 from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.kernels.recording import flat_constants
 from kreisel.method.observing import WORK
 from kreisel.method.scheme import Scheme
 

@@ -132,11 +132,12 @@ class Steps(NamedTuple):
 
     kernel(frame, out, rows, every, done, first, last)  `every` steps for each row of `out` (rows, lanes, d), of the
             lanes from first to last; `done` steps were made since the last projection
-    room    doubles that a stage needs as room
+    room    doubles that it needs as room, for each stage or, not `by_stage`, in all
     """
 
     kernel: Kernel
     room: int
+    by_stage: bool = True
 
 
 def compiled_steps(record: Recording, lanes: int, projected: bool) -> Steps:

@@ -24,7 +24,7 @@ from kreisel.runs.settings import LARGE, Event, Settings, Timetable, initial_ori
 from kreisel.stopwatch import spent_on
 
 if TYPE_CHECKING:
-    from kreisel.kernels.large.blockwise import Printer
+    from kreisel.kernels.large.kernel import Large
     from kreisel.record.model import OrientationLike
 
 TIMES = "times"  # of the rows, beside the state in `Plan.start`
@@ -42,7 +42,7 @@ class Plan:
     first: Floats  # the start (lanes, d) in the method's own variables
     batched: bool
     start: Mapping[str, Floats]  # the state at time 0 as it was given, the orientation, and the times of rows
-    printer: Printer | None = None  # of the kernel of engine="large"
+    large: Large | None = None  # of the kernel of engine="large"
     events: tuple[Event, ...] = ()
     lost: frozenset[str] = frozenset()  # what the method conserves and impulses or events change
     fired: list[tuple[float, int]] = field(default_factory=list)  # the times and numbers of events that happened
@@ -95,7 +95,7 @@ class Plan:
     @property
     def where(self) -> str:
         """The name of the engine."""
-        return self.settings.engine or ("cpu" if self.printer is None else "large")
+        return self.settings.engine or ("cpu" if self.large is None else "large")
 
     @cached_property
     def engine(self) -> Engine:
@@ -112,7 +112,7 @@ class Plan:
                 dt=self.dt,
                 steps=self.steps,
                 every=self.every,
-                printer=self.printer,
+                large=self.large,
                 project=self.settings.project,
             )
 
@@ -217,7 +217,7 @@ def default(model: Model, settings: Settings) -> str:
 
 def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
     """The plan of a scheme from these components of the state, by an engine or the one that is chosen by n."""
-    made, start, printer = _lanes(model, made, parts, engine)
+    made, start, large = _lanes(model, made, parts, engine)
     back, _ = corrections(made)
     return Plan(
         model=model,
@@ -226,7 +226,7 @@ def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, 
         first=back(start.reshape(1, -1, start.shape[-1]))[0],
         batched=start.ndim > 1,
         start=_parts_by_name(model, parts) | ({} if settings.times is None else {TIMES: np.array(settings.times)}),
-        printer=printer,
+        large=large,
     )
 
 
@@ -242,11 +242,11 @@ def _parts_by_name(model: Model, parts: tuple[Array, ...]) -> dict[str, Array]:
 
 def _lanes(
     model: Model, plan: Scheme, parts: tuple[Array, ...], engine: str | None
-) -> tuple[Scheme, Floats, Printer | None]:
-    """The scheme with its constants of the trajectories, the prepared start (d,) or (lanes, d), and a printer or None.
+) -> tuple[Scheme, Floats, Large | None]:
+    """The scheme with its constants of the trajectories, the prepared start (d,) or (lanes, d), and the form of a large n or None.
 
     The batch axes of states and parameters become one.  With engine="large", or with None where that engine is known
-    and faster, scheme and start are in its form, and the printer prints its kernel.
+    and faster, scheme and start are in its form and form has its name.
     """
     own = len(model.system.space.letters)
     components = with_orientation(model, len(parts) > own)
@@ -264,16 +264,16 @@ def _lanes(
         np.array(np.broadcast_to(p, batch + p.shape[len(b) :]), dtype=np.float64)
         for p, b in zip(parts, batches, strict=True)
     )
-    plan, printer = plan.on(spread), None
+    plan, large = plan.on(spread), None
     if engine == "large" or (engine is None and plan.n >= LARGE):
-        plan, printer = _structured(plan, spread, engine)
-    return plan, np.asarray(algebra.flatten(plan.prepare(spread), plan.kinds)), printer
+        plan, large = _structured(plan, spread, engine)
+    return plan, np.asarray(algebra.flatten(plan.prepare(spread), plan.kinds)), large
 
 
-def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> tuple[Scheme, Printer | None]:
-    """The scheme in the form of engine="large", and what prints its kernel; without such a form the scheme itself."""
-    from kreisel.kernels.large.blockwise import Printer
+def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> tuple[Scheme, Large | None]:
+    """The scheme in the form of engine="large", and the form; without such a form the scheme itself."""
     from kreisel.kernels.large.forms import LEAST_N, form_of
+    from kreisel.kernels.large.kernel import Large
 
     form = form_of(plan)
     if form is None and asked is not None:
@@ -283,4 +283,4 @@ def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> t
             "other than 0; vectors alone; one momentum and a single real stage. It carries an orientation in the "
             "first case only, with method='suris'. Leave engine out."
         )
-    return (plan, None) if form is None else (form.on(plan, spread), Printer(form, plan))
+    return (plan, None) if form is None else (form.on(plan, spread), Large(form, plan))

@@ -13,7 +13,7 @@ About an axis an orientation may be carried along, known by its columns or its r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -22,16 +22,28 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
-from kreisel.graph.graph import Number
-from kreisel.kernels.large.basis import AXIS_NAME, BASIS_AXES, SHORTEST, TURN_NAME, Basis, _axis_lengths
-from kreisel.kernels.large.dense_momentum import Dense, changed_inverse
-from kreisel.kernels.large.products import Change, Inverse, Upkeep
-from kreisel.kernels.large.structured import StructuredColumns, StructuredMatrix, StructuredRows, StructuredVector
-from kreisel.kernels.printing import Line, arranged, split
-from kreisel.kernels.tape import Scalar, Tape, source_of
+from kreisel.errors import InputError
+from kreisel.graph.arranging import arranged, independent
+from kreisel.graph.graph import IN, Graph, Number, Operand
+from kreisel.kernels.large.structured import (
+    Dense,
+    StructuredColumns,
+    StructuredMatrix,
+    StructuredRows,
+    StructuredVector,
+    changed_inverse,
+)
+from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Part, Scheme, Steps
 
-AXIS, TURN = f"c_{AXIS_NAME}", f"c_{TURN_NAME}"  # as they are called on the tape
+AXIS_NAME, TURN_NAME = "axis", "turn"
+IN_PLANES = 1e-10  # how far a constant matrix may be from a turn in the planes of T, relative
+BASIS = "basis_"
+BASIS_AXES = {f"{BASIS}{letter}": count for letter, count in {"x": 2, "y": 2, "p": 1, "length": 0, "T": 2}.items()}
+SHORTEST = 1e-100  # of an axis
+
+
+AXIS, TURN = f"c_{AXIS_NAME}", f"c_{TURN_NAME}"  # letters of inputs
 INVERSE = "inverse"
 LEAST_N = 4  # for n = 3 the definitions have closed forms of their own
 
@@ -80,47 +92,47 @@ class LargeForm:
 
     # -- recording -------------------------------------------------------------------------------
 
-    def state(self, tape: Tape, kinds: list[str]) -> tuple[StructuredVector | StructuredMatrix | StructuredRows, ...]:
+    def state(self, graph: Graph, kinds: list[str]) -> tuple[StructuredVector | StructuredMatrix | StructuredRows, ...]:
         """The recorded state."""
-        return tuple(self._component(tape, f"z{i}", kind) for i, kind in enumerate(kinds))
+        return tuple(self._component(graph, f"z{i}", kind) for i, kind in enumerate(kinds))
 
-    def _component(self, tape: Tape, name: str, kind: str) -> StructuredVector | StructuredMatrix | StructuredRows:
+    def _component(self, graph: Graph, name: str, kind: str) -> StructuredVector | StructuredMatrix | StructuredRows:
         if kind == "skew" and not self.axis:
-            return StructuredMatrix(self.n, turn=1.0, dense=Dense(tape, name))
+            return StructuredMatrix(self.n, turn=1.0, dense=Dense(graph.input(name, 0)))
         if kind == "matrix":
-            x, y, t = (Scalar(tape, f"{name}{block}") for block in self.blocks(kind))
+            x, y, t = (graph.input(f"{name}{block}", 0) for block in self.blocks(kind))
             return StructuredVector(self.n, (x, y), t).mT if self.by_rows else StructuredColumns(self.n, (x, y), t)
-        x, *more = (Scalar(tape, f"{name}{block}") for block in self.blocks(kind))
+        x, *more = (graph.input(f"{name}{block}", 0) for block in self.blocks(kind))
         if kind != "skew":
             return StructuredVector(self.n, (x, *more[:1]), more[1]) if more else StructuredVector(self.n, (x,))
         s = StructuredVector(self.n, (x, *more), 0.0)
-        return StructuredMatrix(self.n, turn=Scalar(tape, TURN)).with_pair(s, self._p(tape))
+        return StructuredMatrix(self.n, turn=graph.input(TURN, 0)).with_pair(s, self._p(graph))
 
-    def _p(self, tape: Tape, name: str = AXIS) -> StructuredVector:
-        return StructuredVector(self.n, (0.0, 0.0), Scalar(tape, AXIS), axis=True)
+    def _p(self, graph: Graph, name: str = AXIS) -> StructuredVector:
+        return StructuredVector(self.n, (0.0, 0.0), graph.input(AXIS, 0), axis=True)
 
-    def known(self, tape: Tape, letters: str) -> dict[str, Any]:
+    def constants(self, graph: Graph, letters: str) -> dict[str, Any]:
         """The recorded constants that a function takes: c those of the trajectory, s those that vary with the stage."""
-        makers: dict[str, Callable[[Tape, str], Any]] = {
+        makers: dict[str, Callable[[Graph, str], Any]] = {
             "number": self._number,
             "axis": self._p,
             "turn": self._turn,
             "vector": self._vector,
         }
         return {
-            name: makers[role](tape, f"{letter}_{name}")
+            name: makers[role](graph, f"{letter}_{name}")
             for name, (letter, role) in self.roles.items()
             if letter in letters
         }
 
-    def _number(self, tape: Tape, name: str) -> Scalar:
-        return Scalar(tape, name)
+    def _number(self, graph: Graph, name: str) -> Number:
+        return graph.input(name, 0)
 
-    def _turn(self, tape: Tape, name: str) -> StructuredMatrix:
-        return StructuredMatrix(self.n, turn=Scalar(tape, name))
+    def _turn(self, graph: Graph, name: str) -> StructuredMatrix:
+        return StructuredMatrix(self.n, turn=graph.input(name, 0))
 
-    def _vector(self, tape: Tape, name: str) -> StructuredVector:
-        return StructuredVector(self.n, (Scalar(tape, name),))
+    def _vector(self, graph: Graph, name: str) -> StructuredVector:
+        return StructuredVector(self.n, (graph.input(name, 0),))
 
     def outputs(self, new: tuple[Any, ...], kinds: list[str]) -> list[Any]:
         """The new state in the order of `names`; TypeError where it has left the form."""
@@ -212,12 +224,13 @@ class LargeForm:
 
 def _scalar_or_plain(x: Any) -> Any:
     """A number that is recorded, or a plain one."""
-    return x if isinstance(x, Scalar | Number) else float(x)
+    return x if isinstance(x, Number) else float(x)
 
 
 def _momentum(value: Any) -> StructuredVector:
     """s of m = T + s ^ p, with the T that it had before."""
-    if not isinstance(value, StructuredMatrix) or not isinstance(value.turn, Scalar) or value.turn.signed != TURN:
+    turn = value.turn if isinstance(value, StructuredMatrix) else None
+    if not isinstance(turn, Number) or turn.negative or turn.node != (IN, TURN, 0):
         raise TypeError("a momentum whose constant part has changed")
     if len(value.pairs) != 1 or isinstance(value.diagonal, StructuredVector) or value.diagonal != 0.0:
         raise TypeError("a momentum that is not T + s ^ p")
@@ -269,60 +282,251 @@ def _first_that_holds(forms: list[LargeForm], scheme: Scheme) -> LargeForm | Non
     return None
 
 
-class LargeFunction(NamedTuple):
-    """A recorded function: its lines, the new state, and what is done to a dense momentum."""
+class Change(NamedTuple):
+    """scale x y^T, or for the momentum scale x ^ y: a number and two vectors, by their entries."""
 
-    lines: list[Line]
-    new: list[str]
+    scale: Operand
+    x: Operand
+    y: Operand
+
+
+class Inverse(NamedTuple):
+    """A kept inverse, that of diagonal + turn M.
+
+    check      |r|^2 and |v|^2 of a solve, r its residual
+    changes    when M has changed
+    """
+
+    diagonal: Operand
+    turn: Operand
+    check: tuple[Operand, Operand]
+    changes: tuple[Change, ...]
+
+
+class Upkeep(NamedTuple):
+    """What is done to M, by pairs, and to the inverses before the new vectors are stored."""
+
+    pairs: tuple[Change, ...]
+    inverses: tuple[Inverse, ...]
+
+    @property
+    def operands(self) -> list[Operand]:
+        """All numbers and entries that this needs, in order."""
+        out = [x for change in self.pairs for x in change]
+        for diagonal, turn, check, changes in self.inverses:
+            out += [diagonal, turn, *check, *(x for change in changes for x in change)]
+        return out
+
+    def of(self, operands: Iterator[Operand]) -> Upkeep:
+        """The same with other operands in their place."""
+
+        def change(_: Change) -> Change:
+            scale, x, y = (next(operands) for _ in range(3))
+            for vector in (x, y):
+                scale = -scale if vector.negative else scale
+            return Change(scale, x.positive, y.positive)
+
+        pairs = tuple(map(change, self.pairs))
+        inverses = []
+        for inverse in self.inverses:
+            diagonal, turn, *check = (next(operands) for _ in range(4))
+            inverses.append(Inverse(diagonal, turn, (check[0], check[1]), tuple(map(change, inverse.changes))))
+        return Upkeep(pairs, tuple(inverses))
+
+
+class LargeFunction(NamedTuple):
+    """A recorded function: its graph, the new state, and what is done to a dense momentum."""
+
+    graph: Graph
+    new: list[Operand]
     upkeep: Upkeep | None
+
+    @property
+    def outputs(self) -> list[Operand]:
+        """All that is computed."""
+        return [*self.new, *(self.upkeep.operands if self.upkeep else ())]
 
 
 def recorded_large(form: LargeForm, kinds: list[str], part: Part) -> LargeFunction:
     """A step or `close` on recorded numbers; TypeError where the form does not hold."""
-    tape = Tape("" if part.staged else "e")
-    values = part.function(*form.state(tape, kinds), **form.known(tape, part.letters))
+    graph = Graph("" if part.staged else "e")
+    values = part.function(*form.state(graph, kinds), **form.constants(graph, part.letters))
     new = form.outputs(values, kinds)
-    if any(not isinstance(v, Scalar | float | int) for v in new):
+    if any(not isinstance(v, Number | float | int) for v in new):
         raise TypeError("a new state that is complex")
-    upkeep, also = None, list[str]()
-    if "skew" in kinds and not form.axis:
-        upkeep, also = _upkeep(values[kinds.index("skew")])
-    wanted = [*(v.name for v in new if isinstance(v, Scalar)), *also]
-    lines = arranged(tape.needed(wanted), wanted)
+    upkeep = _upkeep(values[kinds.index("skew")]) if "skew" in kinds and not form.axis else None
+    graph, outputs = arranged(graph, [*new, *(upkeep.operands if upkeep else ())])
     if upkeep is not None:
-        constant = {f"c_{name}" for name in form.known(tape, "c")}
-        constant |= {n for line in split(lines, constant)[0] for n in line.names}
-        given = {v.strip("(-)") for inverse in upkeep.inverses for v in (inverse.diagonal, inverse.turn)}
-        if any(v[0].isalpha() for v in given - constant):
+        upkeep = upkeep.of(iter(outputs[len(new) :]))
+        fixed = independent(graph, graph.needed(outputs), {f"c_{name}" for name in form.roles})
+        matrices = [x for inverse in upkeep.inverses for x in (inverse.diagonal, inverse.turn)]
+        if any(isinstance(x, Number) and x.at not in fixed for x in matrices):
             raise TypeError("a solve with more than the momentum in its matrix that varies")
-    return LargeFunction(lines, [source_of(v) for v in new], upkeep)
+    return LargeFunction(graph, outputs[: len(new)], upkeep)
 
 
-def _upkeep(M: Any) -> tuple[Upkeep, list[str]]:
-    """How the new momentum and its inverses come from the old ones, and the recorded names that this needs."""
+def _upkeep(M: Any) -> Upkeep:
+    """How the new momentum and its inverses come from the old ones."""
     if not isinstance(M, StructuredMatrix) or M.dense is None or (M.turn, M.diagonal) != (1.0, 0.0):
         raise TypeError("a momentum that has changed by other than pairs")
     pairs = [*M.pairs.values()]
-    names: list[str] = []
 
-    def number(x: Any) -> str:
-        if not isinstance(x, Scalar | float | int):
+    def number(x: Any) -> Operand:
+        if not isinstance(x, Number | float | int):
             raise TypeError("a dense momentum changed by complex numbers")
-        names.extend([x.name] if isinstance(x, Scalar) else [])
-        return source_of(x)
+        return x
 
     def change(scale: Any, x: StructuredVector, y: StructuredVector) -> Change:
         (a,), (b,) = x.blocks, y.blocks
-        if not isinstance(a, Scalar) or not isinstance(b, Scalar):
+        if not isinstance(a, Number) or not isinstance(b, Number):
             raise TypeError("a dense momentum changed by plain numbers")
-        names.extend([a.name, b.name])
-        return Change(number(-scale if a.negative != b.negative else scale), a.name, b.name)
+        return Change(number(scale), a, b)
 
     moved = tuple(change(*pair) for pair in pairs)
     inverses = []
     for k, (diagonal, turn) in enumerate(M.dense.inverses):
-        res, size = M.dense.checks[k]
         diagonal = diagonal.blocks[0] if isinstance(diagonal, StructuredVector) else diagonal
         changes = tuple(change(-1.0, x, r) for x, r in changed_inverse(M.dense, k, pairs))
-        inverses.append(Inverse(number(diagonal), number(turn), (number(res), number(size)), changes))
-    return Upkeep(moved, tuple(inverses)), names
+        inverses.append(Inverse(number(diagonal), number(turn), M.dense.checks[k], changes))
+    return Upkeep(moved, tuple(inverses))
+
+
+# -- the orthonormal basis of the form about an axis ---------------------------------------------------
+
+
+def _axis_lengths(p: Array) -> Array:
+    p = np.asarray(p, dtype=np.float64)
+    return np.sqrt((p * p).sum(-1))
+
+
+@dataclass(frozen=True)
+class Basis:
+    """An orthonormal basis for each trajectory, ([lane,] n, h) twice and p/|p|, in which T has blocks theta.
+
+    T = pi m pi, pi = I - p p^T/|p|^2, takes x_k to theta_k y_k and y_k to -theta_k x_k.  Where n - 1 is odd the last
+    y is 0.  m = T + s ^ p with s = m p/|p|^2.
+    """
+
+    x: Array
+    y: Array
+    p: Array
+    length: Array
+    theta: Array
+    T: Array
+    kinds: tuple[str, ...]
+    by_rows: bool
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """What `back` takes, by name."""
+        return {name: getattr(self, name.removeprefix(BASIS)) for name in BASIS_AXES}
+
+    @staticmethod
+    def of(form: LargeForm, scheme: Scheme, z0: tuple[Array, ...]) -> Basis:
+        """The basis for the states z0."""
+        kinds = tuple(scheme.kinds)
+        p = np.asarray(scheme.constants[form.axis], dtype=np.float64)
+        m = np.asarray(z0[kinds.index("skew")], dtype=np.float64)
+        batch = np.broadcast_shapes(p.shape[:-1], m.shape[:-2])
+        p = np.broadcast_to(p, (*batch, form.n))
+        T = algebra.project_out(m, p) / algebra.mat(algebra.dot(p, p))
+        T = np.broadcast_to((T - T.mT) / 2, (*batch, form.n, form.n))
+        found = [_planes(T[lane], p[lane]) for lane in np.ndindex(batch)]
+        x, y, theta = (np.array(part).reshape((*batch, *part[0].shape)) for part in zip(*found, strict=True))
+        return Basis(x, y, p, _axis_lengths(p), theta, T, kinds, form.by_rows)
+
+    def constants(self, form: LargeForm, scheme: Scheme) -> dict[str, Array]:
+        """The constants in this basis.  Raises `InputError` for a turn that is not in the planes of T."""
+        out: dict[str, Array] = {AXIS_NAME: self.length, TURN_NAME: self.theta}
+        for name, value in scheme.constants.items():
+            role = form.roles[name][1]
+            if role == "number":
+                out[name] = value
+            elif role == "turn":
+                moved = value @ self.x
+                out[name] = (self.y * moved).sum(-2)
+                off = abs(moved - self.y * out[name][..., None, :]).max(initial=0)
+                if off > IN_PLANES * max(1.0, abs(value).max(initial=0)):
+                    raise InputError(
+                        f"engine='large' cannot make the turn {name} of method={scheme.name!r}; use 'cpu'."
+                    )
+        return out
+
+    def into(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
+        """Blocks of the components, one after the other (..., size)."""
+        out = []
+        for value, kind in zip(z, self.kinds, strict=True):
+            if kind == "matrix":
+                g = value if self.by_rows else value.mT  # the vectors of g, as rows
+                along = g @ (self.p / algebra.vec(self.length))[..., None]
+                blocks = np.concatenate([g @ self.x, g @ self.y, along], -1)
+                out.append(blocks.reshape((*blocks.shape[:-2], -1)))
+                continue
+            v = algebra.act(value, self.p) / algebra.vec(self.length**2) if kind == "skew" else value
+            along = [] if kind == "skew" else [algebra.vec(algebra.dot(v, self.p) / self.length)]
+            out.append(np.concatenate([algebra.act(self.x.mT, v), algebra.act(self.y.mT, v), *along], -1))
+        return tuple(out)
+
+    def observer(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
+        """`observe` of blocks, which also takes the `arrays` of this basis or of one to take its place."""
+
+        def of_blocks(z: tuple[Array, ...], only: Collection[str] | None = None, /, **known: Array) -> dict[str, Array]:
+            given = {name: known.pop(name) for name in self.arrays if name in known}
+            return observe(self.with_arrays(given).back(z), only, **known)
+
+        return of_blocks
+
+    def with_arrays(self, known: Mapping[str, Array]) -> Basis:
+        """The basis with these `arrays` in the place of its own."""
+        return replace(self, **{name.removeprefix(BASIS): value for name, value in known.items()})
+
+    def back(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
+        """The components of blocks."""
+        out: list[Array] = []
+        h = self.theta.shape[-1]
+        for value, kind in zip(z, self.kinds, strict=True):
+            if kind == "matrix":
+                n = self.p.shape[-1]
+                g = value.reshape((*value.shape[:-1], n, 2 * h + 1))
+                unit = (self.p / algebra.vec(self.length))[..., None, :]
+                g = g[..., :h] @ self.x.mT + g[..., h : 2 * h] @ self.y.mT + g[..., 2 * h :] * unit
+                out.append(g if self.by_rows else g.mT)
+                continue
+            v = algebra.act(self.x, value[..., :h]) + algebra.act(self.y, value[..., h : 2 * h])
+            if kind == "skew":
+                out.append(self.T + algebra.wedge(v, self.p + 0 * v))
+            else:
+                out.append(v + self.p * (value[..., 2 * h :] / algebra.vec(self.length)))
+        return tuple(out)
+
+
+def _planes(T: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
+    """x, y (n, h) and theta (h) of one skew matrix T with T p = 0, by its real Schur form across p."""
+    from scipy.linalg import schur
+
+    n = len(p)
+    u = p / np.sqrt(p @ p)
+    u[-1] += np.copysign(1.0, u[-1])
+    across = (np.eye(n) - 2 / (u @ u) * np.outer(u, u))[:, :-1]
+    inner = across.T @ T @ across
+    blocks, turn = schur((inner - inner.T) / 2, output="real")
+    full = across @ turn
+    for _ in range(2):  # orthonormal to the last digit, and orthogonal to p
+        full = np.column_stack([full[:, : n - 1], p / np.sqrt(p @ p)])
+        full = full @ (1.5 * np.eye(n) - 0.5 * full.T @ full)
+    x, y, theta = [], [], []
+    lone = []
+    i = 0
+    while i < n - 1:
+        if i + 1 < n - 1 and blocks[i + 1, i] != 0:
+            x.append(full[:, i])
+            y.append(full[:, i + 1])
+            theta.append(float(full[:, i + 1] @ T @ full[:, i]))
+            i += 2
+        else:
+            lone.append(full[:, i])
+            i += 1
+    lone += [np.zeros(n)] * (len(lone) % 2)
+    x, y = x + lone[::2], y + lone[1::2]
+    theta += [0.0] * (len(lone) // 2)
+    return np.column_stack(x), np.column_stack(y), np.array(theta)

@@ -2,8 +2,7 @@
 
 A vector is a few blocks of h entries and, about an axis p, a number for its part along p.  A matrix is D + T + sum
 c_i s_i ^ t_i with D a number or a diagonal, T skew and the same for the whole step, and few pairs s_i, t_i.  The
-entries are recorded numbers (`kreisel.kernels.tape.Scalar`) that stand for the entry at any place k; `total` adds up
-over k.
+entries are recorded numbers that stand for the entry at any place k; `total` adds up over k.
 
 About an axis, T turns block x into block y by theta and the axis is (0, 0, |p|): the canonical form of a constant skew
 matrix with T p = 0.  A basis of that kind may be chosen only for steps that mean the same in every orthonormal basis.
@@ -16,7 +15,7 @@ inverses of D + T are O(n^2).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -24,9 +23,118 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra.complex import Complex
-from kreisel.kernels.large.dense_momentum import Dense
-from kreisel.kernels.large.scalars import Nothing, Number, is_number, key_of, parts, total
-from kreisel.kernels.tape import Scalar
+from kreisel.graph import graph as operations
+from kreisel.graph.graph import Number
+
+Entry = Any  # a recorded number, complex of recorded, or plain
+
+# Operations beside those of numbers: the sum of an entry over all places, (total, x), and entries of a product with the
+# momentum, (momentum, M, x), with a kept inverse, (kept, M, k, x), or its transpose.
+TOTAL, MOMENTUM, KEPT, TURNED = "total", "momentum", "kept", "turned"
+
+
+def total(x: Entry) -> Entry:
+    """The sum of an entry over all places."""
+    if isinstance(x, Complex):
+        return Complex(total(x.re), total(x.im))
+    if isinstance(x, Number):
+        return x.record(TOTAL, x.positive, negative=x.negative)
+    if isinstance(x, np.ndarray):  # all entries, one after the other
+        return x.sum() if x.dtype.kind == "O" else float(x.sum())
+    if x == 0:
+        return 0.0
+    raise TypeError("the sum of a plain number over all places is not recorded")
+
+
+def is_number(x: Any) -> bool:
+    """Whether it is recorded, complex of recorded, or plain."""
+    return isinstance(x, Number | Complex | int | float | np.number)
+
+
+def key_of(x: Any) -> Any:
+    """Equal for what is the same in a graph: numbers, arrays, and vectors, which have a `key`."""
+    if hasattr(x, "key"):
+        return x.key
+    if isinstance(x, Number):
+        return x
+    if isinstance(x, np.ndarray):
+        return tuple(map(key_of, x))
+    return (key_of(x.re), key_of(x.im)) if isinstance(x, Complex) else float(x)
+
+
+def parts(x: Entry) -> tuple[Entry, Entry]:
+    """Real and imaginary part."""
+    return (x.re, x.im) if isinstance(x, Complex) else (x, 0.0)
+
+
+class Nothing:
+    """The entries of a constant matrix: none that change, and none to be used."""
+
+    ndim, shape, size = 1, (0,), 0
+    __array_ufunc__: ClassVar[None] = None
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        return np.zeros(0)
+
+
+@dataclass(eq=False)
+class Dense:
+    """The momentum M of a step, recorded, with the inverses of diagonal + turn M that it solves by.
+
+    inverses  (diagonal, turn) of each kept inverse
+    checks    of each, by the first solve: |r|^2 and |v|^2, r the residual
+    """
+
+    momentum: Number
+    inverses: list[tuple[Any, Entry]] = field(default_factory=list)
+    checks: dict[int, tuple[Number, Number]] = field(default_factory=dict)
+
+    def times(self, v: StructuredVector) -> StructuredVector:
+        """M v."""
+        return self._applied(v, MOMENTUM)
+
+    def solved(self, k: int, v: StructuredVector) -> StructuredVector:
+        """Inverse k times v."""
+        return self._applied(v, KEPT, k)
+
+    def solved_transposed(self, k: int, v: StructuredVector) -> StructuredVector:
+        """Inverse k, transposed, times v."""
+        return self._applied(v, TURNED, k)
+
+    def _applied(self, v: StructuredVector, operation: str, *numbers: int) -> StructuredVector:
+        (x,) = v.blocks
+        if not isinstance(x, Number):
+            raise TypeError("products of the dense momentum with complex vectors are not recorded")
+        return replace(v, blocks=(x.record(operation, self.momentum, *numbers, x.positive, negative=x.negative),))
+
+    def inverse(self, diagonal: Any, turn: Entry) -> int:
+        """The number of the kept inverse of diagonal + turn M."""
+        keys = [(key_of(d), key_of(t)) for d, t in self.inverses]
+        wanted = key_of(diagonal), key_of(turn)
+        if wanted not in keys:
+            self.inverses.append((diagonal, turn))
+            return len(keys)
+        return keys.index(wanted)
+
+
+def changed_inverse(
+    dense: Dense, k: int, pairs: Sequence[tuple[Entry, StructuredVector, StructuredVector]]
+) -> list[tuple[StructuredVector, StructuredVector]]:
+    """Vectors x, r: the inverse k of M + sum c s ^ t is W - sum x r^T, W that of M, by Woodbury's formula."""
+    turn = dense.inverses[k][1]
+    changes = [change for c, s, t in pairs for change in ((turn * c, s, t), (-(turn * c), t, s))]  # a x y^T
+    left = [dense.solved(k, x) for _, x, _ in changes]
+    right = [dense.solved_transposed(k, y) for _, _, y in changes]
+    G = np.array([[a * algebra.dot(y, Wx) for Wx in left] for a, _, y in changes], dtype=object)
+    weights = algebra.solve(G + algebra.identity(len(G)), np.diag([a for a, _, _ in changes]))
+    return [(x, _combined(right, row)) for x, row in zip(left, weights, strict=True)]
+
+
+def _combined(vectors: Sequence[StructuredVector], weights: Sequence[Entry]) -> StructuredVector:
+    first, *others = (v * w for v, w in zip(vectors, weights, strict=True))
+    for v in others:
+        first = first + v
+    return first
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +142,8 @@ class StructuredVector:
     """Blocks of entries; about an axis two, and `tail` along it.  `axis`: it is the axis itself."""
 
     n: int
-    blocks: tuple[Number, ...]
-    tail: Number = None
+    blocks: tuple[Entry, ...]
+    tail: Entry = None
     axis: bool = False
 
     __array_ufunc__: ClassVar[None] = None  # so that NumPy leaves its operators to us
@@ -66,10 +174,10 @@ class StructuredVector:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Equal for vectors that are the same on the tape."""
+        """Equal for vectors that are the same in a graph."""
         return (*map(key_of, self.blocks), None if self.tail is None else key_of(self.tail))
 
-    def map(self, function: Callable[..., Number], *others: StructuredVector) -> StructuredVector:
+    def map(self, function: Callable[..., Entry], *others: StructuredVector) -> StructuredVector:
         """The function on all entries."""
         columns = zip(self.blocks, *(v.blocks for v in others), strict=True)
         tail = function(self.tail, *(v.tail for v in others)) if self.canonical else None
@@ -118,7 +226,7 @@ class StructuredVector:
     def __truediv__(self, other: Any) -> Any:
         return self.map(lambda x: x / other) if is_number(other) else NotImplemented
 
-    def sum(self, axis: int) -> Number:
+    def sum(self, axis: int) -> Entry:
         """The sum of all entries, which means something in a basis of its own only."""
         if self.canonical:
             raise TypeError("a sum of entries depends on the basis")
@@ -175,7 +283,7 @@ class Products:
 
     vector: StructuredVector
 
-    def sum(self, axis: int) -> Number:
+    def sum(self, axis: int) -> Entry:
         """<x, y>."""
         first, *rest = self.vector.blocks
         for block in rest:
@@ -196,8 +304,8 @@ class StructuredMatrix:
 
     n: int
     diagonal: Any = 0.0
-    turn: Number = 0.0
-    pairs: dict[Any, tuple[Number, StructuredVector, StructuredVector]] = field(default_factory=dict)
+    turn: Entry = 0.0
+    pairs: dict[Any, tuple[Entry, StructuredVector, StructuredVector]] = field(default_factory=dict)
     dense: Dense | None = None
     kept: bool = False  # T is known to be constant, and its entries are asked for to see what changes
 
@@ -214,7 +322,7 @@ class StructuredMatrix:
     def shape(self) -> tuple[int, int]:
         return (self.n, self.n)
 
-    def with_pair(self, s: StructuredVector, t: StructuredVector, c: Number = 1.0) -> StructuredMatrix:
+    def with_pair(self, s: StructuredVector, t: StructuredVector, c: Entry = 1.0) -> StructuredMatrix:
         """Plus c s ^ t; pairs with the same t are one, and what does not count of s along an axis t goes."""
         if s.canonical and not t.axis and s.axis:
             s, t = -t, s
@@ -226,7 +334,7 @@ class StructuredMatrix:
             b, r, _ = before
             c, s = (b + c, s) if r.key == s.key else (1.0, r * b + s * c)
         pairs = {**self.pairs, t.key: (c, s, t)}
-        if not isinstance(c, Scalar) and c == 0.0:
+        if not isinstance(c, Number) and c == 0.0:
             del pairs[t.key]
         return replace(self, pairs=pairs)
 
@@ -272,7 +380,7 @@ class StructuredMatrix:
             return Nothing()
         raise TypeError(f"a structured matrix has no entries: {index!r}")
 
-    def record_pairing(self, other: StructuredMatrix) -> Number:
+    def record_pairing(self, other: StructuredMatrix) -> Entry:
         """<X, Y> = <T, S> + sum <u_i, T v_i> + <s_i, S t_i> + <s_i, u_j> <t_i, v_j> - <s_i, v_j> <t_i, u_j>."""
         if self.dense or other.dense or key_of(self.diagonal) != 0.0 or key_of(other.diagonal) != 0.0:
             raise TypeError("a pairing of other than T + sum c s ^ t")
@@ -286,7 +394,7 @@ class StructuredMatrix:
                 out = out + (k * c) * both
         return out
 
-    def record_characteristic(self, last: int) -> list[Number]:
+    def record_characteristic(self, last: int) -> list[Entry]:
         """c_k, k = 0..last, of det(mu - X) for X = T + s ^ p, p the axis, <s, p> = 0.
 
         det(mu - X) = det(mu - T) (1 + <p, p> <s, (mu - T)^-1 s>/mu).  [matrix determinant lemma]
@@ -313,7 +421,7 @@ class StructuredMatrix:
     def record_parts(self) -> tuple[StructuredMatrix, None]:
         return self, None
 
-    def record_shifted(self, mu: Number) -> StructuredMatrix:
+    def record_shifted(self, mu: Entry) -> StructuredMatrix:
         """mu - X."""
         back = -self
         return replace(back, diagonal=back.diagonal + mu)
@@ -333,7 +441,7 @@ class StructuredMatrix:
         pairs = {key: (c, algebra.cayley_act(X, s), t) for key, (c, s, t) in self.pairs.items()}
         return replace(self, pairs=pairs)
 
-    def _own_pairs(self) -> list[tuple[Number, StructuredVector, StructuredVector]]:
+    def _own_pairs(self) -> list[tuple[Entry, StructuredVector, StructuredVector]]:
         """The pairs, the numbers in s unless products with s are what costs.
 
         In a million steps Neumann's |x|^2 drifts by 3.7 widths of a random walk with <s, y> multiplied afterwards, by
@@ -393,3 +501,12 @@ class StructuredMatrix:
         scale, tv, sv = 1 / (a * d - b * c), k * dot(t, Rv), k * dot(s, Rv)
         along_s, along_t = (d * tv - b * sv) * scale, (a * sv - c * tv) * scale
         return Rv - Rs * along_s + Rt * along_t
+
+
+for _name in (TOTAL, MOMENTUM, KEPT, TURNED):  # so that graphs with them are arranged too
+
+    def _recorded(*operands: Any, _operation: str = _name) -> Any:
+        *first, x = operands
+        return x.record(_operation, *first, x.positive, negative=x.negative)
+
+    operations.APPLIED.setdefault(_name, _recorded)
