@@ -6,17 +6,17 @@ they act.  A body is a particle `index`, a row L, g of `z` and a row of `c`: wha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from kreisel.exact import rotor_step
-from kreisel.kernels.cache import load_kernel
-from kreisel.kernels.recording import indented, recorded_function
-from kreisel.kernels.simd import HEAD
+from kreisel.graph.graph import Graph, Operand
+from kreisel.graph.llvm import DOUBLE, INDEX, INTEGER, Function, Integer, Memory, Value, constant
+from kreisel.graph.machine import Kernel, kernel
+from kreisel.graph.recording import recorded_function
 from kreisel.rebound import interaction
 
 ROTOR = {"inverse": (3,), "rates": (3,), "gaps": (3,), "curvatures": (3,)}
@@ -25,204 +25,273 @@ COLUMNS, OF_FIGURE, LAG = 21, 12, 20
 BALL = 1e-12  # of the moments: what rounding may make of a ball
 MOST_PARTS = 100_000  # of a turn: a step in which a body turns so often is no step
 
-ROWS = "f8[:,::1], f8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1]"  # p, masses, index, z, c, dv
-ROOM = 17, 4  # numbers of w and out: what a function takes and gives
-
-FUNCTION = """
-@straight
-def {name}(w, c, body, out):
-{load}
-{body}
-{save}
-
-"""
-
-KERNELS = """
-@straight
-def apply(p, masses, z, dv, i, j, body, r, out):
-    own, m = p[i, 9], masses[j]
-    for k in range(3):
-        p[j, 3 + k] += out[k]
-        dv[j, k] += out[k]
-        p[i, 3 + k] -= m / own * out[k]
-        dv[i, k] -= m / own * out[k]
-        out[k] *= m
-    z[body, 0] -= r[1] * out[2] - r[2] * out[1]
-    z[body, 1] -= r[2] * out[0] - r[0] * out[2]
-    z[body, 2] -= r[0] * out[1] - r[1] * out[0]
+# The words of a frame: addresses, then counts: numbers of a particle, particles that act, bodies, particles, rows of
+# q (0 where coordinates are not Jacobi's) and their numbers, steps; and whether pairs go in the other order.
+ADDRESSES = (
+    "p",
+    "masses",
+    "index",
+    "z",
+    "c",
+    "dv",
+    "times",
+    "done",
+    "q",
+    "simulation",
+    "step",
+    "N",
+    "modified",
+    "status",
+)
+FRAME = (*ADDRESSES, "width", "active", "bodies", "particles", "jacobi", "jacobi_width", "steps", "backwards")
+TURNED_OFTEN = -1  # `done` where a body turns too often
 
 
-@straight
-def act(p, masses, z, c, dv, i, j, body, h, G, lagging, w, out):
-    for k in range(3):
-        w[k] = p[j, k] - p[i, k]
-    if lagging:
-        for k in range(3):
-            w[3 + k] = p[j, 3 + k] - p[i, 3 + k]
-        for k in range(7):
-            w[6 + k] = z[body, k]
-        w[13], w[14], w[15], w[16] = h, masses[j], p[i, 9], G
-        friction(w, c, body, out)
-    else:
-        for k in range(7):
-            w[3 + k] = z[body, k]
-        w[10], w[11], w[12] = h, masses[j], G
-        kick(w, c, body, out)
-    apply(p, masses, z, dv, i, j, body, w, out)
+class Recorded(NamedTuple):
+    """A function of `interaction`, recorded; its constants begin at `first` in a row of c."""
 
+    graph: Graph
+    outputs: list[Operand]
+    first: int
 
-@compiled("{rows}, f8, f8, i8, f8[::1], f8[::1]")
-def act_on_all(p, masses, index, z, c, dv, h, G, backwards, w, out):
-    for j in range(len(dv)):
-        for k in range(3):
-            dv[j, k] = 0.0
-    pairs = len(index) * len(masses)
-    for number in range(pairs):
-        k = pairs - 1 - number if backwards else number
-        body, j = k // len(masses), k % len(masses)
-        i, lagging = index[body], c[body, {lag}] != 0.0
-        if i != j:
-            if lagging and not backwards:
-                act(p, masses, z, c, dv, i, j, body, h, G, True, w, out)
-            act(p, masses, z, c, dv, i, j, body, h, G, False, w, out)
-            if lagging and backwards:
-                act(p, masses, z, c, dv, i, j, body, h, G, True, w, out)
+    @classmethod
+    def of(
+        cls,
+        function: Callable[..., Any],
+        inputs: Mapping[str, tuple[int, ...]],
+        constants: Mapping[str, tuple[int, ...]],
+        without: tuple[str, ...] = (),
+        first: int = 0,
+    ) -> Recorded:
+        """A function of inputs, one after the other, and of constants, `without` some that it does not take."""
 
+        def called(**arguments: Any) -> list[Any]:
+            return list(function(**{name: value for name, value in arguments.items() if name not in without}))
 
-@compiled("f8[:,::1], f8[:,::1], f8, f8[::1], f8[::1], i8[::1]")
-def turn_all(z, c, h, w, out, done):
-    for body in range(len(z)):
-        for k in range(7):
-            w[k] = z[body, k]
-        w[7] = h
-        reach(w, c, body, out)
-        parts = 1.0 + 2.0 * sqrt(out[0])  # turns by up to 4 radians
-        if not parts < {most}:
-            done[0] = -1
-            return
-        w[7] = h / int(parts)
-        first, second = c[body, {figure} + 3], c[body, {figure} + 4]
-        ball = first == 0.0 and second == 0.0
-        for _ in range(int(parts)):
-            if ball:
-                turn_of_ball(w, c, body, out)
-            else:
-                turn(w, c, body, out)
-            for k in range(4):
-                w[3 + k] = out[k]
-        for k in range(4):
-            z[body, 3 + k] = out[k]
+        graph, outputs, _ = recorded_function(called, inputs, constants)
+        return cls(graph, outputs, first)
 
-
-@straight
-def change_jacobi(q, masses, dv):
-    for k in range(3):
-        momentum, mass = masses[0] * dv[0, k], masses[0]
-        for i in range(1, len(q)):
-            q[i, 3 + k] += dv[i, k] - momentum / mass
-            momentum += masses[i] * dv[i, k]
-            mass += masses[i]
-
-
-@compiled("{rows}, f8, f8, f8[:,::1], i8, i8, i8[::1], i8, i8, i8, f8[::1], f8[::1], i8[::1]")
-def advance(p, masses, index, z, c, dv, h, G, q, step, simulation, counts, modified, status, steps, w, out, done):
-    count = counts[0]
-    for k in range(steps):
-        act_on_all(p, masses, index, z, c, dv, h / 2.0, G, 0, w, out)
-        change_jacobi(q, masses, dv)
-        turn_all(z, c, h, w, out, done)
-        if done[0] < 0:
-            return
-        if len(q) == 0:
-            put_whole(modified, 0, 1)
-        call_at_address(step, (simulation, 1))
-        now, stopped = counts[0], whole_at(status, 0)
-        if now != count or stopped > 0:
-            return
-        act_on_all(p, masses, index, z, c, dv, h / 2.0, G, 1, w, out)
-        change_jacobi(q, masses, dv)
-"""
+    def __call__(self, code: Code, body: Integer, values: Sequence[Value]) -> list[Value]:
+        """The numbers that it gives for a body."""
+        c = code.doubles["c"].beyond(body * COLUMNS + self.first)
+        return code.f.outputs(self.graph, self.outputs, lambda letter, i: values[i] if letter == "z" else c[i])
 
 
 @cache
-def _kernels() -> ModuleType:
-    """Compiled once for this machine."""
-    return load_kernel(source())
+def _recorded() -> dict[str, Recorded]:
+    L, g, one = (3,), (4,), ()
+    of_turn = {"L": L, "g": g, "h": one}
+    of_pair = {"L": L, "g": g, "h": one, "m": one}
+    kick = {"r": L, **of_pair, "G": one}
+    friction = {"r": L, "v": L, **of_pair, "own": one, "G": one}
+    return {
+        "kick": Recorded.of(interaction.kick, kick, FIGURE, ("lag",), OF_FIGURE),
+        "friction": Recorded.of(interaction.friction, friction, FIGURE, ("D", "fluid"), OF_FIGURE),
+        "turn": Recorded.of(interaction.turn, of_turn, ROTOR),
+        "turn_of_ball": Recorded.of(interaction.turn_of_ball, of_turn, {"I": (3,)}, first=OF_FIGURE),
+        "reach": Recorded.of(interaction.reach, of_turn, ROTOR),
+    }
 
 
-def _room() -> list[Any]:
-    return [np.empty(size) for size in ROOM]
+class Code:
+    """What the kernels share: the words of the frame, and what particles and bodies do in a part of a step."""
+
+    def __init__(self, f: Function, react: Reaction):
+        self.f, self.react = f, react
+        self.words = dict(zip(FRAME, f.integers(f.arguments[0]).get(len(FRAME)), strict=True))
+        self.doubles = {name: f.doubles(self.words[name]) for name in ("p", "masses", "z", "c", "dv", "times", "q")}
+        self.index, self.done = f.integers(self.words["index"]), f.integers(self.words["done"])
+        self.dt, self.G = self.doubles["times"].get(2)
+
+    def particle(self, i: Integer) -> Memory:
+        """Its numbers: x, v, a, m and more."""
+        return self.doubles["p"].beyond(i * self.words["width"])
+
+    def act_on_all(self, h: Value, backwards: Any) -> None:
+        """What particles and bodies do to each other over a time h, pair after pair; or in the other order."""
+        f, words = self.f, self.words
+        with f.loop(0, words["particles"] * 3) as k:
+            self.doubles["dv"][k] = 0.0
+        pairs = words["bodies"] * words["active"]
+        zero = constant(DOUBLE, 0.0)
+        with f.loop(0, pairs) as number:
+            place = backwards * (pairs - 1 - number * 2) + number
+            body, j = place // words["active"], place % words["active"]
+            i = self.index[body]
+            lag = self.doubles["c"][body * COLUMNS + LAG]
+            lagging = Integer(f.builder, f.builder.zext(f.builder.fcmp_ordered("!=", lag, zero), INTEGER))
+            with f.where(i.compared("!=", j)):
+                with f.where((lagging * (1 - backwards)).compared("==", 1)):
+                    self._act(i, j, body, h, lagging=True)
+                self._act(i, j, body, h, lagging=False)
+                with f.where((lagging * backwards).compared("==", 1)):
+                    self._act(i, j, body, h, lagging=True)
+
+    def _act(self, i: Integer, j: Integer, body: Integer, h: Value, lagging: bool) -> None:
+        f, builder = self.f, self.f.builder
+        first, second = self.particle(i), self.particle(j)
+        r = [builder.fsub(x, y) for x, y in zip(second.get(3), first.get(3), strict=True)]
+        z, m = self.doubles["z"].beyond(body * 7), self.doubles["masses"][j]
+        if lagging:
+            v = [builder.fsub(x, y) for x, y in zip(second.get(3, 3), first.get(3, 3), strict=True)]
+            change = _recorded()["friction"](self, body, [*r, *v, *z.get(7), h, m, first[9], self.G])
+        else:
+            change = _recorded()["kick"](self, body, [*r, *z.get(7), h, m, self.G])
+        dv = self.doubles["dv"]
+        self.react(f, (first, dv.beyond(i * 3), first[9]), (second, dv.beyond(j * 3), m), z, r, change)
+
+    def turn_all(self, h: Value) -> None:
+        """Turn the bodies freely over a time h; `done` is `TURNED_OFTEN` where one turns too often in it."""
+        f, builder, functions = self.f, self.f.builder, _recorded()
+        one, two, most = (constant(DOUBLE, x) for x in (1.0, 2.0, float(MOST_PARTS)))
+        with f.loop(0, self.words["bodies"]) as body:
+            z = self.doubles["z"].beyond(body * 7)
+            L, c = z.get(3), self.doubles["c"].beyond(body * COLUMNS + OF_FIGURE)
+            (reach,) = functions["reach"](self, body, [*z.get(7), h])
+            parts = builder.fadd(one, builder.fmul(two, f.intrinsic("sqrt", reach)))  # turns by up to 4 radians
+            few = builder.fcmp_ordered("<", parts, most)
+            with f.otherwise(few) as (turns, refused):
+                with turns:
+                    count = Integer(builder, builder.fptosi(parts, INTEGER))
+                    share, g = builder.fdiv(h, count.double()), z.beyond(3)
+                    zero = constant(DOUBLE, 0.0)
+                    ball = builder.and_(*(builder.fcmp_ordered("==", c[k], zero) for k in (3, 4)))
+                    with f.loop(0, count), f.otherwise(ball) as (of_ball, of_body):
+                        with of_ball:
+                            g.put(functions["turn_of_ball"](self, body, [*L, *g.get(4), share]))
+                        with of_body:
+                            g.put(functions["turn"](self, body, [*L, *g.get(4), share]))
+                with refused:
+                    self.done[0] = TURNED_OFTEN
+
+    def change_jacobi(self) -> None:
+        """Velocities of Jacobi's coordinates, by the changes dv of the others."""
+        f, builder, masses = self.f, self.f.builder, self.doubles["masses"]
+        dv, rows = self.doubles["dv"], self.words["jacobi"]
+        momentum, mass = f.variables(2)
+        with f.where(rows.compared(">", 0)), f.loop(0, 3) as k:
+            momentum[0], mass[0] = builder.fmul(masses[0], dv[k]), masses[0]
+            with f.loop(1, rows) as i:
+                v = self.doubles["q"].beyond(i * self.words["jacobi_width"] + 3 + k)
+                change = dv[i * 3 + k]
+                v[0] = builder.fadd(v[0], builder.fsub(change, builder.fdiv(momentum[0], mass[0])))
+                momentum[0] = builder.fadd(momentum[0], builder.fmul(masses[i], change))
+                mass[0] = builder.fadd(mass[0], masses[i])
+
+    def advance(self) -> None:
+        """So many steps of bodies and particles, by REBOUND's own step between the halves of what they do."""
+        f, words, builder = self.f, self.words, self.f.builder
+        half, present, status = (
+            builder.fdiv(self.dt, constant(DOUBLE, 2.0)),
+            f.integers(words["N"]),
+            self._small("status"),
+        )
+        count, ended = present[0], f.integers(words["done"]).beyond(1)
+        ended[0] = 0
+        with f.loop(0, words["steps"]):
+            with f.where(ended[0].compared("==", 0)):
+                self.act_on_all(half, f.integer(0))
+                self.change_jacobi()
+                self.turn_all(self.dt)
+                with f.where(self.done[0].compared("<", 0)):
+                    ended[0] = 1
+                with f.where(ended[0].compared("==", 0)):
+                    with f.where(words["jacobi"].compared("==", 0)):
+                        builder.store(INDEX(1), self._small("modified"))
+                    f.call(words["step"], words["simulation"], 1)
+                    stopped = builder.icmp_signed(">", builder.load(status), INDEX(0))
+                    with f.otherwise(builder.or_(present[0].compared("!=", count), stopped)) as (stop, go_on):
+                        with stop:
+                            ended[0] = 1
+                        with go_on:
+                            self.act_on_all(half, f.integer(1))
+                            self.change_jacobi()
+
+    def _small(self, name: str) -> Value:
+        """A pointer to an integer of 32 bits."""
+        return self.f.builder.inttoptr(self.words[name].value, INDEX.as_pointer())
+
+
+Side = tuple[Memory, Memory, Value]  # of a pair: a particle, the sum of changes of its velocity, its mass
+Reaction = Callable[[Function, Side, Side, Memory, Sequence[Value], Sequence[Value]], None]
+
+
+def react(f: Function, first: Side, second: Side, z: Memory, r: Sequence[Value], change: Sequence[Value]) -> None:
+    """The velocity of the second particle changes; the first, and the spin z of the body, have the reaction."""
+    builder, (particle, dv, own), (others, other_dv, m) = f.builder, first, second
+    ratio = builder.fdiv(m, own)
+    for k, x in enumerate(change):
+        back = builder.fmul(ratio, x)
+        for memory in (others.beyond(3 + k), other_dv.beyond(k)):
+            memory[0] = builder.fadd(memory[0], x)
+        for memory in (particle.beyond(3 + k), dv.beyond(k)):
+            memory[0] = builder.fsub(memory[0], back)
+    impulse = [builder.fmul(x, m) for x in change]
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        torque = builder.fsub(builder.fmul(r[i], impulse[j]), builder.fmul(r[j], impulse[i]))
+        z[k] = builder.fsub(z[k], torque)
+
+
+def compiled(part: str, reaction: Reaction = react) -> Kernel:
+    """The kernel of a part: "act", "turn" or "advance", a function of the address of a frame."""
+    digests = tuple(each.graph.digest(each.outputs) for each in _recorded().values())
+
+    def write(f: Function) -> None:
+        code = Code(f, reaction)
+        if part == "act":
+            code.act_on_all(code.dt, code.words["backwards"])
+        elif part == "turn":
+            code.turn_all(code.dt)
+        else:
+            code.advance()
+
+    return kernel(("rebound", part, reaction.__name__, digests), 1, write)
+
+
+_kernels = cache(compiled)
+
+
+def _run(part: str, arrays: Mapping[str, Any], **more: int) -> bool:
+    """Run a kernel on arrays, and on addresses and counts; False where a body turns too often."""
+    done = np.zeros(2, dtype=np.int64)
+    words = dict.fromkeys(FRAME, 0) | {name: int(array.ctypes.data) for name, array in arrays.items()}
+    words |= {"done": done.ctypes.data, **more}
+    frame = np.array([words[name] for name in FRAME], dtype=np.int64)
+    _kernels(part)(frame.ctypes.data)
+    return bool(done[0] == 0)
+
+
+def _rows(
+    p: Any, masses: Any, index: Any, z: Any, c: Any, dv: Any, h: float, G: float
+) -> tuple[dict[str, Any], dict[str, int]]:
+    arrays = {"p": p, "masses": masses, "index": index, "z": z, "c": c, "dv": dv, "times": np.array([h, G])}
+    return arrays, {"width": p.shape[1], "active": len(masses), "bodies": len(index), "particles": len(dv)}
 
 
 def act_on_all(p: Any, masses: Any, index: Any, z: Any, c: Any, dv: Any, h: float, G: float, backwards: bool) -> None:
-    """Interaction of particles and bodies over a time h, pair after pair; `backwards`: in the other order."""
-    _kernels().act_on_all(p, masses, index, z, c, dv, h, G, int(backwards), *_room())
+    """What particles and bodies do to each other over a time h, pair after pair; `backwards`: in the other order."""
+    arrays, counts = _rows(p, masses, index, z, c, dv, h, G)
+    _run("act", arrays, **counts, backwards=int(backwards))
 
 
 def turn_all(z: Any, c: Any, h: float) -> bool:
     """Turn the bodies freely over a time h; False where one turns too often in it."""
-    done = np.zeros(1, dtype=np.int64)
-    _kernels().turn_all(z, c, h, *_room(), done)
-    return bool(done[0] == 0)
+    return _run("turn", {"z": z, "c": c, "times": np.array([h, 0.0])}, bodies=len(z))
 
 
-def advance(*arguments: Any) -> bool:
-    """Steps of bodies and particles: the arguments of the kernel but for its room; False as of `turn_all`."""
-    done = np.zeros(1, dtype=np.int64)
-    _kernels().advance(*arguments, *_room(), done)
-    return bool(done[0] == 0)
+def advance(
+    p: Any, masses: Any, index: Any, z: Any, c: Any, dv: Any, h: float, G: float, q: Any, step: int, simulation: int,
+    counts: Any, modified: int, status: int, steps: int,
+) -> bool:  # fmt: skip
+    """Steps of bodies and particles; False as of `turn_all`.
 
-
-def source() -> str:
-    """Their text."""
-    L, g, number = (3,), (4,), ()
-    texts = [
-        _function(
-            interaction.kick,
-            {"r": L, "L": L, "g": g, "h": number, "m": number, "G": number},
-            FIGURE,
-            ("lag",),
-            OF_FIGURE,
-        ),
-        _function(
-            interaction.friction,
-            {"r": L, "v": L, "L": L, "g": g, "h": number, "m": number, "own": number, "G": number},
-            FIGURE,
-            ("D", "fluid"),
-            OF_FIGURE,
-        ),
-        _function(interaction.turn, {"L": L, "g": g, "h": number}, ROTOR),
-        _function(interaction.turn_of_ball, {"L": L, "g": g, "h": number}, {"I": (3,)}, first=OF_FIGURE),
-        _function(interaction.reach, {"L": L, "g": g, "h": number}, ROTOR),
-    ]
-    head = HEAD.format(name="bodies of a REBOUND simulation")
-    head += "from kreisel.kernels._llvm.operations import put_whole, whole_at\n\n"
-    text = KERNELS.format(rows=ROWS, figure=OF_FIGURE, lag=LAG, most=MOST_PARTS)
-    return head + "".join(texts) + text
-
-
-def _function(
-    function: Callable[..., Any],
-    inputs: Mapping[str, tuple[int, ...]],
-    constants: Mapping[str, tuple[int, ...]],
-    without: tuple[str, ...] = (),
-    first: int = 0,
-) -> str:
-    """A function of arrays as one of the row w and of c[body] from number `first` on, which writes the row `out`."""
-
-    def called(**arguments: Any) -> list[Any]:
-        return list(function(**{name: value for name, value in arguments.items() if name not in without}))
-
-    lines, values, _ = recorded_function(called, inputs, constants)
-    used = {name for line in lines for name in line.needs} | {value.strip("(-)") for value in values}
-    numbered = sorted(n for n in used if n[0] in "zc" and n[1:].isdigit())
-    load = [f"{n} = w[{n[1:]}]" if n[0] == "z" else f"{n} = c[body, {first + int(n[1:])}]" for n in numbered]
-    return FUNCTION.format(
-        name=function.__name__,
-        load=indented(load, 4),
-        body=indented([line.text for line in lines], 4),
-        save=indented([f"out[{k}] = {value}" for k, value in enumerate(values)], 4),
-    )
+    step, simulation, modified, status  addresses of REBOUND's own step and of what it works on; q: Jacobi's coordinates
+    """
+    arrays, sizes = _rows(p, masses, index, z, c, dv, h, G)
+    of_rebound = {"step": step, "simulation": simulation, "modified": modified, "status": status, "steps": steps}
+    jacobi = {"jacobi": len(q), "jacobi_width": q.shape[1]}
+    return _run("advance", {**arrays, "q": q, "N": counts}, **sizes, **of_rebound, **jacobi)
 
 
 def columns(moments: Any, tide: float, fluid: float, lag: float) -> Any:

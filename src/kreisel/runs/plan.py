@@ -243,7 +243,7 @@ def _parts_by_name(model: Model, parts: tuple[Array, ...]) -> dict[str, Array]:
 def _lanes(
     model: Model, plan: Scheme, parts: tuple[Array, ...], engine: str | None
 ) -> tuple[Scheme, Floats, Large | None]:
-    """The scheme with its constants of the trajectories, the prepared start (d,) or (lanes, d), and the form of a large n or None.
+    """The scheme with its constants of the trajectories, the prepared start (d,) or (lanes, d), and its large form.
 
     The batch axes of states and parameters become one.  With engine="large", or with None where that engine is known
     and faster, scheme and start are in its form and form has its name.

@@ -46,7 +46,9 @@ def compiled_large(large: Large, columns: Mapping[str, slice], stage_columns: Ma
     place |= {f"s_{name}": ("s", at) for name, at in stage_columns.items()}
     code = _Code(form, kinds, pieces, place)
     digests = tuple((piece.graph.digest(piece.outputs), len(piece.new), repr(piece.upkeep)) for piece in pieces)
-    return Steps(kernel(("large", NEAR, repr(form), tuple(kinds), digests, repr(place)), 7, code.write), code.room, False)
+    return Steps(
+        kernel(("large", NEAR, repr(form), tuple(kinds), digests, repr(place)), 7, code.write), code.room, False
+    )
 
 
 class _Code:
