@@ -11,11 +11,11 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
+from kreisel.graph.arranging import arranged
+from kreisel.graph.graph import Graph, Operand, TooLong
 from kreisel.graph.invariants import Program, program_of, program_of_orientation
+from kreisel.graph.recording import Outputs, Recording, as_operands, flat_constants, flat_stages, recorded_outputs
 from kreisel.kernels.layout import Floats
-from kreisel.kernels.printing import Line
-from kreisel.kernels.recording import Outputs, Recording, flat_constants, flat_stages, recorded_outputs, recorded_values
-from kreisel.kernels.tape import Scalar, Tape
 from kreisel.method import scheme
 from kreisel.method.observing import ORIENTATION, turned
 from kreisel.method.scheme import Orbits, Scheme, Steps
@@ -47,7 +47,7 @@ class Contents:
     stages: Floats
     constants_back: Floats
     stages_back: Floats
-    opened: tuple[list[Line], list[str]]
+    opened: tuple[Graph, list[Operand]]
     observed: Outputs
     start: Floats
     names: tuple[str, ...]
@@ -94,7 +94,7 @@ def contents(plan: Plan) -> Contents:
             f"code: expected a method that steps the state itself, got the order {made.options['order']}, whose "
             "corrector comes before the steps and behind them. Use order=(8, 2) or (8, 6, 4)."
         )
-    if plan.batched or not isinstance(made.motion, Steps) or plan.printer is not None or made.coupling is not None:
+    if plan.batched or not isinstance(made.motion, Steps) or plan.large is not None or made.coupling is not None:
         raise InputError(
             f"code: expected one trajectory, a method that makes steps and n <= 10, got {made.name}, n = {plan.model.n}"
             f"{', an ensemble' if plan.batched else ''}. Give method='suris', 'baecklund', 'veselov', 'variational' or "
@@ -130,9 +130,12 @@ def contents(plan: Plan) -> Contents:
 def _recorded(made: Scheme) -> tuple[Recording, Floats, Floats]:
     constants, columns = flat_constants(made, 1)
     stages, stage_columns = flat_stages(made, 1)
-    record = Recording(made, constants, columns, stage_columns)
-    if record.places:
-        raise InputError(f"code: expected a step that is a straight line of operations, got {made.name}, n = {made.n}.")
+    try:
+        record = Recording(made, constants, columns, stage_columns)
+    except TooLong:
+        raise InputError(
+            f"code: expected a step that is a straight line of operations, got {made.name}, n = {made.n}."
+        ) from None
     return record, constants[0], stages[0]
 
 
@@ -161,16 +164,16 @@ def _names(plan: Plan) -> list[str]:
     return [f"{name}[{i}]" for name, count in counts for i in range(count)]
 
 
-def _opened(made: Scheme) -> tuple[list[Line], list[str]]:
+def _opened(made: Scheme) -> tuple[Graph, list[Operand]]:
     """The method's own variables from a user's state x."""
-    tape, kinds, parts, start = Tape(), dict(made.components), [], 0
+    graph, kinds, parts, start = Graph(), dict(made.components), [], 0
     for name in _letters(made):
         count = algebra.KINDS[kinds[name]].count(made.n)
-        numbers: Any = np.array([Scalar(tape, f"x{start + i}") for i in range(count)], dtype=object)
+        numbers = graph.inputs("x", count, start)
         start += count
         kind = algebra.KINDS[kinds[name]]
         parts.append(kind.from_user(kind.shown(made.n).unpack(numbers, made.n), made.n))
-    return recorded_values(tape, list(algebra.flatten(made.reopen(tuple(parts)), made.kinds)))
+    return arranged(graph, as_operands(list(algebra.flatten(made.reopen(tuple(parts)), made.kinds))))
 
 
 def step_back(plan: Plan) -> Scheme | None:

@@ -11,15 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.errors import InputError, explained, hint, shown
-from kreisel.graph.invariants import Program
-from kreisel.graph.project import FLAT, gain_of
-from kreisel.kernels.printing import Line
-from kreisel.kernels.projection.corrections import EPS, TAU
-from kreisel.kernels.projection.text import block_arrays, block_sizes, projection_block
-from kreisel.kernels.recording import Recording
+from kreisel.graph.graph import Graph, Operand
+from kreisel.graph.invariants import Program, written_out
+from kreisel.graph.project import Projection, gain_of, recorded_projection
+from kreisel.graph.recording import Piece, Recording
 from kreisel.languages.contents import Contents, contents
 from kreisel.languages.dialects import LANGUAGES, Dialect, filled
-from kreisel.languages.writer import Writer
+from kreisel.languages.writer import Entries, Integers, Looping, Writer
 from kreisel.method import find
 from kreisel.runs.planning import make_plan
 
@@ -27,9 +25,7 @@ if TYPE_CHECKING:
     from kreisel.record.model import Model, OrientationLike, StateLike
     from kreisel.runs.plan import Plan
 
-OF_PROGRAM = ("SIZES", "OPS", "RUNS", "OUTS", "ENDS", "CONES", "COLUMNS", "LITERALS")
 LICENCE = "BSD-3-Clause, as Kreisel; made by `kreisel code`, Kreisel {}."
-PIECE = re.compile(r"def (\w+)\((.*)\):\n")
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 
 
@@ -108,15 +104,7 @@ def text_of(plan: Plan, language: str, name: str | None = None) -> str:
 
 def _calls(dialect: Dialect, count: int) -> str:
     arrays = (("targets", "worst"), ("bound", "spare"))
-    lines = [
-        dialect.part(
-            "call",
-            tables=", ".join(_own(dialect, f"{table}_{k}") for table in OF_PROGRAM),
-            targets=arrays[k][0],
-            worst=arrays[k][1],
-        )
-        for k in range(count)
-    ]
+    lines = [dialect.part("call", k=k, targets=arrays[k][0], worst=arrays[k][1]) for k in range(count)]
     return ("\n" + " " * (8 if dialect.name == "js" else 4)).join(lines)
 
 
@@ -135,7 +123,7 @@ def _sizes(programs: Sequence[Program]) -> dict[str, Any]:
     return {
         "invariants": len(first.outs),
         "bonds": len(second.outs) if second else 0,
-        "room": max(program.rows for program in programs),
+        "room": 1 if written_out(programs) else max(program.rows for program in programs),
     }
 
 
@@ -183,20 +171,17 @@ def _functions(what: Contents, dialect: Dialect) -> list[str]:
         dialect.numbers(_own(dialect, "START"), what.start.tolist()),
         *_tables(dialect, "", what.step, what.constants, what.stages),
     ]
-    lines, new = what.opened
     out = [
         "\n".join(tables),
-        _straight(dialect, "open_state", lines, new, "x", "z", what.constants),
+        _straight(dialect, "open_state", *what.opened, "x", "z"),
         _step(dialect, "step", "", what.step, what.stages),
     ]
     if what.back is not None:
         out.append("\n".join(_tables(dialect, "BACK_", what.back, what.constants_back, what.stages_back)))
         out.append(_step(dialect, "step_back", "BACK_", what.back, what.stages_back))
-    seen = what.observed
-    out.append(_straight(dialect, "outputs", seen.lines, seen.values, "z", "out", what.constants))
-    if what.programs:
-        out += _projection(dialect, what.programs, len(what.constants))
-    return out
+    out.append(_straight(dialect, "outputs", what.observed.graph, what.observed.values, "z", "out"))
+    gain = gain_of(what.programs)
+    return out + [text for k, program in enumerate(what.programs) for text in _projection(dialect, k, program, gain)]
 
 
 def _own(dialect: Dialect, name: str) -> str:
@@ -209,72 +194,84 @@ def _tables(dialect: Dialect, mark: str, record: Recording, constants: Any, stag
     return [*out, dialect.matrix(_own(dialect, f"{mark}STAGES"), stages.tolist())] if stages.size else out
 
 
-def _straight(
-    dialect: Dialect, name: str, lines: list[Line], values: list[str], source: str, target: str, constants: Any
-) -> str:
+def _straight(dialect: Dialect, name: str, graph: Graph, values: Sequence[Operand], source: str, target: str) -> str:
     """A function from an array to another, in straight-line code."""
-    used = {n for line in lines for n in line.needs} | {v.strip("(-)") for v in values}
-    loads = [
-        dialect.once[0].format(n, dialect.entry(source if n[0] == source else _own(dialect, "CONSTANTS"), int(n[1:])))
-        for n in sorted(
-            (n for n in used if n[0] in (source, "c") and n[1:].isdigit()), key=lambda n: (n[0], int(n[1:]))
-        )
-    ]
-    writer = Writer(dialect)
-    body = writer.body("\n".join(line.text for line in lines), 4)
-    saves = [f"{dialect.entry(target, j)} = {writer.text(v)}{dialect.end}" for j, v in enumerate(values)]
-    inside = [*(f"    {line}" for line in loads), *body, *(f"    {line}" for line in saves)]
-    return "\n".join([dialect.part("def map", function=name, source=source, target=target), *inside, dialect.close])
+
+    def place(letter: str, i: int) -> str:
+        return dialect.entry(source if letter == source else _own(dialect, "CONSTANTS"), i)
+
+    writer = Writer(dialect, place)
+    for j, value in enumerate(writer.values(graph, values)):
+        writer.assign(dialect.entry(target, j), value)
+    return writer.function(dialect.part("def map", function=name, source=source, target=target))
 
 
 def _step(dialect: Dialect, name: str, mark: str, record: Recording, stages: Any) -> str:
     """The step, in place."""
-    state, constants = record.state, record.used("c")
-    text = [dialect.starts.format(z, dialect.entry("z", i)) for i, z in enumerate(state)]
-    text += [dialect.once[0].format(c, dialect.entry(_own(dialect, f"{mark}CONSTANTS"), int(c[1:]))) for c in constants]
-    staged, *rest = [Writer(dialect).body(piece.source(state, 0), 0, state) for piece in record.pieces]
+
+    def place(letter: str, i: int) -> str:
+        if letter == "z":
+            return f"state{i}"
+        if letter == "c":
+            return dialect.entry(_own(dialect, f"{mark}CONSTANTS"), i)
+        return dialect.part("def stage", table=_own(dialect, f"{mark}STAGES"), j=i + dialect.first)
+
+    writer, states = Writer(dialect, place), [f"state{i}" for i in range(record.state)]
+
+    def changed(piece: Piece) -> None:
+        for state, value in zip(states, writer.values(piece.graph, piece.outputs), strict=True):
+            writer.assign(state, value)
+
+    for i, state in enumerate(states):
+        writer.say(dialect.starts.format(state, dialect.entry("z", i)))
+    first, *others = record.pieces
     if stages.size:
-        table = _own(dialect, f"{mark}STAGES")
-        loads = [
-            dialect.once[0].format(s, dialect.part("def stage", table=table, j=int(s[1:]) + dialect.first))
-            for s in record.used("s")
-        ]
-        inside = [f"    {line}" for line in (*loads, *staged)]
-        head = [dialect.local[1].format("stage"), dialect.up.format(var="stage", start=0, stop=len(stages))]
-        staged = [*head, *inside, dialect.close]
-    text += [*staged, *(line for lines in rest for line in lines)]
-    text += [f"{dialect.entry('z', i)} = {z}{dialect.end}" for i, z in enumerate(state)]
-    return "\n".join([dialect.part("def inplace", function=name), *(f"    {line}" for line in text), dialect.close])
+        writer.say(dialect.local[1].format("stage"))
+        with writer.block(dialect.up.format(var="stage", start=0, stop=len(stages))):
+            changed(first)
+    else:
+        changed(first)
+    for piece in others:
+        changed(piece)
+    for i, state in enumerate(states):
+        writer.assign(dialect.entry("z", i), state)
+    return writer.function(dialect.part("def inplace", function=name))
 
 
-def _projection(dialect: Dialect, programs: Sequence[Program], constants: int) -> list[str]:
-    """The tables of the programs, and the function that goes through them."""
+def _projection(dialect: Dialect, k: int, program: Program, gain: float) -> list[str]:
+    """The functions that begin and make the projection of a program, written out where it is not long."""
+    if not written_out([program]):
+        return _projection_in_loops(dialect, k, program, gain)
+    graph, *results = recorded_projection(program, gain)
+    arrays = {"z": "z", "t": "targets", "w": "worst", "c": _own(dialect, "CONSTANTS")}
     out = []
-    for k, program in enumerate(programs):
-        names = OF_PROGRAM[1:-1]
-        tables = [
-            dialect.numbers(_own(dialect, f"{n}_{k}"), np.ravel(a).tolist(), True)
-            for n, a in zip(names, block_arrays(program), strict=False)
-        ]
-        tables.append(dialect.numbers(_own(dialect, f"SIZES_{k}"), block_sizes(program, 1, constants), True))
-        out.append("\n".join([*tables, dialect.numbers(_own(dialect, f"LITERALS_{k}"), program.literals.tolist())]))
-    text = projection_block("", "", "at * d + i", "at * constants + j", 1)
-    constants_text = {
-        "TAU": TAU,
-        "FLAT": FLAT,
-        "GAIN": gain_of(programs),
-        "EPS": EPS,
-        "HUGE": 1e300,
-    }
-    if dialect.name == "js":
-        text = text.replace("fma(", "exact_fma(")
-    for word, value in constants_text.items():
-        text = re.sub(rf"\b{word}\b", repr(value), text)
-    pieces = PIECE.split(text)[1:]
-    for name, parameters, body in zip(pieces[::3], pieces[1::3], pieces[2::3], strict=True):
-        body = "\n".join(line[4:] for line in body.splitlines())
-        signature = dialect.part(f"def {name}")
-        integers = re.findall(r"(?:long|int) (\w+)", LANGUAGES["c"].part(f"def {name}"))
-        known = [word.strip() for word in parameters.split(",")]
-        out.append("\n".join([signature, *Writer(dialect, integers).body(body, 4, known), dialect.close]))
+    for name, outputs in zip(("begin_projection", "project"), results, strict=True):
+        writer = Writer(dialect, lambda letter, i: dialect.entry(arrays[letter], i), exact=True)
+        for (letter, i), value in zip(outputs, writer.values(graph, [*outputs.values()]), strict=True):
+            writer.assign(dialect.entry(arrays[letter], i), value)
+        out.append(writer.function(dialect.part("def project", function=f"{name}_{k}")))
+    return out
+
+
+def _projection_in_loops(dialect: Dialect, k: int, program: Program, gain: float) -> list[str]:
+    """And its tables."""
+    (sizes, *tables), names = program.tables, ("OPS", "RUNS", "OUTS", "ENDS", "CONES", "COLUMNS")
+    own = [_own(dialect, f"{name}_{k}") for name in names]
+    text = [dialect.numbers(name, table.ravel().tolist(), True) for name, table in zip(own, tables, strict=True)]
+    text.append(dialect.numbers(_own(dialect, f"LITERALS_{k}"), program.literals.tolist()))
+    out = ["\n".join(text)]
+    for name in ("begin_projection", "project"):
+        writer = Writer(dialect, lambda letter, i: "", exact=True)
+        flow = Looping(writer)
+        arrays = ("z", _own(dialect, "CONSTANTS"), "targets", "worst", _own(dialect, f"LITERALS_{k}"), "room")
+        *rows, literals, room = (Entries(flow, array) for array in arrays)
+        integers = [sizes.tolist(), *(Integers(dialect, table) for table in own)]
+        projection = Projection(flow, integers, literals, program.first > 0, gain, room, rows)
+        projection.values()
+        if name == "project":
+            projection.gradients()
+            projection.correct()
+        else:
+            projection.begin()
+        out.append(writer.function(dialect.part("def project", function=f"{name}_{k}")))
     return out

@@ -1,187 +1,251 @@
-"""Statements of kernels, which are written in a small part of Python, in other languages."""
+"""Graphs as statements of other languages: each operation one statement, in the order of the graph."""
 
 from __future__ import annotations
 
-import ast
+import re
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 from kreisel.errors import RunError
+from kreisel.graph.graph import (
+    FMA,
+    IN,
+    LOOP,
+    MAX,
+    MINUS,
+    OVER,
+    PLUS,
+    RESULT,
+    SIGN,
+    SIZE,
+    SQRT,
+    TIMES,
+    TRANSCENDENTAL,
+    WHERE,
+    Graph,
+    Number,
+    Operand,
+)
 from kreisel.languages.dialects import Dialect
 
-OPERATORS: dict[type[ast.AST], str] = {
-    ast.Add: "+",
-    ast.Sub: "-",
-    ast.Mult: "*",
-    ast.Div: "/",
-    ast.Lt: "<",
-    ast.Gt: ">",
-    ast.LtE: "<=",
-    ast.GtE: ">=",
-    ast.Eq: "==",
-}
-MATH = ("fma", "sqrt", "sin", "cos", "exp", "log")  # which languages have
-OWN = ("put_pair",)  # a function that each file defines, and no helper that files share
-INTEGERS = ("whole", "range")  # functions whose values are integers
+WORD, NUMBER = re.compile(r"[A-Za-z_]\w*"), re.compile(r"\s*(?:const double |const )?(t\d+) = ")
+SIGNS = (PLUS, MINUS, TIMES, OVER)
+OF_LANGUAGE = (FMA, SQRT, *TRANSCENDENTAL)  # functions that languages have
+HELPERS = {MAX: "max", SIGN: "sign", SIZE: "size", WHERE: "where_less"}  # those that files bring
 
 
 class Writer:
-    """A text of kernels in a dialect.  `integers`: names that are integers from outside."""
+    """Statements of a function in a dialect.
 
-    def __init__(self, dialect: Dialect, integers: Collection[str] = ()):
-        self.dialect, self._integers = dialect, set(integers)
-        self._once: set[str] = set()
-        self._read: set[str] = set()
+    inputs  the expression of an input (letter, index)
+    exact   whether sums with a product are rounded once in JavaScript too, which is slow there
+    lines   the statements
+    """
 
-    def body(self, text: str, indent: int, known: Collection[str] = ()) -> list[str]:
-        """The statements of a text; what they assign is declared, but for `known` names."""
-        tree = ast.parse(text)
-        counts = Counter(name for node in ast.walk(tree) for name, _ in _values(node) if name not in known)
-        integers = self._whole_names(tree, counts)
-        self._integers |= integers
-        at_once = [name for node in tree.body if _sets_one(node) for name, _ in _values(node)]
-        self._once = {name for name in at_once if counts[name] == 1}
-        reading = (n for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load))
-        self._read = {node.id for node in reading}
-        later = [
-            name for name in counts if name not in self._once and (name in self._read or not _unpacked(tree, name))
-        ]
-        lines = [self.dialect.local[name in integers].format(self.dialect.name_of(name)) for name in later]
-        return [" " * indent + line for line in [*lines, *self._block(tree.body, 0)]]
+    def __init__(self, dialect: Dialect, inputs: Callable[[str, int], str], exact: bool = False):
+        self.dialect, self.inputs, self.exact = dialect, inputs, exact
+        self.lines: list[str] = []
+        self.indent = 4
+        self._count = 0
 
-    def _whole_names(self, tree: ast.AST, names: Collection[str]) -> set[str]:
-        """Those that only integers are assigned to."""
-        found, before = set(names), None
-        while found != before:
-            before = set(found)
-            known = found | self._integers
-            for node in ast.walk(tree):
-                for name, value in _values(node):
-                    if name in found and value is not None and not _is_whole(value, known):
-                        found.discard(name)
-        return found
+    def say(self, line: str) -> None:
+        """A statement."""
+        self.lines.append(" " * self.indent + line)
 
-    def _block(self, nodes: list[ast.stmt], indent: int) -> list[str]:
-        return [" " * indent + line for node in nodes for line in self._statement(node)]
+    def fresh(self, letter: str) -> str:
+        """A name that the function does not have yet."""
+        self._count += 1
+        return f"{letter}{self._count - 1}"
 
-    def _statement(self, node: ast.stmt) -> Iterator[str]:
-        d = self.dialect
-        match node:
-            case ast.Assign(targets=[ast.Tuple(elts=targets)], value=ast.Tuple(elts=values)):
-                yield from self._together(targets, values)
-            case ast.Assign(targets=[ast.Tuple(elts=targets)], value=ast.Name(id=source)):
-                for k, target in enumerate(targets):
-                    if ast.unparse(target) not in self._read:
-                        continue
-                    yield f"{self.expression(target)} = {d.name_of(source)}[{k + d.first}]{d.end}"
-            case ast.Assign(targets=[ast.Name(id=name)], value=value) if name in self._once:
-                form = d.once[name in self._integers]
-                yield form.format(d.name_of(name), self.expression(value))
-            case ast.Assign(targets=[target], value=value):
-                yield f"{self.expression(target)} = {self.expression(value)}{d.end}"
-            case ast.AugAssign(target=target, op=op, value=value):
-                yield f"{self.expression(target)} {OPERATORS[type(op)]}= {self.expression(value)}{d.end}"
-            case ast.For(target=ast.Name(id=name), iter=ast.Call(args=args), body=body):
-                start, stop = ("0", args[0]) if len(args) == 1 else (self.expression(args[0]), args[1])
-                head = d.down if len(args) == 3 else d.up
-                yield head.format(var=d.name_of(name), start=start, stop=self.expression(stop))
-                yield from [*self._block(body, 4), d.close]
-            case ast.While(test=test, body=body):
-                yield from [d.loop_while.format(self._test(test)), *self._block(body, 4), d.close]
-            case ast.If(test=test, body=body, orelse=orelse):
-                yield from [d.condition.format(self._test(test)), *self._block(body, 4)]
-                yield from [d.otherwise.format(), *self._block(orelse, 4)] if orelse else []
-                yield d.close
-            case ast.Expr(value=ast.Call() as call):
-                yield f"{self.expression(call)}{d.end}"
-            case ast.Return(value=None) | ast.Break():
-                yield f"{'return' if isinstance(node, ast.Return) else 'break'}{d.end}"
-            case _:
-                raise RunError(f"expected a statement that {d.name} can say too, got {ast.unparse(node)!r}")
+    def once(self, expression: str, letter: str = "t") -> str:
+        """The name of a number that is said here."""
+        name = self.fresh(letter)
+        self.say(self.dialect.once[0].format(name, expression))
+        return name
 
-    def _together(self, targets: list[ast.expr], values: list[ast.expr]) -> Iterator[str]:
-        """Assignments at the same time: through other names where a value needs what was assigned before it."""
-        names, end = [self.expression(target) for target in targets], self.dialect.end
-        needs = [{n.id for n in ast.walk(value) if isinstance(n, ast.Name)} for value in values]
-        new = [self.expression(value) for value in values]
-        for i, target in enumerate(targets):
-            if any(ast.unparse(target) in later for later in needs[i + 1 :]):
-                yield self.dialect.once[0].format(f"new_{names[i]}", new[i])
-                new[i] = f"new_{names[i]}"
-        moved = [i for i, value in enumerate(new) if value.startswith("new_")]
-        for i in [*(i for i in range(len(new)) if i not in moved), *moved]:
-            yield f"{names[i]} = {new[i]}{end}"
+    def assign(self, name: str, expression: str) -> None:
+        """A variable, or an entry of an array, gets another value."""
+        self.say(f"{name} = {expression}{self.dialect.end}")
 
-    def _test(self, node: ast.expr) -> str:
-        if isinstance(node, ast.Compare):
-            return self.expression(node)
-        if isinstance(node, ast.UnaryOp):
-            return self.dialect.no.format(self.expression(node.operand))
-        return self.dialect.yes.format(self.expression(node))
+    def values(self, graph: Graph, outputs: Sequence[Operand]) -> list[str]:
+        """Compute the outputs of a graph; their expressions."""
+        names: dict[int, Any] = {}
+        self._compute(graph, graph.needed(outputs), names)
+        return [self.operand(x, names) for x in outputs]
 
-    def text(self, expression: str) -> str:
-        """An expression from its text."""
-        return self.expression(ast.parse(expression, mode="eval").body)
+    def operand(self, x: Operand, names: dict[int, Any]) -> str:
+        """A number, or the name of one, with its sign."""
+        if not isinstance(x, Number):
+            return self.dialect.literal(float(x)) if x >= 0 else f"({self.dialect.literal(float(x))})"
+        return f"(-{names[x.at]})" if x.negative else str(names[x.at])
 
-    def expression(self, node: ast.expr) -> str:
-        """An expression; operations are in the order of the text."""
-        match node:
-            case ast.Name(id=name):
-                return self.dialect.name_of(name)
-            case ast.Constant(value=int() as value):
-                return str(value)
-            case ast.Constant(value=float() as value):
-                return self.dialect.literal(value)
-            case ast.UnaryOp(op=ast.USub(), operand=operand):
-                return f"(-{self.expression(operand)})"
-            case ast.BinOp(left=left, op=op, right=right):
-                return f"({self.expression(left)} {OPERATORS[type(op)]} {self.expression(right)})"
-            case ast.Compare(left=left, ops=[op], comparators=[right]):
-                return f"{self.expression(left)} {OPERATORS[type(op)]} {self.expression(right)}"
-            case ast.IfExp(test=test, body=body, orelse=orelse):
-                parts = self._test(test), self.expression(body), self.expression(orelse)
-                return self.dialect.either.format(*parts)
-            case ast.Call(func=ast.Name(id=name), args=args):
-                own = self.dialect.mark if name in OWN else ""
-                prefix = "" if name in MATH else own or self.dialect.prefix
-                return f"{prefix}{name}({', '.join(map(self.expression, args))})"
-        raise RunError(f"expected an expression that {self.dialect.name} can say too, got {ast.unparse(node)!r}")
+    def _compute(self, graph: Graph, nodes: Sequence[int], names: dict[int, Any]) -> None:
+        for at in nodes:
+            operation, *operands = graph.nodes[at]
+            if operation == IN:
+                names[at] = self.once(self.inputs(*operands), operands[0])
+            elif operation == LOOP:
+                names[at] = self._loop(graph, operands, names)
+            elif operation == RESULT:
+                names[at] = names[operands[0].at][operands[1]]
+            else:
+                names[at] = self.once(self.expression(operation, [self.operand(x, names) for x in operands]))
+
+    def expression(self, operation: str, operands: Sequence[str]) -> str:
+        """An operation on expressions."""
+        if operation in SIGNS:
+            return f"{operands[0]} {operation} {operands[1]}"
+        if operation in OF_LANGUAGE:
+            name = "exact_fma" if operation == FMA and self.exact and self.dialect.name == "js" else operation
+        elif operation in HELPERS:
+            name = self.dialect.prefix + HELPERS[operation]
+        else:
+            raise RunError(f"expected operations that {self.dialect.name} has too, got {operation}")
+        return f"{name}({', '.join(operands)})"
+
+    def _loop(self, graph: Graph, operands: Sequence[Any], names: dict[int, Any]) -> list[str]:
+        loop, d = graph.loops[operands[0]], self.dialect
+        variables = [self.fresh("v") for _ in loop.new]
+        starts = [*(self.operand(x, names) for x in operands[1 : len(loop.variables) + 1]), d.literal(0.0)]
+        for name, x in zip(variables, starts, strict=True):
+            self.say(d.starts.format(name, x))
+        count = self.fresh("k")
+        self.say(d.local[1].format(count))
+        with self.block(d.up.format(var=count, start=0, stop=loop.most)):
+            inside = dict(names)
+            inside.update({x.at: name for x, name in zip(loop.variables, variables, strict=False)})
+            self._compute(graph, graph.needed_inside(loop), inside)
+            new = [self.once(self.operand(x, inside), "n") for x in loop.new]
+            for name, x in zip(variables, new, strict=True):
+                self.assign(name, x)
+            with self.block(d.condition.format(f"{variables[-1]} <= {d.literal(loop.small)}")):
+                self.say(f"break{d.end}")
+        return variables
+
+    def function(self, head: str) -> str:
+        """The function with these statements, without numbers that none of them reads."""
+        lines = self.lines
+        while True:
+            words = Counter(word for line in lines for word in WORD.findall(line))
+            kept = [line for line in lines if not (found := NUMBER.match(line)) or words[found[1]] > 1]
+            if len(kept) == len(lines):
+                return "\n".join([head, *lines, self.dialect.close])
+            lines = kept
+
+    def block(self, head: str) -> _Block:
+        """A block: with writer.block(head): ..."""
+        return _Block(self, head)
 
 
-def _sets_one(node: ast.stmt) -> bool:
-    return isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
+class _Block:
+    def __init__(self, writer: Writer, head: str):
+        self._writer, self._head = writer, head
+
+    def __enter__(self) -> None:
+        self._writer.say(self._head)
+        self._writer.indent += 4
+
+    def __exit__(self, *_: object) -> None:
+        self._writer.indent -= 4
+        self._writer.say(self._writer.dialect.close)
 
 
-def _values(node: ast.AST) -> list[tuple[str, ast.expr | None]]:
-    """The names that a statement assigns to, and what; None for an integer."""
-    match node:
-        case ast.Assign(targets=[ast.Tuple(elts=targets)], value=ast.Tuple(elts=values)):
-            return [(t.id, v) for t, v in zip(targets, values, strict=True) if isinstance(t, ast.Name)]
-        case ast.Assign(targets=[ast.Tuple(elts=targets)]):
-            return [(t.id, None) for t in targets if isinstance(t, ast.Name)]
-        case (
-            ast.Assign(targets=[ast.Name(id=name)], value=value) | ast.AugAssign(target=ast.Name(id=name), value=value)
-        ):
-            return [(name, value)]
-        case ast.For(target=ast.Name(id=name)):
-            return [(name, None)]
-    return []
+# -- loops of the projection, for programs that are too long to be written out -------------------------------
 
 
-def _unpacked(tree: ast.AST, name: str) -> bool:
-    """Whether a name comes from the numbers of another, as in `a, b = c`."""
-    tuples = (n.targets[0] for n in ast.walk(tree) if isinstance(n, ast.Assign) and isinstance(n.value, ast.Name))
-    return any(name in ast.unparse(t).strip("()").split(", ") for t in tuples if isinstance(t, ast.Tuple))
+class Index:
+    """An expression of an integer."""
+
+    def __init__(self, text: str):
+        self.text = text
+
+    def __add__(self, other: Any) -> Index:
+        return Index(f"({self.text} + {other})")
+
+    def __radd__(self, other: Any) -> Index:
+        return Index(f"({other} + {self.text})")
+
+    def __sub__(self, other: Any) -> Index:
+        return Index(f"({self.text} - {other})")
+
+    def __mul__(self, other: Any) -> Index:
+        return Index(f"{self.text} * {other}")
+
+    def __rmul__(self, other: Any) -> Index:
+        return Index(f"{other} * {self.text}")
+
+    def __str__(self) -> str:
+        return self.text
 
 
-def _is_whole(node: ast.expr, integers: Collection[str]) -> bool:
-    match node:
-        case ast.Constant(value=value):
-            return isinstance(value, int)
-        case ast.Name(id=name):
-            return name in integers
-        case ast.BinOp(left=left, op=op, right=right):
-            return not isinstance(op, ast.Div) and _is_whole(left, integers) and _is_whole(right, integers)
-        case ast.Call(func=ast.Name(id=name), args=args):
-            return name in INTEGERS or (name == "min" and all(_is_whole(a, integers) for a in args))
-    return False
+class Looping(Graph):
+    """Numbers and loops of `kreisel.graph.project.Projection` as statements, each where it is recorded."""
+
+    def __init__(self, writer: Writer):
+        super().__init__()
+        self.writer, self._said = writer, dict[int, Any]()
+
+    def __contains__(self, key: Any) -> bool:
+        return False
+
+    def node(self, operation: str, *operands: Operand) -> int:
+        at = len(self.nodes)
+        self.nodes.append((operation, *operands))
+        self.names.append(f"t{at}")
+        said = operands[0] if operation == IN else None
+        expression = said or self.writer.expression(operation, [self.value(x) for x in operands])
+        self._said[at] = self.writer.once(str(expression))
+        return at
+
+    def value(self, x: Operand) -> str:
+        """The expression of a number."""
+        return self.writer.operand(x, self._said)
+
+    def number(self, expression: str) -> Number:
+        """A number that an expression says."""
+        return Number(self, self.node(IN, expression))
+
+    def each(self, first: Any, last: Any, step: int = 1) -> Iterator[Index]:
+        """The variable of a loop: the body is run once, to be written."""
+        d, name = self.writer.dialect, self.writer.fresh("i")
+        self.writer.say(d.local[1].format(name))
+        with self.writer.block((d.up if step > 0 else d.down).format(var=name, start=first, stop=last)):
+            yield Index(name)
+
+    def only(self, kind: Any, place: int) -> Iterator[None]:
+        with self.writer.block(self.writer.dialect.condition.format(f"{kind} == {place}")):
+            yield
+
+    def cell(self, x: Operand) -> Entries:
+        name = self.writer.fresh("v")
+        self.writer.say(self.writer.dialect.starts.format(name, self.value(x)))
+        return Entries(self, name, scalar=True)
+
+
+class Entries:
+    """The numbers of an array, or one that loops change."""
+
+    def __init__(self, flow: Looping, name: str, scalar: bool = False):
+        self._flow, self._name, self._scalar = flow, name, scalar
+
+    def _at(self, i: Any) -> str:
+        first = self._flow.writer.dialect.first
+        return self._name if self._scalar else f"{self._name}[{i}{f' + {first}' if first else ''}]"
+
+    def __getitem__(self, i: Any) -> Number:
+        return self._flow.number(self._at(i))
+
+    def __setitem__(self, i: Any, x: Operand) -> None:
+        self._flow.writer.assign(self._at(i), self._flow.value(x))
+
+
+class Integers:
+    """Integers of a table."""
+
+    def __init__(self, dialect: Dialect, name: str):
+        self._dialect, self._name = dialect, name
+
+    def __getitem__(self, i: Any) -> Index:
+        first = self._dialect.first
+        return Index(f"{self._name}[{i}{f' + {first}' if first else ''}]")

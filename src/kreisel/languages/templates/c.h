@@ -25,13 +25,6 @@ or -march=native where the processor has fma: without, each fma is a call.
 @@ helpers
 #ifndef KREISEL_HELPERS
 #define KREISEL_HELPERS
-#define kreisel_get(room, row) ((room)[row])
-#define kreisel_put(room, row, value) ((room)[row] = (value))
-#define kreisel_entry(room, row, w) ((room)[row])
-#define kreisel_set_entry(room, row, w, value) ((room)[row] = (value))
-#define kreisel_number(array, i) ((array)[i])
-#define kreisel_set_number(array, i, value) ((array)[i] = (value))
-#define kreisel_whole(array, i) ((long)(array)[i])
 #if defined(__GNUC__)
 #define KREISEL_FUNCTION static __attribute__((unused))
 #else
@@ -39,7 +32,6 @@ or -march=native where the processor has fma: without, each fma is a call.
 #endif
 #define kreisel_size(x) fabs(x)
 #define kreisel_min(x, y) ((x) < (y) ? (x) : (y))
-static inline double kreisel_times(double x, double y) { return x * y; }
 static inline double kreisel_max(double x, double y) { return y > x ? y : x; }
 static inline double kreisel_sign(double x) { return x < 0.0 ? -1.0 : 1.0; }
 static inline double kreisel_where_less(double x, double y, double yes, double no) { return x < y ? yes : no; }
@@ -104,17 +96,15 @@ KREISEL_FUNCTION void @name@_observe(const @name@ *body, double out[@outputs@]) 
 
 #endif
 @@ call
-@name@_block(@tables@,
-        body->@targets@, body->@worst@, body->z, @name@_CONSTANTS, body->room, 0, 1, begin);
+if (begin) @name@_begin_projection_@k@(body->z, body->@targets@, body->@worst@, body->room);
+    else @name@_project_@k@(body->z, body->@targets@, body->@worst@, body->room);
 @@ def map
 KREISEL_FUNCTION void @name@_@function@(const double *restrict @source@, double *restrict @target@) {
 @@ def inplace
 KREISEL_FUNCTION void @name@_@function@(double *restrict z) {
 @@ def stage
 @table@[stage][@j@]
-@@ def put_pair
-KREISEL_FUNCTION void @name@_put_pair(double *room, long high, long low, double p, double e) {
-@@ def block
-KREISEL_FUNCTION void @name@_block(const int *sizes, const int *ops, const int *runs,
-    const int *outs, const int *ends, const int *cones, const int *columns, const double *literals,
-    double *targets, double *worst, double *z, const double *c, double *room, long lane, long last, int begin) {
+@@ def project
+KREISEL_FUNCTION void @name@_@function@(double *z, double *targets, double *worst, double *room) {
+    (void)worst;
+    (void)room;

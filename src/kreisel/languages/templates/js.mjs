@@ -15,14 +15,6 @@ const { abs, cos, exp, log, max, min, sin, sqrt } = Math;
 const fma = (x, y, z) => x * y + z; // rounded twice: the language has no other
 const sign = (x) => (x < 0 ? -1 : 1);
 const size = abs;
-const times = (x, y) => x * y;
-const get = (room, row) => room[row];
-const put = (room, row, value) => { room[row] = value; };
-const entry = get;
-const set_entry = (room, row, w, value) => { room[row] = value; };
-const number = get;
-const set_number = put;
-const whole = get;
 const where_less = (x, y, yes, no) => (x < y ? yes : no);
 
 function halves(x) { // x as the sum of two numbers of 26 digits (Dekker)
@@ -107,16 +99,12 @@ export class Body {
 
 export const NAMES = [@names@];
 @@ call
-block(@tables@, this.@targets@,
-            this.@worst@, this.z, CONSTANTS, this.room, 0, 1, begin);
+(begin ? begin_projection_@k@ : project_@k@)(this.z, this.@targets@, this.@worst@, this.room);
 @@ def map
 function @function@(@source@, @target@) {
 @@ def inplace
 export function @function@(z) {
 @@ def stage
 @table@[stage][@j@]
-@@ def put_pair
-function put_pair(room, high, low, p, e) {
-@@ def block
-function block(sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst, z, c, room,
-    lane, last, begin) {
+@@ def project
+function @function@(z, targets, worst, room) {

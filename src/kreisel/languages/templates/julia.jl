@@ -15,15 +15,7 @@ export Body, begin!, advance!, back!, observe
 
 @@ helpers
 kreisel_where_less(x, y, yes, no) = x < y ? yes : no
-Base.@propagate_inbounds kreisel_get(room, row) = room[row + 1]
-Base.@propagate_inbounds kreisel_put(room, row, value) = (room[row + 1] = value; nothing)
-kreisel_entry(room, row, w) = kreisel_get(room, row)
-kreisel_set_entry(room, row, w, value) = kreisel_put(room, row, value)
-kreisel_number(array, i) = array[i + 1]
-kreisel_set_number(array, i, value) = (array[i + 1] = value; nothing)
-kreisel_whole(array, i) = array[i + 1]
 kreisel_size(x) = abs(x)
-kreisel_times(x, y) = x * y
 kreisel_min(x, y) = x < y ? x : y
 kreisel_max(x, y) = y > x ? y : x
 kreisel_sign(x) = x < 0.0 ? -1.0 : 1.0
@@ -107,16 +99,12 @@ end
 
 end
 @@ call
-kreisel_block(@tables@, body.@targets@,
-        body.@worst@, body.z, CONSTANTS, body.room, 0, 1, begin_)
+(begin_ == 1 ? begin_projection_@k@! : project_@k@!)(body.z, body.@targets@, body.@worst@, body.room)
 @@ def map
 function @function@!(@source@, @target@)
 @@ def inplace
 function @function@!(z)
 @@ def stage
 @table@[stage + 1, @j@]
-@@ def put_pair
-function kreisel_put_pair(room, high, low, p, e)
-@@ def block
-function kreisel_block(sizes, ops, runs, outs, ends, cones, columns, literals, targets, worst, z, c, room,
-    lane, last, begin_)
+@@ def project
+function @function@!(z, targets, worst, room)
