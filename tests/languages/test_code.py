@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.languages.source import OF_PROGRAM
 from support import EXAMPLES, configuration
 
 STEPS, DT = 2000, 0.05
@@ -316,11 +315,8 @@ def test_julia_is_well_formed_and_says_the_same_steps(case: str) -> None:
 
 
 def project(known: dict[str, Any], z: FromOne, begin: int) -> None:
-    tables = [known[f"{name}_0"] for name in OF_PROGRAM]
-    for table in tables[:-1]:
-        table.values = [int(v) for v in table.values]
-    numbers = known.setdefault("memory", [FromOne([0.0] * size) for size in (400, 100, 5000)])
-    known["kreisel_block"](*tables, *numbers[:2], z, known["CONSTANTS"], numbers[2], 0, 1, begin)
+    numbers = known.setdefault("memory", [FromOne([0.0] * size) for size in (400, 100, 1)])
+    known["begin_projection_0_" if begin else "project_0_"](z, *numbers)
 
 
 # -- the examples ------------------------------------------------------------------------------------
