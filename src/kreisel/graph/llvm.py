@@ -127,17 +127,21 @@ class Memory:
     def __init__(self, builder: ir.IRBuilder, pointer: Value, kind: ir.Type = DOUBLE):
         self.builder, self.pointer, self.kind = builder, pointer, kind
 
+    @property
+    def _align(self) -> int:
+        return 4 if isinstance(self.kind, ir.FloatType) else 8
+
     def _at(self, i: Any) -> Value:
         if isinstance(i, int) and i == 0:
             return self.pointer
         return self.builder.gep(self.pointer, [integer_value(i)])
 
     def __getitem__(self, i: Any) -> Any:
-        value = self.builder.load(self._at(i), align=8)
+        value = self.builder.load(self._at(i), align=self._align)
         return Integer(self.builder, value) if self.kind == INTEGER else value
 
     def __setitem__(self, i: Any, x: Any) -> None:
-        self.builder.store(self.value_of(x), self._at(i), align=8)
+        self.builder.store(self.value_of(x), self._at(i), align=self._align)
 
     def value_of(self, x: Any) -> Value:
         """A number of this type."""
@@ -317,7 +321,8 @@ class Function:
     def intrinsic(self, name: str, *values: Value) -> Value:
         """A call of LLVM's own function of that name, for numbers and for vectors."""
         kind = values[0].type
-        full = f"llvm.{name}." + (f"v{kind.count}f64" if isinstance(kind, ir.VectorType) else "f64")
+        wide = isinstance(kind, ir.VectorType)
+        full = f"llvm.{name}." + (f"v{kind.count}f64" if wide else "f32" if isinstance(kind, ir.FloatType) else "f64")
         form = ir.FunctionType(kind, [kind] * len(values))
         return self.builder.call(self.module.globals.get(full) or ir.Function(self.module, form, full), values)
 
@@ -389,7 +394,7 @@ class Function:
     def _loop(self, graph: Graph, at: int, operands: list[Any], values: dict[int, Value], kind: ir.Type) -> None:
         """Of numbers: lanes of a vector would end at different times."""
         loop = graph.loops[operands[0]]
-        memory = self.variables(len(loop.variables) + 1)
+        memory = self.variables(len(loop.variables) + 1, kind)
         for room, x in zip(memory, operands[1:], strict=False):
             room[0] = self.value(x, values, kind)
         (ended,) = self.variables(1, INTEGER)

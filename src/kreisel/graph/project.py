@@ -334,7 +334,7 @@ class _Looping(Graph):
 class _Rows:
     """Numbers in memory."""
 
-    def __init__(self, graph: _Looping, memory: Memory | Lanes):
+    def __init__(self, graph: _Looping, memory: Any):
         self._graph, self._memory = graph, memory
 
     def __getitem__(self, i: Any) -> Number:
@@ -344,12 +344,13 @@ class _Rows:
         self._memory[i] = self._graph.value(x)
 
 
-def _in_loops(
-    f: Function, bound: bool, gain: float, lanes: Mapping[str, Lanes], kind: ir.Type, begin: Integer,
-    tables: Sequence[Memory], room: Memory,
+def in_loops(
+    f: Function, bound: bool, gain: float, lanes: Mapping[str, Any], kind: ir.Type, begin: Integer,
+    tables: Sequence[Memory], room: Any,
 ) -> None:  # fmt: skip
+    """The projection by the tables of any program; lanes: z, c, t, w as of `recorded_projection`, and its literals."""
     flow = _Looping(f, kind)
-    memories: list[Memory | Lanes] = [*lanes.values(), room]
+    memories = [*lanes.values(), room]
     *rows, literals, x = (_Rows(flow, memory) for memory in memories)
     projection = Projection(flow, tables, literals, bound, gain, x, rows)
     projection.values()
@@ -395,7 +396,7 @@ def _compiled(programs: Sequence[Program], width: int) -> Kernel:
                 if straight:
                     _straight(f, program, gain, lanes, kind, begin)
                 else:
-                    _in_loops(f, program.first > 0, gain, lanes, kind, begin, integers, rows)
+                    in_loops(f, program.first > 0, gain, lanes, kind, begin, integers, rows)
             table = words[13]
 
     return kernel(("projection", width, straight, gain, TAU, *parts), 5, write)

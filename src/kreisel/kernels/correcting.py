@@ -42,7 +42,7 @@ class Correction:
         return engine if engine.begin(z, self._scheme, 1) else self._made(z)
 
     def _made(self, z: Floats) -> Engine:
-        return engine_of(self._scheme, z.copy(), name="cpu", dt=1.0, steps=1, every=1, printer=None, project=False)
+        return engine_of(self._scheme, z.copy(), name="cpu", dt=1.0, steps=1, every=1, large=None, project=False)
 
 
 def corrections(scheme: Scheme) -> tuple[Rows, Rows]:

@@ -64,9 +64,9 @@ def engine_of(
     """
     if name in ("cuda", "cuda-float32"):
         _require_map(scheme, name)
-        from kreisel.kernels.cuda import CudaEngine
+        from kreisel.kernels.gpu import GpuEngine
 
-        return CudaEngine(scheme, z, name, project)
+        return GpuEngine(scheme, z, name, project)
     match scheme.motion:
         case Steps():
             from kreisel.kernels.cpu import CpuEngine

@@ -1,0 +1,303 @@
+"""Ensembles on an NVIDIA GPU: the kernel of `kreisel.kernels.steps`, one thread a trajectory, the time loop inside.
+
+It is written from the same graph, so in float64 each operation is that of the CPU; float32 is for those who ask for it.
+A `Device` holds arrays and runs kernels: `Gpu` by CuPy, `Here` one thread after the other on this processor, for tests.
+"""
+
+from __future__ import annotations
+
+import importlib
+import tempfile
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from llvmlite import ir
+
+from kreisel.errors import InputError
+from kreisel.graph.graph import TooLong
+from kreisel.graph.invariants import Program, program_of, program_of_orientation, recordable
+from kreisel.graph.llvm import DOUBLE, Function, Integer
+from kreisel.graph.project import in_loops
+from kreisel.graph.ptx import FLOAT, Body, Column, here, ptx
+from kreisel.graph.recording import Recording, flat_constants, flat_stages
+from kreisel.kernels.layout import Floats, Look, no_look
+from kreisel.kernels.projection.corrections import GAIN, Corrections, interval
+from kreisel.kernels.steps import Split
+from kreisel.method.scheme import Scheme
+
+THREADS = 128  # in a block
+PRECISIONS = {"cuda": "float64", "cuda-float32": "float32"}
+ROOM = 1 << 30  # bytes on the GPU for projections
+
+
+class Device(Protocol):
+    """Arrays and kernels of a device: `launch` runs a kernel on lanes, with addresses and integers."""
+
+    def array(self, values: Any) -> Any: ...
+    def host(self, array: Any) -> Any: ...
+    def fill(self, array: Any, values: Any) -> None: ...
+    def compiled(self, key: Sequence[Any], arguments: int, body: Body) -> Any: ...
+    def launch(self, kernel: Any, lanes: int, *arguments: Any) -> None: ...
+
+
+class Gpu:
+    """An NVIDIA GPU.  Raises `InputError` where there is none, or no CuPy."""
+
+    def __init__(self) -> None:
+        try:
+            self._cupy: Any = importlib.import_module("cupy")
+            there = self._cupy.cuda.runtime.getDeviceCount() > 0
+        except Exception:  # no package, no driver, no device: CuPy raises errors of its own
+            there = False
+        if not there:
+            raise InputError(
+                "engine='cuda' needs an NVIDIA GPU with its driver and the package CuPy (pip install "
+                "'kreisel[cuda]'), and none was found here. Use engine='cpu', the default."
+            )
+
+    def array(self, values: Any) -> Any:
+        return self._cupy.asarray(values)
+
+    def host(self, array: Any) -> Any:
+        return self._cupy.asnumpy(array)
+
+    def fill(self, array: Any, values: Any) -> None:
+        array.set(np.ascontiguousarray(values, dtype=array.dtype))
+
+    def compiled(self, key: Sequence[Any], arguments: int, body: Body) -> Any:
+        text = ptx(arguments, body, self._cupy.cuda.Device().compute_capability)
+        with tempfile.TemporaryDirectory() as folder:  # CuPy takes PTX from files alone
+            file = Path(folder) / "kernel.ptx"
+            file.write_text(text)
+            return self._cupy.RawModule(path=str(file)).get_function("kernel")
+
+    def launch(self, kernel: Any, lanes: int, *arguments: Any) -> None:
+        words = [np.int64(x if isinstance(x, int) else x.data.ptr) for x in (*arguments, lanes)]
+        kernel((-(-lanes // THREADS),), (THREADS,), tuple(words))
+
+
+class Here:
+    """The processor at work, which runs the code of a GPU one thread after the other."""
+
+    def array(self, values: Any) -> Any:
+        return np.array(values)
+
+    def host(self, array: Any) -> Any:
+        return array.copy()
+
+    def fill(self, array: Any, values: Any) -> None:
+        array[...] = values
+
+    def compiled(self, key: Sequence[Any], arguments: int, body: Body) -> Any:
+        return here(key, arguments, body)
+
+    def launch(self, kernel: Any, lanes: int, *arguments: Any) -> None:
+        kernel(*(x if isinstance(x, int) else x.ctypes.data for x in (*arguments, lanes)))
+
+
+@cache
+def device() -> Device:
+    """The GPU."""
+    return Gpu()
+
+
+def recorded_for_gpu(scheme: Scheme, constants: Floats, columns: Any, stage_columns: Any) -> Recording:
+    """The record of a step.  Raises `InputError` where it is too long to be written out."""
+    try:
+        return Recording(scheme, constants, columns, stage_columns)
+    except TooLong:
+        raise InputError(
+            f"engine='cuda' takes steps that can be written out, n <= 10 or so, got n = {scheme.n}. Use engine='cpu'."
+        ) from None
+
+
+ARGUMENTS = 8  # of the kernel of steps: addresses of z, c, s, out; rows, every, stages, lanes
+
+
+def steps_of_a_lane(record: Recording, precision: str) -> Body:
+    """The code of a thread: `every` steps for each row of out (rows, d, lanes); z (d, lanes), s (stages, ., lanes)."""
+    kind: ir.Type = {"float64": DOUBLE, "float32": FLOAT}[precision]
+    splits = [Split.of(record, piece) for piece in record.pieces]
+    count = record.state
+
+    def body(f: Function, lane: Integer, arguments: Sequence[Integer]) -> None:
+        rows, every, stages, lanes = arguments[4:]
+        z, c, s, out = (Column(f.doubles(address).of(kind), lane, lanes) for address in arguments[:4])
+        state = f.variables(count, kind)
+        for i, memory in enumerate(state):
+            memory[0] = z[i]
+        fixed: list[dict[int, Any]] = [{} for _ in splits]
+        for split, values in zip(splits, fixed, strict=True):
+            split.values(f, split.fixed, {"c": c, "s": s}, kind, values)
+
+        def part(number: int, stage: Any) -> None:
+            split, values = splits[number], dict(fixed[number])
+            split.values(f, split.of_stage, {"c": c, "s": s.beyond(stage * record.count("s"))}, kind, values)
+            new = split.outputs(f, values, [memory[0] for memory in state], kind, overlap=False)
+            for memory, x in zip(state, new, strict=True):
+                memory[0] = x
+
+        with f.loop(0, rows) as row:
+            with f.loop(0, every):
+                if record.stages:
+                    with f.loop(0, stages) as stage:
+                        part(0, stage)
+                else:
+                    part(0, 0)
+                for number in range(1, len(splits)):
+                    part(number, 0)
+            saved = out.beyond(row * count)
+            for i, memory in enumerate(state):
+                saved[i] = memory[0]
+        for i, memory in enumerate(state):
+            z[i] = memory[0]
+
+    return body
+
+
+def projection_of_a_lane(bound: bool) -> Body:
+    """The code of a thread that projects lane `first` + its number: any program, by its tables."""
+
+    def body(f: Function, lane: Integer, arguments: Sequence[Integer]) -> None:
+        z, c, targets, worst, literals, *tables, room, all_lanes, first, begin, threads = arguments
+        at = first + lane
+        integers = [f.integers(address) for address in tables]
+        k = integers[0][1]
+        numbers = {
+            "z": Column(f.doubles(z), at, all_lanes),
+            "c": Column(f.doubles(c), at, all_lanes),
+            "t": f.doubles(targets).beyond(at * k * 4),
+            "w": f.doubles(worst).beyond(at * k),
+            "l": f.doubles(literals),
+        }
+        in_loops(f, bound, GAIN, numbers, DOUBLE, begin, integers, Column(f.doubles(room), lane, threads))
+
+    return body
+
+
+class GpuProjection(Corrections):
+    """The projection on a device, one thread a state, of z (d, lanes) and constants (count, lanes) that lie there."""
+
+    def __init__(self, program: Program, also: Program | None, every: int, device: Device, z: Any, constants: Any):
+        super().__init__(program.labels, every, z.shape[1], len(also.outs) if also else 0)
+        self._device, self._z, self._constants = device, z, constants
+        self._known = device.array(self.targets), device.array(self.worst)
+        self._bound = device.array(self.bound)
+        self._programs = [(*self._tables(program), *self._known)]
+        if also is not None:
+            scratch = device.array(np.zeros(self.bound.shape[:2]))
+            self._programs.append((*self._tables(also), self._bound, scratch))
+        rows = max(program.rows, also.rows if also else 0)
+        self._threads = min(z.shape[1], max(THREADS, ROOM // (8 * rows)))
+        self._room = device.array(np.zeros((rows, self._threads)))
+        self._call(1)
+        self._read()
+
+    def _tables(self, program: Program) -> tuple[Any, ...]:
+        bound = program.first > 0
+        arguments = 4 + 1 + len(program.tables) + 5
+        kernel = self._device.compiled(("projection", bound), arguments, projection_of_a_lane(bound))
+        arrays = [np.ascontiguousarray(table) for table in (program.literals, *program.tables)]
+        return kernel, [self._device.array(array) for array in arrays]
+
+    def _call(self, begin: int) -> None:
+        lanes = len(self.targets)
+        for kernel, tables, targets, worst in self._programs:
+            for first in range(0, lanes, self._threads):
+                arrays = self._z, self._constants, targets, worst, *tables, self._room
+                self._device.launch(kernel, min(self._threads, lanes - first), *arrays, lanes, first, begin)
+
+    def _read(self) -> None:
+        self.targets, self.worst, self.bound = map(self._device.host, (*self._known, self._bound))
+
+    def apply(self) -> None:
+        """Project the state, in place."""
+        self._call(0)
+        self._read()
+
+    def peek(self, z: Floats) -> Floats:
+        before = self._device.host(self._z)
+        self._device.fill(self._z, z.T)
+        self._call(0)
+        worst = self._device.host(self._known[1])
+        self._device.fill(self._z, before)
+        self._write()
+        return np.asarray(worst)
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        super().restore(snapshot)
+        self._write()
+
+    def _write(self) -> None:
+        """What the device has becomes what the host has."""
+        for array, value in zip((*self._known, self._bound), (self.targets, self.worst, self.bound), strict=True):
+            self._device.fill(array, value)
+
+
+class GpuEngine:
+    """The step on a GPU; `advance` as in `kreisel.kernels.cpu.CpuEngine`.  One number of all lanes lies in one row.
+
+    float32 is not projected: what rounding does to it is far more.
+    """
+
+    def __init__(self, scheme: Scheme, z0: Floats, engine: str, project: bool = False):
+        self._device, precision = device(), PRECISIONS[engine]
+        self._real = np.dtype(precision)
+        self.z = np.asarray(z0).astype(self._real).astype(np.float64)
+        constants, columns = flat_constants(scheme, len(self.z))
+        stages, stage_columns = flat_stages(scheme, len(self.z))
+        record = recorded_for_gpu(scheme, constants, columns, stage_columns)
+        key = "steps", record.digest(), record.state, record.count("s"), record.stages, precision
+        self._kernel = self._device.compiled(key, ARGUMENTS, steps_of_a_lane(record, precision))
+        self._stage_count = stages.shape[1]
+        self._constants, self._stages = self._there(constants.T), self._there(stages.transpose(1, 2, 0))
+        self._state = self._there(self.z.T)
+        try:
+            program = recordable(lambda: program_of(scheme, columns)) if project and engine == "cuda" else None
+        except TooLong:
+            program = None
+        also = program_of_orientation(scheme) if program else None
+        self.projection: GpuProjection | None = None
+        if program is not None and len(self.z):
+            cost = program.cost + (also.cost if also else 0)
+            every = interval(cost, record.work * scheme.stage_count, scheme.between)
+            self.projection = GpuProjection(program, also, every, self._device, self._state, self._constants)
+
+    def _there(self, values: Floats) -> Any:
+        return self._device.array(np.ascontiguousarray(values, dtype=self._real))
+
+    def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
+        if not len(self.z):
+            return
+        if self.projection is None:
+            self._advance(out, every)
+        else:
+            self.projection.in_parts(out, every, self._advance, self._project)
+
+    def _project(self) -> Floats:
+        if self.projection is not None:
+            self.projection.apply()
+            self.z[:] = self._device.host(self._state).T
+        return self.z
+
+    def _advance(self, out: Floats, every: int) -> None:
+        rows = self._device.array(np.zeros((len(out), *self.z.shape[::-1]), dtype=self._real))
+        arrays = self._state, self._constants, self._stages, rows
+        self._device.launch(self._kernel, len(self.z), *arrays, len(out), every, self._stage_count)
+        out[:] = self._device.host(rows).transpose(0, 2, 1)
+        self.z[:] = out[-1]
+
+    def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
+        return False
+
+    def snapshot(self) -> dict[str, Floats]:
+        return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self.z[:] = snapshot["z"]
+        self._device.fill(self._state, self.z.T)
+        if self.projection:
+            self.projection.restore(snapshot)
