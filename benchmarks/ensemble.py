@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 from cases import BenchCase, cases, machine, parser, write
+from kreisel.kernels.cache import assembly_of
 
 from kreisel.bench import DT, FLAGS, LANES, Contest, build, summary
-from kreisel.kernels.cache import assembly_of
 from kreisel.runs.planning import make_plan
 
 STEPS, TURNS, CHECKED = 5_000, 9, 100

@@ -19,9 +19,9 @@ from typing import Any
 import gpu_code
 import numpy as np
 from cases import RESULTS, machine
+from kreisel.kernels.cuda import THREADS
 
 import kreisel as kr
-from kreisel.kernels.cuda import THREADS
 from kreisel.runs.planning import make_plan
 
 COUNTS = (10**4, 10**5, 10**6, 10**7)

@@ -20,10 +20,10 @@ from pathlib import Path
 from typing import Any
 
 from cases import BenchCase, cases, machine, parser, write
-
 from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.cuda import PRECISIONS, cuda_source
-from kreisel.kernels.recording import flat_constants, flat_stages
+
+from kreisel.graph.recording import flat_constants, flat_stages
 from kreisel.method.scheme import Scheme
 from kreisel.runs.planning import make_plan
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.kernels.recording import Recording, flat_constants, flat_stages
+from kreisel.graph.recording import Recording, flat_constants, flat_stages
 
 HERE = Path(__file__).parent
 FLAGS = ["-O2", "-march=native", "-ffp-contract=off", "-std=c++17"]

@@ -38,8 +38,8 @@ from problems import Problem, problems
 
 import kreisel as kr
 from kreisel import algebra
+from kreisel.graph.recording import flat_constants
 from kreisel.kernels.cpu import compiled_rate
-from kreisel.kernels.recording import flat_constants
 from kreisel.method import scheme
 
 TIMES = (100.0, 1000.0)

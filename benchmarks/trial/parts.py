@@ -12,7 +12,7 @@ import corruptions
 import kills
 import matplotlib.figure  # noqa: F401
 import modes
-import numba  # noqa: F401
+import llvmlite  # noqa: F401
 import pandas  # noqa: F401
 import scipy.integrate  # noqa: F401
 import xarray  # noqa: F401

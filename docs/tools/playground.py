@@ -9,7 +9,7 @@ import numpy as np
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.kernels.recording import recorded_function
+from kreisel.graph.recording import recorded_function
 from kreisel.languages.dialects import JAVASCRIPT
 from kreisel.languages.writer import Writer
 from kreisel.record.calling import call

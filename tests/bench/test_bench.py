@@ -10,7 +10,7 @@ import pytest
 
 from kreisel import bench
 from kreisel.cli import subjects
-from kreisel.kernels._llvm.machine import register_width
+from kreisel.graph.machine import register_width
 from support import ROOT
 
 RATIOS = ("step_to_cpp", "lane_step_to_cpp")

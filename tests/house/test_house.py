@@ -135,7 +135,6 @@ def test_arrows_run_one_way() -> None:
 def test_import_is_light() -> None:
     heavy = (
         "llvmlite",
-        "numba",
         "xarray",
         "zarr",
         "matplotlib",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from kreisel import algebra
 from kreisel.graph.graph import Graph
 from kreisel.graph.recording import flat_constants
 from kreisel.kernels import cpu, threads
-from kreisel.kernels.cache import load_kernel
 from kreisel.kernels.cpu import CpuEngine, compiled_rate
 from kreisel.lab import exact
 from kreisel.method import Scheme, scheme
@@ -194,15 +192,6 @@ def test_folding_leaves_the_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     short.advance(one, 1)
     long.advance(two, 1)
     assert (one == two).all()
-
-
-def test_source_is_kept_for_reading_and_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("KREISEL_CACHE", str(tmp_path))
-    source = f'"""Kernel number {tmp_path.name}."""\nVALUE = 7\n'
-    assert load_kernel(source, by_numba=True).VALUE == 7
-    (kept,) = tmp_path.glob("kreisel_kernel_*/kreisel_kernel_*.py")
-    assert kept.read_text() == source
-    assert load_kernel(source, by_numba=True) is load_kernel(source, by_numba=True)
 
 
 def test_stages_are_one_step_each() -> None:

@@ -18,10 +18,10 @@ from kreisel.graph import project
 from kreisel.graph.graph import TooLong
 from kreisel.graph.invariants import gradients, program_of
 from kreisel.graph.project import CompiledProjection
+from kreisel.graph.recording import flat_constants
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.projection import corrections
 from kreisel.kernels.projection.arrays import Observed, Traced, gradient
-from kreisel.kernels.recording import flat_constants
 from kreisel.lab import exact
 from kreisel.method import default_method, scheme
 from kreisel.method.observing import held_by_orientation

@@ -54,7 +54,7 @@ def apart(begun: Any, path: Path, a_top: dict, x0: dict, options: dict) -> None:
 def kill_during(path: Path, after: float, *run: object) -> bool:
     """Start a run in a process of its own and kill it; whether it was still at work."""
     context = multiprocessing.get_context("forkserver")  # this process may hold threads, which no fork survives
-    context.set_forkserver_preload(["kreisel.storage.simulate", "kreisel.storage.run_archive", "numba"])
+    context.set_forkserver_preload(["kreisel.storage.simulate", "kreisel.storage.run_archive", "llvmlite"])
     begun = context.Event()
     child = context.Process(target=apart, args=(begun, path, *run), daemon=True)
     child.start()

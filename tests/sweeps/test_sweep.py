@@ -391,7 +391,7 @@ def apart(begun: Any, folder: Path) -> None:
 def test_killed_at_random_moments(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(ROOT)  # where the process to be killed finds this file
     context = multiprocessing.get_context("forkserver")  # this process may hold threads, which no fork survives
-    context.set_forkserver_preload(["kreisel.sweeps.sweep", "kreisel.storage.run_archive", "numba"])
+    context.set_forkserver_preload(["kreisel.sweeps.sweep", "kreisel.storage.run_archive", "llvmlite"])
     begun = time.monotonic()
     carried(tmp_path / "timed")
     took, expected, moments, killed, trial = time.monotonic() - begun, contents(whole), random.Random(1), 0, 0

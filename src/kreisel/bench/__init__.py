@@ -102,7 +102,7 @@ def machine() -> dict[str, Any]:
         "cores": os.cpu_count(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
-        **{package: version(package) for package in ("numpy", "numba", "llvmlite", "scipy", "xarray")},
+        **{package: version(package) for package in ("numpy", "llvmlite", "scipy", "xarray")},
         "kreisel": kr.__version__,
     }
 

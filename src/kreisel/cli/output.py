@@ -56,7 +56,7 @@ def _version(asked: bool) -> None:
 
     import kreisel
 
-    beside = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "xarray", "zarr"))
+    beside = ", ".join(f"{name} {version(name)}" for name in ("numpy", "llvmlite", "xarray", "zarr"))
     print(f"kreisel {kreisel.__version__} (Python {sys.version.split()[0]}, {beside})")
     raise typer.Exit
 

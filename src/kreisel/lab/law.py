@@ -11,8 +11,8 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
+from kreisel.graph.recording import flat_constants, flat_stages
 from kreisel.kernels.cpu import CpuEngine
-from kreisel.kernels.recording import flat_constants, flat_stages
 from kreisel.lab import exact
 from kreisel.lab.exact import jacobian
 from kreisel.method import scheme

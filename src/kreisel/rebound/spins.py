@@ -232,7 +232,7 @@ class Spins:
         with self._jacobi() as q:
             self._seen[:] = np.nan
             fields = count_now, modified.ctypes.data, status.ctypes.data
-            rows = *self._arguments(), self._dv, dt, float(sim.G), q, step, where, *fields, count
+            rows: Any = *self._arguments(), self._dv, dt, float(sim.G), q, step, where, *fields, count
             turned = compiled.advance(*rows)
         if not turned:
             self._refuse_turns(dt)

@@ -45,9 +45,9 @@ def versions() -> dict[str, str]:
     """Versions of what computed a run, and the kind of processor that kernels are compiled for."""
     import platform
 
-    from kreisel.kernels._llvm.machine import processor
+    from kreisel.graph.machine import processor
 
-    packages = ("kreisel", "numpy", "llvmlite", "numba", "scipy", "mpmath", "xarray", "zarr")
+    packages = ("kreisel", "numpy", "llvmlite", "scipy", "mpmath", "xarray", "zarr")
     out = {"python": platform.python_version(), "processor": processor()[1]}
     return out | {p: importlib.metadata.version(p) for p in packages}
 

@@ -123,7 +123,7 @@ class _Step:
         self.state = {letter: self.row() for letter in code.blocks}
         self.numbers = dict(zip(code.numbers, f.variables(len(code.numbers)), strict=True))
         upkeep = code.pieces[0].upkeep
-        changes = {} if upkeep is None else {MOMENTUM: upkeep.pairs}
+        changes: dict[Any, Any] = {} if upkeep is None else {MOMENTUM: upkeep.pairs}
         changes |= {} if upkeep is None else {k: inverse.changes for k, inverse in enumerate(upkeep.inverses)}
         self.waiting = {
             name: [(*f.variables(1), self.row(), self.row()) for _ in each] for name, each in changes.items()

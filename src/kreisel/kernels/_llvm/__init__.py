@@ -1,1 +1,0 @@
-"""Straight-line text to machine code, by LLVM."""
