@@ -10,9 +10,9 @@ import clusters
 import configurations
 import corruptions
 import kills
+import llvmlite  # noqa: F401
 import matplotlib.figure  # noqa: F401
 import modes
-import llvmlite  # noqa: F401
 import pandas  # noqa: F401
 import scipy.integrate  # noqa: F401
 import xarray  # noqa: F401
