@@ -156,7 +156,7 @@ def test_components_that_are_no_state_are_refused(state: Any, words: str, top: A
 
 def test_a_state_of_another_system_gets_the_checks_of_this_one(top: Any) -> None:
     other = kr.perturbed(kr.LagrangeTop(p=(0, 0, 1)), potential=lambda a: a[0])
-    free = replace(other.system, checks=replace(other.system.checks, state=None))
+    free = replace(other.system, checks=replace(other.system.checks, state={}))
     zero = type(other)(free, other.params).state(m=(1, 2, 3), a=(0, 0, 0))
     with pytest.raises(kr.InputError, match="a must not be the zero vector"):
         kr.propagator(top, method="suris", dt=0.05).steps(zero, 3)

@@ -88,11 +88,7 @@ def _record(models: Sequence[Model], factors: list[Factor]) -> System:
             if f.system.checks.parameters is not None:
                 call(f.system.checks.parameters, (), f.known(known))
 
-    def check_state(*state: Array) -> None:
-        for f in factors:
-            if f.system.checks.state is not None:
-                f.system.checks.state(*state[f.place])
-
+    checks_of_state = {k + f.mark: check for f in factors for k, check in f.system.checks.state.items()}
     return System(
         name="-and-".join(f.system.name for f in factors),
         title=" and ".join(f.system.title for f in factors),
@@ -105,7 +101,7 @@ def _record(models: Sequence[Model], factors: list[Factor]) -> System:
         scaling="that of each body",
         integrals={name: naming(function, names) for name, function in _integrals(models, factors).items()},
         derive=naming(derive, tuple(p.letter for p in parameters)),
-        checks=Checks(naming(check_parameters, tuple(p.letter for p in parameters)), check_state),
+        checks=Checks(naming(check_parameters, tuple(p.letter for p in parameters)), checks_of_state),
         n=models[0].n,
         product=tuple(factors),
     )

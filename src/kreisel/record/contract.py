@@ -336,12 +336,12 @@ class Checks:
     """Checks of parameters and states.
 
     parameters(params)   raises `InputError` for parameters that do not go together
-    state(*state)        raises `InputError` for states without a meaning
+    state                letter -> check(component, letter), which raises `InputError` for one without a meaning
     doubts(params)       sentences on parameters that are possible and seldom meant, for `InputWarning`
     """
 
     parameters: Function | None = None
-    state: Function | None = None
+    state: Mapping[str, Function] = field(default_factory=dict)
     doubts: Function | None = None
 
 

@@ -296,8 +296,8 @@ class Model:
             parts[letter] = component(letter, kind, value, self.n, self._in_pairs, three_lanes)
         with np.errstate(all="ignore"):  # squares of what is that large overflow, and are refused where they matter
             require_on_phase_space(space, parts)
-            if self.system.checks.state is not None:
-                self.system.checks.state(*parts.values())
+            for letter, check in self.system.checks.state.items():
+                check(parts[letter], letter)
         return State(parts, dict(space.components), self.system)
 
     def call(self, function: Function | None, *state: Array, **extra: Any) -> Any:

@@ -138,7 +138,7 @@ SYSTEM = System(
     spin=spin,
     scaling="The transverse moment of inertia is 1: with body values I1, M g l take the time unit sqrt(I1/(M g l)), "
     "momenta in sqrt(I1 M g l), |a| = |p| = 1.",
-    checks=Checks(state=lambda m, a: nonzero_vector(a, "a")),
+    checks=Checks(state={"a": nonzero_vector}),
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
     lax=lax,

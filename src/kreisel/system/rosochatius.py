@@ -26,9 +26,10 @@ def nonzero(mu, letter):
         raise InputError(f"The entries of {letter} must not be 0, got {np.asarray(mu).tolist()}. For mu = 0: neumann.")
 
 
-def off_the_walls(x, q):
+def off_the_walls(x, letter):
+    """No entry 0."""
     if np.asarray(x == 0).any():
-        raise InputError("No entry of x may be 0: the potential mu_i^2/(2 x_i^2) is infinite there.")
+        raise InputError(f"No entry of {letter} may be 0: the potential mu_i^2/(2 x_i^2) is infinite there.")
 
 
 def flow(x, q, *, b, mu):  # x' = q,   q' = f - (<x, f> + |q|^2) x,   f = Bx + mu^2/x^3
@@ -122,7 +123,7 @@ SYSTEM = System(
     velocity=neumann.velocity,
     inverse_inertia=neumann.inverse_inertia,
     scaling="The mass and the radius of the sphere are 1.",
-    checks=Checks(state=off_the_walls),
+    checks=Checks(state={"x": off_the_walls}),
     integrals={"squares": squares},
     commuting=("squares",),
     lax=lax,

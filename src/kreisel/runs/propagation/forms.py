@@ -31,7 +31,6 @@ from kreisel.runs.settings import ORTHOGONAL_TOLERANCE, Settings, initial_orient
 
 Rows = Callable[[Floats], Floats]
 Reader = Callable[[Any], Sequence[float] | None]
-Restored = Callable[[Sequence[float]], Array]
 DOUBLE = np.dtype(np.float64)
 FEW_NUMBERS = 64
 MODERATE = 1e75  # a length whose products do not overflow
@@ -101,10 +100,10 @@ class StateForms:
         self.places = dict(zip(self.letters, algebra.slices(self._kinds, model.n), strict=True))
         single = not model.batch and pairs_of(model) is None
         self._single = (self.size,) if single else None  # the shape of one state as it may be given
-        free = single and not model.system.space.constraints
+        self._checks = model.system.checks.state
+        vectors = all(dict(components)[letter] == "vector" for letter in self._checks)
+        free = single and vectors and not model.system.space.constraints
         self._readers = [(k, _reader(kind, model.n)) for k, kind in components] if free else []
-        self._check = model.system.checks.state
-        self._restored = [(algebra.KINDS[kind].axes, _restored(kind, model.n)) for kind in model.system.space.kinds]
         several = [algebra.KINDS[kind].unpack if algebra.KINDS[kind].axes > 1 else None for kind in self._kinds]
         self._unpack = list(zip(self.letters, self.places.values(), several, strict=True))
         self._converters: dict[int, tuple[Rows, Rows]] = {}
@@ -149,23 +148,16 @@ class StateForms:
         if len(state) != len(self._readers):
             return None
         numbers: list[float] = []
-        values = []
         for letter, read in self._readers:
-            value = state.get(letter)
-            entries = read(value)
+            entries = read(state.get(letter))
             if entries is None:
                 return None
             numbers += entries
-            values.append((value, entries))
         if not math.hypot(*numbers) < MODERATE:
             return None
-        if self._check is not None and not (type(state) is State and state.is_of(self.model.system)):
-            self._check(
-                *(
-                    value if type(value) is np.ndarray and value.ndim == axes else restored(entries)
-                    for (value, entries), (axes, restored) in zip(values, self._restored, strict=False)
-                )
-            )
+        if self._checks and not (type(state) is State and state.is_of(self.model.system)):
+            for letter, check in self._checks.items():
+                check(np.asarray(state[letter]), letter)
         return numbers
 
     def _checked(self, state: Mapping[str, Any]) -> Floats:
@@ -318,18 +310,6 @@ def _reader(kind: str, n: int) -> Reader:
     if kind == "skew":
         return _axial if n == 3 else lambda value: _skew(value, n)
     return lambda value: None if kind in ("symmetric", "matrix") else _vector(value, width)
-
-
-def _restored(kind: str, n: int) -> Restored:
-    """From the numbers of a component to the component as the system has it."""
-    if kind == "skew":
-        return _hat if n == 3 else lambda x: algebra.skew(np.array(x), n)
-    return np.array
-
-
-def _hat(v: Sequence[float]) -> Array:
-    x, y, z = v
-    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
 
 
 def _vector(value: Any, width: int) -> Sequence[float] | None:
