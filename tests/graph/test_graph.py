@@ -20,6 +20,7 @@ from kreisel.graph.graph import (
     fma,
     if_positive,
     maximum,
+    repeated,
     where_less,
 )
 from kreisel.graph.llvm import Function, Lanes, kind_of
@@ -166,6 +167,17 @@ def test_a_branch_is_taken_if_a_lane_needs_it(width: int) -> None:
     for rows in ([(-1.0, 3.0), (0.0, 2.0)], [(-1.0, 3.0), (0.5, 7.0), (0.0, 2.0), (-2.0, 1.0), (4.0, 1.0)]):
         values = np.array(rows)
         assert compiled(graph, outputs, values, width).tolist() == [formula(*row) for row in values.tolist()]
+
+
+@pytest.mark.parametrize("width", [1, 4])
+def test_a_loop_of_a_fixed_length_takes_lanes(width: int) -> None:
+    graph = Graph()
+    x, y = graph.inputs("x", 2)
+    outputs = list(repeated(lambda v: [v[0] * y + v[1], 0.5 * v[1]], [x, 1.0], 5))
+    assert operations(graph, outputs) == ["loop", "result", "result"]
+    values = np.array([(-1.0, 3.0), (0.5, 7.0), (0.0, 2.0), (-2.0, 1.0), (4.0, 1.0)])
+    right = [list(repeated(lambda v, y=y: [v[0] * y + v[1], 0.5 * v[1]], [x, 1.0], 5)) for x, y in values.tolist()]
+    assert compiled(graph, outputs, values, width).tolist() == right
 
 
 def test_the_latest_order_computes_the_same() -> None:

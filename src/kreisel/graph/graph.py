@@ -26,6 +26,8 @@ TRANSCENDENTAL = ("sin", "cos", "exp", "log")
 # a result (loop or branch, index); a branch (its place in `Graph.branches`, test, values without it, outer operands).
 IN, LOOP, VARIABLE, RESULT, BRANCH = "in", "loop", "variable", "result", "branch"
 
+NEVER = -1.0  # `small` of a loop that always ends after `most` times
+
 Node = tuple[Any, ...]
 Operand = Any  # a Number or a float
 
@@ -409,6 +411,17 @@ def looped(body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], sma
         if new[-1] <= small:
             break
     return new
+
+
+def repeated(body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], count: int) -> Sequence[Any]:
+    """What `body` makes of its result, `count` times from `start`; of recorded numbers a loop."""
+    graph = next((x.graph for x in start if isinstance(x, Number)), None)
+    if graph is not None:
+        return graph.loop(lambda variables: (body(variables), 0.0), start, NEVER, count)[0]
+    values = list(start)
+    for _ in range(count):
+        values = list(body(values))
+    return values
 
 
 def _method(name: str, plain: Callable[[float], float]) -> Callable[[Any], Any]:

@@ -22,6 +22,7 @@ from kreisel.graph.graph import (
     MAX,
     MINUS,
     NEAREST,
+    NEVER,
     OVER,
     PLUS,
     RESULT,
@@ -392,7 +393,7 @@ class Function:
         values[at] = [room[0] for room in memory]
 
     def _loop(self, graph: Graph, at: int, operands: list[Any], values: dict[int, Value], kind: ir.Type) -> None:
-        """Of numbers: lanes of a vector would end at different times."""
+        """Lanes of a vector, which would end at different times, only take loops of a fixed length."""
         loop = graph.loops[operands[0]]
         memory = self.variables(len(loop.variables) + 1, kind)
         for room, x in zip(memory, operands[1:], strict=False):
@@ -412,7 +413,8 @@ class Function:
             new = [self.value(x, inside, kind) for x in loop.new]
             for room, x in zip(memory, new, strict=True):
                 room[0] = x
-            small = self.builder.fcmp_ordered("<=", new[-1], constant(kind, loop.small))
-            ended[0] = Integer(self.builder, self.builder.zext(small, INTEGER))
+            if loop.small != NEVER:
+                small = self.builder.fcmp_ordered("<=", new[-1], constant(kind, loop.small))
+                ended[0] = Integer(self.builder, self.builder.zext(small, INTEGER))
             count[0] = count[0] + 1
         values[at] = [room[0] for room in memory]

@@ -10,7 +10,7 @@ from typing import Any
 
 from kreisel.algebra import sqrt
 from kreisel.graph.double import DoubleDouble, upper
-from kreisel.graph.graph import fma, if_positive, maximum, nearest, where_less
+from kreisel.graph.graph import fma, if_positive, maximum, nearest, repeated, where_less
 
 PI = 3.141592653589793, 1.2246467991473532e-16  # and what is left of it
 MEANS = 5  # enough for a/g = 100, if the first step of the mean was made
@@ -140,15 +140,16 @@ def third_kind_beyond(x: Any, y: Any, z: Any, p: Any, delta: Any) -> Any:
 def _duplicated(x: Any, y: Any, z: Any, p: Any, delta: Any, steps: Any) -> Any:
     mean = 0.2 * (x + y + z + 2.0 * p)
     small_x, small_y, small_z = mean - x, mean - y, mean - z
-    part, total = 1.0, 0.0
-    for _ in range(steps):
+
+    def duplicated(numbers: list[Any]) -> list[Any]:
+        x, y, z, p, mean, part, total = numbers
         rx, ry, rz, rp = sqrt(x), sqrt(y), sqrt(z), sqrt(p)
         step = rx * ry + rx * rz + ry * rz
         d = (rp + rx) * (rp + ry) * (rp + rz)
         total = total + part / d * arctan_ratio(delta * (part * part * part) / (d * d))
-        x, y, z, p = 0.25 * (x + step), 0.25 * (y + step), 0.25 * (z + step), 0.25 * (p + step)
-        mean = 0.25 * (mean + step)
-        part = 0.25 * part
+        return [*(0.25 * (v + step) for v in (x, y, z, p, mean)), 0.25 * part, total]
+
+    *_, mean, part, total = repeated(duplicated, [x, y, z, p, mean, 1.0, 0.0], steps)
     X, Y, Z = small_x * part / mean, small_y * part / mean, small_z * part / mean
     P = -0.5 * (X + Y + Z)
     E2 = X * Y + X * Z + Y * Z - 3.0 * P * P

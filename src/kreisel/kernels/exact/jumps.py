@@ -8,6 +8,7 @@ about p; over what is left of the time it is `count` times D_eps, less the turn 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -148,8 +149,10 @@ class _Jumping:
             *new, off = rotated(moments, begin(z), t)
             return [off, *finish(z, new[:3], new[3:])]
 
+        recorded = cache(partial(self._recorded, program))  # once for numbers and for vectors
+
         def write(f: Function, rows: Rows) -> None:
-            off, *state = f.outputs(*self._recorded(program), rows.input, rows.states.kind)
+            off, *state = f.outputs(*recorded(), rows.input, rows.states.kind)
             rows.new.put(state)
             rows.errors[0] = off
 
