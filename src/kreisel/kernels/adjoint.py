@@ -105,11 +105,11 @@ class Code:
             f.doubles(marks).put(motion.state, mark * self.dim)
 
     def _pull(self, f: Function, derivatives: Sequence[Part], wide: bool) -> None:
-        """(z, c, s, stages, path, g, gc, gs, steps): g <- J^T g of some steps, gc and gs with it if `wide`.
+        """(starts of parts, c, s, stages, path, g, gc, gs, every, part): g <- J^T g, gc and gs with it if `wide`.
 
         path (parts of all steps, d) is room.
         """
-        *start, path, g, gc, gs, steps = f.arguments
+        *start, path, g, gc, gs, every, part = f.arguments
         d, constants, of_stage = self.sizes
         motion, per_step = _Motion(f, self, *start), start[3] + (len(self._parts) - 1)
         slopes = f.variables(d + constants * wide)
@@ -127,10 +127,13 @@ class Code:
             states.put(motion.state, (step * per_step + stage) * d)
             motion.advance(k, stage)
 
-        with f.loop(0, steps) as step:
-            motion.through(forth)
-        with f.loop(steps - 1, -1, -1) as step:
-            motion.through(back, reverse=True)
+        with f.loop((every + (part - 1)) // part - 1, -1, -1) as k:
+            motion.state = f.doubles(start[0]).get(d, k * d)
+            steps = part.least(every - part * k)
+            with f.loop(0, steps) as step:
+                motion.through(forth)
+            with f.loop(steps - 1, -1, -1) as step:
+                motion.through(back, reverse=True)
         f.doubles(g).put(_get(slopes[:d]))
         f.doubles(gc).put(_get(slopes[d:]))
 
@@ -213,7 +216,7 @@ class Code:
         self, z: Floats, c: Floats, s: Floats, marks: Floats, g: Floats, every: int, part: int, wide: bool
     ) -> tuple[Floats, Floats, Floats]:
         """The slopes (lanes, k, ...) by z, c and s from those g (lanes, k, rows, d) by the rows."""
-        call = self._kernel(self._pull, 9, lambda part: self._slopes(part, wide), wide)
+        call = self._kernel(self._pull, 10, lambda part: self._slopes(part, wide), wide)
         parts, rows = -(-every // part), g.shape[2]
         gz = np.zeros((*g.shape[:2], self.dim))
         gc, gs = np.zeros((*g.shape[:2], c.shape[1])), np.zeros((*g.shape[:2], *s.shape[1:]))
@@ -224,9 +227,7 @@ class Code:
             room = [*map(address_of, (path, gz[i, j], gc[i, j], gs[i, j]))]
             for row in range(rows - 1, -1, -1):
                 gz[i, j] += g[i, j, row]
-                for k in range(parts - 1, -1, -1):
-                    steps = part if k < parts - 1 else every - part * (parts - 1)
-                    call(address_of(starts[row * parts + k]), *constants, *room, steps)
+                call(address_of(starts[row * parts :]), *constants, *room, every, part)
         return gz, gc, gs
 
 
