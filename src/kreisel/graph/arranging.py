@@ -45,16 +45,17 @@ class _Step(NamedTuple):
 
 
 def arranged(
-    graph: Graph, outputs: Sequence[Operand], values: Mapping[tuple[str, int], float] | None = None, mark: str = ""
+    graph: Graph, outputs: Sequence[Operand], values: Mapping[tuple[str, int], float] | None = None
 ) -> tuple[Graph, list[Operand]]:
     """The graph recorded once more, with `values` in place of some inputs (letter, index); and its outputs.
 
-    A product that one sum alone needs is fused into it.  Several quotients by one number take its reciprocal.
+    A product that one sum alone needs is fused into it, of two the one whose node is older.  Several quotients by one
+    number take its reciprocal.
     """
     try:
-        return _Arranging(graph, values or {}, mark).outputs(outputs)
+        return _Arranging(graph, values or {}).outputs(outputs)
     except ZeroDivisionError:  # 1/0 on a branch that is not taken, or a fault that the run will name
-        return _Arranging(graph, {}, mark).outputs(outputs)
+        return _Arranging(graph, {}).outputs(outputs)
 
 
 def length(graph: Graph, outputs: Sequence[Operand]) -> int:
@@ -70,8 +71,8 @@ def length(graph: Graph, outputs: Sequence[Operand]) -> int:
 
 
 class _Arranging:
-    def __init__(self, graph: Graph, values: Mapping[tuple[str, int], float], mark: str):
-        self._old, self._values, self._new = graph, values, Graph(mark)
+    def __init__(self, graph: Graph, values: Mapping[tuple[str, int], float]):
+        self._old, self._values, self._new = graph, values, Graph()
         self._made: dict[Any, Operand] = {}
 
     def outputs(self, outputs: Sequence[Operand]) -> tuple[Graph, list[Operand]]:
@@ -127,10 +128,11 @@ def _fused(graph: Graph, nodes: Sequence[int], outputs: Sequence[Operand]) -> li
     out, gone = list[_Step](), set[Any]()
     for step in steps:
         x, y = step.operands if step.operation in (PLUS, MINUS) else (None, None)
-        inner = next((v for v in (x, y) if v is not None and _key(v) in products), None)
-        if inner is None:
+        apart = [v for v in (x, y) if v is not None and _key(v) in products]
+        if not apart:
             out.append(step)
             continue
+        inner = min(apart, key=_key)
         first = inner is x
         p, q = products[_key(inner)]
         addend = y if first else x

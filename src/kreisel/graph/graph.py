@@ -59,15 +59,14 @@ class Branch(NamedTuple):
 
 
 class Graph:
-    """Nodes, each made once.  `mark` is part of the names of nodes.  Raises `TooLong` beyond `most` nodes."""
+    """Nodes, each made once.  Raises `TooLong` beyond `most` nodes."""
 
-    def __init__(self, mark: str = "", most: float = math.inf) -> None:
+    def __init__(self, most: float = math.inf) -> None:
         self.nodes: list[Node] = []
-        self.names: list[str] = []
         self.loops: list[Loop] = []
         self.branches: list[Branch] = []
         self._index: dict[Node, int] = {}
-        self._mark, self._most, self._count = mark, most, 0
+        self._most = most
         self._inside: set[int] | None = None  # the nodes of an open loop
 
     def node(self, operation: str, *operands: Operand) -> int:
@@ -75,22 +74,17 @@ class Graph:
         key = (operation, *operands)
         at = self._index.get(key)
         if at is None:
-            at = self._added(key, f"{operands[0]}{operands[1]}" if operation == IN else self._fresh("t"))
+            at = self._added(key)
             if self._inside is not None and not self._inside.isdisjoint(x.at for x in operands_of(key)):
                 self._inside.add(at)
         return at
 
-    def _added(self, key: Node, name: str) -> int:
+    def _added(self, key: Node) -> int:
         at = self._index[key] = len(self.nodes)
         self.nodes.append(key)
-        self.names.append(name)
         if at > self._most:
             raise TooLong
         return at
-
-    def _fresh(self, letter: str) -> str:
-        self._count += 1
-        return f"{letter}{self._mark}{self._count - 1}"
 
     def __contains__(self, key: Node) -> bool:
         return key in self._index
@@ -114,8 +108,7 @@ class Graph:
         if self._inside is not None:
             raise TypeError("a loop within a loop cannot be recorded")
         place = len(self.loops)
-        names = [self._fresh("v") for _ in start]
-        variables = [Number(self, self._added((VARIABLE, place, i), name)) for i, name in enumerate(names)]
+        variables = [Number(self, self._added((VARIABLE, place, i))) for i in range(len(start))]
         self._inside = {x.at for x in variables}
         try:
             values, defect = body(variables)
@@ -127,9 +120,8 @@ class Graph:
         new = (*values, defect)
         members = tuple(sorted(inside - {x.at for x in variables}))
         self.loops.append(Loop(tuple(variables), members, new, small, most))
-        loop = Number(self, self._added((LOOP, place, *start, *self._outer(members, new, inside)), ""))
-        names.append(self._fresh("d"))
-        results = [Number(self, self._added((RESULT, loop, i), name)) for i, name in enumerate(names)]
+        loop = Number(self, self._added((LOOP, place, *start, *self._outer(members, new, inside))))
+        results = [Number(self, self._added((RESULT, loop, i))) for i in range(len(new))]
         return results[:-1], results[-1]
 
     def branch(self, test: Number, body: Callable[[], Sequence[Operand]], values: Sequence[Operand]) -> list[Number]:
@@ -141,8 +133,8 @@ class Graph:
             self._index.pop(self.nodes[at], None)
         place = len(self.branches)
         self.branches.append(Branch(tuple(members), new))
-        branch = Number(self, self._added((BRANCH, place, test, *values, *self._outer(members, new, members)), ""))
-        return [Number(self, self._added((RESULT, branch, i), self._fresh("b"))) for i in range(len(new))]
+        branch = Number(self, self._added((BRANCH, place, test, *values, *self._outer(members, new, members))))
+        return [Number(self, self._added((RESULT, branch, i))) for i in range(len(new))]
 
     def _outer(self, members: Iterable[int], new: Iterable[Operand], inside: Container[int]) -> list[Number]:
         """The nodes outside that those of a body, or what it makes, read."""
@@ -257,7 +249,7 @@ class Number(Ring):
             b, b_negative = abs(float(other)), other < 0
         a = self.positive
         if self.negative == b_negative:
-            return self.record(PLUS, *sorted((a, b), key=_spelling), negative=self.negative)
+            return self.record(PLUS, *sorted((a, b), key=_age), negative=self.negative)
         plus, minus = (b, a) if self.negative else (a, b)
         if (MINUS, minus, plus) in self.graph:
             return self.record(MINUS, minus, plus, negative=True)
@@ -265,7 +257,7 @@ class Number(Ring):
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, Number):
-            operands = sorted((self.positive, other.positive), key=_spelling)
+            operands = sorted((self.positive, other.positive), key=_age)
             return self.record(TIMES, *operands, negative=self.negative != other.negative)
         if not is_number(other):
             return NotImplemented
@@ -333,7 +325,8 @@ class Number(Ring):
         return array_of(x), defect
 
     def __repr__(self) -> str:
-        return f"{'-' * self.negative}{self.graph.names[self.at]}"
+        operation, *operands = self.node
+        return f"{'-' * self.negative}{''.join(map(str, operands)) if operation == IN else f't{self.at}'}"
 
 
 def is_number(x: Any) -> bool:
@@ -341,8 +334,9 @@ def is_number(x: Any) -> bool:
     return isinstance(x, Number | int | float | Fraction | np.integer | np.floating)
 
 
-def _spelling(x: Operand) -> str:
-    return x.graph.names[x.at] if isinstance(x, Number) else repr(x)
+def _age(x: Operand) -> float:
+    """The place of a node; numbers come last."""
+    return x.at if isinstance(x, Number) else math.inf
 
 
 def integer_power(x: Any, exponent: Any) -> Any:

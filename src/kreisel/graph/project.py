@@ -302,7 +302,6 @@ class _Looping(Graph):
     def node(self, operation: str, *operands: Operand) -> int:
         at = len(self.nodes)
         self.nodes.append((operation, *operands))
-        self.names.append(f"t{at}")
         self._f.emit(self, [at], self._values, self._kind)
         return at
 

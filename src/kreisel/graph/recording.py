@@ -64,15 +64,15 @@ class Recording:
         self.state = algebra.coordinate_count(scheme.kinds, scheme.n)
         special = {("c", j): value for j, value in special_constants(constants).items()}
         self.work, self.pieces = 0, list[Piece]()
-        for k, part in enumerate(scheme.parts):
-            graph, outputs = self._recorded(part, "e" * k)
+        for part in scheme.parts:
+            graph, outputs = self._recorded(part)
             self.work += length(graph, outputs)
-            self.pieces.append(Piece(part, *arranged(graph, outputs, special, "e" * k)))
+            self.pieces.append(Piece(part, *arranged(graph, outputs, special)))
         if scheme.n > 3 and self.length > STRAIGHT_LINES:
             raise TooLong
 
-    def _recorded(self, part: Part, mark: str) -> tuple[Graph, list[Operand]]:
-        graph = Graph(mark)
+    def _recorded(self, part: Part) -> tuple[Graph, list[Operand]]:
+        graph = Graph()
         letters = {letter: self.columns[letter] for letter in part.letters}
         state, constants = recorded_arguments(self.scheme, graph, letters, part.more)
         return graph, list(algebra.flatten(part.function(*state, **constants), self.scheme.kinds))

@@ -135,7 +135,7 @@ class Pull(NamedTuple):
     @classmethod
     def of(cls, scheme: Scheme, columns: Mapping[str, Mapping[str, slice]]) -> Pull:
         """That of a scheme."""
-        coupling, graph = of(scheme), Graph("p")
+        coupling, graph = of(scheme), Graph()
         kinds = scheme.kinds
         of_lanes = {letter: places for letter, places in columns.items() if letter != "p"}
         z, constants = recorded_arguments(scheme, graph, of_lanes, tuple(kinds))
@@ -144,7 +144,7 @@ class Pull(NamedTuple):
         values = list(algebra.flatten(coupling.pull(*z, **constants), [*coupling.forces, *coupling.forces]))
         size = algebra.coordinate_count(kinds, scheme.n)
         counts = {letter: count_of(places) for letter, places in columns.items()}
-        return cls(*arranged(graph, as_operands(values), mark="p"), size, len(values) // 2, counts)
+        return cls(*arranged(graph, as_operands(values)), size, len(values) // 2, counts)
 
     @property
     def key(self) -> tuple[Any, ...]:

@@ -192,7 +192,6 @@ class Looping(Graph):
     def node(self, operation: str, *operands: Operand) -> int:
         at = len(self.nodes)
         self.nodes.append((operation, *operands))
-        self.names.append(f"t{at}")
         said = operands[0] if operation == IN else None
         expression = said or self.writer.expression(operation, [self.value(x) for x in operands])
         self._said[at] = self.writer.once(str(expression))

@@ -349,7 +349,7 @@ class LargeFunction(NamedTuple):
 
 def recorded_large(form: LargeForm, kinds: list[str], part: Part) -> LargeFunction:
     """A step or `close` on recorded numbers; TypeError where the form does not hold."""
-    graph = Graph("" if part.staged else "e")
+    graph = Graph()
     values = part.function(*form.state(graph, kinds), **form.constants(graph, part.letters))
     new = form.outputs(values, kinds)
     if any(not isinstance(v, Number | float | int) for v in new):
