@@ -18,13 +18,16 @@ import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from cases import BenchCase, cases, machine, parser, write
-from kreisel.kernels.cache import assembly_of
 
 from kreisel.bench import DT, FLAGS, LANES, Contest, build, summary
+from kreisel.graph.graph import OVER, Number
+from kreisel.graph.machine import assembly
+from kreisel.graph.recording import Recording
+from kreisel.kernels.steps import Split, written_steps
 from kreisel.runs.planning import make_plan
 
 STEPS, TURNS, CHECKED = 5_000, 9, 100
@@ -63,27 +66,37 @@ def add_threads_of_cpp(contest: Contest, function: Any) -> None:
     contest.steppers["all cores, cpp"] = advance
 
 
-def source_of(case: BenchCase, lanes: int = LANES) -> str:
-    """The kernel of such an ensemble as text, for its machine code."""
+class Code(NamedTuple):
+    """A kernel's assembly, how many lanes it takes at once, and the quotients of a step."""
+
+    assembly: str
+    lanes: int
+    quotients: int
+
+
+def code_of(case: BenchCase, lanes: int = LANES) -> Code:
+    """The kernel of such an ensemble."""
     state = {k: np.tile(np.asarray(v, dtype=float), (lanes, 1)) for k, v in case.states["standard"].items()}
     settings: dict[str, Any] = {"dt": DT, "steps": 1, "every": 1, "method": "suris", "order": 1}
     engine: Any = make_plan(case.model, case.model.state(**state), **settings).engine
-    return str(engine.source)
+    record = Recording(engine.scheme, engine.constants, engine.columns, engine.stage_columns)
+    writing = written_steps(record, lanes, bool(engine.code.programs))
+    nodes = [piece.graph.nodes[at] for piece in record.pieces for at in Split.of(record, piece).varying]
+    quotients = sum(node[0] == OVER and isinstance(node[2], Number) for node in nodes)  # LLVM multiplies by 1/2
+    return Code(assembly(7, writing.write), writing.lanes, quotients)
 
 
-def bound(source: str) -> dict[str, Any] | None:
+def bound(code: Code) -> dict[str, Any] | None:
     """Cycles that the instructions of the loop over steps need a lane, by llvm-mca; None where it is missing or fails.
 
     The longest loop of vectors is that of the steps if it has each quotient of the step, once for each vector.
     """
     analyser = shutil.which("llvm-mca")
-    loop = _longest_loop(assembly_of(source)) if analyser else []
+    loop = _longest_loop(code.assembly) if analyser else []
     if not analyser or not loop:
         return None
-    (lanes,) = map(int, re.findall(r"^LANES = (\d+)", source, re.MULTILINE))
+    lanes, quotients = code.lanes, code.quotients
     width = 8 if any("zmm" in line for line in loop) else 4
-    step = source.partition("\ndef step(")[2].partition("\n@")[0]
-    quotients = len(re.findall(r" / [a-z]", step))
     divisions = sum("vdivpd" in line for line in loop)
     if divisions != quotients * lanes // width:
         raise AssertionError(f"{divisions} divisions in the loop, {quotients} in the step on {lanes // width} vectors")
@@ -125,13 +138,12 @@ def measure(turns: int = TURNS, steps: int = STEPS) -> dict[str, Any]:
     """Everything, as written to results/ensemble.json."""
     rows, load = {}, round(os.getloadavg()[0], 1)
     with tempfile.TemporaryDirectory() as folder:
-        os.environ["KREISEL_CACHE"] = str(Path(folder) / "kernels")  # compiled anew: the assembly is asked for
         library = build("ensemble", Path(folder))
         print(f"{'map, n = 3':<21}{'kernel':>10}{'C++':>8}{'all cores':>10}{'kernel/C++':>12}{'cores':>7}")
         for case in cases(generic=True):
             contest = Contest(case, library, LANES)
             add_threads_of_cpp(contest, library[f"{case.name.replace('-', '_')}_2"])
-            apart, least = contest.agreement(CHECKED), bound(source_of(case))
+            apart, least = contest.agreement(CHECKED), bound(code_of(case))
             cycles = gigahertz(library)
             row = {**summary(contest.timed(turns, steps)), "apart": apart, "gigahertz": round(cycles, 2)}
             if least:

@@ -19,9 +19,9 @@ from typing import Any
 import gpu_code
 import numpy as np
 from cases import RESULTS, machine
-from kreisel.kernels.cuda import THREADS
 
 import kreisel as kr
+from kreisel.kernels.gpu import device
 from kreisel.runs.planning import make_plan
 
 COUNTS = (10**4, 10**5, 10**6, 10**7)
@@ -37,22 +37,26 @@ def plan_of(engine: str, lanes: int) -> Any:
 
 def speed(engine: str, lanes: int, turns: int) -> dict[str, float]:
     """Steps a second by the clock of the device, the kernel alone and with the copy to the host."""
-    from numba import cuda
+    import cupy
 
     work = plan_of(engine, lanes).engine
     steps = max(100, 2 * 10**10 // lanes // 10)
-    rows = cuda.device_array((1, *work.z.shape[::-1]), dtype=work._real)
-    launch = work._kernel[-(-lanes // THREADS), THREADS]
-    launch(work._state, work._constants, work._stages, rows, 10)
+    rows = cupy.empty((1, *work.z.shape[::-1]), dtype=work._real)
+
+    def launch(steps: int) -> None:
+        arrays = work._state, work._constants, work._stages, rows
+        work._device.launch(work._kernel, lanes, *arrays, 1, steps, work._stage_count)
+
+    launch(10)
     alone, whole = [], []
     out = np.empty((1, *work.z.shape))
     for _ in range(turns):
-        before, after = cuda.event(), cuda.event()
+        before, after = cupy.cuda.Event(), cupy.cuda.Event()
         before.record()
-        launch(work._state, work._constants, work._stages, rows, steps)
+        launch(steps)
         after.record()
         after.synchronize()
-        alone.append(steps * lanes / (cuda.event_elapsed_time(before, after) * 1e-3))
+        alone.append(steps * lanes / (cupy.cuda.get_elapsed_time(before, after) * 1e-3))
         begun = time.perf_counter()
         work.advance(out, steps)
         whole.append(steps * lanes / (time.perf_counter() - begun))
@@ -72,11 +76,12 @@ def apart(engine: str, lanes: int = 1000) -> float:
 
 def bound(engine: str) -> dict[str, Any]:
     """Steps a second that the arithmetic instructions allow."""
-    from numba import cuda
+    device()  # refused where there is none
+    import cupy
 
-    device = cuda.get_current_device()
-    count = gpu_code.counted(plan_of(engine, 32).scheme, engine, device.compute_capability)
-    processors, hertz = device.MULTIPROCESSOR_COUNT, 1e3 * device.CLOCK_RATE
+    gpu = cupy.cuda.Device()
+    count = gpu_code.counted(plan_of(engine, 1).scheme, engine, gpu.compute_capability)
+    processors, hertz = gpu.attributes["MultiProcessorCount"], 1e3 * gpu.attributes["ClockRate"]
     most = gpu_code.bound(count, engine, processors, hertz)
     return count | {"multiprocessors": processors, "clock_hz": hertz, "steps_per_second": most}
 

@@ -2,7 +2,7 @@
 
     make gpu-code
 
-Numba makes PTX, ptxas code for compute capability 9.0, nvdisasm lists it; counted are the arithmetic instructions of
+LLVM makes PTX, ptxas code for compute capability 9.0, nvdisasm lists it; counted are the arithmetic instructions of
 the innermost loop, a step or one stage of it.  A multiprocessor of an H100 or H200 does 64 of them a cycle, for as
 many threads, in float64, 128 in float32 [NVIDIA, CUDA C++ Programming Guide, arithmetic instructions]; the bound is for
 132 multiprocessors at 1.98 GHz, an H200's largest clock.
@@ -20,14 +20,14 @@ from pathlib import Path
 from typing import Any
 
 from cases import BenchCase, cases, machine, parser, write
-from kreisel.kernels.cache import load_kernel
-from kreisel.kernels.cuda import PRECISIONS, cuda_source
 
+from kreisel.graph.ptx import ptx
 from kreisel.graph.recording import flat_constants, flat_stages
+from kreisel.kernels.gpu import ARGUMENTS, PRECISIONS, recorded_for_gpu, steps_of_a_lane
 from kreisel.method.scheme import Scheme
 from kreisel.runs.planning import make_plan
 
-CAPABILITY = (9, 0)
+CAPABILITY = "90"
 RATES = {"cuda": 64, "cuda-float32": 128}  # instructions a cycle and multiprocessor
 MULTIPROCESSORS, HERTZ = 132, 1.98e9
 ARITHMETIC = {"cuda": ("DFMA", "DMUL", "DADD"), "cuda-float32": ("FFMA", "FMUL", "FADD")}
@@ -52,22 +52,14 @@ def scheme_of(case: BenchCase, method: str, order: int) -> Scheme:
     return make_plan(case.model, state, dt=0.05, steps=1, every=1, method=method, order=order, orientation=None).scheme
 
 
-def listing(plan: Scheme, engine: str, capability: tuple[int, int]) -> tuple[str, str]:
+def listing(plan: Scheme, engine: str, capability: str) -> tuple[str, str]:
     """What ptxas says of a kernel, and its machine code."""
-    from numba import cuda, float32, float64, int64
-
     (constants, columns), (_, stages) = flat_constants(plan, 1), flat_stages(plan, 1)
-    kernel = load_kernel(
-        cuda_source(plan, constants, columns, stages, PRECISIONS[engine]), by_numba=True
-    ).kernel.py_func
-    real = {"float64": float64, "float32": float32}[PRECISIONS[engine]]
-    arguments = (*[real[:, ::1]] * 2, *[real[:, :, ::1]] * 2, int64)
-    ptx, _ = cuda.compile(kernel, arguments, cc=capability, output="ptx", device=False, abi="numba")
+    body = steps_of_a_lane(recorded_for_gpu(plan, constants, columns, stages), PRECISIONS[engine])
     with tempfile.TemporaryDirectory() as folder:
         text, code = Path(folder, "kernel.ptx"), Path(folder, "kernel.cubin")
-        text.write_text(ptx)
-        target = f"-arch=sm_{capability[0]}{capability[1]}"
-        said = _run(tool("ptxas"), target, "-v", "-o", str(code), str(text)).stderr
+        text.write_text(ptx(ARGUMENTS, body, capability))
+        said = _run(tool("ptxas"), f"-arch=sm_{capability}", "-v", "-o", str(code), str(text)).stderr
         return said, _run(tool("nvdisasm"), "-c", str(code)).stdout
 
 
@@ -85,7 +77,7 @@ def innermost(code: str) -> list[Counter[str]]:
     return [Counter(OPCODE.findall("\n".join(lines[a : b + 1]))) for a, b in inner]
 
 
-def counted(plan: Scheme, engine: str, capability: tuple[int, int] = CAPABILITY) -> dict[str, Any]:
+def counted(plan: Scheme, engine: str, capability: str = CAPABILITY) -> dict[str, Any]:
     """Of a kernel: registers, spilled bytes, instructions of the inner loop, and how often a step passes it."""
     said, code = listing(plan, engine, capability)
     kinds = ARITHMETIC[engine]

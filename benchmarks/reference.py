@@ -7,13 +7,18 @@ from __future__ import annotations
 
 import hashlib
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from kreisel.graph.recording import Recording, flat_constants, flat_stages
+from kreisel.graph.recording import Piece, Recording, flat_constants, flat_stages
+from kreisel.languages.dialects import C
+from kreisel.languages.writer import Writer
 
+NUMBERS = replace(C, once=("const dd {} = {};", C.once[1]), prefix="")
+PLACES = {"z": "x[{}]", "c": "c[{}]", "s": "s[stage * OF_STAGE + {}]"}
 HERE = Path(__file__).parent
 FLAGS = ["-O2", "-march=native", "-ffp-contract=off", "-std=c++17"]
 SOURCE = """#include "double_double.hpp"
@@ -83,17 +88,9 @@ class Reference:
         return np.fromfile(found).reshape(len(counts), -1, 2)
 
 
-def _statements(piece: Any) -> str:
-    """The lines of a recorded function as C++, on the arrays x, c and s."""
-    lines = ["{"]
-    lines += [f"dd {name} = {_array(name)};" for name in sorted(piece.words) if name[0] in "zcs" and name[1:].isdigit()]
-    for line in piece.lines:
-        name, _, value = line.text.partition(" = ")
-        lines.append(f"dd {name} = {value};")
-    lines += [f"x[{i}] = {value};" for i, value in enumerate(piece.new)]
-    return "\n".join([*lines, "}"])
-
-
-def _array(name: str) -> str:
-    letter, place = name[0], int(name[1:])
-    return {"z": f"x[{place}]", "c": f"c[{place}]"}.get(letter, f"s[stage * OF_STAGE + {place}]")
+def _statements(piece: Piece) -> str:
+    """A recorded function as a block of C++, on the arrays x, c and s."""
+    writer = Writer(NUMBERS, lambda letter, i: PLACES[letter].format(i))
+    for i, value in enumerate(writer.values(piece.graph, piece.outputs)):
+        writer.assign(f"x[{i}]", value)
+    return writer.function("{")

@@ -31,8 +31,13 @@ from cases import cases, machine, parser, write
 from reference import Reference
 
 import kreisel as kr
+from kreisel import algebra
+from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
 from kreisel.method import default_method
+from kreisel.method.observing import observer, scheme_of
+from kreisel.method.scheme import Steps
+from kreisel.record.calling import call
 from kreisel.runs.planning import make_plan
 from kreisel.system import REGISTRY
 
@@ -307,7 +312,7 @@ def _row(top: Any, label: str, count: int, true: Any) -> tuple[float, float]:
     """The largest change of the energy (deformed, of the map) over the last thousandth, and the error of the state."""
     options: dict[str, Any] = {"dt": DT, "steps": count, "every": count, "progress": False}
     if label == "RK4":
-        m, a = runge_kutta(np.array(START["m"]), np.array(START["a"]), DT, count)
+        m, a = runge_kutta(top, count)
         energy = float(abs(m @ m / 2 + a[2] - (np.dot(START["m"], START["m"]) / 2 + START["a"][2])))
         return energy, float(max(abs(m - true.m.values).max(), abs(a - true.a.values).max()))
     if label == "DOP853":
@@ -320,28 +325,28 @@ def _row(top: Any, label: str, count: int, true: Any) -> tuple[float, float]:
     return float(abs(end[name] - run[name][0])), error
 
 
-def runge_kutta(m: Any, a: Any, dt: float, steps: int) -> tuple[Any, Any]:
-    """RK4 for m' = p x a, a' = m x a, p = e_3, compiled."""
-    from numba import njit
+def runge_kutta(top: Any, steps: int) -> tuple[Any, Any]:
+    """m and a after steps of RK4, compiled as the maps are."""
 
-    @njit
-    def rate(x: Any) -> Any:
-        return np.array(
-            [-x[4], x[3], 0.0, x[1] * x[5] - x[2] * x[4], x[2] * x[3] - x[0] * x[5], x[0] * x[4] - x[1] * x[3]]
-        )
+    def step(*z: Any, eps: Any, **constants: Any) -> Any:
+        def moved(factor: Any, rates: Any) -> Any:
+            return [x + factor * y for x, y in zip(z, rates, strict=True)]
 
-    @njit
-    def run(x: Any, dt: float, steps: int) -> Any:
-        for _ in range(steps):
-            k1 = rate(x)
-            k2 = rate(x + dt / 2 * k1)
-            k3 = rate(x + dt / 2 * k2)
-            k4 = rate(x + dt * k3)
-            x = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        return x
+        def rate(x: Any) -> Any:
+            return call(top.system.flow, x, constants)
 
-    out = run(np.concatenate([m, a]), dt, steps)
-    return out[:3], out[3:]
+        k1 = rate(z)
+        k2 = rate(moved(eps / 2, k1))
+        k3 = rate(moved(eps / 2, k2))
+        k4 = rate(moved(eps, k3))
+        return tuple(moved(eps / 6, [a + 2 * b + 2 * c + d for a, b, c, d in zip(k1, k2, k3, k4, strict=True)]))
+
+    constants, axes = {**top.constants, "eps": np.asarray(DT)}, {**top.axes, "eps": 0}
+    scheme = scheme_of("rk4", top, Steps(step), observer(top), constants=constants, axes=axes)
+    engine = CpuEngine(scheme, algebra.flatten([*top.state(**START).values()], scheme.kinds)[None])
+    engine.advance(np.empty((1, *engine.z.shape)), steps)
+    m, a = algebra.restore(engine.z[0], scheme.kinds, 3)
+    return algebra.axial(m), a
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -14,7 +14,7 @@ series in 24 digits (problems.py).  Peers that are not installed are left out, a
                of the free body veselov 2 ... 8 in the place of the first two
     heyoka     Taylor series, compiled for the problem; its tolerance from 1e-6 to the last bit
     diffrax    Dopri8 and Tsit5 with a PID controller, compiled by JAX
-    scipy      DOP853, the right-hand side compiled by Numba
+    scipy      DOP853, the right-hand side compiled
     mujoco     RK4 on the engine's own model of the top, n = 3
 
 Batches: 64 lanes of kreisel, and heyoka's batch of the width of the machine's vectors, time of a trajectory.

@@ -38,15 +38,11 @@ def flow_of(model: Model) -> str:
 
     inputs = {letter: (3,) for letter in model.system.space.letters}
     constants = {name: np.shape(value) for name, value in model.constants.items()}
-    lines, values, count = recorded_function(rates, inputs, constants)
-    loads = [f"const z{i} = z[{i}];" for i in range(count)]
-    loads += [f"const c{i} = CONSTANTS[{i}];" for i in range(sum(np.size(v) for v in model.constants.values()))]
-    writer = Writer(JAVASCRIPT)
-    body = writer.body("\n".join(line.text for line in lines), 4)
-    saves = [f"out[{i}] = {writer.text(v)};" for i, v in enumerate(values)]
-    return "\n".join(
-        ["function flow(z, out) {", *(f"    {x}" for x in loads), *body, *(f"    {x}" for x in saves), "}"]
-    )
+    graph, outputs, _ = recorded_function(rates, inputs, constants)
+    writer = Writer(JAVASCRIPT, lambda letter, i: f"{'z' if letter == 'z' else 'CONSTANTS'}[{i}]")
+    for i, value in enumerate(writer.values(graph, outputs)):
+        writer.assign(f"out[{i}]", value)
+    return writer.function("function flow(z, out) {")
 
 
 def write(docs: Path) -> None:

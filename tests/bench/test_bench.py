@@ -78,11 +78,11 @@ def ensemble() -> Any:
 
 
 @pytest.fixture(scope="module")
-def kernel(ensemble: Any) -> str:
+def kernel(ensemble: Any) -> Any:
     if register_width() == 2:
         pytest.skip("the loop is looked for in registers of AVX")
     (case,) = [case for case in bench.cases(generic=True) if case.name == "clebsch"]
-    return ensemble.source_of(case, 64)
+    return ensemble.code_of(case, 64)
 
 
 def tool(folder: Path, name: str, does: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,7 +94,7 @@ def tool(folder: Path, name: str, does: str, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_the_bound_is_that_of_the_loop_over_steps(
-    ensemble: Any, kernel: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ensemble: Any, kernel: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An analyser that works is given the loop; the mutant counts a vector too many."""
     seen = tmp_path / "seen"
@@ -103,14 +103,12 @@ def test_the_bound_is_that_of_the_loop_over_steps(
     assert bound is not None
     assert bound["vectors"] == 4
     assert bound["instructions"] == len(seen.read_text().splitlines()) > 4 * 20
-    lanes = int(kernel.partition("\nLANES = ")[2].split()[0])
-    assert bound["cycles_a_lane_step"] == 96 / lanes
-    monkeypatch.setattr(ensemble, "assembly_of", lambda source, of=ensemble.assembly_of: of(kernel))
+    assert bound["cycles_a_lane_step"] == 96 / kernel.lanes
     with pytest.raises(AssertionError, match="divisions in the loop"):
-        ensemble.bound(kernel.replace(f"\nLANES = {lanes}", f"\nLANES = {3 * lanes // 2}"))
+        ensemble.bound(kernel._replace(lanes=3 * kernel.lanes // 2))
 
 
-def test_the_bound_by_the_analyser_that_is_there(ensemble: Any, kernel: str) -> None:
+def test_the_bound_by_the_analyser_that_is_there(ensemble: Any, kernel: Any) -> None:
     bound = ensemble.bound(kernel)
     if bound is None:
         pytest.skip("no llvm-mca that reads this assembly")
@@ -128,7 +126,7 @@ def test_the_bound_by_the_analyser_that_is_there(ensemble: Any, kernel: str) -> 
     ],
 )
 def test_an_analyser_that_does_not_work_is_as_good_as_none(
-    does: str, ensemble: Any, kernel: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    does: str, ensemble: Any, kernel: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tool(tmp_path / "bin", "llvm-mca", does, monkeypatch)
     assert ensemble.bound(kernel) is None

@@ -38,7 +38,8 @@ for (const [name, h] of [["top", 4], ["body", 12]]) {
   for (let i = 0; i < 50; i++) { body.advance(1); rungeKutta(x, 0.002, s.flow); }
   console.log(JSON.stringify([Array.from(body.observe().slice(0, x.length)), Array.from(x)]));
 }"""
-    out = subprocess.run([node, "-e", script + code], check=True, capture_output=True, text=True, timeout=120).stdout
+    run = {"input": script + code, "check": True, "capture_output": True, "text": True, "timeout": 120}
+    out = subprocess.run([node, "-"], **run).stdout
     for line in out.splitlines():
         ours, theirs = json.loads(line)
         assert max(abs(a - b) for a, b in zip(ours, theirs, strict=True)) < 1e-11

@@ -7,7 +7,7 @@ end the last lane stands in the places that are left.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from llvmlite import ir
@@ -140,7 +140,16 @@ class Steps(NamedTuple):
     by_stage: bool = True
 
 
-def compiled_steps(record: Recording, lanes: int, projected: bool) -> Steps:
+class Writing(NamedTuple):
+    """A kernel of 7 arguments to be compiled: its key, what writes it, how many lanes it takes at once, its room."""
+
+    key: tuple[Any, ...]
+    write: Callable[[Function], None]
+    lanes: int
+    room: int
+
+
+def written_steps(record: Recording, lanes: int, projected: bool) -> Writing:
     """The kernel of a recorded map for so many lanes."""
     width = register_width() if lanes > 1 and record.straight else 1
     splits = [Split.of(record, piece) for piece in record.pieces]
@@ -154,7 +163,13 @@ def compiled_steps(record: Recording, lanes: int, projected: bool) -> Steps:
     def write(f: Function) -> None:
         _write(f, record, splits, width, vectors, width > 1 and operations <= TWO_VECTORS, projected)
 
-    return Steps(kernel(key, 7, write), vectors * width * Constants.count(splits))
+    return Writing(key, write, vectors * width, vectors * width * Constants.count(splits))
+
+
+def compiled_steps(record: Recording, lanes: int, projected: bool) -> Steps:
+    """The same, compiled."""
+    writing = written_steps(record, lanes, projected)
+    return Steps(kernel(writing.key, 7, writing.write), writing.room)
 
 
 def _write(
