@@ -173,7 +173,7 @@ def cost() -> dict[str, Any]:
 
     Rows as in a run, a block of 2 to 3 MB after another: the first of each turn, after other work, is not counted.
     """
-    os.environ["NUMBA_NUM_THREADS"] = "1"
+    os.environ["KREISEL_NUM_THREADS"] = "1"
     m, b, p = STATES["generic"]
     top, state, steps, count = kr.LagrangeTop(p=p), {"m": m, "a": b}, 10**6, 40_000
     body, inside = kr.LagrangeTopMoving(A=b), {"M": m, "P": p}

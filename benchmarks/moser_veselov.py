@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-os.environ["NUMBA_NUM_THREADS"] = "1"
+os.environ["KREISEL_NUM_THREADS"] = "1"
 
 import numpy as np
 from cases import RESULTS, machine

@@ -24,7 +24,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+os.environ.setdefault("KREISEL_NUM_THREADS", "1")
 
 import numpy as np
 from cases import machine

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+os.environ.setdefault("KREISEL_NUM_THREADS", "1")
 
 import numpy as np
 

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+os.environ.setdefault("KREISEL_NUM_THREADS", "1")
 
 import numpy as np
 from cases import machine, parser, write

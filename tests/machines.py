@@ -2,7 +2,7 @@
 
     python tests/machines.py [--quick] [MACHINE ...]        # make test-machines
 
-OpenBLAS, Numba, NumPy and XLA choose their code by the processor, and each can be made to choose otherwise.  What
+OpenBLAS, LLVM, NumPy and XLA choose their code by the processor, and each can be made to choose otherwise.  What
 compiles otherwise has a cache of kernels of its own, in out/machines; the processor's own code is `make test`.  --quick
 is the machine with all of it at once, on the tests that failed on one processor and not on another: .ci/run does that.
 """
@@ -28,7 +28,6 @@ PART = (
     "kernels/test_large.py",
     "house/test_gallery.py",
     "kernels/test_engine.py",
-    "kernels/test_simd.py",
     "system/test_vectors.py",
     "kernels/test_projection.py",
     "exact/test_exact.py",
@@ -55,21 +54,21 @@ QUICK = (
 )
 
 NO_VECTORS = {"NPY_DISABLE_CPU_FEATURES": "all that NumPy found"}  # see `environment`
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "KREISEL_NUM_THREADS"), "1")
 MACHINES: dict[str, dict[str, str]] = {
     "Prescott": {"OPENBLAS_CORETYPE": "Prescott"},
     "Haswell": {"OPENBLAS_CORETYPE": "Haswell"},
     "Zen": {"OPENBLAS_CORETYPE": "Zen"},
     "SkylakeX": {"OPENBLAS_CORETYPE": "SkylakeX"},
-    "Numba-generic": {"NUMBA_CPU_NAME": "generic"},
+    "LLVM-generic": {"KREISEL_CPU_NAME": "generic"},
     "NumPy-baseline": NO_VECTORS,
     "XLA-SSE4_2": {"XLA_FLAGS": "--xla_cpu_max_isa=SSE4_2"},
     "one-thread": ONE_THREAD,
 }
-COMPILED_FOR = {"NUMBA_CPU_NAME"}
+COMPILED_FOR = {"KREISEL_CPU_NAME"}
 OLDEST = {
     "OPENBLAS_CORETYPE": "Prescott",
-    "NUMBA_CPU_NAME": "generic",
+    "KREISEL_CPU_NAME": "generic",
     "XLA_FLAGS": "--xla_cpu_max_isa=SSE4_2",
     **NO_VECTORS,
     **ONE_THREAD,

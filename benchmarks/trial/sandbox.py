@@ -54,9 +54,9 @@ def enter(folder: Path, private: bool) -> str:
     for name in ("home", "cache", "tmp", "cases"):
         (folder / name).mkdir(exist_ok=True)
     cache = folder / "cache"
-    folders: dict[str, object] = {"HOME": home, "KREISEL_CACHE": cache, "NUMBA_CACHE_DIR": cache / "numba"}
+    folders: dict[str, object] = {"HOME": home, "KREISEL_CACHE": cache}
     folders |= {"XDG_CACHE_HOME": home, "XDG_CONFIG_HOME": home, "MPLCONFIGDIR": home, "TMPDIR": folder / "tmp"}
-    folders |= dict.fromkeys(("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), 1)
+    folders |= dict.fromkeys(("KREISEL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), 1)
     os.environ.update({name: str(value) for name, value in folders.items()})
     cache.chmod(0o700)
     tempfile.tempdir = None

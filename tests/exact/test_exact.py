@@ -225,7 +225,7 @@ def test_rows_are_those_of_the_definition_in_any_cut_and_on_any_threads(
     options = {"dt": 0.37, "steps": 10**9, "every": 1, "method": "exact", "order": None, "orientation": (1, 0, 0, 0)}
 
     def rows(cuts: tuple[int, ...] = (500,), threads: int = 1) -> tuple[np.ndarray, engine.OrbitRows]:
-        monkeypatch.setenv("NUMBA_NUM_THREADS", str(threads))
+        monkeypatch.setenv("KREISEL_NUM_THREADS", str(threads))
         engine = make_plan(model, state, **options).engine
         parts = [np.empty((cut, *engine.z.shape)) for cut in cuts]
         for part in parts:

@@ -159,7 +159,7 @@ def test_lanes_and_threads_have_the_bits_of_one_top(monkeypatch: pytest.MonkeyPa
     for count in (1, 2, 7, 37):
         got, _ = jumped(kr.LagrangeTop(p=p[:count]), {"m": m[:count], "a": b[:count]}, TIMES)
         assert (got[2] == alone[:count]).all()
-    monkeypatch.setenv("NUMBA_NUM_THREADS", "3")
+    monkeypatch.setenv("KREISEL_NUM_THREADS", "3")
     monkeypatch.setattr(jumps, "WORK", 10**6)
     got, _ = jumped(kr.LagrangeTop(p=p), {"m": m, "a": b}, TIMES)
     assert (got[2] == alone).all()

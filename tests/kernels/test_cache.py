@@ -245,14 +245,14 @@ except kr.InputError as error:
 """
     found = subprocess.run(
         [sys.executable, "-c", code],
-        env={**os.environ, "NUMBA_CPU_FEATURES": "+avx2,garbage"},
+        env={**os.environ, "KREISEL_CPU_FEATURES": "+avx2,garbage"},
         capture_output=True,
         text=True,
         timeout=120,
         check=False,
     )
     assert found.returncode == 0
-    assert found.stdout.startswith("NUMBA_CPU_FEATURES: expected features") and "got 'garbage'" in found.stdout
+    assert found.stdout.startswith("KREISEL_CPU_FEATURES: expected features") and "got 'garbage'" in found.stdout
 
 
 def test_kernels_of_a_body_go_with_it() -> None:

@@ -170,7 +170,7 @@ def test_zero_lanes_are_no_work() -> None:
 
 @pytest.mark.parametrize(("lanes", "many"), [(1, 2), (2, 2), (71, 2), (1000, 3), (64 * 64, 2)])
 def test_shares_are_all_the_lanes_once(lanes: int, many: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("NUMBA_NUM_THREADS", str(many))
+    monkeypatch.setenv("KREISEL_NUM_THREADS", str(many))
     shares = list(threads.shares(lanes, threads.LEAST_WORK))
     assert [lane for first, last in shares for lane in range(first, last)] == list(range(lanes))
     assert len(shares) >= min(many, lanes)

@@ -237,13 +237,13 @@ class Contest:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    before = os.environ.get("NUMBA_NUM_THREADS")
-    os.environ["NUMBA_NUM_THREADS"] = "1"
+    before = os.environ.get("KREISEL_NUM_THREADS")
+    os.environ["KREISEL_NUM_THREADS"] = "1"
     try:
         yield
     finally:
-        del os.environ["NUMBA_NUM_THREADS"]
-        os.environ.update({} if before is None else {"NUMBA_NUM_THREADS": before})
+        del os.environ["KREISEL_NUM_THREADS"]
+        os.environ.update({} if before is None else {"KREISEL_NUM_THREADS": before})
 
 
 def _standard_row(case: BenchCase) -> Array:

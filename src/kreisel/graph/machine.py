@@ -1,6 +1,6 @@
 """Machine code of functions, for this processor: compiled by LLVM, kept on disk, called with integers.
 
-The processor is that of the machine, or what NUMBA_CPU_NAME and NUMBA_CPU_FEATURES say, which Numba reads too.
+The processor is that of the machine, or what KREISEL_CPU_NAME and KREISEL_CPU_FEATURES say.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ _loaded: WeakValueDictionary[str, Kernel] = WeakValueDictionary()  # the kernels
 @cache
 def processor() -> tuple[str, str, str]:
     """Triple, name and features of what is compiled for."""
-    name, features = (os.environ.get(f"NUMBA_CPU_{what}") for what in ("NAME", "FEATURES"))
+    name, features = (os.environ.get(f"KREISEL_CPU_{what}") for what in ("NAME", "FEATURES"))
     wrong = [each for each in (features or "").split(",") if each and each[0] not in "+-"]
     if wrong:  # LLVM would end the process
         raise InputError(
-            f"NUMBA_CPU_FEATURES: expected features of a processor with + or - in front, separated by commas, such as "
+            "KREISEL_CPU_FEATURES: expected features of a processor with + or - in front, separated by commas, such as "
             f"'+avx2,-avx512f', or '' for none, got {shown(wrong[0])}. Correct this variable of the environment, or "
             "unset it."
         )

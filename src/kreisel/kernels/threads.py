@@ -1,4 +1,4 @@
-"""Shares of lanes, or of rows, for threads: NUMBA_NUM_THREADS of them, else one for each processor."""
+"""Shares of lanes, or of rows, for threads: KREISEL_NUM_THREADS of them, else one for each processor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def processors() -> int:
 
 def thread_count() -> int:
     """How many threads there are for large work."""
-    asked = os.environ.get("NUMBA_NUM_THREADS", "")
+    asked = os.environ.get("KREISEL_NUM_THREADS", "")
     return int(asked) if asked.isdecimal() and int(asked) > 0 else processors()
 
 
