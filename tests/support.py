@@ -7,6 +7,12 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kreisel.graph.llvm import Function, Lanes, kind_of
+from kreisel.graph.machine import kernel
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS, EXAMPLES = ROOT / "docs", ROOT / "examples"
@@ -59,3 +65,23 @@ def contents(store: Path) -> dict[str, object]:
         elif name == "engine/checksums.sha256":
             out[name] = [line for line in path.read_text().splitlines() if not line.endswith("  zarr.json")]
     return out
+
+
+def compiled_outputs(graph: Any, outputs: list[Any], values: np.ndarray, width: int = 1) -> np.ndarray:
+    """The outputs (lanes, count) for inputs x0, x1, ... (lanes, count), by machine code for so many lanes at once."""
+    lanes, count = values.shape
+
+    def write(f: Function) -> None:
+        source, target, end = f.arguments
+        f.vectors(width)
+        with f.loop(0, end, width) as lane:
+            at = f.lanes(lane, width, end)
+            row = Lanes(f.doubles(source), at, count)
+            target_rows = Lanes(f.doubles(target), at, len(outputs))
+            target_rows.put(f.outputs(graph, outputs, lambda _, i: row[i], kind_of(width)))
+
+    rows, out = np.concatenate([values, values[-1:]]), np.full((lanes + 1, len(outputs)), np.nan)
+    code = kernel(("test", graph.digest(outputs), count, width), 3, write)
+    code(rows.ctypes.data, out.ctypes.data, lanes)
+    assert np.isnan(out[-1]).all()  # nothing is written beyond the last lane
+    return out[:-1]

@@ -23,8 +23,7 @@ from kreisel.graph.graph import (
     repeated,
     where_less,
 )
-from kreisel.graph.llvm import Function, Lanes, kind_of
-from kreisel.graph.machine import kernel
+from support import compiled_outputs
 
 
 def numbers(*letters: str) -> tuple[Graph, list[Number]]:
@@ -34,24 +33,6 @@ def numbers(*letters: str) -> tuple[Graph, list[Number]]:
 
 def operations(graph: Graph, outputs: list[Any]) -> list[str]:
     return [graph.nodes[at][0] for at in graph.needed(outputs) if graph.nodes[at][0] != "in"]
-
-
-def compiled(graph: Graph, outputs: list[Any], values: np.ndarray, width: int = 1) -> np.ndarray:
-    """The outputs (lanes, count) for inputs x0, x1, ... (lanes, count), by machine code for so many lanes at once."""
-    lanes, count = values.shape
-
-    def write(f: Function) -> None:
-        given, out, end = f.arguments
-        f.vectors(width)
-        with f.loop(0, end, width) as lane:
-            at = f.lanes(lane, width, end)
-            row = Lanes(f.doubles(given), at, count)
-            Lanes(f.doubles(out), at, len(outputs)).put(f.outputs(graph, outputs, lambda _, i: row[i], kind_of(width)))
-
-    out = np.empty((lanes, len(outputs)))
-    code = kernel(("test", graph.digest(outputs), count, width), 3, write)
-    code(np.ascontiguousarray(values).ctypes.data, out.ctypes.data, lanes)
-    return out
 
 
 def test_foldings_are_exact() -> None:
@@ -90,8 +71,8 @@ def test_recorded_arithmetic_is_that_of_python(formula: Callable[[Any, Any], Any
     for a_graph, a_result in ((graph, [result]), (plain, outputs)):
         values = [evaluated(a_graph, a_result, lambda _, i, row=row: row[i])[0] for row in rows.tolist()]
         np.testing.assert_allclose(values, right, rtol=1e-14, atol=1e-14)
-        assert (compiled(a_graph, a_result, rows)[:, 0] == values).all()
-        assert (compiled(a_graph, a_result, rows, 4)[:, 0] == values).all()
+        assert (compiled_outputs(a_graph, a_result, rows)[:, 0] == values).all()
+        assert (compiled_outputs(a_graph, a_result, rows, 4)[:, 0] == values).all()
 
 
 @pytest.mark.parametrize("name", ["sin", "cos", "exp", "log", "sqrt", "sign", "nearest"])
@@ -103,14 +84,14 @@ def test_functions_of_one_number(name: str) -> None:
     values[0], values[1] = 0.5, 2.5
     right = [getattr(np, {"nearest": "rint"}.get(name, name))(v) for v in values[:, 0]]
     for width in (1, 2):
-        found = compiled(graph, outputs, values, width)
+        found = compiled_outputs(graph, outputs, values, width)
         np.testing.assert_allclose(found, np.stack([right, -np.array(right)], 1), rtol=4e-16)
 
 
 def test_a_sign_of_zero_is_positive() -> None:
     graph = Graph()
     outputs = [graph.input("x", 0).sign()]
-    assert compiled(graph, outputs, np.array([[0.0], [-0.0], [-2.0], [3.0]])).tolist() == [[1], [1], [-1], [1]]
+    assert compiled_outputs(graph, outputs, np.array([[0.0], [-0.0], [-2.0], [3.0]])).tolist() == [[1], [1], [-1], [1]]
 
 
 def test_products_are_fused_into_the_sums_that_alone_need_them() -> None:
@@ -142,11 +123,11 @@ def test_a_recorded_loop_is_the_loop() -> None:
     assert ("+", root, 1.0) not in graph
     plain, outputs = arranged(graph, [root * 2, defect])
     for values in (plain, outputs), (graph, [root * 2, defect]):
-        twice, change = compiled(*values, np.array([[7.0]]))[0]
+        twice, change = compiled_outputs(*values, np.array([[7.0]]))[0]
         assert twice == pytest.approx(2 * math.sqrt(7.0), abs=1e-15)
         assert change <= 1e-20
     (short,), few = a.record_loop(improve, array_of([1.0]), 1e-20, 2)
-    assert compiled(graph, [short, few], np.array([[7.0]]))[0] == pytest.approx([2.875, 1.125**2])
+    assert compiled_outputs(graph, [short, few], np.array([[7.0]]))[0] == pytest.approx([2.875, 1.125**2])
     with pytest.raises(TypeError, match="loop within a loop"):
         a.record_loop(lambda x: improve(a.record_loop(improve, x, 0.0, 2)[0]), array_of([1.0]), 0.0, 2)
 
@@ -166,7 +147,7 @@ def test_a_branch_is_taken_if_a_lane_needs_it(width: int) -> None:
     assert graph.digest(outputs) != graph.digest([y * 2.0, *outputs[1:]])
     for rows in ([(-1.0, 3.0), (0.0, 2.0)], [(-1.0, 3.0), (0.5, 7.0), (0.0, 2.0), (-2.0, 1.0), (4.0, 1.0)]):
         values = np.array(rows)
-        assert compiled(graph, outputs, values, width).tolist() == [formula(*row) for row in values.tolist()]
+        assert compiled_outputs(graph, outputs, values, width).tolist() == [formula(*row) for row in values.tolist()]
 
 
 @pytest.mark.parametrize("width", [1, 4])
@@ -177,7 +158,7 @@ def test_a_loop_of_a_fixed_length_takes_lanes(width: int) -> None:
     assert operations(graph, outputs) == ["loop", "result", "result"]
     values = np.array([(-1.0, 3.0), (0.5, 7.0), (0.0, 2.0), (-2.0, 1.0), (4.0, 1.0)])
     right = [list(repeated(lambda v, y=y: [v[0] * y + v[1], 0.5 * v[1]], [x, 1.0], 5)) for x, y in values.tolist()]
-    assert compiled(graph, outputs, values, width).tolist() == right
+    assert compiled_outputs(graph, outputs, values, width).tolist() == right
 
 
 def test_the_latest_order_computes_the_same() -> None:
@@ -234,7 +215,7 @@ def test_every_operation_is_known_to_all() -> None:
         result = [x[0].record(name, *x[: arity.get(name, 1)])]
         again, outputs = arranged(graph, result)
         assert operations(again, outputs) == [name]
-        value = compiled(graph, result, np.array([[0.3, 0.7, 0.2, 0.9]]))[0, 0]
+        value = compiled_outputs(graph, result, np.array([[0.3, 0.7, 0.2, 0.9]]))[0, 0]
         right = evaluated(graph, result, lambda _, i: (0.3, 0.7, 0.2, 0.9)[i])[0]
         assert value == pytest.approx(right, rel=1e-15)
 

@@ -151,7 +151,7 @@ def test_what_no_gpu_runs(top: object, x0: object) -> None:
 # -- PTX ---------------------------------------------------------------------------------------------
 
 
-def assembled(text: str, folder: Path) -> None:
+def check_assembled(text: str, folder: Path) -> None:
     """NVIDIA's assembler, of its package, takes the text, or the test fails with what it says."""
     nvcc = pytest.importorskip("nvidia.cuda_nvcc")
     (assembler,) = [Path(place) / "bin" / "ptxas" for place in nvcc.__path__]
@@ -177,18 +177,18 @@ def test_products_are_rounded_as_the_graph_says(top: object, precision: str, tmp
     assert f"mul.rn.{mark}" in text  # not `mul`, which the assembler may fuse
     assert f".{other}" not in text.replace(f".reg .{other}", "")
     assert "ld.local" not in text
-    assembled(text, tmp_path)
+    check_assembled(text, tmp_path)
 
 
 def test_what_the_assembler_refuses_fails(tmp_path: Path) -> None:
     with pytest.raises(AssertionError):
-        assembled(".version 8.0\n.target sm_80\nnonsense", tmp_path)
+        check_assembled(".version 8.0\n.target sm_80\nnonsense", tmp_path)
 
 
 def test_a_loop_and_a_projection_as_ptx(tmp_path: Path) -> None:
-    assembled(ptx(gpu.ARGUMENTS, body_of(kr.Clebsch(b=(0.3, 0.7, 1.9)), "variational"), "80"), tmp_path)
+    check_assembled(ptx(gpu.ARGUMENTS, body_of(kr.Clebsch(b=(0.3, 0.7, 1.9)), "variational"), "80"), tmp_path)
     tables = 17
-    assembled(ptx(tables, gpu.projection_of_a_lane(False), "80"), tmp_path)
+    check_assembled(ptx(tables, gpu.projection_of_a_lane(False), "80"), tmp_path)
 
 
 def test_functions_of_nvidia_are_linked(tmp_path: Path) -> None:
@@ -203,7 +203,7 @@ def test_functions_of_nvidia_are_linked(tmp_path: Path) -> None:
 
     text = ptx(3, body, "80")
     assert ".extern" not in text
-    assembled(text, tmp_path)
+    check_assembled(text, tmp_path)
     values, out = np.array([0.3, 0.7]), np.empty(2)
     here(("functions",), 3, body)(values.ctypes.data, out.ctypes.data, 2)
     right = np.sin(values) + np.cos(values) * np.exp(values) - np.log(values)
