@@ -148,14 +148,12 @@ $(PEERS)/.installed: $(STAMP) benchmarks/peers.txt
 work-precision: $(PEERS)/.installed
 	$(PEERS)/bin/python benchmarks/work_precision.py
 
-CUDA := $(PIP) --editable ".[dev,cuda]" --requirement benchmarks/gpu.txt
-
 bench-gpu: $(STAMP)
-	$(CUDA)
+	$(PIP) --editable ".[dev,cuda]" --requirement benchmarks/gpu.txt
 	$(BIN)/python benchmarks/gpu.py
 
 gpu-code: $(STAMP)
-	$(CUDA)
+	$(PIP) --requirement benchmarks/gpu.txt
 	$(BIN)/python benchmarks/gpu_code.py
 
 roundoff: $(STAMP)
