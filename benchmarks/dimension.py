@@ -1,7 +1,7 @@
 """Time of a step against n, single trajectories without saving, with fitted exponents.
 
 The engine that a run chooses ("chosen": structured code of O(n) or O(n^2) a step from n = 9 on where the step has
-that form, else straight-line code up to n = 10 and array code with a dense solve beyond), and the other ones for
+that form, else straight-line code up to n = 10 and the definition on arrays beyond), and the other ones for
 comparison.  Exponents are those of the least squares line through the logarithms, from n = 10 and from n = 100 on: at
 n = 1000 the rows of O(n) kernels no longer stay in the first cache.  The thread's processor time, least of some turns.
 

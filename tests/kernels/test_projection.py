@@ -173,7 +173,7 @@ def test_mutants_of_numbers_in_pairs(what: str, tau: float, monkeypatch: pytest.
         test_values_have_twice_the_digits("lagrange-top", "baecklund", 4, 3)
 
 
-# Straight-line code, kernels of O(n), of O(n^2), array code; those that compile within seconds.
+# Straight-line code, kernels of O(n), of O(n^2), the definition on arrays; those that take seconds.
 BEYOND = [("lagrange-top", 9), ("clebsch", 9), ("lagrange-top", 40), ("neumann", 12)]
 BEYOND += [
     *[("neumann", 10), ("lagrange-top-moving", 13), ("clebsch", 12)] * FULL,
@@ -532,7 +532,7 @@ def test_a_degenerate_lane_takes_nothing_from_the_others(name: str, n: int) -> N
 
 
 def test_a_short_spectrum_is_projected_by_compiled_code() -> None:
-    """Neumann's is of O(n): in array code its projection costs 250 times as much, and K is 10^7."""
+    """Neumann's is of O(n): on arrays its projection costs 250 times as much, and K is 10^7."""
     plan = random_plan("neumann", 40, "suris", 1, 1)
     assert isinstance(plan.engine.projection, CompiledProjection) and plan.engine.projection.every <= 50_000
 

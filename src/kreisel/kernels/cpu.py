@@ -1,8 +1,9 @@
 """Compiled kernels for the CPU, made from a scheme's step by recording it.
 
-Up to n = 10, if it is not too long, the record is a graph of numbers; beyond, compiled array code with the same
-operations.  An ensemble runs on vectors of lanes (`kreisel.kernels.steps`); lane i has the bits of a run on its own.
-Shares of the lanes go to threads (`kreisel.kernels.threads`).
+Up to n = 10, if it is not too long, the record is a graph of numbers; beyond, the definition runs on arrays, one lane
+after the other, but for what has a form of `kreisel.kernels.large`.  An ensemble runs on vectors of lanes
+(`kreisel.kernels.steps`); lane i has the bits of a run on its own.  Shares of the lanes go to threads
+(`kreisel.kernels.threads`).
 """
 
 from __future__ import annotations
