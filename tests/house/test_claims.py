@@ -30,6 +30,7 @@ ROWS = {
     "a gradient by parameters, a fit": ["derivatives.md", "inference.md"],
     "millions of bodies": ["sweeps.md", "runs/test_simulate.py::lanes_equal_single_runs_bitwise"],
     "the state at t = 10": ["exact.md", "exact/test_exact.py::a_million_million_periods_on"],
+    "archives and sweeps on Windows": ["house/test_platforms.py::runs_without_the_modules_of_posix"],
     "is my map integrable?": ["integrability.md", "lab/test_verdicts.py"],
 }
 QUESTIONS = {
