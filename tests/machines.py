@@ -27,6 +27,7 @@ PART = (
     "method/test_variational.py",
     "kernels/test_large.py",
     "house/test_gallery.py",
+    "graph/test_graph.py",
     "kernels/test_engine.py",
     "system/test_vectors.py",
     "kernels/test_projection.py",
