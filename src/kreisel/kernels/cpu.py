@@ -8,8 +8,10 @@ after the other, but for what has a form of `kreisel.kernels.large`.  An ensembl
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +21,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
 from kreisel.graph.graph import TooLong
 from kreisel.graph.invariants import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
-from kreisel.graph.machine import address_of
+from kreisel.graph.machine import Kernel, address_of
 from kreisel.graph.project import WIDE, CompiledProjection, compiled
 from kreisel.graph.recording import (
     Recording,
@@ -290,6 +292,59 @@ def _large_work(scheme: Scheme) -> int:
     return 200 * n + 4 * n * n if dense else 60 + 4 * n  # measured for n = 10 and 100
 
 
+class RowFunction:
+    """Compiled function of rows z (rows, lanes, d), whose values are rows (rows, lanes, count).
+
+    places  of each output by name, and its shape
+    """
+
+    def __init__(self, kernel: Kernel, constants: Floats, count: int, places: Mapping[str, tuple[slice, Any]]):
+        self.count, self.places = count, places
+        self._kernel, self._constants = kernel, constants
+        self._addresses = (address_of(constants),) if constants.size else ()
+
+    def __call__(self, z: Floats) -> Floats:
+        """The values at rows z."""
+        z, (rows, lanes, _) = np.ascontiguousarray(z), z.shape
+        out = np.empty((rows, lanes, self.count))
+        self._kernel.call(address_of(z), *self._addresses, address_of(out), rows, lanes)
+        return out
+
+    def bound(self, z: Floats, out: Floats) -> Callable[[], None]:
+        """The call from one array to another, which must live as long."""
+        words = address_of(z), *self._addresses, address_of(out), *z.shape[:2]
+        return partial(self._kernel.call, *map(ctypes.c_int64, words))  # half the time of Python's integers
+
+
+def row_function(
+    scheme: Scheme, function: Callable[..., Mapping[str, Array]], lanes: int, name: tuple[Any, ...]
+) -> RowFunction | None:
+    """`function(parts, **constants)` of a scheme's components, compiled; None where that would take too long.
+
+    `name` tells the functions of a scheme apart.
+    """
+    if scheme.n > OBSERVED_N or not scheme.recordable:
+        return None
+    constants, columns = flat_constants(scheme, lanes)
+
+    def make() -> tuple[Kernel, int, Mapping[str, tuple[slice, Any]]] | None:
+        try:
+            outputs = recorded_outputs(scheme, function, columns)
+        except (TypeError, AttributeError, ValueError, TooLong):  # an integral of a user's own
+            return None
+        if operation_count(outputs.graph, outputs.values) > OBSERVED_LINES:
+            return None
+        inputs = {"z": (algebra.coordinate_count(scheme.kinds, scheme.n), True)}
+        inputs |= {"c": (count_of(columns), False)} if columns else {}
+        return outputs_by_rows(outputs.graph, outputs.values, inputs), len(outputs.values), outputs.places
+
+    code = reused(None if scheme.definition_key is None else (*name, scheme.definition_key), make)
+    if code is None:
+        return None
+    kernel, count, places = code
+    return RowFunction(kernel, constants if columns else np.empty(0), count, places)
+
+
 def compiled_observe(
     scheme: Scheme, function: Callable[..., Mapping[str, Array]], lanes: int, chosen: tuple[str, ...] | None = None
 ) -> Callable[[Floats], dict[str, Floats]] | None:
@@ -298,57 +353,15 @@ def compiled_observe(
     `chosen`: names of what it gives beside the state, where that is not all that the scheme observes.
     The definition itself, on NumPy arrays, takes 5 to 20 us a row, as long as hundreds of steps.
     """
-    found = compiled_rows(scheme, function, lanes, ("observe", chosen))
-    if found is None:
+    values = row_function(scheme, function, lanes, ("observe", chosen))
+    if values is None:
         return None
-    rows, places = found
 
     def observe(z: Floats) -> dict[str, Floats]:
-        out = rows(np.ascontiguousarray(z))
-        return {name: out[..., place].reshape(*z.shape[:2], *shape) for name, (place, shape) in places.items()}
+        out = values(z)
+        return {name: out[..., place].reshape(*z.shape[:2], *shape) for name, (place, shape) in values.places.items()}
 
     return observe
-
-
-def compiled_rows(
-    scheme: Scheme, function: Callable[..., Mapping[str, Array]], lanes: int, name: tuple[Any, ...]
-) -> tuple[Callable[[Floats], Floats], Mapping[str, tuple[slice, tuple[int, ...]]]] | None:
-    """The same as rows of numbers (rows, lanes, count), and where those of each output are.
-
-    `name` tells the functions of a scheme apart.
-    """
-    if scheme.n > OBSERVED_N or not scheme.recordable:
-        return None
-    constants, columns = flat_constants(scheme, lanes)
-    key = None if scheme.definition_key is None else (*name, scheme.definition_key)
-    found = reused(key, lambda: _observing(scheme, function, columns))
-    if found is None:
-        return None
-    kernel, count, places = found
-    held = (constants,) if columns else ()
-
-    def rows(z: Floats) -> Floats:
-        out = np.empty((*z.shape[:2], count))
-        kernel(*map(address_of, (z, *held, out)), *z.shape[:2])
-        return out
-
-    return rows, places
-
-
-def _observing(
-    scheme: Scheme, function: Callable[..., Mapping[str, Array]], columns: Mapping[str, slice]
-) -> tuple[Any, int, Mapping[str, tuple[slice, tuple[int, ...]]]] | None:
-    """The kernel of `compiled_observe`, how many numbers it gives, and where those of each output are."""
-    try:
-        outputs = recorded_outputs(scheme, function, columns)
-    except (TypeError, AttributeError, ValueError, TooLong):  # an integral of a user's own
-        return None
-    if operation_count(outputs.graph, outputs.values) > OBSERVED_LINES:
-        return None
-    size = algebra.coordinate_count(scheme.kinds, scheme.n)
-    inputs = {"z": (size, True), **({"c": (count_of(columns), False)} if columns else {})}
-    kernel = outputs_by_rows(outputs.graph, outputs.values, inputs)
-    return kernel.call, len(outputs.values), outputs.places
 
 
 def compiled_rate(scheme: Scheme, lanes: int = 1) -> Callable[[float, Floats, Floats], Floats]:

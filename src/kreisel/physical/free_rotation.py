@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,13 @@ UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
 @explained
+@lru_cache(64)  # not kept in the body: mpmath's numbers are not pickled
+def _rotor_of(moments: tuple[float, ...], spin: tuple[float, ...]) -> Rotor:
+    """The closed form of a body with these principal moments and this angular velocity along the principal axes."""
+    exact = rationals(np.array(moments))
+    return Rotor(exact * rationals(np.array(spin)), exact, 0.0, np.array(UPRIGHT))
+
+
 @dataclass(frozen=True, eq=False)
 class FreeRotation:
     """The motion of a free body that begins with the angular velocity `spin`; `FreeBody.rotation` makes it.
@@ -50,11 +58,10 @@ class FreeRotation:
         """The kinetic energy, J."""
         return float(in_range("The energy", lambda: self.spin @ self.momentum / 2))
 
-    @cached_property
+    @property
     def _rotor(self) -> Rotor:
         """The closed form, exact in moments and spin."""
-        moments = rationals(self.principal.moments)
-        return Rotor(moments * rationals(self.spin @ self.principal.axes), moments, 0.0, np.array(UPRIGHT))
+        return _rotor_of(tuple(self.principal.moments.tolist()), tuple((self.spin @ self.principal.axes).tolist()))
 
     @property
     def kind(self) -> str:

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.reuse import cached_property, reused
+from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
-from kreisel.graph.graph import TooLong
-from kreisel.graph.machine import Kernel, address_of
-from kreisel.graph.recording import count_of, flat_constants, operation_count, recorded_outputs
-from kreisel.kernels.cpu import OBSERVED_LINES, OBSERVED_N
+from kreisel.kernels.cpu import RowFunction, row_function
 from kreisel.kernels.layout import Floats
-from kreisel.kernels.steps import outputs_by_rows
 from kreisel.method.observing import ORIENTATION, with_orientation
 from kreisel.method.scheme import Flow, Scheme
 from kreisel.record.given import in_lane
@@ -34,52 +28,6 @@ Reader = Callable[[Any], Sequence[float] | None]
 DOUBLE = np.dtype(np.float64)
 FEW_NUMBERS = 64
 MODERATE = 1e75  # a length whose products do not overflow
-
-
-class RowFunction:
-    """Compiled function of rows z (rows, lanes, d), whose values are rows (rows, lanes, count)."""
-
-    def __init__(self, kernel: Kernel, constants: Floats, count: int):
-        self.count, self._kernel, self._constants = count, kernel, constants
-        self._addresses = (address_of(constants),) if constants.size else ()
-
-    def __call__(self, z: Floats) -> Floats:
-        """The values at rows z."""
-        z, (rows, lanes, _) = np.ascontiguousarray(z), z.shape
-        out = np.empty((rows, lanes, self.count))
-        self._kernel.call(address_of(z), *self._addresses, address_of(out), rows, lanes)
-        return out
-
-    def bound(self, z: Floats, out: Floats) -> Callable[[], None]:
-        """The call from one array to another, which must live as long."""
-        words = address_of(z), *self._addresses, address_of(out), *z.shape[:2]
-        return partial(self._kernel.call, *map(ctypes.c_int64, words))  # half the time of Python's integers
-
-
-def row_function(
-    scheme: Scheme, function: Callable[..., Mapping[str, Array]], lanes: int, name: tuple[Any, ...]
-) -> RowFunction | None:
-    """`function(parts, **constants)` of a scheme's components, compiled; None where that would take too long.
-
-    `name` tells the functions of a scheme apart.
-    """
-    if scheme.n > OBSERVED_N or not scheme.recordable:
-        return None
-    constants, columns = flat_constants(scheme, lanes)
-
-    def make() -> tuple[Kernel, int] | None:
-        try:
-            outputs = recorded_outputs(scheme, function, columns)
-        except (TypeError, AttributeError, ValueError, TooLong):  # an integral of a user's own
-            return None
-        if operation_count(outputs.graph, outputs.values) > OBSERVED_LINES:
-            return None
-        inputs = {"z": (algebra.coordinate_count(scheme.kinds, scheme.n), True)}
-        inputs |= {"c": (count_of(columns), False)} if columns else {}
-        return outputs_by_rows(outputs.graph, outputs.values, inputs), len(outputs.values)
-
-    code = reused(None if scheme.definition_key is None else (*name, scheme.definition_key), make)
-    return None if code is None else RowFunction(code[0], constants if columns else np.empty(0), code[1])
 
 
 class StateForms:

@@ -16,7 +16,7 @@ from kreisel import algebra
 from kreisel.errors import InputError, RunError, shown
 from kreisel.graph.machine import address_of
 from kreisel.kernels.correcting import corrections
-from kreisel.kernels.cpu import CpuEngine, frame_of
+from kreisel.kernels.cpu import CpuEngine, RowFunction, frame_of
 from kreisel.kernels.engines import Engine
 from kreisel.kernels.exact.jumps import FEW, Jumps
 from kreisel.kernels.layout import Floats
@@ -27,7 +27,7 @@ from kreisel.record.given import in_lane
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.runs.plan import planned
-from kreisel.runs.propagation.forms import RowFunction, StateForms, is_finite
+from kreisel.runs.propagation.forms import StateForms, is_finite
 from kreisel.runs.settings import MOST_STEPS, SHORTEST_STEP, WHOLE, Settings, finite_number, of_forces
 
 if TYPE_CHECKING:
