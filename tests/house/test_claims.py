@@ -32,7 +32,6 @@ ROWS = {
     "the state at t = 10": ["exact.md", "exact/test_exact.py::a_million_million_periods_on"],
     "archives and sweeps on Windows": ["house/test_platforms.py::runs_without_the_modules_of_posix"],
     "is my map integrable?": ["integrability.md", "lab/test_verdicts.py"],
-    "archives and sweeps on Windows": ["house/test_platforms.py::runs_without_the_modules_of_posix"],
 }
 QUESTIONS = {
     "Which way does gravity pull?": ["faq.md", "conventions.md"],

@@ -29,7 +29,6 @@ LEAST_POINTS = 2
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
-@explained
 @lru_cache(64)  # not kept in the body: mpmath's numbers are not pickled
 def _rotor_of(moments: tuple[float, ...], spin: tuple[float, ...]) -> Rotor:
     """The closed form of a body with these principal moments and this angular velocity along the principal axes."""
@@ -37,6 +36,7 @@ def _rotor_of(moments: tuple[float, ...], spin: tuple[float, ...]) -> Rotor:
     return Rotor(exact * rationals(np.array(spin)), exact, 0.0, np.array(UPRIGHT))
 
 
+@explained
 @dataclass(frozen=True, eq=False)
 class FreeRotation:
     """The motion of a free body that begins with the angular velocity `spin`; `FreeBody.rotation` makes it.
