@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import gc
 import os
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -62,11 +61,9 @@ def nothing_is_reused() -> None:
 
 @pytest.fixture(autouse=True, scope="module")
 def kernels_are_freed() -> Iterator[None]:
-    """A process that keeps the kernels of all files grows to 6 GB; those that are needed again are on disk."""
+    """Those that are needed again are on disk."""
     yield
     forget()
-    for name in [name for name in sys.modules if name.startswith("kreisel_kernel")]:
-        del sys.modules[name]
     gc.collect()
 
 

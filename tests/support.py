@@ -13,6 +13,7 @@ import numpy as np
 
 from kreisel.graph.llvm import Function, Lanes, kind_of
 from kreisel.graph.machine import kernel
+from kreisel.kernels.cpu import CpuEngine
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS, EXAMPLES = ROOT / "docs", ROOT / "examples"
@@ -85,3 +86,8 @@ def compiled_outputs(graph: Any, outputs: list[Any], values: np.ndarray, width: 
     code(rows.ctypes.data, out.ctypes.data, lanes)
     assert np.isnan(out[-1]).all()  # nothing is written beyond the last lane
     return out[:-1]
+
+
+def cpu_engine(*arguments: Any, **options: Any) -> Any:
+    """The compiled kernel of a scheme for the CPU and the rows z (lanes, d) that it steps."""
+    return CpuEngine(*arguments, **options)

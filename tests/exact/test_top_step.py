@@ -14,9 +14,9 @@ from kreisel import algebra
 from kreisel.algebra import act, dot
 from kreisel.exact import top_step
 from kreisel.exact.top_step import step, step_inside
-from kreisel.kernels.cpu import CpuEngine
 from kreisel.method import scheme
 from kreisel.method.scheme import Steps
+from support import cpu_engine
 from taylor import taylor
 from tops import SPECIAL
 
@@ -170,7 +170,7 @@ def test_recorded_it_is_the_same(frame: str) -> None:
     plan, f, known = recorded(frame)
     state = np.array([0.3, -0.5, 0.7]), np.array([0.6, 0.1, 0.8]), START
     first = np.concatenate([algebra.coordinates(algebra.hat(state[0])), *state[1:]])
-    kernel = CpuEngine(plan, first[None])
+    kernel = cpu_engine(plan, first[None])
     out = np.empty((3, 1, 10))
     kernel.advance(out, 1)
     for row in out[:, 0]:

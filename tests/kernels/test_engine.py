@@ -14,7 +14,7 @@ from kreisel import algebra
 from kreisel.graph.graph import Graph
 from kreisel.graph.recording import flat_constants
 from kreisel.kernels import cpu, threads
-from kreisel.kernels.cpu import CpuEngine, compiled_rate
+from kreisel.kernels.cpu import compiled_rate
 from kreisel.lab import exact
 from kreisel.method import Scheme, scheme
 from kreisel.record.contract import Frame
@@ -22,6 +22,7 @@ from kreisel.record.model import Model
 from kreisel.runs.planning import make_plan
 from kreisel.system import REGISTRY
 from sizes import costly
+from support import cpu_engine
 
 MAPS = {name: system.map for name, system in REGISTRY.items() if system.map is not None}
 BODIES = {name for name, system in REGISTRY.items() if system.velocity is not None}  # what has an orientation
@@ -64,7 +65,7 @@ def test_kernel_equals_definition(name: str, n: int, oriented: bool) -> None:
         x0 += (np.array([1.0, 0, 0, 0]) if n == 3 else np.eye(n),)
     plan = first_scheme(model, oriented)
     kinds = [kind for _, kind in plan.components]
-    kernel = CpuEngine(plan, algebra.flatten(plan.prepare(x0), kinds)[None])
+    kernel = cpu_engine(plan, algebra.flatten(plan.prepare(x0), kinds)[None])
     out = np.empty((4, 1, kernel.z.shape[1]))
     kernel.advance(out, 2)
     z = plan.prepare(x0)
@@ -135,15 +136,15 @@ def test_lane_equals_single_run_bitwise(name: str, method: str, order: int, n: i
     lanes = 71
     plan, rows, single, row = one_of_each(name, method, order, n, lanes)
     together, alone = np.empty((3, *rows.shape)), np.empty((3, *row.shape))
-    kernel = CpuEngine(plan, rows)
+    kernel = cpu_engine(plan, rows)
     kernel.advance(together, 7)
-    CpuEngine(single, row).advance(alone, 7)
+    cpu_engine(single, row).advance(alone, 7)
     assert np.isfinite(alone).all()
     assert (together[:, -1] == alone[:, 0]).all()
     threaded = np.empty_like(together)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(threads, "LEAST_WORK", 0)
-        other = CpuEngine(plan, rows)
+        other = cpu_engine(plan, rows)
         other.advance(threaded, 7)
     assert (threaded == together).all()
     assert (other.z == together[-1]).all()
@@ -153,8 +154,8 @@ def test_a_recorded_loop_is_the_same_in_every_lane() -> None:
     """Loops stop where each lane has converged: such kernels take lane by lane."""
     plan, rows, single, row = one_of_each("kirchhoff", "variational", 2, 4, 5)
     together, alone = np.empty((2, *rows.shape)), np.empty((2, *row.shape))
-    CpuEngine(plan, rows).advance(together, 3)
-    CpuEngine(single, row).advance(alone, 3)
+    cpu_engine(plan, rows).advance(together, 3)
+    cpu_engine(single, row).advance(alone, 3)
     assert (together[:, -1] == alone[:, 0]).all()
 
 
@@ -162,7 +163,7 @@ def test_zero_lanes_are_no_work() -> None:
     model, x0 = random_start("lagrange-top", 3)
     plan = scheme(model, "suris", 0.1, 1, False)
     row = algebra.flatten(x0, ["skew", "vector"])
-    kernel = CpuEngine(plan, row[None][:0])
+    kernel = cpu_engine(plan, row[None][:0])
     kernel.advance(np.empty((2, 0, 6)), 3)
     assert kernel.z.shape == (0, 6)
 
@@ -182,10 +183,10 @@ def test_folding_leaves_the_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     special = replace(
         single, constants={**single.constants, "A": np.array([[0.0, -1.0, 0.0]]), "alpha": np.array([1.0])}
     )
-    short, long = CpuEngine(special, row), None
+    short, long = cpu_engine(special, row), None
     monkeypatch.setattr("kreisel.graph.recording.special_constants", lambda constants: {})
     monkeypatch.setattr("kreisel.kernels.cpu.special_constants", lambda constants: {0: math.nan})
-    long = CpuEngine(special, row)
+    long = cpu_engine(special, row)
     assert short.code.steps.kernel.size < long.code.steps.kernel.size
     one, two = np.empty((20, *row.shape)), np.empty((20, *row.shape))
     short.advance(one, 1)
@@ -201,7 +202,7 @@ def test_stages_are_one_step_each() -> None:
     fixed = {k: v for k, v in plan.constants.items() if k != "eps"}
     staged = replace(plan, constants=fixed, stages={"eps": fractions})
     row = algebra.flatten(x0, ["skew", "vector"])
-    kernel, out = CpuEngine(staged, np.stack([row, row])), np.empty((1, 2, 6))
+    kernel, out = cpu_engine(staged, np.stack([row, row])), np.empty((1, 2, 6))
     kernel.advance(out, 2)
     for lane, steps in enumerate(fractions):
         z = x0

@@ -1,6 +1,7 @@
 """engine="large": kernels of O(n) and O(n^2) a step against the definition, which they are recorded from."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,6 @@ import kreisel as kr
 import walks
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.large import forms
 from kreisel.kernels.large import kernel as large
 from kreisel.kernels.large.structured import StructuredMatrix, StructuredVector
@@ -17,6 +17,7 @@ from kreisel.method import Scheme, scheme
 from kreisel.record.model import Model
 from kreisel.runs.planning import make_plan
 from sizes import FULL
+from support import cpu_engine
 
 DT = 0.1
 
@@ -36,7 +37,7 @@ def problem(name: str, n: int, lanes: tuple[int, ...] = ()) -> tuple[Model, dict
     }[name]
 
 
-def prepared(name: str, n: int, method: str, order: int) -> tuple[Scheme, tuple[Array, ...], Scheme, CpuEngine]:
+def prepared(name: str, n: int, method: str, order: int) -> tuple[Scheme, tuple[Array, ...], Scheme, Any]:
     """The scheme by the definition and its start; the same in the form of the engine, and its kernel."""
     model, state = problem(name, n)
     x0 = tuple(state.values())
@@ -45,7 +46,7 @@ def prepared(name: str, n: int, method: str, order: int) -> tuple[Scheme, tuple[
     assert form is not None
     own = form.on(dense, x0)
     start = algebra.flatten(own.prepare(x0), [kind for _, kind in own.components])
-    return dense, dense.prepare(x0), own, CpuEngine(own, start[None], large.Large(form, dense))
+    return dense, dense.prepare(x0), own, cpu_engine(own, start[None], large.Large(form, dense))
 
 
 CASES = [
@@ -84,7 +85,7 @@ def test_a_wrong_solve_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     assert abs(found["a"] - dense.observe(dense.advance(*z))["a"]).max() > 1e-6
 
 
-def after(steps: int, kernel: CpuEngine, own: Scheme, n: int) -> Array:
+def after(steps: int, kernel: Any, own: Scheme, n: int) -> Array:
     """The entries i < j of M, and P, after some steps."""
     kernel.advance(np.empty((1, *kernel.z.shape)), steps)
     return kernel.z[0, : n * (n + 1) // 2].copy()
@@ -186,7 +187,7 @@ def oriented(name: str, n: int, steps: int = 30) -> tuple[dict[str, Array], dict
     assert form is not None
     own, z = form.on(dense, x0), dense.prepare(x0)
     kinds = [kind for _, kind in own.components]
-    kernel = CpuEngine(own, algebra.flatten(own.prepare(x0), kinds)[None], large.Large(form, dense))
+    kernel = cpu_engine(own, algebra.flatten(own.prepare(x0), kinds)[None], large.Large(form, dense))
     for _ in range(steps):
         z = dense.advance(*z)
     kernel.advance(np.empty((1, *kernel.z.shape)), steps)

@@ -19,7 +19,6 @@ from kreisel.graph.graph import TooLong
 from kreisel.graph.invariants import gradients, program_of
 from kreisel.graph.project import CompiledProjection
 from kreisel.graph.recording import flat_constants
-from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.projection import corrections
 from kreisel.kernels.projection.arrays import Observed, Traced, gradient
 from kreisel.lab import exact
@@ -30,6 +29,7 @@ from kreisel.runs.planning import make_plan
 from kreisel.sweeps.lanes import check_archive
 from kreisel.system import REGISTRY
 from sizes import FULL, costly
+from support import cpu_engine
 
 EPS = float(np.finfo(float).eps)
 STEPPED = [name for name, system in REGISTRY.items() if system.map or system.baecklund or system.inverse_inertia]
@@ -558,7 +558,7 @@ def test_the_bits_do_not_depend_on_lanes_rows_or_cuts(often: int) -> None:
     many.engine.advance(rows, 175)
     for lane in (0, 7, 10):
         scheme_of_lane = many.scheme
-        one = CpuEngine(scheme_of_lane, start[[lane]], project=True) if many.scheme.trajectory else None
+        one = cpu_engine(scheme_of_lane, start[[lane]], project=True) if many.scheme.trajectory else None
         alone = random_lane(many, start, lane)
         each = np.empty((700, 1, start.shape[1]))
         for first, stop in ((0, 1), (1, 130), (130, 700)):
@@ -574,7 +574,7 @@ def test_the_bits_do_not_depend_on_lanes_rows_or_cuts(often: int) -> None:
     assert (again.z == many.engine.z).all() and (again.projection.worst == many.engine.projection.worst).all()
 
 
-def random_lane(plan: Any, start: np.ndarray, lane: int) -> CpuEngine:
+def random_lane(plan: Any, start: np.ndarray, lane: int) -> Any:
     """One lane of a plan as a kernel of its own."""
     axes = plan.scheme.axes
     parts: dict[str, Any] = {
@@ -584,7 +584,7 @@ def random_lane(plan: Any, start: np.ndarray, lane: int) -> CpuEngine:
         }
         for part in ("constants", "stages")
     }
-    return CpuEngine(dataclasses.replace(plan.scheme, **parts), start[[lane]], project=True)
+    return cpu_engine(dataclasses.replace(plan.scheme, **parts), start[[lane]], project=True)
 
 
 def test_enough_invariants_are_chosen() -> None:

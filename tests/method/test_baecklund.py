@@ -11,12 +11,12 @@ import pytest
 import kreisel as kr
 import walks
 from kreisel import algebra
-from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
 from kreisel.lab.law import baecklund_orders
 from kreisel.method import scheme
 from kreisel.method.baecklund import pade_denominator, pade_zeros, stage_points
 from kreisel.system import REGISTRY
+from support import cpu_engine
 
 METHOD = sys.modules["kreisel.method.baecklund"]  # the package has a function of that name
 SYSTEMS = [name for name, system in REGISTRY.items() if system.baecklund is not None]
@@ -99,7 +99,7 @@ def test_kernel_equals_definition(name: str, n: int, order: int, oriented: bool)
     z += (np.array([1.0, 0, 0, 0]),) if oriented else ()
     plan = scheme(model, "baecklund", 0.1, order, oriented).on(z)
     kinds = [kind for _, kind in plan.components]
-    kernel = CpuEngine(plan, algebra.flatten(z, kinds)[None])
+    kernel = cpu_engine(plan, algebra.flatten(z, kinds)[None])
     out = np.empty((1, 1, kernel.z.shape[1]))
     kernel.advance(out, 3)
     for _ in range(3):

@@ -11,11 +11,11 @@ from scipy.integrate import solve_ivp
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
 from kreisel.method import METHODS, composition, default_method, scheme
 from kreisel.record.model import Model
 from kreisel.system import REGISTRY
+from support import cpu_engine
 
 midpoint = importlib.import_module("kreisel.method.midpoint")
 CHAINS = ("heisenberg-chain", "spin-chain", "uniaxial-chain")
@@ -147,7 +147,7 @@ def test_long_chains_run_in_loops_over_the_sites() -> None:
     for n in (24, 48):
         model, z = start("spin-chain", n)
         plan = scheme(model, "midpoint", 0.1, 2, False)
-        engine = CpuEngine(plan, algebra.flatten(plan.prepare(z), plan.kinds)[None])
+        engine = cpu_engine(plan, algebra.flatten(plan.prepare(z), plan.kinds)[None])
         out = np.empty((1, 1, engine.z.shape[1]))
         engine.advance(out, 3)
         made = plan.prepare(z)

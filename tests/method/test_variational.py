@@ -13,13 +13,13 @@ import pytest
 import kreisel as kr
 import walks
 from kreisel import algebra
-from kreisel.kernels.cpu import CpuEngine
 from kreisel.lab import exact
 from kreisel.lab.law import scheme_orders
 from kreisel.method import composition, scheme
 from kreisel.record.model import Model
 from kreisel.system import REGISTRY
 from sizes import FULL
+from support import cpu_engine
 
 SYSTEMS = [name for name, s in REGISTRY.items() if s.inverse_inertia is not None and s.n in (None, 3)]
 variational = importlib.import_module("kreisel.method.variational")
@@ -119,7 +119,7 @@ def test_kernel_equals_definition(name: str, n: int, order: int) -> None:
     x0 += {3: (np.array([1.0, 0, 0, 0]),), 4: (np.eye(4),), 9: ()}[n]
     kinds = [kind for _, kind in plan.components]
     z = plan.prepare(x0)
-    kernel = CpuEngine(plan, algebra.flatten(z, kinds)[None])
+    kernel = cpu_engine(plan, algebra.flatten(z, kinds)[None])
     out = np.empty((3, 1, kernel.z.shape[1]))
     kernel.advance(out, 2)
     for row in out:
