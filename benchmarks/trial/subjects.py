@@ -294,7 +294,7 @@ def kinds() -> dict[str, Any]:
         "observe": _lists((), ("energy",), None, ("x",)),
         "orbit": _orbit,
         "originator": _text,
-        "other": _rows,
+        "second_run": _rows,
         "out": lambda here, rng, chosen: rng.choice(
             [here.folder / "a.aem", "a.aem", "", ".", "x" * 300, "a\x00", odd(rng, True)]
         ),
@@ -326,6 +326,7 @@ def kinds() -> dict[str, Any]:
         "together": _choice({"run.dt": [0.1, 0.2]}, None, {"state.none": [1]}),
         "units": _choice(example("Units"), None, 3),
         "variable": _variable,
+        "candidate": _rows,
         "what": _rows,
         "which": _choice(1, 0, "x", -1),
         "z": _choice(np.zeros((1, 7)), np.ones((2, 7)), [[0.0] * 7]),

@@ -31,7 +31,7 @@ def page(result: dict[str, Any]) -> str:
     for name, part in result["parts"].items():
         words = WORDS[name].format(ways=len(part["outcomes"]))
         lines.append(f"| {name}: {words} | {part['done']:,} | {part['do_not_hold']} |")
-    versions = ", ".join(f"{name} {result['versions'][name]}" for name in ("python", "numpy", "llvmlite", "zarr"))
+    versions = ", ".join(f"{name} {result['versions'][name]}" for name in ("python", "numpy", "zarr"))
     lines += ["", f"{result['date'][:10]}, {result['machine']['processor']}, {result['workers']} processes,"]
     lines += [f"{result['seconds'] / 60:.0f} minutes, seed {result['seed']}; {versions}. In {result['place']}."]
     return "\n".join(lines) + "\n"

@@ -51,7 +51,7 @@ def test_with_a_compiler_the_kernels_are_compared() -> None:
 
 
 @pytest.mark.skipif(bench.compiler() is None, reason="no g++")
-@pytest.mark.parametrize("lanes", [None, 64])
+@pytest.mark.parametrize("lanes", [None, 96])
 def test_another_map_is_no_opponent(lanes: int | None, tmp_path) -> None:
     """Kernel and C++ are compared before they are timed; the mutant makes another step."""
     (case,) = bench.cases(generic=True)[:1]

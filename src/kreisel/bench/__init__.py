@@ -30,7 +30,8 @@ from kreisel.algebra import Array
 SEEDS = (1, 2, 3)
 DT, TURNS = 0.05, 5
 SINGLE_STEPS, ENSEMBLE_STEPS = 300_000, 5_000
-LANES, CHAINS = 64 * 96, (1, 2, 3, 4)  # lanes: whole blocks for every number of chains
+WHOLE = 96  # lanes that are whole blocks of 8 for every number of chains
+LANES, CHAINS = 64 * WHOLE, (1, 2, 3, 4)
 LONGER = 8  # times as many steps where the clock counts, against the start of the threads
 BY_THE_CLOCK = " by the clock"
 SAVED = {1: 500_000, 10: 3_000_000, 100: 10_000_000, 1000: 10_000_000}  # steps between two rows -> steps of a run
@@ -164,6 +165,8 @@ class Contest:
     """
 
     def __init__(self, case: BenchCase, library: ctypes.CDLL | None, lanes: int | None = None):
+        if lanes is not None and lanes % WHOLE:  # C++ would write beyond its arrays
+            raise ValueError(f"expected a multiple of {WHOLE} lanes, got {lanes}")
         self.lanes, self._propagator = lanes, kr.propagator(case.model, method="suris", order=1, dt=DT)
         shape = () if lanes is None else (lanes, 1)
         self.start, self._entries = np.tile(_standard_row(case), shape), _entries(case)

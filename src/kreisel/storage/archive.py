@@ -285,14 +285,19 @@ def create(
     part = part_of(path)
     if stands(part):
         remove(part)
-    (part / BLOCKS).mkdir(parents=True)
-    write_metadata(part, new_metadata(attrs, layouts))
-    arrays = opened_arrays(part)
-    for name, values in fixed.items():
-        arrays[name][:] = values
-    _write_list(part, _pairs(part / CHECKSUMS) | {(n, digest(part / n)) for name in fixed for n in [f"{name}/c/0"]})
-    if overwrite:
-        agree(path)
+    try:
+        (part / BLOCKS).mkdir(parents=True)
+        write_metadata(part, new_metadata(attrs, layouts))
+        arrays = opened_arrays(part)
+        for name, values in fixed.items():
+            arrays[name][:] = values
+        _write_list(part, _pairs(part / CHECKSUMS) | {(n, digest(part / n)) for name in fixed for n in [f"{name}/c/0"]})
+        if overwrite:
+            agree(path)
+    except Exception:
+        if stands(part):  # nothing is in it yet
+            remove(part)
+        raise
 
 
 def opened_arrays(store: Path) -> dict[str, Any]:
