@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable
 from fractions import Fraction
@@ -11,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from kreisel import algebra
+from kreisel.algebra.complex import Complex
 from kreisel.graph import double
 from kreisel.graph.double import DoubleDouble, pair_difference, pair_product, pair_quotient, pair_root, pair_sum
 from kreisel.graph.graph import Graph, evaluated
@@ -82,3 +85,11 @@ def test_mutants(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
     monkeypatch.setattr(double, "two_sum", lambda x, y: (x + y, 0.0))
     assert min(error(kind, "sum") for kind in (ordered, paired)) > 2.0**-60
+
+
+@pytest.mark.parametrize("z", [3 + 4j, 3 - 4j, -3 + 4j, -3 - 4j, 4 + 0j, -4 + 0j])
+def test_the_root_of_a_complex_number_is_to_the_right(z: complex) -> None:
+    root = algebra.sqrt(Complex(DoubleDouble(z.real), DoubleDouble(z.imag)))
+    assert complex(root.re.upper, root.im.upper) == cmath.sqrt(z)
+    remainder = root * root - Complex(z.real, z.imag)
+    assert max(abs(v.upper + v.lower) for v in (remainder.re, remainder.im)) < 1e-30

@@ -5,12 +5,14 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 
+import mpmath
 import numpy as np
 import pytest
 
 import kreisel as kr
 import walks
 from kreisel import algebra
+from kreisel.kernels.points import points
 from kreisel.lab import exact
 from kreisel.lab.law import baecklund_orders
 from kreisel.method import scheme
@@ -179,3 +181,44 @@ def test_lanes_have_constants_of_their_own() -> None:
     for lane in (0, 1):
         one = kr.simulate(top, top.state(m=m[lane], a=a[lane]), dt=0.2, steps=50, order=4)
         assert abs(one["m"].values - both["m"].values[:, lane]).max() < 1e-12
+
+
+def newton_step(model: object, state: tuple[np.ndarray, ...], mu: complex, rho: complex) -> mpmath.mpc:
+    """How far rho is from the root of <e, e> = 4 rho, (mu - m) e = 2 (a - rho p)."""
+    m, a, p = (mpmath.matrix(x.tolist()) for x in (*state, model.params["p"]))
+    e, h = (
+        mpmath.lu_solve(mpmath.mpmathify(mu) * mpmath.eye(3) - m, 2 * x) for x in (a - mpmath.mpmathify(rho) * p, p)
+    )
+    square, slope = (sum(e[i] * x[i] for i in range(3)) for x in (e, h))
+    return (square - 4 * mpmath.mpmathify(rho)) / (4 + 2 * slope)
+
+
+@pytest.mark.parametrize("order", [2, 8])
+def test_constants_of_a_trajectory_are_those_of_their_curve_rounded_once(order: int) -> None:
+    for seed in range(20):
+        model, state = start("lagrange-top", 3, seed)
+        made = scheme(model, "baecklund", 0.1, order, False)
+        plan = made.on(state, points)
+        mus, rhos = (
+            (plan.stages[f"{k}_re"] + 1j * plan.stages[f"{k}_im"] if order == 8 else np.array([plan.constants[k]]))
+            for k in ("mu", "rho")
+        )
+        with mpmath.workdps(50):
+            for mu, rho in zip(mus.tolist(), rhos.tolist(), strict=True):
+                off = newton_step(model, state, mu, rho)
+                assert abs(off.real) < 0.501 * np.spacing(abs(rho.real))
+                assert abs(mpmath.im(off)) <= 0.501 * np.spacing(abs(rho.imag))
+        for lanes in (5, 64):
+            many = made.on(tuple(np.stack([x * (1 + 0.1 * k) for k in range(lanes)]) for x in state), points)
+            for key, value in ({**plan.constants, **plan.stages}).items():
+                if key.startswith("rho"):
+                    assert (({**many.constants, **many.stages})[key][0] == value).all()
+
+
+def test_constants_of_long_steps_are_those_by_arrays() -> None:
+    for seed in range(40):
+        model, state = start("lagrange-top", 3, seed)
+        made = scheme(model, "baecklund", 20.0, 8, False)
+        by_arrays, compiled = made.on(state).stages, made.on(state, points).stages
+        for key in ("rho_re", "rho_im"):
+            assert abs(by_arrays[key] - compiled[key]).max() < 1e-12 * abs(by_arrays["rho_re"] + 1j).max()

@@ -360,3 +360,14 @@ def test_an_array_that_may_only_be_read() -> None:
         found = p.at(given, 1.0)
         assert (found == want).all()
         assert found.shape == given.shape
+
+
+@pytest.mark.parametrize("order", [(0, 1, 0, 1), (1, 0, 1, 0)])
+def test_a_state_whose_constant_is_folded_into_code_leaves_no_trace(order: tuple[int, ...]) -> None:
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    states = np.array([[0, 0, 0, 1.0, 0, 1], [0, 0, 0.5, 0.1, 0.2, 0.1]])
+    p, other = (kr.propagator(top, method="baecklund", dt=2.0) for _ in range(2))
+    for k in order:  # at rest |a - rho p|^2 = rho (2/dt)^2: rho = 1
+        assert (p.steps(states[k], 3) == other.steps(states[[k]], 3)[0]).all()
+        run = kr.simulate(top, top.state(m=states[k, :3], a=states[k, 3:]), dt=2.0, steps=3, method="baecklund")
+        assert (p.steps(states[k], 3)[3:] == run["a"].values[-1]).all()

@@ -38,6 +38,7 @@ from kreisel.algebra.backend import (
     together,
     trace_log,
     vec,
+    where_less,
 )
 from kreisel.algebra.cayley import (
     cayley,
@@ -151,4 +152,5 @@ __all__ = [
     "unit_quaternion",
     "vec",
     "wedge",
+    "where_less",
 ]

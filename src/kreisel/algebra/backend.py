@@ -171,8 +171,21 @@ def log(x: Array) -> Array:
     return x.__array_namespace__().log(x) if hasattr(x, "__array_namespace__") else 0 * x
 
 
+def where_less(x: Array, y: Array, yes: Array, no: Array) -> Array:
+    """`yes` where x < y, else `no`, of real x and y; recorded numbers bring their own."""
+    if isinstance(yes, Complex):
+        return Complex(*(where_less(x, y, a, b) for a, b in zip(parts(yes), parts(no), strict=True)))
+    return yes.where_less(x, y, no) if hasattr(yes, "where_less") else np.where(x < y, yes, no)
+
+
 def sqrt(x: Array) -> Array:
-    """Square root of a scalar or a batch; recording scalars bring their own."""
+    """Square root of a scalar or a batch, Re >= 0; recording scalars bring their own."""
+    if isinstance(x, Complex):
+        size = where_less(x.re, 0, -x.re, x.re) + sqrt(x.re * x.re + x.im * x.im)
+        larger = sqrt(size / 2)
+        less = x.im / (2 * larger)
+        upright = where_less(x.im, 0, Complex(-less, -larger), Complex(less, larger))
+        return where_less(x.re, 0, upright, Complex(larger, less))
     if holds_objects(x):  # plain numbers may stand among others
         return objects((v.sqrt() if hasattr(v, "sqrt") else np.sqrt(v) for v in x.flat), x.shape)
     if hasattr(x, "sqrt"):

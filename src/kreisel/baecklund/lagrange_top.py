@@ -27,6 +27,7 @@ from kreisel.algebra import (
     together,
     vec,
     wedge,
+    where_less,
 )
 from kreisel.algebra.matrices import border
 from kreisel.record.contract import Baecklund
@@ -42,10 +43,10 @@ def curve(m, a, *, p, mu):  # <e, e> = 4 rho, the root of a quadratic equation w
     half, product = 2 + dot(u, w), dot(u, u) * dot(w, w)
     root = sqrt(half * half - product)
     near, far = dot(u, u) / (half + root), dot(u, u) / (half - root)
-    if not np.iscomplexobj(near):
+    (_, i), (_, y) = parts(far), parts(mu)
+    if y is None:
         return near
-    right = (near.imag * mu.imag <= 0) | ~(far.imag * mu.imag < 0)  # Im rho and Im mu^-2 have one sign
-    return np.where(right, near, far)
+    return where_less(i * y, 0, where_less(0, parts(near)[1] * y, far, near), near)  # as Im mu^-2 the right Im rho
 
 
 def step(m, a, e, *, p):

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from kreisel.graph.graph import Number, fma, integer_power
+from kreisel.algebra.complex import Ring, is_array
+from kreisel.graph.graph import Number, fma, integer_power, where_less
 
 Pair = tuple[Any, Any]
 
 
-class DoubleDouble:
+class DoubleDouble(Ring):
     """upper + lower; other operands of its operators are exact: lower = 0."""
 
     __slots__ = ("lower", "upper")
@@ -26,27 +27,23 @@ class DoubleDouble:
         return DoubleDouble(-self.upper, -self.lower)
 
     def __add__(self, other: Any) -> DoubleDouble:
+        if is_array(other):
+            return NotImplemented
         y = double_double(other)
         upper, error = two_sum(self.upper, y.upper)
         return ordered_sum(upper, error + (self.lower + y.lower))
 
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> DoubleDouble:
-        return self + (-double_double(other))
-
-    def __rsub__(self, other: Any) -> DoubleDouble:
-        return double_double(other) + (-self)
-
     def __mul__(self, other: Any) -> DoubleDouble:
+        if is_array(other):
+            return NotImplemented
         y = double_double(other)
         product = self.upper * y.upper
         error = fma(self.upper, y.upper, -product)
         return ordered_sum(product, fma(self.upper, y.lower, fma(self.lower, y.upper, error)))
 
-    __rmul__ = __mul__
-
     def __truediv__(self, other: Any) -> DoubleDouble:
+        if is_array(other):
+            return NotImplemented
         y = double_double(other)
         quotient = self.upper / y.upper
         remainder = fma(-quotient, y.lower, fma(-quotient, y.upper, self.upper) + self.lower)
@@ -62,6 +59,11 @@ class DoubleDouble:
         r = root(self.upper)
         remainder = fma(-r, r, self.upper) + self.lower
         return ordered_sum(r, remainder / (r + r))
+
+    def where_less(self, x: Any, y: Any, no: Any) -> DoubleDouble:
+        """The number itself where x < y, else `no`."""
+        less, pairs = (upper(x), upper(y)), (self, double_double(no))
+        return DoubleDouble(where_less(*less, *map(upper, pairs)), where_less(*less, *(v.lower for v in pairs)))
 
     def __repr__(self) -> str:
         return f"({self.upper!r} + {self.lower!r})"

@@ -26,6 +26,7 @@ from kreisel.record.model import Model
 DIGITS = 60
 MANY = 4096  # numbers of a component: from here on one point after the other
 SPINS = ("spin0", "spin1")
+Points = Callable[[State, Array], Array | None]
 WHOLE_TURN = 2.0  # radians that one Cayley factor makes with tan(theta/2) of size about 1
 
 
@@ -86,14 +87,18 @@ class Product:
         self.rest = model.system.frame is Frame.REST
         self.spins = self.record.spin is not None and not self.rest
 
-    def trajectory(self, x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
+    def point(self, *z: Array, **constants: Array) -> Array:
+        """The constant rho of the trajectory from z, for a mu."""
+        return call(self.record.point, z[: self.count], constants)
+
+    def trajectory(self, x0: State, points: Points | None = None) -> tuple[dict[str, Array], dict[str, Array]]:
         """The constants of the trajectory from x0, and those of its stages."""
         state = x0[: self.count]
         constants, stages = {**self.constants}, {**self.stages}
         if self.single:
-            constants |= {"rho": self._rho(state, np.array(self.single))[..., 0]}
+            constants |= {"rho": self._rho(x0, np.array(self.single), points)[..., 0]}
         if self.pairs:
-            rho = self._rho(state, np.array(self.pairs))
+            rho = self._rho(x0, np.array(self.pairs), points)
             stages |= {"rho_re": rho.real, "rho_im": rho.imag}
         with np.errstate(all="ignore"):  # what overflows is refused
             if self.spins:
@@ -119,13 +124,21 @@ class Product:
         state, (x, y) = one_stage(self.record, z[: self.count], constants, paired)
         return (*state, *(algebra.double_turn(x, y, h, right=not self.rest) for h in z[self.count :]))
 
-    def _rho(self, state: State, mus: Array) -> Array:
-        """The constants of the trajectory (..., points), in extended precision where the platform has it.
+    def _rho(self, x0: State, mus: Array, points: Points | None) -> Array:
+        """The constants of the trajectory (..., points): compiled, and by NumPy where that gives none."""
+        rho = None if points is None else points(x0, mus)
+        if rho is not None and np.isfinite(rho).all():
+            return rho
+        wide = self._wide_rho(x0[: self.count], mus)
+        return wide if rho is None else np.where(np.isfinite(rho), rho, wide)
+
+    def _wide_rho(self, state: State, mus: Array) -> Array:
+        """The same in extended precision where the platform has it.
 
         NumPy's complex doubles are no choice: their last bits depend on how they lie in an array, and so on the lanes.
         """
         if len(mus) > 1 and state[0].size > MANY:  # arrays of all points would leave the cache
-            return np.concatenate([self._rho(state, mus[i : i + 1]) for i in range(len(mus))], -1)
+            return np.concatenate([self._wide_rho(state, mus[i : i + 1]) for i in range(len(mus))], -1)
         wide, kinds = np.clongdouble if np.iscomplexobj(mus) else np.longdouble, self.model.system.space.kinds
         wide_state = tuple(_at_points(x, algebra.KINDS[kind].axes) for kind, x in zip(kinds, state, strict=True))
         with np.errstate(all="ignore"):
@@ -196,6 +209,8 @@ def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         axes={**model.axes, **axes},
         options={"order": order},
         trajectory=maps.trajectory,
+        point=maps.point,
+        dt_in_constants=True,
     )
 
 

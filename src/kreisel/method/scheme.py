@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -213,6 +214,8 @@ class Scheme:
     reopen(x)               -> z         from an observed state back to the method's own variables
     trajectory(x0)          -> constants of the trajectory, and those of its stages, beside `constants` and `stages`;
                                their axes stand in `axes`.  `on(x0)` puts them in
+    point(*z0, mu=...)      -> rho, a constant of the trajectory, which engines compile for double-doubles: then it is
+                               trajectory(x0, points) with points(x0, mus) -> rho (..., points), or None
     conserved(z, **consts)  -> outputs   as `observe`, in the form of an engine, of what it does not conserve itself
     held(z)                 -> arrays    constant along a trajectory, which bind an orientation to the state; or None
     between                              the most steps between two projections; 0: what their cost allows
@@ -234,7 +237,8 @@ class Scheme:
     stages: Mapping[str, Array] = field(default_factory=dict)  # constants ([lane,] stage, ...)
     options: Mapping[str, Any] = field(default_factory=dict)
     guard: Guard | None = None
-    trajectory: Callable[[tuple[Array, ...]], tuple[Mapping[str, Array], Mapping[str, Array]]] | None = None
+    trajectory: Callable[..., tuple[Mapping[str, Array], Mapping[str, Array]]] | None = None
+    point: Callable[..., Array] | None = None
     recordable: bool = True  # whether motion and `observe` can be recorded, and so compiled
     basis: Mapping[str, Array] = field(default_factory=dict)  # of the trajectory, for `observe` alone
     conserved: Callable[..., dict[str, Array]] | None = None
@@ -294,11 +298,15 @@ class Scheme:
             raise ValueError(f"all constants of the stages of {self.name} need the same number of stages: {counts}")
         return counts.pop() if counts else 1
 
-    def on(self, x0: tuple[Array, ...]) -> Scheme:
-        """The scheme with the constants of the trajectories from x0 and orientations."""
+    def on(self, x0: tuple[Array, ...], points: Callable[..., Array | None] | None = None) -> Scheme:
+        """The scheme with the constants of the trajectories from x0 and orientations.
+
+        points(scheme, x0, mus): those that an engine compiles; without, by NumPy.
+        """
         if self.trajectory is None:
             return self
-        constants, stages = self.trajectory(x0)
+        compiled = () if points is None or self.point is None else (partial(points, self),)
+        constants, stages = self.trajectory(x0, *compiled)
         return replace(
             self, constants={**self.constants, **constants}, stages={**self.stages, **stages}, trajectory=None
         )

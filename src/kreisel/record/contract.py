@@ -240,7 +240,7 @@ class Baecklund:
     the Lax matrix.  Re mu > 0; mu, rho and e are real, or complex with e = u + i w.
 
     point(*state, mu)            the rho that goes with mu on the branch with D_eps -> 1 as eps -> 0, not finite
-                                 or complex where there is none
+                                 or complex where there is none; recorded too: choices by `algebra.where_less`
     vector(*state, mu, rho)      e, for the rho of the very state, by a step of Newton's method
     defect(*state, e, mu, rho)   a function that vanishes on the curve
     step(*state, e, mu)          D_eps for real mu

@@ -15,6 +15,7 @@ from kreisel.errors import InputError, shown
 from kreisel.kernels.correcting import Rows, corrections
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
+from kreisel.kernels.points import points
 from kreisel.method import Outcome, Scheme, default_method
 from kreisel.method.observing import ORIENTATION, with_orientation
 from kreisel.method.scheme import Flow
@@ -264,7 +265,7 @@ def _lanes(
         np.array(np.broadcast_to(p, batch + p.shape[len(b) :]), dtype=np.float64)
         for p, b in zip(parts, batches, strict=True)
     )
-    plan, large = plan.on(spread), None
+    plan, large = plan.on(spread, points), None
     if engine == "large" or (engine is None and plan.n >= LARGE):
         plan, large = _structured(plan, spread, engine)
     return plan, np.asarray(algebra.flatten(plan.prepare(spread), plan.kinds)), large

@@ -20,6 +20,7 @@ from kreisel.kernels.cpu import CpuEngine, RowFunction, frame_of
 from kreisel.kernels.engines import Engine
 from kreisel.kernels.exact.jumps import FEW, Jumps
 from kreisel.kernels.layout import Floats
+from kreisel.kernels.points import bound_points, points
 from kreisel.method import scheme as scheme_of
 from kreisel.method.observing import COUNT, ORIENTATION
 from kreisel.method.scheme import Flow, Jump, Orbits, Scheme, Steps
@@ -54,7 +55,8 @@ class Stepper:
         self._set_up = isinstance(scheme.motion, Flow | Orbits)  # by the state
         self._back, self._out = corrections(scheme)
         self._at_rest: dict[int, deque[Engine]] = {}
-        plain = isinstance(scheme.motion, Steps) and scheme.trajectory is None and scheme.corrector is None
+        fixed = scheme.trajectory is None or scheme.point is not None
+        plain = isinstance(scheme.motion, Steps) and fixed and scheme.corrector is None
         self._courses = deque[Course](maxlen=AT_REST) if plain and not self.timed and not model.batch else None
         jump = None if scheme.orbits is None else scheme.orbits.jump
         self._jumping, self._of_top = jump is not None, isinstance(jump, Jump)
@@ -74,7 +76,9 @@ class Stepper:
         if self._set_up:
             self.forms.require_on_phase_space(x)
         if self._courses is not None and every is None and time is None and len(x) == 1:
-            return self._on_course(x, count, self._courses)
+            y = self._on_course(x, count, self._courses)
+            if y is not None:
+                return y
         z = self.forms.prepared(x)
         if self.timed or time is not None:
             z = self._at_time(z, time)
@@ -87,16 +91,22 @@ class Stepper:
         self._keep(engine, out, count)
         return self.forms.observed(self._out(out))[0]
 
-    def _on_course(self, x: Floats, count: int, courses: deque[Course]) -> Floats:
+    def _on_course(self, x: Floats, count: int, courses: deque[Course]) -> Floats | None:
+        """The states by a course; None where there is none, or its code is not for this trajectory."""
         try:
             course = courses.pop()
         except IndexError:
-            rows, plan = self.forms.compiled(1), self.forms.plan(self.scheme, self.forms.prepared(x), count, count)
-            if rows is None or not Course.takes(plan.engine):
+            rows, engine = self.forms.compiled(1), self._begun(self.forms.prepared(x), count, count, self.scheme)
+            constants = None
+            if rows is not None and Course.takes(engine) and self.scheme.point is not None:
+                constants = bound_points(self.scheme, cast("CpuEngine", engine))
+            if rows is None or not Course.takes(engine) or (constants is None and self.scheme.point is not None):
                 self._courses = None
-                return self.steps(x, count, None, None)
-            course = Course(cast("CpuEngine", plan.engine), *rows, self.forms.size)
-        course.step(x, count)
+                return None
+            course = Course(cast("CpuEngine", engine), *rows, self.forms.size, constants)
+        if not course.step(x, count):
+            courses.append(course)
+            return None
         if not course.room.is_finite() or course.projected or self.scheme.guard is not None:
             self._require_sound(course.engine, course.room.row, count)
         y = course.room.leave()
@@ -131,7 +141,7 @@ class Stepper:
     def _begun(self, z: Floats, steps: int, every: int, scheme: Scheme) -> Engine:
         """An engine at the start z: one that is at rest, or a new one."""
         if scheme.trajectory is not None:
-            scheme = scheme.on(algebra.restore(z, scheme.kinds, scheme.n))
+            scheme = scheme.on(algebra.restore(z, scheme.kinds, scheme.n), points)
         try:
             engine = self._at_rest[len(z)].pop()
             if engine.begin(z, scheme, steps):
@@ -322,8 +332,8 @@ class Room:
 class Course:
     """Steps of one state by an engine with straight-line code: its room, and the call of its kernel."""
 
-    def __init__(self, engine: CpuEngine, into: RowFunction, out: RowFunction, size: int):
-        self.engine, self.room = engine, Room(into, out, size, engine.z)
+    def __init__(self, engine: CpuEngine, into: RowFunction, out: RowFunction, size: int, constants: Any = None):
+        self.engine, self.room, self._constants = engine, Room(into, out, size, engine.z), constants
         projection: Any = engine.projection
         self._projection, self.projected = projection, False
         self._every = sys.maxsize if projection is None else projection.every
@@ -340,14 +350,17 @@ class Course:
             return False
         return engine.projection is None or bool(engine.code.programs)
 
-    def step(self, x: Floats, count: int) -> None:
-        """Make so many steps from a state (1, size)."""
+    def step(self, x: Floats, count: int) -> bool:
+        """Make so many steps from a state (1, size), unless its constants are none that the code is for."""
         self.room.enter(x)
+        if self._constants is not None and not self._constants():
+            return False
         self.projected = count >= self._every
         if self.projected:
             self._projection.begin(count)
         self._count.value = count
         self._call()
+        return True
 
 
 class Signs:
