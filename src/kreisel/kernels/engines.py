@@ -22,7 +22,9 @@ ENGINES = ("cpu", "large", "cuda", "cuda-float32")
 class Engine(Protocol):
     """An engine at work: rows of state `z` (lanes, d), advanced in place."""
 
-    z: Floats
+    @property
+    def z(self) -> Floats:
+        """The state."""
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         """Make `every` steps for each row of `out` (rows, lanes, d) and store the state there.

@@ -14,14 +14,29 @@ from kreisel.method.scheme import Scheme
 
 
 class SteppedEngine:
-    """Rows of state `z` (lanes, d), the constants of a scheme and of its stages as rows, and a projection or None."""
+    """Rows of state `z` (lanes, d), the constants of a scheme and of its stages as rows, and a projection or None.
+
+    Kernels have the addresses of the arrays: their numbers may be changed, and no other array takes their place.
+    """
 
     projection: Corrections | None = None
 
     def __init__(self, scheme: Scheme, z0: Floats):
-        self.scheme, self.z = scheme, np.array(z0, dtype=np.float64, order="C")
-        self.constants, self.columns = flat_constants(scheme, len(self.z))
-        self.stages, self.stage_columns = flat_stages(scheme, len(self.z))
+        self.scheme, self._z = scheme, np.array(z0, dtype=np.float64, order="C")
+        self._constants, self.columns = flat_constants(scheme, len(self._z))
+        self._stages, self.stage_columns = flat_stages(scheme, len(self._z))
+
+    @property
+    def z(self) -> Floats:
+        return self._z
+
+    @property
+    def constants(self) -> Floats:
+        return self._constants
+
+    @property
+    def stages(self) -> Floats:
+        return self._stages
 
     def adopts(self, scheme: Scheme, z: Floats) -> bool:
         """Go on from z by a scheme of the same kernel, with other constants; whether that can be."""

@@ -239,7 +239,7 @@ class _Ends:
         kinds = [kind for _, kind in plan.components]
         z = np.asarray(algebra.flatten(plan.prepare(self._start), kinds))[None]
         kernel = self._kernel = self._kernel or CpuEngine(plan, z)
-        kernel.z, (kernel.constants, _), (kernel.stages, _) = z, flat_constants(plan, 1), flat_stages(plan, 1)
+        kernel.z[:], kernel.constants[:], kernel.stages[:] = z, flat_constants(plan, 1)[0], flat_stages(plan, 1)[0]
         kernel.advance(np.empty((1, *z.shape)), count)
         end = plan.observe(algebra.restore(kernel.z[0], kinds, model.n))
         g = algebra.rotation_matrix(end[ORIENTATION]) if model.n == 3 else end[ORIENTATION]

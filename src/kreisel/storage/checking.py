@@ -326,7 +326,7 @@ def _next(record: RunRecord, saved: xr.Dataset, steps: int, before: int, nudge: 
     plan = _plan_from_row(record, saved, steps)
     back, out = plan.corrections
     plan.engine.z[:] = out(plan.engine.z[None])[0]
-    plan.engine.z *= 1 + nudge * np.random.default_rng(0).choice([-1.0, 1.0], plan.engine.z.shape)
+    plan.engine.z[:] *= 1 + nudge * np.random.default_rng(0).choice([-1.0, 1.0], plan.engine.z.shape)
     letters = [letter for letter, _ in plan.scheme.components]
     for clock, now in ((COUNT, float(before)), (TIME, before * record.dt)):  # of forces that depend on time
         if clock in letters:
