@@ -114,7 +114,7 @@ def test_a_state_is_put_back_by_the_least_change(name: str, method: str, order: 
     plan = random_plan(name, 3, method, order, lanes)
     start, projection = plan.engine.z.copy(), plan.engine.projection
     draw = np.random.default_rng(0)
-    plan.engine.z += 1e-8 * draw.normal(size=start.shape)
+    plan.engine.z[:] += 1e-8 * draw.normal(size=start.shape)
     moved = plan.engine.z.copy()
     lack = projection.peek(moved)
     assert (lack.max(1) * EPS > 1e-10).all() and (projection.worst == 0).all() and (plan.engine.z == moved).all()
@@ -131,7 +131,7 @@ def test_a_state_is_put_back_by_the_least_change(name: str, method: str, order: 
 def projected(name: str, n: int, method: str, lanes: int, **options: Any) -> tuple[Any, ...]:
     """A state off its invariants, projected once: its change, the values at the start, the lead, the corrections."""
     engine = random_plan(name, n, method, None, lanes, **options).engine
-    engine.z += 1e-10 * np.random.default_rng(0).normal(size=engine.z.shape)
+    engine.z[:] += 1e-10 * np.random.default_rng(0).normal(size=engine.z.shape)
     before = engine.z.copy()
     engine.projection.apply()
     start, lead = engine.projection.targets[..., :3], engine.projection.targets[..., 3]
@@ -212,7 +212,7 @@ def drifting(plan: Any) -> np.ndarray:
     for _ in range(600 if isinstance(engine.projection, CompiledProjection) else 150):
         engine.projection.apply()
         low = plan.observe(engine.z[None])
-        engine.z += push
+        engine.z[:] += push
         high = plan.observe(engine.z[None])
     found = []
     for name, outcome in plan.scheme.outcomes.items():
