@@ -302,3 +302,9 @@ def test_a_fork_while_another_thread_computes() -> None:
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3 and slow.value == 1
     used = [path for path in SOURCE.rglob("*.py") if re.search(r"functools.*cached_property$", path.read_text(), re.M)]
     assert used == []
+
+
+def test_all_that_writes_functions_is_a_part_of_their_keys() -> None:
+    writes = [file for file in SOURCE.glob("**/*.py") if ".llvm import" in file.read_text("utf-8")]
+    rooms = {file.relative_to(SOURCE).parts[0] for file in writes}
+    assert {"graph", "kernels", "rebound"} <= rooms <= {*machine.WRITERS}

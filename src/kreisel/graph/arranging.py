@@ -54,7 +54,7 @@ def arranged(
     """
     try:
         return _Arranging(graph, values or {}).outputs(outputs)
-    except ZeroDivisionError:  # 1/0 on a branch that is not taken, or a fault that the run will name
+    except (ArithmeticError, ValueError):  # 1/0, log 0 on a branch that is not taken, or a fault that the run names
         return _Arranging(graph, {}).outputs(outputs)
 
 

@@ -216,7 +216,9 @@ class Number(Ring):
         return hash((self.at, self.negative))
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Number) and self.at == other.at and self.negative == other.negative
+        if not isinstance(other, Number):
+            return False
+        return self.at == other.at and self.negative == other.negative and self.graph is other.graph
 
     @property
     def positive(self) -> Number:
@@ -371,7 +373,10 @@ def fma(x: Any, y: Any, z: Any) -> Any:
         return z.record(FMA, float(x), float(y), z)
     if not all(map(math.isfinite, (x, y, z))):
         return x * y + z
-    return float(Fraction(x) * Fraction(y) + Fraction(z))
+    try:
+        return float(Fraction(x) * Fraction(y) + Fraction(z))
+    except OverflowError:
+        return x * y + z
 
 
 def where_less(x: Any, y: Any, yes: Any, no: Any) -> Any:
