@@ -93,7 +93,7 @@ def metadata(store: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"{store} cannot be read as a Zarr archive: {error}") from error
     except msgspec.ValidationError as error:
-        cause = "another program wrote to the archive, or made it"
+        cause = "another program wrote to the archive, or made it; xr.open_zarr opens it where it is whole"
         raise InputError(f"{path} is damaged: {error}. Usual cause: {cause}.") from None
     return dict(root)
 
