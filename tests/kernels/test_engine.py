@@ -11,8 +11,9 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.graph.graph import Graph
-from kreisel.graph.recording import flat_constants
+from kreisel.graph import recording
+from kreisel.graph.graph import Graph, TooLong
+from kreisel.graph.recording import Recording, flat_constants
 from kreisel.kernels import cpu, threads
 from kreisel.kernels.cpu import compiled_rate
 from kreisel.lab import exact
@@ -287,3 +288,13 @@ def test_a_step_beyond_all_bounds_ends_with_an_error() -> None:
         with warnings.catch_warnings(), pytest.raises(kr.RunError, match="no longer finite"):
             warnings.simplefilter("ignore")
             kr.simulate(top, x0 if n == 1 else {k: np.stack([v, v]) for k, v in x0.items()}, dt=1e300, steps=2)
+
+
+def test_steps_of_bodies_in_space_are_written_out_however_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recording, "MOST", 20)  # a potential of 2000 points has more than the limit
+    body, beyond = (
+        scheme(kr.LagrangeTop(p=np.eye(n)[-1], alpha=1.0), "suris", 0.01, 1, False, kept=False) for n in (3, 4)
+    )
+    assert Recording(body, *flat_constants(body, 1)).length > recording.MOST
+    with pytest.raises(TooLong):
+        Recording(beyond, *flat_constants(beyond, 1))

@@ -73,7 +73,7 @@ class Recording:
             raise TooLong
 
     def _recorded(self, part: Part) -> tuple[Graph, list[Operand]]:
-        graph = Graph(MOST)
+        graph = Graph(MOST if self.scheme.n > 3 else math.inf)
         letters = {letter: self.columns[letter] for letter in part.letters}
         state, constants = recorded_arguments(self.scheme, graph, letters, part.more)
         return graph, list(algebra.flatten(part.function(*state, **constants), self.scheme.kinds))
