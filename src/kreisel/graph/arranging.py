@@ -10,6 +10,7 @@ import heapq
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -98,7 +99,8 @@ class _Arranging:
             elif operation == RESULT:
                 self._made[place] = self._made[operands[0].at, operands[1]]
             else:
-                self._made[place] = APPLIED[operation](*map(self._value, operands))
+                apply = APPLIED.get(operation, partial(_linear, operation))
+                self._made[place] = apply(*map(self._value, operands))
 
     def _loop(self, place: int, operands: tuple[Any, ...]) -> None:
         loop = self._old.loops[operands[0]]
@@ -113,6 +115,13 @@ class _Arranging:
         start = [self._value(x) for x in operands[1 : 1 + len(loop.variables)]]
         x, defect = self._new.loop(body, start, loop.small, loop.most)
         self._made.update({(place, i): value for i, value in enumerate((*x, defect))})
+
+
+def _linear(operation: str, *operands: Any) -> Number:
+    """An operation of an engine's own, such as a sum over all places: linear in its last operand."""
+    *first, x = operands
+    result: Number = x.record(operation, *first, x.positive, negative=x.negative)
+    return result
 
 
 def _key(x: Any) -> Any:

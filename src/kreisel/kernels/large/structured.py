@@ -23,7 +23,6 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra.complex import Complex
-from kreisel.graph import graph as operations
 from kreisel.graph.graph import Number
 
 Entry = Any  # a recorded number, complex of recorded, or plain
@@ -501,12 +500,3 @@ class StructuredMatrix:
         scale, tv, sv = 1 / (a * d - b * c), k * dot(t, Rv), k * dot(s, Rv)
         along_s, along_t = (d * tv - b * sv) * scale, (a * sv - c * tv) * scale
         return Rv - Rs * along_s + Rt * along_t
-
-
-for _name in (TOTAL, MOMENTUM, KEPT, TURNED):  # so that graphs with them are arranged too
-
-    def _recorded(*operands: Any, _operation: str = _name) -> Any:
-        *first, x = operands
-        return x.record(_operation, *first, x.positive, negative=x.negative)
-
-    operations.APPLIED.setdefault(_name, _recorded)
