@@ -12,8 +12,10 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.kernels.large import forms
 from kreisel.kernels.large import kernel as large
+from kreisel.kernels.large.stretch import Stretch
 from kreisel.kernels.large.structured import StructuredMatrix, StructuredVector
 from kreisel.method import Scheme, scheme
+from kreisel.method.scheme import Steps
 from kreisel.record.model import Model
 from kreisel.runs.planning import make_plan
 from sizes import FULL
@@ -273,3 +275,38 @@ def test_planes_of_degenerate_and_vanishing_turns() -> None:
         got = plan.observe(plan.engine.z[None])
         assert abs(got["m"][0] - m).max() < 1e-14
         assert abs(got["a"][0] - x0.a).max() < 1e-14
+
+
+@pytest.mark.parametrize("n", [8, 9, 15])
+def test_entries_beyond_the_last_do_not_count(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whole vectors are summed: of x + 1 the places beyond the last entry are 1; the mutant counts them."""
+
+    def step(x: Array) -> tuple[Array]:
+        moved = x + 1.0
+        return (x / (algebra.dot(moved, moved)),)
+
+    plan = Scheme(
+        name=f"a map of {n} entries",
+        components=(("x", "vector"),),
+        constants={},
+        axes={},
+        n=n,
+        prepare=lambda z: z,
+        observe=lambda z, only=None, /, **_: {"x": z[0]},
+        outcomes={},
+        reopen=lambda z: z,
+        motion=Steps(step),
+    )
+    x = np.random.default_rng(n).normal(size=n)
+    form = forms.form_of(plan)
+    assert form is not None
+
+    def off() -> float:
+        engine = cpu_engine(form.on(plan, (x,)), x[None], large.Large(form, plan))
+        engine.advance(np.empty((1, 1, n)), 1)
+        return float(abs(engine.z[0] - x / ((x + 1) @ (x + 1))).max())
+
+    assert off() < 1e-15
+    monkeypatch.setattr(Stretch, "_within", lambda self, k, value: value)
+    monkeypatch.setattr(large, "NEAR", large.NEAR / 2)  # part of the kernel's key
+    assert (off() > 1e-3) == (n % 8 > 0)
