@@ -371,6 +371,18 @@ class _NeumannVeselov(System):
 
 NeumannVeselov: _NeumannVeselov
 
+class _QuadraticField(System):
+    def __call__(
+        self,
+        *,
+        b: ArrayLike,
+    ) -> Model:
+        r"""Body with equal moments in a quadratic potential.
+
+        b: diagonal of B: the potential energy is -tr(B F)/2"""
+
+QuadraticField: _QuadraticField
+
 class _QuadraticPotential(System):
     def __call__(
         self,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from kreisel import algebra
-from kreisel.algebra import act, cayley_act, dot, invariants, mat, pairing, vec, wedge
-from kreisel.algebra.matrices import border, su2
+from kreisel.algebra import act, cayley_act, dot, invariants, mat, pairing, trace_log, vec, wedge
+from kreisel.algebra.matrices import border, diagonal, su2
 from kreisel.baecklund import clebsch as body_maps
 from kreisel.baecklund import lagrange_top as top_maps
 from kreisel.implicit import branch
@@ -34,6 +34,7 @@ from kreisel.system import (
     lyapunov,
     neumann,
     neumann_veselov,
+    quadratic_field,
     quadratic_potential,
     ratiu_bitop,
     rosochatius,
@@ -49,6 +50,7 @@ BITOP = ratiu_bitop.SYSTEM
 KOVALEVSKAYA, TWO_FIELDS = kovalevskaya_top_e3.SYSTEM, kovalevskaya_top_so3.SYSTEM
 REVOLUTION = kirchhoff_revolution.SYSTEM
 BODY = clebsch_body.SYSTEM
+FIELD = quadratic_field.SYSTEM
 GYROSTAT = zhukovsky_volterra.SYSTEM
 LATTICE, CHAIN = lattice_landau_lifshitz.SYSTEM, spin_chain.SYSTEM
 EULER, SU2 = euler_top.SYSTEM, lagrange_top_su2.SYSTEM
@@ -89,6 +91,20 @@ def euler_for_cayley(m, a, *, p, eps):
 
 
 STEPS = [turned_backwards, kicked_backwards, old_momentum, lost_half, euler_for_cayley]
+
+
+def linear_force(M, F, *, b, eps):  # a quadratic field without the denominator of its kick
+    M = M + eps * algebra.bracket(F, diagonal(b))
+    return M, quadratic_field.rotated(-eps / 2 * M, F)
+
+
+def other_potential(g, h, A, *, B, eps):  # with 1/eps for 2/eps
+    F, one = g.mT @ A @ g, algebra.identity(len(A))
+    return quadratic_field.lagrangian(g, h, A, B=B, eps=eps) - trace_log(one + eps * eps / 4 * B @ F) / eps
+
+
+def unturned_blocks(M, F, *, B, lam, eps):
+    return quadratic_field.factors_of(F, algebra.identity(len(M)) + 0 * F, B, lam=lam, eps=eps)
 
 
 def plain_kick(M, P, *, e, eps):  # Kovalevskaya's top without the denominator of its kick
@@ -466,6 +482,10 @@ MUTANTS = [
     ("integrals-of-the-map", mapped(BITOP, step=cayley_turn), 4),
     ("discrete-lax-equation", mapped(BITOP, lax=lambda M, G, *, C, lam: lam * lam * C + lam * M + G), 4),
     ("poisson", mapped(BITOP, step=unturned), 4),
+    *((law, mapped(FIELD, step=linear_force), 3) for law in ("integrals-of-the-map", "discrete-lax-pencil")),
+    ("discrete-lax-pencil", mapped(FIELD, factors=unturned_blocks), 4),
+    ("discrete-euler-lagrange", mapped(FIELD, lagrangian=other_potential), 3),
+    ("involution", replace(FIELD, energy=lambda M, F, *, b: quadratic_field.energy(M, F, b=b)), 3),
     *((law, mapped(KOVALEVSKAYA, step=plain_kick), 3) for law in ("integrals-of-the-map", "inverse", "adjoint")),
     ("poisson", mapped(KOVALEVSKAYA, step=turned_alone), 3),
     ("integrals-of-the-map", mapped(KOVALEVSKAYA, step=turned_alone), 3),

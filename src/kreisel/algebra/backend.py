@@ -166,6 +166,8 @@ def log(x: Array) -> Array:
     """
     if hasattr(x, "log"):
         return x.log()
+    if holds_objects(x):
+        return objects(map(log, x.flat), x.shape)[()]
     if isinstance(x, float | np.floating | np.ndarray):
         return np.log(x)
     return x.__array_namespace__().log(x) if hasattr(x, "__array_namespace__") else 0 * x

@@ -256,6 +256,12 @@ def _faddeev_leverrier(N: Mapping[int, Array]) -> list[dict[int, Array]]:
     return out
 
 
+def determinant(A: Array) -> Array:
+    """The determinant of A (..., n, n), without a division by a number of it."""
+    n = A.shape[-1]
+    return (-1) ** n * _faddeev_leverrier({0: A})[n][0]
+
+
 def lie_poisson(kinds: Sequence[str], M: Array, *carried: Array) -> Array:
     """The plus Lie-Poisson tensor of so(n) <x V in the coordinates of M (i < j) and of the components of V.
 

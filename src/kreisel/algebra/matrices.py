@@ -13,6 +13,11 @@ def border(m, v, w=None):
     return np.concatenate([top, bottom], -2)
 
 
+def blocks(rows):
+    """The matrix of blocks, given by rows."""
+    return np.concatenate([np.concatenate(row, -1) for row in rows], -2)
+
+
 def diagonal(b):
     """diag(b) for b (..., n)."""
     return b[..., None] * identity(b.shape[-1])

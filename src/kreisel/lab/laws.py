@@ -195,6 +195,13 @@ def discrete_lax_equation(case: Case) -> Sides:
     yield V @ case.call(case.map.lax, *case.call(case.map.step)), L @ V
 
 
+@law("U_k L_(k+1) = L_k V_k at random lambda and mu, of a pencil", has_map_with("pencil", "factors"))
+def discrete_lax_pencil(case: Case) -> Sides:
+    mu = case.lam * case.lam + 3
+    (U, V), L = case.call(case.map.factors), case.call(case.map.pencil, mu=mu)
+    yield U @ case.call(case.map.pencil, *case.call(case.map.step), mu=mu), L @ V
+
+
 @law("J Pi(z) J^T = Pi(step(z)): the map is Poisson", has_map)
 def poisson(case: Case) -> Sides:
     J = case.jacobian(case.map.step)[1]

@@ -126,7 +126,9 @@ def _gram(M: Array, P: Array, Q: Array) -> Array:
 REST_SPACE = semidirect("e*(n)", (("m", "skew"), ("a", "vector")), invariants.casimirs, -1)
 MOVING_SPACE = semidirect("e*(n)", (("M", "skew"), ("P", "vector")), invariants.casimirs)
 FREE_SPACE = semidirect("so*(n)", (("M", "skew"),), invariants.casimirs_free)
-QUADRATIC_SPACE = semidirect("(so(n) <x Sym(n))*", (("M", "skew"), ("P", "symmetric")), _power_traces)
+QUADRATIC_SPACE, FIELD_SPACE = (
+    semidirect("(so(n) <x Sym(n))*", (("M", "skew"), (letter, "symmetric")), _power_traces) for letter in "PF"
+)
 ADJOINT_SPACE, ADJOINT_PAIR_SPACE = (
     semidirect("(so(n) <x so(n))*", (("M", "skew"), (letter, "skew")), invariants.casimirs_adjoint) for letter in "GP"
 )
@@ -173,6 +175,8 @@ class Map:
     lagrangian               (q0, q1, *carried, eps): q = g in SO(n) and what is carried, such as A (rest frame) or
                              p (moving frame), or q = x on the sphere; only its differences matter
     lax                      L(*state, lam, eps);  conjugator V(*state, lam, eps) with V L_(k+1) = L_k V
+    pencil                   L(*state, lam, mu, eps), singular where (lam, mu) is on the spectral curve;  factors
+                             (U, V)(*state, lam, eps) with U L_(k+1) = L_k V
     turn                     (*state, eps) -> X with w = cay(X), and the square of its last correction: of implicit
                              maps, whose step is then move(*state, X, eps)
     trajectory               (*state, eps) -> {name: number} that `turn` may take beside, constant on a trajectory
@@ -194,6 +198,8 @@ class Map:
     lagrangian: Function | None = None
     lax: Function | None = None
     conjugator: Function | None = None
+    pencil: Function | None = None
+    factors: Function | None = None
     turn: Function | None = None
     trajectory: Function | None = None
     move: Function | None = None

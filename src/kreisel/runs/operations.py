@@ -47,6 +47,8 @@ NOT_RUN |= {
     "perturbation",
     "product",
     "defect",
+    "pencil",
+    "factors",
     "notes",
 }
 

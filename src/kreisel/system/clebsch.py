@@ -143,6 +143,12 @@ SYSTEM = System(
     derive=shifted_diagonal,
     relations=(
         Relation("clebsch-general", lambda M, P, g, *, b: ((M, P), {"a": b, "b": b}), meaning="the flow a = b"),
+        Relation(
+            "quadratic-field",
+            lambda M, P, g, *, b: ((M, P[..., :, None] * P[..., None, :]), {"b": b}),
+            "step",
+            "F = P P^T, a field of rank one",
+        ),
     ),
     notes="The spectrum is complete for distinct b (and for n = 4 with one equal pair).",
 )

@@ -24,6 +24,7 @@ MAP_CLAIMS = {
     "involution": "reversing involution",
     "lagrangian": "discrete Lagrangian",
     "lax": "discrete Lax pair",
+    "pencil": "discrete Lax pair of a pencil",
     "generator": "reconstruction of g",
     "second_order": "second-order form",
 }

@@ -1,0 +1,211 @@
+"""Body with equal moments in any quadratic potential, with an explicit map.  State (M, F), body frame.
+
+M (..., n, n) skew, F = g^T A_0 g (..., n, n) symmetric with A_0 fixed in space; B = diag(b) fixed in the body.  Plus
+bracket, F' = {H, F}.  With k = eps/2, s = k^2 and X = F (1 + s B F)^-1, which is symmetric, the map is
+
+    M_(k+1) = M + eps (X B - B X),   F_(k+1) = W^T F W,   W = cay(k M_(k+1)).
+
+For F = P R^T, of any rank r, it has the Lax pair `pencil`, `factors` of size n + r; as eps -> 0 the Schur complement of
+the r-block is lambda B + M - mu + F/lambda.  Proof, by P = F, R = 1: Z = (-k, 1) is isotropic for S = diag(1, -s), and
+L(0, -1/k) Z = 0.  It holds in every associative algebra with an involution *, M* = -M, F* = F, B* = B; of the cases
+clebsch has F = P P^T, kovalevskaya-gyrostat the F of fields in so(n) x so(2), ratiu-top F = iG and B = i chi.
+[The flow by Brun, Bogoyavlensky, Reyman; Suris 2000 has an implicit map for unequal moments; this map was made here]
+"""
+
+import numpy as np
+
+from kreisel.algebra import (
+    KINDS,
+    SECOND,
+    THIRD,
+    bracket,
+    cayley,
+    dot,
+    hat,
+    identity,
+    mat,
+    pairing,
+    solve,
+    trace_log,
+    vec,
+)
+from kreisel.algebra.invariants import determinant, stack
+from kreisel.algebra.matrices import blocks, diagonal
+from kreisel.record.contract import FIELD_SPACE, Map, Parameter, System
+
+AXES = np.arange(3)
+
+
+def potential(F, sB):  # X = F (1 + s B F)^-1
+    return solve(identity(F.shape[-1]) + F @ sB, F)
+
+
+def pencil_of(M, P, R, B, *, lam, mu, eps):
+    """L = [[lambda B + M - mu, (1 + k M) P], [-R^T (1 - k M), lambda + s R^T (mu + M) P]] for the field P R^T."""
+    k, RM, MP = eps / 2, R.mT @ M, M @ P
+    corner = lam * identity(P.shape[-1]) + k * k * (mu * (R.mT @ P) + R.mT @ MP)
+    return blocks([[lam * B + M - mu * identity(M.shape[-1]), P + k * MP], [k * RM - R.mT, corner]])
+
+
+def factors_of(P, R, B, *, lam, eps):
+    """U, V = 1 - (2/lambda) N with N^2 = 0, of rank r: U L_(k+1) = L_k V but for the turns of the two blocks."""
+    k, one = eps / 2, identity(P.shape[-1])
+    G = k * (R.mT @ P)
+    E, minus = one + k * k * (R.mT @ B @ P), -one + 0 * G
+    left = blocks([[P], [G]]) @ solve(E, blocks([[k * R.mT, minus]]))
+    right = blocks([[k * P], [minus]]) @ solve(E, blocks([[R.mT, G]]))
+    return tuple(identity(left.shape[-1]) - 2 / lam * N for N in (left, right))
+
+
+def turned(factors, first, second):
+    """The factors times diag(first, -second), the inverse turns of the two blocks of L."""
+    zero = 0 * (first[..., :, :1] * second[..., :1, :])
+    both = blocks([[first, zero], [zero.mT, -second]])
+    return tuple(factor @ both for factor in factors)
+
+
+def values_of(M, F, X, B, *, eps, points):
+    """det(L)/lambda^r at points (lambda, mu), by Schur's complement in the mean momentum Mm = M + (eps/2) (X B - B X).
+
+    det(1 + s B F) det(Mm + lambda (B - s B X B) - mu (1 - s (X B + B X)) + (1 - s mu^2) X/lambda).
+    """
+    XB, BX, square, one = X @ B, B @ X, eps * eps, identity(M.shape[-1])
+    mean, along, across = M + eps * (XB - BX) / 2, B - square * (BX @ B) / 4, one - square * (XB + BX) / 4
+    schur = (mean + lam * along - mu * across + (X - square * mu * mu * X / 4) / lam for lam, mu in points)
+    scale = determinant(one + square * (B @ F) / 4)
+    return stack([scale * determinant(A) for A in schur])
+
+
+def derive(*, b):
+    return {"B": diagonal(b)}
+
+
+def inverse_inertia(M):  # Omega = M
+    return M
+
+
+def velocity(M, F):
+    return inverse_inertia(M)
+
+
+def flow(M, F, *, B):  # M' = [F, B],   F' = [F, M]
+    return bracket(F, B), bracket(F, M)
+
+
+def kick(F, b, eps):
+    """eps (X B - B X), the change of M in a step; n = 3: X_23 = (F_23 - s b_1 C_23)/det(1 + s B F), C = adj(F)."""
+    scaled = eps * eps / 4 * b
+    if F.shape[-1] != 3:
+        return eps * bracket(potential(F, diagonal(scaled)), diagonal(b))
+    f, x = F[..., AXES, AXES], F[..., SECOND, THIRD]
+    C, across = x[..., SECOND] * x[..., THIRD] - f * x, f[..., SECOND] * f[..., THIRD] - x * x
+    whole = f[..., 0] * across[..., 0] + x[..., 1] * C[..., 1] + x[..., 2] * C[..., 2]
+    first, second = scaled[..., SECOND], scaled[..., THIRD]
+    det = 1 + dot(scaled, f) + dot(first * second, across) + scaled[..., 0] * (first * second)[..., 0] * whole
+    return hat(vec(eps / det) * (b[..., SECOND] - b[..., THIRD]) * (x - scaled * C))
+
+
+def rotated(Y, F):  # cay(Y) F cay(-Y); n = 3: with r = 2/(1 + |y|^2) it is 1 + r (Y + Y^2), no division in a chain
+    if F.shape[-1] != 3:
+        return KINDS["symmetric"].turned(Y, F)
+    YF = Y @ F
+    T, r = YF + Y @ YF, mat(2 / (1 + pairing(Y, Y)))
+    TY = T @ Y
+    return F + r * (T + T.mT + r * (TY @ Y - TY))
+
+
+def step(M, F, *, b, eps):
+    M = M + kick(F, b, eps)
+    return M, rotated(-eps / 2 * M, F)
+
+
+def inverse(M, F, *, b, eps):
+    F = rotated(eps / 2 * M, F)
+    return M - kick(F, b, eps), F
+
+
+def involution(M, F, *, b, eps):
+    return -M - kick(F, b, eps), F
+
+
+def half_kick(M, F, *, b, eps):
+    return M + kick(F, b, eps) / 2, F
+
+
+def generator(M, F, M1, F1, *, eps):
+    return eps / 2 * M1
+
+
+def energy(M, F, *, b, eps=0):
+    """<M, M>/2 - (1/2) sum b_i <v_i, F (1 + s b_i F)^-1 v_i>, v_i row i of 1 + k M; -(1/2) sum b_i times residues."""
+    V = identity(M.shape[-1]) + eps * M / 2
+    A = identity(M.shape[-1]) + eps * eps * (b[..., :, None, None] * F[..., None, :, :]) / 4
+    return pairing(M, M) / 2 - dot(b, dot(V, solve(A, (V @ F)[..., None])[..., 0])) / 2
+
+
+def spectrum(M, F, *, B, eps=0):
+    """det(L)/lambda^n at n (n - 1)/2 points (lambda, mu), half the dimension of a leaf."""
+    n = M.shape[-1]
+    points = [(i + 1, j) for i in range(n - 1) for j in range(n - 1 - i)]
+    return values_of(M, F, potential(F, eps * eps * B / 4), B, eps=eps, points=points)
+
+
+def lax(M, F, *, B, lam):  # L = lambda B + M + F/lambda,   U = lambda B + M
+    return lam * B + M + F / lam, lam * B + M
+
+
+def pencil(M, F, *, B, lam, mu, eps):
+    return pencil_of(M, F, identity(M.shape[-1]) + 0 * F, B, lam=lam, mu=mu, eps=eps)
+
+
+def factors(M, F, *, b, B, lam, eps):
+    one, W = identity(M.shape[-1]) + 0 * F, cayley(eps / 2 * (M + kick(F, b, eps)))
+    return turned(factors_of(F, one, B, lam=lam, eps=eps), one, W)
+
+
+def lagrangian(g, h, A, *, B, eps):  # -(1/eps) tr log(2 + W + W^T) + (2/eps) tr log(1 + s B F)
+    W, one = g.mT @ h, identity(B.shape[-1])
+    return 2 / eps * trace_log(one + eps * eps / 4 * (B @ (g.mT @ A @ g))) - trace_log(2 * one + W + W.mT) / eps
+
+
+def largest_step(M, F, *, b):
+    """det(1 + s B F) stays positive for smaller |eps| as F turns: s b_i f_j > -1 for all eigenvalues f of F."""
+    f = np.linalg.eigvalsh(F)
+    (up, above), (down, below) = ((np.maximum((sign * x).max(-1), 0) for x in (b, f)) for sign in (1, -1))
+    mixed = (up * down > 0) & (above * below > 0)
+    worst = np.where(mixed, np.maximum(up, down) * np.maximum(above, below), np.maximum(up * below, down * above))
+    with np.errstate(divide="ignore"):
+        return 2 / np.sqrt(worst)
+
+
+MAP = Map(
+    step=step,
+    inverse=inverse,
+    involution=involution,
+    to_symmetric=half_kick,
+    generator=generator,
+    lagrangian=lagrangian,
+    pencil=pencil,
+    factors=factors,
+    largest_step=largest_step,
+    source="Kreisel",
+)
+
+SYSTEM = System(
+    name="quadratic-field",
+    title="Body with equal moments in a quadratic potential",
+    equations="M' = [F, B],  F' = [F, M]",
+    source="Suris 2001, Introduction; Bogoyavlensky 1985, Reyman 1980",
+    space=FIELD_SPACE,
+    parameters=(Parameter("b", "vector", "diagonal of B: the potential energy is -tr(B F)/2", diagonal=True),),
+    flow=flow,
+    energy=energy,
+    velocity=velocity,
+    inverse_inertia=inverse_inertia,
+    derive=derive,
+    scaling="The one moment of inertia is 1. Every symmetric B is diagonal along axes of the body.",
+    integrals={"spectrum": spectrum},
+    commuting=("spectrum",),
+    lax=lax,
+    map=MAP,
+)
