@@ -41,14 +41,15 @@ def test_foldings_are_exact() -> None:
     assert x * 1 is x
     assert x * 0 == 0.0
     assert x - x == 0.0
-    assert -1 * (-x) == x
-    assert (y - x) + 0 == -(x - y)  # one difference, recorded once
-    assert (x + y) - x != y  # round-off is not simplified away
-    assert x * y == y * x
-    assert -x * y == -(x * y)
+    assert (-1 * (-x)).key == x.key
+    assert ((y - x) + 0).key == (-(x - y)).key  # one difference, recorded once
+    assert ((x + y) - x).key != y.key  # round-off is not simplified away
+    assert (x * y).key == (y * x).key
+    assert (-x * y).key == (-(x * y)).key
     assert operations(graph, [(x + y) - x, x * y, y - x]) == ["-", "+", "-", "*"]
     assert fma(-1e300, 1e300, 1.0) == -math.inf
-    assert numbers("x")[1] != [x]  # a user's cache by arguments gives no number of another graph
+    with pytest.raises(TypeError, match="unhashable"):  # a user's cache by arguments gives no number of another graph
+        hash(x)
 
 
 FORMULAS: list[Callable[[Any, Any], Any]] = [
@@ -124,7 +125,7 @@ def test_a_recorded_loop_is_the_loop() -> None:
 
     (root,), defect = a.record_loop(improve, array_of([1.0]), 1e-20, 50)
     assert operations(graph, [root]) == ["/", "*", "loop", "result"]
-    assert ("+", root, 1.0) not in graph
+    assert not graph.has("+", root, 1.0)
     plain, outputs = arranged(graph, [root * 2, defect])
     for values in (plain, outputs), (graph, [root * 2, defect]):
         twice, change = compiled_outputs(*values, np.array([[7.0]]))[0]

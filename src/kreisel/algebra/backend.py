@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra.complex import Complex, as_complex
+from kreisel.algebra.recorded import Recorded
 
 DIAGONAL = 1e-12  # relative: entries off the diagonal
 Array = Any  # an array of any library, or a NumPy object array of any field
@@ -38,8 +39,8 @@ def objects(numbers: Iterable[Any], shape: tuple[int, ...] | None = None) -> Arr
 
 
 def is_known_zero(x: Array) -> bool:
-    """True if every entry is 0 for certain; tracers of JAX and other stand-ins for numbers never are."""
-    return isinstance(x, np.ndarray) and all(v == 0 for v in x.flat)
+    """True if every entry is 0 for certain; tracers of JAX and recorded numbers never are."""
+    return isinstance(x, np.ndarray) and all(not isinstance(v, Recorded) and v == 0 for v in x.flat)
 
 
 def identity(n: int) -> Array:

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from kreisel.algebra.backend import Array, holds_objects, objects, sqrt
+from kreisel.algebra.recorded import NotRecorded, Recorded
 from kreisel.errors import InputError
 
 
@@ -36,7 +37,7 @@ SLOPES: dict[str, Callable[..., tuple[Any, ...]]] = {
 }
 
 
-class TracedNumber:
+class TracedNumber(Recorded):
     """A number that remembers the numbers it was made of, and its derivatives by them."""
 
     __slots__ = ("parents", "place", "tape", "value")
@@ -134,17 +135,8 @@ class TracedNumber:
     def square(self) -> TracedNumber:
         return self * self
 
-    def _branch(self, *_: Any) -> Any:
-        raise InputError(
-            "expected a formula without branches, got one that compares or rounds its arguments (if, abs, max, "
-            "float, math.sin). It is run once, on numbers that record it. Use np.sin, np.sqrt(x * x), or a smooth form."
-        )
-
-    __hash__ = object.__hash__
-    __eq__ = __ne__ = __lt__ = __le__ = __gt__ = __ge__ = __bool__ = __float__ = __int__ = __abs__ = __round__ = (
-        __index__
-    ) = _branch
-    __complex__ = __floordiv__ = __mod__ = __floor__ = __ceil__ = _branch
+    def __abs__(self) -> Any:
+        raise NotRecorded("abs(x), which has no derivative at 0", "Use np.sqrt(x * x), or a smooth form.")
 
 
 def _power(x: Any, count: int) -> Any:

@@ -20,6 +20,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.gradient import traced, value_and_gradient
+from kreisel.algebra.recorded import run
 from kreisel.errors import InputError
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame, System
@@ -170,7 +171,7 @@ def seen(system: System, body: Body) -> dict[str, tuple[Any, int]]:
 
 def _called(force: Force, numbers: Sequence[Any]) -> Any:
     own, more = numbers[: len(force.arguments)], numbers[len(force.arguments) :]
-    return force.function(*own, **dict(zip(force.parameters, more, strict=True)))
+    return run(force.function, *own, **dict(zip(force.parameters, more, strict=True)))
 
 
 def _back(system: System, name: str, slope: Array, body: Body) -> Array:

@@ -161,18 +161,17 @@ def _read(step: _Step) -> Collection[Any]:
 
 
 def _with_reciprocals(steps: list[_Step]) -> list[_Step]:
-    divisors = Counter(x.operands[1] for x in steps if x.operation == OVER and isinstance(x.operands[1], Number))
-    shared = {y for y, count in divisors.items() if count > 1}
-    out, made = list[_Step](), set[Number]()
+    divisors = Counter(x.operands[1].at for x in steps if x.operation == OVER and isinstance(x.operands[1], Number))
+    out, made = list[_Step](), set[int]()
     for step in steps:
-        if step.operation != OVER or step.operands[1] not in shared:
+        x, y = step.operands if step.operation == OVER else (None, None)
+        if not isinstance(y, Number) or divisors[y.at] < 2:
             out.append(step)
             continue
-        x, y = step.operands
         inverse = ("1/", y.at)
-        if y not in made:
+        if y.at not in made:
             out.append(_Step(inverse, OVER, (1.0, y)))
-            made.add(y)
+            made.add(y.at)
         alone = not isinstance(x, Number) and x == 1
         out.append(_Step(step.place, SAME, (inverse,)) if alone else _Step(step.place, TIMES, (x, inverse)))
     return out

@@ -16,6 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from kreisel.algebra.complex import Ring
+from kreisel.algebra.recorded import POWER, NotRecorded, Recorded
 
 # Operations: those of arithmetic; MAX (x unless y > x), SIGN (-1 where x < 0, else 1), SIZE (|x|), NEAREST (the
 # integer next to x, of two the even one) and WHERE (of x, y, a, b: a where x < y, else b).
@@ -71,23 +72,29 @@ class Graph:
 
     def node(self, operation: str, *operands: Operand) -> int:
         """The place of a node."""
-        key = (operation, *operands)
-        at = self._index.get(key)
+        at = self._index.get(_key(operation, operands))
         if at is None:
-            at = self._added(key)
-            if self._inside is not None and not self._inside.isdisjoint(x.at for x in operands_of(key)):
+            at = self._added((operation, *operands))
+            if self._inside is not None and not self._inside.isdisjoint(x.at for x in operands_of(self.nodes[at])):
                 self._inside.add(at)
         return at
 
-    def _added(self, key: Node) -> int:
-        at = self._index[key] = len(self.nodes)
-        self.nodes.append(key)
+    def _added(self, node: Node) -> int:
+        at = self._index[_key(node[0], node[1:])] = len(self.nodes)
+        self.nodes.append(node)
         if at > self._most:
             raise TooLong
         return at
 
-    def __contains__(self, key: Node) -> bool:
-        return key in self._index
+    def _forget(self, members: Iterable[int]) -> None:
+        """Later operations do not find these nodes, which are inside a body."""
+        for at in members:
+            operation, *operands = self.nodes[at]
+            self._index.pop(_key(operation, operands), None)
+
+    def has(self, operation: str, *operands: Operand) -> bool:
+        """Whether there is such a node."""
+        return _key(operation, operands) in self._index
 
     def input(self, letter: str, index: int) -> Number:
         """The input of that letter and index."""
@@ -115,8 +122,7 @@ class Graph:
             inside = self._inside
         finally:
             self._inside = None
-        for at in inside:
-            del self._index[self.nodes[at]]
+        self._forget(inside)
         new = (*values, defect)
         members = tuple(sorted(inside - {x.at for x in variables}))
         self.loops.append(Loop(tuple(variables), members, new, small, most))
@@ -129,8 +135,7 @@ class Graph:
         first = len(self.nodes)
         new = tuple(body())
         members = range(first, len(self.nodes))
-        for at in members:
-            self._index.pop(self.nodes[at], None)
+        self._forget(members)
         place = len(self.branches)
         self.branches.append(Branch(tuple(members), new))
         branch = Number(self, self._added((BRANCH, place, test, *values, *self._outer(members, new, members))))
@@ -139,7 +144,7 @@ class Graph:
     def _outer(self, members: Iterable[int], new: Iterable[Operand], inside: Container[int]) -> list[Number]:
         """The nodes outside that those of a body, or what it makes, read."""
         reads = [x for at in members for x in operands_of(self.nodes[at])] + [x for x in new if isinstance(x, Number)]
-        return list(dict.fromkeys(x.positive for x in reads if x.at not in inside))
+        return list({x.at: x.positive for x in reads if x.at not in inside}.values())
 
     def needed(self, outputs: Iterable[Operand]) -> list[int]:
         """The nodes that the outputs depend on, in order; not those inside loops."""
@@ -196,6 +201,11 @@ def operands_of(node: Node) -> list[Number]:
     return [x for x in node[1:] if isinstance(x, Number)]
 
 
+def _key(operation: str, operands: Sequence[Operand]) -> tuple[Any, ...]:
+    """Equal for the same operation; numbers themselves cannot be compared."""
+    return (operation, *[x.key if isinstance(x, Number) else x for x in operands])
+
+
 def array_of(entries: Sequence[Any]) -> Any:
     """Numbers and floats as an object array (count,)."""
     out = np.empty(len(entries), dtype=object)
@@ -203,8 +213,11 @@ def array_of(entries: Sequence[Any]) -> Any:
     return out
 
 
-class Number(Ring):
-    """A recorded real number: the node `at` of a graph; the sign is kept apart, so that -x costs nothing."""
+class Number(Ring, Recorded):
+    """A recorded real number: the node `at` of a graph; the sign is kept apart, so that -x costs nothing.
+
+    Comparisons are refused, as a definition may not branch: `key` is equal for the same number of a graph.
+    """
 
     __slots__ = ("at", "graph", "negative")
     inexact: ClassVar[bool] = True
@@ -212,13 +225,10 @@ class Number(Ring):
     def __init__(self, graph: Graph, at: int, negative: bool = False):
         self.graph, self.at, self.negative = graph, at, negative
 
-    def __hash__(self) -> int:
-        return hash((self.at, self.negative))
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Number):
-            return False
-        return self.at == other.at and self.negative == other.negative and self.graph is other.graph
+    @property
+    def key(self) -> tuple[int, bool]:
+        """The place of the node, and the sign."""
+        return self.at, self.negative
 
     @property
     def positive(self) -> Number:
@@ -253,7 +263,7 @@ class Number(Ring):
         if self.negative == b_negative:
             return self.record(PLUS, *sorted((a, b), key=_age), negative=self.negative)
         plus, minus = (b, a) if self.negative else (a, b)
-        if (MINUS, minus, plus) in self.graph:
+        if self.graph.has(MINUS, minus, plus):
             return self.record(MINUS, minus, plus, negative=True)
         return self.record(MINUS, plus, minus)
 
@@ -344,7 +354,7 @@ def _age(x: Operand) -> float:
 def integer_power(x: Any, exponent: Any) -> Any:
     """x^k by products, for an integer k."""
     if not isinstance(exponent, int | float | np.integer | np.floating) or exponent != int(exponent):
-        raise TypeError(f"recorded numbers know integer powers, not {exponent!r}")
+        raise NotRecorded(f"the power x**{exponent!r}", POWER)
     k = int(exponent)
     if k < 2:
         return 1 / integer_power(x, -k) if k < 0 else x if k else 1.0

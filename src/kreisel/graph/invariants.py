@@ -202,7 +202,7 @@ def _without_factors(x: Operand, varying: set[int]) -> Operand:
         changing = [y for y in operands if isinstance(y, Number) and y.at in varying]
         if operation == TIMES and len(changing) == 1:
             x = changing[0]
-        elif operation == OVER and operands[1] not in changing:
+        elif operation == OVER and not (isinstance(operands[1], Number) and operands[1].at in varying):
             x = operands[0]
         else:
             break
@@ -244,12 +244,12 @@ def _program(graph: Graph, size: int, labels: Mapping[int, str]) -> Program | No
     others = {x for node in nodes for x in node[1:] if not isinstance(x, Number)} - {*FIRST}
     literals, start = [*FIRST, *sorted(others)], size + len(columns)
     base = start + len(literals)
-    registers: dict[Any, int] = {x: start + i for i, x in enumerate(literals)}
+    registers: dict[Any, int] = {x: start + i for i, x in enumerate(literals)}  # by the literal or the node's place
     for at in needed:
         operation, *place = graph.nodes[at]
         if operation == IN:
-            registers[Number(graph, at)] = place[1] if place[0] == "z" else size + columns.index(place[1])
-    registers |= {Number(graph, at): base + i for i, at in enumerate(order)}
+            registers["node", at] = place[1] if place[0] == "z" else size + columns.index(place[1])
+    registers |= {("node", at): base + i for i, at in enumerate(order)}
     cones = []
     for at in chosen:
         wanted, cone = {at}, []
@@ -263,7 +263,7 @@ def _program(graph: Graph, size: int, labels: Mapping[int, str]) -> Program | No
         size=size,
         ops=_ops(nodes, registers, _room(base + len(order), len(chosen), size)),
         runs=runs,
-        outs=np.array([registers[Number(graph, at)] for at in chosen]),
+        outs=np.array([registers["node", at] for at in chosen]),
         cones=np.array([i for cone in cones for i in cone], dtype=np.int64),
         ends=np.cumsum([0, *map(len, cones)]),
         columns=np.array(columns, dtype=np.int64),
@@ -314,7 +314,7 @@ def _ops(nodes: Sequence[Any], registers: Mapping[Any, int], free: int) -> np.nd
     zero, one, minus = (registers[number] for number in FIRST)
     out = []
     for operation, *operands in nodes:
-        x, y = registers[operands[0]], registers[operands[-1]]
+        x, y = (registers[("node", v.at) if isinstance(v, Number) else v] for v in (operands[0], operands[-1]))
         slopes = {PLUS: (one, one), MINUS: (one, minus), TIMES: (y, x)}.get(operation)
         if slopes is None:
             slopes = free, free + 1 if operation == OVER else zero

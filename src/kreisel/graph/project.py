@@ -296,9 +296,6 @@ class _Looping(Graph):
         super().__init__()
         self._f, self._kind, self._values = f, kind, dict[int, Any]()
 
-    def __contains__(self, key: Any) -> bool:
-        return False
-
     def node(self, operation: str, *operands: Operand) -> int:
         at = len(self.nodes)
         self.nodes.append((operation, *operands))

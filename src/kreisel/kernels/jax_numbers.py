@@ -14,6 +14,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.complex import Ring
+from kreisel.algebra.recorded import Recorded
 from kreisel.errors import InputError
 from kreisel.graph.graph import Graph, array_of, integer_power
 from kreisel.kernels import adjoint, jax_primitives
@@ -29,7 +30,7 @@ def _function(name: str) -> Any:
     return lambda x: Number(getattr(jnp, name)(x.value))
 
 
-class Number(Ring):
+class Number(Ring, Recorded):
     """A scalar of JAX, `value`."""
 
     __slots__ = ("value",)

@@ -186,9 +186,6 @@ class Looping(Graph):
         super().__init__()
         self.writer, self._said = writer, dict[int, Any]()
 
-    def __contains__(self, key: Any) -> bool:
-        return False
-
     def node(self, operation: str, *operands: Operand) -> int:
         at = len(self.nodes)
         self.nodes.append((operation, *operands))

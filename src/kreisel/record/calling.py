@@ -9,6 +9,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 from kreisel.algebra import Array
+from kreisel.algebra.recorded import run
 from kreisel.errors import InputError, shown
 
 Function = Callable[..., Any]
@@ -40,11 +41,14 @@ def keywords(function: Function) -> frozenset[str]:
 
 
 def call(function: Function | None, state: tuple[Array, ...], available: Mapping[str, Any]) -> Any:
-    """`function(*state, ...)` with just the keywords it names.  Raises `InputError` for what a record leaves out."""
+    """`function(*state, ...)` with just the keywords it names.
+
+    Raises `InputError` for what a record leaves out, and for operations of a user-defined function that fail.
+    """
     if function is None:
         raise InputError("The record of this system does not state what is needed here; see `kreisel systems NAME`.")
     names = keywords(function)
-    return function(*state, **{k: v for k, v in available.items() if k in names})
+    return run(function, *state, **{k: v for k, v in available.items() if k in names})
 
 
 @dataclass(frozen=True)

@@ -51,11 +51,9 @@ def is_number(x: Any) -> bool:
 
 
 def key_of(x: Any) -> Any:
-    """Equal for what is the same in a graph: numbers, arrays, and vectors, which have a `key`."""
+    """Equal for what is the same in a graph: numbers and vectors, by their `key`, and arrays of them."""
     if hasattr(x, "key"):
         return x.key
-    if isinstance(x, Number):
-        return x
     if isinstance(x, np.ndarray):
         return tuple(map(key_of, x))
     return (key_of(x.re), key_of(x.im)) if isinstance(x, Complex) else float(x)

@@ -1,0 +1,128 @@
+"""User-defined functions that cannot be recorded: errors that name the function, its line and the operation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel.algebra.backend import is_known_zero
+from kreisel.algebra.gradient import TracedNumber
+from kreisel.errors import InputError
+from kreisel.graph.graph import Graph, array_of
+from kreisel.record.contract import FREE_SPACE, System
+
+STATE = (0.0, 0.3, 1.5)
+
+
+def user_system(rate: Callable[[Any], Any], **integrals: Callable[..., Any]) -> System:
+    """A body whose momentum, an axial vector, changes at a rate."""
+
+    def flow(M: Any) -> Any:
+        return (kr.algebra.hat(rate(kr.algebra.axial(M))),)
+
+    return System(
+        name="of-a-user",
+        title="",
+        equations="",
+        source="",
+        space=FREE_SPACE,
+        flow=flow,
+        scaling="",
+        n=3,
+        integrals=integrals,
+    )
+
+
+def stopping(m: Any) -> Any:
+    return np.array([-x if x == 0.3 else 0 * x for x in m])
+
+
+def moving(m: Any) -> Any:
+    return -m if m[1] != 0.3 else 0 * m
+
+
+def truthful(m: Any) -> Any:
+    return -m if m[0] else 0 * m
+
+
+REFUSED: dict[str, tuple[Callable[[Any], Any], str]] = {
+    "equality": (stopping, r"stopping \(test_refusals.py, line \d+: .* the comparison x == y"),
+    "inequality": (moving, r"moving \(test_refusals.py, line \d+: .* the comparison x != y"),
+    "truth": (truthful, r"truthful .* the truth of a number"),
+    "any": (lambda m: -m if (m == 0).any() else m, "x == y"),
+    "order": (lambda m: -m if m[0] < 0 else m, "x < y.*np.sqrt"),
+    "larger": (lambda m: np.maximum(m, 0), "np.maximum.*without branches|without branches.*np.maximum"),
+    "where": (lambda m: np.where(m > 0, m, 0), r"x > y.*np.where"),
+    "clip": (lambda m: np.clip(m, -1, 1), "np.clip"),
+    "sign": (lambda m: np.sign(m), "np.sign"),
+    "tanh": (lambda m: np.tanh(m), "got np.tanh.*Recorded are"),
+    "arctan2": (lambda m: np.arctan2(m, m), "got np.arctan2"),
+    "root": (lambda m: m**0.5, r"x\*\*0.5.*np.sqrt"),
+    "math": (lambda m: np.array([math.sin(x) for x in m]), "a conversion to a float.*np.sin"),
+    "float": (lambda m: np.array([float(x) for x in m]), "a conversion to a float"),
+    "floats": (lambda m: np.asarray(m, dtype=float), "a conversion to a float"),
+    "int": (lambda m: m * int(m[0]), "a conversion to an integer"),
+    "remainder": (lambda m: m % 2, "a remainder"),
+    "attribute": (lambda m: m.momentum, "got AttributeError"),
+    "shapes": (lambda m: m + np.ones(2), "got ValueError"),
+    "index": (lambda m: m * m[7], "got IndexError"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_flow_that_cannot_be_recorded_is_named(name: str) -> None:
+    rate, message = REFUSED[name]
+    system = user_system(rate)()
+    with pytest.raises(InputError, match=message):
+        kr.simulate(system, system.state(M=STATE), dt=0.1, steps=2, method="dop853", progress=False)
+
+
+@pytest.mark.parametrize("load", ["torque", "potential"])
+def test_a_force_that_cannot_be_recorded_is_named(load: str) -> None:
+    def drag(M: Any) -> Any:
+        return -M if M[0] > 0 else M
+
+    def well(g: Any) -> Any:
+        return g[0, 0] if g[0, 0] == 1 else g[1, 1]
+
+    forces = {"torque": drag, "potential": well}
+    with pytest.raises(InputError, match=rf"{forces[load].__name__} \(test_refusals.py, line \d+: .* the comparison"):
+        kr.perturbed(kr.EulerTop(J=(1, 2, 4)), **{load: forces[load]})
+
+
+def test_an_integral_with_a_branch_is_named() -> None:
+    """Silently recorded as one of its branches, it would be 0 in all rows here."""
+
+    def kept(M: Any) -> Any:
+        m = kr.algebra.axial(M)
+        return m @ m if m[0] == 0 else 0 * m[0]
+
+    system = user_system(lambda m: 0 * m, kept=kept)()
+    with pytest.raises(InputError, match=r"kept \(test_refusals.py, line \d+: return m @ m"):
+        kr.simulate(system, system.state(M=STATE), dt=0.1, steps=2, method="dop853", progress=False)
+
+
+def by_jax() -> Any:
+    from kreisel.kernels import jax_numbers
+
+    return jax_numbers.Number(jax_numbers.jnp.asarray(1.0))
+
+
+@pytest.mark.parametrize("make", [lambda: Graph().input("x", 0), lambda: TracedNumber([], 1.0), by_jax])
+def test_numbers_without_values_compare_to_nothing(make: Callable[[], Any]) -> None:
+    x = make()
+    for y in (0, 0.5, np.float64(1), np.int8(1), make()):
+        for compare in (lambda x, y: x == y, lambda x, y: y != x, lambda x, y: x < y, lambda x, y: y >= x):
+            with pytest.raises(InputError, match="comparison"):
+                compare(x, y)
+    for refuse in (bool, float, int, round, math.floor):
+        with pytest.raises(TypeError, match="without branches"):
+            refuse(x)
+    assert x is not None and not (x == "x")
+    assert not is_known_zero(array_of([0.0, x]))
+    assert is_known_zero(np.zeros(2))
