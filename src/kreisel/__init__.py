@@ -57,7 +57,7 @@ _LAZY = {
 }
 SHOWN.update({what: f"kreisel.viewer.record:{what}_html" for what in ("system", "model", "state", "run")})
 SHOWN.update(plot="kreisel.viewer.plots:plot", view="kreisel.viewer.page:view")
-_PARTS = ("analysis", "lab", "physical", "rebound", "reduction", "units")
+_PARTS = ("analysis", "checkcases", "lab", "physical", "rebound", "reduction", "units")
 _EXTRAS = ("rebound", "reduction")  # parts that need REBOUND and JAX
 
 __all__ = ["AccuracyWarning", "ConservationWarning", "InputError", "InputWarning", "RunError", "methods", "systems"]

@@ -10,6 +10,7 @@ from kreisel.method import Method
 from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel import analysis as analysis
+from kreisel import checkcases as checkcases
 from kreisel import lab as lab
 from kreisel import physical as physical
 from kreisel import rebound as rebound

@@ -1,0 +1,182 @@
+"""Equations of motion of the check cases, on numbers of any kind: one line of torque each.
+
+    I w' = torque - w x (I w),   q' = q (0, w)/2
+
+w (3,), rad/s, is the angular velocity along the body axes, q the attitude as a unit quaternion (w, x, y, z), body to
+space, x the further variables of a law, p its parameters.  `up` is the third axis of space along the body axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+Vector = Any  # three components, or a quaternion's four: numbers, recorded numbers, or arrays (...)
+
+
+def cross(a: Vector, b: Vector) -> list[Any]:
+    """The vector product."""
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def dot(a: Vector, b: Vector) -> Any:
+    """The scalar product."""
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def times(A: Any, v: Vector) -> list[Any]:
+    """A v."""
+    return [dot(row, v) for row in A]
+
+
+def rotation(q: Vector) -> list[list[Any]]:
+    """The rotation matrix of a unit quaternion, body to space."""
+    w, x, y, z = q
+    return [
+        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    ]
+
+
+def to_body(q: Vector, v: Vector) -> list[Any]:
+    """A vector of space along the body axes: R^T v."""
+    R = rotation(q)
+    return [sum(R[k][i] * v[k] for k in range(3)) for i in range(3)]
+
+
+def quaternion_rate(q: Vector, w: Vector) -> list[Any]:
+    """q' = q (0, w)/2."""
+    s, v = q[0], q[1:]
+    turned = cross(v, w)
+    return [-0.5 * dot(v, w), *(0.5 * (s * w[i] + turned[i]) for i in range(3))]
+
+
+def _nothing(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
+    return []
+
+
+def _no_potential(w: Vector, q: Vector, x: Vector, p: Any) -> Any:
+    return 0.0
+
+
+class Law(NamedTuple):
+    """A torque, further variables, and what is conserved.
+
+    torque     N m, along the body axes
+    further    names and sizes of further variables x, with `rates` x'
+    potential  J, a function of the whole state; NaN-free only where `conserved` names the energy
+    stored     angular momentum beside I w, along the body axes
+    scaled     parameters to which the torque is proportional
+    conserved  of "energy", "momentum" (a vector in space), "vertical momentum", "impulse"
+    """
+
+    torque: Callable[[Vector, Vector, Vector, Any], Any]
+    conserved: tuple[str, ...]
+    further: tuple[tuple[str, int], ...] = ()
+    rates: Callable[[Vector, Vector, Vector, Any], list[Any]] = _nothing
+    potential: Callable[[Vector, Vector, Vector, Any], Any] = _no_potential
+    stored: Callable[[Any], Any] = lambda p: [0.0, 0.0, 0.0]
+    scaled: tuple[str, ...] = ()
+
+    def flow(self, w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
+        """The rates of w, q, x."""
+        push = [t - g for t, g in zip(self.torque(w, q, x, p), cross(w, times(p["I"], w)), strict=True)]
+        return [*times(p["inverse"], push), *quaternion_rate(q, w), *self.rates(w, q, x, p)]
+
+
+def _free(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
+    return [0.0, 0.0, 0.0]
+
+
+def _field(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
+    return cross(p["k"], rotation(q)[2])
+
+
+def _field_energy(w: Vector, q: Vector, x: Vector, p: Any) -> Any:
+    return -dot(p["k"], rotation(q)[2])
+
+
+def _wheel(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
+    return cross(p["h"], w)
+
+
+def _damped(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
+    return [-p["c"] * m for m in times(p["I"], w)]
+
+
+def _gravity_gradient(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
+    r = to_body(q, [x[0], x[1], 0.0])
+    return [3 * p["n"] * p["n"] * t for t in cross(r, times(p["I"], r))]
+
+
+def _gravity_gradient_energy(w: Vector, q: Vector, x: Vector, p: Any) -> Any:
+    """Jacobi's integral less the kinetic energy: V - n L3."""
+    r = to_body(q, [x[0], x[1], 0.0])
+    L3 = dot(rotation(q)[2], times(p["I"], w))
+    return 1.5 * p["n"] ** 2 * dot(r, times(p["I"], r)) - p["n"] * L3
+
+
+def _circle(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
+    return [-p["n"] * x[1], p["n"] * x[0]]
+
+
+def _gyromagnetic(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
+    B = to_body(q, [p["b"] * x[0], p["b"] * x[1], p["B"]])
+    return [p["gamma"] * t for t in cross(times(p["I"], w), B)]
+
+
+def _fluid(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
+    v = x[:3]
+    return cross(times(p["A"], v), v)
+
+
+def _fluid_rates(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
+    v = x[:3]
+    return [*times(p["A inverse"], cross(times(p["A"], v), w)), *times(rotation(q), v)]
+
+
+def _fluid_energy(w: Vector, q: Vector, x: Vector, p: Any) -> Any:
+    return 0.5 * dot(x[:3], times(p["A"], x[:3]))
+
+
+def _air(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
+    """rho V S l_i^2 C w_i/4, V = -v: the coefficient C of the torque by w_i l_i/(2 V)."""
+    v, density = x[1], x[4]
+    return [-density * v * p["S"] * p["l"][i] * p["l"][i] * p["C"][i] * w[i] * 0.25 for i in range(3)]
+
+
+def _fall(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
+    """u = R0/r, v = r', G = r0/(r0 + h), theta = T0/T, the density rho of the air.
+
+    v' = A u^3 - B u^2 - C u^4 (centrifugal, gravity, J2 above the equator); h' = v; the geopotential altitude has
+    H' = G^2 v, the temperature T' = -L H', the density rho'/rho = (g M/(R L) - 1) T'/T.
+    """
+    u, v, G, theta, rho = x
+    fall = G * G * v * theta * p["lapse"]
+    return [
+        -u * u * v * p["1/R0"],
+        u * u * (p["centrifugal"] * u - p["gravity"] - p["oblateness"] * u * u),
+        -G * G * v * p["1/r0"],
+        theta * fall,
+        -p["exponent"] * rho * fall,
+    ]
+
+
+FREE = Law(_free, ("energy", "momentum"))
+FIELD = Law(_field, ("energy", "vertical momentum"), potential=_field_energy, scaled=("k",))
+GYROSTAT = Law(_wheel, ("energy", "momentum"), stored=lambda p: p["h"], scaled=("h",))
+DAMPED = Law(_damped, ())
+ORBIT = Law(_gravity_gradient, ("energy",), (("radius", 2),), _circle, _gravity_gradient_energy)
+GYROMAGNETIC = Law(_gyromagnetic, (), (("field", 2),), _circle)
+FLUID = Law(
+    _fluid, ("energy", "impulse"), (("velocity", 3), ("position", 3)), _fluid_rates, _fluid_energy, scaled=("A",)
+)
+AIR = Law(_air, (), (("u", 1), ("v", 1), ("G", 1), ("theta", 1), ("density", 1)), _fall, scaled=("S",))
+
+
+def arrays(columns: Any) -> Any:
+    """Components first, (k, ...), from (..., k)."""
+    return np.moveaxis(np.asarray(columns), -1, 0)
