@@ -19,8 +19,9 @@ from kreisel.graph.graph import TooLong
 from kreisel.graph.invariants import gradients, program_of
 from kreisel.graph.project import CompiledProjection
 from kreisel.graph.recording import flat_constants
-from kreisel.kernels.projection import corrections
-from kreisel.kernels.projection.arrays import Observed, Traced, gradient
+from kreisel.kernels.projection import corrections, traced
+from kreisel.kernels.projection.arrays import Observed
+from kreisel.kernels.projection.traced import Traced, gradient
 from kreisel.lab import exact
 from kreisel.method import default_method, scheme
 from kreisel.method.observing import held_by_orientation
@@ -404,6 +405,69 @@ def test_gradients_of_arrays(seed: int) -> None:
     assert gradient(y, z) == pytest.approx(differences, rel=1e-6, abs=1e-6)
 
 
+NUMPY: dict[str, Any] = {  # of an array of 12 numbers
+    "sum": lambda x, X: (
+        np.sum(x * x) + np.sum(X, axis=0)[1] + np.sum(X * X, axis=(0, 1)) + X.sum(1, keepdims=True)[0, 0]
+    ),
+    "mean": lambda x, X: np.mean(x**3) + X.mean(0)[2] * x[1],
+    "prod": lambda x, X: np.prod(x[:3]) + np.prod(X, axis=1)[1],
+    "norm": lambda x, X: np.linalg.norm(x) * np.linalg.norm(X, axis=1)[0] * np.linalg.norm(X),
+    "einsum": lambda x, X: np.einsum("ij,jk,k->", X, X.T, x[:3]) * np.einsum("i,i", x, np.arange(12.0)),
+    "diagonal": lambda x, X: np.einsum("ii->i", X[:, :3] @ X.T[:3])[1] + np.einsum("ij->i", X)[0] * np.trace(X[:, :3]),
+    "roll": lambda x, X: np.dot(x, np.roll(x, 1)) + np.vdot(np.roll(X, 1, axis=0)[0], X[2]),
+    "products": lambda x, X: x[:3] @ X @ x[:4] + (X @ np.ones(4))[1] * (np.ones(3) @ X)[2] + np.outer(x, x)[3, 4],
+    "functions": lambda x, X: np.sum(
+        np.sin(x) * np.cosh(x) - np.tanh(x) / np.exp(x) + 2.0**x + np.square(np.arctan(x))
+    ),
+    "sizes": lambda x, X: (
+        np.sqrt(abs(x)).sum() / len(X) + np.log(np.abs(x)).sum() * np.size(x) + (np.tan(x) * np.cos(x)).sum()
+    ),
+    "shapes": lambda x, X: (
+        np.sum(np.stack([x[:4], X[1]]).transpose() @ np.ravel(X)[:2]) + np.reshape(x, (2, 6))[1, 1] ** 0.5
+    ),
+    "branch": lambda x, X: x[0] * x[1] if x[0] > x[1] and (x != 0).all() else x[2] / x[0],
+    "reflected": lambda x, X: sum(np.ones(12) - x / 3) * (2 / (1 + x * x))[2] + np.add(1.5, x)[3] * np.sinh(x)[1],
+}
+
+
+@pytest.mark.parametrize("name", NUMPY)
+def test_gradients_of_functions_of_numpy(name: str) -> None:
+    def function(x: Any) -> Any:
+        return NUMPY[name](x, x.reshape((3, 4)))
+
+    x, h = np.random.default_rng(len(name)).uniform(0.4, 1.6, 12), 1e-6
+    z = Traced(x)
+    y = function(z)
+    assert y.value == pytest.approx(function(x), rel=1e-14)
+    differences = [(function(x + h * e) - function(x - h * e)) / (2 * h) for e in np.eye(12)]
+    assert gradient(y.reshape((1,)), z)[0] == pytest.approx(differences, rel=1e-7, abs=1e-7)
+
+
+@pytest.mark.parametrize("function", [np.sin, np.exp, np.cosh])
+def test_mutants_of_slopes(function: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(traced.SLOPES, function, lambda g, x, y: -traced.SLOPES[np.square](g, x, y))
+    with pytest.raises(AssertionError):
+        test_gradients_of_functions_of_numpy("functions")
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda a: np.sort(a)[0], "np.sort.*Use .*np.einsum"),
+        (lambda a: np.maximum(a, 0).sum(), "np.maximum"),
+        (lambda a: np.add.reduce(a), "np.add"),
+        (lambda a: float(a[0]), "a conversion to a float"),
+        (lambda a: np.array([a[0], a[1]]).sum(), "np.stack"),
+        (lambda a: (1 + a[0] * a[0]) ** a[1], r"the power x\*\*y"),
+        (lambda a: np.linalg.norm(a, 1), "the order 1"),
+    ],
+)
+def test_a_function_without_slopes_is_named(function: Any, message: str) -> None:
+    model, x0 = own_top(12, own=lambda m, a, *, p: function(a))
+    with pytest.warns(kr.ConservationWarning, match=rf"<lambda> \(test_projection.py, line \d+: .*{message}"):
+        kr.simulate(model, x0, dt=0.05, steps=2, method="suris", order=1, engine="cpu", observe=())
+
+
 OWN = {
     "exponential": lambda m, a, *, p: np.exp((a * a).sum(-1)),
     "of NumPy": lambda m, a, *, p: sum(np.array(a)[..., i] ** 2 for i in range(a.shape[-1])),
@@ -424,7 +488,7 @@ def test_an_integral_that_takes_no_recorded_numbers(what: str, n: int, engine: s
     """The run is as it would be without projection, and says so."""
     model, x0 = own_top(n, own=OWN[what])
     options = {"dt": 0.05, "steps": 20, "method": "suris", "order": 1, "engine": engine}
-    if (what, n) == ("of NumPy", 3):  # an array of recorded numbers
+    if (what, n) == ("of NumPy", 3) or (what, n, engine) == ("exponential", 12, "cpu"):  # recorded; on arrays
         assert kr.simulate(model, x0, **options).attrs["projection"] > 0
         return
     with pytest.warns(kr.ConservationWarning, match="takes no recorded numbers"):

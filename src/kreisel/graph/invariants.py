@@ -276,7 +276,7 @@ def _kind(operation: str, *operands: Operand) -> int:
     if operation == "log":  # not in two doubles: by arrays
         raise TooLong
     if operation not in OPERATIONS or (operation == SQRT and operands[0].negative):
-        raise TypeError(f"an invariant with {operation} of {operands} has no gradient")
+        raise TypeError(f"{operation} is not known in two doubles")
     return OPERATIONS[operation]
 
 
