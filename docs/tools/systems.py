@@ -189,7 +189,9 @@ def _components(system: System) -> list[str]:
 def _lax(system: System) -> list[str]:
     if system.lax is None:
         return []
-    note = "; `spectrum` lists the coefficients of $\\det(L(\\lambda) - \\mu)$"
+    of_pencil = system.map is not None and system.map.pencil is not None
+    listed = "values" if of_pencil else "the coefficients"
+    note = f"; `spectrum` lists {listed} of $\\det(L(\\lambda) - \\mu)$"
     out = ["## Lax pair", f"$L' = [L, U]${note if 'spectrum' in system.integrals else ''}."]
     if system.numbers == "any":
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction as F
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,12 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
-from kreisel.lab import exact, laws, search
+from kreisel.lab import exact, growth, laws, search
 from kreisel.lab.darboux import Ratio
 from kreisel.lab.exact import fraction
+from kreisel.lab.subject import subject
 from kreisel.record.calling import call
+from kreisel.system import kovalevskaya_gyrostat as gyrostat
 from kreisel.system import kovalevskaya_top, kovalevskaya_top_e3, kovalevskaya_top_so3
 
 ONE, TWO = kovalevskaya_top_e3.SYSTEM, kovalevskaya_top_so3.SYSTEM
@@ -34,12 +37,19 @@ def vanishes(value: Any) -> bool:
     return all(v.n == 0 if isinstance(v, Ratio) else v == 0 for v in np.ravel(np.asarray(value, dtype=object)))
 
 
-@pytest.mark.parametrize(("module", "system"), [(kovalevskaya_top_e3, ONE), (kovalevskaya_top_so3, TWO)])
-def test_the_deformed_integrals_are_conserved_identically(module: Any, system: Any) -> None:
+def two_fields_turned(M: Any, P: Any, Q: Any, eps: Any) -> Any:
+    return gyrostat.turn(M, P, Q, 0, eps)
+
+
+@pytest.mark.parametrize(
+    ("turn", "kicked", "system"),
+    [(kovalevskaya_top_e3.turn, kovalevskaya_top_e3.kicked, ONE), (two_fields_turned, gyrostat.kicked, TWO)],
+)
+def test_the_deformed_integrals_are_conserved_identically(turn: Any, kicked: Any, system: Any) -> None:
     """A proof: step = turn . kick, and I(turn(x)) = I(kick^-1(x)) as rational functions of the state and of eps."""
     (M, *F), known = unknowns(system)
     fields = [known[k] for k in "eh"[: len(F)]]
-    after, before = module.turn(M, *F, known["eps"]), (module.kicked(M, *F, *fields, -known["eps"]), *F)
+    after, before = turn(M, *F, known["eps"]), (kicked(M, *F, *fields, -known["eps"]), *F)
     for function in (system.energy, *system.integrals.values()):
         assert vanishes(call(function, after, known) - call(function, before, known))
     spoiled = {**known, "eps": 2 * known["eps"]}
@@ -65,24 +75,47 @@ def test_the_deformed_integrals_are_in_involution_identically(system: Any) -> No
     assert not vanishes(gradient(lambda M, *F: algebra.pairing(M, M)) @ tensor @ rows[0])
 
 
-def plain_step(plain: list[np.ndarray], known: dict[str, Any]) -> tuple[np.ndarray, ...]:
-    return tuple(call(kovalevskaya_top_so3.step, tuple(plain[:3]), {**known, "eps": plain[3][()]}))
-
-
 @pytest.mark.parametrize("n", [3, 4, 5])
-def test_the_deformed_energy_is_conserved_for_every_n(n: int) -> None:
-    """At a random point over Q, in two fields; the same with another factor of the last term fails."""
+def test_the_member_of_the_search_is_the_map_for_every_n(n: int) -> None:
     draw = exact.rational_random(np.random.default_rng(n))
     known = {**kovalevskaya_top.SYSTEM.derive(n=np.asarray(n)), "eps": draw((1,))[0] / 3}
     state = kovalevskaya_top.SYSTEM.space.point(n, draw)
-    new = call(kovalevskaya_top_so3.step, state, known)
-    before, after = (call(kovalevskaya_top_so3.energy, z, known) for z in (state, new))
-    assert before == after
-    last = [M[0, 1] * algebra.dot(P, algebra.act(M, Q)) for M, P, Q in (state, new)]
-    assert last[0] != last[1]
     plain = [np.vectorize(fraction, otypes=[object])(x) for x in (*state, known["eps"])]
     found = search.kovalevskaya(n=n).step(*plain[:3], eps=plain[3][()])
-    assert all((x == y).all() for x, y in zip(plain_step(plain, known), found, strict=True))
+    stated = call(kovalevskaya_top.step, tuple(plain[:3]), {**known, "eps": plain[3][()]})
+    assert all((x == y).all() for x, y in zip(stated, found, strict=True))
+
+
+@pytest.mark.parametrize("system", [ONE, TWO])
+def test_the_spectrum_of_the_pencil_is_that_of_the_closed_forms(system: Any) -> None:
+    """det L of 7 x 7 and 9 x 9 in u = lambda^2, v = mu^2, with H, K, G of the pages; exactly, at 20 points."""
+    draw, both = exact.rational_random(np.random.default_rng(7)), system is TWO
+    for _ in range(20):
+        state, (eps, lam, mu) = system.space.point(3, draw), draw((3,))
+        known = {**system.derive(), "eps": eps}
+        H = call(system.energy, state, known)
+        K, *more = (call(f, state, known) for f in system.integrals.values())
+        s, u, v, P = eps * eps / 4, lam * lam, mu * mu, state[1]
+        a, c = algebra.dot(P, P), algebra.dot(algebra.axial(state[0]), P)
+        stated = (u - v) ** 2 * (u - s * s * a * v) - 2 * H * u * u + (2 * H - 2 * s * a + s * s * c * c) * u * v
+        stated += (
+            (2 * s * a - s * s * c * c) * v * v + (H * H - K + a - s * c * c) * u - (a - 2 * s * c * c) * v - c * c
+        )
+        if both:
+            G, t, d = more[0], a + algebra.dot(state[2], state[2]), sum(algebra.cross(P, state[2]) ** 2)
+            stated = (u - v) ** 2 * (u * u - s * s * t * u * v + s**4 * d * v * v) - 2 * H * u**3
+            stated += (2 * H - 2 * s * t + s * s * G - s**3 * d) * u * u * v - 4 * s**3 * d * v**3 + d
+            stated += (2 * s * t - s * s * G + 5 * s**3 * d) * u * v * v - (K - H * H - t) * u * u
+            stated += (2 * s * G - 4 * s * s * d - t) * u * v + 6 * s * s * d * v * v - (G - s * d) * u - 4 * s * d * v
+        pencil = call(system.map.pencil, state, {**known, "lam": lam, "mu": mu})
+        assert len(pencil) == (9 if both else 7)
+        assert algebra.invariants.determinant(pencil) == -mu * stated != 0
+
+
+def test_the_gyrostat_has_the_degrees_of_its_top() -> None:
+    """12 k^2 + 2 k + 1, whatever gamma is."""
+    what = subject(kr.KovalevskayaGyrostat(n=3, gamma=F(3, 7)), eps=2)
+    assert growth.degrees(what, 4) == tuple(12 * k * k + 2 * k + 1 for k in range(5))
 
 
 @pytest.mark.parametrize(("system", "leaf"), [(ONE, 4), (TWO, 6)])
@@ -95,7 +128,7 @@ def test_the_investigation_finds_it_integrable(system: Any, leaf: int) -> None:
     )
 
     def spoiled(M: Any, *F: Any, eps: Any, e: Any, h: Any = None) -> Any:
-        return kovalevskaya_top_so3.turn(M + eps * algebra.wedge(e, F[0]), *F, 0 * F[0], eps)[:2]
+        return kovalevskaya_top_e3.turn(M + eps * algebra.wedge(e, F[0]), F[0], eps)
 
     if system is ONE:
         wrong = replace(ONE, map=replace(ONE.map, step=spoiled))

@@ -25,6 +25,7 @@ from kreisel.system import (
     goryachev_chaplygin,
     hess_appelrot,
     kirchhoff_revolution,
+    kovalevskaya_gyrostat,
     kovalevskaya_top_e3,
     kovalevskaya_top_so3,
     lagrange_top,
@@ -47,6 +48,7 @@ VESELOV, ROSOCHATIUS = neumann_veselov.SYSTEM, rosochatius.SYSTEM
 GORYACHEV, HESS = goryachev_chaplygin.SYSTEM, hess_appelrot.SYSTEM
 STEKLOV, LYAPUNOV = steklov.SYSTEM, lyapunov.SYSTEM
 BITOP = ratiu_bitop.SYSTEM
+ROTOR = kovalevskaya_gyrostat.SYSTEM
 KOVALEVSKAYA, TWO_FIELDS = kovalevskaya_top_e3.SYSTEM, kovalevskaya_top_so3.SYSTEM
 REVOLUTION = kirchhoff_revolution.SYSTEM
 BODY = clebsch_body.SYSTEM
@@ -127,7 +129,27 @@ def undeformed(M, P, *, c, eps=0):
 def fields_apart(M, P, Q, *, e, h, eps):  # each field with a denominator of its own
     k = eps * eps / 4
     kick = vec(1 / (1 - k * P[..., 0])) * wedge(e, P) + vec(1 / (1 - k * Q[..., 1])) * wedge(h, Q)
-    return kovalevskaya_top_so3.turn(M + eps * kick, P, Q, eps)
+    return kovalevskaya_gyrostat.turn(M + eps * kick, P, Q, 0, eps)
+
+
+def rotor_forgotten(M, P, Q, *, gamma, e, h, eps):  # the turn cay(k M) cay(k M_11) and then one by gamma alone
+    M, P, Q = kovalevskaya_gyrostat.step(M, P, Q, gamma=0, e=e, h=h, eps=eps)
+    Y = eps / 2 * mat(gamma) * wedge(e, h)
+    turned = kovalevskaya_gyrostat.turned
+    F = turned(Y, np.stack([P, Q], -1))
+    return turned(Y, turned(Y, M).mT).mT, F[..., 0], F[..., 1]
+
+
+def plain_reversal(M, P, Q, *, e, h, eps):  # which turns the rotor round too
+    return -kovalevskaya_gyrostat.kicked(M, P, Q, e, h, eps), P, Q
+
+
+def without_rotor(M, P, Q, *, lam, mu, eps):
+    return kovalevskaya_gyrostat.pencil(M, P, Q, gamma=0, lam=lam, mu=mu, eps=eps)
+
+
+def without_rotor_energy(M, P, Q, *, gamma, c, eps=0):  # gamma in the flow's part alone
+    return kovalevskaya_gyrostat.energy(M, P, Q, gamma=0, c=c, eps=eps) - gamma * M[..., 0, 1]
 
 
 def rest_of_gram(M, P, Q, *, eps=0):
@@ -492,6 +514,11 @@ MUTANTS = [
     ("reconstruction", mapped(KOVALEVSKAYA, generator=without_own_turn), 3),
     ("involution", replace(KOVALEVSKAYA, energy=undeformed), 3),
     ("reversing-involution", mapped(KOVALEVSKAYA, involution=lambda M, P, *, eps: (-M, P)), 3),
+    ("integrals-of-the-map", mapped(ROTOR, step=rotor_forgotten), 4),
+    ("discrete-lax-pencil", mapped(ROTOR, pencil=without_rotor), 3),
+    ("discrete-lax-pencil", mapped(KOVALEVSKAYA, step=plain_kick), 3),
+    ("reversing-involution", mapped(ROTOR, involution=plain_reversal), 3),
+    ("integrals-of-the-map", replace(ROTOR, energy=without_rotor_energy), 3),
     ("integrals-of-the-map", mapped(TWO_FIELDS, step=fields_apart), 3),
     ("integrals-of-the-map", replace(TWO_FIELDS, integrals={"gram": rest_of_gram}), 3),
     ("relations", mapped(SU2, step=lost_half), 3),

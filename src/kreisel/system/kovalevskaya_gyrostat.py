@@ -1,16 +1,24 @@
-"""Kovalevskaya gyrostat in two fields, in n dimensions.  State (M, P, Q), body frame.
+"""Kovalevskaya gyrostat in two fields, in n dimensions, with an explicit map.  State (M, P, Q), body frame.
 
-M (..., n, n) skew, P and Q (..., n): two constant fields in the body frame.  With M_11 the upper left 2 x 2 block,
-H = <M, M>/2 + <M_11, M_11>/2 - gamma M_12 + P_1 + Q_2.  Q = 0 is Kovalevskaya's top in the field P; for n = 3 it has
-the moments of inertia (1, 1, 1/2).  Plus bracket, F' = {H, F}.  [Reyman, Semenov-Tian-Shansky 1987; Bobenko, Reyman,
-Semenov-Tian-Shansky, Comm. Math. Phys. 122 (1989); named in Suris 2001, Introduction]
+M (..., n, n) skew, P and Q (..., n): two constant fields in the body frame, F = (P, Q).  With M_11 the upper left 2 x 2
+block and E = (e_1, e_2), H = <M, M>/2 + <M_11, M_11>/2 - gamma M_12 + P_1 + Q_2.  Q = 0 is Kovalevskaya's top in the
+field P; for n = 3 it has the moments of inertia (1, 1, 1/2).  Plus bracket, F' = {H, F}.
+
+The map is that of `quadratic_field` on so(n) x so(2), M (+) N with N = gamma e_1 ^ e_2 - M_11, B = [[0, E], [E^T, 0]]
+and the field -[[0, F], [F^T, 0]], which SO(2) turns so that E stays: with k = eps/2 and F~ = F (1 - k^2 F_11)^-1
+
+    M~ = M + eps (E F~^T - F~ E^T),   M_(k+1) = R M~ R^T,   F_(k+1) = R cay(-k M~) F,   R = cay(k N~) on the plane of E.
+
+[Reyman, Semenov-Tian-Shansky 1987; Bobenko, Reyman, Semenov-Tian-Shansky, Comm. Math. Phys. 122 (1989); named in
+Suris 2001, Introduction; the map was found by `kreisel.lab.search`]
 """
 
 import numpy as np
 
-from kreisel.algebra import act, identity, mat, pairing, wedge
-from kreisel.algebra.invariants import laurent_spectrum
-from kreisel.record.contract import TWO_FIELDS_SPACE, Parameter, System
+from kreisel.algebra import act, cayley, cayley_columns, dot, identity, mat, pairing, solve, vec, wedge
+from kreisel.algebra.matrices import blocks
+from kreisel.record.contract import TWO_FIELDS_SPACE, Map, Parameter, System
+from kreisel.system import quadratic_field as general
 
 
 def shape(*, n):
@@ -34,39 +42,147 @@ def flow(M, P, Q, *, gamma, c, e, h):  # M' = [M, Omega] + E F^T - F E^T,   F' =
     return M @ Omega - Omega @ M + torque(P, Q, e, h), -act(Omega, P), -act(Omega, Q)
 
 
-def energy(M, P, Q, *, gamma, c):
-    return pairing(M, c * M) / 2 - gamma * M[..., 0, 1] + P[..., 0] + Q[..., 1]
-
-
-def bordered(X, F, Y):
-    """[[X, F], [-F^T, Y]] of size n + 2."""
-    return np.concatenate([np.concatenate([X, F], -1), np.concatenate([-F.mT, Y], -1)], -2)
-
-
-def pieces(M, P, Q, *, gamma):
-    """The coefficients of lambda, 1 and 1/lambda of the Lax matrix."""
-    n = M.shape[-1]
-    F, small = np.stack([P, Q], -1), (mat(gamma) * wedge(identity(n)[0], identity(n)[1]) - M)[..., :2, :2]
-    zero = 0 * small
-    return bordered(0 * M, identity(n)[:, :2] + 0 * F, zero), bordered(M, 0 * F, small), bordered(0 * M, F, zero)
-
-
-def spectrum(M, P, Q, *, gamma):  # coefficients of det(L(lambda) - mu)
-    A, middle, F = pieces(M, P, Q, gamma=gamma)
-    return laurent_spectrum(middle, A, F, odd=False)
-
-
 def noether(M, P, Q):  # M_22, for the turns of the other directions
     ends = np.diag([0, 0] + [1] * (M.shape[-1] - 2))
     return ends @ M @ ends
 
 
-def lax(M, P, Q, *, gamma, c, e, h, lam):
-    """L = [[M, v], [-v^T, Gamma - M_11]], v = lambda E + F/lambda, and U = [[Omega, lambda E], [-lambda E^T, 0]]."""
-    A, middle, F = pieces(M, P, Q, gamma=gamma)
-    turning = bordered(velocity(M, P, Q, gamma=gamma, c=c, e=e, h=h), 0 * M[..., :, :2], 0 * M[..., :2, :2])
-    return lam * A + middle + F / lam, lam * A + turning
+# -- the map -----------------------------------------------------------------------------------------------
 
+
+def kicked(M, P, Q, e, h, eps, share=1):
+    """M + (eps/share) (e_1 ^ P~ + e_2 ^ Q~), (P~, Q~) = (P, Q) (1 - (eps^2/4) F_11)^-1."""
+    s = eps * eps / 4
+    a, b, c, d = 1 - s * P[..., 0], s * Q[..., 0], s * P[..., 1], 1 - s * Q[..., 1]
+    scale = eps / (share * (a * d - b * c))
+    return M + wedge(e, vec(scale * d) * P + vec(scale * c) * Q) + wedge(h, vec(scale * b) * P + vec(scale * a) * Q)
+
+
+def rotor(M, gamma):  # N = gamma e_1 ^ e_2 - M_11, as a matrix of n rows
+    flat = 1 * (np.arange(M.shape[-1]) < 2)
+    return mat(gamma) * wedge(*identity(M.shape[-1])[:2]) - M * (flat[:, None] * flat)
+
+
+def turned(Y, V):  # cay(Y) V = V + 2 (Y + Y^2) V/(1 + |Y|^2), Y in one plane
+    W = Y @ V
+    return V + mat(2 / (1 + pairing(Y, Y))) * (W + Y @ W)
+
+
+def turn(M, P, Q, gamma, eps):
+    Y = eps / 2 * rotor(M, gamma)
+    F = turned(Y, cayley_columns(-eps / 2 * M, np.stack([P, Q], -1)))
+    return turned(Y, turned(Y, M).mT).mT, F[..., 0], F[..., 1]
+
+
+def step(M, P, Q, *, gamma, e, h, eps):
+    return turn(kicked(M, P, Q, e, h, eps), P, Q, gamma, eps)
+
+
+def inverse(M, P, Q, *, gamma, e, h, eps):
+    M, P, Q = turn(M, P, Q, gamma, -eps)
+    return kicked(M, P, Q, e, h, -eps), P, Q
+
+
+def involution(M, P, Q, *, e, h, eps):  # -S M~ S, S F S with S = diag(1, -1, 1, ..): N stays
+    signs = 1 - 2 * (np.arange(M.shape[-1]) == 1)
+    return -signs[:, None] * kicked(M, P, Q, e, h, eps) * signs, signs * P, -signs * Q
+
+
+def half_kick(M, P, Q, *, e, h, eps):
+    return kicked(M, P, Q, e, h, eps, share=2), P, Q
+
+
+def composed(M, N, eps):  # X with cay(X) = cay((eps/2) M) cay(-(eps/2) N)
+    W, one = cayley(eps / 2 * M) @ cayley(-eps / 2 * N), identity(M.shape[-1])
+    return solve(one + W, W - one)
+
+
+def generator(M, P, Q, M1, P1, Q1, *, gamma, e, h, eps):
+    M = kicked(M, P, Q, e, h, eps)
+    return composed(M, rotor(M, gamma), eps)
+
+
+def largest_step(M, P, Q):
+    """det(1 - (eps^2/4) F_11) stays positive for smaller |eps|, by the largest singular value of F."""
+    p, q, both = dot(P, P), dot(Q, Q), dot(P, Q)
+    square = (p + q) / 2 + np.sqrt((p - q) * (p - q) / 4 + both * both)
+    with np.errstate(divide="ignore"):
+        return 2 / np.sqrt(np.sqrt(square))
+
+
+# -- integrals and Lax pairs -------------------------------------------------------------------------------
+
+
+def shifted(M, P, eps):  # V = (1 + (eps/2) M) P
+    return P + eps * act(M, P) / 2
+
+
+def energy(M, P, Q, *, gamma, c, eps=0):
+    """H with tr V_11 (1 - k N) for tr F_11, less (k^2/2) |V_21|^2 and k^4 N_12 <P, M Q>; V = (1 + k M) F."""
+    p, q, w = shifted(M, P, eps), shifted(M, Q, eps), gamma - M[..., 0, 1]
+    ends, square = 1 * (np.arange(M.shape[-1]) > 1), eps * eps
+    across = (dot(ends * p, p) + dot(ends * q, q)) / 8 + square * w * dot(P, act(M, Q)) / 16
+    H = pairing(M, c * M) / 2 - gamma * M[..., 0, 1] + p[..., 0] + q[..., 1]
+    return H - eps * w * (p[..., 1] - q[..., 0]) / 2 - square * across
+
+
+def bordered(X, F, Y):  # of size n + 2
+    return blocks([[X, F], [F.mT, Y]])
+
+
+def whole(M, F, gamma):
+    """M (+) N, the field -[[0, F], [F^T, 0]] and B = [[0, E], [E^T, 0]]."""
+    zero, N = 0 * F, rotor(M, gamma)[..., :2, :2]
+    rows = identity(M.shape[-1])[:, :2] + zero
+    return bordered(M, zero, N), bordered(0 * M, -F, 0 * N), bordered(0 * M, rows, 0 * N)
+
+
+def spectrum(M, P, Q, *, gamma, eps=0):
+    """det L(lambda, mu) at 2 n - 3 points (lambda, mu): with the chain of the block M_22 they are complete."""
+    M, F, B = whole(M, np.stack([P, Q], -1), gamma)
+    points = [(1 + j // 2, j) for j in range(2 * M.shape[-1] - 7)]
+    return general.values_of(M, F, general.potential(F, eps * eps * B / 4), B, eps=eps, points=points)
+
+
+def lax(M, P, Q, *, gamma, c, e, h, lam):
+    """L = lambda B + M (+) N + F/lambda of size n + 2, U = lambda B + Omega (+) 0."""
+    big, F, B = whole(M, np.stack([P, Q], -1), gamma)
+    Omega, zero = velocity(M, P, Q, gamma=gamma, c=c, e=e, h=h), 0 * M[..., :, :2]
+    return lam * B + big + F / lam, lam * B + bordered(Omega, zero, zero[..., :2, :])
+
+
+def ranks(F, columns):
+    """P = [[F, 0], [0, 1]] and R = -[[0, F], [1, 0]] of the first columns of F: P R^T is the field."""
+    F, low = F[..., :columns], identity(2)[:, :columns] + 0 * F[..., :2, :columns]
+    return blocks([[F, 0 * F], [0 * low, low]]), -blocks([[0 * F, F], [low, 0 * low]])
+
+
+def pencil(M, P, Q, *, gamma, lam, mu, eps, columns=2):  # of size n + 6, n + 4 in one field
+    F = np.stack([P, Q], -1)
+    (M, _, B), (left, right) = whole(M, F, gamma), ranks(F, columns)
+    return general.pencil_of(M, left, right, B, lam=lam, mu=mu, eps=eps)
+
+
+def factors(M, P, Q, *, gamma, e, h, lam, eps, columns=2):
+    F = np.stack([P, Q], -1)
+    B, (left, right) = whole(M, F, gamma)[2], ranks(F, columns)
+    Y = eps / 2 * rotor(kicked(M, P, Q, e, h, eps), gamma)
+    back = turned(-Y, identity(M.shape[-1]) + 0 * Y)
+    turns = bordered(back, 0 * F, back[..., :2, :2]), identity(2 * columns) + 0 * Y[..., :1, :1]
+    return general.turned(general.factors_of(left, right, B, lam=lam, eps=eps), *turns)
+
+
+MAP = Map(
+    step=step,
+    inverse=inverse,
+    involution=involution,
+    to_symmetric=half_kick,
+    generator=generator,
+    pencil=pencil,
+    factors=factors,
+    largest_step=largest_step,
+    source="Kreisel",
+)
 
 SYSTEM = System(
     name="kovalevskaya-gyrostat",
@@ -86,5 +202,6 @@ SYSTEM = System(
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
     lax=lax,
-    notes="No integrable discretization is known: open. Q = 0 is the gyrostat in one field.",
+    map=MAP,
+    notes="Q = 0 is the gyrostat in one field.",
 )

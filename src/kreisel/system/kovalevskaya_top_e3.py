@@ -3,13 +3,15 @@
 Moments of inertia 1, 1, 1/2, centre of mass along e_1: H = (M_1^2 + M_2^2)/2 + M_3^2 + P_1 and Kovalevskaya's integral
 K = |(M_1 + i M_2)^2/2 - P_1 - i P_2|^2.  Plus bracket, F' = {H, F}.  The map is Kreisel's own, found by
 `kreisel.lab.search`: a kick by the potential (4/eps) log(1 - (eps^2/4) P_1), and the turn
-cay((eps/2) M) cay((eps/2) M_11), M_11 the part of M in the plane (1, 2).  It is `kovalevskaya_top_so3` with Q = 0.
+cay((eps/2) M) cay((eps/2) M_11), M_11 the part of M in the plane (1, 2): `kovalevskaya_gyrostat` with Q = 0, gamma = 0.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
 from kreisel.algebra import act, axial, cayley_act, dot, vec, wedge
-from kreisel.record.contract import MOVING_SPACE, Map, Relation, System
+from kreisel.record.contract import MOVING_SPACE, Relation, System
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 from kreisel.system import kovalevskaya_top as top
 from kreisel.system import kovalevskaya_top_so3 as two
@@ -29,9 +31,9 @@ def kicked(M, P, e, eps, share=1):
 
 
 def turn(M, P, eps):
-    Y = -eps / 2 * two.plane(M)
-    P = two.turned(Y, cayley_act(-eps / 2 * M, P)[..., None])[..., 0]
-    return two.turned(Y, two.turned(Y, M).mT).mT, P
+    Y = eps / 2 * gyrostat.rotor(M, 0)
+    P = gyrostat.turned(Y, cayley_act(-eps / 2 * M, P)[..., None])[..., 0]
+    return gyrostat.turned(Y, gyrostat.turned(Y, M).mT).mT, P
 
 
 def step(M, P, *, e, eps):
@@ -52,7 +54,8 @@ def half_kick(M, P, *, e, eps):
 
 
 def generator(M, P, M1, P1, *, e, eps):
-    return two.composed(kicked(M, P, e, eps), eps)
+    M = kicked(M, P, e, eps)
+    return gyrostat.composed(M, gyrostat.rotor(M, 0), eps)
 
 
 def largest_step(M, P):
@@ -61,9 +64,8 @@ def largest_step(M, P):
         return 2 / np.sqrt(np.sqrt(dot(P, P)))
 
 
-def energy(M, P, *, c, eps=0):  # H at S, less (eps^2/8) S_3^2;  S = (1 + (eps/2) M_11) (1 + (eps/2) M) P
-    S = two.shifted(M, P, eps)
-    return gyrostat.energy(M, S, 0 * P, gamma=0, c=c) - eps * eps * S[..., 2] * S[..., 2] / 8
+def energy(M, P, *, c, eps=0):
+    return gyrostat.energy(M, P, 0 * P, gamma=0, c=c, eps=eps)
 
 
 def kovalevskaya(M, P, *, c, eps=0):
@@ -83,14 +85,24 @@ def lax(M, P, *, c, e, h, lam):
     return top.lax(M, P, 0 * P, c=c, e=e, h=h, lam=lam)
 
 
-MAP = Map(
+def pencil(M, P, *, lam, mu, eps):  # 7 x 7
+    return gyrostat.pencil(M, P, 0 * P, gamma=0, lam=lam, mu=mu, eps=eps, columns=1)
+
+
+def factors(M, P, *, e, h, lam, eps):
+    return gyrostat.factors(M, P, 0 * P, gamma=0, e=e, h=h, lam=lam, eps=eps, columns=1)
+
+
+MAP = replace(
+    gyrostat.MAP,
     step=step,
     inverse=inverse,
     involution=involution,
     to_symmetric=half_kick,
     generator=generator,
     largest_step=largest_step,
-    source="Kreisel",
+    pencil=pencil,
+    factors=factors,
 )
 
 SYSTEM = System(
@@ -115,5 +127,5 @@ SYSTEM = System(
         Relation("kovalevskaya-top", lambda M, P, g: ((M, P, 0 * P), {"n": 3}), meaning="one field of two, Q = 0"),
     ),
     n=3,
-    notes="An explicit integrable map that is in no list we know of; a discrete Lax pair of it is not known.",
+    notes="An explicit integrable map that is in no list we know of.",
 )

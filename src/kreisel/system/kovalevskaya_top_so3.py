@@ -1,8 +1,7 @@
 """Kovalevskaya top, n = 3, in two fields, with its map.  State (M, P, Q) in (so(3) <x 2 R^3)*, body frame.
 
-The map is Kreisel's own: a kick by the potential (4/eps) log det(1 - (eps^2/4) F_11), F_11 the components of P and Q in
-the plane (1, 2), and the turn cay((eps/2) M) cay((eps/2) M_11).  It is written for any n.  For n = 3 it is
-integrable; for n > 3 the deformed energy is all that is known to be conserved.
+The map is that of `kovalevskaya_gyrostat` for gamma = 0: a kick by the potential (4/eps) log det(1 - (eps^2/4) F_11),
+F_11 the components of P and Q in the plane (1, 2), and the turn cay((eps/2) M) cay((eps/2) M_11).
 
 Below M, P, Q are axial, z = M_3, F = (P, Q), N = P x Q, l = F^T M, d = F^T e_3; of 2-vectors a x b = a_1 b_2 - a_2 b_1.
 H, K and G of the flow: K = |(M_1 + i M_2)^2/2 - (P_1 - Q_2) - i (P_2 + Q_1)|^2 and
@@ -14,83 +13,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.algebra import act, axial, cayley, cayley_columns, cross, dot, identity, mat, pairing, solve, vec, wedge
+from kreisel.algebra import act, axial, cross, dot
 from kreisel.record.checks import nonzero_vector
-from kreisel.record.contract import Checks, Map, Relation
+from kreisel.record.contract import Checks, Relation
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 from kreisel.system import kovalevskaya_top as top
 
 
-def kicked(M, P, Q, e, h, eps, share=1):
-    """M + (eps/share) (e_1 ^ P~ + e_2 ^ Q~), (P~, Q~) = (P, Q) (1 - (eps^2/4) F_11)^-1."""
-    s = eps * eps / 4
-    a, b, c, d = 1 - s * P[..., 0], s * Q[..., 0], s * P[..., 1], 1 - s * Q[..., 1]
-    scale = eps / (share * (a * d - b * c))
-    return M + wedge(e, vec(scale * d) * P + vec(scale * c) * Q) + wedge(h, vec(scale * b) * P + vec(scale * a) * Q)
-
-
-def plane(M):  # M_11, as a matrix of n rows
-    flat = 1 * (np.arange(M.shape[-1]) < 2)
-    return M * (flat[:, None] * flat)
-
-
-def turned(Y, V):  # cay(Y) V = V + 2 (Y + Y^2) V/(1 + |Y|^2), Y in one plane
-    W = Y @ V
-    return V + mat(2 / (1 + pairing(Y, Y))) * (W + Y @ W)
-
-
-def turn(M, P, Q, eps):
-    Y = -eps / 2 * plane(M)
-    F = turned(Y, cayley_columns(-eps / 2 * M, np.stack([P, Q], -1)))
-    return turned(Y, turned(Y, M).mT).mT, F[..., 0], F[..., 1]
-
-
-def step(M, P, Q, *, e, h, eps):
-    return turn(kicked(M, P, Q, e, h, eps), P, Q, eps)
-
-
-def inverse(M, P, Q, *, e, h, eps):
-    M, P, Q = turn(M, P, Q, -eps)
-    return kicked(M, P, Q, e, h, -eps), P, Q
-
-
-def involution(M, P, Q, *, e, h, eps):
-    return -kicked(M, P, Q, e, h, eps), P, Q
-
-
-def half_kick(M, P, Q, *, e, h, eps):
-    return kicked(M, P, Q, e, h, eps, share=2), P, Q
-
-
-def composed(M, eps):  # X with cay(X) = cay((eps/2) M) cay((eps/2) M_11)
-    W, one = cayley(eps / 2 * M) @ cayley(eps / 2 * plane(M)), identity(M.shape[-1])
-    return solve(one + W, W - one)
-
-
-def generator(M, P, Q, M1, P1, Q1, *, e, h, eps):
-    return composed(kicked(M, P, Q, e, h, eps), eps)
-
-
-def largest_step(M, P, Q):
-    """det(1 - (eps^2/4) F_11) stays positive for smaller |eps|, by the largest singular value of F."""
-    p, q, both = dot(P, P), dot(Q, Q), dot(P, Q)
-    square = (p + q) / 2 + np.sqrt((p - q) * (p - q) / 4 + both * both)
-    with np.errstate(divide="ignore"):
-        return 2 / np.sqrt(np.sqrt(square))
-
-
 def shifted(M, P, eps):
     """(1 + (eps/2) M_11) (1 + (eps/2) M) P: what turns into the old P, but for a factor."""
-    R = P + eps * act(M, P) / 2
-    return R + eps * act(plane(M), R) / 2
-
-
-def energy(M, P, Q, *, c, eps=0):
-    """H at S, T = `shifted` P, Q, less (eps^2/8) of their parts across the plane; and (eps^4/16) M_12 <P, M Q>."""
-    S, T, square = shifted(M, P, eps), shifted(M, Q, eps), eps * eps
-    across = dot(S[..., 2:], S[..., 2:]) + dot(T[..., 2:], T[..., 2:])
-    both = M[..., 0, 1] * dot(P, act(M, Q))
-    return top.energy(M, S, T, c=c) - square * across / 8 + square * square * both / 16
+    R = gyrostat.shifted(M, P, eps)
+    return R - eps * act(gyrostat.rotor(M, 0), R) / 2
 
 
 def across(a, b):
@@ -109,7 +42,7 @@ def kovalevskaya(M, P, Q, *, c, eps=0):
     m = (1 + (eps/2) M_11) (M_1, M_2), t = tr S_11, X = <M, N>, d = S^T e_3,
     w = l - z d, v = m - s z d, Jd = (-d_2, d_1).
     """
-    H = energy(M, P, Q, c=c, eps=eps)
+    H = top.energy(M, P, Q, c=c, eps=eps)
     S, T, M = shifted(M, P, eps), shifted(M, Q, eps), axial(M)
     x, y, z = M[..., 0], M[..., 1], M[..., 2]
     m1, m2, d1, d2 = x - eps * z * y / 2, y + eps * z * x / 2, S[..., 2], T[..., 2]
@@ -147,30 +80,18 @@ def second_field(Q, letter):
     nonzero_vector(Q, f"{letter} (one field: kovalevskaya-top-e3)")
 
 
-MAP = Map(
-    step=step,
-    inverse=inverse,
-    involution=involution,
-    to_symmetric=half_kick,
-    generator=generator,
-    largest_step=largest_step,
-    source="Kreisel",
-)
-
 SYSTEM = replace(
     top.SYSTEM,
     name="kovalevskaya-top-so3",
     title="Kovalevskaya top, n = 3, in two fields",
     source="Kovalevskaya 1889; Reyman, Semenov-Tian-Shansky 1987",
     parameters=(),
-    energy=energy,
     derive=lambda: gyrostat.shape(n=np.asarray(3)),
     scaling="Omega = (M_1, M_2, 2 M_3): the moments of inertia are 1, 1, 1/2.",
     integrals={"kovalevskaya": kovalevskaya, "gram": gram},
     commuting=("kovalevskaya", "gram"),
     checks=Checks(state={"P": nonzero_vector, "Q": second_field}),
-    map=MAP,
-    relations=(Relation("kovalevskaya-top", lambda M, P, Q, g: ((M, P, Q), {"n": 3}), meaning="the same for every n"),),
+    relations=(Relation("kovalevskaya-top", lambda M, P, Q, g: ((M, P, Q), {"n": 3}), "step", "any n"),),
     n=3,
     notes="One field, Q = 0: kovalevskaya-top-e3.",
 )
