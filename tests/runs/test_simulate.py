@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -238,3 +241,18 @@ def test_sources_that_were_not_used_are_not_cited() -> None:
     for method in ("exact", "dop853"):
         assert "moser1991" not in cited(method) and "@software{kreisel" in cited(method)
     assert "moser1991" not in kr.cite(kr.EulerTop(J=(1, 2, 3))) and "moser1991" not in kr.cite(kr.EulerTop)
+
+
+def test_a_long_run_whose_step_is_not_compiled_says_what_it_costs(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Once, in memory and on disk; a short one, and one of compiled steps, say nothing."""
+    options: dict[str, Any] = {"dt": 0.01, "steps": 3, "method": "variational", "progress": False, "observe": ()}
+    random_run("clebsch", 12, **options)
+    monkeypatch.setattr("kreisel.runs.planning.PATIENCE", 0.0)
+    for path in (None, tmp_path / "run"):
+        with pytest.warns(kr.InputWarning, match=r"clebsch, n = 12, has no compiled step.* ms a step") as caught:
+            random_run("clebsch", 12, **options, path=path)
+        assert len(caught) == 1
+        assert Path(caught[0].filename) == Path(__file__)
+    random_run("clebsch", 3, **options)

@@ -12,6 +12,7 @@ import ctypes
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -179,6 +180,18 @@ class CpuEngine(SteppedEngine):
                     z, self.constants[lane], self.stages[lane], every, look
                 )
                 row[lane] = z
+
+    def seconds_by_definition(self) -> float | None:
+        """Time of a step of a lane that runs by its definition on arrays; None for a compiled step."""
+        if self.code.steps is not None:
+            return None
+        advance, spent = by_definition(self.scheme, self.columns, self.stage_columns), list[float]()
+        with np.errstate(all="ignore"):
+            for _ in range(2):
+                begun = perf_counter()
+                advance(self.z[0].copy(), self.constants[0], self.stages[0], 1, no_look)
+                spent.append(perf_counter() - begun)
+        return min(spent)
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
         if self._between is not None or not self.adopts(scheme, z):

@@ -13,11 +13,14 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import AccuracyWarning, InputError, doubt
+from kreisel.graph.recording import STRAIGHT_LINE_N, STRAIGHT_LINES
+from kreisel.kernels.cpu import CpuEngine
 from kreisel.method import find, scheme
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.calling import call
 from kreisel.record.model import Model, State
 from kreisel.runs.plan import Plan, default, initial_parts, planned
+from kreisel.runs.progress import duration_text
 from kreisel.runs.settings import (
     Event,
     Settings,
@@ -196,6 +199,7 @@ def with_choice(choice: Choice, settings: Settings) -> Settings:
 
 CLOSED = ("exact", "dop853", "splitting")  # their steps may be long: the fast motion is solved within a step
 GOOD = 0.1  # rad a step
+PATIENCE = 10.0  # seconds of a run on arrays, beyond which it is announced
 MOST_REPEATED = 2000  # steps of a run that has failed
 TRIED, APART, HALVINGS = 4, 0.01, 12  # steps from the start; how far they may be from half steps; tries
 MOST_NUMBERS = 10**5  # of the state of an ensemble of which steps are tried
@@ -212,6 +216,21 @@ def warn_of(plan: Plan) -> None:
     if plan.model.system.checks.doubts is not None:
         for sentence in call(plan.model.system.checks.doubts, (), plan.model.params):
             doubt(sentence)
+
+
+def warn_of_arrays(plan: Plan) -> None:
+    """Warns with `InputWarning`, with the cost, of a long run whose step is not compiled."""
+    engine = plan.engine
+    step = engine.seconds_by_definition() if isinstance(engine, CpuEngine) else None
+    seconds = (step or 0.0) * plan.steps * plan.lanes
+    if step is not None and seconds > PATIENCE:
+        doubt(
+            f"A run of about {duration_text(seconds)}: method={plan.scheme.name!r} of {plan.model.system.name}, n = "
+            f"{plan.model.n}, has no compiled step, and runs by its definition on arrays of NumPy, {1e3 * step:.2g} ms "
+            f"a step of a lane. Compiled are steps of at most {STRAIGHT_LINES:,} operations for n <= "
+            f"{STRAIGHT_LINE_N}, and beyond those with a form for engine='large'. Usual cause: a method or a "
+            "user-defined system without that form. Choose another method (kr.methods()), a smaller n, or fewer steps."
+        )
 
 
 def rate(plan: Plan) -> float:

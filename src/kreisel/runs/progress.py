@@ -92,7 +92,7 @@ class Estimate:
     @property
     def text(self) -> str:
         """In words."""
-        return f"about {_duration(self.seconds)}, {size_text(self.bytes)} on disk ({size_text(self.free)} free)"
+        return f"about {duration_text(self.seconds)}, {size_text(self.bytes)} on disk ({size_text(self.free)} free)"
 
 
 def bytes_of(plan: Plan) -> tuple[float, float]:
@@ -169,7 +169,8 @@ def size_text(size: float) -> str:
     return f"{size:.3g} PB"
 
 
-def _duration(seconds: float) -> str:
+def duration_text(seconds: float) -> str:
+    """Seconds with a unit."""
     for unit, size, most in (("s", 1, 90), ("min", 60, 90), ("hours", 3600, 48), ("days", 86400, 700)):
         if seconds < size * most:
             return f"{seconds / size:.2g} {unit}"

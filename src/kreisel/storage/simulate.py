@@ -13,7 +13,7 @@ from kreisel.process import signals_wait
 from kreisel.runs.drift import watched
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan
-from kreisel.runs.planning import broken_by, make_plan, warn_of
+from kreisel.runs.planning import broken_by, make_plan, warn_of, warn_of_arrays
 from kreisel.runs.progress import Progress, bytes_of, require_room
 from kreisel.runs.settings import Event, checked_events, flag, whole_number
 
@@ -80,7 +80,7 @@ def simulate(
     Returns an `xarray.Dataset`: coordinates time (and lane), the components of the state (axial vectors for n = 3), the
     Casimirs and every integral.  Raises `InputError` for bad input and `RunError` when a state is no longer finite, an
     implicit step is not solved or the archive cannot be written.  Warns: `ConservationWarning` where what the method
-    conserves is not (`kr.drift`, column broken), `AccuracyWarning` of steps beyond half a turn or too long for forces.
+    conserves is not (`kr.drift`), `AccuracyWarning` of long steps, `InputWarning` of long runs without compiled steps.
     """
     flag(overwrite, "overwrite")
     choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
@@ -95,6 +95,7 @@ def _in_memory(plan: Plan, progress: bool | None) -> xr.Dataset:
     from kreisel.runs.describing import in_memory
 
     _check_memory(plan)
+    warn_of_arrays(plan)
     with Progress(plan.steps * plan.lanes, progress) as bar:
         return in_memory(plan, list(Integration(plan, bar.advance).blocks()))
 
@@ -106,6 +107,7 @@ def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress
     where = target(path)
     require_room(where, bytes_of(plan)[1], "Save less often (every), or choose another disk.")
     integration = Integration(plan)  # compiled before anything is made there
+    warn_of_arrays(plan)
     with one_writer(where):
         return _write(RunArchive(where, plan, overwrite), integration, progress)
 
