@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import gc
 import os
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 os.environ.setdefault(
@@ -53,18 +56,33 @@ pytest.MonkeyPatch.setattr = _forgetting(pytest.MonkeyPatch.setattr)  # type: ig
 pytest.MonkeyPatch.undo = _forgetting(pytest.MonkeyPatch.undo)  # type: ignore[method-assign]
 
 
+PROCESS, MOST_BYTES = psutil.Process(), 1 << 30  # of memory, from which on it is freed between two tests
+
+
+def _free() -> None:
+    """Free kernels and JAX's programs, which are on disk too; the C library keeps what is freed unless it is asked."""
+    forget()
+    if "jax" in sys.modules:
+        sys.modules["jax"].clear_caches()  # test_differentiable.py alone leaves a gigabyte there
+    gc.collect()
+    if sys.platform == "linux":
+        getattr(ctypes.CDLL(None), "malloc_trim", lambda kept: None)(0)  # of glibc
+
+
 @pytest.fixture(autouse=True)
-def nothing_is_reused() -> None:
+def nothing_is_reused() -> Iterator[None]:
     """Each test records its steps itself."""
     forget()
+    yield
+    if PROCESS.memory_info().rss > MOST_BYTES:
+        _free()
 
 
 @pytest.fixture(autouse=True, scope="module")
 def kernels_are_freed() -> Iterator[None]:
-    """Those that are needed again are on disk."""
+    """A file of tests leaves no memory to the next ones."""
     yield
-    forget()
-    gc.collect()
+    _free()
 
 
 @pytest.fixture
