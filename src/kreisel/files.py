@@ -39,6 +39,7 @@ FILE_MARKS = (  # how a kind of file begins, and what is in it if Kreisel wrote 
     (b"PAR1", b"kreisel"),
     (b"CCSDS_AEM_VERS", b"COMMENT Kreisel"),
     (b"# Written by `kreisel new`", b"`kreisel new`"),
+    (b"time_s,angular_velocity_x_rad_s", b",attitude_w,"),
 )
 HEAD = 1 << 20  # bytes at either end of a file in which its mark is looked for
 

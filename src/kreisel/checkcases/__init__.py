@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from kreisel.checkcases.case import Answer, Case
+from kreisel.checkcases.motion import Answer, Case
 from kreisel.errors import InputError, explained, hint, shown
 
 __all__ = ["Answer", "Case", "case", "cases"]
@@ -20,7 +20,7 @@ __all__ = ["Answer", "Case", "case", "cases"]
 
 @cache
 def _cases() -> dict[str, Case]:
-    from kreisel.checkcases.cases import records
+    from kreisel.checkcases.catalogue import records
 
     return records()
 

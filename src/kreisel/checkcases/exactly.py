@@ -40,11 +40,15 @@ UNITS = {
 
 def exact(text: str) -> Any:
     """The value in SI of "3 kg", or the list of those of "10 20 30 deg/s"."""
-    words = text.split()
-    count = next((k for k, word in enumerate(words) if not NUMBER.fullmatch(word)), len(words))
-    size = UNITS[" ".join(words[count:])]
-    values = [Fraction(word) * size for word in words[:count]]
+    unit = unit_of(text)
+    values = [Fraction(word) * UNITS[unit] for word in text.removesuffix(unit).split()]
     return values if len(values) > 1 else values[0]
+
+
+def unit_of(text: str) -> str:
+    """The unit behind the numbers, "" if there is none."""
+    words = text.split()
+    return " ".join(words[next((k for k, word in enumerate(words) if not NUMBER.fullmatch(word)), len(words)) :])
 
 
 def inverse(matrix: list[list[Fraction]]) -> list[list[Fraction]]:

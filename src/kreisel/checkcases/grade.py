@@ -12,7 +12,7 @@ from kreisel.algebra import Array, floats
 from kreisel.errors import InputError, shown
 
 if TYPE_CHECKING:
-    from kreisel.checkcases.case import Case
+    from kreisel.checkcases.motion import Case
 
 WIDTHS = {"angular_velocity": 3, "angular_velocity_space": 3, "attitude": 4, "momentum": 3, "position": 3, "energy": 0}
 

@@ -1,4 +1,4 @@
-"""The command line: new, run, resume, sweep, check, plot, view, export, systems, methods, verify, investigate, bench.
+"""The command line: new, run, resume, sweep, check, plot, view, export, systems, methods, checkcase, verify, bench, ...
 
 Exit codes: 0; 1 where `check` or `verify` finds something wrong; 2 and one message for bad input; 3 where
 something that the method conserves is not conserved (the archive is kept); 128 and more for signals.
@@ -11,7 +11,7 @@ import sys
 import warnings
 from typing import Any
 
-from kreisel.cli import new, runs, subjects  # noqa: F401 - each registers its commands
+from kreisel.cli import checkcases, new, runs, subjects  # noqa: F401 - each registers its commands
 from kreisel.cli.output import NOT_CONSERVED, TOO_MUCH, app, say
 from kreisel.errors import InputError, Interrupted, RunError, Stopped, disk_trouble
 

@@ -17,6 +17,7 @@ from kreisel.errors import ConservationWarning, InputError, brief, printable, sh
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -152,12 +153,19 @@ def save_figure(
     overwrite: bool = True,
 ) -> None:
     """Draw a run, beside another if there is one, into a file."""
-    from kreisel.files import written
     from kreisel.viewer.plots import plot as draw
 
     require_figure(target, overwrite)
+    save_picture(draw(result, compare=compare, theme=theme, style=style), target, overwrite)
+
+
+def save_picture(picture: Figure, target: Path, overwrite: bool = True) -> None:
+    """Save a figure with Kreisel's mark.  Raises `InputError` for another format, and a file that must stay."""
+    from kreisel.files import written
+
+    require_figure(target, overwrite)
     with written(target, overwrite) as scratch:
-        draw(result, compare=compare, theme=theme, style=style).savefig(scratch, metadata=_mark(target))
+        picture.savefig(scratch, metadata=_mark(target))
 
 
 def save_sweep_figure(store: Path, target: Path, show: str | None, theme: str, overwrite: bool) -> None:

@@ -1,4 +1,4 @@
-"""The check cases of cases.toml, and the formulas of the further numbers that they ask for."""
+"""The check cases of catalogue.toml, and the formulas of the further numbers that they ask for."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import mpmath
 import numpy as np
 
 from kreisel.checkcases import laws
-from kreisel.checkcases.case import BITS, Answer, Case
 from kreisel.checkcases.exactly import exact, inverse, real, rotated
 from kreisel.checkcases.laws import Law
+from kreisel.checkcases.motion import BITS, Answer, Case
 
 ABOUT = ("title", "about", "source", "law", "duration", "bits")
 Numbers = Mapping[str, Any]  # rational, in SI
@@ -23,7 +23,7 @@ Numbers = Mapping[str, Any]  # rational, in SI
 
 def records() -> dict[str, Case]:
     """All cases, by name."""
-    text = files("kreisel.checkcases").joinpath("cases.toml").read_text(encoding="utf-8")
+    text = files("kreisel.checkcases").joinpath("catalogue.toml").read_text(encoding="utf-8")
     return {name: _case(name, record) for name, record in tomllib.loads(text).items()}
 
 

@@ -1,0 +1,173 @@
+"""The command checkcase: exact motions of spinning bodies, and the grade of a simulator's trajectory."""
+
+from __future__ import annotations
+
+import csv
+import textwrap
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from kreisel.cli.output import AsJson, OverwriteFile, a_path, app, print_json, save_picture, say
+from kreisel.errors import InputError
+
+if TYPE_CHECKING:
+    from kreisel.checkcases import Case
+
+DIGITS = 20  # printed of the exact motion
+AXES = {3: "xyz", 4: "wxyz"}
+
+
+def case_names(begun: str) -> list[str]:
+    """The check cases whose names begin so, for the shell."""
+    from kreisel.checkcases import cases
+
+    return [name for name in cases() if name.startswith(begun)]
+
+
+@app.command()
+def checkcase(
+    name: Annotated[
+        str | None, typer.Argument(help="A check case; none: list them.", autocompletion=case_names)
+    ] = None,
+    at: Annotated[list[float] | None, typer.Option("--at", help="A time in s at which the state is printed.")] = None,
+    table: Annotated[
+        Path | None, a_path("Write the exact motion as CSV; columns are named with units.", "--csv")
+    ] = None,
+    rows: Annotated[int, typer.Option(min=2, max=1_000_000, help="Rows of the CSV.")] = 301,
+    grade: Annotated[
+        list[Path] | None,
+        a_path("Grade a trajectory, a CSV or NetCDF file; several with different steps give the order.", "--grade"),
+    ] = None,
+    units: Annotated[str | None, typer.Option("--units", help="Of the rates graded: rad/s, deg/s or rpm.")] = None,
+    quaternion: Annotated[str | None, typer.Option("--quaternion", help="wxyz or xyzw.")] = None,
+    direction: Annotated[
+        str | None, typer.Option("--direction", help="Of the attitude graded: 'body to space' or 'space to body'.")
+    ] = None,
+    frame: Annotated[str | None, typer.Option("--frame", help="Of the rates graded: body or space.")] = None,
+    figure: Annotated[Path | None, a_path("Draw the case into .png, .pdf or .svg.", "--figure")] = None,
+    as_json: AsJson = False,
+    overwrite: OverwriteFile = False,
+) -> None:
+    """Print exact motions, or grade a simulator: kreisel checkcase tumbling-brick --grade mine.csv."""
+    from kreisel import checkcases
+
+    if name is None:
+        if at or table or grade or figure:
+            raise InputError("kreisel checkcase: expected the name of a case; `kreisel checkcase` lists them.")
+        _list(as_json)
+        return
+    case = checkcases.case(name)
+    options = {"units": units, "quaternion": quaternion, "direction": direction, "frame": frame}
+    if grade:
+        _grade(case, grade, {key: value for key, value in options.items() if value is not None}, as_json)
+    if table is not None:
+        _write(case, table, rows, overwrite)
+    if figure is not None:
+        from kreisel.checkcases.picture import plot
+
+        save_picture(plot(case), figure, overwrite)
+    if not (grade or table or figure):
+        _print(case, at or [], as_json)
+
+
+def _list(as_json: bool) -> None:
+    from kreisel import checkcases
+
+    cases = [checkcases.case(name) for name in checkcases.cases()]
+    if as_json:
+        print_json([{**case.given(), "title": case.title, "source": case.source} for case in cases])
+        return
+    for case in cases:
+        say(f"{case.name:22} {case.title}")
+    print("\nkreisel checkcase NAME: the numbers, the start, the exact answer; --grade FILE: grade a trajectory.")
+
+
+def _print(case: Case, at: list[float], as_json: bool) -> None:
+    times = [Fraction(t) for t in at] or [case.duration]
+    from kreisel.checkcases.exactly import exact
+    from kreisel.checkcases.motion import CERTAINTY
+
+    states = [case.exact(time) for time in times]
+    if as_json:
+        motion = [
+            {"time": float(time), "angular_velocity": _texts(state[:3]), "attitude": _texts(state[3:7])}
+            for time, (state, _) in zip(times, states, strict=True)
+        ]
+        print_json({**case.given(), "title": case.title, "source": case.source, "exact": motion})
+        return
+    say(f"{case.name}: {case.title}")
+    print(textwrap.fill(case.about, 100))
+    print(f"Source: {case.source}\n")
+    for key, text in case.numbers.items():
+        say(f"  {key.replace('_', ' '):20} {text}{_in_si(text)}")
+    say(f"  {'duration':20} {float(case.duration):g} s")
+    say("  Angular velocity along the body axes; attitude a unit quaternion (w, x, y, z), body to space.")
+    for time, (state, bounds) in zip(times, states, strict=True):
+        print(f"\nExact at {float(time):g} s, error at most {max(bounds[:7]):.1e} (rad/s, 1):")
+        degrees = [v / exact("1 deg") for v in state[:3]]
+        for letter, text, in_degrees in zip("xyz", _texts(state[:3]), _texts(degrees), strict=True):
+            say(f"  angular velocity {letter}   {text:>24} rad/s   {in_degrees:>24} deg/s")
+        for letter, text in zip("wxyz", _texts(state[3:7]), strict=True):
+            say(f"  attitude {letter}           {text:>24}")
+
+    print(f"\n{textwrap.fill(f'{case.digits} digits are certain: {CERTAINTY}.', 100)}")
+    answers = case.answers(case)
+    for answer in answers:
+        say(f"  {answer.meaning}: {answer.value:.15g} {answer.unit}   ({answer.source})")
+
+
+def _in_si(text: str) -> str:
+    """The value in SI behind one that is printed in other units."""
+    from kreisel.checkcases.exactly import UNITS, exact, unit_of
+
+    value, other = exact(text), UNITS[unit_of(text)]
+    if other == 1:
+        return ""
+    return f"  = {' '.join(f'{float(v):.10g}' for v in (value if isinstance(value, list) else [value]))} in SI"
+
+
+def _texts(values: list[Fraction]) -> list[str]:
+    """Decimal digits of rational numbers."""
+    from decimal import Context
+
+    context = Context(prec=DIGITS)
+    return [str(context.divide(v.numerator, v.denominator)) for v in values]
+
+
+def _write(case: Case, path: Path, rows: int, overwrite: bool) -> None:
+    from kreisel.files import written
+
+    truth = case.reference(case.times(rows))
+    columns: dict[str, Any] = {"time_s": truth.time.values}
+    for key, variable in truth.data_vars.items():
+        unit = variable.attrs["units"]
+        ending = "" if unit == "1" else "_" + unit.replace("/", "_").replace("^", "").replace(" ", "_")
+        values = variable.values
+        if values.ndim == 1:
+            columns[f"{key}{ending}"] = values
+        else:
+            columns.update({f"{key}_{a}{ending}": values[:, k] for k, a in enumerate(AXES[values.shape[1]])})
+    with written(path, overwrite) as scratch, scratch.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+    say(f"{path} written: {rows} rows of the exact motion, 0 to {float(case.duration):g} s")
+
+
+def _grade(case: Case, paths: list[Path], options: dict[str, str], as_json: bool) -> None:
+    from kreisel.checkcases.reading import read
+
+    graded = []
+    for path in paths:
+        trajectory = read(path, case, **options)
+        result = case.grade(trajectory.times, **trajectory.quantities)
+        graded.append(result)
+        if not as_json:
+            for sentence in (f"{path}:", *trajectory.reading):
+                say(sentence)
+            print(result)
+    if as_json:
+        print_json([result.data() for result in graded])
