@@ -14,8 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
+from kreisel.record.calling import call
 
 Terms = list[list[Any]]  # of each component, the coefficients
 
@@ -68,6 +70,28 @@ def taylor_solution(
         z = [mat(n, n, [float(x) for x in X.flat]), mat(n, 1, [float(x) for x in v])]
         X, v = (np.array(x.entries(), dtype=object) for x in _flown(flint, z, rates, time, digits))
         return X.reshape(n, n), v
+
+
+def flow_of(model: Any, state: tuple[Array, ...], time: float, *, digits: int = 24) -> Array:
+    """The coordinates of the state at `time`, of flint.arb, by the flow of a record, a polynomial of the state.
+
+    Steps and rounding as in `taylor`.  Raises `InputError` without python-flint.
+    """
+    with many_digits(digits) as flint:
+        kinds, system = model.system.space.kinds, model.system
+
+        def exactly(x: Array) -> Array:
+            return algebra.objects((flint.arb(float(v)) for v in np.ravel(x)), np.shape(x))[()]
+
+        known = {p.letter: exactly(model.params[p.letter]) for p in system.parameters}
+        known |= call(system.derive, (), known) if system.derive is not None else {}
+
+        def rates(terms: Terms, k: int) -> list[Any]:
+            series = algebra.objects(flint.arb_poly(term) for term in terms)
+            flow = call(system.flow, algebra.restore(series, kinds, model.n), known)
+            return [(x + flint.arb_poly([0]))[k] for x in algebra.flatten(flow, kinds)]
+
+        return np.array(_flown(flint, [*exactly(algebra.flatten(state, kinds))], rates, time, digits), dtype=object)
 
 
 def free_body(mu: Array, moments: Array, time: float, *, digits: int = 24) -> Array:

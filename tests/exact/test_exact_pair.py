@@ -225,7 +225,7 @@ def test_parameters_with_lanes() -> None:
 
 def test_what_there_is_not() -> None:
     body = kr.Clebsch(b=B)
-    with pytest.raises(kr.InputError, match="n = 3, got"):
+    with pytest.raises(kr.InputError, match="got clebsch with n = 4"):
         four = kr.Clebsch(b=(1, 2, 3, 4))
         kr.simulate(four, {"M": np.zeros((4, 4)), "P": (1, 0, 0, 0)}, dt=0.5, steps=1, method="exact")
     with pytest.raises(kr.InputError, match="state that is zero"):

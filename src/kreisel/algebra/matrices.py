@@ -31,3 +31,23 @@ def su2(x):
     """Sum x_i sigma_i/(2i) for vectors x (..., 3): complex matrices (..., 2, 2), whose brackets are cross products."""
     half = x[..., None, None] / 2
     return together((half * SU2_REAL).sum(-3), (half * SU2_IMAGINARY).sum(-3))
+
+
+def adjugate(X):
+    """The adjugate of X (..., n, n): X adj(X) = det X, from its minors; for small n."""
+    n, minors = X.shape[-1], {}
+
+    def minor(rows, columns):
+        if not rows:
+            return 1
+        if (rows, columns) not in minors:
+            terms = [
+                (-1) ** k * X[..., rows[0], c][()] * minor(rows[1:], columns[:k] + columns[k + 1 :])
+                for k, c in enumerate(columns)
+            ]
+            minors[rows, columns] = sum(terms[1:], terms[0])
+        return minors[rows, columns]
+
+    every = [tuple(k for k in range(n) if k != i) for i in range(n)]
+    rows = [np.stack([(-1) ** (i + j) * minor(every[j], every[i]) for j in range(n)], -1) for i in range(n)]
+    return np.stack(rows, -2)

@@ -173,10 +173,10 @@ class Product:
         def by_maps(theta: Array) -> Array:
             return sum(np.arctan(theta / mu).real * (4 if isinstance(mu, complex) else 2) for mu in self.points)
 
-        out = _constant_turns("turn", other(self.model.call(self.record.block, *state)), by_maps)
+        out = constant_turns("turn", other(self.model.call(self.record.block, *state)), by_maps)
         if self.record.spin is not None:
             spin = self.model.call(self.record.spin, *state)
-            out |= _constant_turns("body", other(spin) if self.rest else spin, lambda theta: self.dt * theta)
+            out |= constant_turns("body", other(spin) if self.rest else spin, lambda theta: self.dt * theta)
         return out
 
 
@@ -226,7 +226,7 @@ def one_stage(
 # -- turns that are the same at every step ----------------------------------------------------------
 
 
-def _constant_turns(name: str, K: Array, angle: Callable[[Array], Array]) -> dict[str, Array]:
+def constant_turns(name: str, K: Array, angle: Callable[[Array], Array]) -> dict[str, Array]:
     """V0, V1 with cay(V0) cay(V1) the turn by angle(theta) in each plane where the skew matrix K turns by theta."""
     if not np.isfinite(K).all():
         raise InputError("expected a body whose angular velocity a double can hold, got one beyond. Use other units.")
@@ -250,7 +250,7 @@ def _turned_by_constants(g: Array, constants: dict[str, Array], rest: bool, spin
 def spin_turns(model: Model, state: State, dt: float) -> dict[str, Array]:
     """The turns `SPINS` of the state in a moving frame by the constant rest of the angular velocity."""
     record = cast("Baecklund", model.system.baecklund)
-    return _constant_turns("spin", model.call(record.spin, *state), lambda theta: dt * theta)
+    return constant_turns("spin", model.call(record.spin, *state), lambda theta: dt * theta)
 
 
 def turned_with_body(kinds: tuple[str, ...], state: State, constants: dict[str, Array], axis: str) -> State:

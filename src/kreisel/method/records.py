@@ -177,10 +177,14 @@ SPINS = "(so(3)*)^n"
 _RECORDS = (
     Method(
         name="exact",
-        title="the flow itself, in closed form, or (Clebsch, Kirchhoff, Neumann) by one pair of maps",
-        needs="the Lagrange top, Clebsch's case, a body of revolution in a fluid, Neumann's system or the Euler top, "
-        "n = 3",
-        cases=(Suits(n=3, either=("baecklund", "closed_form.top", "closed_form.moments", "closed_form.gyrostat")),),
+        title="the flow itself, in closed form, or by pairs of Bäcklund maps",
+        needs="n = 3: the Lagrange top, the Euler top, a case of Clebsch, a body of revolution in a fluid, Neumann's "
+        "system, a body in a quadratic potential; n = 4: euler-top, manakov-top, clebsch-general, clebsch-body, "
+        "quadratic-potential",
+        cases=(
+            Suits(n=3, either=("baecklund", "closed_form.top", "closed_form.moments", "closed_form.gyrostat", "pairs")),
+            Suits(n=4, states=("pairs",)),
+        ),
         orders=(),
         default=None,
         poisson="yes",

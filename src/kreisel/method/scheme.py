@@ -307,9 +307,11 @@ class Scheme:
             return self
         compiled = () if points is None or self.point is None else (partial(points, self),)
         constants, stages = self.trajectory(x0, *compiled)
-        return replace(
+        made = replace(
             self, constants={**self.constants, **constants}, stages={**self.stages, **stages}, trajectory=None
         )
+        # How many stages there are may depend on the state.
+        return replace(made, kernel_key=made.kernel_key and (*made.kernel_key, made.stage_count))
 
     def by(self, numbers: Numbers) -> Scheme:
         """The scheme with other numbers, without a corrector."""

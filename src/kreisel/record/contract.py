@@ -282,6 +282,27 @@ class Baecklund:
 
 
 @dataclass(frozen=True)
+class ConjugatePairs:
+    """Pairs of maps at points (lam, mu), (conj lam, conj mu) of the spectral curve det(L(lam) - mu) = 0, Re lam != 0.
+
+    They conserve all integrals of the flow and commute with it and with each other; the nearer Re lam is to 0, the
+    nearer they are to the identity.  The flow over a time is a product of them (`kreisel.method.conjugate`).
+
+    matrix(*state, lam)              L (..., m, m) for complex lam (...), one state
+    heights(*state)                  Im lam of points to try
+    rates(*state, lam, left, right)  by Re lam: the rates of the state and the angular velocity of the body, analytic in
+                                     lam; for left and right eigenvectors with <left, right> = 1
+    pair(*state, lam, mu)            (state, X): the state, and the turn g cay(X) of the body, which may turn besides by
+                                     what commutes with all that it carries; mu is that of the very state nearest mu
+    """
+
+    matrix: Function
+    heights: Function
+    rates: Function
+    pair: Function
+
+
+@dataclass(frozen=True)
 class Relation:
     """The same motion in another system: (state, params, g) -> (state, params) of `target`.
 
@@ -364,6 +385,7 @@ class System:
     inverse_inertia(M)       dT/dM, linear in the momentum M, where H = T(M) + V(vector)
     translation(*state)      U = dH/dP, the velocity of a body with the momentum P in its frame: x' = g U
     spin(*state)             what the velocity has beyond dT/dM: a turn about the vector, which H does not feel
+    pairs                    conjugate pairs of Bäcklund maps, of which the flow over a time is a product
     closed_form              the flow in closed form, where it is known without a Bäcklund transformation
     derive(params)           further constants computed once from the parameters: a formula, which can be differentiated
     body_frame(params)       the `BodyFrame` of a system that is a body in SI units, from parameters and constants
@@ -395,6 +417,7 @@ class System:
     spin: Function | None = None
     map: Map | None = None
     baecklund: Baecklund | None = None
+    pairs: ConjugatePairs | None = None
     relations: tuple[Relation, ...] = ()
     closed_form: ClosedForm = ClosedForm()
     derive: Function | None = None

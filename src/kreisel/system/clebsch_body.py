@@ -12,6 +12,7 @@ from math import inf
 from kreisel.algebra import cayley_act, dot, identity, mat, sqrt
 from kreisel.algebra.invariants import pencil_spectrum
 from kreisel.algebra.matrices import diagonal
+from kreisel.baecklund.conjugate import CLEBSCH, of_body
 from kreisel.implicit import branch
 from kreisel.record.contract import MOVING_SPACE, ClosedForm, Relation
 from kreisel.system import clebsch_general, euler_top, quadratic_potential
@@ -101,6 +102,7 @@ SYSTEM = replace(
     lax=lax,
     scaling="Any consistent units: the potential energy is -<P, JP>/2.",
     closed_form=ClosedForm(),
+    pairs=of_body(CLEBSCH),
     map=replace(
         euler_top.MAP,
         trajectory=None,

@@ -7,6 +7,7 @@ M (..., n, n) skew, P (..., n), body frame.  c_jk = (b_j - b_k)/(a_j - a_k); plu
 from kreisel.algebra import act, dot, identity, pairing, wedge
 from kreisel.algebra.invariants import pencil_spectrum
 from kreisel.algebra.matrices import diagonal
+from kreisel.baecklund.conjugate import CLEBSCH
 from kreisel.record.checks import distinct
 from kreisel.record.contract import MOVING_SPACE, Parameter, Relation, System
 
@@ -65,8 +66,9 @@ SYSTEM = System(
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
     lax=lax,
+    pairs=CLEBSCH,
     relations=(
         Relation("kirchhoff", lambda M, P, g, *, b, c: ((M, P), {"C": c, "B": diagonal(b)}), meaning="a special case"),
     ),
-    notes="Only the flow a = b has an explicit map here: clebsch.",
+    notes="Only the flow a = b has an explicit map here: clebsch. Every flow has method='exact', n = 3 and 4.",
 )

@@ -15,6 +15,7 @@ import numpy as np
 from kreisel.algebra import cayley, cayley_conjugate, identity, pairing
 from kreisel.algebra.invariants import metric_spectrum
 from kreisel.algebra.matrices import diagonal
+from kreisel.baecklund.conjugate import MANAKOV, of_body
 from kreisel.errors import InputError
 from kreisel.implicit import branch, quartic
 from kreisel.record.checks import check_diagonal
@@ -158,6 +159,7 @@ SYSTEM = System(
     commuting=("spectrum",),
     lax=lax,
     map=MAP,
+    pairs=of_body(MANAKOV),
     closed_form=ClosedForm(moments=lambda *, J: np.stack([J[1] + J[2], J[2] + J[0], J[0] + J[1]])),
     derive=sums,
     relations=(

@@ -6,6 +6,7 @@ Suris 2001, Introduction]
 
 from kreisel.algebra.invariants import metric_spectrum
 from kreisel.algebra.matrices import diagonal
+from kreisel.baecklund.conjugate import MANAKOV
 from kreisel.record.checks import distinct
 from kreisel.record.contract import FREE_SPACE, Parameter, System
 from kreisel.system.clebsch_general import quotients
@@ -38,5 +39,6 @@ SYSTEM = System(
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
     lax=lax,
-    notes="Only the metric of a body, a = J^2, b = J, has a map here: euler-top.",
+    pairs=MANAKOV,
+    notes="Only the metric of a body, a = J^2, b = J, has a map here: euler-top. All have method='exact', n = 3 and 4.",
 )

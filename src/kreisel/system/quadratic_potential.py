@@ -16,6 +16,7 @@ from math import inf
 from kreisel.algebra import KINDS, bracket, cayley, cayley_conjugate, identity, pairing, resolvent, solve
 from kreisel.algebra.invariants import laurent_spectrum
 from kreisel.algebra.matrices import diagonal
+from kreisel.baecklund.conjugate import QUADRATIC, of_body
 from kreisel.implicit import branch
 from kreisel.record.contract import QUADRATIC_SPACE, ClosedForm
 from kreisel.system import euler_top
@@ -140,6 +141,7 @@ SYSTEM = replace(
     integrals={"spectrum": spectrum},
     lax=lax,
     closed_form=ClosedForm(),
+    pairs=of_body(QUADRATIC),
     map=replace(
         euler_top.MAP,
         trajectory=None,

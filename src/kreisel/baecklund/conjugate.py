@@ -1,0 +1,182 @@
+"""Conjugate pairs of Bäcklund maps of Lax matrices L(lam) = lam A + M + F/lam with A, F symmetric and M skew.
+
+L(-lam) = -L(lam)^T.  With L(lam_i) q_i = mu_i q_i and K the inverse of <q_i, q_j>/(lam_i + lam_j),
+
+    V(z) = 1 - sum_ij q_i K_ij q_j^T/(z + lam_j),   V(z) V(-z)^T = 1,
+
+the matrix L' = V L V^-1 has no poles but those of L: V(lam_i) q_i = 0, and q_i^T L(-lam_i) = -mu_i q_i^T.  At z = oo, 0
+
+    M' = M - [B, A],  B = sum_ij K_ij q_i q_j^T;   F' = V(0) F V(0)^T.
+
+A point lam = x + iy, q = u + iw, and its conjugate have, with r = |u|^2 + |w|^2, s = q^T q, D = r^2 - |x s/lam|^2,
+
+    B = (4 x/D) (r (u u^T + w w^T) - x Re[conj(s/lam) q q^T]),   V(0) = cay(-X),   X = (2 x/(y r)) u ^ w:
+
+the identity for x = 0.  Near there (d/dx) M = -2 [Pi + Pi^T, A] and the body turns with Omega = -(2/lam)(Pi - Pi^T), Pi
+the projector of mu: the flow of -2 int mu dlam/lam between the points -x + iy and x + iy, which makes the flow of any
+Hamiltonian a product of pairs.  [the Darboux matrix of a Lax matrix: Suris 2001, section 7, and docs/baecklund.md]
+"""
+
+import dataclasses
+import inspect
+
+import numpy as np
+
+from kreisel.algebra import KINDS, act, bracket, dot, identity, mat, parts, sign, together
+from kreisel.algebra.matrices import adjugate, diagonal
+from kreisel.record.contract import ConjugatePairs
+
+SPREAD, HEIGHTS = 6.0, 14  # of |lam| tried: between the scales of the state, and this factor beyond them
+
+
+def pencil(M, F, a, lam):
+    """L for complex lam (...), one state."""
+    x = np.asarray(lam)[..., None, None]
+    return x * diagonal(a) + M + F / x
+
+
+def longest(columns):
+    """The longest column u + i w of (..., n, n), complex, up to rounding: u, w, the square of its length (..., 1)."""
+    re, im = parts(columns)
+    square = (re * re + im * im).sum(-2)
+    u, w, size = re[..., 0], im[..., 0], square[..., :1]
+    for j in range(1, columns.shape[-1]):
+        more = square[..., j : j + 1] - size
+        longer = (1 + sign(more)) / 2  # or 0
+        u, w, size = u + longer * (re[..., j] - u), w + longer * (im[..., j] - w), size + longer * more
+    return u, w, size
+
+
+def eigenvector(re, im):
+    """(u, w) with (u + i w) the eigenvector for the eigenvalue of re + i im next to 0, for a rounding error there.
+
+    A column of the adjugate, and a step of inverse iteration: its error is the square of the eigenvalue over the gap.
+    """
+    minors = adjugate(together(re, im))
+    u, w, size = longest(minors)
+    return parts(act(minors, together(u / size, w / size)))
+
+
+def eigenvector_of_pencil(M, F, a, lam, mu):
+    """(u, w) of L(lam) for the eigenvalue next to mu; M, F real."""
+    (x, y), (s, t), one = parts(lam), parts(mu), identity(M.shape[-1])
+    square, D = x * x + y * y, diagonal(a)
+    return eigenvector(
+        mat(x) * D + M + mat(x / square) * F - mat(s) * one, mat(y) * D - mat(y / square) * F - mat(t) * one
+    )
+
+
+def kick_and_turn(u, w, lam):
+    """B and the generator X of the body's turn."""
+    x, y = parts(lam)
+    uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
+    r, p, size = uu + ww, uu - ww, x * x + y * y  # p + 2i uw = <q, q>
+    both = x / (r * r - x * x * (p * p + 4 * uw * uw) / size)
+    c, d = p * x + 2 * uw * y, p * y - 2 * uw * x  # of lam conj <q, q>
+    c, d = x * c / size, x * d / size
+    U, W = u[..., :, None] * u[..., None, :], w[..., :, None] * w[..., None, :]
+    both, S = 4 * both, u[..., :, None] * w[..., None, :]
+    B = mat(both * (r - c)) * U + mat(both * (r + c)) * W + mat(both * d) * (S + S.mT)
+    return B, mat(2 * x / (y * r)) * (S - S.mT)
+
+
+def kicked(M, B, a):  # M - [B, A]
+    return M + B * (a[..., :, None] - a[..., None, :])
+
+
+def turned(X, z, kind):  # by V(0) = cay(-X)
+    return KINDS[kind].turned(-X, z)
+
+
+def heights(*scales):
+    """Im lam of points to try, between the scales of lam."""
+    sizes = np.array([s for s in scales if np.isfinite(s) and s > 0] or [1.0])
+    return np.geomspace(sizes.min() / SPREAD, sizes.max() * SPREAD, HEIGHTS)
+
+
+def scales(M, F, a):
+    """Values of |lam| at which two of the terms of L are of one size."""
+    with np.errstate(all="ignore"):
+        A, M, F = np.ptp(a) / 2, np.linalg.norm(M), np.linalg.norm(F - np.trace(F) / len(F) * identity(len(F)))
+        return heights(M / A, F / M, np.sqrt(F / A))
+
+
+def rates(lam, left, right, a):
+    """(d/dx) M and Omega, from the eigenvectors left, right (..., n) with <left, right> = 1."""
+    Pi = right[..., :, None] * left[..., None, :]
+    return -2 * bracket(Pi + Pi.mT, diagonal(a)), -2 / lam[..., None, None] * (Pi - Pi.mT)
+
+
+# -- records ------------------------------------------------------------------------------------------
+
+
+def clebsch_pair(M, P, *, a, lam, mu):
+    u, w = eigenvector_of_pencil(M, P[..., :, None] * P[..., None, :], a, lam, mu)
+    B, X = kick_and_turn(u, w, lam)
+    return (kicked(M, B, a), turned(X, P, "vector")), X
+
+
+def clebsch_rates(M, P, *, a, lam, left, right):
+    rate, Omega = rates(lam, left, right, a)
+    return (rate, -act(Omega, P)), Omega
+
+
+CLEBSCH = ConjugatePairs(
+    matrix=lambda M, P, *, a, lam: pencil(M, np.outer(P, P), a, lam),
+    heights=lambda M, P, *, a: scales(M, np.outer(P, P), a),
+    rates=clebsch_rates,
+    pair=clebsch_pair,
+)
+
+
+def free_pair(M, *, a, lam, mu):
+    u, w = eigenvector_of_pencil(M, 0 * M, a, lam, mu)
+    B, X = kick_and_turn(u, w, lam)
+    return (kicked(M, B, a),), X
+
+
+def free_rates(M, *, a, lam, left, right):
+    rate, Omega = rates(lam, left, right, a)
+    return (rate,), Omega
+
+
+MANAKOV = ConjugatePairs(
+    matrix=lambda M, *, a, lam: pencil(M, 0 * M, a, lam),
+    heights=lambda M, *, a: scales(M, 0 * M, a),
+    rates=free_rates,
+    pair=free_pair,
+)
+
+
+def field_pair(M, P, *, a, lam, mu):
+    u, w = eigenvector_of_pencil(M, P, a, lam, mu)
+    B, X = kick_and_turn(u, w, lam)
+    return (kicked(M, B, a), turned(X, P, "symmetric")), X
+
+
+def field_rates(M, P, *, a, lam, left, right):
+    rate, Omega = rates(lam, left, right, a)
+    return (rate, bracket(P, Omega)), Omega
+
+
+QUADRATIC = ConjugatePairs(
+    matrix=lambda M, P, *, a, lam: pencil(M, P, a, lam),
+    heights=lambda M, P, *, a: scales(M, P, a),
+    rates=field_rates,
+    pair=field_pair,
+)
+
+
+def of_body(record):
+    """The pairs of a body with the mass tensor J: a = J^2."""
+
+    def by_mass(function):
+        def of_mass(*state, J, **more):
+            return function(*state, a=J * J, **more)
+
+        given = inspect.signature(function).parameters.values()
+        names = [p.replace(name="J") if p.name == "a" else p for p in given]
+        of_mass.__dict__["__signature__"] = inspect.Signature(names)
+        return of_mass
+
+    return ConjugatePairs(*(by_mass(getattr(record, field.name)) for field in dataclasses.fields(record)))

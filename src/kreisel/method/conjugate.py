@@ -1,0 +1,289 @@
+"""method="exact" as a product of conjugate pairs of Bäcklund maps near the imaginary axis of lam.
+
+A pair at lam = x + iy is the flow of a function of the integrals whose field at the state of the start is
+
+    int_0^x Re v(iy + t) dt,   v = `rates` of the record, analytic in lam.
+
+Commuting fields that agree at one state agree on its torus, so points with sum_j int_0^(x_j) Re v(iy_j + t) dt = h f,
+f the field of the flow, make a step that is the flow over h.  These are the Abelian conditions, without the integrals.
+The heights y_j and the branches of mu are chosen where the x_j are smallest against the distance of the branch points,
+by linear programming; Newton's method finds x_j, the fields at its ends are the columns of the Jacobian.  The body
+turns by int Omega, and what is missing to the angular velocity of the flow commutes with all it carries: a constant.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError
+from kreisel.method.baecklund import constant_turns
+from kreisel.method.observing import State, as_matrix, observer, scheme_of
+from kreisel.method.scheme import Scheme, Steps
+from kreisel.record.calling import call
+from kreisel.record.contract import ConjugatePairs
+from kreisel.record.model import Model
+
+REACH, FARTHEST = 0.4, 0.6  # of the distance of a branch point: of an x at the start of Newton's method, and later
+NODES = 20  # half of them on each side of 0: the error of the integrals is about 3^-40 at FARTHEST
+RANK = 1e-10  # relative: fields that depend on others
+SPAN = 1e-8  # relative: the distance of the flow from the other fields
+SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
+STEPS = 10  # of Newton's method in doubles, which ends where a change is below CLOSE; two more in extended precision
+CLOSE = 1e-9
+TRIALS = 8  # each with more copies of the pairs
+MOST_COPIES = 1_000_000
+BETWEEN = 20  # steps between projections at most, as for the pairs of `kreisel.method.pairs`
+NUMBERS = ("lam_re", "lam_im", "mu_re", "mu_im")
+
+
+def exact_by_pairs(model: Model, dt: float, oriented: bool) -> Scheme:
+    """The exact flow.  Raises `InputError` where no points are found."""
+    record = model.system.pairs
+    if record is None:
+        raise TypeError(f"{model.system.name} states no conjugate pairs")
+    count = len(model.system.space.letters)
+
+    def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
+        points, turn = constants(model, x0[:count], dt)
+        stages = {name: points[..., i, :] for i, name in enumerate(NUMBERS)}
+        if not oriented:
+            return {}, stages
+        g = as_matrix(model, x0[count])
+        return constant_turns("turn", g @ turn @ g.mT, lambda theta: theta), stages
+
+    def step(*z: Array, lam_re: Array, lam_im: Array, mu_re: Array, mu_im: Array, **known: Array) -> State:
+        point = {"lam": algebra.complex_number(lam_re, lam_im), "mu": algebra.complex_number(mu_re, mu_im)}
+        state, X = call(record.pair, z[:count], {**known, **point})
+        return (*state, *(algebra.turn_right(g, X) for g in z[count:]))
+
+    def close(*z: Array, turn0: Array, turn1: Array, **known: Array) -> State:
+        return (*z[:count], algebra.turn_left(turn1, algebra.turn_left(turn0, z[count])))
+
+    return scheme_of(
+        "exact",
+        model,
+        Steps(step, close if oriented else None),
+        observer(model, oriented, conserved=("casimir", "energy", *model.system.integrals)),
+        oriented,
+        axes={**model.axes, **dict.fromkeys(NUMBERS, 0), "turn0": 2, "turn1": 2},
+        trajectory=trajectory,
+        between=BETWEEN,
+    )
+
+
+# -- the points of a trajectory -----------------------------------------------------------------------
+
+
+def constants(model: Model, state: State, dt: float) -> tuple[Array, Array]:
+    """Points (..., 4, stages), `NUMBERS` of each, and what is left of the turn of the body in a step (..., n, n)."""
+    axes = [algebra.KINDS[kind].axes for kind in model.system.space.kinds]
+    batch = np.broadcast_shapes(model.batch, *(z.shape[: z.ndim - k] for z, k in zip(state, axes, strict=True)))
+    spread = [np.broadcast_to(z, batch + z.shape[z.ndim - k :]) for z, k in zip(state, axes, strict=True)]
+    params = {p.letter: model.params[p.letter] for p in model.system.parameters}
+    params = {k: np.broadcast_to(v, batch + v.shape[v.ndim - model.axes[k] :]) for k, v in params.items()}
+    tori = [
+        Torus(model, tuple(z[lane] for z in spread), {k: v[lane] for k, v in params.items()})
+        for lane in np.ndindex(batch)
+    ]
+    copies, count = max(torus.copies(dt) for torus in tori), max(len(torus.points.y) for torus in tori)
+    for _ in range(TRIALS):
+        solved = [done for torus in tori if (done := torus.solved(dt, copies, count)) is not None]
+        if len(solved) == len(tori):
+            break
+        copies += max(1, copies // 2)
+    else:
+        raise InputError(
+            f"No conjugate pairs were found that are the flow of {model.system.name} over dt = {dt:g} or parts of it. "
+            "Use method='variational' or 'dop853' for this state."
+        )
+    points = np.stack([np.tile(numbers, copies) for numbers, _ in solved])
+    turns = np.stack([turn for _, turn in solved])
+    return points.reshape(batch + points.shape[1:]), turns.reshape(batch + turns.shape[1:])
+
+
+class Points(NamedTuple):
+    """Points lam = iy, mu of their branches, x of their pairs in a unit of small times, distances of branch points."""
+
+    y: Array
+    mu: Array
+    x: Array
+    radius: Array
+
+
+class Moves(NamedTuple):
+    """Pairs: the sums of the integrals of their fields and of Omega, the fields at their ends as columns, mu there."""
+
+    state: Array
+    turn: Array
+    ends: Array
+    mu: Array
+
+
+class Torus:
+    """The commuting fields at one state, in extended precision where the platform has it; points for its flow."""
+
+    def __init__(self, model: Model, state: State, params: dict[str, Array]):
+        system = model.system
+        self.system, self.record = system, cast("ConjugatePairs", system.pairs)
+        self.state = tuple(np.asarray(z, np.longdouble) for z in state)
+        constants = {k: np.asarray(v, np.longdouble) for k, v in params.items()}
+        self.constants = constants | (call(system.derive, (), constants) if system.derive is not None else {})
+        self.sizes = [abs(z).max(initial=0) or 1.0 for z in self.state]
+        self.flow = self._flat(call(system.flow, self.state, self.constants))
+        with np.errstate(all="ignore"):
+            self.points = self._points()
+
+    def _flat(self, rates: State) -> Array:
+        """Coordinates (..., d) in units of each component."""
+        scaled = [rate / size for rate, size in zip(rates, self.sizes, strict=True)]
+        return algebra.flatten(scaled, self.system.space.kinds)
+
+    def _matrix(self, lam: Array) -> Array:
+        return call(self.record.matrix, self.state, {**self.constants, "lam": lam})
+
+    def _fields(self, lam: Array, left: Array, right: Array) -> tuple[Array, Array]:
+        vectors = {"left": left / algebra.vec((left * right).sum(-1)), "right": right}
+        rates, Omega = call(self.record.rates, self.state, {**self.constants, "lam": lam, **vectors})
+        return self._flat(rates), Omega
+
+    def _points(self) -> Points:
+        """The points with the least sum of |x|/radius."""
+        y: Array = np.asarray(call(self.record.heights, self.state, self.constants), dtype=np.float64)
+        lam, shift = 1j * y, 1e-5
+        L = self._matrix(lam).astype(complex)
+        if not (np.isfinite(L).all() and np.isfinite(self.flow.astype(float)).all()):
+            raise InputError(
+                f"{self.system.name}: expected a state and parameters whose products a double can hold, got larger "
+                "ones. Use other units."
+            )
+        mu, right = np.linalg.eig(L)
+        left, count = np.linalg.inv(right), mu.shape[-1]
+        slope = (self._matrix(lam * (1 + shift)) - self._matrix(lam * (1 - shift))) / (2 * shift * lam[:, None, None])
+        change = left @ slope.astype(complex) @ right
+        gap, ends = mu[:, :, None] - mu[:, None, :], np.diagonal(change, 0, -2, -1)
+        # Two levels meet where (gap + t (a - b))^2 + 4 t^2 c d = 0.
+        meet = abs(gap) / np.sqrt(abs((ends[:, :, None] - ends[:, None, :]) ** 2 + 4 * change * change.mT))
+        radius = np.minimum(np.where(np.eye(count) > 0, np.inf, meet).min(-1), abs(y)[:, None]).ravel()
+        fields, _ = self._fields(lam.repeat(count), left.reshape(-1, count), right.mT.reshape(-1, count))
+        C, f = (fields.real.astype(float) * radius[:, None]).T, self.flow.astype(float)
+        tensor = call(self.system.space.tensor, self.state, self.constants).astype(float)
+        chosen, x = least(C, f, int(np.linalg.matrix_rank(tensor, rtol=RANK)) // 2)
+        if not abs(C[:, chosen] @ x - f).max() <= SPAN * abs(f).max():
+            raise InputError(
+                f"{self.system.name}: expected a flow that combines those of its Lax matrix, got another. Usual "
+                "cause: parameters that are equal. Use method='variational' or 'dop853'."
+            )
+        if not chosen:  # at rest: a pair that is the identity
+            chosen, x = [int(radius.argmax())], np.zeros(1)
+        return Points(y.repeat(count)[chosen], mu.ravel()[chosen], x * radius[chosen], radius[chosen])
+
+    def copies(self, dt: float) -> int:
+        """How many copies of the pairs a step needs.  Raises `InputError` for too many."""
+        far = float((abs(self.points.x * dt) / (REACH * self.points.radius)).max())
+        if not far < MOST_COPIES:
+            raise InputError(
+                f"dt: expected at most {abs(dt) * MOST_COPIES / far:.3g}, {MOST_COPIES:,} pairs of maps of "
+                f"{self.system.name}, for method='exact', got {dt:g}. Use a smaller dt, and every=... to save as few "
+                "rows."
+            )
+        return max(1, int(np.ceil(far)))
+
+    def solved(self, dt: float, copies: int, count: int) -> tuple[Array, Array] | None:
+        """`NUMBERS` (4, count) of the pairs of a step, some of them the identity, and the rest of the turn.
+
+        None if Newton's method leaves the domain of these points.
+        """
+        h, points, wide = np.longdouble(dt) / copies, self.points, False
+        x = points.x * h
+        for _ in range(STEPS if abs(x).any() else 0):
+            moves = self._moved(x, wide)
+            change = np.linalg.lstsq(moves.ends.astype(float), (h * self.flow - moves.state).astype(float))[0]
+            x = x + change
+            if not (abs(x) < FARTHEST * points.radius).all():
+                return None
+            if wide and abs(change).max() < CLOSE * abs(x).max():
+                break
+            wide = abs(change).max() < CLOSE * abs(x).max()
+        moves = self._moved(x, True)
+        rest = dt * call(self.system.velocity, self.state, self.constants) - copies * moves.turn
+        rows = np.stack([x.astype(float), points.y, moves.mu.real, moves.mu.imag])
+        still = np.array([[0.0], points.y[:1], points.mu[:1].real, points.mu[:1].imag])
+        return np.concatenate([rows, still.repeat(count - len(x), -1)], -1), rest.astype(float)
+
+    def _moved(self, x: Array, wide: bool) -> Moves:
+        nodes, weights = legendre(NODES)
+        lam = 1j * self.points.y[:, None] + x[:, None] * np.append(nodes, 1)
+        lam = lam if wide else lam.astype(complex)
+        L = self._matrix(lam)
+        values, vectors = np.linalg.eig(L.astype(complex))
+        inverse, last, branch = np.linalg.inv(vectors), self.points.mu, list[Array]()
+        for row in values.swapaxes(0, 1):
+            branch.append(abs(row - last[:, None]).argmin(-1))
+            last = np.take_along_axis(row, branch[-1][:, None], -1)[:, 0]
+        at = (*np.ogrid[: len(x), : len(nodes) + 1], np.stack(branch, -1))
+        mu, right, left = values[at], vectors.mT[at], inverse[at]
+        if wide:
+            (_, left), (mu, right) = refined(L.mT, mu, left), refined(L, mu, right)
+        fields, Omega = self._fields(lam, left, right)
+        weights = x[:, None] * weights
+        turn = (weights[..., None, None] * Omega[:, :-1].real).sum((0, 1))
+        state = (weights[..., None] * fields[:, :-1].real).sum((0, 1))
+        return Moves(state, turn, fields[:, -1].real.T, mu[:, -1].astype(complex))
+
+
+def refined(L: Array, mu: Array, q: Array) -> tuple[Array, Array]:
+    """An eigenvalue (...) and its vector (..., m) of L in extended precision, by Newton's method from doubles."""
+    corner, bordered = np.zeros((*mu.shape, 1, 1)), L.astype(complex) - algebra.mat(mu) * np.eye(L.shape[-1])
+    ends = np.concatenate([q.conj()[..., None, :], corner], -1)
+    inverse = np.linalg.inv(np.concatenate([np.concatenate([bordered, -q[..., None]], -1), ends], -2))
+    for _ in range(2):
+        miss = (algebra.vec(mu) * q - algebra.act(L, q)).astype(complex)
+        change = algebra.act(inverse[..., :-1], miss)
+        q, mu = q + change[..., :-1], mu + change[..., -1]
+    return mu, q
+
+
+@cache
+def legendre(count: int) -> tuple[Array, Array]:
+    """The positive half of an even number of nodes of Gauss and Legendre; weights for an even function from 0 to 1."""
+    x: Array = np.polynomial.legendre.leggauss(count)[0][count // 2 :].astype(np.longdouble)
+    for _ in range(2):
+        before, value = np.ones_like(x), x
+        for k in range(2, count + 1):
+            before, value = value, ((2 * k - 1) * x * value - (k - 1) * before) / k
+        slope = count * (before - x * value) / (1 - x * x)
+        x = x - value / slope
+    return x, 2 / ((1 - x * x) * slope * slope)
+
+
+def least(C: Array, f: Array, most: int) -> tuple[list[int], Array]:
+    """Columns of C and factors x with the least sum |x_j| among those with sum x_j C_j = f, by the simplex method.
+
+    most  the rank of C without rounding errors
+    """
+    C = np.where(np.isfinite(C), C, 0)
+    U, sizes, _ = np.linalg.svd(C, full_matrices=False)
+    rank = min(most, int((sizes > RANK * sizes[0]).sum())) if f.any() else 0
+    C, f = U[:, :rank].T @ C, U[:, :rank].T @ f
+    rest, chosen, x = C.copy(), list[int](), np.zeros(rank)
+    for _ in range(rank):
+        chosen.append(int((rest * rest).sum(0).argmax()))
+        unit = rest[:, chosen[-1]] / np.linalg.norm(rest[:, chosen[-1]])
+        rest = rest - np.outer(unit, unit @ rest)
+    for _ in range(100 * rank):
+        basis = C[:, chosen]
+        x = np.linalg.solve(basis, f)
+        signs = np.where(x < 0, -1.0, 1.0)
+        price = np.linalg.solve(basis.T, signs) @ C
+        entering = int(abs(price).argmax())
+        if abs(price[entering]) <= 1 + SLACK:
+            break
+        slope = np.linalg.solve(basis, C[:, entering] * np.sign(price[entering]))
+        reach = np.where(slope * signs > 0, x / slope, np.inf)
+        chosen[int(reach.argmin())] = entering
+    return chosen, x

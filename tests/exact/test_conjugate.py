@@ -1,0 +1,241 @@
+"""method="exact" by conjugate pairs: against Taylor series, other references, its own steps, and mutants."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel.baecklund import conjugate as pairs
+from kreisel.method import conjugate
+from sizes import FULL
+from taylor import flow_of, free_body, taylor_solution
+
+A = np.array([1.0, 2.0, -0.7])
+Case = tuple[Any, dict[str, np.ndarray]]
+
+
+def skew(draw: np.random.Generator, n: int) -> np.ndarray:
+    return draw.normal(size=3) if n == 3 else algebra.skew(draw.normal(size=n * (n - 1) // 2), n)
+
+
+def case(name: str, seed: int = 0) -> Case:
+    draw = np.random.default_rng([3, seed])
+    if name == "clebsch":
+        return kr.ClebschGeneral(a=A, b=A * A), {"M": skew(draw, 3), "P": draw.normal(size=3)}
+    if name == "manakov":
+        a = np.array([1.0, 2.5, 5.0, 8.0])
+        return kr.ManakovTop(a=a, b=np.sqrt(a + 1)), {"M": skew(draw, 4)}
+    F = draw.normal(size=(3, 3))
+    return kr.QuadraticPotential(J=(1, 1.6, 2.3)), {"M": skew(draw, 3), "P": F + F.T}
+
+
+NAMES = ("clebsch", "manakov", "quadratic")
+
+
+def parts(model: Any, state: dict[str, np.ndarray]) -> tuple[np.ndarray, ...]:
+    checked = model.state(**state)
+    return tuple(checked[k] for k in model.system.space.letters)
+
+
+def last(model: Any, run: Any) -> np.ndarray:
+    """The coordinates of the last row."""
+    kinds = model.system.space.components
+    end = [algebra.KINDS[kind].from_user(run[k].values[-1], model.n) for k, kind in kinds]
+    return algebra.flatten(end, [kind for _, kind in kinds])
+
+
+def off(model: Any, run: Any, want: np.ndarray) -> float:
+    want = want.astype(float)
+    return float(abs(last(model, run) - want).max() / abs(want).max())
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("dt", "steps"), [(0.25, 6), (1.5, 1), *[(0.3125, 160)] * FULL])
+def test_against_taylor(name: str, dt: float, steps: int) -> None:
+    model, state = case(name)
+    run = kr.simulate(model, state, dt=dt, steps=steps, every=steps, method="exact")
+    want = flow_of(model, parts(model, state), dt * steps, digits=20 if steps * dt < 2 else 40)
+    assert off(model, run, want) < (2e-14 if steps * dt < 2 else 1e-13)
+
+
+def test_two_flows_whose_series_are_written_out() -> None:
+    """The special flow a = b, and the free body: the references share nothing with the records."""
+    _, state = case("clebsch")
+    model = kr.ClebschGeneral(a=A, b=A)
+    M, P = parts(model, state)
+    X, v = taylor_solution(M, P, A, 3.0, clebsch=True)
+    run = kr.simulate(model, state, dt=0.75, steps=4, every=4, method="exact")
+    assert off(model, run, np.concatenate([algebra.coordinates(X.astype(float)), v.astype(float)])) < 2e-14
+    J = np.array([1.0, 1.6, 2.3])
+    top = kr.ManakovTop(a=J * J, b=J)
+    run = kr.simulate(top, {"M": state["M"]}, dt=0.75, steps=4, every=4, method="exact")
+    want = free_body(state["M"], J.sum() - J, 3.0)
+    assert abs(run.M.values[-1] - want.astype(float)).max() < 2e-14
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_pair_keeps_the_spectrum_wherever_its_point_is(name: str) -> None:
+    """det(L(lam) - mu) at other lam; but not with another B, nor with mu off the curve by 1e-3."""
+    model, state = case(name)
+    record, z = model.system.pairs, parts(model, state)
+
+    def spectrum(z: tuple[np.ndarray, ...], at: complex) -> np.ndarray:
+        L = model.call(record.matrix, *z, lam=np.array([at]))[0]
+        return np.poly(L.astype(complex))
+
+    for lam in (0.3 + 0.8j, -0.1 + 2.0j, 1.5 + 0.4j):
+        L = model.call(record.matrix, *z, lam=np.array([lam]))[0]
+        mu = np.linalg.eigvals(L)[0]
+        new, _ = model.call(record.pair, *z, lam=np.complex128(lam), mu=mu)
+        worse, _ = model.call(record.pair, *z, lam=np.complex128(lam), mu=mu + 0.1)
+        size = max(abs(spectrum(z, at)).max() for at in (0.7, 1.9))
+        good, bad = (
+            max(abs(spectrum(y, at) - spectrum(z, at)).max() for at in (0.7, 1.9)) / size for y in (new, worse)
+        )
+        assert good < 1e-13
+        assert bad > 1e-6
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_orientation(name: str) -> None:
+    """Against a solver; the orientation carries what the motion leaves constant."""
+    model, state = case(name)
+    start = np.array([0.5, -0.1, 0.7, 0.5]) if model.n == 3 else algebra.cayley(skew(np.random.default_rng(1), 4))
+    start = start / np.linalg.norm(start) if model.n == 3 else start
+    fast, slow = (
+        kr.simulate(model, state, orientation=start, dt=dt, steps=n, every=n, method=method).g.values[-1]
+        for dt, n, method in ((0.5, 6, "exact"), (0.125, 24, "dop853"))
+    )
+    turns = [algebra.rotation_matrix(g) if model.n == 3 else g for g in (fast, slow)]
+    assert abs(turns[0] - turns[1]).max() < 1e-7
+
+
+@pytest.mark.parametrize(
+    ("mutant", "least"),
+    [
+        ("constant", 1e-13),  # x of each pair, by 1e-12
+        ("sign of B", 1e-3),
+        ("turn", 1e-3),  # X by another length
+        ("rates", 1e-3),  # of a faster flow
+    ],
+)
+@pytest.mark.filterwarnings("ignore::kreisel.ConservationWarning")
+def test_mutants(mutant: str, least: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    model, state = case("clebsch")
+    want = flow_of(model, parts(model, state), 1.5, digits=20)
+    if mutant == "constant":
+        solved = conjugate.Torus.solved
+        monkeypatch.setattr(
+            conjugate.Torus, "solved", lambda *a: (lambda p, t: (p * [[1 + 1e-12], [1], [1], [1]], t))(*solved(*a))
+        )
+    record = model.system.pairs
+    swapped = {
+        "sign of B": {"pair": _changed(lambda B, X: (-B, X))},
+        "turn": {"pair": _changed(lambda B, X: (B, X * 1.01))},
+        "rates": {"rates": lambda M, P, *, a, lam, left, right: _faster(M, P, a, lam, left, right)},
+    }
+    system = replace(model.system, pairs=replace(record, **swapped.get(mutant, {})))
+    run = kr.simulate(system(**model.params), state, dt=0.25, steps=6, every=6, method="exact", project=False)
+    assert off(model, run, want) > least
+
+
+def _changed(change: Any) -> Any:
+    def pair(M: Any, P: Any, *, a: Any, lam: Any, mu: Any) -> Any:
+        F = P[..., :, None] * P[..., None, :]
+        B, X = change(*pairs.kick_and_turn(*pairs.eigenvector_of_pencil(M, F, a, lam, mu), lam))
+        return (pairs.kicked(M, B, a), pairs.turned(X, P, "vector")), X
+
+    return pair
+
+
+def _faster(*arguments: Any) -> Any:
+    M, P, a, lam, left, right = arguments
+    (rate, turned), Omega = pairs.clebsch_rates(M, P, a=a, lam=lam, left=left, right=right)
+    return (1.01 * rate, 1.01 * turned), Omega
+
+
+F = np.array([[1.0, 0.3, -0.2], [0.3, -0.5, 0.4], [-0.2, 0.4, 0.9]])
+
+
+@pytest.mark.parametrize(
+    ("system", "state"),
+    [
+        (kr.ClebschGeneral(a=A, b=A * A), {"M": (0, 0, 0), "P": (1, 0, 0)}),  # at rest
+        (kr.ClebschGeneral(a=A, b=A * A), {"M": (1, 0, 0), "P": (1, 0, 0)}),
+        (kr.ClebschGeneral(a=A, b=A * A), {"M": (1, 1e-6, 0), "P": (1, 0, 1e-6)}),
+        (kr.ClebschGeneral(a=A, b=A * A), {"M": (0, 0, 0), "P": (0.6, 0, 0.8)}),
+        (kr.ClebschGeneral(a=A, b=A * A), {"M": (0.3, -0.2, 0.9), "P": (0, 0, 0)}),
+        (kr.ClebschGeneral(a=A, b=(1, 1, 1)), {"M": (0.3, -0.2, 0.9), "P": (0.6, 0, 0.8)}),
+        (kr.ClebschBody(J=(1, 1.6, 2.3)), {"M": (0.3, -0.2, 0.9), "P": (0.6, 0, 0.8)}),
+        (kr.QuadraticPotential(J=(1, 1, 2.3)), {"M": (0.3, -0.2, 0.9), "P": F}),
+        (kr.QuadraticPotential(J=(1, 1, 1)), {"M": (0.3, -0.2, 0.9), "P": F}),
+        (kr.QuadraticPotential(J=(1, 1.6, 2.3)), {"M": (0, 0, 0), "P": F}),
+        (kr.QuadraticPotential(J=(1, 1.6, 2.3)), {"M": (15, -10, 40), "P": F}),
+        (kr.QuadraticPotential(J=(1, 1.6, 2.3)), {"M": (0.3, -0.2, 0.9), "P": 0 * F}),
+    ],
+)
+def test_special_motions(system: Any, state: dict[str, Any]) -> None:
+    state = {k: np.array(v, dtype=float) for k, v in state.items()}
+    run = kr.simulate(system, state, dt=0.375, steps=4, every=4, method="exact")
+    assert off(system, run, flow_of(system, parts(system, state), 1.5, digits=20)) < 1e-13
+
+
+def test_how_many_pairs_depends_on_the_state() -> None:
+    """Kernels are kept by what they are: slow, then fast bodies of one system, of several pairs each."""
+    for system in (kr.Clebsch(b=(0.3, 0.7, 1.9)), kr.ClebschGeneral(a=A, b=A * A)):
+        for size in (1.0, 30.0):
+            state = {"M": size * np.array([0.1, 0.2, 1.5]), "P": size * np.array([0.6, 0, 0.8])}
+            run = kr.simulate(system, state, dt=0.25, steps=1, method="exact")
+            want = flow_of(system, parts(system, state), 0.25, digits=20)
+            assert off(system, run, want) < 1e-13
+
+
+def test_lanes_equal_single_runs_and_runs_go_on(tmp_path: Any) -> None:
+    model, state = case("clebsch")
+    others = [state, case("clebsch", 1)[1], {"M": np.array([1.0, 0, 0]), "P": np.array([1.0, 0, 0])}]
+    both = {k: np.stack([other[k] for other in others]) for k in state}
+    run = kr.simulate(model, both, dt=0.25, steps=40, method="exact")
+    for lane, start in enumerate(others):
+        alone = kr.simulate(model, start, dt=0.25, steps=40, method="exact")
+        assert all(abs(run[k].values[:, lane] - alone[k].values).max() < 1e-13 for k in state)
+    path = tmp_path / "run.zarr"
+    kr.simulate(model, state, dt=0.25, steps=40, method="exact", path=path)
+    longer, whole = (
+        f(dt)
+        for f, dt in (
+            (lambda _: kr.resume(path, extend=80), 0),
+            (lambda dt: kr.simulate(model, state, dt=dt, steps=80, method="exact"), 0.25),
+        )
+    )
+    assert (longer.M.values == whole.M.values).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_errors_grow_like_the_steps(name: str) -> None:
+    """Between steps of two lengths to the same time, each with its own rounding and its own points."""
+    model, state = case(name)
+    steps = 100_000
+    runs = [
+        kr.simulate(model, state, dt=dt, steps=n, every=n // 10, method="exact", progress=False)
+        for dt, n in ((0.25, steps), (0.3125, steps * 4 // 5))
+    ]
+    assert abs(last(model, runs[0]) - last(model, runs[1])).max() < 1e-15 * steps
+    table = kr.drift(runs[0])
+    assert table.conserved.all()
+    assert (table.ulps < 4).all()
+
+
+def test_what_there_is_not() -> None:
+    five = kr.ManakovTop(a=(1, 2, 3, 4, 5), b=(1, 4, 9, 16, 25))
+    with pytest.raises(kr.InputError, match="n = 4"):
+        kr.simulate(five, {"M": np.zeros((5, 5))}, dt=0.5, steps=1, method="exact")
+    model, state = case("clebsch")
+    with pytest.raises(kr.InputError, match="pairs of maps"):
+        kr.simulate(model, {k: 1e9 * v for k, v in state.items()}, dt=10.0, steps=1, method="exact")
+    with pytest.raises(kr.InputError, match=r"Use other units|pairs of maps"):
+        kr.simulate(model, {k: 1e200 * v for k, v in state.items()}, dt=10.0, steps=1, method="exact")
