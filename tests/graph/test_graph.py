@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -23,6 +24,7 @@ from kreisel.graph.graph import (
     repeated,
     where_less,
 )
+from kreisel.graph.recording import operation_count
 from support import compiled_outputs
 
 
@@ -153,6 +155,52 @@ def test_a_branch_is_taken_if_a_lane_needs_it(width: int) -> None:
     for rows in ([(-1.0, 3.0), (0.0, 2.0)], [(-1.0, 3.0), (0.5, 7.0), (0.0, 2.0), (-2.0, 1.0), (4.0, 1.0)]):
         values = np.array(rows)
         assert compiled_outputs(graph, outputs, values, width).tolist() == [formula(*row) for row in values.tolist()]
+
+
+@pytest.mark.parametrize("width", [1, 4])
+def test_a_branch_within_a_loop_and_a_loop_within_a_branch(width: int) -> None:
+    """Each as Python runs it, arranged and evaluated too; nodes of a body are not used elsewhere."""
+
+    def formula(x: Any, y: Any) -> list[Any]:
+        def halved(v: Any) -> Any:
+            return if_positive(
+                v[0] - 1.0, lambda: [where_less(1.0, v[0], v[0] * 0.5 - y, v[0]), v[1] + 1], [v[0], v[1]]
+            )
+
+        def grown() -> list[Any]:
+            return [where_less(0.0, y, repeated(lambda v: [v[0] * y + 1.0], [x], 3)[0], x)]
+
+        return [*repeated(halved, [x, 0.0], 4), *if_positive(y, grown, [x]), x * 0.5 - y]
+
+    graph = Graph()
+    outputs = formula(*graph.inputs("x", 2))
+    plain, arranged_outputs = arranged(graph, outputs)
+    assert {"loop", "branch"} <= {*operations(plain, arranged_outputs)}
+    assert plain.digest(arranged_outputs) != graph.digest(outputs)  # products are fused
+    rows = np.array([[9.0, 0.25], [0.5, -2.0], [3.0, 0.5], [-1.0, 1.0], [40.0, -0.125]])
+    right = [formula(*row) for row in rows.tolist()]
+    if width == 1:
+        assert [evaluated(plain, arranged_outputs, lambda _, i, row=row: row[i]) for row in rows.tolist()] == right
+    for each in (graph, outputs), (plain, arranged_outputs):
+        found = compiled_outputs(*each, rows, width)
+        columns = [0, 2, 3] if width > 1 else [0, 1, 2, 3]  # v[1] counts the branches of any lane
+        assert found[:, columns].tolist() == np.array(right)[:, columns].tolist()
+    known, values = arranged(graph, outputs, {("x", 0): 9.0, ("x", 1): 0.25})
+    assert evaluated(known, values, lambda _, i: math.nan) == right[0]
+    assert length(graph, outputs) > operation_count(plain, arranged_outputs) / 2 > 5
+    assert independent(graph, graph.needed(outputs), "x").isdisjoint(
+        at for at in graph.needed(outputs) if graph.nodes[at][0] in ("branch", "result", "loop")
+    )
+
+
+@pytest.mark.parametrize("values", [*itertools.permutations([math.nan, -1.0, 2.0, 0.5])][::3])
+def test_a_lane_that_is_no_number_does_not_hide_others(values: Any) -> None:
+    """One lane of a vector takes the branch, wherever the lane that is NaN stands."""
+    graph = Graph()
+    x = graph.input("x", 0)
+    outputs = if_positive(x, lambda: [where_less(0.0, x, x * 3.0, x)], [x])
+    found = compiled_outputs(graph, outputs, np.array(values)[:, None], 4)[:, 0]
+    assert np.array_equal(found, [3 * v if v > 0 else v for v in values], equal_nan=True)
 
 
 @pytest.mark.parametrize("width", [1, 4])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import math
 import re
 import textwrap
 import warnings
@@ -102,6 +103,19 @@ def check_loops() -> None:
     roots, _ = graph.loop(lambda x: ([(x[0] + a / x[0]) / 2], abs(x[0] * x[0] - a)), [1.0], 1e-9, 20)
     values = abs(rows[:, :1])
     np.testing.assert_allclose(compiled_outputs(graph, roots, values), np.sqrt(values), rtol=1e-14)
+
+
+def check_nesting() -> None:
+    """A branch within a loop, of lanes of which the first is no number."""
+
+    def halved(v: Any) -> Any:
+        return if_positive(v[0] - 1.0, lambda: [where_less(1.0, v[0], v[0] * 0.5 - v[1], v[0]), v[1]], v)
+
+    graph, rows = Graph(), np.array([[math.nan, 0.0], [9.0, 0.25], [0.5, 2.0], [30.0, -0.5]])
+    outputs = repeated(halved, [*graph.inputs("x", 2)], 4)[:1]
+    right = [repeated(halved, row, 4)[:1] for row in rows.tolist()]
+    for each in (graph, outputs), arranged(graph, outputs):
+        same(*each, rows, right)
 
 
 def check_sweeps() -> None:
@@ -326,6 +340,10 @@ GRAPH, ARRANGING, LLVM, STEPS = "graph.graph:", "graph.arranging:", "graph.llvm:
 PROJECT, LARGE = "graph.project:Projection.", "kernels.large.kernel:_Step."
 SAVED = 'store(saved.beyond(row * words["lanes"] * count))'
 MUTANTS = [
+    # branches within loops
+    Mutant("nesting", GRAPH + "Graph._added", "self._inside.add(at)", "pass", AttributeError),
+    Mutant("nesting", LLVM + "largest", '"uno", b, b', '"uno", a, a'),
+    Mutant("nesting", ARRANGING + "_Arranging._branch", "if_positive(test", "if_positive(-test"),
     # recorded arithmetic
     Mutant("arithmetic", GRAPH + "Number.__add__", "(b, a) if self.negative else (a, b)", "(a, b)"),
     Mutant("arithmetic", GRAPH + "Number.__add__", "negative=True", "negative=False"),
@@ -355,7 +373,7 @@ MUTANTS = [
     Mutant("arithmetic", "graph.llvm:Lanes.__getitem__", "INDEX(i)", "INDEX(len(loaded) - 1 - i)"),
     Mutant("loops", LLVM + "_loop", 'compared("<"', 'compared("<="'),
     Mutant("loops", LLVM + "_loop", 'fcmp_ordered("<="', 'fcmp_ordered(">"'),
-    Mutant("loops", LLVM + "largest", 'fcmp_ordered(">"', 'fcmp_ordered("<"'),
+    Mutant("loops", LLVM + "largest", 'fcmp_ordered(">="', 'fcmp_ordered("<="'),
     # slopes and tangents
     Mutant("sweeps", "graph.sweep:pulled", "-slope if", "slope if"),
     Mutant("sweeps", "graph.sweep:pushed", "-tangent if", "tangent if"),

@@ -17,6 +17,7 @@ import numpy as np
 
 from kreisel.graph.graph import (
     APPLIED,
+    BRANCH,
     FMA,
     IN,
     LOOP,
@@ -30,6 +31,7 @@ from kreisel.graph.graph import (
     Number,
     Operand,
     evaluated,
+    if_positive,
     operands_of,
 )
 
@@ -60,12 +62,12 @@ def arranged(
 
 
 def length(graph: Graph, outputs: Sequence[Operand]) -> int:
-    """How many operations the outputs take when they are arranged; a loop a few beside those of its body."""
+    """How many operations the outputs take when they are arranged; a body a few more."""
     count = 0
     for _, operation, operands in _fused(graph, graph.needed(outputs), outputs):
-        if operation == LOOP:
-            loop = graph.loops[operands[0]]
-            count += len(_fused(graph, graph.needed_inside(loop), loop.new)) + LOOPING
+        if operation in (LOOP, BRANCH):
+            body = (graph.loops if operation == LOOP else graph.branches)[operands[0]]
+            count += len(_fused(graph, graph.needed_inside(body), body.new)) + LOOPING
         elif operation not in (IN, RESULT):
             count += 1
     return count
@@ -94,6 +96,8 @@ class _Arranging:
                 self._made[place] = self._new.input(letter, index) if value is None else value
             elif operation == LOOP:
                 self._loop(place, operands)
+            elif operation == BRANCH:
+                self._branch(place, operands)
             elif operation == SAME:
                 self._made[place] = self._value(operands[0])
             elif operation == RESULT:
@@ -115,6 +119,16 @@ class _Arranging:
         start = [self._value(x) for x in operands[1 : 1 + len(loop.variables)]]
         x, defect = self._new.loop(body, start, loop.small, loop.most)
         self._made.update({(place, i): value for i, value in enumerate((*x, defect))})
+
+    def _branch(self, place: int, operands: tuple[Any, ...]) -> None:
+        branch = self._old.branches[operands[0]]
+        test, *values = map(self._value, operands[1 : 2 + len(branch.new)])
+
+        def body() -> list[Operand]:
+            self._record(_fused(self._old, self._old.needed_inside(branch), branch.new))
+            return [self._value(x) for x in branch.new]
+
+        self._made.update({(place, i): value for i, value in enumerate(if_positive(test, body, values))})
 
 
 def _linear(operation: str, *operands: Any) -> Number:
@@ -155,9 +169,9 @@ def _fused(graph: Graph, nodes: Sequence[int], outputs: Sequence[Operand]) -> li
 
 
 def _read(step: _Step) -> Collection[Any]:
-    """The operands that an operation reads; a loop each of them once."""
+    """The operands that an operation reads; a loop or a branch each of them once."""
     read = [x for x in step.operands if _key(x) is not None]
-    return list({x.at: x for x in read}.values()) if step.operation == LOOP else read
+    return list({x.at: x for x in read}.values()) if step.operation in (LOOP, BRANCH) else read
 
 
 def _with_reciprocals(steps: list[_Step]) -> list[_Step]:
@@ -242,14 +256,15 @@ def latest(graph: Graph, nodes: Sequence[int]) -> list[int]:
 
 
 def independent(graph: Graph, nodes: Sequence[int], letters: Collection[str]) -> set[int]:
-    """Those of the nodes that depend on inputs of these letters alone; loops and what depends on them are none."""
+    """The nodes that depend on inputs of these letters only, and on no loop or branch."""
     out = set[int]()
     for at in nodes:
         operation, *operands = graph.nodes[at]
         if operation == IN:
             fixed = operands[0] in letters
         else:
-            fixed = operation not in (LOOP, RESULT, VARIABLE) and all(x.at in out for x in operands_of(graph.nodes[at]))
+            whole = operation not in (LOOP, BRANCH, RESULT, VARIABLE)
+            fixed = whole and all(x.at in out for x in operands_of(graph.nodes[at]))
         if fixed:
             out.add(at)
     return out

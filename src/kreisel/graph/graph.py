@@ -73,17 +73,15 @@ class Graph:
     def node(self, operation: str, *operands: Operand) -> int:
         """The place of a node."""
         at = self._index.get(_key(operation, operands))
-        if at is None:
-            at = self._added((operation, *operands))
-            if self._inside is not None and not self._inside.isdisjoint(x.at for x in operands_of(self.nodes[at])):
-                self._inside.add(at)
-        return at
+        return self._added((operation, *operands)) if at is None else at
 
     def _added(self, node: Node) -> int:
         at = self._index[_key(node[0], node[1:])] = len(self.nodes)
         self.nodes.append(node)
         if at > self._most:
             raise TooLong
+        if self._inside is not None and not self._inside.isdisjoint(x.at for x in operands_of(node)):
+            self._inside.add(at)
         return at
 
     def _forget(self, members: Iterable[int]) -> None:
@@ -146,6 +144,17 @@ class Graph:
         reads = [x for at in members for x in operands_of(self.nodes[at])] + [x for x in new if isinstance(x, Number)]
         return list({x.at: x.positive for x in reads if x.at not in inside}.values())
 
+    def body_of(self, at: int) -> Loop | Branch | None:
+        """The body of a node that is a loop or a branch; None for another one."""
+        operation, *operands = self.nodes[at]
+        return (
+            self.loops[operands[0]]
+            if operation == LOOP
+            else self.branches[operands[0]]
+            if operation == BRANCH
+            else None
+        )
+
     def needed(self, outputs: Iterable[Operand]) -> list[int]:
         """The nodes that the outputs depend on, in order; not those inside loops."""
         return self._reached(outputs, len(self.nodes), lambda at: True)
@@ -177,8 +186,8 @@ class Graph:
 
         def add(at: int) -> None:
             operation, *operands = self.nodes[at]
-            if operation in (LOOP, BRANCH):
-                inner: Loop | Branch = (self.loops if operation == LOOP else self.branches)[operands[0]]
+            inner = self.body_of(at)
+            if inner is not None:
                 variables = inner.variables if isinstance(inner, Loop) else ()
                 digests.update({x.at: f"variable {i}" for i, x in enumerate(variables)})
                 for member in self.needed_inside(inner):
@@ -462,7 +471,10 @@ def evaluated(
     inputs: Callable[[str, int], Any],
     operations: Mapping[str, Callable[..., Any]] = APPLIED,
 ) -> list[Any]:
-    """The outputs of a graph on numbers of any kind: inputs(letter, index), and functions by name, LOOP as `looped`."""
+    """The outputs of a graph on numbers of any kind: inputs(letter, index), and functions by name.
+
+    LOOP as `looped`, BRANCH as `if_positive`.
+    """
     values: dict[int, Any] = {}
 
     def of(x: Operand) -> Any:
@@ -478,11 +490,21 @@ def evaluated(
         repeat: Callable[..., Sequence[Any]] = operations.get(LOOP, looped)
         return repeat(body, start, loop.small, loop.most)
 
+    def branched(branch: Branch, test: Operand, *operands: Operand) -> Sequence[Any]:
+        def body() -> list[Any]:
+            compute(graph.needed_inside(branch))
+            return [of(x) for x in branch.new]
+
+        choose: Callable[..., Sequence[Any]] = operations.get(BRANCH, if_positive)
+        return choose(of(test), body, [of(x) for x in operands[: len(branch.new)]])
+
     def compute(nodes: Iterable[int]) -> None:
         for at in nodes:
             operation, *operands = graph.nodes[at]
             if operation == IN:
                 values[at] = inputs(*operands)
+            elif operation == BRANCH:
+                values[at] = branched(graph.branches[operands[0]], *operands[1:])
             elif operation == LOOP:
                 values[at] = repeated(graph.loops[operands[0]], *operands[1:])
             elif operation == RESULT:

@@ -293,11 +293,16 @@ class Function:
             yield
 
     def largest(self, x: Value) -> Value:
-        """The largest of the places of a vector; of those that are numbers, if the first is one."""
+        """The largest of the places of a vector that are numbers; NaN if none is."""
         if not isinstance(x.type, ir.VectorType):
             return x
         places = [self.builder.extract_element(x, INDEX(k)) for k in range(x.type.count)]
-        return reduce(lambda a, b: self.builder.select(self.builder.fcmp_ordered(">", b, a), b, a), places)
+
+        def larger(a: Value, b: Value) -> Value:
+            keep = self.builder.or_(self.builder.fcmp_ordered(">=", a, b), self.builder.fcmp_unordered("uno", b, b))
+            return self.builder.select(keep, a, b)
+
+        return reduce(larger, places)
 
     def spread(self, x: Value, kind: ir.Type) -> Value:
         """A number in all places of a vector."""

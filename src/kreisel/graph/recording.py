@@ -111,10 +111,10 @@ class Recording:
 
 
 def operation_count(graph: Graph, outputs: Sequence[Operand]) -> int:
-    """How many operations there are, inside loops too."""
-    nodes = [graph.nodes[at] for at in graph.needed(outputs)]
-    inside = sum(len(graph.needed_inside(graph.loops[node[1]])) for node in nodes if node[0] == LOOP)
-    return sum(node[0] != IN for node in nodes) + inside
+    """How many operations there are, inside loops and branches too."""
+    nodes = graph.needed(outputs)
+    bodies = [body for at in nodes if (body := graph.body_of(at)) is not None]
+    return sum(graph.nodes[at][0] != IN for at in nodes) + sum(len(graph.needed_inside(body)) for body in bodies)
 
 
 def count_of(columns: Mapping[str, slice]) -> int:

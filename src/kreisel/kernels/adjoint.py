@@ -82,9 +82,11 @@ class Code:
 
     @cached_property
     def straight(self) -> bool:
-        """Whether kernels can be made of it: there is no loop, and it is not too long."""
+        """Whether kernels can be made of it: there is no loop and no branch, and it is not too long."""
         parts = (part for part in (self.stage, self.close) if part is not None)
-        return all(not part.graph.loops and len(part.graph.nodes) < MOST_NODES for part in parts)
+        return all(
+            not part.graph.loops and not part.graph.branches and len(part.graph.nodes) < MOST_NODES for part in parts
+        )
 
     def _kernel(self, write: Callable[..., None], arguments: int, derive: Callable[..., Any] | None, *more: Any) -> Any:
         """The kernel that write(function, derivatives, *more) writes, with those that derive(part) gives."""
