@@ -250,6 +250,14 @@ class _KovalevskayaTopSO3(System):
 
 KovalevskayaTopSO3: _KovalevskayaTopSO3
 
+class _KovalevskayaTopSP4(System):
+    def __call__(
+        self,
+    ) -> Model:
+        r"""Kovalevskaya's top of 1889, with a second map."""
+
+KovalevskayaTopSP4: _KovalevskayaTopSP4
+
 class _LagrangeTop(System):
     def __call__(
         self,
@@ -515,6 +523,18 @@ class _SymmetricTop(System):
         A: from the fixed point to the centre of mass, in the body"""
 
 SymmetricTop: _SymmetricTop
+
+class _SymmetricTopLogarithmic(System):
+    def __call__(
+        self,
+        *,
+        A: ArrayLike,
+    ) -> Model:
+        r"""Totally symmetric Lagrange top, moving frame, in a logarithmic potential.
+
+        A: from the fixed point to the centre of mass, in the body"""
+
+SymmetricTopLogarithmic: _SymmetricTopLogarithmic
 
 class _UniaxialChain(System):
     def __call__(

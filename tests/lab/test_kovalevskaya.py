@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction as F
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,9 @@ from kreisel.lab.exact import fraction
 from kreisel.lab.subject import subject
 from kreisel.record.calling import call
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
-from kreisel.system import kovalevskaya_top, kovalevskaya_top_e3, kovalevskaya_top_so3
+from kreisel.system import kovalevskaya_top, kovalevskaya_top_e3, kovalevskaya_top_so3, kovalevskaya_top_sp4
 
-ONE, TWO = kovalevskaya_top_e3.SYSTEM, kovalevskaya_top_so3.SYSTEM
+ONE, TWO, SECOND = kovalevskaya_top_e3.SYSTEM, kovalevskaya_top_so3.SYSTEM, kovalevskaya_top_sp4.SYSTEM
 
 
 def unknowns(system: Any) -> tuple[tuple[np.ndarray, ...], dict[str, Any]]:
@@ -43,7 +44,12 @@ def two_fields_turned(M: Any, P: Any, Q: Any, eps: Any) -> Any:
 
 @pytest.mark.parametrize(
     ("turn", "kicked", "system"),
-    [(kovalevskaya_top_e3.turn, kovalevskaya_top_e3.kicked, ONE), (two_fields_turned, gyrostat.kicked, TWO)],
+    [
+        (kovalevskaya_top_e3.turn, kovalevskaya_top_e3.kicked, ONE),
+        (two_fields_turned, gyrostat.kicked, TWO),
+        (kovalevskaya_top_sp4.turn, lambda M, P, e, eps: M + kovalevskaya_top_sp4.kick(P, eps), SECOND),
+    ],
+    ids=["one field", "two fields", "second map"],
 )
 def test_the_deformed_integrals_are_conserved_identically(turn: Any, kicked: Any, system: Any) -> None:
     """A proof: step = turn . kick, and I(turn(x)) = I(kick^-1(x)) as rational functions of the state and of eps."""
@@ -56,7 +62,7 @@ def test_the_deformed_integrals_are_conserved_identically(turn: Any, kicked: Any
     assert not vanishes(call(system.energy, after, spoiled) - call(system.energy, before, spoiled))
 
 
-@pytest.mark.parametrize("system", [ONE, TWO])
+@pytest.mark.parametrize("system", [ONE, TWO, SECOND])
 def test_the_deformed_integrals_are_in_involution_identically(system: Any) -> None:
     """A proof, as polynomials in the state and in eps; with the squared lengths for one of them it fails."""
     state, known = unknowns(system)
@@ -112,10 +118,30 @@ def test_the_spectrum_of_the_pencil_is_that_of_the_closed_forms(system: Any) -> 
         assert algebra.invariants.determinant(pencil) == -mu * stated != 0
 
 
-def test_the_gyrostat_has_the_degrees_of_its_top() -> None:
-    """12 k^2 + 2 k + 1, whatever gamma is."""
-    what = subject(kr.KovalevskayaGyrostat(n=3, gamma=F(3, 7)), eps=2)
-    assert growth.degrees(what, 4) == tuple(12 * k * k + 2 * k + 1 for k in range(5))
+@pytest.mark.parametrize(
+    ("model", "degrees"),
+    [
+        (lambda: kr.KovalevskayaGyrostat(n=3, gamma=F(3, 7)), [12 * k * k + 2 * k + 1 for k in range(5)]),
+        (lambda: kr.KovalevskayaTopSP4(), [18 * k * k + 1 for k in range(5)]),
+        (lambda: kr.SymmetricTopLogarithmic(A=(1, 0, 0)), [1, 6, 17, 38, 65, 102]),
+    ],
+)
+def test_the_degrees_of_further_maps_are_quadratic(model: Any, degrees: list[int]) -> None:
+    assert list(growth.degrees(subject(model(), eps=2), len(degrees) - 1)) == degrees
+
+
+def test_the_curve_of_the_second_map_is_a_function_of_its_integrals() -> None:
+    """The gradient of det L, 8 x 8, is in the span of those of H, K and the Casimirs, not of the first map."""
+    case = laws.make_case(SECOND, 3, "float", 2)
+
+    def curve(*state: Any) -> Any:
+        return algebra.invariants.determinant(case.call(SECOND.map.pencil, *state, lam=1.3, mu=0.6))
+
+    for system, rank in ((SECOND, 4), (ONE, 5)):
+        known = (system.space.casimirs, system.energy, *system.integrals.values())
+        rows = [np.atleast_2d(case.jacobian(f)[1]).astype(float) for f in (*known, curve)]
+        scaled = np.concatenate([row / np.linalg.norm(row, axis=-1, keepdims=True) for row in rows])
+        assert np.linalg.matrix_rank(scaled, 1e-9) == rank
 
 
 @pytest.mark.parametrize(("system", "leaf"), [(ONE, 4), (TWO, 6)])
@@ -182,6 +208,22 @@ def test_the_map_is_that_of_a_discrete_lagrangian() -> None:
     ):
         system = replace(ONE, map=replace(ONE.map, lagrangian=function))
         assert laws.test(law, laws.make_case(system, 3, "float", 1)).holds == holds
+
+
+def second_lagrangian(g: Any, h: Any, p: Any, *, eps: Any, weight: float = 8.0) -> Any:
+    """-(4/eps) log(((1 + w0)^2 + w3^2)/4) + (weight/eps) Re log(1 - (eps^2/8) (P_1 + i P_2)), w the quaternion of W."""
+    W, P = g.mT @ h, algebra.act(g.mT, p)
+    w0 = algebra.sqrt(1 + W[..., 0, 0] + W[..., 1, 1] + W[..., 2, 2]) / 2
+    w3, u, v = (W[..., 1, 0] - W[..., 0, 1]) / (4 * w0), 1 - eps * eps / 8 * P[..., 0], eps * eps / 8 * P[..., 1]
+    return weight / 2 / eps * algebra.log(u * u + v * v) - 4 / eps * algebra.log(((1 + w0) * (1 + w0) + w3 * w3) / 4)
+
+
+def test_the_second_map_is_that_of_a_discrete_lagrangian() -> None:
+    law = laws.LAWS["discrete-euler-lagrange"]
+    for weight in (8.0, 4.0):
+        function = partial(second_lagrangian, weight=weight)
+        system = replace(SECOND, map=replace(SECOND.map, lagrangian=function))
+        assert laws.test(law, laws.make_case(system, 3, "float", 1)).holds == (weight == 8.0)
 
 
 def test_a_run_conserves_what_it_says_and_turns_the_body() -> None:

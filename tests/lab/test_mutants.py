@@ -28,6 +28,7 @@ from kreisel.system import (
     kovalevskaya_gyrostat,
     kovalevskaya_top_e3,
     kovalevskaya_top_so3,
+    kovalevskaya_top_sp4,
     lagrange_top,
     lagrange_top_moving,
     lagrange_top_su2,
@@ -41,6 +42,8 @@ from kreisel.system import (
     rosochatius,
     spin_chain,
     steklov,
+    symmetric_top,
+    symmetric_top_logarithmic,
     zhukovsky_volterra,
 )
 
@@ -48,7 +51,8 @@ VESELOV, ROSOCHATIUS = neumann_veselov.SYSTEM, rosochatius.SYSTEM
 GORYACHEV, HESS = goryachev_chaplygin.SYSTEM, hess_appelrot.SYSTEM
 STEKLOV, LYAPUNOV = steklov.SYSTEM, lyapunov.SYSTEM
 BITOP = ratiu_bitop.SYSTEM
-ROTOR = kovalevskaya_gyrostat.SYSTEM
+ROTOR, SP4 = kovalevskaya_gyrostat.SYSTEM, kovalevskaya_top_sp4.SYSTEM
+LOGARITHMIC = symmetric_top_logarithmic.SYSTEM
 KOVALEVSKAYA, TWO_FIELDS = kovalevskaya_top_e3.SYSTEM, kovalevskaya_top_so3.SYSTEM
 REVOLUTION = kirchhoff_revolution.SYSTEM
 BODY = clebsch_body.SYSTEM
@@ -138,6 +142,20 @@ def rotor_forgotten(M, P, Q, *, gamma, e, h, eps):  # the turn cay(k M) cay(k M_
     turned = kovalevskaya_gyrostat.turned
     F = turned(Y, np.stack([P, Q], -1))
     return turned(Y, turned(Y, M).mT).mT, F[..., 0], F[..., 1]
+
+
+def double_weight(M, P, *, eps):  # with eps^2/4 for eps^2/8 in the denominator of the kick
+    return kovalevskaya_top_sp4.turn(M + kovalevskaya_top_sp4.kick(2 * P, eps) / 2, P, eps)
+
+
+def turned_alike(M, P, *, eps):  # both turns with the same denominator
+    M = M + kovalevskaya_top_sp4.kick(P, eps)
+    return kovalevskaya_gyrostat.turn(M, P, 0 * P, 0, eps)[:2]
+
+
+def other_logarithm(M, P, *, A, eps):  # with 1 + eps^2/4 <A, P>
+    M = M - symmetric_top_logarithmic.kick(-P, A, eps)
+    return M, cayley_act(-eps / 2 * M, P)
 
 
 def plain_reversal(M, P, Q, *, e, h, eps):  # which turns the rotor round too
@@ -514,6 +532,10 @@ MUTANTS = [
     ("reconstruction", mapped(KOVALEVSKAYA, generator=without_own_turn), 3),
     ("involution", replace(KOVALEVSKAYA, energy=undeformed), 3),
     ("reversing-involution", mapped(KOVALEVSKAYA, involution=lambda M, P, *, eps: (-M, P)), 3),
+    *((law, mapped(SP4, step=double_weight), 3) for law in ("integrals-of-the-map", "discrete-lax-pencil", "inverse")),
+    ("integrals-of-the-map", mapped(SP4, step=turned_alike), 3),
+    *((law, mapped(LOGARITHMIC, step=other_logarithm), 3) for law in ("integrals-of-the-map", "discrete-lax-pencil")),
+    ("integrals-of-the-map", mapped(LOGARITHMIC, step=symmetric_top.step), 4),
     ("integrals-of-the-map", mapped(ROTOR, step=rotor_forgotten), 4),
     ("discrete-lax-pencil", mapped(ROTOR, pencil=without_rotor), 3),
     ("discrete-lax-pencil", mapped(KOVALEVSKAYA, step=plain_kick), 3),

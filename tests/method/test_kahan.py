@@ -22,7 +22,7 @@ CUBIC = {"lattice-landau-lifshitz", "neumann", "neumann-veselov", "rosochatius"}
 QUADRATIC = sorted(set(REGISTRY) - CUBIC)
 WITH_NOETHER = {
     *("kirchhoff-case", "kirchhoff-revolution", "kovalevskaya-gyrostat", "kovalevskaya-top", "lagrange-top"),
-    *("lagrange-top-moving", "ratiu-top", "symmetric-top"),
+    *("lagrange-top-moving", "ratiu-top", "symmetric-top", "symmetric-top-logarithmic"),
 }
 EPS, HALF = exact.rational(2, 7), exact.rational(1, 2)
 J = (1.0, 2.0, 3.5)

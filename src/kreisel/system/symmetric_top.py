@@ -111,6 +111,19 @@ def one(A):
     return 1 + 0 * A[..., 0]
 
 
+MAP = Map(
+    step=step,
+    inverse=inverse,
+    involution=involution,
+    to_symmetric=half_kick,
+    generator=generator,
+    lagrangian=lagrangian,
+    lax=lax_matrix,
+    conjugator=conjugator,
+    darboux=darboux_variables,
+    source="Suris 2001, section 1 (Introduction)",
+)
+
 SYSTEM = System(
     name="symmetric-top",
     title="Totally symmetric Lagrange top, moving frame",
@@ -130,18 +143,7 @@ SYSTEM = System(
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
     lax=lax,
-    map=Map(
-        step=step,
-        inverse=inverse,
-        involution=involution,
-        to_symmetric=half_kick,
-        generator=generator,
-        lagrangian=lagrangian,
-        lax=lax_matrix,
-        conjugator=conjugator,
-        darboux=darboux_variables,
-        source="Suris 2001, section 1 (Introduction)",
-    ),
+    map=MAP,
     baecklund=replace(
         lagrange_top_moving.BAECKLUND,
         spin=None,

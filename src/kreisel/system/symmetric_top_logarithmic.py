@@ -1,0 +1,118 @@
+"""Totally symmetric Lagrange top, moving frame: a second explicit map, by a logarithmic potential.
+
+State (M, P) in e(n)*: M (..., n, n) skew, P (..., n), any |A| and |P|.  Plus bracket, F' = {H, F}.  The flow is that of
+`symmetric_top`; the map is that of `quadratic_field` on so(n) x so(1), B = [[0, A], [A^T, 0]] and the field
+-[[0, P], [P^T, 0]]: with k = eps/2,
+
+    M_(k+1) = M + eps A ^ P/(1 - k^2 <A, P>),   P_(k+1) = cay(-k M_(k+1)) P.
+
+The logarithm is Kovalevskaya's; with the other sign of eps^2 the map is not integrable.  [This map was made here]
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.algebra import act, cayley_act, dot, identity, log, mat, pairing, trace_log, wedge
+from kreisel.algebra.matrices import border
+from kreisel.record.contract import Relation
+from kreisel.system import quadratic_field as general
+from kreisel.system import symmetric_top
+
+
+def kick(P, A, eps):
+    return wedge(A, P) * mat(eps / (1 - eps * eps / 4 * dot(A, P)))
+
+
+def step(M, P, *, A, eps):
+    M = M + kick(P, A, eps)
+    return M, cayley_act(-eps / 2 * M, P)
+
+
+def inverse(M, P, *, A, eps):
+    P = cayley_act(eps / 2 * M, P)
+    return M - kick(P, A, eps), P
+
+
+def involution(M, P, *, A, eps):
+    return -M - kick(P, A, eps), P
+
+
+def half_kick(M, P, *, A, eps):
+    return M + kick(P, A, eps) / 2, P
+
+
+def lagrangian(g, h, p, *, A, eps):  # -(1/eps) tr log(2 + W + W^T) + (4/eps) log(1 - k^2 <A, P>)
+    W = g.mT @ h
+    kinetic = trace_log(2 * identity(W.shape[-1]) + W + W.mT) / eps
+    return 4 / eps * log(1 - eps * eps / 4 * dot(A, act(g.mT, p))) - kinetic
+
+
+def energy(M, P, *, A, eps=0):  # H at S = (1 + k M) P, less (k^2/2) (|A|^2 |S|^2 - <A, S>^2)
+    S = P + eps * act(M, P) / 2
+    along = dot(A, S)
+    return pairing(M, M) / 2 + along - eps * eps * (dot(A, A) * dot(S, S) - along * along) / 8
+
+
+def whole(M, P, A):
+    """M (+) 0, the field and B, of size n + 1."""
+    return border(M, 0 * P), border(0 * M, -P), border(0 * M, A + 0 * P)
+
+
+def spectrum(M, P, *, A, eps=0):
+    """det L(lambda, mu) at n - 1 points (lambda, mu): with `noether` they are complete."""
+    points = [(1 + j // 2, j) for j in range(M.shape[-1] - 1)]
+    M, F, B = whole(M, P, A)
+    return general.values_of(M, F, general.potential(F, eps * eps * B / 4), B, eps=eps, points=points)
+
+
+def ranks(P):
+    """V = [[P, 0], [0, 1]] and -V [[0, 1], [1, 0]], (n + 1, 2): the first times the second's transpose is the field."""
+    zero, one = 0 * P, 1 + 0 * P[..., :1]
+    first, second = np.concatenate([P, 0 * one], -1), np.concatenate([zero, one], -1)
+    return np.stack([first, second], -1), -np.stack([second, first], -1)
+
+
+def pencil(M, P, *, A, lam, mu, eps):  # of size n + 3
+    (M, _, B), (left, right) = whole(M, P, A), ranks(P)
+    return general.pencil_of(M, left, right, B, lam=lam, mu=mu, eps=eps)
+
+
+def factors(M, P, *, A, lam, eps):
+    (_, _, B), (left, right) = whole(M, P, A), ranks(P)
+    one = identity(P.shape[-1] + 1) + 0 * B
+    return general.turned(general.factors_of(left, right, B, lam=lam, eps=eps), one, one[..., :2, :2])
+
+
+def largest_step(M, P, *, A):
+    """The denominator 1 - (eps^2/4) <A, P> stays positive on |P| = const for smaller |eps|."""
+    with np.errstate(divide="ignore"):
+        return 2 / np.sqrt(np.sqrt(dot(P, P) * dot(A, A)))
+
+
+SYSTEM = replace(
+    symmetric_top.SYSTEM,
+    name="symmetric-top-logarithmic",
+    title="Totally symmetric Lagrange top, moving frame, in a logarithmic potential",
+    source="Suris 2001, section 1",
+    energy=energy,
+    integrals={"spectrum": spectrum, "noether": symmetric_top.noether},
+    map=replace(
+        symmetric_top.MAP,
+        step=step,
+        inverse=inverse,
+        involution=involution,
+        to_symmetric=half_kick,
+        lagrangian=lagrangian,
+        lax=None,
+        conjugator=None,
+        darboux=None,
+        pencil=pencil,
+        factors=factors,
+        largest_step=largest_step,
+        source="Kreisel",
+    ),
+    baecklund=None,
+    relations=(Relation("symmetric-top", lambda M, P, g, *, A: ((M, P), {"A": A}), meaning="another map"),),
+    notes="For n >= 4 the spectrum alone is not complete: noether is needed too.",
+)
