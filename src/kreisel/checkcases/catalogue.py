@@ -6,6 +6,7 @@ import math
 import tomllib
 from collections.abc import Callable, Mapping
 from fractions import Fraction
+from functools import cache
 from importlib.resources import files
 from typing import Any
 
@@ -23,8 +24,17 @@ Numbers = Mapping[str, Any]  # rational, in SI
 
 def records() -> dict[str, Case]:
     """All cases, by name."""
-    text = files("kreisel.checkcases").joinpath("catalogue.toml").read_text(encoding="utf-8")
-    return {name: _case(name, record) for name, record in tomllib.loads(text).items()}
+    return {name: _case(name, record) for name, record in _printed().items()}
+
+
+@cache
+def _printed() -> dict[str, dict[str, Any]]:
+    return tomllib.loads(files("kreisel.checkcases").joinpath("catalogue.toml").read_text(encoding="utf-8"))
+
+
+def law_of(name: str) -> str:
+    """The name of the law of a case, as in catalogue.toml."""
+    return str(_printed()[name]["law"])
 
 
 def _case(name: str, record: dict[str, Any]) -> Case:

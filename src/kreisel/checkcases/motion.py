@@ -105,7 +105,7 @@ class Case:
         start = [*self.angular_velocity, *self.attitude, *self.further]
         return Solution(flow, start, entries, self.duration, self.bits)
 
-    def _floats(self) -> dict[str, Any]:
+    def numeric(self) -> dict[str, Any]:
         """The law's parameters as doubles."""
         values = {"I": self.inertia, "inverse": inverse(self.inertia), **self.parameters}
         return {name: _doubles(value) for name, value in values.items()}
@@ -159,7 +159,7 @@ class Case:
     def quantities(self, states: Array) -> dict[str, Array]:
         """The variables of `reference` from states (rows, d)."""
         w, q, x = arrays(states[:, :3]), arrays(states[:, 3:7]), arrays(states[:, 7:])
-        p, R = self._floats(), rotation(q)
+        p, R = self.numeric(), rotation(q)
         body = [a + b for a, b in zip(times(p["I"], w), self.law.stored(p), strict=True)]
         out = {
             "angular_velocity": states[:, :3],

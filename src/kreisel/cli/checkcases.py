@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import textwrap
 from fractions import Fraction
 from pathlib import Path
@@ -171,3 +172,90 @@ def _grade(case: Case, paths: list[Path], options: dict[str, str], as_json: bool
             print(result)
     if as_json:
         print_json([result.data() for result in graded])
+
+
+SYSTEMS = {"free": "euler-top", "field": "heavy-top", "wheel": "zhukovsky-volterra", "fluid": "kirchhoff-revolution"}
+ROWS_OF_A_RUN = 3000
+PYTHON = """{head} checkcase {name}: Kreisel's run of the check case, graded.
+import numpy as np
+
+import kreisel as kr
+
+case = kr.checkcases.case("{name}")
+body = kr.{title}({parameters})
+x0 = body.state({state})
+run = kr.simulate(body, x0, dt={dt!r}, steps={steps}, {call}orientation={orientation})
+momentum = run.M.values{stored}  # I w, kg m^2/s, along the body axes
+w = np.linalg.solve(np.array(case.given()["inertia"]), momentum.T).T
+print(case.grade(run.time.values, angular_velocity=w, attitude=run.g.values))
+"""
+TOML = """{head} checkcase {name}; run it by: kreisel run {toml}
+# {about}
+# SI units: M in kg m^2/s along the body axes, time in s.  {python} grades such a run.
+
+[system]
+name = "{system}"
+{parameters}
+
+[state]
+{state}
+orientation = {orientation}  # body to space, as w, x, y, z
+
+[run]
+{method}dt = {dt!r}
+steps = {steps}
+
+[output]
+path = "{stem}.zarr"
+"""
+
+
+def files_of(name: str, toml: Path, python: Path, head: str) -> dict[Path, str]:
+    """The TOML and the Python file that run a case.  Raises `InputError` for a law that no system has."""
+    from kreisel import checkcases
+    from kreisel.checkcases.catalogue import law_of
+    from kreisel.system import NAMED, REGISTRY
+
+    case, kind = checkcases.case(name), law_of(name)
+    if kind not in SYSTEMS:
+        with_run = ", ".join(other for other in checkcases.cases() if law_of(other) in SYSTEMS)
+        raise InputError(f"new checkcase: expected a case that is a system of Kreisel, {with_run}; got {name}.")
+    system, parameters, state = _as_system(case, kind)
+    dt = float(f"{float(case.duration) / ROWS_OF_A_RUN:.3g}")
+    method = {"heavy-top": ("variational", 8), "kirchhoff-revolution": ("exact", None)}.get(system, (None, None))
+    settings = {key: value for key, value in zip(("method", "order"), method, strict=True) if value is not None}
+    words = {
+        "method": "".join(f"{key} = {json.dumps(value)}\n" for key, value in settings.items()),
+        "call": "".join(f"{key}={value!r}, " for key, value in settings.items()),
+        "head": head, "name": name, "dt": dt, "steps": int(float(case.duration) / dt), "about": case.title,
+        "orientation": case.given()["attitude"], "toml": toml.name, "python": python.name, "stem": toml.stem,
+        "system": system, "title": next(key for key, record in NAMED.items() if record is REGISTRY[system]),
+        "stored": f" - np.array({case.numeric()['h']})" if kind == "wheel" else "",
+    }  # fmt: skip
+    lines = {"parameters": parameters, "state": state}
+    texts = {key: "\n".join(f"{k} = {v}" for k, v in values.items()) for key, values in lines.items()}
+    calls = {key: ", ".join(f"{k}={v}" for k, v in values.items()) for key, values in lines.items()}
+    return {toml: TOML.format(**words, **texts), python: PYTHON.format(**words, **calls)}
+
+
+def _as_system(case: Case, kind: str) -> tuple[str, dict[str, Any], dict[str, Any]]:
+    """The system of a case, its parameters and its state, in SI."""
+    import numpy as np
+
+    p, w = case.numeric(), np.array([float(v) for v in case.angular_velocity])
+    inertia = np.array(p["I"])
+    J, momentum = np.trace(inertia) / 2 * np.eye(3) - inertia, inertia @ w
+    straight = bool((J == np.diag(np.diag(J))).all())
+    if kind == "fluid":
+        names = {"a1": inertia[0, 0], "a3": inertia[2, 2], "c1": p["A"][0][0], "c3": p["A"][2][2]}
+        state = {"M": momentum.tolist(), "P": (np.array(p["A"]) @ [float(v) for v in case.further[:3]]).tolist()}
+        return SYSTEMS[kind], {key: 1 / float(value) for key, value in names.items()}, state
+    if kind == "wheel":
+        return SYSTEMS[kind], {"J": np.diag(J).tolist(), "h": p["h"]}, {"M": (momentum + p["h"]).tolist()}
+    if kind == "free" and straight:
+        return SYSTEMS[kind], {"J": np.diag(J).tolist()}, {"M": momentum.tolist()}
+    from kreisel.checkcases.laws import rotation
+
+    up = [float(v) for v in rotation(case.given()["attitude"])[2]]
+    A = [-float(k) for k in p.get("k", (0, 0, 0))]
+    return "heavy-top", {"J": J.tolist(), "A": A}, {"M": momentum.tolist(), "P": up}

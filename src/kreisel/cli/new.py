@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from kreisel.cli.checkcases import files_of
 from kreisel.cli.output import OverwriteFile, a_path, app, say, system_names
 from kreisel.errors import InputError
 from kreisel.record.contract import Parameter, System
@@ -31,6 +32,7 @@ def new(
         str | None,
         typer.Argument(help="A system (kreisel systems); with --lagrangian any name.", autocompletion=system_names),
     ] = None,
+    case: Annotated[str | None, typer.Argument(help="A check case, after the name checkcase.")] = None,
     out: Annotated[Path | None, a_path("The file to write, by default NAME.toml.", "--out", "-o")] = None,
     n: Annotated[int | None, typer.Option("--n", help="The dimension, or the sites of a chain.")] = None,
     perturbed: Annotated[bool, typer.Option("--perturbed", help="Under forces of your own, in a Python file.")] = False,
@@ -47,6 +49,8 @@ def new(
 
     if sum((perturbed, satellite, lagrangian)) > 1 or (swept and (perturbed or lagrangian)):
         raise InputError("kreisel new: expected one of --perturbed, --satellite, --lagrangian, --sweep, got several.")
+    if (name == "checkcase") != (case is not None):
+        raise InputError("kreisel new: expected a system, or checkcase NAME; `kreisel checkcase` lists the cases.")
     if satellite and name is None:
         name = "satellite"
     if name is None:
@@ -55,11 +59,13 @@ def new(
         raise InputError(f"--satellite: expected satellite, satellite-with-wheel or no name, got {name!r}.")
     if lagrangian and (name in KNOWN or not name.replace("-", "").replace("_", "").isalnum()):
         raise InputError(f"--lagrangian: expected a name of your own, such as my-top, got {name!r}.")
-    target = out or Path(f"{'my-' * perturbed}{name}{'-sweep' * swept}.toml")
+    target = out or Path(f"{'my-' * perturbed}{case or name}{'-sweep' * swept}.toml")
     if target.suffix != ".toml":
         raise InputError(f"--out: expected a file that ends in .toml, got {str(target)!r}.")
     code = target.with_name(target.stem.replace("-", "_") + ".py")
-    if lagrangian:
+    if case is not None:
+        files = files_of(case, target, code, HEAD)
+    elif lagrangian:
         files = {code: LAGRANGIAN.format(head=HEAD, name=name), target: _of_lagrangian(name, target, code)}
     elif perturbed:
         files = forced(example(find(name), n), f"my-{name}", target, code)
