@@ -40,7 +40,7 @@ from pathlib import Path
 DOCS = Path(__file__).parent.parent
 MADE = DOCS / "generated"
 FIGURES, LIVE, DONE = MADE / "figures", MADE / "extra" / "live", MADE / "done.json"
-GENERATORS = ("methods", "gallery", "performance", "playground", "commands")
+GENERATORS = ("methods", "gallery", "performance", "playground", "commands", "checkcases")
 LONG = {
     name: 10.0 for name in ("rebound.md", "tutorial-lagrangian.md", "spin-chains.md", "guide-disc.md", "reduction.md")
 }

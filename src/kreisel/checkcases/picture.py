@@ -14,15 +14,18 @@ if TYPE_CHECKING:
     from kreisel.viewer.shown_figure import ShownFigure
 
 ROWS = 1201
+STILL = 1e-3  # an axis that moves less shows nothing
 
 
 def plot(case: Case, theme: str = "light") -> ShownFigure:
-    """Angular velocity along the body axes; the body axis nearest to the momentum at the start, in space."""
+    """Angular velocity along the body axes; in space, the body axis nearest to the momentum, or one that moves."""
     truth = case.reference(case.times(ROWS))
     time, w = truth.time.values, truth.angular_velocity.values
     momentum = truth.momentum.values[0]
     R = np.array(rotation(arrays(truth.attitude.values)))  # (3, 3, rows)
     axis = int(np.argmax(abs(R[:, :, 0].T @ momentum)))
+    if np.ptp(R[:, axis], axis=1).max() < STILL:
+        axis = (axis + 1) % 3
     path = R[:, axis].T
     with figure(theme, 7.4, 3.2) as (picture, colours):
         rates = picture.add_subplot(1, 2, 1)
