@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from scipy.integrate import solve_ivp
 import kreisel as kr
 from kreisel.forces import kicks
 from kreisel.forces.invariants import conserved, conserved_totals
+from kreisel.kernels.coupled import CoupledEngine
 from kreisel.method.splitting import Splitting
 from kreisel.record.model import Model
 from kreisel.runs.planning import make_plan
@@ -131,6 +133,26 @@ def test_a_mutant_without_reaction_is_caught(monkeypatch: pytest.MonkeyPatch) ->
     assert conserved_totals(body) == ()
     run = kr.simulate(body, body.state(**START), dt=0.2, steps=100)
     assert abs(run.total_energy - run.total_energy[0]).max() > 0.01
+
+
+def test_an_engine_that_adopts_another_step_projects_with_its_constants() -> None:
+    """An invariant that depends on dt, as the deformed ones of maps do."""
+    bodies = chain()
+
+    def planned(dt: float) -> tuple[Any, Any]:
+        plan = make_plan(bodies, START, dt=dt, steps=10, order=8)
+        observe = plan.scheme.observe
+
+        def deformed(parts: Any, *only: Any, **constants: Any) -> dict[str, Any]:
+            return {name: value + constants["_last"] for name, value in observe(parts, *only, **constants).items()}
+
+        return replace(plan.scheme, observe=deformed), plan.first
+
+    (short, z), (long, _) = planned(0.1), planned(0.2)
+    engine, fresh = CoupledEngine(short, z, project=True), CoupledEngine(long, z, project=True)
+    assert (engine.projection.targets[..., 0] != fresh.projection.targets[..., 0]).any()
+    assert engine.begin(z, long, 10**9)
+    assert (engine.projection.targets[..., 0] == fresh.projection.targets[..., 0]).all()
 
 
 def test_which_is_first_makes_no_difference() -> None:

@@ -59,7 +59,7 @@ class CoupledEngine(SteppedEngine):
         self._frame = np.array([*words, *self.stages.shape[:2], len(self._pairs)], dtype=np.int64)
         self.work = record.work
         if project:
-            self.projection = recordable(lambda: projection_between(scheme, self.z, scheme.stage_count * record.work))
+            self.projection = recordable(lambda: projection_between(self, scheme.stage_count * record.work))
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         if self.projection is None:
@@ -76,7 +76,9 @@ class CoupledEngine(SteppedEngine):
         return self.z
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
-        if not isinstance(self.projection, CompiledProjection | None) or not self.adopts(scheme, z):
+        if not isinstance(self.projection, CompiledProjection | None) or self.scheme.basis:
+            return False
+        if not self.adopts(scheme, z):
             return False
         if self.projection is not None:
             self.projection.begin(steps)

@@ -125,7 +125,7 @@ class CpuEngine(SteppedEngine):
             self.projection = self._woven = CompiledProjection(*parts)
         elif project and not code.tried:
             work = scheme.stage_count * code.work
-            self._between = recordable(lambda: projection_between(scheme, self.z, work, arrays_only=large is None))
+            self._between = recordable(lambda: projection_between(self, work, arrays_only=large is None))
             self.projection = self._between
 
     def _large(self, large: Large) -> Code:
@@ -261,8 +261,12 @@ def compiled_step(
     return advance
 
 
-def projection_between(scheme: Scheme, z: Floats, work: float, arrays_only: bool = False) -> Corrections | None:
-    """The projection of rows z for kernels that do not call it; None where nothing is conserved."""
+def projection_between(engine: SteppedEngine, work: float, arrays_only: bool = False) -> Corrections | None:
+    """The projection of an engine's rows, for kernels that do not call it; None where nothing is conserved.
+
+    Constants are the rows of the engine, which it may change, unless the invariants need a basis too.
+    """
+    scheme, z, constants, columns = engine.scheme, engine.z, engine.constants, engine.columns
     if scheme.n > (arrays.MOST_N if scheme.conserved is None else MOST_LARGE_N):
         return None
     observed = arrays.Observed(scheme, z)
@@ -271,8 +275,9 @@ def projection_between(scheme: Scheme, z: Floats, work: float, arrays_only: bool
         return None
     short = observed.own <= 2 * scheme.n and sum(map(len, observed.members.values())) <= FEW
     if not (by_arrays and (arrays_only or (scheme.n > MOST_N and not short))):
-        more = scheme.basis if by_arrays else {}
-        constants, columns = flat_constants(replace(scheme, constants={**scheme.constants, **more}), len(z))
+        if by_arrays and scheme.basis:
+            whole = replace(scheme, constants={**scheme.constants, **scheme.basis})
+            constants, columns = flat_constants(whole, len(z))
         program, too_long = _program_between(scheme, columns, observed)
         if program is not None:
             width, every = WIDE if len(z) > 1 else 1, interval(cost_of([program]), ALONE * work)
