@@ -83,7 +83,10 @@ def flow_of(model: Any, state: tuple[Array, ...], time: float, *, digits: int = 
         def exactly(x: Array) -> Array:
             return algebra.objects((flint.arb(float(v)) for v in np.ravel(x)), np.shape(x))[()]
 
-        known = {p.letter: exactly(model.params[p.letter]) for p in system.parameters}
+        known = {
+            p.letter: model.params[p.letter] if p.kind == "dimension" else exactly(model.params[p.letter])
+            for p in system.parameters
+        }
         known |= call(system.derive, (), known) if system.derive is not None else {}
 
         def rates(terms: Terms, k: int) -> list[Any]:

@@ -30,11 +30,16 @@ def case(name: str, seed: int = 0) -> Case:
     if name == "manakov":
         a = np.array([1.0, 2.5, 5.0, 8.0])
         return kr.ManakovTop(a=a, b=np.sqrt(a + 1)), {"M": skew(draw, 4)}
+    if name == "kovalevskaya":
+        return kr.KovalevskayaTopE3(), {"M": skew(draw, 3), "P": draw.normal(size=3)}
+    if name == "gyrostat":
+        fields = draw.normal(size=(2, 3))
+        return kr.KovalevskayaGyrostat(n=3, gamma=0.7), {"M": skew(draw, 3), "P": fields[0], "Q": fields[1]}
     F = draw.normal(size=(3, 3))
     return kr.QuadraticPotential(J=(1, 1.6, 2.3)), {"M": skew(draw, 3), "P": F + F.T}
 
 
-NAMES = ("clebsch", "manakov", "quadratic")
+NAMES = ("clebsch", "manakov", "quadratic", "kovalevskaya", "gyrostat")
 
 
 def parts(model: Any, state: dict[str, np.ndarray]) -> tuple[np.ndarray, ...]:
@@ -115,6 +120,21 @@ def test_orientation(name: str) -> None:
     assert abs(turns[0] - turns[1]).max() < 1e-7
 
 
+@pytest.mark.filterwarnings("ignore::kreisel.ConservationWarning")
+def test_a_gyrostat_whose_maps_forget_the_rotor_is_caught() -> None:
+    model, state = case("gyrostat")
+    want = flow_of(model, parts(model, state), 1.0, digits=20)
+    record = model.system.pairs
+
+    def pair(M: Any, P: Any, Q: Any, *, gamma: Any, lam: Any, mu: Any) -> Any:
+        return record.pair(M, P, Q, gamma=0 * gamma, lam=lam, mu=mu)
+
+    changed = replace(model.system, pairs=replace(record, pair=pair))(**model.params)
+    ends = [kr.simulate(m, state, dt=0.25, steps=4, method="exact", project=False) for m in (model, changed)]
+    assert off(model, ends[0], want) < 1e-13
+    assert off(model, ends[1], want) > 1e-3
+
+
 @pytest.mark.parametrize(
     ("mutant", "least"),
     [
@@ -148,7 +168,7 @@ def _changed(change: Any) -> Any:
     def pair(M: Any, P: Any, *, a: Any, lam: Any, mu: Any) -> Any:
         F = P[..., :, None] * P[..., None, :]
         B, X = change(*pairs.kick_and_turn(*pairs.eigenvector_of_pencil(M, F, a, lam, mu), lam))
-        return (pairs.kicked(M, B, a), pairs.turned(X, P, "vector")), X
+        return (pairs.kicked(M, B, a), pairs.turned(X, P, "vector")), (X,)
 
     return pair
 
@@ -177,6 +197,13 @@ F = np.array([[1.0, 0.3, -0.2], [0.3, -0.5, 0.4], [-0.2, 0.4, 0.9]])
         (kr.QuadraticPotential(J=(1, 1.6, 2.3)), {"M": (0, 0, 0), "P": F}),
         (kr.QuadraticPotential(J=(1, 1.6, 2.3)), {"M": (15, -10, 40), "P": F}),
         (kr.QuadraticPotential(J=(1, 1.6, 2.3)), {"M": (0.3, -0.2, 0.9), "P": 0 * F}),
+        (kr.KovalevskayaTopE3(), {"M": (0, 0, 0), "P": (1, 0, 0)}),  # at rest, up and down
+        (kr.KovalevskayaTopE3(), {"M": (0, 0, 0), "P": (-1, 0, 0)}),
+        (kr.KovalevskayaTopE3(), {"M": (0, 0, 1.5), "P": (0.6, 0.8, 0)}),  # a pendulum
+        (kr.KovalevskayaTopE3(), {"M": (2, 0, 0), "P": (2, 0, 0)}),  # K = 0
+        (kr.KovalevskayaTopE3(), {"M": (1, 1, 0.5), "P": (0, 1, 0.7)}),  # K = 0: Delaunay
+        (kr.KovalevskayaTopE3(), {"M": (1, 1, 0.5), "P": (1e-9, 1, 0.7)}),
+        (kr.KovalevskayaTopE3(), {"M": (0.3, -0.2, 0.9), "P": (0, 0, 0)}),
     ],
 )
 def test_special_motions(system: Any, state: dict[str, Any]) -> None:

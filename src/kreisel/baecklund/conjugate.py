@@ -17,8 +17,8 @@ the projector of mu: the flow of -2 int mu dlam/lam between the points -x + iy a
 Hamiltonian a product of pairs.  [the Darboux matrix of a Lax matrix: Suris 2001, section 7, and docs/baecklund.md]
 """
 
-import dataclasses
 import inspect
+from dataclasses import replace
 
 import numpy as np
 
@@ -113,7 +113,7 @@ def rates(lam, left, right, a):
 def clebsch_pair(M, P, *, a, lam, mu):
     u, w = eigenvector_of_pencil(M, P[..., :, None] * P[..., None, :], a, lam, mu)
     B, X = kick_and_turn(u, w, lam)
-    return (kicked(M, B, a), turned(X, P, "vector")), X
+    return (kicked(M, B, a), turned(X, P, "vector")), (X,)
 
 
 def clebsch_rates(M, P, *, a, lam, left, right):
@@ -132,7 +132,7 @@ CLEBSCH = ConjugatePairs(
 def free_pair(M, *, a, lam, mu):
     u, w = eigenvector_of_pencil(M, 0 * M, a, lam, mu)
     B, X = kick_and_turn(u, w, lam)
-    return (kicked(M, B, a),), X
+    return (kicked(M, B, a),), (X,)
 
 
 def free_rates(M, *, a, lam, left, right):
@@ -151,7 +151,7 @@ MANAKOV = ConjugatePairs(
 def field_pair(M, P, *, a, lam, mu):
     u, w = eigenvector_of_pencil(M, P, a, lam, mu)
     B, X = kick_and_turn(u, w, lam)
-    return (kicked(M, B, a), turned(X, P, "symmetric")), X
+    return (kicked(M, B, a), turned(X, P, "symmetric")), (X,)
 
 
 def field_rates(M, P, *, a, lam, left, right):
@@ -179,4 +179,5 @@ def of_body(record):
         of_mass.__dict__["__signature__"] = inspect.Signature(names)
         return of_mass
 
-    return ConjugatePairs(*(by_mass(getattr(record, field.name)) for field in dataclasses.fields(record)))
+    functions = ("matrix", "heights", "rates", "pair")
+    return replace(record, **{name: by_mass(getattr(record, name)) for name in functions})

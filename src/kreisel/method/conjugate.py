@@ -13,7 +13,7 @@ turns by int Omega, and what is missing to the angular velocity of the flow comm
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, reduce
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -33,12 +33,27 @@ NODES = 20  # half of them on each side of 0: the error of the integrals is abou
 RANK = 1e-10  # relative: fields that depend on others
 SPAN = 1e-8  # relative: the distance of the flow from the other fields
 SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
+STEPS = 12  # of Newton's method; in extended precision after a miss, relative to the move, below CLOSE
+CLOSE, ENOUGH, SMALL = 1e-6, 1e-12, 1e-5  # SMALL: a move, relative to the state
+RANK = 1e-10  # relative: fields that depend on others
+SPAN = 1e-8  # relative: the distance of the flow from the other fields
+SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
+STEPS = 12  # of Newton's method; extended precision where the miss was below CLOSE, relative to the move
+CLOSE, SETTLED, ENOUGH = 1e-6, 64, 1e-13  # SETTLED in last places, where rounding allows it
+RANK = 1e-10  # relative: fields that depend on others
+SPAN = 1e-8  # relative: the distance of the flow from the other fields
+SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
 STEPS = 10  # of Newton's method in doubles, which ends where a change is below CLOSE; two more in extended precision
 CLOSE = 1e-9
 TRIALS = 8  # each with more copies of the pairs
 MOST_COPIES = 1_000_000
 BETWEEN = 20  # steps between projections at most, as for the pairs of `kreisel.method.pairs`
 NUMBERS = ("lam_re", "lam_im", "mu_re", "mu_im")
+
+
+def has_pairs(model: Model) -> bool:
+    """Whether pairs are known for the dimension of the body."""
+    return model.system.pairs is not None and model.n in model.system.pairs.dimensions
 
 
 def exact_by_pairs(model: Model, dt: float, oriented: bool) -> Scheme:
@@ -58,8 +73,8 @@ def exact_by_pairs(model: Model, dt: float, oriented: bool) -> Scheme:
 
     def step(*z: Array, lam_re: Array, lam_im: Array, mu_re: Array, mu_im: Array, **known: Array) -> State:
         point = {"lam": algebra.complex_number(lam_re, lam_im), "mu": algebra.complex_number(mu_re, mu_im)}
-        state, X = call(record.pair, z[:count], {**known, **point})
-        return (*state, *(algebra.turn_right(g, X) for g in z[count:]))
+        state, turns = call(record.pair, z[:count], {**known, **point})
+        return (*state, *(reduce(algebra.turn_right, turns, g) for g in z[count:]))
 
     def close(*z: Array, turn0: Array, turn1: Array, **known: Array) -> State:
         return (*z[:count], algebra.turn_left(turn1, algebra.turn_left(turn0, z[count])))
@@ -179,7 +194,7 @@ class Torus:
                 "cause: parameters that are equal. Use method='variational' or 'dop853'."
             )
         if not chosen:  # at rest: a pair that is the identity
-            chosen, x = [int(radius.argmax())], np.zeros(1)
+            chosen, x = [int((radius * (abs(mu.ravel()) > RANK * abs(mu).max())).argmax())], np.zeros(1)
         return Points(y.repeat(count)[chosen], mu.ravel()[chosen], x * radius[chosen], radius[chosen])
 
     def copies(self, dt: float) -> int:
@@ -198,22 +213,26 @@ class Torus:
 
         None if Newton's method leaves the domain of these points.
         """
-        h, points, wide = np.longdouble(dt) / copies, self.points, False
-        x = points.x * h
-        for _ in range(STEPS if abs(x).any() else 0):
-            moves = self._moved(x, wide)
-            change = np.linalg.lstsq(moves.ends.astype(float), (h * self.flow - moves.state).astype(float))[0]
-            x = x + change
-            if not (abs(x) < FARTHEST * points.radius).all():
-                return None
-            if wide and abs(change).max() < CLOSE * abs(x).max():
+        h, points, least, moves = np.longdouble(dt) / copies, self.points, np.inf, None
+        x = following = points.x * h
+        for _ in range(STEPS):
+            trial = self._moved(following, least < np.inf)
+            rest = h * self.flow - trial.state
+            miss = abs(rest).max() / max(abs(h * self.flow).max(), SMALL)
+            if moves is not None and not miss < least / 2:  # rounding
                 break
-            wide = abs(change).max() < CLOSE * abs(x).max()
-        moves = self._moved(x, True)
-        rest = dt * call(self.system.velocity, self.state, self.constants) - copies * moves.turn
+            if least < np.inf:
+                x, moves = following, trial
+            least = miss if miss < CLOSE else np.inf
+            following = following + np.linalg.lstsq(trial.ends.astype(float), rest.astype(float))[0]
+            if not (abs(following) < FARTHEST * points.radius).all():
+                return None
+        if moves is None or least > ENOUGH:
+            return None
+        turn = dt * call(self.system.velocity, self.state, self.constants) - copies * moves.turn
         rows = np.stack([x.astype(float), points.y, moves.mu.real, moves.mu.imag])
         still = np.array([[0.0], points.y[:1], points.mu[:1].real, points.mu[:1].imag])
-        return np.concatenate([rows, still.repeat(count - len(x), -1)], -1), rest.astype(float)
+        return np.concatenate([rows, still.repeat(count - len(x), -1)], -1), turn.astype(float)
 
     def _moved(self, x: Array, wide: bool) -> Moves:
         nodes, weights = legendre(NODES)

@@ -292,14 +292,16 @@ class ConjugatePairs:
     heights(*state)                  Im lam of points to try
     rates(*state, lam, left, right)  by Re lam: the rates of the state and the angular velocity of the body, analytic in
                                      lam; for left and right eigenvectors with <left, right> = 1
-    pair(*state, lam, mu)            (state, X): the state, and the turn g cay(X) of the body, which may turn besides by
-                                     what commutes with all that it carries; mu is that of the very state nearest mu
+    pair(*state, lam, mu)            (state, turns): the state, and turns X of the body, g cay(X) one after another, but
+                                     for one that commutes with all it carries; mu is that of the very state nearest mu
+    dimensions                       n
     """
 
     matrix: Function
     heights: Function
     rates: Function
     pair: Function
+    dimensions: tuple[int, ...] = (3, 4)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ import numpy as np
 
 from kreisel.algebra import act, cayley, cayley_columns, dot, identity, mat, pairing, solve, vec, wedge
 from kreisel.algebra.matrices import blocks
+from kreisel.baecklund.kovalevskaya import TWO_FIELDS
 from kreisel.record.contract import TWO_FIELDS_SPACE, Map, Parameter, System
 from kreisel.system import quadratic_field as general
 
@@ -203,5 +204,6 @@ SYSTEM = System(
     commuting=("spectrum",),
     lax=lax,
     map=MAP,
+    pairs=TWO_FIELDS,
     notes="Q = 0 is the gyrostat in one field.",
 )

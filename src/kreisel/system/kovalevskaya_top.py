@@ -6,6 +6,7 @@ For n = 3 and Q = 0 this is Kovalevskaya's top of 1889.  [as `kovalevskaya_gyros
 from dataclasses import replace
 
 from kreisel.algebra import act
+from kreisel.baecklund.kovalevskaya import TOP
 from kreisel.record.contract import TWO_FIELDS_SPACE, Parameter, Relation, System
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 
@@ -74,6 +75,7 @@ SYSTEM = System(
     commuting=("spectrum",),
     lax=lax,
     map=MAP,
+    pairs=TOP,
     relations=(
         Relation(
             "kovalevskaya-gyrostat",

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import act, axial, cayley_act, dot, vec, wedge
+from kreisel.baecklund.kovalevskaya import ONE_FIELD
 from kreisel.record.contract import MOVING_SPACE, Relation, System
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 from kreisel.system import kovalevskaya_top as top
@@ -123,6 +124,7 @@ SYSTEM = System(
     commuting=("kovalevskaya",),
     lax=lax,
     map=MAP,
+    pairs=ONE_FIELD,
     relations=(
         Relation("kovalevskaya-top", lambda M, P, g: ((M, P, 0 * P), {"n": 3}), meaning="one field of two, Q = 0"),
     ),
