@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import gc
+import hashlib
 import os
 import re
 import shutil
@@ -13,6 +14,7 @@ import sys
 import threading
 import warnings
 import weakref
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -308,3 +310,33 @@ def test_all_that_writes_functions_is_a_part_of_their_keys() -> None:
     writes = [file for file in SOURCE.glob("**/*.py") if ".llvm import" in file.read_text("utf-8")]
     rooms = {file.relative_to(SOURCE).parts[0] for file in writes}
     assert {"graph", "kernels", "rebound"} <= rooms <= {*machine.WRITERS}
+
+
+FROM_A_ZIP = """
+import kreisel
+from kreisel.graph import machine
+from kreisel.languages import dialects
+
+print("zip" in kreisel.__file__, machine._writers().hex(), len(dialects.C.templates))
+"""
+
+
+def test_keys_of_a_package_in_a_zip_know_all_that_writes_them(tmp_path: Path) -> None:
+    """Its files are no files of a folder: keys that read none of them are equal for all versions."""
+    archive = tmp_path / "kreisel.zip"
+    with zipfile.ZipFile(archive, "w") as whole:
+        for file in SOURCE.rglob("*"):
+            if file.is_file() and "__pycache__" not in file.parts:
+                whole.write(file, file.relative_to(SOURCE.parent))
+    done = subprocess.run(
+        [sys.executable, "-c", FROM_A_ZIP],
+        env={**os.environ, "PYTHONPATH": str(archive)},
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    zipped, key, templates = done.stdout.split()
+    assert zipped == "True"
+    assert key == machine._writers().hex() != hashlib.sha256(b"").hexdigest()
+    assert int(templates) > 5

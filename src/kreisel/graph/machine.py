@@ -8,15 +8,16 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
-from pathlib import Path
+from importlib import resources
 from typing import Any
 from weakref import WeakValueDictionary
 
 import llvmlite
 import llvmlite.binding as llvm
 
+from kreisel import __version__
 from kreisel.errors import InputError, shown
 from kreisel.graph import cache as disk
 from kreisel.graph.llvm import Function
@@ -116,10 +117,19 @@ WRITERS = "algebra", "exact", "graph", "kernels", "rebound"  # the rooms whose o
 
 @cache
 def _writers() -> bytes:
-    """The text of all that writes functions."""
-    package = Path(__file__).parent.parent
-    files = sorted(file for room in WRITERS for file in package.glob(f"{room}/**/*.py"))
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()
+    """SHA-256 of all that writes functions, of a folder or a zip archive; of a program without files the version."""
+    package = resources.files("kreisel")
+    texts = [text for room in WRITERS for text in _texts(package.joinpath(room))] or [__version__.encode()]
+    return hashlib.sha256(b"".join(texts)).digest()
+
+
+def _texts(place: Any) -> Iterator[bytes]:
+    """The files of Python in a folder, in order."""
+    for entry in sorted(place.iterdir(), key=lambda entry: str(entry.name)) if place.is_dir() else ():
+        if entry.is_dir() and entry.name != "__pycache__":
+            yield from _texts(entry)
+        elif entry.name.endswith((".py", ".pyc")):
+            yield entry.read_bytes()
 
 
 def kernel(key: Sequence[Any], arguments: int, write: Callable[[Function], None]) -> Kernel:

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from importlib import resources
 from typing import Any
 
 from kreisel.algebra.reuse import cached_property
@@ -64,7 +64,8 @@ class Dialect:
     @cached_property
     def templates(self) -> dict[str, str]:
         """What is the same in every file: its head, its helpers, the type with a state, the heads of functions."""
-        text = (Path(__file__).parent / "templates" / f"{self.name}{self.suffix}").read_text(encoding="utf-8")
+        folder = resources.files("kreisel.languages").joinpath("templates")
+        text = folder.joinpath(f"{self.name}{self.suffix}").read_text(encoding="utf-8")
         names_and_texts = SECTION.split(text)[1:]
         return dict(zip(names_and_texts[::2], names_and_texts[1::2], strict=True))
 
