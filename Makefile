@@ -22,7 +22,7 @@ help:
 	@echo "make docs      the documentation site, in out/docs"
 	@echo "make trial     kills, corruptions, configurations and calls in a place of their own; 30 minutes, MINUTES=10 for fewer"
 	@echo "make soak      kills, faults, fuzzed input, a million lanes, 10^9 steps; hours"
-	@echo "make stubs     src/kreisel/__init__.pyi, which tells editors the systems and their parameters, and the README's table of methods"
+	@echo "make stubs     src/kreisel/__init__.pyi, which tells editors the systems and their parameters"
 	@echo "make lint      ruff and mypy --strict"
 	@echo "make bench     speed: against C++ (needs g++), ensembles, saving, n; make roundoff: drift over 10^8 steps"
 	@echo "make bench-gpu the same on an NVIDIA GPU; make gpu-code counts the instructions of its kernels, without one"
@@ -93,7 +93,6 @@ investigate: $(STAMP)
 
 stubs: $(STAMP)
 	$(BIN)/python docs/tools/stubs.py
-	$(BIN)/python docs/tools/methods.py
 
 docs: $(STAMP)
 	@echo "== the code on the pages, and the pages made from the records; what is there for the same sources is kept"

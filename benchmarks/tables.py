@@ -1,4 +1,4 @@
-"""The tables of the README and of docs/performance.md, from the committed results: `python benchmarks/tables.py`."""
+"""The tables of docs/performance.md, from the committed results: `python benchmarks/tables.py`."""
 
 from __future__ import annotations
 

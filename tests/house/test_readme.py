@@ -39,7 +39,7 @@ def test_the_gallery_has_as_many_pictures_as_the_readme_says() -> None:
 
 
 def test_every_system_stands_in_the_table() -> None:
-    table = README.read_text(encoding="utf-8").split("## Systems")[1]
+    table = (ROOT / "docs" / "systems.md").read_text(encoding="utf-8")
     assert len(NAMED) > 20
     for name in NAMED:
         assert f"`{name}`" in table, name
@@ -52,10 +52,8 @@ def test_every_link_of_the_readme_leads_somewhere() -> None:
         assert (ROOT / link).exists(), link
 
 
-def test_the_speed_table_is_that_of_the_committed_results(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(README.parent / "benchmarks"))
-    tables = importlib.import_module("tables")
-    assert tables.speed_and_stillness() in README.read_text(encoding="utf-8")
+def test_the_readme_is_short() -> None:
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 130
 
 
 def test_two_cores_are_shown_of_an_idle_machine_only(monkeypatch: pytest.MonkeyPatch) -> None:
