@@ -111,7 +111,7 @@ def energy(M, P, *, eps=0):
 
 
 def kovalevskaya(M, P, *, eps=0):
-    """K = |w^2 (1 - (s/2) P_-)/2 + i k w P_3 - P_1 - i P_2|^2."""
+    """The integral K = |w^2 (1 - (s/2) P_-)/2 + i k w P_3 - P_1 - i P_2|^2."""
     M, square = axial(M), eps * eps
     x, y, p, q, r = M[..., 0], M[..., 1], P[..., 0], P[..., 1], P[..., 2]
     u, v, c, d = (x * x - y * y) / 2, x * y, 1 - square * p / 8, square * q / 8
