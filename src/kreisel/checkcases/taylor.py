@@ -5,7 +5,8 @@ u(s) = sum z_k s^k follows from (k + 1) z_{k+1} = h f_k, in integers that count 
 r); the defect r is bounded by Taylor models of the same operations (coefficients that were cut off, rounding).  So the
 error e of u, in a norm |D^-1 e|, obeys
 
-    |e(t + h)| <= exp(h mean mu) (|e(t)| + h max |r|),    mu = the largest eigenvalue of (B + B^T)/2, B = D^-1 J D,
+    |e(t + h)| <= exp(h mean mu) |e(t)| + exp(h mean max(mu, 0)) h max |r|,
+    mu = the largest eigenvalue of (B + B^T)/2,  B = D^-1 J D,
 
 with the Jacobian J of f along u, its eigenvalues at 128 points of a step and a bound of what lies between them.  The
 diagonal D balances the mean of |J|: any D is right, a good one makes the bound small.
@@ -48,7 +49,7 @@ class Solution:
     flow     f(z, p) on arrays of recorded numbers: sums, differences and products
     start, parameters   rational numbers
     bits     fixed-point bits of the coefficients; the order of the series is 0.35 bits
-    bounds   (pieces, d): bounds of the error of each component up to the end of each piece
+    bounds   (pieces, d): bounds of the error of each component within each piece
     """
 
     def __init__(
@@ -70,7 +71,8 @@ class Solution:
 
     def at(self, times: Sequence[Fraction]) -> tuple[Array, Array]:
         """The states (times, d), Fractions, and bounds (times, d) of their errors."""
-        states, places = np.empty((len(times), len(self._field.outputs)), dtype=object), []
+        unit, d = math.ldexp(1.0, -self.bits), len(self._field.outputs)
+        states, bounds = np.empty((len(times), d), dtype=object), np.empty((len(times), d))
         for row, time in enumerate(times):
             at = max(int(np.searchsorted(self._begins, float(time), side="right")) - 1, 0)
             while time < self.pieces[at].begin:
@@ -78,8 +80,9 @@ class Solution:
             piece = self.pieces[at]
             s = _fixed((time - piece.begin) / piece.length, self.bits)
             states[row] = [Fraction(_horner(c, s, self.bits), 1 << self.bits) for c in piece.coefficients]
-            places.append(at)
-        return states, self.bounds[places] + 4 * self.order * math.ldexp(1.0, -self.bits)
+            slopes = [sum(k * abs(c) for k, c in enumerate(each)) * unit for each in piece.coefficients]
+            bounds[row] = self.bounds[at] + (np.array(slopes) + 2 * self.order) * unit
+        return states, bounds
 
     def _solved(self, state: list[int]) -> list[Piece]:
         """Pieces up to the end; the length of each is such that the last coefficients are about 2^-bits."""
@@ -142,10 +145,10 @@ class Solution:
             defects = [length * models.of(v, values).remainder + rounding for v in self._field.outputs]
             rates = jacobian.run(models)
             of = {place: models.of(output, rates) for place, output in entries.items()}
-            growth = _growth(of, scale, powers)
-            error = math.exp((growth + TUBE) * length * INFLATION) * (error + float(np.linalg.norm(defects / scale)))
-            error *= INFLATION
-            bounds.append(error * scale)
+            growth, outward = (length * rate + TUBE * length for rate in _growth(of, scale, powers))
+            defect = float(np.linalg.norm(defects / scale))
+            bounds.append(math.exp(outward * INFLATION) * (error + defect) * INFLATION * scale)
+            error = (math.exp(growth + 1e-6 * abs(growth)) * error + math.exp(outward * INFLATION) * defect) * INFLATION
         return np.array(bounds)
 
     def _balance(self, slopes: Graph, entries: Mapping[tuple[int, int], Operand], parameters: list[float]) -> Array:
@@ -290,8 +293,8 @@ class _Models:
         return values[output.at].signed(-1 if output.negative else 1)
 
 
-def _growth(of: Mapping[tuple[int, int], _Model], scale: Array, powers: Array) -> float:
-    """A bound of the mean of mu over a step."""
+def _growth(of: Mapping[tuple[int, int], _Model], scale: Array, powers: Array) -> tuple[float, float]:
+    """Bounds of the means over a step of mu and of max(mu, 0)."""
     d, (points, order) = len(scale), powers.shape
     between, polynomials = np.zeros((d, d)), np.zeros((order, d, d))
     for (i, j), model in of.items():
@@ -303,7 +306,8 @@ def _growth(of: Mapping[tuple[int, int], _Model], scale: Array, powers: Array) -
     symmetric = np.einsum("mk,kij->mij", powers, polynomials)
     between += (abs(polynomials) * np.arange(order)[:, None, None]).sum(0) / (2 * points)
     largest = np.linalg.eigvalsh(symmetric)[:, -1]
-    return float(largest.mean() + np.linalg.norm(between))
+    largest = largest + np.linalg.norm(between)
+    return float(largest.mean()), float(np.maximum(largest, 0).mean())
 
 
 def _jacobian(graph: Graph, outputs: list[Operand]) -> tuple[Graph, dict[tuple[int, int], Operand]]:
