@@ -124,10 +124,22 @@ def test_the_spectrum_of_the_pencil_is_that_of_the_closed_forms(system: Any) -> 
         (lambda: kr.KovalevskayaGyrostat(n=3, gamma=F(3, 7)), [12 * k * k + 2 * k + 1 for k in range(5)]),
         (lambda: kr.KovalevskayaTopSP4(), [18 * k * k + 1 for k in range(5)]),
         (lambda: kr.SymmetricTopLogarithmic(A=(1, 0, 0)), [1, 6, 17, 38, 65, 102]),
+        (lambda: kr.QuadraticField(b=(1, 2, 4)), [15 * k * k + 4 * k + 1 if k else 1 for k in range(4)]),
     ],
 )
 def test_the_degrees_of_further_maps_are_quadratic(model: Any, degrees: list[int]) -> None:
     assert list(growth.degrees(subject(model(), eps=2), len(degrees) - 1)) == degrees
+
+
+def test_ratius_top_in_three_dimensions_is_lagranges_in_the_logarithm() -> None:
+    """Its map for J = 1/2 with G = P and chi = A as axial vectors, exactly."""
+    draw = exact.rational_random(np.random.default_rng(4))
+    M, G = (algebra.hat(draw((3,))) for _ in range(2))
+    (strength, eps), axis = draw((2,)), np.array([0, 0, -1])
+    half = exact.rational(1, 2)
+    ratiu = kr.RatiuTop(n=3, a=half, b=half, chi=strength).step(M, G, eps=eps)
+    top = kr.SymmetricTopLogarithmic(A=strength * axis).step(M, algebra.axial(G), eps=eps)
+    assert (ratiu[0] == top[0]).all() and (algebra.axial(ratiu[1]) == top[1]).all()
 
 
 def test_the_curve_of_the_second_map_is_a_function_of_its_integrals() -> None:

@@ -39,6 +39,7 @@ from kreisel.system import (
     quadratic_field,
     quadratic_potential,
     ratiu_bitop,
+    ratiu_top,
     rosochatius,
     spin_chain,
     steklov,
@@ -50,7 +51,7 @@ from kreisel.system import (
 VESELOV, ROSOCHATIUS = neumann_veselov.SYSTEM, rosochatius.SYSTEM
 GORYACHEV, HESS = goryachev_chaplygin.SYSTEM, hess_appelrot.SYSTEM
 STEKLOV, LYAPUNOV = steklov.SYSTEM, lyapunov.SYSTEM
-BITOP = ratiu_bitop.SYSTEM
+BITOP, RATIU = ratiu_bitop.SYSTEM, ratiu_top.SYSTEM
 ROTOR, SP4 = kovalevskaya_gyrostat.SYSTEM, kovalevskaya_top_sp4.SYSTEM
 LOGARITHMIC = symmetric_top_logarithmic.SYSTEM
 KOVALEVSKAYA, TWO_FIELDS = kovalevskaya_top_e3.SYSTEM, kovalevskaya_top_so3.SYSTEM
@@ -142,6 +143,18 @@ def rotor_forgotten(M, P, Q, *, gamma, e, h, eps):  # the turn cay(k M) cay(k M_
     turned = kovalevskaya_gyrostat.turned
     F = turned(Y, np.stack([P, Q], -1))
     return turned(Y, turned(Y, M).mT).mT, F[..., 0], F[..., 1]
+
+
+def blocks_at_rest(M, G, *, X, h, spins, eps):  # without the turn by the conserved blocks
+    return ratiu_top.turn(M + ratiu_top.kick(G, X, h, eps), G, h, 0 * spins, eps)
+
+
+def linear_pull(M, G, *, X, h, spins, eps):  # a kick without its denominator
+    return ratiu_top.turn(M + eps * algebra.bracket(G, X), G, h, spins, eps)
+
+
+def of_flow(M, G, *, c, X, C, h):
+    return ratiu_top.energy(M, G, c=c, X=X, C=C, h=h)
 
 
 def double_weight(M, P, *, eps):  # with eps^2/4 for eps^2/8 in the denominator of the kick
@@ -532,6 +545,10 @@ MUTANTS = [
     ("reconstruction", mapped(KOVALEVSKAYA, generator=without_own_turn), 3),
     ("involution", replace(KOVALEVSKAYA, energy=undeformed), 3),
     ("reversing-involution", mapped(KOVALEVSKAYA, involution=lambda M, P, *, eps: (-M, P)), 3),
+    ("order", mapped(RATIU, step=blocks_at_rest), 4),
+    ("integrals-of-the-map", mapped(RATIU, step=linear_pull), 5),
+    ("discrete-lax-pencil", mapped(RATIU, step=blocks_at_rest), 4),
+    ("involution", replace(RATIU, energy=of_flow), 4),
     *((law, mapped(SP4, step=double_weight), 3) for law in ("integrals-of-the-map", "discrete-lax-pencil", "inverse")),
     ("integrals-of-the-map", mapped(SP4, step=turned_alike), 3),
     *((law, mapped(LOGARITHMIC, step=other_logarithm), 3) for law in ("integrals-of-the-map", "discrete-lax-pencil")),

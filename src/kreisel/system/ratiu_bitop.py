@@ -6,8 +6,8 @@ halves M+, M- of so(4) = su(2) + su(2), h = eps/(a + b), and E_ij = e_i ^ e_j,
     N = M + eps [G, chi],   R = cay(eps/2 (u N_12 E_12 + v N_34 E_34)),   W ~ (1 + h N+)(1 + h N-),
     M_(k+1) = R^T N R,   G_(k+1) = R^T W^T G W R,   u = 1/(2a) - 1/(a + b),   v = 1/(2b) - 1/(a + b);
 
-two maps of the Lagrange top side by side.  [Ratiu 1982; Dragovic, Gajic 2001; named in Suris 2001, Conclusions.  The
-map was made here; we know of none in the literature.  For n >= 5 it is open]
+two maps of the Lagrange top side by side.  `ratiu_top` has another one, for any n.  [Ratiu 1982; Dragovic, Gajic 2001;
+named in Suris 2001, Conclusions.  The map was made here; we know of none in the literature]
 """
 
 from dataclasses import replace

@@ -1,16 +1,23 @@
-"""Ratiu's Lagrange top, on so(n) <x so(n).  State (M, G), body frame: M, G (..., n, n) skew.
+"""Ratiu's Lagrange top, on so(n) <x so(n), with an explicit map.  State (M, G), body frame: M, G (..., n, n) skew.
 
 J = diag(a, a, b, ..., b), M = J Omega + Omega J, chi = chi_12 e_1 ^ e_2, H = <M, Omega>/2 + <G, chi>; G turns with the
-body.  For n = 3 it is the Lagrange top.  Plus bracket, F' = {H, F}.  [Ratiu, Amer. J. Math. 104 (1982); named in
-Suris 2001, Conclusions]
+body.  For n = 3 it is the Lagrange top.  Plus bracket, F' = {H, F}.  The map, with h = 1/(a + b) and k = h eps/2,
+
+    N = M + eps [Y, chi],   Y = G (1 + (k eps/2) chi G)^-1,   W = cay(k N),   R = cay(eps/2 (u N_12 E_12 + v N_33)),
+    M_(k+1) = R^T N R,   G_(k+1) = R^T W^T G W R,   u = 1/(2a) - h,   v = 1/(2b) - h,
+
+with N_33 the block N_ij, i, j >= 3, is that of `quadratic_field` for the field iG and B = i chi and of equal moments;
+then the blocks, which are conserved, turn it about chi.  [Ratiu, Amer. J. Math. 104 (1982); named in Suris 2001,
+Conclusions; the map was made here]
 """
 
 import numpy as np
 
-from kreisel.algebra import bracket, identity, mat, pairing, wedge
-from kreisel.algebra.invariants import laurent_spectrum
+from kreisel.algebra import KINDS, bracket, cayley, cayley_conjugate, identity, mat, pairing, solve, wedge
+from kreisel.algebra.invariants import trace_of_product
 from kreisel.errors import InputError
-from kreisel.record.contract import ADJOINT_SPACE, Parameter, System
+from kreisel.record.contract import ADJOINT_SPACE, Map, Parameter, System
+from kreisel.system import quadratic_field as general
 
 
 def positive(a, letter):
@@ -25,7 +32,14 @@ def planes(*, n, a, b, chi):
     both, none = ends[:, None] * ends, (1 - ends)[:, None] * (1 - ends)
     mixed = 1 - both - none
     c = both * mat(1 / (2 * a)) + none * mat(1 / (2 * b)) + mixed * mat(1 / (a + b))
-    return {"c": (1 - one) * c, "X": mat(chi) * plane, "C": mat((a + b) * chi) * plane}
+    spins = both * mat(1 / (2 * a) - 1 / (a + b)) + none * mat(1 / (2 * b) - 1 / (a + b))
+    return {
+        "c": (1 - one) * c,
+        "X": mat(chi) * plane,
+        "C": mat((a + b) * chi) * plane,
+        "h": np.asarray(1 / (a + b)),
+        "spins": (1 - one) * spins,
+    }
 
 
 def inverse_inertia(M, *, c):
@@ -41,12 +55,60 @@ def flow(M, G, *, c, X):  # M' = [M, Omega] + [G, chi],   G' = [G, Omega]
     return bracket(M, Omega) + bracket(G, X), bracket(G, Omega)
 
 
-def energy(M, G, *, c, X):
-    return pairing(M, inverse_inertia(M, c=c)) / 2 + pairing(G, X)
+def kick(G, X, h, eps):  # eps [Y, chi]
+    return eps * bracket(general.potential(G, mat(eps * eps * h / 4) * X), X)
 
 
-def spectrum(M, G, *, C):  # coefficients of det(L(lambda) - mu)
-    return laurent_spectrum(M, C, G, odd=False, step=1)
+def turn(M, G, h, spins, eps):
+    Y = eps / 2 * spins * M
+    G = KINDS["skew"].turned(-mat(eps * h / 2) * M, G)
+    return cayley_conjugate(-Y, M), cayley_conjugate(-Y, G)
+
+
+def step(M, G, *, X, h, spins, eps):
+    return turn(M + kick(G, X, h, eps), G, h, spins, eps)
+
+
+def inverse(M, G, *, X, h, spins, eps):
+    M, G = turn(M, G, h, spins, -eps)
+    return M - kick(G, X, h, eps), G
+
+
+def involution(M, G, *, X, h, eps):
+    return -M - kick(G, X, h, eps), G
+
+
+def half_kick(M, G, *, X, h, eps):
+    return M + kick(G, X, h, eps) / 2, G
+
+
+def turns(M, G, X, h, spins, eps):
+    N = M + kick(G, X, h, eps)
+    return cayley(mat(eps * h / 2) * N), cayley(eps / 2 * spins * N)
+
+
+def generator(M, G, M1, G1, *, X, h, spins, eps):
+    W, R = turns(M, G, X, h, spins, eps)
+    one = identity(M.shape[-1])
+    return solve(one + W @ R, W @ R - one)
+
+
+def energy(M, G, *, c, X, C, h, eps=0):
+    """H with G~ for G: chi G~ = chi V G Z V^T - s chi^2 V G^2 Z V^T, V = 1 + k M, Z = (1 + s^2 beta^2 G^2)^-1.
+
+    k = h eps/2, s = k^2, beta = (a + b) chi_12; by residues at the eigenvalues of chi, as in `quadratic_field`.
+    """
+    square, V = mat(eps * h * eps * h) / 4, identity(M.shape[-1]) + mat(eps * h) * M / 2
+    GZ = solve(identity(M.shape[-1]) + square * square * mat(pairing(C, C)) * (G @ G), G)
+    turned = trace_of_product(X @ (V - square * (C @ V @ G)) @ GZ, V.mT)
+    return pairing(M, inverse_inertia(M, c=c)) / 2 - turned / 2
+
+
+def spectrum(M, G, *, C, h, eps=0):
+    """det(L)/lambda^n at points (lambda, mu); with `noether` they are complete for n = 3, 4, 5."""
+    step, places = mat(eps * h), (1, -1, 2, -2, 3)
+    points = [(lam, j) for j in range(1, M.shape[-1] // 2 + 1) for lam in places[: 2 if j == 1 else 5]]
+    return general.values_of(M, G, general.potential(G, step * step * C / 4), C, eps=step, points=points)
 
 
 def noether(M, G):  # the block M_ij, i, j >= 3
@@ -57,6 +119,33 @@ def noether(M, G):  # the block M_ij, i, j >= 3
 def lax(M, G, *, c, X, C, lam):  # L = lambda^2 C + lambda M + G with C = (a + b) chi,   U = lambda chi + Omega
     return lam * lam * C + lam * M + G, lam * X + inverse_inertia(M, c=c)
 
+
+def pencil(M, G, *, C, h, lam, mu, eps):
+    return general.pencil_of(M, G, identity(M.shape[-1]) + 0 * G, C, lam=lam, mu=mu, eps=eps * h)
+
+
+def factors(M, G, *, X, C, h, spins, lam, eps):
+    W, R = turns(M, G, X, h, spins, eps)
+    return general.turned(general.factors_of(G, identity(M.shape[-1]) + 0 * G, C, lam=lam, eps=eps * h), R, W @ R)
+
+
+def largest_step(M, G, *, X, h):
+    """det(1 + (k eps/2) chi G) stays positive as G turns, by its largest singular value, for smaller |eps|."""
+    with np.errstate(divide="ignore"):
+        return 2 / np.sqrt(h * np.sqrt(pairing(X, X)) * np.linalg.norm(G, 2, axis=(-2, -1)))
+
+
+MAP = Map(
+    step=step,
+    inverse=inverse,
+    involution=involution,
+    to_symmetric=half_kick,
+    generator=generator,
+    pencil=pencil,
+    factors=factors,
+    largest_step=largest_step,
+    source="Kreisel",
+)
 
 SYSTEM = System(
     name="ratiu-top",
@@ -79,5 +168,6 @@ SYSTEM = System(
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
     lax=lax,
-    notes="The block M_ij, i, j >= 3, is conserved too. An integrable discretization for n >= 5 is not known: open.",
+    map=MAP,
+    notes="The block M_ij, i, j >= 3, is conserved too.",
 )
