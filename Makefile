@@ -7,7 +7,7 @@ CORE := $(VENV)/.core
 STAMP := $(VENV)/.installed
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo stubs test test-full test-machines lint bench bench-gpu gpu-code work-precision examples picture roundoff verify known soak docs gallery investigate trial trial-short dist release-check clean help
+.PHONY: demo stubs test test-full test-machines lint bench bench-gpu gpu-code work-precision engines examples picture roundoff verify known soak docs gallery investigate trial trial-short dist release-check clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
@@ -28,6 +28,7 @@ help:
 	@echo "make bench-gpu the same on an NVIDIA GPU; make gpu-code counts the instructions of its kernels, without one"
 	@echo "make release-check  wheel and sdist, and the tests against the wheel in an environment of its own"
 	@echo "make work-precision  every method here against heyoka, diffrax, SciPy and MuJoCo; some minutes"
+	@echo "make engines   the check cases run by the engines of the package indexes, each in an environment of its own; an hour, 10 GB"
 
 # The demo needs Kreisel alone; everything else the extras and the tools too.
 $(CORE): pyproject.toml constraints.txt
@@ -147,6 +148,9 @@ $(PEERS)/.installed: $(STAMP) benchmarks/peers.txt
 work-precision: $(PEERS)/.installed
 	$(PEERS)/bin/python benchmarks/work_precision.py
 
+engines: $(STAMP)
+	$(BIN)/python benchmarks/engines
+
 bench-gpu: $(STAMP)
 	$(PIP) --editable ".[dev,cuda]" --requirement benchmarks/gpu.txt
 	$(BIN)/python benchmarks/gpu.py
@@ -159,4 +163,4 @@ roundoff: $(STAMP)
 	$(BIN)/python benchmarks/roundoff.py
 
 clean:
-	rm -rf $(VENV) $(VENV)-peers out .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(VENV)-peers $(VENV)-engines out .pytest_cache .mypy_cache .ruff_cache
