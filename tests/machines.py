@@ -32,6 +32,7 @@ PART = (
     "system/test_vectors.py",
     "kernels/test_projection.py",
     "exact/test_exact.py",
+    "exact/test_conjugate.py",
     "exact/test_exact_pair.py",
     "exact/test_jumps.py",
     "exact/test_exact_rotor.py",

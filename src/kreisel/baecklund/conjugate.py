@@ -22,7 +22,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.algebra import KINDS, act, bracket, dot, identity, mat, parts, sign, together
+from kreisel.algebra import KINDS, act, bracket, dot, identity, mat, parts, sign, together, vec
 from kreisel.algebra.matrices import adjugate, diagonal
 from kreisel.record.contract import ConjugatePairs
 
@@ -47,14 +47,18 @@ def longest(columns):
     return u, w, size
 
 
-def eigenvector(re, im):
+def eigenvector(re, im, weights=None, shift=0):
     """(u, w) with (u + i w) the eigenvector for the eigenvalue of re + i im next to 0, for a rounding error there.
 
     A column of the adjugate, and a step of inverse iteration: its error is the square of the eigenvalue over the gap.
+    weights  (..., n): the eigenvalue is one of A q = mu (diag(weights) + i shift) q
     """
     minors = adjugate(together(re, im))
     u, w, size = longest(minors)
-    return parts(act(minors, together(u / size, w / size)))
+    u, w = u / size, w / size
+    if weights is not None:
+        u, w = weights * u - vec(shift) * w, weights * w + vec(shift) * u
+    return parts(act(minors, together(u, w)))
 
 
 def eigenvector_of_pencil(M, F, a, lam, mu):
@@ -89,9 +93,10 @@ def turned(X, z, kind):  # by V(0) = cay(-X)
 
 
 def heights(*scales):
-    """Im lam of points to try, between the scales of lam."""
-    sizes = np.array([s for s in scales if np.isfinite(s) and s > 0] or [1.0])
-    return np.geomspace(sizes.min() / SPREAD, sizes.max() * SPREAD, HEIGHTS)
+    """Im lam of points to try, between the scales of lam, and their distances from 0."""
+    sizes = np.array([s for s in scales if np.isfinite(s) and s > 0] or [1.0], float)
+    y = np.geomspace(sizes.min() / SPREAD, sizes.max() * SPREAD, HEIGHTS)
+    return y, y
 
 
 def scales(M, F, a):

@@ -47,7 +47,8 @@ def heights(M, P, Q, *, gamma):
     y = np.geomspace(LOW, HIGH, 4 * HEIGHTS) * largest
     mu = np.linalg.eigvals(matrix(M, P, Q, gamma=gamma, lam=1j * y).astype(complex))
     y = y[np.sort(abs(mu), -1)[:, 1] > CLEAR * largest]
-    return y[:: max(1, len(y) // HEIGHTS)]
+    y = y[:: max(1, len(y) // HEIGHTS)]
+    return y, y
 
 
 def rates(M, P, Q, *, lam, left, right):

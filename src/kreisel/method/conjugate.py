@@ -168,8 +168,8 @@ class Torus:
 
     def _points(self) -> Points:
         """The points with the least sum of |x|/radius."""
-        y: Array = np.asarray(call(self.record.heights, self.state, self.constants), dtype=np.float64)
-        lam, shift = 1j * y, 1e-5
+        y, pole = (np.asarray(v, np.float64) for v in call(self.record.heights, self.state, self.constants))
+        lam, near = 1j * y, 1e-5 * pole
         L = self._matrix(lam).astype(complex)
         if not (np.isfinite(L).all() and np.isfinite(self.flow.astype(float)).all()):
             raise InputError(
@@ -178,12 +178,12 @@ class Torus:
             )
         mu, right = np.linalg.eig(L)
         left, count = np.linalg.inv(right), mu.shape[-1]
-        slope = (self._matrix(lam * (1 + shift)) - self._matrix(lam * (1 - shift))) / (2 * shift * lam[:, None, None])
+        slope = (self._matrix(lam + near) - self._matrix(lam - near)) / (2 * near[:, None, None])
         change = left @ slope.astype(complex) @ right
         gap, ends = mu[:, :, None] - mu[:, None, :], np.diagonal(change, 0, -2, -1)
         # Two levels meet where (gap + t (a - b))^2 + 4 t^2 c d = 0.
         meet = abs(gap) / np.sqrt(abs((ends[:, :, None] - ends[:, None, :]) ** 2 + 4 * change * change.mT))
-        radius = np.minimum(np.where(np.eye(count) > 0, np.inf, meet).min(-1), abs(y)[:, None]).ravel()
+        radius = np.minimum(np.where(np.eye(count) > 0, np.inf, meet).min(-1), pole[:, None]).ravel()
         fields, _ = self._fields(lam.repeat(count), left.reshape(-1, count), right.mT.reshape(-1, count))
         C, f = (fields.real.astype(float) * radius[:, None]).T, self.flow.astype(float)
         tensor = call(self.system.space.tensor, self.state, self.constants).astype(float)

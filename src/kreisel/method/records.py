@@ -179,8 +179,8 @@ _RECORDS = (
         name="exact",
         title="the flow itself, in closed form, or by pairs of Bäcklund maps",
         needs="n = 3: the Lagrange top, the Euler top, a case of Clebsch, a body of revolution in a fluid, Neumann's "
-        "system, a body in a quadratic potential, Kovalevskaya's tops; n = 4: euler-top, manakov-top, clebsch-general, "
-        "clebsch-body, quadratic-potential",
+        "system, a body in a quadratic potential, Kovalevskaya's tops, Steklov's and Lyapunov's cases; n = 4: "
+        "euler-top, manakov-top, clebsch-general, clebsch-body, quadratic-potential, steklov-lyapunov",
         cases=(
             Suits(n=3, either=("baecklund", "closed_form.top", "closed_form.moments", "closed_form.gyrostat")),
             Suits(states=("pairs",), test="kreisel.method.conjugate:has_pairs"),

@@ -289,7 +289,7 @@ class ConjugatePairs:
     nearer they are to the identity.  The flow over a time is a product of them (`kreisel.method.conjugate`).
 
     matrix(*state, lam)              L (..., m, m) for complex lam (...), one state
-    heights(*state)                  Im lam of points to try
+    heights(*state)                  (y, r): Im lam of points to try, where mu is imaginary, and the distances of poles
     rates(*state, lam, left, right)  by Re lam: the rates of the state and the angular velocity of the body, analytic in
                                      lam; for left and right eigenvectors with <left, right> = 1
     pair(*state, lam, mu)            (state, turns): the state, and turns X of the body, g cay(X) one after another, but

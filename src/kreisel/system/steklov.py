@@ -11,6 +11,7 @@ import numpy as np
 
 from kreisel.algebra import SECOND, THIRD, hat, vec
 from kreisel.algebra.invariants import stack
+from kreisel.baecklund.steklov import axial_pairs
 from kreisel.errors import InputError
 from kreisel.record.contract import Parameter, Relation
 from kreisel.system import kirchhoff_case, steklov_lyapunov
@@ -62,7 +63,8 @@ SYSTEM = replace(
     integrals={"lyapunov": lyapunov},
     commuting=("lyapunov",),
     lax=lax,
-    notes="No integrable discretization is known here. H has mixed terms, so that it runs by dop853.",
+    pairs=axial_pairs(matrix_b),
+    notes="No explicit map is known; method='exact'.",
     relations=(
         Relation(
             "steklov-lyapunov",

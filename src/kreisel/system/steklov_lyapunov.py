@@ -13,6 +13,7 @@ Conclusions.  The Lax pair was found from the requirement of involution; it was 
 from kreisel.algebra import bracket, identity, mat, pairing, vec
 from kreisel.algebra.invariants import stack, trace
 from kreisel.algebra.matrices import diagonal
+from kreisel.baecklund.steklov import STEKLOV_LYAPUNOV
 from kreisel.record.contract import ADJOINT_PAIR_SPACE, Parameter, System
 
 
@@ -45,11 +46,15 @@ def pencil(M, P, b, lam):  # X = M - (BP + PB)/2 + lambda P
     return M + (lam - (b[..., :, None] + b[..., None, :]) / 2) * P
 
 
-def traces(M, P, *, b):
+def constants(*, b, s, l):
+    return coefficients(b=b, s=s, l=l) | {"beyond": b.max(-1)}
+
+
+def traces(M, P, *, b, beyond):
     """Tr (X(lambda) (lambda - B)^-1)^k, k = 2, 4, ..., at n values of lambda beyond the largest b."""
     n, out = M.shape[-1], []
     for j in range(n):
-        lam = b.max(-1) + (j + 1)
+        lam = beyond + (j + 1)
         L = pencil(M, P, b, mat(lam)) / (vec(lam) - b)[..., None, :]
         square, power = L @ L, identity(n)
         for _ in range(2, n + 1, 2):
@@ -82,9 +87,10 @@ SYSTEM = System(
     flow=flow,
     energy=energy,
     velocity=velocity,
-    derive=coefficients,
+    derive=constants,
     integrals={"traces": traces},
     commuting=("traces",),
     lax=lax,
-    notes="No integrable discretization is known: open. H has mixed terms, so that it runs by dop853.",
+    pairs=STEKLOV_LYAPUNOV,
+    notes="No explicit map is known; method='exact' for n = 3 and 4.",
 )

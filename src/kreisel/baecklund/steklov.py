@@ -1,0 +1,84 @@
+"""Conjugate pairs of Bäcklund maps of Steklov's and Lyapunov's cases, state (M, P), both in so(n).
+
+X(s) = M0 + s P with M0 = M - (BP + PB)/2, and X q = mu C q with C = s - B.  For a point s = z + ix and its conjugate,
+q = u + iw, the matrix V(s), which has V^T C V = C and poles at the two points, makes X' = V^T X V a polynomial again:
+
+    P' = R^T P R,   M0' = R^T (M0 + Z^T P + P Z) R,   R = cay(X),  X = (2x/g) u ^ w,  g = z r - <q, Bq>,  r = |q|^2,
+    Z = (4x/D) Re[x conj(q.q) q y^T - (x r - ig) q y^+],  y = C(s) q,  D = g^2 + x^2 (r^2 - |q.q|^2):
+
+the identity for x = 0.  Near there the body turns with Omega = 2i (Pi - Pi^T), Pi = q p^T, p the left eigenvector with
+<p, Cq> = 1, and M0' = [M0, Omega] + P Omega C - C Omega P.  lam is i s here, so that its real part is -x.
+[Lax matrix as in `steklov_lyapunov`; the pair is the product of two half-turns V = 1 - 2 q q^T C/(q.q (s - s_1))]
+"""
+
+import numpy as np
+
+from kreisel.algebra import KINDS, axial, bracket, dot, hat, mat, parts, vec, wedge
+from kreisel.algebra.matrices import diagonal
+from kreisel.baecklund.conjugate import eigenvector, heights
+from kreisel.record.contract import ConjugatePairs
+
+
+def halves(b):
+    return (b[..., :, None] + b[..., None, :]) / 2
+
+
+def matrix(M, P, *, b, lam):
+    s = -1j * np.asarray(lam)[..., None]
+    return (M + (s[..., None] - halves(b)) * P) / (s - b)[..., None]
+
+
+def points(M, P, *, b):
+    """s beyond the largest and below the least b, where C is definite and mu imaginary, and the distances of these."""
+    M0 = M - halves(b) * P
+    with np.errstate(all="ignore"):
+        away, _ = heights(np.ptp(b), np.linalg.norm(M0) / np.linalg.norm(P))
+    return np.append(b.max() + away, b.min() - away), np.append(away, away)
+
+
+def rates(M, P, *, b, lam, left, right):
+    s = -1j * lam[..., None]
+    Pi = right[..., :, None] * (left / (s - b))[..., None, :]
+    Omega, C = -2j * (Pi - Pi.mT), diagonal(s - b)
+    turned, M0 = bracket(P, Omega), M - halves(b) * P
+    return (bracket(M0, Omega) + P @ Omega @ C - C @ Omega @ P + halves(b) * turned, turned), Omega
+
+
+def pair(M, P, *, b, lam, mu):
+    (x, z), (m, k) = parts(lam), parts(mu)
+    x, c, M0 = -x, vec(z) - b, M - halves(b) * P
+    re = M0 + mat(z) * P - diagonal(vec(m) * c - vec(k * x))
+    u, w = eigenvector(re, mat(x) * P - diagonal(vec(m * x) + vec(k) * c), c, x)
+    uu, ww, uw, g = dot(u, u), dot(w, w), dot(u, w), dot(u, c * u) + dot(w, c * w)
+    y, v = c * u - vec(x) * w, c * w + vec(x) * u
+    both = 4 * x / (g * g + 4 * x * x * (uu * ww - uw * uw))
+    first = vec(-2 * x * ww) * y + vec(2 * x * uw + g) * v
+    second = vec(-2 * x * uu) * v + vec(2 * x * uw - g) * y
+    Z = mat(both) * (u[..., :, None] * first[..., None, :] + w[..., :, None] * second[..., None, :])
+    X, K = mat(2 * x / g) * wedge(u, w), P @ Z
+    turned = KINDS["skew"].turned
+    P = turned(-X, P)
+    return (turned(-X, M0 + K - K.mT) + halves(b) * P, P), (X,)
+
+
+STEKLOV_LYAPUNOV = ConjugatePairs(matrix=matrix, heights=points, rates=rates, pair=pair)
+
+
+def axial_pairs(matrix_b):
+    """The pairs of a system with n = 3 that has P as an axial vector, and B = matrix_b(b, nu)."""
+
+    def rates_of(M, P, *, b, nu, lam, left, right):
+        (rate, turned), Omega = rates(M, hat(P), b=matrix_b(b, nu), lam=lam, left=left, right=right)
+        return (rate, axial(turned)), Omega
+
+    def pair_of(M, P, *, b, nu, lam, mu):
+        (M, P), turns = pair(M, hat(P), b=matrix_b(b, nu), lam=lam, mu=mu)
+        return (M, axial(P)), turns
+
+    return ConjugatePairs(
+        matrix=lambda M, P, *, b, nu, lam: matrix(M, hat(P), b=matrix_b(b, nu), lam=lam),
+        heights=lambda M, P, *, b, nu: points(M, hat(P), b=matrix_b(b, nu)),
+        rates=rates_of,
+        pair=pair_of,
+        dimensions=(3,),
+    )
