@@ -92,32 +92,6 @@ def test_the_member_of_the_search_is_the_map_for_every_n(n: int) -> None:
     assert all((x == y).all() for x, y in zip(stated, found, strict=True))
 
 
-@pytest.mark.parametrize("system", [ONE, TWO])
-def test_the_spectrum_of_the_pencil_is_that_of_the_closed_forms(system: Any) -> None:
-    """det L of 7 x 7 and 9 x 9 in u = lambda^2, v = mu^2, with H, K, G of the pages; exactly, at 20 points."""
-    draw, both = exact.rational_random(np.random.default_rng(7)), system is TWO
-    for _ in range(20):
-        state, (eps, lam, mu) = system.space.point(3, draw), draw((3,))
-        known = {**system.derive(), "eps": eps}
-        H = call(system.energy, state, known)
-        K, *more = (call(f, state, known) for f in system.integrals.values())
-        s, u, v, P = eps * eps / 4, lam * lam, mu * mu, state[1]
-        a, c = algebra.dot(P, P), algebra.dot(algebra.axial(state[0]), P)
-        stated = (u - v) ** 2 * (u - s * s * a * v) - 2 * H * u * u + (2 * H - 2 * s * a + s * s * c * c) * u * v
-        stated += (
-            (2 * s * a - s * s * c * c) * v * v + (H * H - K + a - s * c * c) * u - (a - 2 * s * c * c) * v - c * c
-        )
-        if both:
-            G, t, d = more[0], a + algebra.dot(state[2], state[2]), sum(algebra.cross(P, state[2]) ** 2)
-            stated = (u - v) ** 2 * (u * u - s * s * t * u * v + s**4 * d * v * v) - 2 * H * u**3
-            stated += (2 * H - 2 * s * t + s * s * G - s**3 * d) * u * u * v - 4 * s**3 * d * v**3 + d
-            stated += (2 * s * t - s * s * G + 5 * s**3 * d) * u * v * v - (K - H * H - t) * u * u
-            stated += (2 * s * G - 4 * s * s * d - t) * u * v + 6 * s * s * d * v * v - (G - s * d) * u - 4 * s * d * v
-        pencil = call(system.map.pencil, state, {**known, "lam": lam, "mu": mu})
-        assert len(pencil) == (9 if both else 7)
-        assert algebra.invariants.determinant(pencil) == -mu * stated != 0
-
-
 @pytest.mark.parametrize(
     ("model", "degrees"),
     [

@@ -315,6 +315,7 @@ where the residual must be 0, and in floats. Labels in brackets are those of the
 ([list](errata.md)) also test the printed form, which must fail; the number says by how much, in the n where it fails least.
 A random point is not a proof for all n: it makes an identity of rational functions that is false very unlikely to pass.
 Another `--seed` tests every statement at other points; steps and parameters have both signs where the formulas allow it.
+The last statements are those of further maps, beyond the paper.
 
 The column *computed* says what is compared: the two sides of the formulas; ranks of differentials with the numbers of the
 statement; or the [laws](laboratory.md) of the record. That a wrong statement fails is tested too (`tests/lab/test_statements_fail.py`):

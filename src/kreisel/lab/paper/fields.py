@@ -1,0 +1,214 @@
+"""Beyond the paper: explicit maps of quadratic fields, by one theorem in algebras with an involution, and their cases."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array, dot, identity, moebius, solve
+from kreisel.algebra.invariants import determinant
+from kreisel.algebra.matrices import blocks
+from kreisel.lab.exact import jacobian
+from kreisel.lab.law import Sides
+from kreisel.lab.paper.statements import Setting, stated, stated_law
+from kreisel.record.contract import MOVING_SPACE, TWO_FIELDS_SPACE
+from kreisel.system import REGISTRY, kovalevskaya_top, kovalevskaya_top_e3, kovalevskaya_top_so3
+from kreisel.system import kovalevskaya_gyrostat as gyrostat
+
+PLACE = "Beyond the paper, quadratic fields"
+ONE, UNIT, SWAP, MIRROR = (np.array(x) for x in ([[1]], [[0, -1], [1, 0]], [[0, 1], [1, 0]], [[1, 0], [0, -1]]))
+FIRST, LAST = np.diag([1, 0]), np.diag([0, 1])
+COMPLEX = (identity(2), UNIT)
+QUATERNIONS = (identity(4), np.kron(identity(2), UNIT), np.kron(UNIT, MIRROR), np.kron(UNIT, SWAP))
+
+
+class Algebra(NamedTuple):
+    """The n x n matrices over real d x d matrices `units`, X* = J^-1 X^T J with J of blocks `form`, or signs of axes."""
+
+    name: str
+    units: tuple[Array, ...]
+    form: Array
+    last: int = 1  # sign of the last axis in the form
+
+
+ALGEBRAS = (
+    Algebra("so(n)", (ONE,), ONE),
+    Algebra("so(n-1, 1)", (ONE,), ONE, -1),
+    Algebra("u(n)", COMPLEX, identity(2)),
+    Algebra("u(n-1, 1)", COMPLEX, identity(2), -1),
+    Algebra("sp(n)", QUATERNIONS, identity(4)),
+    Algebra("so*(2n)", QUATERNIONS, QUATERNIONS[2]),
+    Algebra("sp(2n, R)", (identity(2), UNIT, SWAP, MIRROR), UNIT),
+    Algebra("gl(n)", (FIRST, LAST), SWAP),
+)
+
+
+class Pair(NamedTuple):
+    """The odd part of an algebra with X* = X^T under the automorphism X -> g X g^-1, g of blocks `turn`."""
+
+    name: str
+    units: tuple[Array, ...]
+    turn: Array
+    last: int = 1
+
+
+PAIRS = (
+    Pair("so(p) x so(q)", (ONE,), ONE, -1),
+    Pair("u(p) x u(q)", COMPLEX, identity(2), -1),
+    Pair("sp(p) x sp(q)", QUATERNIONS, identity(4), -1),
+    Pair("so(n) x so(n), Ratiu's", COMPLEX, MIRROR),
+    Pair("u(n) x complex symmetric, in sp(2n, R)", (identity(2), UNIT, SWAP, MIRROR), UNIT),
+    Pair("u(n) x complex skew, in so*(2n)", QUATERNIONS, QUATERNIONS[1]),
+)
+
+
+def spread(n: int, block: Array, last: int) -> Array:
+    """The block on the diagonal, n times, the last one with a sign."""
+    return np.kron(np.diag([1] * (n - 1) + [last]), block)
+
+
+def element(s: Setting, units: tuple[Array, ...]) -> Array:
+    """A random matrix over the units."""
+    return sum(np.kron(s.draw((s.n, s.n)), unit) for unit in units)
+
+
+def moved(M: Array, F: Array, B: Array, eps: Any) -> tuple[Array, Array, Array, Array]:
+    """X, M~, c and F' of the step."""
+    one = identity(len(M))
+    X = solve(one + eps * eps / 4 * (F @ B), F)
+    M = M + eps * (X @ B - B @ X)
+    c = moebius(-eps / 2 * M)
+    return X, M, c, c @ F @ moebius(eps / 2 * M)
+
+
+def block_pencil(M: Array, F: Array, B: Array, eps: Any, nu: Any, mu: Any) -> Array:
+    """[[nu B + M - mu, 1 + k M], [-(1 - k M), nu F^-1 + s mu + s M]]."""
+    one, k = identity(len(M)), eps / 2
+    return blocks([[nu * B + M - mu * one, one + k * M], [k * M - one, nu * solve(F, one) + k * k * (mu * one + M)]])
+
+
+@stated("field-theorem", PLACE, dimensions=(3, 4), numbers=("exact",))
+def field_theorem(s: Setting) -> Sides:
+    """in any algebra with an involution, M* = -M, F* = F, B* = B: diag(1, -c) (1 + S A/nu) L (1 - A S/nu) diag(1, -1/c) = L' for the 2 x 2 block pencil L(nu, mu), A = (2/k) Z X Z*, Z = (-k, 1), S = diag(1, -s), in so(n), so(n-1, 1), u(n), u(n-1, 1), sp(n), so*(2n), sp(2n, R), gl(n)"""
+    for kind in ALGEBRAS:
+        J = spread(s.n, kind.form, kind.last)
+        inverse = J.T  # orthogonal
+
+        def star(X: Array, J: Array = J, inverse: Array = inverse) -> Array:
+            return inverse @ X.T @ J
+
+        M, F, B = (element(s, kind.units) for _ in range(3))
+        M, F, B = M - star(M), F + star(F), B + star(B)
+        eps, nu, mu = s.eps, s.lam, s.scalar()
+        X, after, c, field = moved(M, F, B, eps)
+        yield star(X), X
+        yield star(after), -after
+        yield star(field), field
+        k, one = eps / 2, identity(len(M))
+        Z, row, zero = blocks([[-k * one], [one]]), blocks([[-k * one, one]]), 0 * one
+        S = blocks([[one, zero], [zero, -k * k * one]])
+        A = 2 / k * Z @ X @ row
+        yield row @ S @ Z, zero + 0 * k
+        yield block_pencil(M, F, B, eps, 0 * nu, -1 / k) @ Z, 0 * Z
+        U, V = identity(2 * len(M)) + S @ A / nu, identity(2 * len(M)) - A @ S / nu
+        left = blocks([[one, zero], [zero, -c]])
+        right = blocks([[one, zero], [zero, -star(c)]])
+        yield left @ U @ block_pencil(M, F, B, eps, nu, mu) @ V @ right, block_pencil(after, field, B, eps, nu, mu)
+
+
+@stated("field-pairs", PLACE, dimensions=(3, 4), numbers=("exact",))
+def field_pairs(s: Setting) -> Sides:
+    """an automorphism with M even, F and B odd is kept by the step: so(p) x so(q), u(p) x u(q), sp(p) x sp(q), so(n) x so(n) (Ratiu), u(n) with complex symmetric fields (sp(2n, R)) and with complex skew fields (so*(2n))"""
+    for pair in PAIRS:
+        g = spread(s.n, pair.turn, pair.last)
+
+        def turned(X: Array, g: Array = g) -> Array:
+            return g @ X @ g.T
+
+        M, F, B = (element(s, pair.units) for _ in range(3))
+        M, F, B = M - M.T, F + F.T, B + B.T
+        M, F, B = M + turned(M), F - turned(F), B - turned(B)
+        X, after, _, field = moved(M, F, B, s.eps)
+        yield turned(X), -X
+        yield turned(after), after
+        yield turned(field), -field
+
+
+@stated("field-brackets", PLACE, dimensions=(3, 4))
+def field_brackets(s: Setting) -> Sides:
+    """m = [[M, (1 + k M) P], [-P^T (1 - k M), s P^T M P]] is a Poisson map to so(S)*, S = diag(1, -s P^T P): {m_AB, m_CD} = m_AD S_BC - m_CB S_DA - m_AC S_BD + m_DB S_CA; P of one vector or two"""
+    k = s.eps / 2
+
+    def m(M: Array, *vectors: Array) -> Array:
+        P = np.stack(vectors, -1)
+        return blocks([[M, P + k * (M @ P)], [k * (P.T @ M) - P.T, k * k * (P.T @ M @ P)]])
+
+    for space in (MOVING_SPACE, TWO_FIELDS_SPACE):
+        state = space.point(s.n, s.draw)
+        J, P = jacobian(m, state, space.kinds, s.n)[1], np.stack(state[1:], -1)
+        brackets = np.tensordot(np.tensordot(J, space.tensor(*state), 1), J, ([2], [2]))
+        N, zero = m(*state), 0 * P
+        S = blocks([[identity(s.n) + 0 * state[0], zero], [zero.T, -k * k * (P.T @ P)]])
+        terms = np.multiply.outer(N, S)  # m_AB S_CD
+        yield (
+            brackets,
+            (
+                terms.transpose(0, 2, 3, 1)
+                - terms.transpose(2, 1, 0, 3)
+                - terms.transpose(0, 2, 1, 3)
+                + terms.transpose(2, 1, 3, 0)
+            ),
+        )
+
+
+@stated("kovalevskaya-curve-one-field", PLACE, dimensions=(3,))
+def curve_of_one_field(s: Setting) -> Sides:
+    """the 7 x 7 pencil has det L/mu = -(u - v)^2 (u - s^2 a v) + 2 H u^2 - (2 H - 2 s a + s^2 c^2) u v - (2 s a - s^2 c^2) v^2 - (H^2 - K + a - s c^2) u + (a - 2 s c^2) v + c^2 with H and K of the map, u = lambda^2, v = mu^2, a = |P|^2, c = <M, P>"""
+    top, (M, P), mu = kovalevskaya_top_e3, MOVING_SPACE.point(3, s.draw), s.scalar()
+    known, u, v, t = gyrostat.shape(n=np.asarray(3)), s.lam * s.lam, mu * mu, s.eps * s.eps / 4
+    H, K = top.energy(M, P, c=known["c"], eps=s.eps), top.kovalevskaya(M, P, c=known["c"], eps=s.eps)
+    a, c = dot(P, P), dot(algebra.axial(M), P)
+    curve = (u - v) * (u - v) * (u - t * t * a * v) - 2 * H * u * u + (2 * H - 2 * t * a + t * t * c * c) * u * v
+    curve = (
+        curve + (2 * t * a - t * t * c * c) * v * v + (H * H - K + a - t * c * c) * u - (a - 2 * t * c * c) * v - c * c
+    )
+    pencil = top.pencil(M, P, lam=s.lam, mu=mu, eps=s.eps)
+    yield np.asarray(determinant(pencil)), np.asarray(-mu * curve)
+
+
+@stated("kovalevskaya-curve-two-fields", PLACE, dimensions=(3,))
+def curve_of_two_fields(s: Setting) -> Sides:
+    """the 9 x 9 pencil has det L/mu = -(u - v)^2 (u^2 - s^2 t u v + s^4 d v^2) + 2 H u^3 + .. with H, K and G of the map, t = |P|^2 + |Q|^2, d = |P x Q|^2"""
+    top, (M, P, Q), mu = kovalevskaya_top_so3, TWO_FIELDS_SPACE.point(3, s.draw), s.scalar()
+    known, u, v, e = gyrostat.shape(n=np.asarray(3)), s.lam * s.lam, mu * mu, s.eps * s.eps / 4
+    H, K = kovalevskaya_top.energy(M, P, Q, c=known["c"], eps=s.eps), top.kovalevskaya(M, P, Q, c=known["c"], eps=s.eps)
+    G, t, d = top.gram(M, P, Q, eps=s.eps), dot(P, P) + dot(Q, Q), dot(algebra.cross(P, Q), algebra.cross(P, Q))
+    curve = -(u - v) * (u - v) * (u * u - e * e * t * u * v + e * e * e * e * d * v * v) + 2 * H * u * u * u
+    curve = curve + (2 * e * t - 2 * H - e * e * G + e * e * e * d) * u * u * v + 4 * e * e * e * d * v * v * v - d
+    curve = curve + (e * e * G - 2 * e * t - 5 * e * e * e * d) * u * v * v + (K - H * H - t) * u * u
+    curve = curve + (t - 2 * e * G + 4 * e * e * d) * u * v - 6 * e * e * d * v * v + (G - e * d) * u + 4 * e * d * v
+    pencil = kovalevskaya_top.pencil(M, P, Q, lam=s.lam, mu=mu, eps=s.eps)
+    yield np.asarray(determinant(pencil)), np.asarray(mu * curve)
+
+
+MAPS = (
+    "quadratic-field",
+    "kovalevskaya-top",
+    "kovalevskaya-gyrostat",
+    "kovalevskaya-top-e3",
+    "kovalevskaya-top-so3",
+    "kovalevskaya-top-sp4",
+    "symmetric-top-logarithmic",
+    "ratiu-top",
+)
+for name in MAPS:
+    stated_law(
+        f"{name}-map",
+        PLACE,
+        "the map is explicit and Poisson, its integrals are in involution, and a pencil is its Lax pair: U L' = L V",
+        REGISTRY[name],
+        ("poisson", "integrals-of-the-map", "involution", "discrete-lax-pencil"),
+        dimensions=(3, 4) if REGISTRY[name].n is None else (3,),
+    )
