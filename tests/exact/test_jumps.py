@@ -73,6 +73,17 @@ def worst(count: int, monkeypatch: pytest.MonkeyPatch, g: object = None, alpha: 
     return max(errors)
 
 
+def test_states_that_jumps_know_are_not_set_up_in_many_digits(monkeypatch: pytest.MonkeyPatch) -> None:
+    top = kr.LagrangeTop(p=(0, 0, 1))
+    made = scheme(top, "exact", 0.1, None, False)
+    start = np.array([[0.1, 0.2, 1.5, 0.6, 0.0, 0.8]])
+    z = algebra.flatten(made.prepare((algebra.skew(start[:, [2, 1, 0]] * (-1, 1, -1), 3), start[:, 3:])), made.kinds)
+    times = np.array([0.5, 70.0])
+    right = engine.ClosedForm(made, z, 1.0, 100.0).at(times)
+    monkeypatch.setattr(engine, "orbits", None)
+    assert (engine.ClosedForm(made, z, 1.0, 100.0).at(times) == right).all()
+
+
 def test_jumps_of_many_tops(monkeypatch: pytest.MonkeyPatch) -> None:
     assert worst(40, monkeypatch) < RIGHT
 

@@ -193,8 +193,13 @@ def test_a_map_that_does_not_conserve_ends_with_an_error() -> None:
     record = top.system
     off = replace(record.map, step=lambda m, a, *, p, eps: record.map.step(m * (1 + 1e-9), a, p=p, eps=eps))
     model = type(top)(replace(record, map=off), top.params)
-    with pytest.raises(kr.RunError, match="is not conserved, although the method conserves it"):
-        kr.propagator(model, method="suris", dt=0.05).steps(np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8]), 100_000)
+    x, asked = np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8]), {"method": "suris", "dt": 0.05}
+    with pytest.raises(kr.RunError, match="is not conserved, although the method conserves it") as of_propagator:
+        kr.propagator(model, **asked).steps(x, 100_000)
+    with pytest.raises(kr.RunError, match="is not conserved, although the method conserves it, before") as of_run:
+        kr.simulate(model, model.state(m=x[:3], a=x[3:]), steps=100_000, every=100_000, order=2, **asked)
+    causes = {str(each.value).split("Usual cause: ")[1] for each in (of_propagator, of_run)}
+    assert len(causes) == 1 and "not what its record says" in causes.pop()
 
 
 def heavy_top() -> Any:

@@ -22,6 +22,7 @@ from kreisel.record.given import in_lane
 from kreisel.runs.plan import BREAKS, Plan
 from kreisel.runs.planning import cause_of_no_numbers
 from kreisel.runs.settings import LARGE, of_forces
+from kreisel.runs.soundness import Fault, faults
 from kreisel.stopwatch import SPENT
 
 if TYPE_CHECKING:
@@ -254,39 +255,15 @@ class Integration:
         return steps
 
     def _check(self) -> None:
-        self._require(
-            np.isfinite,
-            "The state is no longer finite",
-            lambda step: cause_of_no_numbers(self.plan, step),
-        )
-        guard = self.plan.scheme.guard
-        if guard is not None and guard.component:
+        """Note or raise the first row that is not what the method promises."""
+        plan = self.plan
+        for fault in faults(plan.scheme, plan.engine, self.buffer[: self.filled], plan.dt):
 
-            def within(rows: Floats) -> Array:
-                return self.plan.scheme.guarded(algebra.restore(rows, self.plan.kinds, self.plan.model.n))
+            def text(step: int, fault: Fault = fault) -> str:
+                when = f"at or before step {step} (time {step * plan.dt:g})" if fault.seen else f"before step {step}"
+                return f"{fault.text}{' ' if fault.seen else ', '}{when}"
 
-            self._require(within, guard.fault, guard.cause)
-        projection = self.plan.engine.projection
-        if projection is not None:
-            with np.errstate(all="ignore"):
-                beyond = projection.beyond(self.plan.dt * abs(self.plan.engine.z).max(-1))
-            if beyond.any():
-                name = projection.labels[int(np.where(beyond, projection.worst, 0).max(0).argmax())]
-                self._lose(
-                    np.broadcast_to(~beyond.any(1), (self.filled + 1, self.plan.lanes)),
-                    lambda step: f"{name} is not conserved, although the method conserves it, before step {step}",
-                    "a step far too long for this state, or a map or an integral that is not what its record says. "
-                    "Use a smaller dt; project=False (--no-project) shows the map as it is.",
-                )
-
-    def _require(self, holds: Callable[[Floats], Array], fault: str, cause: str | Callable[[int], str]) -> None:
-        """Note or raise the first row where a condition fails; the state of the engine counts as one more row."""
-        if holds(self.buffer[: self.filled]).all() and holds(self.plan.engine.z).all():  # fast, and nearly always
-            return
-        good = np.append(holds(self.buffer[: self.filled]), holds(self.plan.engine.z[None]), axis=0)
-        good = good.reshape((self.filled + 1, self.plan.lanes, -1)).all(-1)
-        if not good.all():
-            self._lose(good, lambda step: f"{fault} at or before step {step} (time {step * self.plan.dt:g})", cause)
+            self._lose(fault.good, text, fault.cause or (lambda step: cause_of_no_numbers(plan, step)))
 
     def _lose(self, good: Array, fault: Callable[[int], str], cause: str | Callable[[int], str]) -> None:
         """Lanes that are no longer good (rows, lanes): raise `RunError`, or note them."""

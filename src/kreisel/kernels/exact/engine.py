@@ -98,7 +98,8 @@ class ClosedForm:
         which = list(which)
         new = [lane for lane in which if lane not in self._known]
         kinds = [kind for _, kind in self._scheme.components]
-        for lane, orbit in zip(new, orbits(self._scheme, self._start, self._reach, new), strict=True):
+        set_up = orbits(self._scheme, self._start, self._reach, new) if new else []  # of no lane 17 us too
+        for lane, orbit in zip(new, set_up, strict=True):
             self._known[lane] = (
                 OrbitRows(orbit, *self._kernel(orbit, kinds)) if isinstance(orbit, Orbit) else Samples(orbit, kinds)
             )

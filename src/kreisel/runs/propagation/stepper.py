@@ -30,6 +30,7 @@ from kreisel.record.perturbation import TIME
 from kreisel.runs.plan import planned
 from kreisel.runs.propagation.forms import StateForms, is_finite
 from kreisel.runs.settings import MOST_STEPS, SHORTEST_STEP, WHOLE, Settings, finite_number, of_forces
+from kreisel.runs.soundness import faults
 
 if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
@@ -88,7 +89,7 @@ class Stepper:
         engine = self._begun(z, count, count, self.scheme)
         out = np.empty((1, *z.shape))
         engine.advance(out, count)
-        self._keep(engine, out, count)
+        self._keep(engine, out)
         return self.forms.observed(self._out(out))[0]
 
     def _on_course(self, x: Floats, count: int, courses: deque[Course]) -> Floats | None:
@@ -108,7 +109,7 @@ class Stepper:
             courses.append(course)
             return None
         if not course.room.is_finite() or course.projected or self.scheme.guard is not None:
-            self._require_sound(course.engine, course.room.row, count)
+            self._require_sound(course.engine, course.room.row)
         y = course.room.leave()
         courses.append(course)
         return y
@@ -117,7 +118,7 @@ class Stepper:
         """The same by an engine as a run has it, for dimensions whose kernels depend on the state."""
         plan = planned(self.model, self.scheme, self.settings, self.forms.components(x), None)
         rows = self._advanced(plan.engine, plan.first, count, count if every is None else every)
-        self._require_sound(plan.engine, rows, count)
+        self._require_sound(plan.engine, rows)
         out = self.forms.of_plan(plan.observe(rows))
         out = out if plan.batched else out[:, None]
         return out if every is not None else out[-1]
@@ -135,7 +136,7 @@ class Stepper:
     def _rows(self, z: Floats, count: int, every: int, scheme: Scheme) -> Floats:
         engine = self._begun(z, count, every, scheme)
         rows = self._advanced(engine, z, count, every)
-        self._keep(engine, rows, count)
+        self._keep(engine, rows)
         return rows
 
     def _begun(self, z: Floats, steps: int, every: int, scheme: Scheme) -> Engine:
@@ -159,37 +160,23 @@ class Stepper:
             engine.advance(out[1 + rows :], rest)
         return out
 
-    def _keep(self, engine: Engine, rows: Floats, count: int) -> None:
+    def _keep(self, engine: Engine, rows: Floats) -> None:
         """Check what an engine has made, and keep it for the next call."""
-        self._require_sound(engine, rows, count)
+        self._require_sound(engine, rows)
         lanes = rows.shape[1]
         if lanes not in self._at_rest:
             self._at_rest.setdefault(lanes, deque(maxlen=AT_REST))
         self._at_rest[lanes].append(engine)
 
-    def _require_sound(self, engine: Engine, rows: Floats, count: int) -> None:
-        """Raises `RunError` if rows, made by so many steps, are not finite or lack what the method promises."""
-        if not is_finite(rows):
-            where = in_lane(~np.isfinite(rows).all((0, 2)))
-            raise RunError(
-                f"The state is no longer finite{where}. Usual cause: {of_forces(self.model)}a step far too long, or a "
-                "state so large that its square overflows. Use a smaller dt."
+    def _require_sound(self, engine: Engine, rows: Floats) -> None:
+        """Raises `RunError` if rows are not finite or lack what the method promises."""
+        for fault in faults(self.scheme, engine, rows, self.dt):
+            cause = fault.cause or (
+                f"{of_forces(self.model)}a step far too long, or a state so large that its square overflows. Use a "
+                "smaller dt."
             )
-        guard, projection = self.scheme.guard, engine.projection
-        if guard is not None:
-            z = algebra.restore(rows, self.scheme.kinds, self.model.n)
-            beyond = ~self.scheme.guarded(z)
-            if beyond.any():
-                where = in_lane(beyond.reshape(*rows.shape[:2], -1).any((0, 2)))
-                raise RunError(f"{guard.fault}{where}. Usual cause: {guard.cause}")
-        if projection is not None and count >= projection.every and projection.worst.any():
-            beyond = projection.beyond(self.dt * abs(engine.z).max(-1))
-            if beyond.any():
-                name = projection.labels[int(np.where(beyond, projection.worst, 0).max(0).argmax())]
-                raise RunError(
-                    f"{name} is not conserved{in_lane(beyond.any(-1))}, although the method conserves it. Usual cause: "
-                    "a step far too long for this state. Use a smaller dt; project=False shows the map as it is."
-                )
+            where = in_lane(~fault.good[int(np.argmin(fault.good.all(1)))])
+            raise RunError(f"{fault.text}{where}. Usual cause: {cause}")
 
     # -- the time of forces ----------------------------------------------------------------------------
 

@@ -1,0 +1,62 @@
+"""Faults of rows that an engine has made: numbers that are not finite, a guard, invariants that are lost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.kernels.engines import Engine
+from kreisel.kernels.layout import Floats
+from kreisel.method.scheme import Scheme
+
+
+class Fault(NamedTuple):
+    """Rows that are not what a method promises, and the reason.
+
+    good   (rows, lanes): which rows are; the last row is the state of the engine
+    text   the fault in words
+    cause  the usual cause and the fix; "" for numbers that are not finite
+    seen   whether the rows show it: it is then at the first bad row or before, else before
+    """
+
+    good: Array
+    text: str
+    cause: str
+    seen: bool = True
+
+
+def faults(scheme: Scheme, engine: Engine, rows: Floats, dt: float) -> Iterator[Fault]:
+    """The faults of rows (rows, lanes, d) and of the state of the engine, in this order: see `Fault`."""
+    good = _good(rows, engine.z, np.isfinite)
+    if good is not None:
+        yield Fault(good, "The state is no longer finite", "")
+    guard, projection = scheme.guard, engine.projection
+    if guard is not None and guard.component:
+        good = _good(rows, engine.z, lambda z: scheme.guarded(algebra.restore(z, scheme.kinds, scheme.n)))
+        if good is not None:
+            yield Fault(good, guard.fault, guard.cause)
+    if projection is not None and projection.worst.any():
+        with np.errstate(all="ignore"):
+            beyond = projection.beyond(dt * abs(engine.z).max(-1))
+        if beyond.any():
+            name = projection.labels[int(np.where(beyond, projection.worst, 0).max(0).argmax())]
+            yield Fault(
+                np.broadcast_to(~beyond.any(-1), (len(rows) + 1, len(engine.z))),
+                f"{name} is not conserved, although the method conserves it",
+                "a step far too long for this state, or a map or an integral that is not what its record says. Use a "
+                "smaller dt; project=False (--no-project) shows the map as it is.",
+                seen=False,
+            )
+
+
+def _good(rows: Floats, z: Floats, holds: Callable[[Floats], Array]) -> Array | None:
+    """Which rows and lanes are good; None if all are, which is seen without a copy."""
+    of_rows, of_state = holds(rows), holds(z)
+    if of_rows.all() and of_state.all():
+        return None
+    both = np.concatenate([np.broadcast_to(x, (len(x), len(z), *x.shape[2:])) for x in (of_rows, of_state[None])])
+    return both.reshape((len(rows) + 1, len(z), -1)).all(-1)
