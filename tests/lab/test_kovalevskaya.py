@@ -98,7 +98,6 @@ def test_the_member_of_the_search_is_the_map_for_every_n(n: int) -> None:
         (lambda: kr.KovalevskayaGyrostat(n=3, gamma=F(3, 7)), [12 * k * k + 2 * k + 1 for k in range(5)]),
         (lambda: kr.KovalevskayaTopSP4(), [18 * k * k + 1 for k in range(5)]),
         (lambda: kr.SymmetricTopLogarithmic(A=(1, 0, 0)), [1, 6, 17, 38, 65, 102]),
-        (lambda: kr.QuadraticField(b=(1, 2, 4)), [15 * k * k + 4 * k + 1 if k else 1 for k in range(4)]),
     ],
 )
 def test_the_degrees_of_further_maps_are_quadratic(model: Any, degrees: list[int]) -> None:

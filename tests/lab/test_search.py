@@ -148,6 +148,20 @@ def test_kovalevskayas_top_in_two_fields() -> None:
             assert np.allclose((np.asarray(x, dtype=float) - old) / 1e-6, rate, atol=1e-4)
 
 
+def test_quadratic_fields_and_a_rotor() -> None:
+    """2/eps alone, and the turn by M_12 and the rotor together; the member is the map of the record."""
+    found = search.search(search.quadratic_field, {"c": [2, 1]}, steps=0, iterates=4)
+    assert verdicts(found, "c") == {2: "undecided", 1: "not integrable"}
+    assert growth.degrees(subject(search.quadratic_field(), eps=2), 4) == (1, 20, 69, 148, 257)
+    for apart, degrees in ((0, (1, 15, 53, 115)), (1, (1, 15, 73, 319))):
+        rotor = search.kovalevskaya(gamma=F(3, 7), apart=apart)
+        assert growth.degrees(subject(rotor, eps=2), 3) == degrees
+    rng, top = np.random.default_rng(5), kr.QuadraticField(b=(1, 2, 4))
+    M, A = kr.algebra.hat(rng.normal(size=3)), rng.normal(size=(3, 3))
+    ours, theirs = search.quadratic_field().step(M, A + A.T, eps=0.3), top.step(M, A + A.T, eps=0.3)
+    assert all(np.allclose(x.astype(float), y, atol=1e-13) for x, y in zip(ours, theirs, strict=True))
+
+
 def test_kahans_gyrostat_needs_a_wheel_along_a_principal_axis() -> None:
     grid = {"h": [(0, 1, 0), (1, 2, 3)], "J": [(1, 2, 4)]}
     found = search.search(search.kahan_gyrostat, grid, steps=0, iterates=5)

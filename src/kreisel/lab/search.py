@@ -31,10 +31,11 @@ from kreisel.lab.questions import QUESTIONS as _QUESTIONS
 from kreisel.lab.questions import Clues, filled
 from kreisel.lab.subject import Subject, coordinate_names, subject
 from kreisel.method.kahan import advance, eliminate
-from kreisel.record.contract import MOVING_SPACE, TWO_FIELDS_SPACE, Map, PhaseSpace, System
+from kreisel.record.contract import FIELD_SPACE, MOVING_SPACE, TWO_FIELDS_SPACE, Map, PhaseSpace, System
 from kreisel.record.model import Model
 from kreisel.sweeps.workers import check_workers, pool
 from kreisel.system import euler_top
+from kreisel.system.quadratic_field import potential
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -360,14 +361,28 @@ def _turn(M: Array, t: Any) -> Array:
     )
 
 
-def kovalevskaya(c: Any = 4, coupling: Any = 1, n: int = 3) -> Model:
+def quadratic_field(c: Any = 2, b: Sequence[Any] = (1, 2, 4)) -> Model:
+    """U = (c/eps) tr log(1 + (eps^2/4) B F), B = diag(b), on so(n) <x Sym(n): that of the theorem for c = 2."""
+    B, c = fractions(np.diag(b)), fractions(c)
+
+    def step(M: Array, F: Array, *, eps: Any) -> tuple[Array, Array]:
+        X = potential(F, eps * eps / 4 * B)
+        M = M + c * eps / 2 * (X @ B - B @ X)
+        return M, algebra.KINDS["symmetric"].turned(-eps / 2 * M, F)
+
+    return model_of("quadratic-field", len(b), Map(step=step), FIELD_SPACE)
+
+
+def kovalevskaya(c: Any = 4, coupling: Any = 1, n: int = 3, gamma: Any = 0, apart: Any = 0) -> Model:
     """A body with Omega = M, but twice M_12, in two fields, in n dimensions: Kovalevskaya's, for c = 4, coupling = 1.
 
-    The same with U = (c/eps) log(1 - (eps^2/4) (P_1 + Q_2) + coupling (eps^2/4)^2 (P_1 Q_2 - P_2 Q_1)): for c = 4 and
-    coupling = 1 it is 4/eps times the logarithm of the determinant of 1 - (eps^2/4) (P, Q) in the plane (1, 2).
+    U = (c/eps) log(1 - (eps^2/4) (P_1 + Q_2) + coupling (eps^2/4)^2 (P_1 Q_2 - P_2 Q_1)): for c = 4 and coupling = 1 it
+    is 4/eps times the logarithm of the determinant of 1 - (eps^2/4) (P, Q) in the plane (1, 2).  A rotor of momentum
+    gamma is subtracted from M_12 in the turn; with apart = 1 it turns the body by itself.
     """
-    c, coupling = fractions(c), fractions(coupling)
+    c, coupling, gamma, apart = (fractions(v) for v in (c, coupling, gamma, apart))
     first, second = np.eye(2, n, dtype=np.int8)
+    wheel = gamma * wedge(first, second)
 
     def step(M: Array, P: Array, Q: Array, *, eps: Any) -> tuple[Array, ...]:
         k = eps * eps / 4
@@ -377,7 +392,7 @@ def kovalevskaya(c: Any = 4, coupling: Any = 1, n: int = 3) -> Model:
         on_Q = vec(scale * coupling * k * p2) * first + vec(scale * (1 - coupling * k * p1)) * second
         M = M + wedge(P, on_P + 0 * P) + wedge(Q, on_Q + 0 * Q)
         P, Q = (cayley_act(-eps / 2 * M, v) for v in (P, Q))
-        W = _turn(M, eps / 2)
+        W = _turn(M - (1 - apart) * wheel, eps / 2) @ _turn(-apart * wheel + 0 * M, eps / 2)
         return W.mT @ M @ W, act(W.mT, P), act(W.mT, Q)
 
     return model_of("kovalevskaya", n, Map(step=step), TWO_FIELDS_SPACE)
