@@ -12,7 +12,7 @@ from support import DOCS, ROOT
 # Of can.md: the beginning of a row that says yes; of faq.md: of a question.  A page is one whose blocks run.
 ROWS = {
     "a top, a gyroscope, a free body": ["start.md", "physical/test_physical.py::nutation_rate_of_a_fast_top"],
-    "a body of any shape on a fixed point": ["tutorial-body.md", "system/test_other_flows.py"],
+    "a body of any shape with a fixed point": ["tutorial-body.md", "system/test_other_flows.py"],
     "dimension n > 3": ["sweeps/test_sweep.py::more_dimensions", "lab/test_laws.py"],
     "friction in a bearing, drag of a fluid": ["perturbed.md", "physical/test_submerged.py::terminal_speed"],
     "a torque that depends on time": ["perturbed.md", "forces/test_perturbed.py::order_of_forces_in_a_fluid"],
@@ -36,17 +36,17 @@ ROWS = {
 QUESTIONS = {
     "Which way does gravity pull?": ["faq.md", "conventions.md"],
     "What are the units?": ["units.md"],
-    "What is `m`, what is `M`?": ["faq.md"],
+    "What are `m` and `M`?": ["faq.md"],
     "Where is the angular velocity?": ["faq.md"],
     "Where is the orientation?": ["faq.md"],
-    "Which method should I take?": ["runs/test_simulate.py::default_method_and_names"],
+    "Which method should I use?": ["runs/test_simulate.py::default_method_and_names"],
     "How long may a step be?": ["faq.md", "method/test_auto.py::the_tolerance_is_reached_and_not_wasted"],
     "My integral is not conserved.": ["faq.md", "runs/test_drift.py::what_a_map_keeps_is_what_its_record_says"],
-    "My numbers differ from yours": ["house/test_promises.py"],
-    "The first run takes seconds": ["kernels/test_cache.py"],
+    "My results differ from yours": ["house/test_promises.py"],
+    "Why does only the first run need seconds?": ["kernels/test_cache.py"],
     "Can I stop a long run?": ["storage/test_resume.py::killed_at_random_moments"],
     "How do I get the data into another program?": ["storage/test_export.py", "faq.md"],
-    "How do I cite it?": ["faq.md"],
+    "How do I cite Kreisel?": ["faq.md"],
     "Can Kreisel do": ["can.md"],
 }
 NO = re.compile(r"no$|partly|not measured")
