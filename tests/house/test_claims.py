@@ -27,7 +27,7 @@ ROWS = {
     "a body in water or air": ["water.md", "physical/test_submerged.py::against_equations_about_another_point"],
     "chains of classical spins": ["spin-chains.md", "system/test_spin_chains.py::runs_and_archives"],
     "your own potential or Lagrangian": ["tutorial-lagrangian.md", "own-system.md"],
-    "a gradient by parameters, a fit": ["derivatives.md", "inference.md"],
+    "a gradient with respect to parameters, a fit": ["derivatives.md", "inference.md"],
     "millions of bodies": ["sweeps.md", "runs/test_simulate.py::lanes_equal_single_runs_bitwise"],
     "the state at t = 10": ["exact.md", "exact/test_exact.py::a_million_million_periods_on"],
     "archives and sweeps on Windows": ["house/test_platforms.py::runs_without_the_modules_of_posix"],
