@@ -22,11 +22,16 @@ TOP = kr.LagrangeTop(p=(0, 0.6, 0.8), alpha=0.5)
 TOP_START = TOP.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
 BODY = kr.EulerTop(J=(1.0, 2.0, 3.5))
 CLEBSCH = kr.Clebsch(b=(1.0, 2.0, 3.5))
+OUTER = kr.QuadraticPotential(J=(1.0, 2.0, 2.5))
 CASES: dict[str, tuple[Any, dict[str, Any]]] = {
     "suris 1": ((TOP, TOP_START), {"method": "suris", "order": 1}),
     "baecklund 4, orientation": ((TOP, TOP_START), {"method": "baecklund", "order": 4, "orientation": (1, 0, 0, 0)}),
     "veselov 4": ((BODY, BODY.state(M=(0.3, 0.5, 1.1))), {"method": "veselov", "order": 4}),
     "suris 2, Clebsch": ((CLEBSCH, CLEBSCH.state(M=(0.3, 0.5, 1.1), P=(0.6, 0, 0.8))), {"method": "suris", "order": 2}),
+    "a symmetric matrix": (
+        (OUTER, OUTER.state(M=(0.3, 0.5, 1.1), P=[[0.5, 0.1, 0.0], [0.1, 0.2, -0.3], [0.0, -0.3, 0.9]])),
+        {"method": "veselov", "order": 2},
+    ),
     "variational, unprojected": ((TOP, TOP_START), {"method": "variational", "order": 2, "project": False}),
 }
 
@@ -40,7 +45,8 @@ def text_and_run(case: str, language: str) -> tuple[str, Any]:
 
 def state(run: Any, row: int = -1) -> list[float]:
     letters = [n for n in run.data_vars if run[n].attrs["kind"] in ("state", "orientation")]
-    return [float(v) for n in letters for v in np.ravel(run[n].values[row])]
+    values = [run[n].values[row] for n in letters]
+    return [float(v) for x in values for v in (x if x.ndim == 1 else x[np.triu_indices(len(x))])]
 
 
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)] or ["gcc"]

@@ -144,12 +144,15 @@ def _letters(made: Scheme) -> list[str]:
 
 
 def _of_user(plan: Plan, name: str, value: Any) -> Any:
-    """A component as a user has it: axial vectors for n = 3, else the entries above the diagonal, row by row."""
-    kind, n = dict(plan.scheme.components).get(name, ""), plan.model.n
-    if kind == "skew" and np.shape(value)[-2:] == (n, n):
-        value = algebra.KINDS[kind].for_user(value)
-        return algebra.KINDS[kind].shown(n).pack(value)
-    return value
+    """The independent entries of a component: of skew matrices axial vectors for n = 3, else those above the diagonal.
+
+    Of symmetric ones those on and above the diagonal; all row by row.
+    """
+    name_of_kind, n = dict(plan.scheme.components).get(name), plan.model.n
+    if name_of_kind is None or np.shape(value)[-2:] != (n, n):
+        return value
+    kind = algebra.KINDS[name_of_kind]
+    return kind.shown(n).pack(kind.for_user(value))
 
 
 def _flat(plan: Plan, parts: tuple[Array, ...], known: Mapping[str, Array]) -> dict[str, Array]:

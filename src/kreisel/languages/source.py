@@ -143,8 +143,8 @@ def _head(what: Contents) -> list[str]:
         f"{f'Parameters: {params}.  ' if params else ''}{system.scaling}",
         "",
         f"A state is {', '.join(what.names)}.",
-        "Skew matrices are axial vectors for n = 3, else the entries above the diagonal, row by row; g is a unit",
-        "quaternion (w, x, y, z), body to space, or a matrix.",
+        "Skew matrices are axial vectors for n = 3, else the entries above the diagonal, row by row; symmetric ones",
+        "those on and above it; g is a unit quaternion (w, x, y, z), body to space, or a matrix.",
         f"Outputs: {', '.join(_places(what))}.",
     ]
     if plan.scheme.name == "baecklund":
