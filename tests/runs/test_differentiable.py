@@ -20,6 +20,7 @@ from kreisel.bodies import KNOWN
 from kreisel.kernels import jax_numbers as by
 from kreisel.kernels.jax_numbers import numbers
 from kreisel.method import scheme
+from kreisel.method.baecklund import Product
 from kreisel.runs.differentiable import constants_of
 from kreisel.runs.examples import example
 from sizes import FULL
@@ -441,3 +442,16 @@ def test_a_tangent_of_an_ensemble_is_refused() -> None:
     run = kr.simulate(TOP, TOP.state(m=np.ones((2, 3)), a=START["a"]), dt=0.1, steps=2)
     with pytest.raises(kr.InputError, match="one trajectory"):
         kr.tangent(run)
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_constants_of_a_trajectory_are_those_of_a_run(order: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled, so that they do not depend on the extended precision of a processor; with other parameters too."""
+    monkeypatch.setattr(Product, "_wide_rho", None)
+    p = np.array([0.1, 0.2, 0.9])
+    with red.double():
+        end = kr.differentiable(TOP, method="baecklund", order=order)(START, dt=0.1, steps=20, p=p)
+    other = type(TOP)(TOP.system, {**TOP.params, "p": p})
+    run = kr.simulate(other, other.state(**START), dt=0.1, steps=20, method="baecklund", order=order, project=False)
+    for letter in START:
+        assert np.asarray(end[letter]) == pytest.approx(run[letter].values[-1], rel=1e-13, abs=1e-14)

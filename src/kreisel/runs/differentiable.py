@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import copy
+from dataclasses import replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -12,6 +13,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, hint, shown
+from kreisel.kernels.points import points as points_of
 from kreisel.method import find, scheme
 from kreisel.method.baecklund import SPINS, Product
 from kreisel.method.driven import zero
@@ -175,7 +177,7 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
             "differentiable: expected another method for an orientation, such as 'exact' or 'suris', got "
             "method='baecklund', whose turns about the axis are constants of the trajectory."
         )
-    constants = _of_baecklund(model, made.options["order"])
+    constants = _of_baecklund(model, made)
     close = motion.close and _spun(model, motion.close)
     return Step(made.components, begin, end, _spun(model, motion.step), close, constants, made.guard)
 
@@ -233,20 +235,23 @@ def _closed(model: Model, made: Scheme, oriented: bool) -> Step:
     return Step(components, _same, _same, take, None, lambda own, known, dt: ({"eps": dt}, {}), guard)
 
 
-def _of_baecklund(model: Model, order: int) -> Callable[[State, Known, Any], tuple[Known, Known]]:
+def _of_baecklund(model: Model, made: Scheme) -> Callable[[State, Known, Any], tuple[Known, Known]]:
     """mu = zeta/dt, rho, and the turns of the body.
 
     rho goes without a derivative: the step improves it by a step of Newton's method, so that only its square counts,
-    and the derivatives of the step are those with the rho of the very state.
+    and the derivatives of the step are those with the rho of the very state.  It is compiled, as that of a run.
     """
+    order = made.options["order"]
     unit = Product(model, 1.0, order, False)
     pairs, points = len(unit.pairs), len(unit.points)
 
     def host(dt: Array, own: list[Array], given: Known) -> Array:
-        lane = copy(model)
-        lane.constants = {**model.constants, **{k: np.asarray(v) for k, v in given.items()}}
+        lane, known = copy(model), {k: np.asarray(v) for k, v in given.items()}
+        lane.constants = {**model.constants, **known}
+        by_kernel = partial(points_of, replace(made, constants={**made.constants, **known}))
         try:
-            constants, stages = Product(lane, float(dt), order, False).trajectory(tuple(map(np.asarray, own)))
+            maps = Product(lane, float(dt), order, False)
+            constants, stages = maps.trajectory(tuple(map(np.asarray, own)), by_kernel)
         except InputError:
             return np.full(2 * points, np.nan)
         rho = np.append(stages["rho_re"] + 1j * stages["rho_im"] if pairs else (), constants.get("rho", ()))
