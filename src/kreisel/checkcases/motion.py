@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -188,16 +188,18 @@ class Case:
             )
         return np.minimum(times, last)
 
-    def grade(self, times: Any, **quantities: Any) -> Grade:
+    def grade(self, times: Any, *, step: float | None = None, runs: Sequence[Any] = (), **quantities: Any) -> Grade:
         """The errors of a trajectory against the exact motion, and the mistake that explains them.
 
         times (rows,), s;  angular_velocity (rows, 3), rad/s along the body axes;  attitude (rows, 4), unit quaternions
         (w, x, y, z), body to space;  angular_velocity_space, momentum (rows, 3), energy (rows,), position (rows, 3):
-        whichever a simulator has.  Raises `InputError`.
+        whichever a simulator has;  step, s, of the simulator, by default from the times;  runs: further trajectories
+        with other steps, with `times`, `quantities` and perhaps `step`, as `kreisel.checkcases.reading.read` returns
+        them, which measure the order.  Raises `InputError`.
         """
         from kreisel.checkcases.grade import grade
 
-        return grade(self, times, quantities)
+        return grade(self, times, quantities, step, runs)
 
     def given(self) -> dict[str, Any]:
         """The numbers that a simulator needs, as doubles in SI, for JSON."""

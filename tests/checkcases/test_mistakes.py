@@ -1,0 +1,226 @@
+"""The grader names a mistake that was made on purpose, by simulators of SciPy with rotation matrices."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import kreisel as kr
+
+Values = dict[str, np.ndarray]
+ROWS = 61
+BRICK, TOP, TILTED = "tumbling-brick", "kovalevskaya", "tilted-box"
+
+
+class Body:
+    """The numbers of a case as a user types them in."""
+
+    def __init__(self, name: str):
+        self.case = kr.checkcases.case(name)
+        printed = self.case.given()
+        self.w = np.array(printed["angular_velocity"])
+        self.R = Rotation.from_quat(np.roll(printed["attitude"], -1)).as_matrix()
+        self.I = np.array(printed["inertia"])
+        self.arm, self.weight = (
+            np.array(printed.get("arm", [0, 0, 0])),
+            printed.get("mass", 0) * printed.get("gravity", 0),
+        )
+        self.down = np.array([0.0, 0, -1])
+        self.times = self.case.times(ROWS)
+
+    def torque(self, R: np.ndarray) -> np.ndarray:
+        return np.cross(self.arm, R.T @ (self.weight * self.down))
+
+    def acceleration(self, w: np.ndarray, R: np.ndarray) -> np.ndarray:
+        return np.linalg.solve(self.I, self.torque(R) - np.cross(w, self.I @ w))
+
+    def rotation_rate(self, w: np.ndarray, R: np.ndarray) -> np.ndarray:
+        return R @ hat(w)
+
+    def run(self, stretch: float = 1.0, later: float = 0.0) -> Values:
+        def rates(t: float, z: np.ndarray) -> np.ndarray:
+            w, R = z[:3], z[3:].reshape(3, 3)
+            return np.concatenate([self.acceleration(w, R), self.rotation_rate(w, R).ravel()])
+
+        rows, start = self.times * stretch + later, np.concatenate([self.w, self.R.ravel()])
+        found = solve_ivp(rates, (0, rows[-1]), start, "DOP853", rows, rtol=1e-10, atol=1e-12)
+        return values(found.y[:3].T, found.y[3:].T.reshape(-1, 3, 3))
+
+
+def values(w: np.ndarray, R: np.ndarray) -> Values:
+    return {"angular_velocity": w, "attitude": np.roll(Rotation.from_matrix(R).as_quat(), 1, -1)}
+
+
+def hat(w: Any) -> np.ndarray:
+    return np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+
+
+def no_gyroscopic_term(b: Body) -> Values:
+    b.acceleration = lambda w, R: np.linalg.solve(b.I, b.torque(R))
+    return b.run()
+
+
+def wrong_sign(b: Body) -> Values:
+    b.acceleration = lambda w, R: np.linalg.solve(b.I, b.torque(R) + np.cross(w, b.I @ w))
+    return b.run()
+
+
+def not_turned(b: Body) -> Values:
+    """w along the axes of space with a constant tensor."""
+
+    def acceleration(w: np.ndarray, R: np.ndarray) -> np.ndarray:
+        v = R @ w
+        return R.T @ np.linalg.solve(b.I, R @ b.torque(R) - np.cross(v, b.I @ v))
+
+    b.acceleration = acceleration
+    return b.run()
+
+
+def inertia(change: Callable[[Body], np.ndarray]) -> Callable[[Body], Values]:
+    def made(b: Body) -> Values:
+        b.I = change(b)
+        return b.run()
+
+    return made
+
+
+def steiner(b: Body) -> np.ndarray:
+    mass = b.case.given()["mass"]
+    return mass * np.array([[b.arm @ b.arm * (i == j) - b.arm[i] * b.arm[j] for j in range(3)] for i in range(3)])
+
+
+def rotation_rate(rate: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Callable[[Body], Values]:
+    def made(b: Body) -> Values:
+        b.rotation_rate = rate
+        return b.run()
+
+    return made
+
+
+def of_output(change: Callable[[Values], Values]) -> Callable[[Body], Values]:
+    def made(b: Body) -> Values:
+        return change(b.run())
+
+    return made
+
+
+def in_space(v: Values) -> Values:
+    R = Rotation.from_quat(np.roll(v["attitude"], -1, -1))
+    return {**v, "angular_velocity": R.apply(v["angular_velocity"])}
+
+
+def in_body(v: Values) -> Values:
+    return {"angular_velocity_space": v["angular_velocity"], "attitude": v["attitude"]}
+
+
+def changed(b: Body, **numbers: Any) -> Values:
+    for name, value in numbers.items():
+        setattr(b, name, value)
+    return b.run()
+
+
+def damped(b: Body) -> Values:
+    right = b.acceleration
+    b.acceleration = lambda w, R: right(w, R) - 0.003 * w
+    return b.run()
+
+
+def euler(late: bool, space: bool) -> Callable[[Body], Values]:
+    """Euler's method with 20 steps a row, the rotation by Rodrigues' formula."""
+
+    def made(b: Body) -> Values:
+        w, R, parts = b.w, b.R, 20
+        h, rows = b.times[1] / parts, [(b.w, b.R)]
+        for k in range(1, parts * (ROWS - 1) + 1):
+            new = w + h * b.acceleration(w, R)
+            turned = R @ Rotation.from_rotvec(h * (new if late else w)).as_matrix()
+            w, R = (turned.T @ R @ new if space else new), turned
+            if k % parts == 0:
+                rows.append((w, R))
+        return values(np.array([w for w, _ in rows]), np.array([R for _, R in rows]))
+
+    return made
+
+
+def mirrored(v: Values) -> Values:
+    return {"angular_velocity": v["angular_velocity"] * [-1, 1, 1], "attitude": v["attitude"] * [1, -1, 1, 1]}
+
+
+def degrees(v: Values) -> Values:
+    return {**v, "angular_velocity": np.degrees(v["angular_velocity"])}
+
+
+def unnormalised(v: Values) -> Values:
+    return {**v, "attitude": v["attitude"] * (1 + np.linspace(0, 0.02, ROWS))[:, None]}
+
+
+TRANSPOSED = np.array([[0.6, -4 / 13, 48 / 65], [0.8, 3 / 13, -36 / 65], [0, 12 / 13, 5 / 13]])
+MISTAKES = [
+    (BRICK, no_gyroscopic_term, "w x I w is left out"),
+    (TOP, no_gyroscopic_term, "w x I w is left out"),
+    (BRICK, wrong_sign, "w x I w has the wrong sign"),
+    (TOP, wrong_sign, "w x I w has the wrong sign"),
+    (BRICK, not_turned, "constant in space, not turned"),
+    (TOP, not_turned, "constant in space, not turned"),
+    (BRICK, inertia(lambda b: b.I[np.ix_([1, 0, 2], [1, 0, 2])]), "those of the axes (2, 1, 3)"),
+    (TOP, inertia(lambda b: b.I[np.ix_([2, 1, 0], [2, 1, 0])]), "those of the axes (3, 2, 1)"),
+    (BRICK, inertia(lambda b: np.linalg.inv(b.I)), "inverse of the inertia tensor"),
+    (TILTED, inertia(lambda b: np.linalg.inv(b.I)), "inverse of the inertia tensor"),
+    (TILTED, inertia(lambda b: 2 * np.diag(np.diag(b.I)) - b.I), "products of inertia have the wrong sign"),
+    (TILTED, inertia(lambda b: np.diag(np.diag(b.I))), "products of inertia are left out"),
+    (TILTED, inertia(lambda b: TRANSPOSED.T @ np.diag([13, 10, 5]) @ TRANSPOSED / 1200), "R transposed"),
+    (TOP, inertia(lambda b: b.I - steiner(b)), "about the centre of mass is taken for that about the pivot"),
+    (TOP, inertia(lambda b: b.I + steiner(b)), "Steiner is added twice"),
+    (BRICK, rotation_rate(lambda w, R: hat(w) @ R), "q' = (0, w) q/2"),
+    (TOP, rotation_rate(lambda w, R: hat(w) @ R), "q' = (0, w) q/2"),
+    (BRICK, rotation_rate(lambda w, R: R @ hat(R @ w)), "q' = q (0, w)/2 is used with rates along the axes of space"),
+    (BRICK, rotation_rate(lambda w, R: 2 * R @ hat(w)), "lacks the factor 1/2"),
+    (TOP, rotation_rate(lambda w, R: 2 * R @ hat(w)), "lacks the factor 1/2"),
+    (BRICK, rotation_rate(lambda w, R: -R @ hat(w)), "q' = -q (0, w)/2"),
+    (TOP, lambda b: changed(b, down=np.array([0.0, 0, 1])), "the torque has the wrong sign"),
+    (TOP, lambda b: changed(b, down=np.array([0.0, -1, 0])), "along the second axis of space"),
+    (TOP, lambda b: changed(b, weight=0), "the torque is left out"),
+    (TOP, lambda b: changed(b, R=np.eye(3)), "attitude of the start is left out"),
+    (TOP, lambda b: changed(b, R=b.R.T), "attitude of the start is conjugate"),
+    (TOP, lambda b: changed(b, w=b.R.T @ b.w), "rates of the start are taken along the axes of space"),
+    (BRICK, lambda b: changed(b, w=np.radians(b.w)), "in rad/s, are taken for deg/s"),
+    (BRICK, lambda b: changed(b, w=np.degrees(b.w), times=b.times[:5]), "in deg/s, are taken for rad/s"),
+    (BRICK, damped, "damped: a torque -c L with c = 0.003 1/s"),
+    (TOP, damped, "damped: a torque -c L with c = 0.003 1/s"),
+    (BRICK, euler(late=False, space=False), "explicit Euler of w along the body axes, q by the old w) at the step 0.025 s"),
+    (BRICK, euler(late=False, space=True), "explicit Euler of w along the axes of space, q by the old w) at the step 0.025 s"),
+    (TOP, euler(late=True, space=True), "explicit Euler of w, q by the new w"),
+    (BRICK, of_output(lambda v: {**v, "attitude": np.roll(v["attitude"], -1, -1)}), "(x, y, z, w), taken for (w, x, y, z)"),
+    (TOP, of_output(lambda v: {**v, "attitude": np.roll(v["attitude"], -1, -1)}), "(x, y, z, w), taken for (w, x, y, z)"),
+    (BRICK, of_output(lambda v: {**v, "attitude": v["attitude"] * [1, -1, -1, -1]}), "attitude is conjugate"),
+    (TOP, of_output(lambda v: {**v, "attitude": v["attitude"] * [1, -1, -1, -1]}), "attitude is conjugate"),
+    (BRICK, of_output(degrees), "in deg/s, taken for rad/s"),
+    (TOP, of_output(degrees), "in deg/s, taken for rad/s"),
+    (BRICK, of_output(in_space), "along the axes of space, not of the body"),
+    (TOP, of_output(in_space), "along the axes of space, not of the body"),
+    (BRICK, of_output(in_body), "along the axes of the body, not of space"),
+    (BRICK, of_output(mirrored), "axes: the components are (-x, y, z)"),
+    (TOP, of_output(lambda v: {**v, "angular_velocity": v["angular_velocity"][:, [0, 2, 1]]}), "velocity: the components are (x, z, y)"),
+    (BRICK, of_output(unnormalised), "not normalised: its norm is off by up to 2.0e-02"),
+    (TOP, of_output(unnormalised), "not normalised"),
+    (BRICK, lambda b: b.run(later=b.times[1]), "one step of 0.5 s too late"),
+    (TOP, lambda b: b.run(later=b.times[1]), "too late"),
+    (BRICK, lambda b: b.run(stretch=1e-3), "in milliseconds, taken for seconds"),
+    (TOP, lambda b: b.run(stretch=0.5), "twice that of the motion"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "mistake", "sentence"), MISTAKES, ids=[f"{k}-{m[0]}" for k, m in enumerate(MISTAKES)])
+def test_a_mistake_is_named(name: str, mistake: Callable[[Body], Values], sentence: str) -> None:
+    body = Body(name)
+    grade = body.case.grade(body.times, **mistake(body))
+    assert grade.mistake, grade
+    assert sentence in grade.mistake.sentence
+    assert grade.mistake.residual * 20 < grade.mistake.error
+    assert grade.mistake.sentence in str(grade)
