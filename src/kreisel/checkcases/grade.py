@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -100,10 +100,26 @@ class Grade:
             return f"{order}Right: the trajectory {agreed}; no listed mistake explains the remaining error."
         return f"{order}The trajectory {agreed}; no listed mistake explains the error."
 
+    def data(self) -> dict[str, Any]:
+        """The table as data for JSON."""
+        return {
+            "case": self.case,
+            "relative": self.relative,
+            "digits": self.digits,
+            "verdict": self.verdict,
+            "mistake": None if self.mistake is None else self.mistake._asdict(),
+            "notes": list(self.notes),
+            "errors": [asdict(row) for row in self.rows],
+            "drifts": [asdict(drift) for drift in self.drifts],
+            "steps": [list(pair) for pair in self.steps],
+            "orders": list(self.orders),
+        }
+
     def __str__(self) -> str:
         lines = [f"{'quantity':<24}{'largest error':>16}{'at t, s':>11}{'at the end':>12}{'relative':>11}"]
         lines += [
-            f"{row.quantity:<24}{f'{row.largest:.3e} {row.unit}':>16}{row.time:>11.6g}{row.last:>12.3e}{row.relative:>11.1e}"
+            f"{row.quantity:<24}{f'{row.largest:.3e} {row.unit}':>16}{row.time:>11.6g}{row.last:>12.3e}"
+            f"{row.relative:>11.1e}"
             for row in self.rows
         ]
         if self.drifts:
@@ -160,9 +176,8 @@ def _compared(
 def increasing(times: Array, source: str = "times") -> Array:
     """The times themselves.  Raises `InputError` unless they are two or more, finite and increasing."""
     if times.ndim != 1 or len(times) < 2:
-        raise InputError(
-            f"{source}: expected at least two rows, of increasing times, got {times.size if times.ndim == 1 else shown(times)}."
-        )
+        count = len(times) if times.ndim == 1 else shown(times)
+        raise InputError(f"{source}: expected at least two rows, of increasing times, got {count}.")
     if not np.isfinite(times).all():
         at = int(np.argmin(np.isfinite(times)))
         raise InputError(f"{source}: expected finite times, got {times[at]} in row {at + 1}.")
@@ -170,8 +185,8 @@ def increasing(times: Array, source: str = "times") -> Array:
         at = int(np.argmax(np.diff(times) <= 0))
         cause = "the row is there twice" if times[at] == times[at + 1] else "several runs in one file"
         raise InputError(
-            f"{source}: expected increasing times, got {times[at]:.10g} in row {at + 1} and {times[at + 1]:.10g} in row "
-            f"{at + 2}. Usual cause: {cause}; leave one out."
+            f"{source}: expected increasing times, got {times[at]:.10g} in row {at + 1} and {times[at + 1]:.10g} in "
+            f"row {at + 2}. Usual cause: {cause}; leave one out."
         )
     return times
 
@@ -186,8 +201,8 @@ def checked(name: str, value: Any, count: int) -> Array:
     if not np.isfinite(array).all():
         at = int(np.argmin(np.isfinite(array).reshape(count, -1).all(-1)))
         raise InputError(
-            f"{name}: expected finite numbers, got {shown(array[at].tolist())} in row {at + 1}. Leave out the rows from "
-            "there on, where the simulation failed."
+            f"{name}: expected finite numbers, got {shown(array[at].tolist())} in row {at + 1}. Leave out the rows "
+            "from there on, where the simulation failed."
         )
     if name == "attitude" and abs(norm := float(np.linalg.norm(array[0])) - 1) > NORM:
         raise InputError(
@@ -245,7 +260,7 @@ def _drifts(case: Case, rows: Array, values: Mapping[str, Array]) -> tuple[Drift
     if "vertical momentum" in law.conserved:
         series["vertical momentum"] = L[:, 2], float(length[0])
     if law is FLUID:
-        impulse = np.array(case._floats()["A"]) @ values["velocity"].T
+        impulse = np.array(case.numeric()["A"]) @ values["velocity"].T
         series["impulse"] = np.array([dot(row, impulse) for row in rotation(attitude.T)]).T, 0.0
     drifts = []
     for name, (value, scale) in series.items():

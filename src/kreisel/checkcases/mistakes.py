@@ -19,7 +19,7 @@ from kreisel.checkcases.exactly import exact as rational
 from kreisel.checkcases.laws import FIELD, FREE, cross, quaternion_rate, rotation, times, to_body
 
 if TYPE_CHECKING:
-    from kreisel.checkcases.case import Case
+    from kreisel.checkcases.motion import Case
 
 SIGNIFICANT = 1e-7  # relative: smaller errors need no explanation
 FACTOR = 20  # by which a mistake must reduce the error
@@ -30,6 +30,8 @@ BEYOND = 1.1  # of the duration or of the last row: the end of solutions
 MOST_PIECES = 10_000  # of DOP853
 MOST_STEPS = 20_000  # of a scheme of first order; beyond, its error is proportional to the step
 STEPS = 4000
+REFINEMENTS = 5  # of the step
+UNLIKE = 0.3  # of the square of the error, which a scheme of first order leaves at most at small errors
 SMALL = 0.05  # relative error up to which it is taken to be proportional to the step
 DEGREE = math.pi / 180
 
@@ -164,7 +166,7 @@ def _equations(case: Case, rows: Array, values: Quantities, exact: Quantities, s
 @cache
 def _wrong(case: Case) -> dict[str, tuple[Flow, list[float]]]:
     """Sentence -> equations and start."""
-    p, start = case._floats(), [float(v) for v in (*case.angular_velocity, *case.attitude, *case.further)]
+    p, start = case.numeric(), [float(v) for v in (*case.angular_velocity, *case.attitude, *case.further)]
     flows = {
         "": _flow(case, p),
         "w x I w is left out: without a torque w stays constant": _flow(case, p, gyroscopic=0),
@@ -275,8 +277,9 @@ def _solved(flow: Flow, start: list[float], end: float) -> Callable[[Array], Arr
 
     parts = start[:3], start[3:7], start[7:]
     scale = [max(1e-12, *map(abs, part)) for part in parts for _ in part]
-    solver = DOP853(rates, 0.0, np.array(start), end, rtol=TOLERANCE, atol=TOLERANCE * np.array(scale))
-    times, pieces = [0.0], []
+    make: Any = DOP853
+    solver = make(rates, 0.0, start, end, rtol=TOLERANCE, atol=TOLERANCE * np.array(scale))
+    times, pieces = [0.0], list[Any]()
     with np.errstate(all="ignore"):
         while solver.status == "running" and len(pieces) < MOST_PIECES:
             solver.step()
@@ -305,7 +308,7 @@ def _damped(case: Case, rows: Array, values: Quantities, exact: Quantities, step
     """A torque -c I w; c is fitted: first to the decay of the energy, then by least squares."""
     if "angular_velocity" not in values or rows[0] > 0:
         return
-    p = case._floats()
+    p = case.numeric()
     energies = [np.einsum("ri,ij,rj->r", v, p["I"], v) for v in (values["angular_velocity"], exact["angular_velocity"])]
     with np.errstate(all="ignore"):
         ratio = np.log(energies[0] / energies[1])
@@ -362,27 +365,26 @@ def _first_order(case: Case, rows: Array, values: Quantities, exact: Quantities,
     truth = _stacked(values, exact, exact)
     error = _stacked(values, values, exact) - truth
     for name, scheme in SCHEMES.items():
-        sentence, parts = f"a method of first order ({name})", round(spacing / step) if step else 0
-        if not step:
-            divided = max(1, round(STEPS / len(rows)))
-            trial = case.quantities(_stepped(case, scheme, rows, divided))
-            slope = (_stacked(values, trial, exact) - truth) * divided
-            small = (abs(error) < SMALL) & (abs(slope) < SMALL * divided)
+        parts = round(spacing / step) if step else max(1, round(STEPS / len(rows)))
+        for _ in range(0 if step else REFINEMENTS):
+            slope = _stacked(values, case.quantities(_stepped(case, scheme, rows, parts)), exact) - truth
+            small = (abs(error) < SMALL) & (abs(slope) < SMALL)
             ratio = float(slope[small] @ error[small] / max(slope[small] @ slope[small], 1e-300))
             rest = error[small] - ratio * slope[small]
-            if ratio <= 0 or rest @ rest > 0.1 * (error[small] @ error[small]):
-                continue
-            parts = max(1, round(1 / ratio))
-        if 0 < parts and parts * len(rows) <= MOST_STEPS:
-            text = f"{sentence} at the step {spacing / parts:.4g} s"
-            yield text, case.quantities(_stepped(case, scheme, rows, parts))
+            last = parts
+            parts = round(parts / ratio) if ratio > 0 and rest @ rest < UNLIKE * (error[small] @ error[small]) else 0
+            if parts in (0, last) or parts > MOST_STEPS / len(rows):
+                break
+        if 0 < parts <= MOST_STEPS / len(rows):
+            sentence = f"a method of first order ({name}) at the step {spacing / parts:.4g} s"
+            yield sentence, case.quantities(_stepped(case, scheme, rows, parts))
 
 
 def _stepped(case: Case, scheme: tuple[str, bool, bool], rows: Array, parts: int) -> Array:
     """States (rows, d) of a scheme with `parts` steps in a row; further variables of the law are exact."""
     kind, in_space, late = scheme
     h, count = float(rows[-1] / (len(rows) - 1)) / parts, parts * (len(rows) - 1)
-    p, right = case._floats(), _states(case, "", h * np.arange(count + 1)).tolist()
+    p, right = case.numeric(), _states(case, "", h * np.arange(count + 1)).tolist()
     z = right[0]
     out, flow, law = [z], _flow(case, p), case.law
     for k in range(count):

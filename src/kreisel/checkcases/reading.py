@@ -21,7 +21,7 @@ from kreisel.checkcases.mistakes import FACTOR, differences, size
 from kreisel.errors import InputError, explained, shown
 
 if TYPE_CHECKING:
-    from kreisel.checkcases.case import Case
+    from kreisel.checkcases.motion import Case
 
 RATES = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": math.pi / 30}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}
@@ -66,11 +66,12 @@ CLOSE = 1e-3  # relative: the start matches
 
 
 class Trajectory(NamedTuple):
-    """Times (rows,), s; the quantities of `Case.grade`; a sentence for each thing that was recognised or left out."""
+    """Times (rows,), s; the quantities of `Case.grade`; what was recognised or left out, in sentences; the step, s."""
 
     times: Array
     quantities: dict[str, Array]
     reading: list[str]
+    step: float | None = None
 
 
 class Group(NamedTuple):
@@ -102,6 +103,7 @@ def read(
     frame: str | None = None,
     time: str | None = None,
     columns: Mapping[str, Any] | None = None,
+    step: float | None = None,
 ) -> Trajectory:
     """The trajectory in a file (CSV, NetCDF), an xarray Dataset, or a mapping of names to columns.
 
@@ -110,6 +112,7 @@ def read(
     frame      of the angular velocity: "body" or "space";  time "s", "ms" or "min"
     columns    names of columns by quantity: "time", "rates" (3), "attitude" (4 of a quaternion, or 9 of a rotation
                matrix by rows), "euler" (roll, pitch, yaw of the sequence 3-2-1), "momentum", "position", "energy"
+    step       of the simulator, s, if it saves fewer rows
 
     What is not specified is recognised by the names of the columns, then by the exact motion.  Raises `InputError`.
     """
@@ -136,18 +139,18 @@ def read(
         option, reason = _chosen(options, exact, f"{table.source}, {listed}", group.unit)
         if option.name in quantities:
             raise InputError(
-                f"{table.source}: expected one set of columns for {option.name}, got another, {', '.join(group.columns)}. "
-                f"Specify which: columns={{'{group.role}': [...]}}."
+                f"{table.source}: expected one set of columns for {option.name}, got another, "
+                f"{', '.join(group.columns)}. Specify which: columns={{'{group.role}': [...]}}."
             )
         quantities[option.name] = checked(option.name, option.values, len(times))
         sentences.append(f"{listed}: {option.text}{reason}")
     if not quantities:
         raise InputError(
-            f"{table.source}: expected columns such as wx, wy, wz or qw, qx, qy, qz with one of {', '.join(exact)}, got "
-            f"{', '.join(table.columns)}. Specify them: columns={{'rates': [...]}}."
+            f"{table.source}: expected columns such as wx, wy, wz or qw, qx, qy, qz with one of {', '.join(exact)}, "
+            f"got {', '.join(table.columns)}. Specify them: columns={{'rates': [...]}}."
         )
     _check_start(case, quantities, exact, times, table.source)
-    return Trajectory(times, quantities, sentences)
+    return Trajectory(times, quantities, sentences, step)
 
 
 class _Table:
@@ -172,8 +175,8 @@ class _Table:
             if not math.isfinite(values[-1]):
                 place = f"line {self.lines[row]}" if self.lines else f"row {row + 1}"
                 raise InputError(
-                    f"{self.source}, {place}, column {name}: expected a finite number, got {shown(text)}. Leave out the "
-                    "rows from there on if the simulation failed."
+                    f"{self.source}, {place}, column {name}: expected a finite number, got {shown(text)}. Leave out "
+                    "the rows from there on if the simulation failed."
                 )
         return np.array(values)
 
@@ -234,8 +237,8 @@ def _text(path: Path) -> _Table:
     for (number, _), row in zip(data, table, strict=True):
         if len(row) != len(names):
             raise InputError(
-                f"{path.name}, line {number}: expected {len(names)} columns as in the first line, got {len(row)}. Usual "
-                "cause: the file was cut off, or numbers with a decimal comma."
+                f"{path.name}, line {number}: expected {len(names)} columns as in the first line, got {len(row)}. "
+                "Usual cause: the file was cut off, or numbers with a decimal comma."
             )
     columns = (
         dict(zip(names, zip(*table[1:], strict=True), strict=False)) if len(table) > 1 else dict.fromkeys(names, ())
@@ -370,9 +373,9 @@ def _options(
     """The readings of the columns of a group."""
     units, frame = specified["units"] or group.unit, specified["frame"] or group.frame
     if group.role == "rates":
-        for name, axes in (("angular_velocity", "body"), ("angular_velocity_space", "space")):
+        for name, axes in (("angular_velocity", "the body"), ("angular_velocity_space", "space")):
             for unit in [units] if units in RATES else RATES:
-                if frame in (None, axes):
+                if frame is None or frame in axes:
                     yield Option(name, values * RATES[unit], f"angular velocity along the axes of {axes}, {unit}")
     elif group.role == "euler":
         for unit in [units.removesuffix("/s")] if units and units.removesuffix("/s") in ANGLES else ANGLES:
@@ -418,8 +421,8 @@ def _of_matrix(R: Array) -> Array:
     """Quaternions from rotation matrices (rows, 3, 3): the column of q q^T with the largest diagonal entry."""
     if (off := float(abs(R[0] @ R[0].T - np.eye(3)).max())) > CLOSE:
         raise InputError(
-            f"attitude: expected rotation matrices, got {shown(R[0].tolist())} in row 1, for which R R^T differs from 1 by "
-            f"{off:.2g}. Usual cause: other columns than those of the matrix."
+            f"attitude: expected rotation matrices, got {shown(R[0].tolist())} in row 1, for which R R^T differs from "
+            f"1 by {off:.2g}. Usual cause: other columns than those of the matrix."
         )
     xx, yy, zz = R[:, 0, 0], R[:, 1, 1], R[:, 2, 2]
     w = [1 + xx + yy + zz, R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]]
@@ -444,7 +447,7 @@ def _chosen(options: list[Option], exact: Mapping[str, Array], place: str, unit:
     alike = [o for o in options if o.name == option.name]
     best = min(alike, key=error)
     if len(alike) > 1:
-        option, reason = best if error(best) * BETTER < error(option) else option, " (recognised by the start)"
+        option, reason = best if error(best) * BETTER < error(option) else option, " (recognised by the exact motion)"
     elsewhere = [o for o in options if o.name != option.name and o.text.split()[-1] == option.text.split()[-1]]
     if elsewhere:
         every = slice(None)
@@ -468,7 +471,7 @@ def _check_start(
     case: Case, quantities: Mapping[str, Array], exact: Mapping[str, Array], times: Array, source: str
 ) -> None:
     """Raises `InputError` if the first row is the start of another case."""
-    from kreisel.checkcases.cases import records
+    from kreisel.checkcases.catalogue import records
 
     w = quantities.get("angular_velocity")
     if w is None or times[0] != 0:
@@ -480,7 +483,7 @@ def _check_start(
     fits = [
         name
         for name, start in starts.items()
-        for factor in RATES.values()
+        for factor in {a / b for a in RATES.values() for b in RATES.values()}
         if np.linalg.norm(w[0] * factor - start) < CLOSE * np.linalg.norm(start)
     ]
     if fits:

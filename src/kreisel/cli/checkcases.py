@@ -48,6 +48,10 @@ def checkcase(
         str | None, typer.Option("--direction", help="Of the attitude graded: 'body to space' or 'space to body'.")
     ] = None,
     frame: Annotated[str | None, typer.Option("--frame", help="Of the rates graded: body or space.")] = None,
+    time: Annotated[str | None, typer.Option("--time", help="Unit of the times graded: s, ms or min.")] = None,
+    step: Annotated[
+        list[float] | None, typer.Option("--step", help="Step in s of each file graded, if not that of its rows.")
+    ] = None,
     figure: Annotated[Path | None, a_path("Draw the case into .png, .pdf or .svg.", "--figure")] = None,
     as_json: AsJson = False,
     overwrite: OverwriteFile = False,
@@ -61,9 +65,9 @@ def checkcase(
         _list(as_json)
         return
     case = checkcases.case(name)
-    options = {"units": units, "quaternion": quaternion, "direction": direction, "frame": frame}
+    options = {"units": units, "quaternion": quaternion, "direction": direction, "frame": frame, "time": time}
     if grade:
-        _grade(case, grade, {key: value for key, value in options.items() if value is not None}, as_json)
+        _grade(case, grade, step or [], {key: value for key, value in options.items() if value is not None}, as_json)
     if table is not None:
         _write(case, table, rows, overwrite)
     if figure is not None:
@@ -158,20 +162,21 @@ def _write(case: Case, path: Path, rows: int, overwrite: bool) -> None:
     say(f"{path} written: {rows} rows of the exact motion, 0 to {float(case.duration):g} s")
 
 
-def _grade(case: Case, paths: list[Path], options: dict[str, str], as_json: bool) -> None:
+def _grade(case: Case, paths: list[Path], steps: list[float], options: dict[str, Any], as_json: bool) -> None:
     from kreisel.checkcases.reading import read
 
-    graded = []
-    for path in paths:
-        trajectory = read(path, case, **options)
-        result = case.grade(trajectory.times, **trajectory.quantities)
-        graded.append(result)
-        if not as_json:
-            for sentence in (f"{path}:", *trajectory.reading):
-                say(sentence)
-            print(result)
+    if len(steps) > len(paths):
+        raise InputError(f"--step: expected at most one for each file of --grade, {len(paths)}, got {len(steps)}.")
+    given = zip(paths, [*steps, *[None] * len(paths)], strict=False)
+    runs = [read(path, case, step=step, **options) for path, step in given]
+    result = case.grade(runs[0].times, step=runs[0].step, runs=runs[1:], **runs[0].quantities)
     if as_json:
-        print_json([result.data() for result in graded])
+        print_json({"reading": [run.reading for run in runs], **result.data()})
+        return
+    for path, run in zip(paths, runs, strict=True):
+        for sentence in (f"{path}:", *(f"  {sentence}" for sentence in run.reading)):
+            say(sentence)
+    print(f"\n{result}")
 
 
 SYSTEMS = {"free": "euler-top", "field": "heavy-top", "wheel": "zhukovsky-volterra", "fluid": "kirchhoff-revolution"}

@@ -43,7 +43,10 @@ def a_path(text: str, *names: str) -> Any:
     return typer.Option(*names, **settings) if names else typer.Argument(**settings)
 
 
-def _from_home(path: Path | None) -> Path | None:
+def _from_home(path: Any) -> Any:
+    """The path, or each of several, with ~ expanded."""
+    if isinstance(path, list):
+        return [_from_home(each) for each in path]
     try:
         return None if path is None else path.expanduser()
     except RuntimeError:
