@@ -351,7 +351,7 @@ def _time_column(table: _Table) -> list[str]:
     return next((group.columns for group in _groups(table) if group.role == "time"), ["time"])
 
 
-def _times(table: _Table, groups: list[Group], case: Case, told: str | None, sentences: list[str]) -> Array:
+def _times(table: _Table, groups: list[Group], case: Case, specified: str | None, sentences: list[str]) -> Array:
     """The times, s.  Raises `InputError`."""
     group = next((group for group in groups if group.role == "time"), None)
     if group is None:
@@ -359,7 +359,7 @@ def _times(table: _Table, groups: list[Group], case: Case, told: str | None, sen
             f"{table.source}: expected a column of times, named t or time, got {', '.join(table.columns)}."
         )
     times = increasing(table.numbers(group.columns)[:, 0], f"{table.source}, column {group.columns[0]}")
-    unit, duration, reason = told or group.unit, float(case.duration), ""
+    unit, duration, reason = specified or group.unit, float(case.duration), ""
     if unit is None:
         unit = "ms" if times[-1] > 1.5 * duration and times[-1] * 1e-3 <= duration * (1 + 1e-9) else "s"
         reason = " (recognised by the case's duration)"
