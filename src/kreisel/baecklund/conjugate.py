@@ -19,6 +19,8 @@ Hamiltonian a product of pairs.  [the Darboux matrix of a Lax matrix: Suris 2001
 
 import inspect
 from dataclasses import replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +29,19 @@ from kreisel.algebra.matrices import adjugate, diagonal
 from kreisel.record.contract import ConjugatePairs
 
 SPREAD, HEIGHTS = 6.0, 14  # of |lam| tried: between the scales of the state, and this factor beyond them
+
+
+@cache
+def legendre(count):
+    """The positive half of an even number of nodes of Gauss and Legendre; weights for an even function from 0 to 1."""
+    x: Any = np.polynomial.legendre.leggauss(count)[0][count // 2 :].astype(np.longdouble)
+    for _ in range(2):
+        before, value = np.ones_like(x), x
+        for k in range(2, count + 1):
+            before, value = value, ((2 * k - 1) * x * value - (k - 1) * before) / k
+        slope = count * (before - x * value) / (1 - x * x)
+        x = x - value / slope
+    return x, 2 / ((1 - x * x) * slope * slope)
 
 
 def pencil(M, F, a, lam):

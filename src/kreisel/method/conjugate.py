@@ -13,19 +13,20 @@ turns by int Omega, and what is missing to the angular velocity of the flow comm
 
 from __future__ import annotations
 
-from functools import cache, reduce
+from functools import reduce
 from typing import NamedTuple, cast
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.baecklund.conjugate import legendre
 from kreisel.errors import InputError
 from kreisel.method.baecklund import constant_turns
 from kreisel.method.observing import State, as_matrix, observer, scheme_of
 from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.calling import call
-from kreisel.record.contract import ConjugatePairs
+from kreisel.record.contract import ConjugatePairs, ExactMap
 from kreisel.record.model import Model
 
 REACH, FARTHEST = 0.4, 0.6  # of the distance of a branch point: of an x at the start of Newton's method, and later
@@ -48,6 +49,7 @@ CLOSE = 1e-9
 TRIALS = 8  # each with more copies of the pairs
 MOST_COPIES = 1_000_000
 BETWEEN = 20  # steps between projections at most, as for the pairs of `kreisel.method.pairs`
+BETWEEN_MAPS = 4  # as a single map has larger rounding errors: with 20 the integrals change by 16 last places
 NUMBERS = ("lam_re", "lam_im", "mu_re", "mu_im")
 
 
@@ -91,20 +93,56 @@ def exact_by_pairs(model: Model, dt: float, oriented: bool) -> Scheme:
     )
 
 
+def exact_by_map(model: Model, dt: float, oriented: bool) -> Scheme:
+    """The exact flow by copies of one map.  Raises `InputError` for an orientation, and where no point is found."""
+    record = cast("ExactMap", model.system.exact_map)
+    if oriented:
+        raise InputError(
+            f"orientation: expected none for method='exact' of {model.system.name}, whose map has no turn of the body. "
+            "Use method='variational' or 'dop853'."
+        )
+
+    def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
+        batch, lanes = _lanes(model, x0)
+        copies, wide = (
+            1,
+            [
+                (tuple(np.asarray(z, np.longdouble) for z in state), {k: np.longdouble(v) for k, v in params.items()})
+                for state, params in lanes
+            ],
+        )
+        while copies <= MOST_COPIES:
+            with np.errstate(all="ignore"):
+                points = [
+                    call(record.point, state, {**params, "dt": np.longdouble(dt) / copies}) for state, params in wide
+                ]
+            if None not in points:
+                stages = {k: np.array([float(point[k]) for point in points]) for k in NUMBERS}
+                return {}, {k: v.reshape(*batch, 1).repeat(copies, -1) for k, v in stages.items()}
+            copies *= 2
+        raise InputError(
+            f"No map was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it. Usual cause: a "
+            "step far too long, or a state that is not finite. Use a smaller dt."
+        )
+
+    return scheme_of(
+        "exact",
+        model,
+        Steps(record.step),
+        observer(model, conserved=("casimir", "energy", *model.system.integrals)),
+        axes={**model.axes, **dict.fromkeys(NUMBERS, 0)},
+        trajectory=trajectory,
+        between=BETWEEN_MAPS,
+    )
+
+
 # -- the points of a trajectory -----------------------------------------------------------------------
 
 
 def constants(model: Model, state: State, dt: float) -> tuple[Array, Array]:
     """Points (..., 4, stages), `NUMBERS` of each, and what is left of the turn of the body in a step (..., n, n)."""
-    axes = [algebra.KINDS[kind].axes for kind in model.system.space.kinds]
-    batch = np.broadcast_shapes(model.batch, *(z.shape[: z.ndim - k] for z, k in zip(state, axes, strict=True)))
-    spread = [np.broadcast_to(z, batch + z.shape[z.ndim - k :]) for z, k in zip(state, axes, strict=True)]
-    params = {p.letter: model.params[p.letter] for p in model.system.parameters}
-    params = {k: np.broadcast_to(v, batch + v.shape[v.ndim - model.axes[k] :]) for k, v in params.items()}
-    tori = [
-        Torus(model, tuple(z[lane] for z in spread), {k: v[lane] for k, v in params.items()})
-        for lane in np.ndindex(batch)
-    ]
+    batch, lanes = _lanes(model, state)
+    tori = [Torus(model, *lane) for lane in lanes]
     copies, count = max(torus.copies(dt) for torus in tori), max(len(torus.points.y) for torus in tori)
     for _ in range(TRIALS):
         solved = [done for torus in tori if (done := torus.solved(dt, copies, count)) is not None]
@@ -119,6 +157,18 @@ def constants(model: Model, state: State, dt: float) -> tuple[Array, Array]:
     points = np.stack([np.tile(numbers, copies) for numbers, _ in solved])
     turns = np.stack([turn for _, turn in solved])
     return points.reshape(batch + points.shape[1:]), turns.reshape(batch + turns.shape[1:])
+
+
+def _lanes(model: Model, state: State) -> tuple[tuple[int, ...], list[tuple[State, dict[str, Array]]]]:
+    """The shape of a batch, and state and parameters of each lane."""
+    axes = [algebra.KINDS[kind].axes for kind in model.system.space.kinds]
+    batch = np.broadcast_shapes(model.batch, *(z.shape[: z.ndim - k] for z, k in zip(state, axes, strict=True)))
+    spread = [np.broadcast_to(z, batch + z.shape[z.ndim - k :]) for z, k in zip(state, axes, strict=True)]
+    params = {p.letter: model.params[p.letter] for p in model.system.parameters}
+    params = {k: np.broadcast_to(v, batch + v.shape[v.ndim - model.axes[k] :]) for k, v in params.items()}
+    return batch, [
+        (tuple(z[lane] for z in spread), {k: v[lane] for k, v in params.items()}) for lane in np.ndindex(batch)
+    ]
 
 
 class Points(NamedTuple):
@@ -265,19 +315,6 @@ def refined(L: Array, mu: Array, q: Array) -> tuple[Array, Array]:
         change = algebra.act(inverse[..., :-1], miss)
         q, mu = q + change[..., :-1], mu + change[..., -1]
     return mu, q
-
-
-@cache
-def legendre(count: int) -> tuple[Array, Array]:
-    """The positive half of an even number of nodes of Gauss and Legendre; weights for an even function from 0 to 1."""
-    x: Array = np.polynomial.legendre.leggauss(count)[0][count // 2 :].astype(np.longdouble)
-    for _ in range(2):
-        before, value = np.ones_like(x), x
-        for k in range(2, count + 1):
-            before, value = value, ((2 * k - 1) * x * value - (k - 1) * before) / k
-        slope = count * (before - x * value) / (1 - x * x)
-        x = x - value / slope
-    return x, 2 / ((1 - x * x) * slope * slope)
 
 
 def least(C: Array, f: Array, most: int) -> tuple[list[int], Array]:

@@ -305,6 +305,19 @@ class ConjugatePairs:
 
 
 @dataclass(frozen=True)
+class ExactMap:
+    """A map that is the flow over a time, for constants of the trajectory: the complex numbers lam and mu.
+
+    point(*state, dt)                          {name: number}: lam_re, lam_im, mu_re, mu_im for the flow over dt, of one
+                                               state in extended precision; None if dt is too long
+    step(*state, lam_re, lam_im, mu_re, mu_im) -> state
+    """
+
+    point: Function
+    step: Function
+
+
+@dataclass(frozen=True)
 class Relation:
     """The same motion in another system: (state, params, g) -> (state, params) of `target`.
 
@@ -388,6 +401,7 @@ class System:
     translation(*state)      U = dH/dP, the velocity of a body with the momentum P in its frame: x' = g U
     spin(*state)             what the velocity has beyond dT/dM: a turn about the vector, which H does not feel
     pairs                    conjugate pairs of Bäcklund maps, of which the flow over a time is a product
+    exact_map                a map that is the flow over a time
     closed_form              the flow in closed form, where it is known without a Bäcklund transformation
     derive(params)           further constants computed once from the parameters: a formula, which can be differentiated
     body_frame(params)       the `BodyFrame` of a system that is a body in SI units, from parameters and constants
@@ -420,6 +434,7 @@ class System:
     map: Map | None = None
     baecklund: Baecklund | None = None
     pairs: ConjugatePairs | None = None
+    exact_map: ExactMap | None = None
     relations: tuple[Relation, ...] = ()
     closed_form: ClosedForm = ClosedForm()
     derive: Function | None = None

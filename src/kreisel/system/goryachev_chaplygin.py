@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import act, axial, cross, dot, hat, identity, vec, wedge
+from kreisel.baecklund.goryachev_chaplygin import EXACT
 from kreisel.record.contract import MOVING_SPACE, Parameter, System
 
 INVERSE_MOMENTS = np.array([1, 1, 4], dtype=np.int8)
@@ -58,6 +59,7 @@ SYSTEM = System(
     scaling="The transverse moment of inertia and m g l are 1; the axial moment is 1/4.",
     integrals={"chaplygin": chaplygin},
     commuting=("chaplygin",),
+    exact_map=EXACT,
     n=3,
-    notes="No integrable discretization is known: open. Its Lax pair is not stated here.",
+    notes="No explicit map is known; method='exact'.",
 )
