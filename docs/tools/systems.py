@@ -18,7 +18,7 @@ from kreisel.record.spheres import SPINS_SPACE
 from kreisel.system import NAMED, REGISTRY
 from kreisel.viewer.record import MAP_CLAIMS
 
-KINDS = {"skew": r"\mathfrak{so}(n)", "vector": r"\mathbb{R}^n"}
+KINDS = {"skew": r"\mathfrak{so}(n)", "vector": r"\mathbb{R}^n", "symmetric": r"\operatorname{Sym}(n)"}
 EXAMPLES: dict[str, tuple[dict[str, Any], dict[str, Any], float]] = {  # parameters, state, step
     "heavy-top": ({"J": (1.0, 1.3, 0.6), "A": (0.3, 0.2, 0.9)}, {"M": (0.4, 1.0, 1.6), "P": (0.6, 0.0, 0.8)}, 0.05),
     "lagrange-top": ({"p": (0, 0, 1)}, {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, 0.05),

@@ -488,6 +488,8 @@ def _truncated(text: str) -> str:
 
 def _lax(c: Clues) -> Finding:
     subject = c.subject
+    if subject.lax is None and subject.model is not None and subject.model.map.pencil is not None:
+        return Finding("Lax pair", "of a pencil", "the law discrete-lax-pencil tests it")
     if subject.lax is None:
         return Finding("Lax pair", "none stated", "give lax and conjugator to test one")
     ranks = lax(replace(subject, tensor=c.tensor), seed=c.seed)

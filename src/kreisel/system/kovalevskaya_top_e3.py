@@ -83,7 +83,7 @@ def kovalevskaya(M, P, *, c, eps=0):
 
 
 def lax(M, P, *, c, e, h, lam):
-    return top.lax(M, P, 0 * P, c=c, e=e, h=h, lam=lam)
+    return gyrostat.lax(M, P, 0 * P, gamma=0, c=c, e=e, h=h, lam=lam)
 
 
 def pencil(M, P, *, lam, mu, eps):  # 7 x 7

@@ -42,7 +42,7 @@ def kovalevskaya(M, P, Q, *, c, eps=0):
     m = (1 + (eps/2) M_11) (M_1, M_2), t = tr S_11, X = <M, N>, d = S^T e_3,
     w = l - z d, v = m - s z d, Jd = (-d_2, d_1).
     """
-    H = top.energy(M, P, Q, c=c, eps=eps)
+    H = gyrostat.energy(M, P, Q, gamma=0, c=c, eps=eps)
     S, T, M = shifted(M, P, eps), shifted(M, Q, eps), axial(M)
     x, y, z = M[..., 0], M[..., 1], M[..., 2]
     m1, m2, d1, d2 = x - eps * z * y / 2, y + eps * z * x / 2, S[..., 2], T[..., 2]
@@ -86,7 +86,7 @@ SYSTEM = replace(
     title="Kovalevskaya top, n = 3, in two fields",
     source="Kovalevskaya 1889; Reyman, Semenov-Tian-Shansky 1987",
     parameters=(),
-    derive=lambda: gyrostat.shape(n=np.asarray(3)),
+    derive=lambda: top.shape(n=np.asarray(3)),
     scaling="Omega = (M_1, M_2, 2 M_3): the moments of inertia are 1, 1, 1/2.",
     integrals={"kovalevskaya": kovalevskaya, "gram": gram},
     commuting=("kovalevskaya", "gram"),

@@ -14,7 +14,7 @@ from kreisel.lab.exact import jacobian
 from kreisel.lab.law import Sides
 from kreisel.lab.paper.statements import Setting, stated, stated_law
 from kreisel.record.contract import MOVING_SPACE, TWO_FIELDS_SPACE
-from kreisel.system import REGISTRY, kovalevskaya_top, kovalevskaya_top_e3, kovalevskaya_top_so3
+from kreisel.system import REGISTRY, kovalevskaya_top_e3, kovalevskaya_top_so3
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 
 PLACE = "Beyond the paper, quadratic fields"
@@ -183,13 +183,16 @@ def curve_of_two_fields(s: Setting) -> Sides:
     """the 9 x 9 pencil has det L/mu = -(u - v)^2 (u^2 - s^2 t u v + s^4 d v^2) + 2 H u^3 + .. with H, K and G of the map, t = |P|^2 + |Q|^2, d = |P x Q|^2"""
     top, (M, P, Q), mu = kovalevskaya_top_so3, TWO_FIELDS_SPACE.point(3, s.draw), s.scalar()
     known, u, v, e = gyrostat.shape(n=np.asarray(3)), s.lam * s.lam, mu * mu, s.eps * s.eps / 4
-    H, K = kovalevskaya_top.energy(M, P, Q, c=known["c"], eps=s.eps), top.kovalevskaya(M, P, Q, c=known["c"], eps=s.eps)
+    H, K = (
+        gyrostat.energy(M, P, Q, gamma=0, c=known["c"], eps=s.eps),
+        top.kovalevskaya(M, P, Q, c=known["c"], eps=s.eps),
+    )
     G, t, d = top.gram(M, P, Q, eps=s.eps), dot(P, P) + dot(Q, Q), dot(algebra.cross(P, Q), algebra.cross(P, Q))
     curve = -(u - v) * (u - v) * (u * u - e * e * t * u * v + e * e * e * e * d * v * v) + 2 * H * u * u * u
     curve = curve + (2 * e * t - 2 * H - e * e * G + e * e * e * d) * u * u * v + 4 * e * e * e * d * v * v * v - d
     curve = curve + (e * e * G - 2 * e * t - 5 * e * e * e * d) * u * v * v + (K - H * H - t) * u * u
     curve = curve + (t - 2 * e * G + 4 * e * e * d) * u * v - 6 * e * e * d * v * v + (G - e * d) * u + 4 * e * d * v
-    pencil = kovalevskaya_top.pencil(M, P, Q, lam=s.lam, mu=mu, eps=s.eps)
+    pencil = gyrostat.pencil(M, P, Q, gamma=0, lam=s.lam, mu=mu, eps=s.eps)
     yield np.asarray(determinant(pencil)), np.asarray(mu * curve)
 
 
