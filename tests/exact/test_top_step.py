@@ -183,12 +183,12 @@ def worst(tops: list[Top]) -> float:
     return max(max(off(top, 0.7 / float(rate(*top)), 0.5)) for top in tops)
 
 
-@pytest.mark.parametrize("letter", ["A", "P", "J", "c", "E", "laurent"])
+@pytest.mark.parametrize("letter", ["A", "P", "J", "c", "E", "series"])
 def test_a_wrong_integral_shows(letter: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def mutant(*given: Any) -> Any:
         known = right(*given)
         value = getattr(known, letter)
-        wrong = [v * (1 + 1e-8) for v in value] if letter == "laurent" else value * (1 + 1e-8)
+        wrong = [v * (1 + 1e-8) for v in value] if letter == "series" else value * (1 + 1e-8)
         return known._replace(**{letter: wrong})
 
     right = top_step._known

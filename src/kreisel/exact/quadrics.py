@@ -45,6 +45,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.exact.rotor_step import restored
+from kreisel.exact.weierstrass import laurent
 
 METRIC = np.diag([1, 1, 1, -1])
 ORDERS = 16  # of Laurent's series of wp: its terms fall by 9 or more; of a step, at half the time
@@ -134,7 +135,7 @@ def _in_powers(c: tuple[Array, ...], s2: Array) -> tuple[Array, Array, Array]:
 
 def weierstrass(g2: Array, g3: Array) -> tuple[Array, Array]:
     """wp(1) and -wp'(1) by Laurent's series, for max |e_i| <= NEAR^2."""
-    c = _laurent(g2, g3, ORDERS)
+    c = laurent(g2 / 20, g3 / 28, ORDERS)
     return 1 + sum(reversed(c)), 2 - sum((2 * k + 2) * c[k] for k in reversed(range(len(c))))
 
 
@@ -287,7 +288,8 @@ def curve_of(x: Array, L: Array, h: Array, w: Array, b: Array, orders: int = ORD
     fourth = fourth - 2 * algebra.dot(u, u) + corner * corner
     s2 = -second / 2
     quartic = s2, third / 3, (2 * s2 * s2 - fourth) / 4
-    return Curve(L, x, diagonal, b, last, quartic, _laurent(*invariants(*quartic), orders))
+    g2, g3 = invariants(*quartic)
+    return Curve(L, x, diagonal, b, last, quartic, laurent(g2 / 20, g3 / 28, orders))
 
 
 def motion(curve: Curve) -> Any:
@@ -337,14 +339,6 @@ def _sum(parts: list[tuple[Any, Four]]) -> Four:
     for factor, (x, last) in more:
         out = out[0] + algebra.vec(factor) * x, out[1] + factor * last
     return out
-
-
-def _laurent(g2: Array, g3: Array, orders: int) -> list[Array]:
-    """The coefficients of t^4, t^6, ... in t^2 wp(t) - 1."""
-    c = [g2 / 20, g3 / 28]
-    for k in range(4, orders + 1):
-        c.append(3 * sum(c[m - 2] * c[k - m - 2] for m in range(2, k - 1)) / ((2 * k + 1) * (k - 3)))
-    return c
 
 
 def _doubled(laurent: list[Array], scaled: tuple[Array, Array], t: float) -> tuple[Array, Array]:

@@ -21,6 +21,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.exact.weierstrass import laurent
 
 NODES = 8  # lambda t = 0.5: psi is off by 2e-16; 1: by 6e-15
 ORDERS = 11  # of Laurent's series: full precision up to lambda t = 1
@@ -81,11 +82,7 @@ def _series(M: Array, h: Array, *, inverse: Array, gaps: Array, **_: Array) -> t
     d = _differences(M, h, inverse=inverse, gaps=gaps)
     e = (d[..., SECOND] - d[..., THIRD]) / 3
     e1, e2, e3 = e[..., 0], e[..., 1], e[..., 2]
-    c = [-(e1 * e2 + e2 * e3 + e3 * e1) / 5, e1 * e2 * e3 / 7]
-    for k in range(4, ORDERS + 1):
-        total = sum(c[m - 2] * c[k - m - 2] for m in range(2, k - 1))
-        c.append(3 / ((2 * k + 1) * (k - 3)) * total)
-    return e, c
+    return e, laurent(-(e1 * e2 + e2 * e3 + e3 * e1) / 5, e1 * e2 * e3 / 7, ORDERS)
 
 
 def restored(N: Array, M: Array, inverse: Array, b: Any = 0) -> Array:

@@ -30,6 +30,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.exact.weierstrass import laurent
 
 NODES = 8  # of Gauss's rule, in the half of its interval
 ORDERS = 16  # of Laurent's series
@@ -46,7 +47,7 @@ class Known(NamedTuple):
     J: Array
     c: Array
     E: Array
-    laurent: list[Array]
+    series: list[Array]
 
 
 class Level(NamedTuple):
@@ -102,20 +103,13 @@ def _known(m: Array, a: Array, f: Array, h: Array) -> Known:
     AP, Jc = A * P, J * c
     g2 = E * E / 3 + (AP - Jc)
     g3 = E * (E * E / 27 - (Jc + 2 * AP) / 6) + (c * c * A + J * J * P) / 4
-    laurent = [g2 / 20, g3 / 28]
-    for k in range(4, ORDERS + 1):
-        half, odd = divmod(k - 4, 2)
-        total = 0 if odd else 0.5 * (laurent[half] * laurent[half])
-        for i in reversed(range(half + odd)):  # the newest last: processors need not wait
-            total = total + laurent[i] * laurent[k - 4 - i]
-        laurent.append(6 / ((2 * k + 1) * (k - 3)) * total)
-    return Known(A, P, J, c, E, laurent)
+    return Known(A, P, J, c, E, laurent(g2 / 20, g3 / 28, ORDERS))
 
 
 def _level(known: Known, X: float) -> Level:
-    A, P, J, c, E, laurent = known
-    wp = laurent[-1]
-    for coefficient in reversed(laurent[:-1]):
+    A, P, J, c, E, series = known
+    wp = series[-1]
+    for coefficient in reversed(series[:-1]):
         wp = wp * X + coefficient
     kappa = 1 + X * (X * wp - E / 3)
     B = kappa * (kappa + (X / 2) * E) + (X * X / 8) * (J * c)
