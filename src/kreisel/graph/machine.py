@@ -17,7 +17,7 @@ from weakref import WeakValueDictionary
 import llvmlite
 import llvmlite.binding as llvm
 
-from kreisel import __version__
+import kreisel
 from kreisel.errors import InputError, shown
 from kreisel.graph import cache as disk
 from kreisel.graph.llvm import Function
@@ -129,7 +129,7 @@ WRITERS = "algebra", "exact", "graph", "kernels", "rebound"  # the rooms whose o
 def _writers() -> bytes:
     """SHA-256 of all that writes functions, of a folder or a zip archive; of a program without files the version."""
     package = resources.files("kreisel")
-    texts = [text for room in WRITERS for text in _texts(package.joinpath(room))] or [__version__.encode()]
+    texts = [text for room in WRITERS for text in _texts(package.joinpath(room))] or [kreisel.__version__.encode()]
     return hashlib.sha256(b"".join(texts)).digest()
 
 
