@@ -284,7 +284,7 @@ def test_errors_grow_like_the_steps(name: str) -> None:
     assert abs(ends[0] - ends[1]).max() < 1e-15 * steps * abs(ends[0]).max()
     table = kr.drift(runs[0])
     assert table.conserved.all()
-    assert (table.ulps < 10).all()
+    assert (table.ulps < 20).all()
 
 
 def test_what_there_is_not() -> None:

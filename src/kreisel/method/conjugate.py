@@ -49,7 +49,7 @@ CLOSE = 1e-9
 TRIALS = 8  # each with more copies of the pairs
 MOST_COPIES = 1_000_000
 BETWEEN = 20  # steps between projections at most, as for the pairs of `kreisel.method.pairs`
-BETWEEN_MAPS = 4  # as a single map has larger rounding errors: with 20 the integrals change by 16 last places
+BETWEEN_MAPS = 4  # of a single map, whose rounding errors in |P|^2 are 3 last places a step
 NUMBERS = ("lam_re", "lam_im", "mu_re", "mu_im")
 
 

@@ -222,7 +222,7 @@ def _closed(model: Model, made: Scheme, oriented: bool) -> Step:
     if part is None or part.reach is None:
         raise InputError(
             "differentiable: expected the closed form of a free body or a Lagrange top, n = 3, with method='exact', "
-            f"got {model.system.name}. Use method='baecklund' of a high order."
+            f"got {model.system.name}. Use another method: kr.methods() lists them."
         )
     reach, count = part.reach, len(model.system.space.letters)
 
