@@ -7,7 +7,7 @@ CORE := $(VENV)/.core
 STAMP := $(VENV)/.installed
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo stubs test test-full test-machines lint bench bench-gpu gpu-code work-precision engines examples picture roundoff verify known soak docs gallery investigate trial trial-short dist release-check clean help
+.PHONY: demo stubs test test-full test-machines lint bench bench-gpu gpu-code work-precision engines examples picture roundoff verify known soak docs article gallery investigate trial trial-short dist release-check clean help
 
 help:
 	@echo "make demo      a heavy symmetric top for a million steps: table and figure in out/"
@@ -20,6 +20,7 @@ help:
 	@echo "make known     is it integrable: maps with a known answer, into docs/integrability-known.md"
 	@echo "make investigate  is it integrable: every map and the negative controls, into docs/integrability-registry.md"
 	@echo "make docs      the documentation site, in out/docs"
+	@echo "make article   the mathematical article, out/article/maps.pdf; it needs LaTeX"
 	@echo "make trial     kills, corruptions, configurations and calls in a place of their own; 30 minutes, MINUTES=10 for fewer"
 	@echo "make soak      kills, faults, fuzzed input, a million lanes, 10^9 steps; hours"
 	@echo "make stubs     src/kreisel/__init__.pyi, which tells editors the systems and their parameters"
@@ -136,6 +137,16 @@ trial-short: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python benchmarks/run.py
+
+LATEX := pdflatex -interaction=nonstopmode -halt-on-error -output-directory ../out/article
+
+article:
+	@echo "== the article, out/article/maps.pdf; it needs LaTeX (Debian: texlive-latex-recommended, lmodern)"
+	@mkdir -p out/article
+	cd paper && $(LATEX) maps.tex > ../out/article/latex.txt
+	cd out/article && BIBINPUTS=$(CURDIR)/src/kreisel: bibtex -terse maps
+	cd paper && $(LATEX) maps.tex > /dev/null && $(LATEX) maps.tex > ../out/article/latex.txt
+	@! grep -E "undefined|Overfull .hbox \([0-9]{2}" out/article/latex.txt
 
 PEERS := $(VENV)-peers
 

@@ -1,0 +1,464 @@
+"""Every numbered formula of paper/maps.tex: over Q at random points, or in 40 digits; each with a mutant."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+
+from kreisel import algebra
+from support import ROOT
+
+TESTED = {  # label of a formula: the test below
+    **dict.fromkeys(("kick", "turn", "pencil", "lax"), "test_theorem"),
+    **dict.fromkeys(("pqkick", "pqturn"), "test_tops"),
+    "curve": "test_curve",
+    "lagrangian": "test_lagrangian",
+    "lagrange": "test_second_lagrange_top",
+    **dict.fromkeys(("spkick", "spxy", "spturn", "H2", "K2"), "test_second_kovalevskaya_map"),
+    **dict.fromkeys(("ratiu", "ratiucurve"), "test_ratiu"),
+    "darboux": "test_darboux",
+    **dict.fromkeys(("S", "abel"), "test_exact_step"),
+    "unequal": "test_unequal_moments",
+    **dict.fromkeys(("steklov", "steklovabel"), "test_steklov"),
+    "gc": "test_goryachev_chaplygin",
+}
+EPS = Fraction(2, 7)
+K, S = EPS / 2, EPS * EPS / 4
+J = np.array([[0, 1], [-1, 0]], dtype=object)
+
+
+def test_every_label_of_the_article_has_its_test() -> None:
+    text = (ROOT / "paper" / "maps.tex").read_text(encoding="utf-8")
+    assert set(re.findall(r"\\label\{eq:(\w+)\}", text)) == set(TESTED)
+    assert all(name in globals() for name in TESTED.values())
+
+
+def rational(rng: np.random.Generator, *shape: int) -> Any:
+    return np.array([Fraction(int(v), 13) for v in rng.integers(-9, 10, int(np.prod(shape)))], object).reshape(shape)
+
+
+def skew(rng: np.random.Generator, n: int) -> Any:
+    A = rational(rng, n, n)
+    return A - A.T
+
+
+def symmetric(rng: np.random.Generator, n: int) -> Any:
+    A = rational(rng, n, n)
+    return A + A.T
+
+
+def one(n: int) -> Any:
+    return np.array([[Fraction(i == j) for j in range(n)] for i in range(n)], dtype=object)
+
+
+def inverse(A: Any) -> Any:
+    """By Gauss and Jordan, with rational pivots."""
+    n = len(A)
+    rows = [[*A[i], *one(n)[i]] for i in range(n)]
+    for i in range(n):
+        pivot = next(k for k in range(i, n) if rows[k][i] != 0)
+        rows[i], rows[pivot] = rows[pivot], rows[i]
+        rows[i] = [v / rows[i][i] for v in rows[i]]
+        for k in range(n):
+            if k != i and rows[k][i] != 0:
+                rows[k] = [a - rows[k][i] * b for a, b in zip(rows[k], rows[i], strict=True)]
+    return np.array([row[n:] for row in rows], dtype=object)
+
+
+def det(A: Any) -> Any:
+    rows, value = [list(row) for row in A], Fraction(1)
+    for i in range(len(rows)):
+        pivot = next((k for k in range(i, len(rows)) if rows[k][i] != 0), None)
+        if pivot is None:
+            return Fraction(0)
+        if pivot != i:
+            rows[i], rows[pivot], value = rows[pivot], rows[i], -value
+        value *= rows[i][i]
+        for k in range(i + 1, len(rows)):
+            factor = rows[k][i] / rows[i][i]
+            rows[k] = [a - factor * b for a, b in zip(rows[k], rows[i], strict=True)]
+    return value
+
+
+def cay(X: Any) -> Any:
+    return (one(len(X)) + X) @ inverse(one(len(X)) - X)
+
+
+def block(rows: Any) -> Any:
+    return np.block([[np.asarray(entry, dtype=object) for entry in row] for row in rows])
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+def test_theorem(lost: int) -> None:
+    """L' = diag(1, -c) U L V diag(1, -c^-1) at random nu, mu; not if the kick is twice as strong."""
+    rng = np.random.default_rng(3)
+    n = 3
+    M, B, F = skew(rng, n), symmetric(rng, n), symmetric(rng, n)
+    X = F @ inverse(one(n) + S * B @ F)
+    kicked = M + (1 + lost) * EPS * (X @ B - B @ X)
+    c = cay(-K * kicked)
+    new = c @ F @ inverse(c)
+
+    def pencil(M: Any, F: Any, nu: Fraction, mu: Fraction) -> Any:
+        first = [nu * B + M - mu * one(n), one(n) + K * M]
+        return block([first, [-(one(n) - K * M), nu * inverse(F) + S * (mu * one(n) + M)]])
+
+    nu, mu = Fraction(5, 3), Fraction(-2, 11)
+    Z = block([[-K * one(n)], [one(n)]])
+    weights = block([[one(n), 0 * M], [0 * M, -S * one(n)]])
+    A = 2 / K * Z @ X @ Z.T
+    U, V = one(2 * n) + weights @ A / nu, one(2 * n) - A @ weights / nu
+    left, right = block([[one(n), 0 * M], [0 * M, -c]]), block([[one(n), 0 * M], [0 * M, -inverse(c)]])
+    holds = (pencil(kicked, new, nu, mu) == left @ U @ pencil(M, F, nu, mu) @ V @ right).all()
+    assert holds == (lost == 0)
+    assert (A @ weights @ A @ weights == 0).all()
+
+
+def test_tops() -> None:
+    """p = 4, q = 2: the determinant of the pencil is conserved, and so is N + E^T M E."""
+    rng = np.random.default_rng(5)
+    p, q = 4, 2
+    M, N, F = skew(rng, p), skew(rng, q), rational(rng, p, q)
+    E = one(p)[:, :q]
+
+    def determinant(M: Any, N: Any, F: Any, nu: Fraction, mu: Fraction) -> Fraction:
+        zero = 0 * F
+        big, B = block([[M, zero], [zero.T, N]]), block([[0 * M, E], [E.T, 0 * N]])
+        P = block([[F, zero], [0 * N, one(q)]])
+        D = -block([[0 * N, one(q)], [one(q), 0 * N]])
+        G, square = P.T @ P, one(p + q)
+        corner = nu * D + S * mu * G + S * P.T @ big @ P
+        return det(block([[nu * B + big - mu * square, (square + K * big) @ P], [-P.T @ (square - K * big), corner]]))
+
+    free = F @ inverse(one(q) - S * E.T @ F)
+    kicked, wheel = M + EPS * (E @ free.T - free @ E.T), N + EPS * (E.T @ free - free.T @ E)
+    w = cay(K * wheel)
+    R = block([[w, np.zeros((q, p - q), object)], [np.zeros((p - q, q), object), one(p - q)]])
+    M1, F1 = R @ kicked @ R.T, R @ cay(-K * kicked) @ F
+    for nu, mu in ((Fraction(2), Fraction(1, 3)), (Fraction(-3, 5), Fraction(7))):
+        assert determinant(M1, wheel, F1, nu, mu) == determinant(M, N, F, nu, mu)
+        assert determinant(kicked, wheel, F, nu, mu) != determinant(M, N, F, nu, mu)
+    assert (wheel + E.T @ M1 @ E == N + E.T @ M @ E).all()
+
+
+def _curve(M: Any, P: Any, nu: Fraction, mu: Fraction) -> Fraction:
+    """det L/mu, one field, n = 3, gamma = 0: the pencil of size 7."""
+    E = one(3)[:, :2]
+    N, zero = -M[:2, :2], np.zeros((3, 2), object)
+    big, B = block([[M, zero], [zero.T, N]]), block([[0 * M, E], [E.T, 0 * N]])
+    columns = np.zeros((5, 2), object)
+    columns[:3, 0], columns[3, 1] = P, 1
+    D = np.array([[0, -1], [-1, 0]], dtype=object)
+    corner = nu * D + S * mu * columns.T @ columns + S * columns.T @ big @ columns
+    square = one(5)
+    top = [nu * B + big - mu * square, (square + K * big) @ columns]
+    return det(block([top, [-columns.T @ (square - K * big), corner]])) / mu
+
+
+def test_curve() -> None:
+    """Two of its coefficients give H and K; the others are as printed, and H tends to Kovalevskaya's."""
+    rng = np.random.default_rng(7)
+    m, P = rational(rng, 3), rational(rng, 3)
+    M = algebra.hat(m)
+    a, c = sum(P * P), sum(m * P)
+    points = [
+        (Fraction(1, 2), Fraction(2, 3)),
+        (Fraction(3), Fraction(-1, 5)),
+        (Fraction(5, 7), Fraction(2)),
+        (Fraction(1, 9), Fraction(4)),
+    ]
+    rows, rest = [], []
+    for nu, mu in points:
+        u, v = nu * nu, mu * mu
+        other = (
+            (u - v) ** 2 * (u - S * S * a * v)
+            + (-2 * S * a + S * S * c * c) * u * v
+            + (2 * S * a - S * S * c * c) * v * v
+        )
+        other += (a - S * c * c) * u - (a - 2 * S * c * c) * v - c * c
+        rows.append([2 * (u * v - u * u), u])
+        rest.append(_curve(M, P, nu, mu) - other)
+    two = np.array(rows[:2], dtype=object)
+    H, Q = inverse(two) @ np.array(rest[:2], dtype=object)  # Q = H^2 - K
+    for row, value in zip(rows[2:], rest[2:], strict=True):
+        assert row[0] * H + row[1] * Q == value
+    assert H != sum(m * m) / 2 + m[2] ** 2 / 2 + P[0]
+    limit = abs(float(H - (m[0] ** 2 + m[1] ** 2) / 2 - m[2] ** 2 - P[0]))
+    assert limit < 2
+
+
+def test_lagrangian() -> None:
+    """Its slopes along W are the momenta at both ends of the rotation; that of its potential is the kick."""
+    with mpmath.workdps(40):
+        eps, h = mpmath.mpf("0.3"), mpmath.mpf(10) ** -15
+        m, P = (
+            np.array([mpmath.mpf(v) for v in row], object) for row in (("0.3", "0.5", "1.1"), ("0.4", "0.7", "-0.2"))
+        )
+        k, e = eps / 2, np.array([1, 0, 0], object)
+
+        def kinetic(q: Any) -> Any:
+            return -4 / eps * mpmath.log((q[0] + mpmath.sqrt(q[0] ** 2 + q[3] ** 2)) / 2)
+
+        def product(p: Any, q: Any) -> Any:
+            return np.array([p[0] * q[0] - sum(p[1:] * q[1:]), *(np.cross(p[1:], q[1:]) + p[0] * q[1:] + q[0] * p[1:])])
+
+        def unit(*v: Any) -> Any:
+            q = np.array([mpmath.mpf(1), *v], object)
+            return q / mpmath.sqrt(sum(q * q))
+
+        W = product(unit(*(k * m)), unit(0, 0, k * m[2]))
+        ends = unit(0, 0, -k * m[2])
+        turned = product(product(ends, np.array([0, *m], object)), ends * [1, -1, -1, -1])[1:]
+        for i in range(3):
+            turn = [unit(*(sign * h / 2 * np.eye(3)[i])) for sign in (1, -1)]
+            first, second = (
+                [kinetic(product(*pair)) for pair in pairs]
+                for pairs in ([(d, W) for d in turn], [(W, d) for d in turn])
+            )
+            assert abs((first[0] - first[1]) / (2 * h) - m[i]) < 1e-20
+            assert abs((second[0] - second[1]) / (2 * h) - turned[i]) < 1e-20
+        slope = -4 / eps * (eps**2 / 4) / (1 - eps**2 / 4 * P[0]) * e  # of (4/eps) log(1 - s P_1) by P
+        kick = eps * np.cross(P, e) / (1 - eps**2 / 4 * P[0])  # eps e_1 ^ P/(1 - s P_1)
+        assert max(abs(np.cross(slope, P) - kick)) < 1e-30
+
+
+def test_second_lagrange_top() -> None:
+    rng = np.random.default_rng(12)
+    m, P = rational(rng, 3), rational(rng, 3)
+    M = algebra.hat(m)
+    for wrong in (False, True):
+        e = one(3)[0]
+        wedge = np.outer(e, P) - np.outer(P, e)
+        kicked = M + EPS * wedge / (1 - (-S if wrong else S) * P[0])
+        new = cay(-K * kicked) @ P
+
+        def integrals(M: Any, P: Any) -> Any:
+            axial, shifted = algebra.axial(M), (one(3) + K * M) @ P
+            return axial[0], sum(axial * axial) / 2 + shifted[0] - S / 2 * (shifted[1] ** 2 + shifted[2] ** 2)
+
+        assert (integrals(kicked, new) == integrals(M, P)) == (not wrong)
+
+
+def test_second_kovalevskaya_map() -> None:
+    rng = np.random.default_rng(13)
+    m, P = rational(rng, 3), rational(rng, 3)
+
+    def integrals(m: Any, P: Any) -> tuple[Fraction, Fraction]:
+        w2 = (m[0] ** 2 - m[1] ** 2, 2 * m[0] * m[1])  # w^2
+        energy = (m[0] ** 2 + m[1] ** 2) / 2 + (1 + S * S / 4 * sum(P * P)) * m[2] ** 2 + P[0]
+        energy += K * (m[1] * P[2] - 2 * m[2] * P[1])
+        energy += S * ((w2[0] * P[0] + w2[1] * P[1]) / 4 - m[2] ** 2 * P[0] + m[0] * m[2] * P[2])
+        a, b = 1 - S / 2 * P[0], S / 2 * P[1]  # 1 - (s/2) conj P_+
+        real = (w2[0] * a - w2[1] * b) / 2 - K * m[1] * P[2] - P[0]
+        imaginary = (w2[0] * b + w2[1] * a) / 2 + K * m[0] * P[2] - P[1]
+        return energy, real**2 + imaginary**2
+
+    for share in (2, 4):  # s/2 in the kick; s/4 is a mutant
+        a, b = 1 - S / share * P[0], S / share * P[1]
+        C = np.array([a, -b, 0], dtype=object) / (a * a + b * b)  # Re (1, i, 0)/(a - i b)
+        kicked = m + EPS * np.cross(P, C)
+        n = kicked[2]
+        D = sum(kicked * kicked) - n * n
+        x, y = 1 / (1 - S * D / 4), n / (1 + S * D / 4)
+        R = cay(algebra.hat(np.array([0, 0, -K * y], dtype=object)))
+        new = R @ kicked, R @ cay(-K * x * algebra.hat(kicked)) @ P
+        assert (integrals(*new) == integrals(m, P)) == (share == 2)
+
+
+def test_ratiu() -> None:
+    rng = np.random.default_rng(17)
+    n = 4
+    M, G, chi = skew(rng, n), skew(rng, n), skew(rng, n)
+    for sign in (1, -1):
+        Y = G @ inverse(one(n) + sign * S * chi @ G)
+        kicked = M + EPS * (Y @ chi - chi @ Y)
+        c = cay(-K * kicked)
+        new = c @ G @ inverse(c)
+
+        def curve(M: Any, G: Any, nu: Fraction, mu: Fraction) -> Fraction:
+            square = one(n)
+            first = [nu * chi + M - mu * square, (square + K * M) @ G]
+            return det(block([first, [-(square - K * M), nu * square + S * (mu * square + M) @ G]]))
+
+        same = [curve(kicked, new, nu, mu) == curve(M, G, nu, mu) for nu, mu in ((2, 3), (Fraction(1, 5), -7))]
+        assert all(same) == (sign == 1)
+
+
+def _floats(rng: np.random.Generator, *shape: int) -> Any:
+    return np.array([mpmath.mpf(v) for v in rng.standard_normal(int(np.prod(shape)))], object).reshape(shape)
+
+
+def _determinant(A: Any) -> Any:
+    return mpmath.det(mpmath.matrix(A.tolist()))
+
+
+def _vector(A: Any, mu: Any) -> Any:
+    """A vector of the kernel of A - mu, from a minor."""
+    n = len(A)
+    B = A - mu * np.array([[mpmath.mpf(i == j) for j in range(n)] for i in range(n)], object)
+    rest = mpmath.lu_solve(mpmath.matrix(B[1:, 1:].tolist()), mpmath.matrix((-B[1:, 0]).tolist()))
+    return np.array([mpmath.mpf(1), *rest], dtype=object)
+
+
+def _lax(M: Any, N: Any, F: Any, lam: Any) -> Any:
+    E = np.array([[mpmath.mpf(i == j) for j in range(F.shape[1])] for i in range(len(F))], object)
+    G = lam * E - F / lam
+    return block([[M, G], [G.T, N]])
+
+
+def _darboux(M: Any, N: Any, F: Any, lam: Any, mu: Any) -> Any:
+    p, q = F.shape
+    E = np.array([[mpmath.mpf(i == j) for j in range(q)] for i in range(p)], object)
+    v = _vector(_lax(M, N, F, lam), mu)
+    x, y = v[:p] / mpmath.sqrt(sum(v[:p] * v[:p])), v[p:] / mpmath.sqrt(sum(v[p:] * v[p:]))
+    Ey, Ex = E @ y, E.T @ x
+    M = M + 2 * lam * (np.outer(Ey, x) - np.outer(x, Ey))
+    N = N + 2 * lam * (np.outer(Ex, y) - np.outer(y, Ex))
+    one_p, one_q = (np.array([[mpmath.mpf(i == j) for j in range(k)] for i in range(k)], object) for k in (p, q))
+    return M, N, (one_p - 2 * np.outer(x, x)) @ F @ (one_q - 2 * np.outer(y, y)), one_q - 2 * np.outer(y, y)
+
+
+def _eigenvalues(A: Any) -> list[Any]:
+    """Real and positive, the largest first."""
+    values = mpmath.eig(mpmath.matrix(A.tolist()), left=False, right=False)
+    return sorted((v.real for v in values if abs(v.imag) < mpmath.mpf(10) ** -25 and v.real > 1e-9), reverse=True)
+
+
+def test_darboux() -> None:
+    with mpmath.workdps(40):
+        rng = np.random.default_rng(19)
+        M, N, F = algebra.hat(_floats(rng, 3)), J * mpmath.mpf("0.3"), _floats(rng, 3, 2)
+        lam = mpmath.mpf(6)
+        mu = _eigenvalues(_lax(M, N, F, lam))[0]
+        new = _darboux(M, N, F, lam, mu)[:3]
+        for point, value in ((2, 3), (mpmath.mpf("0.4"), -1)):
+            square = np.array([[mpmath.mpf(i == j) for j in range(5)] for i in range(5)], object)
+            before, after = (_determinant(_lax(*state, point) - value * square) for state in ((M, N, F), new))
+            assert abs(before - after) < abs(before) * mpmath.mpf(10) ** -30
+            wrong = _determinant(_lax(new[0], N, new[2], point) - value * square)
+            assert abs(before - wrong) > 1e-6
+
+
+def test_exact_step() -> None:
+    """One field: constants by (abel), two maps, the rotation in the plane; against Taylor's series of the flow."""
+    with mpmath.workdps(25):
+        m, P = (np.array([mpmath.mpf(v) for v in row], object) for row in (("0.3", "0.5", "1.1"), ("0.6", "0", "0.8")))
+        h = mpmath.mpf("0.2")
+        H = (m[0] ** 2 + m[1] ** 2) / 2 + m[2] ** 2 + P[0]
+        w2 = (m[0] ** 2 - m[1] ** 2) / 2 - P[0], m[0] * m[1] - P[1]
+        Kov, a, c = w2[0] ** 2 + w2[1] ** 2, sum(P * P), sum(m * P)
+
+        def r(x: Any) -> Any:
+            return mpmath.sqrt(4 * Kov + 4 * (c * c - a * H) * x**2 + a * a * x**4)
+
+        def T(x: Any, sign: int) -> Any:
+            return 1 - H * x**2 + (a * x**4 + sign * r(x) * x**2) / 2
+
+        def conditions(X0: Any, X1: Any) -> tuple[Any, Any]:
+            time = mpmath.quad(lambda x: (1 + a * x * x / r(x)) / mpmath.sqrt(T(x, 1)), [0, X0])
+            time += mpmath.quad(lambda x: (1 - a * x * x / r(x)) / mpmath.sqrt(T(x, -1)), [0, X1])
+            first = mpmath.quad(lambda x: 1 / (r(x) * mpmath.sqrt(T(x, 1))), [0, X0])
+            return time - h, first - mpmath.quad(lambda x: 1 / (r(x) * mpmath.sqrt(T(x, -1))), [0, X1])
+
+        x0, x1 = mpmath.findroot(conditions, (h / 2, h / 2), tol=1e-40)
+        M, F = algebra.hat(m), np.array([[P[0], 0], [P[1], 0], [P[2], 0]], dtype=object)
+        N = -M[:2, :2]
+        Y = np.array([[mpmath.mpf(1), 0], [0, mpmath.mpf(1)]], dtype=object)
+        for x, place in ((x0, 0), (x1, 1)):
+            mu = mpmath.sqrt(T(x, 1 - 2 * place)) / x
+            mu = min(_eigenvalues(_lax(M, N, F, 1 / x)), key=lambda v, mu=mu: abs(v - mu))
+            M, N, F, reflection = _darboux(M, N, F, 1 / x, mu)
+            Y = Y @ reflection
+        f = Y.T[:, 0]
+        w = np.array([[f[0], f[1]], [-f[1], f[0]]], dtype=object)
+        R = np.array([[mpmath.mpf(i == j) for j in range(3)] for i in range(3)], object)
+        R[:2, :2] = w
+        M, F = R @ M @ R.T, R @ F @ w.T
+        exact = _flow(m, P, h)
+        assert max(abs(algebra.axial(M) - exact[0])) < mpmath.mpf(10) ** -18
+        assert max(abs(F[:, 0] - exact[1])) < mpmath.mpf(10) ** -18
+
+
+def _flow(m: Any, P: Any, h: Any) -> Any:
+    """Kovalevskaya's top by Taylor's series of order 40, four steps."""
+    for _ in range(4):
+        ms, ps = [m], [P]
+        for k in range(40):
+            dm = sum(
+                (np.cross(ms[j], np.array([1, 1, 2], object) * ms[k - j]) for j in range(k + 1)), np.zeros(3, object)
+            )
+            dP = sum(
+                (np.cross(ps[j], np.array([1, 1, 2], object) * ms[k - j]) for j in range(k + 1)), np.zeros(3, object)
+            )
+            dm = dm + np.cross(ps[k], np.array([1, 0, 0], object))
+            ms.append(dm * h / 4 / (k + 1))
+            ps.append(dP * h / 4 / (k + 1))
+        m, P = sum(ms[1:], ms[0]), sum(ps[1:], ps[0])
+    return m, P
+
+
+def test_unequal_moments() -> None:
+    with mpmath.workdps(40):
+        rng = np.random.default_rng(23)
+        A, M = np.diag(_floats(rng, 3)), algebra.hat(_floats(rng, 3))
+        F = _floats(rng, 3, 3)
+        F = F + F.T
+        lam = mpmath.mpc("0.4", "1.3")
+        square = np.array([[mpmath.mpf(i == j) for j in range(3)] for i in range(3)], object)
+        mu = mpmath.eig(mpmath.matrix((lam * A + M + F / lam).tolist()), left=False, right=False)[0]
+        q = _vector(lam * A + M + F / lam, mu)
+        norm = sum(q * q)
+        R, Aq = square - 2 * np.outer(q, q) / norm, A @ q
+        new = M - 2 * lam / norm * (np.outer(q, Aq) - np.outer(Aq, q)), R @ F @ R
+        for point, value in ((2, 3), (mpmath.mpf("0.4"), -1)):
+            before = _determinant(point * A + M + F / point - value * square)
+            after = _determinant(point * A + new[0] + new[1] / point - value * square)
+            assert abs(before - after) < mpmath.mpf(10) ** -30
+            assert abs(before - _determinant(point * A + new[0] + F / point - value * square)) > 1e-6
+
+
+def test_steklov() -> None:
+    """The integrals, n = 3, at a complex point; the flow by a conjugate pair is that of Kreisel's exact step."""
+    with mpmath.workdps(40):
+        rng = np.random.default_rng(29)
+        M0, P, b = algebra.hat(_floats(rng, 3)), algebra.hat(_floats(rng, 3)), _floats(rng, 3)
+        B = np.diag(b)
+        s1 = mpmath.mpc("0.2", "2.5")
+        square = np.array([[mpmath.mpf(i == j) for j in range(3)] for i in range(3)], object)
+
+        def X(s: Any, M0: Any = M0, P: Any = P) -> Any:
+            return M0 + s * P
+
+        x = algebra.axial(X(s1))
+        Q = sum((s1 - b) * x * x)
+        mu = mpmath.sqrt(-Q / ((s1 - b[0]) * (s1 - b[1]) * (s1 - b[2])))
+        q = _vector(X(s1) - mu * (s1 * square - B), mpmath.mpf(0))
+        norm = sum(q * q)
+        R = square - 2 * np.outer(q, q) / norm
+        W = -2 * np.outer(q, q) @ (s1 * square - B) / norm
+        new = R @ M0 @ R + W.T @ P @ R + R @ P @ W, R @ P @ R
+        for s, value in ((2, 3), (mpmath.mpf("0.4"), -1)):
+            before, after = (_determinant(X(s, *state) - value * (s * square - B)) for state in ((M0, P), new))
+            assert abs(before - after) < mpmath.mpf(10) ** -30
+            assert abs(before - _determinant(X(s, new[0], P) - value * (s * square - B))) > 1e-6
+
+
+def test_goryachev_chaplygin() -> None:
+    rng = np.random.default_rng(32)
+    M, P, g = rational(rng, 3), rational(rng, 3), Fraction(3, 5)
+    P[2] = -(M[0] * P[0] + M[1] * P[1]) / M[2]
+    a = sum(P * P)
+    H = (M[0] ** 2 + M[1] ** 2) / 2 + 2 * M[2] ** 2 + g * M[2] + P[0]
+    G = (M[2] + g / 2) * (M[0] ** 2 + M[1] ** 2) - M[0] * P[2]
+    for u in (Fraction(2), Fraction(-1, 3)):
+        corner = u * u - 2 * M[2] * u - (M[0] ** 2 + M[1] ** 2)
+        mixed = np.array([u * P[0] - P[2] * M[0], -(u * P[1] - P[2] * M[1])], dtype=object)  # u P_- - P3 M_-
+        trace = corner * (u + 2 * M[2] + g) - 2 * mixed[0]  # the imaginary parts of the two products cancel
+        assert trace == u**3 + g * u * u - 2 * H * u - 2 * G
+        determinant = -(P[2] ** 2) * corner - mixed[0] ** 2 - mixed[1] ** 2
+        assert -determinant == a * u * u
