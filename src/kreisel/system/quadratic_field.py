@@ -105,13 +105,11 @@ def kick(F, b, eps):
     return hat(vec(eps / det) * (b[..., SECOND] - b[..., THIRD]) * (x - scaled * C))
 
 
-def rotated(Y, F):  # cay(Y) F cay(-Y); n = 3: with r = 2/(1 + |y|^2) it is 1 + r (Y + Y^2), no division in a chain
+def rotated(Y, F):  # cay(Y) F cay(-Y)
     if F.shape[-1] != 3:
         return KINDS["symmetric"].turned(Y, F)
-    YF = Y @ F
-    T, r = YF + Y @ YF, mat(2 / (1 + pairing(Y, Y)))
-    TY = T @ Y
-    return F + r * (T + T.mT + r * (TY @ Y - TY))
+    R = identity(3) + mat(2 / (1 + pairing(Y, Y))) * (Y + Y @ Y)
+    return R @ F @ R.mT
 
 
 def step(M, F, *, b, eps):
