@@ -1,4 +1,4 @@
-"""`run.kreisel`: what Kreisel knows of a run, at the run itself.
+"""`run.kreisel`: methods of Kreisel, available on the run itself.
 
 A run stays a plain `xarray.Dataset` with xarray's own display; in a notebook `run.kreisel` shows the system, the
 method and the drift of every integral.  An accessor survives what a subclass would not: `isel`, `sel`, arithmetic.
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @xr.register_dataset_accessor("kreisel")  # type: ignore[no-untyped-call]
 class Kreisel:
-    """The accessor of a run.  Raises `InputError` for a Dataset that is not one."""
+    """The accessor of a run.  Raises `InputError` for any other Dataset."""
 
     def __init__(self, run: xr.Dataset):
         if "kreisel_format" not in run.attrs:
@@ -32,7 +32,7 @@ class Kreisel:
 
     @property
     def model(self) -> Model:
-        """The system with its parameters.  Raises `InputError` for a system of your own."""
+        """The system with its parameters.  Raises `InputError` for a user-defined system."""
         return RunRecord.from_attrs(self._run.attrs).model
 
     def drift(self) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""kr.cite: BibTeX entries of the software, the system and the method, from what the records and runs say."""
+"""kr.cite: BibTeX entries of the software, the system and the method, from the attributes of records and runs."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ SOFTWARE = """@software{{kreisel,
 
 @explained
 def cite(what: xr.Dataset | Model | System) -> str:
-    """BibTeX of what a run used: Kreisel in its version, the source of the system, the sources of the method.
+    """BibTeX of a run: this version of Kreisel, the source of the system, the sources of the method.
 
     what    a run (`kr.simulate`, `kr.at`, `kr.open_run`), a system, or a system with its parameters (with its default
             method)
 
-    A source that is not in Kreisel's own list (that of a system of your own) is named in a comment at the end.
+    A source that is not in Kreisel's list (for example of a user-defined system) is named in a comment at the end.
     Raises `InputError` for anything else.
     """
     import kreisel
@@ -70,7 +70,7 @@ def bibliography() -> dict[str, str]:
 
 
 def _keys(text: str, known: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Keys of the sources in a text, "Suris 2001" being suris2001, and those that are not in the list."""
+    """Keys of the sources in a text ("Suris 2001" is suris2001), and the sources that are not in the list."""
     found = dict.fromkeys(re.findall(r"([A-Z][\w-]+(?:,? [A-Z][\w-]+)*) (\d{4})", text))
     keys = {f"{name.split()[0].strip(',').lower()}{year}": f"{name} {year}" for name, year in found}
     return [key for key in keys if key in known], [name for key, name in keys.items() if key not in known]

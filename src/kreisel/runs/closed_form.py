@@ -57,19 +57,19 @@ def at(
     system       the Lagrange top, n = 3, `kr.LagrangeTop`, `kr.LagrangeTopMoving` or `kr.SymmetricTop`, or a free body,
                  `kr.EulerTop`, with parameters
     x0           the state at time 0 as for `kr.simulate`; a batch axis in front makes an ensemble
-    times        a number, or numbers (times,): doubles are taken as exact, and so are the state and the parameters
+    times        one time or several (times,): doubles count as exact, and so do the state and the parameters
     method       "exact": the flow.  "suris": the iterates of the paper's map with step dt and its order, 1 or 2 as in
-                 `kr.simulate`, for `kr.LagrangeTop` and `kr.SymmetricTop`; `times` then count steps, whole numbers
+                 `kr.simulate`, for `kr.LagrangeTop` and `kr.SymmetricTop`; `times` then count steps (integers)
     orientation  g at time 0, as for `kr.simulate`, carried along as the variable g; for the flow
-    observe      Casimirs and integrals to compute beside the state, by name; default: all
+    observe      Casimirs and integrals to compute in addition to the state, by name; default: all
 
-    No step is made and no error grows with time, but that of the orientation of a gyrostat (docs/exact.md): 10^12
-    nutation periods on, a state is as exact as after one.  Up to
-    10^4 times of the flow are compiled jumps of some microseconds, set-up and all, off by 3e-16, at most 3e-15; so are
-    ensembles.  Motions of tops near a separatrix, more times and iterates are set up in many digits, 0.1 to 0.2 s a
-    motion, 0.05 s of a free body, beside the critical sleeping top 0.6 s, then a microsecond a time.  Returns the
-    `xarray.Dataset` of `kr.simulate`, with the coordinate time as given, or k dt.  Raises `InputError` for other
-    systems, n > 3, bad times, and `RunError` where numbers overflow.
+    No steps are made, and no error grows with time except that of the orientation of a gyrostat (docs/exact.md): after
+    10^12 nutation periods a state is as exact as after one.  Up to 10^4 times of the flow, and ensembles, are compiled
+    jumps of some microseconds including set-up, with errors of 3e-16, at most 3e-15.  Motions of tops near a
+    separatrix, more times and iterates are set up in many digits: 0.1 to 0.2 s per motion, 0.05 s for a free body,
+    0.6 s near the critical sleeping top; then a microsecond per time.  Returns the `xarray.Dataset` of `kr.simulate`,
+    with the coordinate time as given, or k dt.  Raises `InputError` for other systems, n > 3, bad times, and `RunError`
+    if values overflow.
     """
     wanted = wanted_times(times)
     flat = np.atleast_1d(wanted)
@@ -104,7 +104,7 @@ def at(
 
 
 def _continued(plan: Plan, states: dict[str, Array], times: Array) -> dict[str, Array]:
-    """The states with quaternions that keep their sign in the order of time, if they are jumps of a top."""
+    """The states, with quaternions that keep their sign in the order of time if they are jumps of a top."""
     orbits = plan.scheme.orbits
     if ORIENTATION in states and orbits is not None and isinstance(orbits.jump, Jump):
         states[ORIENTATION] = algebra.continued(states[ORIENTATION], times)
@@ -122,7 +122,7 @@ def plan_of_times(
     orientation: OrientationLike | None,
     observe: Any = None,
 ) -> tuple[Plan, ClosedForm]:
-    """A plan without steps and its engine, which knows the states up to |time| = reach.  Raises `InputError`."""
+    """A plan without steps, and its engine, which computes states up to |time| = reach.  Raises `InputError`."""
     from kreisel.kernels.exact.engine import ClosedForm
 
     check_model(model)
@@ -141,7 +141,7 @@ def plan_of_times(
 
 
 def _without(model: Model, method: str, oriented: bool) -> str:
-    """That there is no closed form, and what there is for this system."""
+    """The message that there is no closed form, and the alternative for this system."""
     exact = find("exact")
     known = exact.applies(model) and scheme(model, "exact", 1.0, None, oriented).orbits is not None
     if method != "exact" and known:
@@ -167,9 +167,9 @@ class Figures:
     period      of nutation, 2 omega_1; of the small nutations about a steady motion; infinite for the last three
     lowest      least <a, p> (rest frame) or <P, A> (moving frame): |a||p| times the cosine of the tilt
     highest     greatest; for "falling asleep" never reached
-    precession  the angle by which the axis goes round p in one period, right-handed about p, whole turns included.
-                Where the axis goes exactly through +p or -p its azimuth jumps by pi, which is not counted.
-                NaN where the axis stays on the vertical, without gravity, and where the period is infinite
+    precession  the angle by which the axis goes round p in one period, right-handed about p, with multiples of 2 pi.
+                If the axis goes exactly through +p or -p its azimuth jumps by pi, which is not counted.  NaN if the
+                axis stays on the vertical, without gravity, or if the period is infinite
     spin        angular velocity of the body about its axis, constant: <m, a>/(alpha |a|), axial m
     """
 
@@ -190,8 +190,8 @@ class Figures:
 def nutation(system: Model, x0: StateLike) -> Figures:
     """The figures of the motion through x0, for `kr.LagrangeTop`, `kr.LagrangeTopMoving`, `kr.SymmetricTop`, n = 3.
 
-    From the closed form in extended digits.  The given doubles are taken as exact: a motion is steady or on a
-    separatrix if they make it exactly so.  Raises `InputError` for other systems, n > 3 and ensembles.
+    From the closed form in extended digits.  The given doubles count as exact: a motion is steady or on a separatrix if
+    they make it exactly so.  Raises `InputError` for other systems, n > 3 and ensembles.
     """
     check_model(system)
     if system.system.closed_form.top is None or system.n != 3:
@@ -240,8 +240,8 @@ def _kind(here: TopMotion) -> str:
 def _precession(ctx: Any, known: Integrals) -> MpNumber:
     """The integral of |p| (c A - z J)/(A P2 - z^2) over a period, in two complete integrals of the third kind.
 
-    z = z1 + (z2 - z1) sn^2 splits it into 1/(|b||p| - z) and 1/(|b||p| + z); a pole on the orbit has the weight 0.
-    Where the orbit passes close to a pole, the distance is computed in more digits.
+    z = z1 + (z2 - z1) sn^2 splits it into 1/(|b||p| - z) and 1/(|b||p| + z); a pole on the orbit has the weight 0.  If
+    the orbit passes close to a pole, the distance is computed in more digits.
     """
     if known.P2 == 0 or known.separatrix:
         return ctx.nan

@@ -31,7 +31,7 @@ FIGURES = (".png", ".pdf", ".svg")
 class Config:
     """A checked configuration; parameters and state are checked by the system itself.
 
-    file: the Python file that defines the system, if it is the user's own.
+    file: the Python file that defines the system, if it is user-defined.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Config:
 
 
 def read(path: Path, changes: Sequence[str] = ()) -> Config:
-    """Read and check a TOML file, with `changes` such as "run.dt=0.01" made first.
+    """Read and check a TOML file, after `changes` such as "run.dt=0.01".
 
     Relative output paths are relative to the current folder, the file of [system] to the TOML file.
     """
@@ -96,14 +96,14 @@ def _load(path: Path) -> dict[str, Any]:
         raise InputError(f"{path} cannot be read: {error.strerror}.") from None
     except UnicodeDecodeError:
         raise InputError(f"{path} is not text in UTF-8; a TOML file was expected.") from None
-    except (ValueError, RecursionError) as error:  # what is no TOML, and whole numbers of thousands of digits
+    except (ValueError, RecursionError) as error:  # neither TOML, nor integers of thousands of digits
         raise InputError(f"{path} is not valid TOML: {error}") from None
 
 
 def read_sweep(path: Path, changes: Sequence[str] = ()) -> tuple[dict[str, Any], Path | None, Path]:
-    """The description of a sweep in a TOML file, the file of a system of the user's own, and where the sweep goes.
+    """The description of a sweep in a TOML file, the file of a user-defined system, and the output path of the sweep.
 
-    What [sweep] says is checked when the sweep begins.  Raises `InputError`.
+    The section [sweep] is checked when the sweep begins.  Raises `InputError`.
     """
     return parse_sweep(changed(_load(path), changes), str(path), path.parent)
 
@@ -111,7 +111,7 @@ def read_sweep(path: Path, changes: Sequence[str] = ()) -> tuple[dict[str, Any],
 def parse_sweep(
     data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()
 ) -> tuple[dict[str, Any], Path | None, Path]:
-    """The same of a configuration that is already a dict."""
+    """The sweep of a configuration that is already a dict, as by `read_sweep`."""
     _check_sections(shallow(data, source), (*SECTIONS, "sweep"), source)
     tables = {section: _section(data, section, source) for section in (*SECTIONS, "sweep")}
     _check_keys(tables["sweep"], SWEEP, "sweep", source)
@@ -125,7 +125,7 @@ def parse_sweep(
 
 
 def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()) -> Config:
-    """Check a configuration that is already a dict; `folder` is where a file named in [system] is looked for."""
+    """Check a configuration that is already a dict; a file named in [system] is looked for in `folder`."""
     _check_sections(shallow(data, source), SECTIONS, source)
     tables = {section: _section(data, section, source) for section in SECTIONS}
     name, file, system = _system(tables["system"], source, folder)
@@ -219,19 +219,19 @@ def load_system(name: str, file: Path | None) -> System:
 
 
 def executed(file: Path) -> dict[str, Any]:
-    """What a Python file defines at its top level.  Raises `InputError` with the line of whatever it raises."""
+    """The names that a Python file defines at its top level.  Raises `InputError` with the line of any exception."""
     try:
         return runpy.run_path(str(file))
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
-    except Exception as error:  # whatever a user's code raises
+    except Exception as error:  # any exception of a user's code
         where = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(file)]
         line = f", line {where[-1].lineno}" if where else f", line {getattr(error, 'lineno', '?')}"
         raise InputError(f"{file}{line}: {type(error).__name__}: {error}") from error
 
 
 def own_systems(defined: dict[str, Any]) -> dict[str, System]:
-    """The systems among them that are not Kreisel's; perturbed ones also by the name of the variable."""
+    """The user-defined systems among them; perturbed systems also by the name of the variable."""
     systems = {value.name: value for value in defined.values() if isinstance(value, System)}
     perturbed = {
         name: value.system

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MOST_EVENTS = 10_000  # in an attribute
-FEW_TIMES = 1000  # of a run whose form is kept for the next one
+FEW_TIMES = 1000  # for a run whose form is kept for the next run
 
 
 def dimensions(plan: Plan, name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
@@ -42,7 +42,7 @@ def dimensions(plan: Plan, name: str, shape: tuple[int, ...]) -> tuple[str, ...]
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of what computed a run, and the kind of processor that kernels are compiled for."""
+    """Versions of the software that computed a run, and the kind of processor for which kernels are compiled."""
     import platform
 
     from kreisel.graph.machine import processor
@@ -53,7 +53,7 @@ def versions() -> dict[str, str]:
 
 
 def describe(plan: Plan) -> RunRecord:
-    """What a run is: everything needed to know it and to repeat it."""
+    """The attributes of a run: everything needed to identify and repeat it."""
     model, settings, end = plan.model, plan.settings, plan.timetable.end
     return RunRecord(
         **reused((__name__, model.key, plan.scheme.name), lambda: _subject(model, plan.scheme.name)),
@@ -78,7 +78,7 @@ def describe(plan: Plan) -> RunRecord:
 
 
 def _subject(model: Model, method: str) -> dict[str, Any]:
-    """The attributes that depend on the model and the method alone."""
+    """The attributes that depend only on the model and the method."""
     system = model.system
     return {
         "title": f"{system.title}: {method}",
@@ -107,7 +107,7 @@ def hash_of_start(start: Mapping[str, Floats]) -> str:
 
 
 def _event_times(plan: Plan) -> str | None:
-    """When which events happened, the first ones, or None without events."""
+    """Times of the first events with the number of each, or None without events."""
     return json.dumps(plan.fired[:MOST_EVENTS]) if plan.events else None
 
 
@@ -118,12 +118,12 @@ def at_the_end(plan: Plan) -> dict[str, Any]:
 
 
 def parameters_of(model: Model) -> str:
-    """The parameters of a model as a run has them."""
+    """The parameters of a model in the form that a run stores."""
     return json.dumps({k: v.tolist() for k, v in model.params.items()})
 
 
 def body_of(model: Model) -> str | None:
-    """Axes and units of the body that a model was made from, as a run has them."""
+    """Axes and units of the body from which a model was created, in the form that a run stores."""
     return None if model.body_frame is None else json.dumps(model.body_frame.table)
 
 
@@ -154,7 +154,7 @@ def time_attributes(plan: Plan) -> dict[str, str]:
 
 
 def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None = None) -> xr.Dataset:
-    """Blocks of outputs as a Dataset, at the times of the saved steps, or at others, or at one, without an axis."""
+    """Blocks of outputs as a Dataset, at times of saved steps, at other times, or at one time without an axis."""
     import kreisel.runs.accessor  # noqa: F401 - run.kreisel
 
     attrs = attributes(plan, blocks[0])
@@ -183,7 +183,7 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
 
 
 def _dataset(data: Mapping[str, tuple[tuple[str, ...], Array]], times: Floats, lanes: int | None) -> xr.Dataset:
-    """Arrays with their dimensions as a Dataset, at times or at one, without an axis."""
+    """Arrays with their dimensions as a Dataset, at several times, or at one time without an axis."""
     import xarray as xr
 
     coords: dict[str, Any] = {"time": (("time",)[: times.ndim], times)}
@@ -194,12 +194,12 @@ def _dataset(data: Mapping[str, tuple[tuple[str, ...], Array]], times: Floats, l
 
 @lru_cache(16)
 def _empty(variables: tuple[tuple[str, tuple[str, ...], tuple[int, ...]], ...], times: bytes | None, lanes: Any) -> Any:
-    """A Dataset of zeros of these names, dimensions and shapes: xarray takes 0.2 ms to make one, 0.04 to copy one."""
+    """A Dataset of zeros of these names, dimensions and shapes: xarray needs 0.2 ms to create one, 0.04 to copy it."""
     data = {name: (dims, np.broadcast_to(0.0, shape)) for name, dims, shape in variables}
     return _dataset(data, np.array(0.0) if times is None else np.frombuffer(times).copy(), lanes)
 
 
-CORRECTION = "largest_correction"  # of the state, by the projection, in units of eps_machine |state|
+CORRECTION = "largest_correction"  # correction of the state by the projection, in units of eps_machine |state|
 
 
 def _corrections(plan: Plan) -> dict[str, float]:

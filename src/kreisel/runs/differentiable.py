@@ -1,4 +1,4 @@
-"""kr.differentiable and kr.tangent: a motion as a function of JAX, and the Jacobian of a run by its start."""
+"""kr.differentiable and kr.tangent: a motion as a function of JAX, and the Jacobian of a run."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ if TYPE_CHECKING:
     from kreisel.record.model import Model, OrientationLike
 
 SPIN = "spin"
-MOST_N = 10  # beyond, a step has too many numbers for straight-line code
+MOST_N = 10  # beyond, a step has too many operations for straight-line code
 Known = dict[str, Any]
 State = tuple[Array, ...]
 
 
 class Step(NamedTuple):
-    """A step, and what JAX must know of it.
+    """A step in the form that JAX needs.
 
-    components       of z, with their kinds: the state, the orientation g if there is one, further numbers
-    begin, end       the method's own variables from the state and back: (*state, **constants) -> state
+    components       of z, with their kinds: the state, the orientation g if there is one, further variables
+    begin, end       the method's variables from the state, and back: (*state, **constants) -> state
     take             (*z, **constants) -> z, once for each stage; close(*z, **constants) after them, or None
-    constants(own, known, dt)  -> those of the trajectory, and of the stages (stage, ...)
-    guard            what z must not exceed
-    arrays           whether it takes arrays of JAX, not numbers
+    constants(own, known, dt)  -> constants of the trajectory, and of the stages (stage, ...)
+    guard            bound on z
+    arrays           whether its arguments are arrays of JAX, not scalars
     """
 
     components: Components
@@ -75,20 +75,20 @@ def differentiable(
 ) -> Callable[..., dict[str, Array]]:
     """The motion as a function of JAX: f(state, dt=, steps=, every=None, time=0, **parameters) -> state.
 
-    orientation the attitude at the start, as for `kr.simulate`; states then have g, and one that comes with it starts
-                there.  True: all come with g.  Forces that take g need it
+    orientation the attitude at the start, as for `kr.simulate`; states then have g, and a state with g starts there.
+                True: every state has g.  Needed for forces that depend on g
     state       mapping of the components: m (3,), an axial vector, for n = 3, else (n, n) skew; a (n,); `x0.axial` of a
-                state is one; with an orientation also g, (4,) for n = 3, else (n, n)
-    dt          the step, a number or traced by JAX
-    steps       how many, a whole number; every: rows (steps/every + 1, ...) at the steps 0, every, 2 every, ...
-    time        at the start, for forces that take t
-    parameters  other values of parameters of the system, by letter; those left out are the system's
+                state is also accepted; with an orientation also g, (4,) for n = 3, else (n, n)
+    dt          the step, a float or traced by JAX
+    steps       the number of steps; every: rows (steps/every + 1, ...) at the steps 0, every, 2 every, ...
+    time        at the start, for forces that depend on t
+    parameters  other values of parameters of the system, by letter; default: the system's values
 
-    It is the definition from which kernels are compiled, without projections.  It can go through jit, vmap, grad,
-    jacfwd and scan, in float64, inside `kreisel.reduction.double()`.  grad keeps about 2 sqrt(steps) states and
-    computes the others again.  What ends a run by a `RunError` in `kr.simulate` does so here too, but is NaN where JAX
-    traces.  Needs the extra `reduction` (JAX).  Raises `InputError` for methods and systems without such a step, for
-    arrays in float32, and for what JAX traces where a number is needed.
+    The function is the definition from which kernels are compiled, without projections.  It can go through jit, vmap,
+    grad, jacfwd and scan, in float64, inside `kreisel.reduction.double()`.  grad keeps about 2 sqrt(steps) states and
+    computes the others again.  A `RunError` of `kr.simulate` is raised here too, or is NaN under tracing.  Needs the
+    extra `reduction` (JAX).  Raises `InputError` for methods and systems without such a step, for arrays in float32,
+    and for traced values if a number is needed.
     """
     check_model(system)
     if system.batch:
@@ -143,9 +143,9 @@ def _fault(system: Model, step: Step) -> str:
 
 
 def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varied: bool) -> Step:
-    """With `varied` parameters nothing is left out that the model's have no effect on.
+    """The step of a method; with `varied` parameters, terms without effect at the model's values are kept.
 
-    Raises `InputError` where the method has no step that JAX can take.
+    Raises `InputError` if the method has no step for JAX.
     """
     made = scheme(model, method, 1.0, order, oriented)
     if isinstance(made.motion, JaxSteps):
@@ -183,7 +183,7 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
 
 
 def _spun(model: Model, function: Callable[..., State]) -> Callable[..., State]:
-    """With the matrices of the turns from their coordinates, of which there are fewer."""
+    """The function with rotation matrices computed from their coordinates, which are fewer."""
 
     def spun(*z: Array, **known: Any) -> State:
         if SPIN in known:
@@ -202,7 +202,7 @@ def _of(function: Any, count: int) -> Callable[..., State]:
 
 
 def _linear(model: Model, made: Scheme, oriented: bool) -> Callable[[State, Known, Any], tuple[Known, Known]]:
-    """Constants and those of stages are linear in dt, or without it: from their values at dt = 1 and 2."""
+    """Constants of the step and of its stages, linear in dt or independent of it: from their values at dt = 1, 2."""
     twice = find(made.name).make(model, 2.0, made.options.get("order"), oriented)
 
     def at(own: State, known: Known, dt: Any) -> tuple[Known, Known]:
@@ -217,7 +217,7 @@ def _linear(model: Model, made: Scheme, oriented: bool) -> Callable[[State, Know
 
 
 def _closed(model: Model, made: Scheme, oriented: bool) -> Step:
-    """The closed form as one short step; `reach`, at most 1, says how long."""
+    """The closed form as one short step; `reach`, at most 1, is its length."""
     part = closed_form(model.system, model.n)
     if part is None or part.reach is None:
         raise InputError(
@@ -236,10 +236,10 @@ def _closed(model: Model, made: Scheme, oriented: bool) -> Step:
 
 
 def _of_baecklund(model: Model, made: Scheme) -> Callable[[State, Known, Any], tuple[Known, Known]]:
-    """mu = zeta/dt, rho, and the turns of the body.
+    """mu = zeta/dt, rho, and the rotations of the body.
 
-    rho goes without a derivative: the step improves it by a step of Newton's method, so that only its square counts,
-    and the derivatives of the step are those with the rho of the very state.  It is compiled, as that of a run.
+    rho has no derivative: the step improves it by a step of Newton's method, so only its square counts, and the
+    derivatives of the step equal the derivatives with the rho of this state.  It is compiled, as in a run.
     """
     order = made.options["order"]
     unit = Product(model, 1.0, order, False)
@@ -284,7 +284,7 @@ def _of_baecklund(model: Model, made: Scheme) -> Callable[[State, Known, Any], t
 def constants_of(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
     """The constants of the model, with other parameters.  Raises `InputError` for unknown ones and wrong shapes.
 
-    Parameters that JAX does not trace are checked as those of a system are.
+    Parameters that JAX does not trace are checked like the parameters of a system.
     """
     if not parameters:
         return dict(model.constants)
@@ -317,7 +317,7 @@ def constants_of(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
 
 
 def _given(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, begin: Array | None) -> State:
-    """The components, and the orientation if there is one, as arrays of numbers.  Raises `InputError`."""
+    """The components, and the orientation if there is one, as arrays.  Raises `InputError`."""
     space, out = model.system.space, []
     if oriented and ORIENTATION not in state and begin is not None:
         state = {**state, ORIENTATION: begin}
@@ -359,7 +359,7 @@ def _rows(
     every: int,
     parameters: Known,
 ) -> dict[str, Array]:
-    """The components at the saved steps."""
+    """Rows of the components at the saved steps."""
     space, known = model.system.space, constants_of(by, model, parameters)
     own = start[: len(space.letters)]
     more, stages = step.constants(own, known, dt)
@@ -386,19 +386,19 @@ def _rows(
     return {letter: out[letter] for letter, _ in shown}
 
 
-ON_STEP = 1e-6  # of a step: times so close to it are its own
+ON_STEP = 1e-6  # of a step: an impulse this close to a step happens at the step
 
 
 @explained
 def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
     """J (d, d) = d(end state)/d(initial state) of a run of one trajectory, in independent coordinates.
 
-    Those of the Poisson tensor: entries i < j of a skew matrix, then the vectors; J T(start) J^T = T(end) where the
-    method is Poisson.  Of a run with orientation then the entries i < j of the skew X with dg = g X (moving frame) or
-    dg = X g (rest frame).  `system`: that of the run, if it is of your own.  By `kr.differentiable` along the
-    definition, without projections.  Of a part of a run, `run.isel(time=slice(...))`, from its first row to its last.
-    Needs the extra `reduction`.  Raises `InputError` for ensembles, for runs with impulses, events or times of their
-    own, for one row, and as `differentiable`; `RunError` where J is not finite.
+    The coordinates of the Poisson tensor: entries i < j of a skew matrix, then the vectors; J T(start) J^T = T(end) if
+    the method is Poisson.  With an orientation, then the entries i < j of the skew X with dg = g X (moving frame) or
+    dg = X g (rest frame).  `system`: the system of the run, if it is user-defined.  `kr.differentiable` computes it
+    without projections.  For a part of a run, `run.isel(time=slice(...))`, from its first row to its last.  Needs the
+    extra `reduction`.  Raises `InputError` for ensembles, for runs with impulses, events or given times, for one row,
+    and as `differentiable`; `RunError` if J is not finite.
     """
     record = RunRecord.of(run)
     if "lane" in run.dims or not record.stepped or record.broken or record.at_times:
@@ -425,7 +425,7 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
     start = np.append(start, np.zeros(n * (n - 1) // 2 * (ORIENTATION in run)))
 
     def coordinates_of_turn(g: Array) -> Array:
-        """Of X, 0 where it is differentiated."""
+        """The coordinates of X, which is 0 at the point of differentiation."""
         R = as_matrix(model, g)
         back = jax.lax.stop_gradient(R).mT
         turn = back @ R if model.system.frame is Frame.MOVING else R @ back
@@ -448,7 +448,7 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
 
 
 def _steps_of(run: xr.Dataset, dt: float) -> int:
-    """How many steps lie between the first row and the last one.  Raises `InputError`."""
+    """The number of steps between the first row and the last row.  Raises `InputError`."""
     steps = float(run["time"][-1] - run["time"][0]) / dt
     if round(steps) < 1 or abs(steps - round(steps)) > ON_STEP:
         raise InputError(f"tangent: expected rows with some steps of {dt:g} from the first to the last, got {steps:g}.")

@@ -1,4 +1,4 @@
-"""kr.drift: how far the integrals drift, against what round-off allows; and which claims are broken."""
+"""kr.drift: the drift of the integrals, compared with round-off; and the claims that are broken."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-# What a method conserves counts as broken where it has changed by more than FAR widths of a random walk of rounding
+# An integral that a method conserves is broken if it has changed by more than FAR widths of a random walk of rounding
 # errors, times the square of a step's angle in radians, and by more than FAR_RELATIVE of its scale.  Measured over 1000
-# steps of the tops' maps and Clebsch's, n = 3, 4, 5, of states that are random, asleep, at rest, nearly so, of momenta
+# steps of the tops' maps and Clebsch's, n = 3, 4, 5, with states that are random, asleep, at rest, nearly so, momenta
 # times 1e-8 to 1e8: at most 20 widths for steps up to 3 and momenta up to 1, 4e3 at Clebsch's longest steps.  Rounding
 # errors grow about as the angle of a step.  A walk of Gaussian steps gets 40 times as far as its width with a chance
 # below 1e-300.
 FAR = 1e4
 FAR_RELATIVE = 1e-9
-LOOSE = 0.2  # of the terms of the energy: an oscillation that says that a step is too long
+LOOSE = 0.2  # of the terms of the energy: an oscillation that shows that a step is too long
 COLUMNS = ["kind", "conserved", "start", "max_change", "ulps", "slope", "correction", "broken"]
 GROWN = 100  # times the state of the first block
 LOOKED_AT = 16  # lanes at most, in which the width of the walk is measured again
@@ -62,15 +62,15 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
                 largest of its value, of the rounding errors of its formula, and of its change, over eps_machine, if
                 every entry of the state changes by eps_machine times the largest one, the root mean square
     slope       least-squares slope of the change against time
-    correction  the largest distance by which the projection had to put the state back for this family of integrals,
-                in units of eps_machine |state|; NaN for a run without projection, and for what is not conserved
-    broken      it should be conserved and is not: it changed by more than 1e-9 of its scale, and by more than
-                1e4 (1 + (dt |z|)^2) times what a random walk of rounding errors does, |z| the state's largest entry
+    correction  the largest distance by which the projection moved the state for this family of integrals, in units of
+                eps_machine |state|; NaN for a run without projection, or not conserved
+    broken      it should be conserved and is not: it changed by more than 1e-9 of its scale, and by more than 1e4
+                (1 + (dt |z|)^2) times a random walk of rounding errors, |z| the state's largest entry
 
-    In an ensemble each row is that of the worst lane: the one with the largest change relative to its rounding errors.
+    In an ensemble each row shows the worst lane, the lane with the largest change relative to its rounding errors.
     Beyond some hundred lanes they share one scale of rounding, the largest.  Variables are read in blocks of rows: an
     archive may be longer than memory.  The table is empty for systems without Casimirs and integrals.  Raises
-    `InputError` for what is not a run, and for a run with observe=[].
+    `InputError` for anything but a run, and for a run with observe=[].
     """
     table = table_of(run)
     if table.empty and "observe" in run.attrs:
@@ -87,7 +87,7 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
 
 
 def table_of(run: xr.Dataset) -> pd.DataFrame:
-    """The table of `drift`, which is empty for a run that saved no Casimirs and integrals."""
+    """The table of `drift`; empty for a run that saved no Casimirs and integrals."""
     import pandas as pd
 
     if "kreisel_sweep" in getattr(run, "attrs", {}):
@@ -128,7 +128,7 @@ def broken(table: pd.DataFrame) -> list[str]:
 
 
 def far(change: Any, width: Any, scale: Any, turn: float) -> Any:
-    """Whether a change is more than rounding errors make, which walk by `width`; the body turns by `turn` in a step."""
+    """Whether a change exceeds rounding errors, which walk by `width`; the body rotates by `turn` in a step."""
     return (change > FAR * width * (1 + turn * turn)) & (change > FAR_RELATIVE * scale)
 
 
@@ -141,7 +141,7 @@ def _sentence(name: str, row: Any) -> str:
 
 
 def watched(run: xr.Dataset, loaded: bool = False) -> xr.Dataset:
-    """The run itself; `loaded`: it is in memory.  Warns with `ConservationWarning` where something is broken."""
+    """The run itself; `loaded`: it is in memory.  Warns with `ConservationWarning` if an invariant is broken."""
     if not loaded or not all(_stands(v) for v in run.variables.values() if v.attrs.get("conserved")):
         conserved = [name for name in _watched(run) if run.variables[name].attrs.get("conserved")]
         rows = _rows(run, conserved, sloping=False)
@@ -152,7 +152,7 @@ def watched(run: xr.Dataset, loaded: bool = False) -> xr.Dataset:
 
 
 def _warn_of_a_long_step(run: xr.Dataset) -> None:
-    """Warns with `AccuracyWarning` where the energy, less work, oscillates by much of its terms."""
+    """Warns with `AccuracyWarning` if the energy, minus the work, oscillates by a large part of its terms."""
     kept = ["balance"] if "work" in run.variables else ["total_energy", "energy"]
     name = next((name for name in kept if name in run.variables), None)
     if name is None or run.attrs.get("impulses") or run.attrs.get("events") or run[name].attrs.get("conserved"):
@@ -169,7 +169,7 @@ def _warn_of_a_long_step(run: xr.Dataset) -> None:
 
 
 def _stands(variable: xr.Variable) -> bool:
-    """Whether nothing changed by more than an evaluation can be off, in a tenth of the time of a scan."""
+    """Whether no value changed by more than the error of an evaluation, at a tenth of the cost of a scan."""
     values = variable.to_numpy()
     low, high = _extremes(values)
     least = min(variable.attrs["evaluation_scale"], default=0.0)
@@ -177,7 +177,7 @@ def _stands(variable: xr.Variable) -> bool:
 
 
 def _watched(run: xr.Dataset) -> list[str]:
-    """The Casimirs, integrals and relations; those that are conserved come first."""
+    """The Casimirs, integrals and relations; conserved ones come first."""
     found = [(str(name), v) for name, v in run.variables.items() if v.attrs.get("kind") in KINDS]
     return [name for name, _ in sorted(found, key=lambda item: _place_in_table(item[1]))]
 
@@ -189,19 +189,19 @@ class _Clock:
         self._time, self._asked = run.variables["time"], int(run.attrs.get("rows_in_block", 0))
         self.rows = run.sizes["time"]
         ends = read_values(self._time[[0, -1]])
-        # those that are there: a run may be cut short; `kr.at` makes none
+        # only existing times: a run may be cut short; `kr.at` has no steps
         dt = run.attrs.get("dt")
         self.steps = abs(float(ends[1] - ends[0])) / dt if isinstance(dt, int | float) and dt > 0 else 0.0
         self.first = float(ends[0])
 
     def blocks(self, width: int) -> Iterator[slice]:
-        """Slices of rows for variables of `width` numbers a row: blocks of the archive, if those are not too large."""
+        """Slices of rows for variables of `width` values a row: blocks of the archive, if these are not too large."""
         most = max(1, NUMBERS_AT_ONCE // max(1, width))
         step = min(self._asked, most) if self._asked > 0 else most
         return (slice(row, min(row + step, self.rows)) for row in range(0, self.rows, step))
 
     def centred(self, rows: slice) -> np.ndarray:
-        """Times of some rows, less their mean over all rows."""
+        """Times of some rows, minus their mean over all rows."""
         return np.asarray(read_values(self._time[rows]) - self.first - self._mean)
 
     @cached_property
@@ -215,7 +215,7 @@ class _Clock:
 
 
 class _Scan:
-    """A variable (time, [lane], [part]) read once, in blocks: arrays (lanes, parts) of what is known of its change."""
+    """A variable (time, [lane], [part]) read once, in blocks: arrays (lanes, parts) that describe its change."""
 
     def __init__(self, name: str, run: xr.Dataset, variable: xr.Variable, clock: _Clock, sloping: bool = True):
         self.name, self.kind = name, str(variable.attrs["kind"])
@@ -248,7 +248,7 @@ class _Scan:
 
 
 class _Judge:
-    """What is round-off and what is not, for each part of a variable."""
+    """Limits of round-off for each part of a variable."""
 
     def __init__(self, run: xr.Dataset, scan: _Scan):
         self._run, self._scan, self._width = run, scan, scan.width()
@@ -263,7 +263,7 @@ class _Judge:
         return lane, float(self._width[lane, part])
 
     def broken(self, lane: int, part: int, width: float) -> bool:
-        """Whether a change of what should be conserved is more than rounding errors can make."""
+        """Whether the change of a conserved quantity exceeds rounding errors."""
         scan = self._scan
         change = scan.largest[lane, part]
         if not scan.conserved or change <= FAR * width or lane in self._unknown:
@@ -272,7 +272,7 @@ class _Judge:
         return bool(far(change, width, scale, self._turn(lane)))
 
     def _turn(self, lane: int) -> float:
-        """dt times the largest entry of the state in a lane: about the angle that the body turns in a step."""
+        """dt times the largest entry of the state in a lane: about the angle of rotation in a step."""
         return max(self._sizes(lane, slice(None)), default=0.0) * float(self._run.attrs.get("dt", 0.0))
 
     def _sizes(self, lane: int, rows: slice) -> list[float]:
@@ -284,9 +284,9 @@ class _Judge:
         return [max(float(abs(read_values(v[rows])).max()) for rows in blocks) for v in states]
 
     def _look_again(self, suspects: np.ndarray) -> None:
-        """Measure the widths of the worst of these lanes again, by states of the whole run: the first block may rest.
+        """Measure the widths of the worst of these lanes again, by states of all blocks: the first may rest.
 
-        Where that is impossible, as for a user's own system, lanes whose state has grown are let pass.
+        If this is impossible, as for a user-defined system, lanes whose state has grown pass.
         """
         scan = self._scan
         ratios = _ratio(scan.largest, self._width).max(1)
@@ -318,7 +318,7 @@ class Series:
 
 
 def all_series(run: xr.Dataset) -> Iterator[Series]:
-    """Every component of every Casimir and integral; those that are conserved come first."""
+    """Every component of every Casimir and integral; conserved ones come first."""
     clock = _Clock(run)
     for name in _watched(run):
         variable, many = run.variables[name], run.sizes.get("lane", 1) > 1
@@ -334,7 +334,7 @@ def all_series(run: xr.Dataset) -> Iterator[Series]:
 
 
 def _extremes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The least and the largest along the first axis; NumPy is slow where the others are short."""
+    """The least and the largest along the first axis; NumPy is slow if the other axes are short."""
     if len(values) < FEW_ROWS:
         return values.min(0), values.max(0)
     whole, shape = len(values) // TOGETHER * TOGETHER, values.shape[1:]
@@ -349,7 +349,7 @@ def _extremes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _scales(name: str, variable: xr.Variable, lanes: Any, shape: tuple[int, int]) -> tuple[Floats, Floats]:
-    """The two scales of rounding (lanes, parts), of one's own to change."""
+    """The two scales of rounding (lanes, parts), as separate arrays that the caller may change."""
     step, value = (scales_of_lanes(name, variable, lanes, key) for key in ("roundoff_scale", "evaluation_scale"))
     return np.array(np.broadcast_to(step, shape)), np.array(np.broadcast_to(value, shape))
 
@@ -357,14 +357,14 @@ def _scales(name: str, variable: xr.Variable, lanes: Any, shape: tuple[int, int]
 def lane_scales(variable: xr.DataArray, key: str) -> np.ndarray:
     """An attribute of scales (lanes or 1, parts), for the lanes that the variable still has.
 
-    Raises `InputError` where it does not belong to the variable.
+    Raises `InputError` if it does not belong to the variable.
     """
     lanes = variable["lane"].values if "lane" in variable.coords else None
     return scales_of_lanes(str(variable.name), variable.variable, lanes, key)
 
 
 def scales_of_lanes(name: str, variable: xr.Variable, lanes: Any, key: str) -> np.ndarray:
-    """The same of a variable without coordinates; `lanes`: their numbers, None of a single trajectory."""
+    """The scales of `lane_scales` for a variable without coordinates; `lanes`: indices, None for one trajectory."""
     parts = variable.shape[-1] if variable.ndim > 1 + ("lane" in variable.dims) else 1
     try:
         values = np.atleast_1d(np.asarray(variable.attrs[key], dtype=np.float64)).reshape(-1, parts)
@@ -385,10 +385,10 @@ ROWS = 32
 
 
 def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Floats] | None:
-    """The attributes roundoff_scale and evaluation_scale of a variable for some lanes, from rows of the whole run.
+    """The attributes roundoff_scale and evaluation_scale of a variable for some lanes, from rows of the complete run.
 
-    None where they cannot be measured: a system of the user's own, whose functions an archive has not, or a run without
-    its states or its step.
+    None if they cannot be measured: for a user-defined system, whose functions an archive lacks, or a run without its
+    states or its step.
     """
     record = RunRecord.from_attrs(run.attrs)
     if "system" not in run.attrs or record.is_own or not record.stepped:
@@ -415,11 +415,11 @@ def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Fl
     return np.array(scales["roundoff_scale"]), np.array(scales["evaluation_scale"])
 
 
-MOST_SCALES = 4096  # numbers in an attribute
+MOST_SCALES = 4096  # values in an attribute
 MANY_SAMPLES_N = 16  # beyond, there are fewer
 MANY_LANES = 4096  # beyond, there are fewer: the largest over the lanes counts
-SAMPLES = 16  # perturbations of a state that measure how an integral feels them
-NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and so small that only noise is left
+SAMPLES = 16  # perturbations of a state that measure the sensitivity of an integral
+NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and small enough that only noise remains
 
 
 def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, list[float]]]:
@@ -457,9 +457,9 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
 
 
 def _scales_of(values: Array, samples: int, n: int, single: bool) -> tuple[Array, Array]:
-    """Both scales of integrals (states, rows, integrals), of states moved up, down, both by a hair, and not.
+    """Both scales of integrals (states, rows, integrals) at states moved up, moved down, both again by a hair, and not.
 
-    The sums have the bits that they have for each integral: by pairs of what is contiguous for a `single` number.
+    The sums are bitwise equal to those of each integral: pairs of values that are contiguous for a `single` value.
     """
     up, down, a_bit_up, a_bit_down = values[:-1].reshape(4, samples, *values.shape[1:])
     here = values[-1]
@@ -478,7 +478,7 @@ def _signs(samples: int, shape: tuple[int, ...]) -> Floats:
 
 
 def _listed(scale: Array, plan: Plan) -> list[float]:
-    """A scale for each part of an integral, lane after lane; the largest over the lanes if those are too many."""
+    """A scale for each part of an integral, lane after lane; the largest over the lanes if there are too many."""
     if plan.batched and scale.size > MOST_SCALES:
         scale = scale.max(0)
     return [float(v) for v in np.ravel(scale)]
@@ -494,14 +494,14 @@ def _largest(plan: Plan, z: Floats) -> Floats:
 
 @lru_cache(16)
 def _spread(length: int, count: int) -> np.ndarray:
-    """Places of so many rows, evenly spread."""
+    """`count` places, evenly spread."""
     return np.unique(np.linspace(0, length - 1, count).astype(int))
 
 
 def _sampled_rows(plan: Plan, first: Mapping[str, Array]) -> Floats:
-    """Up to 32 rows of the first block, evenly spread, in the method's own variables (rows, lanes, d).
+    """Up to 32 rows of the first block, evenly spread, in the method's variables (rows, lanes, d).
 
-    Of more than 64 lanes, and for n > 16, fewer rows, down to one: some thousand numbers are enough.
+    For more than 64 lanes, and for n > 16, fewer rows, down to one: some thousand values are enough.
     """
     count = min(32, max(1, 2048 // plan.lanes), max(1, 512 // plan.model.n))
     rows = _spread(len(next(iter(first.values()))), count)

@@ -17,15 +17,15 @@ from kreisel.runs.planning import make_plan, rate
 A_STEP = 0.05  # rad of the motion
 TRIED = 400  # combinations of values
 SITES = 8  # of a chain
-HALVED = 12  # times at most, until a method takes the step
+HALVED = 12  # times at most, until a method accepts the step
 UNIT = ((0.6, 0.0, 0.8), (0.0, 0.8, 0.6), (0.0, 1.0, 0.0))  # vectors of length 1, to the last bit
 SPINS = ((0.6, 0.8, 0.0), (0.0, 0.6, 0.8), (0.8, 0.0, 0.6), (0.0, 0.0, 1.0))
 UPRIGHT = [1.0, 0.0, 0.0, 0.0]
 SATELLITE = {"moments": [0.00665, 0.03325, 0.03326], "semi_major_axis": 6_878_137.0, "inclination": 1.7}
-# Axis 1 away from the Earth, axis 2 ahead, axis 3 along the normal of the orbit: a turn by its inclination about x.
+# Axis 1 away from the Earth, axis 2 ahead, axis 3 along the normal of the orbit: a rotation by its inclination about x.
 ON_ORBIT = [0.6599831458849822, 0.7512804051402927, 0.0, 0.0]
 AT_REST = "here the rate of the orbit, 1.107e-3 rad/s, about its normal, axis 3: at rest against the orbit"
-# Bodies in SI units: their parameters, state and the meaning of it, orientation and step.
+# Bodies in SI units: parameters, state and its meaning, orientation and step.
 OF_BODIES: dict[str, dict[str, Any]] = {
     "satellite": {
         "parameters": SATELLITE,
@@ -62,7 +62,7 @@ OF_BODIES: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Example:
-    """Plain numbers: parameters, state, orientation (None for what does not turn), the step and the method."""
+    """Plain values: parameters, state, orientation (None without rotation), the step and the method."""
 
     model: Model
     parameters: dict[str, Any]
@@ -70,11 +70,11 @@ class Example:
     orientation: list[Any] | None
     dt: float
     method: str
-    meanings: Mapping[str, str] = field(default_factory=dict)  # of components of the state, where the record has none
+    meanings: Mapping[str, str] = field(default_factory=dict)  # of components of the state, if the record has none
 
 
 def example(system: System, n: int | None = None, given: Mapping[str, Any] | None = None) -> Example:
-    """Of a system, in n dimensions or with so many sites.  Raises `InputError` where none is found."""
+    """An example of a system, in n dimensions or with n sites.  Raises `InputError` if none is found."""
     body = OF_BODIES.get(system.name) if system is BODIES.get(system.name) else None
     if body is not None:
         parameters = {**body["parameters"], **(given or {})}
@@ -101,7 +101,7 @@ def example(system: System, n: int | None = None, given: Mapping[str, Any] | Non
 def _planned(
     model: Model, parameters: dict[str, Any], state: dict[str, Any], orientation: list[Any] | None, dt: float | None
 ) -> Example:
-    """With the longest step that its method takes, if none is given."""
+    """The plan with the longest step that its method accepts, if no step is given."""
     wanted = dt or rounded(A_STEP / (rate(_plan(model, state, None, 1e-6)) or 1.0))
     needed = orientation if model.system.perturbation is not None else None
     for _ in range(HALVED):
@@ -126,7 +126,7 @@ def rounded(x: float) -> float:
 
 
 def _parameters(system: System, n: int, given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Values that may suit, each parameter's own first."""
+    """Values to try, each parameter's example first."""
     needed = [p for p in system.parameters if (p.default is None or p.kind == "dimension") and p.letter not in given]
     for values in itertools.product(*(_values(p, n, place) for place, p in enumerate(needed))):
         yield {**dict(zip((p.letter for p in needed), values, strict=True)), **given}
@@ -172,7 +172,7 @@ def _skew(n: int, place: int) -> list[list[float]]:
 
 
 def _vectors(n: int, place: int) -> list[list[float]]:
-    """Of length 1, and what is orthogonal to them for the next place; the last of them without a 0."""
+    """Vectors of length 1, and vectors orthogonal to them for the next place; the last has no entry 0."""
     ends, between = ((0.8, -0.6), 0.5) if place else ((0.6, 0.8), 0.0)
     found = [list(UNIT[place % 3])] if n == 3 else []
     found.append([ends[0], *[between] * (n - 2), ends[1]])

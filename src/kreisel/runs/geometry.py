@@ -1,4 +1,4 @@
-"""What the vectors of a run mean: the vertical, the axis, the orientation.  Read from the record, never from a name."""
+"""Vectors of a run: the vertical, the axis, the orientation.  Read from the record, never from a name."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-CASIMIR = 1e-8  # how far Casimirs may be from those of the state, relative
+CASIMIR = 1e-8  # largest relative distance of Casimirs from the Casimirs of the state
 SAME = 1e-9  # relative: parameters of one body
-UNIT = 1e-6  # how far a quaternion may be from length 1
+UNIT = 1e-6  # largest distance of the length of a quaternion from 1
 
 
 def fixed_vector(model: Model, where: str) -> Array | None:
@@ -53,7 +53,7 @@ def components(run: xr.Dataset, model: Model) -> tuple[Array, ...]:
 
 
 def model_for(run: xr.Dataset, system: Model | None) -> Model:
-    """The model of a run, of the lanes that it has; a system of the user's own must be given.  Raises `InputError`."""
+    """The model of a run, for its lanes; required for a user-defined system.  Raises `InputError`."""
     record = RunRecord.of(run, "system")
     if system is None:
         if record.is_own:
@@ -78,7 +78,7 @@ def model_for(run: xr.Dataset, system: Model | None) -> Model:
 
 
 def require_unchanged(run: xr.Dataset) -> None:
-    """Raises `InputError` for what is no longer the run that its attributes describe, which xarray keeps: 2 * run."""
+    """Raises `InputError` for a changed run, for example 2 * run, whose attributes xarray keeps."""
     record = RunRecord.from_attrs(run.attrs)
     known = {"system", "parameters"} <= run.attrs.keys() and not record.is_own
     if known and "time" in run.dims and not record.missing_from(run):
@@ -86,7 +86,7 @@ def require_unchanged(run: xr.Dataset) -> None:
 
 
 def _require_its_casimirs(run: xr.Dataset, model: Model) -> None:
-    """Raises `InputError` if the Casimirs of a run are not those of its state in the first row or the last one."""
+    """Raises `InputError` if the Casimirs of a run differ from those of its first or last state."""
     casimirs, name = model.system.space.casimirs, "casimir"
     if casimirs is None or name not in run or run.attrs.get("engine") == "cuda-float32" or "event" in run.dims:
         return
@@ -105,7 +105,7 @@ def _require_its_casimirs(run: xr.Dataset, model: Model) -> None:
 
 
 def require_of_body(run: xr.Dataset, known: Mapping[str, Any]) -> None:
-    """Raises `InputError` for a run of a body with other parameters than those known, or that vary in a sweep."""
+    """Raises `InputError` for a run of a body whose parameters are not `known`, or vary in a sweep."""
     record = RunRecord.from_attrs(run.attrs)
     found = {} if "parameters" not in run.attrs or record.is_own else record.model.params
     varied = [k for k in known for name in run.coords if f"{name}[".startswith(f"system.{k}[")]
@@ -126,7 +126,7 @@ def is_upright(model: Model) -> bool:
 def vertical_and_axis(model: Model, carried: Array) -> tuple[Array, Array]:
     """Unit vectors of the vertical and of the axis (..., 3), both in the frame of the state.
 
-    Raises `InputError` where n is not 3 or the system has no vertical and axis: a body in a fluid, a particle.
+    Raises `InputError` if n is not 3 or the system has no vertical and axis: a body in a fluid, a particle.
     """
     space = model.system.frame is Frame.REST
     other = fixed_vector(model, "space" if space else "body")
@@ -150,7 +150,7 @@ def vertical_and_axis(model: Model, carried: Array) -> tuple[Array, Array]:
 
 
 def orientation_of(run: xr.Dataset) -> Array:
-    """The unit quaternions (..., 4) of a run, body to space.  Raises `InputError` where it has none, or n > 3."""
+    """The unit quaternions (..., 4) of a run, body to space.  Raises `InputError` if it has none, or for n > 3."""
     a_run(run, rows=False)
     if ORIENTATION not in run or run[ORIENTATION].shape[-1:] != (4,):
         raise InputError(
@@ -166,9 +166,9 @@ def orientation_of(run: xr.Dataset) -> Array:
 
 
 def attitude_of(run: xr.Dataset) -> Array:
-    """The unit quaternions (..., 4) of the axes of the body that were given, body to space: `orientation_of` turned.
+    """The unit quaternions (..., 4) of the user's axes of the body, body to space: `orientation_of`, rotated.
 
-    For a run of a body of `kr.physical`; of other systems, and of `kr.units.measured`, the orientation itself.
+    For a run of a body of `kr.physical`; for other systems, and `kr.units.measured`, the orientation itself.
     """
     q, frame = orientation_of(run), RunRecord.from_attrs(run.attrs).body_frame
     if frame is None:
@@ -178,20 +178,20 @@ def attitude_of(run: xr.Dataset) -> Array:
 
 
 def continued(q: Array) -> Array:
-    """Unit quaternions (time, ..., 4), of q and -q each the one nearer to the row before; w >= 0 in the first row."""
+    """Unit quaternions (time, ..., 4): q or -q, the nearer to the row before; w >= 0 in the first row."""
     return algebra.continued(q * np.where(q[:1, ..., :1] < 0, -1.0, 1.0))
 
 
 def axes_of_state(run: xr.Dataset) -> Array:
-    """The axes (3, 3) of the state along those of the body that were given, as columns; 1 for other systems."""
+    """The axes (3, 3) of the state along the user's axes of the body, as columns; 1 for other systems."""
     frame = RunRecord.from_attrs(run.attrs).body_frame
     return np.eye(3) if frame is None else frame.axes
 
 
 def in_body_axes(run: xr.Dataset) -> xr.Dataset:
-    """A run or a sweep with its vectors and its orientation along the axes of the body that were given.
+    """A run or a sweep with its vectors and its orientation along the user's axes of the body.
 
-    The result is for reading: it has neither parameters nor the attribute `body`, so that nothing turns it again.
+    The result is for reading: it has neither parameters nor the attribute `body`, so no function rotates it again.
     """
     frame = RunRecord.from_attrs(run.attrs).body_frame
     out = run.copy(deep=False)
@@ -210,7 +210,7 @@ def velocity_of(run: xr.Dataset, model: Model) -> Array:
 
 
 def to_third_axis(v: Array) -> Array:
-    """The least turn (3, 3) that takes the unit vector v (3,) to (0, 0, 1)."""
+    """The least rotation (3, 3) that maps the unit vector v (3,) to (0, 0, 1)."""
     from scipy.spatial.transform import Rotation
 
     x, y, z = (float(c) for c in v)

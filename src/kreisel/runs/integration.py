@@ -1,4 +1,4 @@
-"""A run under way: rows of states filled by an engine, blocks of outputs, and a snapshot to go on from.
+"""A run under way: rows of states filled by an engine, blocks of outputs, and a snapshot from which it resumes.
 
 The snapshot is taken between two calls of the engine, is exact, and does not depend on where the calls were cut:
 a run that is stopped and restored gives the same bits as one that is not.
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from kreisel.runs.propagation.breaks import Breaks, Stop
 
 BLOCK_BYTES = 1 << 21  # of states, held at once
-END = BREAKS + "end"  # in a snapshot: the rows and the last time of a run that an event has stopped
-CHUNKS = 8  # of a block, each compressed apart; a block is a file of each variable
+END = BREAKS + "end"  # in a snapshot: the rows and the last time of a run that an event stopped
+CHUNKS = 8  # of a block, each compressed separately; a block is a file of each variable
 SHARDED = 512  # rows: a smaller block is one chunk
 TICK_SECONDS = 0.1  # between two looks at the clock
 SHORT_STEPS = 1000  # of straight-line code, in the first call
@@ -39,7 +39,7 @@ LONG_SECONDS = 1.0  # a longer call of the engine can be interrupted
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Where a run stands: the rows in finished blocks, the rows after them, the steps made since, and the engine.
+    """The position of a run: the rows in finished blocks, the rows after them, the steps made since, and the engine.
 
     `engine` also holds `Plan.computed`, the constants of the trajectory.
     """
@@ -61,19 +61,19 @@ def block_rows(plan: Plan) -> int:
 
 
 def chunk_rows(block: int) -> int:
-    """Rows in a chunk of a block of so many rows."""
+    """Rows in a chunk of a block with `block` rows."""
     return block if block < SHARDED or block % CHUNKS else block // CHUNKS
 
 
 class Integration:
-    """The loop of a run: it fills rows 0, every, 2 every, ... and the last step.
+    """The loop of a run, which fills rows 0, every, 2 every, ... and the last step.
 
     `between` is called between two calls of the engine, about every tenth of a second.  An exception there stops the
     run. `inside` is called within a call that lasts longer than a second, as a single step of large n may.  An
     exception there ends the run, and its last snapshot is the one before that call.
 
     A lane that fails ends the run, unless `faults` is given.  Then the lane and the reason are noted there, the outputs
-    of the lane are NaN from then on, and the other lanes go on.
+    of the lane are NaN from then on, and the other lanes continue.
     """
 
     def __init__(
@@ -102,26 +102,26 @@ class Integration:
 
     @property
     def rows(self) -> int:
-        """Rows that are there."""
+        """Rows that are finished."""
         return self.flushed + self.filled
 
     @property
     def steps(self) -> int:
-        """Steps that are done."""
+        """Steps that are finished."""
         return self._step_of(self.rows - 1) + self.into
 
     @property
     def lasting(self) -> int:
-        """Rows of this run that a longer run has too: without a last one that is not at a multiple of `every`."""
+        """Rows that a longer run also has: without a last row that is not at a multiple of `every`."""
         timetable = self.plan.timetable
-        ends = timetable.times is not None or timetable.end is not None  # which no longer run goes beyond
+        ends = timetable.times is not None or timetable.end is not None  # limit of every longer run
         return self.plan.rows if ends else self.plan.steps // self.plan.every + 1
 
     def _step_of(self, row: int) -> int:
         return self.plan.timetable.step_of(row)
 
     def snapshot(self) -> Snapshot:
-        """A copy of all that is needed to go on.  Raises `RunError` where the state is no longer finite."""
+        """A copy of everything needed to resume.  Raises `RunError` if the state is no longer finite."""
         self._check()
         engine = {name: value.copy() for name, value in self.plan.engine.snapshot().items()} | self.plan.computed
         engine |= {} if self._breaks is None else self._breaks.snapshot()
@@ -130,9 +130,9 @@ class Integration:
         return Snapshot(self.flushed, self.into, self.buffer[: self.filled].copy(), engine)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go on from a snapshot of a run with the same plan, or of a shorter one.
+        """Resume from a snapshot of a run with the same plan, or of a shorter run.
 
-        Raises `InputError` for a snapshot of something else.
+        Raises `InputError` for a snapshot of another plan.
         """
         computed, rows = self.plan.computed, len(snapshot.rows)
         mine = {**self.plan.engine.snapshot(), **computed}
@@ -171,7 +171,7 @@ class Integration:
             yield self._finished()
 
     def _advance(self) -> None:
-        """One call of the engine, of about a tick: some rows, or a part of one."""
+        """One call of the engine, of about a tick: some rows, or a part of one row."""
         times = self.plan.timetable.times
         if times is not None and self._breaks is None and isinstance(self.plan.scheme.motion, Orbits):
             self._at_times(times)
@@ -194,7 +194,7 @@ class Integration:
         self.filled, self.into = self.filled + rows, 0
 
     def _within_steps(self, left: int) -> None:
-        """At most so many steps to the next row, which may stand within a step, and so may what breaks the step."""
+        """At most `left` steps to the next row, which may lie within a step, as may an impulse or event."""
         steps = min(left, self._burst)
         if self._breaks is None:
             if steps:
@@ -215,7 +215,7 @@ class Integration:
             self.plan.timetable.end = self.rows, stop.time
 
     def _row(self) -> tuple[Floats, Stop | None]:
-        """The next row, within the step that begins here, and where the run stops before it."""
+        """The next row, within the step that begins here, and the stop of the run before it, if any."""
         ahead, engine = self.plan.timetable.within_step(self.rows), self.plan.engine
         if not ahead:
             return engine.z, None
@@ -237,7 +237,7 @@ class Integration:
         self._timed(advance)
 
     def _timed(self, advance: Callable[[Callable[[], None]], int]) -> int:
-        """Call what makes steps, with a longer or shorter call next time.  Returns their number."""
+        """Call a function that makes steps, with a longer or shorter call next time.  Returns their number."""
         begun = time.perf_counter()
 
         def look() -> None:
@@ -255,7 +255,7 @@ class Integration:
         return steps
 
     def _check(self) -> None:
-        """Note or raise the first row that is not what the method promises."""
+        """Note or raise the first row that violates a promise of the method."""
         plan = self.plan
         for fault in faults(plan.scheme, plan.engine, self.buffer[: self.filled], plan.dt):
 
@@ -266,7 +266,7 @@ class Integration:
             self._lose(fault.good, text, fault.cause or (lambda step: cause_of_no_numbers(plan, step)))
 
     def _lose(self, good: Array, fault: Callable[[int], str], cause: str | Callable[[int], str]) -> None:
-        """Lanes that are no longer good (rows, lanes): raise `RunError`, or note them."""
+        """The lanes that are no longer good (rows, lanes): raise `RunError`, or note them."""
         row = int(np.argmin(good.all(1)))
         step = self._step_of(self.flushed + row)
         cause = cause if isinstance(cause, str) else cause(step)

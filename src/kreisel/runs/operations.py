@@ -1,9 +1,9 @@
-"""The operations of user-defined functions as a SHA-256: what an archive, which holds no code, is bound to.
+"""SHA-256 of the operations of user-defined functions, to which an archive, which holds no code, is bound.
 
-A function is run once on recorded numbers.  The digest is that of the operations on which its values depend: it sees
-values in closures and globals, and neither comments nor names nor dead code.  A function that cannot be recorded has
-the digest of its code, with the plain values, arrays and functions that it refers to.  So has an action of an event,
-which may do more than it returns; lists and dicts, to which it may append, are left out.
+A function is run once on recorded numbers.  The digest covers the operations on which its values depend: values in
+closures and globals, but neither comments nor names nor dead code.  A function that cannot be recorded has the digest
+of its code, with the plain values, arrays and functions that it refers to.  So has an action of an event, which may
+have side effects; lists and dicts, to which it may append, are left out.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ NOT_RUN |= {
 
 
 def operations_of(model: Model) -> str | None:
-    """SHA-256 of the operations of a user-defined system; None for a system that Kreisel has."""
+    """SHA-256 of the operations of a user-defined system; None for a system of Kreisel."""
     from kreisel.bodies import KNOWN
 
     if model.system.name in KNOWN:
@@ -63,7 +63,7 @@ def operations_of(model: Model) -> str | None:
 
 
 def require_operations(model: Model, expected: str | None) -> None:
-    """Raises `InputError` if the functions of a user-defined system are not those of a run."""
+    """Raises `InputError` if the functions of a user-defined system differ from those of a run."""
     if operations_of(model) != expected:
         raise InputError(
             f"system: expected {model.system.name} with the functions of the run, got other functions under this name. "
@@ -73,7 +73,7 @@ def require_operations(model: Model, expected: str | None) -> None:
 
 
 def events_of(plan: Plan) -> list[dict[str, Any]]:
-    """What is known of the events of a plan: names, directions, whether they act, the operations of both functions."""
+    """The events of a plan: names, directions, whether they act, the operations of both functions."""
     shapes = {name: plan.example[name].shape[1:] for name in (*plan.start, ORIENTATION) if name in plan.example}
 
     def state(graph: Graph) -> tuple[tuple[Any, ...], dict[str, Any]]:
@@ -88,7 +88,7 @@ def events_of(plan: Plan) -> list[dict[str, Any]]:
 
 
 def require_events(plan: Plan, expected: str | None) -> None:
-    """Raises `InputError` if the events of a plan are not those of a run, its attribute `events`."""
+    """Raises `InputError` if the events of a plan differ from those of a run, its attribute `events`."""
     found, wanted = events_of(plan), [] if expected is None else parsed(expected, "The attribute events")
     if found == wanted:
         return
@@ -108,7 +108,7 @@ def _sha(parts: Any) -> str:
 
 
 def _of_system(system: System, model: Model) -> Any:
-    """What decides the motion and the outputs, of a perturbed system the integrable part and the forces."""
+    """The functions that decide the motion and the outputs; for a perturbed system, of its parts and forces."""
     from kreisel.bodies import KNOWN
 
     if KNOWN.get(system.name) is system:
@@ -146,7 +146,7 @@ def _of_record(record: Any, model: Model) -> Iterator[tuple[str, Any]]:
 
 
 def _state_of(function: Callable[..., Any], model: Model) -> Callable[[Graph], Any]:
-    """The arguments of a function of a record: the state, and what it takes by keyword."""
+    """The arguments of a function of a record: the state, and its keyword arguments."""
 
     def arguments(graph: Graph) -> Any:
         numbers = _numbers(graph)
@@ -181,7 +181,7 @@ def _shape(model: Model, name: str) -> tuple[int, ...]:
 
 
 def _component(kind: str, n: int, numbers: Iterator[Number], axial: bool) -> Any:
-    """A component of a state, of recorded numbers."""
+    """A component of a state, made of recorded numbers."""
     form = algebra.KINDS[kind].shown(n) if axial else algebra.KINDS[kind]
     return form.unpack(_filled(numbers, (form.count(n),)), n)
 
@@ -198,12 +198,12 @@ def _filled(numbers: Iterator[Number], shape: tuple[int, ...]) -> Any:
 
 
 def _recorded(function: Callable[..., Any], arguments: Callable[[Graph], Any]) -> Any:
-    """The digest of the operations of a function of recorded numbers, or what its code is."""
+    """The digest of the operations of a function of recorded numbers, or else of its code."""
     graph = Graph(most=MOST_NODES)
     try:
         given, known = arguments(graph)
         return graph.digest(list(_numbers_in(call(function, given, known))))
-    except Exception:  # whatever a function raises that takes no recorded numbers
+    except Exception:  # any exception of a function that does not accept recorded numbers
         return _code(function)
 
 
@@ -224,7 +224,7 @@ def _numbers_in(value: Any) -> Iterator[Any]:
 
 
 def _code(x: Any, seen: frozenset[int] = frozenset()) -> Any:
-    """What a value is, of a function its code and what it refers to."""
+    """The content of a value; for a function, its code and everything that it refers to."""
     if x is None or isinstance(x, bool | int | float | complex | str | bytes | types.EllipsisType):
         return repr(x)
     if id(x) in seen:
@@ -270,7 +270,7 @@ def _function(f: types.FunctionType, seen: frozenset[int]) -> Any:
 
 
 def _names_in(code: types.CodeType) -> list[str]:
-    """The names of globals and attributes, those of functions within too."""
+    """The names of globals and attributes, including names in inner functions."""
     inner = [name for part in code.co_consts if isinstance(part, types.CodeType) for name in _names_in(part)]
     return [*code.co_names, *inner]
 

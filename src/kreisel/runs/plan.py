@@ -28,25 +28,25 @@ if TYPE_CHECKING:
     from kreisel.kernels.large.kernel import Large
     from kreisel.record.model import OrientationLike
 
-TIMES = "times"  # of the rows, beside the state in `Plan.start`
-BREAKS = "breaks/"  # before the names of what a snapshot holds of impulses and events
-COMPUTED = ("constants", "stages", "basis")  # of a scheme
+TIMES = "times"  # the times of the rows, next to the state in `Plan.start`
+BREAKS = "breaks/"  # prefixes of the names of impulses and events in a snapshot
+COMPUTED = ("constants", "stages", "basis")  # constants of a scheme
 
 
 @dataclass
 class Plan:
-    """A run about to start, as data; `engine` is what makes its steps."""
+    """A run about to start, as data; `engine` makes its steps."""
 
     model: Model
     scheme: Scheme
     settings: Settings
-    first: Floats  # the start (lanes, d) in the method's own variables
+    first: Floats  # the start (lanes, d) in the method's variables
     batched: bool
-    start: Mapping[str, Floats]  # the state at time 0 as it was given, the orientation, and the times of rows
+    start: Mapping[str, Floats]  # the state at time 0 as given by the user, the orientation, and the times of rows
     large: Large | None = None  # of the kernel of engine="large"
     events: tuple[Event, ...] = ()
-    lost: frozenset[str] = frozenset()  # what the method conserves and impulses or events change
-    fired: list[tuple[float, int]] = field(default_factory=list)  # the times and numbers of events that happened
+    lost: frozenset[str] = frozenset()  # integrals that the method conserves and impulses or events change
+    fired: list[tuple[float, int]] = field(default_factory=list)  # the times and indices of past events
 
     @property
     def dt(self) -> float:
@@ -55,7 +55,7 @@ class Plan:
 
     @property
     def steps(self) -> int:
-        """The steps of the whole run."""
+        """The number of steps of the run."""
         return self.settings.steps
 
     @property
@@ -65,7 +65,7 @@ class Plan:
 
     @cached_property
     def outcomes(self) -> dict[str, Outcome]:
-        """The variables that are computed, and what each is."""
+        """The computed variables, each with its description."""
         chosen = self.settings.observe
         return {
             name: replace(outcome, conserved=False) if name in self.lost else outcome
@@ -75,7 +75,7 @@ class Plan:
 
     @property
     def broken(self) -> bool:
-        """Whether something breaks a step: impulses, events."""
+        """Whether steps are broken: by impulses or events."""
         return bool(self.settings.impulses or self.events)
 
     @cached_property
@@ -85,12 +85,12 @@ class Plan:
 
     @property
     def irregular(self) -> bool:
-        """Whether rows or steps are other than each `every`-th of dt."""
+        """Whether rows or steps differ from each `every`-th multiple of dt."""
         return self.settings.times is not None or self.broken
 
     @property
     def lanes(self) -> int:
-        """The trajectories that are stepped together."""
+        """The number of trajectories that are stepped together."""
         return len(self.first)
 
     @property
@@ -100,11 +100,11 @@ class Plan:
 
     @cached_property
     def engine(self) -> Engine:
-        """What makes the steps, at the start; compiled when it is first asked for.  Raises `InputError`."""
+        """The engine at the start; compiled on first use.  Raises `InputError`."""
         return self.engine_at(self.first)
 
     def engine_at(self, z: Floats) -> Engine:
-        """The same at z."""
+        """The engine at the state z."""
         with spent_on("kernels"):
             return engine_of(
                 self.scheme,
@@ -119,7 +119,7 @@ class Plan:
 
     @property
     def rows(self) -> int:
-        """How many rows are saved."""
+        """The number of saved rows."""
         return self.timetable.rows
 
     @property
@@ -131,8 +131,8 @@ class Plan:
     def computed(self) -> dict[str, Floats]:
         """The constants that steps and outputs use, computed from the parameters and the start.
 
-        LAPACK and libm compute some of them, so that their last bits depend on the processor.  A run that goes on
-        elsewhere takes them from its checkpoint.
+        LAPACK and libm compute some of them, so that their last bits depend on the processor.  A run that resumes on
+        another machine reads them from its checkpoint.
         """
         given = self.model.params
         return {
@@ -143,7 +143,7 @@ class Plan:
         }
 
     def adopt(self, computed: Mapping[str, Floats]) -> None:
-        """Go on with these values of `computed`, of the same names and shapes."""
+        """Continue with these values of `computed`, of the same names and shapes."""
         mine = self.computed
         if all(mine[name].tobytes() == value.tobytes() for name, value in computed.items()):
             return
@@ -156,18 +156,18 @@ class Plan:
             self.__dict__.pop(made, None)
 
     def observe(self, z: Floats) -> dict[str, Array]:
-        """Outputs of rows z (rows, lanes, d), without the lane axis when there is one lane only."""
+        """Outputs of rows z (rows, lanes, d), without the lane axis if there is only one lane."""
         z = self.corrections[1](z)
         return self._shaped(z, self._together(z, self._plainly(z) if self._compiled is None else self._compiled(z)))
 
     @cached_property
     def example(self) -> dict[str, Array]:
-        """The outputs of the start, as `observe` shapes those of one row; nothing is compiled for them."""
+        """The outputs of the start, in the shapes of `observe` for one row; nothing is compiled for them."""
         with np.errstate(all="ignore"):
             return self._shaped(self.first[None], self._together(self.first[None], self._plainly(self.first[None])))
 
     def _together(self, z: Floats, outputs: Mapping[str, Array]) -> Mapping[str, Array]:
-        """The outputs with those of all lanes together, where lanes act on each other."""
+        """The outputs, and the outputs of all lanes together if lanes act on each other."""
         if self.scheme.coupling is None or self.settings.observe == ():
             return outputs
         found = self.scheme.coupling.together(outputs, algebra.restore(z, self.kinds, self.model.n))
@@ -186,11 +186,11 @@ class Plan:
 
     @cached_property
     def corrections(self) -> tuple[Rows, Rows]:
-        """What takes rows (rows, lanes, d) to those that are stepped, and these to those that are observed."""
+        """Maps of rows (rows, lanes, d): user's variables to stepped ones, and stepped ones to observed ones."""
         return corrections(self.scheme)
 
     def variables(self, parts: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
-        """What is observed of a state in the method's own variables."""
+        """The observed variables of a state in the method's variables."""
         alone = self.scheme.coupling is None or self.settings.observe == ()
         outputs = self.scheme.observe(parts, self.settings.observe if alone else None, **constants)
         chosen = self.outcomes if alone else self.scheme.outcomes
@@ -202,7 +202,7 @@ class Plan:
 
     @cached_property
     def _compiled(self) -> Callable[[Floats], dict[str, Array]] | None:
-        """`variables` in a kernel; whatever the number of rows is, so that a longer run has the same bits."""
+        """`variables` in a kernel; independent of the number of rows, so a longer run has the same bits."""
         if isinstance(self.scheme.motion, Flow) or not self.scheme.recordable:
             return None
         from kreisel.kernels.cpu import compiled_observe
@@ -212,12 +212,12 @@ class Plan:
 
 
 def default(model: Model, settings: Settings) -> str:
-    """The method that is not asked for: one that makes steps where an order, or an engine for steps, is."""
+    """The default method: one that makes steps if an order, or an engine for steps, is requested."""
     return default_method(model, stepped=settings.order is not None or settings.engine not in (None, "cpu"))
 
 
 def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
-    """The plan of a scheme from these components of the state, by an engine or the one that is chosen by n."""
+    """The plan of a scheme from these components of the state, by the requested engine or the engine for n."""
     made, start, large = _lanes(model, made, parts, engine)
     back, _ = corrections(made)
     return Plan(
@@ -246,8 +246,8 @@ def _lanes(
 ) -> tuple[Scheme, Floats, Large | None]:
     """The scheme with its constants of the trajectories, the prepared start (d,) or (lanes, d), and its large form.
 
-    The batch axes of states and parameters become one.  With engine="large", or with None where that engine is known
-    and faster, scheme and start are in its form and form has its name.
+    The batch axes of states and parameters become one.  With engine="large", or with None if that engine is known and
+    faster, scheme and start are in its form and form has its name.
     """
     own = len(model.system.space.letters)
     components = with_orientation(model, len(parts) > own)

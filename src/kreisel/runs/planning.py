@@ -60,7 +60,7 @@ def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: Orient
 
 
 def broken_by(plan: Plan, events: tuple[Event, ...] = ()) -> Plan:
-    """The plan with these events in addition to its impulses.  Raises `InputError` where its steps cannot be broken."""
+    """The plan with these events in addition to its impulses.  Raises `InputError` if its steps cannot be broken."""
     if not events and not plan.broken:
         return plan
     plan = replace(plan, events=events)
@@ -77,7 +77,7 @@ def _chosen(model: Model, state: State, settings: Settings, orientation: Orienta
     return replace(plan, scheme=replace(plan.scheme, options={**plan.scheme.options, **chosen}))
 
 
-MOST_CHOSEN = 10**6  # steps in a dt that was asked for
+MOST_CHOSEN = 10**6  # steps in a requested dt
 CHAOTIC = (
     "order='auto': expected an error that grows like the time, got a motion whose neighbours part much faster, as in "
     "chaos: the error at the end may be far larger than tol = {tol:g}. What such a motion does on average is still "
@@ -92,16 +92,16 @@ MISSED = (
 def choices(
     model: Model, x0: StateLike, settings: Settings, orientation: OrientationLike | None = None
 ) -> list[Choice]:
-    """order="auto" for each lane of an ensemble by itself.  Raises `InputError`."""
+    """order="auto" for each lane of an ensemble separately.  Raises `InputError`."""
     return choice_of(model, checked_state(model, x0), settings, orientation, each=True)
 
 
 def choice_of(
     model: Model, state: State, settings: Settings, orientation: OrientationLike | None, each: bool
 ) -> list[Choice]:
-    """The same from a checked state; without `each` one for all lanes.
+    """The choice of order="auto" from a checked state; without `each`, one choice for all lanes.
 
-    Raises `InputError`, and warns with `AccuracyWarning` where the motion looks chaotic.
+    Raises `InputError`, and warns with `AccuracyWarning` if the motion looks chaotic.
     """
     from kreisel.method import auto
 
@@ -147,7 +147,7 @@ def pilot(
 ) -> Callable[..., Pilot | None]:
     """Steps of splittings from the start, or from a neighbouring state: (order, h, count) -> `Pilot`.
 
-    Without `project` nothing is projected onto what is conserved.
+    Without `project` the state is not projected onto its invariants.
     """
     from kreisel.method.auto import Pilot
 
@@ -210,7 +210,7 @@ LONG_KICK = (
 
 
 def warn_of(plan: Plan) -> None:
-    """Warns of steps too long for the motion or its forces, of moments that no body has, and of doubtful input."""
+    """Warns of steps too long for the motion or its forces, of impossible moments of inertia, and of doubtful input."""
     for sentence in (*_long_step(plan), *_long_kick(plan), *_no_body(plan)):
         warnings.warn(sentence, AccuracyWarning, stacklevel=4)
     if plan.model.system.checks.doubts is not None:
@@ -234,7 +234,7 @@ def warn_of_arrays(plan: Plan) -> None:
 
 
 def rate(plan: Plan) -> float:
-    """Radians in a unit of time at the start: the largest |Omega| of the lanes, or |z'|/|z| where that is larger."""
+    """Radians per unit of time at the start: the largest |Omega| of the lanes, or |z'|/|z| if that is larger."""
     model, found = plan.model, [0.0]
     state = tuple(plan.start[letter] for letter in model.system.space.letters)
     with np.errstate(all="ignore"):
@@ -258,7 +258,7 @@ def _long_step(plan: Plan) -> Iterator[str]:
 
 
 def _long_kick(plan: Plan) -> Iterator[str]:
-    """Of a splitting a few steps from the start against half steps: whatever it is that they are too long for."""
+    """Comparison of a few steps of a splitting from the start with half steps, which shows steps that are too long."""
     if plan.scheme.name != "splitting" or "expected_error" in plan.scheme.options or plan.first.size > MOST_NUMBERS:
         return
     steps, count = _steps(plan), min(TRIED, plan.steps)
@@ -284,7 +284,7 @@ def _long_kick(plan: Plan) -> Iterator[str]:
 
 
 def cause_of_no_numbers(plan: Plan, step: int) -> str:
-    """The usual cause of a state that is not finite at a step: of a splitting, whether shorter steps get there."""
+    """The usual cause of a state that is not finite at a step; for a splitting, whether shorter steps succeed."""
     if plan.scheme.name == "splitting" and step <= MOST_REPEATED:
         steps = _steps(plan)
         for halving in (3, 6):

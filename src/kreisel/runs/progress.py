@@ -22,7 +22,7 @@ SHOW_AFTER_SECONDS = 0.5
 
 
 class Progress:
-    """Counts steps, or lanes; a bar on stderr appears once the run has taken half a second."""
+    """Counts steps, or lanes; a bar on stderr appears after half a second."""
 
     def __init__(self, total: int, show: bool | None, done: int = 0, unit: str = "steps"):
         if show is not None and not isinstance(show, bool):
@@ -36,7 +36,7 @@ class Progress:
         return self
 
     def advance(self, steps: int) -> None:
-        """Count what is done."""
+        """Count finished steps or lanes."""
         self.done += steps
         if self._bar is None and self._show and time.perf_counter() - self._begun > SHOW_AFTER_SECONDS:
             self._bar, self._task = _bar(self.total)
@@ -57,7 +57,7 @@ def _bar(total: int) -> tuple[Any, Any]:
     from rich.progress import Progress as Bar
 
     columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.fields[rate]}"), TimeElapsedColumn())
-    # rich asks for ipywidgets in a notebook, whose stderr takes a line of text as well
+    # rich asks for ipywidgets in a notebook, whose stderr needs a line of text as well
     plain = {"force_jupyter": False, "force_terminal": True, "width": 100} if "ipykernel" in sys.modules else {}
     console = Console(stderr=True, **plain)  # type: ignore[arg-type]
     bar = Bar(*columns, TextColumn("left"), TimeRemainingColumn(), console=console, transient=True)
@@ -73,8 +73,8 @@ def _with_prefix(x: float) -> str:
     return f"{x:.3g} T"
 
 
-# Of the bytes of a Lagrange top's rows that an archive holds: the state 0.96, Casimirs and integrals 0.06.  A run
-# whose states take half of their bytes is refused for a disk without room for that.
+# Compressed size of a Lagrange top's rows: the state 0.96, Casimirs and integrals 0.06.  A run is refused if the disk
+# has no room for half of the bytes of its states.
 OF_STATES, OF_INTEGRALS, LEAST = 0.96, 0.06, 0.5
 SECONDS_A_BYTE = 13e-9  # to compress and write; 75 MB a second, a core of a busy machine
 PILOT_SECONDS = 0.05
@@ -83,7 +83,7 @@ PILOT_ROWS = 256
 
 @dataclass(frozen=True)
 class Estimate:
-    """Seconds, bytes on disk, and the bytes that are free there."""
+    """Seconds, bytes on disk, and free bytes on that disk."""
 
     seconds: float
     bytes: float
@@ -91,12 +91,12 @@ class Estimate:
 
     @property
     def text(self) -> str:
-        """In words."""
+        """The estimate in words."""
         return f"about {duration_text(self.seconds)}, {size_text(self.bytes)} on disk ({size_text(self.free)} free)"
 
 
 def bytes_of(plan: Plan) -> tuple[float, float]:
-    """The bytes of an archive, as likely and at least."""
+    """The bytes of an archive, likely and least."""
     row = {name: value[0].nbytes for name, value in plan.example.items()}
     states = sum(size for name, size in row.items() if plan.outcomes[name].kind in ("state", "orientation"))
     likely = OF_STATES * states + OF_INTEGRALS * (sum(row.values()) - states)
@@ -104,7 +104,7 @@ def bytes_of(plan: Plan) -> tuple[float, float]:
 
 
 def require_room(path: Path, least: float, instead: str) -> None:
-    """Raises `InputError` where the disk of `path` has less than the bytes that are needed at least."""
+    """Raises `InputError` if the disk of `path` has less than the least bytes needed."""
     free = free_at(path)
     if least > free:
         raise InputError(
@@ -113,18 +113,18 @@ def require_room(path: Path, least: float, instead: str) -> None:
 
 
 def free_at(path: Path) -> float:
-    """The bytes that are free where a path is, or will be; without a bound where nobody can say."""
+    """The free bytes on the disk of a path, present or future; infinite if unknown."""
     try:
         folder = path.absolute()
         while not folder.is_dir() and folder != folder.parent:
             folder = folder.parent
         return shutil.disk_usage(folder).free
-    except OSError:  # a name that is too long, a folder that may not be entered: writing says so
+    except OSError:  # a name that is too long, a folder without access: writing reports this
         return math.inf
 
 
 def estimate(plan: Plan, path: Path) -> Estimate:
-    """From a pilot of some milliseconds, whose kernels the run then has."""
+    """The estimate from a pilot of some milliseconds, whose kernels the run reuses."""
     of_steps = _seconds_of_steps(plan)
     rows = np.repeat(plan.first[None], min(PILOT_ROWS, plan.rows), 0)
     with np.errstate(all="ignore"):
@@ -137,7 +137,7 @@ def estimate(plan: Plan, path: Path) -> Estimate:
 
 
 def _seconds_of_steps(plan: Plan) -> float:
-    """By steps, or in closed form by rows beside what is set up in each call."""
+    """Seconds by steps, or in closed form by rows plus the set-up of each call."""
     engine, count = plan.engine_at(plan.first), 1
     if isinstance(plan.scheme.motion, Orbits):
         count = max(1, min(PILOT_ROWS, plan.rows // 8))

@@ -1,4 +1,4 @@
-"""What a run is, typed: the one place where the attributes of its Dataset are written and read."""
+"""The attributes of a run, typed: the one place where they are written to and read from its Dataset."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ OF_A_RUN: dict[str, Any] = {  # attributes and their types
 
 @dataclass(frozen=True, kw_only=True)
 class Heading:
-    """Attributes by which other programs know a file."""
+    """Attributes by which other programs identify a file."""
 
     Conventions: str = "CF-1.11"
     title: str
@@ -40,12 +40,12 @@ class Heading:
 
 @dataclass(frozen=True, kw_only=True)
 class Subject:
-    """Attributes of what moves: the system, its parameters, the state at the start."""
+    """Attributes of the moving body: the system, its parameters, the state at the start."""
 
     system: str
     system_sha256: str | None = None  # of a user-defined system: `kreisel.runs.operations`
     equations: str
-    body: str | None = None  # JSON: axes and units of the body that the model was made from
+    body: str | None = None  # JSON: axes and units of the body from which the model was created
     components: str  # JSON
     frame: str
     bracket: str
@@ -55,21 +55,21 @@ class Subject:
 
     @cached_property
     def body_frame(self) -> BodyFrame | None:
-        """Axes and units of the body that the model was made from, None of another model.  Raises `InputError`."""
+        """Axes and units of the body from which the model was created, else None.  Raises `InputError`."""
         return None if self.body is None else BodyFrame.from_table(_an_object(self.body, "body"))
 
     @property
     def is_own(self) -> bool:
-        """Whether it is of a system of the user's own: an archive holds no code, so its model is not at hand."""
+        """Whether the system is user-defined: an archive holds no code, so its model is not available."""
         from kreisel.bodies import KNOWN
 
         return self.system not in KNOWN
 
     @cached_property
     def model(self) -> Model:
-        """The model that the run was made from.
+        """The model of the run.
 
-        Raises `InputError` where attributes are damaged, and for a system of the user's own.
+        Raises `InputError` for damaged attributes, and for a user-defined system.
         """
         from kreisel.bodies import find
 
@@ -91,7 +91,7 @@ class Subject:
 
     @property
     def carried(self) -> str:
-        """The vector that turns with the body (rest frame) or is seen from it (moving frame); else the first letter."""
+        """The vector that rotates with the body (rest frame) or is seen from it (moving); else the first letter."""
         return next((letter for letter, kind in self.kinds.items() if kind == "vector"), next(iter(self.kinds)))
 
     def missing_from(self, run: xr.Dataset) -> list[str]:
@@ -101,7 +101,7 @@ class Subject:
 
 @dataclass(frozen=True, kw_only=True)
 class Numerics:
-    """Attributes of how it is computed."""
+    """Attributes of the computation."""
 
     method: str
     options: str  # JSON
@@ -125,7 +125,7 @@ class Numerics:
 
     @property
     def tolerance(self) -> float | None:
-        """The tolerance of an adaptive method; None of a fixed step.  Raises `InputError`."""
+        """The tolerance of an adaptive method; None for a fixed step.  Raises `InputError`."""
         tol = self._options.get("rtol")
         if not isinstance(tol, float | None):
             raise InputError(f"The attribute options is damaged: expected a number as rtol, got {shown(tol)}.")
@@ -133,7 +133,7 @@ class Numerics:
 
     @property
     def observed(self) -> list[str] | None:
-        """What is observed beside the state, or None for all.  Raises `InputError`."""
+        """The names of what is observed in addition to the state, or None for all.  Raises `InputError`."""
         if self.observe is None:
             return None
         names = parsed(self.observe, "The attribute observe")
@@ -144,27 +144,27 @@ class Numerics:
 
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """Attributes of the steps, the rows, and what interrupts them."""
+    """Attributes of the steps, the rows, and their interruptions."""
 
     dt: float
-    asked_dt: float | None = None  # where t_end is not a multiple of it
+    asked_dt: float | None = None  # if t_end is not a multiple of it
     steps: int
     every: int
-    rows: int | None = None  # where they are not those of every `every`-th step
+    rows: int | None = None  # if they differ from the times of every `every`-th step
     stopped: float | None = None  # the time at which an event stopped the run
     impulses: str | None = None  # JSON
     events: str | None = None  # JSON, their names, directions and checksums: an archive holds no code
-    event_times: str | None = None  # JSON, (time, number of the event)
+    event_times: str | None = None  # JSON, (time, index of the event)
     rows_in_block: int
 
     @property
     def stepped(self) -> bool:
-        """Whether it says that steps were made, of which length; those of `kr.at` are states at given times."""
+        """Whether steps were made, and dt is their length; states of `kr.at` are at given times."""
         return "dt" in self.__dict__
 
     @property
     def pace(self) -> str:
-        """The steps in words, and whether dt is that which was asked for."""
+        """The steps in words, and whether dt is the requested step."""
         asked = self.asked_dt
         return f"{self.steps:,} steps of {self.dt:g}" + (
             "" if asked is None else f" (asked for: dt = {asked:g}, of which t_end is not a multiple)"
@@ -172,12 +172,12 @@ class Course:
 
     @property
     def row_count(self) -> int:
-        """How many rows the run has."""
+        """The number of rows of the run."""
         return count_of_rows(self.steps, self.every) if self.rows is None else self.rows
 
     @property
     def at_times(self) -> bool:
-        """Whether rows stand at times that were given."""
+        """Whether rows are at given times."""
         return self.rows is not None and self.stopped is None
 
     @property
@@ -193,20 +193,20 @@ class Course:
 
 @dataclass(frozen=True, kw_only=True)
 class RunRecord(Course, Numerics, Subject, Heading):
-    """The attributes of a run, under their own names; properties read what is JSON in them.
+    """The attributes of a run by name; properties decode those in JSON.
 
-    A Dataset may lack some, which xarray has dropped or which a run of `kr.at` has not: `InputError` when one of them
-    is asked for.
+    A Dataset may lack some, which xarray has dropped or `kr.at` does not write.  Reading one of these raises
+    `InputError`.
     """
 
-    complete: int = 1  # a number: NetCDF has no truth values
+    complete: int = 1  # an integer: NetCDF has no truth values
     created: str
     versions: str  # JSON
     recovered: str | None = None
 
     @classmethod
     def from_attrs(cls, attrs: Mapping[str, Any]) -> RunRecord:
-        """What the attributes of a Dataset or of an archive say.  Raises `InputError` for damaged ones."""
+        """The record of the attributes of a Dataset or of an archive.  Raises `InputError` for damaged ones."""
         as_made(attrs)
         record = object.__new__(cls)
         record.__dict__.update((each.name, attrs[each.name]) for each in fields(cls) if each.name in attrs)
@@ -214,7 +214,7 @@ class RunRecord(Course, Numerics, Subject, Heading):
 
     @classmethod
     def of(cls, run: Any, *attributes: str, rows: bool = True) -> RunRecord:
-        """That of a Dataset, looked at as by `a_run`."""
+        """The record of a Dataset, which is checked by `a_run`."""
         return cls.from_attrs(a_run(run, *attributes, rows=rows).attrs)
 
     def to_attrs(self) -> dict[str, Any]:
@@ -239,7 +239,7 @@ def _an_object(text: str, name: str) -> dict[str, Any]:
 
 
 def as_made(attrs: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The attributes of a run themselves.  Raises `InputError` where one is not of the type that a run has."""
+    """The attributes of a run themselves.  Raises `InputError` if one has not the type of a run's attribute."""
     wrong = [name for name, kind in OF_A_RUN.items() if name in attrs and not isinstance(attrs[name], kind)]
     if wrong or not 0 < attrs.get("dt", 1.0) < math.inf:
         name = wrong[0] if wrong else "dt"

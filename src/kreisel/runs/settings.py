@@ -1,4 +1,4 @@
-"""The checks of what a user asks of a run: settings, states and orientations."""
+"""The checks of the settings, states and orientations that a user requests for a run."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from kreisel.record.perturbation import TIME
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
 LEAST_TOLERANCE = 1e-13  # of DOP853 in doubles
-WHOLE = 1e-12  # of a step: a time of n (1 + WHOLE) steps takes n
+WHOLE = 1e-12  # in steps: a time of n (1 + WHOLE) steps needs n
 # n from which engine="large" is chosen: at 8 ensembles are as fast, at 4 their vector code is 4 times as fast
-LARGE = 9  # from here on the structured kernel, where there is one
+LARGE = 9  # from here on the structured kernel, if there is one
 MOST_STEPS = 10**15  # a year at 30 million a second; and k dt stays exact to round-off
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How a run is made: the section [run] of a TOML file, and the keywords of `kr.simulate` of the same names."""
+    """Settings of a run: the section [run] of a TOML file, and the keywords of `kr.simulate` of the same names."""
 
     dt: float
     steps: int
@@ -49,12 +49,12 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     observe: tuple[str, ...] | None = None
     times: tuple[float, ...] | None = None
     impulses: tuple[dict[str, Any], ...] = ()
-    asked_dt: float | None = None  # of which t_end is not a multiple; then dt is a little less
+    asked_dt: float | None = None  # t_end is not a multiple of it; then dt is a little less
     t_end: float | None = None  # with asked_dt
 
     @classmethod
     def checked(cls, **asked: Any) -> Settings:
-        """The settings that were asked for, each of its type and those that go together.  Raises `InputError`."""
+        """The requested settings, with types and combinations checked.  Raises `InputError`."""
         wanted = {"every": 1, "project": True, **with_steps({k: v for k, v in asked.items() if v is not None})}
         dt, steps, every = (
             positive_number(wanted.get("dt"), "dt"),
@@ -100,22 +100,22 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
     @property
     def time(self) -> float:
-        """At the end of the run."""
+        """The time at the end of the run."""
         return self.steps * self.dt
 
     def keywords(self) -> dict[str, Any]:
-        """The keywords of `kr.simulate` with which these settings were asked for."""
+        """The keywords of `kr.simulate` that give these settings."""
         out = msgspec.structs.asdict(self)
         dt = out.pop("asked_dt")
         return out if dt is None else {**out, "dt": dt, "steps": None}
 
     def but(self, **changes: Any) -> Settings:
-        """The same with changes, which are not checked."""
+        """The settings with changes, which are not checked."""
         return msgspec.structs.replace(self, **changes)
 
 
 def with_steps(asked: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings asked for, with steps of dt or a little less in place of `t_end`.  Raises `InputError`."""
+    """The requested settings, with steps of dt or a little less in place of `t_end`.  Raises `InputError`."""
     out = dict(asked)
     end = out.pop("t_end", None)
     if out.get("times") is not None:
@@ -136,7 +136,7 @@ def with_steps(asked: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_times(asked: dict[str, Any], end: Any) -> dict[str, Any]:
-    """The settings with rows at given times, and so many steps of dt as reach the last."""
+    """The settings with rows at given times, and the number of steps of dt that reaches the last."""
     times, dt = in_order(asked["times"]), positive_number(asked.get("dt"), "dt")
     if not times[-1] / dt <= MOST_STEPS:
         raise InputError(f"times: expected at most {MOST_STEPS:,} steps of dt = {dt:g}, got times to {times[-1]:g}.")
@@ -147,7 +147,7 @@ def _with_times(asked: dict[str, Any], end: Any) -> dict[str, Any]:
 
 
 def in_order(times: Any) -> tuple[float, ...]:
-    """Times of rows.  Raises `InputError` where they are not numbers from 0 on, each after the one before."""
+    """Times of rows.  Raises `InputError` if they do not increase from 0 on."""
     found = algebra.floats(times)
     if found.ndim != 1 or not found.size or not np.isfinite(found).all() or found[0] < 0 or (np.diff(found) <= 0).any():
         raise InputError(f"times: expected a list of times from 0 on, each after the one before, got {shown(times)}.")
@@ -157,7 +157,7 @@ def in_order(times: Any) -> tuple[float, ...]:
 
 
 def _checked_impulses(given: Any, end: float) -> tuple[dict[str, Any], ...]:
-    """Each with its time, up to the end, and numbers for letters of the state, as lists.  Raises `InputError`."""
+    """The impulses, each with its time, up to the end, and values for letters, as lists.  Raises `InputError`."""
     several = [given] if isinstance(given, Mapping) else given
     if isinstance(several, str | bytes) or not isinstance(several, Sequence):
         several = [None]
@@ -185,7 +185,7 @@ def _checked_impulses(given: Any, end: float) -> tuple[dict[str, Any], ...]:
 
 
 def check_model(model: Any) -> None:
-    """Raises `InputError` for what is not a system with its parameters."""
+    """Raises `InputError` for anything but a system with its parameters."""
     if not isinstance(model, Model):
         needs = ", ".join(f"{p.letter}=..." for p in model.parameters) if isinstance(model, System) else ""
         raise InputError(
@@ -200,7 +200,7 @@ def check_model(model: Any) -> None:
 
 
 def _observed_names(value: Any) -> tuple[str, ...] | None:
-    """Names of what is observed, or None for all.  Raises `InputError`."""
+    """Names of observed quantities, or None for all.  Raises `InputError`."""
     if value is None:
         return None
     if isinstance(value, str) or not isinstance(value, Sequence) or not all(isinstance(v, str) for v in value):
@@ -209,7 +209,7 @@ def _observed_names(value: Any) -> tuple[str, ...] | None:
 
 
 def observed(value: Any, made: Scheme) -> tuple[str, ...] | None:
-    """The same, of what this method observes.  Raises `InputError`."""
+    """The names of observed quantities, checked against this method.  Raises `InputError`."""
     names = _observed_names(value)
     known = [k for k, outcome in made.outcomes.items() if outcome.kind not in ("state", "orientation")]
     for name in names or ():
@@ -228,8 +228,8 @@ def _known_engine(name: Any) -> str | None:
 
 
 def checked_state(model: Model, x0: Any) -> State:
-    """The state of this system that a user gave.  Raises `InputError`."""
-    if not isinstance(x0, Mapping):  # a State is one, and may be that of another system
+    """The state of this system from the user's value.  Raises `InputError`."""
+    if not isinstance(x0, Mapping):  # a State is accepted, and may belong to another system
         letters = ", ".join(f"{k}=..." for k in model.system.space.letters)
         several = ""
         if isinstance(x0, list | tuple) and x0 and all(isinstance(x, Mapping) for x in x0):
@@ -238,20 +238,20 @@ def checked_state(model: Model, x0: Any) -> State:
             f"The initial state must come from system.state({letters}), or be a dict or a row of a run, got "
             f"{shown(x0)}.{several}"
         )
-    if hasattr(x0, "data_vars"):  # a row of a run, which has more than the state
+    if hasattr(x0, "data_vars"):  # a row of a run, which has more variables than the state
         missing = [letter for letter in model.system.space.letters if letter not in x0]
         if missing:
             raise InputError(f"The Dataset lacks {', '.join(missing)} of a state of {model.system.name}.")
         row, x0 = x0, {letter: x0[letter] for letter in model.system.space.letters}
         _require_units_of_state(model, x0)
         _warn_of_clock(model, row)
-    if isinstance(x0, State):  # its 3 x 3 matrix is that of one state, however many lanes the parameters have
+    if isinstance(x0, State):  # its 3 x 3 matrix belongs to one state, for any number of lanes in the parameters
         x0 = {letter: v if x0.axial[letter].ndim > 1 else x0.axial[letter] for letter, v in x0.items()}
     return model.state(**{str(letter): value for letter, value in x0.items()})
 
 
 def _warn_of_clock(model: Model, row: Any) -> None:
-    """Warns with `InputWarning` of a later row of a run, if a force depends on the time, which begins at 0 again."""
+    """Warns with `InputWarning` of a later row of a run if a force depends on the time, which begins at 0 again."""
     record, time = model.system.perturbation, np.asarray(row.coords.get("time", 0.0))
     if record is not None and record.names(TIME) and time.shape == () and time != 0:
         doubt(
@@ -288,14 +288,14 @@ def positive_number(value: Any, name: str) -> float:
 
 
 def named(value: Any, what: str) -> str | None:
-    """A name, or None for the default.  Raises `InputError`."""
+    """A string, or None for the default.  Raises `InputError`."""
     if value is not None and not isinstance(value, str):
         raise InputError(f"{what}: expected a name, got {shown(value)}. Leave {what} out for the default.")
     return value
 
 
 def _checked_order(value: Any) -> Any:
-    """An order, a tuple of them, "auto", or None for the default; whole numbers of NumPy too.  Raises `InputError`."""
+    """An order, a tuple of orders, "auto", or None for the default; integers of NumPy too.  Raises `InputError`."""
     if value is None or isinstance(value, str):
         return value
     if isinstance(value, tuple | list) and value and all(_is_whole(v) for v in value):
@@ -313,7 +313,7 @@ def _is_whole(value: Any) -> bool:
 
 
 def whole_order(value: Any) -> Any:
-    """The same where nothing is chosen.  Raises `InputError`."""
+    """An order, as `_checked_order`, without "auto".  Raises `InputError`."""
     order = _checked_order(value)
     if isinstance(order, str):
         raise InputError(f"order must be a whole number, or 'auto' with method='baecklund', got {shown(order)}.")
@@ -331,13 +331,13 @@ def whole_number(value: Any, name: str) -> int:
 
 
 def whole(value: Any) -> Any:
-    """An int where the value is a whole number of any kind, 1e6 or one of NumPy too; else the value itself."""
+    """An int if the value is an integer of any type, for example 1e6 or a NumPy integer; else the value itself."""
     number = value.item() if isinstance(value, np.generic | np.ndarray) and not value.ndim else value
     return int(number) if isinstance(number, float) and number.is_integer() else number
 
 
 def within(value: Any, name: str, least: int, most: int) -> int:
-    """A whole number from `least` to `most`.  Raises `InputError`."""
+    """An integer from `least` to `most`.  Raises `InputError`."""
     if type(value) is int and least <= value <= most:
         return value
     value = whole(value)
@@ -347,7 +347,7 @@ def within(value: Any, name: str, least: int, most: int) -> int:
 
 
 def finite_number(value: Any, name: str) -> float:
-    """A finite number.  Raises `InputError`."""
+    """A finite float.  Raises `InputError`."""
     found = algebra.floats(value)
     if found.ndim or not np.isfinite(found):
         raise InputError(f"{name}: expected a finite number, got {shown(value)}.")
@@ -355,7 +355,7 @@ def finite_number(value: Any, name: str) -> float:
 
 
 def of_forces(model: Model) -> str:
-    """What else makes numbers that are not finite, where there are forces."""
+    """Further causes of values that are not finite, if the model has forces."""
     if model.system.perturbation is None:
         return ""
     return "a force that is no number there (a root of a negative number, a division by 0), "
@@ -370,7 +370,7 @@ def within_tolerances(value: Any) -> float:
 
 
 def flag(value: Any, name: str) -> None:
-    """Raises `InputError` for what is neither true nor false."""
+    """Raises `InputError` for anything but true and false."""
     if not isinstance(value, bool | np.bool_):
         raise InputError(f"{name}: expected True or False, got {shown(value)}.")
 
@@ -402,10 +402,10 @@ def _orientation(n: int, value: Any) -> Array:
 
 
 def wanted_times(times: Any) -> np.ndarray:
-    """A time, or times (times,), that were asked for.  Raises `InputError`."""
+    """A time, or times (times,), that a user requests.  Raises `InputError`."""
     if type(times) is float and math.isfinite(times):
         return np.array(times)
-    wanted = np.array(algebra.floats(times))  # a copy: kernels take no arrays that may only be read
+    wanted = np.array(algebra.floats(times))  # a copy: kernels do not accept read-only arrays
     if wanted.ndim > 1 or wanted.size == 0 or not np.isfinite(wanted).all():
         raise InputError(f"times must be a finite number or a list of them, at least one, got {shown(times)}.")
     return wanted
@@ -413,7 +413,7 @@ def wanted_times(times: Any) -> np.ndarray:
 
 @dataclass
 class Timetable:
-    """The rows of the steps 0, every, 2 every, ... and the last, or those at given times.
+    """The rows of the steps 0, every, 2 every, ... and the last, or the rows at given times.
 
     end   rows, and the time of the last, of a run that an event stopped
     """
@@ -423,19 +423,19 @@ class Timetable:
 
     @cached_property
     def times(self) -> Floats | None:
-        """The times of the rows, where they were given."""
+        """The times of the rows, if they were given."""
         return None if self.settings.times is None else np.array(self.settings.times)
 
     @property
     def rows(self) -> int:
-        """How many rows are saved."""
+        """The number of saved rows."""
         if self.end is not None:
             return self.end[0]
         return count_of_rows(self.settings.steps, self.settings.every) if self.times is None else len(self.times)
 
     @cached_property
     def _places(self) -> tuple[list[int], list[float]]:
-        """Of each row at a given time the steps before it, and how long after them it is."""
+        """For each row at a given time, the number of steps before it and the time after the last of them."""
         times, dt = np.array(self.settings.times), self.settings.dt
         steps = np.floor(times / dt * (1 + WHOLE))
         within = times - steps * dt
@@ -448,7 +448,7 @@ class Timetable:
         return self._places[0][min(row, len(self.times) - 1)] if row >= 0 else 0
 
     def within_step(self, row: int) -> float:
-        """How long after these steps a row is."""
+        """The time of a row after its last step."""
         return 0.0 if self.times is None else self._places[1][row]
 
     def times_of(self, rows: Floats) -> Floats:
@@ -461,23 +461,23 @@ class Timetable:
 
 
 def count_of_rows(steps: int, every: int) -> int:
-    """How many rows there are of the steps 0, every, 2 every, ... and the last."""
+    """The number of rows of the steps 0, every, 2 every, ... and the last."""
     return 1 + steps // every + (steps % every > 0)
 
 
 @explained
 @dataclass(frozen=True)
 class Event:
-    """Where a quantity of the state changes its sign: the run stops there, or an action changes the state.
+    """A change of sign of a quantity of the state, at which the run stops or an action changes the state.
 
     quantity  a function of the state, `lambda x: x["a"][2]`; x has the letters of the system (axial vectors for n = 3),
               and g with an orientation
-    action    a function of the state -> the state with which the run goes on, as a dict of the same letters; None: the
-              run stops there
+    action    a function of the state -> the state with which the run continues, as a dict of the same letters; None:
+              the run stops there
     rising    True, False: only a change upward, downward; None: both
 
-    The quantity is looked at after each step, so two changes within a step are missed; the place is found to rounding.
-    Raises `InputError` for what is no function.
+    The quantity is checked after each step, so two changes within a step are missed; the time is found to rounding.
+    Raises `InputError` for anything but functions.
     """
 
     quantity: Callable[[Any], Any]
@@ -496,7 +496,7 @@ class Event:
 
     @property
     def name(self) -> str:
-        """That of its functions."""
+        """The names of its functions."""
         return " -> ".join(getattr(f, "__name__", "function") for f in (self.quantity, self.action) if f is not None)
 
 

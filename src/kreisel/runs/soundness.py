@@ -1,4 +1,4 @@
-"""Faults of rows that an engine has made: numbers that are not finite, a guard, invariants that are lost."""
+"""Faults of rows from an engine: values that are not finite, a guard, lost invariants."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from kreisel.method.scheme import Scheme
 
 
 class Fault(NamedTuple):
-    """Rows that are not what a method promises, and the reason.
+    """Rows that violate a promise of a method, and the reason.
 
-    good   (rows, lanes): which rows are; the last row is the state of the engine
+    good   (rows, lanes): which rows are good; the last row is the state of the engine
     text   the fault in words
-    cause  the usual cause and the fix; "" for numbers that are not finite
+    cause  the usual cause and the fix; "" for values that are not finite
     seen   whether the rows show it: it is then at the first bad row or before, else before
     """
 
@@ -54,7 +54,7 @@ def faults(scheme: Scheme, engine: Engine, rows: Floats, dt: float) -> Iterator[
 
 
 def _good(rows: Floats, z: Floats, holds: Callable[[Floats], Array]) -> Array | None:
-    """Which rows and lanes are good; None if all are, which is seen without a copy."""
+    """The rows and lanes that are good; None if all are, which is decided without a copy."""
     of_rows, of_state = holds(rows), holds(z)
     if of_rows.all() and of_state.all():
         return None
