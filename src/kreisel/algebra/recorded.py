@@ -19,7 +19,7 @@ ROUND = (
     "Usual cause: a function of the module math, float(x), int(x), or an array of floats that is filled with x. Use "
     "np.sin and the like, and np.array([x, y]) of the entries."
 )
-POWER = "Use np.sqrt(x) for a root, and np.exp(y * np.log(x)) for a power of a positive x."
+POWER = "Recorded are integer powers: use np.sqrt(x) for a root, and np.exp(y * np.log(x)) for a power of a positive x."
 RECORDED = (
     "Recorded are + - * /, integer powers, np.sqrt, np.sin, np.cos, np.exp, np.log, and sums and products of arrays. "
     "Write the formula with these."
