@@ -187,17 +187,22 @@ QUADRATIC = ConjugatePairs(
 )
 
 
-def of_body(record):
-    """The pairs of a body with the mass tensor J: a = J^2."""
+def in_letter(record, letter, diagonal_of=lambda x: x, dimensions=(3, 4)):
+    """The pairs of a system with a = `diagonal_of` of the parameter of that letter, such as J^2."""
 
-    def by_mass(function):
-        def of_mass(*state, J, **more):
-            return function(*state, a=J * J, **more)
+    def renamed(function):
+        def by_letter(*state, **known):
+            return function(*state, a=diagonal_of(known.pop(letter)), **known)
 
         given = inspect.signature(function).parameters.values()
-        names = [p.replace(name="J") if p.name == "a" else p for p in given]
-        of_mass.__dict__["__signature__"] = inspect.Signature(names)
-        return of_mass
+        names = [p.replace(name=letter) if p.name == "a" else p for p in given]
+        by_letter.__dict__["__signature__"] = inspect.Signature(names)
+        return by_letter
 
-    functions = ("matrix", "heights", "rates", "pair")
-    return replace(record, **{name: by_mass(getattr(record, name)) for name in functions})
+    functions = {name: renamed(getattr(record, name)) for name in ("matrix", "heights", "rates", "pair")}
+    return replace(record, **functions, dimensions=dimensions)
+
+
+def of_body(record):
+    """The pairs of a body with the mass tensor J."""
+    return in_letter(record, "J", lambda J: J * J)

@@ -24,6 +24,8 @@ UNKNOWN: dict[str, Any] = {
     "spin": None,
     "map": None,
     "baecklund": None,
+    "pairs": None,
+    "exact_map": None,
     "relations": (),
     "closed_form": ClosedForm(),
     "body_frame": None,

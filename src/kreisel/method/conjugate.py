@@ -196,11 +196,11 @@ class Torus:
         system = model.system
         self.system, self.record = system, cast("ConjugatePairs", system.pairs)
         self.state = tuple(np.asarray(z, np.longdouble) for z in state)
-        constants = {k: np.asarray(v, np.longdouble) for k, v in params.items()}
-        self.constants = constants | (call(system.derive, (), constants) if system.derive is not None else {})
         self.sizes = [abs(z).max(initial=0) or 1.0 for z in self.state]
-        self.flow = self._flat(call(system.flow, self.state, self.constants))
+        constants = {k: np.asarray(v, np.longdouble) for k, v in params.items()}
         with np.errstate(all="ignore"):
+            self.constants = constants | (call(system.derive, (), constants) if system.derive is not None else {})
+            self.flow = self._flat(call(system.flow, self.state, self.constants))
             self.points = self._points()
 
     def _flat(self, rates: State) -> Array:

@@ -10,6 +10,7 @@ from kreisel.algebra import act, cayley_act, dot, identity, log, mat, moebius, p
 from kreisel.algebra.invariants import pencil_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.clebsch import BAECKLUND, shifted_diagonal
+from kreisel.baecklund.conjugate import CLEBSCH, in_letter
 from kreisel.record.contract import MOVING_SPACE, Map, Parameter, Relation, System
 
 
@@ -140,6 +141,7 @@ SYSTEM = System(
         source="Suris 2001, section 7, (dClebsch spec)",
     ),
     baecklund=BAECKLUND,
+    pairs=in_letter(CLEBSCH, "b", dimensions=(4,)),  # n = 3: one pair, `kreisel.method.pairs`
     derive=shifted_diagonal,
     relations=(
         Relation("clebsch-general", lambda M, P, g, *, b: ((M, P), {"a": b, "b": b}), meaning="the flow a = b"),

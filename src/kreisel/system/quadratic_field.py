@@ -31,6 +31,7 @@ from kreisel.algebra import (
 )
 from kreisel.algebra.invariants import determinant, stack
 from kreisel.algebra.matrices import blocks, diagonal
+from kreisel.baecklund.conjugate import QUADRATIC, in_letter
 from kreisel.record.contract import FIELD_SPACE, Map, Parameter, System
 
 AXES = np.arange(3)
@@ -206,4 +207,5 @@ SYSTEM = System(
     commuting=("spectrum",),
     lax=lax,
     map=MAP,
+    pairs=in_letter(QUADRATIC, "b"),
 )
