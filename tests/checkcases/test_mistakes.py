@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
 import kreisel as kr
@@ -147,6 +148,76 @@ def euler(late: bool, space: bool) -> Callable[[Body], Values]:
     return made
 
 
+def implicit(b: Body) -> Values:
+    """Implicit Euler's method for w, with 10 steps a row."""
+    w, R, h, rows = b.w, b.R, b.times[1] / 10, [(b.w, b.R)]
+    for k in range(1, 10 * (ROWS - 1) + 1):
+        w = fsolve(lambda new, w=w, R=R: new - w - h * b.acceleration(new, R), w, xtol=1e-13)
+        R = R @ Rotation.from_rotvec(h * w).as_matrix()
+        if k % 10 == 0:
+            rows.append((w, R))
+    return values(np.array([w for w, _ in rows]), np.array([R for _, R in rows]))
+
+
+def of_momentum(b: Body) -> Values:
+    """A free body whose momentum is constant in space, with 20 steps a row."""
+    R, h, L, rows = b.R, b.times[1] / 20, b.R @ b.I @ b.w, [(b.w, b.R)]
+    for k in range(1, 20 * (ROWS - 1) + 1):
+        R = Rotation.from_rotvec(h * R @ np.linalg.solve(b.I, R.T @ L)).as_matrix() @ R
+        if k % 20 == 0:
+            rows.append((np.linalg.solve(b.I, R.T @ L), R))
+    return values(np.array([w for w, _ in rows]), np.array([R for _, R in rows]))
+
+
+def attitude_only(late: bool) -> Callable[[Body], Values]:
+    """Exact w, the rotation in each of 20 steps a row by w at one of its ends."""
+
+    def made(b: Body) -> Values:
+        right, times = b.run(), b.times
+        b.times = np.linspace(0, times[-1], 20 * (ROWS - 1) + 1)
+        w = b.run()["angular_velocity"]
+        R = [b.R]
+        for k in range(len(w) - 1):
+            R.append(R[-1] @ Rotation.from_rotvec(b.times[1] * w[k + late]).as_matrix())
+        b.times = times
+        return {**right, "attitude": values(w[::20], np.array(R[::20]))["attitude"]}
+
+    return made
+
+
+def faster(b: Body) -> Values:
+    """Degrees taken for radians by the equations, of which the rates are printed in degrees again."""
+    b.times = b.times[:5]
+    return changed(b, w=np.degrees(b.w)) | {"angular_velocity": np.radians(b.run()["angular_velocity"])}
+
+
+def slower(b: Body) -> Values:
+    b.w = np.radians(b.w)
+    run = b.run()
+    return {**run, "angular_velocity": np.degrees(run["angular_velocity"])}
+
+
+def earlier(b: Body) -> Values:
+    """Rows k with the states of rows k - 1; the first by the motion backwards."""
+    b.w = -b.w
+    first = {name: value[1:2] for name, value in b.run().items()}
+    b.w = -b.w
+    right = b.run()
+    return {
+        "angular_velocity": np.concatenate([-first["angular_velocity"], right["angular_velocity"][:-1]]),
+        "attitude": np.concatenate([first["attitude"], right["attitude"][:-1]]),
+    }
+
+
+def momentum(b: Body) -> Values:
+    """Along the body axes."""
+    return {"momentum": b.run()["angular_velocity"] @ b.I}
+
+
+def position(b: Body) -> Values:
+    return {"position": Rotation.from_quat(np.roll(b.run()["attitude"], -1, -1)).apply(b.arm) / 0.3048}
+
+
 def mirrored(v: Values) -> Values:
     return {"angular_velocity": v["angular_velocity"] * [-1, 1, 1], "attitude": v["attitude"] * [1, -1, 1, 1]}
 
@@ -212,10 +283,27 @@ MISTAKES = [
     (TOP, of_output(swapped), "axes of the angular velocity: the components are (x, z, y)"),
     (BRICK, of_output(unnormalised), "not normalised: its norm is off by up to 2.0e-02"),
     (TOP, of_output(unnormalised), "not normalised"),
-    (BRICK, lambda b: b.run(later=b.times[1]), "one step of 0.5 s too late"),
-    (TOP, lambda b: b.run(later=b.times[1]), "too late"),
+    (BRICK, lambda b: b.run(later=b.times[1]), "each row has the state of one step of 0.5 s later"),
+    (TOP, lambda b: b.run(later=b.times[1]), "later"),
     (BRICK, lambda b: b.run(stretch=1e-3), "in milliseconds, taken for seconds"),
-    (TOP, lambda b: b.run(stretch=0.5), "twice that of the motion"),
+    (TOP, lambda b: b.run(stretch=0.5), "half as fast"),
+    (BRICK, implicit, "implicit Euler of w, q by the new w) at the step 0.05 s"),
+    (BRICK, of_momentum, "q by w at the beginning of each step, the momentum exact) at the step 0.025 s"),
+    (BRICK, attitude_only(late=False), "q by w at the beginning of each step, w exact) at the step 0.025 s"),
+    (BRICK, attitude_only(late=True), "q by w at the end of each step, w exact) at the step 0.025 s"),
+    (BRICK, of_output(lambda v: {**v, "attitude": np.roll(v["attitude"], 1, -1)}), "(w, x, y, z), taken for"),
+    (BRICK, of_output(lambda v: {"angular_velocity": np.radians(v["angular_velocity"])}), "in rad/s, taken for deg/s"),
+    (TOP, position, "the position is in feet"),
+    (BRICK, momentum, "the momentum is along the axes of the body"),
+    (BRICK, of_output(lambda v: {**v, "attitude": v["attitude"] * [1, 1, 1, -1]}), "axes of q: the components"),
+    (BRICK, earlier, "each row has the state of one step of 0.5 s earlier"),
+    (BRICK, lambda b: changed(b, times=b.times / 60) and b.run(stretch=60), "in minutes, taken for seconds"),
+    (BRICK, lambda b: b.run(stretch=1 / 60), "in seconds, taken for minutes"),
+    (BRICK, lambda b: b.run(stretch=2), "twice as fast"),
+    (BRICK, faster, "the equations take rates in deg/s for rad/s"),
+    (BRICK, slower, "the equations take rates in rad/s for deg/s"),
+    (BRICK, rotation_rate(lambda w, R: R @ hat(w) / 2), "q' = q (0, w)/4"),
+    (TOP, lambda b: changed(b, down=np.array([-1.0, 0, 0])), "along the first axis of space"),
 ]  # fmt: skip
 
 

@@ -44,7 +44,7 @@ FORMATS: list[tuple[str, str, Callable[[Motion], list[Any]], list[str]]] = [
      lambda m: [m.t, m.deg, m.xyzw], ["deg/s", "orientation.w, orientation.x", "(w, x, y, z), body to space"]),
     ("timestamp,\u03c9x (rpm),\u03c9y (rpm),\u03c9z (rpm)", ",", lambda m: [m.t, m.deg / 6], ["rpm"]),
     ("t,wx,wy,wz", ",", lambda m: [m.t, m.deg / 6], ["rpm (recognised by the exact motion)"]),
-    ("t,world_omega_x,world_omega_y,world_omega_z", ",", lambda m: [m.t, m.space], [f"{SPACE}, rad/s"]),
+    ("t,wx_world,wy_world,wz_world", ",", lambda m: [m.t, m.space], [f"{SPACE}, rad/s"]),
     ("t,angvel_x,angvel_y,angvel_z", ",", lambda m: [m.t, m.space], [f"{SPACE}, rad/s (recognised"]),
     ("t,rollRate,pitchRate,yawRate,R11,R12,R13,R21,R22,R23,R31,R32,R33", ",", lambda m: [m.t, m.w, m.matrix],
      [f"{BODY}, rad/s", "rotation matrix, by rows, body to space"]),
@@ -104,6 +104,15 @@ def test_conventions_can_be_specified(tmp_path: Path) -> None:
     assert "conjugate" in str(TOP.grade(wrong.times, **wrong.quantities).mistake)
 
 
+def test_an_energy_with_another_zero_is_left_out(tmp_path: Path) -> None:
+    truth = TOP.reference(TOP.times(ROWS))
+    for zero, count in ((0.0, 2), (1.0, 1)):
+        columns = {"t": truth.time, "w": truth.angular_velocity, "energy": truth.energy + zero}
+        trajectory = read(columns, TOP)
+        assert len(trajectory.quantities) == count
+        assert any("left out" in sentence for sentence in trajectory.reading) == (count == 1)
+
+
 def test_the_direction_is_recognised_although_the_equations_are_wrong(tmp_path: Path) -> None:
     """Without w x I w the brick rotates steadily; its first rows show that the attitude is space to body."""
     w, t = np.radians([10.0, 20, 30]), BRICK.times(301)
@@ -151,8 +160,8 @@ def test_bad_files_are_refused_with_one_message(text: str, message: str, tmp_pat
     [
         ({"units": "deg/h"}, "units: expected one of rad/s"),
         ({"quaternion": "zyxw"}, "quaternion: expected one of wxyz, xyzw"),
-        ({"columns": {"rates": ["wx", "wy"]}}, "columns: expected 3 names for 'rates', got ['wx', 'wy']"),
-        ({"columns": {"spin": ["wx"]}}, "for 'spin'"),
+        ({"columns": {"rates": ["wx", "wy"]}}, "rates (3)"),
+        ({"columns": {"spin": ["wx"]}}, "got ['wx'] for 'spin'"),
         ({"columns": {"rates": ["wx", "wy", "w3"]}}, "expected a column 'w3', got t, wx, wy, wz"),
     ],
 )

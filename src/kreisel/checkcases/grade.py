@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -28,15 +28,17 @@ WIDTHS = {
     "energy": 0,
 }
 NORM = 0.01  # largest error of the norm of the first quaternion
+CLOSE = 1e-3  # relative
 UNNORMALISED = 1e-6
 RIGHT = 1e-3  # relative error below which a trajectory is called right
+SECOND = 1.5  # order measured above which no mistake is looked for
 ROUNDING = 1e-12  # relative: below it the order is not measured
 FEWEST, MOST = 4, 12  # digits of numbers that were printed with few
 
 
 @dataclass(frozen=True)
 class Row:
-    """The largest error of a quantity, when it occurs, the error at the end, and the largest relative to the size."""
+    """The largest error or drift of a quantity, its time, the value at the end, the largest relative to the size."""
 
     quantity: str
     largest: float
@@ -44,16 +46,6 @@ class Row:
     last: float
     unit: str
     relative: float
-
-
-@dataclass(frozen=True)
-class Drift:
-    """The largest change of a conserved quantity, relative to its size, and when it occurs."""
-
-    quantity: str
-    largest: float
-    time: float
-    last: float
 
 
 @dataclass(frozen=True)
@@ -71,7 +63,7 @@ class Grade:
 
     case: str
     rows: tuple[Row, ...]
-    drifts: tuple[Drift, ...]
+    drifts: tuple[Row, ...]
     steps: tuple[tuple[float, float], ...]
     orders: tuple[float, ...]
     times: Array
@@ -116,61 +108,64 @@ class Grade:
         }
 
     def __str__(self) -> str:
-        lines = [f"{'quantity':<24}{'largest error':>16}{'at t, s':>11}{'at the end':>12}{'relative':>11}"]
-        lines += [
-            f"{row.quantity:<24}{f'{row.largest:.3e} {row.unit}':>16}{row.time:>11.6g}{row.last:>12.3e}"
-            f"{row.relative:>11.1e}"
-            for row in self.rows
-        ]
-        if self.drifts:
-            lines += ["", f"{'drift':<24}{'largest, relative':>16}{'at t, s':>10}{'at the end':>12}"]
-            lines += [f"{d.quantity:<24}{d.largest:>16.3e}{d.time:>11.6g}{d.last:>12.3e}" for d in self.drifts]
+        head = f"{'largest':>16}{'at t, s':>18}{'at the end':>13}{'relative':>11}"
+        lines = []
+        for title, rows in (("error of", self.rows), ("drift of", self.drifts)):
+            lines += [f"{title:<26}{head}"] if rows else []
+            for row in rows:
+                largest, last = f"{row.largest:>16.3e} {row.unit:<9}", f"{row.last:>13.3e}{row.relative:>11.1e}"
+                lines.append(f"{row.quantity:<26}{largest}{row.time:>8.6g}{last}")
+            lines += [""] if rows else []
         if self.steps:
-            lines += ["", f"{'step, s':<24}{'relative error':>16}{'order':>11}"]
             orders = ["", *(f"{order:.2f}" for order in self.orders)]
-            lines += [f"{h:<24.6g}{e:>16.3e}{o:>11}" for (h, e), o in zip(self.steps, orders, strict=False)]
-        return "\n".join([*lines, "", *self.notes, self.verdict])
+            lines += [f"{'step, s':<26}{'relative error':>16}{'order':>18}"]
+            lines += [f"{h:<26.6g}{e:>16.3e}{o:>18}" for (h, e), o in zip(self.steps, orders, strict=False)]
+            lines += [""]
+        return "\n".join([*lines, *self.notes, self.verdict])
 
 
 def grade(case: Case, times: Any, quantities: Mapping[str, Any], step: float | None = None, runs: Any = ()) -> Grade:
     """The grade of a trajectory; arguments as in `Case.grade`.  Raises `InputError`."""
-    rows, values, exact = _compared(case, times, quantities)
+    rows, values, exact, units = _compared(case, times, quantities)
     errors = {name: differences(name, value, exact[name]) for name, value in values.items()}
-    units = case.reference(rows[:1])
-    table = []
-    for name, error in errors.items():
-        at = int(np.argmax(error))
-        unit = "rad" if name == "attitude" else str(units[name].attrs["units"])
-        relative = float(error[at]) / size(name, exact[name])
-        table.append(Row(name, float(error[at]), float(rows[at]), float(error[-1]), unit, relative))
-    steps = [(_step(rows, step), misfit(values, exact, exact))]
+    table = [_row(name, error, rows, units[name], size(name, exact[name])) for name, error in errors.items()]
+    relative = max(row.relative for row in table)
+    steps = [(_step(rows, step), relative)]
     for run in runs:
-        other, its, truth = _compared(case, run.times, run.quantities)
-        steps.append((_step(other, getattr(run, "step", None)), misfit(its, truth, truth)))
-    orders = _orders(steps)
-    converges = bool(orders) and min(orders) > 1.5
-    mistake = None if converges else _unnormalised(values, steps[0][1]) or likely(case, rows, values, exact, step)
+        instants, its, truth, _ = _compared(case, run.times, run.quantities)
+        steps.append((_step(instants, getattr(run, "step", None)), misfit(its, truth, truth)))
+    orders = tuple(
+        math.log(a[1] / b[1]) / math.log(a[0] / b[0])
+        for a, b in pairwise(steps)
+        if min(a[1], b[1]) > ROUNDING and a[0] != b[0]
+    )
+    converges = bool(orders) and min(orders) > SECOND
+    mistake = None if converges else _unnormalised(values, relative) or likely(case, rows, values, exact, step)
     return Grade(
-        case.name, tuple(table), _drifts(case, rows, values), tuple(steps) if runs else (), orders, rows, errors,
-        steps[0][1], mistake, tuple(_notes(values, exact, steps[0][1])),
+        case.name, tuple(table), tuple(_drifts(case, rows, values, units)), tuple(steps) if runs else (), orders, rows,
+        errors, relative, mistake, tuple(_notes(values, exact, relative)),
     )  # fmt: skip
+
+
+def _row(name: str, error: Array, rows: Array, unit: str, scale: float) -> Row:
+    at = int(np.argmax(error))
+    return Row(name, float(error[at]), float(rows[at]), float(error[-1]), unit, float(error[at]) / (scale or 1.0))
 
 
 def _compared(
     case: Case, times: Any, quantities: Mapping[str, Any]
-) -> tuple[Array, dict[str, Array], dict[str, Array]]:
-    """The times, the quantities, and the exact ones."""
+) -> tuple[Array, dict[str, Array], dict[str, Array], dict[str, str]]:
+    """The times, the quantities, the exact ones, and their units."""
     rows = increasing(floats(times))
-    allowed = {**WIDTHS}
-    if not quantities:
-        raise InputError(f"grade: expected at least one of {', '.join(allowed)}, got none.")
     values = {name: checked(name, value, len(rows)) for name, value in quantities.items()}
     reference = case.reference(rows)
-    if missing := [name for name in values if name not in reference]:
+    allowed = ", ".join(map(str, reference))
+    if not values or (missing := next((name for name in values if name not in reference), "")):
         raise InputError(
-            f"grade: expected quantities of the case {case.name}, {', '.join(map(str, reference))}, got {missing[0]}."
+            f"grade: expected some of the case's quantities, {allowed}, got {missing if values else 'none'}."
         )
-    return rows, values, {str(name): reference[name].values for name in reference}
+    units = {str(name): "rad" if name == "attitude" else str(reference[name].attrs["units"]) for name in reference}
+    return rows, values, {name: reference[name].values for name in units}, units
 
 
 def increasing(times: Array, source: str = "times") -> Array:
@@ -204,25 +199,25 @@ def checked(name: str, value: Any, count: int) -> Array:
             f"{name}: expected finite numbers, got {shown(array[at].tolist())} in row {at + 1}. Leave out the rows "
             "from there on, where the simulation failed."
         )
-    if name == "attitude" and abs(norm := float(np.linalg.norm(array[0])) - 1) > NORM:
-        raise InputError(
-            f"attitude: expected unit quaternions, got {shown(array[0].tolist())}, of norm {norm + 1:.6g}, in row 1. "
-            "Usual cause: other columns than those of the quaternion; divide by the norm if they are right."
-        )
+    if name == "attitude":
+        norms = np.linalg.norm(array, axis=-1)
+        at = int(np.argmin(norms)) if norms.min() < NORM else 0
+        if abs(norms[at] - 1) > NORM:
+            raise InputError(
+                f"attitude: expected unit quaternions, got {shown(array[at].tolist())}, of norm {norms[at]:.6g}, "
+                f"in row {at + 1}. Usual cause: other columns than those of the quaternion. If they are right, divide "
+                "by the norm."
+            )
     return array
 
 
 def _step(rows: Array, step: float | None) -> float:
-    return float(step) if step else float(rows[-1] - rows[0]) / (len(rows) - 1)
-
-
-def _orders(steps: Sequence[tuple[float, float]]) -> tuple[float, ...]:
-    """The orders between successive runs whose errors are above rounding."""
-    return tuple(
-        math.log(a[1] / b[1]) / math.log(a[0] / b[0])
-        for a, b in pairwise(steps)
-        if min(a[1], b[1]) > ROUNDING and a[0] != b[0] and math.isfinite(a[1] * b[1])
-    )
+    spacing = float(rows[-1] - rows[0]) / (len(rows) - 1)
+    if step is not None and not 0 < step <= spacing * (1 + CLOSE):
+        raise InputError(
+            f"step: expected a step in s of at most {spacing:.6g}, the spacing of the rows, got {shown(step)}."
+        )
+    return float(step or spacing)
 
 
 def _unnormalised(values: Mapping[str, Array], error: float) -> Mistake | None:
@@ -234,40 +229,37 @@ def _unnormalised(values: Mapping[str, Array], error: float) -> Mistake | None:
     return Mistake(f"the quaternion is not normalised: its norm is off by up to {raw:.1e}", error, raw)
 
 
-def _drifts(case: Case, rows: Array, values: Mapping[str, Array]) -> tuple[Drift, ...]:
+def _drifts(case: Case, rows: Array, values: Mapping[str, Array], units: Mapping[str, str]) -> Iterator[Row]:
     """The drifts of what the case conserves, as far as the trajectory determines them."""
     w, q, law = values.get("angular_velocity"), values.get("attitude"), case.law
-    attitude = np.broadcast_to([1.0, 0, 0, 0], (len(rows), 4)) if q is None else q / np.linalg.norm(q, axis=-1)[:, None]
+    R = rotation([1.0, 0.0, 0.0, 0.0] if q is None else (q / np.linalg.norm(q, axis=-1)[:, None]).T)
     if w is None and q is not None and "angular_velocity_space" in values:
-        w = np.einsum("jir,rj->ri", np.array(rotation(attitude.T)), values["angular_velocity_space"])
+        w = np.einsum("jir,rj->ri", R, values["angular_velocity_space"])
     if w is None or not law.conserved or (q is None and "momentum" not in law.conserved):
-        return ()
-    further = (
-        np.array([[float(v) for v in case.exact(t)[0][7:]] for t in rows]) if law.further else np.empty((len(rows), 0))
-    )
+        return
+    if law is FLUID and "velocity" not in values:
+        return
+    states = np.array([[float(v) for v in case.exact(t)[0]] for t in rows]) if law.further else np.zeros((len(rows), 7))
+    states[:, :3], states[:, 3:7] = w, [1.0, 0, 0, 0] if q is None else q / np.linalg.norm(q, axis=-1)[:, None]
     if law is FLUID:
-        if "velocity" not in values:
-            return ()
-        further = np.concatenate([values["velocity"], further[:, 3:]], -1)
-    found = case.quantities(np.concatenate([w, attitude, further], -1))
-    L = found["momentum"]
+        states[:, 7:10] = values["velocity"]
+    conserved = case.quantities(states)
+    L, unit = conserved["momentum"], units["momentum"]
     length = np.linalg.norm(L, axis=-1)
-    series = {"energy": (found["energy"], 0.0)}
+    yield _drift("energy", conserved["energy"], rows, units["energy"])
     if "momentum" in law.conserved:
-        series["length of the momentum"] = length, 0.0
+        yield _drift("length of the momentum", length, rows, unit)
         if q is not None:
-            series["momentum"] = L, 0.0
+            yield _drift("momentum", L, rows, unit)
     if "vertical momentum" in law.conserved:
-        series["vertical momentum"] = L[:, 2], float(length[0])
+        yield _drift("vertical momentum", L[:, 2], rows, unit, float(length[0]))
     if law is FLUID:
         impulse = np.array(case.numeric()["A"]) @ values["velocity"].T
-        series["impulse"] = np.array([dot(row, impulse) for row in rotation(attitude.T)]).T, 0.0
-    drifts = []
-    for name, (value, scale) in series.items():
-        change = differences("", value, value[:1])
-        at, unit = int(np.argmax(change)), scale or size("", value[:1])
-        drifts.append(Drift(name, float(change[at] / unit), float(rows[at]), float(change[-1] / unit)))
-    return tuple(drifts)
+        yield _drift("impulse", np.array([dot(row, impulse) for row in R]).T, rows, "kg m/s")
+
+
+def _drift(name: str, value: Array, rows: Array, unit: str, scale: float = 0.0) -> Row:
+    return _row(name, differences("", value, value[:1]), rows, unit, scale or size("", value[:1]))
 
 
 def _notes(values: Mapping[str, Array], exact: Mapping[str, Array], error: float) -> list[str]:
@@ -275,7 +267,7 @@ def _notes(values: Mapping[str, Array], exact: Mapping[str, Array], error: float
     notes = []
     for name, value in values.items():
         off = float(differences(name, value[:1], exact[name][:1])[0]) / size(name, exact[name])
-        if off > max(1e-3, 1e-3 * error):
+        if off > max(CLOSE, CLOSE * error):
             notes.append(
                 f"The first row differs: {name} {shown(value[0].tolist())}, exact {shown(exact[name][0].tolist())}."
             )

@@ -1,7 +1,7 @@
 """Common mistakes of simulators, each tried on the motion of a check case: the one that explains a trajectory.
 
 A trial predicts the quantities of `Case.quantities`: the exact motion seen in the wrong way (order of the quaternion,
-units, axes, time), or wrong equations solved by DOP853, or schemes of first order at the step of the simulator.
+units, axes, time), wrong equations solved by DOP853, or a scheme of first order at the step of the simulator.
 """
 
 from __future__ import annotations
@@ -25,14 +25,15 @@ SIGNIFICANT = 1e-7  # relative: smaller errors need no explanation
 FACTOR = 20  # by which a mistake must reduce the error
 SURE = 1000  # beyond which no further mistakes are tried
 SIMPLER = 2  # a later trial must be better by this factor: those in front are the simpler ones
+EARLY = 3  # rows that decide whether a motion beyond the end of the case is worth its cost
 TOLERANCE = 1e-11  # of DOP853
-BEYOND = 1.1  # of the duration or of the last row: the end of solutions
 MOST_PIECES = 10_000  # of DOP853
-MOST_STEPS = 20_000  # of a scheme of first order; beyond, its error is proportional to the step
-STEPS = 4000
-REFINEMENTS = 5  # of the step
-UNLIKE = 0.3  # of the square of the error, which a scheme of first order leaves at most at small errors
+BEYOND = 1.1  # of the duration or of the last row: the end of solutions
+MOST_STEPS = 20_000  # of a scheme of first order
+STEPS = 2000  # of the first try
+TRIES = 6  # of the step
 SMALL = 0.05  # relative error up to which it is taken to be proportional to the step
+UNLIKE = 0.3  # of the square of a small error, which a scheme of first order leaves at most
 DEGREE = math.pi / 180
 
 Quantities = Mapping[str, Array]
@@ -41,7 +42,7 @@ Flow = Callable[[list[float], list[float], list[float]], list[float]]  # w, q, x
 
 
 class Mistake(NamedTuple):
-    """A mistake, the largest relative error of the trajectory with it, and that without it."""
+    """A mistake, the largest relative error of the trajectory with it, and without it."""
 
     sentence: str
     residual: float
@@ -65,148 +66,201 @@ def size(name: str, exact: Array) -> float:
     return 1.0 if name == "attitude" else float(np.linalg.norm(exact.reshape(len(exact), -1), axis=-1).max()) or 1.0
 
 
-def misfit(values: Quantities, predicted: Quantities, exact: Quantities) -> float:
-    """The largest error of any quantity, relative to its size."""
-    errors = [
-        differences(name, value, predicted[name]).max() / size(name, exact[name]) for name, value in values.items()
-    ]
+def misfit(values: Quantities, predicted: Quantities, exact: Quantities, rows: slice = slice(None)) -> float:
+    """The largest error of any quantity, relative to its size; infinite if the prediction ends before."""
+    errors = [differences(n, v[rows], predicted[n][rows]).max() / size(n, exact[n]) for n, v in values.items()]
     return float(max(errors)) if np.isfinite(errors).all() else math.inf
 
 
 def likely(case: Case, rows: Array, values: Quantities, exact: Quantities, step: float | None) -> Mistake | None:
     """The mistake that explains the errors of values at times (rows,), or None."""
-    error = misfit(values, exact, exact)
-    if error < SIGNIFICANT:
-        return None
-    best = None
-    for trials in (_views, _clocks, _equations, _damped, _first_order):
-        for sentence, predicted in trials(case, rows, values, exact, step):
+    error, best, trials = misfit(values, exact, exact), None, _Trials(case, rows, values, exact, step)
+    stages = (trials.views, trials.clocks, trials.equations, trials.damped, trials.first_order)
+    for stage in stages if error > SIGNIFICANT else ():
+        for sentence, predicted in stage():
             residual = misfit(values, predicted, exact)
             if residual * FACTOR < error and (best is None or residual * SIMPLER < best.residual):
                 best = Mistake(sentence, residual, error)
-                if residual * SURE < error:
-                    return best
+            if best and best.residual * SURE < error:
+                return best
     return best
 
 
-def _views(case: Case, rows: Array, values: Quantities, exact: Quantities, step: float | None) -> Iterator[Trial]:
-    """The exact motion in other orders, units, frames and axes."""
-    w, space, q, L = (exact[name] for name in ("angular_velocity", "angular_velocity_space", "attitude", "momentum"))
-    yield "the quaternion is (x, y, z, w), taken for (w, x, y, z)", {**exact, "attitude": np.roll(q, -1, -1)}
-    yield "the quaternion is (w, x, y, z), taken for (x, y, z, w)", {**exact, "attitude": np.roll(q, 1, -1)}
-    conjugate = q * [1, -1, -1, -1]
-    yield "the attitude is conjugate: space to body in place of body to space", {**exact, "attitude": conjugate}
-    for factor, sentence in (
-        (1 / DEGREE, "the angular velocity is in deg/s, taken for rad/s"),
-        (DEGREE, "the angular velocity is in rad/s, taken for deg/s"),
-        (30 / math.pi, "the angular velocity is in rpm, taken for rad/s"),
-    ):
-        yield sentence, {**exact, "angular_velocity": w * factor, "angular_velocity_space": space * factor}
-    if "position" in exact:
-        yield "the position is in feet, taken for metres", {**exact, "position": exact["position"] / 0.3048}
-    yield "the angular velocity is along the axes of space, not of the body", {**exact, "angular_velocity": space}
-    yield "the angular velocity is along the axes of the body, not of space", {**exact, "angular_velocity_space": w}
-    body = np.stack(to_body(np.moveaxis(q, -1, 0), np.moveaxis(L, -1, 0)), -1)
-    yield "the momentum is along the axes of the body, not of space", {**exact, "momentum": body}
-    vectors = [name for name, value in exact.items() if value.shape[1:] == (3,)]
-    groups = {"axes": [*vectors, "attitude"], "axes of the angular velocity": vectors[:2], "axes of q": ["attitude"]}
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1, -1), repeat=3):
+class _Trials:
+    """The trials for a trajectory: times (rows,), s, its quantities, the exact ones, the step, s, if it is known."""
+
+    def __init__(self, case: Case, rows: Array, values: Quantities, exact: Quantities, step: float | None):
+        self.case, self.rows, self.values, self.exact, self.step = case, rows, values, exact, step
+        self.spacing = float(rows[-1] - rows[0]) / (len(rows) - 1)
+
+    def views(self) -> Iterator[Trial]:
+        """The exact motion in other orders, units, frames and axes."""
+        exact = self.exact
+        w, space, q = (exact[name] for name in ("angular_velocity", "angular_velocity_space", "attitude"))
+        yield "the quaternion is (x, y, z, w), taken for (w, x, y, z)", {**exact, "attitude": np.roll(q, -1, -1)}
+        yield "the quaternion is (w, x, y, z), taken for (x, y, z, w)", {**exact, "attitude": np.roll(q, 1, -1)}
+        yield "the attitude is conjugate: it takes space to body", {**exact, "attitude": q * [1, -1, -1, -1]}
+        for factor, text in ((1 / DEGREE, "deg/s, taken for rad/s"), (DEGREE, "rad/s, taken for deg/s")):
+            rates = {"angular_velocity": w * factor, "angular_velocity_space": space * factor}
+            yield f"the angular velocity is in {text}", {**exact, **rates}
+        if "position" in exact:
+            yield "the position is in feet, taken for metres", {**exact, "position": exact["position"] / 0.3048}
+        yield "the angular velocity is along the axes of space, not of the body", {**exact, "angular_velocity": space}
+        yield "the angular velocity is along the axes of the body, not of space", {**exact, "angular_velocity_space": w}
+        body = np.stack(to_body(q.T, exact["momentum"].T), -1)
+        yield "the momentum is along the axes of the body, not of space", {**exact, "momentum": body}
+        vectors = [name for name, value in exact.items() if value.shape[1:] == (3,)]
+        groups = {
+            "axes": [*vectors, "attitude"],
+            "axes of the angular velocity": vectors[:2],
+            "axes of q": ["attitude"],
+        }
+        for order, signs in itertools.product(itertools.permutations(range(3)), itertools.product((1, -1), repeat=3)):
             text = ", ".join("-" * (s < 0) + "xyz"[k] for k, s in zip(order, signs, strict=True))
-            turned = {name: exact[name][:, order] * signs for name in vectors}
-            turned["attitude"] = np.concatenate([q[:, :1], q[:, 1:][:, order] * signs], -1)
-            for title, names in groups.items():
-                if text != "x, y, z":
-                    yield f"{title}: the components are ({text})", {**exact, **{n: turned[n] for n in names}}
+            changed = {name: exact[name][:, order] * signs for name in vectors}
+            changed["attitude"] = np.concatenate([q[:, :1], q[:, 1:][:, order] * signs], -1)
+            for title, names in groups.items() if text != "x, y, z" else ():
+                yield f"{title}: the components are ({text})", {**exact, **{name: changed[name] for name in names}}
 
-
-def _clocks(case: Case, rows: Array, values: Quantities, exact: Quantities, step: float | None) -> Iterator[Trial]:
-    """The exact motion at other times."""
-    spacing = float(np.median(np.diff(rows)))
-    for shift in {spacing, step or spacing}:
-        for sign, text in (
-            (1, "late: row k has the state of row k + 1"),
-            (-1, "early: row k has the state of row k - 1"),
+    def clocks(self) -> Iterator[Trial]:
+        """The exact motion at other times."""
+        end, rows = BEYOND * float(self.case.duration), self.rows
+        for shift in {self.spacing, self.step or self.spacing}:
+            late, early = self._states("", rows + shift), self._states("", rows - shift)
+            yield f"each row has the state of one step of {shift:g} s later", self.case.quantities(late)
+            yield f"each row has the state of one step of {shift:g} s earlier", self.case.quantities(early)
+        for factor, text in (
+            (60, "the times are in minutes, taken for seconds"),
+            (1e-3, "the times are in milliseconds, taken for seconds"),
+            (1 / 60, "the times are in seconds, taken for minutes"),
+            (2, "the motion is twice as fast as the times state"),
+            (0.5, "the motion is half as fast as the times state"),
+            (1 / DEGREE, "the equations take rates in deg/s for rad/s"),
+            (DEGREE, "the equations take rates in rad/s for deg/s"),
         ):
-            yield (
-                f"the times are one step of {shift:g} s too {text}",
-                case.quantities(_states(case, "", rows + sign * shift)),
-            )
-    for factor, text in (
-        (60, "the times are in minutes, taken for seconds"),
-        (1e-3, "the times are in milliseconds, taken for seconds"),
-        (1 / 60, "the times are in seconds, taken for minutes"),
-        (2, "the step of time is half of that of the motion"),
-        (0.5, "the step of time is twice that of the motion"),
-        (1 / DEGREE, "the rates of the start, in deg/s, are taken for rad/s by the equations"),
-        (DEGREE, "the rates of the start, in rad/s, are taken for deg/s by the equations"),
-    ):
-        if rows[-1] * factor > BEYOND * float(case.duration):
-            few = rows[:3]
-            head = {name: value[: len(few)] for name, value in values.items()}
-            before = {name: exact[name][: len(few)] for name in exact}
-            if case.law is not FREE or few[-1] * factor > BEYOND * float(case.duration):
-                continue
-            predicted = case.quantities(_states(case, "", few * factor))
-            if not misfit(head, predicted, before) * SIMPLER < misfit(head, before, before):
-                continue
-        yield text, case.quantities(_states(case, "", rows * factor))
+            if rows[-1] * factor > end:
+                few = slice(min(EARLY, int((rows * factor <= end).sum())))
+                if self.case.law is not FREE or few.stop < 2:
+                    continue
+                predicted = self.case.quantities(self._states("", rows[few] * factor))
+                if not SIMPLER * self.misfit(predicted, few) < self.misfit(self.exact, few):
+                    continue
+            yield text, self.case.quantities(self._states("", rows * factor))
 
+    def equations(self) -> Iterator[Trial]:
+        """Solutions of wrong equations, or from a wrong start, if the first row is that start."""
+        for sentence, (_, start) in _wrong(self.case).items():
+            if self.rows[0] > 0 or self.misfit(self.case.quantities(np.array([start])), slice(1)) < SMALL:
+                yield sentence, self.case.quantities(self._states(sentence, self.rows))
 
-def _equations(case: Case, rows: Array, values: Quantities, exact: Quantities, step: float | None) -> Iterator[Trial]:
-    """Solutions of wrong equations, or from a wrong start."""
-    first = {name: value[:1] for name, value in values.items()}
-    size_of = {name: value[:1] for name, value in exact.items()}
-    for sentence, (_, start) in _wrong(case).items():
-        begins = case.quantities(np.array([start]))
-        if rows[0] > 0 or misfit(first, begins, size_of) < SMALL:
-            yield sentence, case.quantities(_states(case, sentence, rows))
+    def damped(self) -> Iterator[Trial]:
+        """A torque -c L; c is fitted, first to the decay of w I w, then by least squares."""
+        if "angular_velocity" not in self.values or self.rows[0] > 0 or self.misfit(self.exact, slice(1)) > SMALL:
+            return
+        constants, start = self.case.numeric(), _wrong(self.case)[""][1]
+        pair = (self.values["angular_velocity"], self.exact["angular_velocity"])
+        with np.errstate(all="ignore"):
+            decay = np.log(np.divide(*(np.einsum("ri,ij,rj->r", w, constants["I"], w) for w in pair)))
+        rate = -float((decay * self.rows).sum() / (2 * (self.rows**2).sum()))
+
+        def predicted(rate: float) -> Quantities:
+            flow = _flow(self.case, constants, damping=rate)
+            return self.case.quantities(_solved(flow, start, BEYOND * self.rows[-1])(self.rows))
+
+        for _ in range(3):
+            if not rate > 0:
+                return
+            at, near = (self._stacked(predicted(c)) for c in (rate, rate * 1.001))
+            slope = (near - at) / (rate * 0.001)
+            rate += float(slope @ (self._stacked(self.values) - at) / (slope @ slope))
+        yield f"the rates are damped: a torque -c L with c = {rate:.4g} 1/s", predicted(rate)
+
+    def first_order(self) -> Iterator[Trial]:
+        """Schemes of first order at the step, or at the integer part of the rows' spacing that fits best."""
+        count = len(self.rows)
+        if not np.allclose(self.rows, self.spacing * np.arange(count), atol=1e-4 * self.spacing):
+            return
+        truth = self._stacked(self.exact)
+        error = self._stacked(self.values) - truth
+        for name, scheme in SCHEMES.items():
+            parts, last = round(self.spacing / self.step) if self.step else max(1, STEPS // count), 0
+            for _ in range(0 if self.step else TRIES):
+                if parts in (0, last) or parts * count > MOST_STEPS:
+                    break
+                trial = self._stacked(self.case.quantities(_stepped(self.case, scheme, self.rows, parts))) - truth
+                small = (abs(error) < SMALL) & (abs(trial) < SMALL)
+                ratio = float(trial[small] @ error[small] / max(trial[small] @ trial[small], 1e-300))
+                missed = error[small] - ratio * trial[small]
+                fits = ratio > 0 and missed @ missed < UNLIKE * (error[small] @ error[small])
+                parts, last = max(1, round(parts / ratio)) if fits else 0, parts
+            if 0 < parts * count <= MOST_STEPS:
+                states = _stepped(self.case, scheme, self.rows, parts)
+                text = f"a method of first order ({name}) at the step {self.spacing / parts:.4g} s"
+                yield text, self.case.quantities(states)
+
+    def misfit(self, predicted: Quantities, rows: slice) -> float:
+        """The misfit of some rows."""
+        return misfit(self.values, predicted, self.exact, rows)
+
+    def _states(self, sentence: str, rows: Array) -> Array:
+        after = _solution(self.case, sentence, BEYOND * float(rows[-1]))(np.maximum(rows, 0))
+        if rows[0] >= 0:
+            return after
+        return np.where((rows < 0)[:, None], _solution(self.case, sentence, float(rows[0]))(np.minimum(rows, 0)), after)
+
+    def _stacked(self, quantities: Quantities) -> Array:
+        """All components relative to their sizes, attitudes with the sign of the exact ones."""
+        columns = []
+        for name, exact in self.exact.items():
+            if name in self.values:
+                column, flip = quantities[name], name == "attitude"
+                signs = np.where((column * exact).sum(-1, keepdims=True) < 0, -1, 1) if flip else 1
+                columns.append((column * signs).ravel() / size(name, exact))
+        return np.concatenate(columns)
 
 
 @cache
 def _wrong(case: Case) -> dict[str, tuple[Flow, list[float]]]:
-    """Sentence -> equations and start."""
+    """Sentence -> equations and start; the empty sentence is that of the right ones."""
     p, start = case.numeric(), [float(v) for v in (*case.angular_velocity, *case.attitude, *case.further)]
+
+    def torque(sign: float) -> Any:
+        return lambda w, q, x, p: [sign * v for v in case.law.torque(w, q, x, p)]
+
+    def rate(turned: Callable[[list[float], list[float]], list[float]]) -> Flow:
+        return _flow(case, p, rate=lambda q, w: quaternion_rate(q, turned(q, w)))
+
     flows = {
         "": _flow(case, p),
         "w x I w is left out: without a torque w stays constant": _flow(case, p, gyroscopic=0),
         "w x I w has the wrong sign": _flow(case, p, gyroscopic=-1),
         "the inertia tensor is kept constant in space, not turned with the body": _not_turned(case, p),
-        "q' = q (0, w) lacks the factor 1/2": _flow(case, p, rate=lambda q, w: quaternion_rate(q, [2 * v for v in w])),
-        "q' = q (0, w)/4 has the factor 1/2 twice": _flow(
-            case, p, rate=lambda q, w: quaternion_rate(q, [v / 2 for v in w])
-        ),
-        "q' = -q (0, w)/2 has the wrong sign": _flow(case, p, rate=lambda q, w: quaternion_rate(q, [-v for v in w])),
-        "q' = (0, w) q/2 is used with rates along the body axes": _flow(
-            case, p, rate=lambda q, w: quaternion_rate(q, to_body(q, w))
-        ),
-        "q' = q (0, w)/2 is used with rates along the axes of space": _flow(
-            case, p, rate=lambda q, w: quaternion_rate(q, times(rotation(q), w))
-        ),
+        "q' = q (0, w) lacks the factor 1/2": rate(lambda q, w: [2 * v for v in w]),
+        "q' = q (0, w)/4 has the factor 1/2 twice": rate(lambda q, w: [v / 2 for v in w]),
+        "q' = -q (0, w)/2 has the wrong sign": rate(lambda q, w: [-v for v in w]),
+        "q' = (0, w) q/2 is used with rates along the body axes": rate(to_body),
+        "q' = q (0, w)/2 is used with rates along the axes of space": rate(lambda q, w: times(rotation(q), w)),
         **{sentence: _flow(case, _with(p, tensor)) for sentence, tensor in _tensors(case)},
     }
     if case.law is not FREE:
-        flows["the torque is left out"] = _flow(case, p, torque=lambda w, q, x, p: [0.0, 0.0, 0.0])
+        flows["the torque is left out"] = _flow(case, p, torque=torque(0))
         flows["the torque has the wrong sign: gravity, the field or the wheel in the other direction"] = _flow(
-            case, p, torque=lambda w, q, x, p: [-v for v in case.law.torque(w, q, x, p)]
+            case, p, torque=torque(-1)
         )
-    for axis, word in enumerate(("first", "second")):
-        if case.law is FIELD:
-            flows[f"gravity or the field is along the {word} axis of space, not the third"] = _flow(
-                case, p, torque=lambda w, q, x, p, axis=axis: cross(p["k"], rotation(q)[axis])
-            )
-    out = {sentence: (flow, start) for sentence, flow in flows.items()}
+    for axis, word in enumerate(("first", "second") if case.law is FIELD else ()):
+        flows[f"gravity or the field is along the {word} axis of space, not the third"] = _flow(
+            case, p, torque=lambda w, q, x, p, axis=axis: cross(p["k"], rotation(q)[axis])
+        )
     w, q, x = start[:3], start[3:7], start[7:]
-    for sentence, begin in {
+    starts = {
         "the rates of the start, in deg/s, are taken for rad/s": [*(v / DEGREE for v in w), *q, *x],
         "the rates of the start, in rad/s, are taken for deg/s": [*(v * DEGREE for v in w), *q, *x],
         "the rates of the start are taken along the axes of space": [*to_body(q, w), *q, *x],
         "the attitude of the start is left out": [*w, 1.0, 0.0, 0.0, 0.0, *x],
-        "the attitude of the start is conjugate": [*w, q[0], -q[1], -q[2], -q[3], *x],
-    }.items():
-        if not np.allclose(begin, start, 1e-9, 1e-12):
-            out[sentence] = flows[""], begin
-    return out
+        "the attitude of the start is conjugate": [*w, q[0], *(-v for v in q[1:]), *x],
+    }
+    moved = {text: (flows[""], z) for text, z in starts.items() if not np.allclose(z, start, 1e-9, 1e-12)}
+    return {sentence: (flow, start) for sentence, flow in flows.items()} | moved
 
 
 def _flow(
@@ -225,11 +279,9 @@ def _flow(
 
 
 def _not_turned(case: Case, p: Any) -> Flow:
-    moments, inverse = np.array(p["I"]), np.array(p["inverse"])
-
     def flow(w: list[float], q: list[float], x: list[float]) -> list[float]:
         R = np.array(rotation(q))
-        constants = {**p, "I": (R.T @ moments @ R).tolist(), "inverse": (R.T @ inverse @ R).tolist()}
+        constants = {**p, **{name: (R.T @ p[name] @ R).tolist() for name in ("I", "inverse")}}
         return _flow(case, constants, torque=lambda w, q, x, _: case.law.torque(w, q, x, p))(w, q, x)
 
     return flow
@@ -241,7 +293,7 @@ def _with(p: Any, tensor: Array) -> dict[str, Any]:
 
 def _tensors(case: Case) -> Iterator[tuple[str, Array]]:
     """Wrong inertia tensors."""
-    tensor = np.array([[float(v) for v in row] for row in case.inertia])
+    tensor = np.array(case.numeric()["I"])
     diagonal = np.diag(np.diag(tensor))
     for order in ((0, 2, 1), (2, 1, 0), (1, 0, 2), (1, 2, 0), (2, 0, 1)):
         text = ", ".join(str(k + 1) for k in order)
@@ -263,20 +315,18 @@ def _tensors(case: Case) -> Iterator[tuple[str, Array]]:
 
 @cache
 def _solution(case: Case, sentence: str, end: float) -> Callable[[Array], Array]:
-    """The solution of wrong equations as a function of times, of one sign, up to the end."""
     return _solved(*_wrong(case)[sentence], end)
 
 
 def _solved(flow: Flow, start: list[float], end: float) -> Callable[[Array], Array]:
-    """States (rows, d) at times (rows,) by DOP853; NaN beyond the times that are reached."""
+    """States (rows, d) at times (rows,) between 0 and the end by DOP853; NaN beyond those that are reached."""
     from scipy.integrate import DOP853, OdeSolution
 
     def rates(t: float, z: Array) -> list[float]:
         state: list[float] = z.tolist()
         return flow(state[:3], state[3:7], state[7:])
 
-    parts = start[:3], start[3:7], start[7:]
-    scale = [max(1e-12, *map(abs, part)) for part in parts for _ in part]
+    scale = [max(1e-12, *map(abs, part)) for part in (start[:3], start[3:7], start[7:]) for _ in part]
     make: Any = DOP853
     solver = make(rates, 0.0, start, end, rtol=TOLERANCE, atol=TOLERANCE * np.array(scale))
     times, pieces = [0.0], list[Any]()
@@ -287,66 +337,10 @@ def _solved(flow: Flow, start: list[float], end: float) -> Callable[[Array], Arr
                 times.append(solver.t)
                 pieces.append(solver.dense_output())
     solution = OdeSolution(times, pieces)
-
-    def states(rows: Array) -> Array:
-        reached = np.abs(rows) <= abs(times[-1])
-        return np.where(reached[:, None], solution(rows).T, np.nan)
-
-    return states
+    return lambda rows: np.where((np.abs(rows) <= abs(times[-1]))[:, None], solution(rows).T, np.nan)
 
 
-def _states(case: Case, sentence: str, rows: Array) -> Array:
-    end = BEYOND * float(rows.max())
-    after = _solution(case, sentence, end)(np.maximum(rows, 0))
-    if rows.min() >= 0:
-        return after
-    before = _solution(case, sentence, -end)(np.minimum(rows, 0))
-    return np.where((rows < 0)[:, None], before, after)
-
-
-def _damped(case: Case, rows: Array, values: Quantities, exact: Quantities, step: float | None) -> Iterator[Trial]:
-    """A torque -c I w; c is fitted: first to the decay of the energy, then by least squares."""
-    if "angular_velocity" not in values or rows[0] > 0:
-        return
-    p = case.numeric()
-    energies = [np.einsum("ri,ij,rj->r", v, p["I"], v) for v in (values["angular_velocity"], exact["angular_velocity"])]
-    with np.errstate(all="ignore"):
-        ratio = np.log(energies[0] / energies[1])
-    rate = -float((ratio * rows).sum() / (2 * (rows**2).sum()))
-    if not math.isfinite(rate) or rate <= 0 or misfit_of_start(values, exact) > SMALL:
-        return
-    target, start = _stacked(values, values, exact), _wrong(case)[""][1]
-
-    def predicted(c: float) -> Quantities:
-        return case.quantities(_solved(_flow(case, p, damping=c), start, BEYOND * float(case.duration))(rows))
-
-    for _ in range(3):
-        at, near = (_stacked(values, predicted(c), exact) for c in (rate, rate * 1.001))
-        slope = (near - at) / (rate * 0.001)
-        rate += float(slope @ (target - at) / (slope @ slope))
-        if not math.isfinite(rate) or rate <= 0:
-            return
-    yield f"the rates are damped: a torque -c L with c = {rate:.4g} 1/s", predicted(rate)
-
-
-def misfit_of_start(values: Quantities, exact: Quantities) -> float:
-    """The misfit of the first row."""
-    first = {name: value[:1] for name, value in exact.items()}
-    return misfit({name: value[:1] for name, value in values.items()}, first, first)
-
-
-def _stacked(values: Quantities, chosen: Quantities, exact: Quantities) -> Array:
-    """All components of the quantities of `values`, relative to their sizes, attitudes with the sign of the exact."""
-    columns = []
-    for name in values:
-        column = chosen[name]
-        if name == "attitude":
-            column = column * np.where((column * exact[name]).sum(-1, keepdims=True) < 0, -1, 1)
-        columns.append(column.ravel() / size(name, exact[name]))
-    return np.concatenate(columns)
-
-
-SCHEMES = {  # acceleration; whether w is kept along the axes of space in a step; whether q is turned by the new w
+SCHEMES = {  # acceleration; whether w is kept along the axes of space in a step; whether the new w turns q
     "explicit Euler of w along the body axes, q by the old w": ("explicit", False, False),
     "explicit Euler of w along the axes of space, q by the old w": ("explicit", True, False),
     "explicit Euler of w, q by the new w": ("explicit", False, True),
@@ -357,70 +351,31 @@ SCHEMES = {  # acceleration; whether w is kept along the axes of space in a step
 }
 
 
-def _first_order(case: Case, rows: Array, values: Quantities, exact: Quantities, step: float | None) -> Iterator[Trial]:
-    """Schemes of first order at the step, or at that part of the rows' spacing that fits best."""
-    spacing = float(rows[-1] / (len(rows) - 1))
-    if rows[0] != 0 or not np.allclose(rows, spacing * np.arange(len(rows)), atol=1e-4 * spacing):
-        return
-    truth = _stacked(values, exact, exact)
-    error = _stacked(values, values, exact) - truth
-    for name, scheme in SCHEMES.items():
-        parts = round(spacing / step) if step else max(1, round(STEPS / len(rows)))
-        for _ in range(0 if step else REFINEMENTS):
-            slope = _stacked(values, case.quantities(_stepped(case, scheme, rows, parts)), exact) - truth
-            small = (abs(error) < SMALL) & (abs(slope) < SMALL)
-            ratio = float(slope[small] @ error[small] / max(slope[small] @ slope[small], 1e-300))
-            rest = error[small] - ratio * slope[small]
-            last = parts
-            parts = round(parts / ratio) if ratio > 0 and rest @ rest < UNLIKE * (error[small] @ error[small]) else 0
-            if parts in (0, last) or parts > MOST_STEPS / len(rows):
-                break
-        if 0 < parts <= MOST_STEPS / len(rows):
-            sentence = f"a method of first order ({name}) at the step {spacing / parts:.4g} s"
-            yield sentence, case.quantities(_stepped(case, scheme, rows, parts))
-
-
 def _stepped(case: Case, scheme: tuple[str, bool, bool], rows: Array, parts: int) -> Array:
     """States (rows, d) of a scheme with `parts` steps in a row; further variables of the law are exact."""
     kind, in_space, late = scheme
-    h, count = float(rows[-1] / (len(rows) - 1)) / parts, parts * (len(rows) - 1)
-    p, right = case.numeric(), _states(case, "", h * np.arange(count + 1)).tolist()
-    z = right[0]
-    out, flow, law = [z], _flow(case, p), case.law
+    count = parts * (len(rows) - 1)
+    h, p = float(rows[-1]) / count, case.numeric()
+    right = _solution(case, "", BEYOND * float(rows[-1]))(h * np.arange(count + 1)).tolist()
+    out, flow = np.full((len(rows), len(right[0])), np.nan), _flow(case, p)
+    out[0], w, q = right[0], right[0][:3], right[0][3:7]
     for k in range(count):
-        w, q, x = z[:3], z[3:7], right[k][7:]
-        new = w if kind == "momentum" else [v + h * a for v, a in zip(w, flow(w, q, x), strict=False)]
-        if kind == "exact":
-            new = right[k + 1][:3]
-        if kind == "implicit":
-            for _ in range(50):
-                last, new = new, [v + h * a for v, a in zip(w, flow(new, q, x), strict=False)]
-                if max(abs(a - b) for a, b in zip(last, new, strict=True)) <= 1e-15 * max(map(abs, new)):
-                    break
-        turn = _turn([h * v for v in (new if late else w)])
-        if kind == "momentum":
-            m = [a + h * b for a, b in zip(times(p["I"], w), law.torque(w, q, x, p), strict=True)]
-            new = times(p["inverse"], to_body(turn, m))
-        elif in_space:
-            new = to_body(turn, new)
-        z = [*new, *_product(q, turn), *right[k + 1][7:]]
-        if not all(map(math.isfinite, z)) or max(map(abs, new)) > 1e9:
-            z = [math.nan] * len(z)
-            out += [z] * (count - k)
+        x = right[k][7:]
+        new = right[k + 1][:3] if kind == "exact" else [v + h * a for v, a in zip(w, flow(w, q, x), strict=False)]
+        for _ in range(50 if kind == "implicit" else 0):
+            last, new = new, [v + h * a for v, a in zip(w, flow(new, q, x), strict=False)]
+            if max(abs(a - b) for a, b in zip(last, new, strict=True)) <= 1e-15 * max(map(abs, new)):
+                break
+        used = [h * v for v in (new if late else w)]
+        angle = math.hypot(*used)
+        if not angle < 1:
             break
-        out.append(z)
-    return np.array(out[::parts])
-
-
-def _turn(a: list[float]) -> list[float]:
-    """The quaternion of the rotation by a vector of angles."""
-    angle = math.hypot(*a)
-    factor = math.sin(angle / 2) / angle if angle else 0.5
-    return [math.cos(angle / 2), *(factor * v for v in a)]
-
-
-def _product(q: list[float], r: list[float]) -> list[float]:
-    """The product of quaternions."""
-    turned = cross(q[1:], r[1:])
-    scalar = q[0] * r[0] - sum(a * b for a, b in zip(q[1:], r[1:], strict=True))
-    return [scalar, *(q[0] * r[i + 1] + r[0] * q[i + 1] + turned[i] for i in range(3))]
+        turn = [math.cos(angle / 2), *(v * math.sin(angle / 2) / (angle or 1) for v in used)]
+        if kind == "momentum":
+            m = [a + h * b for a, b in zip(times(p["I"], w), case.law.torque(w, q, x, p), strict=True)]
+            new = times(p["inverse"], to_body(turn, m))
+        w = to_body(turn, new) if in_space and kind != "momentum" else new
+        q = [turn[0] * a + 2 * b for a, b in zip(q, quaternion_rate(q, turn[1:]), strict=True)]
+        if (k + 1) % parts == 0:
+            out[(k + 1) // parts] = [*w, *q, *right[k + 1][7:]]
+    return out

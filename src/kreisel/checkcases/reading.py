@@ -6,17 +6,18 @@ Each recognised quantity, unit and convention is stated in a sentence, and each 
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from kreisel.algebra import Array, floats
-from kreisel.checkcases.grade import checked, increasing
+from kreisel.checkcases.grade import NORM, checked, increasing
 from kreisel.checkcases.mistakes import FACTOR, differences, size
 from kreisel.errors import InputError, explained, shown
 
@@ -38,31 +39,19 @@ UNITS_OF_TIME = {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "msec": "ms",
 TIME = {"t", "time", "timestamp", "elapsed", "seconds"}
 TURNING = {"omega", "om", "w", "gyro", "rate", "rates", "angular", "ang", "angvel"}
 ATTITUDE = {"q", "quat", "quaternion", "attitude", "orientation", "rotation", "rot", "dcm", "r", "matrix"}
-ELSE = {
-    "dot",
-    "accel",
-    "acceleration",
-    "torque",
-    "moment",
-    "force",
-    "error",
-    "des",
-    "cmd",
-    "ref",
-    "kinetic",
-    "potential",
-}
+POSITION = {"position", "pos", "com", "p"}
+ELSE = set("dot linear accel acceleration torque moment force error des cmd ref kinetic potential".split())
 FRAMES = {"body": "body", "b": "body", "local": "body"} | dict.fromkeys(("space", "world", "inertial", "lab"), "space")
 COMPONENTS = (
     *(tuple(a + b for a in axes for b in axes) for axes in ("012", "123", "xyz")), tuple("012345678"), tuple("wxyz"),
     tuple("sxyz"), tuple("0123"), tuple("1234"), tuple("xyz"), tuple("012"), tuple("123"), tuple("pqr"),
     ("roll", "pitch", "yaw"), ("phi", "theta", "psi"),
 )  # fmt: skip
-SYMBOL = re.compile(r"(w|om|omega|q|quat|r|rot|dcm|l|h|p|pos|v|vel|gyro|angvel)([xyzws]|\d|[xyz]{2})")
+SYMBOL = re.compile(r"(w|om|omega|q|quat|r|rot|dcm|l|h|p|pos|v|vel|gyro|angvel)([xyzw]|[xyz]{2})|(q|quat)(s)")
 WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
-EARLY = 3  # rows that decide between conventions
+ALL, EARLY = slice(None), slice(3)  # rows that decide between conventions
 BETTER = 3  # factor by which they do
-CLOSE = 1e-3  # relative: the start matches
+CLOSE, FAR = 1e-3, 0.2  # relative: the start matches; it does not
 
 
 class Trajectory(NamedTuple):
@@ -75,13 +64,13 @@ class Trajectory(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Columns of one quantity, its components in the names, its unit and frame if the names state them."""
+    """Columns of one quantity, their unit and frame if the names state them, the components in the names."""
 
     role: str
     columns: list[str]
-    components: tuple[str, ...] = ()
-    unit: str | None = None
-    frame: str | None = None
+    unit: str | None
+    frame: str | None
+    components: tuple[str, ...]
 
 
 class Option(NamedTuple):
@@ -127,13 +116,25 @@ def read(
     times = _times(table, groups, case, time, sentences)
     reference = case.reference(times)
     exact = {str(name): reference[name].values for name in reference}
+    if not columns:
+        groups = [group for group in groups if not _left_out(group, table, exact, sentences)]
+    quantities = _quantities(table, groups, specified, exact, sentences)
+    _check_start(case, quantities, exact, table.source)
+    return Trajectory(times, quantities, sentences, step)
+
+
+def _quantities(
+    table: _Table,
+    groups: list[Group],
+    specified: Mapping[str, str | None],
+    exact: Mapping[str, Array],
+    sentences: list[str],
+) -> dict[str, Array]:
+    """The quantities of the groups, with a sentence each.  Raises `InputError`."""
     quantities = dict[str, Array]()
     for group in groups:
         listed = f"columns {', '.join(group.columns)}"
-        if group.role == "euler" and not columns and {"longitude", "latitude"} <= _words(table):
-            sentences.append(f"{listed}: left out, angles to the Earth's local frame, which rotates by 7e-5 rad/s")
-            continue
-        options = list(_options(table.numbers(group.columns), group, specified, exact))
+        options = [o for o in _options(table.numbers(group.columns), group, specified) if o.name in exact]
         if not options:
             continue
         option, reason = _chosen(options, exact, f"{table.source}, {listed}", group.unit)
@@ -142,15 +143,29 @@ def read(
                 f"{table.source}: expected one set of columns for {option.name}, got another, "
                 f"{', '.join(group.columns)}. Specify which: columns={{'{group.role}': [...]}}."
             )
-        quantities[option.name] = checked(option.name, option.values, len(times))
+        quantities[option.name] = checked(option.name, option.values, len(option.values))
         sentences.append(f"{listed}: {option.text}{reason}")
     if not quantities:
         raise InputError(
             f"{table.source}: expected columns such as wx, wy, wz or qw, qx, qy, qz with one of {', '.join(exact)}, "
             f"got {', '.join(table.columns)}. Specify them: columns={{'rates': [...]}}."
         )
-    _check_start(case, quantities, exact, times, table.source)
-    return Trajectory(times, quantities, sentences, step)
+    return quantities
+
+
+def _left_out(group: Group, table: _Table, exact: Mapping[str, Array], sentences: list[str]) -> bool:
+    """Whether a group is of no use, with a sentence."""
+    listed = f"columns {', '.join(group.columns)}: left out"
+    if group.role == "euler" and "longitude" in " ".join(table.columns):
+        sentences.append(f"{listed}, angles to the Earth's local frame, which rotates by 7e-5 rad/s")
+        return True
+    if group.role in ("energy", "momentum") and group.role in exact:
+        values = table.numbers(group.columns)
+        option = Option(group.role, values[:, 0] if group.role == "energy" else values, "")
+        if _error(option, exact, slice(1)) > CLOSE:
+            sentences.append(f"{listed}, not the {group.role} of the case at the start (another zero or unit)")
+            return True
+    return False
 
 
 class _Table:
@@ -257,11 +272,9 @@ def _is_number(text: str) -> bool:
 def _split(text: str) -> list[str]:
     for symbol, word in (("\N{GREEK SMALL LETTER OMEGA}", "omega_"), ("\N{DEGREE SIGN}", "deg")):
         text = text.replace(symbol, word)
-    return [word.lower() for word in WORD.findall(text)]
-
-
-def _words(table: _Table) -> set[str]:
-    return {word for name in table.columns for word in _split(name)}
+    words = [word.lower() for word in WORD.findall(re.sub(r"(?<=\d)[_, ]+(?=\d)", "", text))]
+    matches = [(word, SYMBOL.fullmatch(word)) for word in words]
+    return [text for word, match in matches for text in (filter(None, match.groups()) if match else [word])]
 
 
 def _parsed(name: str) -> tuple[tuple[str, ...], str | None, str]:
@@ -269,16 +282,9 @@ def _parsed(name: str) -> tuple[tuple[str, ...], str | None, str]:
     index = re.search(r"[\[(]([\d, ]+)[\])]", name)
     words, unit = _without_unit(_split(name.replace(index[0], " ") if index else name))
     component = re.sub(r"\D", "", index[1]) if index else ""
-    if not index and words and (match := SYMBOL.fullmatch(words[-1])):
-        words[-1:] = match.groups()
-    symbols = {symbol for symbols in COMPONENTS for symbol in symbols}
-    at = next((k for k in range(len(words) - 1, -1, -1) if words[k] in symbols), None)
-    if (
-        not component
-        and at is not None
-        and (at or len(words[0]) == 1 or words[0] in ("roll", "pitch", "yaw", "phi", "theta", "psi"))
-    ):
-        component = words.pop(at)
+    places = [k for k, word in enumerate(words) if any(word in symbols for symbols in COMPONENTS)]
+    if places and not index:
+        component = words.pop(places[-1])
     if unit is None:
         words, unit = _without_unit(words)
     return tuple(words), unit, component
@@ -300,55 +306,47 @@ def _groups(table: _Table) -> list[Group]:
         found.setdefault((words, unit), {}).setdefault(component, name)
     groups = []
     for (words, unit), members in found.items():
-        frame = next((FRAMES[word] for word in words if word in FRAMES), None)
-        for components in ((), *COMPONENTS):
-            names = [members[c] for c in components or ("",) if c in members]
+        for components in (("",), *COMPONENTS):
             role = _role(set(words), components)
-            if len(names) == max(1, len(components)) and role:
-                groups.append(Group(role, names, components, unit, frame))
-                members = {c: name for c, name in members.items() if name not in names}
+            if role and all(c in members for c in components):
+                groups.append(Group(role, [members.pop(c) for c in components], unit, _frame(words), components))
     return groups
+
+
+def _frame(words: Sequence[str]) -> str | None:
+    return next((FRAMES[word] for word in words if word in FRAMES), None)
 
 
 def _role(words: set[str], components: tuple[str, ...]) -> str:
-    if words & ELSE or "linear" in words:
+    """The quantity that the words of its columns and their components mean, or nothing."""
+    count = len(components)
+    if words & ELSE:
         return ""
-    if not components:
+    if count == 1:
         return "time" if words and words <= TIME else "energy" if words & {"energy", "e"} else ""
-    if len(components) in (4, 9):
+    if count in (4, 9):
         return "attitude" if not words or words & ATTITUDE else ""
-    if words & {"momentum", "l", "h"}:
-        return "momentum"
-    if words & TURNING or components == tuple("pqr"):
-        return "rates"
-    if components[0] in ("roll", "phi"):
+    if components[0] in ("roll", "phi") and not words & TURNING:
         return "euler"
-    for role, names in (("position", {"position", "pos", "com", "p"}), ("velocity", {"velocity", "vel", "v"})):
-        if words & names or (role == "position" and not words):
-            return role
-    return ""
+    names = {"momentum": {"momentum", "l", "h"}, "rates": TURNING, "position": POSITION, "velocity": {"velocity", "v"}}
+    bare = "rates" if components == tuple("pqr") else "position"
+    return next((role for role, known in names.items() if words & known), "" if words else bare)
 
 
 def _specified(columns: Mapping[str, Any], table: _Table) -> list[Group]:
-    groups = []
-    for role, names in {"time": _time_column(table), **columns}.items():
-        names = [names] if isinstance(names, str) else list(names)
-        counts = {"time": (1,), "energy": (1,), "attitude": (4, 9)}.get(role, (3,))
-        if (
-            role not in ("time", "energy", "attitude", "rates", "euler", "momentum", "position", "velocity")
-            or len(names) not in counts
-        ):
-            raise InputError(
-                f"columns: expected {' or '.join(map(str, counts))} names for {shown(role)}, got {shown(names)}."
-            )
+    """The columns that are specified by name, and that of the time."""
+    groups, counts = [group for group in _groups(table) if group.role == "time" and "time" not in columns], {
+        **dict.fromkeys(("time", "energy"), (1,)), "attitude": (4, 9),
+        **dict.fromkeys(("rates", "euler", "momentum", "position", "velocity"), (3,)),
+    }  # fmt: skip
+    for role, value in columns.items():
+        names = [value] if isinstance(value, str) else list(value)
+        if len(names) not in counts.get(role, ()):
+            known = "; ".join(f"{key} ({' or '.join(map(str, sizes))})" for key, sizes in counts.items())
+            raise InputError(f"columns: expected names for {known}, got {shown(names)} for {shown(role)}.")
         parsed = [_parsed(name) for name in names]
-        frame = next((FRAMES[word] for word in parsed[0][0] if word in FRAMES), None)
-        groups.append(Group(role, names, tuple(p[2] for p in parsed), parsed[0][1], frame))
+        groups.append(Group(role, names, parsed[0][1], _frame(parsed[0][0]), tuple(p[2] for p in parsed)))
     return groups
-
-
-def _time_column(table: _Table) -> list[str]:
-    return next((group.columns for group in _groups(table) if group.role == "time"), ["time"])
 
 
 def _times(table: _Table, groups: list[Group], case: Case, specified: str | None, sentences: list[str]) -> Array:
@@ -367,9 +365,7 @@ def _times(table: _Table, groups: list[Group], case: Case, specified: str | None
     return times * FACTORS[unit]
 
 
-def _options(
-    values: Array, group: Group, specified: Mapping[str, str | None], exact: Mapping[str, Array]
-) -> Iterator[Option]:
+def _options(values: Array, group: Group, specified: Mapping[str, str | None]) -> Iterator[Option]:
     """The readings of the columns of a group."""
     units, frame = specified["units"] or group.unit, specified["frame"] or group.frame
     if group.role == "rates":
@@ -379,7 +375,7 @@ def _options(
                     yield Option(name, values * RATES[unit], f"angular velocity along the axes of {axes}, {unit}")
     elif group.role == "euler":
         for unit in [units.removesuffix("/s")] if units and units.removesuffix("/s") in ANGLES else ANGLES:
-            q = _of_euler(values * ANGLES[unit])
+            q = _quaternions("from_euler", "ZYX", values[:, ::-1] * ANGLES[unit])
             yield from _directions(q, f"Euler angles roll, pitch, yaw (3-2-1), {unit}", specified)
     elif group.role == "attitude" and len(group.columns) == 9:
         yield from _directions(_of_matrix(values.reshape(-1, 3, 3)), "rotation matrix, by rows", specified)
@@ -390,7 +386,7 @@ def _options(
         for order in orders:
             q = values if order == "wxyz" else np.roll(values, 1, -1)
             yield from _directions(q, f"quaternion ({', '.join(order)})", specified)
-    elif group.role in exact:
+    elif group.role != "time":
         lengths = group.role in ("position", "velocity")
         for unit in ([group.unit] if group.unit in LENGTHS else LENGTHS) if lengths else ["SI"]:
             array = values[:, 0] if group.role == "energy" else values * LENGTHS.get(unit, 1.0)
@@ -403,91 +399,64 @@ def _directions(q: Array, text: str, specified: Mapping[str, str | None]) -> Ite
             yield Option("attitude", q * [1, signs, signs, signs], f"attitude, {text}, {direction}")
 
 
-def _of_euler(angles: Array) -> Array:
-    """Quaternions q = q_z(yaw) q_y(pitch) q_x(roll) from angles (rows, 3): roll, pitch, yaw."""
-    c, s = np.cos(angles / 2).T, np.sin(angles / 2).T
-    return np.stack(
-        [
-            c[0] * c[1] * c[2] + s[0] * s[1] * s[2],
-            s[0] * c[1] * c[2] - c[0] * s[1] * s[2],
-            c[0] * s[1] * c[2] + s[0] * c[1] * s[2],
-            c[0] * c[1] * s[2] - s[0] * s[1] * c[2],
-        ],
-        -1,
-    )
-
-
 def _of_matrix(R: Array) -> Array:
-    """Quaternions from rotation matrices (rows, 3, 3): the column of q q^T with the largest diagonal entry."""
-    if (off := float(abs(R[0] @ R[0].T - np.eye(3)).max())) > CLOSE:
+    """Quaternions from rotation matrices (rows, 3, 3).  Raises `InputError`."""
+    off = np.maximum(abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max((1, 2)), np.linalg.det(R) < 0)
+    if (off > NORM).any():
+        at = int(np.argmax(off > NORM))
         raise InputError(
-            f"attitude: expected rotation matrices, got {shown(R[0].tolist())} in row 1, for which R R^T differs from "
-            f"1 by {off:.2g}. Usual cause: other columns than those of the matrix."
+            f"attitude: expected rotation matrices, got {shown(R[at].tolist())} in row {at + 1}, for which R R^T "
+            f"differs from 1 by {off[at]:.2g}, or which mirrors. Usual cause: other columns than those of the matrix."
         )
-    xx, yy, zz = R[:, 0, 0], R[:, 1, 1], R[:, 2, 2]
-    w = [1 + xx + yy + zz, R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]]
-    xy, xz, yz = R[:, 0, 1] + R[:, 1, 0], R[:, 0, 2] + R[:, 2, 0], R[:, 1, 2] + R[:, 2, 1]
-    columns = np.array(
-        [w, [w[1], 1 + xx - yy - zz, xy, xz], [w[2], xy, 1 - xx + yy - zz, yz], [w[3], xz, yz, 1 - xx - yy + zz]]
-    )
-    best = np.argmax(np.einsum("iir->ri", columns), -1)
-    q = columns[best, :, np.arange(len(R))]
-    return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
+    return _quaternions("from_matrix", R)
+
+
+def _quaternions(make: str, *values: Any) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(getattr(Rotation, make)(*values).as_quat(scalar_first=True))
+
+
+def _error(option: Option, exact: Mapping[str, Array], rows: slice) -> float:
+    truth = exact[option.name]
+    return float(differences(option.name, option.values[rows], truth[rows]).max()) / size(option.name, truth)
 
 
 def _chosen(options: list[Option], exact: Mapping[str, Array], place: str, unit: str | None) -> tuple[Option, str]:
-    """The option that agrees with the exact motion: at the start, or everywhere if it is another frame."""
-
-    def error(option: Option, rows: slice = slice(EARLY)) -> float:
-        truth = exact[option.name]
-        return float(differences(option.name, option.values[rows], truth[rows]).max()) / size(option.name, truth)
-
-    options = [option for option in options if option.name in exact]
-    option, reason = options[0], ""
-    alike = [o for o in options if o.name == option.name]
-    best = min(alike, key=error)
-    if len(alike) > 1:
-        option, reason = best if error(best) * BETTER < error(option) else option, " (recognised by the exact motion)"
-    elsewhere = [o for o in options if o.name != option.name and o.text.split()[-1] == option.text.split()[-1]]
-    if elsewhere:
-        every = slice(None)
-        if error(elsewhere[0], every) * FACTOR < error(option, every):
-            option = elsewhere[0]
-        reason = " (recognised by the exact motion)"
-    if unit in RATES and error(option, slice(1)) > 0.2:
-        first = slice(1)
-        for other, factor in RATES.items():
-            values = option.values / RATES[unit] * factor
-            if error(Option(option.name, values, ""), first) < CLOSE:
+    """The option that agrees with the exact motion: in the first rows, or everywhere if it is another frame."""
+    option, start = options[0], slice(1)
+    best = min((o for o in options if o.name == option.name), key=lambda o: _error(o, exact, EARLY))
+    if _error(best, exact, EARLY) * BETTER < _error(option, exact, EARLY):
+        option = best
+    for other in options:
+        if other.name != option.name and _error(other, exact, ALL) * FACTOR < _error(option, exact, ALL):
+            option = other
+    if unit in RATES and _error(option, exact, start) > FAR:
+        for name, factor in RATES.items():
+            other = Option(option.name, option.values * (factor / RATES[unit]), "")
+            if _error(other, exact, start) < CLOSE:
                 raise InputError(
                     f"{place}: expected {unit}, as the names state, got values of which the first row, "
-                    f"{shown((option.values[0] / RATES[unit]).tolist())}, is the start of the case in {other}. Correct "
-                    f"the names, or specify units={other!r}."
+                    f"{shown((option.values[0] / RATES[unit]).tolist())}, is the start of the case in {name}. Correct "
+                    f"the names, or specify units={name!r}."
                 )
-    return option, reason
+    return option, " (recognised by the exact motion)" if len(options) > 1 else ""
 
 
-def _check_start(
-    case: Case, quantities: Mapping[str, Array], exact: Mapping[str, Array], times: Array, source: str
-) -> None:
-    """Raises `InputError` if the first row is the start of another case."""
+def _check_start(case: Case, quantities: Mapping[str, Array], exact: Mapping[str, Array], source: str) -> None:
+    """Raises `InputError` if the rates at first are the start of another case, in any unit."""
     from kreisel.checkcases.catalogue import records
 
-    w = quantities.get("angular_velocity")
-    if w is None or times[0] != 0:
+    name = "angular_velocity"
+    if name not in quantities or _error(Option(name, quantities[name], ""), exact, slice(1)) < CLOSE:
         return
-    truth = exact["angular_velocity"][0]
-    if np.linalg.norm(w[0] - truth) < CLOSE * np.linalg.norm(truth):
-        return
-    starts = {name: np.array([float(v) for v in other.angular_velocity]) for name, other in records().items()}
-    fits = [
-        name
-        for name, start in starts.items()
-        for factor in {a / b for a in RATES.values() for b in RATES.values()}
-        if np.linalg.norm(w[0] * factor - start) < CLOSE * np.linalg.norm(start)
-    ]
+    w, fits = quantities[name][0], set[str]()
+    for other, factor in itertools.product(records().values(), {a / b for a in RATES.values() for b in RATES.values()}):
+        start = np.array([float(v) for v in other.angular_velocity])
+        if np.linalg.norm(w * factor - start) < CLOSE * np.linalg.norm(start):
+            fits.add(other.name)
     if fits:
         raise InputError(
-            f"{source}: expected the start of the case {case.name}, rates {shown(truth.tolist())} rad/s, got "
-            f"{shown(w[0].tolist())}, the start of {' or '.join(fits)}. Grade the file against that case."
+            f"{source}: expected the start of the case {case.name}, rates {shown(exact[name][0].tolist())} rad/s, got "
+            f"{shown(w.tolist())}, the start of {' or '.join(sorted(fits))}. Grade the file against that case."
         )
