@@ -1,15 +1,14 @@
 """An archive on disk: a Zarr store whose arrays have blocks along one axis, the rows of a run or the lanes of a sweep.
 
     zarr.json                 the attributes, and the metadata of every array, which Zarr calls consolidated
-    ARRAY/zarr.json           the metadata of an array once more, for readers that open it alone
-    ARRAY/c/...               a file for each block, a chunk or a shard of several
-    engine/checksums.sha256   the SHA-256 of every file, each chunk bound to its place; `sha256sum -c` reads it
-    engine/blocks/K.sha256    that of the files of block K, while the archive is being made
+    ARRAY/zarr.json           the metadata of an array once more, for readers that open only it ARRAY/c/... a file for
+    each block, a chunk or a shard of several engine/checksums.sha256   SHA-256 of every file, each chunk bound to its
+    place; `sha256sum -c` reads it engine/blocks/K.sha256    SHA-256 of the files of block K, during the run
 
-An archive is made as NAME.part and takes its name when it is whole.  Its arrays have their full length from the
-beginning.  A file takes its name when it is written, a block counts when its checksums are there, and all metadata
-change at once, with zarr.json; the checksums of a file that is about to change are listed before.  So a kill at any
-moment leaves files that are listed and blocks that are whole.
+An archive is written as NAME.part and renamed to NAME when it is complete.  Its arrays have their full length from the
+beginning.  A file gets its name after it is written, a block counts once its checksums exist, and all metadata change
+at once, with zarr.json; the checksums of a file are listed before it changes.  A kill at any moment therefore leaves
+listed files and complete blocks.
 """
 
 from __future__ import annotations
@@ -32,9 +31,9 @@ from kreisel.errors import InputError, RunError
 from kreisel.files import BLOCKS, CHECKSUMS, digest, is_plain, parsed, place, replace_file, require_outside, stands
 from kreisel.process import Lock
 
-REPLACES = "engine/replaces"  # of an archive that is being made: what it may replace
+REPLACES = "engine/replaces"  # of an unfinished archive: the archive that it may replace
 LARGEST_METADATA = 64 << 20  # bytes of a zarr.json: the parameters of an ensemble may be long
-PARTIAL = r"(\.[0-9a-f]{32}\.partial)?"  # what a kill leaves of a file that Zarr was writing
+PARTIAL = r"(\.[0-9a-f]{32}\.partial)?"  # left by a kill: a file that Zarr was writing
 CHUNK = re.compile(rf"[^/]+/c(/\d+)*{PARTIAL}")
 MADE = re.compile(
     rf"([^/]+/)?zarr(\.json|\.[0-9a-f]{{32}}\.partial)|{CHUNK.pattern}"
@@ -44,11 +43,11 @@ CHECKPOINT = "engine/checkpoint.npz"
 LINE = re.compile(r"([0-9a-f]{64})  ([^\0\n]+)")
 LARGEST_LIST, LARGEST_CHUNK = 1 << 30, 1 << 30  # bytes; chunks have a thousandth
 
-Listed = dict[str, frozenset[str]]  # the files of an archive, and what the SHA-256 of each may be
+Listed = dict[str, frozenset[str]]  # the files of an archive, and the allowed SHA-256 of each
 
 
 def target(path: str | os.PathLike[str]) -> Path:
-    """A path that can name an archive, with ~ for the user's own folder.  Raises `InputError`."""
+    """A path that can name an archive, with ~ for the home folder.  Raises `InputError`."""
     return place(path, "The archive needs a name such as run.zarr")
 
 
@@ -56,7 +55,7 @@ def target(path: str | os.PathLike[str]) -> Path:
 
 
 class Node(msgspec.Struct):
-    """The metadata of an array or a group, as far as they are looked at."""
+    """The metadata of an array or a group, as far as they are read."""
 
     node_type: str
     attributes: dict[str, Any]
@@ -110,23 +109,23 @@ def arrays_of(root: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def new_metadata(attrs: Mapping[str, Any], layouts: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """The metadata of a new archive, as Zarr makes them."""
+    """The metadata of a new archive, in the form of Zarr."""
     import zarr
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
     files: dict[str, Any] = {}
     group = zarr.create_group(zarr.storage.MemoryStore(files), zarr_format=3, attributes=dict(attrs))
-    group.create_group(CHECKSUMS.split("/")[0])  # where Zarr looks for no arrays
+    group.create_group(CHECKSUMS.split("/")[0])  # Zarr looks for no arrays there
     for name, layout in layouts.items():
         group.create_array(name, compressors=[ZstdCodec(level=1), Crc32cCodec()], **layout)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Zarr calls consolidated metadata not yet a standard
+        warnings.simplefilter("ignore")  # Zarr does not yet call consolidated metadata a standard
         zarr.consolidate_metadata(group.store)
     return dict(json.loads(files["zarr.json"].to_bytes()))
 
 
 def write_metadata(store: Path, root: Mapping[str, Any]) -> None:
-    """Replace all metadata: what is about to change is listed first, and zarr.json, which counts, comes last."""
+    """Replace all metadata: changes are listed first, and zarr.json, which counts, is written last."""
     nodes = root["consolidated_metadata"]["metadata"]
     files = {f"{name}/zarr.json": node for name, node in nodes.items()} | {"zarr.json": root}
     data = {name: json.dumps(node).encode() for name, node in files.items()}
@@ -140,14 +139,14 @@ def write_metadata(store: Path, root: Mapping[str, Any]) -> None:
 
 @contextlib.contextmanager
 def edited(store: Path) -> Iterator[dict[str, Any]]:
-    """The metadata of an archive, whose changes are written at the end, all at once."""
+    """The metadata of an archive; changes are written at the end, all at once."""
     root = metadata(store)
     yield root
     write_metadata(store, root)
 
 
 def note_versions(attrs: dict[str, Any], versions: Mapping[str, str]) -> None:
-    """Note in `resumed` what goes on with an archive, if it is other than what began it."""
+    """Note in `resumed` the versions that resume an archive, if they differ from those at its start."""
     now = json.dumps(versions)
     if attrs["versions"] != now:
         attrs["resumed"] = now
@@ -157,7 +156,7 @@ def note_versions(attrs: dict[str, Any], versions: Mapping[str, str]) -> None:
 
 
 def _pairs(path: Path) -> set[tuple[str, str]]:
-    """Name and SHA-256 of each line.  Raises `InputError` for what is no list of checksums."""
+    """Name and SHA-256 of each line.  Raises `InputError` for anything but a list of checksums."""
     try:
         if not is_plain(path) or path.stat().st_size > LARGEST_LIST:
             raise InputError(f"{path} is damaged: expected a text file of checksums, got something else.")
@@ -176,7 +175,7 @@ def _write_list(store: Path, pairs: Iterable[tuple[str, str]], name: str = CHECK
 
 
 def _lists(store: Path) -> list[Path]:
-    """The files of checksums: one, and those of the blocks while there are such."""
+    """The files of checksums: one file, and one for each block during the run."""
     with contextlib.suppress(OSError):
         blocks = sorted(store / BLOCKS / name for name in os.listdir(store / BLOCKS) if name.endswith(".sha256"))
         return [store / CHECKSUMS, *blocks]
@@ -184,7 +183,7 @@ def _lists(store: Path) -> list[Path]:
 
 
 def listed(store: Path, strict: bool = True) -> Listed:
-    """The checksums of an archive.  Raises `InputError` if they are damaged; unless `strict`, reads what it can."""
+    """The checksums of an archive.  Raises `InputError` if they are damaged; unless `strict`, reads the valid ones."""
     if strict and not begun(store):
         raise InputError(
             f"{store} is damaged: {CHECKSUMS} is missing. Usual cause: a copy of a run by its to_zarr, a plain "
@@ -199,27 +198,27 @@ def listed(store: Path, strict: bool = True) -> Listed:
 
 
 def begun(store: Path) -> bool:
-    """Whether an archive has its metadata and their checksums, whole or not."""
+    """Whether an archive has its metadata and their checksums, complete or not."""
     return stands(store / CHECKSUMS) and stands(store / "zarr.json")
 
 
 def whole(store: Path) -> bool:
-    """Whether an archive is finished: it has its checksums, and no more blocks to come."""
+    """Whether an archive is finished: it has its checksums, and no blocks are missing."""
     return begun(store) and not stands(store / BLOCKS)
 
 
 def blocks_done(store: Path, array: str) -> set[int]:
-    """The blocks whose checksums are there, by an array of one axis."""
+    """The blocks whose checksums exist, by an array of one axis."""
     return {int(name.split("/")[-1]) for name in listed(store) if name.startswith(f"{array}/c/")}
 
 
 def is_chunk(name: str) -> bool:
-    """Whether a file of an archive holds numbers, not metadata."""
+    """Whether a file of an archive holds values, not metadata."""
     return name.split("/")[1:2] == ["c"]
 
 
 def is_scratch(name: str) -> bool:
-    """Whether a kill left it, of a file that was being written."""
+    """Whether a file is the remainder of a kill during writing."""
     return name.endswith(".partial") or name.split("/")[-1].startswith(".new-")
 
 
@@ -249,13 +248,13 @@ def faults(store: Path, known: Listed) -> list[tuple[str, str]]:
 
 
 def list_all(store: Path) -> None:
-    """List all files of an archive that is whole as they are."""
+    """List all files of a complete archive in their present form."""
     (store / CHECKSUMS).parent.mkdir(exist_ok=True)
     _write_list(store, ((name, digest(store / name)) for name in file_names(store) - {CHECKSUMS}))
 
 
 def require_plain(store: Path) -> None:
-    """Raises `InputError` if an archive holds links, pipes or devices: what links lead to is not in the archive."""
+    """Raises `InputError` if an archive holds links, pipes or devices: the target of a link is not in the archive."""
     for folder, folders, files in os.walk(store):
         for name in (*folders, *files):
             try:
@@ -277,10 +276,10 @@ def create(
     fixed: Mapping[str, Array],
     overwrite: bool,
 ) -> None:
-    """Make NAME.part, in the place of an unfinished one; with `overwrite` it may replace what has its name.
+    """Create NAME.part, in place of an unfinished one; with `overwrite` it may later replace NAME.
 
-    layouts   how Zarr makes each array
-    fixed     values of those arrays that have no blocks, and are complete from the beginning
+    layouts   arguments of Zarr for each array
+    fixed     values of the arrays without blocks, complete from the beginning
     """
     part = part_of(path)
     if stands(part):
@@ -295,13 +294,13 @@ def create(
         if overwrite:
             agree(path)
     except Exception:
-        if stands(part):  # nothing is in it yet
+        if stands(part):  # it is still empty
             remove(part)
         raise
 
 
 def opened_arrays(store: Path) -> dict[str, Any]:
-    """The arrays of an archive that is being made, to be written to; every chunk is written, whatever is in it."""
+    """The arrays of an unfinished archive, open for writing; every chunk is written, even if empty."""
     import zarr
 
     try:
@@ -309,7 +308,7 @@ def opened_arrays(store: Path) -> dict[str, Any]:
             return dict(zarr.open_group(str(store), mode="r+", zarr_format=3, use_consolidated=True).arrays())
     except OSError:
         raise
-    except Exception as error:  # whatever damaged metadata make the library raise
+    except Exception as error:  # any exception of the library for damaged metadata
         raise InputError(f"{store} is damaged: {error}. `kreisel check {store}`.") from error
 
 
@@ -334,7 +333,7 @@ def write_block(
         arrays[name][(*(slice(None),) * place, chosen)] = value
         names.append(f"{name}/c/" + "/".join(str(number) if k == place else "0" for k in range(value.ndim)))
     for name in names if durable else ():
-        with (store / name).open("rb+") as file:  # Windows makes durable only what may be written
+        with (store / name).open("rb+") as file:  # Windows makes durable only writable files
             os.fsync(file.fileno())
     require_there(store)
     lines = [(name, digest(store / name)) for name in names]
@@ -342,7 +341,7 @@ def write_block(
 
 
 def require_there(store: Path) -> None:
-    """Raises `RunError` if an archive that is being made has vanished."""
+    """Raises `RunError` if an unfinished archive has vanished."""
     if not begun(store):
         raise RunError(
             f"{store} vanished during the run: {CHECKSUMS} is gone. Usual cause: somebody else removed it. Run it "
@@ -351,9 +350,9 @@ def require_there(store: Path) -> None:
 
 
 def seal(store: Path, variables: Mapping[str, Mapping[str, Any]] | None = None, **attrs: Any) -> None:
-    """Set the last attributes, of variables too, and list every file: the archive is whole.
+    """Set the last attributes, of variables too, and list every file: the archive is complete.
 
-    Raises `FileNotFoundError` if a chunk that was written is gone.
+    Raises `FileNotFoundError` if a written chunk is missing.
     """
     with edited(store) as root:
         root["attributes"].update(attrs)
@@ -369,20 +368,20 @@ def seal(store: Path, variables: Mapping[str, Mapping[str, Any]] | None = None, 
 
 
 def clear(store: Path) -> None:
-    """Remove the checksums of the blocks, which are those of the whole archive now."""
+    """Remove the checksums of the blocks, which the list of the complete archive contains."""
     for path in (store / BLOCKS).iterdir():
         path.unlink()
     (store / BLOCKS).rmdir()
 
 
 def unseal(store: Path) -> None:
-    """Go on with an archive that is whole, or was being sealed: its checkpoint may change, and blocks may come."""
+    """Reopen a complete archive, or one that was being sealed: its checkpoint may change, and blocks may follow."""
     (store / BLOCKS).mkdir(exist_ok=True)
     _write_list(store, [pair for pair in _pairs(store / CHECKSUMS) if pair[0] != CHECKPOINT])
 
 
 def drop_blocks(store: Path, keep: int) -> None:
-    """Keep the first `keep` blocks: later ones, and what a kill left half written, are no longer there."""
+    """Keep the first `keep` blocks; remove later ones and files that a kill left incomplete."""
     pairs = {(name, sha) for name, digests in listed(store).items() for sha in digests}
     _write_list(store, [(name, sha) for name, sha in pairs if not is_chunk(name) or _block_of(name) < keep])
     for path in (store / BLOCKS).iterdir():
@@ -391,13 +390,13 @@ def drop_blocks(store: Path, keep: int) -> None:
 
 
 def _block_of(name: str) -> int:
-    """The number of a chunk's block of rows: the first index in its name.  The numbers of the lanes are in none."""
+    """The index of a chunk's block of rows: the first index in its name.  Indices of lanes belong to no block."""
     array, _, *places = name.split("/")
     return -1 if array == "lane" else int(places[0])
 
 
 def remove_scratch(store: Path, unlisted: bool = False) -> None:
-    """Remove what a kill left half written, and with `unlisted` chunks that are not listed."""
+    """Remove files that a kill left incomplete, and with `unlisted` chunks that are not listed."""
     known = listed(store) if unlisted else {}
     for name in file_names(store):
         if is_scratch(name) or (unlisted and is_chunk(name) and name not in known):
@@ -406,26 +405,26 @@ def remove_scratch(store: Path, unlisted: bool = False) -> None:
 
 # -- names -------------------------------------------------------------------------------------------
 
-# To take the name of an old archive, NAME.part goes through two renames: NAME becomes .NAME.replaced, NAME.part becomes
-# NAME, and the old one is removed.  A kill in between leaves one of these states; `settle` ends it.  NAME.part says
-# which archive it may replace, so that a run that is resumed may do so too.  A folder is removed file by file, only
-# files that Kreisel or Zarr makes: what somebody else has put there stays, and so does the folder around it.
+# An archive is replaced by two renames: NAME becomes .NAME.replaced, NAME.part becomes NAME, and the
+# old archive is removed.  A kill in between leaves one of these states; `settle` completes it.  NAME.part records the
+# archive that it may replace, so that a resumed run may do so too.  A folder is removed file by file, only files that
+# Kreisel or Zarr creates: foreign files remain, and so does the folder around them.
 
 
 def part_of(path: Path) -> Path:
-    """Where an archive is made.  Raises `InputError` for the name of one that is being made."""
+    """The path of an unfinished archive.  Raises `InputError` for the name of an unfinished archive."""
     if path.suffix == ".part":
         raise InputError(f"{path}: expected a name that does not end in .part, as that of an unfinished archive does.")
     return path.with_name(f"{path.name}.part")
 
 
 def replaced(path: Path) -> Path:
-    """Where the old archive of that name waits for the new one to be there."""
+    """The path of the old archive of that name until the new one is complete."""
     return path.with_name(f".{path.name}.replaced")
 
 
 def why_not(path: Path) -> str | None:
-    """Why a folder must not be replaced, in a clause; None for an archive or a store of Kreisel, whole or partial."""
+    """The reason not to replace a folder, a clause; None for an archive or store of Kreisel, complete or partial."""
     kind = os.lstat(path).st_mode
     if stat.S_ISLNK(kind):
         return "is a link"
@@ -443,7 +442,7 @@ def why_not(path: Path) -> str | None:
 
 
 def require_replaceable(path: Path) -> None:
-    """Raises `InputError` where something stands that is no archive of Kreisel, and within another archive."""
+    """Raises `InputError` for an existing path that is not an archive of Kreisel, and within another archive."""
     require_outside(path)
     why = why_not(path) if stands(path) else None
     if why is not None:
@@ -454,7 +453,7 @@ def require_replaceable(path: Path) -> None:
 
 
 def _says_so(store: Path) -> bool:
-    """Whether a folder calls itself a run or a sweep, or holds nothing: what a kill leaves of one just begun."""
+    """Whether a folder is marked as a run or a sweep, or is empty: a kill leaves this of an archive just begun."""
     try:
         if (store / "zarr.json").stat().st_size > LARGEST_METADATA:
             return False
@@ -467,7 +466,7 @@ def _says_so(store: Path) -> bool:
 
 
 def _files(store: Path) -> Iterator[str]:
-    """The names in a folder of all that is no folder, relative to it."""
+    """The names in a folder of everything except folders, relative to it."""
     for folder, folders, files in os.walk(store):
         links = [name for name in folders if os.path.islink(os.path.join(folder, name))]
         for name in (*files, *links):
@@ -475,7 +474,7 @@ def _files(store: Path) -> Iterator[str]:
 
 
 def _foreign(store: Path) -> Iterator[str]:
-    """Those among them that neither Kreisel nor Zarr makes, that are no plain files, or that belong to other arrays."""
+    """Names that neither Kreisel nor Zarr creates, of special files, or of files that belong to other arrays."""
     known = listed(store, strict=False)
     arrays = {name.removesuffix("/zarr.json") for name in known if name.endswith("/zarr.json")} - {"engine"}
     for name in _files(store):
@@ -486,13 +485,13 @@ def _foreign(store: Path) -> Iterator[str]:
 
 
 def remove(store: Path) -> None:
-    """Remove an archive or a store.  Raises `InputError` where there is something else, and removes no file of that."""
+    """Remove an archive or a store.  Raises `InputError` for anything else, and then removes no file."""
     require_replaceable(store)
     made = [name for name in _files(store) if MADE.fullmatch(name)]
     for name in sorted(
         made, key=lambda name: (name != CHECKPOINT, not name.startswith("engine/"), name == "zarr.json")
     ):
-        os.unlink(store / name)  # what is left by a kill cannot go on, and says to the end what it was
+        os.unlink(store / name)  # the remainder of a kill cannot resume, and keeps its mark to the end
     for folder, folders, _ in os.walk(store, topdown=False):
         for name in folders:
             os.rmdir(os.path.join(folder, name))
@@ -500,12 +499,12 @@ def remove(store: Path) -> None:
 
 
 def agree(path: Path) -> None:
-    """Write down in NAME.part that it may replace what has its name now, with --overwrite."""
+    """Record in NAME.part that it may replace the present NAME, with --overwrite."""
     replace_file(part_of(path) / REPLACES, _mark(path).encode())
 
 
 def agreed(path: Path) -> bool:
-    """Whether NAME.part may replace what has its name."""
+    """Whether NAME.part may replace the present NAME."""
     try:
         consent = part_of(path) / REPLACES
         return is_plain(consent) and consent.read_text() == _mark(path)
@@ -514,7 +513,7 @@ def agreed(path: Path) -> bool:
 
 
 def _mark(path: Path) -> str:
-    """What tells one archive from another: the SHA-256 of its manifest, or of its attributes where it has none."""
+    """A mark that identifies an archive: the SHA-256 of its manifest, or of its attributes if it has no manifest."""
     for name in (CHECKSUMS, "zarr.json"):
         if is_plain(path / name):
             return digest(path / name)
@@ -522,9 +521,9 @@ def _mark(path: Path) -> str:
 
 
 def take_name(path: Path) -> None:
-    """Give NAME.part its name; an archive that has it is replaced where that was agreed.
+    """Rename NAME.part to NAME; an existing archive NAME is replaced if this was agreed.
 
-    Raises `RunError` where something else has come to stand there: what is done stays in NAME.part.
+    Raises `RunError` if anything else has appeared there: the results stay in NAME.part.
     """
     part, old = part_of(path), replaced(path)
     if stands(path):
@@ -544,7 +543,7 @@ def take_name(path: Path) -> None:
 
 
 def settle(path: Path) -> bool:
-    """Finish what a kill left of `take_name`; whether a whole NAME.part got its name.  The caller is the one writer."""
+    """Finish a killed `take_name`; whether a complete NAME.part got its name.  The caller is the one writer."""
     part, old = part_of(path), replaced(path)
     if not stands(old) or why_not(old) is not None:
         return False
@@ -569,7 +568,7 @@ def _complete(part: Path) -> bool:
 
 
 def settled(path: Path) -> Path:
-    """The path itself, after `settle` where that is needed and nobody is writing.  A lock left by a kill is removed."""
+    """The path itself, after `settle` if needed and if there is no writer.  A lock left by a kill is removed."""
     if path.name and (stands(replaced(path)) or stands(Lock(path).path)):
         with contextlib.suppress(InputError, RunError, OSError), Lock(path):
             settle(path)
@@ -578,6 +577,6 @@ def settled(path: Path) -> Path:
 
 @contextlib.contextmanager
 def one_writer(path: Path) -> Iterator[bool]:
-    """The lock of an archive.  Gives whether what a kill left there is whole now, and has its name."""
+    """The lock of an archive.  Yields whether the remainder of a kill is now complete and has its name."""
     with Lock(path):
         yield settle(path)

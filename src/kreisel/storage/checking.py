@@ -1,4 +1,4 @@
-"""`kreisel check`: whether an archive is as it was written, and whether its numbers fit each other."""
+"""`kreisel check`: whether an archive is unchanged since it was written, and whether its values fit each other."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 RELATIVE = 1e-12
 SAMPLES = 8
 MOST_STEPS = 200_000  # lane-steps in all samples together; below a second for most maps
-NUDGE = 1e-10  # relative change of a start, which measures how sensitive a row is to the one before
+NUDGE = 1e-10  # relative change of a start, which measures how sensitive a row is to the row before
 CLOSE, LOOSE = 1e-7, 1e-4  # relative: of maps, and of dop853, which chooses its own steps (at least)
 
 
@@ -69,10 +69,10 @@ class Unread(NamedTuple):
 def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     """The run or sweep, as far as it can be read, and its faults, each in one sentence.
 
-    Every file is compared with its SHA-256.  The times, the Casimirs and the integrals that are functions of the saved
-    state alone are computed again, block by block.  From some rows the next row is computed again, with its state and
-    its orientation.  Lanes of a sweep that did not fail must have finite values; `kreisel.sweeps.lanes.check` computes
-    some of them again.  Raises `InputError` if there is no archive at all.
+    Every file is compared with its SHA-256.  The times, the Casimirs and the integrals that depend only on the saved
+    state are computed again, block by block.  From some rows the next row is computed again, with its state and its
+    orientation.  Lanes of a sweep that did not fail must have finite values; `kreisel.sweeps.lanes.check` computes some
+    of them again.  Raises `InputError` if there is no archive at all.
     """
     path = archive.settled(path)
     return check_lanes(path) if is_sweep(path) else check_rows(path)
@@ -101,7 +101,7 @@ def check_rows(path: Path) -> tuple[xr.Dataset | None, list[str]]:
 
 
 def check_lanes(path: Path) -> tuple[xr.Dataset | None, list[str]]:
-    """The check of a sweep, which is not read as a whole."""
+    """The check of a sweep, which is read block by block."""
     try:
         run = open_lanes(path)
         record, known = SweepRecord.from_attrs(run.attrs, path), archive.listed(path)
@@ -144,7 +144,7 @@ def check_lanes(path: Path) -> tuple[xr.Dataset | None, list[str]]:
 def blocks(run: xr.Dataset, axis: str, width: int) -> Iterator[tuple[int, dict[str, np.ndarray], list[Unread]]]:
     """The first row or lane of each block, its values by variable, and the variables that cannot be read.
 
-    Variables without that axis are read with the first block.
+    Variables without this axis are read with the first block.
     """
     size = run.sizes.get(axis, 0)
     for first in range(0, max(size, 1), max(1, width)):
@@ -157,14 +157,14 @@ def blocks(run: xr.Dataset, axis: str, width: int) -> Iterator[tuple[int, dict[s
                 values[str(name)] = np.asarray(
                     (variable.isel({axis: slice(first, last + 1)}) if along else variable).values
                 )
-            except Exception as error:  # whatever a damaged chunk makes the libraries raise
+            except Exception as error:  # any exception of the libraries for a damaged chunk
                 why = error.why if isinstance(error, Damaged) else str(error) or type(error).__name__
                 unread.append(Unread(str(name), first, last, {"time": "row"}.get(axis, axis) if along else "", why))
         yield first, values, unread
 
 
 def _without_lost(path: Path, run: xr.Dataset) -> xr.Dataset:
-    """The dataset without the arrays whose folders are gone."""
+    """The dataset without the arrays whose folders are missing."""
     return run.drop_vars([name for name in run.variables if not stands(path / str(name))])
 
 
@@ -175,7 +175,7 @@ def _unreadable(path: Path) -> list[str]:
 
 
 def _file_faults(path: Path, record: RunRecord, known: archive.Listed) -> list[str]:
-    """The faults of files that are no chunks; an interrupted run may have some that are not listed."""
+    """The faults of files other than chunks; an interrupted run may have some that are not listed."""
     cut = is_cut(path, record)
     return [
         message
@@ -193,11 +193,11 @@ def _size_faults(run: xr.Dataset) -> list[str]:
 
 
 def recover(path: Path, out: Path) -> tuple[int, int]:
-    """Write the rows that are whole in every variable to a new archive.  Returns their number and that of all rows.
+    """Write the rows that are intact in every variable to a new archive.  Returns the counts of these and of all rows.
 
     The new archive has the attribute `recovered`, and complete = 0 if rows are lost.  If the checksums themselves are
-    lost, `recovered` says that the rows were not compared with them.  Raises `InputError` if nothing is whole, or `out`
-    exists.
+    lost, `recovered` states that the rows were not compared with them.  Raises `InputError` if no row is intact, or
+    `out` exists.
     """
     if stands(out):
         raise InputError(f"{out} exists already and is left as it is. Choose another path for what is recovered.")
@@ -212,7 +212,7 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
             if each.axis:
                 keep[each.first : each.last + 1] = False
             else:
-                run = run.drop_vars(each.name)  # the numbers of the lanes
+                run = run.drop_vars(each.name)  # the indices of the lanes
     if not keep.any():
         raise InputError(f"No row of {path} is whole in every variable. Run it again from its TOML file.")
     sound = run.isel(time=np.flatnonzero(keep)).load().drop_encoding()
@@ -227,10 +227,10 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
 
 
 def _number_faults(run: xr.Dataset) -> list[str]:
-    """The faults in the numbers of a run, read block by block.
+    """The faults in the values of a run, read block by block.
 
-    They must be finite, the times those of the steps, the integrals those of the states, and some rows must follow from
-    the row before.
+    Values must be finite, times must equal those of the steps, integrals must fit the states, and some rows must follow
+    from the row before.
     """
     missing: list[str] = []
     record = RunRecord.from_attrs(run.attrs)
@@ -250,7 +250,7 @@ def _number_faults(run: xr.Dataset) -> list[str]:
 
 
 def _definition(record: RunRecord) -> Scheme | None:
-    """What computes the integrals from the states, as in the run; None where forces take more than the state."""
+    """The scheme that computes the integrals from the states, as in the run; None if forces depend on more."""
     if record.model.system.perturbation is not None:
         return None
     return scheme(record.model, record.method, record.dt, record.order, oriented=False)
@@ -275,7 +275,7 @@ def _block_faults(block: xr.Dataset, first: int, record: RunRecord, again: Schem
 
 
 def _recomputed(block: xr.Dataset, first: int, again: Scheme) -> Iterator[str]:
-    """Integrals of the saved states against the saved integrals."""
+    """Differences between integrals of the saved states and the saved integrals."""
     kinds = {name: o.axes for name, o in again.outcomes.items() if o.kind == "state"}
     state = tuple(algebra.KINDS[kind].from_user(block[k].values, again.n) for k, kind in kinds.items())
     outputs: Mapping[str, Array] = again.observe(again.reopen(state))
@@ -291,10 +291,10 @@ def _recomputed(block: xr.Dataset, first: int, again: Scheme) -> Iterator[str]:
 
 
 def steps_again(run: xr.Dataset) -> list[str]:
-    """Compute the row after each of some rows, state and orientation, and compare it with the saved one.
+    """Compute the row after each of some rows, state and orientation, and compare it with the saved row.
 
     A row may differ by `CLOSE` (dop853: `LOOSE`, or 100 times its tolerance), and by a hundredth of the effect of a
-    relative change of the start by 1e-10.  Nothing is compared where a row takes too long.
+    relative change of the start by 1e-10.  Nothing is compared if a row would take too long.
     """
     record, rows = RunRecord.from_attrs(run.attrs), run.sizes["time"]
     each = record.every * run.sizes.get("lane", 1)
@@ -310,7 +310,7 @@ def steps_again(run: xr.Dataset) -> list[str]:
         try:
             here, nudged = (_next(record, saved, steps, row * record.every, nudge) for nudge in (0.0, NUDGE))
         except (InputError, RunError):
-            continue  # a state at the edge of what the method takes
+            continue  # a state at the edge of the method's domain
         for name in names:
             value = saved[name].values[1]
             off = _difference_of_rows(here[name], value, name)
@@ -328,7 +328,7 @@ def _next(record: RunRecord, saved: xr.Dataset, steps: int, before: int, nudge: 
     plan.engine.z[:] = out(plan.engine.z[None])[0]
     plan.engine.z[:] *= 1 + nudge * np.random.default_rng(0).choice([-1.0, 1.0], plan.engine.z.shape)
     letters = [letter for letter, _ in plan.scheme.components]
-    for clock, now in ((COUNT, float(before)), (TIME, before * record.dt)):  # of forces that depend on time
+    for clock, now in ((COUNT, float(before)), (TIME, before * record.dt)):  # for forces that depend on time
         if clock in letters:
             kinds = plan.kinds[: letters.index(clock)]
             plan.engine.z[:, algebra.coordinate_count(kinds, plan.model.n)] = now

@@ -1,6 +1,6 @@
-"""The checkpoint of an archive, from which its run goes on after a kill: one file beside the data.
+"""The checkpoint of an archive, from which its run resumes after a kill: one file next to the data.
 
-It is one file of plain arrays (.npz without pickle; zip keeps a CRC-32 of each), replaced atomically.
+The file holds plain arrays (.npz without pickle; zip keeps a CRC-32 of each), replaced atomically.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ def read(store: Path) -> Checkpoint:
         raise InputError(f"The checkpoint {path} is damaged: {error}. Run it again from its TOML file.") from error
 
 
-# What a damaged .npz makes zipfile and NumPy raise: NotImplementedError where a kind of compression or encryption is
-# not known, the last three where the header of an array, a Python literal, is never closed or nested too deep.
+# Exceptions of zipfile and NumPy for a damaged .npz: NotImplementedError for an unknown kind of compression or
+# encryption, the last three if the header of an array, a Python literal, is never closed or nested too deeply.
 DAMAGE = (
     OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError, NotImplementedError, tokenize.TokenError,
     RecursionError, MemoryError,
@@ -70,7 +70,7 @@ DAMAGE = (
 
 
 def _arrays(path: Path) -> dict[str, Any]:
-    """The arrays of an .npz file, each as long as the file has bytes for it.  Raises `ValueError` for others."""
+    """The arrays of an .npz file, each as long as the file has bytes for it.  Raises `ValueError` for other files."""
     out = {}
     with zipfile.ZipFile(path) as archive:
         for member in archive.infolist():

@@ -56,21 +56,21 @@ LONGEST = 2**53 // 10**6  # seconds, whose microseconds a double counts
 
 @explained
 def export(run: xr.Dataset | str | os.PathLike[str], out: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-    """Write a run or a sweep to a file: NetCDF-4 where `out` ends in .nc or .h5, Parquet, or text in .csv.
+    """Write a run or a sweep to a file: NetCDF-4 if `out` ends in .nc or .h5, Parquet, or text in .csv.
 
     run    the path of an archive, or a Dataset such as `kr.simulate` returns
-    out    the file; it takes its name when it is whole.  With `overwrite` it replaces one that Kreisel wrote
+    out    the file; it gets its name when it is complete.  With `overwrite` it replaces a file that Kreisel wrote
 
-    A run of a body of `kr.physical` is exported as `kreisel.units.measured` returns it: in SI units, vectors and the
-    attitude g along the axes in which the body was given, with the angular velocity Omega along these axes; a sweep of
-    bodies in SI units too, its trajectories along these axes, minima, maxima and frequencies along those of the state.
+    A run of a body of `kr.physical` is exported as `kreisel.units.measured` returns it: in SI units, vectors, the
+    attitude g and the angular velocity Omega along the user's axes of the body.  In a sweep of such bodies,
+    trajectories are along these axes, but minima, maxima and frequencies along the axes of the state.
 
-    NetCDF has the variables and attributes as they are (true and false as 1 and 0).  Parquet has a row for each time
-    and lane (of `kr.analysis` for each event or frequency), a column for each component, such as "m[2]", and the
+    NetCDF has the unchanged variables and attributes (true and false as 1 and 0).  Parquet has a row for each time and
+    lane (for results of `kr.analysis`, each event or frequency), a column for each component, such as "m[2]", and the
     attributes as JSON in the metadata under "kreisel".  CSV has these rows and columns, no attributes, and is never
     replaced, since it has no mark of Kreisel.  All but CSV need the extra `export`.
 
-    Raises `InputError` for what cannot be exported, and `RunError` where it cannot be written.
+    Raises `InputError` for a Dataset that cannot be exported, and `RunError` if the file cannot be written.
     """
     from kreisel.storage.opening import open_archive, too_large
 
@@ -100,7 +100,7 @@ def export(run: xr.Dataset | str | os.PathLike[str], out: str | os.PathLike[str]
         raise InputError(f"Exports need the extra `export`: pip install 'kreisel[export]'. {error}") from error
     except RunError:
         raise
-    except Exception as error:  # a damaged chunk, what HDF5 makes of a full disk, or what a format cannot hold
+    except Exception as error:  # a damaged chunk, an error of HDF5 on a full disk, or a value that a format cannot hold
         raise RunError(
             f"{where} could not be written: {error}. Usual cause: a damaged archive, a full disk, or a name or a type "
             "that the format cannot hold."
@@ -137,7 +137,7 @@ def _netcdf(run: xr.Dataset, out: Path) -> None:
 
 
 def _netcdf_value(value: Any) -> Any:
-    """NetCDF has text, numbers and arrays of numbers; truth values become 1 and 0, anything else JSON."""
+    """A value for NetCDF: text, numbers, arrays of numbers; truth values become 1 and 0, anything else JSON."""
     if isinstance(value, str):
         return value.encode(errors="backslashreplace").decode().replace("\0", "\\x00")
     value = value.tolist() if isinstance(value, np.ndarray) else value
@@ -149,7 +149,7 @@ def _netcdf_value(value: Any) -> Any:
 
 
 def _json(value: Any) -> str:
-    """JSON of anything: arrays as lists, and as text what has no JSON."""
+    """JSON of anything: arrays as lists, and values without JSON as text."""
     try:
         return json.dumps(value, default=lambda v: v.tolist() if hasattr(v, "tolist") else str(v))
     except (TypeError, ValueError, RecursionError):  # keys that are tuples, or lists within themselves
@@ -162,7 +162,7 @@ def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _pieces(run: xr.Dataset) -> Iterator[tuple[Any, tuple[slice, ...], Array]]:
-    """Names, places and values of what a file has: slabs of variables, for a body blocks of rows of all of them."""
+    """Names, places and values of the content of a file: slabs of variables; for a body, blocks of rows of all."""
     if not _of_body(run):
         for name, variable in run.variables.items():
             yield from ((name, part, variable[part].values) for part in _slabs(variable))
@@ -176,7 +176,7 @@ def _pieces(run: xr.Dataset) -> Iterator[tuple[Any, tuple[slice, ...], Array]]:
 
 
 def _slabs(variable: xr.Variable) -> Iterator[tuple[slice, ...]]:
-    """Slices along the first axis, of about a million numbers."""
+    """Slices along the first axis, of about a million values."""
     if not variable.ndim:
         yield ()
         return
@@ -207,7 +207,7 @@ def _lead(run: xr.Dataset) -> str:
 
 
 def _blocks(run: xr.Dataset) -> Iterator[tuple[int, xr.Dataset]]:
-    """The first row of each block, and the block as it is shown, of about a million numbers."""
+    """The first row of each block, and the block in the form of the file, of about a million values."""
     lead, before = _lead(run), None
     step = max(1, NUMBERS_AT_ONCE // sum(v.size // v.sizes.get(lead, 1) + 1 for v in run.variables.values()))
     for first in range(0, max(run.sizes.get(lead, 1), 1), step):
@@ -219,7 +219,7 @@ def _blocks(run: xr.Dataset) -> Iterator[tuple[int, xr.Dataset]]:
 
 
 def _following(before: Array, q: Array) -> Array:
-    """Quaternions (time, ..., 4), of q and -q each the one nearer to the row before."""
+    """Quaternions (time, ..., 4): q or -q, the nearer to the row before."""
     return q * np.where((before * q[:1]).sum(-1, keepdims=True) < 0, -1.0, 1.0)
 
 
@@ -228,14 +228,14 @@ def _of_body(run: xr.Dataset) -> bool:
 
 
 def _presented(run: xr.Dataset) -> xr.Dataset:
-    """A Dataset as a file shows it: that of a body in SI units, along the axes in which it was given."""
+    """A Dataset in the form of a file: for a body in SI units, along the user's axes of the body."""
     if not _of_body(run):
         return run
     return measured(run).assign_attrs(in_body_axes(run).attrs if "kreisel_sweep" in run.attrs else {})
 
 
 def _columns(block: xr.Dataset) -> Iterator[tuple[str, Array]]:
-    """Columns with a row for each time and lane; what varies along neither stands in every row."""
+    """Columns with a row for each time and lane; variables that vary along neither are repeated in every row."""
     import xarray as xr
 
     lead = [d for d in ROWS if d in block.sizes]
@@ -293,16 +293,16 @@ def write_aem(
 ) -> None:
     """Write the attitude of a run, n = 3, as an attitude ephemeris message (AEM) of CCSDS 504.0-B-1, 2008, text.
 
-    epoch       of time 0: "2026-01-01T00:00:00", or what numpy.datetime64 takes
-    frame       what the frame "space" of the run is called, as REF_FRAME_A
-    time_unit   of the run, s; without it that of its body of `kr.physical`, else 1 s
+    epoch       of time 0: "2026-01-01T00:00:00", or any argument of numpy.datetime64
+    frame       name of the frame "space" of the run, as REF_FRAME_A
+    time_unit   of the run, s; default: the unit of its body of `kr.physical`, else 1 s
     overwrite   replaces a file that Kreisel wrote
 
-    A row is the time, to a microsecond, and the quaternion (x, y, z, w) of the attitude g of the axes in which the body
-    was given, as in `quaternions`: for ATTITUDE_DIR = A2B its matrix in the sense of the standard is g^T, which takes
-    components in space to those along these axes.  CREATION_DATE is that of the call, or of the environment variable
-    SOURCE_DATE_EPOCH, in seconds since 1970, for files that are the same each time.  Raises `InputError` for a run
-    without an orientation, of several lanes, or with times that are no dates.
+    A row is the time, to a microsecond, and the quaternion (x, y, z, w) of the attitude g of the user's axes of the
+    body, as in `quaternions`: for ATTITUDE_DIR = A2B its matrix in the sense of the standard is g^T, which maps
+    components in space to components along these axes.  CREATION_DATE is the time of the call, or the environment
+    variable SOURCE_DATE_EPOCH, in seconds since 1970, for reproducible files.  Raises `InputError` for a run without an
+    orientation, of several lanes, or with times that are not dates.
     """
     from kreisel.storage.opening import open_archive
 

@@ -1,4 +1,4 @@
-"""Archives opened: their whole part, as a dataset that is read lazily, each file compared with its SHA-256."""
+"""Archives opened: their complete part, as a dataset that is read lazily, each file compared with its SHA-256."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Count = Annotated[int, msgspec.Meta(ge=1)]
 
 
 class SweepRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """The attributes of a sweep, under their own names."""
+    """The attributes of a sweep by name."""
 
     Conventions: str = "CF-1.11"
     title: str
@@ -48,15 +48,15 @@ class SweepRecord(msgspec.Struct, frozen=True, kw_only=True):
     sweep: str  # JSON
     lanes: Count
     block_lanes: Count
-    complete: int = 0  # a number: NetCDF has no truth values
+    complete: int = 0  # an integer: NetCDF has no truth values
     created: str
     versions: str  # JSON
-    failed_lanes: int | None = None  # of one that is complete
-    resumed: str | None = None  # JSON: the versions that went on with it, where they are others
+    failed_lanes: int | None = None  # of a complete one
+    resumed: str | None = None  # JSON: the versions that resumed it, if they differ
 
     @classmethod
     def from_attrs(cls, attrs: Mapping[str, Any], where: object) -> SweepRecord:
-        """The record in attributes, checked.  Raises `InputError` for those of no sweep, and for damaged ones."""
+        """The record in attributes, checked.  Raises `InputError` for attributes that are damaged or not of a sweep."""
         if attrs.get("kreisel_sweep") != SWEEP_FORMAT:
             raise InputError(f"{where} is no sweep of Kreisel (no kreisel_sweep = {SWEEP_FORMAT} in its attributes).")
         try:
@@ -88,7 +88,7 @@ class SweepRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def is_sweep(store: Path) -> bool:
-    """Whether an archive says of itself that it is a sweep."""
+    """Whether an archive is marked as a sweep."""
     return "kreisel_sweep" in archive.attributes(store)
 
 
@@ -120,13 +120,13 @@ def too_large(run: xr.Dataset) -> list[str]:
 
 
 def open_archive(path: Path) -> xr.Dataset:
-    """Open a run, as `open_rows` does, or a sweep by lane; of an interrupted one the part that is done."""
+    """Open a run, as `open_rows` does, or a sweep by lane; if it was interrupted, its finished part."""
     path = archive.settled(path)
     return open_lanes(path) if is_sweep(path) else open_rows(path)
 
 
 def open_lanes(path: Path) -> xr.Dataset:
-    """The Dataset of a sweep, opened lazily; lanes of blocks that are not done have failed = 255."""
+    """The Dataset of a sweep, opened lazily; lanes of missing blocks have failed = 255."""
     from kreisel.storage.verified import Verified, dataset
 
     record = SweepRecord.of_store(path)
@@ -135,17 +135,17 @@ def open_lanes(path: Path) -> xr.Dataset:
 
 
 def open_rows(path: Path, indexed: bool = True) -> xr.Dataset:
-    """Open a run on disk lazily; of an interrupted one all rows until its last checkpoint.
+    """Open a run on disk lazily; if it was interrupted, all rows until its last checkpoint.
 
-    With `indexed` the times are read, if there are less than ten million, so that rows can be chosen by time.  Raises
-    `InputError` for what is not a Kreisel archive, and for a damaged one, here or when the damage is read.
+    With `indexed` the times are read, if there are fewer than ten million, so that rows can be chosen by time.  Raises
+    `InputError` for anything but a Kreisel archive, and for a damaged one, here or when the damage is read.
     """
     from kreisel.storage.verified import opened
 
     record = run_record(path)
     archive.require_plain(path)
     known = archive.listed(path)
-    if is_cut(path, record):  # one with the attribute `complete` has all its rows, and was not sealed
+    if is_cut(path, record):  # an archive with the attribute `complete` has all its rows, and was not sealed
         run = (opened(path, known) if record.complete else _until_checkpoint(path, record, known)).assign_attrs(
             complete=0
         )
@@ -161,7 +161,7 @@ def open_rows(path: Path, indexed: bool = True) -> xr.Dataset:
         if indexed and known_place and name not in run.xindexes:
             try:
                 run = _indexed(run, name)
-            except Exception as error:  # whatever a damaged chunk makes the libraries raise
+            except Exception as error:  # any exception of the libraries for a damaged chunk
                 raise InputError(f"{path} is damaged, {name} cannot be read: {error}") from error
     return ordered(run)
 
@@ -177,7 +177,7 @@ def _indexed(run: xr.Dataset, name: str) -> xr.Dataset:
 
 
 def ordered(run: xr.Dataset) -> xr.Dataset:
-    """States first, then the orientation, Casimirs, integrals, and what a user has added."""
+    """The variables in order: states, the orientation, Casimirs, integrals, and additions of the user."""
     order = ("state", "orientation", *KINDS)
 
     def place(name: Any) -> tuple[int, str]:
@@ -188,13 +188,13 @@ def ordered(run: xr.Dataset) -> xr.Dataset:
 
 
 def is_cut(store: Path, record: RunRecord) -> bool:
-    """Whether a run was interrupted, by its record and its checksums; a recovered archive counts as whole."""
+    """Whether a run was interrupted, by its record and its checksums; a recovered archive counts as complete."""
     unsealed = archive.begun(store) and not archive.whole(store)
     return record.recovered is None and (unsealed or not record.complete)
 
 
 def checked_checkpoint(store: Path, record: RunRecord, known: Listed) -> Checkpoint:
-    """The checkpoint of a run.  Raises `InputError` if it is damaged, or of another run."""
+    """The checkpoint of a run.  Raises `InputError` if it is damaged, or belongs to another run."""
     from kreisel.storage.verified import Verified
 
     point = checkpoint.read(store)
@@ -226,6 +226,6 @@ def _until_checkpoint(path: Path, record: RunRecord, known: Listed) -> xr.Datase
         for name, array in arrays:
             if "time" in (array.metadata.dimension_names or ()) and stop > first:
                 array[first:stop] = point.outputs[name][: stop - first]
-    except Exception as error:  # whatever outputs that fit no array make the libraries raise
+    except Exception as error:  # any exception of the libraries for outputs that fit no array
         raise InputError(f"The checkpoint of {path} is damaged: its rows fit no array, {error}.") from error
     return opened(path, known, files=files).isel(time=slice(0, stop))

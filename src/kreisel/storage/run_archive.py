@@ -1,4 +1,4 @@
-"""The archive of a run: rows written block by block, with a checkpoint from which an interrupted run goes on."""
+"""The archive of a run: rows written block by block, with a checkpoint from which an interrupted run resumes."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ from kreisel.storage.opening import checked_checkpoint, run_record
 
 
 class RunArchive:
-    """The archive of a plan, which grows block by block under NAME.part and gets its name when it is whole.
+    """The archive of a plan, which grows block by block under NAME.part and gets its name when it is complete.
 
-    resumed        the archive is there, with the rows up to its checkpoint
-    rows_in_block  that of a resumed archive
+    resumed        the archive exists, with the rows up to its checkpoint
+    rows_in_block  rows in a block of a resumed archive
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class RunArchive:
         self._described = True
 
     def checkpoint(self, snapshot: Snapshot) -> None:
-        """Write down where the run stands; everything before is kept whatever happens."""
+        """Save the position of the run; everything before it is safe from a kill."""
         with _disk(self.path, "be written"):
             archive.require_there(self.part)
             outputs = observed(self.plan, snapshot)
@@ -113,11 +113,11 @@ class RunArchive:
         self._last = snapshot
 
     def finish(self) -> None:
-        """Mark the archive as whole and give it its name; with its last checkpoint it can be lengthened."""
+        """Mark the archive as complete and give it its name; with its last checkpoint it can be extended."""
         with _disk(self.path, "be finished"):
             archive.require_there(self.part)
             corrections = {name: {CORRECTION: value} for name, value in _corrections(self.plan).items()}
-            with archive.edited(self.part) as root:  # all rows are there
+            with archive.edited(self.part) as root:  # all rows exist
                 _fit(root, self.plan, at_the_end(self.plan), corrections)
             if self._last is not None:
                 checkpoint.write(self.part, Checkpoint(self._last, self._start, {}))
@@ -134,7 +134,7 @@ class RunArchive:
 
 
 def observed(plan: Plan, snapshot: Snapshot) -> dict[str, Array]:
-    """The outputs of the rows of a snapshot, which no block has yet, and their times."""
+    """The outputs and times of the rows of a snapshot that are not yet in a block."""
     if not len(snapshot.rows):
         return {}
     times = saved_times(plan, snapshot.flushed, snapshot.flushed + len(snapshot.rows))
@@ -143,7 +143,7 @@ def observed(plan: Plan, snapshot: Snapshot) -> dict[str, Array]:
 
 
 def layouts(plan: Plan, block: int) -> dict[str, dict[str, Any]]:
-    """Every array as Zarr makes it: at full length, a block in a shard of eight chunks or in one chunk."""
+    """The layout of every array for Zarr: at full length, a block in a shard of eight chunks or in one chunk."""
     chunk = chunk_rows(block)
     out: dict[str, dict[str, Any]] = {}
     if plan.batched:
@@ -166,7 +166,7 @@ def layouts(plan: Plan, block: int) -> dict[str, dict[str, Any]]:
 def _fit(
     root: dict[str, Any], plan: Plan, attrs: Mapping[str, Any], variables: Mapping[str, Mapping[str, Any]] | None = None
 ) -> None:
-    """Set attributes, of variables too, and give every array along the time the rows of the plan."""
+    """Set attributes, of variables too, and resize every array along the time to the rows of the plan."""
     root["attributes"].update(attrs)
     for name, node in archive.arrays_of(root).items():
         node["attributes"].update((variables or {}).get(name, {}))
@@ -177,7 +177,7 @@ def _fit(
 def reopen(
     path: Path, extend: int | None, system: Model | None = None, events: Any = None
 ) -> tuple[RunArchive, Integration]:
-    """An interrupted archive, or a finished one to be lengthened, and the run at its last checkpoint."""
+    """An interrupted archive, or a finished one to be extended, and the run at its last checkpoint."""
     part = part_of(path)
     store = part if stands(part) else path
     record = run_record(store)
@@ -215,9 +215,9 @@ def reopen(
 
 
 def _continue(part: Path, plan: Plan, point: Checkpoint, root: dict[str, Any], block: int) -> None:
-    """Make an archive ready to go on after its finished blocks: not complete any more, and as long as the plan.
+    """Prepare an archive to resume after its finished blocks: no longer complete, and as long as the plan.
 
-    The rows that are in no block after that are written to the checkpoint before.
+    Rows that are then in no block are first written to the checkpoint.
     """
     archive.unseal(part)
     checkpoint.write(part, point._replace(outputs=observed(plan, point.snapshot)))
@@ -228,7 +228,7 @@ def _continue(part: Path, plan: Plan, point: Checkpoint, root: dict[str, Any], b
 
 
 def _require_arrays(store: Path, root: Mapping[str, Any], fresh: Mapping[str, Any]) -> None:
-    """Raises `InputError` if an archive that is to be written to has not the arrays of its run."""
+    """Raises `InputError` if an archive that is to be written to lacks arrays of its run."""
     found = archive.arrays_of(root)
     for name, node in archive.arrays_of(fresh).items():
         same = [k for k in node if k not in ("shape", "attributes")]
@@ -237,7 +237,7 @@ def _require_arrays(store: Path, root: Mapping[str, Any], fresh: Mapping[str, An
 
 
 def _plan_of_run(record: RunRecord, start: Mapping[str, Floats], steps: int, system: Model | None = None) -> Plan:
-    """The plan of a run from its record and its start; `system`: of a system of the user's own."""
+    """The plan of a run from its record and its start; `system`: the user-defined system of the run, if any."""
     asked = Settings.checked(
         dt=record.dt,
         steps=steps,
@@ -257,7 +257,7 @@ def _plan_of_run(record: RunRecord, start: Mapping[str, Floats], steps: int, sys
 
 
 def _same(model: Model, record: RunRecord) -> Model:
-    """The model, if a run was made from one of its name and parameters.  Raises `InputError`."""
+    """The model, if a run has a model of this name and parameters.  Raises `InputError`."""
     check_model(model)
     if model.system.name != record.system or parameters_of(model) != record.parameters:
         raise InputError(

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from kreisel.storage.run_archive import RunArchive
 
 CHECKPOINT_SECONDS = 5.0  # between two checkpoints of a run to disk
-ALWAYS_THERE = 1 << 28  # bytes of memory, for which nobody is asked
+ALWAYS_THERE = 1 << 28  # bytes of memory, allowed without confirmation
 
 
 @explained
@@ -59,28 +59,28 @@ def simulate(
     dt           step in the system's unit of time, > 0
     t_end        the time at the end, in place of `steps`: in equal steps of dt or a little less: attribute asked_dt
     times        of the rows, in order, in place of `steps` and `every`; a row between two steps does not change them
-    method       one of `kr.methods()`; without it the first of them that applies to the system; "exact" alone for free
-                 bodies, n = 3, where neither an order nor an engine for maps is asked for
-    order        one of those that the method has; of splittings a tuple, (8, 2).  "auto" (baecklund, splitting): the
-                 order and the step that reach `tol` at the least cost (attributes dt, steps, options)
+    method       one of `kr.methods()`; without it the first of them that applies to the system; "exact" only for free
+                 bodies, n = 3, if neither an order nor an engine for maps is requested
+    order        one of the orders of the method; for splittings also a tuple, (8, 2).  "auto" (baecklund, splitting):
+                 the order and the step that reach `tol` at the least cost (attributes dt, steps, options)
     tol          the largest error at the end relative to the largest entry (order="auto"); the relative one ("dop853")
     orientation  initial g, body to space: a rotation matrix, or for n = 3 a quaternion (w, x, y, z); then a variable
     engine       "cpu" (compiled, all cores), "large" (O(n) a step for Lagrange tops and Neumann, O(n^2) for Clebsch;
                  both by n and method unless given), "cuda" (NVIDIA, float64), "cuda-float32": many lanes, n <= 10
-    project      put the state back on the invariants that the method conserves, every `projection` steps (an attribute
-                 of the run): what rounding does to them is undone; False shows the map as it is
-    observe      Casimirs and integrals to compute beside the state, by name; default: all, most of the time of a row
+    project      project onto the invariants of the method every `projection` steps (an attribute of the run), which
+                 removes their rounding errors; False shows the plain map
+    observe      Casimirs and integrals to save with the state, by name; default: all, most of the time of a row
     impulses     added to a momentum as the state has it, before the row there: {"time": 2.0, "m": (0, 0, 1)}, or a list
-    events       `kr.Event(quantity, action)` or a list: where a quantity changes its sign the run stops, or an action
-                 changes the state; an attribute of the run, event_times, has when
-    path         write to a Zarr archive while the run goes on, and return it opened; else stay in memory
-    overwrite    replace an archive that exists (the old one stays until the new one is whole)
+    events       `kr.Event(quantity, action)` or a list: if a quantity changes its sign the run stops, or an action
+                 changes the state; the attribute event_times has the times
+    path         write to a Zarr archive during the run, and return it opened; else stay in memory
+    overwrite    replace an existing archive (the old one stays until the new one is complete)
     progress     show a progress bar on stderr; default: when stderr is a terminal
 
     Returns an `xarray.Dataset`: coordinates time (and lane), the components of the state (axial vectors for n = 3), the
     Casimirs and every integral.  Raises `InputError` for bad input and `RunError` when a state is no longer finite, an
-    implicit step is not solved or the archive cannot be written.  Warns: `ConservationWarning` where what the method
-    conserves is not (`kr.drift`), `AccuracyWarning` of long steps, `InputWarning` of long runs without compiled steps.
+    implicit step is not solved or the archive cannot be written.  Warns: `ConservationWarning` of lost invariants
+    (`kr.drift`), `AccuracyWarning` of long steps, `InputWarning` of long runs without compiled steps.
     """
     flag(overwrite, "overwrite")
     choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
@@ -106,7 +106,7 @@ def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress
 
     where = target(path)
     require_room(where, bytes_of(plan)[1], "Save less often (every), or choose another disk.")
-    integration = Integration(plan)  # compiled before anything is made there
+    integration = Integration(plan)  # compiled before anything is created there
     warn_of_arrays(plan)
     with one_writer(where):
         return _write(RunArchive(where, plan, overwrite), integration, progress)
@@ -121,17 +121,17 @@ def resume(
     system: Model | None = None,
     events: Event | Sequence[Event] = (),
 ) -> xr.Dataset:
-    """Go on with a run that was interrupted, bit for bit as if it had not been; or lengthen one that is finished.
+    """Resume an interrupted run, bit for bit as if it had not been interrupted; or extend a finished run.
 
     path      the archive, NAME or NAME.part
-    extend    the run's new number of steps, more than it has: a finished run goes on to it
+    extend    the run's new number of steps, more than before: a finished run continues to it
     progress  as in `simulate`
-    system    a system of your own (`kr.perturbed`), which no archive holds: with the functions of the run
-    events    of a run with events, which no archive holds either: with the functions of the run
+    system    a user-defined system (`kr.perturbed`), which no archive holds: with the functions of the run
+    events    the events of the run, which no archive holds either: with the functions of the run
 
-    The parameters, the start, the method and the state of its engine come from the archive.  The same bits are
-    promised for the same versions on the same machine; where versions have changed, the attribute `resumed` says so.
-    Raises `InputError` where there is nothing to go on from, and `RunError` as `simulate` does.
+    The parameters, the start, the method and the state of its engine come from the archive.  The same bits are promised
+    for the same versions on the same machine; if versions have changed, the attribute `resumed` states this.  Raises
+    `InputError` if there is no checkpoint, and `RunError` as `simulate` does.
     """
     from kreisel.storage.archive import one_writer, target
     from kreisel.storage.opening import open_rows
@@ -140,14 +140,14 @@ def resume(
     where = target(path)
     where = where.with_suffix("") if where.suffix == ".part" else where
     with one_writer(where) as settled:
-        if settled and extend is None:  # all that was left to do
+        if settled and extend is None:  # nothing else remained to be done
             return open_rows(where)
         archive, integration = reopen(where, None if extend is None else whole_number(extend, "extend"), system, events)
         return watched(_write(archive, integration, progress))
 
 
 def _write(archive: RunArchive, integration: Integration, progress: bool | None) -> xr.Dataset:
-    """Integrate into an archive, with a checkpoint now and then and when the run is asked to stop."""
+    """Integrate into an archive, with periodic checkpoints and one when the run receives a signal to stop."""
     from kreisel.storage.opening import open_rows
 
     plan, last, kept = integration.plan, -math.inf, integration.steps
@@ -155,8 +155,8 @@ def _write(archive: RunArchive, integration: Integration, progress: bool | None)
     def between() -> None:
         nonlocal last, kept
         due = time.monotonic() - last > CHECKPOINT_SECONDS or stop.signal is not None
-        written = integration.filled == 0  # a block was just written
-        closing = integration.rows == integration.lasting  # the last checkpoint, from which a longer run goes on
+        written = integration.filled == 0  # a block has just been written
+        closing = integration.rows == integration.lasting  # the last checkpoint, from which a longer run resumes
         if integration.into == 0 if closing else integration.rows < integration.lasting and (due or written):
             archive.checkpoint(integration.snapshot())
             last, kept = time.monotonic(), integration.steps

@@ -1,4 +1,4 @@
-"""A Zarr store that gives only files that are as they were written."""
+"""A Zarr store that returns only files unchanged since they were written."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ REMEDY = "`kreisel check` says what else is; --recover saves the rows that are w
 
 
 class Damaged(InputError):
-    """A file of an archive that is not as it was written; `why` in a clause."""
+    """A file of an archive that has changed since it was written; `why` is a clause."""
 
     why = ""
 
 
 class Verified(LocalStore):
-    """A store that is read only as it was written: a file that is changed, missing or added raises `InputError`.
+    """A store for reading: a file that is changed, missing or added raises `InputError`.
 
-    partial   chunks that are not listed are not read: their blocks are still to do, or being written
+    partial   chunks that are not listed are not read: their blocks are missing, or being written
     files     files that take precedence: the rows of an interrupted run after its last block
     """
 
@@ -43,7 +43,7 @@ class Verified(LocalStore):
         self._seen: dict[str, tuple[int, ...]] = {}
 
     def with_read_only(self, read_only: bool = False) -> Verified:
-        """The store itself: it is never written to."""
+        """The store itself, which is never written to."""
         return self
 
     def _damaged(self, why: str) -> Damaged:
@@ -52,7 +52,7 @@ class Verified(LocalStore):
         return error
 
     def verify(self, key: str) -> None:
-        """Compare a file with its checksum, once for as long as it stays as it is."""
+        """Compare a file with its checksum, again only if it changes."""
         path, digests = self.root / key, self._known.get(key)
         try:
             here = os.lstat(path)
@@ -73,7 +73,7 @@ class Verified(LocalStore):
             raise InputError(f"{self.root} cannot be read: {key}: {error.strerror}.") from error
 
     def get_sync(self, key: str, *, prototype: BufferPrototype | None = None, byte_range: Any = None) -> Buffer | None:
-        """As Zarr's store does, for a file that is as it was written.  Raises `InputError`."""
+        """The file from Zarr's store, if it has not changed.  Raises `InputError`."""
         if key in self._files:
             return MemoryStore(self._files).get_sync(key, prototype=prototype, byte_range=byte_range)
         if self._partial and key not in self._known and archive.is_chunk(key):
@@ -82,19 +82,19 @@ class Verified(LocalStore):
         return super().get_sync(key, prototype=prototype, byte_range=byte_range)
 
     async def get(self, key: str, prototype: BufferPrototype | None = None, byte_range: Any = None) -> Buffer | None:
-        """The same."""
+        """The file of that key, as `get_sync`."""
         prototype = prototype or default_buffer_prototype()
         return await asyncio.to_thread(self.get_sync, key, prototype=prototype, byte_range=byte_range)
 
     async def get_partial_values(
         self, prototype: BufferPrototype, key_ranges: Iterable[tuple[str, Any]]
     ) -> list[Buffer | None]:
-        """The same of several."""
+        """Several files, as `get_sync`."""
         return [await self.get(key, prototype, byte_range) for key, byte_range in key_ranges]
 
 
 def dataset(path: Path, store: Any, **options: Any) -> xr.Dataset:
-    """The arrays of a store of that path, read when they are asked for.  Raises `InputError` for what is damaged."""
+    """The arrays of a store of that path, read on access.  Raises `InputError` for damaged ones."""
     import xarray as xr
 
     import kreisel.runs.accessor  # noqa: F401 - run.kreisel
@@ -107,11 +107,11 @@ def dataset(path: Path, store: Any, **options: Any) -> xr.Dataset:
             )
     except InputError:
         raise
-    except Exception as error:  # whatever a damaged store makes the libraries raise
+    except Exception as error:  # any exception of the libraries for a damaged store
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
 
 
 def opened(path: Path, known: Listed | None, files: dict[str, Buffer] | None = None) -> xr.Dataset:
-    """The arrays of an archive as they are, without indexes; compared with its checksums, if they are known."""
+    """The unchanged arrays of an archive, without indexes; compared with its checksums if these are known."""
     store: Any = path if known is None else Verified(path, known, files=files)
     return dataset(path, store, create_default_indexes=False)

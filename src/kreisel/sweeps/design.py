@@ -1,7 +1,7 @@
-"""The lanes of a sweep: a grid, a list and random draws over the numbers of a configuration.
+"""The lanes of a sweep: a grid, a list and random draws over the values of a configuration.
 
-A quantity is named as it stands in the TOML file: `system.alpha`, `state.m`, `run.dt`, or one entry, `state.m[2]`.
-The values of a lane depend on the description and the number of the lane alone, not on how lanes are cut into blocks.
+A quantity has its name in the TOML file: `system.alpha`, `state.m`, `run.dt`, or one entry, `state.m[2]`.  The values
+of a lane depend only on the description and the index of the lane, not on how lanes are cut into blocks.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ KEY = re.compile(r"([A-Za-z_][A-Za-z_0-9]*)(?:\[([0-9]+(?:\s*,\s*[0-9]+)*)\])?")
 @explained
 @dataclass(frozen=True, eq=False)
 class Design:
-    """What varies in a sweep; the lanes are grid x together x draws, the last fastest.
+    """Quantities that vary in a sweep; the lanes are grid x together x draws, the last fastest.
 
     grid      quantity -> values: every combination, e.g. {"system.alpha": np.linspace(0.5, 2, 20)}
-    together  quantity -> values that go together, as many of each; [sweep.list] in a TOML file
+    together  quantity -> values that vary together, of equal count; [sweep.list] in a TOML file
     random    quantity -> {"uniform": [a, b]}, {"loguniform": [a, b]}, {"normal": [mean, deviation]} or
               {"sphere": radius}: `draws` of them with the seed `rng`
 
@@ -57,7 +57,7 @@ class Design:
 
     @property
     def table(self) -> dict[str, Any]:
-        """As [sweep] in a TOML file has it."""
+        """The section [sweep] of a TOML file."""
         tables = {"grid": self.grid, "list": self.together, "random": self.random}
         plain: dict[str, Any] = {name: {} if table is None else table for name, table in tables.items()}
         return {**plain, "draws": self.draws, "rng": self.rng}
@@ -65,7 +65,7 @@ class Design:
 
 @dataclass(frozen=True)
 class Varied:
-    """What varies: `section`.`letter`, or its entry at `index`."""
+    """A quantity that varies: `section`.`letter`, or its entry at `index`."""
 
     section: str
     letter: str
@@ -73,7 +73,7 @@ class Varied:
 
     @property
     def name(self) -> str:
-        """As the user writes it."""
+        """The name in the user's notation."""
         entry = f"[{','.join(map(str, self.index))}]" if self.index else ""
         return f"{self.section}.{self.letter}{entry}"
 
@@ -87,7 +87,7 @@ class Draw:
     shape: tuple[int, ...]
 
     def sample(self, rng: np.random.Generator, count: int) -> Array:
-        """So many values (count, ...)."""
+        """Random values (count, ...)."""
         shape = (count, *self.shape)
         if self.kind == "uniform":
             low, high = self.bounds
@@ -102,7 +102,7 @@ class Draw:
         return np.asarray(self.bounds[0] * normal / np.sqrt((normal * normal).sum(-1, keepdims=True)))
 
 
-DRAWS = {"uniform": 2, "loguniform": 2, "normal": 2, "sphere": 1}  # and how many bounds they take
+DRAWS = {"uniform": 2, "loguniform": 2, "normal": 2, "sphere": 1}  # and the number of their bounds
 
 
 class Lanes:
@@ -111,8 +111,8 @@ class Lanes:
     base    the sections system, state and run that every lane starts from
     spec    the section sweep: grid, list, random, draws, rng
 
-    The lanes are the product of the grid, the list and the draws, the last one running fastest; every lane draws its
-    own random values.  Raises `InputError`.
+    The lanes are the product of the grid, the list and the draws, the last varying fastest; every lane draws separate
+    random values.  Raises `InputError`.
     """
 
     def __init__(self, base: Mapping[str, Mapping[str, Any]], spec: Mapping[str, Any]):
@@ -142,7 +142,7 @@ class Lanes:
 
     @property
     def quantities(self) -> tuple[Varied, ...]:
-        """Everything that varies."""
+        """All quantities that vary."""
         return (*self.grid, *self.listed, *self.draws)
 
     @property
@@ -213,7 +213,7 @@ class Lanes:
         return out | {quantity: self._drawn(quantity, draw, first, stop) for quantity, draw in self.draws.items()}
 
     def _drawn(self, quantity: Varied, draw: Draw, first: int, stop: int) -> Array:
-        """Drawn by one generator for each quantity and each 1024 lanes, so that the other quantities do not matter."""
+        """Values drawn by one generator for each quantity and each 1024 lanes, independent of other quantities."""
         chunks = range(first // DRAWN_AT_ONCE, -(-stop // DRAWN_AT_ONCE))
         name, pieces = zlib.crc32(quantity.name.encode()), []
         for chunk in chunks:
@@ -223,10 +223,10 @@ class Lanes:
         return np.concatenate(pieces)[first - begin : stop - begin]
 
     def filled(self, values: Mapping[Varied, Array]) -> dict[str, dict[str, Any]]:
-        """The sections with these values in place: arrays with an axis of lanes where something varies."""
+        """The sections with these values in place: arrays with an axis of lanes if a quantity varies."""
         out: dict[str, dict[str, Any]] = {section: dict(table) for section, table in self.base.items()}
         varied: set[tuple[str, str]] = set()
-        for quantity in sorted(values, key=lambda q: len(q.index)):  # an entry goes into what varies as a whole
+        for quantity in sorted(values, key=lambda q: len(q.index)):  # an entry replaces part of a varying quantity
             value, table = values[quantity], out[quantity.section]
             if quantity.index:
                 whole = table[quantity.letter]
@@ -241,7 +241,7 @@ class Lanes:
 
 
 def _quantities(spec: Any, where: str) -> list[tuple[Varied, Any]]:
-    """Pairs of [sweep.grid] and the others, where `system.p`, `[sweep.grid.system]` and `"system.p"` are the same."""
+    """Pairs of [sweep.grid] and the others; `system.p`, `[sweep.grid.system]` and `"system.p"` are equivalent."""
     if not isinstance(spec, Mapping):
         raise InputError(f"[sweep.{where}] must be a table of quantities and their values, got {shown(spec)}.")
     flat: list[tuple[str, Any]] = []
@@ -335,7 +335,7 @@ def _count(draws: Any, random: bool) -> int:
 
 
 def described(value: Any) -> Any:
-    """The description as plain data, which JSON gives back bit for bit.  Raises `InputError`."""
+    """The description as plain data that JSON preserves bit for bit.  Raises `InputError`."""
     if isinstance(value, Mapping):
         return {str(k): described(v) for k, v in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -351,9 +351,9 @@ def described(value: Any) -> Any:
 
 
 def as_json(description: Mapping[str, Any]) -> str:
-    """The description as text, in its own order, which is that of the lanes.
+    """The description as text, in its order, which is the order of the lanes.
 
-    Raises `InputError` where it is too long for the attributes of an archive.
+    Raises `InputError` if it is too long for the attributes of an archive.
     """
     text = json.dumps(description)
     if len(text) > LARGEST_DESCRIPTION:

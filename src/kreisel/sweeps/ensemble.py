@@ -31,7 +31,7 @@ TROUBLES = (InputError, RunError, ArithmeticError, np.linalg.LinAlgError)  # of 
 class Sweep:
     """A sweep from its description: sections system, state, run and sweep, as plain data.
 
-    file    the Python file of a system of the user's own
+    file    the Python file of a user-defined system
     """
 
     def __init__(self, description: Mapping[str, Any], file: Path | None = None):
@@ -57,7 +57,7 @@ class Sweep:
         varied: set[tuple[str, str]],
         choice: Choice | None = None,
     ) -> Plan:
-        """The ensemble of the lanes `ids` of what `Lanes.filled` gave, with what was chosen for order="auto".
+        """The ensemble of the lanes `ids` of a result of `Lanes.filled`, with the choices for order="auto".
 
         Raises `InputError`.
         """
@@ -81,9 +81,9 @@ class Sweep:
     def alike(
         self, sections: Mapping[str, Mapping[str, Any]], ids: Array, varied: set[tuple[str, str]]
     ) -> list[tuple[Array, Choice | None]]:
-        """The lanes in groups that are stepped together: with order="auto", those with the same choice.
+        """The lanes in groups that are stepped together: with order="auto", lanes with equal choices.
 
-        Each lane has its own, that of a single run: it depends on no other lane and on no block.
+        The choice of a lane is that of a single run: it does not depend on other lanes or on blocks.
         """
         model, start, orientation, settings = self._asked(sections, ids, varied)
         if settings.order != "auto":
@@ -91,7 +91,7 @@ class Sweep:
         found: dict[tuple[int, int], tuple[list[int], Choice]] = {}
         each = choices(model, model.state(**start), settings, orientation)
         if len(each) != len(ids):
-            return [(ids, None)]  # `plan` says what is wrong
+            return [(ids, None)]  # `plan` reports the fault
         for lane, choice in zip(ids.tolist(), each, strict=True):
             found.setdefault((choice.order, choice.steps), ([], choice))[0].append(lane)
         return [(np.array(lanes), choice) for lanes, choice in found.values()]
@@ -134,7 +134,7 @@ class Sweep:
         return "auto" in (np.concatenate(orders) if orders else [self.lanes.base["run"].get("order")])
 
     def groups(self, values: Mapping[Varied, Array], count: int) -> list[Array]:
-        """Lanes that can be stepped together: those whose run settings are the same."""
+        """Lanes that can be stepped together: lanes with equal run settings."""
         apart = [
             v
             for q, v in values.items()
@@ -150,7 +150,7 @@ class Sweep:
     def results(
         self, first: int, stop: int, known: Mapping[str, tuple[tuple[int, ...], int]]
     ) -> tuple[dict[str, Array], dict[int, str]]:
-        """Every variable in `known`, name -> (shape, axis of lanes), of lanes first to stop - 1; which failed, and why.
+        """Every variable in `known`, name -> (shape, axis of lanes), of lanes first to stop - 1; failures by lane.
 
         Summaries of lanes that failed are NaN, and so are their trajectories from the failure on.
         """
@@ -158,7 +158,7 @@ class Sweep:
         sections, varied = self.lanes.filled(values), {(q.section, q.letter) for q in values}
         out = {name: np.full(shape, np.nan) for name, (shape, _) in known.items()}
         faults: dict[int, str] = {}
-        pending: list[tuple[Array, Choice | None, bool]]  # lanes, what was chosen for them, and whether that is done
+        pending: list[tuple[Array, Choice | None, bool]]  # lanes, their choices, and whether these are final
         pending = [(ids, None, False) for ids in reversed(self.groups(values, stop - first))]
         while pending:
             ids, choice, chosen = pending.pop()
@@ -170,7 +170,7 @@ class Sweep:
             except TROUBLES as error:
                 if len(ids) == 1:
                     faults[int(ids[0])] = str(error)
-                else:  # one of them is at fault: the halves are tried
+                else:  # one of them is at fault: each half is tried
                     half = len(ids) // 2
                     pending += [(ids[half:], choice, chosen), (ids[:half], choice, chosen)]
                 continue
@@ -208,13 +208,13 @@ class Sweep:
 
 
 def _ready(value: Any, kind: str | None, varied: bool, lanes: int | None = None) -> Any:
-    """A value in a form whose axis of lanes cannot be mistaken; `lanes` says whether it has one."""
+    """A value in a form with an unambiguous axis of lanes; `lanes` is whether it has one."""
     if kind is None:
         return value
     try:
         array = np.asarray(value)
     except ValueError:
-        return value  # the model says what is wrong with it
+        return value  # the model reports the fault
     if array.dtype.kind not in "iuf":
         return value
     axes = array.ndim - varied

@@ -1,4 +1,4 @@
-"""A sweep with an axis for each quantity of its grid, in place of the lanes; read lazily, as before."""
+"""A sweep with an axis for each quantity of its grid, instead of the lanes; still read lazily."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ class _Folded(BackendArray):
 
 
 def gridded(run: xr.Dataset) -> xr.Dataset:
-    """A sweep by lane as one by grid: dimensions of the quantities' names, then list and draw where there are such.
+    """A sweep by lane as a sweep by grid: dimensions of the quantities' names, then list and draw if present.
 
-    The values of the grid are coordinates, and `lane` has the number of each lane.  A sweep without a grid is itself.
+    The values of the grid are coordinates; `lane` is the index of each lane.  Without a grid: the sweep itself.
     """
     description = parsed(run.attrs["sweep"], "The attribute sweep")
     lanes = Lanes({section: description[section] for section in SECTIONS}, description["sweep"])
@@ -60,7 +60,7 @@ def gridded(run: xr.Dataset) -> xr.Dataset:
         axis = DRAW if not quantities else LIST if quantities[0] in lanes.listed else quantities[0].name
         if quantities and axis != LIST and lanes.tables[quantities[0]].ndim > 1:
             axis = f"{axis}_index"
-        if not quantities and not lanes.draws:  # of one, which nothing makes
+        if not quantities and not lanes.draws:  # a single draw without random quantities has no axis
             continue
         names.append(axis)
         sizes.append(size)
@@ -85,7 +85,7 @@ def gridded(run: xr.Dataset) -> xr.Dataset:
 
 
 def by_lane(run: xr.Dataset) -> xr.Dataset:
-    """What varies and what failed of a sweep, by lane again."""
+    """Varied quantities and failures of a sweep, by lane again."""
     if LANE in run.dims:
         return run
     names = ["failed", "message", *(k for k, v in run.variables.items() if v.attrs.get("kind") == "input")]
@@ -95,12 +95,12 @@ def by_lane(run: xr.Dataset) -> xr.Dataset:
 
 @explained
 def open_run(path: str | os.PathLike[str], *, grid: bool = False) -> xr.Dataset:
-    """Open a run on disk lazily, as `kr.simulate` returns it, or a sweep; of an interrupted one the part that is done.
+    """Open a run on disk lazily, as `kr.simulate` returns it, or a sweep; if it was interrupted, its finished part.
 
-    A sweep has the dimension `lane`, with `grid` those of its grid, as `kr.sweep` returns it.
+    A sweep has the dimension `lane`, with `grid` the dimensions of its grid, as `kr.sweep` returns it.
 
-    Every file is compared with its SHA-256 when it is read.  Raises `InputError` for what is not an archive of
-    Kreisel, and for a damaged one, as it is opened or later as it is read (`kreisel check` says what is damaged).
+    Every file is compared with its SHA-256 when it is read.  Raises `InputError` for anything but an archive of
+    Kreisel, and for a damaged one, on opening or later on reading (`kreisel check` reports the damage).
     """
     run = open_archive(target(path))
     return gridded(run) if grid and "kreisel_sweep" in run.attrs else run

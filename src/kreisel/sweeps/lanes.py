@@ -1,7 +1,7 @@
-"""Lanes of a sweep computed again: as a run of one lane, for the check of an archive, and to judge what is conserved.
+"""Lanes of a sweep computed again: as a run of one lane, to check an archive, and to find broken invariants.
 
-A sweep saves summaries, and its description has all that a lane needs.  It saves how far each integral has changed, and
-no scale: lanes with large changes are begun again for some steps, which measures their scales.
+A sweep saves summaries, and its description suffices to compute a lane.  It saves the change of each integral but no
+scale: lanes with large changes are computed again for some steps, which measures their scales.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MOST_BYTES = 1 << 30  # of a trajectory
-BEGUN, ROWS = 4096, 64  # steps of a lane that are made again, and the rows of them
-SMALL, NOTHING = 1e-3, 1e-13  # a change of a part by so much of itself counts, unless it is nothing beside the others
+BEGUN, ROWS = 4096, 64  # steps of a lane that are computed again, and their rows
+SMALL, NOTHING = 1e-3, 1e-13  # relative changes of a part that count, of a part that is negligible
 
 
 def broken_lanes(result: xr.Dataset, file: Path | None = None) -> list[str]:
-    """A sentence for each lane that lost what the method conserves, among the sixteen with the largest changes.
+    """A sentence for each lane that lost an invariant of the method, among the sixteen with the largest changes.
 
-    `file` defines a system of the user's own; without it the lanes of such a system are not judged.
+    `file` defines a user-defined system; without it the lanes of such a system are not judged.
     """
     changes = _changes(result)
     if not changes:
@@ -61,7 +61,7 @@ def broken_lanes(result: xr.Dataset, file: Path | None = None) -> list[str]:
 
 
 def watched_lanes(result: xr.Dataset) -> xr.Dataset:
-    """The sweep itself.  Warns with `ConservationWarning` where lanes are broken, as `broken_lanes` says."""
+    """The sweep itself.  Warns with `ConservationWarning` if lanes are broken, see `broken_lanes`."""
     sentences = broken_lanes(result)
     if sentences:
         warnings.warn(" ".join(sentences), ConservationWarning, stacklevel=4)
@@ -69,7 +69,7 @@ def watched_lanes(result: xr.Dataset) -> xr.Dataset:
 
 
 def _changes(result: xr.Dataset) -> dict[str, tuple[Floats, Floats]]:
-    """Start and largest change (lanes, parts) of what is conserved."""
+    """Start and largest change (lanes, parts) of the conserved quantities."""
     out = {}
     for name, variable in sorted(result.data_vars.items(), key=lambda item: str(item[0])):  # folders have no order
         if variable.attrs.get("kind") != "drift" or not str(name).endswith("_drift"):
@@ -84,7 +84,7 @@ def _changes(result: xr.Dataset) -> dict[str, tuple[Floats, Floats]]:
 
 
 def _score(start: Floats, drift: Floats) -> Floats:
-    """How much of its family's size a part has changed, at most, in each lane; 1 for a small part that is lost."""
+    """The largest relative change of a part of a family in each lane; 1 for a small part that is lost."""
     size = abs(start).max(1, keepdims=True)
     lost = (drift > SMALL * abs(start)) & (drift > NOTHING * size)
     relative = np.divide(drift, size, out=np.where(drift > 0, 1.0, 0.0), where=size > 0)
@@ -104,7 +104,7 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
         if variable.attrs["kind"] == "state":
             begun, whole = float(abs(variable).max()), _extreme(result, str(name), lane)
             if whole > GROWN * begun:
-                return []  # its scales are not those of the beginning
+                return []  # its scales differ from those of the beginning
             largest = max(largest, begun, whole)
     out = []
     for name, (start, drift) in changes.items():
@@ -118,7 +118,7 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
 
 
 def _extreme(result: xr.Dataset, name: str, lane: int) -> float:
-    """The largest entry of a component of the state over the whole run, where it was saved."""
+    """The largest entry of a component of the state over all rows, if it was saved."""
     saved = [f"{name}_{end}" for end in ("min", "max") if f"{name}_{end}" in result]
     return max((float(abs(read_values(result[k].isel(lane=lane))).max()) for k in saved), default=0.0)
 
@@ -126,8 +126,7 @@ def _extreme(result: xr.Dataset, name: str, lane: int) -> float:
 def one_lane(path: Path, lane: int) -> xr.Dataset:
     """The run of a lane, with an axis of this one lane.
 
-    Raises `InputError` for a lane that is not there and a system of the user's own, and `RunError` where the lane
-    failed.
+    Raises `InputError` for a missing lane and a user-defined system, and `RunError` if the lane failed.
     """
     record = SweepRecord.of_store(path)
     if not 0 <= lane < record.lanes:
@@ -151,10 +150,10 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
 
 
 def lanes_again(run: xr.Dataset) -> list[str]:
-    """Compute some lanes of a sweep again and compare them bit for bit with what is saved.
+    """Compute some lanes of a sweep again and compare them bit for bit with the saved lanes.
 
-    Only where versions and processor are those of the sweep.  Nothing is compared for a system of the user's own, whose
-    file an archive does not hold, and for lanes that take too long.
+    Only if versions and processor are those of the sweep.  Nothing is compared for a user-defined system, whose file an
+    archive does not hold, and for lanes that would take too long.
     """
     record = SweepRecord.from_attrs(run.attrs, "The sweep")
     spec = record.description

@@ -1,6 +1,6 @@
 """The archive of a sweep: its arrays, whose blocks are lanes, and the computation of a block.
 
-A block is idempotent: what it writes depends on the description in the attributes and on its number alone.
+A block is idempotent: its content depends only on the description in the attributes and on its index.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ LONGEST_BLOCK = 10**9  # steps: about half a minute for n = 3
 MOST_IN_BLOCK = 4096
 FEWEST_BLOCKS = 16
 TEMPLATES = 64  # lanes that are tried until one can be planned
-CHUNK_BYTES = 1 << 20  # of a trajectory: what is read at once
+CHUNK_BYTES = 1 << 20  # values of a trajectory that are read at once
 
 
 class Store:
-    """The archive of a sweep: NAME.part until every block is there, then NAME."""
+    """The archive of a sweep: NAME.part until all blocks are finished, then NAME."""
 
     def __init__(self, path: Path, sweep: Sweep):
         self.path, self.part, self.sweep = path, archive.part_of(path), sweep
@@ -56,7 +56,7 @@ class Store:
         return -(-self.sweep.lanes.total // self.width)
 
     def missing(self) -> list[int]:
-        """The blocks that are not done."""
+        """The blocks that are not finished."""
         there = archive.blocks_done(self.part, "failed")
         return [k for k in range(self.blocks) if k not in there]
 
@@ -66,7 +66,7 @@ class Store:
         return self.sweep.lanes.total - sum(last if k == self.blocks - 1 else self.width for k in todo)
 
     def open(self, overwrite: bool) -> list[int]:
-        """Make the archive or go on with it; the blocks to do.  Raises `InputError` if another one is in the way."""
+        """Create the archive or resume it; the blocks to compute.  Raises `InputError` if another is in the way."""
         with on_disk(self.path, "be created"):
             going_on = archive.agreed(self.path) and self._is_same(self.part)  # begun with --overwrite
             if stands(self.path) and not (overwrite or going_on):
@@ -98,7 +98,7 @@ class Store:
             )
 
     def _fit(self) -> None:
-        """Compare the metadata with their checksum; note other versions; remove what a kill left half written."""
+        """Compare the metadata with their checksum; note other versions; remove files that a kill left incomplete."""
         from kreisel.storage.verified import Verified
 
         if archive.whole(self.part):
@@ -109,7 +109,7 @@ class Store:
             archive.note_versions(root["attributes"], versions())
 
     def _layouts(self) -> dict[str, dict[str, Any]]:
-        """Every array as Zarr makes it."""
+        """The layout of every array for Zarr."""
         total, width = self.sweep.lanes.total, self.width
         out: dict[str, dict[str, Any]] = {}
 
@@ -173,7 +173,7 @@ class Store:
         return None if varied or len(found) > 1 else found.pop()
 
     def finish(self) -> None:
-        """Mark the store as whole and give it its name."""
+        """Mark the store as complete and give it its name."""
         missing = self.missing()
         if missing:
             raise RunError(f"{self.part} lacks {len(missing):,} blocks although they were reported as done. {LOST}")
@@ -187,12 +187,12 @@ class Store:
         return int((open_lanes(self.part)["failed"].values == FAILED).sum())
 
     def failed_lanes(self) -> int:
-        """How many lanes failed, of a store that is whole."""
+        """The number of failed lanes of a complete store."""
         return SweepRecord.of_store(self.path).failed_lanes or 0
 
 
 def _difference(theirs: str, mine: str) -> str:
-    """Which part of two descriptions differs."""
+    """The part in which two descriptions differ."""
     try:
         other = parsed(theirs, "The attribute sweep")
         here = parsed(mine, "The attribute sweep")
@@ -203,9 +203,9 @@ def _difference(theirs: str, mine: str) -> str:
 
 
 def _templates(sweep: Sweep) -> Iterator[Plan]:
-    """A plan for each method and order that occur; they have different variables.
+    """A plan for each method and order that occur, since their variables differ.
 
-    Raises `InputError` where no lane of them can be planned.
+    Raises `InputError` if no lane of a combination can be planned.
     """
     for combination in _combinations(sweep):
         last: Exception | None = None
@@ -223,7 +223,7 @@ def _templates(sweep: Sweep) -> Iterator[Plan]:
 
 
 def _combinations(sweep: Sweep) -> Iterator[list[int]]:
-    """For each combination of method and order some lanes that have it."""
+    """Some lanes for each combination of method and order."""
     lanes, names = sweep.lanes, ("run.method", "run.order")
     tables = lanes.tables
     sizes = [size for _, size in lanes.axes]
@@ -262,11 +262,11 @@ def _check_rows(sweep: Sweep, plan: Plan) -> None:
 
 
 def _floats_of_a_lane(sweep: Sweep, plan: Plan) -> int:
-    """Numbers that a lane holds in memory at once, temporary ones included."""
+    """Floats that a lane holds in memory at once, temporary ones included."""
     outputs = plan.example
     states = sum(v[0, 0].size for name, v in outputs.items() if plan.outcomes[name].kind in ("state", "orientation"))
     everything = sum(v[0, 0].size for v in outputs.values())
-    held = 40 * everything  # a row, its outputs, what it takes to make them, the summaries
+    held = 40 * everything  # a row, its outputs, temporary arrays for them, the summaries
     if TRAJECTORIES in sweep.save:
         held += 3 * plan.rows * everything
     if "frequencies" in sweep.save:
@@ -275,7 +275,7 @@ def _floats_of_a_lane(sweep: Sweep, plan: Plan) -> int:
 
 
 def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
-    """Lanes in a block: as asked for, or as many as memory and running time allow, for any number of workers."""
+    """Lanes in a block: as requested, or as many as memory and running time allow, for any number of workers."""
     spec = sweep.description["sweep"]
     each = max(8 * _floats_of_a_lane(sweep, plan) for plan in plans)
     fitting = (spec["memory"] << 20) // each
@@ -338,9 +338,9 @@ def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any
 
 
 def compute(part: str, block: int, file: str | None = None, digest: str = "") -> dict[str, Any]:
-    """Compute a block and write it.  Returns what it took.  Raises `RunError` where the store cannot be written.
+    """Compute a block and write it.  Returns its cost.  Raises `RunError` if the store cannot be written.
 
-    `digest` is the hash of the description: a worker keeps what it has read.
+    `digest` is the hash of the description: a worker keeps the sweep that it has read.
     """
     import psutil
 
@@ -366,7 +366,7 @@ def compute(part: str, block: int, file: str | None = None, digest: str = "") ->
 def results_of(
     sweep: Sweep, arrays: Mapping[str, Any], lane_axis: Mapping[str, int], first: int, stop: int
 ) -> dict[str, Array]:
-    """Every variable of lanes first to stop - 1, as it is written to `arrays`, whose axes of lanes are given."""
+    """Every variable of lanes first to stop - 1, in the form of `arrays`, whose axes of lanes are given."""
     known = {
         name: (tuple(stop - first if i == lane_axis[name] else k for i, k in enumerate(array.shape)), lane_axis[name])
         for name, array in arrays.items()
@@ -381,7 +381,7 @@ def results_of(
 
 @lru_cache(4)
 def _opened_sweep(part: str, file: str | None, digest: str) -> tuple[Sweep, dict[str, Any], int]:
-    """The sweep of a store, its arrays of lanes, and how many lanes a block has."""
+    """The sweep of a store, its arrays of lanes, and the number of lanes in a block."""
     record = SweepRecord.of_store(Path(part))
     if hashlib.sha256(record.sweep.encode()).hexdigest() != digest:
         raise RunError(f"{part} is no longer the store of this sweep: another one was written there.")
@@ -391,7 +391,7 @@ def _opened_sweep(part: str, file: str | None, digest: str) -> tuple[Sweep, dict
 
 
 def _numbered(value: Array, array: Any) -> Array:
-    """Words as their numbers in the attribute flag_meanings."""
+    """Words as their indices in the attribute flag_meanings."""
     if value.dtype.kind != "U":
         return value
     words = array.attrs["flag_meanings"].split()

@@ -1,10 +1,10 @@
-"""Summaries of each lane of a run, made block by block of its rows, without its trajectory.
+"""Summaries of each lane of a run, computed block by block of its rows, without its trajectory.
 
     drift        NAME_start and NAME_drift: first value and largest |change| of each Casimir and integral
     extremes     NAME_min and NAME_max of each component of the state, over the saved rows
     frequencies  NAME_frequency: angular frequency of the largest harmonic of each component of the state
 
-The frequency is that of `harmonics` under Hann's window: for a quasi-periodic motion it is off by O(1/T^4), T the
+The frequency is that of `harmonics` under Hann's window, for a quasi-periodic motion with an error O(1/T^4), T the
 length of the run.
 """
 
@@ -37,7 +37,7 @@ class Drift:
         self._worst: dict[str, Array] = {}
 
     def add(self, block: Mapping[str, Array]) -> None:
-        """Take in the outputs of a block (rows, lanes, ...); blocks come in order."""
+        """Add the outputs of a block (rows, lanes, ...); blocks come in order."""
         for name in self._names:
             start = self._start.setdefault(name, block[name][0].copy())
             change = abs(block[name] - start).max(0)
@@ -64,7 +64,7 @@ class Extremes:
         self._greatest: dict[str, Array] = {}
 
     def add(self, block: Mapping[str, Array]) -> None:
-        """Take in the outputs of a block (rows, lanes, ...)."""
+        """Add the outputs of a block (rows, lanes, ...)."""
         for name in self._names:
             self._least[name] = np.minimum(self._least.get(name, np.inf), block[name].min(0))
             self._greatest[name] = np.maximum(self._greatest.get(name, -np.inf), block[name].max(0))
@@ -80,7 +80,7 @@ class Extremes:
 
 
 class Frequencies:
-    """Angular frequencies of the state; rows are `spacing` apart, a last one that is not is left out."""
+    """Angular frequencies of the state; rows are `spacing` apart, except perhaps the last, which is left out."""
 
     kinds = STATES
 
@@ -89,7 +89,7 @@ class Frequencies:
         self._samples: dict[str, Array] = {}
 
     def add(self, block: Mapping[str, Array]) -> None:
-        """Take in the outputs of a block (rows, lanes, ...); blocks come in order."""
+        """Add the outputs of a block (rows, lanes, ...); blocks come in order."""
         for name in self._names:
             value = block[name][: self._rows - self._filled]
             samples = self._samples.setdefault(name, np.empty((self._rows, *value.shape[1:])))
@@ -120,12 +120,12 @@ SUMMARIES: dict[str, type[Drift | Extremes | Frequencies]] = {
 
 
 def summarized(kind: str, outcomes: Mapping[str, Outcome]) -> list[str]:
-    """The variables that a kind of summary is of."""
+    """The variables that a kind of summary covers."""
     return [name for name, outcome in outcomes.items() if outcome.kind in SUMMARIES[kind].kinds]
 
 
 def angular_frequency(samples: Floats, spacing: float) -> Floats:
-    """The frequency of the largest harmonic of each column of samples (rows, columns) less its mean; 0 if constant."""
+    """The frequency of the largest harmonic of each column of samples (rows, columns) minus its mean; 0 if constant."""
     t = spacing * (np.arange(len(samples)) - (len(samples) - 1) / 2)
     weights = harmonics.window(t, 1)
     swing = samples - (weights[:, None] * samples).sum(0)

@@ -1,4 +1,4 @@
-"""kr.sweep: an ensemble over parameters and initial states, on Dask, in blocks that can be lost and made again."""
+"""kr.sweep: an ensemble over parameters and initial states, on Dask, in blocks that can be lost and computed again."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 
 SAVED = ("drift", "extremes", "frequencies", TRAJECTORIES)
 DEFAULT_SAVE = ("drift", "extremes")
-MEMORY_MIB = 256  # of arrays in a worker, beside Python and its libraries
+MEMORY_MIB = 256  # MiB of arrays in a worker, in addition to Python and its libraries
 
 
 @dataclass
 class Report:
-    """What a sweep did: the lanes of all blocks, those that failed, the blocks of this call, and what they took."""
+    """The result of a sweep: the lanes of all blocks, failed lanes, the blocks of this call, and their cost."""
 
     path: Path
     lanes: int
@@ -80,20 +80,20 @@ def sweep(
     """Simulate many lanes that differ in parameters, initial states or settings, and return a Dataset.
 
     Its dimensions are the quantities of the grid, with their values as coordinates, then `list` and `draw`; `lane` is
-    the number of each lane in the store.  Without a grid the dimension is `lane`, as in `kr.open_run(path)`.
+    the index of each lane in the store.  Without a grid the dimension is `lane`, as in `kr.open_run(path)`.
 
-    system, x0   what every lane starts from; as in `kr.simulate`, whose arguments dt to impulses are the same
-    design       what varies, a `kr.Design`
-    path         the Zarr store; the same call goes on with one that was interrupted
-    save         of "drift", "extremes", "frequencies" and "trajectories"
+    system, x0   the common start of all lanes; as in `kr.simulate`, whose arguments dt to impulses are the same
+    design       the varied quantities, a `kr.Design`
+    path         the Zarr store; the same call resumes an interrupted sweep
+    save         any of "drift", "extremes", "frequencies" and "trajectories"
     block        lanes in a block; by default from the memory, the steps and the lanes
-    memory       MiB of arrays in a worker, beside the 300 or so of Python and its libraries
-    workers      processes on this machine, by default one a core; 0: this process, without Dask
+    memory       MiB of arrays in a worker, plus about 300 for Python and its libraries
+    workers      processes on this machine, by default one per core; 0: this process, without Dask
     scheduler    the address of a Dask scheduler instead, whose workers see the same files
 
     A lane that fails has failed = 1, a message, and NaN.  The store is bit for bit the same for any number of workers.
-    Raises `InputError` for bad input and `RunError` where the sweep has to stop; what was done is kept.  Warns with
-    `ConservationWarning` where a lane loses what the method conserves, as `kr.simulate` does.
+    Raises `InputError` for bad input and `RunError` if the sweep has to stop; finished blocks are kept.  Warns with
+    `ConservationWarning` if a lane loses an invariant of the method, as `kr.simulate` does.
     """
     check_model(system)
     flag(overwrite, "overwrite")
@@ -117,7 +117,7 @@ def sweep(
 
 
 def _of_body(model: Model) -> dict[str, Any]:
-    """Axes and units of the body that a model was made from, unless they follow from its parameters."""
+    """Axes and units of the body from which a model was created, unless they follow from its parameters."""
     frame, derived = model.body_frame, Model(model.system, model.params).body_frame
     known = frame is None or (derived is not None and derived.table == frame.table)
     return {} if frame is None or known else {"body": frame.table}
@@ -143,7 +143,7 @@ def carry_out(
     overwrite: bool = False,
     progress: bool | None = None,
 ) -> Report:
-    """Make a sweep, or go on with it, from its description; `file` defines a system of the user's own."""
+    """Compute a sweep, or resume it, from its description; `file` defines a user-defined system."""
     begun = time.perf_counter()
     plain = _checked_description(described(shallow(description, "The description of the sweep")), file)
     check_workers(workers, scheduler)
@@ -171,7 +171,7 @@ def carry_out(
 
 
 def _checked_description(description: dict[str, Any], file: Path | None) -> dict[str, Any]:
-    """With its defaults filled in.  Raises `InputError`."""
+    """The description with its defaults filled in.  Raises `InputError`."""
     spec = {k: v for k, v in description["sweep"].items() if v is not None}
     saved = spec.setdefault("save", [*DEFAULT_SAVE])
     if not isinstance(saved, list) or not saved or any(kind not in SAVED for kind in saved):
@@ -190,7 +190,7 @@ def _checked_description(description: dict[str, Any], file: Path | None) -> dict
 
 @explained
 def failures(run: xr.Dataset) -> pd.DataFrame:
-    """The lanes of a sweep that failed: a row for each, with its message and the numbers that varied."""
+    """The failed lanes of a sweep: a row for each, with its message and its values of the varied quantities."""
     import pandas as pd
 
     if "failed" not in getattr(run, "variables", ()):

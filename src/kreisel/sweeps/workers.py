@@ -1,4 +1,4 @@
-"""Who computes the blocks of a sweep: this process, or Dask's workers."""
+"""The process or the Dask workers that compute the blocks of a sweep."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from kreisel.process import Stop, signals_to
 from kreisel.sweeps.store import LOST, compute
 
 LOSSES = 5  # workers that a block may lose before it is blamed
-LOOK = 0.5  # seconds between two looks at what is going on
-PATIENCE = 120.0  # seconds that workers of our own may take to start, and that none of them may be there
+LOOK = 0.5  # seconds between two looks at the workers
+PATIENCE = 120.0  # seconds that local workers may need to start, or may all be missing
 CLOSING = 20.0  # seconds after which they are killed
-ANSWER = 20.0  # seconds in which somebody else's scheduler must answer
+ANSWER = 20.0  # seconds in which the scheduler of another cluster must answer
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,13 @@ class Tasks:
     todo: Sequence[int]
 
     def arguments(self, block: int) -> tuple[str, int, str | None, str]:
-        """Of `store.compute`."""
+        """The arguments of `store.compute`."""
         return self.part, block, self.file, self.digest
 
 
 @contextlib.contextmanager
 def _at_once(stop: Stop) -> Iterator[None]:
-    """Inside, Ctrl-C and SIGTERM end the block that is computed, however long it takes: it is made again.
+    """Inside, Ctrl-C and SIGTERM end the present block at once; it is computed again on resuming.
 
     Main thread only.
     """
@@ -61,7 +61,7 @@ def _at_once(stop: Stop) -> Iterator[None]:
                 inside = True
                 yield
             finally:
-                inside = False  # a signal that comes while the handlers are put back
+                inside = False  # a signal that arrives while the handlers are restored
         except KeyboardInterrupt:
             if stop.signal is None:
                 raise
@@ -86,7 +86,7 @@ class Here:
                 yield took
 
     def map(self, function: Callable[..., Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        """The place of each item and function(item), in order."""
+        """The index of each item and function(item), in order."""
         for place, item in enumerate(items):
             yield place, function(item)
 
@@ -98,7 +98,7 @@ class Pool:
         self._client, self._address, self._seen = client, address, time.monotonic()
 
     def run(self, tasks: Tasks, stop: Stop) -> Iterator[dict[str, Any]]:
-        """The counts of each block, in the order in which they end.  Only a few are with the workers at a time."""
+        """The counts of each block, in the order of completion.  Only a few are with the workers at a time."""
 
         def submit(block: int, trial: int) -> Any:
             key = f"kreisel-{tasks.digest[:12]}-{os.getpid()}-{block}-{trial}"
@@ -108,7 +108,7 @@ class Pool:
             yield counts
 
     def map(self, function: Callable[..., Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        """The place of each item and function(item), in the order in which they end."""
+        """The index of each item and function(item), in the order of completion."""
 
         def submit(place: int, trial: int) -> Any:
             return self._client.submit(function, items[place], pure=False)
@@ -118,7 +118,7 @@ class Pool:
     def _results(
         self, todo: Sequence[int], submit: Callable[[int, int], Any], stop: Stop, noun: str
     ) -> Iterator[tuple[int, Any]]:
-        """The number and the result of each task, in the order in which they end; lost ones are submitted again."""
+        """The index and the result of each task, in the order of completion; lost tasks are submitted again."""
         import distributed
 
         waiting, losses = iter(todo), dict.fromkeys(todo, 0)
@@ -154,19 +154,19 @@ class Pool:
                 self._client.cancel(list(at_work), force=True)
 
     def _fetched(self, future: Any) -> list[Any]:
-        """The result of one that has ended; none where its worker went away with it, and it is made again."""
+        """The result of a finished task; none if its worker vanished with it, and then it is computed again."""
         try:
             return [future.result(PATIENCE)]
         except TimeoutError:
             if future.status == "error":
-                raise  # its own
+                raise  # the error of the task itself
             return []
 
     def _ended(self, at_work: Iterable[Any]) -> Iterable[Any]:
-        """Those that have ended, none if that takes longer.  Raises `RunError` where no worker is left to wait for.
+        """The finished tasks, perhaps none after a while.  Raises `RunError` if no worker is left.
 
-        The workers of somebody else's cluster may stand in a queue for hours.  One of our own starts again when it is
-        killed, but not when it loses its connection, as it does over a task that it cannot read.
+        The workers of another cluster may wait in a queue for hours.  A local worker restarts after a kill, but not
+        after it loses its connection, as happens with a task that it cannot read.
         """
         import distributed
 
@@ -187,7 +187,7 @@ class Pool:
 
 
 def check_workers(workers: Any, scheduler: str | None) -> None:
-    """Raises `InputError` where the two do not say who computes."""
+    """Raises `InputError` if workers and scheduler contradict each other."""
     if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or not 0 <= workers <= 4096):
         raise InputError(f"workers must be a number of processes, 0 or more, got {shown(workers)}.")
     if scheduler is not None and workers is not None:
@@ -196,7 +196,7 @@ def check_workers(workers: Any, scheduler: str | None) -> None:
 
 @contextlib.contextmanager
 def pool(workers: int | None, scheduler: str | None, progress: bool | None) -> Iterator[Here | Pool]:
-    """Who computes the blocks.  Raises `InputError` without Dask, and where no scheduler answers."""
+    """The process or pool that computes the blocks.  Raises `InputError` without Dask, or if no scheduler answers."""
     if workers == 0:
         yield Here()
         return
@@ -227,7 +227,7 @@ def pool(workers: int | None, scheduler: str | None, progress: bool | None) -> I
 
 @contextlib.contextmanager
 def _processes(count: int) -> Iterator[Any]:
-    """A scheduler here and so many worker processes.  Raises `RunError` where they do not start."""
+    """A local scheduler and `count` worker processes.  Raises `RunError` if they do not start."""
     import distributed
     import psutil
 
@@ -256,7 +256,7 @@ def _processes(count: int) -> Iterator[Any]:
 
 
 def _closed(what: Any) -> bool:
-    """Close a client or a cluster; whether it did so in time."""
+    """Close a client or a cluster; returns whether it closed in time."""
     try:
         what.close(timeout=CLOSING)
     except TimeoutError:
