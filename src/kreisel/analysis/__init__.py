@@ -7,9 +7,9 @@
     kr.analysis.section(run, "a[1]", rising=True)      # Poincare's section a_2 = 0, located to round-off
     kr.analysis.frequencies(run, "a[0]")               # to 1e-10 and better
 
-Everything takes a run of `kr.simulate`, `kr.open_run` or `kr.resume`.  A quantity is a name such as "a[2]", counted
-from 0 as in `kr.drift`, or a function of the components of the state.  The result is an `xarray.Dataset`, a table of
-pandas, or a small record with a `plot()`; `kreisel.viewer.charts` draws all of them.
+Every function accepts a run of `kr.simulate`, `kr.open_run` or `kr.resume`.  A quantity is a name such as "a[2]",
+counted from 0 as in `kr.drift`, or a function of the components of the state.  The result is an `xarray.Dataset`, a
+table of pandas, or a small record with a `plot()`; `kreisel.viewer.charts` draws all of them.
 """
 
 from kreisel.analysis.angles import angular_velocity, euler_angles, mean_rates, path, quaternions, rates, rotations

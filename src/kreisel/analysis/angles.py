@@ -40,10 +40,10 @@ VERTICAL = 1e-9  # sin(theta) below which precession and spin cannot be separate
 
 @explained
 def rotations(run: xr.Dataset) -> Rotation:
-    """The orientations g (body to space) as one `scipy.spatial.transform.Rotation`, n = 3; of an ensemble row by row.
+    """The orientations g (body to space) as one `scipy.spatial.transform.Rotation`, n = 3; for an ensemble row by row.
 
-    For a body of `kr.physical` g is the attitude of the axes that were given, as in `quaternions`.  Raises `InputError`
-    for a run without an orientation.
+    For a body of `kr.physical` g is the attitude of the user's axes, as in `quaternions`.  Raises `InputError` for a
+    run without an orientation.
     """
     from scipy.spatial.transform import Rotation
 
@@ -54,9 +54,9 @@ def rotations(run: xr.Dataset) -> Rotation:
 def quaternions(run: xr.Dataset) -> Array:
     """The unit quaternions (w, x, y, z) of the orientation, (time, 4) or (time, lane, 4), without jumps of sign.
 
-    g and the next one are taken from the same half of the sphere, so that the four numbers are smooth in time.  For a
-    body of `kr.physical` g is the attitude of the axes in which it was given, not of the axes of the state: do not
-    pass it to `body.attitude`.  Raises `InputError` for a run without an orientation.
+    Consecutive g lie in the same half of the sphere, so the four components are smooth in time.  For a body of
+    `kr.physical` g is the attitude of the user's axes of the body, not of the axes of the state: do not pass it to
+    `body.attitude`.  Raises `InputError` for a run without an orientation.
     """
     return algebra.continued(attitude_of(a_run(run)))
 
@@ -65,11 +65,11 @@ def quaternions(run: xr.Dataset) -> Array:
 def euler_angles(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     """Euler's angles phi, theta, psi of the body against time: g = R_3(phi) R_1(theta) R_3(psi), n = 3, in rad.
 
-    For a top the third axis of space is the vertical (against gravity), and that of the body is its axis; where they
-    are not so already, the least rotation takes them there.  theta is the tilt, phi the precession, psi the body's own
-    turn.  For other bodies the axes are those of the state, for bodies of `kr.physical` the axes that were given.  phi
-    and psi are continued without jumps, which is right as long as they turn by less than pi between two saved rows.  On
-    the vertical only phi +- psi has a meaning, and psi = 0.
+    For a top the third axis of space is the vertical (against gravity), and the third axis of the body is its axis; if
+    needed, the least rotation maps them there.  theta is the tilt, phi the precession, psi the proper rotation of the
+    body.  For other bodies the axes are those of the state, for bodies of `kr.physical` the user's axes.  phi and psi
+    are continued without jumps, which is correct if they change by less than pi between two saved rows.  On the
+    vertical only phi +- psi has a meaning, and psi = 0.
 
     Returns a Dataset (time) or (time, lane).  Raises `InputError` for a run without an orientation or with n > 3.
     [Goldstein, Classical Mechanics, 3rd ed., section 4.4]
@@ -98,9 +98,9 @@ def euler_angles(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
 
 
 def _alignment(run: xr.Dataset, system: Model | None) -> tuple[Array, Array]:
-    """Turns of space and body that make the vertical and the axis the third ones, ([lane,] 3, 3).
+    """Rotations of space and body that map the vertical and the axis to the third axes, ([lane,] 3, 3).
 
-    Identities where there are none.
+    Identities if there are none.
     """
     if system is None and (RunRecord.of(run, "system").is_own or not is_upright(model_for(run, None))):
         return np.eye(3), np.eye(3)
@@ -121,7 +121,7 @@ def _third_axes(vectors: Array) -> Array:
 
 
 def _snapped(v: Array) -> Array:
-    """A coordinate axis where v is one but for rounding."""
+    """A coordinate axis if v equals one up to rounding, else v."""
     near = np.round(v)
     return near if np.abs(v - near).max() < 1e-12 and abs(near).sum() == 1 else v
 
@@ -133,13 +133,13 @@ def rates(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     With the angular velocity omega, the vertical e and the axis k (unit vectors in one frame), cos(theta) = <e, k>:
 
         phi' = (<omega, e> - cos(theta) <omega, k>)/sin(theta)^2      precession
-        psi' = (<omega, k> - cos(theta) <omega, e>)/sin(theta)^2      the body's own turn
+        psi' = (<omega, k> - cos(theta) <omega, e>)/sin(theta)^2      proper rotation
         theta' = <omega, e x k>/sin(theta)                            nutation
         spin = <omega, k>                                             total angular velocity about the axis
 
     Returns a Dataset with tilt, precession, own_turn, nutation and spin, (time) or (time, lane); NaN on the vertical.
-    Rates are in rad/s for a body of `kr.physical`, which the run knows, else in the inverse unit of time of the run:
-    the attribute `units` of each says which.  Raises `InputError` for systems without a vertical and an axis, or n > 3.
+    Rates are in rad/s for a body of `kr.physical`, whose units the run has, else in the inverse unit of time of the
+    run: see the attribute `units` of each.  Raises `InputError` for systems without a vertical and an axis, or n > 3.
     """
     import xarray as xr
 
@@ -177,12 +177,12 @@ def _rates(model: Model, state: tuple[Array, ...]) -> dict[str, Array]:
 
 @explained
 def mean_rates(run: xr.Dataset, system: Model | None = None) -> pd.DataFrame:
-    """Nutation and precession measured in a run, beside the closed form where one is known (`kr.nutation`).
+    """Nutation and precession measured in a run, next to the closed form if one is known (`kr.nutation`).
 
-    The run is cut where the axis is highest, located to round-off (`events`).  Rows: nutation_period,
+    The run is cut at the times at which the axis is highest, located to round-off (`events`).  Rows: nutation_period,
     nutation_frequency (angular), precession_per_period, mean_precession (angular velocity of the axis about the
-    vertical, whole turns included), lowest and highest <e, k> = cos(tilt), spin.  Columns: measured, closed_form,
-    difference; NaN where a closed form is not known, and for the precession of a moving frame without an orientation.
+    vertical, with multiples of 2 pi), lowest and highest <e, k> = cos(tilt), spin.  Columns: measured, closed_form,
+    difference; NaN if a closed form is not known, and for the precession of a moving frame without an orientation.
 
     Raises `InputError` for ensembles, for fewer than two nutations, for rows too far apart, and for other systems.
     """
@@ -245,7 +245,7 @@ def _measured_rates(run: xr.Dataset, model: Model, peaks: xr.Dataset) -> dict[st
 
 
 def _advance(run: xr.Dataset, model: Model, peaks: xr.Dataset) -> float:
-    """The angle by which the axis goes about the vertical from the first peak to the last, whole turns included."""
+    """The angle by which the axis goes about the vertical from the first peak to the last, with multiples of 2 pi."""
     rate = _rates(model, components(run, model))["precession"]
     gap = np.diff(run["time"].values).max()
     if np.nanmax(np.abs(rate)) * gap > np.pi / 2:
@@ -262,12 +262,12 @@ def _advance(run: xr.Dataset, model: Model, peaks: xr.Dataset) -> float:
 
 
 def _azimuth(run: xr.Dataset, model: Model) -> Array | None:
-    """The azimuth of the axis about the vertical in space; None where the state alone does not determine it."""
+    """The azimuth of the axis about the vertical in space; None if the state does not determine it."""
     from scipy.spatial.transform import Rotation
 
     carried = np.asarray(run[model.system.space.letters[model.system.space.leading]].values)
     if model.system.frame is Frame.REST:
-        up: Any = fixed_vector(model, "space")  # there is one, or `vertical_and_axis` had complained
+        up: Any = fixed_vector(model, "space")  # there is one, or `vertical_and_axis` would have raised
         axis = carried
     else:
         if ORIENTATION not in run:
@@ -316,13 +316,12 @@ ROWS_AT_ONCE = 20_000
 def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str = BODY) -> xr.DataArray:
     """The angular velocity of every row, (time, axis) or (time, lane, axis) for n = 3, else skew (..., n, n).
 
-    system   the model, for a system of your own
+    system   the model, for a user-defined system
     frame    "body": Omega, along the axes of the body, g' = g Omega;  "space": omega = g Omega g^T
 
-    For a body of `kr.physical`, which the run knows, in rad/s along the axes in which the body was given; for other
-    systems in the inverse unit of time of the run: the attribute `units` of the result says which.  The frame that the
-    state is not in needs a run with an orientation.  Raises `InputError` where it has none, and for systems without a
-    body that turns.
+    For a body of `kr.physical` in rad/s along the user's axes of the body; for other systems in the inverse unit of
+    time of the run: see the attribute `units` of the result.  The frame other than that of the state requires a run
+    with an orientation.  Raises `InputError` if it has none, and for systems without a rotating body.
     """
     import xarray as xr
 
@@ -349,15 +348,15 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
 def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | None = None) -> xr.DataArray:
     """The position x of a body in space at every row, (time, axis) or (time, lane, axis): x' = g U, U = dH/dP.
 
-    system   the model, for a system of your own
+    system   the model, for a user-defined system
     start    x at the first row, (n,) or (lane, n); default: 0
 
-    For bodies in a fluid (Kirchhoff's equations), whose P is their momentum; the run needs an orientation.  From row to
-    row x is carried with the state by the flow itself, to round-off, by extrapolation of order 16 in steps that suit
-    each row; the state that it ends at is compared with the next row.  Without other forces the momenta in space
-    p = g P and g M g^T - x ^ p are constant: they give the part of x across p, without a sum.
+    For bodies in a fluid (Kirchhoff's equations), whose P is their momentum; the run requires an orientation.  From row
+    to row the flow itself carries x with the state, to round-off, by extrapolation of order 16 in steps that suit each
+    row; the final state is compared with the next row.  Without other forces the momenta in space
+    p = g P and g M g^T - x ^ p are constant: they give the part of x across p without a summation.
     In the unit of length of P U = energy.  Raises `InputError` for other systems, without an orientation, and if the
-    flow does not lead from a row to the next one.
+    flow does not lead from a row to the next.
     """
     import xarray as xr
 
@@ -381,7 +380,7 @@ def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | Non
 
 
 def _displacements(model: Model, rows: tuple[Array, ...], steps: Array) -> Array:
-    """x at the next row less x at this one, (time - 1, lane, n)."""
+    """x at the next row minus x at this row, (time - 1, lane, n)."""
     lanes = rows[0].shape[1]
     h = np.repeat(steps, lanes)
     flat, following = ([v[cut].reshape(-1, *v.shape[2:]) for v in rows] for cut in (slice(-1), slice(1, None)))
@@ -407,7 +406,7 @@ def _by_momenta(rows: tuple[Array, ...], x: Array) -> Array:
 
 
 def _matrices(run: xr.Dataset, model: Model) -> Array:
-    """The orientations as matrices (time, [lane], n, n).  Raises `InputError` without any."""
+    """The orientations as matrices (time, [lane], n, n).  Raises `InputError` if there are none."""
     if model.n == 3 or ORIENTATION not in run:
         return np.asarray(algebra.rotation_matrix(orientation_of(run)))
     return np.asarray(run[ORIENTATION].values, dtype=np.float64)

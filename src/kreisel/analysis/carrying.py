@@ -1,4 +1,4 @@
-"""States carried a little further by the flow itself, many at once, each by a time and in steps of its own.
+"""States carried a little further by the flow itself, many at once, each by a separate time in separate steps.
 
 Gragg's extrapolation of the modified midpoint rule, of order 16 at most: the even powers of the step in its error are
 removed one after the other by Aitken and Neville's scheme.  [Hairer, Norsett, Wanner, Solving ODEs I, sections II.8,
@@ -28,11 +28,11 @@ from kreisel.record.perturbation import TIME
 COLUMNS = (2, 4, 6, 8, 10, 12, 14, 16)  # midpoint steps; order twice their number
 ACCURATE = 1e-14  # relative to each state: difference of the last two entries of a row of the scheme
 CONVERGED = 1e-15  # then no higher order is needed
-EASY = 5  # columns; a state that needs no more takes a step twice as long
+EASY = 5  # columns; for a state that needs no more, the next step is twice as long
 LEAST_SHARE = 2.0**-44  # of the time to go: a shorter step means that no step is short enough
 MOST_ROUNDS = 1024
-JITTER = 2.0**-50  # relative: the change of a state that shows how well its rate is known
-MEETS = 0.1  # of a component: the coarsest maps that are of use are off by half of it from one row to the next
+JITTER = 2.0**-50  # relative: the change of a state that shows the accuracy of its rate
+MEETS = 0.1  # of a component: the coarsest maps in use are off by half of it from one row to the next
 FASTER = 5  # dimensions up to which the steps are compiled
 BETWEEN, STEP = "_before", "eps"
 
@@ -40,8 +40,8 @@ BETWEEN, STEP = "_before", "eps"
 class Carrier:
     """The flow of a model on states (lanes, ...): [x,] the components, [the orientation as a matrix,] [the time].
 
-    The position x stands in front if the body is `moving`, x' = g U; the time where a force depends on it.  `constants`
-    are those that differ from lane to lane.
+    The position x comes first if the body is `moving`, x' = g U; the time comes last if a force depends on it.
+    `constants` are the constants that differ from lane to lane.
     """
 
     def __init__(self, model: Model, constants: dict[str, Array] | None = None, *, moving: bool = False):
@@ -62,7 +62,7 @@ class Carrier:
         flow = _Flow(self.model, self.constants, components, self.rates, len(h))
         y, share, done = algebra.flatten(z, flow.kinds), np.ones(len(h)), np.zeros(len(h))
         size, left = flow.size(y), np.nonzero(h)[0]
-        with np.errstate(all="ignore"):  # steps whose numbers overflow are too long
+        with np.errstate(all="ignore"):  # steps whose values overflow are too long
             for _ in range(MOST_ROUNDS):
                 if not len(left):
                     end = algebra.restore(y, flow.kinds, self.model.n)
@@ -133,7 +133,7 @@ class _Flow:
             self.advance = self._by_arrays
 
     def _by_kernel(self, components: tuple[tuple[str, str], ...], lanes: int) -> Callable[..., Floats]:
-        """before + eps z'(here) many times over, by a kernel."""
+        """before + eps z'(state) repeatedly, by a kernel."""
         count = len(components)
 
         def step(*z: Array, eps: Array, **constants: Array) -> tuple[Array, ...]:
@@ -168,7 +168,7 @@ class _Flow:
         return advance
 
     def _by_arrays(self, before: Floats, state: Floats, eps: Floats, steps: int, lanes: Array) -> Floats:
-        """before + eps z'(state) many times over, on arrays."""
+        """before + eps z'(state) repeatedly, on arrays."""
         constants = {k: v[lanes] if v.ndim > self.model.axes[k] else v for k, v in self.constants.items()}
         for _ in range(steps):
             rate = algebra.flatten(self.rates(*algebra.restore(state, self.kinds, self.n), **constants), self.kinds)
@@ -180,10 +180,10 @@ class _Flow:
         return np.maximum.reduceat(np.abs(y), self.starts, axis=1)
 
     def step(self, y: Floats, h: Floats, size: Floats, lanes: Array) -> tuple[Floats, Floats, Array]:
-        """The states h later, their errors relative to each component of each of them, and the columns used.
+        """The states h later, their errors relative to each component of each state, and the columns used.
 
-        Of a component that is 0 but for rounding, such as the momentum of a body that moves along its axis, the error
-        is compared with the one that its rate has by the rounding of the state.
+        If a component is 0 up to rounding, such as the momentum of a body that moves along its axis, its error is
+        compared with the error of its rate from the rounding of the state.
         """
         rate, size = self._rate_and_scale(y, h, size, lanes)
         row: list[Floats] = []
@@ -224,6 +224,6 @@ class _Flow:
 
 
 def depends_on_time(model: Model) -> bool:
-    """Whether a force of a perturbed body does."""
+    """Whether a force of a perturbed body depends on the time."""
     record = model.system.perturbation
     return record is not None and record.names(TIME)

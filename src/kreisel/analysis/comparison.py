@@ -1,4 +1,4 @@
-"""kr.analysis.compare: two runs of one system, how far apart they are and what each of them conserves."""
+"""kr.analysis.compare: the distance between two runs of one system, and the drift of the integrals in each."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Comparison:
     names: tuple[str, str]
 
     def apart(self, tolerance: float) -> float:
-        """The first common time at which a component is farther apart than the tolerance; infinite if none is."""
+        """The first common time at which a component is farther apart than the tolerance; infinite if there is none."""
         tolerance = finite_number(tolerance, "tolerance")
         beyond = np.zeros(self.distance.sizes["time"], dtype=bool)
         for name in self.distance.data_vars:
@@ -44,7 +44,7 @@ class Comparison:
         return float(self.distance["time"].values[beyond.argmax()]) if beyond.any() else float("inf")
 
     def growth(self) -> float:
-        """The exponent k of distance ~ time^k, by least squares in logarithms over times at which they differ."""
+        """The exponent k of distance ~ time^k, by least squares in logarithms over times with a distance > 0."""
         worst = np.max([v.values.reshape(len(v), -1).max(-1) for v in self.distance.data_vars.values()], axis=0)
         time = self.distance["time"].values
         use = (worst > 0) & (time > time[0])
@@ -61,10 +61,10 @@ class Comparison:
 
 @explained
 def compare(run: xr.Dataset, second_run: xr.Dataset) -> Comparison:
-    """Two runs of the same system at the times that both saved.
+    """Two runs of the same system at their common times.
 
     Times are the same if they agree to 1e-9 of the shortest distance between rows.  Raises `InputError` for different
-    systems, dimensions or lanes, and where fewer than two times are common.
+    systems, dimensions or lanes, and if fewer than two times are common.
     """
     import pandas as pd
 

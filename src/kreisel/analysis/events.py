@@ -1,4 +1,4 @@
-"""kr.analysis.events: where a quantity crosses a value, to round-off; Poincare sections and the return maps on them."""
+"""kr.analysis.events: crossings of a value by a quantity, to round-off; Poincare sections and their return maps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 NODES = 12  # of the polynomial that finds a crossing
 NUDGE = 1e-5  # of an interval, for its slope
-NEAR = 1e-11  # after the first correction, to the size of the values: the second one then meets round-off
+NEAR = 1e-11  # after the first correction, to the size of the values: the second then reaches round-off
 
 
 @explained
@@ -36,17 +36,17 @@ def events(
     quantity   a component of the state such as "a[2]", counted from 0, or a function of the components as the run
                stores them (n = 3: axial vectors), batch in front: `lambda m, a: (m * a).sum(-1)`
     rising     True, False: only crossings upward, downward; None: both
-    system     the model, for a system of your own
+    system     the model, for a user-defined system
 
     A crossing lies between two saved rows with f on different sides.  Two crossings between the same rows are missed,
-    so save often enough.  The flow itself carries the state there from the row before, by extrapolation of order 16 to
-    round-off: for method="exact" it is as exact as the rows.  The time is found by Chandrupatla's method
+    so save often enough.  The flow itself carries the state there from the row before, by extrapolation of order 16, to
+    round-off: for method="exact" as exactly as the rows.  The time is found by Chandrupatla's method
     (`scipy.optimize.elementwise.find_root`) on a polynomial, and corrected with the flow.  A row exactly at the value
-    counts where f goes on to the other side.
+    counts if f continues to the other side.
 
-    Returns a Dataset along `event`, in the order of time: time, rising, lane (of an ensemble), the components of the
-    state, and the orientation if the run has one.  Raises `InputError` for quantities that are none, and if the
-    flow does not lead from a row to the next one.  [T. R. Chandrupatla, Adv. Eng. Softw. 28 (1997) 145]
+    Returns a Dataset along `event`, in the order of time: time, rising, lane (for an ensemble), the components of the
+    state, and the orientation if the run has one.  Raises `InputError` for unknown quantities, and if the flow does not
+    lead from a row to the next.  [T. R. Chandrupatla, Adv. Eng. Softw. 28 (1997) 145]
     """
     import xarray as xr
 
@@ -87,7 +87,7 @@ def events(
 
 
 def rows_of(run: xr.Dataset, model: Model, g: Array | None) -> tuple[Array, ...]:
-    """Components, orientation matrices, and the time where a force depends on it, (time, lane, ...)."""
+    """Components, orientation matrices, and the time if a force depends on it, (time, lane, ...)."""
     parts = components(run, model)
     parts += () if g is None else (g,)
     parts = parts if "lane" in run.dims else tuple(v[:, None] for v in parts)
@@ -97,7 +97,7 @@ def rows_of(run: xr.Dataset, model: Model, g: Array | None) -> tuple[Array, ...]
 
 
 def _crossed(f: Array, rising: bool | None) -> Array:
-    """Whether f goes from one side to the other, or leaves the value for the other side, between rows i and i + 1."""
+    """Whether f changes its side, or leaves the value for the other side, between rows i and i + 1."""
     side = np.sign(f)
     for row in range(1, len(side)):  # a row at the value belongs to the side of the row before
         np.copyto(side[row], side[row - 1], where=side[row] == 0)
@@ -108,7 +108,7 @@ def _crossed(f: Array, rising: bool | None) -> Array:
 
 
 def _carrier(model: Model, rows: tuple[Array, ...]) -> Any:
-    """carry(h, row, lane): the states h after those rows; `to_next`: at the next row, which they must meet."""
+    """carry(h, row, lane), the states h after those rows; `to_next`: at the next row, which they must meet."""
     batched = {k: v for k, v in model.constants.items() if model.batch and v.ndim > model.axes[k]}
 
     def carry(h: Array, row: Array, lane: Array, to_next: bool = False) -> tuple[Array, ...]:
@@ -129,7 +129,7 @@ def _crossing_times(
         return np.asarray(measure(carry(h, place[at], lane[at], to_next)[:count]) - value)
 
     number = np.arange(len(place))
-    # the flow from one row need not end exactly at the next, by a method that is not exact: look a little further
+    # by a method that is not exact, the flow from one row need not end exactly at the next: search slightly beyond it
     right = gap.copy()
     ends = off(right, number, to_next=True)
     for _ in range(4):
@@ -146,9 +146,9 @@ def _crossing_times(
 
 
 def _roots_within(off: Any, right: Array, number: Array) -> Array:
-    """The roots in [0, right] of off(h, number), NaN where there is none.
+    """The roots in [0, right] of off(h, number), NaN if there is none.
 
-    On the polynomial through NODES points, then by Newton's method with its slope; where that is not enough, on `off`.
+    On the polynomial through NODES points, then by Newton's method with its slope; if that is not enough, on `off`.
     """
     from scipy.optimize import elementwise
 
@@ -189,7 +189,7 @@ def section(
 ) -> xr.Dataset:
     """Poincare's section: the states at which f = value is crossed in one direction, located to round-off (`events`).
 
-    Of an ensemble the points of all lanes, with the coordinate lane.  Returns and raises as `events`.
+    For an ensemble, the points of all lanes, with the coordinate lane.  Returns and raises as `events`.
     """
     return events(run, quantity, value, rising=rising, system=system)
 
@@ -205,9 +205,9 @@ def return_map(
     returns: int = 1,
     system: Model | None = None,
 ) -> xr.Dataset:
-    """The return map on the section f = value: `seen` at a crossing, and at the `returns`-th one after it.
+    """The return map on the section f = value: `seen` at a crossing, and at the `returns`-th crossing after it.
 
-    `seen` is a component such as "a[0]" or a function of the components of the state, as f is.  Crossings of different
+    `seen` is a component such as "a[0]" or a function of the components of the state, like f.  Crossings of different
     lanes are not mixed.  Returns a Dataset along `event` with here, after, the time of return elapsed, and the
     coordinate lane of an ensemble.  Raises `InputError` as `events` does, and for returns < 1.
     """
@@ -232,5 +232,5 @@ def return_map(
 
 
 def _values_at_crossings(cut: xr.Dataset, seen: Quantity) -> np.ndarray:
-    """`seen` at each crossing; the events stand where a run has its times."""
+    """`seen` at each crossing; `event` replaces the axis time of a run."""
     return np.asarray(series(cut.reset_coords("lane", drop=True) if "lane" in cut.coords else cut, seen))

@@ -2,7 +2,7 @@
 
     minimise  sum ((observed - predicted(x)) / sigma)^2  over x;   covariance (J^T J)^(-1), J by `kr.differentiable`
 
-Without errors sigma all numbers have the same one, s, with s^2 = sum (observed - predicted)^2 / (numbers - unknowns).
+Without errors sigma all N values have one error s, s^2 = sum (observed - predicted)^2 / (N - unknowns).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 SINGULAR = 1e-10  # least singular value over the largest, of a Jacobian with columns of length 1
 NAMED = 0.05  # share in a combination below which a coordinate is not named
 PRECISION = 1e-12
-OFF = 10  # errors of an observation, root mean square: beyond it the motion is another one
+OFF = 10  # errors of an observation, root mean square: beyond it the motion is a different one
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +44,12 @@ class Fit:
     table         value, standard error, start, low and high of each unknown, by name
     covariance    of the values, a table
     model, state  the system and the state at time 0 with these values
-    orientation   the attitude at time 0, as `kr.simulate` takes it; None without one
-    residuals     observed - predicted, a Dataset; NaN where nothing was observed
-    chi2, dof     sum ((observed - predicted)/sigma)^2, and numbers observed less unknowns
-    sigma         the error of an observation that the residuals have, where none was given; else None
-    at_bound      names of those at one of their bounds
-    converged     whether the search ended at a minimum; `message` says how, after so many `evaluations`
+    orientation   the attitude at time 0, as for `kr.simulate`; None without one
+    residuals     observed - predicted, a Dataset; NaN for missing observations
+    chi2, dof     sum ((observed - predicted)/sigma)^2, and the count of observed values minus that of unknowns
+    sigma         the error of an observation from the residuals, if none was given; else None
+    at_bound      names of the unknowns at one of their bounds
+    converged     whether the search ended at a minimum; `message` gives the reason, `evaluations` their count
     """
 
     table: pd.DataFrame
@@ -129,32 +129,32 @@ def fit(
 ) -> Fit:
     """Parameters of a system and components of its state at time 0, from observations, with their errors.
 
-    system         with parameters: those that are not free, and where the search begins
+    system         with parameters: fixed values, and the start of the search
     observations   a Dataset with the coordinate `time`, from 0 on, in any order, and variables (time, ...): components
                    of the state (n = 3: axial vectors), "g" (the orientation), "Omega" (in the frame of the system),
-                   "energy" and other integrals, one number such as "a[2]", or names of `observables`; NaN where
-                   nothing was observed.  For a body of `kr.physical` Omega is along the axes in which the body was
-                   given and g the attitude of these axes, unless an attribute `axes` is "state", as of a run; units
-                   (time in "ms", Omega in "deg/s") are read from attributes `units`, without them they are those of the
-                   system.  sigma_NAME, broadcast to the shape of NAME, is its standard error.  Or a run: its state.
-    free           names of what is unknown: a parameter or a component, "p", or one number of it, "p[2]", along the
-                   axes of the state; a mapping also says where the search begins, None for what the system and x0 have
-    x0             the state at time 0, or where its search begins; without it the first row of `observations`
-    orientation    the attitude at time 0, as for `kr.simulate`, or where its search begins: needed by forces that take
-                   g.  Free as "orientation": the axial vector of X (the entries i < j) in g = orientation cay(X/2), in
-                   the rest frame cay(X/2) orientation: the angles of a small rotation, rad
-    dt             the step; times between two steps are reached by a shorter one.  Of a run its own, if not given
-    observables    name -> f(*components, *, ...) in jax.numpy, of one state, all of it along the axes of the state;
-                   after the star parameters by letter, the orientation g as a matrix, the time t, and numbers of the
-                   instrument, which `free` starts
+                   "energy" and other integrals, one entry such as "a[2]", or names of `observables`; NaN for missing
+                   observations.  For a body of `kr.physical` Omega is along the user's axes of the body and g the
+                   attitude of these axes, unless an attribute `axes` is "state", as in a run; units (time in "ms",
+                   Omega in "deg/s") are read from attributes `units`, default: the system's.  sigma_NAME, broadcast to
+                   the shape of NAME, is its standard error.  Or a run: its state.
+    free           names of unknowns: a parameter or a component, "p", or one entry, "p[2]", along the axes of the
+                   state; a mapping also gives the start of the search, None for the values of the system and x0
+    x0             the state at time 0, or the start of its search; default: the first row of `observations`
+    orientation    the attitude at time 0, as for `kr.simulate`, or the start of its search: needed by forces that
+                   depend on g.  Free as "orientation": the axial vector of X (the entries i < j) in g = orientation
+                   cay(X/2), in the rest frame cay(X/2) orientation: the angles of a small rotation, rad
+    dt             the step; times between two steps are reached by a shorter step.  Default for a run: its dt
+    observables    name -> f(*components, *, ...) in jax.numpy, of one state, along the axes of the state; after the
+                   star parameters by letter, the orientation g as a matrix, the time t, and parameters of the
+                   instrument, whose start is in `free`
     bounds         name -> (low, high)
     method, order  as for `kr.differentiable`, whose function is fitted: without projections
 
     Least squares by `scipy.optimize.least_squares` (trust region reflective), which finds the minimum next to the
-    start: where phases may be off by half a turn, fit a short time first.  The covariance is that of the linear
-    problem at the minimum.  Needs the extra `reduction` (JAX).  Raises `InputError` for names, shapes and times that
-    do not fit, and where the observations leave a combination of the unknowns undetermined, which it names; `RunError`
-    where the motion is lost at the start.  Warns: `AccuracyWarning` of no convergence, `InputWarning` of a poor fit.
+    start: if phases may be off by pi, fit a short time first.  The covariance is that of the linear problem at the
+    minimum.  Needs the extra `reduction` (JAX).  Raises `InputError` for names, shapes and times that do not fit, and
+    if the observations leave a combination of the unknowns undetermined, which it names; `RunError` if the motion fails
+    at the start.  Warns: `AccuracyWarning` of no convergence, `InputWarning` of a poor fit.
     """
     check_model(system)
     within(evaluations, "evaluations", 1, 10**6)
@@ -184,7 +184,7 @@ def _require_enough(seen: Observations, unknown: list[Unknown]) -> None:
 
 
 def _axes_of(model: Model, observations: xr.Dataset) -> tuple[Any, ...]:
-    """The axes of the body, and along which axes each observation is."""
+    """The axes of the body, and the axes of each observation."""
     axes = b"" if model.body_frame is None else model.body_frame.axes.tobytes()
     return (axes, *((name, variable.attrs.get(AXES)) for name, variable in observations.variables.items()))
 
@@ -210,7 +210,7 @@ def _first(model: Model, observations: Any) -> dict[str, Any]:
 
 
 def _attitude(model: Model, observations: Any, orientation: Any) -> Array | None:
-    """The attitude at time 0 that was given, or that of a run.  Raises `InputError`."""
+    """The attitude at time 0, given or from a run.  Raises `InputError`."""
     if orientation is None and "kreisel_format" in getattr(observations, "attrs", {}) and ORIENTATION in observations:
         orientation = observations[ORIENTATION].values[0]
     if orientation is None:
@@ -322,7 +322,7 @@ def _least_squares(
 
 
 def covariance_of(J: Array, names: Sequence[str]) -> Array:
-    """(J^T J)^(-1) of J (m, k).  Raises `InputError` where J has no full rank, and names what is undetermined."""
+    """(J^T J)^(-1) of J (m, k).  Raises `InputError` if J has no full rank, and names what is undetermined."""
     size = np.sqrt((J * J).sum(0))
     scaled = J / np.where(size > 0, size, 1)
     _, s, turned = np.linalg.svd(scaled, full_matrices=False)
@@ -394,10 +394,10 @@ def _as_fit(
 def _model_at(
     model: Model, state: State, attitude: Array | None, unknown: list[Unknown], x: Array
 ) -> tuple[Model, State, Array | None]:
-    """With the values found.  Raises `RunError` for values that no such system has."""
+    """The model with the fitted values.  Raises `RunError` for values that no such system has."""
     values: dict[str, Array] = {**model.params, **state.axial, ATTITUDE: np.zeros(model.n * (model.n - 1) // 2)}
     for u, value in zip(unknown, x, strict=True):
-        if u.letter in values:  # else a number of the instrument
+        if u.letter in values:  # else a parameter of the instrument
             values[u.letter] = np.where(u.place != 0, u.place * value, values[u.letter])
     try:
         fitted = Model(model.system, {k: values[k] for k in model.params}, model.body_frame)

@@ -1,15 +1,15 @@
 """kr.analysis.frequencies: the lines of a quasi-periodic motion, far beyond the resolution of a Fourier transform.
 
 Laskar's numerical analysis of fundamental frequencies: a line is a maximum of the windowed Fourier integral
-(`kreisel.runs.harmonics`).  Then all amplitudes are fitted together, and each line is sought again in what the others
-leave, until the frequencies no longer change.
+(`kreisel.runs.harmonics`).  Then all amplitudes are fitted together, and each line is sought again in the remainder of
+the others, until the frequencies no longer change.
 
-kr.analysis.megno: regular or chaotic, from a neighbouring motion that is brought back beside the first.
+kr.analysis.megno: regular or chaotic, from a neighbouring motion that is rescaled to the first.
 
     Y(t) = (2/t) int_0^t (d'/d) s ds,   d the distance of two neighbouring motions
 
-Its mean over time goes to 2 for quasiperiodic motions, whose neighbours part like t, to 0 for stable periodic ones, and
-grows like lambda t/2 for chaotic ones, lambda Lyapunov's exponent.
+Its mean over time goes to 2 for quasiperiodic motions, whose neighbours separate like t, to 0 for stable periodic
+motions, and grows like lambda t/2 for chaotic motions, lambda Lyapunov's exponent.
 [P. M. Cincotta, C. Simo, Astron. Astrophys. Suppl. 147 (2000) 205]
 """
 
@@ -45,12 +45,12 @@ SWEEPS = 40
 @explained
 @dataclass(frozen=True)
 class Lines:
-    """f(t) = sum of amplitude_j exp(i frequency_j t) + a rest, the largest |amplitude| first.
+    """f(t) = sum of amplitude_j exp(i frequency_j t) + remainder, the largest |amplitude| first.
 
-    frequency   (lines,) angular, in radians and the run's unit of time; of a real signal those >= 0
-    amplitude   (lines,) complex, for t counted from time 0; of a real signal f = sum of
+    frequency   (lines,) angular, in radians and the run's unit of time; >= 0 for a real signal
+    amplitude   (lines,) complex, for t counted from time 0; for a real signal f = sum of
                 Re(amplitude_j exp(i omega_j t))
-    remainder        root mean square of what the lines leave of the signal
+    remainder        root mean square of the signal minus the lines
     change      largest |change| of a frequency in the last sweep, a measure of how constant they are
     """
 
@@ -83,11 +83,11 @@ def frequencies(run: xr.Dataset, quantity: Quantity, lines: int = 8, *, power: i
     """The strongest lines of a quantity, real or complex, of one trajectory.
 
     quantity   "a[0]", "energy", or a function of the stored components, `lambda m, a: a[..., 0] + 1j * a[..., 1]`
-    lines      how many at most; fewer are returned where the rest is round-off
-    power      of the window of Hann: higher ones leak less and need lines farther apart, (power + 1) 2 pi/T
+    lines      maximal count; fewer are returned if the remainder is round-off
+    power      of the window of Hann: higher powers leak less and need lines farther apart, (power + 1) 2 pi/T
 
-    Measured on sums of lines: 1e-11 relative or better where they are ten widths 2 pi/T apart.  The frequencies are
-    those of the saved states; for a map, those of its interpolating flow.  Beyond pi/(dt every) they are folded.
+    Measured on sums of lines: 1e-11 relative or better if they are ten widths 2 pi/T apart.  The frequencies are
+    frequencies of the saved states; for a map, of its interpolating flow.  Beyond pi/(dt every) they are folded.
     Raises `InputError` for ensembles, for rows not evenly spaced and for fewer than 16.
     """
     if "lane" in a_run(run).dims:
@@ -113,7 +113,7 @@ def lines_of(time: Array, values: Array, lines: int = 8, *, power: int = 3, quan
             break
         new = finder.strongest(remainder, real)
         if min((abs(new - old) for old in omegas), default=np.inf) < finder.width:
-            break  # what is left of a line that is there
+            break  # the remainder of a line that exists
         omegas, change = _settled(finder, [*omegas, new], values, real)
         remainder = values - finder.model(omegas, finder.fit(omegas, values, real), real)
     amplitude = finder.fit(omegas, values, real)
@@ -134,7 +134,7 @@ def _even(time: Array, values: Array) -> tuple[Array, Array]:
         )
     gaps = np.diff(time)
     if len(gaps) > 1 and gaps[-1] < gaps[0] * (1 - 1e-6):
-        time, values, gaps = time[:-1], values[:-1], gaps[:-1]  # the last row of a run may stand closer
+        time, values, gaps = time[:-1], values[:-1], gaps[:-1]  # the last row of a run may be closer
     if gaps.min() < gaps.max() * (1 - 1e-6) or gaps.min() <= 0 or not _finite_squares(values):
         raise InputError(
             "expected values with finite squares at evenly spaced times, as kr.simulate saves them, got others."
@@ -148,7 +148,7 @@ def _finite_squares(values: Array) -> bool:
 
 
 def _settled(finder: _Finder, omegas: list[float], values: Array, real: bool) -> tuple[list[float], float]:
-    """Each line sought again in what the others leave, until none changes any more."""
+    """Each line sought again in the remainder of the others, until none changes any more."""
     change, small = np.inf, 4 * np.finfo(float).eps * max(map(abs, omegas))
     for _ in range(SWEEPS):
         before, last = list(omegas), change
@@ -248,15 +248,15 @@ def megno(
     order: int | None = None,
     seed: int = 0,
 ) -> xr.Dataset:
-    """MEGNO and Lyapunov's exponent of the motion from a state, of each lane, against time.
+    """MEGNO and Lyapunov's exponent of the motion from a state, for each lane, against time.
 
     system, x0, dt, steps, orientation, method, order   as for `kr.simulate`
     every    steps after which the neighbour is brought back to a distance of 1e-8
     seed     of the direction of the neighbour, whose momentum differs
 
     Returns a Dataset with megno Y, its mean over time, and lyapunov, ln(d(t)/d(0))/t, each (time,) or (time, lane).
-    The system may be one of `kr.perturbed`, whose forces may depend on the orientation and on time; n = 3.
-    Raises `InputError` as `kr.simulate` does.
+    The system may come from `kr.perturbed`, whose forces may depend on the orientation and on time; n = 3.  Raises
+    `InputError` as `kr.simulate` does.
     """
     import xarray as xr
 
@@ -278,7 +278,7 @@ def megno(
     for row in range(rows):
         moved = p.steps(np.concatenate([first, neighbour]), every, time=row * every * p.dt if timed else None)
         first, neighbour = moved[:lanes, : p.size], moved[lanes:, : p.size]
-        if orientation is not None:  # q and -q are the same turn
+        if orientation is not None:  # q and -q are the same rotation
             neighbour[:, -4:] *= np.where(dot(first[:, -4:], neighbour[:, -4:]) < 0, -1, 1)[:, None]
         distance = _length((neighbour - first) / scale)
         growth[row] = np.log(distance[:, 0] / APART)
@@ -293,7 +293,7 @@ def megno(
 
 
 def _rows(system: Model, x0: StateLike, orientation: OrientationLike | None) -> tuple[Array, int, bool]:
-    """States and orientations as a propagator takes them (lanes, size), how many, and whether it is a single one."""
+    """States and orientations for a propagator (lanes, size), their number, and whether there is a single lane."""
     parts = list(checked_state(system, x0).axial.values())
     parts += [] if orientation is None else [initial_orientation(orientation, system)]
     batch = np.broadcast_shapes(system.batch, *(component.shape[:-1] for component in parts))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 SIGMA = "sigma_"
 VELOCITY = "Omega"
 ATTITUDE = "orientation"
-ON_STEP = 1e-9  # of a step: times so close to it are its own
+ON_STEP = 1e-9  # of a step: a time this close to a step counts as the step
 MOST_NUMBERS = 10**8  # of rows and their derivatives
 Show = Callable[[Any, Mapping[str, Any], Any, Mapping[str, Any], Mapping[str, Any]], Any]
 
@@ -35,7 +35,7 @@ Show = Callable[[Any, Mapping[str, Any], Any, Mapping[str, Any], Mapping[str, An
 
 
 class Unknown(NamedTuple):
-    """One number: where it stands in the array of its letter (1, or -1 opposite in a skew matrix), and its bounds."""
+    """One entry: its place in the array of its letter (1, or -1 opposite in a skew matrix), and its bounds."""
 
     name: str
     letter: str
@@ -48,7 +48,7 @@ class Unknown(NamedTuple):
 def unknowns(
     model: Model, state: State, attitude: Array | None, free: Any, bounds: Any, observables: Mapping[str, Any]
 ) -> tuple[list[Unknown], dict[str, Array]]:
-    """The unknowns, number by number, and arrays of parameters, components, the attitude and the instrument.
+    """The unknowns, entry by entry, and arrays of parameters, components, the attitude and the instrument.
 
     Raises `InputError`.
     """
@@ -116,9 +116,9 @@ def _by_name(free: Any) -> dict[str, Any]:
 
 
 def _entries(kind: str, array: Array, index: Any) -> list[tuple[tuple[int, ...], Array]]:
-    """Indices of the independent numbers, and the array that is 1 there (and at what goes with it).
+    """Indices of the independent entries, and the array that is 1 there (and at the dependent entries).
 
-    All, of a diagonal matrix those of the diagonal; or the one of that index, if it is one.
+    All, or the diagonal of a diagonal matrix; or the entry of that index, if an index is given.
     """
     out = []
     square = array.ndim == 2 and array.shape[0] == array.shape[1]
@@ -141,7 +141,7 @@ def _entries(kind: str, array: Array, index: Any) -> list[tuple[tuple[int, ...],
 
 
 def turn_coordinates(model: Model, x: Any) -> Any:
-    """The entries i < j of a skew matrix, n = 3 from its axial vector."""
+    """The entries i < j of a skew matrix, for n = 3 from its axial vector."""
     return algebra.coordinates(algebra.hat(x)) if model.n == 3 else x
 
 
@@ -186,7 +186,7 @@ def _bounded(u: Unknown, bounds: Any, free: Mapping[str, Any]) -> Unknown:
 
 
 class Observations(NamedTuple):
-    """Variables (time, ...) with errors, which numbers of them there are, and how each follows from a state.
+    """Variables (time, ...) with errors, masks of observed entries, and functions of a state that predict them.
 
     Rows at every `every`-th of `steps` steps of dt; observation i is row rows[i], and for i in `between` a shorter
     step rest[i] after it.
@@ -209,16 +209,16 @@ class Observations(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many numbers were observed."""
+        """The count of observed values."""
         return int(sum(mask.sum() for mask in self.masks))
 
     def flat(self, arrays: list[Array]) -> Array:
-        """Arrays like the variables, over sigma, those numbers that were observed (size, ...)."""
+        """The observed values of arrays like the variables, over sigma, (size, ...)."""
         pieces = zip(arrays, self.sigmas, self.masks, strict=True)
         return np.concatenate([a[m] / s[m].reshape(-1, *(1,) * (a.ndim - m.ndim)) for a, s, m in pieces])
 
     def differences(self, predicted: list[Array]) -> list[Array]:
-        """Observed - predicted; of a quaternion q or -q, whichever is nearer."""
+        """Observed - predicted; for a quaternion with q or -q, the nearer."""
         out = []
         for name, value, prediction in zip(self.names, self.values, predicted, strict=True):
             if name == ORIENTATION and value.ndim == 2:
@@ -277,7 +277,7 @@ def observed(
 
 
 def _size_of_unit(model: Model, variable: Any, name: str) -> float:
-    """The size of the system's unit in that of a variable with the attribute `units`, for bodies of `kr.physical`."""
+    """The system's unit in units of a variable with the attribute `units`, for bodies of `kr.physical`."""
     frame, letter = model.body_frame, parse_quantity(name)[0]
     if frame is None or letter not in (VELOCITY, *frame.units):
         return 1.0
@@ -349,7 +349,7 @@ def _grid(time: Array, dt: float) -> tuple[int, int, Array, Array, Array]:
 def _check_shapes(
     model: Model, names: list[str], values: list[Array], shows: list[Show], starts: Mapping[str, Array]
 ) -> None:
-    """Raises `InputError` for variables of other shapes than they have by the model, and for observables that fail."""
+    """Raises `InputError` for variables whose shapes differ from those of the model, and for observables that fail."""
     from kreisel.kernels import jax_numbers as by
     from kreisel.reduction.double import double, jax
     from kreisel.runs.differentiable import constants_of
@@ -373,8 +373,8 @@ def _check_shapes(
 def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None, oriented: bool) -> Show:
     """A variable as a function of the state; `axes`: the attribute of the variable about the axes of its components.
 
-    Without a word of them M and P are along the axes of the state, Omega and g along those in which the body was given.
-    Raises `InputError` for unknown names.
+    By default M and P are along the axes of the state, Omega and g along the user's axes of the body.  Raises
+    `InputError` for unknown names.
     """
     space = model.system.space
     if name in observables:
@@ -412,7 +412,7 @@ def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None
 
 
 def _in_body(model: Model, omega: Any) -> Any:
-    """The angular velocity of a state along the axes in which a body was given, axial; that in space as it is."""
+    """The angular velocity of a state along the user's axes of the body, axial; in space unchanged."""
     frame = model.body_frame
     turned = frame is not None and frame.turned and model.system.frame is Frame.MOVING
     return algebra.act(frame.axes, algebra.axial(omega)) if frame is not None and turned else omega

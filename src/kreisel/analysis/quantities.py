@@ -46,8 +46,8 @@ def label(quantity: Quantity) -> str:
 
 
 def series(run: xr.Dataset, quantity: Quantity) -> Array:
-    """The quantity at every row, (time,) or (time, lane); functions take the variables of the state as stored."""
-    a_run(run, rows=False)  # events stand where a run has its times
+    """The quantity at every row, (time,) or (time, lane); functions receive the variables of the state as stored."""
+    a_run(run, rows=False)  # results of events have `event` instead of time
     lead = 1 + ("lane" in run.dims)
     if isinstance(quantity, str):
         name, index = parse_quantity(quantity)
