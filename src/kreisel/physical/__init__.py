@@ -9,7 +9,7 @@ without torque, `Satellite` one on an orbit, `Ellipsoid` a body in an ideal flui
 `SubmergedBody` any body deep in water.  The third axis of the rest frame
 points up, gravity along -p = (0, 0, -1); hat(v) x = v x x.
 
-Arguments are numbers in SI units, or quantities: mass="3 kg", spin="180 rpm" (`kreisel.units`, extra `units`).
+Arguments are floats in SI units, or quantities: mass="3 kg", spin="180 rpm" (`kreisel.units`, extra `units`).
 """
 
 from __future__ import annotations

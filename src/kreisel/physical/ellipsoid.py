@@ -60,7 +60,7 @@ class Ellipsoid:
 
     @classmethod
     def of_density(cls, semi_axes: tuple[float, float, float], density: float, fluid_density: float) -> Ellipsoid:
-        """The same from the density of the body, kg/m^3.  Raises `InputError`."""
+        """The ellipsoid from the density of the body, kg/m^3.  Raises `InputError`."""
         axes, density = three(semi_axes, "m", "semi_axes (a, b, c)"), si_number(density, "kg/m^3", "density")
         mass = in_range("The mass", lambda: density * 4 / 3 * math.pi * math.prod(axes))
         return cls(axes, mass, fluid_density)
@@ -88,7 +88,7 @@ class Ellipsoid:
     def added_moments(self) -> Array:
         """(M/5) (b^2 - c^2)^2 s/(2 - (b^2 + c^2) s) with s = (gamma0 - beta0)/(b^2 - c^2), and cyclic; (3,), kg m^2.
 
-        M is the displaced mass.  2 - (b^2 + c^2) s > alpha0, also where rounding says otherwise (b nearly c).
+        M is the displaced mass.  2 - (b^2 + c^2) s > alpha0, also if rounding violates this (b nearly c).
         """
         (_, b2, c2), (alpha, beta, gamma) = _cyclic(np.square(self.semi_axes)), _cyclic(self.shape_integrals)
         s = np.divide(gamma - beta, b2 - c2, out=np.zeros(3), where=b2 != c2)
@@ -96,7 +96,7 @@ class Ellipsoid:
 
     @property
     def moments(self) -> Array:
-        """Moments of the body alone, m (b^2 + c^2)/5 and cyclic; (3,), kg m^2."""
+        """Moments of the body without the fluid, m (b^2 + c^2)/5 and cyclic; (3,), kg m^2."""
         _, b2, c2 = _cyclic(np.square(self.semi_axes))
         return self.mass / 5 * (b2 + c2)
 

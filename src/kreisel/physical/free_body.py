@@ -37,7 +37,7 @@ UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
 class AxisStability(NamedTuple):
-    """What a small disturbance of the rotation about a principal axis does."""
+    """The effect of a small disturbance on the rotation about a principal axis."""
 
     axis: Array  # (3,), along the body axes
     moment: float  # kg m^2
@@ -57,7 +57,7 @@ class FreeBody:
 
     Scaled as `EulerTop` in the principal axes: J = (I_j + I_k - I_i)/(2 I0) with I0 = tr(I)/3, time in `time_unit`,
     momentum in I0/time_unit.  A spin is a vector along the body axes, or a rate and an axis: ("300 rpm", (0, 0, 1)).
-    Raises `InputError` for moments that no body has.  [Landau, Lifshitz, Mechanics, section 37]
+    Raises `InputError` for impossible moments of inertia.  [Landau, Lifshitz, Mechanics, section 37]
     """
 
     inertia: Any
@@ -119,7 +119,7 @@ class FreeBody:
         return self.model().state(M=algebra.hat(M))
 
     def orientation(self, attitude: Any = UPRIGHT) -> Array:
-        """The `orientation` for `kr.simulate`: that of the principal axes, from the attitude of the body axes.
+        """The `orientation` of the principal axes for `kr.simulate`, from the attitude of the body axes.
 
         Both are unit quaternions (..., 4) = (w, x, y, z), body to space.  Raises `InputError`.
         """
@@ -128,7 +128,7 @@ class FreeBody:
     def attitude(self, g: Any) -> Array:
         """The inverse of `orientation`: the attitude of the body axes (..., 4) from the orientation g of a run.
 
-        An array is taken as g of a state; what `kreisel.analysis` returns is that of the body axes already.
+        An array is read as g of a state; results of `kreisel.analysis` already refer to the body axes.
         """
         return attitude_in_space(g, self._frame)
 
@@ -139,15 +139,15 @@ class FreeBody:
     def angular_velocity(self, M: Any) -> Array:
         """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial.
 
-        An array is taken as M of a state of this body; the variable M of a run states its units and axes.  Raises
-        `InputError`, also where a moment of inertia is 0.
+        An array is read as M of a state of this body; the variable M of a run states its units and axes.  Raises
+        `InputError`, also if a moment of inertia is 0.
         """
         momentum, moments = momentum_in_body(M, self._frame), self._moments("The angular velocity")
         axes = self.principal.axes
         return in_range("Omega", lambda: momentum @ axes / moments @ axes.T)
 
     def _moments(self, what: str) -> Array:
-        """The principal moments.  Raises `InputError` where one is 0."""
+        """The principal moments.  Raises `InputError` if one is 0."""
         moments = self.principal.moments
         if moments.min() <= CLOSE * moments.max():
             raise InputError(
@@ -171,7 +171,7 @@ class FreeBody:
         return motion
 
     def stability(self, spin: float) -> tuple[AxisStability, ...]:
-        """The rotation at this rate, rad/s, about each principal axis, as `principal` orders them.
+        """The rotation at this rate, rad/s, about each principal axis, in the order of `principal`.
 
         About the axis 1 a disturbance goes as exp(s t), s^2 = spin^2 (I1 - I2)(I3 - I1)/(I2 I3).  Raises `InputError`.
         """

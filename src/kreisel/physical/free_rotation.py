@@ -29,7 +29,7 @@ LEAST_POINTS = 2
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
-@lru_cache(64)  # not kept in the body: mpmath's numbers are not pickled
+@lru_cache(64)  # not kept in the body: floats of mpmath cannot be pickled
 def _rotor_of(moments: tuple[float, ...], spin: tuple[float, ...]) -> Rotor:
     """The closed form of a body with these principal moments and this angular velocity along the principal axes."""
     exact = rationals(np.array(moments))
@@ -39,7 +39,7 @@ def _rotor_of(moments: tuple[float, ...], spin: tuple[float, ...]) -> Rotor:
 @explained
 @dataclass(frozen=True, eq=False)
 class FreeRotation:
-    """The motion of a free body that begins with the angular velocity `spin`; `FreeBody.rotation` makes it.
+    """The motion of a free body that begins with the angular velocity `spin`; `FreeBody.rotation` returns it.
 
     inertia (3, 3), kg m^2;  principal, its moments and axes;  spin (3,), rad/s, along the body axes
     """
@@ -65,10 +65,10 @@ class FreeRotation:
 
     @property
     def kind(self) -> str:
-        """Where the motion lies.
+        """The kind of the motion.
 
-        "steady": about an axis that stands still in body and space;  "short-axis mode": M goes round the axis of the
-        largest moment in the body;  "long-axis mode": round that of the smallest;  "separatrix": between the two.
+        "steady": about an axis at rest in body and space;  "short-axis mode": M goes round the axis of the
+        largest moment in the body;  "long-axis mode": round the axis of the smallest;  "separatrix": between the two.
         """
         rotor = self._rotor
         if rotor.steady:
@@ -91,10 +91,10 @@ class FreeRotation:
 
     @property
     def period(self) -> float:
-        """4 K/lambda, s: the momentum's turn round `axis` in the body.
+        """4 K/lambda, s: one revolution of the momentum round `axis` in the body.
 
-        Of a rotation about a stable axis: that of a small disturbance.  Inf on the separatrix, about the middle axis
-        and where nothing brings the momentum back.
+        For a rotation about a stable axis, the period of a small disturbance.  Inf on the separatrix, about the middle
+        axis, and if the momentum does not return.
         """
         rotor = self._rotor
         return float(4 * rotor.quarter / rotor.lam) if rotor.lam else math.inf
@@ -106,7 +106,7 @@ class FreeRotation:
 
     @cached_property
     def precession(self) -> float:
-        """The mean rate of `axis` about the momentum fixed in space, rad/s: of psi, and a turn in each `period`.
+        """The mean rate of `axis` about the momentum fixed in space, rad/s: of psi, and 2 pi in each `period`.
 
         On the separatrix L/I2.
         """
@@ -160,8 +160,8 @@ class FreeRotation:
     def at(self, seconds: Any, attitude: Any = UPRIGHT) -> tuple[Array, Array]:
         """The angular velocity (..., 3), rad/s, along the body axes, and the attitude (..., 4) at times (...), s.
 
-        The attitude is a unit quaternion (w, x, y, z), body to space, at time 0 the one given.  No digits are lost with
-        time.  Raises `InputError`.
+        The attitude is a unit quaternion (w, x, y, z), body to space, at time 0 the given one.  Digits are not lost
+        with time.  Raises `InputError`.
         """
         times, start = finite_floats(seconds, "s", "seconds"), finite_floats(attitude, "1", "attitude")
         if start.shape != (4,) or not abs(start @ start - 1) < 1e-6:
@@ -184,7 +184,7 @@ class FreeRotation:
         return (algebra.axial(M) / moments).reshape((*times.shape, 3)), g.reshape((*times.shape, 4))
 
     def polhode(self, points: int = 400) -> Array:
-        """The angular velocity's path in the body, (points, 3), rad/s: closed, but on the separatrix half of it."""
+        """The angular velocity's path in the body, (points, 3), rad/s: closed; on the separatrix, half of it."""
         rotor = self._rotor
         if rotor.steady:
             return np.tile(self.spin, (_points(points), 1))

@@ -124,14 +124,14 @@ class Gyroscope:
 
     @staticmethod
     def orientation(tilt: float) -> Array:
-        """The unit quaternion (w, x, y, z) that takes the third body axis to the `a` of `state(tilt, ...)`."""
+        """The unit quaternion (w, x, y, z) that maps the third body axis to the `a` of `state(tilt, ...)`."""
         tilt = si_number(tilt, "rad", "tilt")
         return np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
 
     def motion(self, m: Any, a: Any) -> Motion:
         """The inverse of `state`, from m (..., 3) axial and a (..., 3); precession of a vertical axis is NaN.
 
-        An array is taken as m of a state; a variable states its units.
+        An array is read as m of a state; a variable states its units.
         """
         units, unit = getattr(m, "attrs", {}).get("units"), self.momentum_unit
         m = si_numbers(m, "1", "m") * (size_in_si(units, "kg m^2/s", unit, "m") / unit)

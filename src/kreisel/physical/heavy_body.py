@@ -40,9 +40,9 @@ class HeavyBody:
     inertia     classical inertia tensor I about the PIVOT, (3, 3), or its diagonal (3,), kg m^2
 
     Scaled as `HeavyTop`: J = (tr(I)/2 - I)/I0 with I0 = tr(I)/3, A = arm/|arm|, |P| = 1, time in sqrt(I0/(m g l)),
-    momentum in sqrt(I0 m g l), l = |arm|; without torque (arm = 0 or g = 0) time in s and A = 0.
-    For a symmetric body `Gyroscope` is the better choice: its default method conserves every integral.
-    Raises `InputError` for moments that no body has.  [Goldstein, Classical Mechanics, 3rd ed., chapter 5]
+    momentum in sqrt(I0 m g l), l = |arm|; without torque (arm = 0 or g = 0) time in s and A = 0.  For a symmetric body
+    `Gyroscope` is the better choice: its default method conserves every integral.  Raises `InputError` for moments that
+    are impossible for a body.  [Goldstein, Classical Mechanics, 3rd ed., chapter 5]
     """
 
     mass: float
@@ -58,14 +58,14 @@ class HeavyBody:
         object.__setattr__(self, "inertia", inertia_tensor(self.inertia))
         object.__setattr__(self, "arm", si_numbers(self.arm, "m", "arm", ((3,),)))
         central = np.linalg.eigvalsh(mass_tensor(self.inertia - steiner(self.mass, self.arm)))
-        rounding = CLOSE * np.trace(self.inertia)  # of a difference: a point on a light rod has nothing left
+        rounding = CLOSE * np.trace(self.inertia)  # of a difference, 0 for a point on a light rod
         require_body(central + rounding, "about its centre of mass", PIVOT, rod=True)
         for name in ("torque", "time_unit", "momentum_unit"):
             in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
 
     @classmethod
     def about_centre(cls, mass: float, inertia: Any, arm: Any, gravity: float = STANDARD_GRAVITY) -> HeavyBody:
-        """The same from the inertia tensor about the centre of mass: I + m (|l|^2 - l l^T) (Steiner)."""
+        """The body from the inertia tensor about the centre of mass: I + m (|l|^2 - l l^T) (Steiner)."""
         mass, arm = si_number(mass, "kg", "mass", positive=True), si_numbers(arm, "m", "arm", ((3,),))
         return cls(mass, inertia_tensor(inertia) + steiner(mass, arm), arm, gravity)
 
@@ -102,8 +102,8 @@ class HeavyBody:
     def state(self, angular_velocity: Any, up: Any = (0.0, 0.0, 1.0)) -> State:
         """The scaled state M = I Omega, P = up/|up|.
 
-        Omega (..., 3) in rad/s and the upward vertical `up` (..., 3), both along the body axes: for a body turned by
-        the rotation matrix g (body to space), up = g[2].  Raises `InputError`.
+        Omega (..., 3) in rad/s and the upward vertical `up` (..., 3), both along the body axes: for a body rotated by
+        the matrix g (body to space), up = g[2].  Raises `InputError`.
         """
         Omega = si_numbers(angular_velocity, RATE, "angular_velocity")
         up = si_numbers(up, "1", "up")
@@ -116,8 +116,8 @@ class HeavyBody:
     def angular_velocity(self, M: Any) -> Array:
         """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial.
 
-        An array is taken as M of a state of this body; the variable M of a run states its units.  Raises `InputError`,
-        also where a moment of inertia is 0.
+        An array is read as M of a state of this body; the variable M of a run states its units.  Raises `InputError`,
+        also if a moment of inertia is 0.
         """
         momentum = momentum_in_body(M, body_frame(self.scales()))[..., None]
         try:

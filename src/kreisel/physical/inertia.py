@@ -1,4 +1,4 @@
-"""Inertia tensors, checked, and those of homogeneous bodies."""
+"""Inertia tensors, checked, and tensors of homogeneous bodies."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def inertia_tensor(value: Any, name: str = "inertia", *cause: str) -> Array:
 
 
 def steiner(mass: float, arm: Array) -> Array:
-    """m (|l|^2 - l l^T), (3, 3), kg m^2: of an inertia tensor about a point at l from the centre of mass."""
+    """m (|l|^2 - l l^T), (3, 3), kg m^2: the part of an inertia tensor about a point at l from the centre of mass."""
     return np.asarray(in_range("m l^2", lambda: mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))))
 
 
@@ -44,7 +44,7 @@ class Principal(NamedTuple):
 
 
 def principal(inertia: Array) -> Principal:
-    """Those of a tensor: as they stand if it is diagonal, else in increasing order."""
+    """The principal moments and axes of a tensor: in its order if it is diagonal, else in increasing order."""
     if not (inertia - np.diag(np.diag(inertia))).any():
         return Principal(np.diag(inertia).copy(), np.eye(3))
     moments, axes = np.linalg.eigh(inertia)

@@ -1,4 +1,4 @@
-"""Numbers in SI units, checked, and the units of scaled systems."""
+"""Values in SI units, checked, and the units of scaled systems."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
 
 
 def si_number(value: Any, unit: str, name: str, *, positive: bool = False) -> float:
-    """A finite number in SI, positive if asked, or a quantity with units.  Raises `InputError`.
+    """A finite float in SI, positive if requested, or a quantity with units.  Raises `InputError`.
 
     Warns with `InputWarning` of plain angles beyond their range.
     """
@@ -38,7 +38,7 @@ def si_number(value: Any, unit: str, name: str, *, positive: bool = False) -> fl
 
 
 def _unitless(value: Any) -> bool:
-    """Whether a value is a plain number, or the text of one."""
+    """Whether a value is a plain number, or the text of a number."""
     try:
         return not hasattr(value, "units") and not hasattr(value, "to_value") and float(value) is not None
     except (TypeError, ValueError, OverflowError):
@@ -63,7 +63,7 @@ def _si_numbers(unit: str, name: str, shapes: tuple[tuple[int, ...], ...], value
 
 
 def three(value: Any, unit: str, name: str) -> tuple[float, float, float]:
-    """Three real numbers, in SI or with units.  Raises `InputError`."""
+    """Three floats, in SI or with units.  Raises `InputError`."""
     array = floats(si(value, unit, name))
     if array.shape != (3,):
         raise InputError(f"{name} must be three numbers in SI units ({unit}), got {shown(value)}.")
@@ -80,13 +80,13 @@ def finite_floats(value: Any, unit: str, name: str) -> Array:
 
 
 def convert_fields(body: Any, *, positive: bool = False, **units: str) -> None:
-    """Fields of a frozen record, from quantities to numbers in SI.  Raises `InputError`."""
+    """Fields of a frozen record, converted from quantities to floats in SI.  Raises `InputError`."""
     for name, unit in units.items():
         object.__setattr__(body, name, si_number(getattr(body, name), unit, name, positive=positive))
 
 
 def in_range(what: str, value: Callable[[], Any]) -> Any:
-    """A computed value.  Raises `InputError` where it leaves the range of doubles."""
+    """A computed value.  Raises `InputError` if it leaves the range of doubles."""
     try:
         with np.errstate(all="ignore"):
             got = value()
@@ -119,14 +119,14 @@ MOMENT, RATE = "kg m^2", "rad/s"
 
 
 def body_frame(scales: Scales, axes: Array | None = None) -> BodyFrame:
-    """The units of the variables of a run of a body, and the axes of its state as columns along those of the body."""
+    """The units of the variables of a run of a body, and the axes of its state as columns along its axes."""
     return BodyFrame(np.eye(3) if axes is None else axes, {k: (s.unit, s.size) for k, s in scales.items()})
 
 
 def momentum_in_body(M: Any, frame: BodyFrame) -> Array:
     """M (..., 3) of a state, or a variable of a run, in kg m^2/s along the axes of the body.
 
-    A variable states its units and axes in its attributes; an array is taken as the state has it.
+    A variable states its units and axes in its attributes; an array is read as a part of a state.
     """
     attrs, (unit, size) = getattr(M, "attrs", {}), frame.units["M"]
     momentum = si_numbers(M, "1", "M") * size_in_si(attrs.get("units"), unit, size, "M")
@@ -136,7 +136,7 @@ def momentum_in_body(M: Any, frame: BodyFrame) -> Array:
 def attitude_in_space(g: Any, frame: BodyFrame) -> Array:
     """Attitudes (..., 4) of the axes of the body from those of the axes of the state.
 
-    A variable of `kreisel.units.measured` has the former already, and says so in its attributes.
+    A variable of `kreisel.units.measured` already has the former, and states this in its attributes.
     """
     q = attitude_quaternion(g, "g")
     return q if getattr(g, "attrs", {}).get(AXES) == BODY else frame.attitude(q)

@@ -16,7 +16,7 @@ from kreisel.physical.measures import convert_fields, finite_floats, in_range, s
 
 @explained
 class Primary(NamedTuple):
-    """What is orbited: gravitational parameter mu, m^3/s^2; radius R, m; magnetic field R^3 g_1^0, T m^3.
+    """The central body: gravitational parameter mu, m^3/s^2; radius R, m; magnetic field R^3 g_1^0, T m^3.
 
     B = -grad V,  V = R (R/r)^2 g_1^0 cos(theta) of the dipole along the axis: g_1^0 < 0 for the Earth, whose field
     points north over its equator.
@@ -29,7 +29,7 @@ class Primary(NamedTuple):
 
 
 # mu, radius: WGS 84 for the Earth, JPL's planetary satellite ephemerides (SAT441) for Saturn, IAU 2015 B3 for the Sun.
-# The field of the Earth: g_1^0 = -29350.0 nT of IGRF-14 (2025) for a radius of 6371.2 km.  That of Saturn: 21136 nT for
+# The field of the Earth: g_1^0 = -29350.0 nT of IGRF-14 (2025) for a radius of 6371.2 km.  Of Saturn: 21136 nT for
 # 60268 km, Burton et al., Geophysical Research Letters 37 (2010) L24105.
 EARTH = Primary("Earth", satellite.EARTH, 6_378_137.0, -29_350.0e-9 * 6_371_200.0**3)
 SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7, 21_136.0e-9 * 60_268_000.0**3)
@@ -37,7 +37,7 @@ SUN = Primary("Sun", 1.3271244e20, 6.957e8)
 
 
 def _checked(primary: Any) -> Primary:
-    """In SI.  Raises `InputError`."""
+    """The primary in SI.  Raises `InputError`."""
     if not isinstance(primary, Primary):
         raise InputError(f"primary: expected kr.physical.EARTH or another Primary, got {shown(primary)}.")
     mu, radius = si_number(primary.mu, "m^3/s^2", "mu", positive=True), si_number(primary.radius, "m", "radius")
@@ -52,11 +52,11 @@ class Orbit:
     """A Kepler orbit, at its pericentre at t = 0, in SI units.
 
     semi_major_axis   m;  eccentricity, 0 <= e < 1
-    inclination, node, perigee   rad: to the equator of the primary; of the ascending node; from there to the pericentre
-    primary           `kr.physical.EARTH`, `SATURN`, `SUN`, or a `Primary` of your own
+    inclination, node, perigee   rad: to the equator of the primary; of the ascending node; from it to the pericentre
+    primary           `kr.physical.EARTH`, `SATURN`, `SUN`, or a user-defined `Primary`
 
-    Space is the frame of these angles: its third axis is that of the primary.  Raises `InputError` unless it is an
-    ellipse that misses the primary.  Warns with `InputWarning` of plain angles beyond 2 pi and of orbits in the air.
+    Space is the frame of these angles: its third axis is that of the primary.  Raises `InputError` unless the orbit is
+    an ellipse outside the primary.  Warns with `InputWarning` of plain angles beyond 2 pi and of orbits in the air.
     """
 
     semi_major_axis: float
@@ -82,7 +82,7 @@ class Orbit:
 
     @classmethod
     def circular(cls, altitude: Any, inclination: Any = 0.0, node: Any = 0.0, primary: Primary = EARTH) -> Orbit:
-        """A circular orbit so high above the surface, m."""
+        """A circular orbit at this altitude above the surface, m."""
         primary = _checked(primary)
         return cls(si_number(altitude, "m", "altitude") + primary.radius, 0.0, inclination, node, 0.0, primary)
 
@@ -93,7 +93,7 @@ class Orbit:
 
     @property
     def period(self) -> float:
-        """Seconds."""
+        """2 pi/mean_motion, s."""
         return 2 * math.pi / self.mean_motion
 
     @property
@@ -103,7 +103,7 @@ class Orbit:
 
     @property
     def elements(self) -> dict[str, float]:
-        """The parameters of `kreisel.bodies.satellite` that are the orbit's."""
+        """The orbit's parameters of `kreisel.bodies.satellite`."""
         names = ("semi_major_axis", "eccentricity", "inclination", "node", "perigee")
         return {name: getattr(self, name) for name in names} | {"mu": self.primary.mu}
 
@@ -124,6 +124,6 @@ class Orbit:
         return np.stack([up, np.cross(normal, up), normal], -1)
 
     def rate(self, time: Any = 0.0) -> Any:
-        """The rate at which that frame turns about the normal, |r x v|/r^2, rad/s."""
+        """The rate at which that frame rotates about the normal, |r x v|/r^2, rad/s."""
         r, v = self.at(time)
         return np.linalg.norm(np.cross(r, v), axis=-1) / (r * r).sum(-1)

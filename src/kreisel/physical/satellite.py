@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 ASTRONOMICAL_UNIT = 149_597_870_700.0  # m, IAU 2012
-SOLAR_PRESSURE = 1361.0 / 299_792_458.0  # N/m^2 on what absorbs, at 1 au: flux (IAU 2015 B3) over speed of light
+SOLAR_PRESSURE = 1361.0 / 299_792_458.0  # N/m^2 on an absorbing surface at 1 au: flux (IAU 2015 B3) over speed of light
 
 
 @explained
@@ -48,7 +48,7 @@ class Plate(NamedTuple):
 
 @explained
 class Harmonics(NamedTuple):
-    """Of a body's own field, of degrees 3 and 4, about its centre of mass along the body axes.
+    """Coefficients of a body's gravity field, degrees 3 and 4, about its centre of mass along the body axes.
 
     mass, kg;  radius R to which the coefficients belong, m;  coefficients: {(l, m): (C_lm, S_lm)}, not normalized
     """
@@ -59,7 +59,7 @@ class Harmonics(NamedTuple):
 
 
 class Angles(NamedTuple):
-    """Of a satellite against the frame of its orbit, rad: turns about the normal, about ahead, about up."""
+    """Angles of a satellite in the frame of its orbit, rad: rotations about the normal, about ahead, about up."""
 
     pitch: Array
     roll: Array
@@ -67,7 +67,7 @@ class Angles(NamedTuple):
 
 
 class Frequencies(NamedTuple):
-    """Of small librations on a circular orbit, rad/s; NaN where they grow instead."""
+    """Frequencies of small librations on a circular orbit, rad/s; NaN for unstable ones."""
 
     pitch: float
     roll_yaw_slow: float
@@ -86,13 +86,13 @@ class Satellite:
     wheel          (3,), N m s, momentum of reaction wheels against the body at t = 0; None for no wheel
     wheel_torque   (3,), N m, steady, of the motors on the wheels; the body feels the opposite
     plates         `Plate` records, for drag and sunlight; each is seen from its front, and none is in a shadow
-    density, drag  of the air, kg/m^3, the same on the whole orbit, and the drag coefficient
+    density, drag  of the air, kg/m^3, constant on the orbit, and the drag coefficient
     light, sun     the pressure of sunlight, N/m^2 (`SOLAR_PRESSURE`), and the direction of the Sun in space
-    mirror, diffuse   parts of the light that are reflected and scattered
-    harmonics      `Harmonics` of the body's own field
+    mirror, diffuse   fractions of the light that are reflected and scattered
+    harmonics      `Harmonics` of the body's gravity field
 
     Vectors are along the body axes; a run has the momentum M along the principal axes.  Raises `InputError` for moments
-    that no body has.  The equations: `kreisel.bodies.satellite`.
+    that are impossible for a body.  The equations: `kreisel.bodies.satellite`.
     """
 
     inertia: Any
@@ -139,11 +139,11 @@ class Satellite:
     def cubesat(
         cls, orbit: Orbit, units: float = 3, mass: Any = None, center_of_mass: Any = (0.0, 0.0, 0.0), **more: Any
     ) -> Satellite:
-        """A CubeSat of so many units of 10 cm on each other along its first axis, 1.33 kg each; its inertia is a box's.
+        """A CubeSat of `units` cubes of 10 cm, stacked along its first axis, 1.33 kg each, with the inertia of a box.
 
-        Its six sides are plates.  Air and light turn it only where its center_of_mass, (3,), m, is beside the centre of
-        the box: the specification allows 2 cm, along the first axis 7 cm for three units.  [CubeSat Design
-        Specification, rev. 13, 2014]
+        Its six sides are plates.  Air and light rotate it only if its center_of_mass, (3,), m, is not the centre of the
+        box: the specification allows 2 cm, along the first axis 7 cm for three units.  [CubeSat Design Specification,
+        rev. 13, 2014]
         """
         long, side = 0.1 * si_number(units, "1", "units", positive=True), 0.1
         weight = 1.33 * long / side if mass is None else si_number(mass, "kg", "mass", positive=True)
@@ -160,7 +160,7 @@ class Satellite:
         return self.body.principal.axes
 
     def model(self) -> Model:
-        """The system "satellite", or "satellite-with-wheel", with these numbers, in SI units and principal axes."""
+        """The system "satellite", or "satellite-with-wheel", with these parameters, in SI units and principal axes."""
         along = self._principal_axes
         rows = [[*(p.normal @ along), *(p.centre @ along), p.area] for p in self.plates]
         given = {
@@ -186,10 +186,10 @@ class Satellite:
     def state(self, spin: Any = None, axis: Any = None, attitude: Any = None) -> State:
         """The state M = I Omega, kg m^2/s, along the principal axes, for an angular velocity in the body.
 
-        spin   (..., 3), rad/s along the body axes; or a rate, with `axis`; default: that of the frame of the orbit
-               at t = 0, of a body at rest against it
-        attitude   without a spin: of the body axes at t = 0, a unit quaternion (..., 4); default: `pointing()`, or that
-               turned in pitch.  Raises `InputError` with a spin, which is along the body axes in any attitude
+        spin   (..., 3), rad/s along the body axes; or a rate, with `axis`; default: the rate of the frame of the orbit
+               at t = 0, for a body at rest in it
+        attitude   without a spin: of the body axes at t = 0, a unit quaternion (..., 4); default: `pointing()`, or this
+                   rotated in pitch.  Raises `InputError` with a spin, which is along the body axes in any attitude
         """
         if spin is None and attitude is None:
             Omega = self.orbit.rate() * self._axes_of_orbit[:, 2]
@@ -205,20 +205,20 @@ class Satellite:
 
     @cached_property
     def _order(self) -> Array:
-        """The principal axes that yaw, roll and pitch turn about: of the least moment, the middle, the largest."""
+        """The principal axes of yaw, roll and pitch: of the least moment, the middle, the largest."""
         return np.argsort(self.body.principal.moments, kind="stable")
 
     @cached_property
     def _axes_of_orbit(self) -> Array:
-        """Up, ahead and the normal along the body axes where the angles are 0, as columns: right-handed."""
+        """Up, ahead and the normal along the body axes at zero angles, as columns: right-handed."""
         axes = self._principal_axes[:, self._order]
         return axes * np.array([1.0, np.sign(np.linalg.det(axes)), 1.0])
 
     def pointing(self, yaw: Any = 0.0, pitch: Any = 0.0, roll: Any = 0.0) -> Array:
-        """The attitude at t = 0 with the axis of the least moment up and that of the largest along the normal.
+        """The attitude at t = 0 with the axis of the least moment up and the axis of the largest along the normal.
 
-        Turned by these angles, rad, first about the normal, then about ahead, then about up: a unit quaternion (4,).
-        That attitude is the stable one on a circular orbit.
+        It is rotated by these angles, rad, first about the normal, then about ahead, then about up: a unit quaternion
+        (4,).  Without rotation, the attitude is stable on a circular orbit.
         """
         angles = [si_number(v, "rad", name) for v, name in ((pitch, "pitch"), (roll, "roll"), (yaw, "yaw"))]
         R = self.orbit.frame(0.0)
@@ -233,19 +233,19 @@ class Satellite:
     def attitude(self, g: Any) -> Array:
         """The inverse of `orientation`: the attitude of the body axes (..., 4) from the orientation g of a run.
 
-        An array is taken as g of a state; what `kreisel.analysis` returns is that of the body axes already.
+        An array is read as g of a state; results of `kreisel.analysis` already refer to the body axes.
         """
         return self.body.attitude(g)
 
     def angular_velocity(self, M: Any) -> Array:
         """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial, kg m^2/s.
 
-        An array is taken as M of a state; the variable M of a run states its axes.  Raises `InputError`.
+        An array is read as M of a state; the variable M of a run states its axes.  Raises `InputError`.
         """
         return self.body.angular_velocity(M)
 
     def angles(self, run: xr.Dataset) -> Angles:
-        """Pitch, roll and yaw (...) of a run against the frame of the orbit, from -pi to pi."""
+        """Pitch, roll and yaw (...) of a run relative to the frame of the orbit, from -pi to pi."""
         g = algebra.rotation_matrix(orientation_of(run))
         require_of_body(run, self.orbit.elements)
         frame = self.orbit.frame(np.asarray(run.time))
@@ -285,7 +285,7 @@ class Satellite:
 
     @property
     def librations(self) -> Frequencies:
-        """Of small librations about `pointing()` on a circular orbit, by gravity alone.
+        """Frequencies of small librations about `pointing()` on a circular orbit, under gravity only.
 
         [Hughes 1986, section 9.2]
 
@@ -316,7 +316,7 @@ class Asteroid(Satellite):
 
     @classmethod
     def ellipsoid(cls, mass: Any, diameters: Any, orbit: Orbit) -> Asteroid:
-        """With these principal diameters, m."""
+        """The asteroid with these principal diameters, m."""
         return cls(FreeBody.ellipsoid(mass, three(diameters, "m", "diameters")).inertia, orbit)
 
     @classmethod
@@ -333,7 +333,7 @@ class Asteroid(Satellite):
 
     @classmethod
     def toutatis(cls) -> Asteroid:
-        """(4179) Toutatis, which turns in 5.41 days about its long axis, the first, while that goes round in 7.35 days.
+        """(4179) Toutatis, rotates in 5.41 days about its long axis, the first, which goes round in 7.35 days.
 
         Moments as 1 : 3.09 : 3.22 [Hudson, Ostro, Science 270 (1995) 84]; a = 2.5321 au, e = 0.6288 [JPL Small-Body
         Database, epoch 2008].  The unit of its moments, 1e19 kg m^2, is arbitrary.
@@ -364,7 +364,7 @@ def _moments(given: Harmonics, along: Array) -> dict[str, Array]:
 
 
 def _plate(value: Any) -> Plate:
-    """Raises `InputError`."""
+    """A plate with checked values.  Raises `InputError`."""
     if not isinstance(value, tuple | list) or len(value) != 3:
         raise InputError(f"plates: expected Plate(normal, centre, area), got {shown(value)}.")
     normal, centre, area = value

@@ -1,4 +1,4 @@
-"""Bodies deep in water, with their own and the water's mass, weight, buoyancy and drag, in SI units."""
+"""Bodies deep in water, with the mass of body and water, weight, buoyancy and drag, in SI units."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ NONE = (0.0, 0.0, 0.0)
 
 
 class Course(NamedTuple):
-    """Of a run: the position of O in space, m; its velocity and the angular velocity along the body axes, SI."""
+    """Position of O in space, m; its velocity and the angular velocity along the body axes, SI."""
 
     position: Array
     velocity: Array
@@ -64,7 +64,7 @@ class SubmergedBody:
     gravity        m/s^2
 
     Nothing bounds the added mass by the mass: the matrices are inverted together.  The equations:
-    `kreisel.bodies.submerged`.  Raises `InputError` for matrices that no body has.
+    `kreisel.bodies.submerged`.  Raises `InputError` for impossible matrices.
     """
 
     mass: float
@@ -127,7 +127,7 @@ class SubmergedBody:
         return np.asarray(own + self.added_mass)
 
     def model(self) -> Model:
-        """The system "submerged-body" with these numbers."""
+        """The system "submerged-body" with these parameters."""
         return BODIES["submerged-body"](
             mass_matrix=self.mass_matrix,
             weight=self.mass * self.gravity,
@@ -147,7 +147,7 @@ class SubmergedBody:
     def state(self, velocity: Any = NONE, angular_velocity: Any = NONE, attitude: Any = UPRIGHT) -> State:
         """The momenta of a motion: the velocity of O, m/s, and the angular velocity, rad/s, (..., 3), in body axes.
 
-        attitude: a unit quaternion (4,), which says how the current stands to the body.
+        attitude: a unit quaternion (4,), which gives the direction of the current in the body.
         """
         U, Omega = si_numbers(velocity, "m/s", "velocity"), si_numbers(angular_velocity, "rad/s", "angular_velocity")
         current = self.current @ algebra.rotation_matrix(attitude_quaternion(attitude, "attitude"))
@@ -164,12 +164,12 @@ class SubmergedBody:
     def attitude(self, g: Any) -> Array:
         """The inverse of `orientation`: the attitude of the body axes (..., 4) from the orientation g of a run.
 
-        An array is taken as g of a state; what `kreisel.analysis` returns is that of the body axes already.
+        An array is read as g of a state; results of `kreisel.analysis` already refer to the body axes.
         """
         return attitude_in_space(g, body_frame(self.scales(), self._place[0]))
 
     def course(self, run: xr.Dataset, start: Any = NONE) -> Course:
-        """Where O is in space at each row of a run, from `start`, and how it moves."""
+        """The position of O in space at each row of a run, from `start`, and its motion."""
         turn, shift = self._place
         g = algebra.rotation_matrix(orientation_of(run)) @ turn.T  # of the body axes
         require_of_body(run, {"mass_matrix": self.mass_matrix})
@@ -193,7 +193,7 @@ class SubmergedBody:
 
 
 def _six(value: Any, name: str, shapes: tuple[tuple[int, ...], ...]) -> Array:
-    """Numbers in SI, or three quantities of the velocity and three of the angular velocity.  Raises `InputError`."""
+    """Floats in SI, or three quantities of the velocity and three of the angular velocity.  Raises `InputError`."""
     if isinstance(value, list | tuple) and len(value) == 6 and not any(isinstance(v, list | tuple) for v in value):
         halves = zip((value[:3], value[3:]), HALVES[name], strict=True)
         return np.concatenate([si_numbers(half, unit, name, ((3,),)) for half, unit in halves])
@@ -201,7 +201,7 @@ def _six(value: Any, name: str, shapes: tuple[tuple[int, ...], ...]) -> Array:
 
 
 def _finite(word: str) -> float:
-    """A number of C or of Fortran.  Raises `ValueError`."""
+    """A float in the notation of C or Fortran.  Raises `ValueError`."""
     value = float(word.replace("D", "E"))
     if not math.isfinite(value):
         raise ValueError(f"not a finite number: {word!r}")
@@ -210,13 +210,13 @@ def _finite(word: str) -> float:
 
 @explained
 def read_added_mass(path: str | os.PathLike[str], density: Any = 1.0, length: Any = 1.0, period: float = 0.0) -> Array:
-    """A 6 x 6 matrix of added mass from a text file, in SI: six rows of six numbers, or WAMIT's numeric output.
+    """A 6 x 6 matrix of added mass from a text file, in SI: six rows of six values, or WAMIT's numeric output.
 
-    density, length   kg/m^3, m: what the rows PERIOD I J A of WAMIT (.1) are made dimensionless with, rho L^k, k = 3
-                      for two velocities, 4 for one of each, 5 for two angular velocities; a plain matrix is in SI
-    period            which rows: 0 is WAMIT's for the limit of short waves, a negative one that of long waves
+    density, length   kg/m^3, m: units rho L^k of the dimensionless rows PERIOD I J A of WAMIT (.1), k = 3 for two
+                      velocities, 4 for one of each, 5 for two angular velocities; a plain matrix is in SI
+    period            of the rows to read: 0 is WAMIT's limit of short waves, a negative value its limit of long waves
 
-    Raises `InputError` for what is neither.
+    Raises `InputError` for any other file.
     """
     source = place(path, "read_added_mass needs the name of a text file")
     try:

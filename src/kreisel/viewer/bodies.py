@@ -1,4 +1,4 @@
-"""Shapes to be drawn, of triangles in the colours of a palette, so that a rotation is visible; shapes from files."""
+"""Shapes to draw, of triangles in the colours of a palette, so that a rotation is visible; shapes from files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from kreisel.files import place
 from kreisel.record.model import Model
 
 SECTORS, AROUND = 6, 60
-FIRST, SECOND, METAL, PANEL, DARK, MARK = range(6)  # the palette, of which the page has the colours
+FIRST, SECOND, METAL, PANEL, DARK, MARK = range(6)  # the palette; the page has its colours
 TOP = (  # radius, height along the axis: peg, disc, handle
     (0.0, 0.0),
     (0.03, 0.02),
@@ -45,14 +45,14 @@ THINNEST = 0.12  # semi-axis to the longest
 
 @dataclass(frozen=True)
 class Body:
-    """Triangles about 0: points (k, 3), faces (f, 3) as numbers of points, each with a place in the palette."""
+    """Triangles about 0: points (k, 3), faces (f, 3) as indices of points, each with a place in the palette."""
 
     points: Array
     faces: Array
     colour: Array
 
     def scaled(self, size: float) -> Body:
-        """The body scaled so that its farthest point has that distance from 0."""
+        """The body scaled to that distance of its farthest point from 0."""
         far = float(np.linalg.norm(self.points, axis=-1).max(initial=0.0)) or 1.0
         return replace(self, points=self.points * (size / far))
 
@@ -70,7 +70,7 @@ def joined(*parts: Body) -> Body:
 
 
 def gyration(model: Model, carried: Array) -> Array | None:
-    """The tensor tr(I)/2 - I (3, 3) of the body's inertia I, from M -> Omega of the record; None where it is none."""
+    """The tensor tr(I)/2 - I (3, 3) of the body's inertia I, from M -> Omega of the record; None without an inertia."""
     try:
         vectors = [carried] * (len(model.system.space.letters) - 1)
         columns = [axial(model.call(model.system.velocity, hat(e), *vectors)) for e in np.eye(3)]
@@ -108,7 +108,7 @@ def ellipsoid(axis: Array, tensor: Array | None, radius: float) -> Body:
 
 
 def _along(axis: Array, tensor: Array | None, length: float) -> Callable[[Body], Body]:
-    """Puts a body about the third axis along another, stretched across it as the inertia is."""
+    """A body about the third axis, rotated to another axis and stretched across it by the inertia."""
     third = axis / np.linalg.norm(axis)
     first = np.eye(3)[int(np.abs(third).argmin())]
     first = first - third * (first @ third)
@@ -126,7 +126,7 @@ def _along(axis: Array, tensor: Array | None, length: float) -> Callable[[Body],
 
 
 def top(axis: Array, tensor: Array | None, length: float) -> Body:
-    """A top about the point 0 along `axis`, its disc stretched as the inertia across the axis is."""
+    """A top about the point 0 along `axis`, its disc stretched by the inertia across the axis."""
     shape = _revolved(TOP)
     height = shape.points[shape.faces][:, :, 2].mean(1)
     low, high = TOP_METAL
@@ -298,7 +298,7 @@ def _obj(raw: bytes) -> tuple[Array, Array]:
 
 
 def _place(number: int, count: int) -> int:
-    """From 1 on; a negative one counts from the end."""
+    """The index of a point, from 1 on; a negative index counts from the end."""
     place = number - 1 if number > 0 else count + number
     if number == 0 or not 0 <= place < count:
         raise ValueError(f"a face names the point {number} of {count}")

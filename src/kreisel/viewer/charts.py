@@ -1,6 +1,6 @@
 """Figures of the analyses: angles, rates, events, sections, return maps, spectra, comparisons.
 
-Each takes what `kr.analysis` returns and gives a matplotlib figure in the style of the house, theme "light" or "dark".
+Each function draws a result of `kr.analysis` as a matplotlib figure in the style "house", theme "light" or "dark".
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MOST_POINTS = 20_000  # of a series; extremes are kept
 
 
 def plot_series(data: xr.Dataset, *, theme: str = "light") -> Figure:
-    """Every variable along time, a panel each, all lanes: what `euler_angles` and `rates` return."""
+    """Every variable along time, a panel each, all lanes: a result of `euler_angles` or `rates`."""
     from kreisel.viewer.frames import extremes
 
     names = [name for name, v in data.data_vars.items() if "time" in v.dims]
@@ -89,7 +89,7 @@ def plot_section(cut: xr.Dataset, x: Quantity, y: Quantity, *, theme: str = "lig
 
 
 def plot_return_map(returns: xr.Dataset, *, theme: str = "light") -> Figure:
-    """The return map: what is seen at a crossing, and at the next one."""
+    """The return map: the quantity at a crossing, and at the next crossing."""
     with figure(theme, 4.6, 4.4) as (picture, colours):
         axes = picture.subplots()
         both = np.concatenate([returns["here"].values, returns["after"].values])

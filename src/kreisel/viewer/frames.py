@@ -1,7 +1,7 @@
-"""States that a page shows: saved rows, and between rows too far apart the motion computed again from them.
+"""States that a page shows: saved rows, and between distant rows the motion computed again from them.
 
-A row is followed by the next so closely that the motion between them may be interpolated where the fastest body turns
-by at most `DENSE` radians from one to the other.  Elsewhere some rows are starts of a replay with the run's own method.
+The motion between two rows is interpolated if the fastest body rotates by at most `DENSE` radians from one to the
+other.  Elsewhere some rows are starts of a replay with the method of the run.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-MOST_FRAMES = 100_001  # numbers of a page: rows of one body with three coordinates
-DENSE = 0.8  # radians: eight states a turn
+MOST_FRAMES = 100_001  # values of a page: rows of one body with three coordinates
+DENSE = 0.8  # radians: eight states per revolution
 FINE = 0.35  # radians between computed states
-MOST_WANTED = 1e15  # frames between two rows, beyond which a count is no whole number
+MOST_WANTED = 1e15  # frames between two rows, beyond which the count is not an exact integer
 COMPUTED = 8_000  # states of a replay, of all bodies
 WINDOWS = 12  # stretches of a long run
 ROUGH = 1e-3  # by which shorter steps may miss the next saved state, relative
-APART = 2_000  # saved rows beside stretches
+APART = 2_000  # saved rows in addition to stretches
 BLOCK = 1 << 18  # rows read at once
 SAMPLED = 64  # rows at which the speed is measured
 
 
 @dataclass(frozen=True)
 class Frames:
-    """States to be shown in order of time: a run with those rows, where they are joined, and what was done, in words.
+    """States to show in order of time: a run with these rows, flags of joined rows, and a note on the selection.
 
     run      the state, and the orientation, at times (frame, ...)
     joined   whether the motion from a frame to the next may be interpolated
-    rate     the largest angular velocity, radians in the unit of time; 0 where nothing moves
+    rate     the largest angular velocity, radians in the unit of time; 0 without motion
     """
 
     run: xr.Dataset
@@ -96,7 +96,7 @@ def _finite(run: xr.Dataset, record: RunRecord) -> None:
 
 
 def _rows(variable: xr.DataArray, dense: Array, most: int) -> Array:
-    """All rows; of too many, stretches of consecutive ones where they are dense, and single ones with the extremes."""
+    """All rows; if too many, stretches of consecutive rows if these are dense, and single rows with the extremes."""
     count = variable.sizes["time"]
     if count <= most:
         return np.arange(count)
@@ -123,7 +123,7 @@ def _apart(variable: xr.DataArray, most: int) -> Array:
 
 
 def _rate(sample: xr.Dataset, record: RunRecord, model: Model | None) -> float | None:
-    """The largest angular velocity at some rows, by the record; None where it does not say."""
+    """The largest angular velocity at some rows, by the record; None if the record has none."""
     if model is None:
         return None
     try:
@@ -144,7 +144,7 @@ def _rate(sample: xr.Dataset, record: RunRecord, model: Model | None) -> float |
 
 
 def _measured_rate(first: xr.Dataset, record: RunRecord) -> float:
-    """Half the largest turn from row to row by the rows themselves, over the time: of systems of the user's own."""
+    """Half the largest rotation from row to row over the time, from the rows themselves: for user-defined systems."""
     time = np.asarray(first["time"].values, dtype=np.float64)
     if len(time) < 2:
         return 0.0
@@ -163,7 +163,7 @@ def _measured_rate(first: xr.Dataset, record: RunRecord) -> float:
 
 
 def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, note: str) -> tuple[xr.Dataset, str]:
-    """Rows, with the motion after some of them by the run's own method."""
+    """Rows, with the motion after some of them by the method of the run."""
     import xarray as xr
 
     lanes = shown.sizes.get("lane", 1)
@@ -240,7 +240,7 @@ def _carried_on(
 def _apart_by(
     states: dict[str, Array], shown: xr.Dataset, record: RunRecord, step: int, number: int, row: int
 ) -> float:
-    """How far a replay ends from the saved row, relative to the size of the state."""
+    """The distance of the end of a replay from the saved row, relative to the size of the state."""
     worst = 0.0
     for letter in record.kinds:
         saved = np.asarray(shown[letter].values[row])
@@ -250,7 +250,7 @@ def _apart_by(
 
 
 def between(values: Array, place: Array, joined: Array) -> Array:
-    """Rows at whole and broken places by a cubic through four rows, of which only joined ones count.
+    """Values at integer and fractional places by a cubic through four rows, of which only joined ones count.
 
     The page does the same (`sample` in drawing.js).
     """
@@ -274,7 +274,7 @@ def as_matrices(q: Array) -> Array:
 
 
 def windows(joined: Array) -> list[tuple[int, int]]:
-    """First and last frame of each stretch of joined ones."""
+    """First and last frame of each stretch of joined frames."""
     edges = np.diff(np.concatenate([[0], joined.astype(int), [0]]))
     return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
 
@@ -295,8 +295,8 @@ def stretches(count: int, most: int) -> Array:
 def extremes(values: Array, most: int) -> Array:
     """At most about `most` rows of `values` (rows, k), sorted, with the extremes of every column.
 
-    The first row, the last one, and from each of many equal stretches the rows with the least and the greatest value of
-    every column.  NaN counts as no extreme.
+    The first row, the last row, and from each of many equal stretches the rows with the least and the greatest value of
+    every column.  NaN is not an extreme.
     """
     values = np.asarray(values).reshape(len(values), -1)
     rows, columns = values.shape
@@ -304,7 +304,7 @@ def extremes(values: Array, most: int) -> Array:
         return np.arange(rows)
     stretch = -(-rows // max(1, (most - 2) // (2 * max(columns, 1))))
     kept = {0, rows - 1}
-    for start in range(0, rows, stretch * 256):  # many stretches at once, memory flat
+    for start in range(0, rows, stretch * 256):  # many stretches at once with constant memory
         block = values[start : start + stretch * 256]
         whole = len(block) // stretch * stretch
         for piece, offset in (
@@ -320,10 +320,10 @@ def extremes(values: Array, most: int) -> Array:
 
 
 def mixed(values: Array, most: int) -> Array:
-    """At most about `most` rows, sorted: half of them the extremes, half one of each equal stretch, at random.
+    """At most about `most` rows, sorted: half of them the extremes, half one row of each equal stretch, at random.
 
-    The extremes alone would show the ends of a path too often, and even steps could keep time with it.  The choice is
-    always the same.
+    The extremes only would show the ends of a path too often, and even steps could be in phase with it.  The choice is
+    reproducible.
     """
     rows = len(values)
     if rows <= most:

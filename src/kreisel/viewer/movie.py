@@ -1,4 +1,4 @@
-"""A film of the picture of a page, drawn by matplotlib: GIF by Pillow, MP4 by ffmpeg where it is."""
+"""A film of the picture of a page, drawn by matplotlib: GIF by Pillow, MP4 by ffmpeg if available."""
 
 from __future__ import annotations
 

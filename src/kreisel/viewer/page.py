@@ -1,12 +1,12 @@
 """kr.view, `kreisel view`: a run as one HTML file that needs nothing else, and as a notebook display.
 
-The file holds three.js and uPlot (assets/README.md), Kreisel's own script, and the data as JSON in which no markup can
-begin.  Text from the archive is only ever set as text.  Its Content-Security-Policy names the two scripts by their
-hashes and allows no request, so that nothing else runs in it, whatever an archive says.
+The file holds three.js and uPlot (assets/README.md), Kreisel's script, and the data as JSON in which no markup can
+begin.  Text from the archive is set only as text.  Its Content-Security-Policy names the two scripts by their hashes
+and allows no request, so nothing else runs in it, for any content of an archive.
 
-In a notebook each cell holds its data, one cell the scripts: it builds the page in a separate frame, without the
-notebook's origin, from its data and the library that the first cell has left at `window.kreiselLibrary`.  If that is
-missing, the cell says so.
+In a notebook each cell holds its data, and one cell the scripts.  A cell builds the page in a separate frame, without
+the notebook's origin, from its data and the library that the first cell left at `window.kreiselLibrary`.  If the
+library is missing, the cell shows a message.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @cache
 def scripts() -> tuple[str, str]:
-    """three.js with uPlot, and the page's own script."""
+    """three.js with uPlot, and the script of the page."""
     return _asset("library.min.js"), "\n".join(map(_asset, ("lines.js", "drawing.js", "charts.js", "page.js")))
 
 
@@ -55,12 +55,12 @@ def as_json(data: Any) -> str:
 
 
 def page(data: dict[str, Any], follow: float | None = None) -> str:
-    """The page of a scene.  `follow`: it asks its server for news every so many seconds."""
+    """The page of a scene.  `follow`: seconds between its requests for new data from its server."""
     return filled(as_json({**data, "follow": follow}), data["title"] or "run", scripts()[0], follow is not None)
 
 
 def filled(data: str, title: str, library: str, served: bool = False) -> str:
-    """The page with its data; the policy names the scripts, `library` stands where three.js does."""
+    """The page with its data; the policy names the scripts, `library` replaces three.js."""
     hashes = " ".join(f"'sha256-{_hash(text)}'" for text in scripts())
     # one substitution each, of text that is not searched again
     return Template(_asset("page.html")).substitute(
@@ -82,7 +82,7 @@ def _hash(text: str) -> str:
 # -- cells of a notebook ---------------------------------------------------------------------------
 
 
-MARK = "\u0001kreisel-library\u0001"  # stands in the page for the library
+MARK = "\u0001kreisel-library\u0001"  # the placeholder of the library in the page
 SANDBOX = "allow-scripts allow-downloads"
 WAIT = 10  # seconds for a first cell that is drawn after this one
 MISSING = (
@@ -109,7 +109,7 @@ _carried: dict[str, Any] = {"cell": None, "count": 0}
 
 
 def cell(data: dict[str, Any]) -> str:
-    """The output of a cell.  The first of a kernel carries the library; so does that cell when it runs again."""
+    """The output of a cell.  The first cell of a kernel carries the library, also when it runs again."""
     _carried["count"] += 1
     name = f"kreisel-{_carried['count']}-{abs(hash(data['title'])) % 10**8}"
     fill = {
@@ -126,7 +126,7 @@ def cell(data: dict[str, Any]) -> str:
 
 
 def version() -> str:
-    """A hash of the scripts: cells made by another version do not use them."""
+    """A hash of the scripts: cells of another version do not use them."""
     import hashlib
 
     return hashlib.sha256("".join(scripts()).encode()).hexdigest()[:12]
@@ -140,7 +140,7 @@ def _library() -> str:
 def _carries() -> bool:
     """Whether this cell is the one that carries the library, or nothing is shared between cells."""
     name = _cell_id()
-    if "google.colab" in sys.modules:  # each output is a page of its own
+    if "google.colab" in sys.modules:  # each output is a separate page
         return True
     if _carried["cell"] is None:
         _carried["cell"] = name or "the first"
@@ -149,7 +149,7 @@ def _carries() -> bool:
 
 
 def _cell_id() -> str | None:
-    """The notebook's name of the cell that runs, if it gives one."""
+    """The notebook's name of the running cell, if it gives one."""
     ask = getattr(sys.modules.get("IPython"), "get_ipython", None)
     shell = ask() if ask is not None else None
     try:
@@ -160,20 +160,20 @@ def _cell_id() -> str | None:
 
 @explained
 class View:
-    """The page of a run.  In a notebook it shows itself; `save` writes the file; `html` is its text."""
+    """The page of a run.  A notebook displays it; `save` writes the file; `html` is its text."""
 
     def __init__(self, run: xr.Dataset, lane: Any = None, **shown: Any):
         self._scene = scene(run, lane, **shown)
 
     @property
     def html(self) -> str:
-        """The page, whole."""
+        """The complete page."""
         return page(self._scene)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the page; a page that Kreisel wrote is replaced.
 
-        Raises `InputError` where anything else has that name, and `RunError` where the disk refuses.
+        Raises `InputError` if anything else has that name, and `RunError` if the disk refuses.
         """
         target = place(path, "The page needs a name such as top.html")
         with written(target) as scratch:
@@ -181,7 +181,7 @@ class View:
         return target
 
     def movie(self, path: str | os.PathLike[str], **options: Any) -> Path:
-        """Write a film of the first body: .gif, or .mp4 where ffmpeg is installed.
+        """Write a film of the first body: .gif, or .mp4 if ffmpeg is installed.
 
         Options: seconds=8.0, fps=20, speed=1.0 (as on the page), theme="light".  Raises `InputError` for other names
         and for a run whose saved states are too far apart.
@@ -206,20 +206,19 @@ def view(
     mesh: str | os.PathLike[str] | None = None,
     section: xr.Dataset | None = None,
 ) -> View:
-    """The interactive page of a run: the body turning, the trace of its axis, the drift of every integral.
+    """The interactive page of a run: the rotating body, the trace of its axis, the drift of every integral.
 
-    lane      of an ensemble the lane, or up to nine of them; None: up to nine, evenly
-    body      "top", "gyroscope", "ellipsoid", "box" or "satellite"; None: what suits the system
-    mesh      a file .stl or .obj with the body's shape, in its axes, about the point that it turns about
-    section   what `kr.analysis.section` returns, drawn beside
+    lane      for an ensemble the lane, or up to nine of them; None: up to nine, evenly
+    body      "top", "gyroscope", "ellipsoid", "box" or "satellite"; None: the shape that suits the system
+    mesh      a file .stl or .obj with the body's shape, in its axes, about its centre of rotation
+    section   a result of `kr.analysis.section`, drawn next to it
 
-    Shows itself in a notebook; `kr.view(run).save("run.html")` writes a file that opens offline in any browser, and
-    `.movie("run.gif")` a film.  What is shown is decided by the record (`kreisel.viewer.scene`).  Give `kr.simulate`
-    an orientation to see a body turn.  It plays evenly in time.  Where a body turns by at most 0.8 rad between saved
-    states, the motion between them is interpolated; where more, it is computed again from them by the run's own method,
-    and the page says so.  At most 100,000 states of one body are shown, the extremes of the vector among them; each
-    point of a drift is the largest change in its stretch of time.  Raises `InputError` for what is no run and for a bad
-    mesh.
+    A notebook displays it; `kr.view(run).save("run.html")` writes a file that opens offline in any browser, and
+    `.movie("run.gif")` a film.  The record decides the picture (`kreisel.viewer.scene`).  Give `kr.simulate` an
+    orientation to see a body rotate.  It plays evenly in time.  If a body rotates by at most 0.8 rad between saved
+    states, the motion between them is interpolated; else it is computed again by the method of the run, and the page
+    notes it.  At most 100,000 states of one body are shown, the extremes of the vector among them; each point of a
+    drift is the largest change in its stretch of time.  Raises `InputError` for anything but a run, and for a bad mesh.
     """
     from kreisel.viewer.bodies import read_mesh
 

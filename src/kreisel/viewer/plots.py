@@ -24,29 +24,29 @@ if TYPE_CHECKING:
 
 
 ARC_SHOWN = 45  # radii of path drawn on the sphere, so that the pattern stays readable
-SAME_LENGTH = 1e-3  # relative: a vector whose length changes by more is on no sphere
-MOST_GAP = 0.3  # radii between saved states beyond which a line would be a guess: dots then
+SAME_LENGTH = 1e-3  # relative: a vector whose length changes by more is not on a sphere
+MOST_GAP = 0.3  # radii between saved states beyond which a line would be a guess: then dots
 MOST_DOTS = 4000
 MOST_LANES = 7
 DASHES = ("-", "--", ":", "-.")
 STATES_SHOWN = 120
-STRETCHES = 1200  # of a drift; the largest change in each is drawn, so that no extreme is lost
+STRETCHES = 1200  # of a drift; the largest change in each is drawn, so no extreme is lost
 MOST_TITLE = 120
-MOST_ROWS = 200_000  # read for the picture of the path
-LARGEST = 1e100  # of numbers that are drawn: their squares do not overflow
+MOST_ROWS = 200_000  # rows read for the picture of the path
+LARGEST = 1e100  # of values that are drawn: their squares do not overflow
 
 
 @explained
 def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "light", style: str = "house") -> Figure:
     """A figure of a run: the tip of the axis on its sphere (n = 3) or the components, and every drift.
 
-    The change of each family of Casimirs and integrals that the method conserves has a strip of its own, on a
-    logarithmic scale, relative to the integral's scale (`kr.drift`), with the width eps_machine * sqrt(steps) of a
-    random walk of rounding errors; families that never change are named.  Of an ensemble the paths of up to seven lanes
-    are drawn.  `compare` is a second run of the same system, drawn in grey in the same strips.  `theme` is "light" or
-    "dark", `style` "house" or "journal": 183 mm wide, 8 points, a serif face, no grid, for .pdf and .svg.  In a
-    notebook the figure shows itself.  Raises `InputError` if `compare` is of another system, if the run lacks the
-    vector that is drawn, and for states at given times (`kr.at`), which are no run.
+    The change of each family of Casimirs and integrals that the method conserves has a separate strip on a logarithmic
+    scale, relative to the integral's scale (`kr.drift`), with the width eps_machine * sqrt(steps) of a random walk of
+    rounding errors; families that never change are named.  For an ensemble the paths of up to seven lanes are drawn.
+    `compare` is a second run of the same system, drawn in grey in the same strips.  `theme` is "light" or "dark",
+    `style` "house" or "journal": 183 mm wide, 8 points, a serif face, no grid, for .pdf and .svg.  A notebook displays
+    the figure.  Raises `InputError` if `compare` has another system, if the run lacks the vector that is drawn, and for
+    states at given times (`kr.at`), which are not a run.
     """
     runs = [run] if compare is None else [run, compare]
     records = [RunRecord.of(each, "system", "title", "method", "n", "steps") for each in runs]
@@ -86,7 +86,7 @@ def _title(run: xr.Dataset, record: RunRecord, *others: RunRecord) -> str:
 
 
 def _vector_letter(run: xr.Dataset, record: RunRecord) -> str:
-    """The component that is drawn: the vector one of a pair (m, a), the position of (x, q)."""
+    """The component that is drawn: the vector of a pair (m, a), the position of (x, q)."""
     missing = record.missing_from(run)
     if missing:
         raise InputError(f"The run lacks {', '.join(missing)} of its state, which the figure needs.")
@@ -99,7 +99,7 @@ def _keeps_its_length(vector: xr.DataArray) -> bool:
 
 
 def _seen(run: xr.Dataset, letter: str, rows: int) -> np.ndarray:
-    """The first rows of a component; of a vector in the body along the axes that were given."""
+    """The first rows of a component; a vector in the body is along the user's axes."""
     values = read_values(run[letter][:rows])
     if not (abs(values) < LARGEST).all():
         raise InputError(f"expected a run whose {letter} is finite and below {LARGEST:g}, got one beyond.")
@@ -140,7 +140,7 @@ def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: 
 
 
 def _draw_axes(axes: Any, run: xr.Dataset, radius: float, theme: Theme) -> None:
-    """The axes of the frame of the vector, and the vertical where the system has one at rest in it."""
+    """The axes of the frame of the vector, and the vertical if it is at rest in this frame."""
     for number, name in enumerate("123" if run.attrs.get("frame") == Frame.MOVING.value else "xyz"):
         end = np.zeros(3)
         end[number] = 1.2 * radius
@@ -162,10 +162,10 @@ def _draw_axes(axes: Any, run: xr.Dataset, radius: float, theme: Theme) -> None:
 
 
 def _advance_per_row(run: xr.Dataset, letter: str) -> float:
-    """How far the tip moves between two saved rows by its speed at the start: distances of rows may deceive."""
+    """The motion of the tip between two saved rows by its speed at the start: distances of rows may deceive."""
     record = RunRecord.from_attrs(run.attrs)
     model = None if record.is_own else model_for(run, None)
-    if model is None or model.system.perturbation is not None:  # no flow of the state alone is at hand
+    if model is None or model.system.perturbation is not None:  # no flow of the state is available
         return float(np.linalg.norm(np.diff(read_values(run[letter][:2]), axis=0)))
     kinds = dict(model.system.space.components)
     start = {k: read_values(run[k][:1])[0] for k in kinds}  # a scalar index would import dask
@@ -181,7 +181,7 @@ def _on_sphere(xyz: np.ndarray, radius: float, pieces: int = 6) -> np.ndarray:
 
 
 def _components(panel: Any, lane: tuple[str, xr.Dataset], letter: str, theme: Theme) -> None:
-    """The first saved states, and the whole run in two of the components that change most."""
+    """The first saved states, and all rows in two of the components that change most."""
     name, run = lane
     above, below = panel.subplots(2, 1, height_ratios=[1, 1.25])
     time, values = read_values(run["time"][:STATES_SHOWN]), _seen(run, letter, STATES_SHOWN)
@@ -216,7 +216,7 @@ def _components(panel: Any, lane: tuple[str, xr.Dataset], letter: str, theme: Th
 
 
 def _draw_drifts(panel: Any, runs: list[xr.Dataset], records: list[RunRecord], theme: Theme) -> None:
-    """A strip for each family of integrals, all of one scale."""
+    """A strip for each family of integrals, all with one scale."""
     run, record, reference = runs[0], records[0], records[0].method == "dop853"
     everything = _envelopes(run, everything=reference)
     of_balance = not everything and BALANCE in run
@@ -293,7 +293,7 @@ def sweep_figure(run: xr.Dataset, show: str | None = None, theme: str = "light")
     run    a sweep by lane;  show   a variable of it instead, or one entry, "a_max[2]"
 
     Over one quantity of the grid each lane is a point; over two the colour is the median of the lanes that share both;
-    without a grid the first number that varies is the axis.  Raises `InputError` for what is no variable of the sweep.
+    without a grid the first varying quantity is the axis.  Raises `InputError` if the sweep has no such variable.
     """
     axes = _axes_of(run)
     panels = _panels(run) if show is None else {show: _entry(run, show)}

@@ -1,4 +1,4 @@
-"""Records as text, what `kreisel systems` prints; systems and runs as HTML for notebooks, in the page's colours."""
+"""Records as text, the output of `kreisel systems`; systems and runs as HTML for notebooks, in the page's colours."""
 
 from __future__ import annotations
 

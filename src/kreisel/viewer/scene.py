@@ -1,12 +1,12 @@
-"""The data of a page: frames, bodies, path, drifts, sections, events, as plain numbers and text.
+"""The data of a page: frames, bodies, path, drifts, sections, events, as plain values and text.
 
-Body, tip of the axis and turns of a trajectory are decided by the record and the phase space:
+The record and the phase space decide the body, the tip of the axis and the rotations of a trajectory:
 
 | run                                          | shown                                                             |
 |----------------------------------------------|-------------------------------------------------------------------|
 | n = 3, a body, with its orientation          | the body in space, the trace of its axis                          |
-| the same, of a body that moves through space | the body on its path, not to scale                                |
-| n = 3, rest frame, without                   | the body along its axis; its own turn about the axis is not known |
+| as above, a body that moves through space    | the body on its path, not to scale                                |
+| n = 3, rest frame, without                   | the body along its axis; its rotation about the axis is unknown   |
 | n = 3, moving frame, without                 | the carried vector as the body sees it                            |
 | n = 3, position and momentum                 | the particle                                                      |
 | n > 3, or other components                   | the vector in three coordinates, to be chosen                     |
@@ -58,11 +58,11 @@ SATELLITES = ("satellite", "satellite-with-wheel")
 
 
 class Shown:
-    """Tip, turns, body and arrow of one trajectory, in the coordinates of the picture: the vertical points up.
+    """Tip, rotations, body and arrow of one trajectory, in the coordinates of the picture: the vertical points up.
 
-    turn     unit quaternions (frame, 4) of the picture, or (1, 4) where the body stands still; None without a body
-    axis     the tip of an axis fixed in the body, where the tip is its place; None where `tip` is another vector
-    up       what the vertical is: "gravity", "momentum" or ""
+    turn     unit quaternions (frame, 4) of the picture, or (1, 4) if the body is at rest; None without a body
+    axis     the tip of an axis fixed in the body, if `tip` is its place; None if `tip` is another vector
+    up       the meaning of the vertical: "gravity", "momentum" or ""
     """
 
     def __init__(self, run: xr.Dataset, record: RunRecord, model: Model | None, joined: bool, body: Any = None):
@@ -70,7 +70,7 @@ class Shown:
         self.letter, self.kinds = record.carried, record.kinds
         self.space = run.attrs.get("frame") == Frame.REST.value
         self.carried = np.asarray(run[self.letter].values, dtype=np.float64).reshape(run.sizes["time"], -1)
-        self.axes = axes_of_state(run)  # everything here is along the axes of the body that were given
+        self.axes = axes_of_state(run)  # everything here is along the user's axes of the body
         if not self.space and self.carried.shape[1] == 3:
             self.carried = self.carried @ self.axes.T
         self.turn: Array | None = None
@@ -106,14 +106,14 @@ class Shown:
         return v @ self.axes.T if where == "body" and len(v) == 3 else v
 
     def _inertia(self) -> Array | None:
-        """The gyration tensor along the axes of the body that were given."""
+        """The gyration tensor along the user's axes of the body."""
         if self.model is None or self.space:
             return None
         tensor = bodies.gyration(self.model, self.carried[0] @ self.axes)
         return None if tensor is None else self.axes @ tensor @ self.axes.T
 
     def _made(self, usual: str, axis: Array, tensor: Array | None, size: float) -> Body:
-        """The body that was asked for, or the usual one."""
+        """The requested body, or the usual body."""
         if isinstance(self._wanted, Body):
             return self._wanted.scaled(size)
         return bodies.body(self._wanted or usual, axis, tensor, size)
@@ -188,7 +188,7 @@ class Shown:
         self.legend["tip"] = f"axis, along {self.letter}"
         self.axis = np.array([0.0, 0.0, size])
         self.body = self._made("top", self.axis, None, 0.94 * size).plain()
-        x, y, z = (self.tip / size).T  # the least turn from (0, 0, 1): axis (-y, x, 0), w^2 = (1 + z)/2
+        x, y, z = (self.tip / size).T  # the least rotation from (0, 0, 1): axis (-y, x, 0), w^2 = (1 + z)/2
         q = np.stack([1 + z, -y, x, 0 * z], -1)
         q[(1 + z) < 1e-12] = (0.0, 1.0, 0.0, 0.0)
         self.turn = q / np.linalg.norm(q, axis=-1, keepdims=True)
@@ -235,21 +235,21 @@ class Shown:
 
 
 MOST_LANES = 9
-MOST_PATH = 4_000  # points of the whole trace
+MOST_PATH = 4_000  # points of the complete trace
 MOST_STRETCHES = 1_200  # of a drift
 MOST_SERIES = 24
 MOST_POINTS = 5_000  # of a section
 MOST_EVENTS = 500
 LONGEST_TEXT = 300
-STEADY = 2.0  # radians a second by which the fastest body turns at speed 1
-TURNS = 3.0  # of the fastest body, of the trail
-SHORT = 32767  # of a whole number for 1
+STEADY = 2.0  # radians per second, the rotation of the fastest body at speed 1
+TURNS = 3.0  # revolutions of the fastest body in the trail
+SHORT = 32767  # the integer for 1
 
 
 def scene(
     run: xr.Dataset, lane: Any = None, *, body: str | Body | None = None, section: xr.Dataset | None = None
 ) -> dict[str, Any]:
-    """The data of the page.  Raises `InputError` for what is no run, lacks its state, or has no such lane."""
+    """The data of the page.  Raises `InputError` for anything but a run with its state and this lane."""
     record = RunRecord.of(run, "system")
     if "time" not in run.dims or run.sizes["time"] < 1:
         raise InputError("A run of kr.simulate or kr.open_run was expected, with at least one saved state.")
@@ -306,7 +306,7 @@ def scene(
 
 
 def _lanes(run: xr.Dataset, lane: Any) -> tuple[xr.Dataset, list[str]]:
-    """The lanes that are shown, with a dimension unless there is one, and their names."""
+    """The shown lanes, with a dimension even for a single lane, and their names."""
     if "lane" not in run.dims:
         if lane is not None:
             within(lane, "lane", 0, 0)
@@ -335,7 +335,7 @@ def _each(shown_frames: Frames, record: RunRecord, lanes: list[str]) -> list[tup
 
 
 def _meshes(bodies: list[Shown]) -> tuple[list[dict[str, Any]], list[int | None]]:
-    """The different bodies, and which each lane has."""
+    """The different bodies, and the index of the body of each lane."""
     meshes: list[dict[str, Any]] = []
     places: list[int | None] = []
     for each in bodies:
@@ -358,7 +358,7 @@ def packed_mesh(body: Body) -> dict[str, Any]:
 
 
 def _packed_body(each: Shown, name: str, mesh: int | None) -> dict[str, Any]:
-    """Turns in whole numbers of 1/32767, far below a pixel; the tip only where no turn gives it."""
+    """Rotations as integers in units of 1/32767, far below a pixel; the tip only if no rotation gives it."""
     turn = None if each.turn is None else packed(np.round(SHORT * continued(each.turn)), "i2")
     return {
         "name": _text(name),
@@ -379,7 +379,7 @@ def _events(run: xr.Dataset, record: RunRecord) -> list[list[Any]]:
 
 
 def _section(section: xr.Dataset, lanes: list[str]) -> dict[str, Any]:
-    """Points of `kr.analysis.section` in two of its numbers, of the lanes that are shown."""
+    """Points of `kr.analysis.section` in two of its quantities, for the shown lanes."""
     missing = [k for k in ("quantity", "value") if k not in getattr(section, "attrs", {})]
     if missing or "event" not in section.dims:
         raise InputError(f"section: expected what kr.analysis.section returns, got {shown(section)}.")
@@ -414,7 +414,7 @@ def _text(value: Any) -> str:
 
 
 def packed(values: Array, kind: str) -> str:
-    """An array as little-endian base64.  Raises `InputError` where it leaves the range of that kind."""
+    """An array as little-endian base64.  Raises `InputError` if it leaves the range of that kind."""
     with np.errstate(over="ignore"):
         kept = np.ascontiguousarray(values, dtype=f"<{kind}")
     if kept.dtype.kind == "f" and (np.isinf(kept) & np.isfinite(values)).any():
@@ -458,5 +458,5 @@ def _drift_series(run: xr.Dataset) -> dict[str, Any]:
 
 
 def _json_float(value: Any) -> float | None:
-    """A float for JSON; None for what is not finite."""
+    """A float for JSON; None if it is not finite."""
     return float(value) if math.isfinite(value) else None

@@ -1,9 +1,9 @@
-"""`kreisel view --serve`: the page of a run that is still going on, from this machine to this machine.
+"""`kreisel view --serve`: the page of an unfinished run, from this machine to this machine.
 
-One address, "/": the page, or to the page's own requests (Accept: application/json) its data, each only if new.
-Nothing else is served, nothing is written, and no file is named by a request.  The server listens on loopback unless
-another address is given.  On loopback only requests that name the machine as such are answered: no page of a stranger
-can read it through a name of its own.
+One address, "/": the page, or for requests of the page (Accept: application/json) its data, each only if new.  Nothing
+else is served, nothing is written, and no file is named by a request.  The server listens on loopback unless another
+address is given.  On loopback only requests that name the machine as such are answered: a foreign page cannot read it
+through another host name.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ EVERY = 2.0  # seconds between two looks
 
 
 class Source:
-    """The scene of an archive, made anew when the archive has changed."""
+    """The scene of an archive, computed again when the archive has changed."""
 
     def __init__(self, path: Path, lane: Any = None):
         whole = path.with_suffix("") if path.suffix == ".part" else path
@@ -37,7 +37,7 @@ class Source:
         self.read()
 
     def read(self) -> tuple[str, dict[str, Any]]:
-        """A tag that changes with the archive, and the scene; the last good one while the archive is being renamed."""
+        """A tag that changes with the archive, and the scene; the last valid one while the archive is being renamed."""
         with self._lock:
             mark = self._mark()
             if mark != self._seen:
@@ -106,7 +106,7 @@ class Handler(BaseHTTPRequestHandler):
             self.wfile.write(text)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Not on the terminal."""
+        """Log nothing on the terminal."""
 
 
 class Server(ThreadingHTTPServer):
@@ -120,7 +120,7 @@ class Server(ThreadingHTTPServer):
         super().__init__((host, port), Handler)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Nothing: a browser that went away."""
+        """Ignore a browser that has disconnected."""
 
 
 def server(path: Path, *, host: str = "127.0.0.1", port: int = 0, lane: Any = None) -> Server:

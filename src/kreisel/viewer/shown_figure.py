@@ -1,4 +1,4 @@
-"""A figure that shows itself in a notebook, whether or not pyplot is loaded, and is saved in its own style."""
+"""A figure that a notebook displays, with or without pyplot, and that is saved in its style."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ FILES = ("savefig.", "pdf.", "ps.", "svg.")
 
 
 class ShownFigure(Figure):
-    """A figure of matplotlib with a picture for notebooks; settings of files are those when it was made."""
+    """A figure of matplotlib with a picture for notebooks; settings of files are those of its creation."""
 
     def __init__(self, *args: Any, **options: Any):
         super().__init__(*args, **options)
         self._for_files = {key: value for key, value in mpl.rcParams.items() if key.startswith(FILES)}
 
     def savefig(self, fname: Any, **options: Any) -> None:
-        """As of matplotlib."""
+        """Save as matplotlib does."""
         with mpl.rc_context(self._for_files):
             super().savefig(fname, **options)
 
@@ -29,5 +29,5 @@ class ShownFigure(Figure):
         return out.getvalue()
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        """The picture and nothing else: where pyplot is loaded, IPython would add its own."""
+        """The picture only: if pyplot is loaded, IPython would add another one."""
         return {"image/png": self._repr_png_(), "text/plain": repr(self)}

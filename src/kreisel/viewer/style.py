@@ -1,7 +1,7 @@
 """One style for all figures and the page: colour-blind-safe (Okabe and Ito), light or dark, vector-friendly fonts; and
 one for journals: 183 mm wide, 8 points, a serif face, fonts kept as TrueType in PDF.
 
-The order of the colours is that of use.  On dark paper blue is lightened and black becomes white; every colour has a
+The colours are in the order of use.  On dark paper blue is lightened and black becomes white; every colour has a
 contrast of at least 2.1 to its paper (lines), the ink of text 12.
 """
 
@@ -28,10 +28,10 @@ class Theme:
     faint: str
     colours: tuple[str, ...]
     sequence: str  # a colour map of even lightness that begins near the paper
-    extra: tuple[tuple[str, Any], ...] = ()  # settings of matplotlib of a style
+    extra: tuple[tuple[str, Any], ...] = ()  # settings of matplotlib for a style
 
     def colour(self, number: int) -> str:
-        """The colour of a series, from 0 on; the first again after the last."""
+        """The colour of a series, from 0 on; after the last, the first again."""
         return self.colours[number % len(self.colours)]
 
     @property
