@@ -497,22 +497,26 @@ def test_an_integral_that_takes_no_recorded_numbers(what: str, n: int, engine: s
     assert run.drop_attrs().equals(kr.simulate(model, x0, **options, project=False).drop_attrs())
 
 
+def reduced_top(name: str, integral: Any) -> Any:
+    """A Lagrange top by its Lagrangian, for arrays of JAX, with an integral that is to be conserved."""
+    from kreisel import reduction as red
+
+    return red.system(
+        "own", group=red.SO(3), lagrangian=lambda w, a: -(w * w.T).sum() / 4 - a[2], frame="rest",
+        integrals={name: integral}, conserved=[name],
+    )()  # fmt: skip
+
+
 def test_an_integral_that_jax_cannot_differentiate() -> None:
     """A function of NumPy that JAX calls back, which has values and no derivative."""
     import jax
-
-    from kreisel import reduction as red
 
     def called_back(m: Any, a: Any) -> Any:
         scalar = jax.ShapeDtypeStruct((), np.float64)
         return jax.pure_callback(lambda x: np.exp(np.asarray(x)), scalar, a @ a, vmap_method="sequential")
 
-    record = red.system(
-        "own", group=red.SO(3), lagrangian=lambda w, a: -jax.numpy.trace(w @ w) / 4 - a[2], frame="rest",
-        integrals={"own": called_back}, conserved=["own"],
-    )  # fmt: skip
     with pytest.warns(kr.ConservationWarning, match="takes no arrays of JAX"):
-        run = kr.simulate(record(), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.1, steps=5)
+        run = kr.simulate(reduced_top("own", called_back), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.1, steps=5)
     assert run.attrs["projection"] == 0
 
 
@@ -525,13 +529,8 @@ def test_a_correction_that_was_not_looked_at_is_none() -> None:
 
 def test_an_integral_of_jax_whose_name_comes_first() -> None:
     """JAX sorts names: targets and values have one order, whatever the names are."""
-    from kreisel import reduction as red
-
-    record = red.system(
-        "own", group=red.SO(3), lagrangian=lambda w, a: -(w * w.T).sum() / 4 - a[2], frame="rest",
-        integrals={"about": lambda m, a: m[1, 0]}, conserved=["about"],
-    )  # fmt: skip
-    run = kr.simulate(record(), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}, dt=0.1, steps=2100, every=100)
+    model, x0 = reduced_top("about", lambda m, a: m[1, 0]), {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}
+    run = kr.simulate(model, x0, dt=0.1, steps=2100, every=100)
     assert run.attrs["projection"] == 1000 and kr.drift(run).correction.max() < 1e3
 
 
