@@ -1,4 +1,4 @@
-"""Ready-made bodies under forces: a file here states the records of some as `BODIES`."""
+"""Ready-made bodies under forces: each file here states some records as `BODIES`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PAGES = {"satellite": "satellite", "satellite-with-wheel": "satellite", "submer
 
 
 def _stated(name: str) -> System:
-    """The record of a page, which pickle and copy find again by its name."""
+    """The record of a page, which pickle and copy find by its name."""
     page = importlib.import_module(f"{__name__}.{_PAGES[name]}")
     return next(body.remade_by(find, name) for body in page.BODIES if body.name == name)
 
@@ -31,4 +31,4 @@ def find(name: str) -> System:
 
 
 BODIES = Records(_PAGES, _stated)
-KNOWN: Mapping[str, System] = ChainMap(BODIES, REGISTRY)  # type: ignore[arg-type]  # whatever a name stands for; REGISTRY first
+KNOWN: Mapping[str, System] = ChainMap(BODIES, REGISTRY)  # any object of that name; REGISTRY first

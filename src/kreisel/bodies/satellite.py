@@ -7,21 +7,21 @@ State M in so(3)*, the momentum in the principal axes (body frame), and the orie
     B = -(f/r^3) (z - 3 (z.u) u)                       of the primary, z its axis; f = R^3 g_1^0, -7.59e15 T m^3 for
                                                        the Earth, so that B points north over its equator
     tau = torque + sum over plates of c x F            c the centre of a plate, n its normal, A its area
-    F = -(1/2) density drag A (n.v)+ v                 in the air; (x)+ is x where x > 0, else 0
+    F = -(1/2) density drag A (n.v)+ v                 in the air; (x)+ is x if x > 0, else 0
         - pressure A (n.s)+ ((1 - mirror) s + 2 (mirror (n.s) + diffuse/3) n)        in sunlight, s to the Sun
 
-No method is of an order above 2 at the corner of (x)+.
+At the corner of (x)+ no method has an order above 2.
 
 The first part of V is (mu/r^3) (3 u.I u - tr I)/2, the potential of gravity to second order in the size of the body.
-To orders 3 and 4 it has -(mu/r^(l+1)) Y_l(-u) beside, with the harmonics of the body's own field,
+To orders 3 and 4 the term -(mu/r^(l+1)) Y_l(-u) is added, with the harmonics of the body's field,
 
     Y_l(w) = sum over m of m_body R^l P_lm(sin phi) (C_lm cos m lambda + S_lm sin m lambda)    phi, lambda those of w
 
-about its centre of mass, P_lm without the sign (-1)^m and not normalized.  A satellite with a wheel has
-h x Omega - wheel_torque beside, with h = wheel + wheel_torque t its momentum against the body: its free motion is that
-of a gyrostat, and the torque of the motor a kick.  Space is the frame of
-the elements of the orbit, with z as third axis.  [P. C. Hughes, Spacecraft Attitude Dynamics, 1986, chapters 8 and 9;
-W. M. Kaula, Theory of Satellite Geodesy, 1966, chapter 1]
+about its centre of mass, P_lm without the sign (-1)^m and not normalized.  For a satellite with a wheel,
+h x Omega - wheel_torque is added, with h = wheel + wheel_torque t the momentum of the wheel against the body: the free
+motion is that of a gyrostat, and the torque of the motor a kick.  Space is the frame of the elements of the orbit, with
+z as third axis.  [P. C. Hughes, Spacecraft Attitude Dynamics, 1986, chapters 8 and 9; W. M. Kaula, Theory of Satellite
+Geodesy, 1966, chapter 1]
 """
 
 from __future__ import annotations
@@ -58,12 +58,12 @@ def size(x: Any) -> Any:
 
 
 def less_whole_turns(angle: Any) -> Any:
-    """The angle between -pi and pi that differs by whole turns."""
+    """The angle between -pi and pi, modulo 2 pi."""
     return with_slope(_from_its_half, angle, 1.0)
 
 
 def _from_its_half(angle: Any) -> Any:
-    """By the sine and cosine of its half, which is halved further."""
+    """Computed from the sine and cosine of its half, which is halved further."""
     s, c = sin(angle / 2), cos(angle / 2)
     s, c = s * (c / size(c)), size(c)
     for _ in range(HALVINGS):
@@ -76,7 +76,7 @@ def _from_its_half(angle: Any) -> Any:
 
 
 def eccentric_anomaly(mean: Any, e: Any) -> Any:
-    """E with E - e sin E = mean, less whole turns: to 4e-16 in position up to e = 0.9, 1e-14 at 0.9999.
+    """E with E - e sin E = mean, modulo 2 pi: to 4e-16 in position up to e = 0.9, 1e-14 at 0.9999.
 
     [F. L. Markley, Celest. Mech. Dyn. Astron. 63 (1995) 101: a cubic equation, then one correction of order 5]
     """
@@ -144,7 +144,7 @@ def torque(g, t, *, rate, along, across, eccentricity, torque, plates, density, 
 
 
 def ramp(x):
-    """x where x > 0, else 0."""
+    """x if x > 0, else 0."""
     return (x + sqrt(x * x + TINY)) / 2
 
 

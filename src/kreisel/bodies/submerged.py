@@ -60,7 +60,7 @@ def torque(M, P, *, turn, shift, **constants):
 
 def derive(*, mass_matrix, weight, buoyancy, center_of_mass, center_of_buoyancy):
     """C, B and the coupling of `kirchhoff` at the place of the state; the place and the axes of the state."""
-    inverse = solve(mass_matrix.reshape(-1, 6, 6)[0], identity(6))  # the same in all lanes
+    inverse = solve(mass_matrix.reshape(-1, 6, 6)[0], identity(6))  # equal in all lanes
     D, K, A = inverse[:3, :3], inverse[3:, :3], inverse[3:, 3:]
     shift = -act(solve(trace(A) * identity(3) - A, identity(3)), axial(K - K.T))
     S = hat(shift)

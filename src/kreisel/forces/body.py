@@ -50,7 +50,7 @@ def perturbed(
     params: Mapping[str, Any] | None = None,
     name: str | None = None,
 ) -> Model:
-    """A body under forces beside those of an integrable system: a system with its parameters, for `kr.simulate`.
+    """A body under additional forces around an integrable system: a system with its parameters, for `kr.simulate`.
 
         H = H_system + V + M.KP,   M' = {M, H} + tau - damping M,   P' = {P, H} + F
 
@@ -61,22 +61,22 @@ def perturbed(
                space), the time t; parameters after `*`.  Its force is derived from it
     torque     tau of the same and the momentum, in the frame of the state; for n = 3 an axial vector
     force      F of the same: the rate of the momentum P of a body in a fluid, a vector in the body frame
-    damping    gamma in M' = -gamma M: a number, or one for each axis of the body (for a symmetric body in the rest
-               frame the last is that of its axis).  Exact
+    damping    gamma in M' = -gamma M: one value, or one for each axis of the body (for a symmetric body in the rest
+               frame the last belongs to its axis).  Exact
     inertia    the principal moments of the body, if not those of the integrable part; moving frame, n = 3
     coupling   the symmetric matrix K (3, 3) of M.KP in H, of a body in a fluid, or its diagonal
     pair_potential  V of two bodies, of letters and g with 1 or 2 behind: a1, g1 of the first, a2, g2 of the second,
                and t.  The lanes of a run are then the bodies, each with its parameters
-    pairs      which bodies: pairs (i, j), as [(0, 1), (1, 2)] for a chain of three
+    pairs      the interacting bodies: pairs (i, j), as [(0, 1), (1, 2)] for a chain of three
     inner      the integrable motion in a splitting by the map of the system (`method="suris"`), of order 2, 4, 6 or 8;
-               default: its closed form, where one step of it is known, else the map to order 8
-    params     the parameters after `*`, by name: a number, a vector (n numbers), or either with an axis of lanes in
-               front, of `pair_potential` one of pairs; a number in just n lanes as (n, 1)
-    name       of the system, in archives and TOML files; default: "perturbed-" and that of the integrable part
+               default: its closed form, if known for one step, else the map to order 8
+    params     the parameters after `*`, by name: a scalar, a vector (n,), or either with an axis of lanes in front (of
+               pairs for `pair_potential`); scalars in exactly n lanes as (n, 1)
+    name       of the system, in archives and TOML files; default: "perturbed-" and the name of the integrable part
 
-    Functions are run once, on numbers that record what is done to them: NumPy's +, *, @, sqrt, sin, cos, exp, log, no
-    branches.  Skew components come as axial vectors for n = 3.  Without any force the system itself comes back.
-    Raises `InputError` for what is no such function, names what is not there, or does not suit the system.
+    Functions are run once, on values that record the operations: NumPy's +, *, @, sqrt, sin, cos, exp, log, no
+    branches.  Skew components are axial vectors for n = 3.  Without any force the system itself is returned.  Raises
+    `InputError` for anything but such a function, for unknown names, and for forces that do not suit the system.
     """
     body = _base(system)
     functions = {"potential": potential, "torque": torque, "force": force, "pair_potential": pair_potential}
@@ -102,7 +102,7 @@ def _system_again(body: Model, functions: Mapping[str, Portable], numbers: Mappi
 
 
 def _base(system: Any) -> Model:
-    """The integrable part, of several bodies their product.  Raises `InputError` for what is no system."""
+    """The integrable part; for several bodies, their product.  Raises `InputError` for anything but systems."""
     body = product(system) if isinstance(system, Sequence) else system
     if not isinstance(body, Model):
         raise InputError(
@@ -161,7 +161,7 @@ def _inner(model: Model, inner: Any) -> int | None:
 
 
 def _force(function: Any, what: str, letters: tuple[str, ...], model: Model, params: Mapping[str, Parameter]) -> Force:
-    """A function with the names that it takes.  Raises `InputError`."""
+    """A function with the names of its arguments.  Raises `InputError`."""
     if not callable(function):
         raise InputError(f"{what}: expected a function, such as lambda a, t, *, k: ..., got {shown(function)}.")
     try:
@@ -213,7 +213,7 @@ def _parameters(model: Model, params: Any) -> dict[str, Parameter]:
 
 
 def _kind(value: Any, n: int) -> tuple[str, Any]:
-    """What kind of parameter a value is, and the value with a single axis of lanes."""
+    """The kind of parameter of a value, and the value with a single axis of lanes."""
     shape = np.shape(value)
     if shape[-1:] == (n,) and len(shape) <= 2:
         return "vector", value
@@ -221,7 +221,7 @@ def _kind(value: Any, n: int) -> tuple[str, Any]:
 
 
 def _keywords(model: Model) -> set[str]:
-    """What functions of the record take by keyword, whatever they mean by it."""
+    """Keyword arguments of functions of the record, which have a fixed meaning."""
     system = model.system
     records = [r for r in (system, system.map, system.baecklund) if r is not None]
     values = [value for record in records for value in vars(record).values()] + [*system.integrals.values()]
@@ -262,20 +262,20 @@ def _moments(value: Array, name: str) -> None:
 
 
 def _positive(value: Array, name: str) -> None:
-    """Of a body with the fluid that it moves, of which no more is asked."""
+    """Check moments of a body together with the fluid that it moves: they must be positive, no more."""
     if not (value > 0).all():
         raise InputError(f"{name}: expected three moments of inertia > 0, got {shown(value.tolist())}.")
 
 
 def _by_momenta(record: Perturbation) -> bool:
-    """Whether a potential takes a momentum."""
+    """Whether a potential depends on a momentum."""
     space, pair = record.base.space, record.pair
     momenta = [letter for place, letter in enumerate(space.letters) if place not in space.carried]
     alone = record.potential is not None and any(map(record.potential.names, momenta))
     return alone or (pair is not None and any(pair.names(m + mark) for m in momenta for mark in (FIRST, SECOND)))
 
 
-# Forces (record) that do not suit a system: when, and the message, with the names that `_require_suitable` has.
+# Forces (record) that do not suit a system: the condition, and the message, with the names of `_require_suitable`.
 UNSUITABLE: tuple[tuple[Callable[[System, Perturbation, int], Any], str], ...] = (
     (
         lambda system, record, n: _by_momenta(record),
@@ -334,7 +334,7 @@ def _require_suitable(model: Model, record: Perturbation) -> None:
 
 
 def _system(model: Model, record: Perturbation, own: list[Parameter], name: str | None) -> System:
-    """The record of the perturbed system.  Raises `InputError` for what is no name."""
+    """The record of the perturbed system.  Raises `InputError` for a bad name."""
     base = model.system
     if name is not None and (not isinstance(name, str) or not name.isprintable() or not name.strip()):
         raise InputError(f"name: expected a name, got {shown(name)}.")
@@ -351,7 +351,7 @@ def _system(model: Model, record: Perturbation, own: list[Parameter], name: str 
 
 
 def _with_own_casimirs(model: Model) -> System:
-    """The record with those Casimirs alone that no force changes."""
+    """The record with only the Casimirs that no force changes."""
     system, space = model.system, model.system.space
     if space.casimirs is None:
         return system
@@ -364,7 +364,7 @@ def _with_own_casimirs(model: Model) -> System:
 
 
 def _try(model: Model) -> None:
-    """Run the functions once.  Raises `InputError` for whatever they raise."""
+    """Run the functions once.  Raises `InputError` for any exception of theirs."""
     space, n, record = model.system.space, model.n, kicks.perturbation_of(model.system)
     rng = np.random.default_rng(0)
 

@@ -1,7 +1,7 @@
-"""What survives a perturbation: the Casimirs and integrals whose derivative along it vanishes.
+"""Casimirs and integrals that survive a perturbation: their derivative along it vanishes.
 
-Tested at random points, in rational numbers where the functions take them, else in doubles; with the parameters as they
-are, in all lanes.
+Tested at random points, in rational numbers if the functions accept them, else in doubles; at the actual parameters, in
+all lanes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from kreisel.record.perturbation import TIME, pairs_of
 
 POINTS = 3
 ZERO = 1e-13  # of the slope times the rate, in doubles
-# at which forces are looked at that take it in doubles: a pulse is nothing but for a while
+# times of forces tested in doubles: a pulse vanishes except for a short time
 TIMES = np.concatenate([np.linspace(-5.0, 200.0, 411), np.logspace(np.log10(200.0), 3, 40)])
 
 
@@ -39,7 +39,7 @@ def conserved(model: Model) -> tuple[str, ...]:
 
 
 def conserved_totals(model: Model) -> tuple[str, ...]:
-    """The names of integrals of bodies in pairs that are conserved in sum, but not for each body."""
+    """The names of integrals of bodies in pairs whose sum is conserved, but not the value of each body."""
     if pairs_of(model) is None:
         return ()
     each = conserved(model)
@@ -55,15 +55,15 @@ def conserved_totals(model: Model) -> tuple[str, ...]:
 
 
 def surviving_parts(model: Model, function: Function) -> list[bool]:
-    """Which parts of a function of the state no force changes, in any lane."""
+    """The parts of a function of the state that no force changes, in any lane."""
     each = [_survives([one], function, _apart) for one in _representatives(model)]
     return [all(part) for part in zip(*each, strict=True)]
 
 
 def _representatives(model: Model) -> list[Model]:
-    """The model itself; of lanes the first one, and one with a random mean of the parameters over all lanes.
+    """The model itself; for lanes, the first lane, and a model with a random mean of the parameters over all lanes.
 
-    What holds for that mean holds for all lanes: the derivatives are analytic functions of the parameters.
+    An identity at that mean holds for all lanes: the derivatives are analytic functions of the parameters.
     """
     if not model.batch:
         return [model]
@@ -77,7 +77,7 @@ def _representatives(model: Model) -> list[Model]:
 
 
 def candidates(model: Model) -> dict[str, Function]:
-    """What the integrable part conserves, beside its energy."""
+    """The integrals and Casimirs of the integrable part, except its energy."""
     space = model.system.space
     out = {} if space.casimirs is None else {"casimir": space.casimirs}
     return {**out, **model.system.integrals}
@@ -87,17 +87,17 @@ Slopes = list[tuple[Any, Any]]  # (the derivative along the perturbation, its sc
 
 
 def _apart(bodies: list[Slopes]) -> list[Slopes]:
-    """The slopes of each body by itself."""
+    """The slopes of each body separately."""
     return bodies
 
 
 def _in_sum(bodies: list[Slopes]) -> list[Slopes]:
-    """Those of the sum over two bodies."""
+    """The slopes of the sum over two bodies."""
     return [[(x + y, max(s, t)) for (x, s), (y, t) in zip(*bodies, strict=True)]]
 
 
 def _survives(models: list[Model], function: Function, of: Callable[[list[Slopes]], list[Slopes]]) -> list[bool]:
-    """Which parts of a function do: in rational numbers if possible, else in doubles; models of one body or of two."""
+    """The surviving parts of a function, in rational numbers if possible, else in doubles; of one body or of two."""
     try:
         exactly = [Model(model.system, {k: _rationals(v) for k, v in model.params.items()}) for model in models]
         with np.errstate(all="ignore"):
@@ -135,7 +135,7 @@ def _fraction(x: float) -> Fraction:
 
 
 def _slopes(models: list[Model], function: Function, number: Callable[[float], Any]) -> Iterator[list[Slopes]]:
-    """Of one body, or of the two of a pair, at random points."""
+    """The slopes of one body, or of the two of a pair, at random points."""
     rng = np.random.default_rng(1)
     model, in_pairs = models[0], pairs_of(models[0]) is not None
     space, n = model.system.space, model.n
@@ -173,12 +173,12 @@ def _at_times(x: Array, times: Array | None) -> Array:
 
 
 def _mean(values: Array, weights: Array, number: Callable[[float], Any]) -> Any:
-    """A combination of the values of all pairs: what holds for it holds for each, as functions are analytic in them."""
+    """A combination of the values of all pairs: an identity for it holds for each, by analyticity."""
     return sum(number(w) * x for w, x in zip(weights, values, strict=True))
 
 
 def _slopes_at(model: Model, function: Function, state: tuple[Array, ...]) -> list[Array]:
-    """The derivative of each part of a function by the independent coordinates of all components."""
+    """The derivative of each part of a function with respect to the independent coordinates of all components."""
     kinds, n = model.system.space.kinds, model.n
 
     def parts_of(numbers: Sequence[Any]) -> list[Any]:

@@ -1,13 +1,13 @@
-"""What the forces of a perturbed system do: their potential, the rates of the state, and their flows alone.
+"""Forces of a perturbed system: their potential, the rates of the state, and their separate flows.
 
-The flow of the perturbation for a time h, with g and the state of the integrable motion standing still:
+The flow of the perturbation for a time h, with g and the state of the integrable motion held fixed:
 
     damping   M -> exp(-damping h) M                                      exact
     kick      M -> M + h (force of the potential + torque)                exact unless the torque depends on M
-    inertia, coupling   turns (`kreisel.forces.turns`)                                            exact one by one
-    wheel     M -> M - h wheel_torque; the wheel's momentum stands still in the integrable motion   exact
+    inertia, coupling   rotations (`kreisel.forces.turns`)                                        exact one by one
+    wheel     M -> M - h wheel_torque; the wheel's momentum is constant in the integrable motion   exact
 
-`work` is what the energy gains by torques, damping, and forces that depend on time: W' = Omega.tau + dV/dt.
+`work` is the gain of energy by torques, damping, and forces that depend on time: W' = Omega.tau + dV/dt.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from kreisel.record.perturbation import FIRST, SECOND, TIME, Force, Perturbation
 ORIENTATION = "g"
 DAMPING, INERTIA, COUPLING = "damping", "inertia", "coupling"
 WHEEL, WHEEL_TORQUE = "wheel", "wheel_torque"
-DIAGONAL = 1e-12  # relative: entries beside the diagonal of an inverse inertia
+DIAGONAL = 1e-12  # relative: off-diagonal entries of an inverse inertia
 DOUBLINGS, TERMS = 8, 8  # of expm1: to rounding for x from -200 to 8
 
 Constants = Mapping[str, Any]
 
 
 class Body(NamedTuple):
-    """Where a body is: the components of the state, the orientation as a matrix or None, the time or None."""
+    """Configuration of a body: the components of the state, the orientation (a matrix) or None, the time or None."""
 
     state: tuple[Array, ...]
     g: Array | None = None
@@ -44,7 +44,7 @@ class Body(NamedTuple):
 
 
 def perturbation_of(system: System) -> Perturbation:
-    """Raises `TypeError` for a system that is no perturbation."""
+    """The perturbation of a system.  Raises `TypeError` for a system without one."""
     if system.perturbation is None:
         raise TypeError(f"{system.name} has no perturbation")
     return system.perturbation
@@ -54,7 +54,7 @@ def perturbation_of(system: System) -> Perturbation:
 
 
 def potential(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> tuple[Any, dict[str, Array]]:
-    """V, and its derivatives by the letters, g and t that it takes."""
+    """V, and its derivatives with respect to its letters, g and t."""
     force = perturbation_of(system).potential
     if force is None:
         return 0, {}
@@ -65,7 +65,7 @@ def potential(system: System, body: Body, known: Constants, axes: Mapping[str, i
 def potential_of_pair(
     system: System, pair: tuple[Body, Body], known: Constants, axes: Mapping[str, int]
 ) -> tuple[Any, tuple[dict[str, Array], dict[str, Array]], Any]:
-    """V of two bodies, its derivatives by the letters and g of each, and by t."""
+    """V of two bodies, its derivatives with respect to the letters and g of each, and t."""
     force = perturbation_of(system).pair
     if force is None:
         raise TypeError(f"{system.name} has no pair potential")
@@ -83,7 +83,7 @@ def potential_of_pair(
 def pulls(
     system: System, pair: tuple[Body, Body], known: Constants, axes: Mapping[str, int]
 ) -> tuple[tuple[Array, ...], tuple[Array, ...], Any]:
-    """The rates of the states of two bodies by what they do to each other, and of the work."""
+    """The rates of the states of two bodies by their interaction, and of the work."""
     _, slopes, power = potential_of_pair(system, pair, known, axes)
     first, second = (force_of_potential(system, body, by) for body, by in zip(pair, slopes, strict=True))
     return first, second, power
@@ -92,7 +92,7 @@ def pulls(
 def _value_and_slopes(
     force: Force, what: str, there: Mapping[str, tuple[Any, int]], known: Constants, axes: Mapping[str, int]
 ) -> tuple[Any, dict[str, Any]]:
-    """The value of a potential and its derivatives by its arguments; `there` has (value, axes) of each."""
+    """The value of a potential and its derivatives with respect to its arguments; `there` has (value, axes) of each."""
     more = [(known[name], axes[name]) for name in force.parameters]
 
     def of_numbers(*numbers: Any) -> Any:
@@ -106,7 +106,7 @@ def _value_and_slopes(
 
 
 def torque(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array | None:
-    """tau as a skew matrix (..., n, n); None without one."""
+    """tau as a skew matrix (..., n, n); None without a torque."""
     n = body.state[0].shape[-1]
     found = _load(system, "torque", ((3,), (n, n))[n != 3 :], body, known, axes)
     if found is None:
@@ -116,7 +116,7 @@ def torque(system: System, body: Body, known: Constants, axes: Mapping[str, int]
 
 
 def force(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array | None:
-    """F (..., n); None without one."""
+    """F (..., n); None without a force."""
     found = _load(system, "force", ((body.state[0].shape[-1],),), body, known, axes)
     return None if found is None else found[0]
 
@@ -161,7 +161,7 @@ def loads(system: System, body: Body, known: Constants, axes: Mapping[str, int])
 
 
 def seen(system: System, body: Body) -> dict[str, tuple[Any, int]]:
-    """What a force may take of a body, by name: (value, its axes)."""
+    """The possible arguments of a force, by name: (value, its axes)."""
     known: dict[str, tuple[Any, int]] = {}
     for (letter, kind), z in zip(system.space.components, body.state, strict=True):
         shown = algebra.KINDS[kind].shown(z.shape[-1])
@@ -175,13 +175,13 @@ def _called(force: Force, numbers: Sequence[Any]) -> Any:
 
 
 def _back(system: System, name: str, slope: Array, body: Body) -> Array:
-    """A derivative by the axial vector of a skew matrix as a skew matrix: <X, Y> = x.y."""
+    """A derivative with respect to the axial vector of a skew matrix, as a skew matrix: <X, Y> = x.y."""
     kind = dict(system.space.components).get(name)
     return slope if kind is None else algebra.KINDS[kind].from_user(slope, body.state[0].shape[-1])
 
 
 def _values(found: Array, body: Body) -> Array:
-    """The values of traced numbers, in the kind of number of the state."""
+    """The values of traced numbers, as the kind of number of the state."""
     flat = [getattr(v, "value", v) for v in found.flat]
     if algebra.holds_objects(body.state[0]):
         return algebra.objects(flat, found.shape)
@@ -193,7 +193,7 @@ def _values(found: Array, body: Body) -> Array:
 
 
 def force_of_potential(system: System, body: Body, slopes: Mapping[str, Array]) -> tuple[Array, ...]:
-    """The rates of the state by V: {x, V} for what it is of the letters, and the torque of what it is of g."""
+    """The rates of the state by V: {x, V} from the letters, and the torque from g."""
     space, state = system.space, body.state
     rates: list[Array] = [0 * z for z in state]
     if any(letter in slopes for letter in space.letters):
@@ -214,7 +214,7 @@ def inverse_inertia_columns(base: System, known: Constants, like: Any = 0) -> li
 
 
 def require_principal(base: System, known: Constants) -> None:
-    """Raises `InputError` where the axes of coordinates are no principal axes, n = 3."""
+    """Raises `InputError` if the axes of coordinates are not principal axes, n = 3."""
     inverse = np.stack(inverse_inertia_columns(base, known), -1)
     off = abs(inverse * (1 - np.eye(3))).max()
     if off > DIAGONAL * abs(inverse).max():
@@ -225,7 +225,7 @@ def require_principal(base: System, known: Constants) -> None:
 
 
 def inverse_moments(system: System, known: Constants) -> Array:
-    """1/I_i - 1/I_i of the integrable motion, n = 3 (..., 3): what the perturbation changes."""
+    """1/I_i - 1/I_i of the integrable motion, n = 3 (..., 3): the change by the perturbation."""
     columns = inverse_inertia_columns(perturbation_of(system).base, known, known[INERTIA])
     return 1 / known[INERTIA] - np.stack([column[..., i] for i, column in enumerate(columns)], -1)
 
@@ -245,7 +245,7 @@ def momentum_of_wheel(known: Constants, t: Any) -> Array:
 
 
 def translation(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array:
-    """U = dH/dP, with what a potential of P and a coupling add."""
+    """U = dH/dP, including a potential of P and a coupling."""
     record = perturbation_of(system)
     out = call(record.base.translation, body.state, known)
     if record.coupling:
@@ -254,9 +254,9 @@ def translation(system: System, body: Body, known: Constants, axes: Mapping[str,
 
 
 def damped(system: System, state: tuple[Array, ...], factors: Array, by_axis: bool) -> Array:
-    """The momentum with each part multiplied: a number for all, or one for each axis (..., 3), n = 3.
+    """The momentum with each part multiplied: by one factor, or one for each axis (..., 3), n = 3.
 
-    In the rest frame the last axis is that of the carried vector a, and the first two are alike.
+    In the rest frame the last axis is along the carried vector a, and the first two are equivalent.
     """
     M = state[0]
     if not by_axis:
@@ -270,7 +270,7 @@ def damped(system: System, state: tuple[Array, ...], factors: Array, by_axis: bo
 
 
 def rates(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> tuple[tuple[Array, ...], Any]:
-    """The rates of the state by the perturbation alone, and of the work."""
+    """The rates of the state by the perturbation only, and of the work."""
     record = perturbation_of(system)
     _, slopes = potential(system, body, known, axes)
     out = list(force_of_potential(system, body, slopes))
@@ -310,7 +310,7 @@ def kicked(
 ) -> tuple[tuple[Array, ...], Any]:
     """The state after the kick for the time h, and the work.
 
-    `others`: what else acts in it, state -> the rates of the state and of the work.
+    `others`: further actions, state -> the rates of the state and of the work.
     """
 
     def without_loads(state: tuple[Array, ...]) -> tuple[tuple[Any, ...], Any]:
@@ -338,7 +338,7 @@ def _sum(one: tuple[tuple[Any, ...], Any], two: tuple[tuple[Any, ...], Any]) -> 
 
 
 def changes_its_loads(system: System) -> bool:
-    """Whether a kick changes what it depends on: a torque that takes the momentum, or any force, which changes P."""
+    """Whether a kick changes its loads: a torque that depends on the momentum, or any force, which changes P."""
     record = perturbation_of(system)
     by_torque = record.torque is not None and record.torque.names(system.space.letters[0])
     return by_torque or record.force is not None
@@ -373,7 +373,7 @@ def decayed(
 
 
 def expm1(x: Any) -> Any:
-    """exp(x) - 1, with an error that is small beside it: a factor exp(x) would be off by the same in every step."""
+    """exp(x) - 1, with a relatively small error: a factor exp(x) would have the same error in every step."""
     y: Any = x / 2**DOUBLINGS
     out: Any = 0
     for k in range(TERMS, 0, -1):
@@ -384,7 +384,7 @@ def expm1(x: Any) -> Any:
 
 
 def kinetic(system: System, state: tuple[Array, ...], known: Constants) -> Any:
-    """The part of H that M is in: <M, Omega>/2 with the moments of the perturbed body, and half of a coupling."""
+    """The part of H that depends on M: <M, Omega>/2 with the moments of the perturbed body, and half of a coupling."""
     out = algebra.pairing(state[0], velocity(system, state, known)) / 2
     if perturbation_of(system).coupling:
         out = out + algebra.dot(algebra.axial(state[0]), algebra.act(known[COUPLING], state[1])) / 2
@@ -392,7 +392,7 @@ def kinetic(system: System, state: tuple[Array, ...], known: Constants) -> Any:
 
 
 def energy_of_spin(system: System, state: tuple[Array, ...], known: Constants) -> Any:
-    """What the Hamiltonian of the rest frame leaves out, since it is a function of Casimirs there: that of the spin."""
+    """The energy of the spin, which the Hamiltonian of the rest frame omits as a function of Casimirs."""
     base = perturbation_of(system).base
     at_rest = (0 * state[0], *state[1:])
     in_hamiltonian = call(base.energy, state, known) - call(base.energy, at_rest, known)

@@ -1,4 +1,4 @@
-"""Bodies that act on each other in pairs: which pairs, and their parameters."""
+"""Bodies that act on each other in pairs: the pairs, and their parameters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST_BODIES = 10**6
 
 
 def parameters_of_pairs(record: Perturbation, pairs: Any, own: Mapping[str, Parameter]) -> dict[str, Parameter]:
-    """`pairs` as a parameter, and those of the pair potential that differ from pair to pair.  Raises `InputError`."""
+    """`pairs` as a parameter, and parameters of the pair potential that differ between pairs.  Raises `InputError`."""
     if (record.pair is None) != (pairs is None):
         raise InputError(
             f"perturbed: expected pair_potential and pairs=[(0, 1), ...] together, got {'no ' * (pairs is None)}pairs."
@@ -76,7 +76,7 @@ def _whole(value: Array, name: str) -> None:
 
 
 def constants_of_pairs(model: Model) -> tuple[dict[str, Array], dict[str, int]]:
-    """The parameters of the pair potential, (pairs, ...), and their axes without that of pairs."""
+    """The parameters of the pair potential, (pairs, ...), and their axes without the axis of pairs."""
     force, count = perturbation_of(model.system).pair, len(model.params[PAIRS])
     values, axes = {}, {}
     for p in model.system.parameters:
@@ -93,6 +93,6 @@ def constants_of_pairs(model: Model) -> tuple[dict[str, Array], dict[str, int]]:
 
 
 def of_bodies(model: Model) -> dict[str, Array]:
-    """The constants of the bodies, without those of pairs."""
+    """The constants of the bodies, without the constants of pairs."""
     of_pairs = {p.letter for p in model.system.parameters if p.kind == "array"} if pairs_of(model) is not None else ()
     return {name: value for name, value in model.constants.items() if name not in of_pairs}

@@ -1,7 +1,7 @@
-"""Bodies of different systems side by side: one system, whose letters and parameters end in the number of the body.
+"""Bodies of different systems as one system, whose letters and parameters end in the index of the body.
 
-Phase space and equations are products, integrals and Casimirs those of each body; what the bodies do to each other is a
-potential of `kr.perturbed`.
+Phase space and equations are products; integrals and Casimirs are those of each body; the interaction of the bodies is
+a potential of `kr.perturbed`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from kreisel.record.calling import call
 from kreisel.record.contract import Checks, PhaseSpace, System
 from kreisel.record.model import Model
 
-TOTAL = "total_"  # before the name of what all bodies have together
+TOTAL = "total_"  # prefix of the integrals of all bodies together
 MOST_BODIES = 8  # their step is one piece of straight-line code
 
 State = tuple[Array, ...]
@@ -28,7 +28,7 @@ State = tuple[Array, ...]
 
 @dataclass(frozen=True)
 class Factor:
-    """One of the bodies: its system, the place of its components, the number behind its letters, its constants."""
+    """A body of a product: its system, the place of its components, the index behind its letters, its constants."""
 
     system: System
     place: slice
@@ -36,7 +36,7 @@ class Factor:
     names: tuple[str, ...]
 
     def known(self, known: Mapping[str, Any]) -> dict[str, Any]:
-        """Its constants under their own names."""
+        """The constants of this body by its letters."""
         return {name: known[name + self.mark] for name in self.names if name + self.mark in known}
 
     def call(self, function: Any, state: State, known: Mapping[str, Any]) -> Any:
@@ -45,7 +45,7 @@ class Factor:
 
 
 def product(models: Sequence[Any]) -> Model:
-    """The bodies side by side.  Raises `InputError` for what are no such bodies."""
+    """The product of the bodies.  Raises `InputError` for unsuitable bodies."""
     if not 2 <= len(models) <= MOST_BODIES or not all(isinstance(m, Model) for m in models):
         raise InputError(
             f"perturbed: expected 2 to {MOST_BODIES} systems with their parameters, got {shown(list(models))}. For "
@@ -108,7 +108,7 @@ def _record(models: Sequence[Model], factors: list[Factor]) -> System:
 
 
 def _integrals(models: Sequence[Model], factors: list[Factor]) -> dict[str, Callable[..., Any]]:
-    """Those of each body, and the sums of those that all bodies have, of one shape."""
+    """Integrals of each body, and the sums of integrals that all bodies have, in one shape."""
 
     def of_one(f: Factor, name: str) -> Callable[..., Any]:
         return lambda *state, **known: f.call(f.system.integrals[name], state, known)

@@ -1,4 +1,4 @@
-"""The record of a perturbed system: flow, energy and velocity of the integrable one and of the forces together."""
+"""The record of a perturbed system: flow, energy and velocity of the integrable part and of the forces together."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from kreisel.record.calling import call
 from kreisel.record.contract import ClosedForm, Frame, System
 from kreisel.record.perturbation import TIME, Perturbation
 
-# What is known of the integrable part alone.
+# Claims about the integrable part only.
 UNKNOWN: dict[str, Any] = {
     "invariant": {},
     "commuting": (),
@@ -51,7 +51,7 @@ def in_words(record: Perturbation) -> str:
 
 
 def _functions(system: System, axes: Mapping[str, int]) -> dict[str, Callable[..., Any]]:
-    """Flow, energy and velocity of the perturbed system, those that the integrable one states."""
+    """Flow, energy and velocity of the perturbed system, as far as the integrable system has them."""
     record = kicks.perturbation_of(system)
     base = record.base
     turned = base.frame is Frame.REST and (record.loaded or record.damping or record.names(ORIENTATION))
@@ -85,7 +85,7 @@ def _body(state: tuple[Array, ...], known: Mapping[str, Any]) -> Body:
 
 
 def naming(function: Callable[..., Any], names: tuple[str, ...]) -> Callable[..., Any]:
-    """The function as one that takes just these parameters by keyword."""
+    """The function with exactly these parameters as keyword arguments."""
     one = inspect.Parameter("state", inspect.Parameter.VAR_POSITIONAL)
     more = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in names]
     function.__dict__["__signature__"] = inspect.Signature([one, *more])

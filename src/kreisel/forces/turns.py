@@ -1,8 +1,8 @@
-"""Flows of the parts of H that are quadratic in the momenta, n = 3, moving frame: turns about axes fixed in the body.
+"""Flows of the parts of H that are quadratic in the momenta, n = 3, moving frame: rotations about fixed body axes.
 
-inertia     (1/I_i - 1/I_i of the integrable motion) M_i^2/2: a turn about e_i
-coupling    M.KP, K symmetric: the sum of k (v.M)(v.P) over v = e_i and e_i + e_j.  Of each, v.M and v.P are constant;
-            with w = k (v.P) v and u = k (v.M) v the body turns by R = exp(h hat(w)), and
+inertia     (1/I_i - 1/I_i of the integrable motion) M_i^2/2: a rotation about e_i
+coupling    M.KP, K symmetric: the sum of k (v.M)(v.P) over v = e_i and e_i + e_j.  For each, v.M and v.P are constant;
+            with w = k (v.P) v and u = k (v.M) v the body rotates by R = exp(h hat(w)), and
 
                 P(h) = R^T P,   M(h) = R^T (M + h P x u)
 """
@@ -29,9 +29,9 @@ Turn = Callable[[State, State, Any, Constants], tuple[State, State]]
 
 
 def turns_of(model: Model, everything: bool = False) -> list[Turn]:
-    """The turns of a perturbed body: (state, orientation, h, constants); those of no effect in any lane are left out.
+    """The rotations of a perturbed body: (state, orientation, h, constants), if they have an effect in some lane.
 
-    With `everything` they are not: parameters may change.
+    With `everything` all are returned, since parameters may change.
     """
     system, record = model.system, perturbation_of(model.system)
     out: list[Turn] = []
@@ -84,7 +84,7 @@ def weight(K: Array, term: int) -> Array:
 
 
 def turned(system: System, own: State, g: State, angle: Any, axis: Array) -> tuple[State, State]:
-    """What a turn of the body by that angle about a unit vector makes of the state; unit quaternions g go along."""
+    """The state and the unit quaternion g after a rotation of the body by that angle about a unit vector."""
     s, c = sin(angle / 2), cos(angle / 2)
     q = algebra.vec(c) * algebra.identity(4)[0] + algebra.vec(s) * np.append(0.0, axis)
     W = algebra.rotation_matrix(q)

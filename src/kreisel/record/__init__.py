@@ -1,1 +1,1 @@
-"""What a system states about itself."""
+"""Claims of a system about itself."""

@@ -1,4 +1,4 @@
-"""Axes and units of a body that a model was made from, so that a run of the model can be shown in them."""
+"""Axes and units of the body from which a model was created, so that a run can be shown in them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ AXES, STATE, BODY = "axes", "state", "body"  # the attribute of variables with c
 class BodyFrame:
     """Axes and units of a body.
 
-    axes    (3, 3), v_body = axes v_state: the columns are the axes of the state along the axes that were given
+    axes    (3, 3), v_body = axes v_state: the columns are the axes of the state along the user's axes
     units   name -> (unit, size): the unit of the time and of variables of a run is `size` times this unit of SI
     along   letters of the state whose components are along the axes of the state: axial or polar vectors
     """
@@ -52,7 +52,7 @@ class BodyFrame:
 
     @property
     def turned(self) -> bool:
-        """Whether the axes of the state are others than those that were given."""
+        """Whether the axes of the state differ from the user's axes."""
         return not np.array_equal(self.axes, np.eye(3))
 
     @cached_property
@@ -72,9 +72,9 @@ class BodyFrame:
         return self.units.get("time", ("s", 1.0))[1]
 
     def vectors(self, v: Array) -> Array:
-        """Vectors (..., 3) along the axes of the state, along those that were given."""
+        """Vectors (..., 3) along the user's axes, from vectors along the axes of the state."""
         return np.asarray(v @ self.axes.T) if self.turned else v
 
     def attitude(self, g: Array) -> Array:
-        """Orientations (..., 4) of the axes of the state, as those of the axes that were given."""
+        """Orientations (..., 4) of the user's axes, from orientations of the axes of the state."""
         return algebra.quaternion_product(g, algebra.inverse_turn(self.quaternion)) if self.turned else g

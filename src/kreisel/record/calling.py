@@ -1,4 +1,4 @@
-"""Functions of a record, called by the names of what they take; functions of a user for pickle."""
+"""Functions of a record, called by the names of their arguments; user-defined functions for pickle."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Function = Callable[..., Any]
 
 
 def require_names(unnamed: tuple[Any, ...], what: str, letters: Sequence[str]) -> None:
-    """Raises `InputError` where arguments that go by name come without."""
+    """Raises `InputError` if keyword arguments come without names."""
     if unnamed:
         if not letters:
             raise InputError(f"{what}: expected no arguments, got {shown(unnamed[0])}.")
@@ -31,7 +31,7 @@ _keywords: WeakKeyDictionary[Function, frozenset[str]] = WeakKeyDictionary()
 
 def keywords(function: Function) -> frozenset[str]:
     """The keyword-only arguments that a function names."""
-    function = getattr(function, "__func__", function)  # a method is made anew each time
+    function = getattr(function, "__func__", function)  # a method is a new object each time
     found = _keywords.get(function)
     if found is None:
         signature = inspect.signature(function)
@@ -43,7 +43,7 @@ def keywords(function: Function) -> frozenset[str]:
 def call(function: Function | None, state: tuple[Array, ...], available: Mapping[str, Any]) -> Any:
     """`function(*state, ...)` with just the keywords it names.
 
-    Raises `InputError` for what a record leaves out, and for operations of a user-defined function that fail.
+    Raises `InputError` if the record lacks the function, and if an operation of a user-defined function fails.
     """
     if function is None:
         raise InputError("The record of this system does not state what is needed here; see `kreisel systems NAME`.")
@@ -53,7 +53,7 @@ def call(function: Function | None, state: tuple[Array, ...], available: Mapping
 
 @dataclass(frozen=True)
 class Portable:
-    """A function of a user for pickle: by its name, or, if it has none that can be imported, by cloudpickle."""
+    """A user-defined function for pickle: by its name, or, if it cannot be imported by name, by cloudpickle."""
 
     function: Any
 

@@ -44,8 +44,8 @@ def distinct(a, letter):
                 )
 
 
-CLOSE = 1e-12  # of the trace: what rounding does to a flat body whose moments are computed
-ROUNDED = 0.02  # of the largest moment: what typing two or more digits does
+CLOSE = 1e-12  # of the trace: rounding of the computed moments of a flat body
+ROUNDED = 0.02  # of the largest moment: rounding to two or more typed digits
 
 
 OTHER_POINTS = "moments about different points, or a mass tensor for an inertia tensor"

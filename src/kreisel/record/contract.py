@@ -1,9 +1,9 @@
-"""What a system states about itself: the records, and a record with its parameters filled in.
+"""Claims of a system about itself: the records, and a record with its parameters filled in.
 
-A `System` is data: pure functions of named state components, and claims about them.  Laws
-(`kreisel.lab.laws`) test the claims; engines compile the functions; nothing else is known of a system.
-Every function takes the components of the state in order, then by keyword the parameters it names and,
-where it depends on them, `eps` (the step) and `lam` (the spectral parameter lambda).
+A `System` is data: pure functions of named state components, and claims about them.  Laws (`kreisel.lab.laws`) test the
+claims; engines compile the functions; a system contains nothing else.  The arguments of every function are the
+components of the state in order, then by keyword the parameters it names and, if it depends on them, `eps` (the step)
+and `lam` (the spectral parameter lambda).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Frame(enum.Enum):
-    """Where the state is expressed, and how the orientation g (body to space) is carried along."""
+    """The frame of the state, and the evolution of the orientation g (body to space)."""
 
     REST = "rest"  # minus bracket; a = g A with A fixed in the body; g_(k+1) = cay(X) g_k
     MOVING = "moving"  # plus bracket; P = g^T p with p fixed in space; g_(k+1) = g_k cay(X)
@@ -39,11 +39,11 @@ class PhaseSpace:
 
     `tensor(*state)`, which may name parameters, is the matrix of brackets of the independent coordinates (skew matrices
     count by their entries i < j, symmetric ones by i <= j); the field of H is F' = {H, F}.  `momentum(*state)` is the M
-    in so(n) that generates the turns of the state.  `carried` are the places of the components that turn with the
+    in so(n) that generates the rotations of the state.  `carried` are the places of the components that rotate with the
     body, such as a, P or x, on which potentials depend; the others are momenta.  `constraints` names functions that
-    vanish on the phase space when it is a submanifold of its coordinate space.  `draw(n, draw)` makes a random point of
-    random numbers draw(shape), where not every point of the coordinate space will do.  `sites`: whether the n entries
-    of a vector are those of n sites.
+    vanish on the phase space when it is a submanifold of its coordinate space.  `draw(n, draw)` returns a random point
+    from random numbers draw(shape), if not every point of the coordinate space is allowed.  `sites`: whether the n
+    entries of a vector belong to n sites.
     """
 
     name: str
@@ -64,12 +64,12 @@ class PhaseSpace:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The kinds of the components: "skew", "symmetric", "vector", or "R^k" for k numbers whatever n is."""
+        """The kinds of the components: "skew", "symmetric", "vector", or "R^k" for k entries independent of n."""
         return tuple(kind for _, kind in self.components)
 
     @property
     def frame(self) -> Frame:
-        """The frame of the state, which the sign of the bracket tells."""
+        """The frame of the state, which follows from the sign of the bracket."""
         return Frame.MOVING if self.sign > 0 else Frame.REST
 
     @property
@@ -85,15 +85,15 @@ class PhaseSpace:
 
     @property
     def leading(self) -> int:
-        """The place of the component that pictures and angles are about: the first that is carried, if any."""
+        """The place of the component shown in pictures and angles: the first that is carried, if any."""
         return self.carried[0] if self.carried else 0
 
 
 def semidirect(name: str, components: tuple[tuple[str, str], ...], casimirs: Function, sign: int = +1) -> PhaseSpace:
-    """The dual of so(n) <x V: M in so(n), then what it turns, of the kinds "vector", "symmetric" and "skew".
+    """The dual of so(n) <x V: M in so(n), then components that it rotates, of kinds "vector", "symmetric" and "skew".
 
-    V = R^n, several of it, the symmetric matrices or so(n) itself; without more components so(n) alone.  The plus
-    bracket (moving frame) or the minus bracket (rest frame) follows from how the components turn.
+    V = R^n, several copies of it, the symmetric matrices or so(n) itself; without more components only so(n).  The plus
+    bracket (moving frame) or the minus bracket (rest frame) follows from the rotation of the components.
     """
     kinds = tuple(kind for _, kind in components)
     return PhaseSpace(
@@ -139,10 +139,10 @@ TWO_FIELDS_SPACE = semidirect("(so(n) <x 2 R^n)*", (("M", "skew"), ("P", "vector
 class Parameter:
     """A parameter: its letter, kind ("scalar", "vector", "symmetric", "array" or "dimension"), meaning and valid range.
 
-    A dimension is n itself, for systems whose other parameters do not tell it.
-    A symmetric matrix may be given by its diagonal; an array has any shape, and no batch axes.
-    `check(value, name)` raises `InputError`.  `fixed` says where a vector of a top with a fixed point rests: "space"
-    (the vertical, against gravity) or "body" (its axis, from the fixed point to the centre of mass).
+    A dimension is n itself, for systems whose other parameters do not determine it.  A symmetric matrix may be given by
+    its diagonal; an array has any shape, and no batch axes.  `check(value, name)` raises `InputError`.  `fixed` is the
+    frame in which a vector of a top with a fixed point rests: "space" (the vertical, against gravity) or "body" (its
+    axis, from the fixed point to the centre of mass).
     """
 
     letter: str
@@ -150,7 +150,7 @@ class Parameter:
     meaning: str
     check: Function | None = None
     default: Any = None
-    diagonal: bool = False  # a vector: the diagonal of a matrix, so that n x n numbers may be meant as that
+    diagonal: bool = False  # a vector: the diagonal of a matrix, so n x n values may be meant as the matrix
     distinct: bool = False  # the entries must be distinct
     positive: bool = False  # the entries must be positive
     fixed: str = ""
@@ -163,7 +163,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Map:
-    """A discretization of a flow, with all that is known of it.  Each entry is a claim that a law tests.
+    """A discretization of a flow, with all claims about it, each tested by a law.
 
     Only the step must be stated.
 
@@ -171,23 +171,23 @@ class Map:
     symmetric                whether the step with -eps is the inverse
     involution               R with R step R = inverse, anti-Poisson
     to_symmetric             chi with chi step chi^-1 of order 2 and symmetric; chi^-1 is chi with -eps
-    generator                X(*old, *new, eps) with the turn of the body w = cay(X)
-    lagrangian               (q0, q1, *carried, eps): q = g in SO(n) and what is carried, such as A (rest frame) or
+    generator                X(*old, *new, eps) with the rotation of the body w = cay(X)
+    lagrangian               (q0, q1, *carried, eps): q = g in SO(n) and the carried vectors, such as A (rest frame) or
                              p (moving frame), or q = x on the sphere; only its differences matter
     lax                      L(*state, lam, eps);  conjugator V(*state, lam, eps) with V L_(k+1) = L_k V
     pencil                   L(*state, lam, mu, eps), singular where (lam, mu) is on the spectral curve;  factors
                              (U, V)(*state, lam, eps) with U L_(k+1) = L_k V
-    turn                     (*state, eps) -> X with w = cay(X), and the square of its last correction: of implicit
+    turn                     (*state, eps) -> X with w = cay(X), and the square of its last correction: for implicit
                              maps, whose step is then move(*state, X, eps)
-    trajectory               (*state, eps) -> {name: number} that `turn` may take beside, constant on a trajectory
-    largest_step             (*state) -> the |eps| beyond which the map may be singular on the orbit; one that takes
-                             `enough` may return a shorter one beyond that
-    regularity               (*state, eps) -> reciprocal condition number of the Legendre transform, of implicit maps
+    trajectory               (*state, eps) -> {name: number}, further arguments of `turn`, constant on a trajectory
+    largest_step             (*state) -> the |eps| beyond which the map may be singular on the orbit; with an argument
+                             `enough` it may return a shorter one beyond that
+    regularity               (*state, eps) -> reciprocal condition number of the Legendre transform, for implicit maps
     commutes                 whether it commutes with itself at other steps and with the flow
     conserves                 names of the integrals that the map conserves; None: all of the record
     darboux                  (*state, eps) -> (*state, rho): variables in which the step is the Bäcklund transformation
                              D_eps at the point (2/eps, rho) of the spectral curve of the flow
-    rational                 whether the step is a rational function; else it takes no exact numbers
+    rational                 whether the step is a rational function; else it does not accept exact numbers
     """
 
     step: Function
@@ -221,7 +221,7 @@ class Map:
 
     @property
     def adjoint(self) -> Function | None:
-        """The inverse of the step with -eps: of a symmetric map the step itself."""
+        """The inverse of the step with -eps; for a symmetric map the step itself."""
         if self.symmetric or self.inverse is None:
             return self.step if self.symmetric else None
         return _with_the_other_sign(self.inverse)
@@ -245,21 +245,21 @@ class Baecklund:
     (mu, rho) is a point of the spectral curve, rho a constant of the trajectory; e is the eigenvector there of
     the Lax matrix.  Re mu > 0; mu, rho and e are real, or complex with e = u + i w.
 
-    point(*state, mu)            the rho that goes with mu on the branch with D_eps -> 1 as eps -> 0, not finite
-                                 or complex where there is none; recorded too: choices by `algebra.where_less`
-    vector(*state, mu, rho)      e, for the rho of the very state, by a step of Newton's method
+    point(*state, mu)            the rho for mu on the branch with D_eps -> 1 as eps -> 0, not finite or complex if
+                                 there is none; also recorded: choices by `algebra.where_less`
+    vector(*state, mu, rho)      e, for the rho of this state, by a step of Newton's method
     defect(*state, e, mu, rho)   a function that vanishes on the curve
     step(*state, e, mu)          D_eps for real mu
     pair(*state, e, mu)          D_eps D_conj(eps) for complex mu, in real arithmetic
-    arc, arc_of_pair(*state, e)  (x, y): the carried vector turns by R_y R_x, R a half-turn
+    arc, arc_of_pair(*state, e)  (x, y): the carried vector rotates by R_y R_x, R a half-turn
     darboux(*state, e, mu, rho, lam)     N with N L = L_new N
-    odd                          +1 or -1: rho goes with mu to odd rho with -mu
-    block(*state)                the part of the momentum that does not touch the carried vector; g also turns by
+    odd                          +1 or -1: (-mu, odd rho) corresponds to (mu, rho)
+    block(*state)                the part of the momentum that does not act on the carried vector; g also rotates by
                                  cay(eps/2 block), in the body for the rest frame, in space for the moving frame
-    spin(*state)                 the constant rest of the angular velocity for unequal moments, in the state's frame
+    spin(*state)                 constant remainder of the angular velocity for unequal moments, in the state's frame
     axis                         of spin in a moving frame: the name of a parameter
     largest_step(*state)         the largest real eps
-    case, pair_case(n, draw)     (state, params, e, mu, rho) with everything rational, for the laws; in the latter e, mu
+    case, pair_case(n, draw)     (state, params, e, mu, rho), all rational, for the laws; in the latter e, mu
                                  and rho are complex, over Q(i)
     """
 
@@ -289,11 +289,11 @@ class ConjugatePairs:
     nearer they are to the identity.  The flow over a time is a product of them (`kreisel.method.conjugate`).
 
     matrix(*state, lam)              L (..., m, m) for complex lam (...), one state
-    heights(*state)                  (y, r): Im lam of points to try, where mu is imaginary, and the distances of poles
-    rates(*state, lam, left, right)  by Re lam: the rates of the state and the angular velocity of the body, analytic in
-                                     lam; for left and right eigenvectors with <left, right> = 1
-    pair(*state, lam, mu)            (state, turns): the state, and turns X of the body, g cay(X) one after another, but
-                                     for one that commutes with all it carries; mu is that of the very state nearest mu
+    heights(*state)                  (y, r): Im lam of points to try, with imaginary mu, and the distances of poles
+    rates(*state, lam, left, right)  with respect to Re lam: the rates of the state and the angular velocity of the
+                                     body, analytic in lam; for left and right eigenvectors with <left, right> = 1
+    pair(*state, lam, mu)            (state, turns): the state, and rotations g cay(X) of the body, one after another,
+                                     except one that commutes with all it carries; mu: nearest eigenvalue of this state
     dimensions                       n
     """
 
@@ -321,8 +321,8 @@ class ExactMap:
 class Relation:
     """The same motion in another system: (state, params, g) -> (state, params) of `target`.
 
-    A law compares the flows and, where `map` names "step" or "adjoint" of the target, the maps; in floats
-    only where `exact` is False.  `back` takes the state of the target back, where the image tells it.
+    A law compares the flows and, if `map` names "step" or "adjoint" of the target, the maps; in floats only if `exact`
+    is False.  `back` maps the state of the target back, if the image determines it.
     """
 
     target: str
@@ -335,15 +335,15 @@ class Relation:
 
 @dataclass(frozen=True)
 class Orbit:
-    """One trajectory in closed form: three phases say where it is, 64-bit fractions of one.
+    """One trajectory in closed form: three phases give the position, 64-bit fractions of one revolution.
 
     phases(M, e)  -> (times, 3) unsigned integers, at times M 2^e: Python integers in an object array, small integers
-    rates         of the phases where they grow like the time, turns in a unit of time as integers of `bits` binary
-                  places; None otherwise
-    place(j)      -> (terms, numbers), for part j of the 2^places parts of the first phase: numbers that are polynomials
+    rates         of the phases if they grow like the time, revolutions per unit of time as integers of `bits` binary
+                  places; else None
+    place(j)      -> (terms, numbers), for part j of the 2^places parts of the first phase: values that are polynomials
                   in x, from -1 at the start of the part to 1 at its end; the lowest power first
-    row(place, left, right, **constants) -> z, from these numbers at one x; `left` and `right` are 2 pi times the other
-                  phases, as (cos, sin, rest of the angle, at most pi/512): half the angles of turns, so that a
+    row(place, left, right, **constants) -> z, from these values at one x; `left` and `right` are 2 pi times the other
+                  phases, as (cos, sin, rest of the angle, at most pi/512): half the angles of rotation, so that a
                   quaternion is continuous.  Compiled by an engine.
     """
 
@@ -361,9 +361,9 @@ States = Callable[[Array, Array], tuple[Array, ...]]  # (M, e) -> z at the times
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """Functions by which the flow is known in closed form.
+    """Functions that give the flow in closed form.
 
-    top(*state)   (m, a, p) of the Lagrange top in space, at time 0, whose motion this is
+    top(*state)   (m, a, p) of the Lagrange top in space with this motion, at time 0
     moments()     the principal moments of a free body, n = 3, whose momentum obeys Euler's equations
     gyrostat()    w and b, n = 3, of a momentum that obeys M' = M x (w M - b), w a diagonal
     """
@@ -377,9 +377,9 @@ class ClosedForm:
 class Checks:
     """Checks of parameters and states.
 
-    parameters(params)   raises `InputError` for parameters that do not go together
-    state                letter -> check(component, letter), which raises `InputError` for one without a meaning
-    doubts(params)       sentences on parameters that are possible and seldom meant, for `InputWarning`
+    parameters(params)   raises `InputError` for contradictory parameters
+    state                letter -> check(component, letter), which raises `InputError` for a component without a meaning
+    doubts(params)       sentences on parameters that are possible but seldom meant, for `InputWarning`
     """
 
     parameters: Function | None = None
@@ -397,20 +397,20 @@ class System:
     commuting                the integrals that are in involution with each other and the energy
     lax(*state, lam)         the pair (L, U) with L' = [L, U]
     velocity(*state)         the angular velocity: g' = omega g (rest frame), g' = g Omega (moving frame)
-    inverse_inertia(M)       dT/dM, linear in the momentum M, where H = T(M) + V(vector)
+    inverse_inertia(M)       dT/dM, linear in the momentum M, if H = T(M) + V(vector)
     translation(*state)      U = dH/dP, the velocity of a body with the momentum P in its frame: x' = g U
-    spin(*state)             what the velocity has beyond dT/dM: a turn about the vector, which H does not feel
+    spin(*state)             the velocity minus dT/dM: a rotation about the vector, of which H is independent
     pairs                    conjugate pairs of Bäcklund maps, of which the flow over a time is a product
     exact_map                a map that is the flow over a time
-    closed_form              the flow in closed form, where it is known without a Bäcklund transformation
-    derive(params)           further constants computed once from the parameters: a formula, which can be differentiated
+    closed_form              the flow in closed form, if known without a Bäcklund transformation
+    derive(params)           further constants computed once from the parameters: a differentiable formula
     body_frame(params)       the `BodyFrame` of a system that is a body in SI units, from parameters and constants
     checks                   of parameters and states, beyond those of each `Parameter`
-    n                        the dimension, where the parameters do not tell it
+    n                        the dimension, if the parameters do not determine it
     numbers                  "any": the functions take any kind of number; "real": any with square roots; "jax": floats
                              and JAX arrays (`kreisel.reduction`), and steps are compiled by JAX
     perturbation             the integrable system of which this is a perturbation, and the forces (`kr.perturbed`);
-                             then flow and energy may take by keyword the orientation g, as a matrix, and the time t
+                             then flow and energy may have the keywords g, the orientation as a matrix, and t, the time
     product                  the bodies of which this is a product (`kreisel.forces.product`)
     """
 
@@ -461,7 +461,7 @@ class System:
         return Model(self, params)
 
     def remade_by(self, function: Function, *arguments: Any) -> System:
-        """System itself, of which pickle and copy keep the call that makes it again in place of its functions."""
+        """System itself, for which pickle and copy keep the call that creates it again instead of its functions."""
         object.__setattr__(self, "_origin", (function, arguments))
         return self
 

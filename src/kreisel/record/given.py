@@ -1,4 +1,4 @@
-"""Parameters and components of states as a user gives them: arrays of the right shape, or an `InputError`."""
+"""Parameters and components of states from a user's values: arrays of the right shape, or an `InputError`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Check = Callable[..., T]
 
 
 def whole_dimension(value: Array, letter: str, system: str) -> int:
-    """n that a parameter says.  Raises `InputError` for what is no whole number from 3 on."""
+    """The n of a parameter.  Raises `InputError` for anything but an integer from 3 on."""
     found = np.unique(value)
     n = int(found[0]) if len(found) == 1 else 0
     if n < 3 or n != found[0]:
@@ -71,7 +71,7 @@ def says_lanes(value: Any) -> bool:
 
 
 def require_one_reading(p: Parameter, value: Any, system: str, sites: Any = None) -> None:
-    """Raises `InputError` where lanes may be meant or not: k numbers for k `sites`, a matrix for its diagonal."""
+    """Raises `InputError` if an axis may or may not mean lanes: k values for k `sites`, a matrix for its diagonal."""
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -94,7 +94,7 @@ def require_one_reading(p: Parameter, value: Any, system: str, sites: Any = None
 
 
 def parameter(p: Parameter, system: str, value: Any) -> Array:
-    """The array of a parameter; a number in each lane may be (lanes, 1).
+    """The array of a parameter; one value per lane may be (lanes, 1).
 
     Raises `InputError` for another shape or kind of number.
     """
@@ -133,9 +133,9 @@ def _check_symmetric(array: Array, name: str, more: str = "") -> None:
 
 
 def component(letter: str, kind: str, value: Any, n: int, of_bodies: bool, three_lanes: bool = False) -> Array:
-    """A component of a state; `of_bodies`: with an axis of bodies, so that 3 x 3 numbers are three axial vectors.
+    """A component of a state; `of_bodies`: with an axis of bodies, so 3 x 3 values are three axial vectors.
 
-    Else they are a skew matrix, or axial vectors where there are `three_lanes`.
+    Else they are a skew matrix, or axial vectors with `three_lanes`.
     """
     name = f"state component {letter}"
     array = numbers(value, name)
@@ -177,7 +177,7 @@ def _of_axial(array: Array) -> Array:
 
 
 def _three_by_three(array: Array, letter: str, lanes: bool, three_lanes: bool) -> Array:
-    """3 x 3 numbers: a skew matrix, or three axial vectors, `lanes` by their dimension.  Raises `InputError`."""
+    """3 x 3 values: a skew matrix, or three axial vectors, `lanes` by their dimension.  Raises `InputError`."""
     off = algebra.magnitude(array + array.mT)
     skew = off <= SKEW_TOLERANCE * max(algebra.magnitude(array), 1)
     if lanes or (three_lanes and not skew):
@@ -210,7 +210,7 @@ def require_on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> Non
 
 
 def check_dimension(n: int, name: str) -> None:
-    """Raises `InputError` for an n whose matrices no memory holds."""
+    """Raises `InputError` for an n whose matrices do not fit in any memory."""
     if n > MOST_N:
         raise InputError(
             f"{name}: expected n of at most {MOST_N:,}, got {n:,}. Usual cause: a batch of states or parameters "
@@ -219,18 +219,18 @@ def check_dimension(n: int, name: str) -> None:
 
 
 def shape_of(value: Any) -> tuple[int, ...]:
-    """The shape of a value, () of lists without one, which `component` refuses."""
+    """The shape of a value, () for lists without a shape, which `component` refuses."""
     try:
         return np.shape(value)
     except (TypeError, ValueError):
         return ()
 
 
-# -- lanes: checks look at all of them at once, messages name the first bad one ----------------------------------
+# -- lanes: checks look at all of them at once, messages name the first bad lane ---------------------------------
 
 
 def by_lane(check: Check[T], *values: Any, single: Callable[[Any], int]) -> T:
-    """check(*values).  Raises `InputError`, for an ensemble with the number of its first bad lane and only its values.
+    """check(*values).  Raises `InputError`, for an ensemble with the index and the values of its first bad lane.
 
     single   the number of axes that one of the values has without those of lanes, which are in front
     """
@@ -263,7 +263,7 @@ def by_lane(check: Check[T], *values: Any, single: Callable[[Any], int]) -> T:
 
 
 def _array(value: Any) -> Array | None:
-    """An array that can be cut into lanes and keeps its meaning; None of text, units, masked and ragged values."""
+    """An array that can be cut into lanes and keeps its meaning; None for text, units, masked and ragged values."""
     try:
         array = None if algebra.loses(value) else np.asarray(value)
     except (TypeError, ValueError):
@@ -272,12 +272,12 @@ def _array(value: Any) -> Array | None:
 
 
 def in_lane(bad: Array) -> str:
-    """The first of the lanes (lanes,) that are bad, as " in lane 3"; "" of one lane."""
+    """The first of the lanes (lanes,) that are bad, as " in lane 3"; "" for a single lane."""
     return f" in lane {int(np.argmax(bad))}" if bad.size > 1 else ""
 
 
 def text_of(value: Array) -> str:
-    """All entries, or of many the first and the last with the shape."""
+    """All entries of a small array; for a large one, the first, the last and the shape."""
     if value.size <= MOST_SHOWN:
         return str(value.tolist())
     text = np.array2string(value, separator=", ", threshold=MOST_SHOWN, edgeitems=1, max_line_width=10**6)

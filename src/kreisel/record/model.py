@@ -47,7 +47,7 @@ def _check(p: Parameter, value: Array) -> None:
 
 
 def _single(p: Parameter, value: Array) -> int:
-    """The axes of a parameter as it is given, without those of lanes: a diagonal may be given for a matrix."""
+    """The axes of a parameter in the user's form, without those of lanes: a matrix may be given by its diagonal."""
     diagonals = p.kind == "symmetric" and value.ndim == 2 and value.shape[0] != value.shape[1]
     return 1 if diagonals else axes_of(p, value)
 
@@ -55,13 +55,13 @@ def _single(p: Parameter, value: Array) -> int:
 class State(Mapping[str, Array]):
     """Named components of a state, e.g. `x["m"]` or `x.m`; skew matrices are (..., n, n).
 
-    `.axial` gives the same with axial vectors (..., 3) in place of skew 3 x 3 matrices.
+    `.axial` is the state with axial vectors (..., 3) in place of skew 3 x 3 matrices.
     """
 
     def __init__(self, components: Mapping[str, Array], kinds: Mapping[str, str], system: System | None = None):
         self._components, self._kinds, self._system = dict(components), dict(kinds), system
 
-    def __reduce__(self) -> Any:  # a record may hold functions that pickle does not take
+    def __reduce__(self) -> Any:  # a record may hold functions that cannot be pickled
         return State, (self._components, self._kinds)
 
     def is_of(self, system: System) -> bool:
@@ -74,7 +74,7 @@ class State(Mapping[str, Array]):
         return self._components[letter]
 
     def __getattr__(self, letter: str) -> Array:
-        components = self.__dict__.get("_components", {})  # none yet in a copy that pickle makes
+        components = self.__dict__.get("_components", {})  # not yet set in a copy created by pickle
         if letter not in components:
             raise AttributeError(f"this state has the components {', '.join(components)}, not {letter!r}")
         return components[letter]
@@ -96,18 +96,17 @@ class State(Mapping[str, Array]):
 
     @property
     def axial(self) -> State:
-        """The same state with axial vectors (..., 3) for skew matrices when n = 3."""
+        """The state with axial vectors (..., 3) for skew matrices if n = 3."""
         kinds = {k: algebra.KINDS[kind] for k, kind in self._kinds.items()}
         components = {k: kinds[k].for_user(v) for k, v in self._components.items()}
         return State(components, {k: kind.shown(self._components[k].shape[-1]).name for k, kind in kinds.items()})
 
 
 class Model:
-    """A system with its parameters: what a run, a law or a user works with.
+    """A system with its parameters, as used by runs, laws and users.
 
-    Attributes: `system` (the record), `params` (arrays by letter), `n`, and `body_frame`: axes and units of the body
-    of `kr.physical` that it was made from, None of another model.
-    Raises `InputError` for unknown, missing or unusable parameters.
+    Attributes: `system` (the record), `params` (arrays by letter), `n`, and `body_frame`: axes and units of its body of
+    `kr.physical`, None for another model.  Raises `InputError` for unknown, missing or unusable parameters.
     """
 
     def __init__(self, system: System, params: Mapping[str, Any], body_frame: BodyFrame | None = None):
@@ -160,14 +159,14 @@ class Model:
         self.body_frame = body_frame
 
     def _derived(self, spread: Mapping[str, Array]) -> dict[str, Array]:
-        """Further constants, computed once.  Raises `InputError` where they leave the range of doubles."""
+        """Further constants, computed once.  Raises `InputError` if they leave the range of doubles."""
         try:
             with np.errstate(all="ignore"):
                 found = dict(call(self.system.derive, (), spread))
-        except np.linalg.LinAlgError:  # of a matrix that rounding makes singular
+        except np.linalg.LinAlgError:  # of a matrix that is singular after rounding
             found = {"an inverse matrix": np.asarray(np.nan)}
         lost = [k for k, v in found.items() if np.asarray(v).dtype.kind == "f" and not np.isfinite(v).all()]
-        if lost and not self.batch:  # of an ensemble the lanes fail that do
+        if lost and not self.batch:  # in an ensemble, the failing lanes
             raise InputError(
                 f"{self.system.name}: expected parameters whose products and ratios a double can hold, got some with "
                 f"which {', '.join(lost)} is not finite. Use other units."
@@ -190,11 +189,11 @@ class Model:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """The same for models of the same record with the same parameters, bit for bit."""
+        """A key, equal for models of the same record with the same parameters, bit for bit."""
         return Identity(self.system), tuple((k, v.dtype.str, v.shape, v.tobytes()) for k, v in self.params.items())
 
     def lanes(self, ids: Array) -> Model:
-        """The model of some lanes of a batch; itself where it has no batch axes."""
+        """The model of some lanes of a batch; the model itself if it has no batch axes."""
         if not self.batch:
             return self
         own = {p.letter: axes_of(p, self.params[p.letter]) for p in self.system.parameters}
@@ -202,7 +201,7 @@ class Model:
         return Model(self.system, params, self.body_frame)
 
     def of_body(self, frame: BodyFrame) -> Model:
-        """The model as that of a body with these axes and units."""
+        """The model, marked as that of a body with these axes and units."""
         moving = self.system.frame.value == "moving"
         shown = {k: algebra.KINDS[kind].shown(self.n).name for k, kind in self.system.space.components}
         along = [k for k, kind in shown.items() if moving and kind == "vector"]
@@ -283,7 +282,7 @@ class Model:
             if letter not in components:
                 raise InputError(f"The state of {self.system.name} needs {letter} ({kind}), got none.")
         values = [components[letter] for letter in space.letters]
-        if self._in_pairs:  # an axis of bodies, which are no lanes
+        if self._in_pairs:  # an axis of bodies, which are not lanes
             return self._of_values(*values)
         return by_lane(self._of_values, *values, single=lambda a: 2 if a.shape[-2:] == (self.n, self.n) else 1)
 
@@ -294,7 +293,7 @@ class Model:
         three_lanes = self.batch == (3,) or (3, 3) in vectors
         for (letter, kind), value in zip(space.components, values, strict=True):
             parts[letter] = component(letter, kind, value, self.n, self._in_pairs, three_lanes)
-        with np.errstate(all="ignore"):  # squares of what is that large overflow, and are refused where they matter
+        with np.errstate(all="ignore"):  # squares of such large values overflow, and are refused where they matter
             require_on_phase_space(space, parts)
             for letter, check in self.system.checks.state.items():
                 check(parts[letter], letter)
@@ -320,7 +319,7 @@ class Model:
     def largest_step(self, *state: Array, enough: float = np.inf) -> float:
         """The step beyond which the map may be singular on one of these orbits, or a shorter one beyond `enough`.
 
-        Raises `InputError` where that is no number: products of the state or the parameters overflow.
+        Raises `InputError` if it is not finite: products of the state or the parameters overflow.
         """
         try:
             with np.errstate(all="ignore"):
@@ -336,7 +335,7 @@ class Model:
 
     @property
     def map(self) -> Map:
-        """The system's map.  Raises `InputError` where none is known."""
+        """The system's map.  Raises `InputError` if none is known."""
         if self.system.map is None:
             raise InputError(
                 f"No integrable discretization of {self.system.name} is known here. "

@@ -1,4 +1,4 @@
-"""What acts on a body beside an integrable motion: a part of the record of a perturbed system."""
+"""Forces on a body in addition to an integrable motion: a part of the record of a perturbed system."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ FIRST, SECOND = "1", "2"  # behind the letters of the two bodies of a pair
 
 @dataclass(frozen=True)
 class Force:
-    """A function of a user's own, and what it takes: letters of the state, g and t by place, parameters by keyword."""
+    """A user-defined function and its arguments: letters of the state, g and t by place, parameters by keyword."""
 
     function: Callable[..., Any]
     arguments: tuple[str, ...]
     parameters: tuple[str, ...]
 
     def names(self, letter: str) -> bool:
-        """Whether it takes this letter."""
+        """Whether this letter is an argument."""
         return letter in self.arguments
 
 
@@ -37,15 +37,15 @@ class Force:
 class Perturbation:
     """Forces around the motion of the system `base`.
 
-    potential   V: H = H_base + V, of what the body carries, the orientation g and the time t
-    torque      the rate tau of the momentum beside, in the frame of the state; an axial vector for n = 3
+    potential   V: H = H_base + V, of vectors carried by the body, the orientation g and the time t
+    torque      the additional rate tau of the momentum, in the frame of the state; an axial vector for n = 3
     force       the rate F of the momentum P of a body that moves through space, a vector in the frame of the body
-    damping     whether there is a parameter `damping`: M' = -damping M beside, a rate for all axes or one for each
+    damping     whether there is a parameter `damping`: M' = -damping M in addition, a rate for all axes or one for each
     inertia     whether there is a parameter `inertia`: the principal moments of the body, instead of those of `base`
-    coupling    whether there is a parameter `coupling`: K in M.KP, what a body in a fluid has beside T(M) + V(P)
+    coupling    whether there is a parameter `coupling`: K in M.KP, for a body in a fluid in addition to T(M) + V(P)
     wheel       whether there are parameters `wheel` and `wheel_torque`: the momentum h = wheel + wheel_torque t against
-                the body, M' = h x Omega - wheel_torque beside; moving frame, n = 3
-    corners     constants -> whether the forces have corners, where no order is higher than 2; None without
+                the body, M' = h x Omega - wheel_torque in addition; moving frame, n = 3
+    corners     constants -> whether the forces have corners, at which no order is higher than 2; else None
     pair        V of two bodies, for each row (i, j) of the parameter `pairs`: lanes are bodies that act on each other.
                 Letters of body i end in 1, those of body j in 2
     inner       the order to which the map of `base` is composed for its motion in a splitting; None for the best known
@@ -83,7 +83,7 @@ class Perturbation:
 
     @property
     def beside(self) -> bool:
-        """Whether there are other forces than potentials."""
+        """Whether there are forces other than potentials."""
         return self.loaded or self.damping or self.inertia or self.coupling
 
     @property
@@ -93,7 +93,7 @@ class Perturbation:
 
 
 def pairs_of(model: Model) -> Array | None:
-    """The bodies that act on each other, (pairs, 2); None where the lanes are independent."""
+    """The bodies that act on each other, (pairs, 2); None if the lanes are independent."""
     record = model.system.perturbation
     if record is None or record.pair is None:
         return None
@@ -101,7 +101,7 @@ def pairs_of(model: Model) -> Array | None:
 
 
 def require_bodies(model: Model, batch: tuple[int, ...]) -> None:
-    """Raises `InputError` where the lanes of a run are not the bodies of the pairs."""
+    """Raises `InputError` if the lanes of a run are not the bodies of the pairs."""
     pairs = pairs_of(model)
     if pairs is not None and batch != (pairs.max() + 1,):
         raise InputError(

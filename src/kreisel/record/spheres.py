@@ -31,7 +31,7 @@ SPHERE_SPACE = PhaseSpace(
 
 
 def random_spins(n: int, draw: Function) -> tuple[Array, ...]:
-    """n random unit vectors as x, y, z, rational where `draw` is."""
+    """n random unit vectors as x, y, z, rational if `draw` is rational."""
     u, v = draw((2, n))
     below = 1 / (1 + u * u + v * v)
     return 2 * u * below, 2 * v * below, (1 - u * u - v * v) * below
