@@ -248,6 +248,32 @@ def test_special_motions(system: Any, state: dict[str, Any]) -> None:
     assert off(system, run, flow_of(system, parts(system, state), 1.5, digits=20)) < 1e-12
 
 
+@pytest.mark.parametrize("system", [kr.KovalevskayaTopE3(), kr.SteklovLyapunov(b=(1, 1, 1), s=1.0, l=0.5)])
+def test_a_body_at_rest_without_forces_stays(system: Any) -> None:
+    """All eigenvalues of these Lax matrices are multiple ones."""
+    run = kr.simulate(system, {"M": np.zeros(3), "P": np.zeros(3)}, dt=10.0, steps=3, method="exact")
+    assert not run.M.values.any() and not run.P.values.any()
+
+
+@pytest.mark.parametrize("name", ["kovalevskaya", "steklov", "clebsch"])
+def test_a_field_that_is_small_moves_as_it_must(name: str) -> None:
+    """Relative to the small field itself."""
+    model, state = case(name)
+    state["P"] *= 1e-12
+    run = kr.simulate(model, state, dt=0.4, steps=5, every=5, method="exact")
+    want = flow_of(model, parts(model, state), 2.0).astype(float)
+    got = last(model, run)
+    assert np.allclose(got[:3], want[:3], rtol=0, atol=1e-13 * abs(want[:3]).max())
+    assert np.allclose(got[3:], want[3:], rtol=0, atol=1e-9 * abs(want[3:]).max())
+
+
+def test_a_fast_rotor_in_a_slow_body() -> None:
+    """gamma M_3 is nearly all of the energy: terms as large as gamma must not cancel in the small M."""
+    model, state = kr.GoryachevChaplygin(gamma=50.0), {"M": (-1e-3, 2e-4, -1e-3), "P": (4e-4, 2e-3, 0.0)}
+    run = kr.simulate(model, state, dt=1.5e-3, steps=40, every=40, method="exact")
+    assert off(model, run, flow_of(model, parts(model, state), 0.06)) < 1e-13
+
+
 def test_how_many_pairs_depends_on_the_state() -> None:
     """Kernels are kept by what they are: slow, then fast bodies of one system, of several pairs each."""
     for system in (kr.Clebsch(b=(0.3, 0.7, 1.9)), kr.ClebschGeneral(a=A, b=A * A)):

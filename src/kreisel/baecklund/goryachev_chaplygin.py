@@ -45,15 +45,15 @@ def step(M, P, *, gamma, lam_re, lam_im, mu_re, mu_im):
     C = lam * P_plus - P3 * plus
     p = (C * (lam + 2 * z + gamma) + P3 * P3) / (w + C)
     A, B = (bar - 2 * z) * bar - x * x - y * y, bar * P_minus - P3 * minus
-    m = 2 * z + gamma - (B + conjugate(square * lam * lam / w)) / A
-    n = parts(m - p)[0]
+    q = 2 * z - (B + conjugate(square * lam * lam / w)) / A  # m - gamma, which may be far smaller than gamma
+    n = parts(q - p)[0] + gamma
     beta, d = (lam + n) / (bar + n), (lam - bar) / (bar + n)
     c = w * (bar + n) / (lam * lam * lam * bar)
     re, im = parts(c)
     c = c / (sqrt(re * re + im * im) * bar)
-    lower = d * p * (bar + m)
+    lower = d * p * (bar + gamma + q)
     u, v = parts(c * ((lam + d * p) * minus - d * P3) / beta)
-    third = parts((2 * z + d * (m + p - gamma + d * p)) / (2 * beta))[0]
+    third = parts((2 * z + d * (q + p + d * p)) / (2 * beta))[0]
     first, second = parts(beta * (P_plus - lower))
     last = parts(c * (lower * minus + (bar - d * p) * P3))[0]
     return hat(np.stack([u, -v, third], -1)), np.stack([first, second, last], -1)

@@ -36,16 +36,6 @@ SPAN = 1e-8  # relative: the distance of the flow from the other fields
 SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
 STEPS = 12  # of Newton's method; in extended precision after a miss, relative to the move, below CLOSE
 CLOSE, ENOUGH, SMALL = 1e-6, 1e-12, 1e-5  # SMALL: a move, relative to the state
-RANK = 1e-10  # relative: fields that depend on others
-SPAN = 1e-8  # relative: the distance of the flow from the other fields
-SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
-STEPS = 12  # of Newton's method; extended precision where the miss was below CLOSE, relative to the move
-CLOSE, SETTLED, ENOUGH = 1e-6, 64, 1e-13  # SETTLED in last places, where rounding allows it
-RANK = 1e-10  # relative: fields that depend on others
-SPAN = 1e-8  # relative: the distance of the flow from the other fields
-SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
-STEPS = 10  # of Newton's method in doubles, which ends where a change is below CLOSE; two more in extended precision
-CLOSE = 1e-9
 TRIALS = 8  # each with more copies of the pairs
 MOST_COPIES = 1_000_000
 BETWEEN = 20  # steps between projections at most, as for the pairs of `kreisel.method.pairs`
@@ -152,7 +142,7 @@ def constants(model: Model, state: State, dt: float) -> tuple[Array, Array]:
     else:
         raise InputError(
             f"No conjugate pairs were found that are the flow of {model.system.name} over dt = {dt:g} or parts of it. "
-            "Use method='variational' or 'dop853' for this state."
+            "Use another method, such as 'dop853', for this state."
         )
     points = np.stack([np.tile(numbers, copies) for numbers, _ in solved])
     turns = np.stack([turn for _, turn in solved])
@@ -236,16 +226,23 @@ class Torus:
         radius = np.minimum(np.where(np.eye(count) > 0, np.inf, meet).min(-1), pole[:, None]).ravel()
         fields, _ = self._fields(lam.repeat(count), left.reshape(-1, count), right.mT.reshape(-1, count))
         C, f = (fields.real.astype(float) * radius[:, None]).T, self.flow.astype(float)
-        tensor = call(self.system.space.tensor, self.state, self.constants).astype(float)
-        chosen, x = least(C, f, int(np.linalg.matrix_rank(tensor, rtol=RANK)) // 2)
+        if not f.any():  # at rest: the pair of any mu but an eigenvalue is the identity for x = 0
+            return Points(y[:1], 2 * abs(mu).max(keepdims=True).reshape(1) + pole[:1], np.zeros(1), pole[:1])
+        chosen, x = least(C, f, self._rank() // 2)
         if not abs(C[:, chosen] @ x - f).max() <= SPAN * abs(f).max():
             raise InputError(
                 f"{self.system.name}: expected a flow that combines those of its Lax matrix, got another. Usual "
-                "cause: parameters that are equal. Use method='variational' or 'dop853'."
+                "cause: parameters that are equal, or components of the state of very different sizes. Use another "
+                "method, such as 'dop853'."
             )
-        if not chosen:  # at rest: a pair that is the identity
-            chosen, x = [int((radius * (abs(mu.ravel()) > RANK * abs(mu).max())).argmax())], np.zeros(1)
         return Points(y.repeat(count)[chosen], mu.ravel()[chosen], x * radius[chosen], radius[chosen])
+
+    def _rank(self) -> int:
+        """The rank of the bracket in units of each component: small fields count as large ones do."""
+        tensor = call(self.system.space.tensor, self.state, self.constants)
+        full = [np.full(z.shape, size) for z, size in zip(self.state, self.sizes, strict=True)]
+        units = algebra.flatten(full, self.system.space.kinds)
+        return int(np.linalg.matrix_rank((tensor / units[:, None] / units).astype(float), rtol=RANK))
 
     def copies(self, dt: float) -> int:
         """How many copies of the pairs a step needs.  Raises `InputError` for too many."""
@@ -264,6 +261,9 @@ class Torus:
         None if Newton's method leaves the domain of these points.
         """
         h, points, least, moves = np.longdouble(dt) / copies, self.points, np.inf, None
+        if not points.x.any():
+            identity = np.stack([0 * points.y, points.y, points.mu.real, points.mu.imag]).repeat(count, -1)
+            return identity, (dt * call(self.system.velocity, self.state, self.constants)).astype(float)
         x = following = points.x * h
         for _ in range(STEPS):
             trial = self._moved(following, least < np.inf)
