@@ -47,11 +47,11 @@ def pencil(M, P, b, lam):  # X = M - (BP + PB)/2 + lambda P
 
 
 def constants(*, b, s, l):
-    return coefficients(b=b, s=s, l=l) | {"beyond": b.max(-1)}
+    return coefficients(b=b, s=s, l=l) | {"beyond": abs(b).sum(-1)}
 
 
 def traces(M, P, *, b, beyond):
-    """Tr (X(lambda) (lambda - B)^-1)^k, k = 2, 4, ..., at n values of lambda beyond the largest b."""
+    """Tr (X(lambda) (lambda - B)^-1)^k, k = 2, 4, ..., at n values of lambda beyond the sum of all |b|."""
     n, out = M.shape[-1], []
     for j in range(n):
         lam = beyond + (j + 1)
