@@ -139,9 +139,9 @@ def whole(M, F, gamma):
 
 
 def spectrum(M, P, Q, *, gamma, eps=0):
-    """det L(lambda, mu) at 2 n - 3 points (lambda, mu): with the chain of the block M_22 they are complete."""
+    """det L(lambda, mu) at 2 n - 4 points (lambda, mu): complete with the energy and a chain of the block M_22."""
     M, F, B = whole(M, np.stack([P, Q], -1), gamma)
-    points = [(1 + j // 2, j) for j in range(2 * M.shape[-1] - 7)]
+    points = [(1 + j % 3, 1 + j // 3) for j in range(2 * M.shape[-1] - 8)]
     return general.values_of(M, F, general.potential(F, eps * eps * B / 4), B, eps=eps, points=points)
 
 

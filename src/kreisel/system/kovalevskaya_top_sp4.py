@@ -15,31 +15,17 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import axial, cayley, cross, dot, hat, identity, mat, solve, vec, wedge
-from kreisel.algebra.matrices import blocks
+from kreisel.algebra.matrices import SU2_IMAGINARY, SU2_REAL, blocks
 from kreisel.record.contract import Relation
 from kreisel.system import kovalevskaya_top_e3 as first
 from kreisel.system import quadratic_field as general
 
 PLANE = np.array([0, 0, 1], dtype=np.int8)
 B = np.diag([-1, 1, 0, 0]).astype(np.int8)
-# sigma_j/i and 1/i as real matrices, and v -> -sigma_j (i sigma_2) conj(v)
-SPIN = np.array(
-    [
-        [[0, 0, 0, 1], [0, 0, -1, 0], [0, 1, 0, 0], [-1, 0, 0, 0]],
-        [[0, 0, -1, 0], [0, 0, 0, -1], [1, 0, 0, 0], [0, 1, 0, 0]],
-        [[0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, -1], [0, 0, 1, 0]],
-    ],
-    dtype=np.int8,
-)
-PHASE = np.array([[0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1], [0, 0, -1, 0]], dtype=np.int8)
-FIELD = np.array(
-    [
-        [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]],
-        [[0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, -1], [0, 0, -1, 0]],
-        [[0, 0, -1, 0], [0, 0, 0, 1], [-1, 0, 0, 0], [0, 1, 0, 0]],
-    ],
-    dtype=np.int8,
-)
+TURN, MIRROR, SWAP = np.array([[[0, -1], [1, 0]], [[1, 0], [0, -1]], [[0, 1], [1, 0]]], dtype=np.int8)
+SPIN = np.kron(SU2_REAL, identity(2)) + np.kron(SU2_IMAGINARY, TURN)  # sigma_j/i as real matrices
+PHASE = -np.kron(identity(2), TURN)  # 1/i
+FIELD = np.kron(SU2_REAL @ TURN, SWAP) - np.kron(SU2_IMAGINARY @ TURN, MIRROR)  # v -> -sigma_j (i sigma_2) conj(v)
 
 
 def kick(P, eps):  # eps C ^ P

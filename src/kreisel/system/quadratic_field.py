@@ -143,9 +143,9 @@ def energy(M, F, *, b, eps=0):
 
 
 def spectrum(M, F, *, B, eps=0):
-    """det(L)/lambda^n at n (n - 1)/2 points (lambda, mu), half the dimension of a leaf."""
+    """det(L)/lambda^n at n (n - 1)/2 - 1 points (lambda, mu): with the energy half the dimension of a leaf."""
     n = M.shape[-1]
-    points = [(i + 1, j) for i in range(n - 1) for j in range(n - 1 - i)]
+    points = [(i + 1, j) for i in range(n - 1) for j in range(n - 1 - i)][1:]
     return values_of(M, F, potential(F, eps * eps * B / 4), B, eps=eps, points=points)
 
 

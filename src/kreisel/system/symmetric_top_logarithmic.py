@@ -60,8 +60,8 @@ def whole(M, P, A):
 
 
 def spectrum(M, P, *, A, eps=0):
-    """det L(lambda, mu) at n - 1 points (lambda, mu): with `noether` they are complete."""
-    points = [(1 + j // 2, j) for j in range(M.shape[-1] - 1)]
+    """det L(lambda, mu) at n - 2 points (lambda, mu): with the energy and `noether` they are complete."""
+    points = [(1 + j, 1 + j % 2) for j in range(M.shape[-1] - 2)]
     M, F, B = whole(M, P, A)
     return general.values_of(M, F, general.potential(F, eps * eps * B / 4), B, eps=eps, points=points)
 

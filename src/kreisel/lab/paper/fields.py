@@ -12,7 +12,7 @@ from kreisel.algebra.invariants import determinant
 from kreisel.algebra.matrices import blocks
 from kreisel.lab.exact import jacobian
 from kreisel.lab.law import Sides
-from kreisel.lab.paper.statements import Setting, stated, stated_law
+from kreisel.lab.paper.statements import Setting, leaf_rank, stated, stated_law
 from kreisel.record.contract import MOVING_SPACE, TWO_FIELDS_SPACE
 from kreisel.system import REGISTRY, kovalevskaya_top_e3, kovalevskaya_top_so3
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
@@ -194,6 +194,20 @@ def curve_of_two_fields(s: Setting) -> Sides:
     curve = curve + (t - 2 * e * G + 4 * e * e * d) * u * v - 6 * e * e * d * v * v + (G - e * d) * u + 4 * e * d * v
     pencil = gyrostat.pencil(M, P, Q, gamma=0, lam=s.lam, mu=mu, eps=s.eps)
     yield np.asarray(determinant(pencil)), np.asarray(mu * curve)
+
+
+@stated("field-ranks", PLACE, dimensions=(3, 4, 5), numbers=("exact",))
+def field_ranks(s: Setting) -> Sides:
+    """energy and spectrum of the maps have on a leaf the rank n (n - 1)/2 in a quadratic field, half its dimension; 2 n - 3 for Kovalevskaya's tops and gyrostats, half of it for n = 3, 4; n - 1 for Lagrange's and 2, 4, 7 for Ratiu's"""
+    ranks = {
+        "quadratic-field": s.n * (s.n - 1) // 2,
+        "kovalevskaya-top": 2 * s.n - 3,
+        "kovalevskaya-gyrostat": 2 * s.n - 3,
+        "symmetric-top-logarithmic": s.n - 1,
+        "ratiu-top": (2, 4, 7)[s.n - 3],
+    }
+    for name, expected in ranks.items():
+        yield np.asarray(leaf_rank(s.case(REGISTRY[name]), ("spectrum",))), np.asarray(expected)
 
 
 MAPS = (
