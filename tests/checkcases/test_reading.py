@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -173,6 +174,20 @@ def test_bad_options_are_refused(options: dict[str, Any], message: str, tmp_path
     assert message in str(raised.value)
 
 
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        (None, "expected a path, an xarray Dataset or a mapping"),
+        ({"t": [0, 1], "w": np.ones((3, 3))}, "expected 2 rows, as many as times, got 3"),
+        ({"t": [0, 1], "w": np.full((2, 3), 1e200)}, "row 1, column w[0]: expected a finite number"),
+    ],
+)
+def test_bad_arrays_are_refused(source: Any, message: str) -> None:
+    with pytest.raises(kr.InputError) as raised:
+        read(source, BRICK)
+    assert message in str(raised.value)
+
+
 def test_missing_and_damaged_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(kr.InputError, match="expected a file, got none"):
         read(tmp_path / "none.csv", BRICK)
@@ -188,3 +203,20 @@ def test_the_command_grades_files(tmp_path: Path) -> None:
     assert out.exit_code == 0, out.output
     assert "columns wx, wy, wz: angular velocity along the axes of the body, rad/s" in out.output
     assert "the quaternion is (x, y, z, w), taken for (w, x, y, z)" in out.output
+
+
+def test_the_command_measures_the_order_of_several_files(tmp_path: Path) -> None:
+    """Errors proportional to the cube of the step, which is smaller than the rows' spacing."""
+    motion, arguments = Motion(BRICK), list[str]()
+    for step in (0.1, 0.05, 0.025):
+        wrong = motion.w + step**3 * np.sin(motion.t)[:, None]
+        path = written(tmp_path / f"{step}.csv", "t,wx,wy,wz", ",", [motion.t, wrong])
+        arguments += ["--grade", str(path), "--step", str(step)]
+    out = CliRunner().invoke(app, ["checkcase", "tumbling-brick", *arguments])
+    assert out.exit_code == 0, out.output
+    assert "Order measured: 3.00, 3.00. Right" in out.output
+    data = json.loads(CliRunner().invoke(app, ["checkcase", "tumbling-brick", *arguments, "--json"]).output)
+    assert data["orders"] == pytest.approx([3, 3])
+    assert len(data["reading"]) == 3
+    out = CliRunner().invoke(app, ["checkcase", "tumbling-brick", *arguments[:2], "--step", "-1"])
+    assert isinstance(out.exception, kr.InputError | SystemExit)

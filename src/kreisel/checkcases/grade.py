@@ -29,6 +29,7 @@ WIDTHS = {
 }
 NORM = 0.01  # largest error of the norm of the first quaternion
 CLOSE = 1e-3  # relative
+LARGEST = 1e100  # number
 UNNORMALISED = 1e-6
 RIGHT = 1e-3  # relative error below which a trajectory is called right
 SECOND = 1.5  # order measured above which no mistake is looked for
@@ -132,6 +133,10 @@ def grade(case: Case, times: Any, quantities: Mapping[str, Any], step: float | N
     relative = max(row.relative for row in table)
     steps = [(_step(rows, step), relative)]
     for run in runs:
+        if not (hasattr(run, "times") and hasattr(run, "quantities")):
+            raise InputError(
+                f"runs: expected trajectories as kreisel.checkcases.reading.read returns, got {shown(run)}."
+            )
         instants, its, truth, _ = _compared(case, run.times, run.quantities)
         steps.append((_step(instants, getattr(run, "step", None)), misfit(its, truth, truth)))
     orders = tuple(
@@ -193,8 +198,8 @@ def checked(name: str, value: Any, count: int) -> Array:
     array, shape = floats(value), (count, WIDTHS[name]) if WIDTHS[name] else (count,)
     if array.shape != shape:
         raise InputError(f"{name}: expected finite numbers of shape {shape}, got {shown(value)}.")
-    if not np.isfinite(array).all():
-        at = int(np.argmin(np.isfinite(array).reshape(count, -1).all(-1)))
+    if not (finite := np.abs(array) < LARGEST).all():
+        at = int(np.argmin(finite.reshape(count, -1).all(-1)))
         raise InputError(
             f"{name}: expected finite numbers, got {shown(array[at].tolist())} in row {at + 1}. Leave out the rows "
             "from there on, where the simulation failed."
@@ -213,7 +218,7 @@ def checked(name: str, value: Any, count: int) -> Array:
 
 def _step(rows: Array, step: float | None) -> float:
     spacing = float(rows[-1] - rows[0]) / (len(rows) - 1)
-    if step is not None and not 0 < step <= spacing * (1 + CLOSE):
+    if step is not None and not (np.ndim(step) == 0 and 0 < floats(step) <= spacing * (1 + CLOSE)):
         raise InputError(
             f"step: expected a step in s of at most {spacing:.6g}, the spacing of the rows, got {shown(step)}."
         )

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from kreisel.algebra import Array, floats
-from kreisel.checkcases.grade import NORM, checked, increasing
+from kreisel.checkcases.grade import LARGEST, NORM, checked, increasing
 from kreisel.checkcases.mistakes import FACTOR, differences, size
 from kreisel.errors import InputError, explained, shown
 
@@ -134,7 +134,10 @@ def _quantities(
     quantities = dict[str, Array]()
     for group in groups:
         listed = f"columns {', '.join(group.columns)}"
-        options = [o for o in _options(table.numbers(group.columns), group, specified) if o.name in exact]
+        values, rows = table.numbers(group.columns), len(exact["attitude"])
+        if len(values) != rows:
+            raise InputError(f"{table.source}, {listed}: expected {rows} rows, as many as times, got {len(values)}.")
+        options = [option for option in _options(values, group, specified) if option.name in exact]
         if not options:
             continue
         option, reason = _chosen(options, exact, f"{table.source}, {listed}", group.unit)
@@ -187,7 +190,7 @@ class _Table:
                 values.append(float(text))
             except (TypeError, ValueError):
                 values.append(math.nan)
-            if not math.isfinite(values[-1]):
+            if not abs(values[-1]) < LARGEST:
                 place = f"line {self.lines[row]}" if self.lines else f"row {row + 1}"
                 raise InputError(
                     f"{self.source}, {place}, column {name}: expected a finite number, got {shown(text)}. Leave out "
@@ -209,6 +212,10 @@ def _table(source: Any) -> _Table:
             except (OSError, ValueError) as error:
                 raise InputError(f"{path.name}: expected a NetCDF file, got {error}.") from error
         return _text(path)
+    if not hasattr(source, "keys"):
+        raise InputError(
+            f"read: expected a path, an xarray Dataset or a mapping of names to arrays, got {shown(source)}."
+        )
     return _arrays(source, "the Dataset" if isinstance(source, xr.Dataset) else "the mapping")
 
 
@@ -243,7 +250,7 @@ def _text(path: Path) -> _Table:
         comments = [(number, line.lstrip("# ")) for number, line in rows if line.lstrip().startswith("#")]
         data = [*comments[-1:], *data]
     delimiter = next((c for c in ",;\t" if c in data[0][1]), " ")
-    table = list(csv.reader((line.strip() for _, line in data), delimiter=delimiter, skipinitialspace=True))
+    table = [next(csv.reader([line.strip()], delimiter=delimiter, skipinitialspace=True)) for _, line in data]
     names = [name.strip() for name in table[0]]
     if any(_is_number(name) for name in names):
         raise InputError(
@@ -340,10 +347,10 @@ def _specified(columns: Mapping[str, Any], table: _Table) -> list[Group]:
         **dict.fromkeys(("rates", "euler", "momentum", "position", "velocity"), (3,)),
     }  # fmt: skip
     for role, value in columns.items():
-        names = [value] if isinstance(value, str) else list(value)
-        if len(names) not in counts.get(role, ()):
+        names = [value] if isinstance(value, str) else list(value) if isinstance(value, list | tuple) else []
+        if len(names) not in counts.get(role, ()) or not all(isinstance(name, str) for name in names):
             known = "; ".join(f"{key} ({' or '.join(map(str, sizes))})" for key, sizes in counts.items())
-            raise InputError(f"columns: expected names for {known}, got {shown(names)} for {shown(role)}.")
+            raise InputError(f"columns: expected names for {known}, got {shown(value)} for {shown(role)}.")
         parsed = [_parsed(name) for name in names]
         groups.append(Group(role, names, parsed[0][1], _frame(parsed[0][0]), tuple(p[2] for p in parsed)))
     return groups
