@@ -10,7 +10,7 @@
 
 Every function works on NumPy and JAX arrays and on NumPy object arrays of any field (fractions,
 python-flint rationals, SymPy expressions, the recorded numbers of `kreisel.graph`).
-`backend` alone knows which kind it has before it.  [Suris 2001, sections 2 and 4]
+Only `backend` distinguishes the kinds.  [Suris 2001, sections 2 and 4]
 """
 
 from kreisel.algebra.backend import (

@@ -1,4 +1,4 @@
-"""The one door to the array libraries: only this module knows which kind of number it has before it."""
+"""The one door to the array libraries: only this module distinguishes kinds of numbers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from kreisel.algebra.recorded import Recorded
 
 DIAGONAL = 1e-12  # relative: entries off the diagonal
 Array = Any  # an array of any library, or a NumPy object array of any field
-LINEAR_ALGEBRA: dict[str, Any] = {}  # name of an array library -> solve and slogdet, where its own do not serve
+LINEAR_ALGEBRA: dict[str, Any] = {}  # name of an array library -> solve and slogdet instead of its own
 
 
 def is_exact(x: Array) -> bool:
@@ -39,7 +39,7 @@ def objects(numbers: Iterable[Any], shape: tuple[int, ...] | None = None) -> Arr
 
 
 def is_known_zero(x: Array) -> bool:
-    """True if every entry is 0 for certain; tracers of JAX and recorded numbers never are."""
+    """True if every entry is certainly 0; never for tracers of JAX and recorded numbers."""
     return isinstance(x, np.ndarray) and all(not isinstance(v, Recorded) and v == 0 for v in x.flat)
 
 
@@ -61,7 +61,7 @@ def mat(s: Array) -> Array:
 def solve(A: Array, B: Array) -> Array:
     """A^-1 B for A (..., n, n) and columns B (..., n, k).
 
-    Numbers of a library go to its LAPACK; others, extended floats among them, to elimination without pivoting,
+    Arrays of a library go to its LAPACK; others, including extended floats, to elimination without pivoting,
     which is safe for A = I - X with X skew, whose symmetric part is I, and whenever the Hermitian part is positive.
     """
     if hasattr(A, "record_solve"):
@@ -97,9 +97,9 @@ def _eliminate(A: Array, B: Array) -> tuple[list[Array], Array]:
 
 
 def principal_axes(A: Array) -> tuple[Array, Array]:
-    """The principal values of a symmetric A (3, 3) and axes as columns, right-handed, as near those of A as can be.
+    """The principal values of a symmetric A (3, 3) and axes as columns, right-handed, as near those of A as possible.
 
-    By JAX's arrays the derivative of the axes of two equal values is 0: that by entries beside the diagonal is none.
+    For JAX's arrays the derivative of the axes of two equal values is 0; off the diagonal it does not exist.
     """
     return _linear_algebra(A).principal_axes(A) if not isinstance(A, np.ndarray) else nearest_axes(A)
 
@@ -116,7 +116,7 @@ def nearest_axes(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def complex_number(re: Array, im: Array) -> Array:
-    """The scalar re + i im, of NumPy's or a recorder's own kind where there is one."""
+    """The scalar re + i im, of a complex type of NumPy or of a recorder if there is one."""
     if hasattr(re, "record_complex"):
         return re.record_complex(im)
     if isinstance(re, np.ndarray | np.floating | float) and not holds_objects(re):
@@ -125,7 +125,7 @@ def complex_number(re: Array, im: Array) -> Array:
 
 
 def parts(z: Array) -> tuple[Array, Array]:
-    """Real and imaginary part of an array or a scalar; of real numbers z and None."""
+    """Real and imaginary part of an array or a scalar; z and None for real z."""
     if isinstance(z, Complex):
         return z.re, z.im
     if holds_objects(z):
@@ -155,15 +155,15 @@ def together(re: Array, im: Array) -> Array:
 
 
 def joined(*parts: Array) -> Array:
-    """The parts along the last axis, in the library of those that are not NumPy's."""
+    """The parts along the last axis, in the library of the parts that are not NumPy's."""
     other = next((x for x in parts if not isinstance(x, np.ndarray) and hasattr(x, "__array_namespace__")), None)
     return np.concatenate(parts, -1) if other is None else other.__array_namespace__().concatenate(parts, -1)
 
 
 def log(x: Array) -> Array:
-    """Natural logarithm of a scalar or a batch; dual numbers bring their own.
+    """Natural logarithm of a scalar or a batch; dual numbers define it themselves.
 
-    An exact number has no logarithm in its field: 0 stands for it, so that derivatives can be exact.
+    An exact number has no logarithm in its field: 0 replaces it, so derivatives can be exact.
     """
     if hasattr(x, "log"):
         return x.log()
@@ -175,21 +175,21 @@ def log(x: Array) -> Array:
 
 
 def where_less(x: Array, y: Array, yes: Array, no: Array) -> Array:
-    """`yes` where x < y, else `no`, of real x and y; recorded numbers bring their own."""
+    """`yes` if x < y, else `no`, of real x and y; recorded numbers define it themselves."""
     if isinstance(yes, Complex):
         return Complex(*(where_less(x, y, a, b) for a, b in zip(parts(yes), parts(no), strict=True)))
     return yes.where_less(x, y, no) if hasattr(yes, "where_less") else np.where(x < y, yes, no)
 
 
 def sqrt(x: Array) -> Array:
-    """Square root of a scalar or a batch, Re >= 0; recording scalars bring their own."""
+    """Square root of a scalar or a batch, Re >= 0; recording scalars define it themselves."""
     if isinstance(x, Complex):
         size = where_less(x.re, 0, -x.re, x.re) + sqrt(x.re * x.re + x.im * x.im)
         larger = sqrt(size / 2)
         less = x.im / (2 * larger)
         upright = where_less(x.im, 0, Complex(-less, -larger), Complex(less, larger))
         return where_less(x.re, 0, upright, Complex(larger, less))
-    if holds_objects(x):  # plain numbers may stand among others
+    if holds_objects(x):  # plain numbers may be among others
         return objects((v.sqrt() if hasattr(v, "sqrt") else np.sqrt(v) for v in x.flat), x.shape)
     if hasattr(x, "sqrt"):
         return x.sqrt()
@@ -197,12 +197,12 @@ def sqrt(x: Array) -> Array:
 
 
 def maximum(x: Array, y: Array) -> Array:
-    """The larger of two scalars or of each entry of a batch; recorded numbers bring their own."""
+    """The larger of two scalars or of each entry of a batch; recorded numbers define it themselves."""
     return x.maximum(y) if hasattr(x, "maximum") else np.maximum(x, y)
 
 
 def sign(x: Array) -> Array:
-    """-1 where an entry is negative, else 1; recorded numbers bring their own."""
+    """-1 for negative entries, else 1; recorded numbers define it themselves."""
     if holds_objects(x):
         return np.array([v.sign() for v in x.flat], dtype=object).reshape(x.shape)
     return np.where(x < 0, -1, 1)
@@ -233,8 +233,8 @@ def trace_log(A: Array) -> Array:
 def floats(value: Any) -> Array:
     """Doubles (...) of real numbers: lists, arrays of NumPy, xarray or JAX, fractions; a copy unless they are doubles.
 
-    NaN, without axes, for everything else: text, dates, complex and truth values, ragged lists, numbers beyond the
-    range of doubles, and numbers whose meaning would be lost: masked entries, quantities with units.
+    NaN, without axes, for everything else: text, dates, complex and truth values, ragged lists, values beyond the range
+    of doubles, and values whose meaning would be lost: masked entries, quantities with units.
     """
     if loses(value):
         return np.asarray(np.nan)

@@ -1,4 +1,4 @@
-"""The Cayley transform, by what it does to vectors and matrices."""
+"""The Cayley transform, by its action on vectors and matrices."""
 
 from __future__ import annotations
 
@@ -58,10 +58,10 @@ def cayley(X: Array) -> Array:
 
 
 def cayley_conjugate(X: Array, M: Array, axis: Array | None = None) -> Array:
-    """cay(X) M cay(X)^-1 for skew X and M (..., n, n); for n = 3 the turned axial vector.
+    """cay(X) M cay(X)^-1 for skew X and M (..., n, n); for n = 3 the rotated axial vector.
 
-    `axis`: a vector with X axis = 0, where X commutes with the part of M that does not touch it.  Then M axis alone is
-    turned: that part is the same in every step, and so would its rounding errors be.
+    `axis`: a vector with X axis = 0, if X commutes with the part of M that does not act on it.  Then only M axis is
+    rotated: that part is constant, and its rounding errors would be equal in every step.
     """
     if hasattr(M, "record_conjugate"):
         return M.record_conjugate(X)

@@ -1,4 +1,4 @@
-"""Rings, and complex numbers over any kind of real number that brings none of its own."""
+"""Rings, and complex numbers over any kind of real number without a complex type."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Ring:
-    """A commutative ring by `__add__`, `__neg__` and `__mul__`; arrays on the other side take it entry by entry."""
+    """A commutative ring by `__add__`, `__neg__` and `__mul__`; for arrays on the other side it acts entry by entry."""
 
     __slots__ = ()
     __add__: Any
@@ -35,12 +35,12 @@ class Ring:
 
 
 def is_array(x: Any) -> bool:
-    """Whether it is an array, not a number."""
+    """Whether the value is an array, not a number."""
     return isinstance(x, np.ndarray) or bool(getattr(x, "shape", ()))
 
 
 class Complex(Ring):
-    """re + i im over any kind of real number that brings no complex numbers of its own (recorded, rational, dual)."""
+    """re + i im over any kind of real number without a complex type (recorded, rational, dual)."""
 
     __slots__ = ("im", "re")
 

@@ -1,7 +1,7 @@
 """Values and gradients of scalar functions, by a reverse sweep, over any kind of number.
 
-The function is run once on numbers that remember what was done to them; the numbers themselves may be floats, arrays of
-lanes, fractions or recorded numbers, so that a gradient can be compiled like any other formula.
+The function is run once on values that record their operations; the values may be floats, arrays of lanes, fractions or
+recorded numbers, so a gradient can be compiled like any other formula.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from kreisel.errors import InputError
 
 
 def _function(name: str) -> Callable[[Any], Any]:
-    """sin, cos, exp or log of a number that brings its own, or of NumPy's."""
+    """sin, cos, exp or log, defined by the number itself or by NumPy."""
     return lambda x: getattr(x, name)() if hasattr(x, name) else getattr(np, name)(x)
 
 
 sin, cos, exp, log = (_function(name) for name in ("sin", "cos", "exp", "log"))
-# Derivatives of an operation by its operands: slopes(value, *operands).
+# Derivatives of an operation with respect to its operands: slopes(value, *operands).
 SLOPES: dict[str, Callable[..., tuple[Any, ...]]] = {
     "+": lambda value, x, y: (1, 1),
     "-": lambda value, x, y: (1, -1),
@@ -38,7 +38,7 @@ SLOPES: dict[str, Callable[..., tuple[Any, ...]]] = {
 
 
 class TracedNumber(Recorded):
-    """A number that remembers the numbers it was made of, and its derivatives by them."""
+    """A number that stores its operands, and its derivatives with respect to them."""
 
     __slots__ = ("parents", "place", "tape", "value")
     inexact: ClassVar[bool] = True
@@ -159,12 +159,12 @@ def _value(x: Any) -> Any:
 
 
 def with_slope(function: Callable[[Any], Any], x: Any, slope: Any) -> Any:
-    """function(x) of one number, whose derivative is known."""
+    """function(x) of one number, with a known derivative."""
     return x._of(function(x.value), (x, slope)) if isinstance(x, TracedNumber) else function(x)
 
 
 def traced(tape: list[TracedNumber], x: Array, axes: int) -> Any:
-    """x (..., *shape) with `axes` axes of its own as an array of that shape, or a number, each with its batch."""
+    """x (..., *shape), with `axes` axes after its batch, as an array of this shape, or a number, with batches."""
     if axes == 0:
         return TracedNumber(tape, x)
     shape = np.shape(x)[np.ndim(x) - axes :]
@@ -172,9 +172,9 @@ def traced(tape: list[TracedNumber], x: Array, axes: int) -> Any:
 
 
 def value_and_gradient(function: Callable[..., Any], arguments: Sequence[tuple[Array, int]]) -> tuple[Any, list[Any]]:
-    """The value of a scalar function and its derivatives by each of the arguments (x, axes), in the shape of x.
+    """The value of a scalar function and its derivatives with respect to each argument (x, axes), in the shape of x.
 
-    Raises `InputError` for what is no scalar.
+    Raises `InputError` for anything but a scalar.
     """
     tape: list[TracedNumber] = []
     given = [traced(tape, x, axes) for x, axes in arguments]
@@ -206,12 +206,12 @@ def _assembled(x: Array, nodes: Any, slopes: list[Any], axes: int) -> Any:
 def value_and_jacobian(
     function: Callable[..., Sequence[Any]], x: Sequence[Any], constants: Sequence[tuple[Array, int]] = ()
 ) -> tuple[list[Any], list[list[Any]]]:
-    """f_i and d f_i/d x_j of a function of the numbers x, each with its batch, and of constants (value, axes)."""
+    """f_i and d f_i/d x_j of a function of the scalars x, each with its batch, and of constants (value, axes)."""
     tape: list[TracedNumber] = []
     given = [TracedNumber(tape, v) for v in x]
     known = [traced(tape, v, axes) for v, axes in constants]
     values = function(given, *known)
-    moves = [place < len(given) for place in range(len(tape))]  # which numbers change with x
+    moves = [place < len(given) for place in range(len(tape))]  # values that change with x
     for node in tape:
         moves[node.place] = moves[node.place] or any(moves[parent.place] for parent, _ in node.parents)
     rows = [_swept(tape, v, moves) if isinstance(v, TracedNumber) else [] for v in values]
@@ -219,7 +219,7 @@ def value_and_jacobian(
 
 
 def _swept(tape: list[TracedNumber], out: TracedNumber, moves: Sequence[bool] | None = None) -> list[Any]:
-    """The derivatives of a number by all up to its place, by a reverse sweep; `moves`: those that matter."""
+    """The derivatives of a number with respect to all before it, by a reverse sweep; `moves`: those that matter."""
     slopes: list[Any] = [0] * (out.place + 1)
     slopes[out.place] = 1
     for node in reversed(tape[: out.place + 1]):

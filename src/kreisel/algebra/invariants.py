@@ -52,7 +52,7 @@ def trace(A: Array) -> Array:
 
 
 def _characteristic(N: Sequence[Array], last: int | None) -> list[Any]:
-    """The same for N_0 + nu N_1 + ...: c_k as a list of the coefficients of nu^i, c_0 = 1."""
+    """The coefficients for N_0 + nu N_1 + ...: c_k as a list of the coefficients of nu^i, c_0 = 1."""
     n = N[0].shape[-1]
     last = n if last is None else min(n, last)
     powers = [N]
@@ -148,12 +148,12 @@ def pencil_spectrum(M: Array, B: Array, Q: Array, kappa: Array, most: int = 8) -
 
     The characteristic polynomial of lambda B + M + Q Q^T / lambda (kappa = 0), and its deformation by
     the discrete Clebsch map.  Coefficients that do not depend on M and Q are left out.
-    For n > `most` only those of mu^(n-1) ... mu^(n-most).
+    For n > `most` only coefficients of mu^(n-1) ... mu^(n-most).
     """
     n = M.shape[-1]
     c, adj = pencil_on(M, B, Q, most + 1)
     out = []
-    for k in range(1, min(n, most) + 1):  # mu^(n-k) nu^i; other parities of i vanish, i = k + 1 has B alone
+    for k in range(1, min(n, most) + 1):  # mu^(n-k) nu^i; other parities of i vanish, i = k + 1 has only B
         for i in range(k - 1, -1, -2):
             term = -dot(Q, adj[k - 1][i])
             term = term + (c[k][i - 1] if i > 0 else 0) + (kappa * c[k + 1][i] if k < n else 0)
@@ -164,7 +164,7 @@ def pencil_spectrum(M: Array, B: Array, Q: Array, kappa: Array, most: int = 8) -
 def plane_spectrum(
     x: Array, q: Array, b: Array, alpha: Array | int, beta: Array | int, kappa: Array | int, most: int = 8
 ) -> Array:
-    """`pencil_spectrum` for B = diag(b), M = x ^ q and Q = alpha x + beta q: what does not vanish there, in O(n).
+    """`pencil_spectrum` for B = diag(b), M = x ^ q and Q = alpha x + beta q: the nonzero coefficients, in O(n).
 
     With R = (mu - nu B)^-1 it is det(mu - nu B) ((nu + kappa mu) (<x, Rx><q, Rq> - <x, Rq>^2) - <Q, RQ>), and of that
     for every k the coefficient of mu^(n-k) nu^(k-1).  [matrix determinant lemma]
@@ -222,7 +222,7 @@ def gram(*vectors: Array) -> Array:
 
 
 def metric_spectrum(M: Array, A: Array) -> Array:
-    """Coefficients of nu^i mu^(n-k), i > 0, in det(mu - nu A - M), those that depend on M: k - i = 2, 4, ..."""
+    """Coefficients of nu^i mu^(n-k), i > 0, in det(mu - nu A - M), which depend on M: k - i = 2, 4, ..."""
     c = _faddeev_leverrier({0: M, 1: A})
     return stack([c[k][i] for k in range(3, M.shape[-1] + 1) for i in range(k - 2, 0, -2)])
 
@@ -230,8 +230,8 @@ def metric_spectrum(M: Array, A: Array) -> Array:
 def laurent_spectrum(M: Array, A: Array, P: Array, odd: bool = True, step: int = 2) -> Array:
     """Coefficients of det(mu - L), L = lambda A + M + P/lambda, that depend on M: of lambda^i mu^(n-k), |i| < k.
 
-    For symmetric A and P and skew M those of i - k odd vanish, and with step 2 are left out; for skew A, P and M those
-    of odd k do, and without `odd` are left out.
+    For symmetric A and P and skew M coefficients with odd i - k vanish, and are left out with step 2; for skew A, P and
+    M coefficients with odd k vanish, and are left out without `odd`.
     """
     c, out = _faddeev_leverrier({1: A, 0: M, -1: P}), []
     for k in range(1, M.shape[-1] + 1):
@@ -240,7 +240,7 @@ def laurent_spectrum(M: Array, A: Array, P: Array, odd: bool = True, step: int =
 
 
 def _faddeev_leverrier(N: Mapping[int, Array]) -> list[dict[int, Array]]:
-    """c_k as coefficients of lambda^i, for L = sum lambda^i N_i: for all k, where traces of powers lose digits.
+    """c_k as coefficients of lambda^i, for L = sum lambda^i N_i: for all k, for which traces of powers lose digits.
 
     [Faddeev and Leverrier; B_k = L B_(k-1) + c_k, c_k = -tr(..)/k]
     """
@@ -258,7 +258,7 @@ def _faddeev_leverrier(N: Mapping[int, Array]) -> list[dict[int, Array]]:
 
 
 def determinant(A: Array) -> Array:
-    """The determinant of A (..., n, n) by minors, a row more each time: n 2^(n-1) multiplications, no division."""
+    """The determinant of A (..., n, n) by minors, one row after another: n 2^(n-1) multiplications, no division."""
     n = A.shape[-1]
     minors: dict[tuple[int, ...], Any] = {(): 1}
     for i in range(n):
@@ -275,8 +275,8 @@ def determinant(A: Array) -> Array:
 def lie_poisson(kinds: Sequence[str], M: Array, *carried: Array) -> Array:
     """The plus Lie-Poisson tensor of so(n) <x V in the coordinates of M (i < j) and of the components of V.
 
-    {M_ij, z} is how z turns with the velocity E_ij = e_i ^ e_j: [z, E_ij] for matrices and M itself, -E_ij z for
-    vectors; components of V commute.  F' = {H, F}.  [Suris 2001, sections 2 and 4]
+    {M_ij, z} is the rate of z that rotates with the velocity E_ij = e_i ^ e_j: [z, E_ij] for matrices and M itself,
+    -E_ij z for vectors; components of V commute.  F' = {H, F}.  [Suris 2001, sections 2 and 4]
     """
     n = M.shape[-1]
     i, j = triangle(n)
@@ -293,7 +293,7 @@ def lie_poisson(kinds: Sequence[str], M: Array, *carried: Array) -> Array:
 
 
 def squared_lengths(*spins: Array) -> Array:
-    """Those of spins (x, y, z), of one sublattice after the other."""
+    """Squared lengths of spins (x, y, z), of one sublattice after the other."""
     groups = [x * x + y * y + z * z for x, y, z in (spins[i : i + 3] for i in range(0, len(spins), 3))]
     return groups[0].__array_namespace__().concatenate(groups, -1)
 
@@ -306,13 +306,13 @@ def spins_poisson(x: Array, y: Array, z: Array, weight: Array | int = 1) -> Arra
 
 
 def lattice_poisson(spins: Sequence[Array], D: Array) -> Array:
-    """The same of the spins of two sublattices, one after the other, with weights (1 + D z^2)^(1/2)."""
+    """The bracket of the spins of two sublattices, one after the other, with weights (1 + D z^2)^(1/2)."""
     first, second = (spins_poisson(x, y, z, sqrt(1 + vec(D) * z * z)) for x, y, z in (spins[:3], spins[3:]))
     return np.concatenate([np.concatenate([first, 0 * first], -1), np.concatenate([0 * second, second], -1)], -2)
 
 
 def sphere_poisson(x: Array, q: Array) -> Array:
-    """The Dirac bracket of T*S^(n-1) in (x, q), in the sign that F' = {H, F} asks for.
+    """The Dirac bracket of T*S^(n-1) in (x, q), with the sign of F' = {H, F}.
 
     {x_i, q_j} = -(d_ij - x_i x_j/|x|^2), {q_i, q_j} = (x_i q_j - q_i x_j)/|x|^2, {x_i, x_j} = 0.
     """

@@ -14,8 +14,8 @@ def repeat(
 ) -> tuple[State, Array]:
     """X, defect = improve(*X) from matrices X of the given kinds until defect <= small, at most `most` times.
 
-    Recorded numbers make a loop of it.  Dual numbers go on, for their slopes, twice as long as their values need.
-    Numbers without an order go all the way.
+    Recorded numbers turn it into a loop.  Dual numbers continue, for their slopes, twice as long as their values need.
+    Numbers without an order use all `most` iterations.
     """
     X, first = start, start[0]
     if hasattr(first, "record_loop"):

@@ -1,7 +1,7 @@
-"""Kinds of components: skew matrices, vectors, symmetric matrices, orientations, numbers.
+"""Kinds of components: skew matrices, vectors, symmetric matrices, orientations, scalars.
 
 Records name a kind by a word, as in ("m", "skew"), and `KINDS` has it by this name.  Components are (..., n, n),
-(..., n) or (...), their coordinates (..., d): the entries i < j of a skew matrix, i <= j of a symmetric one, else all.
+(..., n) or (...), their coordinates (..., d): the entries i < j of a skew matrix, i <= j of a symmetric matrix, else all.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from kreisel.algebra.skew import (
 class Kind:
     """Kind of component: its coordinates, and how rotations act on it.
 
-    space                 where components are, such as so(n)
+    space                 the space of the components, such as so(n)
     axes                  axes of a component without those of its batch
     labels                names of these axes in a Dataset; {} for the letter
     count(n)              number of independent coordinates
@@ -58,7 +58,7 @@ class Kind:
         return (self.count(n),) if self.axes == 1 else (n,) * self.axes
 
     def names(self, letter: str, n: int) -> list[str]:
-        """Names of the coordinates: m1, m2, m3 of an axial or other vector; m12, m13, ... for n > 3; m of a number."""
+        """Names of the coordinates: m1, m2, m3 of an axial or other vector; m12, m13, ... for n > 3; m of a scalar."""
         if not self.axes:
             return [letter]
         if self is SKEW and n > 3:
@@ -66,15 +66,15 @@ class Kind:
         return [f"{letter}{i + 1}" for i in range(self.count(n))]
 
     def shown(self, n: int) -> Kind:
-        """Kind in which users see the component: for n = 3 the axial vector of a skew matrix."""
+        """Kind of the user's form of the component: for n = 3 the axial vector of a skew matrix."""
         return VECTOR if self is SKEW and n == 3 else self
 
     def for_user(self, z: Array) -> Array:
-        """Component as a user sees it."""
+        """Component in the user's form."""
         return axial(z) if self is SKEW and z.shape[-1] == 3 else z
 
     def from_user(self, value: Array, n: int) -> Array:
-        """Component from what a user sees; inverse of `for_user`."""
+        """Component from the user's form; inverse of `for_user`."""
         return value if self.shown(n) is self else hat(value)
 
 
@@ -125,7 +125,7 @@ DIMENSION = replace(SCALAR, name="dimension")  # n as a parameter
 
 
 class _Kinds(dict[str, Kind]):
-    """Kinds by name, among them "R^k", k numbers whatever n is."""
+    """Kinds by name, including "R^k", k entries independent of n."""
 
     def __missing__(self, name: str) -> Kind:
         if not name.startswith("R^"):

@@ -15,7 +15,7 @@ def turn_left(X: Array, g: Array) -> Array:
 
 
 def turn_right(g: Array, X: Array) -> Array:
-    """The turn g cay(X), for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
+    """The rotation g cay(X), for an orthogonal matrix g (..., n, n) or a unit quaternion g (..., 4) when n = 3."""
     return cayley_columns(-X, g.mT).mT if _is_matrix(X, g) else unit(quaternion_product(g, _half_turn(X)))
 
 
@@ -35,7 +35,7 @@ def quaternion(scalar: Array, vector: Array) -> Array:
 
 
 def quaternion_product(a: Array, b: Array) -> Array:
-    """The product of quaternions (..., 4) = (w, x, y, z): the turn b first, then a."""
+    """The product of quaternions (..., 4) = (w, x, y, z): the rotation b first, then a."""
     s, u, t, v = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
     return joined(s * t - vec(dot(u, v)), s * v + t * u + act(hat(u), v))
 
@@ -50,16 +50,16 @@ def unit(q: Array) -> Array:
     return q / sqrt(vec(dot(q, q)))
 
 
-SQUARINGS = 5  # turns by 8 radians to rounding
+SQUARINGS = 5  # rotations by 8 radians to rounding
 
 
 def turn(v: Array, squarings: int = SQUARINGS) -> Array:
-    """The unit quaternion (..., 4) of the turn about v (..., 3) by |v|, by squarings of that by v/2^squarings.
+    """The unit quaternion (..., 4) of the rotation about v (..., 3) by |v|, by squarings of that for v/2^squarings.
 
     For any kind of number, without a branch and without 0/0; to rounding up to |v| = 2^(squarings - 2); an error there
     grows like |v|^12.
     """
-    y = dot(v, v) / 4 ** (squarings + 1)  # x^2, x half the angle of the turn that is squared
+    y = dot(v, v) / 4 ** (squarings + 1)  # x^2, x half the angle of the rotation that is squared
     versed = y * (0.5 - y * (1 / 24 - y * (1 / 720 - y * (1 / 40320 - y * (1 / 3628800)))))
     ratio = 1 - y * (1 / 6 - y * (1 / 120 - y * (1 / 5040 - y * (1 / 362880 - y * (1 / 39916800)))))  # sin x/x
     for _ in range(squarings):
@@ -68,13 +68,13 @@ def turn(v: Array, squarings: int = SQUARINGS) -> Array:
 
 
 def conjugated(q: Array, v: Array) -> Array:
-    """q v q^-1 for vectors v (..., 3) and quaternions q (..., 4) of any length, so that no length is rounded before."""
+    """q v q^-1 for vectors v (..., 3) and quaternions q (..., 4) of any length, so no length is rounded before."""
     t = cross(vec(2 / dot(q, q)) * q[..., 1:], v)
     return v + q[..., :1] * t + cross(q[..., 1:], t)
 
 
 def continued(q: Array, times: Array | None = None) -> Array:
-    """Unit quaternions (rows, ..., 4), each of the two signs of its rotation that is nearer to the row before.
+    """Unit quaternions (rows, ..., 4), each with the sign that is nearer to the row before.
 
     `times` (rows,): in their order.
     """
@@ -87,7 +87,7 @@ def continued(q: Array, times: Array | None = None) -> Array:
 
 
 def double_turn(x: Array, y: Array, g: Array, right: bool = False) -> Array:
-    """R_y R_x g, or g (R_y R_x)^T with `right`, R_x the half-turn about x: the turn from x to y by twice their angle.
+    """R_y R_x g, or g (R_y R_x)^T with `right`, R_x the half-turn about x: rotation from x to y by twice their angle.
 
     g is an orthogonal matrix (..., n, n) or a unit quaternion (..., 4) when n = 3.
     """

@@ -25,12 +25,12 @@ RECORDED = (
     "Write the formula with these."
 )
 MISSING = re.compile(r"no callable (\w+) method|'(?:Traced)?Number' object has no attribute '(\w+)'")
-LINE = 100  # characters of a line of the user's that a message shows
+LINE = 100  # characters of a user's line that a message shows
 LIBRARIES = ("site-packages", "dist-packages")
 
 
 class NotRecorded(InputError, TypeError):
-    """An operation that cannot be recorded: a `TypeError` for those who try a function on several kinds of numbers.
+    """An operation that cannot be recorded; also a `TypeError`, for callers that try several kinds of numbers.
 
     place  of the operation in a user-defined function, as text; "" if it is not known
     """
@@ -78,7 +78,7 @@ class Recorded:
 def run(function: Callable[..., Any], *values: Any, **named: Any) -> Any:
     """The value of a function of a record.
 
-    Raises `NotRecorded`, with the place, for an error in a user-defined function that is not one of arithmetic.
+    Raises `NotRecorded`, with the place, for a nonarithmetic error in a user-defined function.
     """
     try:
         return function(*values, **named)
@@ -99,14 +99,14 @@ def _explained(error: Exception, place: str) -> NotRecorded:
 
 
 def _place(trace: TracebackType | None) -> str:
-    """The innermost line of a user in a traceback, with the function that it is in."""
+    """The innermost line of user code in a traceback, with its function."""
     import traceback
 
     frames = [at for at in traceback.walk_tb(trace) if _of_user(at[0].f_globals.get("__name__", ""), at[0].f_code)]
     if not frames:
         return ""
     names = [frame.f_code.co_name for frame, _ in frames]
-    name = next((name for name in reversed(names) if name[0] != "<"), names[-1])  # no comprehension
+    name = next((name for name in reversed(names) if name[0] != "<"), names[-1])  # not a comprehension
     (last,) = traceback.StackSummary.extract(frames[-1:])
     return f"{name} ({Path(last.filename).name}, line {last.lineno}" + (
         f": {brief(last.line, LINE)})" if last.line else ")"
@@ -114,7 +114,7 @@ def _place(trace: TracebackType | None) -> str:
 
 
 def _name(function: Callable[..., Any]) -> str:
-    """The name of a function of a user, for errors that are raised before it begins."""
+    """The name of a user-defined function, for errors raised before it begins."""
     code = getattr(function, "__code__", None)
     if code is None or not _of_user(getattr(function, "__module__", None) or "", code):
         return ""

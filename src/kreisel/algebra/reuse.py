@@ -1,7 +1,7 @@
-"""What was recorded and compiled for a scheme, kept for the next run of the same kind.
+"""Recordings and kernels of a scheme, kept for the next run of the same kind.
 
-A run of a few steps takes microseconds, and to record its step again takes milliseconds.  What belongs to an object,
-such as a system of the user's own, is kept at the object and goes with it.
+A run of a few steps lasts microseconds, but recording its step again lasts milliseconds.  Values that belong to an
+object, such as a user-defined system, are stored in the object and vanish with it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Value = TypeVar("Value")
 
 
 class Identity:
-    """An object as a part of a key: itself, whatever is equal to it."""
+    """An object as a part of a key, compared by identity."""
 
     def __init__(self, what: Any):
         self._what = what
@@ -32,24 +32,24 @@ class Identity:
 
     @property
     def place(self) -> dict[str, Any] | None:
-        """Where the object can keep what belongs to it; None of a function, with which cloudpickle would send it."""
+        """The dictionary for values of the object; None for a function, which cloudpickle would send with it."""
         found = None if isinstance(self._what, FunctionType) else getattr(self._what, "__dict__", None)
         return found if isinstance(found, dict) else None
 
 
 class Table(OrderedDict[Hashable, Any]):
-    """Values by key, the least recently used in front."""
+    """Values by key, the least recently used first."""
 
 
-MOST = 1024  # kept of one system, or of what belongs to none; those of a scheme have 0.05 to 1 megabyte together
-KEPT = "_kept"  # the name under which an object has its table
+MOST = 1024  # entries for one system, or for no system; those of a scheme need 0.05 to 1 megabyte together
+KEPT = "_kept"  # the attribute in which an object stores its table
 _tables: WeakValueDictionary[int, Table] = WeakValueDictionary()
 _of_none = _tables[0] = Table()
 _one_at_a_time = Lock()
 
 
 def _after_fork() -> None:
-    """Another thread may have held the lock in the process from which this one was forked."""
+    """Another thread may have held the lock in the process from which this process was forked."""
     global _one_at_a_time
     _one_at_a_time = Lock()
 
@@ -59,7 +59,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def forget() -> None:
-    """Keep nothing of what was made until now."""
+    """Discard everything stored until now."""
     with _one_at_a_time:
         for table in list(_tables.values()):
             table.clear()
@@ -74,7 +74,7 @@ def _identities(key: Hashable) -> Iterator[Identity]:
 
 
 def _table(key: Hashable) -> Table:
-    """The table of the first object in a key, or that of none."""
+    """The table of the first object in a key, or the common table."""
     place = next((each.place for each in _identities(key) if each.place is not None), None)
     if place is None:
         return _of_none
@@ -85,7 +85,7 @@ def _table(key: Hashable) -> Table:
 
 
 def reused(key: Hashable | None, make: Callable[[], Made]) -> Made:
-    """What `make` gave when it was last asked for by this key; None as a key, or as what it gives, keeps nothing."""
+    """The result of `make` for this key, from the last call if stored; a key or a result None is not stored."""
     if key is None:
         return make()
     with _one_at_a_time:
@@ -94,7 +94,7 @@ def reused(key: Hashable | None, make: Callable[[], Made]) -> Made:
             table.move_to_end(key)
             found: Made = table[key]
             return found
-    made = make()  # not under the lock: two threads may both make it
+    made = make()  # outside the lock: two threads may both compute it
     if made is not None:
         with _one_at_a_time:
             table[key] = made
@@ -104,11 +104,11 @@ def reused(key: Hashable | None, make: Callable[[], Made]) -> Made:
 
 
 class cached_property(Generic[Value]):
-    """A property that is computed when it is first asked for, and is kept in the object's `__dict__`, without a lock.
+    """A property that is computed on first access and stored in the object's `__dict__`, without a lock.
 
-    Two threads that ask at once may both compute it; both get the value of one of them.  `functools.cached_property` of
-    Python 3.11 has a lock for all objects of a class: a process that is forked while another thread computes such a
-    property waits for it without end.
+    Two threads at once may both compute it; both get the value of one of them.  `functools.cached_property` of Python
+    3.11 has a lock for all objects of a class: a process forked while another thread computes such a property waits for
+    it forever.
     """
 
     def __init__(self, function: Callable[[Any], Value]):

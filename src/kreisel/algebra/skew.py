@@ -42,7 +42,7 @@ def bracket(X: Array, Y: Array) -> Array:
 
 
 def project_out(m: Array, p: Array) -> Array:
-    """|p|^2 pi m pi with pi = I - p p^T / |p|^2: the part of m that does not touch p; hat(p <p, m>) for n = 3."""
+    """|p|^2 pi m pi with pi = I - p p^T / |p|^2: the part of m that does not act on p; hat(p <p, m>) for n = 3."""
     if hasattr(m, "record_project_out"):
         return m.record_project_out(p)
     if m.shape[-1] == 3:

@@ -1,4 +1,4 @@
-"""Spins of a chain as three vectors x, y, z (..., n) of their components, an entry a site; for any kind of number."""
+"""Spins of a chain as three vectors x, y, z (..., n) of their components, an entry per site; for any kind of number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a file of code is made of: the functions of a plan on recorded numbers, and its constants."""
+"""Contents of a file of code: the functions of a plan on recorded numbers, and its constants."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from kreisel.record.calling import call
 from kreisel.record.model import Model
 from kreisel.runs.plan import Plan
 
-SMALL = 1e-9  # a step and a step back leave so much of the state, or there is no step back
+SMALL = 1e-9  # a step and a step back must leave the state within this, or there is no step back
 NEGATED = ("mu", "mu_re", "mu_im", "turn0", "turn1", "body0", "body1", "spin0", "spin1")  # of D_(-eps) = D_eps^-1
 
 
@@ -32,11 +32,11 @@ NEGATED = ("mu", "mu_re", "mu_im", "turn0", "turn1", "body0", "body1", "spin0", 
 class Contents:
     """The parts of a file.
 
-    step, back       recorded; back is None where no step back is known
+    step, back       recorded; back is None if no step back is known
     constants, stages  of the step, and of the step back
-    opened           of a user's state, the method's own variables
+    opened           the method's variables from a user's state
     observed         state, Casimirs and integrals, by name
-    names            of the numbers of a user's state
+    names            of the entries of a user's state
     every            steps between two projections, by the programs (of the invariants, of the orientation)
     """
 
@@ -56,9 +56,9 @@ class Contents:
 
 
 def in_steps(plan: Plan) -> Plan:
-    """A plan of closed forms as one of steps of the same flow, whose integrals may change from step to step.
+    """A plan of closed forms as a plan of steps of the same flow, whose integrals may change from step to step.
 
-    Raises `InputError` where dt is too long for a single step.
+    Raises `InputError` if dt is too long for a single step.
     """
     made, model = plan.scheme, plan.model
     closed = closed_form(model.system, model.n) if isinstance(made.motion, Orbits) else None
@@ -86,7 +86,7 @@ def in_steps(plan: Plan) -> Plan:
 
 
 def contents(plan: Plan) -> Contents:
-    """All that a file says of a plan of one trajectory.  Raises `InputError` where its step is no straight line."""
+    """Contents of the file for a plan of one trajectory.  Raises `InputError` if its step is not straight-line."""
     plan = in_steps(plan)
     made = plan.scheme
     if made.corrector is not None:
@@ -144,9 +144,9 @@ def _letters(made: Scheme) -> list[str]:
 
 
 def _of_user(plan: Plan, name: str, value: Any) -> Any:
-    """The independent entries of a component: of skew matrices axial vectors for n = 3, else those above the diagonal.
+    """Independent entries of a component: for skew matrices axial vectors if n = 3, else entries above the diagonal.
 
-    Of symmetric ones those on and above the diagonal; all row by row.
+    For symmetric matrices the entries on and above the diagonal; all row by row.
     """
     name_of_kind, n = dict(plan.scheme.components).get(name), plan.model.n
     if name_of_kind is None or np.shape(value)[-2:] != (n, n):
@@ -156,7 +156,7 @@ def _of_user(plan: Plan, name: str, value: Any) -> Any:
 
 
 def _flat(plan: Plan, parts: tuple[Array, ...], known: Mapping[str, Array]) -> dict[str, Array]:
-    """What is observed: the state as a user gives it, then Casimirs and integrals."""
+    """The observed values: the state in the user's form, then Casimirs and integrals."""
     found = {name: np.ravel(_of_user(plan, name, value)) for name, value in plan.variables(parts, **known).items()}
     return {name: found[name] for name in dict.fromkeys([*_letters(plan.scheme), *found])}
 
@@ -168,7 +168,7 @@ def _names(plan: Plan) -> list[str]:
 
 
 def _opened(made: Scheme) -> tuple[Graph, list[Operand]]:
-    """The method's own variables from a user's state x."""
+    """The method's variables from a user's state x."""
     graph, kinds, parts, start = Graph(), dict(made.components), [], 0
     for name in _letters(made):
         count = algebra.KINDS[kinds[name]].count(made.n)
@@ -180,7 +180,7 @@ def _opened(made: Scheme) -> tuple[Graph, list[Operand]]:
 
 
 def step_back(plan: Plan) -> Scheme | None:
-    """The inverse of the step, tested at the start; None where it is not known."""
+    """The inverse of the step, tested at the start; None if it is not known."""
     made, model = plan.scheme, plan.model
     candidates: list[Callable[[], Scheme]] = [
         lambda: _inverse_map(model, made),
@@ -229,7 +229,7 @@ def _backwards(made: Scheme) -> Scheme:
 
 
 def _negated(made: Scheme, sign: int) -> Scheme:
-    """Bäcklund transformations at (-mu, `sign` rho) of the spectral curve, and turns the other way."""
+    """Bäcklund transformations at (-mu, `sign` rho) of the spectral curve, and the inverse rotations."""
     if made.name not in ("baecklund", "exact"):
         raise KeyError(made.name)
 

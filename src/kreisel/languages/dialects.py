@@ -1,4 +1,4 @@
-"""C, JavaScript and Julia as data: what `kreisel.languages.writer` needs of each."""
+"""C, JavaScript and Julia as data for `kreisel.languages.writer`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WORD = re.compile(r"@(\w+?)@")
 
 
 def filled(template: str, words: Mapping[str, Any]) -> str:
-    """A template with @words@ replaced, but for those that are not known yet."""
+    """A template with @words@ replaced, except words that are not yet known."""
     return WORD.sub(lambda match: str(words.get(match[1], match[0])), template)
 
 
@@ -24,14 +24,14 @@ def filled(template: str, words: Mapping[str, Any]) -> str:
 class Dialect:
     """A language, in templates.
 
-    local     declares a number, or an integer, that is assigned to later
-    once      declares one with its only value
-    starts    declares a number that is assigned to later, with its first value
-    up, down  a loop over whole numbers {var} from {start} to {stop}, which is left out, with step 1 and -1
-    table     declares constant numbers; `rows` several rows of them, `row` each
-    prefix    of the helpers that all files share, where they might meet others
-    mark      of the other names of a file, where they would meet the names of other files
-    reserved  names that the language has for itself
+    local     declares a float, or an integer, that is assigned to later
+    once      declares one with its final value
+    starts    declares a float that is assigned to later, with its first value
+    up, down  a loop over integers {var} from {start} to {stop}, exclusive, with step 1 and -1
+    table     declares constant floats; `rows` several rows of them, `row` each
+    prefix    of the helpers that all files share, if other names may clash with them
+    mark      of the other names of a file, if they would clash with names of other files
+    reserved  reserved words of the language
     first     the index of the first entry of an array
     """
 
@@ -63,7 +63,7 @@ class Dialect:
 
     @cached_property
     def templates(self) -> dict[str, str]:
-        """What is the same in every file: its head, its helpers, the type with a state, the heads of functions."""
+        """The constant texts of every file: its head, its helpers, the type with a state, the heads of functions."""
         folder = resources.files("kreisel.languages").joinpath("templates")
         text = folder.joinpath(f"{self.name}{self.suffix}").read_text(encoding="utf-8")
         names_and_texts = SECTION.split(text)[1:]
@@ -74,7 +74,7 @@ class Dialect:
         return filled(self.templates[name].rstrip("\n"), words)
 
     def name_of(self, word: str) -> str:
-        """A name that the language does not have for itself."""
+        """A name that is not a reserved word of the language."""
         return f"{word}_" if word in self.reserved else word
 
     def entry(self, array: str, i: int) -> str:
@@ -82,17 +82,17 @@ class Dialect:
         return f"{array}[{i + self.first}]"
 
     def numbers(self, name: str, values: Sequence[float], whole: bool = False) -> str:
-        """Constant numbers."""
+        """A declaration of constant floats."""
         body = ", ".join(self.literal(v, whole) for v in values) or "0"
         return self.table[whole].format(name=name, count=max(len(values), 1), body=body)
 
     def matrix(self, name: str, values: Sequence[Sequence[float]]) -> str:
-        """Rows of constant numbers."""
+        """A declaration of rows of constant floats."""
         rows = [self.row.format(self.space.join(self.literal(v) for v in row)) for row in values]
         return self.rows.format(name=name, count=len(values), width=len(values[0]), body=self.between.join(rows))
 
     def literal(self, value: float, whole: bool = False) -> str:
-        """A number with all its digits."""
+        """A float or an integer with all its digits."""
         if whole:
             return str(int(value))
         nan, infinity = self.special

@@ -47,13 +47,13 @@ def code(
     language      "c" (a C99 header), "js" (an ES module) or "julia" (a module)
     system to project  as in `kr.simulate`; methods that make steps, n <= 10: "suris", "baecklund", "veselov",
                   "variational", "kahan".  With "baecklund" the constants of the step belong to the orbit of x0; with
-                  the others any state may be given in the file's own language
-    name          of the body: what names in C begin with, the module in Julia; letters, digits and _.  By default that
-                  of the system with eight digits of the content, so that the files of two bodies go into one program
+                  the others any state may be given in the language of the file
+    name          of the body: prefix of names in C, the module in Julia; letters, digits and _.  Default: the name of
+                  the system with eight digits of the content, so the files of two bodies fit into one program
 
-    The file has the step, the step back where it is known, Casimirs and integrals, the projection onto what the method
-    conserves, the orientation if one is given, and the equations with their source.  In C the bits of the step are
-    those of the kernel; JavaScript has no fused multiply-add and differs by rounding.  Raises `InputError`.
+    The file has the step, the step back if known, Casimirs and integrals, the projection onto the invariants of the
+    method, the orientation if one is given, and the equations with their source.  In C the step is bitwise equal to the
+    kernel; JavaScript has no fused multiply-add and differs by rounding.  Raises `InputError`.
     """
     if language not in LANGUAGES:
         raise InputError(
@@ -128,7 +128,7 @@ def _sizes(programs: Sequence[Program]) -> dict[str, Any]:
 
 
 def _head(what: Contents) -> list[str]:
-    """What the comment at the top of a file says."""
+    """The comment at the top of a file."""
     plan, system = what.plan, what.plan.model.system
     method = find(plan.scheme.name)
     order = plan.scheme.options.get("order")
@@ -185,7 +185,7 @@ def _functions(what: Contents, dialect: Dialect) -> list[str]:
 
 
 def _own(dialect: Dialect, name: str) -> str:
-    """The name of a table, where files share names with the files of other bodies."""
+    """The name of a table, marked if files share names with the files of other bodies."""
     return dialect.mark + name
 
 
@@ -195,7 +195,7 @@ def _tables(dialect: Dialect, mark: str, record: Recording, constants: Any, stag
 
 
 def _straight(dialect: Dialect, name: str, graph: Graph, values: Sequence[Operand], source: str, target: str) -> str:
-    """A function from an array to another, in straight-line code."""
+    """A function from one array to another, in straight-line code."""
 
     def place(letter: str, i: int) -> str:
         return dialect.entry(source if letter == source else _own(dialect, "CONSTANTS"), i)
@@ -239,7 +239,7 @@ def _step(dialect: Dialect, name: str, mark: str, record: Recording, stages: Any
 
 
 def _projection(dialect: Dialect, k: int, program: Program, gain: float) -> list[str]:
-    """The functions that begin and make the projection of a program, written out where it is not long."""
+    """The functions that begin and apply the projection of a program, written out unless it is long."""
     if not written_out([program]):
         return _projection_in_loops(dialect, k, program, gain)
     graph, *results = recorded_projection(program, gain)
@@ -254,7 +254,7 @@ def _projection(dialect: Dialect, k: int, program: Program, gain: float) -> list
 
 
 def _projection_in_loops(dialect: Dialect, k: int, program: Program, gain: float) -> list[str]:
-    """And its tables."""
+    """The projection in loops, and its tables."""
     (sizes, *tables), names = program.tables, ("OPS", "RUNS", "OUTS", "ENDS", "CONES", "COLUMNS")
     own = [_own(dialect, f"{name}_{k}") for name in names]
     text = [dialect.numbers(name, table.ravel().tolist(), True) for name, table in zip(own, tables, strict=True)]

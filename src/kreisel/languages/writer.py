@@ -32,14 +32,14 @@ from kreisel.languages.dialects import Dialect
 WORD, NUMBER = re.compile(r"[A-Za-z_]\w*"), re.compile(r"\s*(?:const double |const )?(t\d+) = ")
 SIGNS = (PLUS, MINUS, TIMES, OVER)
 OF_LANGUAGE = (FMA, SQRT, *TRANSCENDENTAL)  # functions that languages have
-HELPERS = {MAX: "max", SIGN: "sign", SIZE: "size", WHERE: "where_less"}  # those that files bring
+HELPERS = {MAX: "max", SIGN: "sign", SIZE: "size", WHERE: "where_less"}  # functions that the files bring
 
 
 class Writer:
     """Statements of a function in a dialect.
 
     inputs  the expression of an input (letter, index)
-    exact   whether sums with a product are rounded once in JavaScript too, which is slow there
+    exact   whether sums with a product are rounded once also in JavaScript, which is slow there
     lines   the statements
     """
 
@@ -50,22 +50,22 @@ class Writer:
         self._count = 0
 
     def say(self, line: str) -> None:
-        """A statement."""
+        """Add a statement."""
         self.lines.append(" " * self.indent + line)
 
     def fresh(self, letter: str) -> str:
-        """A name that the function does not have yet."""
+        """A name that the function does not yet have."""
         self._count += 1
         return f"{letter}{self._count - 1}"
 
     def once(self, expression: str, letter: str = "t") -> str:
-        """The name of a number that is said here."""
+        """The name of a new constant with this value."""
         name = self.fresh(letter)
         self.say(self.dialect.once[0].format(name, expression))
         return name
 
     def assign(self, name: str, expression: str) -> None:
-        """A variable, or an entry of an array, gets another value."""
+        """Assign a value to a variable, or to an entry of an array."""
         self.say(f"{name} = {expression}{self.dialect.end}")
 
     def values(self, graph: Graph, outputs: Sequence[Operand]) -> list[str]:
@@ -75,7 +75,7 @@ class Writer:
         return [self.operand(x, names) for x in outputs]
 
     def operand(self, x: Operand, names: dict[int, Any]) -> str:
-        """A number, or the name of one, with its sign."""
+        """A literal, or the name of a variable, with its sign."""
         if not isinstance(x, Number):
             return self.dialect.literal(float(x)) if x >= 0 else f"({self.dialect.literal(float(x))})"
         return f"(-{names[x.at]})" if x.negative else str(names[x.at])
@@ -124,7 +124,7 @@ class Writer:
         return variables
 
     def function(self, head: str) -> str:
-        """The function with these statements, without numbers that none of them reads."""
+        """The function with these statements, without variables that none of them reads."""
         lines = self.lines
         while True:
             words = Counter(word for line in lines for word in WORD.findall(line))
@@ -180,7 +180,7 @@ class Index:
 
 
 class Looping(Graph):
-    """Numbers and loops of `kreisel.graph.project.Projection` as statements, each where it is recorded."""
+    """Numbers and loops of `kreisel.graph.project.Projection` as statements, each at its place of recording."""
 
     def __init__(self, writer: Writer):
         super().__init__()
@@ -199,11 +199,11 @@ class Looping(Graph):
         return self.writer.operand(x, self._said)
 
     def number(self, expression: str) -> Number:
-        """A number that an expression says."""
+        """A number given by an expression."""
         return Number(self, self.node(IN, expression))
 
     def each(self, first: Any, last: Any, step: int = 1) -> Iterator[Index]:
-        """The variable of a loop: the body is run once, to be written."""
+        """The variable of a loop, whose body is run once, to be written."""
         d, name = self.writer.dialect, self.writer.fresh("i")
         self.writer.say(d.local[1].format(name))
         with self.writer.block((d.up if step > 0 else d.down).format(var=name, start=first, stop=last)):
@@ -220,7 +220,7 @@ class Looping(Graph):
 
 
 class Entries:
-    """The numbers of an array, or one that loops change."""
+    """The numbers of an array, also of an array that loops change."""
 
     def __init__(self, flow: Looping, name: str, scalar: bool = False):
         self._flow, self._name, self._scalar = flow, name, scalar

@@ -12,7 +12,7 @@
     spins.spin("Mercury"), spins.angular_momentum(), spins.energy()
     spins.save("mercury.npz")                       # and kr.rebound.load
 
-Lengths, times and masses are those of the simulation; vectors are in its frame.
+Lengths, times and masses are in the units of the simulation; vectors are in its frame.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The parts of a step on all bodies and particles, compiled: `kreisel.rebound.interaction` recorded.
 
-p (N, ...) are REBOUND's particles where they lie in memory, rows of x, v, a, m and more; `masses` (N,) those with which
-they act.  A body is a particle `index`, a row L, g of `z` and a row of `c`: what `ROTOR` and `FIGURE` list.
+p (N, ...) are REBOUND's particles in their memory, rows of x, v, a, m and more; `masses` (N,) are the active masses.  A
+body is a particle `index`, a row L, g of `z` and a row of `c`: the entries that `ROTOR` and `FIGURE` list.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from kreisel.rebound import interaction
 ROTOR = {"inverse": (3,), "rates": (3,), "gaps": (3,), "curvatures": (3,)}
 FIGURE = {"I": (3,), "D": (3,), "tide": (), "fluid": (), "lag": ()}
 COLUMNS, OF_FIGURE, LAG = 21, 12, 20
-BALL = 1e-12  # of the moments: what rounding may make of a ball
-MOST_PARTS = 100_000  # of a turn: a step in which a body turns so often is no step
+BALL = 1e-12  # of the moments: rounding of a ball
+MOST_PARTS = 100_000  # of a rotation: a step with more parts is meaningless
 
-# The words of a frame: addresses, then counts: numbers of a particle, particles that act, bodies, particles, rows of
-# q (0 where coordinates are not Jacobi's) and their numbers, steps; and whether pairs go in the other order.
+# The words of a frame: addresses, then counts: values per particle, active particles, bodies, particles, rows of q (0
+# unless coordinates are Jacobi's) and their values, steps; and whether pairs are in reverse order.
 ADDRESSES = (
     "p",
     "masses",
@@ -44,7 +44,7 @@ ADDRESSES = (
     "status",
 )
 FRAME = (*ADDRESSES, "width", "active", "bodies", "particles", "jacobi", "jacobi_width", "steps", "backwards")
-TURNED_OFTEN = -1  # `done` where a body turns too often
+TURNED_OFTEN = -1  # `done` if a body rotates too often
 
 
 class Recorded(NamedTuple):
@@ -63,7 +63,7 @@ class Recorded(NamedTuple):
         without: tuple[str, ...] = (),
         first: int = 0,
     ) -> Recorded:
-        """A function of inputs, one after the other, and of constants, `without` some that it does not take."""
+        """A function of inputs, one after the other, and of constants, `without` some that it does not need."""
 
         def called(**arguments: Any) -> list[Any]:
             return list(function(**{name: value for name, value in arguments.items() if name not in without}))
@@ -72,7 +72,7 @@ class Recorded(NamedTuple):
         return cls(graph, outputs, first)
 
     def __call__(self, code: Code, body: Integer, values: Sequence[Value]) -> list[Value]:
-        """The numbers that it gives for a body."""
+        """The outputs of the function for a body."""
         c = code.doubles["c"].beyond(body * COLUMNS + self.first)
         return code.f.outputs(self.graph, self.outputs, lambda letter, i: values[i] if letter == "z" else c[i])
 
@@ -94,7 +94,7 @@ def _recorded() -> dict[str, Recorded]:
 
 
 class Code:
-    """What the kernels share: the words of the frame, and what particles and bodies do in a part of a step."""
+    """Code that the kernels share: the words of the frame, the actions of particles and bodies in a part of a step."""
 
     def __init__(self, f: Function, react: Reaction):
         self.f, self.react = f, react
@@ -104,11 +104,11 @@ class Code:
         self.dt, self.G = self.doubles["times"].get(2)
 
     def particle(self, i: Integer) -> Memory:
-        """Its numbers: x, v, a, m and more."""
+        """The values of a particle: x, v, a, m and more."""
         return self.doubles["p"].beyond(i * self.words["width"])
 
     def act_on_all(self, h: Value, backwards: Any) -> None:
-        """What particles and bodies do to each other over a time h, pair after pair; or in the other order."""
+        """Interaction of particles and bodies over a time h, pair after pair; or in reverse order."""
         f, words = self.f, self.words
         with f.loop(0, words["particles"] * 3) as k:
             self.doubles["dv"][k] = 0.0
@@ -141,14 +141,14 @@ class Code:
         self.react(f, (first, dv.beyond(i * 3), first[9]), (second, dv.beyond(j * 3), m), z, r, change)
 
     def turn_all(self, h: Value) -> None:
-        """Turn the bodies freely over a time h; `done` is `TURNED_OFTEN` where one turns too often in it."""
+        """Rotate the bodies freely over a time h; `done` is `TURNED_OFTEN` if one rotates too often in it."""
         f, builder, functions = self.f, self.f.builder, _recorded()
         one, two, most = (constant(DOUBLE, x) for x in (1.0, 2.0, float(MOST_PARTS)))
         with f.loop(0, self.words["bodies"]) as body:
             z = self.doubles["z"].beyond(body * 7)
             L, c = z.get(3), self.doubles["c"].beyond(body * COLUMNS + OF_FIGURE)
             (reach,) = functions["reach"](self, body, [*z.get(7), h])
-            parts = builder.fadd(one, builder.fmul(two, f.intrinsic("sqrt", reach)))  # turns by up to 4 radians
+            parts = builder.fadd(one, builder.fmul(two, f.intrinsic("sqrt", reach)))  # rotations by up to 4 radians
             few = builder.fcmp_ordered("<", parts, most)
             with f.otherwise(few) as (turns, refused):
                 with turns:
@@ -179,7 +179,7 @@ class Code:
                 mass[0] = builder.fadd(mass[0], masses[i])
 
     def advance(self) -> None:
-        """So many steps of bodies and particles, by REBOUND's own step between the halves of what they do."""
+        """Steps of bodies and particles, by REBOUND's step between the halves of their interaction."""
         f, words, builder = self.f, self.words, self.f.builder
         half, present, status = (
             builder.fdiv(self.dt, constant(DOUBLE, 2.0)),
@@ -217,7 +217,7 @@ Reaction = Callable[[Function, Side, Side, Memory, Sequence[Value], Sequence[Val
 
 
 def react(f: Function, first: Side, second: Side, z: Memory, r: Sequence[Value], change: Sequence[Value]) -> None:
-    """The velocity of the second particle changes; the first, and the spin z of the body, have the reaction."""
+    """Change of the velocity of the second particle, with its reaction on the first and on the spin z of the body."""
     builder, (particle, dv, own), (others, other_dv, m) = f.builder, first, second
     ratio = builder.fdiv(m, own)
     for k, x in enumerate(change):
@@ -253,7 +253,7 @@ _kernels = cache(compiled)
 
 
 def _run(part: str, arrays: Mapping[str, Any], **more: int) -> bool:
-    """Run a kernel on arrays, and on addresses and counts; False where a body turns too often."""
+    """Run a kernel on arrays, and on addresses and counts; False if a body rotates too often."""
     done = np.zeros(2, dtype=np.int64)
     words = dict.fromkeys(FRAME, 0) | {name: int(array.ctypes.data) for name, array in arrays.items()}
     words |= {"done": done.ctypes.data, **more}
@@ -270,13 +270,13 @@ def _rows(
 
 
 def act_on_all(p: Any, masses: Any, index: Any, z: Any, c: Any, dv: Any, h: float, G: float, backwards: bool) -> None:
-    """What particles and bodies do to each other over a time h, pair after pair; `backwards`: in the other order."""
+    """Interaction of particles and bodies over a time h, pair after pair; `backwards`: in reverse order."""
     arrays, counts = _rows(p, masses, index, z, c, dv, h, G)
     _run("act", arrays, **counts, backwards=int(backwards))
 
 
 def turn_all(z: Any, c: Any, h: float) -> bool:
-    """Turn the bodies freely over a time h; False where one turns too often in it."""
+    """Rotate the bodies freely over a time h; False if one rotates too often in it."""
     return _run("turn", {"z": z, "c": c, "times": np.array([h, 0.0])}, bodies=len(z))
 
 
@@ -284,9 +284,9 @@ def advance(
     p: Any, masses: Any, index: Any, z: Any, c: Any, dv: Any, h: float, G: float, q: Any, step: int, simulation: int,
     counts: Any, modified: int, status: int, steps: int,
 ) -> bool:  # fmt: skip
-    """Steps of bodies and particles; False as of `turn_all`.
+    """Steps of bodies and particles; False as for `turn_all`.
 
-    step, simulation, modified, status  addresses of REBOUND's own step and of what it works on; q: Jacobi's coordinates
+    step, simulation, modified, status  addresses of REBOUND's step and of its data; q: Jacobi's coordinates
     """
     arrays, sizes = _rows(p, masses, index, z, c, dv, h, G)
     of_rebound = {"step": step, "simulation": simulation, "modified": modified, "status": status, "steps": steps}
@@ -302,5 +302,5 @@ def columns(moments: Any, tide: float, fluid: float, lag: float) -> Any:
 
 
 def is_ball(moments: Any) -> bool:
-    """Whether moments are equal but for rounding."""
+    """Whether moments are equal up to rounding."""
     return bool(np.ptp(moments) <= BALL * np.max(moments))

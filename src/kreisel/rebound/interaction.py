@@ -9,7 +9,7 @@ m U,
         - G m tide/(2 r^6)                                       the tide that m raises on the body
 
 with tide = fluid = k_2 R^5.  m a = -m grad U acts on the mass, -m a on the body, and -r x m a is the torque on its
-spin: both sums are conserved.  The tide that lags by the time tau behind m adds the force [Hut 1981]
+spin: both sums are conserved.  A tide that lags by the time tau behind m adds the force [Hut 1981]
 
     -3 G m^2 tide tau/r^8 (3 v_r + v_t - Omega x r)              v_r, v_t: along and across r
 
@@ -39,7 +39,7 @@ def potential(b: Array, W: Array, *, D: Array, tide: Any, fluid: Any, G: Any, m:
 def kick(r: Array, L: Array, g: Array, h: Any, m: Any, G: Any, *, I: Array, D: Array, tide: Any, fluid: Any) -> Array:
     """a h (3,): the change of the velocity of the mass in the time h, while positions and orientation stay.
 
-    The spin of a fluid ball turns about r meanwhile, by 2 arctan |y|: midpoint rule.
+    The spin of a fluid ball meanwhile rotates about r by 2 arctan |y|: midpoint rule.
     """
     R = algebra.rotation_matrix(g)
     b, W = r @ R, 3 * (L @ R) / I.sum()
@@ -56,7 +56,7 @@ def friction(
 ) -> Array:
     """The change of the velocity of the mass by the lag of the tide in the time h: midpoint rule.
 
-    v (3,) is its velocity against the body, whose mass is `own`.  The mean s of the slip v_t - Omega x r solves
+    v (3,) is its velocity relative to the body, whose mass is `own`.  The mean s of the slip v_t - Omega x r solves
 
         (1 + q (1 + m/own)) s - q m r x (I^-1 (r x s)) = slip      q = 3 G m tide tau h/(2 r^8)
 

@@ -1,8 +1,8 @@
 """Spin and orientation of particles of a REBOUND simulation, split symmetrically from its integrator.
 
 A step of the length h is K(h/2) (N(h) and the free rotation, exactly) K(h/2), N a step of REBOUND and K the interaction
-of each body with the masses of the other particles: order 2.  K changes the velocities of both and the spin by what one
-potential says, so linear and angular momentum are conserved to rounding; the spin angular momentum itself is stored.
+of each body with the masses of the other particles: order 2.  K changes the velocities of both and the spin by the
+gradient of one potential and conserves linear and angular momentum to rounding; the spin angular momentum is stored.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ OFFSETS = {"x": 0, "y": 8, "z": 16, "vx": 24, "vy": 32, "vz": 40, "m": 72}  # by
 
 @cache
 def rebound() -> ModuleType:
-    """The module.  Raises `InputError` where it is not installed or keeps its particles otherwise."""
+    """The module.  Raises `InputError` if it is not installed or stores its particles in another way."""
     try:
         import rebound as library
     except ImportError as error:
@@ -63,16 +63,16 @@ def rebound() -> ModuleType:
 class Body:
     """An extended body, in the units of the simulation.
 
-    inertia      moments of inertia about the centre of mass: one number for a ball, (3,) along the principal axes, or a
-                 tensor (3, 3) in any body axes; or a body of `kreisel.physical` where the simulation is in SI units
+    inertia      moments of inertia about the centre of mass: one value for a ball, (3,) along the principal axes, or a
+                 tensor (3, 3) in any body axes; or a body of `kreisel.physical` if the simulation is in SI units
     spin         angular velocity (3,) in the frame of the simulation
     orientation  unit quaternion (w, x, y, z), body axes to the frame of the simulation
     love         potential Love number k_2 of the tides; a ball is a fluid that its rotation flattens with the same k_2
-    radius       R, where there are tides; if not given, that of the particle
-    lag          time by which the tides are late
+    radius       R, for tides; default: the radius of the particle
+    lag          time lag of the tides
 
-    Other bodies than balls keep their figure, of which the moments tell.  REBOUNDx calls half the lag `tau` in
-    `tides_spin`.  Raises `InputError` for moments that no body has.
+    Bodies other than balls keep their figure, which the moments determine.  In REBOUNDx, `tau` of `tides_spin` is half
+    the lag.  Raises `InputError` for impossible moments of inertia.
     """
 
     inertia: Any
@@ -104,7 +104,7 @@ class Body:
         return moments, g
 
     def angular_velocity(self) -> Array:
-        """(3,).  Raises `InputError`."""
+        """The angular velocity (3,).  Raises `InputError`."""
         return si_numbers(self.spin, RATE, "spin, an angular velocity in the frame of the simulation,", ((3,),))
 
     def state(self) -> Array:
@@ -114,7 +114,7 @@ class Body:
         return np.concatenate([R @ (moments * (R.T @ self.angular_velocity())), g])
 
     def tides(self, radius: float) -> tuple[float, float, float]:
-        """k_2 R^5, the same for a fluid ball, else 0, and the lag; `radius`: that of the particle.
+        """k_2 R^5, again k_2 R^5 for a fluid ball, else 0, and the lag; `radius`: of the particle.
 
         Raises `InputError`.
         """
@@ -147,16 +147,16 @@ class Body:
 
 FIXED = ("whfast", "leapfrog", "saba", "mercurius", "trace")  # a step is dt
 ADAPTIVE = ("ias15", "bs")
-CHUNK = 50_000  # steps between two looks at what happened
+CHUNK = 50_000  # steps between two checks of the result
 LATE = 1e-9  # of a step: rounding of the time
 
 
 @explained
 class Spins:
-    """The bodies of a simulation `sim`; `attach` makes it.
+    """The bodies of a simulation `sim`; a result of `attach`.
 
-    dt      the step; with an adaptive integrator the time between two kicks, else that of the simulation
-    names   the particles that are bodies, as they were given
+    dt      the step; with an adaptive integrator the time between two kicks, else the dt of the simulation
+    names   the particles that are bodies, as given by the user
     """
 
     def __init__(self, sim: Any, names: Iterable[int | str], z: Array, c: Array, kick: float | None):
@@ -180,7 +180,7 @@ class Spins:
 
     @property
     def dt(self) -> float:
-        """The step.  Raises `InputError` unless it is a number that is not 0."""
+        """The step.  Raises `InputError` unless it is a float other than 0."""
         name = str(self.sim.integrator)
         if name not in (*FIXED, *ADAPTIVE):
             raise InputError(f"sim.integrator: expected one of {', '.join((*FIXED, *ADAPTIVE))}, got {shown(name)}.")
@@ -196,10 +196,10 @@ class Spins:
         return float(dt)
 
     def integrate(self, t: float) -> None:
-        """Go on in steps of dt until the time is t or later, by less than a step.
+        """Integrate in steps of dt until the time is t or later, by less than a step.
 
-        Raises `InputError` for a time behind, `RunError` where particles are lost or a state is no longer finite, and
-        what `sim.integrate` raises.
+        Raises `InputError` for a time in the past, `RunError` if particles are lost or a state is no longer finite, and
+        the exceptions of `sim.integrate`.
         """
         dt = self.dt
         ahead = (t - self.sim.t) / dt if is_finite(t) else np.nan
@@ -211,7 +211,7 @@ class Spins:
         self.steps(max(0, int(np.ceil(ahead - LATE))))
 
     def steps(self, count: int) -> None:
-        """Make `count` steps.  Raises what `integrate` does."""
+        """Make `count` steps.  Raises the exceptions of `integrate`."""
         dt = self.dt
         if not isinstance(count, int | np.integer) or isinstance(count, bool) or not 0 <= count <= MOST_STEPS:
             raise InputError(f"count: expected a whole number of steps from 0 to {MOST_STEPS:,}, got {shown(count)}.")
@@ -276,7 +276,7 @@ class Spins:
         return np.array([*self.sim.angular_momentum()]) + self._z[:, :3].sum(0)
 
     def energy(self) -> float:
-        """The energy of particles, rotation and interaction; tides that lag take it away."""
+        """The energy of particles, rotation and interaction; tides with a lag dissipate it."""
         p, masses, index, z, c = self._arguments()
         total = float(self.sim.energy())
         for i, row, columns in zip(index, z, c, strict=True):
@@ -291,7 +291,7 @@ class Spins:
         return float(total)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """One file with the simulation, as REBOUND's own data, and the bodies; `kreisel.rebound.load` reads it."""
+        """Write one file with the simulation, as REBOUND's data, and the bodies; `kreisel.rebound.load` reads it."""
         names = [("#" if isinstance(name, str) else "") + str(name) for name in self.names]
         kick = np.nan if self._kick is None else self._kick
         parts = {"z": self._z, "c": self._c, "names": np.array(names), "dt": np.array(kick), "seen": self._seen}
@@ -300,7 +300,7 @@ class Spins:
     # -- what the kernels work on ---------------------------------------------------------------------------
 
     def _arguments(self) -> tuple[Array, Array, Array, Array, Array]:
-        """Particles, where they lie in memory, the masses with which they act, and the bodies."""
+        """Particles in their memory, the active masses, and the bodies."""
         sim, size = self.sim, ctypes.sizeof(rebound().Particle) // 8
         rows = (ctypes.c_double * size * self._count).from_address(ctypes.addressof(sim._particles.contents))
         p: Array = np.ctypeslib.as_array(rows)
@@ -311,17 +311,17 @@ class Spins:
 
     @contextlib.contextmanager
     def _jacobi(self) -> Iterator[Array]:
-        """WHFast's Jacobi coordinates where they lie in memory, no rows for others: they change with the particles.
+        """WHFast's Jacobi coordinates in their memory, no rows for other integrators: they change with the particles.
 
-        In REBOUND's safe mode each step makes them from the particles, which rounds the angular momentum of a hierarchy
-        by up to 1.4e-16 a step, always to the same side.
+        In REBOUND's safe mode each step computes them from the particles, which rounds the angular momentum of a
+        hierarchy by up to 1.4e-16 a step, always in one direction.
         """
         sim, size = self.sim, ctypes.sizeof(rebound().Particle) // 8
         if str(sim.integrator) != "whfast" or sim.integrator.coordinates != "JACOBI":
             yield np.empty((0, size))
             return
         safe, sim.integrator.safe_mode = sim.integrator.safe_mode, 0
-        rebound().clibrebound.reb_simulation_steps(ctypes.byref(sim), ctypes.c_size_t(0))  # makes room for them
+        rebound().clibrebound.reb_simulation_steps(ctypes.byref(sim), ctypes.c_size_t(0))  # allocates them
         if not np.array_equal(self._state(), self._seen):
             sim.did_modify_particles = 1
         state = sim.integrator
@@ -334,12 +334,12 @@ class Spins:
             sim.integrator.safe_mode = safe
 
     def _state(self) -> Array:
-        """Positions, velocities and the masses that act, (N, 7)."""
+        """Positions, velocities and the active masses, (N, 7)."""
         p, masses, *_ = self._arguments()
         return np.column_stack([p[:, :6], masses])
 
     def _field(self, name: str, kind: Any) -> Array:
-        """A number of the simulation where it lies in memory."""
+        """A scalar of the simulation in its memory."""
         where = ctypes.addressof(self.sim) + getattr(type(self.sim), name).offset
         size = np.dtype(kind).itemsize
         return np.frombuffer((ctypes.c_char * size).from_address(where), dtype=kind)
@@ -388,12 +388,12 @@ class Spins:
 
 
 def is_finite(value: Any) -> bool:
-    """Whether it is a finite number."""
+    """Whether the value is a finite number."""
     return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
 def check_simulation(sim: Any) -> None:
-    """Raises `InputError` for simulations that the splitting does not suit."""
+    """Raises `InputError` for simulations unsuitable for the splitting."""
     if not isinstance(sim, rebound().Simulation):
         raise InputError(f"sim: expected a rebound.Simulation, got {shown(sim)}.")
     if not (np.isfinite(sim.G) and sim.G > 0):
@@ -432,9 +432,9 @@ def index_of(sim: Any, name: int | str) -> int:
 
 @explained
 def attach(sim: Any, bodies: Mapping[int | str, Body], dt: float | None = None) -> Spins:
-    """Make particles of a REBOUND simulation extended bodies, by index or name; `sim` itself is moved by the result.
+    """Make particles of a REBOUND simulation extended bodies, by index or name; the result moves `sim` itself.
 
-    dt: the time between two kicks where the integrator is adaptive (ias15, bs); else the step is sim.dt.
+    dt: the time between two kicks if the integrator is adaptive (ias15, bs); else the step is sim.dt.
 
         spins = kreisel.rebound.attach(sim, {"Mercury": Body(inertia=(A, B, C), spin=(0, 0, w))})
         spins.integrate(100.0)
@@ -457,10 +457,10 @@ def attach(sim: Any, bodies: Mapping[int | str, Body], dt: float | None = None) 
 
 @explained
 def load(path: str | os.PathLike[str]) -> Spins:
-    """The simulation and its bodies as they were saved; they go on bit for bit.
+    """The saved simulation and its bodies, which continue bit for bit.
 
     Forces, heartbeats and other functions of the simulation are not in the file: set them again.  Raises `InputError`
-    for a file that is no such file, `RunError` where it cannot be read.
+    for any other file, `RunError` if it cannot be read.
     """
     sim, arrays = read_file(path)
     names = [name[1:] if name.startswith("#") else int(name) for name in arrays["names"].tolist()]
@@ -480,7 +480,7 @@ SHAPES = {"z": 7, "c": COLUMNS}
 
 
 def write_file(path: str | os.PathLike[str], sim: Any, parts: Mapping[str, Any]) -> None:
-    """Write `path` whole or not at all.  Raises `RunError` where the disk does not let it."""
+    """Write `path` completely or not at all.  Raises `RunError` if the disk refuses."""
     target = place(path, NEEDED)
     with on_disk(path, "be written"), scratch(target.parent, ".kreisel-", files=FILES) as folder:
         simulation_file, whole = (folder / name for name in FILES)
@@ -494,9 +494,9 @@ def write_file(path: str | os.PathLike[str], sim: Any, parts: Mapping[str, Any])
 
 
 def read_file(path: str | os.PathLike[str]) -> tuple[Any, dict[str, np.ndarray]]:
-    """The simulation and the arrays beside it.
+    """The simulation and the arrays of the file.
 
-    Raises `InputError` for a file that is no such file, `RunError` where it cannot be read.
+    Raises `InputError` for any other file, `RunError` if it cannot be read.
     """
     source = place(path, NEEDED)
     try:

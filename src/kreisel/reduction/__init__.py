@@ -10,7 +10,7 @@
     top = Top(J=(1, 2, 3), A=(0, 0, 1))
     run = kr.simulate(top, top.state(M=(1, 0, 2), P=(0, 0, 1)), dt=0.05, steps=1000)
 
-JAX computes in float64 inside `double()`; the user's own settings stay as they are.
+JAX computes in float64 inside `double()`; the user's settings remain unchanged.
 """
 
 from kreisel.record.contract import Frame, Parameter

@@ -1,12 +1,12 @@
-"""The one door to JAX: float64 while Kreisel computes, the user's own settings outside.
+"""The one door to JAX: float64 while Kreisel computes, the user's settings outside.
 
-JAX computes in float32 unless set otherwise, for the whole process.  Kreisel leaves that switch alone: all that it
-does itself runs inside `double()`.  Whoever differentiates or vectorises these functions opens the same door:
+JAX computes in float32 unless set otherwise, for the whole process.  Kreisel does not change that setting: its
+computations run inside `double()`.  To differentiate or vectorise these functions, open the same door:
 
     with kreisel.reduction.double():
         jax.grad(f)(x)
 
-Arrays that leave it stay float64.  Numbers of single precision that come in are refused, not silently used.
+Arrays that leave it stay float64.  Input of single precision is refused, not silently used.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ def require_double(*values: Any) -> None:
 
 
 def on_host(function: Callable[..., Any], shapes: Any, *args: Any, **options: Any) -> Any:
-    """A function of trees of NumPy arrays in float64, as one of JAX.
+    """A function of trees of NumPy arrays in float64, as a function of JAX.
 
-    The bits travel as whole numbers: a thread of XLA's own may call it, in which JAX would make float32 of them.
+    The bits are passed as integers: a thread of XLA may call it, in which JAX would convert floats to float32.
     """
 
     def host(*values: Any) -> Any:

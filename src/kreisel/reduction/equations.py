@@ -41,7 +41,7 @@ Lagrangian = Callable[..., Any]  # (Omega, P) or (W, P): an algebra element or a
 
 @dataclass(frozen=True, eq=False)
 class Continuous:
-    """A reduced Lagrangian `lagrangian(Omega, P)`, as the user writes it, and what follows from it."""
+    """A reduced Lagrangian `lagrangian(Omega, P)`, as the user writes it, and the equations that follow from it."""
 
     lagrangian: Lagrangian
     rep: Representation
@@ -56,7 +56,7 @@ class Continuous:
         return jax.grad(self.value)(x, P)
 
     def velocity(self, M: Array, P: Array) -> Array:
-        """The x of Omega with grad_Omega L(Omega, P) = M, on the branch of Omega = 0; NaN where there is none."""
+        """The x of Omega with grad_Omega L(Omega, P) = M, on the branch of Omega = 0; NaN if there is none."""
 
         def off(x: Array, M: Array, P: Array) -> Array:
             return self.momentum(x, P) - M
@@ -148,7 +148,7 @@ class Discrete:
         return self.rep.act(W if self._left else self.rep.group.inverse(W), P)
 
     def turn(self, M: Array, P: Array) -> Array:
-        """W_k from (M_k, P_k); NaN where the branch with the continuous limit ends."""
+        """W_k from (M_k, P_k); NaN beyond the end of the branch with the continuous limit."""
 
         def off(x: Array, M: Array, P: Array) -> Array:
             return self.before(self.rep.group.retract(x), P) - M
@@ -237,7 +237,7 @@ def reduce(
 
     LL must be invariant: LL(k g, k h, Phi(k) p) = LL(g, h, p) (moving frame), LL(g k, h k, Phi(k^-1) A) = LL(g, h, A)
     (rest frame); for k in the isotropy group of p or A that is the paper's condition on LL with p or A fixed.
-    Raises `InputError` where it does not hold at random elements.
+    Raises `InputError` if it does not hold at random elements.
     """
     group, left = rep.group, frame is Frame.MOVING
     rng = np.random.default_rng(seed)

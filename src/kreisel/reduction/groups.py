@@ -10,7 +10,7 @@
 
 Pure functions of JAX arrays without batch axes; `jax.vmap` adds them.  [Suris 2001, sections 2 and 3]
 
-Representations Phi on V, and what comes with them:
+Representations Phi on V, and their conventions:
 
 | thing     | convention                                                                                   |
 |-----------|----------------------------------------------------------------------------------------------|
@@ -45,14 +45,14 @@ RETRACTIONS = ("cayley", "exponential")
 
 @dataclass(frozen=True)
 class Space:
-    """How a point of R^dim is shown: as a skew matrix, a vector, or as `dim` numbers (kind "R^dim")."""
+    """The user's form of a point of R^dim: a skew matrix, a vector, or `dim` values (kind "R^dim")."""
 
     kind: str
     dim: int
     n: int
 
     def array(self, x: Array) -> Array:
-        """Coordinates (..., dim) as what the user sees."""
+        """Coordinates (..., dim) in the user's form."""
         return algebra.KINDS[self.kind].unpack(x, self.n)
 
     def coordinates(self, value: Array) -> Array:
@@ -61,18 +61,18 @@ class Space:
 
 
 def numbers(dim: int, n: int) -> Space:
-    """R^dim: a vector if dim = n, else as many numbers."""
+    """R^dim: a vector if dim = n, else `dim` values."""
     return Space("vector" if dim == n else f"R^{dim}", dim, n)
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """A matrix group: its name, basis (d, N, N) of the algebra, and how momenta are shown.
+    """A matrix group: its name, basis (d, N, N) of the algebra, and the user's form of momenta.
 
-    retraction   "cayley" where cay maps the algebra into the group (checked at random points), else "exponential"
+    retraction   "cayley" if cay maps the algebra into the group (checked at random points), else "exponential"
 
     Raises `InputError` if the basis is not independent over R or does not close under the bracket, and if the Cayley
-    transform is asked for and leaves the group.
+    transform is requested and leaves the group.
     """
 
     name: str
@@ -100,7 +100,7 @@ class Group:
         return f"<{self.name}, dimension {self.dim}, {self.retraction}>"
 
     def same(self, other: Any) -> bool:
-        """Whether the other is this group: the same basis, retraction and form of the momenta, whatever its name."""
+        """Whether the other is this group: equal basis, retraction and form of the momenta, under any name."""
         if not isinstance(other, Group) or (self.retraction, self.skew) != (other.retraction, other.skew):
             return False
         return np.array_equal(self.basis, other.basis)
@@ -116,7 +116,7 @@ class Group:
 
     @cached_property
     def unitary(self) -> bool:
-        """Whether all elements are: then g^-1 is the adjoint matrix."""
+        """Whether all elements are unitary: then g^-1 is the adjoint matrix."""
         return bool(abs(self.basis + self.basis.conj().swapaxes(-1, -2)).max() < CLOSED)
 
     def inverse(self, g: Array) -> Array:
@@ -130,7 +130,7 @@ class Group:
 
     @cached_property
     def dual(self) -> Space:
-        """How momenta are shown."""
+        """The user's form of momenta."""
         return Space("skew", self.dim, self.n) if self.skew else numbers(self.dim, self.n)
 
     @cached_property
@@ -204,7 +204,7 @@ def _basis(basis: Any, name: str) -> np.ndarray:
 
 
 def _real(E: np.ndarray) -> np.ndarray:
-    """Matrices (..., N, N) as rows of real numbers."""
+    """Matrices (..., N, N) as rows of real entries."""
     flat = E.reshape((*E.shape[:-2], -1))
     return np.concatenate([flat.real, flat.imag], -1) if np.iscomplexobj(E) else flat
 
@@ -244,13 +244,13 @@ def SO(n: int) -> Group:
 
 
 def SU2() -> Group:
-    """SU(2), complex 2 x 2 matrices, with E_j = -i sigma_j/2: [E_1, E_2] = E_3, so that su(2)* = R^3 as so(3)* is."""
+    """SU(2), complex 2 x 2 matrices, with E_j = -i sigma_j/2: [E_1, E_2] = E_3, so su(2)* = R^3 like so(3)*."""
     sigma = np.array([[[0, 1], [1, 0]], [[0, -1j], [1j, 0]], [[1, 0], [0, -1]]])
     return Group("SU(2)", -0.5j * sigma, n=3)
 
 
 def SE3() -> Group:
-    """SE(3) as 4 x 4 matrices [[R, x], [0, 1]]: three turns hat(e_j), then three shifts; momenta are 6 numbers."""
+    """SE(3) as 4 x 4 matrices [[R, x], [0, 1]]: three rotations hat(e_j), then three shifts; momenta are in R^6."""
     basis = np.zeros((6, 4, 4))
     basis[:3, :3, :3] = algebra.hat(np.eye(3))
     basis[3:, :3, 3] = np.eye(3)
@@ -286,7 +286,7 @@ def product(*groups: Group) -> Group:
 
 @explained
 def matrix_group(basis: Sequence[Any] | Array, name: str = "G", retraction: str = "") -> Group:
-    """A group of one's own by a basis (d, N, N) of its Lie algebra.  Raises `InputError` unless it is closed."""
+    """A user-defined group by a basis (d, N, N) of its Lie algebra.  Raises `InputError` unless it is closed."""
     return Group(name, np.asarray(basis), retraction)
 
 
@@ -305,7 +305,7 @@ SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Representation:
-    """Phi(g) on V = R^q: `act(g, v)` with v in coordinates, `space` as the user sees V, `phi` (d, q, q)."""
+    """Phi(g) on V = R^q: `act(g, v)` with v in coordinates, `space`, the user's form of V, `phi` (d, q, q)."""
 
     name: str
     group: Group
@@ -387,7 +387,7 @@ def adjoint(group: Group) -> Representation:
 
 
 def trivial(group: Group) -> Representation:
-    """On V = 0: Lagrangians of Omega or W alone, such as the Euler top, on g*."""
+    """The trivial representation, on V = 0: Lagrangians of only Omega or W, such as the Euler top, on g*."""
     return Representation("trivial", group, numbers(0, group.n), lambda g, v: v, np.zeros((group.dim, 0, 0)))
 
 
@@ -397,7 +397,7 @@ def representation(
     dim: int,
     name: str = "Phi",
 ) -> Representation:
-    """A representation of one's own: Phi(g, v) for g (N, N) and v (dim,), in JAX.
+    """A user-defined representation: Phi(g, v) for g (N, N) and v (dim,), in JAX.
 
     Raises `InputError` unless Phi is linear in v and Phi(g h) = Phi(g) Phi(h) at random elements.
     """
@@ -462,7 +462,7 @@ def quadratic_casimirs(rep: Representation) -> np.ndarray:
 
 
 def _echelon(rows: np.ndarray) -> np.ndarray:
-    """The reduced row echelon form of independent rows, rid of noise."""
+    """The reduced row echelon form of independent rows, without noise."""
     A, row = rows.copy(), 0
     for column in range(A.shape[1]):
         if row == len(A):

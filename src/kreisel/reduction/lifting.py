@@ -1,4 +1,4 @@
-"""Functions of JAX arrays as a record wants them: NumPy in and out, any batch axes, dual numbers of the laws."""
+"""Functions of JAX arrays in the form of a record: NumPy in and out, any batch axes, dual numbers of the laws."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def lifted(
     defaults: Mapping[str, Any] | None = None,
     trouble: str = "The result is not finite.",
 ) -> Function:
-    """`core(*arrays, **keywords)` of JAX arrays, for the numbers of a record.
+    """`core(*arrays, **keywords)` of JAX arrays, for the kinds of number of a record.
 
     axes       of each positional argument, without its batch
     keywords   letter -> axes without a batch axis, or None for a keyword that has no batch
     trouble    the message of the `RunError` for a result that is not finite although the input is
 
-    JAX arrays are handed on as they are, so that `jax.grad`, `jax.vmap` and `jax.jit` see a pure function.
+    JAX arrays are passed on unchanged, so `jax.grad`, `jax.vmap` and `jax.jit` see a pure function.
     """
     run = _Batched(core, tuple(axes), dict(keywords), trouble)
     absent = dict(defaults or {})
@@ -118,7 +118,7 @@ def _as_lanes(a: Array, axes: Any, batch: tuple[int, ...]) -> Array:
 
 
 def _on_duals(run: _Batched, args: Sequence[Any], constants: Mapping[str, Any]) -> Any:
-    """The chain rule: values and derivatives by JAX, slopes as the dual numbers carry them."""
+    """The chain rule: values and derivatives by JAX, slopes from the dual numbers."""
     flat = np.concatenate([np.asarray(a, dtype=object).ravel() for a in args])
     some = next((v for v in flat if hasattr(v, "slope")), None)
     if not all(isinstance(getattr(v, "value", v), int | float | np.number) for v in flat):

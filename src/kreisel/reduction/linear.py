@@ -23,7 +23,7 @@ def solve(A: Array, B: Array) -> Array:
 
 
 def inverse(A: Array) -> Array:
-    """A^-1 for A (..., N, N); not finite where A is singular."""
+    """A^-1 for A (..., N, N); not finite if A is singular."""
     return inverse_and_determinant(A)[0]
 
 

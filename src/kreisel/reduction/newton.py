@@ -1,10 +1,10 @@
 """Roots by Newton's method on the branch that starts at a known point: x = 0 is W = I, or Omega = 0.
 
-An implicit map is multivalued; of its branches the one with the continuous limit is followed.  The root of
-r(x) = (1 - s) r(0) is followed from x = 0 at s = 0 to s = 1, in one stretch if that will do.  A stretch is accepted if
-Newton's method converged to the root next to its start: the distance is at most twice the first step, as in
-Kantorovich's theorem, and the determinant of the Jacobian has kept its sign.  Otherwise it is cut.  If the path meets a
-fold there is no root on the branch, and x is NaN.
+An implicit map is multivalued; the branch with the continuous limit is followed.  The root of r(x) = (1 - s) r(0) is
+followed from x = 0 at s = 0 to s = 1, in one stretch if possible.  A stretch is accepted if Newton's method converged
+to the root next to its start: the distance is at most twice the first step, as in Kantorovich's theorem, and the
+determinant of the Jacobian has kept its sign.  Otherwise it is cut.  If the path reaches a fold there is no root on the
+branch, and x is NaN.
 
 Derivatives of the root, of any order, come from the implicit function theorem.
 """
@@ -21,8 +21,8 @@ from kreisel.reduction.double import jax
 jnp = jax.numpy
 lax = jax.lax
 
-TOLERANCE = 1e-10  # of the last step with the inverse that the path left
-REFINEMENTS = 2  # such steps, each of which takes six digits
+TOLERANCE = 1e-10  # of the last step with the inverse at the end of the path
+REFINEMENTS = 2  # such steps, each of which gains six digits
 SLACK = 1e-6  # a Newton step as short as this ends a stretch; the error after it is its square
 MOST_ITERATIONS = 20
 SHORTEST = 1 / 1024  # of the path
@@ -46,7 +46,7 @@ def find_root(residual: Residual, dim: int, *args: Any) -> Array:
 
 
 def _follow(residual: Callable[[Array], Array], dim: int) -> tuple[Array, Array]:
-    """The root up to SLACK and the inverse of the Jacobian there; NaN where the branch ends.
+    """The root up to SLACK and the inverse of the Jacobian there; NaN if the branch ends.
 
     One loop for the path and Newton's iterations on it, so that the Jacobian is compiled once.
     """

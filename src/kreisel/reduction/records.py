@@ -1,4 +1,4 @@
-"""A user's Lagrangian as a record: everything that `kr.simulate`, the laws and the command line read."""
+"""A user's Lagrangian as a record that `kr.simulate`, the laws and the command line read."""
 
 from __future__ import annotations
 
@@ -128,16 +128,16 @@ def system(
     discrete        Lambda(W, P) or Lambda(w, a), W a group element (N, N); constants and the step `eps` keyword-only.
                     Without it `symmetric_rule` discretizes the continuous Lagrangian (order 2)
     group           `SO(3)`, `SU2()`, `SE3()`, `product(...)`, `matrix_group(basis)`
-    representation  on V: `standard(group)` (default), `adjoint(group)`, `trivial(group)` (then a Lagrangian of Omega
-                    or W alone), `representation(group, Phi, dim)`
+    representation  on V: `standard(group)` (default), `adjoint(group)`, `trivial(group)` (then a Lagrangian of only
+                    Omega or W), `representation(group, Phi, dim)`
     frame           "moving": state (M, P), plus bracket; "rest": state (m, a), minus bracket
-    parameters      `Parameter` records, for what is more than a letter; others may be arrays of any shape
-    integrals       name -> function(*state, *, constants) in JAX, watched along a run; those named in `conserved` are
-                    claimed to be conserved by the map, for `kr.drift` and the laws to test
-    order           of the discrete Lagrangian, tested by a law where both Lagrangians are given
+    parameters      `Parameter` records, for more than a letter; other parameters may be arrays of any shape
+    integrals       name -> function(*state, *, constants) in JAX, watched along a run; names in `conserved` are claims
+                    of conservation by the map, tested by `kr.drift` and the laws
+    order           of the discrete Lagrangian, tested by a law if both Lagrangians are given
 
-    Lagrangians are written with jax.numpy and must be real, scalar and differentiable.  Calling the record with
-    parameters checks that.  Raises `InputError`.
+    Lagrangians are written with jax.numpy and must be real, scalar and differentiable.  A call of the record with
+    parameters checks this.  Raises `InputError`.
     """
     functions = {"lagrangian": Portable(lagrangian), "discrete": Portable(discrete)}
     functions |= {f"integrals {k}": Portable(function) for k, function in dict(integrals or {}).items()}
@@ -196,7 +196,7 @@ class _Record:
     ):
         self.rep, self.frame, self.continuous_lagrangian, self.discrete_lagrangian = rep, frame, lagrangian, discrete
         self.group = rep.group
-        self.rotations = rep.group.skew and rep.name == "standard"  # e(n): the orientation can be carried along
+        self.rotations = rep.group.skew and rep.name == "standard"  # e(n): the orientation can also be integrated
         self.spaces = (self.group.dual, rep.space)[: 2 if rep.dim else 1]
         defaults = {**lagrangian_constants(lagrangian), **lagrangian_constants(discrete)}
         self.parameters = tuple(stated.get(k, _lagrangian_parameter(k, v)) for k, v in defaults.items())
@@ -229,7 +229,7 @@ class _Record:
             return symmetric_rule(self.continuous(constants), constants["eps"])
         return Discrete(self._bound(self.discrete_lagrangian, constants), self.rep, self.frame)
 
-    # states as they are shown, and as coordinates
+    # states in the user's form, and as coordinates
 
     def coordinates(self, state: Sequence[Array]) -> list[Array]:
         parts = [s.coordinates(z) for s, z in zip(self.spaces, state, strict=True)]
@@ -276,9 +276,9 @@ class _Record:
         return self.group.matrix(self.continuous(constants).velocity(*self.coordinates(state)))
 
     def check(self, **constants: Any) -> None:
-        """Check the Lagrangians at these constants, of the first lane of an ensemble."""
+        """Check the Lagrangians at these constants, for the first lane of an ensemble."""
         axes = self.keywords
-        # all come spread over the lanes
+        # every constant has an axis of lanes
         lanes = max((v.ndim - axes[k] for k, v in constants.items() if axes[k] is not None), default=0)
         first = {k: v[(0,) * lanes] for k, v in constants.items()}
         check_lagrangian(self, first)
