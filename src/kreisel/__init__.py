@@ -58,7 +58,7 @@ _LAZY = {
 SHOWN.update({what: f"kreisel.viewer.record:{what}_html" for what in ("system", "model", "state", "run")})
 SHOWN.update(plot="kreisel.viewer.plots:plot", view="kreisel.viewer.page:view")
 _PARTS = ("analysis", "checkcases", "lab", "physical", "rebound", "reduction", "units")
-_EXTRAS = ("rebound", "reduction")  # parts that need REBOUND and JAX
+_EXTRAS = ("rebound", "reduction")  # packages that need REBOUND and JAX
 
 __all__ = ["AccuracyWarning", "ConservationWarning", "InputError", "InputWarning", "RunError", "methods", "systems"]
 __all__ += [*NAMED, *_LAZY, *(part for part in _PARTS if part not in _EXTRAS)]
@@ -66,7 +66,7 @@ __all__ += [*NAMED, *_LAZY, *(part for part in _PARTS if part not in _EXTRAS)]
 
 @explained
 def methods() -> list[Method]:
-    """The records of all methods: what each is for, its orders, what it conserves; `kreisel methods` prints them."""
+    """The records of all methods: use, orders, conserved quantities; `kreisel methods` prints them."""
     from kreisel.method import METHODS
 
     return list(METHODS.values())
@@ -85,7 +85,7 @@ def __getattr__(name: str) -> Any:
         value = getattr(importlib.import_module(_LAZY[name]), name)
         globals()[name] = value
         return value
-    if name in NAMED:  # __init__.pyi tells them to editors and type checkers
+    if name in NAMED:  # __init__.pyi lists them for editors and type checkers
         return NAMED[name]
     raise AttributeError(f"module 'kreisel' has no attribute {name!r}.{hint(name, __all__)}")
 

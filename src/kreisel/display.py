@@ -1,4 +1,4 @@
-"""What is shown by code above the caller: `kreisel` registers where it is, and it is loaded when it is called."""
+"""Calls of display code in layers above the caller: `kreisel` registers its location, and it is loaded on use."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ SHOWN: dict[str, str] = {}  # name: module:function
 
 
 def show(what: str, shown: Any, **options: Any) -> Any:
-    """`shown` as registered under that name."""
+    """The result of the function registered under that name."""
     module, _, function = SHOWN[what].partition(":")
     return getattr(importlib.import_module(module), function)(shown, **options)

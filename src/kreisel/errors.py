@@ -1,4 +1,4 @@
-"""The one exception for bad input: what was expected, what was given, and the fix."""
+"""The exceptions of Kreisel: messages with the expected and the given value, and the fix."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import FunctionType
 from typing import Any, TypeVar
 
-LONGEST = 1500  # characters of a message: what was expected stands at its head, the fix at its end
+LONGEST = 1500  # characters of a message: the expectation is at its head, the fix at its end
 SHOWN = 100  # characters of a value in it
-MEANT = 4  # names that a part of a name may mean
+MEANT = 4  # names that a part of a name may match
 BRIEF = 40  # of one in a call
 FRACTION = re.compile(r"Fraction\((-?\d+), (\d+)\)")
 NUMPY = re.compile(r"\bnp\.(?:float|int|uint)\d+\(([^()]*)\)")
-UNLOADED = ("Dataset", "DataArray", "Model")  # classes that signatures name and modules import for type checkers only
+UNLOADED = ("Dataset", "DataArray", "Model")  # classes that signatures name but modules import only for type checkers
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 def printable(text: object) -> str:
-    """Text on one line whose control characters are written out: those of a file could drive a terminal."""
+    """Text on one line with control characters written out, since those of a file could drive a terminal."""
     return "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in str(text))
 
 
 def shown(value: object) -> str:
-    """A value as it may stand in a message, briefly, whatever it is."""
+    """A short text of any value for a message."""
     try:
         text = repr(value)
-    except Exception:  # a whole number of more digits than Python prints, or what a class of the user's raises
+    except Exception:  # an integer with more digits than Python prints, or an exception of a user's class
         digits = f" of {value.bit_length():,} bits" if isinstance(value, int) else ""
         return f"a value of type {type(value).__name__}{digits}"
     return brief(text, SHOWN)
 
 
 def brief(text: object, most: int = LONGEST) -> str:
-    """Printable text, its middle left out where it is longer; fractions and NumPy's numbers as they are written."""
+    """Printable text, shortened in the middle if it is longer; fractions and NumPy's numbers as they are written."""
     readable, end = FRACTION.sub(_written, NUMPY.sub(r"\1", printable(text))), most // 3
     return readable if len(readable) <= most else f"{readable[: most - end - 5]} ... {readable[-end:]}"
 
@@ -51,21 +51,21 @@ def _written(fraction: re.Match[str]) -> str:
 
 
 class InputError(ValueError):
-    """Input that cannot be used.  The message says what was expected, what was given, and how to mend it."""
+    """Input that cannot be used.  The message states the expected value, the given value, and the fix."""
 
     def __init__(self, message: object):
         ValueError.__init__(self, brief(message))
 
 
 class RunError(RuntimeError):
-    """A run that had to stop: a state that is no longer finite, a disk that is full."""
+    """A run that had to stop, for example because a state is no longer finite or a disk is full."""
 
     def __init__(self, message: object):
         RuntimeError.__init__(self, brief(message))
 
 
 class ConservationWarning(UserWarning):
-    """A run in which something that the method conserves is not conserved, far beyond what rounding explains."""
+    """A run with an invariant of the method that is not conserved, far beyond rounding errors."""
 
 
 class AccuracyWarning(UserWarning):
@@ -73,7 +73,7 @@ class AccuracyWarning(UserWarning):
 
 
 class InputWarning(UserWarning):
-    """Input that is possible and seldom meant: degrees for radians, km for m."""
+    """Input that is possible but seldom meant: degrees for radians, km for m."""
 
 
 def doubt(sentence: str) -> None:
@@ -85,7 +85,7 @@ def doubt(sentence: str) -> None:
 
 
 class Stopped(RunError):
-    """A run that a signal stopped; what it had done is kept, and it can go on."""
+    """A run that a signal stopped; its results are kept, and it can be resumed."""
 
     def __init__(self, number: int, steps: int, part: object):
         self.number = number
@@ -98,7 +98,7 @@ class Stopped(RunError):
 
 
 class Interrupted(RunError):
-    """A sweep that a signal stopped; the blocks that were done are kept."""
+    """A sweep that a signal stopped; the finished blocks are kept."""
 
     def __init__(self, number: int, done: int, total: int, part: object):
         self.number = number
@@ -110,7 +110,7 @@ class Interrupted(RunError):
 
 
 def disk_trouble(error: OSError, path: object, what: str, kept: str) -> RunError:
-    """What the file system says, as one message with the fix."""
+    """The error of the file system as one message with the fix."""
     fix = {
         errno.ENOSPC: "The disk is full: free some space, save less often (every), or choose another disk.",
         errno.EDQUOT: "The disk quota is used up: free some space or choose another disk.",
@@ -124,7 +124,7 @@ def disk_trouble(error: OSError, path: object, what: str, kept: str) -> RunError
 
 @contextlib.contextmanager
 def on_disk(path: object, what: str, kept: Callable[[], str] = str) -> Iterator[None]:
-    """Inside, what the file system says becomes a `RunError` with the fix; `kept` says what is not lost."""
+    """A context that turns errors of the file system into a `RunError` with the fix; `kept` states what is not lost."""
     try:
         yield
     except OSError as error:
@@ -132,7 +132,7 @@ def on_disk(path: object, what: str, kept: Callable[[], str] = str) -> Iterator[
 
 
 def hint(word: object, known: Iterable[str]) -> str:
-    """' Did you mean 'x'?' for the known word most like `word`, or for those of which it is a part; or nothing."""
+    """' Did you mean 'x'?' for the known word most like `word`, or the known words that contain it; or nothing."""
     if not isinstance(word, str):
         return ""
     names = [name for name in known if name != word and not name.startswith("_")]
@@ -144,7 +144,7 @@ def hint(word: object, known: Iterable[str]) -> str:
 
 
 def explained(call: F) -> F:
-    """The function or class with an `InputError` for misfitting arguments, which says how to call it.
+    """The function or class with an `InputError` for misfitting arguments, which shows the correct call.
 
     Misfitting are missing, superfluous and unknown arguments; and arguments of another type than in the signature, if
     the call ends in an exception that is not Kreisel's.  Any other exception is unchanged.  For a class: its public
@@ -177,7 +177,7 @@ def explained(call: F) -> F:
 
 
 def _mistyped(call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[str, Any]) -> str:
-    """The first argument of another type than in the signature, as a message; "" if there is none."""
+    """The first argument whose type is not that of the signature, as a message; "" if there is none."""
     import inspect
 
     bound = inspect.signature(call).bind(*given, **named).arguments
@@ -195,7 +195,7 @@ def _union(kind: str) -> list[str]:
 
 
 def _is_of(value: Any, kind: str, call: Callable[..., Any]) -> bool:
-    """Whether a value is of a type, named as in the module of the function; true for names that are not of a class."""
+    """Whether a value is of a type, named as in the module of the function; true for names without a class."""
     if kind in ("int", "float"):
         quantity = isinstance(value, str) or hasattr(value, "magnitude")
         return (hasattr(value, "__float__") and not getattr(value, "ndim", 0)) or (kind == "float" and quantity)
@@ -211,12 +211,12 @@ def _is_of(value: Any, kind: str, call: Callable[..., Any]) -> bool:
 
 
 def _title(call: Callable[..., Any]) -> str:
-    """The name of a function or class as in a message."""
+    """The name of a function or class in messages."""
     return call.__qualname__.removesuffix(".__init__").removesuffix(".__new__").split("<locals>.")[-1]
 
 
 def _misfit(call: Callable[..., Any], values: tuple[Any, ...], named: Mapping[str, Any]) -> str:
-    """Why these arguments do not fit, and the call that would: the first fault that there is."""
+    """The reason why these arguments do not fit, and the call that would: for the first fault."""
     import inspect
 
     parameters = list(inspect.signature(call).parameters.values())

@@ -1,7 +1,7 @@
-"""Paths, texts and files from outside: checked when they are read, replaced only if Kreisel wrote them.
+"""Paths, texts and external files: checked on reading, replaced only if Kreisel wrote them.
 
-Parsers, printers and copies recurse once a level: a few kilobytes of brackets would end in a `RecursionError`
-somewhere.  So every text is read here, and data nested deeper than Kreisel's own is refused.
+Parsers, printers and copies recurse once per level: a few kilobytes of brackets would end in a `RecursionError`
+somewhere.  Therefore every text is read here, and data nested deeper than Kreisel's data is refused.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 DEEPEST = 32  # levels; a sweep's description needs six
-MOST_BITS = 4096  # of a whole number: longer ones can neither be printed nor used
+MOST_BITS = 4096  # of an integer: longer ones can neither be printed nor used
 NESTING = (dict, list, tuple)
 CHECKSUMS, BLOCKS = (
     "engine/checksums.sha256",
     "engine/blocks",
-)  # in an archive that is whole, and in one that is being made
-FILE_MARKS = (  # how a kind of file begins, and what is in it if Kreisel wrote it
+)  # in a complete archive, and in an unfinished one
+FILE_MARKS = (  # the beginning of a kind of file, and the mark in it if Kreisel wrote it
     (b"\x89PNG\r\n\x1a\n", b"Software\0Kreisel"),
     (b"%PDF-", b"/Creator (Kreisel"),
     (b"<?xml", b"<dc:title>Kreisel"),
@@ -41,7 +41,7 @@ FILE_MARKS = (  # how a kind of file begins, and what is in it if Kreisel wrote 
     (b"# Written by `kreisel new`", b"`kreisel new`"),
     (b"time_s,angular_velocity_x_rad_s", b",attitude_w,"),
 )
-HEAD = 1 << 20  # bytes at either end of a file in which its mark is looked for
+HEAD = 1 << 20  # bytes at either end of a file that are searched for its mark
 
 
 def parsed(text: str | bytes, what: str) -> Any:
@@ -58,7 +58,7 @@ def parsed(text: str | bytes, what: str) -> Any:
 
 
 def shallow(value: Any, what: str) -> Any:
-    """The value itself.  Raises `InputError` where lists and tables are nested too deep."""
+    """The value itself.  Raises `InputError` if lists and tables are nested too deeply."""
     level = [value]
     for _ in range(DEEPEST):
         for number in level:
@@ -91,13 +91,13 @@ def read_values(variable: xr.DataArray | xr.Variable, name: object = None) -> np
         return np.asarray(variable.values)
     except InputError:
         raise
-    except Exception as error:  # whatever a damaged chunk makes the libraries raise
+    except Exception as error:  # any exception of the libraries for a damaged chunk
         name, why = name or getattr(variable, "name", "time"), error or type(error).__name__
         raise InputError(f"{name} cannot be read: {why}. `kreisel check` says what is damaged.") from error
 
 
 def place(path: Any, needed: str) -> Path:
-    """A path that names a file or folder to make, with ~ expanded.  Raises `InputError`, `needed` in front.
+    """A path that names a file or folder to create, with ~ expanded.  Raises `InputError`, `needed` in front.
 
     ~ alone is refused: it is the home folder itself.
     """
@@ -105,7 +105,7 @@ def place(path: Any, needed: str) -> Path:
         written = Path(path) if isinstance(path, str | os.PathLike) else Path()
         where = Path() if len(written.parts) == 1 and written.name.startswith("~") else written.expanduser()
         os.fsencode(where)
-    except (TypeError, RuntimeError, UnicodeEncodeError):  # of bytes; ~name of nobody; half a character
+    except (TypeError, RuntimeError, UnicodeEncodeError):  # of bytes; ~name of an unknown user; half a character
         where = Path()
     if not where.name or "\0" in str(where) or where.name == "..":
         raise InputError(f"{needed}, got {shown(str(path) if isinstance(path, os.PathLike) else path)}.")
@@ -113,12 +113,12 @@ def place(path: Any, needed: str) -> Path:
 
 
 def stands(path: Path) -> bool:
-    """Whether anything has that name, a link that leads nowhere too."""
+    """Whether anything has that name, including a link without a target."""
     return os.path.lexists(path)
 
 
 def is_plain(path: Path) -> bool:
-    """Whether it is a file that can be read to its end: no pipe, device, link or folder."""
+    """Whether it is a file that can be read to its end, not a pipe, device, link or folder."""
     try:
         return stat.S_ISREG(os.lstat(path).st_mode)
     except OSError:
@@ -132,7 +132,7 @@ def digest(path: Path) -> str:
 
 
 def replace_file(path: Path, data: bytes, durable: bool = False) -> None:
-    """Write a file beside its name and give it its name."""
+    """Write a file next to its name, then rename it."""
     scratch = path.with_name(f".new-{secrets.token_hex(8)}")
     try:
         with scratch.open("xb") as file:
@@ -148,16 +148,16 @@ def replace_file(path: Path, data: bytes, durable: bool = False) -> None:
 
 
 def require_outside(path: Path) -> None:
-    """Raises `InputError` for a place within an archive, which holds one run and nothing else."""
+    """Raises `InputError` for a path within an archive, which holds only one run."""
     for folder in Path(os.path.abspath(path)).parents:
         if stands(folder / CHECKSUMS) or stands(folder / BLOCKS):
             raise InputError(f"{path} is within the archive {folder}, which holds one run. Choose a path beside it.")
 
 
 def require_file(path: Path, overwrite: bool = True) -> None:
-    """Raises `InputError` where a file must not be written: something stands there that Kreisel did not write.
+    """Raises `InputError` if a file must not be written: the path exists and Kreisel did not write it.
 
-    Without `overwrite` nothing may stand there.
+    Without `overwrite` the path must not exist.
     """
     if not path.name or path.name == "..":
         raise InputError(f"A name for the file was expected, such as top.png; got {str(path)!r}.")
@@ -191,9 +191,9 @@ def _wrote(path: Path) -> bool:
 
 @contextlib.contextmanager
 def written(path: Path, overwrite: bool = True) -> Iterator[Path]:
-    """A scratch file beside `path`, which takes its name when it is whole.
+    """A scratch file next to `path`, renamed to `path` when it is complete.
 
-    Raises `InputError` where something stands there that must stay, and `RunError` where the disk refuses.
+    Raises `InputError` if the path exists and must stay, and `RunError` if the disk refuses.
     """
     scratch: Path | None = None
     try:

@@ -1,6 +1,6 @@
-"""Locks, scratch folders and signals: what a process shares with others.
+"""Locks, scratch folders and signals, which a process shares with others.
 
-A lock is held by the operating system for as long as its process lives: a lock file that nobody holds is stale.
+A lock is held by the operating system for as long as its process lives: a lock file without a holder is stale.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from kreisel.errors import InputError, on_disk
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
-YOUNG = 1.0  # seconds, in which a new folder may not be locked yet
+YOUNG = 1.0  # seconds in which a new folder may not yet be locked
 LOCK_REMEDY = "A lock stands there while an archive is written: move it away, or choose another path."
 
 
 def _held(path: Path) -> BaseFileLock | None:
-    """A lock on a file, which is made for it; None if another process holds it.  Raises `OSError`."""
-    from filelock import FileLock, Timeout  # some 40 modules, which runs in memory do without
+    """A lock on a file, which is created for it; None if another process holds it.  Raises `OSError`."""
+    from filelock import FileLock, Timeout  # some 40 modules, not needed by runs in memory
 
     lock = FileLock(path)
     try:
@@ -40,8 +40,8 @@ def _held(path: Path) -> BaseFileLock | None:
 
 
 def _given_back(lock: BaseFileLock) -> None:
-    """Release a lock and remove its file; while it is held, so that nobody locks a file that is gone."""
-    with contextlib.suppress(OSError):  # Windows removes it only when it is released
+    """Release a lock and remove its file, while the lock is held, so no other process locks a removed file."""
+    with contextlib.suppress(OSError):  # Windows removes it only after the release
         os.unlink(lock.lock_file)
     lock.release()
 
@@ -77,7 +77,7 @@ def scratch(parent: Path, prefix: str, family: str = "", files: Collection[str] 
     """A new folder in `parent`, removed at the end; stale ones of the same family of prefixes are removed before.
 
     family  a regular expression of prefixes; default: the prefix
-    files   the names of all that a writer makes there; a folder with anything else stays
+    files   the names of all files that a writer creates there; a folder with anything else stays
     """
     with contextlib.suppress(OSError):
         _sweep(parent, re.compile(rf"({family or re.escape(prefix)})\w{{8}}"), files)
@@ -94,7 +94,7 @@ def scratch(parent: Path, prefix: str, family: str = "", files: Collection[str] 
 
 
 def _lock_of(folder: Path) -> Path:
-    """The lock file beside a folder, which may be renamed."""
+    """The lock file next to a folder, which may be renamed."""
     return folder.with_name(f"{folder.name}.lock")
 
 
@@ -113,7 +113,7 @@ def _sweep(parent: Path, names: re.Pattern[str], files: Collection[str] | None) 
 
 
 def _is_stale(entry: Path) -> bool:
-    """Whether a folder, or a lock whose folder is gone, is this user's and old enough to be looked at."""
+    """Whether a folder, or a lock without its folder, belongs to this user and is old enough to be considered."""
     try:
         status = os.lstat(entry)
     except OSError:
@@ -130,7 +130,7 @@ class Stop:
 
 @contextlib.contextmanager
 def signals_to(handler: Callable[[int, FrameType | None], None]) -> Iterator[dict[int, Any]]:
-    """Inside, Ctrl-C and SIGTERM go to a handler; gives those from before.  Main thread only."""
+    """A context in which Ctrl-C and SIGTERM go to a handler; yields the previous handlers.  Main thread only."""
     before: dict[int, Any] = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     for number in before:
         signal.signal(number, handler)
@@ -143,7 +143,7 @@ def signals_to(handler: Callable[[int, FrameType | None], None]) -> Iterator[dic
 
 @contextlib.contextmanager
 def signals_wait() -> Iterator[Stop]:
-    """Inside, the first Ctrl-C or SIGTERM only sets a flag; a second one acts as usual.  Main thread only."""
+    """A context in which the first Ctrl-C or SIGTERM only sets a flag; a second acts as usual.  Main thread only."""
     stop = Stop()
     if threading.current_thread() is not threading.main_thread():
         yield stop

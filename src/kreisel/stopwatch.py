@@ -1,4 +1,4 @@
-"""Where the time of a run goes, for the commands to say: kernels that are loaded or compiled, and steps."""
+"""Times of a run, for the commands to report: loading or compilation of kernels, and steps."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator
 
-SPENT: defaultdict[str, float] = defaultdict(float)  # seconds of this process by what they were spent on
+SPENT: defaultdict[str, float] = defaultdict(float)  # seconds of this process by their use
 
 
 @contextlib.contextmanager

@@ -42,8 +42,8 @@ KEPT = (
     "versions",
 )
 SUMMARIES = ("drift", "extremes", "frequencies")  # kinds of variables of a sweep
-MOST_AXES = 4  # of lists within lists
-RUN_ONLY = ("kind", "conserved", "roundoff_scale", "evaluation_scale")  # of variables that are still a run's
+MOST_AXES = 4  # lists within lists
+RUN_ONLY = ("kind", "conserved", "roundoff_scale", "evaluation_scale")  # attributes of variables of a run
 
 
 @explained
@@ -62,7 +62,7 @@ class Scale:
             )
 
     def scaled(self, value: Any, name: str = "the value") -> Any:
-        """A measured value, with units or in SI, as the scaled system has it.  Raises `InputError`."""
+        """A measured value, with units or in SI, in the unit of the scaled system.  Raises `InputError`."""
         array = floats(si(value, self.unit, name))
         if not np.isfinite(array).all():
             raise InputError(f"{name}: expected numbers in {self.unit}, or a quantity, got {shown(value)}.")
@@ -86,10 +86,10 @@ def registry() -> pint.UnitRegistry[Any]:
 
 @explained
 def si(value: Any, unit: str, name: str) -> Any:
-    """A quantity in the SI unit named; plain numbers are SI already.
+    """A quantity in the named SI unit; plain numbers are already SI.
 
-    A string such as "3 kg", a quantity of pint, astropy or unyt, lists of such and of numbers, nested like a matrix, or
-    numbers with one unit for all, (values, "kg cm^2").  Returns a float or an array (...).  Raises `InputError` for
+    A string such as "3 kg", a quantity of pint, astropy or unyt, lists of these or of floats, nested like a matrix, or
+    values with one unit for all, (values, "kg cm^2").  Returns a float or an array (...).  Raises `InputError` for
     other dimensions, unknown units, and rates in Hz or 1/s for angular velocities.
     """
     for part, text in (("unit", unit), ("name", name)):
@@ -121,7 +121,7 @@ def si(value: Any, unit: str, name: str) -> Any:
 def size_in_si(attribute: str | None, unit: str, size: float, name: str) -> float:
     """The size in SI of the unit of a variable, from its attribute `units`.
 
-    Without one, or "1", it is that of the state: `size` times `unit`.  Raises `InputError` for another dimension.
+    Without it, or for "1": the size in the state, `size` times `unit`.  Raises `InputError` for another dimension.
     """
     if attribute is None or attribute == "1":
         return size
@@ -129,7 +129,7 @@ def size_in_si(attribute: str | None, unit: str, size: float, name: str) -> floa
 
 
 def _one_unit(value: Sequence[Any]) -> bool:
-    """Whether it is (numbers, unit), such as ([1, 2, 3], "cm") or (3, "cm"); "3 cm" is a quantity by itself."""
+    """Whether it is (values, unit), such as ([1, 2, 3], "cm") or (3, "cm"); "3 cm" is a single quantity."""
     if len(value) != 2 or not isinstance(value[1], str) or isinstance(value[0], str) or _is_quantity(value[0]):
         return False
     return isinstance(value[0], list | tuple | np.ndarray) or value[1].strip()[:1].isalpha()
@@ -151,7 +151,7 @@ def _floats(value: Any, unit: str, name: str) -> Any:
 
 @explained
 def quantity(variable: xr.DataArray) -> Any:
-    """A variable of `measured` as a pint quantity.  Raises `InputError` where it has no units."""
+    """A variable of `measured` as a pint quantity.  Raises `InputError` if it has no units."""
     if "units" not in getattr(variable, "attrs", ()):
         name = shown(getattr(variable, "name", variable))
         raise InputError(f"{name} has no attribute units; take it from units.measured(run, scales).")
@@ -160,15 +160,15 @@ def quantity(variable: xr.DataArray) -> Any:
 
 @explained
 def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr.Dataset:
-    """A run of a scaled system in SI units, or in those wanted for a variable: `measured(run, time="ms")`.
+    """A run of a scaled system in SI units, or in chosen units of a variable: `measured(run, time="ms")`.
 
-    scales   the units of the variables, `body.scales()`; a run of a body of `kr.physical` knows them
+    scales   the units of the variables, `body.scales()`; a run of a body of `kr.physical` has them
 
-    A run of such a body comes back along the axes in which the body was given, momenta as well as the attitude g, with
-    its angular velocity Omega along these axes (of a system in the rest frame omega, along those of space).  Every
-    variable has the attribute `units`; those without a scale (directions, Casimirs, spectra) stay as they are, in
-    units of the scaled system, "1".  The result is a plain Dataset for reading, plotting and `kr.export`, no longer a
-    run to go on with.  Raises `InputError` for variables that have no scale or are not there, and units of another
+    A run of such a body is returned along the user's axes of the body, momenta as well as the attitude g, with its
+    angular velocity Omega along these axes (for a system in the rest frame omega, along the axes of space).  Every
+    variable has the attribute `units`; variables without a scale (directions, Casimirs, spectra) are unchanged, in
+    units of the scaled system, "1".  The result is a plain Dataset for reading, plotting and `kr.export`, and can no
+    longer be resumed.  Raises `InputError` for variables that have no scale or do not exist, and units of another
     dimension.
     """
     frame = RunRecord.from_attrs(getattr(run, "attrs", {})).body_frame
@@ -206,13 +206,13 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
 
 
 def _of_summary(run: xr.Dataset) -> dict[str, str]:
-    """Summaries of a sweep, such as M_max, by name: the variable that each is of."""
+    """The variable of each summary of a sweep, such as M_max, by name."""
     kinds = {str(name): variable.attrs.get("kind") for name, variable in run.variables.items()}
     return {name: name.rpartition("_")[0] for name, kind in kinds.items() if kind in SUMMARIES}
 
 
 def _of_sweep(run: xr.Dataset, frame: BodyFrame) -> xr.Dataset:
-    """A run, or a sweep whose summaries say along which axes they are."""
+    """A run, or a sweep whose summaries state their axes."""
     axes = {name: frame.attributes(letter).get(AXES) for name, letter in _of_summary(run).items()}
     said = {name: run[name].assign_attrs({AXES: value}) for name, value in axes.items() if value is not None}
     return run.assign(said)
@@ -252,7 +252,7 @@ def _is_quantity(value: Any) -> bool:
 
 
 def _turns(value: Any) -> bool:
-    """Whether a unit counts angles: rpm and deg/s do, Hz and 1/s do not, which pint takes for rad/s."""
+    """Whether a unit counts angles: rpm and deg/s do, Hz and 1/s do not, which pint converts to rad/s."""
     return "radian" in dict((1 * value).to_root_units().unit_items())
 
 

@@ -1,7 +1,7 @@
 """Kinds of components: skew matrices, vectors, symmetric matrices, orientations, scalars.
 
 Records name a kind by a word, as in ("m", "skew"), and `KINDS` has it by this name.  Components are (..., n, n),
-(..., n) or (...), their coordinates (..., d): the entries i < j of a skew matrix, i <= j of a symmetric matrix, else all.
+(..., n) or (...), their coordinates (..., d): entries i < j of a skew matrix, i <= j of a symmetric matrix, else all.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The command line: new, run, resume, sweep, check, plot, view, export, systems, methods, checkcase, verify, bench, ...
 
-Exit codes: 0; 1 where `check` or `verify` finds something wrong; 2 and one message for bad input; 3 where
-something that the method conserves is not conserved (the archive is kept); 128 and more for signals.
+Exit codes: 0; 1 if `check` or `verify` finds a fault; 2 and one message for bad input; 3 if an invariant of the method
+is not conserved (the archive is kept); 128 and more for signals.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ __all__ = ["NOT_CONSERVED", "app", "main"]
 
 
 def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
-    """A warning as one line on stderr, without the path and the line of the source that it came from."""
+    """A warning as one line on stderr, without the path and the line of its source."""
     say(f"kreisel: warning: {message}", file=sys.stderr)
 
 
@@ -27,7 +27,7 @@ def main() -> None:
     """The entry point: errors that a user can mend become one message and exit code 2."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # of a terminal that lacks the letter
+            stream.reconfigure(errors="backslashreplace")  # for a terminal that lacks the letter
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _warn
@@ -47,6 +47,6 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(0)
-    except OSError as error:  # a name that is too long, a folder that may not be entered
+    except OSError as error:  # a name that is too long, a folder without access
         say(f"kreisel: {disk_trouble(error, error.filename or 'a file', 'be used', '')}", file=sys.stderr)
         sys.exit(2)

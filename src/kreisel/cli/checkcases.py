@@ -17,12 +17,12 @@ from kreisel.errors import InputError
 if TYPE_CHECKING:
     from kreisel.checkcases import Case
 
-DIGITS = 20  # printed of the exact motion
+DIGITS = 20  # digits of the printed exact motion
 AXES = {3: "xyz", 4: "wxyz"}
 
 
 def case_names(begun: str) -> list[str]:
-    """The check cases whose names begin so, for the shell."""
+    """The check cases whose names begin with `begun`, for the shell."""
     from kreisel.checkcases import cases
 
     return [name for name in cases() if name.startswith(begun)]
@@ -125,7 +125,7 @@ def _print(case: Case, at: list[float], as_json: bool) -> None:
 
 
 def _in_si(text: str) -> str:
-    """The value in SI behind one that is printed in other units."""
+    """The SI value behind a value that is printed in other units."""
     from kreisel.checkcases.exactly import UNITS, exact, unit_of
 
     value, other = exact(text), UNITS[unit_of(text)]

@@ -1,4 +1,4 @@
-"""The command new: a commented TOML file of any system or body, and the Python file that goes with it."""
+"""The command new: a commented TOML file of any system or body, and the Python file that belongs to it."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from kreisel.record.contract import Parameter, System
 if TYPE_CHECKING:
     from kreisel.runs.examples import Example
 
-HEAD = "# Written by `kreisel new`"  # by which --overwrite knows that the file is Kreisel's
+HEAD = "# Written by `kreisel new`"  # the mark by which --overwrite recognises a file of Kreisel
 STEPS, EVERY = 10_000, 5
 SWEEP_STEPS, SWEEP_EVERY = 2048, 4
-VARIED = 10  # values of what varies
+VARIED = 10  # values of a varied quantity
 WIDTH = 118
 GYROSTATS = ("zhukovsky-volterra", "kovalevskaya-gyrostat")
 
@@ -125,7 +125,7 @@ def _comments(*paragraphs: str) -> list[str]:
 
 
 def _with(setting: str, meaning: str) -> list[str]:
-    """A setting and its meaning, behind it or above."""
+    """A setting and its meaning, after it or above."""
     line = f"{setting:<27}  # {' '.join(meaning.split())}"
     return [line] if len(line) <= WIDTH else [*_comments(meaning), setting]
 
@@ -187,7 +187,7 @@ def _methods(sample: Example) -> list[str]:
 
 
 def _sweep(sample: Example) -> list[str]:
-    """[sweep]: a parameter, or the momentum, from 0.8 to 1.2 of the example's."""
+    """[sweep]: a parameter, or the momentum, from 0.8 to 1.2 of the example's value."""
     quantity, value = _varied(sample)
     low, high = _ends(value)
     return [
@@ -263,7 +263,7 @@ TORQUE = "    torque=lambda M, *, strength: -strength * M * np.sqrt(M @ M),  # t
 
 
 def forced(sample: Example, name: str, target: Path, code: Path) -> dict[Path, str]:
-    """The two files of a system under forces, tried.  Raises `InputError` for a system that takes none."""
+    """The two files of a system under forces, tried.  Raises `InputError` for a system that accepts none."""
     from kreisel.runs.config import load_system, read
     from kreisel.runs.planning import make_plan
 

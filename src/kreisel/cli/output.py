@@ -1,4 +1,4 @@
-"""Parts that the commands share: the application, options, and how tables, JSON and messages are printed."""
+"""Parts that the commands share: the application, options, and printing of tables, JSON and messages."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the fi
 
 
 def a_path(text: str, *names: str) -> Any:
-    """An argument, or an option of these names, that is a path, ~ expanded; Kreisel says whether it can be read."""
+    """An argument, or an option of these names, that is a path, ~ expanded; Kreisel reports whether it can be read."""
     settings: dict[str, Any] = {"readable": False, "callback": _from_home, "help": text}
     return typer.Option(*names, **settings) if names else typer.Argument(**settings)
 
@@ -75,14 +75,14 @@ def common(
 
 
 def system_names(begun: str) -> list[str]:
-    """The systems whose names begin so, for the shell."""
+    """The systems whose names begin with `begun`, for the shell."""
     from kreisel.bodies import KNOWN
 
     return [name for name in KNOWN if name.startswith(begun)]
 
 
 def method_names(begun: str) -> list[str]:
-    """The methods whose names begin so, for the shell."""
+    """The methods whose names begin with `begun`, for the shell."""
     from kreisel.method import METHODS
 
     return [name for name in METHODS if name.startswith(begun)]
@@ -95,7 +95,7 @@ def condition(faults: list[str]) -> str:
 
 
 def say(text: str, file: Any = None) -> None:
-    """Print a line without its control characters: it may hold names and attributes of somebody else."""
+    """Print a line without its control characters: it may hold names and attributes from a foreign file."""
     print(brief(text), file=file, flush=True)
 
 
@@ -107,7 +107,7 @@ def width() -> int:
 
 
 def parameter_of(text: str) -> tuple[str, Any]:
-    """A parameter and its numbers, from NAME=NUMBERS."""
+    """A parameter and its values, from NAME=NUMBERS."""
     from fractions import Fraction
 
     name, sign, value = text.partition("=")
@@ -155,7 +155,7 @@ def save_figure(
     style: str = "house",
     overwrite: bool = True,
 ) -> None:
-    """Draw a run, beside another if there is one, into a file."""
+    """Draw a run, next to a second run if there is one, into a file."""
     from kreisel.viewer.plots import plot as draw
 
     require_figure(target, overwrite)
@@ -163,7 +163,7 @@ def save_figure(
 
 
 def save_picture(picture: Figure, target: Path, overwrite: bool = True) -> None:
-    """Save a figure with Kreisel's mark.  Raises `InputError` for another format, and a file that must stay."""
+    """Save a figure with Kreisel's mark.  Raises `InputError` for another format, and for a file that must stay."""
     from kreisel.files import written
 
     require_figure(target, overwrite)
@@ -182,12 +182,12 @@ def save_sweep_figure(store: Path, target: Path, show: str | None, theme: str, o
 
 
 def _mark(target: Path) -> dict[str, str]:
-    """By which Kreisel knows its own figures."""
+    """The mark by which Kreisel recognises its figures."""
     return {{".png": "Software", ".pdf": "Creator", ".svg": "Title"}[target.suffix.lower()]: "Kreisel"}
 
 
 def require_figure(target: Path, overwrite: bool = True) -> None:
-    """Raises `InputError` where no figure can be written."""
+    """Raises `InputError` if no figure can be written."""
     from kreisel.files import require_file
     from kreisel.runs.config import FIGURES
 
@@ -198,14 +198,14 @@ def require_figure(target: Path, overwrite: bool = True) -> None:
 
 @contextlib.contextmanager
 def warnings_in_the_table() -> Iterator[None]:
-    """The table and the exit code say what is not conserved; a warning would repeat it."""
+    """A context without `ConservationWarning`, since the table and the exit code report it."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConservationWarning)
         yield
 
 
 def shout(sentences: list[str]) -> None:
-    """Sentences on quantities that are not conserved, on stderr; exit code 3."""
+    """Print sentences on quantities that are not conserved to stderr; exit code 3."""
     for sentence in sentences:
         say(f"kreisel: {sentence}", file=sys.stderr)
     if sentences:
@@ -237,7 +237,7 @@ def print_drift(table: pd.DataFrame) -> None:
 
 
 def records(table: pd.DataFrame | None) -> list[dict[str, Any]]:
-    """Rows as plain data; JSON has no infinity, so a change that no rounding explains has the ratio null."""
+    """Rows as plain data; JSON has no infinity, so a change beyond any rounding error has the ratio null."""
     if table is None:
         return []
     rows = table.to_dict("index").items()
@@ -245,10 +245,10 @@ def records(table: pd.DataFrame | None) -> list[dict[str, Any]]:
 
 
 def finite(value: Any) -> Any:
-    """None for what JSON does not have."""
+    """The value; None for a value that JSON lacks."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def print_json(value: Any) -> None:
-    """For scripts."""
+    """Print JSON for scripts."""
     print(json.dumps(value, indent=1, allow_nan=False, default=float))

@@ -32,8 +32,8 @@ from kreisel.cli.output import (
 from kreisel.errors import InputError
 from kreisel.stopwatch import SPENT
 
-MAY_BE_LONG = 1_000_000  # steps times n: a pilot says how long they take
-LONG_SECONDS, LARGE = 20.0, 1e9  # beyond them an estimate is said before the run
+MAY_BE_LONG = 1_000_000  # steps times n: from here on a pilot estimates the time
+LONG_SECONDS, LARGE = 20.0, 1e9  # beyond these an estimate is printed before the run
 
 SWEEP_HELP = """\
 Simulate many lanes that differ in parameters, states or settings.
@@ -68,7 +68,7 @@ def run(
 ) -> None:
     """Simulate: write the archive, print the drift of every integral, save a figure.
 
-    Exit code 3 says that something which the method conserves is not conserved; the archive is kept.
+    Exit code 3: an invariant of the method is not conserved; the archive is kept.
     """
     from kreisel.runs.config import load_system, read
     from kreisel.runs.drift import broken, table_of
@@ -128,7 +128,7 @@ def _say_what_was_done(summary: dict[str, Any], pace: str) -> None:
 
 
 def _say_how_long(model: Any, state: Any, settings: dict[str, Any], asked: Any) -> None:
-    """On stderr, before a run that may be long."""
+    """Print an estimate on stderr before a run that may be long."""
     if asked.run.steps * model.n < MAY_BE_LONG or asked.run.order == "auto":
         return
     from kreisel.runs.planning import make_plan
@@ -145,7 +145,7 @@ def resume(
     extend: Annotated[int | None, typer.Option("--extend", help="Lengthen the run to this number of steps.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Go on with a run that was interrupted, bit for bit as if it had not been; or lengthen a finished one."""
+    """Resume an interrupted run, bit for bit as if it had not been interrupted; or extend a finished run."""
     from kreisel.runs.drift import broken, table_of
     from kreisel.runs.run_record import RunRecord
     from kreisel.storage.simulate import resume as go_on
@@ -216,7 +216,7 @@ def check(
     as_json: AsJson = False,
     out: Annotated[Path | None, a_path("Write the rows that are whole to a new archive.", "--recover")] = None,
 ) -> None:
-    """Check an archive: complete, readable, finite, its integrals those of its states, conserved if they should be."""
+    """Check an archive: complete, readable, finite, integrals equal to its states', and conserved if they should be."""
     from kreisel.runs.drift import broken, table_of
     from kreisel.runs.run_record import RunRecord
     from kreisel.storage.checking import recover
@@ -251,7 +251,7 @@ def export(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
     epoch: Annotated[str | None, typer.Option("--epoch", help="The date of time 0, for .aem.")] = None,
 ) -> None:
-    """Write an archive as NetCDF (HDF5), Parquet, CSV or, the attitude alone, as a CCSDS attitude ephemeris message."""
+    """Write an archive as NetCDF (HDF5), Parquet, CSV or, only the attitude, as a CCSDS attitude ephemeris message."""
     from kreisel.storage.exporting import SUFFIX, date_of, write_aem
     from kreisel.storage.exporting import export as write
 
@@ -276,7 +276,7 @@ def plot(
     overwrite: OverwriteFile = False,
     show: Annotated[str | None, typer.Option("--show", help="Of a sweep: the variable to draw, a_max[2].")] = None,
 ) -> None:
-    """Draw the figure of an archive; of a sweep a summary of its lanes over one or two of what varies."""
+    """Draw the figure of an archive; for a sweep, a summary of its lanes over one or two varied quantities."""
     from kreisel.storage.archive import settled
     from kreisel.storage.opening import is_sweep, open_rows
 
@@ -315,7 +315,7 @@ def view(
     port: Annotated[int, typer.Option("--port", help="The port of --serve; 0 takes any free one.")] = 0,
     overwrite: OverwriteFile = False,
 ) -> None:
-    """Write the interactive page of an archive: one HTML file that opens offline; of a sweep that of one lane."""
+    """Write the interactive page of an archive: one HTML file that opens offline; for a sweep, of one lane."""
     from kreisel.files import require_file
     from kreisel.storage.archive import settled
     from kreisel.storage.opening import is_sweep, open_rows
@@ -358,5 +358,5 @@ def _serve(archive: Path, host: str, port: int, lane: list[int] | None) -> None:
 
 
 def _text(value: Any) -> str:
-    """A number, or several as a tuple."""
+    """A value, or several as a tuple."""
     return f"({', '.join(map(_text, value))})" if isinstance(value, list) else f"{value:g}"

@@ -1,4 +1,4 @@
-"""Commands on what there is and whether it holds: systems, methods, code, verify, bench, investigate."""
+"""Commands on systems, methods and claims: systems, methods, code, verify, bench, investigate."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def verify(
 
 @app.command()
 def bench(as_json: AsJson = False) -> None:
-    """Measure the speed of each map on this machine, n = 3, against C++ where g++ is installed; about a minute."""
+    """Measure the speed of each map on this machine, n = 3, against C++ if g++ is installed; about a minute."""
     from rich.console import Console
 
     from kreisel.bench import bench as measured
@@ -232,8 +232,8 @@ def code(
 ) -> None:
     """Print one file, without dependencies, with the step of a body: kreisel code euler-top --name rock > rock.h.
 
-    A TOML file says the parameters, the state, the step and the method; for a system by name they are examples, but for
-    what is set.
+    A TOML file gives the parameters, the state, the step and the method; for a system by name they are examples, except
+    values that are set.
     """
     from kreisel.bodies import find
     from kreisel.languages.source import code as text_of
