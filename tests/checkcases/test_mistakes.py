@@ -131,6 +131,11 @@ def damped(b: Body) -> Values:
     return b.run()
 
 
+def damped_only(b: Body) -> Values:
+    b.acceleration = lambda w, R: -0.04 * w
+    return b.run()
+
+
 def euler(late: bool, space: bool) -> Callable[[Body], Values]:
     """Euler's method with 20 steps a row, the rotation by Rodrigues' formula."""
 
@@ -265,8 +270,9 @@ MISTAKES = [
     (TOP, lambda b: changed(b, w=b.R.T @ b.w), "rates of the start are taken along the axes of space"),
     (BRICK, lambda b: changed(b, w=np.radians(b.w)), "in rad/s, are taken for deg/s"),
     (BRICK, lambda b: changed(b, w=np.degrees(b.w), times=b.times[:5]), "in deg/s, are taken for rad/s"),
-    (BRICK, damped, "damped: a torque -c L with c = 0.003 1/s"),
-    (TOP, damped, "damped: a torque -c L with c = 0.003 1/s"),
+    (BRICK, damped, "damped: a torque -c L, c = 0.003 1/s"),
+    (TOP, damped, "damped: a torque -c L, c = 0.003 1/s"),
+    (BRICK, damped_only, "w x I w is left out, and the rates are damped: a torque -c L, c = 0.04 1/s"),
     (BRICK, euler(late=False, space=False), "along the body axes, q by the old w) at the step 0.025 s"),
     (BRICK, euler(late=False, space=True), "along the axes of space, q by the old w) at the step 0.025 s"),
     (TOP, euler(late=True, space=True), "explicit Euler of w, q by the new w"),

@@ -34,6 +34,7 @@ STEPS = 2000  # of the first try
 TRIES = 6  # of the step
 SMALL = 0.05  # relative error up to which it is taken to be proportional to the step
 UNLIKE = 0.3  # of the square of a small error, which a scheme of first order leaves at most
+LEAST = 1e-5  # decay of the rates for which damping is tried
 DEGREE = math.pi / 180
 
 Quantities = Mapping[str, Array]
@@ -161,19 +162,19 @@ class _Trials:
         pair = (self.values["angular_velocity"], self.exact["angular_velocity"])
         with np.errstate(all="ignore"):
             decay = np.log(np.divide(*(np.einsum("ri,ij,rj->r", w, constants["I"], w) for w in pair)))
-        rate = -float((decay * self.rows).sum() / (2 * (self.rows**2).sum()))
+        begin = -float((decay * self.rows).sum() / (2 * (self.rows**2).sum()))
 
-        def predicted(rate: float) -> Quantities:
-            flow = _flow(self.case, constants, damping=rate)
+        def predicted(gyroscopic: int, rate: float) -> Quantities:
+            flow = _flow(self.case, constants, gyroscopic, rate)
             return self.case.quantities(_solved(flow, start, BEYOND * self.rows[-1])(self.rows))
 
-        for _ in range(3):
-            if not rate > 0:
-                return
-            at, near = (self._stacked(predicted(c)) for c in (rate, rate * 1.001))
-            slope = (near - at) / (rate * 0.001)
-            rate += float(slope @ (self._stacked(self.values) - at) / (slope @ slope))
-        yield f"the rates are damped: a torque -c L with c = {rate:.4g} 1/s", predicted(rate)
+        for gyroscopic, text in ((1, ""), (0, "w x I w is left out, and ")):
+            rate = begin
+            for _ in range(3 if begin > LEAST / self.rows[-1] else 0):
+                at, near = (self._stacked(predicted(gyroscopic, c)) for c in (rate, rate * 1.001))
+                slope = (near - at) / (rate * 0.001)
+                rate = max(rate + float(slope @ (self._stacked(self.values) - at) / (slope @ slope)), begin / 2)
+                yield f"{text}the rates are damped: a torque -c L, c = {rate:.4g} 1/s", predicted(gyroscopic, rate)
 
     def first_order(self) -> Iterator[Trial]:
         """Schemes of first order at the step, or at the integer part of the rows' spacing that fits best."""
