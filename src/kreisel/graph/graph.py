@@ -72,11 +72,12 @@ class Graph:
 
     def node(self, operation: str, *operands: Operand) -> int:
         """The place of a node."""
-        at = self._index.get(_key(operation, operands))
-        return self._added((operation, *operands)) if at is None else at
+        key = _key(operation, operands)
+        at = self._index.get(key)
+        return self._added((operation, *operands), key) if at is None else at
 
-    def _added(self, node: Node) -> int:
-        at = self._index[_key(node[0], node[1:])] = len(self.nodes)
+    def _added(self, node: Node, key: Node | None = None) -> int:
+        at = self._index[key or _key(node[0], node[1:])] = len(self.nodes)
         self.nodes.append(node)
         if at > self._most:
             raise TooLong
@@ -212,7 +213,7 @@ def operands_of(node: Node) -> list[Number]:
 
 def _key(operation: str, operands: Sequence[Operand]) -> tuple[Any, ...]:
     """Equal for the same operation; numbers themselves cannot be compared."""
-    return (operation, *[x.key if isinstance(x, Number) else x for x in operands])
+    return (operation, *[(x.at, x.negative) if type(x) is Number else x for x in operands])
 
 
 def array_of(entries: Sequence[Any]) -> Any:
