@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -26,6 +26,7 @@ variational = importlib.import_module("kreisel.method.variational")
 ROUNDOFF = 2.0**12 * float(np.finfo(float).eps)
 
 
+@cache
 def random_start(name: str, n: int, seed: int = 0) -> tuple[Model, tuple[np.ndarray, ...]]:
     draw = exact.float_random(np.random.default_rng([seed, n]))
     model = exact.random_model(REGISTRY[name], n, draw)

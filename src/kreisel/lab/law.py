@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -206,10 +207,11 @@ def scheme_orders(model: Model, state: tuple[Array, ...], method: str, order: in
     unit = min(LONGEST, RATE / float(abs(np.linalg.eigvals(tangent)).max()))
     slopes: list[list[tuple[float, float]]] = [[], []]  # of state and orientation: how far apart halves are, slope
     end = _Ends(model, state, method, order)
-    for factor in TIMES:
+    truths = _truths(model, _start(model, state).tobytes(), tuple(factor * unit for factor in TIMES))
+    for factor, truth in zip(TIMES, truths, strict=True):
         time, counts = factor * unit, [factor * k for k in COUNTS]
         finest = end(time, 8 * counts[-1])
-        apart = _errors(model, _truth(model, state, time), [finest])[0]
+        apart = _errors(model, truth, [finest])[0]
         ends = [end(time, count) for count in counts]
         rounding = _errors(model, finest, [end(time, int(k * counts[-1])) for k in NEARBY]).max(0)
         errors = _errors(model, finest, ends) + np.where(apart > SOLVER_ERROR, apart, 0)
@@ -271,6 +273,18 @@ def flowed(model: Model, state: tuple[Array, ...], time: float) -> tuple[Array, 
 
 def _truth(model: Model, state: tuple[Array, ...], time: float) -> Array:
     """The state and the orientation at `time` by a solver with rtol 1e-13."""
+    return _truths(model, _start(model, state).tobytes(), (time,))[0].copy()
+
+
+def _start(model: Model, state: tuple[Array, ...]) -> Array:
+    """A state with the orientation 1, as numbers."""
+    flat = algebra.flatten((*state, np.eye(model.n)), (*model.system.space.kinds, "matrix"))
+    return np.asarray(flat, dtype=np.float64)
+
+
+@lru_cache(4)  # the orders of a method are measured on one motion
+def _truths(model: Model, start: bytes, times: tuple[float, ...]) -> list[Array]:
+    """The same at times in order, each from the one before."""
     from scipy.integrate import solve_ivp
 
     n, system = model.n, model.system
@@ -281,8 +295,12 @@ def _truth(model: Model, state: tuple[Array, ...], time: float) -> Array:
         omega = model.call(system.velocity, *state)
         return algebra.flatten((*model.flow(*state), omega @ g if system.frame is Frame.REST else g @ omega), kinds)
 
-    start = algebra.flatten((*state, np.eye(n)), kinds)
-    return solve_ivp(rate, (0, time), start, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    ends, y, begun = list[Array](), np.frombuffer(start), 0.0
+    for time in times:
+        y = solve_ivp(rate, (begun, time), y, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+        begun = time
+        ends.append(y)
+    return ends
 
 
 def _errors(model: Model, truth: Array, ends: list[Array]) -> Array:
