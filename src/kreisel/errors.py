@@ -26,7 +26,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def printable(text: object) -> str:
-    """Text on one line with control characters written out, since those of a file could drive a terminal."""
+    """Text on one line with control characters written out: control characters of a file could drive a terminal."""
     return "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in str(text))
 
 
@@ -41,7 +41,7 @@ def shown(value: object) -> str:
 
 
 def brief(text: object, most: int = LONGEST) -> str:
-    """Printable text, shortened in the middle if it is longer; fractions and NumPy's numbers as they are written."""
+    """Printable text, shortened in the middle if it is longer; fractions and NumPy's numbers in their usual form."""
     readable, end = FRACTION.sub(_written, NUMPY.sub(r"\1", printable(text))), most // 3
     return readable if len(readable) <= most else f"{readable[: most - end - 5]} ... {readable[-end:]}"
 
@@ -124,7 +124,7 @@ def disk_trouble(error: OSError, path: object, what: str, kept: str) -> RunError
 
 @contextlib.contextmanager
 def on_disk(path: object, what: str, kept: Callable[[], str] = str) -> Iterator[None]:
-    """A context that turns errors of the file system into a `RunError` with the fix; `kept` states what is not lost."""
+    """A context in which errors of the file system become a `RunError` with the fix; `kept` states what is not lost."""
     try:
         yield
     except OSError as error:
@@ -177,7 +177,7 @@ def explained(call: F) -> F:
 
 
 def _mistyped(call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[str, Any]) -> str:
-    """The first argument whose type is not that of the signature, as a message; "" if there is none."""
+    """The first argument whose type differs from the signature, as a message; "" if there is none."""
     import inspect
 
     bound = inspect.signature(call).bind(*given, **named).arguments

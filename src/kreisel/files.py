@@ -99,7 +99,7 @@ def read_values(variable: xr.DataArray | xr.Variable, name: object = None) -> np
 def place(path: Any, needed: str) -> Path:
     """A path that names a file or folder to create, with ~ expanded.  Raises `InputError`, `needed` in front.
 
-    ~ alone is refused: it is the home folder itself.
+    A single ~ is refused: it is the home folder itself.
     """
     try:
         written = Path(path) if isinstance(path, str | os.PathLike) else Path()

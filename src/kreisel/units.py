@@ -261,7 +261,7 @@ def _parsed(text: str, unit: str, name: str) -> Any:
         return registry().Quantity(text)
     except InputError:
         raise
-    except Exception as error:  # pint raises tokenize, syntax, attribute and its own errors
+    except Exception as error:  # pint raises tokenize, syntax, attribute and further errors
         raise InputError(f"{name} must be a quantity such as '1 {unit}', got {shown(text)}: {error}.") from None
 
 

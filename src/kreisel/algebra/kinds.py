@@ -32,7 +32,7 @@ class Kind:
     """Kind of component: its coordinates, and how rotations act on it.
 
     space                 the space of the components, such as so(n)
-    axes                  axes of a component without those of its batch
+    axes                  axes of a component without batch axes
     labels                names of these axes in a Dataset; {} for the letter
     count(n)              number of independent coordinates
     pack(z)               coordinates (..., d) of a component

@@ -128,7 +128,7 @@ def _snapped(v: Array) -> Array:
 
 @explained
 def rates(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
-    """Tilt and the rates of Euler's angles at every row, from the state alone: no orientation, no differences.
+    """Tilt and the rates of Euler's angles at every row, from the state only: no orientation, no differences.
 
     With the angular velocity omega, the vertical e and the axis k (unit vectors in one frame), cos(theta) = <e, k>:
 

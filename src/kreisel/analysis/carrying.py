@@ -211,7 +211,7 @@ class _Flow:
         return rate, np.maximum(size, self.size(h[:, None] * rate)) + unsure + np.finfo(float).tiny
 
     def require_met(self, y: Floats, h: Floats, following: Floats) -> None:
-        """Raises `InputError` if states differ from those of the next rows by more than any useful map does."""
+        """Raises `InputError` if states differ from the next rows by more than any useful map does."""
         size = np.maximum(self.size(y), self.size(following))
         _, size = self._rate_and_scale(y, h, size, np.arange(len(y)))
         off = (self.size(y - following) / size).max(1)

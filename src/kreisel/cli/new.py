@@ -43,7 +43,7 @@ def new(
     ] = False,
     overwrite: OverwriteFile = False,
 ) -> None:
-    """Write a commented TOML file that runs as it is: kreisel new lagrange-top, then kreisel run lagrange-top.toml."""
+    """Write a commented TOML file, ready to run: kreisel new lagrange-top, then kreisel run lagrange-top.toml."""
     from kreisel.bodies import KNOWN, find
     from kreisel.runs.examples import example
 

@@ -24,7 +24,7 @@ from kreisel.record.calling import call
 from kreisel.record.model import Model
 from kreisel.runs.plan import Plan
 
-SMALL = 1e-9  # a step and a step back must leave the state within this, or there is no step back
+SMALL = 1e-9  # bound on the change by a step and a step back, for a step back to exist
 NEGATED = ("mu", "mu_re", "mu_im", "turn0", "turn1", "body0", "body1", "spin0", "spin1")  # of D_(-eps) = D_eps^-1
 
 

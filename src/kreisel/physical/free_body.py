@@ -41,7 +41,7 @@ class AxisStability(NamedTuple):
 
     axis: Array  # (3,), along the body axes
     moment: float  # kg m^2
-    kind: str  # "stable", "unstable", or "neutral": its moment is that of another axis
+    kind: str  # "stable", "unstable", or "neutral": its moment equals that of another axis
     growth: float  # rad/s: the disturbance grows as exp(growth t); 0 unless unstable
     period: float  # s, of the disturbance in the body; inf unless stable
 

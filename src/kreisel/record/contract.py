@@ -319,7 +319,7 @@ class ExactMap:
 
 @dataclass(frozen=True)
 class Relation:
-    """The same motion in another system: (state, params, g) -> (state, params) of `target`.
+    """A motion that is also the motion of another system: (state, params, g) -> (state, params) of `target`.
 
     A law compares the flows and, if `map` names "step" or "adjoint" of the target, the maps; in floats only if `exact`
     is False.  `back` maps the state of the target back, if the image determines it.
@@ -393,7 +393,7 @@ class System:
 
     energy(*state, eps=0)    at eps = 0 the Hamiltonian H, with F' = {H, F}; else the energy of the map
     integrals                name -> function; those that name `eps` are deformed by the map
-    invariant                name -> (f, k) with f' = k f: f is no integral, but f = 0 stays
+    invariant                name -> (f, k) with f' = k f: f is not an integral, but f = 0 stays
     commuting                the integrals that are in involution with each other and the energy
     lax(*state, lam)         the pair (L, U) with L' = [L, U]
     velocity(*state)         the angular velocity: g' = omega g (rest frame), g' = g Omega (moving frame)
@@ -405,10 +405,10 @@ class System:
     closed_form              the flow in closed form, if known without a Bäcklund transformation
     derive(params)           further constants computed once from the parameters: a differentiable formula
     body_frame(params)       the `BodyFrame` of a system that is a body in SI units, from parameters and constants
-    checks                   of parameters and states, beyond those of each `Parameter`
+    checks                   of parameters and states, beyond the checks of each `Parameter`
     n                        the dimension, if the parameters do not determine it
-    numbers                  "any": the functions take any kind of number; "real": any with square roots; "jax": floats
-                             and JAX arrays (`kreisel.reduction`), and steps are compiled by JAX
+    numbers                  "any": the functions accept any kind of number; "real": any with square roots; "jax":
+                             floats and JAX arrays (`kreisel.reduction`), and steps are compiled by JAX
     perturbation             the integrable system of which this is a perturbation, and the forces (`kr.perturbed`);
                              then flow and energy may have the keywords g, the orientation as a matrix, and t, the time
     product                  the bodies of which this is a product (`kreisel.forces.product`)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from kreisel.record.contract import Parameter, PhaseSpace
 
 SKEW_TOLERANCE = 1e-12
-MOST_N = 4096  # a matrix of n x n doubles then takes 128 MiB
+MOST_N = 4096  # a matrix of n x n doubles then needs 128 MiB
 MOST_SHOWN = 100  # entries in the text of an array
 T = TypeVar("T")
 Check = Callable[..., T]
@@ -61,7 +61,7 @@ def numbers(value: Any, name: str) -> Array:
 
 
 def axes_of(p: Parameter, value: Array) -> int:
-    """The axes of a parameter, without those of lanes."""
+    """The axes of a parameter, without axes of lanes."""
     return value.ndim if p.axes is None else p.axes
 
 
@@ -232,7 +232,7 @@ def shape_of(value: Any) -> tuple[int, ...]:
 def by_lane(check: Check[T], *values: Any, single: Callable[[Any], int]) -> T:
     """check(*values).  Raises `InputError`, for an ensemble with the index and the values of its first bad lane.
 
-    single   the number of axes that one of the values has without those of lanes, which are in front
+    single   the number of axes of one of the values without axes of lanes, which are in front
     """
     try:
         return check(*values)

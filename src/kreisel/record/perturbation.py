@@ -70,7 +70,7 @@ class Perturbation:
         return {what: force for what, force in named.items() if force is not None}
 
     def names(self, letter: str) -> bool:
-        """Whether a force takes this letter."""
+        """Whether this letter is an argument of a force."""
         alone = any(force.names(letter) for force in self.functions.values()) or (self.wheel and letter == TIME)
         if self.pair is None:
             return alone

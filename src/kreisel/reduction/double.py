@@ -1,6 +1,6 @@
 """The one door to JAX: float64 while Kreisel computes, the user's settings outside.
 
-JAX computes in float32 unless set otherwise, for the whole process.  Kreisel does not change that setting: its
+JAX computes in float32 unless set otherwise, for the entire process.  Kreisel does not change that setting: its
 computations run inside `double()`.  To differentiate or vectorise these functions, open the same door:
 
     with kreisel.reduction.double():

@@ -446,7 +446,7 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     several = [name for name in values if name not in single]
     groups = [single, several] if n <= MANY_SAMPLES_N else [single, *([name] for name in several)]
     scales: dict[str, Any] = {}
-    for group in filter(None, groups):  # together: NumPy takes longer to begin than to compute
+    for group in filter(None, groups):  # together: NumPy needs longer to begin than to compute
         flat = [values[name].reshape((*by.shape[:2], -1)) for name in group]
         felt, computed = _scales_of(np.concatenate(flat, -1), samples, n, group is single)
         for name, place in zip(group, algebra.slices([f"R^{v.shape[-1]}" for v in flat], n), strict=True):

@@ -86,7 +86,7 @@ def require_unchanged(run: xr.Dataset) -> None:
 
 
 def _require_its_casimirs(run: xr.Dataset, model: Model) -> None:
-    """Raises `InputError` if the Casimirs of a run differ from those of its first or last state."""
+    """Raises `InputError` if the Casimirs of a run differ from the Casimirs of its first or last state."""
     casimirs, name = model.system.space.casimirs, "casimir"
     if casimirs is None or name not in run or run.attrs.get("engine") == "cuda-float32" or "event" in run.dims:
         return

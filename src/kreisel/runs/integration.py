@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 BLOCK_BYTES = 1 << 21  # of states, held at once
 END = BREAKS + "end"  # in a snapshot: the rows and the last time of a run that an event stopped
 CHUNKS = 8  # of a block, each compressed separately; a block is a file of each variable
-SHARDED = 512  # rows: a smaller block is one chunk
+SHARDED = 512  # rows: a smaller block has only one chunk
 TICK_SECONDS = 0.1  # between two looks at the clock
 SHORT_STEPS = 1000  # of straight-line code, in the first call
 LONG_SECONDS = 1.0  # a longer call of the engine can be interrupted

@@ -1,4 +1,4 @@
-"""The attributes of a run, typed: the one place where they are written to and read from its Dataset."""
+"""The attributes of a run, typed, with their conversion to and from the attributes of its Dataset."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Steps of one method from state to state: forms of states, the propagator, walks to times and crossings, breaks."""
+"""Steps of one method from state to state: forms of states, the propagator, steps to times and crossings, breaks."""

@@ -1,7 +1,7 @@
-"""Impulses and events of a run: steps within which something changes the state, or ends the run.
+"""Impulses and events of a run: steps with a change of the state, or the end of the run, within them.
 
-A step that nothing breaks is that of the engine.  A broken one is made of shorter steps, from one break to the next and
-to its end, so that rows and further steps stay where they are.
+The engine makes unbroken steps.  A broken step consists of shorter steps, from one break to the next and to its end, so
+that the times of rows and further steps do not change.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from kreisel.runs.plan import BREAKS, Plan
 from kreisel.runs.propagation.stepper import AT_ZERO, Signs, Stepper, number_of
 from kreisel.runs.settings import LARGE, WHOLE
 
-MOST_ROWS = 256  # steps that are made before events are looked at
+MOST_ROWS = 256  # steps that are made before events are checked
 MOST_IN_STEP = 1000  # events within one step
-SAME = 1e-12  # relative: what an impulse leaves as it is
+SAME = 1e-12  # relative: components that an impulse does not change
 POINTS = 3
 
 
@@ -36,9 +36,9 @@ class Stop(NamedTuple):
 
 
 class Breaks:
-    """The steps of a plan with impulses, events, or rows within them.  Raises `InputError` where they do not suit it.
+    """The steps of a plan with impulses, events, or rows within them.  Raises `InputError` if they do not suit it.
 
-    `stop`: where an event has stopped the run.
+    `stop`: the state and time at which an event has stopped the run.
     """
 
     def __init__(self, plan: Plan):
@@ -54,16 +54,16 @@ class Breaks:
             self._signs.begin(plan.first, 0.0)
 
     def quiet(self, step: int) -> int:
-        """How many steps from here on an engine may make at once."""
+        """The number of steps from here on that an engine may make at once."""
         return 0 if self.events else self._unbroken(step, self.plan.steps)
 
     def _unbroken(self, step: int, most: int) -> int:
-        """The steps before the next impulse, at most so many."""
+        """The number of steps before the next impulse, at most `most`."""
         at = bisect_left(self._broken, step)
         return min(most, self._broken[at] - step) if at < len(self._broken) else most
 
     def advance(self, step: int, count: int, look: Callable[[], None]) -> int:
-        """At most so many steps from this one on.  Returns how many."""
+        """Make at most `count` steps from this one on.  Returns their number."""
         quiet, engine = self._unbroken(step, count), self.plan.engine
         if quiet == 0:
             self._break(step)
@@ -84,7 +84,7 @@ class Breaks:
         return len(rows)
 
     def row(self, step: int, ahead: float) -> tuple[Floats, Stop | None]:
-        """The state within a step, and where the run stops before; the engine and the events stay as they are."""
+        """The state within a step, and the stop of the run before it, if any; engine and events do not change."""
         sides, fired = self._signs.sides, len(self.fired)
         z, stop = self._walk(self.plan.engine.z, step, ahead, None)
         if stop is None:
@@ -93,14 +93,14 @@ class Breaks:
         return z, stop
 
     def _break(self, step: int, end: Floats | None = None) -> None:
-        """The whole step with what breaks it; `end`: the state at its end if nothing did."""
+        """The complete step with its breaks; `end`: the state at its end without breaks."""
         plan, engine = self.plan, self.plan.engine
         z, self.stop = self._walk(engine.z, step, plan.dt, end)
         if self.stop is None and not engine.begin(z, plan.scheme, plan.steps + 1):
             plan.engine = plan.engine_at(z)
 
     def _walk(self, z: Floats, step: int, length: float, end: Floats | None) -> tuple[Floats, Stop | None]:
-        """From the beginning of a step so far into it, through all that happens on the way."""
+        """The state at `length` into a step, from its beginning through all breaks on the way."""
         begun, s, count = step * self.plan.dt, 0.0, 0
         inside = sorted((at, i) for i, (k, at) in enumerate(self._places) if k == step and at <= length)
         z = z.copy()
@@ -130,12 +130,12 @@ class Breaks:
         self.fired.append((time, i))
         z = self._acted(z, time, self.events[i].action)
         values = self._signs.begin(z, time)
-        if abs(values[i]) <= AT_ZERO * size:  # still there: the side to which the motion goes from there
+        if abs(values[i]) <= AT_ZERO * size:  # still there: the side to which the motion continues
             self._signs.sides[i] = 0.0
         return z
 
     def _first(self, z: Floats, new: Floats, begun: float, length: float) -> tuple[int, float] | None:
-        """The first event between two states, its number and how long after the first; then the sides are the same."""
+        """The first event between two states, its index and its time after the first; then the sides do not change."""
         hits = self._signs.changed(self._values(new, begun + length))
         places = [(self._signs.place(i, z, begun, length), i) for i in hits]
         return min(places)[::-1] if places else None
@@ -145,7 +145,7 @@ class Breaks:
         return np.array([number_of(event.quantity, dict(state), "kr.Event") for event in self.events])
 
     def _state(self, z: Floats, time: float) -> dict[str, Any]:
-        """The state as a user's function takes it."""
+        """The state in the form for a user-defined function."""
         x = self._stepper.returned(z, time)
         return self._stepper.forms.mapping(x if self.plan.batched else x[0])
 
@@ -162,7 +162,7 @@ class Breaks:
         return self._changed(z, time, self._stepper.forms.given(new)[0])
 
     def _changed(self, z: Floats, time: float, x: Floats) -> Floats:
-        """The method's own variables of another state x; what is beside the state stays, the work counts the change."""
+        """The method's variables of another state x; only the state changes, and the work includes the change."""
         new = self._stepper.forms.prepared(np.ascontiguousarray(x))
         letters = [letter for letter, _ in self.plan.scheme.components]
         size = len(self.plan.model.system.space.letters) + (ORIENTATION in letters)
@@ -176,21 +176,21 @@ class Breaks:
         return _observed(self.plan, self._stepper.at_time(z, time, self.plan.dt))["energy"][0]
 
     def _counted(self, z: Floats, count: float) -> Floats:
-        """The rows with this count of steps, where forces depend on time."""
+        """The rows with this count of steps, if forces depend on time."""
         if COUNT in (letter for letter, _ in self.plan.scheme.components):
             z = z.copy()
             z[:, self._stepper.column_of(COUNT)] = count
         return z
 
     def snapshot(self) -> dict[str, Floats]:
-        """All that the next breaks depend on."""
+        """All data that the next breaks depend on."""
         if not self.events:
             return {}
         fired = np.array(self.fired, dtype=np.float64).reshape(-1, 2)
         return {BREAKS + "sides": self._signs.sides.copy(), BREAKS + "fired": fired}
 
     def restore(self, snapshot: Mapping[str, Floats]) -> None:
-        """Go on from a snapshot.  Raises `InputError` where it is one of other events."""
+        """Resume from a snapshot.  Raises `InputError` if it belongs to other events."""
         if not self.events:
             return
         sides, fired = snapshot.get(BREAKS + "sides"), snapshot.get(BREAKS + "fired")
@@ -200,7 +200,7 @@ class Breaks:
 
 
 def _stepper(plan: Plan) -> Stepper:
-    """The steps of a plan by themselves, of any length."""
+    """Steps of any length for a plan without its breaks."""
     oriented = ORIENTATION in (letter for letter, _ in plan.scheme.components)
     scheme = scheme_of(plan.model, plan.scheme.name, plan.dt, plan.scheme.options.get("order"), oriented)
     settings = plan.settings.but(observe=(), project=False, times=None, impulses=(), engine=None)
@@ -215,11 +215,11 @@ class Requirement(NamedTuple):
 
 
 def _deformed(scheme: Scheme) -> list[str]:
-    """The integrals that a map conserves instead of those of the flow: they depend on the step."""
+    """The integrals that a map conserves instead of integrals of the flow: they depend on the step."""
     return [name for name, outcome in scheme.outcomes.items() if outcome.conserved and name.endswith("_eps")]
 
 
-# Reasons for which steps of other lengths are another method.
+# Reasons why steps of other lengths would be another method.
 OF_ONE_LENGTH: tuple[tuple[Callable[[Scheme], Any], str], ...] = (
     (lambda scheme: scheme.corrector, "steps variables that depend on the step for order={order}"),
     (_deformed, "conserves {deformed[0]}, which depends on the step"),
@@ -276,7 +276,7 @@ def _words(plan: Plan, scheme: Scheme) -> dict[str, Any]:
 
 
 def _place(plan: Plan, time: float) -> tuple[int, float]:
-    """The step within which a time after 0 is, its end included, and how long after its beginning."""
+    """The step that contains a time after 0, its end included, and the time since its beginning."""
     step = max(0, int(np.ceil(time / plan.dt * (1 - WHOLE))) - 1)
     within = time - step * plan.dt
     return step, plan.dt if within > plan.dt * (1 - WHOLE) else within
@@ -316,9 +316,9 @@ def _require_few(count: int, time: float) -> None:
 
 
 def not_conserved(plan: Plan) -> frozenset[str]:
-    """Names of what the method conserves but impulses and events change; of impulses it is known, at random states.
+    """Names of conserved quantities of the method that impulses (tested at random states) or events change.
 
-    Raises `InputError` where the steps of the plan cannot be broken.
+    Raises `InputError` if the steps of the plan cannot be broken.
     """
     held = frozenset(name for name, outcome in plan.scheme.outcomes.items() if outcome.conserved)
     if any(event.action for event in plan.events):

@@ -1,4 +1,4 @@
-"""States as a propagator accepts and returns them, and as rows of the variables that its method steps."""
+"""States in the form of a propagator's user, and as rows of the variables that its method steps."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class StateForms:
     """States of a model as mappings or arrays (lanes, size), and as rows of a scheme's variables (lanes, d).
 
     letters  of the components of a state, the orientation last
-    places   of each component among the `size` numbers of a state
+    places   of each component among the `size` entries of a state
     """
 
     def __init__(self, model: Model, scheme: Scheme, settings: Settings):
@@ -47,7 +47,7 @@ class StateForms:
         self.size = algebra.coordinate_count(self._kinds, model.n)
         self.places = dict(zip(self.letters, algebra.slices(self._kinds, model.n), strict=True))
         single = not model.batch and pairs_of(model) is None
-        self._single = (self.size,) if single else None  # the shape of one state as it may be given
+        self._single = (self.size,) if single else None  # the shapes of one state that are accepted
         self._checks = model.system.checks.state
         vectors = all(dict(components)[letter] == "vector" for letter in self._checks)
         free = single and vectors and not model.system.space.constraints
@@ -57,7 +57,7 @@ class StateForms:
         self._converters: dict[int, tuple[Rows, Rows]] = {}
 
     def plan(self, scheme: Scheme, z: Floats, steps: int = 1, every: int = 1) -> Plan:
-        """The plan of so many steps by a scheme from rows z."""
+        """The plan of `steps` steps by a scheme from rows z."""
         return Plan(self.model, scheme, self.settings.but(steps=steps, every=every), z, True, {})
 
     def given(self, state: Any) -> tuple[Floats, bool]:
@@ -92,7 +92,7 @@ class StateForms:
         return np.require(x, requirements=["C", "A", "W"]), batched  # kernels accept no others
 
     def _entries(self, state: Mapping[str, Any]) -> list[float] | None:
-        """The numbers of one state whose components are plain arrays or floats; None if it needs the other checks."""
+        """The entries of one state whose components are plain arrays or floats; None if it needs the other checks."""
         if len(state) != len(self._readers):
             return None
         numbers: list[float] = []
@@ -109,7 +109,7 @@ class StateForms:
         return numbers
 
     def _checked(self, state: Mapping[str, Any]) -> Floats:
-        """A mapping as one array, checked as the start of a run is."""
+        """A mapping as one array, checked like the start of a run."""
         components = {name: value for name, value in state.items() if name not in (self.settings.observe or ())}
         g = components.pop(ORIENTATION, None)
         if (g is not None) != self.oriented:
@@ -124,7 +124,7 @@ class StateForms:
         return np.asarray(algebra.flatten(natural, self._kinds))
 
     def components(self, x: Array) -> tuple[Array, ...]:
-        """The components of states (..., size) as the system has them."""
+        """The components of states (..., size) in the form of the system."""
         with np.errstate(invalid="ignore"):
             parts = algebra.restore(x, self._kinds, self.model.n)
         return self._from_user(parts)
@@ -133,27 +133,27 @@ class StateForms:
         return tuple(kind.from_user(x, self.model.n) for kind, x in zip(self._stored, parts, strict=True))
 
     def require_on_phase_space(self, x: Floats) -> None:
-        """Raises `InputError` for states off the phase space, which is not checked of arrays else."""
+        """Raises `InputError` for states off the phase space, which is not otherwise checked for arrays."""
         self.model.state(**dict(zip(self.model.system.space.letters, self.components(x), strict=False)))
 
     def prepared(self, x: Floats) -> Floats:
-        """States (lanes, size) in the method's own variables (lanes, d)."""
+        """States (lanes, size) in the method's variables (lanes, d)."""
         rows: Floats = self._conversions(len(x))[0](x[None])[0]
         return rows
 
     def observed(self, rows: Floats) -> Floats:
-        """Rows (rows, lanes, d) of the method's own variables as states, with what is observed behind them."""
+        """Rows (rows, lanes, d) of the method's variables as states, followed by the observed quantities."""
         return self._conversions(rows.shape[1])[1](rows)
 
     def compiled(self, lanes: int) -> tuple[RowFunction, RowFunction] | None:
-        """Both conversions, of states and of the method's own variables, if both are compiled."""
+        """Both conversions, of states and of the method's variables, if both are compiled."""
         into, out = self._conversions(lanes)
         return (into, out) if isinstance(into, RowFunction) and isinstance(out, RowFunction) else None
 
     def _conversions(self, lanes: int) -> tuple[Rows, Rows]:
-        """From rows (rows, lanes, size) of states to those of the method's own variables, and back to what is returned.
+        """Maps from rows (rows, lanes, size) of states to rows of the method's variables, and back to returned rows.
 
-        Compiled where the functions can be recorded, else the definitions on arrays.
+        Compiled if the functions can be recorded, else the definitions on arrays.
         """
         if lanes in self._converters:
             return self._converters[lanes]
@@ -182,7 +182,7 @@ class StateForms:
         return converters
 
     def _lines(self, outputs: Mapping[str, Array]) -> dict[str, Array]:
-        """The state, the orientation, and what is observed beside, each as numbers along the last axis."""
+        """The state, the orientation, and the observed quantities, each as entries along the last axis."""
         names = (*self.letters, *(name for name in outputs if name not in self.letters))
         return {name: self._line(name, outputs[name]) for name in names}
 
@@ -193,11 +193,11 @@ class StateForms:
         return value if np.ndim(value) > 2 else value[..., None]
 
     def of_plan(self, outputs: Mapping[str, Array]) -> Floats:
-        """The outputs of a plan as rows ([rows,] lanes, numbers)."""
+        """The outputs of a plan as rows ([rows,] lanes, entries)."""
         return np.concatenate(list(self._lines(outputs).values()), -1)
 
     def returned(self, x: Floats, state: Any, batched: bool) -> Any:
-        """Rows ([rows,] lanes, numbers) in the form in which a state was given."""
+        """Rows ([rows,] lanes, entries) in the form in which a state was given."""
         if not batched:
             x = x[0] if x.ndim == 2 else x[..., 0, :]
         if type(state) is np.ndarray:
@@ -205,7 +205,7 @@ class StateForms:
         return self.mapping(x) if type(state) is dict or isinstance(state, Mapping) else x
 
     def mapping(self, x: Floats) -> dict[str, Any]:
-        """Numbers (..., numbers) as the components of a state and what is observed beside it."""
+        """Entries (..., entries) as the components of a state and the observed quantities."""
         single, n = x.ndim == 1, self.model.n
         out: dict[str, Any] = {}
         for letter, place, unpack in self._unpack:
@@ -217,7 +217,7 @@ class StateForms:
 
     @cached_property
     def _beside(self) -> dict[str, Any]:
-        """The places of what is observed beside the state."""
+        """The places of the observed quantities after the state."""
         if not self.settings.observe:
             return {}
         x = np.ones((*(self.model.batch or (1,)), self.size))
@@ -234,10 +234,10 @@ class StateForms:
 
 
 def is_finite(x: Floats) -> bool:
-    """Whether all numbers are finite."""
+    """Whether all entries are finite."""
     if x.size < FEW_NUMBERS and math.isfinite(sum(x.ravel().tolist())):  # a tenth of the time of NumPy's sum
         return True
-    return math.isfinite(np.add.reduce(x, None)) or bool(np.isfinite(x).all())  # the sum alone may overflow
+    return math.isfinite(np.add.reduce(x, None)) or bool(np.isfinite(x).all())  # the sum of finite entries may overflow
 
 
 def require_finite(x: Floats) -> None:
@@ -247,11 +247,11 @@ def require_finite(x: Floats) -> None:
         raise InputError(f"The state: expected finite numbers, got NaN or infinity{where}.")
 
 
-# -- components of one state that need few checks: the numbers that the full checks give, or None for the full checks
+# -- components of one state that need few checks: the entries as from the full checks, or None for the full checks
 
 
 def _reader(kind: str, n: int) -> Reader:
-    """From a value to the numbers of a component."""
+    """The function from a value to the entries of a component."""
     if kind == "quaternion":
         return _quaternion
     width = algebra.KINDS[kind].count(n)

@@ -30,11 +30,11 @@ from kreisel.runs.settings import (
     within,
 )
 
-FEWEST, MOST_ROWS = 8, 256  # steps that are made before the quantity is looked at: more and more of them
+FEWEST, MOST_ROWS = 8, 256  # steps that are made before the quantity is checked: increasing
 
 
 class Crossing(NamedTuple):
-    """Where a search ended: the state, the time, and whether the quantity changed its sign there."""
+    """The end of a search: the state, the time, and whether the quantity changed its sign there."""
 
     state: Any
     time: float
@@ -57,7 +57,7 @@ def propagator(
     system       a system with parameters, as for `kr.simulate`; method and order too
     dt           the step; a flow in closed form (method="exact") needs none
     orientation  whether the orientation g is part of the state
-    observe      Casimirs and integrals to compute beside the state, by name
+    observe      Casimirs and integrals to compute in addition to the state, by name
     project      as for `kr.simulate`
 
     Raises `InputError` for bad input.
@@ -84,23 +84,23 @@ def _propagator_again(system: Model, settings: Settings, oriented: bool, paced: 
 
 
 class Propagator:
-    """Made by `kr.propagator`: the state `at` any times, or after `steps`.
+    """A result of `kr.propagator`: the state `at` any times, or after `steps`.
 
-    A state is a mapping of its components, or one array of `size` numbers, (size,) or (lanes, size): the components in
+    A state is a mapping of its components, or one array of `size` entries, (size,) or (lanes, size): the components in
     the order of `letters`; axial vectors for n = 3, else the entries of a skew matrix above the diagonal, row by row;
-    the orientation as a unit quaternion (w, x, y, z) for n = 3, else as a matrix, row by row.  What comes back has the
-    same form; what is observed stands behind the state.  Of an array only shape and finiteness are checked.  Threads
-    may share a propagator.
+    the orientation as a unit quaternion (w, x, y, z) for n = 3, else as a matrix, row by row.  Returned states have the
+    same form, followed by the observed quantities.  For arrays only shape and finiteness are checked.  Threads may
+    share a propagator.
     """
 
     def __init__(self, model: Model, scheme: Scheme, settings: Settings, paced: bool = True):
-        self.model, self._paced = model, paced  # whether a dt was asked for
+        self.model, self._paced = model, paced  # whether a dt was given
         self._stepper = Stepper(model, scheme, settings)
         self._forms, self._by_plan = self._stepper.forms, model.n >= LARGE
         self._known_at_times = scheme.orbits is not None
         self.letters, self.size, self.dt = self._forms.letters, self._forms.size, settings.dt
 
-    def __reduce__(self) -> Any:  # kernels stay where they are
+    def __reduce__(self) -> Any:  # kernels keep their addresses
         return _propagator_again, (self.model, self._stepper.settings, self._forms.oriented, self._paced)
 
     def __repr__(self) -> str:
@@ -110,10 +110,10 @@ class Propagator:
     def steps(self, state: Any, n: int, every: int | None = None, time: float | None = None) -> Any:
         """The state after n steps of dt; with `every`, rows along a first axis: the steps 0, every, 2 every, ... and n.
 
-        `time` at the start, of bodies with forces that depend on it (`kr.perturbed`); `work` counts from the start.
+        `time` at the start, for bodies with forces that depend on it (`kr.perturbed`); `work` counts from the start.
 
-        Raises `InputError` for what is no state or no number of steps, `RunError` where the state is no longer finite
-        or something that the method conserves is lost.
+        Raises `InputError` for a bad state or number of steps, `RunError` if the state is no longer finite or an
+        invariant of the method is lost.
         """
         count = within(n, "n", 1, MOST_STEPS)
         between = None if every is None else within(every, "every", 1, count)
@@ -126,9 +126,9 @@ class Propagator:
 
     @explained
     def at(self, state: Any, times: Any) -> Any:
-        """The state at a time, or at times (times,) along a first axis, negative ones too; of a map, so many steps on.
+        """The state at a time, or at times (times,) along a first axis, also negative; for a map, times count steps.
 
-        Raises `InputError` for bad input and where no closed form is known, `RunError` where numbers overflow.
+        Raises `InputError` for bad input and if no closed form is known, `RunError` if values overflow.
         """
         if not self._known_at_times:
             raise InputError(
@@ -144,8 +144,8 @@ class Propagator:
     def to(self, state: Any, times: Any, time: float = 0.0) -> Any:
         """The state at a time, or at times (times,) along a first axis, in order, from the state at `time`.
 
-        By steps of dt or a little shorter, equal ones from one time to the next: for rows at any times, and for
-        impulses, which change the state between two calls.  `work` counts from the start.  Raises as `steps`.
+        Uses steps of dt or a little shorter, equal from one time to the next: for rows at any times, and for impulses,
+        which change the state between two calls.  `work` counts from the start.  Raises as `steps`.
         """
         wanted, now = wanted_times(times), finite_number(time, "time")
         when = np.atleast_1d(wanted)
@@ -165,14 +165,14 @@ class Propagator:
     def until(
         self, state: Any, quantity: Callable[[Any], Any], end: float, *, time: float = 0.0, rising: bool | None = None
     ) -> Crossing:
-        """The state where a quantity first changes its sign, its time, and whether it did before the time `end`.
+        """The state at which a quantity first changes its sign, its time, and whether it did before the time `end`.
 
-        quantity  a function of one state in the form that is given, `lambda x: x["a"][2]`
+        quantity  a function of one state in the form of `state`, `lambda x: x["a"][2]`
         rising    True, False: only a change upward, downward; None: both
 
-        The quantity is looked at after each step, so two changes within a step are missed; the place is found to
-        rounding by shorter steps from the one before.  A start at 0 is on the side to which the first step goes.
-        Change the state and call again for an event that acts: a bounce, a thruster.  Raises as `steps`.
+        The quantity is checked after each step, so two changes within a step are missed; the time is found to rounding
+        by shorter steps from the step before.  A start at 0 is on the side to which the first step goes.  For an event
+        that acts (a bounce, a thruster), change the state and call again.  Raises as `steps`.
         """
         begun, last = finite_number(time, "time"), finite_number(end, "end")
         if rising is not None:
@@ -219,7 +219,7 @@ class Propagator:
 
 
 def _first_crossing(stepper: Stepper, z: Floats, signs: Signs, time: float, end: float) -> tuple[Floats, float, bool]:
-    """The state where a quantity first changes its sign after `time`, or the state at `end`."""
+    """The state at which a quantity first changes its sign after `time`, or the state at `end`."""
     stepper.require_reach(time, end)
     ahead = signs.values(stepper.step(z, time, stepper.dt), time + stepper.dt)
     values, block = signs.begin(z, time), FEWEST

@@ -1,4 +1,4 @@
-"""Rows of states that are stepped by engines that are kept, to any times, and to changes of a sign."""
+"""Rows of states, stepped by reusable engines to any times and to changes of a sign."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ from kreisel.runs.soundness import faults
 if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
 
-AT_REST = 16  # engines that are kept for the next call, for each number of lanes
-EXACT = 4 * float(np.finfo(float).eps)  # relative, of the time within a step; the least that SciPy takes
-AT_ZERO = 1e-10  # of the largest value within a step: a start that is where the last search ended
+AT_REST = 16  # engines kept for the next call, for each number of lanes
+EXACT = 4 * float(np.finfo(float).eps)  # relative, of the time within a step; the least that SciPy accepts
+AT_ZERO = 1e-10  # of the largest value within a step: then the start is the end of the last search
 
 
 class Stepper:
-    """Rows z (lanes, d) of the variables of a scheme, stepped by engines and known at times by its closed form.
+    """Rows z (lanes, d) of the variables of a scheme, stepped by engines or given at times by its closed form.
 
-    forms  the same states as users have them, rows x (lanes, size)
+    forms  the states in the user's form, rows x (lanes, size)
     timed  whether forces depend on the time
     """
 
@@ -73,7 +73,7 @@ class Stepper:
     # -- steps -----------------------------------------------------------------------------------------
 
     def steps(self, x: Floats, count: int, every: int | None, time: float | None) -> Floats:
-        """The states (lanes, numbers) after so many steps from x; with `every`, rows of the steps 0, every, ..."""
+        """The states (lanes, entries) after `count` steps from x; with `every`, rows of the steps 0, every, ..."""
         if self._set_up:
             self.forms.require_on_phase_space(x)
         if self._courses is not None and every is None and time is None and len(x) == 1:
@@ -93,7 +93,7 @@ class Stepper:
         return self.forms.observed(self._out(out))[0]
 
     def _on_course(self, x: Floats, count: int, courses: deque[Course]) -> Floats | None:
-        """The states by a course; None where there is none, or its code is not for this trajectory."""
+        """The states by a course; None without one, or if its code is not for this trajectory."""
         try:
             course = courses.pop()
         except IndexError:
@@ -115,7 +115,7 @@ class Stepper:
         return y
 
     def by_a_plan(self, x: Floats, count: int, every: int | None) -> Floats:
-        """The same by an engine as a run has it, for dimensions whose kernels depend on the state."""
+        """The states of `steps` by an engine like that of a run, for dimensions whose kernels depend on the state."""
         plan = planned(self.model, self.scheme, self.settings, self.forms.components(x), None)
         rows = self._advanced(plan.engine, plan.first, count, count if every is None else every)
         self._require_sound(plan.engine, rows)
@@ -124,7 +124,7 @@ class Stepper:
         return out if every is not None else out[-1]
 
     def stepped(self, z: Floats, time: float, h: float, count: int, every: int) -> Floats:
-        """Rows 0, every, ... of so many steps of length h from z at a time, (rows, lanes, d)."""
+        """Rows 0, every, ... of `count` steps of length h from z at a time, (rows, lanes, d)."""
         if self.is_flow:
             return self.states(z, h * np.arange(0, count + 1, every, dtype=np.float64))
         scheme = self.scheme
@@ -140,7 +140,7 @@ class Stepper:
         return rows
 
     def _begun(self, z: Floats, steps: int, every: int, scheme: Scheme) -> Engine:
-        """An engine at the start z: one that is at rest, or a new one."""
+        """An engine at the start z: an idle one, or a new one."""
         if scheme.trajectory is not None:
             scheme = scheme.on(algebra.restore(z, scheme.kinds, scheme.n), points)
         try:
@@ -161,7 +161,7 @@ class Stepper:
         return out
 
     def _keep(self, engine: Engine, rows: Floats) -> None:
-        """Check what an engine has made, and keep it for the next call."""
+        """Check the rows of an engine, and keep it for the next call."""
         self._require_sound(engine, rows)
         lanes = rows.shape[1]
         if lanes not in self._at_rest:
@@ -169,7 +169,7 @@ class Stepper:
         self._at_rest[lanes].append(engine)
 
     def _require_sound(self, engine: Engine, rows: Floats) -> None:
-        """Raises `RunError` if rows are not finite or lack what the method promises."""
+        """Raises `RunError` if rows are not finite or violate a promise of the method."""
         for fault in faults(self.scheme, engine, rows, self.dt):
             cause = fault.cause or (
                 f"{of_forces(self.model)}a step far too long, or a state so large that its square overflows. Use a "
@@ -194,7 +194,7 @@ class Stepper:
         return out
 
     def _at_time(self, z: Floats, time: float | None) -> Floats:
-        """The start with its time.  Raises `InputError` where forces depend on it and none is given, or the reverse."""
+        """The start with its time.  Raises `InputError` if forces depend on it and none is given, or the reverse."""
         if self.timed != (time is not None):
             raise InputError(
                 f"time: expected {'the time at the start' if self.timed else 'none'}, since the forces of "
@@ -207,7 +207,7 @@ class Stepper:
     # -- the closed form -------------------------------------------------------------------------------
 
     def at(self, x: Floats, times: Floats) -> Floats:
-        """The states (times, lanes, numbers) from x at time 0.  Raises `RunError` for numbers that overflow."""
+        """The states (times, lanes, entries) from x at time 0.  Raises `RunError` if values overflow."""
         if self._rooms is None or len(x) > 1 or len(times) > 1:
             return self.forms.observed(self._require_numbers(self.states(self.forms.prepared(x), times)))
         try:
@@ -232,7 +232,7 @@ class Stepper:
         return rows
 
     def states(self, z: Floats, times: Floats) -> Floats:
-        """Rows (times, lanes, d): by compiled jumps if all of them are right, else by orbits set up for this state."""
+        """Rows (times, lanes, d): by compiled jumps if all are accurate, else by orbits set up for this state."""
         if self._jumping and len(times) <= FEW:
             jumps = self._jumps.get(len(z))
             if jumps is None:
@@ -254,7 +254,7 @@ class Stepper:
         return self._in_one_sheet(out, times)
 
     def _in_one_sheet(self, out: Floats, times: Floats) -> Floats:
-        """The states (times, lanes, d) with quaternions that keep their sign in the order of time: jumps do not."""
+        """The states (times, lanes, d) with quaternions that keep their sign in the order of time, unlike jumps."""
         if self.forms.oriented and len(times) > 1 and self._of_top:
             place = self.column_of(ORIENTATION)
             out[..., place : place + 4] = algebra.continued(out[..., place : place + 4], times)
@@ -284,12 +284,12 @@ class Stepper:
             )
 
     def returned(self, z: Floats, time: float) -> Floats:
-        """Rows of the variables that are stepped at a time as states (lanes, numbers), with what is observed."""
+        """Rows of the stepped variables at a time as states (lanes, entries), followed by the observed quantities."""
         return self.forms.observed(self.at_time(z, time, self.dt)[None])[0]
 
 
 class Room:
-    """Memory of one state, of which compiled conversions have the addresses once.
+    """Memory of one state at fixed addresses for compiled conversions.
 
     z    variables of the method at the state that `enter` is given
     row  variables (1, 1, d) at the state that `leave` returns
@@ -307,7 +307,7 @@ class Room:
         return self.z
 
     def leave(self) -> Floats:
-        """The state (1, numbers) of the row."""
+        """The state (1, entries) of the row."""
         self._out()
         return self._y[0].copy()
 
@@ -332,13 +332,13 @@ class Course:
 
     @staticmethod
     def takes(engine: Engine) -> bool:
-        """Whether the engine has straight-line code, which calls the projection if there is one."""
+        """Whether the engine has straight-line code that also calls the projection, if any."""
         if not isinstance(engine, CpuEngine) or engine.code.steps is None:
             return False
         return engine.projection is None or bool(engine.code.programs)
 
     def step(self, x: Floats, count: int) -> bool:
-        """Make so many steps from a state (1, size), unless its constants are none that the code is for."""
+        """Make `count` steps from a state (1, size), unless its constants do not suit the code."""
         self.room.enter(x)
         if self._constants is not None and not self._constants():
             return False
@@ -351,11 +351,11 @@ class Course:
 
 
 class Signs:
-    """Signs of quantities of a state as it is stepped, and the places where they change.
+    """Signs of quantities of a state along its steps, and the times of their changes.
 
     values  (z, time) -> the quantities (count,)
     step    (z, time, h) -> z, a single step
-    rising  of each quantity: True, False for changes upward, downward alone; None: both
+    rising  of each quantity: True, False for changes only upward, downward; None: both
     """
 
     def __init__(
@@ -368,13 +368,13 @@ class Signs:
         self.sides = np.zeros(len(rising))
 
     def begin(self, z: Floats, time: float) -> Floats:
-        """Take the sides at a state.  Returns the quantities there."""
+        """Set the sides at a state.  Returns the quantities there."""
         values = self.values(z, time)
         self.sides = np.sign(values)
         return values
 
     def changed(self, values: Floats) -> list[int]:
-        """The numbers of the quantities whose sign is another; if there are none the sides are those of the values."""
+        """The indices of the quantities whose sign has changed; else the sides become the signs of the values."""
         signs = np.sign(values)
         found = [
             i for i in np.flatnonzero(self.sides * signs < 0).tolist() if self._rising[i] in (None, bool(signs[i] > 0))
