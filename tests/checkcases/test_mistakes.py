@@ -132,8 +132,10 @@ def damped(b: Body) -> Values:
 
 
 def damped_only(b: Body) -> Values:
+    """As engines have it: along the axes of space."""
     b.acceleration = lambda w, R: -0.04 * w
-    return b.run()
+    run = in_space(b.run())
+    return {"angular_velocity_space": run["angular_velocity"], "attitude": run["attitude"]}
 
 
 def euler(late: bool, space: bool) -> Callable[[Body], Values]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from kreisel.algebra import Array, floats
 from kreisel.checkcases.laws import FLUID, dot, rotation
-from kreisel.checkcases.mistakes import SIGNIFICANT, Mistake, differences, likely, misfit, size
+from kreisel.checkcases.mistakes import SIGNIFICANT, Mistake, body_rates, differences, likely, misfit, size
 from kreisel.errors import InputError, shown
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class Grade:
         """Sentences: the order, whether the trajectory is right, the likely mistake."""
         order = f"Order measured: {', '.join(f'{v:.2f}' for v in self.orders)}. " if self.orders else ""
         if self.mistake:
-            return f"{order}Likely mistake: {self.mistake}."
+            return f"{order}Likely cause: {self.mistake}."
         agreed = f"agrees with the exact motion to {self.digits} digits"
         if self.orders and min(self.orders) > 0.5:
             return f"{order}Right: the trajectory {agreed} and converges to it with order {round(self.orders[-1])}."
@@ -236,16 +236,14 @@ def _unnormalised(values: Mapping[str, Array], error: float) -> Mistake | None:
 
 def _drifts(case: Case, rows: Array, values: Mapping[str, Array], units: Mapping[str, str]) -> Iterator[Row]:
     """The drifts of what the case conserves, as far as the trajectory determines them."""
-    w, q, law = values.get("angular_velocity"), values.get("attitude"), case.law
-    R = rotation([1.0, 0.0, 0.0, 0.0] if q is None else (q / np.linalg.norm(q, axis=-1)[:, None]).T)
-    if w is None and q is not None and "angular_velocity_space" in values:
-        w = np.einsum("jir,rj->ri", R, values["angular_velocity_space"])
+    w, q, law = body_rates(values), values.get("attitude"), case.law
     if w is None or not law.conserved or (q is None and "momentum" not in law.conserved):
         return
     if law is FLUID and "velocity" not in values:
         return
     states = np.array([[float(v) for v in case.exact(t)[0]] for t in rows]) if law.further else np.zeros((len(rows), 7))
-    states[:, :3], states[:, 3:7] = w, [1.0, 0, 0, 0] if q is None else q / np.linalg.norm(q, axis=-1)[:, None]
+    q_rows = np.array([[1.0, 0, 0, 0]]) if q is None else q / np.linalg.norm(q, axis=-1, keepdims=True)
+    states[:, :3], states[:, 3:7] = w, q_rows
     if law is FLUID:
         states[:, 7:10] = values["velocity"]
     conserved = case.quantities(states)
@@ -260,7 +258,7 @@ def _drifts(case: Case, rows: Array, values: Mapping[str, Array], units: Mapping
         yield _drift("vertical momentum", L[:, 2], rows, unit, float(length[0]))
     if law is FLUID:
         impulse = np.array(case.numeric()["A"]) @ values["velocity"].T
-        yield _drift("impulse", np.array([dot(row, impulse) for row in R]).T, rows, "kg m/s")
+        yield _drift("impulse", np.array([dot(row, impulse) for row in rotation(q_rows.T)]).T, rows, "kg m/s")
 
 
 def _drift(name: str, value: Array, rows: Array, unit: str, scale: float = 0.0) -> Row:

@@ -73,6 +73,14 @@ def misfit(values: Quantities, predicted: Quantities, exact: Quantities, rows: s
     return float(max(errors)) if np.isfinite(errors).all() else math.inf
 
 
+def body_rates(values: Quantities) -> Array | None:
+    """The angular velocity along the body axes, from that in space and the attitude if need be; None if unknown."""
+    if "angular_velocity" in values or not {"angular_velocity_space", "attitude"} <= set(values):
+        return values.get("angular_velocity")
+    q = values["attitude"] / np.linalg.norm(values["attitude"], axis=-1, keepdims=True)
+    return np.stack(to_body(q.T, values["angular_velocity_space"].T), -1)
+
+
 def likely(case: Case, rows: Array, values: Quantities, exact: Quantities, step: float | None) -> Mistake | None:
     """The mistake that explains the errors of values at times (rows,), or None."""
     error, best, trials = misfit(values, exact, exact), None, _Trials(case, rows, values, exact, step)
@@ -156,12 +164,16 @@ class _Trials:
 
     def damped(self) -> Iterator[Trial]:
         """A torque -c L; c is fitted, first to the decay of w I w, then by least squares."""
-        if "angular_velocity" not in self.values or self.rows[0] > 0 or self.misfit(self.exact, slice(1)) > SMALL:
+        rates = body_rates(self.values)
+        if rates is None or self.rows[0] > 0 or self.misfit(self.exact, slice(1)) > SMALL:
             return
         constants, start = self.case.numeric(), _wrong(self.case)[""][1]
-        pair = (self.values["angular_velocity"], self.exact["angular_velocity"])
         with np.errstate(all="ignore"):
-            decay = np.log(np.divide(*(np.einsum("ri,ij,rj->r", w, constants["I"], w) for w in pair)))
+            decay = np.log(
+                np.divide(
+                    *(np.einsum("ri,ij,rj->r", w, constants["I"], w) for w in (rates, self.exact["angular_velocity"]))
+                )
+            )
         begin = -float((decay * self.rows).sum() / (2 * (self.rows**2).sum()))
 
         def predicted(gyroscopic: int, rate: float) -> Quantities:
