@@ -333,8 +333,10 @@ def test_what_there_is_not() -> None:
         kr.simulate(model, state, dt=0.5, steps=1, method="exact", orientation=(1, 0, 0, 0))
     with pytest.raises(kr.InputError, match="Use a smaller dt"):
         kr.simulate(model, state, dt=1e9, steps=1, method="exact")
+    with pytest.raises(kr.InputError, match="other than zero"):
+        kr.simulate(kr.Lyapunov(b=(1, 2, 3), nu=1), {"M": (0, 0, 0), "P": (0, 0, 0)}, dt=0.5, steps=1, method="exact")
     model, state = case("clebsch")
     with pytest.raises(kr.InputError, match="pairs of maps"):
         kr.simulate(model, {k: 1e9 * v for k, v in state.items()}, dt=10.0, steps=1, method="exact")
-    with pytest.raises(kr.InputError, match=r"Use other units|pairs of maps"):
+    with pytest.raises(kr.InputError, match=r"a double can hold|pairs of maps"):
         kr.simulate(model, {k: 1e200 * v for k, v in state.items()}, dt=10.0, steps=1, method="exact")

@@ -29,6 +29,7 @@ from kreisel.algebra.matrices import adjugate, diagonal
 from kreisel.record.contract import ConjugatePairs
 
 SPREAD, HEIGHTS = 6.0, 14  # of |lam| tried: between the scales of the state, and this factor beyond them
+NOISE = 1e-8  # relative: a scale that is left by rounding
 
 
 @cache
@@ -110,6 +111,7 @@ def turned(X, z, kind):  # by V(0) = cay(-X)
 def heights(*scales):
     """Im lam of points to try, between the scales of lam, and their distances from 0."""
     sizes = np.array([s for s in scales if np.isfinite(s) and s > 0] or [1.0], float)
+    sizes = sizes[sizes > NOISE * sizes.max()]
     y = np.geomspace(sizes.min() / SPREAD, sizes.max() * SPREAD, HEIGHTS)
     return y, y
 

@@ -211,10 +211,10 @@ class Torus:
         y, pole = (np.asarray(v, np.float64) for v in call(self.record.heights, self.state, self.constants))
         lam, near = 1j * y, 1e-5 * pole
         L = self._matrix(lam).astype(complex)
-        if not (np.isfinite(L).all() and np.isfinite(self.flow.astype(float)).all()):
+        if not (np.isfinite(L).all() and np.isfinite(self.flow.astype(float)).all() and L.any()):
             raise InputError(
-                f"{self.system.name}: expected a state and parameters whose products a double can hold, got larger "
-                "ones. Use other units."
+                f"{self.system.name}: expected a state other than zero, and products of it and of the parameters that "
+                "a double can hold, for method='exact', got another. Usual cause: units. Use method='dop853'."
             )
         mu, right = np.linalg.eig(L)
         left, count = np.linalg.inv(right), mu.shape[-1]
