@@ -94,7 +94,7 @@ def generator(M, G, M1, G1, *, X, h, spins, eps):
 
 
 def energy(M, G, *, c, X, C, h, eps=0):
-    """H with G~ for G: chi G~ = chi V G Z V^T - s chi^2 V G^2 Z V^T, V = 1 + k M, Z = (1 + s^2 beta^2 G^2)^-1.
+    """Energy with G~ for G: chi G~ = chi V G Z V^T - s chi^2 V G^2 Z V^T, V = 1 + k M, Z = (1 + s^2 beta^2 G^2)^-1.
 
     k = h eps/2, s = k^2, beta = (a + b) chi_12; by residues at the eigenvalues of chi, as in `quadratic_field`.
     """
