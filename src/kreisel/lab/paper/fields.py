@@ -167,8 +167,8 @@ def field_brackets(s: Setting) -> Sides:
 def curve_of_one_field(s: Setting) -> Sides:
     """the 7 x 7 pencil has det L/mu = -(u - v)^2 (u - s^2 a v) + 2 H u^2 - (2 H - 2 s a + s^2 c^2) u v - (2 s a - s^2 c^2) v^2 - (H^2 - K + a - s c^2) u + (a - 2 s c^2) v + c^2 with H and K of the map, u = lambda^2, v = mu^2, a = |P|^2, c = <M, P>"""
     top, (M, P), mu = kovalevskaya_top_e3, MOVING_SPACE.point(3, s.draw), s.scalar()
-    known, u, v, t = gyrostat.shape(n=np.asarray(3)), s.lam * s.lam, mu * mu, s.eps * s.eps / 4
-    H, K = top.energy(M, P, c=known["c"], eps=s.eps), top.kovalevskaya(M, P, c=known["c"], eps=s.eps)
+    constants, u, v, t = gyrostat.shape(n=np.asarray(3)), s.lam * s.lam, mu * mu, s.eps * s.eps / 4
+    H, K = top.energy(M, P, c=constants["c"], eps=s.eps), top.kovalevskaya(M, P, c=constants["c"], eps=s.eps)
     a, c = dot(P, P), dot(algebra.axial(M), P)
     curve = (u - v) * (u - v) * (u - t * t * a * v) - 2 * H * u * u + (2 * H - 2 * t * a + t * t * c * c) * u * v
     curve = (
@@ -182,10 +182,10 @@ def curve_of_one_field(s: Setting) -> Sides:
 def curve_of_two_fields(s: Setting) -> Sides:
     """the 9 x 9 pencil has det L/mu = -(u - v)^2 (u^2 - s^2 t u v + s^4 d v^2) + 2 H u^3 + .. with H, K and G of the map, t = |P|^2 + |Q|^2, d = |P x Q|^2"""
     top, (M, P, Q), mu = kovalevskaya_top_so3, TWO_FIELDS_SPACE.point(3, s.draw), s.scalar()
-    known, u, v, e = gyrostat.shape(n=np.asarray(3)), s.lam * s.lam, mu * mu, s.eps * s.eps / 4
+    constants, u, v, e = gyrostat.shape(n=np.asarray(3)), s.lam * s.lam, mu * mu, s.eps * s.eps / 4
     H, K = (
-        gyrostat.energy(M, P, Q, gamma=0, c=known["c"], eps=s.eps),
-        top.kovalevskaya(M, P, Q, c=known["c"], eps=s.eps),
+        gyrostat.energy(M, P, Q, gamma=0, c=constants["c"], eps=s.eps),
+        top.kovalevskaya(M, P, Q, c=constants["c"], eps=s.eps),
     )
     G, t, d = top.gram(M, P, Q, eps=s.eps), dot(P, P) + dot(Q, Q), dot(algebra.cross(P, Q), algebra.cross(P, Q))
     curve = -(u - v) * (u - v) * (u * u - e * e * t * u * v + e * e * e * e * d * v * v) + 2 * H * u * u * u
