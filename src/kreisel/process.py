@@ -47,7 +47,7 @@ def _given_back(lock: BaseFileLock) -> None:
 
 
 class Lock:
-    """One writer: NAME.lock.  Raises `InputError` if there is another one, and `RunError` if no file can be made."""
+    """One writer: NAME.lock.  Raises `InputError` if there is another writer, `RunError` if no file can be created."""
 
     def __init__(self, path: Path):
         self.archive, self.path = path, path.with_name(f"{path.name}.lock")

@@ -322,7 +322,7 @@ def _least_squares(
 
 
 def covariance_of(J: Array, names: Sequence[str]) -> Array:
-    """(J^T J)^(-1) of J (m, k).  Raises `InputError` if J has no full rank, and names what is undetermined."""
+    """(J^T J)^(-1) of J (m, k).  Raises `InputError` if J has no full rank, and names the undetermined unknowns."""
     size = np.sqrt((J * J).sum(0))
     scaled = J / np.where(size > 0, size, 1)
     _, s, turned = np.linalg.svd(scaled, full_matrices=False)

@@ -189,7 +189,7 @@ class Observations(NamedTuple):
     """Variables (time, ...) with errors, masks of observed entries, and functions of a state that predict them.
 
     Rows at every `every`-th of `steps` steps of dt; observation i is row rows[i], and for i in `between` a shorter
-    step rest[i] after it.
+    step remainder[i] after it.
     """
 
     names: list[str]
@@ -328,7 +328,7 @@ def _sigma(data: Any, name: str, values: Array) -> Array:
 
 
 def _grid(time: Array, dt: float) -> tuple[int, int, Array, Array, Array]:
-    """steps, every, rows, rest, between."""
+    """steps, every, rows, remainder, between."""
     if time.max() / dt > MOST_NUMBERS:
         raise InputError(
             f"dt: expected at most {MOST_NUMBERS:,} steps to the last time {time.max():g}, got dt = {dt:g}."

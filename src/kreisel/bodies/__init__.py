@@ -1,4 +1,4 @@
-"""Ready-made bodies under forces: each file here states some records as `BODIES`."""
+"""Predefined bodies under forces: each file here states some records as `BODIES`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""kr.code: one file of C, JavaScript or Julia with a body's step, printed from the record that kernels come from."""
+"""kr.code: one file of C, JavaScript or Julia with a body's step, printed from the recorded step of the kernels."""
 
 from __future__ import annotations
 

@@ -297,7 +297,7 @@ class Spins:
         parts = {"z": self._z, "c": self._c, "names": np.array(names), "dt": np.array(kick), "seen": self._seen}
         write_file(path, self.sim, parts)
 
-    # -- what the kernels work on ---------------------------------------------------------------------------
+    # -- data of the kernels --------------------------------------------------------------------------------
 
     def _arguments(self) -> tuple[Array, Array, Array, Array, Array]:
         """Particles in their memory, the active masses, and the bodies."""

@@ -50,7 +50,7 @@ def lifted(
     kind, positional = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_ONLY
     wanted = [inspect.Parameter(f"z{i}", positional) for i in range(len(axes))]
     wanted += [inspect.Parameter(k, kind, default=absent.get(k, inspect.Parameter.empty)) for k in keywords]
-    function.__signature__ = inspect.Signature(wanted)  # type: ignore[attr-defined]  # what `contract.keywords` reads
+    function.__signature__ = inspect.Signature(wanted)  # type: ignore[attr-defined]  # read by `contract.keywords`
     function.__doc__ = core.__doc__
     return function
 

@@ -18,7 +18,7 @@ from kreisel.reduction.equations import Continuous, Discrete, symmetric_rule
 from kreisel.reduction.groups import Group, Representation, quadratic_casimirs, standard
 from kreisel.reduction.lifting import lifted
 
-# -- what a Lagrangian must be, found out before the first step ------------------------------------
+# -- requirements on a Lagrangian, checked before the first step ------------------------------------
 
 
 jnp = jax.numpy

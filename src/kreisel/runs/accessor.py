@@ -1,7 +1,7 @@
 """`run.kreisel`: methods of Kreisel, available on the run itself.
 
-A run stays a plain `xarray.Dataset` with xarray's own display; in a notebook `run.kreisel` shows the system, the
-method and the drift of every integral.  An accessor survives what a subclass would not: `isel`, `sel`, arithmetic.
+A run stays a plain `xarray.Dataset` with xarray's display; in a notebook `run.kreisel` shows the system, the
+method and the drift of every integral.  An accessor, unlike a subclass, survives `isel`, `sel` and arithmetic.
 """
 
 from __future__ import annotations

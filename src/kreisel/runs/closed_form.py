@@ -52,7 +52,7 @@ def at(
     orientation: OrientationLike | None = None,
     observe: Sequence[str] | None = None,
 ) -> xr.Dataset:
-    """The states at the given times, in any order, negative ones too, each to full double precision.
+    """The states at the given times, in any order, also negative, each to full double precision.
 
     system       the Lagrange top, n = 3, `kr.LagrangeTop`, `kr.LagrangeTopMoving` or `kr.SymmetricTop`, or a free body,
                  `kr.EulerTop`, with parameters

@@ -177,7 +177,7 @@ def _stands(variable: xr.Variable) -> bool:
 
 
 def _watched(run: xr.Dataset) -> list[str]:
-    """The Casimirs, integrals and relations; conserved ones come first."""
+    """The Casimirs, integrals and relations; conserved quantities first."""
     found = [(str(name), v) for name, v in run.variables.items() if v.attrs.get("kind") in KINDS]
     return [name for name, _ in sorted(found, key=lambda item: _place_in_table(item[1]))]
 
@@ -318,7 +318,7 @@ class Series:
 
 
 def all_series(run: xr.Dataset) -> Iterator[Series]:
-    """Every component of every Casimir and integral; conserved ones come first."""
+    """Every component of every Casimir and integral; conserved quantities first."""
     clock = _Clock(run)
     for name in _watched(run):
         variable, many = run.variables[name], run.sizes.get("lane", 1) > 1

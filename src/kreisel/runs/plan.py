@@ -186,7 +186,7 @@ class Plan:
 
     @cached_property
     def corrections(self) -> tuple[Rows, Rows]:
-        """Maps of rows (rows, lanes, d): user's variables to stepped ones, and stepped ones to observed ones."""
+        """Maps of rows (rows, lanes, d): from prepared to stepped variables, and from stepped to observed variables."""
         return corrections(self.scheme)
 
     def variables(self, parts: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:

@@ -104,7 +104,7 @@ def bytes_of(plan: Plan) -> tuple[float, float]:
 
 
 def require_room(path: Path, least: float, instead: str) -> None:
-    """Raises `InputError` if the disk of `path` has less than the least bytes needed."""
+    """Raises `InputError` if the disk of `path` has fewer bytes than `least`."""
     free = free_at(path)
     if least > free:
         raise InputError(

@@ -133,7 +133,7 @@ class Numerics:
 
     @property
     def observed(self) -> list[str] | None:
-        """The names of what is observed in addition to the state, or None for all.  Raises `InputError`."""
+        """The names of quantities observed in addition to the state, or None for all.  Raises `InputError`."""
         if self.observe is None:
             return None
         names = parsed(self.observe, "The attribute observe")

@@ -183,7 +183,7 @@ def _lists(store: Path) -> list[Path]:
 
 
 def listed(store: Path, strict: bool = True) -> Listed:
-    """The checksums of an archive.  Raises `InputError` if they are damaged; unless `strict`, reads the valid ones."""
+    """The checksums of an archive.  Raises `InputError` if they are damaged; unless `strict`, reads the valid lines."""
     if strict and not begun(store):
         raise InputError(
             f"{store} is damaged: {CHECKSUMS} is missing. Usual cause: a copy of a run by its to_zarr, a plain "

@@ -180,7 +180,7 @@ class Sweep:
         return out, faults
 
     def _simulated(self, plan: Plan) -> tuple[dict[str, Array], dict[int, str]]:
-        """Summaries (lanes, ...) and, if asked for, trajectories (time, lanes, ...) of an ensemble; its faults."""
+        """Summaries (lanes, ...) and, if requested, trajectories (time, lanes, ...) of an ensemble; its faults."""
         failed: dict[int, str] = {}
         regular = plan.steps // plan.every + 1
         summaries = [

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 MOST_BYTES = 1 << 30  # of a trajectory
 BEGUN, ROWS = 4096, 64  # steps of a lane that are computed again, and their rows
-SMALL, NOTHING = 1e-3, 1e-13  # relative changes of a part that count, of a part that is negligible
+SMALL, NOTHING = 1e-3, 1e-13  # least changes that count, relative to the part and to the largest part
 
 
 def broken_lanes(result: xr.Dataset, file: Path | None = None) -> list[str]:
