@@ -124,7 +124,7 @@ def disk_trouble(error: OSError, path: object, what: str, kept: str) -> RunError
 
 @contextlib.contextmanager
 def on_disk(path: object, what: str, kept: Callable[[], str] = str) -> Iterator[None]:
-    """A context that reports errors of the file system as `RunError` with the fix; `kept` states the data that are safe."""
+    """A context that reports errors of the file system as `RunError` with the fix; `kept` states the safe data."""
     try:
         yield
     except OSError as error:

@@ -4,7 +4,7 @@
     run = kr.simulate(wheel.model(), wheel.state(tilt="70 deg", spin="180 rpm"), dt=wheel.dt("1 ms"), steps=1000)
     run = units.measured(run, time="ms")       # energy in J, m in kg m^2/s, time in ms
 
-Plain numbers are SI and need no pint.
+Plain values are in SI and do not need pint.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def registry() -> pint.UnitRegistry[Any]:
 
 @explained
 def si(value: Any, unit: str, name: str) -> Any:
-    """A quantity in the named SI unit; plain numbers are already SI.
+    """A quantity in the named SI unit; plain values are already in SI.
 
     A string such as "3 kg", a quantity of pint, astropy or unyt, lists of these or of floats, nested like a matrix, or
     values with one unit for all, (values, "kg cm^2").  Returns a float or an array (...).  Raises `InputError` for

@@ -1,4 +1,4 @@
-"""The one door to the array libraries: only this module distinguishes kinds of numbers."""
+"""The one door to the array libraries: only this module distinguishes kinds of number."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from kreisel.algebra.recorded import Recorded
 
 DIAGONAL = 1e-12  # relative: entries off the diagonal
 Array = Any  # an array of any library, or a NumPy object array of any field
-LINEAR_ALGEBRA: dict[str, Any] = {}  # name of an array library -> solve and slogdet instead of its own
+LINEAR_ALGEBRA: dict[str, Any] = {}  # name of an array library -> replacements of its solve and slogdet
 
 
 def is_exact(x: Array) -> bool:
@@ -97,7 +97,7 @@ def _eliminate(A: Array, B: Array) -> tuple[list[Array], Array]:
 
 
 def principal_axes(A: Array) -> tuple[Array, Array]:
-    """The principal values of a symmetric A (3, 3) and axes as columns, right-handed, as near those of A as possible.
+    """The principal values of a symmetric A (3, 3) and axes as columns, right-handed, nearest to the axes of A.
 
     For JAX's arrays the derivative of the axes of two equal values is 0; off the diagonal it does not exist.
     """

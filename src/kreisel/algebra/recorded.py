@@ -30,7 +30,7 @@ LIBRARIES = ("site-packages", "dist-packages")
 
 
 class NotRecorded(InputError, TypeError):
-    """An operation that cannot be recorded; also a `TypeError`, for callers that try several kinds of numbers.
+    """An operation that cannot be recorded; also a `TypeError`, for callers that try several kinds of number.
 
     place  of the operation in a user-defined function, as text; "" if it is not known
     """

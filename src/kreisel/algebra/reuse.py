@@ -41,7 +41,7 @@ class Table(OrderedDict[Hashable, Any]):
     """Values by key, the least recently used first."""
 
 
-MOST = 1024  # entries for one system, or for no system; those of a scheme need 0.05 to 1 megabyte together
+MOST = 1024  # entries for one system, or for no system; all entries of a scheme need 0.05 to 1 megabyte
 KEPT = "_kept"  # the attribute in which an object stores its table
 _tables: WeakValueDictionary[int, Table] = WeakValueDictionary()
 _of_none = _tables[0] = Table()

@@ -320,7 +320,7 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
     frame    "body": Omega, along the axes of the body, g' = g Omega;  "space": omega = g Omega g^T
 
     For a body of `kr.physical` in rad/s along the user's axes of the body; for other systems in the inverse unit of
-    time of the run: see the attribute `units` of the result.  The frame other than that of the state requires a run
+    time of the run: see the attribute `units` of the result.  A frame other than the state's requires a run
     with an orientation.  Raises `InputError` if it has none, and for systems without a rotating body.
     """
     import xarray as xr

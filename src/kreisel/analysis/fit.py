@@ -46,7 +46,7 @@ class Fit:
     model, state  the system and the state at time 0 with these values
     orientation   the attitude at time 0, as for `kr.simulate`; None without one
     residuals     observed - predicted, a Dataset; NaN for missing observations
-    chi2, dof     sum ((observed - predicted)/sigma)^2, and the count of observed values minus that of unknowns
+    chi2, dof     sum ((observed - predicted)/sigma)^2, and the count of observed values minus the count of unknowns
     sigma         the error of an observation from the residuals, if none was given; else None
     at_bound      names of the unknowns at one of their bounds
     converged     whether the search ended at a minimum; `message` gives the reason, `evaluations` their count

@@ -349,7 +349,7 @@ def _grid(time: Array, dt: float) -> tuple[int, int, Array, Array, Array]:
 def _check_shapes(
     model: Model, names: list[str], values: list[Array], shows: list[Show], starts: Mapping[str, Array]
 ) -> None:
-    """Raises `InputError` for variables whose shapes differ from those of the model, and for observables that fail."""
+    """Raises `InputError` for variables whose shapes differ from the model, and for observables that fail."""
     from kreisel.kernels import jax_numbers as by
     from kreisel.reduction.double import double, jax
     from kreisel.runs.differentiable import constants_of

@@ -63,7 +63,7 @@ def perturbed(
     force      F of the same: the rate of the momentum P of a body in a fluid, a vector in the body frame
     damping    gamma in M' = -gamma M: one value, or one for each axis of the body (for a symmetric body in the rest
                frame the last belongs to its axis).  Exact
-    inertia    the principal moments of the body, if not those of the integrable part; moving frame, n = 3
+    inertia    the principal moments of the body, if they differ from the integrable part; moving frame, n = 3
     coupling   the symmetric matrix K (3, 3) of M.KP in H, of a body in a fluid, or its diagonal
     pair_potential  V of two bodies, of letters and g with 1 or 2 behind: a1, g1 of the first, a2, g2 of the second,
                and t.  The lanes of a run are then the bodies, each with its parameters

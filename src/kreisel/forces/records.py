@@ -34,7 +34,7 @@ UNKNOWN: dict[str, Any] = {
 
 
 def perturbed_record(record: Perturbation, axes: Mapping[str, int], **stated: Any) -> System:
-    """The system of these forces; `axes` of each constant, without those of lanes; `stated`: fields of the record."""
+    """The system of these forces; `axes` of each constant, without axes of lanes; `stated`: fields of the record."""
     made = replace(record.base, **{**UNKNOWN, **stated}, perturbation=record)
     names = (*axes, *(letter for letter in (ORIENTATION, TIME) if record.names(letter)))
     named: dict[str, Any] = {what: naming(f, names) for what, f in _functions(made, axes).items()}

@@ -220,7 +220,7 @@ class Looping(Graph):
 
 
 class Entries:
-    """The numbers of an array, also of an array that loops change."""
+    """The entries of an array, also of an array that loops change."""
 
     def __init__(self, flow: Looping, name: str, scalar: bool = False):
         self._flow, self._name, self._scalar = flow, name, scalar

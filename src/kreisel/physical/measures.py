@@ -134,7 +134,7 @@ def momentum_in_body(M: Any, frame: BodyFrame) -> Array:
 
 
 def attitude_in_space(g: Any, frame: BodyFrame) -> Array:
-    """Attitudes (..., 4) of the axes of the body from those of the axes of the state.
+    """Attitudes (..., 4) of the axes of the body from attitudes of the axes of the state.
 
     A variable of `kreisel.units.measured` already has the former, and states this in its attributes.
     """

@@ -55,7 +55,7 @@ class Orbit:
     inclination, node, perigee   rad: to the equator of the primary; of the ascending node; from it to the pericentre
     primary           `kr.physical.EARTH`, `SATURN`, `SUN`, or a user-defined `Primary`
 
-    Space is the frame of these angles: its third axis is that of the primary.  Raises `InputError` unless the orbit is
+    Space is the frame of these angles; its third axis is the primary's.  Raises `InputError` unless the orbit is
     an ellipse outside the primary.  Warns with `InputWarning` of plain angles beyond 2 pi and of orbits in the air.
     """
 

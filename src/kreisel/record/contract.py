@@ -157,7 +157,7 @@ class Parameter:
 
     @property
     def axes(self) -> int | None:
-        """Axes without those of lanes; None for an array, which has any shape."""
+        """Axes without axes of lanes; None for an array, which has any shape."""
         return None if self.kind == "array" else KINDS[self.kind].axes
 
 

@@ -47,7 +47,7 @@ def _check(p: Parameter, value: Array) -> None:
 
 
 def _single(p: Parameter, value: Array) -> int:
-    """The axes of a parameter in the user's form, without those of lanes: a matrix may be given by its diagonal."""
+    """The axes of a parameter in the user's form, without axes of lanes: a matrix may be given by its diagonal."""
     diagonals = p.kind == "symmetric" and value.ndim == 2 and value.shape[0] != value.shape[1]
     return 1 if diagonals else axes_of(p, value)
 
@@ -201,7 +201,7 @@ class Model:
         return Model(self.system, params, self.body_frame)
 
     def of_body(self, frame: BodyFrame) -> Model:
-        """The model, marked as that of a body with these axes and units."""
+        """The model, marked as belonging to a body with these axes and units."""
         moving = self.system.frame.value == "moving"
         shown = {k: algebra.KINDS[kind].shown(self.n).name for k, kind in self.system.space.components}
         along = [k for k, kind in shown.items() if moving and kind == "vector"]

@@ -41,7 +41,7 @@ class Perturbation:
     torque      the additional rate tau of the momentum, in the frame of the state; an axial vector for n = 3
     force       the rate F of the momentum P of a body that moves through space, a vector in the frame of the body
     damping     whether there is a parameter `damping`: M' = -damping M in addition, a rate for all axes or one for each
-    inertia     whether there is a parameter `inertia`: the principal moments of the body, instead of those of `base`
+    inertia     whether there is a parameter `inertia`: the principal moments of the body, instead of `base`'s
     coupling    whether there is a parameter `coupling`: K in M.KP, for a body in a fluid in addition to T(M) + V(P)
     wheel       whether there are parameters `wheel` and `wheel_torque`: the momentum h = wheel + wheel_torque t against
                 the body, M' = h x Omega - wheel_torque in addition; moving frame, n = 3

@@ -63,7 +63,7 @@ def at(
     orientation  g at time 0, as for `kr.simulate`, carried along as the variable g; for the flow
     observe      Casimirs and integrals to compute in addition to the state, by name; default: all
 
-    No steps are made, and no error grows with time except that of the orientation of a gyrostat (docs/exact.md): after
+    No steps are made, and no error grows with time except for the orientation of a gyrostat (docs/exact.md): after
     10^12 nutation periods a state is as exact as after one.  Up to 10^4 times of the flow, and ensembles, are compiled
     jumps of some microseconds including set-up, with errors of 3e-16, at most 3e-15.  Motions of tops near a
     separatrix, more times and iterates are set up in many digits: 0.1 to 0.2 s per motion, 0.05 s for a free body,

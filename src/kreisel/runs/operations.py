@@ -63,7 +63,7 @@ def operations_of(model: Model) -> str | None:
 
 
 def require_operations(model: Model, expected: str | None) -> None:
-    """Raises `InputError` if the functions of a user-defined system differ from those of a run."""
+    """Raises `InputError` if the functions of a user-defined system differ from the functions of a run."""
     if operations_of(model) != expected:
         raise InputError(
             f"system: expected {model.system.name} with the functions of the run, got other functions under this name. "
@@ -88,7 +88,7 @@ def events_of(plan: Plan) -> list[dict[str, Any]]:
 
 
 def require_events(plan: Plan, expected: str | None) -> None:
-    """Raises `InputError` if the events of a plan differ from those of a run, its attribute `events`."""
+    """Raises `InputError` if the events of a plan differ from the attribute `events` of a run."""
     found, wanted = events_of(plan), [] if expected is None else parsed(expected, "The attribute events")
     if found == wanted:
         return

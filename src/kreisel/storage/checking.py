@@ -47,7 +47,7 @@ RELATIVE = 1e-12
 SAMPLES = 8
 MOST_STEPS = 200_000  # lane-steps in all samples together; below a second for most maps
 NUDGE = 1e-10  # relative change of a start, which measures how sensitive a row is to the row before
-CLOSE, LOOSE = 1e-7, 1e-4  # relative: of maps, and of dop853, which chooses its own steps (at least)
+CLOSE, LOOSE = 1e-7, 1e-4  # relative: of maps, and of dop853, which chooses its steps (at least)
 
 
 class Unread(NamedTuple):
@@ -294,7 +294,7 @@ def steps_again(run: xr.Dataset) -> list[str]:
     """Compute the row after each of some rows, state and orientation, and compare it with the saved row.
 
     A row may differ by `CLOSE` (dop853: `LOOSE`, or 100 times its tolerance), and by a hundredth of the effect of a
-    relative change of the start by 1e-10.  Nothing is compared if a row would take too long.
+    relative change of the start by 1e-10.  Nothing is compared if a row would need too long.
     """
     record, rows = RunRecord.from_attrs(run.attrs), run.sizes["time"]
     each = record.every * run.sizes.get("lane", 1)

@@ -83,7 +83,7 @@ class Sweep:
     ) -> list[tuple[Array, Choice | None]]:
         """The lanes in groups that are stepped together: with order="auto", lanes with equal choices.
 
-        The choice of a lane is that of a single run: it does not depend on other lanes or on blocks.
+        The choice of a lane equals the choice of a single run: it does not depend on other lanes or on blocks.
         """
         model, start, orientation, settings = self._asked(sections, ids, varied)
         if settings.order != "auto":

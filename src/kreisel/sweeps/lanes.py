@@ -104,7 +104,7 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
         if variable.attrs["kind"] == "state":
             begun, whole = float(abs(variable).max()), _extreme(result, str(name), lane)
             if whole > GROWN * begun:
-                return []  # its scales differ from those of the beginning
+                return []  # its scales differ from the initial scales
             largest = max(largest, begun, whole)
     out = []
     for name, (start, drift) in changes.items():
@@ -152,7 +152,7 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
 def lanes_again(run: xr.Dataset) -> list[str]:
     """Compute some lanes of a sweep again and compare them bit for bit with the saved lanes.
 
-    Only if versions and processor are those of the sweep.  Nothing is compared for a user-defined system, whose file an
+    Only if versions and processor have not changed.  Nothing is compared for a user-defined system, whose file an
     archive does not hold, and for lanes that would take too long.
     """
     record = SweepRecord.from_attrs(run.attrs, "The sweep")

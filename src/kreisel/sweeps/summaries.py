@@ -4,7 +4,7 @@
     extremes     NAME_min and NAME_max of each component of the state, over the saved rows
     frequencies  NAME_frequency: angular frequency of the largest harmonic of each component of the state
 
-The frequency is that of `harmonics` under Hann's window, for a quasi-periodic motion with an error O(1/T^4), T the
+The frequency is computed by `harmonics` under Hann's window, for a quasi-periodic motion with an error O(1/T^4), T the
 length of the run.
 """
 

@@ -12,7 +12,7 @@ FILES = ("savefig.", "pdf.", "ps.", "svg.")
 
 
 class ShownFigure(Figure):
-    """A figure of matplotlib with a picture for notebooks; settings of files are those of its creation."""
+    """A figure of matplotlib with a picture for notebooks; settings of files are fixed at its creation."""
 
     def __init__(self, *args: Any, **options: Any):
         super().__init__(*args, **options)
