@@ -53,9 +53,6 @@ FORMATS: list[tuple[str, str, Callable[[Motion], list[Any]], list[str]]] = [
      ["rotation matrix, by rows, space to body"]),
     ("time,longitude_deg,latitude_deg,eulerAngle_deg_Yaw,eulerAngle_deg_Pitch,eulerAngle_deg_Roll,"
      + ",".join(NASA), ",", lambda m: [m.t, 0 * m.w[:, :2], m.euler, m.deg], ["left out", f"{NASA[2]}: {BODY}, deg/s"]),
-    ("time_s,angular_velocity_x_rad_s,angular_velocity_y_rad_s,angular_velocity_z_rad_s,angular_velocity_space_x_rad_s,"
-     "angular_velocity_space_y_rad_s,angular_velocity_space_z_rad_s,attitude_w,attitude_x,attitude_y,attitude_z", ",",
-     lambda m: [m.t, m.w, m.space, m.q], [BODY, SPACE, "(w, x, y, z), body to space"]),
 ]  # fmt: skip
 
 
@@ -194,6 +191,15 @@ def test_missing_and_damaged_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.nc").write_bytes(b"\x89HDF\r\n\x1a\n and then nothing")
     with pytest.raises(kr.InputError, match="expected a NetCDF file"):
         read(tmp_path / "mine.nc", BRICK)
+
+
+@pytest.mark.parametrize("name", ["kovalevskaya", "in-water"])
+def test_the_exact_motion_that_the_command_writes_is_read(name: str, tmp_path: Path) -> None:
+    path, case = tmp_path / "truth.csv", kr.checkcases.case(name)
+    CliRunner().invoke(app, ["checkcase", name, "--csv", str(path), "--rows", "31"])
+    trajectory = read(path, case)
+    assert set(trajectory.quantities) == set(case.reference([0.0]))
+    assert case.grade(trajectory.times, **trajectory.quantities).relative < 1e-15
 
 
 def test_the_command_grades_files(tmp_path: Path) -> None:

@@ -32,7 +32,17 @@ FACTORS = {**RATES, **ANGLES, **TIMES, **LENGTHS}
 UNITS = {  # words at the end of a name -> unit
     **dict.fromkeys(("deg s", "deg sec", "deg per s", "degrees s", "degs", "dps"), "deg/s"),
     **dict.fromkeys(("rad s", "rad sec", "rad per s", "radians s", "rads"), "rad/s"),
-    **{"rpm": "rpm", "m": "m", "m s": "m", "ft": "ft", "ft s": "ft", "feet": "ft"},
+    **{
+        "kg m 2 s": "SI",
+        "n m s": "SI",
+        "j": "SI",
+        "rpm": "rpm",
+        "m": "m",
+        "m s": "m",
+        "ft": "ft",
+        "ft s": "ft",
+        "feet": "ft",
+    },
     **{"deg": "deg", "degrees": "deg", "rad": "rad", "radians": "rad"},
 }
 UNITS_OF_TIME = {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "msec": "ms", "min": "min", "minutes": "min"}
@@ -299,7 +309,7 @@ def _parsed(name: str) -> tuple[tuple[str, ...], str | None, str]:
 
 def _without_unit(words: list[str]) -> tuple[list[str], str | None]:
     units = {**UNITS, **UNITS_OF_TIME} if TIME & set(words[:-1]) else UNITS
-    for count in (3, 2, 1):
+    for count in (4, 3, 2, 1):
         if len(words) > count and (unit := units.get(" ".join(words[-count:]))):
             return words[:-count], unit
     return words, None
@@ -394,10 +404,10 @@ def _options(values: Array, group: Group, specified: Mapping[str, str | None]) -
             q = values if order == "wxyz" else np.roll(values, 1, -1)
             yield from _directions(q, f"quaternion ({', '.join(order)})", specified)
     elif group.role != "time":
-        lengths = group.role in ("position", "velocity")
-        for unit in ([group.unit] if group.unit in LENGTHS else LENGTHS) if lengths else ["SI"]:
+        known = {"energy": "J", "momentum": "kg m^2/s"}.get(group.role)
+        for unit in [known] if known else [group.unit] if group.unit in LENGTHS else LENGTHS:
             array = values[:, 0] if group.role == "energy" else values * LENGTHS.get(unit, 1.0)
-            yield Option(group.role, array, f"{group.role}, {unit}")
+            yield Option(group.role, array, f"{group.role}, {unit}{'/s' * (group.role == 'velocity')}")
 
 
 def _directions(q: Array, text: str, specified: Mapping[str, str | None]) -> Iterator[Option]:
