@@ -47,7 +47,8 @@ def pencil(M, P, b, lam):  # X = M - (BP + PB)/2 + lambda P
 
 
 def constants(*, b, s, l):
-    return coefficients(b=b, s=s, l=l) | {"beyond": abs(b).sum(-1)}
+    beyond = abs(b).sum(-1, keepdims=True)[..., 0]  # an array of exact numbers too
+    return coefficients(b=b, s=s, l=l) | {"beyond": beyond}
 
 
 def traces(M, P, *, b, beyond):
