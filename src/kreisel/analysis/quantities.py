@@ -30,7 +30,7 @@ def parse_quantity(quantity: str) -> tuple[str, tuple[int, ...]]:
 
 
 def pick(value: Array, index: tuple[int, ...], name: str, lead: int) -> Array:
-    """One scalar of a variable with `lead` axes of times and lanes in front.  Raises `InputError`."""
+    """A scalar of a variable with `lead` axes of times and lanes in front.  Raises `InputError`."""
     shape = value.shape[lead:]
     if len(index) != len(shape) or any(i >= size for i, size in zip(index, shape, strict=True)):
         example = f"{name}[{', '.join(['0'] * len(shape))}]" if shape else name

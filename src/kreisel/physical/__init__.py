@@ -1,4 +1,4 @@
-"""From SI data to Kreisel's scaled systems, and back.
+"""Conversion of SI data to Kreisel's scaled systems, and back.
 
     wheel = Gyroscope.flat(mass=3.0, axial_moment=0.17, lever=0.15)
     run = kr.simulate(wheel.model(), wheel.state(tilt=1.2, spin=20.0), dt=0.01, steps=1000)

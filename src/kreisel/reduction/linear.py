@@ -51,7 +51,7 @@ def _jvp(at: tuple[Array], along: tuple[Array]) -> tuple[tuple[Array, Array], tu
 
 @jax.custom_jvp
 def principal_axes(A: Array) -> tuple[Array, Array]:
-    """As `algebra.principal_axes`, found by NumPy.  With W = R^T dA R: dR = R F, F_ij = W_ij/(v_j - v_i)."""
+    """Axes as by `algebra.principal_axes`, from NumPy.  With W = R^T dA R: dR = R F, F_ij = W_ij/(v_j - v_i)."""
     shapes = jnp.zeros(A.shape[:-1]), jnp.zeros(A.shape)
     axes: tuple[Array, Array] = on_host(nearest_axes, shapes, A, vmap_method="sequential")
     return axes

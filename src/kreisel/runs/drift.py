@@ -63,9 +63,9 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
                 every entry of the state changes by eps_machine times the largest one, the root mean square
     slope       least-squares slope of the change against time
     correction  the largest distance by which the projection moved the state for this family of integrals, in units of
-                eps_machine |state|; NaN for a run without projection, or not conserved
-    broken      it should be conserved and is not: it changed by more than 1e-9 of its scale, and by more than 1e4
-                (1 + (dt |z|)^2) times a random walk of rounding errors, |z| the state's largest entry
+                eps_machine |state|; NaN without projection, and for integrals that are not conserved
+    broken      it should be conserved and is not: it changed by more than 1e-9 of its scale, and by more than
+                1e4 (1 + (dt |z|)^2) times a random walk of rounding errors, |z| the state's largest entry
 
     In an ensemble each row shows the worst lane, the lane with the largest change relative to its rounding errors.
     Beyond some hundred lanes they share one scale of rounding, the largest.  Variables are read in blocks of rows: an
@@ -423,7 +423,7 @@ NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and small enough tha
 
 
 def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, list[float]]]:
-    """How much rounding errors change each Casimir and integral, in units of eps_machine.
+    """Effect of rounding errors on each Casimir and integral, in units of eps_machine.
 
     roundoff_scale    in one step.  Every coordinate of a component is moved by the component's largest one, with random
                       signs; the scale is the root mean square of the change, over up to 32 states of a lane in the
@@ -457,7 +457,7 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
 
 
 def _scales_of(values: Array, samples: int, n: int, single: bool) -> tuple[Array, Array]:
-    """Both scales of integrals (states, rows, integrals) at states moved up, moved down, both again by a hair, and not.
+    """Both scales of integrals (states, rows, integrals), from states moved up, down, both by a hair, and not.
 
     The sums are bitwise equal to those of each integral: pairs of values that are contiguous for a `single` value.
     """
@@ -485,7 +485,7 @@ def _listed(scale: Array, plan: Plan) -> list[float]:
 
 
 def _largest(plan: Plan, z: Floats) -> Floats:
-    """For each coordinate the largest of its component, in the shape of z."""
+    """The largest coordinate of its component for each coordinate, in the shape of z."""
     out = np.empty_like(z)
     for place in algebra.slices(plan.kinds, plan.model.n):
         out[..., place] = abs(z[..., place]).max(-1, keepdims=True)

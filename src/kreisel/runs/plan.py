@@ -1,4 +1,4 @@
-"""From a model, a state and settings to a plan: checks, scheme, layout, and the engine that carries it out."""
+"""Plans from a model, a state and settings: checks, scheme, layout, and the engine that carries them out."""
 
 from __future__ import annotations
 

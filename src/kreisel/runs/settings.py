@@ -435,7 +435,7 @@ class Timetable:
 
     @cached_property
     def _places(self) -> tuple[list[int], list[float]]:
-        """For each row at a given time, the number of steps before it and the time after the last of them."""
+        """Steps before each row at a given time, and the time after the last of these steps."""
         times, dt = np.array(self.settings.times), self.settings.dt
         steps = np.floor(times / dt * (1 + WHOLE))
         within = times - steps * dt

@@ -41,7 +41,7 @@ class Tasks:
 
 @contextlib.contextmanager
 def _at_once(stop: Stop) -> Iterator[None]:
-    """Inside, Ctrl-C and SIGTERM end the present block at once; it is computed again on resuming.
+    """A context in which Ctrl-C and SIGTERM end the present block at once; it is computed again on resuming.
 
     Main thread only.
     """

@@ -117,7 +117,7 @@ class _Film:
         return values[:, self.data["coordinates"]]
 
     def draw(self, figure: Any, time: float) -> None:
-        """One picture."""
+        """Draw one picture."""
         figure.clear()
         axes = figure.add_axes((0, 0, 1, 1))
         axes.set_axis_off()

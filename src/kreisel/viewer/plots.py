@@ -263,7 +263,7 @@ def _draw_drifts(panel: Any, runs: list[xr.Dataset], records: list[RunRecord], t
 
 
 def _envelopes(run: xr.Dataset, everything: bool, only: str = "") -> dict[str, np.ndarray]:
-    """For each family of integrals the largest |change|, thinned, relative to the integral's scale."""
+    """The largest |change| of each family of integrals, thinned, relative to the integral's scale."""
     edges = stretches(run.sizes["time"], STRETCHES)
     out: dict[str, np.ndarray] = {}
     for series in all_series(run):

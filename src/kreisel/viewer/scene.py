@@ -432,7 +432,7 @@ def _facts(run: xr.Dataset, lanes: list[str]) -> list[str]:
 
 
 def _drift_series(run: xr.Dataset) -> dict[str, Any]:
-    """For each Casimir and integral the change of largest size in even stretches of time, relative to its scale."""
+    """The largest change of each Casimir and integral in even stretches of time, relative to its scale."""
     edges = stretches(run.sizes["time"], MOST_STRETCHES)
     time = np.asarray(run["time"].values, dtype=np.float64)
     series = []

@@ -183,7 +183,7 @@ class Breaks:
         return z
 
     def snapshot(self) -> dict[str, Floats]:
-        """All data that the next breaks depend on."""
+        """The data on which the next breaks depend."""
         if not self.events:
             return {}
         fired = np.array(self.fired, dtype=np.float64).reshape(-1, 2)
