@@ -113,6 +113,8 @@ def test_a_mistake_that_is_not_listed_is_not_named() -> None:
     assert grade.relative > 1e-2
     assert grade.mistake is None
     assert "no listed mistake explains the error" in grade.verdict
+    again = SimpleNamespace(times=times, quantities={"angular_velocity": run.y.T}, step=0.25)
+    assert "does not decrease with the step" in BRICK.grade(times, runs=[again], angular_velocity=run.y.T).verdict
 
 
 def test_few_digits_and_single_precision_are_stated() -> None:

@@ -91,7 +91,9 @@ class Grade:
             return f"{order}Right: the trajectory {agreed}."
         if self.relative < RIGHT:
             return f"{order}Right: the trajectory {agreed}; no listed mistake explains the remaining error."
-        return f"{order}The trajectory {agreed}; no listed mistake explains the error."
+        constant = bool(self.orders) and max(self.orders) < 0.5
+        wrong = " The error does not decrease with the step: the equations or the start differ." * constant
+        return f"{order}The trajectory {agreed}; no listed mistake explains the error.{wrong}"
 
     def data(self) -> dict[str, Any]:
         """The table as data for JSON."""
