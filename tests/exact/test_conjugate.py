@@ -248,7 +248,20 @@ def test_special_motions(system: Any, state: dict[str, Any]) -> None:
     assert off(system, run, flow_of(system, parts(system, state), 1.5, digits=20)) < 1e-12
 
 
-@pytest.mark.parametrize("system", [kr.KovalevskayaTopE3(), kr.SteklovLyapunov(b=(1, 1, 1), s=1.0, l=0.5)])
+@pytest.mark.parametrize("name", ["kovalevskaya", "steklov", "clebsch", "goryachev"])
+def test_a_lane_is_the_single_run_however_fast_the_others_are(name: str) -> None:
+    """Bit for bit: lanes whose step is of fewer maps have the identity in place of others."""
+    model, state = case(name)
+    both = {k: np.stack([v, 6 * v]) for k, v in state.items()}
+    run = kr.simulate(model, both, dt=0.25, steps=20, method="exact")
+    for lane in (0, 1):
+        alone = kr.simulate(model, {k: v[lane] for k, v in both.items()}, dt=0.25, steps=20, method="exact")
+        assert all((run[k].values[:, lane] == alone[k].values).all() for k in state)
+
+
+@pytest.mark.parametrize(
+    "system", [kr.KovalevskayaTopE3(), kr.Lyapunov(b=(1, 2, 3), nu=1), kr.SteklovLyapunov(b=(1, 1, 1), s=1, l=0)]
+)
 def test_a_body_at_rest_without_forces_stays(system: Any) -> None:
     """All eigenvalues of these Lax matrices are multiple ones."""
     run = kr.simulate(system, {"M": np.zeros(3), "P": np.zeros(3)}, dt=10.0, steps=3, method="exact")
@@ -333,8 +346,6 @@ def test_what_there_is_not() -> None:
         kr.simulate(model, state, dt=0.5, steps=1, method="exact", orientation=(1, 0, 0, 0))
     with pytest.raises(kr.InputError, match="Use a smaller dt"):
         kr.simulate(model, state, dt=1e9, steps=1, method="exact")
-    with pytest.raises(kr.InputError, match="other than zero"):
-        kr.simulate(kr.Lyapunov(b=(1, 2, 3), nu=1), {"M": (0, 0, 0), "P": (0, 0, 0)}, dt=0.5, steps=1, method="exact")
     model, state = case("clebsch")
     with pytest.raises(kr.InputError, match="pairs of maps"):
         kr.simulate(model, {k: 1e9 * v for k, v in state.items()}, dt=10.0, steps=1, method="exact")

@@ -29,7 +29,7 @@ from kreisel.algebra.matrices import adjugate, diagonal
 from kreisel.record.contract import ConjugatePairs
 
 SPREAD, HEIGHTS = 6.0, 14  # of |lam| tried: between the scales of the state, and this factor beyond them
-NOISE = 1e-8  # relative: a scale that is left by rounding
+APART = 1e-8  # of two scales, one of which may be rounding of zero: each has HEIGHTS points around it
 
 
 @cache
@@ -111,8 +111,8 @@ def turned(X, z, kind):  # by V(0) = cay(-X)
 def heights(*scales):
     """Im lam of points to try, between the scales of lam, and their distances from 0."""
     sizes = np.array([s for s in scales if np.isfinite(s) and s > 0] or [1.0], float)
-    sizes = sizes[sizes > NOISE * sizes.max()]
-    y = np.geomspace(sizes.min() / SPREAD, sizes.max() * SPREAD, HEIGHTS)
+    low, high = (sizes.min(), sizes.max()) if sizes.min() > APART * sizes.max() else (sizes, sizes)
+    y = np.geomspace(low / SPREAD, high * SPREAD, HEIGHTS).ravel()
     return y, y
 
 

@@ -25,6 +25,7 @@ from kreisel.record.contract import ExactMap
 
 REACH = 0.5  # of the distance of a branch point, for 1/l
 NODES = 20  # on [0, 1/l]: the error of the integrals is below 4^-40
+BEYOND = 16  # of the largest branch point: there the map is the identity
 STEPS, ENOUGH = 20, 1e-13  # of Newton's method; a miss of the time
 
 
@@ -47,10 +48,12 @@ def step(M, P, *, gamma, lam_re, lam_im, mu_re, mu_im):
     A, B = (bar - 2 * z) * bar - x * x - y * y, bar * P_minus - P3 * minus
     q = 2 * z - (B + conjugate(square * lam * lam / w)) / A  # m - gamma, which may be far smaller than gamma
     n = parts(q - p)[0] + gamma
-    beta, d = (lam + n) / (bar + n), (lam - bar) / (bar + n)
+    d = (lam - bar) / (bar + n)
+    beta = 1 + d  # 1 for a real lam, without rounding
     c = w * (bar + n) / (lam * lam * lam * bar)
     re, im = parts(c)
-    c = c / (sqrt(re * re + im * im) * bar)
+    t = im / (re + sqrt(re * re + im * im))  # tan of half the phase, which is below 2.1 rad; 0 for a real lam
+    c = complex_number((1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)) / bar
     lower = d * p * (bar + gamma + q)
     u, v = parts(c * ((lam + d * p) * minus - d * P3) / beta)
     third = parts((2 * z + d * (q + p + d * p)) / (2 * beta))[0]
@@ -60,11 +63,17 @@ def step(M, P, *, gamma, lam_re, lam_im, mu_re, mu_im):
 
 
 def point(M, P, *, gamma, dt):
-    """The point 1/lam = z and w for one state in extended precision; None if z lies too near a branch point."""
+    """The point 1/lam = z and w for one state in extended precision; None if z lies too near a branch point.
+
+    For dt = 0 a real lam, a power of 2: the map is the identity without rounding errors.
+    """
     H, G, square = integrals(M, P, gamma)
     trace, ends = np.array([-2 * G, -2 * H, gamma, 1]), 2 * np.sqrt(square) * np.array([0, 1, 0, 0])
     roots = np.concatenate([np.roots((trace + sign * ends)[::-1].astype(float)) for sign in (-1, 1)])
-    far = REACH / max(abs(roots).max(), np.finfo(float).tiny)
+    largest = max(abs(roots).max(), np.finfo(float).tiny)
+    far = REACH / largest
+    if dt == 0:
+        return _with_eigenvalue(np.longdouble(2) ** np.ceil(np.log2(BEYOND * largest)) + 0j, H, G, square, gamma)
     z, change, miss = -0.5j * dt, np.inf, np.inf
     for _ in range(STEPS):
         if not abs(z) < far or abs(change) <= np.finfo(np.longdouble).eps * abs(z):
@@ -73,7 +82,11 @@ def point(M, P, *, gamma, dt):
         z = z + change
     if not abs(z) < far or miss > ENOUGH * abs(dt):
         return None
-    lam = 1 / z
+    return _with_eigenvalue(1 / z, H, G, square, gamma)
+
+
+def _with_eigenvalue(lam, H, G, square, gamma):
+    """A point and the large eigenvalue w there."""
     half = ((lam + gamma) * lam / 2 - H) * lam - G
     w = half * (1 + np.sqrt(1 - square * lam * lam / (half * half)))
     return {"lam_re": lam.real, "lam_im": lam.imag, "mu_re": w.real, "mu_im": w.imag}

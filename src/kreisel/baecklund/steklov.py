@@ -57,8 +57,8 @@ def pair(M, P, *, b, lam, mu):
     Z = mat(both) * (u[..., :, None] * first[..., None, :] + w[..., :, None] * second[..., None, :])
     X, K = mat(2 * x / g) * wedge(u, w), P @ Z
     turned = KINDS["skew"].turned
-    P = turned(-X, P)
-    return (turned(-X, M0 + K - K.mT) + halves(b) * P, P), (X,)
+    moved = turned(-X, P)  # M itself where x = 0: not M0 + BP, which is rounded
+    return (M + ((turned(-X, M0 + K - K.mT) - M0) + halves(b) * (moved - P)), moved), (X,)
 
 
 STEKLOV_LYAPUNOV = ConjugatePairs(matrix=matrix, heights=points, rates=rates, pair=pair)

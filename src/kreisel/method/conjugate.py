@@ -38,7 +38,7 @@ STEPS = 12  # of Newton's method; in extended precision after a miss, relative t
 CLOSE, ENOUGH, SMALL = 1e-6, 1e-12, 1e-5  # SMALL: a move, relative to the state
 TRIALS = 8  # each with more copies of the pairs
 MOST_COPIES = 1_000_000
-BETWEEN = 20  # steps between projections at most, as for the pairs of `kreisel.method.pairs`
+BETWEEN = 10  # steps between projections: the least interval, so that more pairs in other lanes change nothing
 BETWEEN_MAPS = 4  # of a single map, whose rounding errors in |P|^2 are 3 last places a step
 NUMBERS = ("lam_re", "lam_im", "mu_re", "mu_im")
 
@@ -94,26 +94,10 @@ def exact_by_map(model: Model, dt: float, oriented: bool) -> Scheme:
 
     def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
         batch, lanes = _lanes(model, x0)
-        copies, wide = (
-            1,
-            [
-                (tuple(np.asarray(z, np.longdouble) for z in state), {k: np.longdouble(v) for k, v in params.items()})
-                for state, params in lanes
-            ],
-        )
-        while copies <= MOST_COPIES:
-            with np.errstate(all="ignore"):
-                points = [
-                    call(record.point, state, {**params, "dt": np.longdouble(dt) / copies}) for state, params in wide
-                ]
-            if None not in points:
-                stages = {k: np.array([float(point[k]) for point in points]) for k in NUMBERS}
-                return {}, {k: v.reshape(*batch, 1).repeat(copies, -1) for k, v in stages.items()}
-            copies *= 2
-        raise InputError(
-            f"No map was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it. Usual cause: a "
-            "step far too long, or a state that is not finite. Use a smaller dt."
-        )
+        steps = [one_map(model, *lane, dt) for lane in lanes]
+        count = max(copies for copies, _, _ in steps)
+        points = np.stack([np.stack([a] * n + [b] * (count - n), -1) for n, a, b in steps])
+        return {}, {k: points[:, i].reshape(*batch, count) for i, k in enumerate(NUMBERS)}
 
     return scheme_of(
         "exact",
@@ -126,26 +110,38 @@ def exact_by_map(model: Model, dt: float, oriented: bool) -> Scheme:
     )
 
 
+def one_map(model: Model, state: State, params: dict[str, Array], dt: float) -> tuple[int, Array, Array]:
+    """How many maps make a step, and `NUMBERS` of these and of the identity, which fills shorter lanes."""
+    record = cast("ExactMap", model.system.exact_map)
+    state = tuple(np.asarray(z, np.longdouble) for z in state)
+    wide = {k: np.longdouble(v) for k, v in params.items()}
+
+    def numbers(time: Array) -> Array | None:
+        with np.errstate(all="ignore"):
+            point = call(record.point, state, {**wide, "dt": time})
+        return None if point is None else np.array([float(point[k]) for k in NUMBERS])
+
+    copies = 1
+    while copies <= MOST_COPIES:
+        if (found := numbers(np.longdouble(dt) / copies)) is not None:
+            return copies, found, cast("Array", numbers(np.longdouble(0)))
+        copies *= 2
+    raise InputError(
+        f"No map was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it. Usual cause: a "
+        "step far too long, or a state that is not finite. Use a smaller dt."
+    )
+
+
 # -- the points of a trajectory -----------------------------------------------------------------------
 
 
 def constants(model: Model, state: State, dt: float) -> tuple[Array, Array]:
     """Points (..., 4, stages), `NUMBERS` of each, and what is left of the turn of the body in a step (..., n, n)."""
     batch, lanes = _lanes(model, state)
-    tori = [Torus(model, *lane) for lane in lanes]
-    copies, count = max(torus.copies(dt) for torus in tori), max(len(torus.points.y) for torus in tori)
-    for _ in range(TRIALS):
-        solved = [done for torus in tori if (done := torus.solved(dt, copies, count)) is not None]
-        if len(solved) == len(tori):
-            break
-        copies += max(1, copies // 2)
-    else:
-        raise InputError(
-            f"No conjugate pairs were found that are the flow of {model.system.name} over dt = {dt:g} or parts of it. "
-            "Use another method, such as 'dop853', for this state."
-        )
-    points = np.stack([np.tile(numbers, copies) for numbers, _ in solved])
-    turns = np.stack([turn for _, turn in solved])
+    steps = [Torus(model, *lane).step(dt) for lane in lanes]
+    count = max(numbers.shape[-1] for numbers, _, _ in steps)
+    points = np.stack([np.append(a, b[:, None].repeat(count - a.shape[-1], -1), -1) for a, b, _ in steps])
+    turns = np.stack([turn for _, _, turn in steps])
     return points.reshape(batch + points.shape[1:]), turns.reshape(batch + turns.shape[1:])
 
 
@@ -211,10 +207,10 @@ class Torus:
         y, pole = (np.asarray(v, np.float64) for v in call(self.record.heights, self.state, self.constants))
         lam, near = 1j * y, 1e-5 * pole
         L = self._matrix(lam).astype(complex)
-        if not (np.isfinite(L).all() and np.isfinite(self.flow.astype(float)).all() and L.any()):
+        if not (np.isfinite(L).all() and np.isfinite(self.flow.astype(float)).all()):
             raise InputError(
-                f"{self.system.name}: expected a state other than zero, and products of it and of the parameters that "
-                "a double can hold, for method='exact', got another. Usual cause: units. Use method='dop853'."
+                f"{self.system.name}: expected products of the state and the parameters that a double can hold, for "
+                "method='exact', got larger ones. Usual cause: units. Use method='dop853'."
             )
         mu, right = np.linalg.eig(L)
         left, count = np.linalg.inv(right), mu.shape[-1]
@@ -255,15 +251,38 @@ class Torus:
             )
         return max(1, int(np.ceil(far)))
 
-    def solved(self, dt: float, copies: int, count: int) -> tuple[Array, Array] | None:
-        """`NUMBERS` (4, count) of the pairs of a step, some of them the identity, and the rest of the turn.
+    def step(self, dt: float) -> tuple[Array, Array, Array]:
+        """`NUMBERS` (4, ...) of all pairs of a step, (4,) of the identity, and the rest of the turn.
+
+        Lanes have pairs of their own number, so that none depends on the others: the identity fills the shorter ones.
+        Raises `InputError` where no points are found.
+        """
+        points = self.points
+        identity = np.stack([0 * points.y, points.y, points.mu.real, points.mu.imag])[:, 0]
+        if not points.x.any():
+            return identity[:, None], identity, self._rest(dt, 0, np.longdouble(0))
+        copies = self.copies(dt)
+        for _ in range(TRIALS):
+            if (done := self.solved(dt, copies)) is not None:
+                numbers, turn = done
+                return np.tile(numbers, copies), identity, turn
+            copies += max(1, copies // 2)
+        raise InputError(
+            f"No conjugate pairs were found that are the flow of {self.system.name} over dt = {dt:g} or parts of it. "
+            "Use another method, such as 'dop853', for this state."
+        )
+
+    def _rest(self, dt: float, copies: int, turn: Array) -> Array:
+        """The turn of the body in a step less those of the pairs."""
+        Omega = call(self.system.velocity, self.state, self.constants)
+        return np.asarray(dt * Omega - copies * turn, float)
+
+    def solved(self, dt: float, copies: int) -> tuple[Array, Array] | None:
+        """`NUMBERS` (4, count) of the pairs of a part of a step, and the rest of the turn in the step.
 
         None if Newton's method leaves the domain of these points.
         """
         h, points, least, moves = np.longdouble(dt) / copies, self.points, np.inf, None
-        if not points.x.any():
-            identity = np.stack([0 * points.y, points.y, points.mu.real, points.mu.imag]).repeat(count, -1)
-            return identity, (dt * call(self.system.velocity, self.state, self.constants)).astype(float)
         x = following = points.x * h
         for _ in range(STEPS):
             trial = self._moved(following, least < np.inf)
@@ -279,10 +298,7 @@ class Torus:
                 return None
         if moves is None or least > ENOUGH:
             return None
-        turn = dt * call(self.system.velocity, self.state, self.constants) - copies * moves.turn
-        rows = np.stack([x.astype(float), points.y, moves.mu.real, moves.mu.imag])
-        still = np.array([[0.0], points.y[:1], points.mu[:1].real, points.mu[:1].imag])
-        return np.concatenate([rows, still.repeat(count - len(x), -1)], -1), turn.astype(float)
+        return np.stack([x.astype(float), points.y, moves.mu.real, moves.mu.imag]), self._rest(dt, copies, moves.turn)
 
     def _moved(self, x: Array, wide: bool) -> Moves:
         nodes, weights = legendre(NODES)
