@@ -239,7 +239,7 @@ def test_compiled_observe_equals_the_definition(name: str, n: int, oriented: boo
     plan.engine.advance(rows, 1)
     compiled = cpu.compiled_observe(plan.scheme, plan.variables, 2)
     assert compiled is not None
-    found, wanted = compiled(rows), plan.variables(algebra.restore(rows, plan.kinds, n))
+    found, wanted = compiled.named(rows), plan.variables(algebra.restore(rows, plan.kinds, n))
     assert set(found) == set(wanted) == set(plan.scheme.outcomes)
     for variable, value in wanted.items():
         assert found[variable].shape == (9, 2, *np.shape(value)[2:])

@@ -104,3 +104,20 @@ def test_bodies_take_three_spins() -> None:
     for body in (kr.physical.FreeBody((2.0, 3.0, 4.0)), kr.physical.Satellite((2.0, 3.0, 4.0), orbit)):
         each = [body.state(spin=spin).M for spin in THREE]
         assert np.array_equal(body.state(spin=THREE).M, each)
+
+
+def test_a_state_that_was_changed_is_checked_again() -> None:
+    """Arrays of a state may be written: the next run sees what is in them."""
+    top = kr.LagrangeTop(p=(0, 0, 1))
+
+    def changed(entry: Any, value: float) -> Any:
+        state = top.state(m=(0.1, -0.2, 0), a=(0.6, 0, 0.8))
+        state["a"][entry] = value
+        return state
+
+    whole = slice(None)
+    for entry, value, message in ((0, np.nan, "finite"), (1, np.inf, "finite"), (whole, 0.0, "zero vector")):
+        with pytest.raises(kr.InputError, match=message):
+            kr.simulate(top, changed(entry, value), dt=0.1, steps=1)
+    moved = kr.simulate(top, changed(1, 0.5), dt=0.1, steps=9)
+    assert moved.equals(kr.simulate(top, {"m": (0.1, -0.2, 0), "a": (0.6, 0.5, 0.8)}, dt=0.1, steps=9))

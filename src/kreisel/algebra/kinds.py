@@ -20,6 +20,7 @@ from kreisel.algebra.skew import (
     bracket,
     coordinates,
     hat,
+    reversed_axial,
     skew,
     symmetric,
     triangle,
@@ -76,6 +77,10 @@ class Kind:
     def from_user(self, value: Array, n: int) -> Array:
         """Component from the user's form; inverse of `for_user`."""
         return value if self.shown(n) is self else hat(value)
+
+    def packed(self, value: Array, n: int) -> Array:
+        """Coordinates (..., d) of a component as a user sees it."""
+        return self.pack(value) if self.shown(n) is self else reversed_axial(value)
 
 
 def _upper(z: Array) -> Array:
@@ -151,6 +156,8 @@ def slices(kinds: Sequence[str], n: int) -> list[slice]:
 def flatten(parts: Sequence[Array], kinds: Sequence[str]) -> Array:
     """Coordinates (..., d) of components, one after the other, with batch axes that are broadcast."""
     flat = [KINDS[kind].pack(part) for part, kind in zip(parts, kinds, strict=True)]
+    if all(type(x) is np.ndarray and x.shape[:-1] == flat[0].shape[:-1] for x in flat):
+        return np.concatenate(flat, -1)
     library = next((x.__array_namespace__() for x in flat if not isinstance(x, np.ndarray)), np)
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in flat))
     return library.concatenate([library.broadcast_to(x, (*batch, x.shape[-1])) for x in flat], -1)

@@ -95,14 +95,29 @@ def symmetric(x: Array, n: int) -> Array:
     return x[..., _symmetric_unfolding(n)]
 
 
+# Entries of the skew matrix of an axial vector and of the axial vector of a skew matrix, with their signs: a single
+# product of NumPy's doubles, which has the bits of the definitions; the zeros of the diagonal have a sign too.
+_OF_AXIAL = np.array([[2, 2, 1], [2, 2, 0], [1, 0, 2]])
+_SIGNS_OF_AXIAL = np.array([[-0.0, -1.0, 1.0], [1.0, -0.0, -1.0], [-1.0, 1.0, -0.0]])
+_REVERSED, _SIGNS = np.array([2, 1, 0]), np.array([-1, 1, -1], dtype=np.int8)
+_ROWS, _COLUMNS = np.array([1, 0, 0]), np.array([2, 2, 1])
+
+
+def reversed_axial(x: Array) -> Array:
+    """The coordinates of a skew 3 x 3 matrix from its axial vector, and the reverse: both reverse the order."""
+    return x[..., _REVERSED] * _SIGNS
+
+
 def hat(v: Array) -> Array:
     """The skew matrix X of an axial vector v, X x = v x x (cross product), n = 3.  Inverse: `axial`."""
-    return skew(v[..., np.array([2, 1, 0])] * np.array([-1, 1, -1], dtype=np.int8), 3)
+    if type(v) is np.ndarray and v.dtype == np.float64:
+        return v[..., _OF_AXIAL] * _SIGNS_OF_AXIAL
+    return skew(reversed_axial(v), 3)
 
 
 def axial(X: Array) -> Array:
     """The axial vector of a skew 3 x 3 matrix.  Inverse: `hat`."""
-    return coordinates(X)[..., np.array([2, 1, 0])] * np.array([-1, 1, -1], dtype=np.int8)
+    return X[..., _ROWS, _COLUMNS] * _SIGNS
 
 
 def cross(x: Array, y: Array) -> Array:

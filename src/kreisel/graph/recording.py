@@ -220,13 +220,14 @@ def columns_of(
     values: Mapping[str, Array], axes: Mapping[str, int], lead: tuple[int, ...]
 ) -> tuple[Floats, dict[str, slice]]:
     """Values with these axes of their own as rows (*lead, count), and where each stands."""
-    columns, start = {}, 0
-    for name, value in values.items():
-        count = math.prod(np.shape(value)[np.ndim(value) - axes[name] :])
+    columns, start, arrays = {}, 0, [np.asarray(value) for value in values.values()]
+    for name, array in zip(values, arrays, strict=True):
+        outer = array.ndim - axes[name]
+        count = math.prod(array.shape[outer:]) if outer else array.size
         columns[name] = slice(start, start + count)
         start += count
     rows = np.empty((*lead, start))
-    fill(rows, columns, values, axes)
+    fill(rows, columns, dict(zip(values, arrays, strict=True)), axes)
     return rows, columns
 
 

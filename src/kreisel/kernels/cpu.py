@@ -328,6 +328,16 @@ class RowFunction:
         self._kernel.call(address_of(z), *self._addresses, address_of(out), rows, lanes)
         return out
 
+    def named(self, z: Floats) -> dict[str, Floats]:
+        """The outputs (rows, lanes, ...) at rows z, by name."""
+        out, named = self(z), {}
+        for name, (place, shape) in self.places.items():
+            if len(shape) > 1:
+                named[name] = out[..., place].reshape(*z.shape[:2], *shape)
+            else:
+                named[name] = out[..., place] if shape else out[..., place.start]
+        return named
+
     def bound(self, z: Floats, out: Floats) -> Callable[[], None]:
         """The call from one array to another, which must live as long."""
         words = address_of(z), *self._addresses, address_of(out), *z.shape[:2]
@@ -343,6 +353,9 @@ def row_function(
     """
     if scheme.n > OBSERVED_N or not scheme.recordable:
         return None
+    if lanes == 1 and name in scheme.compiled:
+        result: RowFunction = scheme.compiled[name]
+        return result
     constants, columns = flat_constants(scheme, lanes)
 
     def make() -> tuple[Kernel, int, Mapping[str, tuple[slice, Any]]] | None:
@@ -360,26 +373,21 @@ def row_function(
     if code is None:
         return None
     kernel, count, places = code
-    return RowFunction(kernel, constants if columns else np.empty(0), count, places)
+    result = RowFunction(kernel, constants if columns else np.empty(0), count, places)
+    if scheme.definition_key is not None and lanes == 1:
+        scheme.compiled[name] = result
+    return result
 
 
 def compiled_observe(
     scheme: Scheme, function: Callable[..., Mapping[str, Array]], lanes: int, chosen: tuple[str, ...] | None = None
-) -> Callable[[Floats], dict[str, Floats]] | None:
+) -> RowFunction | None:
     """`function(parts, **constants)` for rows z (rows, lanes, d), compiled; None where that would take too long.
 
     `chosen`: names of what it gives beside the state, where that is not all that the scheme observes.
     The definition itself, on NumPy arrays, takes 5 to 20 us a row, as long as hundreds of steps.
     """
-    values = row_function(scheme, function, lanes, ("observe", chosen))
-    if values is None:
-        return None
-
-    def observe(z: Floats) -> dict[str, Floats]:
-        out = values(z)
-        return {name: out[..., place].reshape(*z.shape[:2], *shape) for name, (place, shape) in values.places.items()}
-
-    return observe
+    return row_function(scheme, function, lanes, ("observe", chosen))
 
 
 def compiled_rate(scheme: Scheme, lanes: int = 1) -> Callable[[float, Floats, Floats], Floats]:

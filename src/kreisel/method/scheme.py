@@ -250,6 +250,7 @@ class Scheme:
     # Compiled code is kept by these; None for code that is not kept.  Schemes with the same
     definition_key: tuple[Any, ...] | None = None  # differ in constants of the trajectory alone
     kernel_key: tuple[Any, ...] | None = None  # differ in constants alone, dt among them, and have one kernel
+    compiled: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)  # of one lane
 
     @property
     def kinds(self) -> list[str]:

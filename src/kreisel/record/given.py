@@ -163,7 +163,7 @@ def component(letter: str, kind: str, value: Any, n: int, of_bodies: bool, three
                 f"Usual cause: a full matrix where its skew part ({letter} - {letter}^T)/2 was meant."
             )
     if n == 3 and array.ndim >= 1 and array.shape[-1] == 3:
-        return _of_axial(array)
+        return of_axial(array)
     axial = ", or an axial vector (..., 3)" if n == 3 else ""
     raise InputError(
         f"{name} must be a skew matrix (..., {n}, {n}){axial}, with n = {n} as in the parameters, "
@@ -171,7 +171,8 @@ def component(letter: str, kind: str, value: Any, n: int, of_bodies: bool, three
     )
 
 
-def _of_axial(array: Array) -> Array:
+def of_axial(array: Array) -> Array:
+    """The skew matrix of an axial vector."""
     X = algebra.hat(array)
     return X / 2 - X.mT / 2  # the same signs of zeros as for a matrix
 
@@ -181,7 +182,7 @@ def _three_by_three(array: Array, letter: str, lanes: bool, three_lanes: bool) -
     off = algebra.magnitude(array + array.mT)
     skew = off <= SKEW_TOLERANCE * max(algebra.magnitude(array), 1)
     if lanes or (three_lanes and not skew):
-        return _of_axial(array)
+        return of_axial(array)
     if skew and not (three_lanes and algebra.magnitude(array)):
         return array / 2 - array.mT / 2
     which = "is skew, and there are three lanes" if skew else f"{letter} + {letter}^T is up to {off:.3g}"
@@ -196,10 +197,11 @@ def _three_by_three(array: Array, letter: str, lanes: bool, three_lanes: bool) -
 def require_on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> None:
     """Raises `InputError` for components whose batches do not fit, or a state off the phase space."""
     batches = [v.shape[: v.ndim - algebra.KINDS[k].axes] for v, k in zip(parts.values(), space.kinds, strict=True)]
-    try:
-        np.broadcast_shapes(*batches)
-    except ValueError:
-        raise InputError(f"The batch axes of the components do not fit: {batches}.") from None
+    if any(batch != batches[0] for batch in batches):
+        try:
+            np.broadcast_shapes(*batches)
+        except ValueError:
+            raise InputError(f"The batch axes of the components do not fit: {batches}.") from None
     for formula, constraint in space.constraints.items():
         off = algebra.magnitude(constraint(*parts.values()))
         if off > SKEW_TOLERANCE:

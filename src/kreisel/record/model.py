@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from dataclasses import replace
@@ -22,6 +23,7 @@ from kreisel.record.given import (
     axes_of,
     by_lane,
     component,
+    of_axial,
     parameter,
     require_on_phase_space,
     shape_of,
@@ -293,11 +295,34 @@ class Model:
         three_lanes = self.batch == (3,) or (3, 3) in vectors
         for (letter, kind), value in zip(space.components, values, strict=True):
             parts[letter] = component(letter, kind, value, self.n, self._in_pairs, three_lanes)
+        self._require_sound(parts)
+        return State(parts, dict(space.components), self.system)
+
+    def again(self, state: State) -> State | None:
+        """A single state that a model of this record has checked, checked again: its arrays may have been changed.
+
+        None if it needs all checks.
+        """
+        if not state.is_of(self.system) or self._in_pairs:
+            return None
+        space, parts = self.system.space, {}
+        for letter, kind in space.components:
+            value, of_kind = state[letter], algebra.KINDS[kind]
+            axial = of_kind.axes > 1
+            if (axial and (kind, self.n) != ("skew", 3)) or value.shape != of_kind.shape(self.n):
+                return None
+            if value.dtype != np.float64 or not math.isfinite(sum(value.ravel().tolist())):
+                return None
+            parts[letter] = of_axial(algebra.axial(value)) if axial else value.copy()
+        self._require_sound(parts)
+        return State(parts, dict(space.components), self.system)
+
+    def _require_sound(self, parts: Mapping[str, Array]) -> None:
+        """Raises `InputError` for components off the phase space, or that the checks of the record refuse."""
         with np.errstate(all="ignore"):  # squares of such large values overflow, and are refused where they matter
-            require_on_phase_space(space, parts)
+            require_on_phase_space(self.system.space, parts)
             for letter, check in self.system.checks.state.items():
                 check(parts[letter], letter)
-        return State(parts, dict(space.components), self.system)
 
     def call(self, function: Function | None, *state: Array, **extra: Any) -> Any:
         """A function of the record at a state, with this model's parameters."""

@@ -80,7 +80,7 @@ def at(
     step = 1.0 if dt is None else positive_number(dt, "dt")
     if dt is not None and not (flat == np.floor(flat)).all():
         raise InputError("The times of a map are its steps, whole numbers k for the time k dt, got others.")
-    reach = float(abs(flat).max(initial=0))
+    reach = float(abs(flat).max())
     asked: dict[str, Any] = {
         "method": method,
         "dt": step,

@@ -55,8 +55,9 @@ def versions() -> dict[str, str]:
 def describe(plan: Plan) -> RunRecord:
     """The attributes of a run: everything needed to identify and repeat it."""
     model, settings, end = plan.model, plan.settings, plan.timetable.end
-    return RunRecord(
-        **reused((__name__, model.key, plan.scheme.name), lambda: _subject(model, plan.scheme.name)),
+    key = __name__, plan.scheme.definition_key or (model.key, plan.scheme.name)
+    return RunRecord.made(
+        **reused(key, lambda: _subject(model, plan.scheme.name)),
         body=body_of(model),
         start_sha256=hash_of_start(plan.start),
         options=json.dumps(dict(plan.scheme.options)),
@@ -163,7 +164,7 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
     when = saved_times(plan) if times is None else times
     data, shapes = {}, []
     for name in plan.outcomes:
-        value = np.concatenate([block.pop(name) for block in blocks])
+        value = np.concatenate([block.pop(name) for block in blocks]) if blocks[1:] else _owned(blocks[0].pop(name))
         dims = dimensions(plan, name, value.shape)
         data[name] = value if when.ndim else value[0]
         shapes.append((name, dims if when.ndim else dims[1:], data[name].shape))
@@ -180,6 +181,12 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
         time.values = when
     run.attrs = describe(plan).to_attrs()
     return run
+
+
+def _owned(value: Array) -> Array:
+    """An array as one that may be written and lies in a row, copied if it is not."""
+    flags = value.flags
+    return value if flags.c_contiguous and flags.writeable and flags.owndata else value.copy()
 
 
 def _dataset(data: Mapping[str, tuple[tuple[str, ...], Array]], times: Floats, lanes: int | None) -> xr.Dataset:

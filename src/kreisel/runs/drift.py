@@ -170,7 +170,7 @@ def _warn_of_a_long_step(run: xr.Dataset) -> None:
 
 def _stands(variable: xr.Variable) -> bool:
     """Whether no value changed by more than the error of an evaluation, at a tenth of the cost of a scan."""
-    values = variable.to_numpy()
+    values = variable.values
     low, high = _extremes(values)
     least = min(variable.attrs["evaluation_scale"], default=0.0)
     return bool((high - low).max(initial=0.0) <= FAR * MACHINE_EPSILON * least)
@@ -336,7 +336,7 @@ def all_series(run: xr.Dataset) -> Iterator[Series]:
 def _extremes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The least and the largest along the first axis; NumPy is slow if the other axes are short."""
     if len(values) < FEW_ROWS:
-        return values.min(0), values.max(0)
+        return np.minimum.reduce(values, 0), np.maximum.reduce(values, 0)
     whole, shape = len(values) // TOGETHER * TOGETHER, values.shape[1:]
     out = []
     for least in (np.minimum, np.maximum):
@@ -434,9 +434,11 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     n = plan.model.n
     samples = SAMPLES if n <= MANY_SAMPLES_N else max(2, 16 * SAMPLES // n)  # every coordinate counts
     samples = max(1, min(samples, SAMPLES * MANY_LANES // plan.lanes))
-    directions = _signs(samples, z.shape) * _largest(plan, z)
-    by = np.concatenate([factor * directions for factor in (NUDGE, -NUDGE, HAIR, -HAIR)] + [0 * directions[:1]])
-    outputs = plan.observe((z + by).reshape(-1, *z.shape[1:]))
+    by = (_nudges if z.size <= MANY_LANES else _nudges.__wrapped__)(samples, z.shape) * _largest(plan, z)
+    moved = (z + by).reshape(-1, *z.shape[1:])
+    if plan.compiled is not None and plan.lanes == 1 and plan.scheme.coupling is None and n <= MANY_SAMPLES_N:
+        return _of_columns(plan, plan.compiled(plan.corrections[1](moved)).reshape(*by.shape[:2], -1), samples)
+    outputs = plan.observe(moved)
     values = {
         name: outputs[name].reshape((*by.shape[:2], *outputs[name].shape[1:]))
         for name, outcome in plan.outcomes.items()
@@ -448,7 +450,7 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     scales: dict[str, Any] = {}
     for group in filter(None, groups):  # together: NumPy needs longer to begin than to compute
         flat = [values[name].reshape((*by.shape[:2], -1)) for name in group]
-        felt, computed = _scales_of(np.concatenate(flat, -1), samples, n, group is single)
+        felt, computed = _scales_of(np.concatenate(flat, -1), samples, n, len(group) if group is single else 0)
         for name, place in zip(group, algebra.slices([f"R^{v.shape[-1]}" for v in flat], n), strict=True):
             shape = values[name].shape[2:]
             step, value = (_listed(scale[place].reshape(shape), plan) for scale in (felt, computed))
@@ -456,40 +458,72 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     return {name: scales[name] for name in values}
 
 
-def _scales_of(values: Array, samples: int, n: int, single: bool) -> tuple[Array, Array]:
-    """Both scales of integrals (states, rows, integrals), from states moved up, down, both by a hair, and not.
+def _of_columns(plan: Plan, values: Array, samples: int) -> dict[str, dict[str, list[float]]]:
+    """`roundoff_scales` of a single lane, from its observed variables as columns (states, rows, columns)."""
+    places = {
+        name: place
+        for name, (place, _) in plan.compiled.places.items()  # type: ignore[union-attr]
+        if plan.outcomes[name].kind in KINDS
+    }
+    if not places:
+        return {}
+    order = sorted(places, key=lambda name: places[name].stop - places[name].start > 1)
+    columns = np.concatenate([np.arange(places[name].start, places[name].stop) for name in order])
+    single = sum(place.stop - place.start == 1 for place in places.values())
+    felt, computed = (scale.tolist() for scale in _scales_of(values.take(columns, -1), samples, plan.model.n, single))
+    scales, first = {}, 0
+    for name in order:
+        last = first + places[name].stop - places[name].start
+        scales[name] = {"roundoff_scale": felt[first:last], "evaluation_scale": computed[first:last]}
+        first = last
+    return {name: scales[name] for name in plan.outcomes if name in scales}
 
-    The sums are bitwise equal to those of each integral: pairs of values that are contiguous for a `single` value.
+
+def _scales_of(values: Array, samples: int, n: int, single: int) -> tuple[Array, Array]:
+    """Both scales of integrals (states, rows, integrals) from states moved up, down, both by a hair, and not.
+
+    The sums are bitwise equal to those of each integral: pairs of values that are contiguous for the first integrals,
+    `single` of them, each of which is one value.
     """
     up, down, a_bit_up, a_bit_down = values[:-1].reshape(4, samples, *values.shape[1:])
     here = values[-1]
-    squares = (((up - down) / (2 * NUDGE)) ** 2).reshape(-1, values.shape[-1])
-    felt = np.sqrt(np.ascontiguousarray(squares.T).mean(1) if single else squares.mean(0))
+    squares = np.square((up - down) / (2 * NUDGE)).reshape(-1, values.shape[-1])
+    # `mean` and `max` of arrays are in Python, and take longer than these
+    sums = np.add.reduce(np.ascontiguousarray(squares[:, :single].T), 1), np.add.reduce(squares[:, single:], 0)
+    felt = np.sqrt(np.concatenate(sums) / len(squares))
     noise = abs(a_bit_up + a_bit_down - 2 * here) / (2 * MACHINE_EPSILON)
     if n > MANY_SAMPLES_N and noise.shape[-1] == n * (n - 1) // 2:
         noise = np.broadcast_to(noise.max(-1, keepdims=True), noise.shape)  # entries of one matrix
-    return felt, np.maximum(noise.max((0, 1)), abs(here).max(0))
+    return felt, np.maximum(np.maximum.reduce(noise.reshape(-1, noise.shape[-1]), 0), np.maximum.reduce(abs(here), 0))
 
 
 @lru_cache(4)
-def _signs(samples: int, shape: tuple[int, ...]) -> Floats:
-    """Random signs, the same in every run."""
-    return np.random.default_rng(0).choice([-1.0, 1.0], (samples, *shape))
+def _nudges(samples: int, shape: tuple[int, ...]) -> Floats:
+    """Random signs, the same in every run, by what a state is moved up, down, both by a hair, and not."""
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (samples, *shape))
+    return np.concatenate([factor * signs for factor in (NUDGE, -NUDGE, HAIR, -HAIR)] + [0 * signs[:1]])
 
 
 def _listed(scale: Array, plan: Plan) -> list[float]:
     """A scale for each part of an integral, lane after lane; the largest over the lanes if there are too many."""
     if plan.batched and scale.size > MOST_SCALES:
         scale = scale.max(0)
-    return [float(v) for v in np.ravel(scale)]
+    scales: list[float] = np.ravel(scale).tolist()
+    return scales
 
 
 def _largest(plan: Plan, z: Floats) -> Floats:
     """The largest coordinate of its component for each coordinate, in the shape of z."""
-    out = np.empty_like(z)
-    for place in algebra.slices(plan.kinds, plan.model.n):
-        out[..., place] = abs(z[..., place]).max(-1, keepdims=True)
-    return out
+    starts, component = _components(tuple(plan.kinds), plan.model.n)
+    return np.maximum.reduceat(abs(z), starts, -1)[..., component]
+
+
+@lru_cache(16)
+def _components(kinds: tuple[str, ...], n: int) -> tuple[np.ndarray, np.ndarray]:
+    """The first coordinate of each component, and the component of each coordinate."""
+    places = algebra.slices(kinds, n)
+    counts = [place.stop - place.start for place in places]
+    return np.array([place.start for place in places]), np.repeat(np.arange(len(places)), counts)
 
 
 @lru_cache(16)
@@ -505,11 +539,15 @@ def _sampled_rows(plan: Plan, first: Mapping[str, Array]) -> Floats:
     """
     count = min(32, max(1, 2048 // plan.lanes), max(1, 512 // plan.model.n))
     rows = _spread(len(next(iter(first.values()))), count)
-    parts = []
+    parts, as_observed = [], plan.scheme.reopen is tuple
     for letter, outcome in plan.outcomes.items():
         if outcome.kind not in ("state", "orientation"):
             continue
-        value = np.asarray(first[letter])[rows].astype(np.float64)
+        value = np.asarray(first[letter], np.float64)
+        value = value if len(rows) == len(value) else value[rows]
         value = value.reshape((len(rows), plan.lanes, *value.shape[1 + plan.batched :]))
-        parts.append(algebra.KINDS[outcome.axes].from_user(value, plan.model.n))
+        kind = algebra.KINDS[outcome.axes]
+        parts.append(kind.packed(value, plan.model.n) if as_observed else kind.from_user(value, plan.model.n))
+    if as_observed:
+        return np.concatenate(parts, -1)
     return np.asarray(algebra.flatten(plan.scheme.reopen(tuple(parts)), plan.kinds))

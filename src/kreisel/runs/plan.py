@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,7 @@ from kreisel.runs.settings import LARGE, Event, Settings, Timetable, initial_ori
 from kreisel.stopwatch import spent_on
 
 if TYPE_CHECKING:
+    from kreisel.kernels.cpu import RowFunction
     from kreisel.kernels.large.kernel import Large
     from kreisel.record.model import OrientationLike
 
@@ -152,13 +153,14 @@ class Plan:
             part, letter = name.split("-", 1)
             parts[part][letter] = value
         self.scheme = replace(self.scheme, **parts)
-        for made in ("engine", "_compiled", "corrections"):
+        for made in ("engine", "compiled", "corrections"):
             self.__dict__.pop(made, None)
 
     def observe(self, z: Floats) -> dict[str, Array]:
         """Outputs of rows z (rows, lanes, d), without the lane axis if there is only one lane."""
         z = self.corrections[1](z)
-        return self._shaped(z, self._together(z, self._plainly(z) if self._compiled is None else self._compiled(z)))
+        compiled = self.compiled
+        return self._shaped(z, self._together(z, self._plainly(z) if compiled is None else compiled.named(z)))
 
     @cached_property
     def example(self) -> dict[str, Array]:
@@ -201,7 +203,7 @@ class Plan:
         }
 
     @cached_property
-    def _compiled(self) -> Callable[[Floats], dict[str, Array]] | None:
+    def compiled(self) -> RowFunction | None:
         """`variables` in a kernel; independent of the number of rows, so a longer run has the same bits."""
         if isinstance(self.scheme.motion, Flow) or not self.scheme.recordable:
             return None
@@ -252,17 +254,19 @@ def _lanes(
     own = len(model.system.space.letters)
     components = with_orientation(model, len(parts) > own)
     batches = [z.shape[: z.ndim - algebra.KINDS[kind].axes] for z, (_, kind) in zip(parts, components, strict=True)]
-    try:
-        batch = np.broadcast_shapes(model.batch, *batches)
-    except ValueError:
-        raise InputError(f"The batch axes do not fit: parameters {model.batch}, state {batches[:own]}.") from None
+    batch = model.batch
+    if any(b != batch for b in batches):
+        try:
+            batch = np.broadcast_shapes(batch, *batches)
+        except ValueError:
+            raise InputError(f"The batch axes do not fit: parameters {model.batch}, state {batches[:own]}.") from None
     if 0 in batch:
         raise InputError("At least one lane was expected, got a batch of none. Check how the batch was made.")
     if len(batch) > 1:
         raise InputError(f"One batch axis (lanes) was expected, got axes {batch}. Reshape the batch to one axis.")
     require_bodies(model, batch)
     spread = tuple(
-        np.array(np.broadcast_to(p, batch + p.shape[len(b) :]), dtype=np.float64)
+        np.array(p if b == batch else np.broadcast_to(p, batch + p.shape[len(b) :]), dtype=np.float64)
         for p, b in zip(parts, batches, strict=True)
     )
     plan, large = plan.on(spread, points), None

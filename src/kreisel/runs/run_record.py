@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
 
@@ -213,14 +213,21 @@ class RunRecord(Course, Numerics, Subject, Heading):
         return record
 
     @classmethod
+    def made(cls, **values: Any) -> RunRecord:
+        """The record with these attributes, each of its type; the constructor takes ten times as long."""
+        record = object.__new__(cls)
+        record.__dict__.update(DEFAULTS | values)
+        return record
+
+    @classmethod
     def of(cls, run: Any, *attributes: str, rows: bool = True) -> RunRecord:
         """The record of a Dataset, which is checked by `a_run`."""
         return cls.from_attrs(a_run(run, *attributes, rows=rows).attrs)
 
     def to_attrs(self) -> dict[str, Any]:
         """The attributes."""
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
-        return {name: value for name, value in values.items() if value is not None}
+        values = self.__dict__
+        return {name: values[name] for name in NAMES if values[name] is not None}
 
     if not TYPE_CHECKING:
 
@@ -229,6 +236,10 @@ class RunRecord(Course, Numerics, Subject, Heading):
                 f"expected the attributes of a run, got none named {name}. Usual cause: a sweep, whose lanes are no "
                 "runs, an operation of xarray, which drops attributes, or kr.at, which makes no steps."
             )
+
+
+NAMES = tuple(each.name for each in fields(RunRecord))
+DEFAULTS = {each.name: each.default for each in fields(RunRecord) if each.default is not MISSING}
 
 
 def _an_object(text: str, name: str) -> dict[str, Any]:

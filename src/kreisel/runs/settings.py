@@ -229,6 +229,8 @@ def _known_engine(name: Any) -> str | None:
 
 def checked_state(model: Model, x0: Any) -> State:
     """The state of this system from the user's value.  Raises `InputError`."""
+    if type(x0) is State and (state := model.again(x0)) is not None:
+        return state
     if not isinstance(x0, Mapping):  # a State is accepted, and may belong to another system
         letters = ", ".join(f"{k}=..." for k in model.system.space.letters)
         several = ""

@@ -22,7 +22,7 @@ from kreisel.graph.llvm import DOUBLE, INDEX, INTEGER, Function, Integer, Memory
 from kreisel.graph.machine import Kernel, address_of, kernel
 from kreisel.graph.recording import recorded_function
 from kreisel.kernels.exact import jumps
-from kreisel.kernels.exact.jumps import Jumps
+from kreisel.kernels.exact.jumps import Jumps, jumps_of
 from kreisel.kernels.layout import LANES, Floats, Look, no_look
 from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import Orbits, Scheme, Spin
@@ -85,13 +85,18 @@ class ClosedForm:
         self.z = np.array(z0, dtype=np.float64)
         self._scheme, self._start, self._reach, self._unit = scheme, self.z.copy(), reach, dt
         self._done, self._jumped = 0, jumps.ROWS * every if isinstance(closed_form_of(scheme).jump, Spin) else 0
-        (self._dt,), (self._exponent,) = dyadic(np.array([dt]))
         self._known: dict[int, OrbitRows | Samples] = {}
         self._compiled: tuple[list[int], Kernel] | None = None
 
     @cached_property
+    def _dyadic(self) -> tuple[int, int]:
+        """dt as M 2^e."""
+        (integer,), (exponent,) = dyadic(np.array([self._unit]))
+        return integer, int(exponent)
+
+    @cached_property
     def _jumps(self) -> Jumps:
-        return Jumps(self._scheme, len(self._start))
+        return jumps_of(self._scheme, len(self._start))
 
     def _lanes(self, which: Iterable[int]) -> dict[int, OrbitRows | Samples]:
         """These lanes, set up in many digits.  Raises `InputError` for what has no closed form."""
@@ -133,18 +138,20 @@ class ClosedForm:
         for lane, rows in self._lanes(np.flatnonzero(~right.all(0)).tolist()).items():
             wrong = np.flatnonzero(~right[:, lane])
             mended = np.empty((len(wrong), 1, out.shape[-1]))
-            rows.at(mended, 0, k[wrong].astype(object) * self._dt, np.broadcast_to(self._exponent, wrong.shape))
+            dt, exponent = self._dyadic
+            rows.at(mended, 0, k[wrong].astype(object) * dt, np.broadcast_to(exponent, wrong.shape))
             out[wrong, lane] = mended[:, 0]
 
     def _march(self, out: Floats, every: int, look: Look) -> None:
+        dt, exponent = self._dyadic
         for lane, rows in self._lanes(range(len(self.z))).items():
             look()
             if isinstance(rows, Samples) or rows.orbit.rates is None:
                 k = self._done + every * np.arange(1, len(out) + 1).astype(object)
-                rows.at(out, lane, k * self._dt, np.broadcast_to(self._exponent, k.shape))
+                rows.at(out, lane, k * dt, np.broadcast_to(exponent, k.shape))
             else:
-                shift = 128 - rows.orbit.bits + int(self._exponent)
-                steps = [v * self._dt << shift if shift >= 0 else v * self._dt >> -shift for v in rows.orbit.rates]
+                shift = 128 - rows.orbit.bits + exponent
+                steps = [v * dt << shift if shift >= 0 else v * dt >> -shift for v in rows.orbit.rates]
                 rows.fill_evenly(out, lane, [self._done * s for s in steps], [every * s for s in steps])
         self._done += every * len(out)
 
@@ -163,6 +170,8 @@ class ClosedForm:
             out, which = np.empty((len(times), *self.z.shape)), list(range(len(self.z)))
         else:
             out, right = self._jumps.at(self._start, times)
+            if right.all():
+                return out
             which = np.flatnonzero(~right.all(0)).tolist()
         for lane, rows in self._lanes(which).items():
             rows.at(out, lane, *dyadic(times))

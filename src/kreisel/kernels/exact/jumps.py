@@ -7,6 +7,7 @@ about p; over what is left of the time it is `count` times D_eps, less the turn 
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from typing import Any, NamedTuple
@@ -242,6 +243,37 @@ def _most(f: Function, count: Value) -> Integer:
     return result
 
 
+class Leap:
+    """A jump of one state, whose memory a kernel has the address of once.
+
+    z    the state (1, d) at time 0
+    row  the state (1, 1, d) at the time of the call
+    """
+
+    def __init__(self, jump: Kernel, constants: Floats, d: int):
+        self._room, self._held = np.empty(3 + 2 * d), constants
+        self._room[0] = 1.0  # the unit of time
+        self.z, self.row = self._room[2 : 2 + d].reshape(1, d), self._room[2 + d : 2 + 2 * d].reshape(1, 1, d)
+        words = address_of(self._room), address_of(constants), 0, 1, 1, 1
+        self._call = partial(jump.call, *map(ctypes.c_int64, words))  # half the time of Python's integers
+
+    def __call__(self, time: float) -> bool:
+        """Jump to a time; whether the row is right."""
+        self._room[1] = time
+        self._call()
+        return bool(self._room[-1] <= TOLERANCE)
+
+
+def jumps_of(scheme: Scheme, lanes: int) -> Jumps:
+    """The jumps of a scheme, of a single lane made once."""
+    if lanes > 1:
+        return Jumps(scheme, lanes)
+    if Jumps not in scheme.compiled:
+        scheme.compiled[Jumps] = Jumps(scheme, lanes)
+    result: Jumps = scheme.compiled[Jumps]
+    return result
+
+
 class Jumps:
     """The states of so many tops or bodies at any times."""
 
@@ -250,6 +282,10 @@ class Jumps:
         self._address = address_of(self._constants)
         key = None if scheme.definition_key is None else (Jumps, scheme.definition_key)
         self._jump = reused(key, lambda: _Jumping(scheme, columns).kernel())
+
+    def single(self, d: int) -> Leap:
+        """A jump of one state of d numbers."""
+        return Leap(self._jump, self._constants, d)
 
     def at(self, z: Floats, times: Floats, unit: float = 1.0) -> tuple[Floats, Array]:
         """The states (times, lanes, d) from z (lanes, d) at time 0, and which of them are right (times, lanes).

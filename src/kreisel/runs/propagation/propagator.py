@@ -135,6 +135,10 @@ class Propagator:
                 f"No closed form of method={self._stepper.scheme.name!r} for {self.model.system.name} is known here. "
                 "Use .steps(state, n), or kr.simulate."
             )
+        if type(times) is float and math.isfinite(times):
+            x, batched = self._forms.given(state)
+            found = self._stepper.at_once(x, times) if len(x) == 1 else self._stepper.at(x, np.array([times]))[0]
+            return self._forms.returned(found, state, batched)
         wanted = wanted_times(times)
         x, batched = self._forms.given(state)
         found = self._stepper.at(x, wanted if wanted.ndim else wanted[None])

@@ -18,7 +18,7 @@ from kreisel.graph.machine import address_of
 from kreisel.kernels.correcting import corrections
 from kreisel.kernels.cpu import CpuEngine, RowFunction, frame_of
 from kreisel.kernels.engines import Engine
-from kreisel.kernels.exact.jumps import FEW, Jumps
+from kreisel.kernels.exact.jumps import FEW, Jumps, Leap
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.points import bound_points, points
 from kreisel.method import scheme as scheme_of
@@ -208,22 +208,35 @@ class Stepper:
 
     def at(self, x: Floats, times: Floats) -> Floats:
         """The states (times, lanes, entries) from x at time 0.  Raises `RunError` if values overflow."""
-        if self._rooms is None or len(x) > 1 or len(times) > 1:
-            return self.forms.observed(self._require_numbers(self.states(self.forms.prepared(x), times)))
+        if len(x) == len(times) == 1:
+            return self.at_once(x, times.item())[None]
+        return self._at_times(x, times)
+
+    def at_once(self, x: Floats, time: float) -> Floats:
+        """The state (1, entries) at a time from x (1, size) at time 0.  Raises as `at`."""
+        if self._rooms is None:
+            return self._at_times(x, np.array([time]))[0]
         try:
             room = self._rooms.pop()
         except IndexError:
             rows = self.forms.compiled(1)
             if rows is None:
                 self._rooms = None
-                return self.at(x, times)
-            room = Room(*rows, self.forms.size, self.forms.prepared(x))
-        room.row[:] = self.states(room.enter(x), times)
+                return self.at_once(x, time)
+            z = self.forms.prepared(x)
+            leap = self._jumps_of(1).single(z.shape[1]) if self._jumping else None
+            room = Room(*rows, self.forms.size, z if leap is None else leap.z, leap)
+        z = room.enter(x)
+        if room.leap is None or not room.leap(time):
+            room.row[:] = self.states(z, np.array([time]))
         if not room.is_finite():
             self._require_numbers(room.row)
         y = room.leave()
         self._rooms.append(room)
-        return y[None]
+        return y
+
+    def _at_times(self, x: Floats, times: Floats) -> Floats:
+        return self.forms.observed(self._require_numbers(self.states(self.forms.prepared(x), times)))
 
     def _require_numbers(self, rows: Floats) -> Floats:
         if not is_finite(rows):
@@ -234,10 +247,7 @@ class Stepper:
     def states(self, z: Floats, times: Floats) -> Floats:
         """Rows (times, lanes, d): by compiled jumps if all are accurate, else by orbits set up for this state."""
         if self._jumping and len(times) <= FEW:
-            jumps = self._jumps.get(len(z))
-            if jumps is None:
-                jumps = self._jumps[len(z)] = Jumps(self.scheme, len(z))
-            out, right = jumps.at(z, times)
+            out, right = self._jumps_of(len(z)).at(z, times)
             if right.item() if right.size == 1 else right.all():
                 return self._in_one_sheet(out, times)
         from kreisel.kernels.exact.engine import ClosedForm
@@ -252,6 +262,11 @@ class Stepper:
             out = orbits[1].at(times)
         self._orbits = orbits  # the last motion, for further times of it
         return self._in_one_sheet(out, times)
+
+    def _jumps_of(self, lanes: int) -> Jumps:
+        if lanes not in self._jumps:
+            self._jumps[lanes] = Jumps(self.scheme, lanes)
+        return self._jumps[lanes]
 
     def _in_one_sheet(self, out: Floats, times: Floats) -> Floats:
         """The states (times, lanes, d) with quaternions that keep their sign in the order of time, unlike jumps."""
@@ -293,10 +308,11 @@ class Room:
 
     z    variables of the method at the state that `enter` is given
     row  variables (1, 1, d) at the state that `leave` returns
+    leap from z to row, if the flow is known as a jump
     """
 
-    def __init__(self, into: RowFunction, out: RowFunction, size: int, z: Floats):
-        self.z, self.row = z, np.empty((1, *z.shape))
+    def __init__(self, into: RowFunction, out: RowFunction, size: int, z: Floats, leap: Leap | None = None):
+        self.z, self.row, self.leap = z, np.empty((1, *z.shape)) if leap is None else leap.row, leap
         self._x, self._y, self._numbers = np.empty((1, 1, size)), np.empty((1, 1, out.count)), self.row.ravel()
         self._into, self._out = into.bound(self._x, z[None]), out.bound(self.row, self._y)
 
