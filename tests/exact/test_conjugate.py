@@ -346,6 +346,8 @@ def test_what_there_is_not() -> None:
         kr.simulate(model, state, dt=0.5, steps=1, method="exact", orientation=(1, 0, 0, 0))
     with pytest.raises(kr.InputError, match="Use a smaller dt"):
         kr.simulate(model, state, dt=1e9, steps=1, method="exact")
+    with pytest.raises(kr.InputError, match="Steps of method='exact' reach the same times"):
+        kr.at(model, state, 3.0)
     model, state = case("clebsch")
     with pytest.raises(kr.InputError, match="pairs of maps"):
         kr.simulate(model, {k: 1e9 * v for k, v in state.items()}, dt=10.0, steps=1, method="exact")

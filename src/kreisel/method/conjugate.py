@@ -89,7 +89,7 @@ def exact_by_map(model: Model, dt: float, oriented: bool) -> Scheme:
     if oriented:
         raise InputError(
             f"orientation: expected none for method='exact' of {model.system.name}, whose map has no turn of the body. "
-            "Use method='variational' or 'dop853'."
+            "Use method='dop853'."
         )
 
     def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:

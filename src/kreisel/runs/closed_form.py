@@ -15,6 +15,7 @@ from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.exact.motion import TopMotion
 from kreisel.exact.nutation import Integrals, MpNumber, Nutation, mp_number
 from kreisel.method import default_method, find, scheme
+from kreisel.method.conjugate import has_pairs
 from kreisel.method.exact import motion_of_top
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Jump
@@ -147,9 +148,12 @@ def _without(model: Model, method: str, oriented: bool) -> str:
     if method != "exact" and known:
         way = "method='exact' knows its flow: kr.at(system, x0, times)."
     else:
+        exactly = has_pairs(model) or (model.system.exact_map is not None and not oriented)
+        steps = "exact" if exactly else default_method(model, stepped=True)
+        named = f"method={steps!r}, " * (steps == "exact")
         way = (
-            f"Steps of method={default_method(model, stepped=True)!r} reach the same times: kr.simulate(system, x0, "
-            "dt=..., times=[...]), in order and from 0 on."
+            f"Steps of method={steps!r} reach the same times: kr.simulate(system, x0, "
+            f"{named}dt=..., times=[...]), in order and from 0 on."
         )
     also = " and an orientation" * oriented
     return f"kr.at: no closed form of method={method!r} is known for {model.system.name}, n = {model.n}{also}. {way}"
