@@ -31,4 +31,4 @@ def find(name: str) -> System:
 
 
 BODIES = Records(_PAGES, _stated)
-KNOWN: Mapping[str, System] = ChainMap(BODIES, REGISTRY)  # any object of that name; REGISTRY first
+KNOWN: Mapping[str, System] = ChainMap(BODIES, REGISTRY)  # type: ignore[arg-type]  # REGISTRY first
