@@ -29,7 +29,7 @@ help:
 	@echo "make bench-gpu the same on an NVIDIA GPU; make gpu-code counts the instructions of its kernels, without one"
 	@echo "make release-check  wheel and sdist, and the tests against the wheel in an environment of its own"
 	@echo "make work-precision  every method here against heyoka, diffrax, SciPy and MuJoCo; some minutes"
-	@echo "make engines   the check cases run by the engines of the package indexes, each in an environment of its own; an hour, 10 GB"
+	@echo "make engines   the check cases run by the engines of the package indexes, each in an environment of its own; two hours, 15 GB"
 
 # The demo needs Kreisel alone; everything else the extras and the tools too.
 $(CORE): pyproject.toml constraints.txt

@@ -75,10 +75,13 @@ def measure(engine: dict[str, Any], limit: float, fresh: bool) -> dict[str, Any]
     rows: list[dict[str, Any]] = []
     for setting in engine["settings"]:
         for body in scorecard.BODIES:
+            if body.name not in engine.get("cases", [body.name]):
+                continue
             if body.given()["arm"] is not None and not setting.get("pivot", engine.get("pivot", True)):
                 continue
             step = setting.get("step", engine.get("step"))
-            for job in scorecard.jobs(body, step, setting["name"], engine["package"]):
+            runs = scorecard.jobs(body, step, setting["name"], engine["package"])
+            for job in runs if engine.get("finer", True) else runs[:1]:
                 rows.append(run(engine, job, limit))
                 print(engine["name"], {k: v for k, v in rows[-1].items() if k not in ("end", "summary")}, flush=True)
     for row in rows:

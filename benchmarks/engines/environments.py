@@ -29,18 +29,18 @@ def adapter(engine: dict[str, Any]) -> Path:
 
 
 def command(engine: dict[str, Any]) -> tuple[list[str], Path]:
-    """The command that runs the engine's adapter, and the folder to run it in.
+    """The command that runs the engine's adapter, and the folder to run it in, where engines write their logs.
 
     Modules of JavaScript are looked for from the file that imports them, so that adapters are copied to the folder.
     """
-    script = adapter(engine)
+    script, folder = adapter(engine), ROOT / engine["name"]
+    folder.mkdir(parents=True, exist_ok=True)
     if engine["index"] == "npm":
-        folder = ROOT / engine["name"]
         for file in (script, script.with_name("wire.mjs")):
             shutil.copyfile(file, folder / file.name)
         return ["node", script.name], folder
-    python = sys.executable if engine["index"] == "here" else str(ROOT / engine["name"] / "bin" / "python")
-    return [python, "-B", str(script)], script.parent
+    python = sys.executable if engine["index"] == "here" else str(folder / "bin" / "python")
+    return [python, "-B", str(script)], folder
 
 
 def install(engine: dict[str, Any], fresh: bool = False) -> str:

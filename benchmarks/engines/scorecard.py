@@ -95,8 +95,8 @@ def jobs(body: Body, step: float | None, setting: str, package: str) -> list[dic
 
 
 def answer(text: str) -> Answer:
-    """An adapter's standard output.  Raises `ValueError` unless it is complete."""
-    lines = text.splitlines()
+    """An adapter's standard output, after lines that an engine prints.  Raises `ValueError` unless it is complete."""
+    lines = text[text.find('# {"version"') :].splitlines()
     about: dict[str, Any] = {}
     for line in lines:
         if line.startswith("#"):

@@ -40,7 +40,7 @@ from pathlib import Path
 DOCS = Path(__file__).parent.parent
 MADE = DOCS / "generated"
 FIGURES, LIVE, DONE = MADE / "figures", MADE / "extra" / "live", MADE / "done.json"
-GENERATORS = ("methods", "gallery", "performance", "playground", "commands", "checkcases")
+GENERATORS = ("methods", "gallery", "performance", "playground", "commands", "checkcases", "engines")
 LONG = {
     name: 10.0 for name in ("rebound.md", "tutorial-lagrangian.md", "spin-chains.md", "guide-disc.md", "reduction.md")
 }
@@ -135,7 +135,8 @@ def _processor() -> float:
 def _sources() -> str:
     """A hash of the package, of what makes pages, and of the versions of what is installed."""
     root = DOCS.resolve().parent
-    folders = ("src/kreisel", "docs/tools", "docs/gallery", "docs/static", "benchmarks/results", "examples/gallery")
+    folders = ("src/kreisel", "docs/tools", "docs/gallery", "docs/static", "examples/gallery")
+    folders += ("benchmarks/results", "benchmarks/engines")
     files = sorted(p for folder in folders for p in (root / folder).rglob("*") if p.is_file() and p.suffix != ".pyc")
     files += [root / "benchmarks" / name for name in ("tables.py", "history.py", "history.jsonl")]
     versions = sorted(f"{each.name} {each.version}" for each in importlib.metadata.distributions())

@@ -25,11 +25,6 @@ def to_body(q, v):
     return [v[k] + w * t[k] + cross[k] for k in range(3)]
 
 
-def cross(a, b):
-    """a x b."""
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-
-
 def about_pivot(job):
     """The inertia tensor (3, 3) about the pivot (Steiner); without a pivot about the centre of mass."""
     arm, mass = job["arm"] or [0.0] * 3, job["mass"]

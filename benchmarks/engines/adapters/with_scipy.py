@@ -1,10 +1,10 @@
-"""SciPy: solve_ivp on Euler's equations and the quaternion's, written here.  Setting: method, rtol, atol.
+"""SciPy: a solver of solve_ivp on Euler's equations and the quaternion's, written here.  Setting: method, rtol, atol.
 
 The solver chooses its steps; dt is the time between rows of a table without meaning for it.
 """
 
 import numpy as np
-from scipy.integrate import solve_ivp
+import scipy.integrate
 from wire import about_pivot, serve
 
 
@@ -24,12 +24,16 @@ def start(job):
         return np.concatenate([turned, inverse @ (torque - np.cross(omega, inertia @ omega))])
 
     z = np.array(job["attitude"] + job["angular_velocity"])
+    end = job["steps"] * job["dt"]
+    solver = getattr(scipy.integrate, method)(rate, 0.0, z, end, rtol=float(rtol), atol=float(atol))
     now = [0, z]
 
     def advance(n):
-        span = now[0] * job["dt"], (now[0] + n) * job["dt"]
-        solution = solve_ivp(rate, span, now[1], method=method, rtol=float(rtol), atol=float(atol))
-        now[:] = now[0] + n, solution.y[:, -1]
+        now[0] += n
+        time = now[0] * job["dt"]
+        while solver.t < time:
+            solver.step()
+        now[1] = solver.y if solver.t == time else solver.dense_output()(time)
 
     return advance, lambda: (now[1][:4], now[1][4:])
 

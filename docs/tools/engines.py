@@ -1,0 +1,221 @@
+"""Tables and picture of the page on engines, from benchmarks: results/engines.json and engines/engines.toml."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+CASES = ("tumbling-brick", "boxes", "thin-body", "small-box", "wing-nut", "heavy-top")
+SHOWN = (
+    "mujoco newton pybullet dart drake exudyn basilisk opensim genesis physx ode rapier jolt havok cannon-es".split()
+)
+FACES = ("#0072B2", "#E69F00", "#009E73")  # of Okabe and Ito
+SIDES = np.array([8.0, 4.0, 2.25]) / 8  # of the brick
+VIEW = np.array([1.0, -1.3, 0.8])
+
+
+def read() -> tuple[dict[str, Any], dict[str, Any]]:
+    """The catalogue of engines and the result."""
+    catalogue = tomllib.loads((BENCHMARKS / "engines" / "engines.toml").read_text(encoding="utf-8"))
+    return catalogue, json.loads((BENCHMARKS / "results" / "engines.json").read_text(encoding="utf-8"))
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """A table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def number(value: float | None) -> str:
+    """Two digits; 0.012, 3.4e-9; nothing measured is a dash."""
+    if value is None:
+        return "-"
+    return f"{value:.2g}" if value == 0 or 1e-3 <= abs(value) < 1e4 else f"{value:.1e}".replace("e-0", "e-")
+
+
+def step(dt: float) -> str:
+    """A step, s: 1/60, 0.002."""
+    return f"1/{round(1 / dt)}" if abs(1 / dt % 60) < 1e-6 else f"{dt:.4g}"
+
+
+def error(row: dict[str, Any] | None) -> str:
+    """The error of attitude, or why there is none."""
+    if row is None:
+        return "-"
+    if "attitude_error" in row:
+        return number(row["attitude_error"])
+    if "diverged_s" in row:
+        return f"lost at {row['diverged_s']:.2g} s"
+    return "too long" if "not done" in row["failed"] else "stops"
+
+
+def runs(record: dict[str, Any], setting: str, case: str) -> list[dict[str, Any]]:
+    """The runs of a setting and a case, the longest step first."""
+    found = [row for row in record.get("rows", ()) if row["setting"] == setting and row["case"] == case]
+    return sorted(found, key=lambda row: -row["dt"])
+
+
+def settings(
+    catalogue: dict[str, Any], result: dict[str, Any]
+) -> list[tuple[dict[str, Any], dict[str, Any], dict[str, Any]]]:
+    """(engine, setting, its record in the result) of all that ran."""
+    return [
+        (engine, setting, result["engines"][name])
+        for name, engine in catalogue.items()
+        if "rows" in result["engines"].get(name, {})
+        for setting in engine["settings"]
+    ]
+
+
+def overview(catalogue: dict[str, Any], result: dict[str, Any]) -> str:
+    """Errors of attitude of all cases, with the step of the engine's users and with a tenth of it."""
+    rows = []
+    for engine, setting, record in settings(catalogue, result):
+        cells = []
+        for case in CASES:
+            found = runs(record, setting["name"], case)
+            ends = dict.fromkeys(error(row) for row in (found[:1] + found[-1:] if found else [None]))
+            cells.append(" / ".join(ends))
+        label = f"**{setting['label']}**" if setting.get("best") else setting["label"]
+        order = record["orders"].get(setting["name"])
+        rows.append([engine["title"], label, "-" if order is None else f"{order:.1f}", *cells])
+    return table(["engine", "setting", "order", *CASES], rows)
+
+
+def of_case(case: str, catalogue: dict[str, Any], result: dict[str, Any]) -> str:
+    """All runs of a case."""
+    rows = []
+    for engine, setting, record in settings(catalogue, result):
+        adaptive = "step" not in engine and "step" not in setting
+        for row in runs(record, setting["name"], case):
+            keys = ("rates_error", "energy_change", "momentum_change")
+            measured = [number(row.get(key)) for key in keys] + [number(row.get("seconds"))]
+            dt = "its own" if adaptive else step(row["dt"])
+            rows.append([engine["title"], setting["label"], dt, error(row), *measured])
+    head = ["engine", "setting", "step, s", "attitude, rad", "rates", "energy", "momentum", "time, s"]
+    return table(head, rows)
+
+
+def catalogued(catalogue: dict[str, Any], result: dict[str, Any]) -> str:
+    """The engines, in the words of their packages."""
+    rows = []
+    for name, engine in catalogue.items():
+        record = result["engines"].get(name, {})
+        if "rows" not in record:
+            continue
+        words = (record.get("summary") or "").strip("[]' ").rstrip(".") or "-"
+        precision = "single" if engine.get("single") else "double"
+        where = "" if engine["index"] == "here" else f", {engine['index']}"
+        chosen = engine.get("step_source", "it chooses its steps" if "step" not in engine else "")
+        package = f"`{engine['package']}` {record['version']}{where}"
+        rows.append([engine["title"], package, record["date"], words, precision, chosen])
+    return table(["engine", "package", "run on", "in its own words", "precision", "step of its users"], rows)
+
+
+def missing(catalogue: dict[str, Any], result: dict[str, Any]) -> str:
+    """The engines that were not installed."""
+    rows = [
+        [
+            catalogue[name]["title"],
+            f"`{' '.join(record['tried'])}`",
+            record["date"],
+            record["not_installed"].removeprefix("ERROR: "),
+        ]
+        for name, record in result["engines"].items()
+        if "not_installed" in record and name in catalogue
+    ]
+    return table(["engine", "tried", "on", "reason"], rows) if rows else ""
+
+
+def turned(q: Any, v: Any) -> Any:
+    """v (..., 3) along the axes of space, from those of a body of attitude q (4,)."""
+    w, axis = q[0], np.asarray(q[1:])
+    once = 2 * np.cross(axis, v)
+    return v + w * once + np.cross(axis, once)
+
+
+def faces(q: Any) -> list[tuple[Any, str, float]]:
+    """The faces of the brick that are seen: corners in the picture (4, 2), colour, depth."""
+    forward = VIEW / np.linalg.norm(VIEW)
+    right = np.cross([0, 0, 1], forward)
+    right = right / np.linalg.norm(right)
+    plane = np.stack([right, np.cross(forward, right)])
+    found = []
+    for axis in range(3):
+        for side in (1, -1):
+            normal = side * np.eye(3)[axis]
+            if turned(q, normal) @ forward <= 0:
+                continue
+            u, v = np.roll(np.eye(3), -axis, 0)[1:]
+            corners = np.array([normal + a * u + b * v for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]) * SIDES / 2
+            found.append((turned(q, corners) @ plane.T, FACES[axis], side))
+    return found
+
+
+def picture(catalogue: dict[str, Any], result: dict[str, Any], file: Path) -> None:
+    """The brick after 30 s, as it is and as each engine's first setting has it, with the step of its users."""
+    import matplotlib as mpl
+
+    mpl.use("agg")
+    import matplotlib.pyplot as plt
+    from matplotlib.patches import Polygon
+
+    import kreisel as kr
+
+    true = kr.checkcases.case("tumbling-brick").reference([0.0, 30.0]).attitude.values[-1]
+    bodies: list[tuple[str, str, Any]] = [("the true motion", "", true)]
+    for name in SHOWN:
+        record = result["engines"].get(name, {})
+        row = next(iter(runs(record, catalogue[name]["settings"][0]["name"], "tumbling-brick")), {})
+        if "end" in row:
+            degrees = math.degrees(row["attitude_error"])
+            off = f"{degrees:.0f}°" if degrees >= 9.5 else f"{degrees:.1g}°".replace("e-0", "e-")
+            title = (
+                catalogue[name]["title"].replace(" (", "\n(")
+                if len(catalogue[name]["title"]) > 16
+                else catalogue[name]["title"]
+            )
+            bodies.append((title, f"off by {off}", row["end"]))
+    figure, axes = plt.subplots(4, 4, figsize=(9, 9.6))
+    for panel in axes.flat:
+        panel.set_axis_off()
+    for panel, (title, off, q) in zip(axes.flat, bodies, strict=False):
+        for corners, colour, side in faces(q):
+            panel.add_patch(
+                Polygon(corners, facecolor=colour, edgecolor="black", alpha=1.0 if side > 0 else 0.55, lw=0.8)
+            )
+        for corners, _, _ in faces(true) if off else ():
+            panel.add_patch(Polygon(corners, fill=False, edgecolor="black", lw=0.9, ls=(0, (3, 2))))
+        panel.set_title(title, fontsize=10, y=0.97, weight="normal" if off else "bold")
+        panel.text(0.5, 0.02, off, transform=panel.transAxes, ha="center", fontsize=9)
+        panel.set_aspect("equal")
+        panel.set_xlim(-0.66, 0.66), panel.set_ylim(-0.66, 0.66)
+    figure.tight_layout(h_pad=1.0, w_pad=0.2)
+    figure.savefig(file, dpi=110)
+    plt.close(figure)
+
+
+def write(docs: Path) -> None:
+    """generated/engines.md, engines-CASE.md, engines-list.md, and the picture."""
+    catalogue, result = read()
+    folder = docs / "generated"
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    pages = {
+        "errors": overview(catalogue, result),
+        "list": catalogued(catalogue, result),
+        "missing": missing(catalogue, result),
+    }
+    pages |= {case: of_case(case, catalogue, result) for case in CASES}
+    for name, text in pages.items():
+        (folder / f"engines-{name}.md").write_text(text, encoding="utf-8")
+    picture(catalogue, result, folder / "figures" / "engines.png")
+
+
+if __name__ == "__main__":
+    write(Path(__file__).resolve().parent.parent)
