@@ -1,0 +1,86 @@
+"""Plain English: constructions that a reader has to translate are counted, and their number only falls."""
+
+from __future__ import annotations
+
+import io
+import re
+import tokenize
+from pathlib import Path
+
+import pytest
+
+import kreisel as kr
+from support import ROOT
+
+SOURCE = Path(kr.__file__).parent
+PATTERNS = {  # what is counted: what to write in its place
+    r"^(What|The same)\b": "the noun first",
+    r"\b(those|that) of\b|\b(is|are) ones?\b": "the noun again",
+    r"\bwhere (it|there|a|an|the|none|no|one|they) (is|are|has|have)\b|\bNone where\b": "if, when",
+    r"(?:^|[.:;] )Of (?:a|such|what|these|those|this|them)\b": "the subject first",
+    r"\bnumbers\b": "values, entries, coordinates, floats",
+    r"\bturns?\b": "rotates, rotation",
+    r"\b(its|their|your|user's|one's) own\b": "separate, user-defined, or nothing",
+    r"\b(takes|take)\b": "accepts, requires, needs",
+    r"\bwhole\b": "complete, integer",
+    r"\b(says|said|told)\b": "states, reports",
+    r"\b(stands?|stood)\b": "is, is stored",
+    r"\bbeside\b": "next to, in addition to",
+    r"\b(alone|by itself|on its own)\b": "only, separately",
+    r"\bis no \w": "is not a",
+    r"\b(put back|goes on|go on|so many|as it is)\b": "projected, resumes, n, unchanged",
+}
+CEILINGS = {"docs": 145, "messages": 400, "docstrings": 1010}
+
+
+def prose_of_page(text: str) -> list[str]:
+    """The lines of a page outside code, comments and formulas."""
+    text = re.sub(r"^```.*?^```|<!--.*?-->", "", text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"`[^`]*`|\$[^$]*\$|\]\([^)]*\)", "", text)
+    return [line for line in text.splitlines() if not line.startswith("    ")]
+
+
+def words_of_code(text: str) -> tuple[list[str], list[str]]:
+    """Docstrings and comments, and the other texts of a module, which are messages for the most part."""
+    prose, messages, before = list[str](), list[str](), ""
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            prose.append(token.string.lstrip("# "))
+        elif token.type == tokenize.STRING:
+            content = re.sub(r"`[^`]*`", "", token.string.strip("rbfRBF").strip("\"'"))
+            (prose if token.string.endswith('"""') and before in "\n:" else messages).append(content)
+        if token.type not in (tokenize.NL, tokenize.COMMENT, tokenize.INDENT, tokenize.DEDENT):
+            before = token.string if token.type != tokenize.NEWLINE else "\n"
+    return prose, messages
+
+
+def counts(texts: list[str]) -> dict[str, int]:
+    joined = "\n".join(texts)
+    return {pattern: len(re.findall(pattern, joined, re.MULTILINE)) for pattern in PATTERNS}
+
+
+def collected() -> dict[str, list[str]]:
+    pages = [*(ROOT / "docs").glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    pages = [page for page in pages if page.name not in ("verified.md", "changelog.md") and "registry" not in page.name]
+    texts = {"docs": [line for page in pages for line in prose_of_page(page.read_text(encoding="utf-8"))]}
+    code = [words_of_code(path.read_text(encoding="utf-8")) for path in SOURCE.rglob("*.py")]
+    texts["docstrings"] = [text for prose, _ in code for text in prose]
+    texts["messages"] = [text for _, messages in code for text in messages if " " in text]
+    return texts
+
+
+@pytest.mark.parametrize("kind", CEILINGS)
+def test_constructions_that_need_a_second_reading_only_fall(kind: str) -> None:
+    found = counts(collected()[kind])
+    total = sum(found.values())
+    listed = "\n".join(f"{count:5} {pattern}  ->  {PATTERNS[pattern]}" for pattern, count in found.items())
+    assert total <= CEILINGS[kind], f"{kind}: {total}, {CEILINGS[kind]} allowed. Rewrite some of\n{listed}"
+    assert total > 0.9 * CEILINGS[kind] - 10, f"{kind}: lower the ceiling to {total}"
+
+
+def test_the_patterns_are_seen_outside_code_only() -> None:
+    page = "Of a run it takes the whole.\n\n```python\ntakes = whole\n```\n\n    takes whole\n\n"
+    page += "`takes` says $whole$ [a](takes)\n"
+    assert sum(counts(prose_of_page(page)).values()) == 4
+    prose, messages = words_of_code('"""The same run."""\nx = f"it says {x!r} beside"  # what stands here\n')
+    assert [sum(counts(texts).values()) for texts in (prose, messages)] == [2, 2]
