@@ -229,6 +229,10 @@ def test_a_wrong_point_of_the_one_map_is_caught(which: str) -> None:
         (kr.Lyapunov(b=(0.3, 0.7, 1.9), nu=0.4), {"M": (0, 0, 1), "P": (0, 0, 1)}),
         (kr.SteklovLyapunov(b=(0.3, 0.7, 1.9), s=1, l=0), {"M": (0.3, -0.2, 0.9), "P": (0, 0, 0)}),
         (kr.SteklovLyapunov(b=(0.7, 0.7, 1.9), s=1, l=0.5), {"M": (0.3, -0.2, 0.9), "P": (0.6, 0, 0.8)}),
+        (
+            kr.SteklovLyapunov(b=(0, 0, 2), s=-1, l=1),
+            {"M": (0.30000000000000004, 0.1, 0), "P": (0.3, 0.1, 0.5)},
+        ),  # M0 is rounding
         (kr.GoryachevChaplygin(gamma=0), {"M": (0, 0, 0), "P": (1, 0, 0)}),
         (kr.GoryachevChaplygin(gamma=0), {"M": (0, 0, 1.5), "P": (0.6, 0.8, 0)}),
         (kr.GoryachevChaplygin(gamma=2), {"M": (0.3, -0.2, 0.9), "P": (2e-3, 3e-3, 0)}),

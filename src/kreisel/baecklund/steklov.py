@@ -18,6 +18,8 @@ from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.conjugate import eigenvector, heights
 from kreisel.record.contract import ConjugatePairs
 
+NOISE = 1e-8  # relative: an M0 that is left by rounding, at whose scale s - b would be lost
+
 
 def halves(b):
     return (b[..., :, None] + b[..., None, :]) / 2
@@ -32,7 +34,8 @@ def points(M, P, *, b):
     """s beyond the largest and below the least b, where C is definite and mu imaginary, and the distances of these."""
     M0 = M - halves(b) * P
     with np.errstate(all="ignore"):
-        away, _ = heights(np.ptp(b), np.linalg.norm(M0) / np.linalg.norm(P))
+        scale = np.linalg.norm(M0) / np.linalg.norm(P)
+    away, _ = heights(np.ptp(b), scale if scale > NOISE * abs(b).max() else 0)
     return np.append(b.max() + away, b.min() - away), np.append(away, away)
 
 
