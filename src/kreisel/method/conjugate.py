@@ -182,12 +182,24 @@ class Torus:
         system = model.system
         self.system, self.record = system, cast("ConjugatePairs", system.pairs)
         self.state = tuple(np.asarray(z, np.longdouble) for z in state)
-        self.sizes = [abs(z).max(initial=0) or 1.0 for z in self.state]
         constants = {k: np.asarray(v, np.longdouble) for k, v in params.items()}
         with np.errstate(all="ignore"):
             self.constants = constants | (call(system.derive, (), constants) if system.derive is not None else {})
-            self.flow = self._flat(call(system.flow, self.state, self.constants))
+            rates = call(system.flow, self.state, self.constants)
+            self.sizes = self._sizes(rates)
+            self.flow = self._flat(rates)
             self.points = self._points()
+
+    def _sizes(self, rates: State) -> list[Array]:
+        """Units of the components: sizes that they have or reach before the body turns by about a radian.
+
+        M may be far smaller than it soon becomes; Newton's method must not solve for its last places then.
+        """
+        turns = [call(self.system.velocity, z, self.constants) for z in (self.state, rates)]
+        now, later = (np.linalg.norm(Omega.astype(float)) for Omega in turns)
+        time = 1 / rate if (rate := now + np.sqrt(later)) else 0.0
+        pairs = zip(self.state, rates, strict=True)
+        return [max(abs(z).max(initial=0), time * abs(rate).max(initial=0)) or np.longdouble(1) for z, rate in pairs]
 
     def _flat(self, rates: State) -> Array:
         """Coordinates (..., d) in units of each component."""
