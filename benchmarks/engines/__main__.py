@@ -47,7 +47,14 @@ def run(engine: dict[str, Any], job: dict[str, Any], limit: float) -> dict[str, 
         {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p.endswith("src"))} if engine["index"] == "here" else {}
     )
     # One thread, and no graphics card: what runs is the processor's part of each engine.
-    quiet = {"OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": "", "JAX_PLATFORMS": "cpu", "PYTHONPATH": "", **ours}
+    quiet = {
+        "OMP_NUM_THREADS": "1",
+        "CUDA_VISIBLE_DEVICES": "",
+        "JAX_PLATFORMS": "cpu",
+        "JAX_ENABLE_X64": "1",
+        "PYTHONPATH": "",
+        **ours,
+    }
     try:
         done = subprocess.run(
             words, cwd=folder, input=json.dumps(job), capture_output=True, text=True, timeout=limit, check=False,

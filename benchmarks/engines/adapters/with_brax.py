@@ -1,4 +1,4 @@
-"""Brax: a free body, in doubles on the CPU.  Setting: the pipeline."""
+"""Brax: a free body, in doubles on the CPU (JAX_ENABLE_X64=1).  Setting: the pipeline."""
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,6 @@ from wire import serve
 
 
 def start(job):
-    jax.config.update("jax_enable_x64", True)
     moments = " ".join(repr(job["inertia"][k][k]) for k in range(3))
     system = mjcf.loads(f"""
       <mujoco>
