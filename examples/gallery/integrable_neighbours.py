@@ -1,10 +1,10 @@
 """Integrable bodies beside neighbours that have lost their integrals.
 
 Manakov's top in four dimensions, Steklov and Lyapunov's body in a fluid in four dimensions, and Kovalevskaya's gyrostat
-in two fields; in the lower row one coefficient of the Hamiltonian is changed, and the integrals, conserved to the digits
-of the solver before, now change by 0.005 and more.  The path of the gyrostat then fills the sphere; Manakov's top finds another torus.
-so(4) falls into two spheres, on one of which M or P is shown.  Right: the Lagrange top on SU(2) by the map of 1999; the
-integrals of the flow swing with the step, the map's own stand still.
+in two fields.  In the lower row one coefficient of the Hamiltonian is changed: the integrals, which were conserved to
+the digits of the solver, change by 0.005 and more.  The path of the gyrostat then fills the sphere; Manakov's top finds
+another torus.  so(4) falls into two spheres, on one of which M or P is shown.  Right: the Lagrange top on SU(2) by the
+map of 1999; the integrals of the flow swing with the step, those of the map do not change.
 
 Source: Suris 2001, Introduction and Conclusions; S. V. Manakov 1976; A. Bolsinov, Y. Fedorov 1992; A. I. Bobenko,
 A. G. Reyman, M. A. Semenov-Tian-Shansky 1989; A. I. Bobenko, Y. B. Suris 1999.

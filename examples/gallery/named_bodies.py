@@ -1,8 +1,8 @@
 """The other integrable bodies that the paper names, each by the path of its vector P in the body.
 
 Kovalevskaya's and Goryachev and Chaplygin's tops; Kirchhoff's, Steklov's and Lyapunov's cases of a body in a fluid; the
-flow of a body in Clebsch's case, by Suris's map of 2000.  The exact steps are products of Darboux maps; Kirchhoff's case
-has none.  Each path lies on a torus: it fills a band of its sphere or a part of one.
+flow of a body in Clebsch's case, by Suris's map of 2000.  The exact steps are products of Darboux maps; Kirchhoff's
+case has none.  Each path lies on a torus: it fills a band of its sphere or a part of one.
 
 Source: Suris 2001, Introduction and Conclusions.
 """
