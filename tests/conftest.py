@@ -56,7 +56,8 @@ pytest.MonkeyPatch.setattr = _forgetting(pytest.MonkeyPatch.setattr)  # type: ig
 pytest.MonkeyPatch.undo = _forgetting(pytest.MonkeyPatch.undo)  # type: ignore[method-assign]
 
 
-PROCESS, MOST_BYTES = psutil.Process(), 1 << 30  # of memory, from which on it is freed between two tests
+PROCESS, MOST_BYTES = psutil.Process(), 1 << 30
+KEPT = [MOST_BYTES]  # bytes of memory after it was freed; once they have grown by half of MOST_BYTES it is freed again
 
 
 def _free() -> None:
@@ -67,6 +68,7 @@ def _free() -> None:
     gc.collect()
     if sys.platform == "linux":
         getattr(ctypes.CDLL(None), "malloc_trim", lambda kept: None)(0)  # of glibc
+    KEPT[0] = max(MOST_BYTES, PROCESS.memory_info().rss)
 
 
 @pytest.fixture(autouse=True)
@@ -74,7 +76,7 @@ def nothing_is_reused() -> Iterator[None]:
     """Each test records its steps itself."""
     forget()
     yield
-    if PROCESS.memory_info().rss > MOST_BYTES:
+    if PROCESS.memory_info().rss > KEPT[0] + MOST_BYTES // 2:  # collecting garbage of a gigabyte takes a second
         _free()
 
 
