@@ -13,6 +13,7 @@ from kreisel.lab import brackets, exact, growth, integrals
 from kreisel.lab.subject import Subject, subject
 from kreisel.record.model import Model
 from kreisel.system import REGISTRY
+from support import ROOT
 
 F = Fraction
 THIRD, QUARTER, STRONG, WEAK = F(1, 3), F(1, 4), F(7, 5), F(3, 7)
@@ -77,7 +78,10 @@ def model(name: str) -> Model:
 def test_every_explicit_map_of_the_registry_is_here() -> None:
     maps = {name: system.map for name, system in REGISTRY.items() if system.map is not None}
     first = {known.step: name for name, known in reversed(maps.items()) if known.rational}  # SU(2) has known ones
-    assert {*MODELS, "kovalevskaya-top-e3", "kovalevskaya-top-so3"} == set(first.values())  # test_kovalevskaya.py
+    others = {*first.values()} - {*MODELS}  # whose investigation takes long: `make investigate`
+    page = (ROOT / "docs" / "integrability-registry.md").read_text(encoding="utf-8")
+    assert {*MODELS} <= {*first.values()} and "kovalevskaya-gyrostat" in others
+    assert [name for name in others if f"`{name}`" not in page] == []
 
 
 def test_an_implicit_map_is_not_rational() -> None:
