@@ -364,3 +364,25 @@ def test_what_there_is_not() -> None:
         kr.simulate(model, {k: 1e9 * v for k, v in state.items()}, dt=10.0, steps=1, method="exact")
     with pytest.raises(kr.InputError, match=r"a double can hold|pairs of maps"):
         kr.simulate(model, {k: 1e200 * v for k, v in state.items()}, dt=10.0, steps=1, method="exact")
+
+
+@pytest.mark.parametrize("ratio", [0.0, 1e-9, 1e-3])
+def test_a_field_of_rounding_size_does_not_turn_the_orientation(ratio: float) -> None:
+    """P in space is constant; with Q = 0 the projected orientation was wrong by 0.9, and a warning came of Q alone."""
+    top = kr.KovalevskayaGyrostat(n=3, gamma=0.6)
+    state = {
+        "M": algebra.hat(np.array([0.5, 0.9, 0.4])),
+        "P": np.array([0.48, 0.6, 0.64]),
+        "Q": np.array([ratio, 0, 0]),
+    }
+
+    def run() -> Any:
+        return kr.simulate(top, state, dt=0.1, steps=100, method="exact", orientation=(1, 0, 0, 0))
+
+    if ratio < 1e-6:
+        with pytest.raises(kr.InputError, match=r"fields P, Q of like sizes .* method='suris'"):
+            run()
+    else:
+        result = run()
+        space = np.einsum("tij,tj->ti", algebra.rotation_matrix(result.g.values), result.P.values)
+        assert abs(space - space[0]).max() < 1e-11
