@@ -2,7 +2,7 @@
 
 Manakov's top in four dimensions, Steklov and Lyapunov's body in a fluid in four dimensions, and Kovalevskaya's gyrostat
 in two fields.  In the lower row one coefficient of the Hamiltonian is changed: the integrals, which were conserved to
-the digits of the solver, change by 0.005 and more.  The path of the gyrostat then fills the sphere; Manakov's top finds
+the digits of the solver, change by 0.01 and more.  The path of the gyrostat then fills the sphere; Manakov's top finds
 another torus.  so(4) falls into two spheres, on one of which M or P is shown.  Right: the Lagrange top on SU(2) by the
 map of 1999; the integrals of the flow swing with the step, those of the map do not change.
 
@@ -37,7 +37,7 @@ CASES = {  # the model, a state, the constant that is changed and by what, what 
     "Steklov and Lyapunov": (
         kr.SteklovLyapunov(b=(0.4, 1.0, 1.7, 2.5), s=0.5, l=0.5),
         {"M": skew(0.6, -0.3, 0.5, 0.2, -0.4, 0.8), "P": skew(0.3, 0.8, -0.2, 0.4, 0.5, 0.1)},
-        ("x", (0, 1), 1.6),
+        ("x", (0, 1), 4.0),
         ("P", half),
         "traces",
     ),
@@ -93,7 +93,7 @@ with figure("light", 9.6, 4.8) as (made, theme):
             axes.set_axis_off()
             axes.set_title(name if row == 0 else "its neighbour", y=1.0)
         print(f"{name:24s} the integrals change by {moves[0]:.1e}, those of its neighbour by {moves[1]:.1e}")
-        assert moves[0] < 1e-7 and moves[1] > 3e-3
+        assert moves[0] < 1e-7 and moves[1] > 1e-2
 
     top = kr.LagrangeTopSU2(p=(0.0, 0.0, 1.0))
     x0 = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0.0, 0.8))
