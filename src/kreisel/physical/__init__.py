@@ -7,7 +7,8 @@
 `Gyroscope` is the heavy symmetric top on a fixed point, `HeavyBody` any body on a fixed point, `FreeBody` any body
 without torque, `Satellite` one on an orbit, `Ellipsoid` a body in an ideal fluid,
 `SubmergedBody` any body deep in water.  The third axis of the rest frame
-points up, gravity along -p = (0, 0, -1); hat(v) x = v x x.
+points up, gravity along -p = (0, 0, -1); hat(v) x = v x x.  `read_mesh` and `read_robot` read mass, centre of mass and
+inertia from a mesh and from a URDF or SDF file.
 
 Arguments are floats in SI units, or quantities: mass="3 kg", spin="180 rpm" (`kreisel.units`, extra `units`).
 """
@@ -22,6 +23,7 @@ from kreisel.physical.heavy_body import HeavyBody
 from kreisel.physical.measures import SI, STANDARD_GRAVITY, Units
 from kreisel.physical.orbit import EARTH, SATURN, SUN, Orbit, Primary
 from kreisel.physical.satellite import SOLAR_PRESSURE, Asteroid, Harmonics, Plate, Satellite
+from kreisel.physical.shapes import Part, read_mesh, read_robot
 from kreisel.physical.submerged import Course, SubmergedBody, read_added_mass
 
 __all__ = [
@@ -42,10 +44,13 @@ __all__ = [
     "HeavyBody",
     "Motion",
     "Orbit",
+    "Part",
     "Plate",
     "Primary",
     "Satellite",
     "SubmergedBody",
     "Units",
     "read_added_mass",
+    "read_mesh",
+    "read_robot",
 ]

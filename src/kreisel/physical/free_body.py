@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -27,6 +28,7 @@ from kreisel.physical.measures import (
     si_numbers,
     three,
 )
+from kreisel.physical.shapes import read_mesh
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.checks import CLOSE
 from kreisel.record.model import Model, State
@@ -81,6 +83,22 @@ class FreeBody:
     def ellipsoid(cls, mass: float, diameters: Any, time_unit: float = 1.0) -> FreeBody:
         """A homogeneous ellipsoid with these principal diameters, m.  Raises `InputError`."""
         return _homogeneous(cls, mass, three(diameters, "m", "diameters"), 20.0, time_unit)
+
+    @classmethod
+    def from_mesh(
+        cls,
+        mesh: str | os.PathLike[str],
+        length: Any = None,
+        density: Any = None,
+        mass: Any = None,
+        time_unit: float = 1.0,
+    ) -> FreeBody:
+        """The homogeneous body of a mesh file, with coordinates in `length` ("mm"), by its density or mass.
+
+        See `read_mesh`, whose result other bodies accept too.  Raises `InputError`.
+        """
+        part = read_mesh(mesh, length, density, mass)
+        return cls(part.inertia, part.mass, time_unit)
 
     @cached_property
     def principal(self) -> Principal:
