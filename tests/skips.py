@@ -21,6 +21,7 @@ REASONS = (  # beginnings of the reasons that pytest shows
     "no browser",  # none is installed beside Python
     "no Node",  # of another language, as the browser
     "the table of bits is of another processor",  # digests hold for one
+    "no spiceypy",  # an extra
     "REBOUNDx was not built",  # only its source is in the package index
 )
 

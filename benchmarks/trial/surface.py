@@ -144,8 +144,6 @@ BY_CALL = {
     "kr.perturbed(name)": "text",
     "kr.nutation(system)": "model",
     "kr.simulate(path)": "path",
-    "analysis.write_aem(name)": "text",
-    "analysis.write_aem(frame)": "text",
     "analysis.angular_velocity(frame)": "frame",
     "analysis.path(start)": "vector",
     "units.si(value)": "mass",

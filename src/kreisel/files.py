@@ -38,6 +38,9 @@ FILE_MARKS = (  # the beginning of a kind of file, and the mark in it if Kreisel
     (b"\x89HDF\r\n\x1a\n", b"kreisel_"),
     (b"PAR1", b"kreisel"),
     (b"CCSDS_AEM_VERS", b"COMMENT Kreisel"),
+    (b"CCSDS_OEM_VERS", b"COMMENT Kreisel"),
+    (b"DAF/CK", b"Kreisel"),
+    (b"KPL/SCLK", b"Kreisel"),
     (b"# Written by `kreisel new`", b"`kreisel new`"),
     (b"time_s,angular_velocity_x_rad_s", b",attitude_w,"),
 )

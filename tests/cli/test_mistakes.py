@@ -136,7 +136,7 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: analysis.euler_angles(run), "orientation=(1, 0, 0, 0)"),
     (lambda run: analysis.compare(run), "Write compare(run, second_run)"),
     (lambda run: analysis.megno(TOP), "Write megno(system, x0, dt=..., steps=...)"),
-    (lambda run: analysis.write_aem(run, "x.aem"), "epoch=..."),
+    (lambda run: kr.export(run, "x.aem"), "epoch: expected the date"),
     (lambda run: physical.Gyroscope(), "expected mass"),
     (lambda run: physical.Gyroscope(mas=1), "Did you mean 'mass'"),
     (lambda run: physical.Gyroscope.flat(), "Write Gyroscope.flat("),

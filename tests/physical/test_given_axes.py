@@ -173,7 +173,7 @@ def outputs(run: xr.Dataset, want: Case, folder: Path) -> Iterator[tuple[str, bo
         angles = analysis.euler_angles(run)
         turns = Rotation.from_euler("ZXZ", np.stack([angles.phi, angles.theta, angles.psi], -1)).as_matrix()
         yield "euler_angles", same(turns, g.as_matrix())
-    analysis.write_aem(run, folder / "a.aem", epoch="2026-01-01", overwrite=True)
+    kr.export(run, folder / "a.aem", epoch="2026-01-01", overwrite=True)
     segment = NdmIo().from_path(folder / "a.aem").body.segment[0]
     states = [s.quaternion_state for s in segment.data.attitude_state]
     rows = np.array([[float(getattr(s.quaternion, k)) for k in ("qc", "q1", "q2", "q3")] for s in states])

@@ -16,7 +16,6 @@ from kreisel.analysis.angles import angular_velocity, euler_angles, mean_rates, 
 from kreisel.analysis.comparison import Comparison, compare
 from kreisel.analysis.events import events, return_map, section
 from kreisel.analysis.frequencies import Lines, frequencies, megno, power_spectrum
-from kreisel.storage.exporting import write_aem
 
 __all__ = [
     "Comparison",
@@ -35,5 +34,4 @@ __all__ = [
     "return_map",
     "rotations",
     "section",
-    "write_aem",
 ]

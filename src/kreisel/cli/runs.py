@@ -247,20 +247,15 @@ def check(
 @app.command()
 def export(
     archive: Annotated[Path, a_path("An archive of a run or a sweep.")],
-    out: Annotated[Path, a_path("The file to write: .nc, .h5, .parquet, .csv or .aem.")],
+    out: Annotated[Path, a_path("The file to write: .nc, .h5, .parquet, .csv, .aem, .oem or .bc.")],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
-    epoch: Annotated[str | None, typer.Option("--epoch", help="The date of time 0, for .aem.")] = None,
+    epoch: Annotated[str | None, typer.Option("--epoch", help="The date of time 0, for .aem, .oem and .bc.")] = None,
 ) -> None:
-    """Write an archive as NetCDF (HDF5), Parquet, CSV or, only the attitude, as a CCSDS attitude ephemeris message."""
-    from kreisel.storage.exporting import SUFFIX, date_of, write_aem
+    """Write an archive as NetCDF (HDF5), Parquet, CSV; attitude or orbit as .aem, .oem (CCSDS) or .bc (SPICE)."""
     from kreisel.storage.exporting import export as write
+    from kreisel.storage.messages import date_of
 
-    if out.suffix.lower() == SUFFIX:
-        write_aem(archive, out, epoch=date_of(epoch, "--epoch"), overwrite=overwrite)
-    elif epoch is not None:
-        raise InputError(f"--epoch: expected a file that ends in {SUFFIX}, got {out.name}.")
-    else:
-        write(archive, out, overwrite=overwrite)
+    write(archive, out, overwrite=overwrite, epoch=None if epoch is None else date_of(epoch, "--epoch"))
     say(f"{archive} -> {out}")
 
 

@@ -1,4 +1,4 @@
-"""Runs in other formats: NetCDF (HDF5), Parquet or CSV, block by block, and the attitude as a message of CCSDS."""
+"""Runs in other formats: NetCDF (HDF5), Parquet or CSV, block by block; messages are in `messages`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,10 +16,11 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.files import require_file, written
 from kreisel.method.observing import ORIENTATION
-from kreisel.runs.geometry import attitude_of, in_body_axes
+from kreisel.runs.geometry import in_body_axes
 from kreisel.runs.run_record import RunRecord
-from kreisel.runs.settings import flag, positive_number
+from kreisel.runs.settings import flag
 from kreisel.storage.archive import target
+from kreisel.storage.messages import MESSAGES, write_message
 from kreisel.units import measured
 
 if TYPE_CHECKING:
@@ -29,37 +29,22 @@ if TYPE_CHECKING:
 NUMBERS_AT_ONCE = 1 << 20
 TEXT = np.dtype("O", metadata={"vlen": str})  # to HDF5
 ROWS = ("time", "event", "frequency", "lane")  # axes along which Parquet has its rows
-MESSAGE = """CCSDS_AEM_VERS = 1.0
-CREATION_DATE = {created}
-ORIGINATOR = {originator}
-
-META_START
-COMMENT Kreisel: space of the run is REF_FRAME_A, the axes in which its body was given REF_FRAME_B
-OBJECT_NAME = {name}
-OBJECT_ID = {id}
-CENTER_NAME = {center}
-REF_FRAME_A = {frame}
-REF_FRAME_B = SC_BODY_1
-ATTITUDE_DIR = A2B
-TIME_SYSTEM = {system}
-START_TIME = {start}
-STOP_TIME = {stop}
-ATTITUDE_TYPE = QUATERNION
-QUATERNION_TYPE = LAST
-META_STOP
-
-DATA_START
-"""
-SUFFIX = ".aem"
-LONGEST = 2**53 // 10**6  # seconds, whose microseconds a double counts
 
 
 @explained
-def export(run: xr.Dataset | str | os.PathLike[str], out: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+def export(
+    run: xr.Dataset | str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+    epoch: Any = None,
+    **labels: Any,
+) -> None:
     """Write a run or a sweep to a file: NetCDF-4 if `out` ends in .nc or .h5, Parquet, or text in .csv.
 
     run    the path of an archive, or a Dataset such as `kr.simulate` returns
     out    the file; it gets its name when it is complete.  With `overwrite` it replaces a file that Kreisel wrote
+    epoch, labels   for .aem, .oem and .bc, see below
 
     A run of a body of `kr.physical` is exported as `kreisel.units.measured` returns it: in SI units, vectors, the
     attitude g and the angular velocity Omega along the user's axes of the body.  In a sweep of such bodies,
@@ -68,21 +53,48 @@ def export(run: xr.Dataset | str | os.PathLike[str], out: str | os.PathLike[str]
     NetCDF has the unchanged variables and attributes (true and false as 1 and 0).  Parquet has a row for each time and
     lane (for results of `kr.analysis`, each event or frequency), a column for each component, such as "m[2]", and the
     attributes as JSON in the metadata under "kreisel".  CSV has these rows and columns, no attributes, and is never
-    replaced, since it has no mark of Kreisel.  All but CSV need the extra `export`.
+    replaced, since it has no mark of Kreisel.  These formats except CSV need the extra `export`.
+
+    For the run of one body with its orientation, `.aem` is the attitude ephemeris message of the CCSDS, and `.bc` a
+    kernel of attitude for SPICE, with its clock and its frame in a text kernel `.tsc` next to it (extra `spice`).  For
+    a satellite, `.oem` is the orbit ephemeris message (`kreisel.storage.messages`).  They need `epoch`, the date of
+    time 0: "2026-01-01T00:00:00", or any argument of numpy.datetime64.  Labels, all optional:
+
+    frame        of space, "EME2000";  time_system, of `epoch`: "UTC";  time_unit, s, for other runs than of a body
+    name, identifier, center, originator     "BODY", "0000-000A", "EARTH", "KREISEL"
+    spacecraft   NAIF's number, -999; the body is its instrument 1000 spacecraft
+
+    The date of creation is the time of the call, or the environment variable SOURCE_DATE_EPOCH, in seconds since 1970,
+    for reproducible files.
 
     Raises `InputError` for a Dataset that cannot be exported, and `RunError` if the file cannot be written.
     """
-    from kreisel.storage.opening import open_archive, too_large
-
     where = target(out)
     flag(overwrite, "overwrite")
-    write = WRITERS.get(where.suffix.lower())
-    if write is None:
-        raise InputError(
-            f"The export must end in {', '.join(WRITERS)}, got {str(out)!r}. The attitude in .aem needs the date of "
-            "time 0: kr.analysis.write_aem(run, path, epoch=...), or `kreisel export ARCHIVE x.aem --epoch DATE`."
-        )
+    end = _format(where, out, epoch, labels)
     require_file(where, overwrite)
+    data = _opened(run)
+    try:
+        if end in MESSAGES:
+            write_message(data, where, epoch, labels, overwrite)
+            return
+        with written(where, overwrite) as scratch:
+            WRITERS[end](data, scratch)
+    except (InputError, RunError):
+        raise
+    except ImportError as error:
+        raise InputError(f"Exports need the extra `export`: pip install 'kreisel[export]'. {error}") from error
+    except Exception as error:  # a damaged chunk, an error of HDF5 on a full disk, or a value that a format cannot hold
+        raise RunError(
+            f"{where} could not be written: {error}. Usual cause: a damaged archive, a full disk, or a name or a type "
+            "that the format cannot hold."
+        ) from error
+
+
+def _opened(run: Any) -> xr.Dataset:
+    """The Dataset itself, or of an archive.  Raises `InputError`."""
+    from kreisel.storage.opening import open_archive, too_large
+
     data = open_archive(target(run)) if isinstance(run, str | os.PathLike) else run
     if not hasattr(data, "data_vars") or not data.variables:
         raise InputError(
@@ -91,20 +103,18 @@ def export(run: xr.Dataset | str | os.PathLike[str], out: str | os.PathLike[str]
         )
     if too_large(data):
         raise InputError(f"{run} is damaged: {'; '.join(too_large(data))}.")
-    try:
-        with written(where, overwrite) as scratch:
-            write(data, scratch)
-    except InputError:
-        raise
-    except ImportError as error:
-        raise InputError(f"Exports need the extra `export`: pip install 'kreisel[export]'. {error}") from error
-    except RunError:
-        raise
-    except Exception as error:  # a damaged chunk, an error of HDF5 on a full disk, or a value that a format cannot hold
-        raise RunError(
-            f"{where} could not be written: {error}. Usual cause: a damaged archive, a full disk, or a name or a type "
-            "that the format cannot hold."
-        ) from error
+    return data
+
+
+def _format(where: Path, out: object, epoch: Any, labels: dict[str, Any]) -> str:
+    """The ending of the file, one of those known.  Raises `InputError`, also for labels of another format."""
+    end = where.suffix.lower()
+    if end not in (*WRITERS, *MESSAGES):
+        raise InputError(f"The export must end in {', '.join((*WRITERS, *MESSAGES))}, got {str(out)!r}.")
+    if end in WRITERS and (epoch is not None or labels):
+        name = "epoch" if epoch is not None else next(iter(labels))
+        raise InputError(f"{name}: expected a file that ends in {', '.join(MESSAGES)}, got {where.name}.")
+    return end
 
 
 def _netcdf(run: xr.Dataset, out: Path) -> None:
@@ -274,92 +284,3 @@ WRITERS: dict[str, Callable[[Any, Path], None]] = {
     ".parquet": _parquet,
     ".csv": _csv,
 }
-
-
-@explained
-def write_aem(
-    run: xr.Dataset | str | os.PathLike[str],
-    out: str | os.PathLike[str],
-    *,
-    epoch: Any,
-    name: str = "BODY",
-    identifier: str = "0000-000A",
-    center: str = "EARTH",
-    frame: str = "EME2000",
-    time_system: str = "UTC",
-    originator: str = "KREISEL",
-    time_unit: float | None = None,
-    overwrite: bool = False,
-) -> None:
-    """Write the attitude of a run, n = 3, as an attitude ephemeris message (AEM) of CCSDS 504.0-B-1, 2008, text.
-
-    epoch       of time 0: "2026-01-01T00:00:00", or any argument of numpy.datetime64
-    frame       name of the frame "space" of the run, as REF_FRAME_A
-    time_unit   of the run, s; default: the unit of its body of `kr.physical`, else 1 s
-    overwrite   replaces a file that Kreisel wrote
-
-    A row is the time, to a microsecond, and the quaternion (x, y, z, w) of the attitude g of the user's axes of the
-    body, as in `quaternions`: for ATTITUDE_DIR = A2B its matrix in the sense of the standard is g^T, which maps
-    components in space to components along these axes.  CREATION_DATE is the time of the call, or the environment
-    variable SOURCE_DATE_EPOCH, in seconds since 1970, for reproducible files.  Raises `InputError` for a run without an
-    orientation, of several lanes, or with times that are not dates.
-    """
-    from kreisel.storage.opening import open_archive
-
-    where = target(out)
-    flag(overwrite, "overwrite")
-    if where.suffix.lower() != SUFFIX:
-        raise InputError(f"The attitude must go to a file that ends in .aem, got {str(out)!r}.")
-    require_file(where, overwrite)
-    data = open_archive(target(run)) if isinstance(run, str | os.PathLike) else run
-    q, body = attitude_of(data), RunRecord.from_attrs(data.attrs).body_frame
-    if q.ndim != 2:
-        raise InputError("expected the run of one body, got several lanes. Give run.isel(lane=0).")
-    named = {"originator": originator, "name": name, "identifier": identifier, "center": center, "frame": frame}
-    for key, value in (named | {"time_system": time_system}).items():
-        if not isinstance(value, str) or not value.strip() or not value.isprintable():
-            raise InputError(f"{key}: expected a word, got {shown(value)}.")
-    unit = time_unit if time_unit is not None else 1.0 if body is None else body.time_unit
-    start = date_of(epoch, "epoch")
-    dates = _dates(start, np.asarray(data["time"].values, dtype=np.float64) * positive_number(unit, "time_unit"))
-    head = MESSAGE.format(
-        created=_now(),
-        originator=originator,
-        name=name,
-        id=identifier,
-        center=center,
-        frame=frame,
-        system=time_system,
-        start=dates[0],
-        stop=dates[-1],
-    )
-    rows = [f"{date} {x!r} {y!r} {z!r} {w!r}" for date, (w, x, y, z) in zip(dates, q.tolist(), strict=True)]
-    with written(where, overwrite) as scratch:
-        scratch.write_text(head + "\n".join(rows) + "\nDATA_STOP\n", encoding="ascii", errors="replace")
-
-
-def date_of(epoch: Any, name: str) -> np.datetime64:
-    """The date of time 0.  Raises `InputError`, with the name of the argument or option."""
-    try:
-        start = np.datetime64(epoch, "us")
-    except (ValueError, TypeError):
-        start = np.datetime64("NaT")
-    if np.isnat(start):
-        raise InputError(f'{name}: expected the date of time 0, such as "2026-01-01T00:00:00", got {shown(epoch)}.')
-    return start
-
-
-def _now() -> str:
-    """The time of creation, UTC.  Raises `InputError`."""
-    given = os.environ.get("SOURCE_DATE_EPOCH")
-    try:
-        now = datetime.now(UTC) if given is None else datetime.fromtimestamp(int(given), UTC)
-    except (ValueError, OverflowError, OSError):
-        raise InputError(f"SOURCE_DATE_EPOCH: expected seconds since 1970, got {shown(given)}.") from None
-    return f"{now:%Y-%m-%dT%H:%M:%S}"
-
-
-def _dates(start: np.datetime64, seconds: np.ndarray) -> list[str]:
-    if not (np.isfinite(seconds) & (abs(seconds) < LONGEST)).all():
-        raise InputError(f"time_unit: expected times below {LONGEST:g} s, got {shown(float(abs(seconds).max()))}.")
-    return [str(date) for date in start + np.round(seconds * 1e6).astype("timedelta64[us]")]

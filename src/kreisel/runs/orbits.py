@@ -1,0 +1,143 @@
+"""Surroundings of a satellite along its run, read from the record: orbit, Sun, shadow; angles against frames.
+
+Space is the frame of the elements of the orbit, whose third axis is the pole of the primary.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.bodies import satellite
+from kreisel.errors import InputError, hint, shown
+from kreisel.record.model import Model
+from kreisel.runs.geometry import attitude_of, axes_of_state, model_for
+from kreisel.runs.run_record import RunRecord
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SATELLITES = ("satellite", "satellite-with-wheel")
+
+
+class Surroundings(NamedTuple):
+    """Vectors (time, [lane,] 3) in space; None if the run does not state them."""
+
+    position: Array  # m
+    velocity: Array  # m/s
+    sun: Array | None  # unit vectors to the Sun
+    light: Array | None  # (time, [lane]), 0 in full shadow, 1 in sunlight
+
+
+class Angles(NamedTuple):
+    """Rotations about the axes of a frame, rad, (time, [lane])."""
+
+    pitch: Array
+    roll: Array
+    yaw: Array
+
+
+def of_satellite(run: xr.Dataset) -> bool:
+    """Whether a Dataset is a run of a satellite, whose record has its orbit."""
+    return run.attrs.get("system") in SATELLITES and "parameters" in run.attrs
+
+
+def satellite_model(run: xr.Dataset) -> Model:
+    """The model of the run of a satellite.  Raises `InputError` for any other run."""
+    system = RunRecord.of(run, "system").system
+    if system not in SATELLITES:
+        raise InputError(f"expected the run of a satellite (kr.physical.Satellite), got a run of {shown(system)}.")
+    return model_for(run, None)
+
+
+def surroundings(run: xr.Dataset) -> Surroundings:
+    """Orbit, Sun and shadow at each row.  Raises `InputError` for any other run than of a satellite."""
+    model = satellite_model(run)
+    constants = model.constants
+    time = np.asarray(run["time"].values, dtype=np.float64)
+    scalar = {k: constants[k][..., None] for k in ("rate", "eccentricity")}
+    formulas = cast("Any", satellite)  # of a page, without types
+    t = time.reshape(-1, *[1] * (1 + len(model.batch)))
+    r, v = formulas.place(t, along=constants["along"], across=constants["across"], **scalar)
+    if not np.any(constants["pressure"]):
+        return Surroundings(r, v, None, None)
+    sun = np.broadcast_to(constants["sun"], r.shape)
+    return Surroundings(r, v, sun, _light(r, sun, constants["radius"]))
+
+
+def _light(r: Array, sun: Array, radius: Array) -> Array:
+    """0 in the cylinder of shadow behind the primary, else 1."""
+    along = algebra.dot(r, sun)
+    across = np.linalg.norm(r - along[..., None] * sun, axis=-1)
+    return np.where((along < 0) & (across < radius), 0.0, 1.0)
+
+
+# -- frames, as columns in space -------------------------------------------------------------------
+
+
+def orbit_frame(r: Array, v: Array) -> Array:
+    """The axes of the orbit (..., 3, 3): up, ahead, and the normal of the orbit."""
+    up = r / np.linalg.norm(r, axis=-1, keepdims=True)
+    normal = np.cross(r, v)
+    normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+    return np.stack([up, np.cross(normal, up), normal], -1)
+
+
+def ground_frame(r: Array) -> Array:
+    """North, east and down (..., 3, 3) at the point below the satellite, on a sphere; NaN above a pole."""
+    down = -r / np.linalg.norm(r, axis=-1, keepdims=True)
+    east = np.cross(np.array([0.0, 0.0, 1.0]), r)
+    with np.errstate(invalid="ignore"):
+        east = east / np.linalg.norm(east, axis=-1, keepdims=True)
+    return np.stack([np.cross(east, down), east, down], -1)
+
+
+def axes_of_angles(model: Model) -> Array:
+    """Up, ahead and the normal of the orbit at zero angles along the axes of the state, as columns: right-handed.
+
+    They are the principal axes of the least moment, the middle and the largest.
+    """
+    order = np.argsort(np.broadcast_to(model.params["moments"], (*model.batch, 3)), axis=-1, kind="stable")
+    axes = np.moveaxis(np.eye(3)[order], -1, -2)
+    signs = np.stack([np.ones(model.batch), np.linalg.det(axes), np.ones(model.batch)], -1)
+    return np.asarray(axes * signs[..., None, :])
+
+
+FRAMES = {
+    "orbit": "up, ahead and normal of the orbit",
+    "inertial": "space",
+    "ground": "north, east and down at the point below",
+}
+
+
+def angles_of(run: xr.Dataset, frame: str = "orbit") -> Angles:
+    """Pitch, roll and yaw of a satellite at each row, from -pi to pi.
+
+    frame   "orbit": R_3(pitch) R_2(roll) R_1(yaw) of the principal axes against up, ahead and normal, as
+            `Satellite.angles`; "inertial" or "ground": R_3(yaw) R_2(pitch) R_1(roll) of the axes in which the body was
+            given, against space, or north, east and down
+
+    Raises `InputError` for another frame, and for any other run than of a satellite with its orientation.
+    """
+    if not isinstance(frame, str) or frame not in FRAMES:
+        raise InputError(f"angles: expected {', '.join(FRAMES)}, got {shown(frame)}.{hint(frame, FRAMES)}")
+    model, g = satellite_model(run), algebra.rotation_matrix(attitude_of(run))
+    around = surroundings(run)
+    if frame == "orbit":
+        body = axes_of_state(run) @ axes_of_angles(model)
+        third, second, first = _tait_bryan(orbit_frame(around.position, around.velocity).mT @ g @ body)
+        return Angles(third, second, first)
+    yaw, pitch, roll = _tait_bryan(g if frame == "inertial" else ground_frame(around.position).mT @ g)
+    return Angles(pitch, roll, yaw)
+
+
+def _tait_bryan(R: Array) -> tuple[Array, Array, Array]:
+    """The angles about the third, second and first axis: R = R_3 R_2 R_1."""
+    return (
+        np.arctan2(R[..., 1, 0], R[..., 0, 0]),
+        np.arcsin(np.clip(-R[..., 2, 0], -1, 1)),
+        np.arctan2(R[..., 2, 1], R[..., 2, 2]),
+    )

@@ -1,0 +1,280 @@
+"""Attitude and orbit for other programs: CCSDS messages AEM and OEM, and SPICE kernels of attitude.
+
+An AEM [CCSDS 504.0-B-1, 2008] has the quaternion (x, y, z, w) of the attitude g of the user's axes of the body: for
+ATTITUDE_DIR = A2B its matrix in the sense of the standard is g^T, which maps components in space to components along
+these axes.  An OEM [CCSDS 502.0-B-2, 2009] has the position and the velocity of a satellite, km and km/s.  A kernel of
+type 3 (CK) has g^T as SPICE's C-matrix, and the angular velocity in space; the text kernel next to it, `.tsc`, has its
+clock, which counts microseconds of terrestrial time, and its frame.  [NAIF, CK and SCLK Required Reading, N0067]
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, hint, shown
+from kreisel.files import require_file, written
+from kreisel.record.contract import Frame
+from kreisel.runs.geometry import attitude_of, model_for, orientation_of, velocity_of
+from kreisel.runs.orbits import surroundings
+from kreisel.runs.run_record import RunRecord
+from kreisel.runs.settings import positive_number
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+LABELS: dict[str, Any] = {
+    "name": "BODY",
+    "identifier": "0000-000A",
+    "center": "EARTH",
+    "frame": "EME2000",
+    "time_system": "UTC",
+    "originator": "KREISEL",
+    "time_unit": None,
+    "spacecraft": -999,
+}
+META = """{kind}
+CREATION_DATE = {created}
+ORIGINATOR = {originator}
+
+META_START
+COMMENT Kreisel: {comment}
+OBJECT_NAME = {name}
+OBJECT_ID = {identifier}
+CENTER_NAME = {center}
+{frames}
+TIME_SYSTEM = {time_system}
+START_TIME = {start}
+STOP_TIME = {stop}
+{types}META_STOP
+
+"""
+ATTITUDE = "ATTITUDE_TYPE = QUATERNION\nQUATERNION_TYPE = LAST\n"
+LONGEST = 2**53 // 10**6  # seconds, whose microseconds a double counts
+LEAPS = (  # of UTC, [IERS Bulletin C]: TAI - UTC is 10 s from the first date on, and a second more from each other date
+    "1972-01 1972-07 1973-01 1974-01 1975-01 1976-01 1977-01 1978-01 1979-01 1980-01 1981-07 1982-07 1983-07 1985-07 "
+    "1988-01 1990-01 1991-01 1992-07 1993-07 1994-07 1996-01 1997-07 1999-01 2006-01 2009-01 2012-07 2015-07 2017-01"
+)
+TERRESTRIAL = 32.184  # TT - TAI, s
+J2000 = np.datetime64("2000-01-01T12:00:00", "us")
+TICK = 1e-6  # s, of the clock of a kernel
+EARLY = 1.0  # s before the first row, when the clock starts: dates are rounded
+CLOCK = """KPL/SCLK
+
+Kreisel: a clock that counts microseconds of terrestrial time from 1 s before {date} {time_system},
+and the frame of a body, whose attitudes are in {ck}, relative to {frame}.
+
+\\begindata
+
+SCLK_KERNEL_ID = ( @{created} )
+SCLK_DATA_TYPE_{clock} = ( 1 )
+SCLK01_TIME_SYSTEM_{clock} = ( 2 )
+SCLK01_N_FIELDS_{clock} = ( 2 )
+SCLK01_MODULI_{clock} = ( 10000000000 1000000 )
+SCLK01_OFFSETS_{clock} = ( 0 0 )
+SCLK01_OUTPUT_DELIM_{clock} = ( 1 )
+SCLK_PARTITION_START_{clock} = ( 0.0 )
+SCLK_PARTITION_END_{clock} = ( 1.0E16 )
+SCLK01_COEFFICIENTS_{clock} = ( 0.0 {start!r} 1.0 )
+
+NAIF_BODY_NAME += ( '{name}' )
+NAIF_BODY_CODE += ( {spacecraft} )
+FRAME_{name}_BODY = {instrument}
+FRAME_{instrument}_NAME = '{name}_BODY'
+FRAME_{instrument}_CLASS = 3
+FRAME_{instrument}_CLASS_ID = {instrument}
+FRAME_{instrument}_CENTER = {spacecraft}
+CK_{instrument}_SCLK = {spacecraft}
+CK_{instrument}_SPK = {spacecraft}
+
+\\begintext
+"""
+SPICE_FRAMES = {"EME2000": "J2000", "ICRF": "J2000", "GCRF": "J2000"}
+LONGEST_NAME = 20  # letters of a body, whose frame is a variable of SPICE
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A run to be written, with its times."""
+
+    run: xr.Dataset
+    out: Path
+    start: np.datetime64  # the date of time 0
+    seconds: Array  # (time,)
+    unit: float  # of the time of the run, s
+    labels: dict[str, Any]
+    overwrite: bool
+
+    @property
+    def dates(self) -> list[str]:
+        """The dates of the rows."""
+        return [str(date) for date in self.start + np.round(self.seconds * 1e6).astype("timedelta64[us]")]
+
+
+def write_message(run: xr.Dataset, out: Path, epoch: Any, labels: Mapping[str, Any], overwrite: bool) -> None:
+    """Write an AEM, an OEM or a CK.  Raises `InputError`."""
+    unknown = [key for key in labels if key not in LABELS]
+    if unknown:
+        raise InputError(f"expected {', '.join(LABELS)}, got {unknown[0]}.{hint(unknown[0], LABELS)}")
+    chosen = LABELS | dict(labels)
+    for key, usual in LABELS.items():
+        value = chosen[key]
+        if isinstance(usual, str) and (not isinstance(value, str) or not value.strip() or not value.isprintable()):
+            raise InputError(f"{key}: expected a word, got {shown(value)}.")
+    if "lane" in run.dims:
+        raise InputError("expected the run of one body, got several lanes. Give run.isel(lane=0).")
+    body = RunRecord.from_attrs(run.attrs).body_frame
+    unit = chosen["time_unit"]
+    unit = (1.0 if body is None else body.time_unit) if unit is None else positive_number(unit, "time_unit")
+    seconds = np.asarray(run["time"].values, dtype=np.float64) * unit
+    if not (np.isfinite(seconds) & (abs(seconds) < LONGEST)).all():
+        raise InputError(f"time_unit: expected times below {LONGEST:g} s, got {shown(float(abs(seconds).max()))}.")
+    MESSAGES[out.suffix.lower()](Rows(run, out, date_of(epoch, "epoch"), seconds, unit, chosen, overwrite))
+
+
+def _aem(rows: Rows) -> None:
+    q = attitude_of(rows.run)[:, [1, 2, 3, 0]]
+    frames = f"REF_FRAME_A = {rows.labels['frame']}\nREF_FRAME_B = SC_BODY_1\nATTITUDE_DIR = A2B"
+    comment = "space of the run is REF_FRAME_A, the axes in which its body was given REF_FRAME_B"
+    head = _head(rows, kind="CCSDS_AEM_VERS = 1.0", comment=comment, frames=frames, types=ATTITUDE)
+    _write(rows, f"{head}DATA_START\n", q, "DATA_STOP\n")
+
+
+def _oem(rows: Rows) -> None:
+    around = surroundings(rows.run)
+    values = np.concatenate([around.position, around.velocity], -1) / 1000
+    comment = "REF_FRAME is the frame of the elements of the orbit, whose third axis is the pole of CENTER_NAME"
+    frames = f"REF_FRAME = {rows.labels['frame']}"
+    head = _head(rows, kind="CCSDS_OEM_VERS = 2.0", comment=comment, frames=frames, types="")
+    _write(rows, head, values, "")
+
+
+def _head(rows: Rows, **texts: str) -> str:
+    return META.format(created=_now(), start=rows.dates[0], stop=rows.dates[-1], **texts, **rows.labels)
+
+
+def _write(rows: Rows, head: str, values: Array, tail: str) -> None:
+    lines = [f"{date} {' '.join(map(repr, row))}\n" for date, row in zip(rows.dates, values.tolist(), strict=True)]
+    with written(rows.out, rows.overwrite) as scratch:
+        scratch.write_text(f"{head}{''.join(lines)}{tail}", encoding="ascii", errors="replace")
+
+
+# -- dates -----------------------------------------------------------------------------------------
+
+
+def date_of(epoch: Any, name: str) -> np.datetime64:
+    """The date of time 0.  Raises `InputError`, with the name of the argument or option."""
+    try:
+        start = np.datetime64(epoch, "us")
+    except (ValueError, TypeError):
+        start = np.datetime64("NaT")
+    if np.isnat(start):
+        raise InputError(f'{name}: expected the date of time 0, such as "2026-01-01T00:00:00", got {shown(epoch)}.')
+    return start
+
+
+def _now() -> str:
+    """The time of creation, UTC.  Raises `InputError`."""
+    given = os.environ.get("SOURCE_DATE_EPOCH")
+    try:
+        now = datetime.now(UTC) if given is None else datetime.fromtimestamp(int(given), UTC)
+    except (ValueError, OverflowError, OSError):
+        raise InputError(f"SOURCE_DATE_EPOCH: expected seconds since 1970, got {shown(given)}.") from None
+    return f"{now:%Y-%m-%dT%H:%M:%S}"
+
+
+def _terrestrial(date: np.datetime64, time_system: str) -> float:
+    """Seconds of terrestrial time since 2000-01-01T12:00:00.  Raises `InputError` for other scales."""
+    ahead = {"UTC": 9.0, "TAI": 0.0, "TT": -TERRESTRIAL}.get(time_system)
+    if ahead is None:
+        raise InputError(f"time_system: expected UTC, TAI or TT for a .bc, got {shown(time_system)}.")
+    if time_system == "UTC":
+        passed = sum(date >= np.datetime64(leap, "us") for leap in LEAPS.split())
+        if not passed:
+            raise InputError(f"epoch: expected a date from 1972 on, when UTC begins, got {date}.")
+        ahead += passed
+    return float((date - J2000) / np.timedelta64(1, "s") + ahead + TERRESTRIAL)
+
+
+# -- SPICE -----------------------------------------------------------------------------------------
+
+
+def _ck(rows: Rows) -> None:
+    try:
+        import spiceypy
+    except ImportError as error:
+        raise InputError(f"SPICE kernels need the extra `spice`: pip install 'kreisel[spice]'. {error}") from error
+    text = rows.out.with_suffix(".tsc")
+    require_file(text, rows.overwrite)
+    labels, seconds, q = rows.labels, rows.seconds, attitude_of(rows.run)
+    craft = labels["spacecraft"]
+    if not isinstance(craft, int) or craft >= 0:
+        raise InputError(f"spacecraft: expected NAIF's number of a spacecraft, below 0, got {shown(craft)}.")
+    if not (np.diff(seconds) > 0).all():
+        raise InputError("expected times that increase from row to row, got others.")
+    frame = SPICE_FRAMES.get(labels["frame"], labels["frame"])
+    first = rows.dates[0]
+    ticks, omega = (seconds - seconds[0] + EARLY) / TICK, _rates(rows.run, rows.unit)
+    gaps = np.zeros(0) if omega is None else np.linalg.norm(omega[:-1], axis=-1) * np.diff(seconds)
+    apart = np.concatenate([[True], gaps >= math.pi])  # SPICE interpolates by the shorter rotation
+    name = "".join(c if c.isalnum() else "_" for c in labels["name"].upper())[:LONGEST_NAME]
+    clock = CLOCK.format(
+        date=first,
+        created=_now(),
+        ck=rows.out.name,
+        clock=-craft,
+        instrument=1000 * craft,
+        start=_terrestrial(np.datetime64(first), labels["time_system"]) - EARLY,
+        **labels | {"frame": frame, "name": name},
+    )
+    with written(rows.out, rows.overwrite) as scratch, written(text, rows.overwrite) as scratch_text:
+        scratch.unlink()  # SPICE opens new files only
+        scratch_text.write_text(clock, encoding="ascii", errors="replace")
+        try:
+            handle = spiceypy.ckopn(str(scratch), "Kreisel", 0)
+            spiceypy.ckw03(
+                handle,
+                ticks[0],
+                ticks[-1],
+                1000 * craft,
+                frame,
+                omega is not None,
+                f"{name} by Kreisel",
+                len(ticks),
+                ticks,
+                q * [1, -1, -1, -1],  # of g^T
+                np.zeros((len(q), 3)) if omega is None else omega,
+                int(apart.sum()) if omega is not None else 1,
+                ticks[apart] if omega is not None else ticks[:1],
+            )
+            spiceypy.ckcls(handle)
+        except spiceypy.utils.exceptions.SpiceyError as error:
+            message = str(error).strip().splitlines()[-1]
+            raise InputError(f"SPICE refuses the kernel: {message} Usual cause: frame={frame!r}, which SPICE does not "
+                             "know; J2000 is EME2000.") from None  # fmt: skip
+
+
+def _rates(run: xr.Dataset, unit: float) -> Array | None:
+    """The angular velocity in space, rad/s (time, 3); None if the record of the run does not state it."""
+    record = RunRecord.from_attrs(run.attrs)
+    if record.is_own or "parameters" not in run.attrs or record.missing_from(run):
+        return None
+    model = model_for(run, None)
+    if model.system.velocity is None:
+        return None
+    omega = algebra.axial(velocity_of(run, model))
+    if model.system.frame is Frame.MOVING:
+        omega = algebra.act(algebra.rotation_matrix(orientation_of(run)), omega)
+    return np.asarray(omega / unit)
+
+
+MESSAGES: dict[str, Callable[..., None]] = {".aem": _aem, ".oem": _oem, ".bc": _ck}

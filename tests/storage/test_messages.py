@@ -1,0 +1,147 @@
+"""Orbit and attitude for other programs, read back by SPICE and by a reader of CCSDS messages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.spatial.transform import Rotation, Slerp
+
+import kreisel as kr
+from kreisel.physical import FreeBody, Orbit, Satellite
+
+try:
+    import spiceypy as spice
+except ImportError:
+    spice = None
+needs_spice = pytest.mark.skipif(spice is None, reason="no spiceypy")
+EPOCH = "2026-03-20T14:45:53"
+AXES = Rotation.from_rotvec([0.3, -0.5, 0.9]).as_matrix()
+ATTITUDE = (0.5, 0.5, -0.5, 0.5)
+
+
+@pytest.fixture(autouse=True)
+def unloaded():
+    yield
+    if spice is not None:
+        spice.kclear()
+
+
+def leap_seconds(folder: Path) -> str:
+    """The leap second kernel, with the table of astropy and the constants of NAIF's."""
+    from astropy.utils.iers import LeapSeconds
+
+    months = "JAN FEB MAR APR MAY JUN JUL AUG SEP OCT NOV DEC".split()
+    rows = [f"{int(r['tai_utc'])}, @{r['year']}-{months[r['month'] - 1]}-1" for r in LeapSeconds.auto_open()]
+    rows = [row for row in rows if int(row.split("@")[1][:4]) >= 1972]
+    text = "KPL/LSK\n\\begindata\nDELTET/DELTA_T_A = 32.184\nDELTET/K = 1.657D-3\nDELTET/EB = 1.671D-2\n"
+    text += f"DELTET/M = ( 6.239996 1.99096871D-7 )\nDELTET/DELTA_AT = (\n{chr(10).join(rows)} )\n"
+    (folder / "naif.tls").write_text(text)
+    return str(folder / "naif.tls")
+
+
+@pytest.fixture(scope="module")
+def spinning() -> xr.Dataset:
+    """A body given along other axes than its principal axes, 0.3 rad from row to row."""
+    body = FreeBody(AXES @ np.diag([1.0, 2.0, 2.5]) @ AXES.T)
+    start = body.state((0.4, -0.3, 0.2))
+    return kr.simulate(body.model(), start, dt=0.5, steps=40, orientation=body.orientation(ATTITUDE), progress=False)
+
+
+@needs_spice
+def test_the_rotation_that_the_documentation_of_spice_turns(tmp_path: Path) -> None:
+    """SPICE's `axisar`: a matrix that turns vectors by pi/2 about z maps x to y; a C-matrix maps space to the body."""
+    body, quarter = FreeBody((1.0, 1.0, 1.0)), np.pi / 2
+    run = kr.simulate(
+        body.model(), body.state((0, 0, quarter)), dt=0.125, steps=8, orientation=(1, 0, 0, 0), progress=False
+    )
+    kr.export(run, tmp_path / "turn.bc", epoch=EPOCH)
+    spice.furnsh(str(tmp_path / "turn.bc"))
+    C, rate, _ = spice.ckgpav(-999000, 2e6, 0, "J2000")
+    assert np.allclose(spice.axisar([0, 0, 1], quarter) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+    assert np.allclose(C, spice.axisar([0, 0, 1], quarter).T, atol=1e-12)  # the body has turned by pi/2 in 1 s
+    assert np.allclose(rate, [0, 0, quarter])
+
+
+@needs_spice
+def test_spice_has_the_attitudes_at_their_dates(spinning: xr.Dataset, tmp_path: Path) -> None:
+    kr.export(spinning, tmp_path / "body.bc", epoch=EPOCH, name="My body")
+    for file in (leap_seconds(tmp_path), tmp_path / "body.bc", tmp_path / "body.tsc"):
+        spice.furnsh(str(file))
+    g, begin = kr.analysis.rotations(spinning), spice.str2et(EPOCH)
+    times = np.array([1e-6, 0.5, 3.7, 11.1, 19.99])  # near rows, and between them
+    for t, want in zip(times, Slerp(spinning.time.values, g)(times).as_matrix(), strict=True):
+        assert np.allclose(spice.pxform("J2000", "MY_BODY_BODY", begin + t), want.T, atol=3e-6)
+    for row in (0, 17, 40):
+        _, rate, _ = spice.ckgpav(-999000, 1e6 + 0.5e6 * row, 0, "J2000")
+        assert np.allclose(rate, kr.analysis.angular_velocity(spinning, frame="space")[row], atol=1e-12)
+    with pytest.raises(kr.InputError, match="exists already"):
+        kr.export(spinning, tmp_path / "body.bc", epoch=EPOCH)
+    kr.export(spinning, tmp_path / "body.bc", epoch=EPOCH, overwrite=True)
+
+
+@needs_spice
+def test_spice_does_not_interpolate_over_half_a_turn(spinning: xr.Dataset, tmp_path: Path) -> None:
+    """Rows 3 s apart at 0.54 rad/s are interpolated, rows 10 s apart are not."""
+    for every, is_found in ((6, True), (20, False)):
+        kr.export(spinning.isel(time=slice(None, None, every)), tmp_path / f"{every}.bc", epoch=EPOCH)
+        spice.furnsh(str(tmp_path / f"{every}.bc"))
+        try:
+            spice.ckgp(-999000, 1.5e6, 0, "J2000")
+            assert is_found
+        except spice.utils.exceptions.NotFoundError:
+            assert not is_found
+        spice.kclear()
+
+
+def test_orbit_message(tmp_path: Path) -> None:
+    """Kilometres; the speed of a circular orbit at 500 km, 7.6126 km/s; over the node it goes north and east."""
+    from ccsds_ndm.ndm_io import NdmIo
+
+    orbit = Orbit.circular("500 km", inclination="51.6 deg", node="90 deg")
+    satellite = Satellite((1.0, 2.0, 2.5), orbit)
+    run = kr.simulate(satellite.model(), satellite.state(), dt=60.0, steps=10, orientation=(1, 0, 0, 0), progress=False)
+    kr.export(run, tmp_path / "a.oem", epoch=EPOCH, frame="TOD")
+    segment = NdmIo().from_path(tmp_path / "a.oem").body.segment[0]
+    assert (segment.metadata.ref_frame, segment.metadata.center_name) == ("TOD", "EARTH")
+    rows = segment.data.state_vector
+    assert (rows[0].epoch, rows[10].epoch) == (f"{EPOCH}.000000", "2026-03-20T14:55:53.000000")
+    r, v = (
+        np.array([[float(getattr(row, k).value) for k in names] for row in rows])
+        for names in (("x", "y", "z"), ("x_dot", "y_dot", "z_dot"))
+    )
+    assert np.allclose(np.linalg.norm(r, axis=-1), 6878.137) and np.allclose(
+        np.linalg.norm(v, axis=-1), 7.6126, atol=1e-4
+    )
+    assert np.allclose(r[0], [0, 6878.137, 0]) and v[0, 2] > 0 and np.cross(r[0], v[0])[2] > 0
+    assert np.allclose((r[2:] - r[:-2]) / 120, v[1:-1], atol=5e-3)  # km/s
+
+
+BAD = {
+    "no date": (lambda run: kr.export(run, "x.oem"), "epoch: expected the date"),
+    "no satellite": (lambda run: kr.export(run, "x.oem", epoch=EPOCH), "the run of a satellite"),
+    "label": (lambda run: kr.export(run, "x.bc", epoch=EPOCH, nmae="a"), "got nmae. Did you mean 'name'"),
+    "label of a table": (lambda run: kr.export(run, "x.csv", name="a"), r"name: expected a file that ends in \.aem"),
+    "frame": (
+        lambda run: kr.export(run, "x.bc", epoch=EPOCH, frame="TOD"),
+        "SPICE refuses the kernel.*J2000 is EME2000",
+    ),
+    "spacecraft": (lambda run: kr.export(run, "x.bc", epoch=EPOCH, spacecraft=7), "below 0, got 7"),
+    "scale": (
+        lambda run: kr.export(run, "x.bc", epoch=EPOCH, time_system="GPS"),
+        "expected UTC, TAI or TT",
+    ),
+    "before UTC": (lambda run: kr.export(run, "x.bc", epoch="1957-10-04"), "from 1972 on"),
+}
+
+
+@needs_spice
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input(name: str, spinning: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    call, words = BAD[name]
+    with pytest.raises(kr.InputError, match=words):
+        call(spinning)
+    assert not list(tmp_path.iterdir())
