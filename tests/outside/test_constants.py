@@ -24,7 +24,8 @@ def test_constants_that_are_definitions() -> None:
 
 
 def test_the_earth_is_that_of_wgs_84() -> None:
-    _, mu, radius, *_ = getgravconst("wgs84")  # km^3/s^2 to seven digits, km
+    _, mu, radius, _, J2, *_ = getgravconst("wgs84")  # km^3/s^2 to seven digits, km
+    assert J2 == EARTH.J2
     assert pytest.approx(1e9 * mu, rel=2e-7) == EARTH.mu
     assert pytest.approx(1e3 * radius, rel=1e-12) == EARTH.radius
     assert astropy.coordinates.WGS84GeodeticRepresentation._equatorial_radius.si.value == EARTH.radius

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import rebound
+from astropy.time import Time
+from sgp4.api import WGS72, Satrec
 
-from kreisel.physical import SUN, Orbit
+from kreisel.physical import EARTH, SUN, Orbit
 
 ORBITS = {
     "round": Orbit("7000 km"),
@@ -14,6 +16,7 @@ ORBITS = {
     "Molniya": Orbit("26600 km", 0.72, "63.4 deg", "-120 deg", "280 deg"),
     "retrograde": Orbit("9000 km", 0.2, "150 deg", "300 deg", "10 deg"),
     "asteroid": Orbit("2.5 au", 0.6288, "0.47 deg", "124 deg", "278 deg", SUN),
+    "with a phase": Orbit("12000 km", 0.4, "70 deg", "-50 deg", "130 deg", mean_anomaly="250 deg"),
 }
 
 
@@ -32,10 +35,72 @@ def test_vectors_of_elements(name: str) -> None:
     for t in np.linspace(0, 2, 7) * orbit.period:
         sim = about(orbit)
         known = {"a": orbit.semi_major_axis, "e": orbit.eccentricity, "inc": orbit.inclination, "Omega": orbit.node}
-        sim.add(m=0.0, **known, omega=orbit.perigee, M=2 * np.pi * t / orbit.period)
+        sim.add(m=0.0, **known, omega=orbit.perigee, M=orbit.mean_anomaly + 2 * np.pi * t / orbit.period)
         r, v = orbit.at(t)
         assert r == pytest.approx(sim.particles[1].xyz, abs=1e-9 * orbit.semi_major_axis)
         assert v == pytest.approx(sim.particles[1].vxyz, abs=1e-9 * np.linalg.norm(v))
+
+
+@pytest.mark.parametrize("f", ["0 deg", "-100 deg", "179.9 deg", "300 deg"])
+def test_a_true_anomaly(f: str) -> None:
+    orbit = Orbit("26600 km", 0.72, "63.4 deg", "-120 deg", "280 deg", true_anomaly=f)
+    sim = about(orbit)
+    known = {"a": orbit.semi_major_axis, "e": 0.72, "inc": orbit.inclination, "Omega": orbit.node}
+    sim.add(m=0.0, **known, omega=orbit.perigee, f=np.radians(float(f[:-4])))
+    assert orbit.at(0.0)[0] == pytest.approx(sim.particles[1].xyz, abs=1e-3)
+
+
+# Known degrees a day: the Sun's mean motion at the inclination of Landsat 8, of the space station, of GPS satellites.
+NODES = {
+    "Landsat 8, 705 km": (Orbit.circular("705 km", "98.2 deg", J2=True), 360 / 365.2422, 0.005),
+    "space station, 417 km": (Orbit.circular("417 km", "51.64 deg", J2=True), -4.98, 0.03),
+    "GPS, 26560 km": (Orbit("26560 km", 0.0, "55 deg", J2=True), -0.039, 0.001),
+}
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_nodes_drift_as_is_known(name: str) -> None:
+    orbit, want, margin = NODES[name]
+    normals = orbit.frame([0.0, 86400.0])[..., 2]
+    before, after = np.degrees(np.arctan2(normals[:, 1], normals[:, 0]))
+    assert after - before == pytest.approx(want, abs=margin)
+
+
+def test_perigee_stays_at_the_critical_inclination() -> None:
+    """63.4349 degrees; below it perigee advances, above it recedes."""
+    for inclination, sign in (("63.4349 deg", 0), ("50 deg", 1), ("80 deg", -1)):
+        orbit = Orbit("26600 km", 0.7, inclination, perigee="270 deg", J2=True)
+        drift = orbit.rates.perigee * 86400
+        assert (abs(drift) < 1e-7) if sign == 0 else (sign * drift > 1e-3)
+
+
+@pytest.mark.parametrize("e", [0.001, 0.3, 0.7])
+def test_rates_are_near_those_of_sgp4(e: float) -> None:
+    """SGP4 has terms in J2^2 and J4 too, of a thousandth, and WGS 72."""
+    sat = Satrec()
+    i, node, perigee, anomaly = np.radians([40, 30, 20, 10])
+    a = 8000e3 / (1 - e)
+    n = Orbit(a).mean_motion * 60
+    sat.sgp4init(WGS72, "i", 1, 20000.0, 0.0, 0.0, 0.0, e, perigee, i, anomaly, n, node)
+    orbit = Orbit(sat.a * 6378.135e3, e, i, node, perigee, mean_anomaly=anomaly, J2=True)
+    assert orbit.rates.node * 60 == pytest.approx(sat.nodedot, rel=5e-3)
+    assert orbit.rates.perigee * 60 == pytest.approx(sat.argpdot, rel=5e-3)
+    assert orbit.rates.mean_anomaly * 60 - n == pytest.approx(sat.mdot - n, abs=5e-2 * abs(orbit.rates.node * 60))
+
+
+def test_velocity_is_the_derivative_of_position() -> None:
+    """With J2 too, by differences."""
+    orbit = Orbit(
+        "8000 km", 0.1, "50 deg", "20 deg", "70 deg", mean_anomaly=1.0, primary=EARTH._replace(J2=0.3), J2=True
+    )
+    times = np.linspace(0, orbit.period, 9)
+    by_differences = (orbit.at(times + 0.1)[0] - orbit.at(times - 0.1)[0]) / 0.2
+    assert abs(by_differences - orbit.at(times)[1]).max() < 1e-3
+
+
+def test_days_of_an_epoch() -> None:
+    for date in ("1999-12-31T23:00:00", "2000-01-01T12:00:00", "2026-03-20T14:46:05"):
+        assert Orbit("7000 km", epoch=date).days == pytest.approx(Time(date, scale="utc").jd - 2451545.0, abs=1e-9)
 
 
 def test_the_frame_turns_as_the_true_anomaly_does() -> None:

@@ -27,13 +27,20 @@ Geodesy, 1966, chapter 1]
 from __future__ import annotations
 
 from dataclasses import replace
-from math import pi
-from typing import Any
 
 import numpy as np
 
-from kreisel.algebra import cross, sqrt, vec
-from kreisel.algebra.gradient import cos, exp, log, sin, with_slope
+from kreisel.algebra import cross, sqrt
+from kreisel.bodies.orbit import (
+    EARTH,
+    ORBIT,
+    TINY,
+    check_not_negative,
+    check_pericentre,
+    doubtful_orbit,
+    of_elements,
+    place,
+)
 from kreisel.errors import InputError, shown
 from kreisel.forces.records import perturbed_record
 from kreisel.record.body_frame import BodyFrame
@@ -42,70 +49,11 @@ from kreisel.record.contract import Checks, Parameter
 from kreisel.record.perturbation import Force, Perturbation
 from kreisel.system import euler_top
 
-# -- Kepler's equation for any eccentricity below 1, without a branch, for any kind of number ------
-
-
-TINY = 1e-300  # so that |0| has a derivative
-HALVINGS = 3
-ARCSINE = [1.0]  # the series of arcsin s in powers of s^2, for s up to sin(pi/16)
-for k in range(1, 11):
-    ARCSINE.append(ARCSINE[-1] * (2 * k - 1) ** 2 / (2 * k * (2 * k + 1)))
-
-
-def size(x: Any) -> Any:
-    """|x|, with the derivative 0 at 0."""
-    return sqrt(x * x + TINY)
-
-
-def less_whole_turns(angle: Any) -> Any:
-    """The angle between -pi and pi, modulo 2 pi."""
-    return with_slope(_from_its_half, angle, 1.0)
-
-
-def _from_its_half(angle: Any) -> Any:
-    """Computed from the sine and cosine of its half, which is halved further."""
-    s, c = sin(angle / 2), cos(angle / 2)
-    s, c = s * (c / size(c)), size(c)
-    for _ in range(HALVINGS):
-        above = sqrt((1 + c) / 2)
-        s, c = s / (2 * above), above
-    total, square = ARCSINE[-1], s * s
-    for coefficient in reversed(ARCSINE[:-1]):
-        total = coefficient + square * total
-    return 2 ** (HALVINGS + 1) * s * total
-
-
-def eccentric_anomaly(mean: Any, e: Any) -> Any:
-    """E with E - e sin E = mean, modulo 2 pi: to 4e-16 in position up to e = 0.9, 1e-14 at 0.9999.
-
-    [F. L. Markley, Celest. Mech. Dyn. Astron. 63 (1995) 101: a cubic equation, then one correction of order 5]
-    """
-    M = less_whole_turns(mean)
-    alpha = (3 * pi * pi + 1.6 * pi * (pi - size(M)) / (1 + e)) / (pi * pi - 6)
-    d = 3 * (1 - e) + alpha * e
-    q = 2 * alpha * d * (1 - e) - M * M
-    r = 3 * alpha * d * (d - 1 + e) * M + M * M * M
-    w = exp(log(size(r) + sqrt(q * q * q + r * r)) * (2 / 3))
-    E = (2 * r * w / (w * w + w * q + q * q) + M) / d
-    s, c = e * sin(E), e * cos(E)
-    miss, slope = E - s - M, 1 - c
-    by = -miss / (slope - 0.5 * miss * s / slope)
-    by = -miss / (slope + 0.5 * by * s + by * by * c / 6)
-    return E - miss / (slope + 0.5 * by * s + by * by * c / 6 - by * by * by * s / 24)
-
-
 # -- the satellite ---------------------------------------------------------------------------------
 
 
-def place(t, rate, along, across, eccentricity):
-    """The place of the satellite in space, and its velocity."""
-    E = eccentric_anomaly(rate * t, eccentricity)
-    c, s = cos(E), sin(E)
-    return (c - eccentricity) * along + s * across, rate / (1 - eccentricity * c) * (c * across - s * along)
-
-
-def potential(g, t, *, J, rate, along, across, eccentricity, mu, field, dipole, degree_3, degree_4):
-    r, z = place(t, rate, along, across, eccentricity)[0] @ g, g[2]
+def potential(g, t, *, J, orbit, mu, field, dipole, degree_3, degree_4):
+    r, z = place(t, orbit)[0] @ g, g[2]
     square = r @ r
     distance = sqrt(square)
     w = -r / distance
@@ -132,8 +80,8 @@ def harmonics_4(w):
     return np.array([zonal, near * x, near * y, middle * c2, middle * s2, *far])
 
 
-def torque(g, t, *, rate, along, across, eccentricity, torque, plates, density, drag, sun, pressure, mirror, diffuse):
-    v, s = place(t, rate, along, across, eccentricity)[1] @ g, sun @ g
+def torque(g, t, *, orbit, torque, plates, density, drag, sun, pressure, mirror, diffuse):
+    v, s = place(t, orbit)[1] @ g, sun @ g
     air = -density * drag / 2 * v
     for plate in plates:
         normal, centre, area = plate[:3], plate[3:6], plate[6]
@@ -153,39 +101,21 @@ def corners(*, plates, density, pressure):
     return bool((plates[..., 6] > 0).any() and ((density > 0) | (pressure > 0)).any())
 
 
-def half_axes(*, semi_major_axis, eccentricity, inclination, node, perigee, mu):
-    """The mean motion, and the half axes of the orbit, vectors in space."""
-    (ci, si), (cn, sn), (cp, sp) = ((np.cos(x), np.sin(x)) for x in (inclination, node, perigee))
-    to_pericentre = np.stack([cn * cp - sn * sp * ci, sn * cp + cn * sp * ci, sp * si], -1)
-    ahead = np.stack([-cn * sp - sn * cp * ci, -sn * sp + cn * cp * ci, cp * si], -1)
-    a, b = semi_major_axis, semi_major_axis * np.sqrt(1 - eccentricity**2)
-    return {"rate": np.sqrt(mu / a) / a, "along": vec(a) * to_pericentre, "across": vec(b) * ahead}
-
-
 def check_parameters(*, semi_major_axis, eccentricity, radius, mirror, diffuse):
     check_pericentre(semi_major_axis * (1 - eccentricity), radius)
     if (mirror + diffuse > 1).any():
         raise InputError(f"mirror + diffuse: expected at most 1, got {shown((mirror + diffuse).tolist())}.")
 
 
-def derive(*, moments, semi_major_axis, eccentricity, inclination, node, perigee, mu):
+def derive(*, moments, semi_major_axis, eccentricity, inclination, node, perigee, mean_anomaly, mu, radius, J2):
     J = moments.sum(-1, keepdims=True) / 2 - moments
-    elements = {"inclination": inclination, "node": node, "perigee": perigee}
-    orbit = half_axes(semi_major_axis=semi_major_axis, eccentricity=eccentricity, mu=mu, **elements)
-    return {"J": J, **euler_top.sums(J=J), **orbit}
+    angles = {"inclination": inclination, "node": node, "perigee": perigee, "mean_anomaly": mean_anomaly}
+    size = {"semi_major_axis": semi_major_axis, "eccentricity": eccentricity, "mu": mu, "radius": radius, "J2": J2}
+    return {"J": J, **euler_top.sums(J=J), "orbit": of_elements(**size, **angles)}
 
 
-LOWEST = 80e3 / 6_378_137.0  # height over radius of the primary: no orbit of the Earth lasts below 80 km
-
-
-def doubtful_orbit(*, pericentre, mu, radius, field, name="primary"):
-    """Sentences on orbits that touch the air, and on the sign of the Earth's field."""
-    height, least = np.min(pericentre - radius), LOWEST * np.max(radius)
-    if height < least:
-        yield (
-            f"The orbit comes within {height:g} m of the surface of the {name}: expected {least / 1e3:.3g} km or more. "
-            f"Usual cause: km for m. '{height:g} km', where units are read, is {1e3 * height:g}."
-        )
+def doubtful_field(mu, field):
+    """A sentence on the sign of the Earth's field."""
     if np.all(abs(mu / EARTH - 1) < 1e-2) and np.any(field > 0):
         yield (
             f"field = {np.max(field):g} T m^3 points south over the equator, that of the Earth points north: expected "
@@ -203,39 +133,31 @@ def doubtful_actions(*, field, dipole, plates, density, pressure):
 
 
 def doubts(
-    *, semi_major_axis, eccentricity, inclination, node, perigee, mu, radius, field, dipole, plates, density, pressure
+    *,
+    semi_major_axis,
+    eccentricity,
+    inclination,
+    node,
+    perigee,
+    mean_anomaly,
+    mu,
+    radius,
+    field,
+    dipole,
+    plates,
+    density,
+    pressure,
 ):
-    for name, value in {"inclination": inclination, "node": node, "perigee": perigee}.items():
+    angles = {"inclination": inclination, "node": node, "perigee": perigee, "mean_anomaly": mean_anomaly}
+    for name, value in angles.items():
         yield from doubtful_angle(value, name)
-    yield from doubtful_orbit(pericentre=semi_major_axis * (1 - eccentricity), mu=mu, radius=radius, field=field)
+    yield from doubtful_orbit(semi_major_axis * (1 - eccentricity), radius)
+    yield from doubtful_field(mu, field)
     yield from doubtful_actions(field=field, dipole=dipole, plates=plates, density=density, pressure=pressure)
 
 
 def check_moments(value, name):
     require_body(value.sum(-1, keepdims=True) / 2 - value, name)
-
-
-def check_eccentricity(value, name):
-    if not ((value >= 0) & (value < 1)).all():
-        raise InputError(f"{name}: expected an ellipse, 0 <= e < 1, got {shown(value.tolist())}.")
-
-
-def check_pericentre(distance, radius, name="primary"):
-    if (distance <= radius).any():
-        raise InputError(
-            f"The orbit hits the {name}: its pericentre is {np.min(distance):g} m from the centre, the radius is "
-            f"{np.max(radius):g} m. Usual cause: an altitude for a semi-major axis, or km for m."
-        )
-
-
-def check_positive(value, name):
-    if not (value > 0).all():
-        raise InputError(f"{name}: expected a number > 0, got {shown(value.tolist())}.")
-
-
-def check_not_negative(value, name):
-    if not (value >= 0).all():
-        raise InputError(f"{name}: expected a number >= 0, got {shown(value.tolist())}.")
 
 
 def check_part(value, name):
@@ -266,16 +188,9 @@ def check_plates(value, name):
         )
 
 
-EARTH = 3.986004418e14  # mu, m^3/s^2, WGS 84
 PARAMETERS = (
     Parameter("moments", "vector", "principal moments of inertia, kg m^2", check_moments, diagonal=True),
-    Parameter("semi_major_axis", "scalar", "of the orbit, m", check_positive),
-    Parameter("eccentricity", "scalar", "of the orbit", check_eccentricity, 0.0),
-    Parameter("inclination", "scalar", "of the orbit to the equator of the primary, rad", default=0.0),
-    Parameter("node", "scalar", "angle of the ascending node, rad", default=0.0),
-    Parameter("perigee", "scalar", "angle from the node to the pericentre, where t = 0, rad", default=0.0),
-    Parameter("mu", "scalar", "gravitational parameter of the primary, m^3/s^2", check_positive, EARTH),
-    Parameter("radius", "scalar", "of the primary, m: no orbit goes below", check_not_negative, 6_378_137.0),
+    *ORBIT,
     Parameter(
         "degree_3", "array", "body's mass times R^3 (C_30, C_31, S_31, ... S_33), kg m^3", check_degree_3, np.zeros(7)
     ),
@@ -299,9 +214,8 @@ WHEEL = (
         "wheel_torque", "vector", "of its motor on the wheel, N m, along the principal axes", default=np.zeros(3)
     ),
 )
-ORBIT = ("rate", "along", "across", "eccentricity")
-LOADS = (*ORBIT, "torque", "plates", "density", "drag", "sun", "pressure", "mirror", "diffuse")
-DERIVED = {"J": 1, "c": 2, "rate": 0, "along": 1, "across": 1}  # axes
+LOADS = ("orbit", "torque", "plates", "density", "drag", "sun", "pressure", "mirror", "diffuse")
+DERIVED = {"J": 1, "c": 2, "orbit": 1}  # axes
 
 
 def body_frame():
@@ -313,7 +227,7 @@ def body_frame():
 def body(name, title, *wheel):
     parameters = (*PARAMETERS, *wheel)
     axes = {p.letter: {"scalar": 0, "vector": 1, "array": 2}[p.kind] for p in parameters}
-    gravity = Force(potential, ("g", "t"), ("J", *ORBIT, "mu", "field", "dipole", "degree_3", "degree_4"))
+    gravity = Force(potential, ("g", "t"), ("J", "orbit", "mu", "field", "dipole", "degree_3", "degree_4"))
     return perturbed_record(
         Perturbation(
             base=euler_top.SYSTEM,

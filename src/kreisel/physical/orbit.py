@@ -1,22 +1,26 @@
-"""Kepler orbits, in SI units."""
+"""Orbits of satellites, in SI units."""
 
 from __future__ import annotations
 
+import datetime as dt
 import math
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.bodies import satellite
+from kreisel.algebra.reuse import cached_property
+from kreisel.bodies import orbit as formulas_of_orbits
 from kreisel.errors import InputError, doubt, explained, shown
 from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number
+
+formulas = cast("Any", formulas_of_orbits)  # of a page, without types
 
 
 @explained
 class Primary(NamedTuple):
-    """The central body: gravitational parameter mu, m^3/s^2; radius R, m; magnetic field R^3 g_1^0, T m^3.
+    """The central body: gravitational parameter mu, m^3/s^2; radius R, m; magnetic field R^3 g_1^0, T m^3; J2.
 
     B = -grad V,  V = R (R/r)^2 g_1^0 cos(theta) of the dipole along the axis: g_1^0 < 0 for the Earth, whose field
     points north over its equator.
@@ -26,13 +30,15 @@ class Primary(NamedTuple):
     mu: float
     radius: float
     field: float = 0.0
+    J2: float = 0.0
 
 
 # mu, radius: WGS 84 for the Earth, JPL's planetary satellite ephemerides (SAT441) for Saturn, IAU 2015 B3 for the Sun.
 # The field of the Earth: g_1^0 = -29350.0 nT of IGRF-14 (2025) for a radius of 6371.2 km.  Of Saturn: 21136 nT for
-# 60268 km, Burton et al., Geophysical Research Letters 37 (2010) L24105.
-EARTH = Primary("Earth", satellite.EARTH, 6_378_137.0, -29_350.0e-9 * 6_371_200.0**3)
-SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7, 21_136.0e-9 * 60_268_000.0**3)
+# 60268 km, Burton et al., Geophysical Research Letters 37 (2010) L24105.  J2: WGS 84, and of Saturn 16290.57e-6
+# for 60330 km, Iess et al., Science 364 (2019) eaat2965.
+EARTH = Primary("Earth", formulas.EARTH, 6_378_137.0, -29_350.0e-9 * 6_371_200.0**3, 1.08262998905e-3)
+SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7, 21_136.0e-9 * 60_268_000.0**3, 16_290.57e-6 * (60_330 / 60_268) ** 2)
 SUN = Primary("Sun", 1.3271244e20, 6.957e8)
 
 
@@ -43,20 +49,53 @@ def _checked(primary: Any) -> Primary:
     mu, radius = si_number(primary.mu, "m^3/s^2", "mu", positive=True), si_number(primary.radius, "m", "radius")
     if radius < 0:
         raise InputError(f"radius of the primary: expected a number >= 0, got {radius:g}.")
-    return Primary(primary.name, mu, radius, si_number(primary.field, "T m^3", "field"))
+    field, J2 = si_number(primary.field, "T m^3", "field"), si_number(primary.J2, "1", "J2 of the primary")
+    return Primary(primary.name, mu, radius, field, J2)
+
+
+J2000 = dt.datetime(2000, 1, 1, 12, tzinfo=dt.UTC)
+
+
+def _date(epoch: Any) -> dt.datetime | None:
+    """A date in UTC, from ISO text, a date of Python, NumPy or pandas; None for None.  Raises `InputError`."""
+    if epoch is None:
+        return None
+    try:
+        day = epoch.item() if isinstance(epoch, np.datetime64) else epoch
+        if isinstance(day, int):  # of nanoseconds
+            day = epoch.astype("datetime64[us]").item()
+        date = dt.datetime.fromisoformat(day if isinstance(day, str) else day.isoformat())
+        return date.replace(tzinfo=dt.UTC) if date.tzinfo is None else date.astimezone(dt.UTC)
+    except (AttributeError, TypeError, ValueError, OverflowError):
+        raise InputError(
+            f"epoch: expected a date in UTC such as '2026-03-20T14:46:00', or a datetime, got {shown(epoch)}."
+        ) from None
+
+
+class Rates(NamedTuple):
+    """Secular rates of an orbit, rad/s."""
+
+    node: float
+    perigee: float
+    mean_anomaly: float
 
 
 @explained
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """A Kepler orbit, at its pericentre at t = 0, in SI units.
+    """An orbit, in SI units, with time t in s from its epoch.
 
     semi_major_axis   m;  eccentricity, 0 <= e < 1
     inclination, node, perigee   rad: to the equator of the primary; of the ascending node; from it to the pericentre
     primary           `kr.physical.EARTH`, `SATURN`, `SUN`, or a user-defined `Primary`
+    mean_anomaly      rad, at t = 0; 0, the default, at the pericentre
+    true_anomaly      rad, at t = 0, instead of the mean anomaly
+    epoch             the date of t = 0, UTC: ISO text such as "2026-03-20T14:46:00", or a datetime; None for no date
+    J2                whether node, perigee and mean anomaly drift by the oblateness of the primary
 
     Space is the frame of these angles; its third axis is the primary's.  Raises `InputError` unless the orbit is
     an ellipse outside the primary.  Warns with `InputWarning` of plain angles beyond 2 pi and of orbits in the air.
+    The equations: `kreisel.bodies.orbit`.
     """
 
     semi_major_axis: float
@@ -65,26 +104,48 @@ class Orbit:
     node: float = 0.0
     perigee: float = 0.0
     primary: Primary = EARTH
+    mean_anomaly: float = 0.0
+    epoch: Any = None
+    J2: bool = False
+    true_anomaly: InitVar[Any] = None
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, true_anomaly: Any) -> None:
         convert_fields(self, positive=True, semi_major_axis="m")
-        convert_fields(self, inclination="rad", node="rad", perigee="rad")
+        convert_fields(self, inclination="rad", node="rad", perigee="rad", mean_anomaly="rad")
         object.__setattr__(self, "primary", _checked(self.primary))
+        object.__setattr__(self, "epoch", _date(self.epoch))
         e = si_number(self.eccentricity, "1", "eccentricity")
         if not 0 <= e < 1:
             raise InputError(f"eccentricity: expected an ellipse, 0 <= e < 1, got {e:g}.")
         object.__setattr__(self, "eccentricity", e)
-        pericentre, formulas = np.asarray(self.pericentre), cast("Any", satellite)  # of a page, without types
+        if true_anomaly is not None:
+            self._set_mean_anomaly(si_number(true_anomaly, "rad", "true_anomaly"))
+        if not isinstance(self.J2, bool):
+            raise InputError(f"J2: expected True or False, got {shown(self.J2)}. Its value is that of the primary.")
+        if self.J2 and not self.primary.J2:
+            raise InputError(f"J2=True: expected a primary with J2, got {self.primary.name}: Primary(..., J2=...).")
+        pericentre = np.asarray(self.pericentre)
         formulas.check_pericentre(pericentre, self.primary.radius, self.primary.name)
-        for sentence in formulas.doubtful_orbit(pericentre=pericentre, **self.primary._asdict()):
+        for sentence in formulas.doubtful_orbit(pericentre, self.primary.radius, self.primary.name):
             doubt(sentence)
         in_range("The orbit", lambda: self.period)
 
+    def _set_mean_anomaly(self, f: float) -> None:
+        """M = E - e sin E,  tan E/2 = sqrt((1 - e)/(1 + e)) tan f/2."""
+        if self.mean_anomaly:
+            raise InputError("true_anomaly: expected none with a mean_anomaly, got both. Give one of the two.")
+        e = self.eccentricity
+        E = 2 * math.atan2(math.sqrt(1 - e) * math.sin(f / 2), math.sqrt(1 + e) * math.cos(f / 2))
+        object.__setattr__(self, "mean_anomaly", E - e * math.sin(E))
+
     @classmethod
-    def circular(cls, altitude: Any, inclination: Any = 0.0, node: Any = 0.0, primary: Primary = EARTH) -> Orbit:
-        """A circular orbit at this altitude above the surface, m."""
+    def circular(
+        cls, altitude: Any, inclination: Any = 0.0, node: Any = 0.0, primary: Primary = EARTH, **more: Any
+    ) -> Orbit:
+        """A circular orbit at this altitude above the surface, m; `more`: mean_anomaly, epoch, J2."""
         primary = _checked(primary)
-        return cls(si_number(altitude, "m", "altitude") + primary.radius, 0.0, inclination, node, 0.0, primary)
+        radius = si_number(altitude, "m", "altitude") + primary.radius
+        return cls(radius, 0.0, inclination, node, 0.0, primary, **more)
 
     @property
     def mean_motion(self) -> float:
@@ -97,22 +158,43 @@ class Orbit:
         return 2 * math.pi / self.mean_motion
 
     @property
+    def rates(self) -> Rates:
+        """Rates of the node, of the perigee and of the mean anomaly, rad/s."""
+        anomaly, _, _, _, node, perigee = self._constants[:6].tolist()
+        return Rates(node, perigee, anomaly)
+
+    @property
     def pericentre(self) -> float:
         """The least distance from the centre of the primary, m."""
         return self.semi_major_axis * (1 - self.eccentricity)
 
     @property
+    def days(self) -> float:
+        """The epoch in days of UTC after 2000-01-01 12:00.  Raises `InputError` for an orbit without an epoch."""
+        if self.epoch is None:
+            raise InputError("The orbit has no date: expected Orbit(..., epoch='2026-03-20T14:46:00'), in UTC.")
+        return float((self.epoch - J2000) / dt.timedelta(days=1))
+
+    @property
     def elements(self) -> dict[str, float]:
-        """The orbit's parameters of `kreisel.bodies.satellite`."""
-        names = ("semi_major_axis", "eccentricity", "inclination", "node", "perigee")
-        return {name: getattr(self, name) for name in names} | {"mu": self.primary.mu}
+        """The orbit's parameters of `kreisel.bodies.orbit`."""
+        names = ("semi_major_axis", "eccentricity", "inclination", "node", "perigee", "mean_anomaly")
+        primary = {"mu": self.primary.mu, "radius": self.primary.radius, "J2": self.primary.J2 if self.J2 else 0.0}
+        return {name: getattr(self, name) for name in names} | primary
+
+    @cached_property
+    def _constants(self) -> Array:
+        return formulas.of_elements(**{name: np.asarray(value) for name, value in self.elements.items()})
+
+    @property
+    def axes(self) -> Array:
+        """At t = 0: to the pericentre, ahead of it, and the normal of the orbit, as columns (3, 3)."""
+        P, Q = self._constants[6:9], self._constants[9:12]
+        return np.stack([P, Q, np.cross(P, Q)], -1)
 
     def at(self, time: Any) -> tuple[Array, Array]:
         """Position, m, and velocity, m/s, at times in s (...): each (..., 3), in space."""
-        t = finite_floats(time, "s", "time")[..., None]
-        known = {name: np.asarray(value) for name, value in self.elements.items()}
-        formulas = cast("Any", satellite)  # of a page, without types
-        r, v = formulas.place(t, **formulas.half_axes(**known), eccentricity=self.eccentricity)
+        r, v = formulas.place(finite_floats(time, "s", "time"), self._constants)
         return r, v
 
     def frame(self, time: Any) -> Array:

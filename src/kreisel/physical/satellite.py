@@ -166,7 +166,6 @@ class Satellite:
         given = {
             "moments": self.body.principal.moments,
             **self.orbit.elements,
-            "radius": self.orbit.primary.radius,
             "dipole": self.magnetic_moment @ along,
             "field": self.orbit.primary.field,
             "torque": self.torque @ along,
@@ -248,9 +247,7 @@ class Satellite:
         """Pitch, roll and yaw (...) of a run relative to the frame of the orbit, from -pi to pi."""
         g = algebra.rotation_matrix(orientation_of(run))
         require_of_body(run, self.orbit.elements)
-        frame = self.orbit.frame(np.asarray(run.time))
-        lanes = g.ndim - frame.ndim
-        frame = frame.reshape(*frame.shape[:-2], *(1,) * lanes, 3, 3)
+        frame = self.orbit.frame(_times(run, g.ndim - 2))
         R = frame.mT @ g @ (self._principal_axes.T @ self._axes_of_orbit)  # R = R_3(pitch) R_2(roll) R_1(yaw)
         return Angles(
             np.arctan2(R[..., 1, 0], R[..., 0, 0]),
@@ -266,20 +263,20 @@ class Satellite:
 
     def obliquity(self, run: xr.Dataset) -> Array:
         """The angle of the axis of the largest moment to the normal of the orbit, rad, at each row of a run."""
-        normal = self.orbit.frame(0.0)[:, 2]
-        return np.asarray(np.arccos(np.clip(self._axis(run, 2) @ normal, -1, 1)))
+        axis = self._axis(run, 2)
+        normal = self.orbit.frame(_times(run, axis.ndim - 1))[..., 2]
+        return np.asarray(np.arccos(np.clip((axis * normal).sum(-1), -1, 1)))
 
     def resonant_angle(self, run: xr.Dataset, ratio: float) -> Array:
-        """Theta - ratio n t, from -pi to pi, for theta the angle of the axis of the least moment from the pericentre.
+        """Theta - ratio M, from -pi to pi, for theta the angle of the axis of the least moment from the pericentre.
 
-        In the plane of the orbit; n its mean motion, ratio of spin to orbit: 1.5 for Mercury.  It librates in the
+        In the plane of the orbit; M its mean anomaly, ratio of spin to orbit: 1.5 for Mercury.  It librates in the
         resonance and circulates outside.  An axis has no front, so for half-integers 0 and pi are alike.
         """
-        along, across = self.orbit.frame(0.0)[:, :2].T
+        along, across = self.orbit.axes[:, :2].T
         axis = self._axis(run, 0)
-        time = np.asarray(run.time).reshape(-1, *[1] * (axis.ndim - 2))
-        ratio = si_number(ratio, "1", "ratio")
-        turned = in_range("ratio n t", lambda: ratio * self.orbit.mean_motion * time)
+        time, ratio = _times(run, axis.ndim - 1), si_number(ratio, "1", "ratio")
+        turned = in_range("ratio M", lambda: ratio * (self.orbit.mean_anomaly + self.orbit.mean_motion * time))
         angle = np.arctan2(axis @ across, axis @ along) - turned
         return np.asarray(np.angle(np.exp(1j * angle)))
 
@@ -361,6 +358,11 @@ def _moments(given: Harmonics, along: Array) -> dict[str, Array]:
         there, here = (np.array([basis(v) for v in x]) for x in (w @ along.T, w))
         out[f"degree_{degree}"] = np.linalg.lstsq(here, there @ np.delete(found[degree].ravel(), 1))[0]
     return out
+
+
+def _times(run: xr.Dataset, ndim: int) -> Array:
+    """The times of the rows of a run, with so many axes."""
+    return np.asarray(run.time).reshape(-1, *[1] * (ndim - 1))
 
 
 def _plate(value: Any) -> Plate:

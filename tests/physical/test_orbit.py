@@ -1,0 +1,64 @@
+"""Orbits: dates, drifting elements of a satellite that runs, bad input; mathematics: `tests/outside/test_orbits.py`."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import kreisel as kr
+from kreisel.physical import SUN, Orbit, Satellite
+
+NOON = dt.datetime(2026, 3, 20, 12, tzinfo=dt.UTC)
+
+
+@pytest.mark.parametrize(
+    "epoch",
+    [
+        "2026-03-20T12:00:00",
+        "2026-03-20T12:00:00Z",
+        "2026-03-20T13:00:00+01:00",
+        NOON,
+        NOON.replace(tzinfo=None),
+        np.datetime64("2026-03-20T12:00:00"),
+        np.datetime64("2026-03-20T12:00:00", "ns"),
+        pd.Timestamp("2026-03-20T12:00:00"),
+    ],
+)
+def test_dates(epoch: object) -> None:
+    """Julian day 2461120.0, by the almanac; J2000.0 is 2451545.0."""
+    assert Orbit("7000 km", epoch=epoch).days == 2461120.0 - 2451545.0
+    assert Orbit.circular("500 km", epoch=dt.date(2026, 3, 20)).epoch == NOON - dt.timedelta(hours=12)
+
+
+def test_the_kernel_has_phase_and_drift() -> None:
+    """A slender satellite falls about where `at` has it: gravity alone, against the torque at the places of `at`."""
+    orbit = Orbit("7000 km", 0.05, "50 deg", "20 deg", "70 deg", true_anomaly="100 deg", J2=True)
+    body = Satellite((1.0, 2.0, 2.5), orbit)
+    run = kr.simulate(
+        body.model(), body.state(spin=(0, 0, 0)), dt=1e-3, steps=1, orientation=body.orientation((1, 0, 0, 0))
+    )
+    r = orbit.at(5e-4)[0]
+    want = 3 * orbit.primary.mu / np.linalg.norm(r) ** 5 * np.cross(r, np.diag([1.0, 2.0, 2.5]) @ r)
+    assert run.M[-1].values / 1e-3 == pytest.approx(want, rel=1e-6)
+
+
+BAD: dict[str, tuple[Callable[[], object], str]] = {
+    "epoch": (lambda: Orbit(7e6, epoch="20.3.2026"), "epoch: expected a date in UTC"),
+    "number": (lambda: Orbit(7e6, epoch=2461120.0), "epoch: expected a date in UTC"),
+    "no epoch": (lambda: Orbit(7e6).days, "no date.*epoch='2026"),
+    "two anomalies": (lambda: Orbit(7e6, mean_anomaly=1.0, true_anomaly=1.0), "got both"),
+    "J2": (lambda: Orbit(7e6, J2=1e-3), "J2: expected True or False"),
+    "no J2": (lambda: Orbit(1e12, primary=SUN, J2=True), "expected a primary with J2, got Sun"),
+    "anomaly": (lambda: Orbit(7e6, true_anomaly="3 kg"), "dimension of rad"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_orbits(name: str) -> None:
+    call, message = BAD[name]
+    with pytest.raises(kr.InputError, match=message):
+        call()
