@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.bodies import satellite
+from kreisel.bodies import orbit
 from kreisel.errors import InputError, hint, shown
 from kreisel.record.model import Model
 from kreisel.runs.geometry import attitude_of, axes_of_state, model_for
@@ -55,13 +55,11 @@ def satellite_model(run: xr.Dataset) -> Model:
 
 def surroundings(run: xr.Dataset) -> Surroundings:
     """Orbit, Sun and shadow at each row.  Raises `InputError` for any other run than of a satellite."""
-    model = satellite_model(run)
-    constants = model.constants
+    constants = satellite_model(run).constants
     time = np.asarray(run["time"].values, dtype=np.float64)
-    scalar = {k: constants[k][..., None] for k in ("rate", "eccentricity")}
-    formulas = cast("Any", satellite)  # of a page, without types
-    t = time.reshape(-1, *[1] * (1 + len(model.batch)))
-    r, v = formulas.place(t, along=constants["along"], across=constants["across"], **scalar)
+    lanes = constants["orbit"].reshape(-1, constants["orbit"].shape[-1])
+    places = [cast("Any", orbit).place(time, each) for each in lanes]  # of a page, without types
+    r, v = (np.stack(x, 1) if constants["orbit"].ndim > 1 else x[0] for x in zip(*places, strict=True))
     if not np.any(constants["pressure"]):
         return Surroundings(r, v, None, None)
     sun = np.broadcast_to(constants["sun"], r.shape)
