@@ -7,6 +7,7 @@ import pytest
 import rebound
 from astropy.time import Time
 from sgp4.api import WGS72, Satrec
+from sgp4.conveniences import sat_epoch_datetime
 
 from kreisel.physical import EARTH, SUN, Orbit
 
@@ -96,6 +97,47 @@ def test_velocity_is_the_derivative_of_position() -> None:
     times = np.linspace(0, orbit.period, 9)
     by_differences = (orbit.at(times + 0.1)[0] - orbit.at(times - 0.1)[0]) / 0.2
     assert abs(by_differences - orbit.at(times)[1]).max() < 1e-3
+
+
+STATES = {
+    "leaning": ((-6045e3, -3490e3, 2500e3), (-3.457e3, 6.618e3, 2.533e3)),
+    "circular over the equator": ((7000e3, 0.0, 0.0), (0.0, np.sqrt(EARTH.mu / 7000e3), 0.0)),
+    "circular over the poles": ((0.0, 5000e3, 5000e3), (0.0, -5.3e3, 5.3e3)),
+    "retrograde over the equator": ((0.0, 7000e3, 0.0), (8e3, 0.0, 0.0)),
+}
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_an_orbit_through_a_state(name: str) -> None:
+    """A quarter of an hour later by REBOUND's integrator; the first is Curtis's example 4.3, in his digits."""
+    r, v = STATES[name]
+    orbit = Orbit.from_state(r, v)
+    assert orbit.at(0.0)[0] == pytest.approx(r, abs=1e-6) and orbit.at(0.0)[1] == pytest.approx(v, abs=1e-9)
+    sim = about(orbit)
+    sim.add(x=r[0], y=r[1], z=r[2], vx=v[0], vy=v[1], vz=v[2])
+    sim.integrate(900.0)
+    assert orbit.at(900.0)[0] == pytest.approx(sim.particles[1].xyz, abs=1e-2)
+    if name == "leaning":
+        angles = np.degrees([orbit.inclination, orbit.node % (2 * np.pi), orbit.perigee])
+        assert angles == pytest.approx((153.2, 255.3, 20.07), abs=0.05)
+        assert orbit.eccentricity == pytest.approx(0.1712, abs=1e-4)
+
+
+TLE = (  # the space station, from the documentation of sgp4
+    "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991",
+    "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482",
+)
+
+
+def test_two_line_elements() -> None:
+    """Within the oscillations by J2 of the positions of sgp4 in the first revolutions; the epoch of its record."""
+    orbit, sat = Orbit.from_tle(*TLE), Satrec.twoline2rv(*TLE)
+    assert abs((orbit.epoch - sat_epoch_datetime(sat)).total_seconds()) < 1e-5
+    for t in np.linspace(0, 3 * orbit.period, 7):
+        _, r, _ = sat.sgp4(sat.jdsatepoch, sat.jdsatepochF + t / 86400)
+        assert np.linalg.norm(orbit.at(t)[0] - 1e3 * np.array(r)) < 15e3
+    plain = Orbit(orbit.semi_major_axis, orbit.eccentricity, orbit.inclination, orbit.node, orbit.perigee)
+    assert np.linalg.norm(plain.at(0.0)[0] - orbit.at(0.0)[0]) > 1e6  # negative control: without the anomaly
 
 
 def test_days_of_an_epoch() -> None:

@@ -46,6 +46,10 @@ def test_the_kernel_has_phase_and_drift() -> None:
     assert run.M[-1].values / 1e-3 == pytest.approx(want, rel=1e-6)
 
 
+FIRST, SECOND = (
+    "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991",
+    "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482",
+)
 BAD: dict[str, tuple[Callable[[], object], str]] = {
     "epoch": (lambda: Orbit(7e6, epoch="20.3.2026"), "epoch: expected a date in UTC"),
     "number": (lambda: Orbit(7e6, epoch=2461120.0), "epoch: expected a date in UTC"),
@@ -53,6 +57,12 @@ BAD: dict[str, tuple[Callable[[], object], str]] = {
     "two anomalies": (lambda: Orbit(7e6, mean_anomaly=1.0, true_anomaly=1.0), "got both"),
     "J2": (lambda: Orbit(7e6, J2=1e-3), "J2: expected True or False"),
     "no J2": (lambda: Orbit(1e12, primary=SUN, J2=True), "expected a primary with J2, got Sun"),
+    "escape": (lambda: Orbit.from_state((7e6, 0, 0), (0, 11.2e3, 0)), "expected a state on an ellipse"),
+    "plunge": (lambda: Orbit.from_state((7e6, 0, 0), (-1e3, 0, 0)), "expected a state on an ellipse"),
+    "in km": (lambda: Orbit.from_state((7e3, 0, 0), (0, 7.5, 0)), "hits the Earth.*km for m"),
+    "name of a set": (lambda: Orbit.from_tle("ISS (ZARYA)", FIRST), "line1: expected line 1 of a two-line"),
+    "lines swapped": (lambda: Orbit.from_tle(SECOND, FIRST), "line1: expected line 1 of a two-line"),
+    "a digit": (lambda: Orbit.from_tle(FIRST, SECOND.replace("51.6439", "51.6440")), "line2: expected the checksum 4"),
     "anomaly": (lambda: Orbit(7e6, true_anomaly="3 kg"), "dimension of rad"),
 }
 

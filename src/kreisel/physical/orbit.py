@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import math
+import re
 from dataclasses import InitVar, dataclass
 from typing import Any, NamedTuple, cast
 
@@ -13,7 +14,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import orbit as formulas_of_orbits
 from kreisel.errors import InputError, doubt, explained, shown
-from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number
+from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number, si_numbers
 
 formulas = cast("Any", formulas_of_orbits)  # of a page, without types
 
@@ -53,6 +54,7 @@ def _checked(primary: Any) -> Primary:
     return Primary(primary.name, mu, radius, field, J2)
 
 
+TLE = (r"1 .{67}", r"2 .{67}")
 J2000 = dt.datetime(2000, 1, 1, 12, tzinfo=dt.UTC)
 
 
@@ -147,6 +149,29 @@ class Orbit:
         radius = si_number(altitude, "m", "altitude") + primary.radius
         return cls(radius, 0.0, inclination, node, 0.0, primary, **more)
 
+    @classmethod
+    def from_state(cls, r: Any, v: Any, primary: Primary = EARTH, epoch: Any = None, J2: bool = False) -> Orbit:
+        """The orbit through a position r (3,), m, with the velocity v (3,), m/s, in space at t = 0.
+
+        Raises `InputError` if the orbit is no ellipse, or goes through the primary.
+        """
+        r, v = (si_numbers(x, unit, name, ((3,),)) for x, unit, name in ((r, "m", "r"), (v, "m/s", "v")))
+        primary = _checked(primary)
+        return cls(**_elements_of(r, v, primary), primary=primary, epoch=epoch, J2=J2)
+
+    @classmethod
+    def from_tle(cls, line1: str, line2: str) -> Orbit:
+        """The orbit of a two-line element set: its mean elements, with the drift by J2 (needs sgp4).
+
+        Space is then TEME, the true equator and mean equinox of the epoch.  In a low orbit positions differ from the
+        positions of SGP4 by some km along the orbit, more with every day of drag.  Raises `InputError` for a set with
+        another form or checksum.
+        """
+        sat, date = _tle(line1, line2)
+        n = sat.xke * sat.a**-1.5 / 60  # rad/s
+        elements = {"inclination": sat.inclo, "node": sat.nodeo, "perigee": sat.argpo, "mean_anomaly": sat.mo}
+        return cls((EARTH.mu / n**2) ** (1 / 3), sat.ecco, **elements, epoch=date, J2=True)
+
     @property
     def mean_motion(self) -> float:
         """sqrt(mu/a^3), rad/s."""
@@ -209,3 +234,50 @@ class Orbit:
         """The rate at which that frame rotates about the normal, |r x v|/r^2, rad/s."""
         r, v = self.at(time)
         return np.linalg.norm(np.cross(r, v), axis=-1) / (r * r).sum(-1)
+
+
+def _elements_of(r: Array, v: Array, primary: Primary) -> dict[str, float]:
+    """The elements of the Kepler orbit through a state.  An angle that is not defined is 0.  Raises `InputError`."""
+    h, size = np.cross(r, v), np.linalg.norm(r)
+    energy = v @ v / 2 - primary.mu / size if size else 0.0
+    if not energy < 0 or not h.any():
+        raise InputError(
+            f"r, v: expected a state on an ellipse, v^2 < 2 mu/r, got |r| = {size:g} m, |v| = {np.linalg.norm(v):g} "
+            "m/s. Usual cause: km for m, or a velocity along the position."
+        )
+    node = math.atan2(h[0], 0.0 - h[1])
+    ascending = np.array([math.cos(node), math.sin(node), 0.0])
+    across = np.cross(h / np.linalg.norm(h), ascending)
+    to_perigee = np.cross(v, h) / primary.mu - r / size
+    perigee = math.atan2(to_perigee @ across, to_perigee @ ascending)
+    latitude = math.atan2(r @ across, r @ ascending)  # from the node
+    return {
+        "semi_major_axis": -primary.mu / (2 * energy),
+        "eccentricity": float(np.linalg.norm(to_perigee)),
+        "inclination": math.atan2(math.hypot(h[0], h[1]), h[2]),
+        "node": node,
+        "perigee": perigee,
+        "true_anomaly": latitude - perigee,
+    }
+
+
+def _tle(line1: Any, line2: Any) -> tuple[Any, dt.datetime]:
+    """The satellite of sgp4, and the epoch of the elements.  Raises `InputError`."""
+    try:
+        from sgp4.api import Satrec
+    except ImportError:
+        raise InputError("Orbit.from_tle needs the package sgp4: pip install 'kreisel[orbit]'.") from None
+    for number, line in enumerate((line1, line2), 1):
+        if not isinstance(line, str) or not re.fullmatch(TLE[number - 1], line.rstrip()):
+            raise InputError(
+                f"line{number}: expected line {number} of a two-line element set, 69 characters that begin with "
+                f"'{number} ', got {shown(line)}. Usual cause: the line with the name, or blanks that were lost."
+            )
+        digits = sum(int(c) if c.isdigit() else c == "-" for c in line[:68])
+        if digits % 10 != int(line[68]):
+            raise InputError(f"line{number}: expected the checksum {digits % 10}, got {line[68]}: a digit is wrong.")
+    sat = Satrec.twoline2rv(line1, line2)
+    if sat.error:
+        raise InputError(f"two-line elements: expected those of an orbit, got error {sat.error} of sgp4.")
+    days = (sat.jdsatepoch - 2451545.0) + sat.jdsatepochF
+    return sat, J2000 + dt.timedelta(days=days)
