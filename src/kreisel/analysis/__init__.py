@@ -4,6 +4,7 @@
     kr.analysis.euler_angles(run)                      # phi, theta, psi
     kr.analysis.mean_rates(run)                        # nutation and precession, measured and in closed form
     kr.analysis.angular_velocity(run)                  # Omega along the axes of the body; frame="space": omega
+    kr.analysis.pointing(run, target="sun")            # of a satellite: pitch, roll, yaw, angle to the Sun
     kr.analysis.section(run, "a[1]", rising=True)      # Poincare's section a_2 = 0, located to round-off
     kr.analysis.frequencies(run, "a[0]")               # to 1e-10 and better
 
@@ -16,6 +17,7 @@ from kreisel.analysis.angles import angular_velocity, euler_angles, mean_rates, 
 from kreisel.analysis.comparison import Comparison, compare
 from kreisel.analysis.events import events, return_map, section
 from kreisel.analysis.frequencies import Lines, frequencies, megno, power_spectrum
+from kreisel.analysis.pointing import pointing
 
 __all__ = [
     "Comparison",
@@ -28,6 +30,7 @@ __all__ = [
     "mean_rates",
     "megno",
     "path",
+    "pointing",
     "power_spectrum",
     "quaternions",
     "rates",

@@ -15,6 +15,7 @@ from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import orbit as formulas_of_orbits
 from kreisel.errors import InputError, doubt, explained, shown
 from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number, si_numbers
+from kreisel.runs.orbits import orbit_frame
 
 formulas = cast("Any", formulas_of_orbits)  # of a page, without types
 
@@ -224,11 +225,7 @@ class Orbit:
 
     def frame(self, time: Any) -> Array:
         """The axes of the orbit at times (...), as columns (..., 3, 3): up, ahead, and the normal of the orbit."""
-        r, v = self.at(time)
-        up = r / np.linalg.norm(r, axis=-1, keepdims=True)
-        normal = np.cross(r, v)
-        normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-        return np.stack([up, np.cross(normal, up), normal], -1)
+        return orbit_frame(*self.at(time))
 
     def rate(self, time: Any = 0.0) -> Any:
         """The rate at which that frame rotates about the normal, |r x v|/r^2, rad/s."""

@@ -28,6 +28,7 @@ from kreisel.physical.measures import (
 from kreisel.physical.orbit import SATURN, SUN, Orbit
 from kreisel.record.model import Model, State
 from kreisel.runs.geometry import orientation_of, require_of_body
+from kreisel.runs.orbits import Angles, angles_of
 from kreisel.units import Scales
 
 if TYPE_CHECKING:
@@ -56,14 +57,6 @@ class Harmonics(NamedTuple):
     mass: Any
     radius: Any
     coefficients: Any
-
-
-class Angles(NamedTuple):
-    """Angles of a satellite in the frame of its orbit, rad: rotations about the normal, about ahead, about up."""
-
-    pitch: Array
-    roll: Array
-    yaw: Array
 
 
 class Frequencies(NamedTuple):
@@ -245,15 +238,8 @@ class Satellite:
 
     def angles(self, run: xr.Dataset) -> Angles:
         """Pitch, roll and yaw (...) of a run relative to the frame of the orbit, from -pi to pi."""
-        g = algebra.rotation_matrix(orientation_of(run))
         require_of_body(run, self.orbit.elements)
-        frame = self.orbit.frame(_times(run, g.ndim - 2))
-        R = frame.mT @ g @ (self._principal_axes.T @ self._axes_of_orbit)  # R = R_3(pitch) R_2(roll) R_1(yaw)
-        return Angles(
-            np.arctan2(R[..., 1, 0], R[..., 0, 0]),
-            np.arcsin(np.clip(-R[..., 2, 0], -1, 1)),
-            np.arctan2(R[..., 2, 1], R[..., 2, 2]),
-        )
+        return angles_of(run)
 
     def _axis(self, run: xr.Dataset, which: int) -> Array:
         """One of the axes of yaw, roll and pitch in the frame of the orbit's elements, at each row."""

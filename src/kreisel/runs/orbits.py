@@ -104,6 +104,56 @@ def axes_of_angles(model: Model) -> Array:
     return np.asarray(axes * signs[..., None, :])
 
 
+def axis_of_pointing(run: xr.Dataset, axis: Any = None) -> Array:
+    """A unit vector ([lane,] 3) along the axes of the body; by default the axis that points down at zero angles.
+
+    Raises `InputError` for anything but three finite entries that are not all 0.
+    """
+    if axis is None:
+        return -np.asarray(axes_of_state(run) @ axes_of_angles(satellite_model(run))[..., 0][..., None])[..., 0]
+    return _direction(axis, "axis")
+
+
+def _direction(value: Any, name: str) -> Array:
+    vector = algebra.floats(value)
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
+        raise InputError(f"{name}: expected three numbers, the direction of a vector, got {shown(value)}.")
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+TARGETS = ("nadir", "velocity", "sun")
+
+
+def directions(around: Surroundings) -> dict[str, Array]:
+    """Unit vectors (time, [lane,] 3) in space to the targets that are known at each row."""
+    found = {"nadir": -around.position, "velocity": around.velocity, "sun": around.sun}
+    return {k: v / np.linalg.norm(v, axis=-1, keepdims=True) for k, v in found.items() if v is not None}
+
+
+def target_of(around: Surroundings, target: Any) -> Array:
+    """Unit vectors (time, [lane,] 3) in space to a target: one of `TARGETS`, or a direction at rest.
+
+    Raises `InputError` for another target, and for the Sun if the run does not state where it is.
+    """
+    if not isinstance(target, str):
+        return np.broadcast_to(_direction(target, "target"), around.position.shape)
+    if target not in TARGETS:
+        raise InputError(
+            f"target: expected {', '.join(TARGETS)} or a direction in space, got {shown(target)}."
+            f"{hint(target, TARGETS)}"
+        )
+    if target == "sun" and around.sun is None:
+        raise InputError("target='sun': expected a satellite in sunlight, Satellite(light=..., sun=...), got none.")
+    return directions(around)[target]
+
+
+def pointing_error(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> Array:
+    """The angle between an axis of the body and its target at each row, rad, (time, [lane])."""
+    around, g = surroundings(run), algebra.rotation_matrix(attitude_of(run))
+    pointed, wanted = algebra.act(g, axis_of_pointing(run, axis)), target_of(around, target)
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(pointed, wanted), axis=-1), algebra.dot(pointed, wanted)))
+
+
 FRAMES = {
     "orbit": "up, ahead and normal of the orbit",
     "inertial": "space",

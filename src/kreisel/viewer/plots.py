@@ -10,12 +10,14 @@ import numpy as np
 from kreisel.errors import InputError, brief, explained, hint, shown
 from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON
-from kreisel.method.observing import BALANCE
+from kreisel.method.observing import BALANCE, ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.runs.drift import all_series
 from kreisel.runs.geometry import axes_of_state, fixed_vector, model_for, require_unchanged
+from kreisel.runs.orbits import of_satellite
 from kreisel.runs.run_record import RunRecord
-from kreisel.viewer.frames import evenly, mixed, stretches
+from kreisel.viewer.frames import evenly, extremes, mixed, stretches
+from kreisel.viewer.motion import clock_of, panels_of, shadows_of
 from kreisel.viewer.style import Theme, figure
 
 if TYPE_CHECKING:
@@ -37,8 +39,21 @@ LARGEST = 1e100  # of values that are drawn: their squares do not overflow
 
 
 @explained
-def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "light", style: str = "house") -> Figure:
+def plot(
+    run: xr.Dataset,
+    *,
+    compare: xr.Dataset | None = None,
+    theme: str = "light",
+    style: str = "house",
+    axis: Any = None,
+    target: Any = "nadir",
+) -> Figure:
     """A figure of a run: the tip of the axis on its sphere (n = 3) or the components, and every drift.
+
+    For a satellite with its orientation: the angle of an axis of the body to its target, pitch, roll and yaw, the
+    angular velocity, the momentum of a wheel, shadows shaded if the Sun is known.  `axis` (3,) is along the axes of the
+    body, by default the one that points down at zero angles; `target` is "nadir", "velocity", "sun" or a direction in
+    space.
 
     The change of each family of Casimirs and integrals that the method conserves has a separate strip on a logarithmic
     scale, relative to the integral's scale (`kr.drift`), with the width eps_machine * sqrt(steps) of a random walk of
@@ -57,10 +72,13 @@ def plot(run: xr.Dataset, *, compare: xr.Dataset | None = None, theme: str = "li
     if records[-1].system != records[0].system:
         raise InputError(f"Runs of one system can be compared, got {records[0].system} and {records[1].system}.")
     with figure(theme, 1.0, 0.53, style) as (picture, colours), np.errstate(all="ignore"):
-        left, right = cast("Any", picture.subfigures(1, 2, width_ratios=[1, 1.25]))
+        flies = of_satellite(run) and ORIENTATION in run
+        left, right = cast("Any", picture.subfigures(1, 2, width_ratios=[1.35, 1] if flies else [1, 1.25]))
         vector = _vector_letter(run, records[0])
         lanes = _lanes(run)
-        if lanes[0][1][vector].shape[1:] == (3,) and all(_keeps_its_length(lane[vector]) for _, lane in lanes):
+        if flies:
+            _motion(left, lanes, axis, target, colours)
+        elif lanes[0][1][vector].shape[1:] == (3,) and all(_keeps_its_length(lane[vector]) for _, lane in lanes):
             _sphere(left.add_subplot(projection="3d"), lanes, vector, colours)
         else:
             _components(left, lanes[0], vector, colours)
@@ -82,7 +100,10 @@ def _lanes(run: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
 def _title(run: xr.Dataset, record: RunRecord, *others: RunRecord) -> str:
     beside = "".join(f" beside {brief(record_beside.method, MOST_TITLE)}" for record_beside in others)
     lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.dims else ""
-    return f"{brief(record.title, MOST_TITLE)}{beside}, n = {record.n}{lanes}, {record.steps:,} steps of {record.dt:g}"
+    clock = clock_of(run)
+    step = f"{record.dt:g}" if not clock.unit else f"{record.dt / clock.second:g} s"
+    n = "" if clock.unit else f", n = {record.n}"
+    return f"{brief(record.title, MOST_TITLE)}{beside}{n}{lanes}, {record.steps:,} steps of {step}"
 
 
 def _vector_letter(run: xr.Dataset, record: RunRecord) -> str:
@@ -91,6 +112,35 @@ def _vector_letter(run: xr.Dataset, record: RunRecord) -> str:
     if missing:
         raise InputError(f"The run lacks {', '.join(missing)} of its state, which the figure needs.")
     return record.carried
+
+
+def _motion(panel: Any, lanes: list[tuple[str, xr.Dataset]], axis: Any, target: Any, theme: Theme) -> None:
+    """A strip for each quantity of the motion of a satellite; for lanes, a colour for each lane."""
+    from matplotlib.ticker import MultipleLocator
+
+    clock, alone = clock_of(lanes[0][1]), len(lanes) == 1
+    everything = [panels_of(lane, axis, target) for _, lane in lanes]
+    panels = panel.subplots(len(everything[0]), 1, sharex=True)
+    for number, (name, lane) in enumerate(lanes):
+        time = read_values(lane["time"]) / clock.size
+        for axes, each in zip(panels, everything[number], strict=True):
+            rows = extremes(each.values, MOST_DOTS)
+            for k, part in enumerate(each.names):
+                style = {"color": theme.colour(k if alone else number), "linestyle": "-" if alone else DASHES[k]}
+                axes.plot(time[rows], each.values[rows, k], linewidth=0.8, label=part if alone else name, **style)
+            axes.set_title(f"{each.title} ({each.unit})", loc="left", fontsize="medium", parse_math=False)
+            if alone and any(each.names):
+                axes.legend(loc="lower right", bbox_to_anchor=(1.02, 0.97), ncols=3, handlelength=1.0)
+            if each.unit == "deg" and np.ptp(axes.get_ylim()) > 150:
+                axes.yaxis.set_major_locator(MultipleLocator(90))
+    shadows = shadows_of(lanes[0][1]) if alone else []
+    for axes in panels:
+        for begin, end in shadows:
+            axes.axvspan(begin / clock.size, end / clock.size, color=theme.faint, alpha=0.18, linewidth=0)
+        axes.margins(x=0)
+    if not alone:
+        panels[0].legend(loc="lower right", bbox_to_anchor=(1.02, 0.97), ncols=7, handlelength=1.0)
+    panels[-1].set_xlabel(f"{clock.label}; shaded: in shadow" if shadows else clock.label)
 
 
 def _keeps_its_length(vector: xr.DataArray) -> bool:
@@ -229,6 +279,7 @@ def _draw_drifts(panel: Any, runs: list[xr.Dataset], records: list[RunRecord], t
     columns = 1 + (len(families) > 7)
     rows = -(-len(families) // columns)
     panels = panel.subplots(rows, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw={"hspace": 0.06}).T
+    clock = clock_of(run)
     ends = [0.0, *read_values(run["time"][[0, -1]]).tolist()]
     first, last = min(ends), max(ends) if max(ends) > min(ends) else record.dt
     time = np.linspace(0, last, 400)[1:]
@@ -239,19 +290,21 @@ def _draw_drifts(panel: Any, runs: list[xr.Dataset], records: list[RunRecord], t
         for other_run, record_beside, envelopes in others:
             if family in envelopes:
                 named = brief(record_beside.method, MOST_TITLE)
-                axes.plot(_thinned_time(other_run), envelopes[family], color=theme.faint, label=named)
+                axes.plot(_thinned_time(other_run) / clock.size, envelopes[family], color=theme.faint, label=named)
         colour = theme.colour(number)
-        axes.plot(_thinned_time(run), change, color=colour, linewidth=0.7, label=brief(record.method, MOST_TITLE))
+        axes.plot(
+            _thinned_time(run) / clock.size, change, color=colour, linewidth=0.7, label=brief(record.method, MOST_TITLE)
+        )
         walk = r"$2^{-52}\,\sqrt{\mathrm{steps}}$"
-        axes.plot(time, width, color=theme.ink, linestyle="--", linewidth=0.9, label=walk)
-        axes.set(yscale="log", xlim=(first, last), ylim=(1e-17, 30 * top))
+        axes.plot(time / clock.size, width, color=theme.ink, linestyle="--", linewidth=0.9, label=walk)
+        axes.set(yscale="log", xlim=(first / clock.size, last / clock.size), ylim=(1e-17, 30 * top))
         plain = {"fontsize": "small", "parse_math": False}
         axes.text(0.01, 0.96, family.replace("_eps", " of the map"), transform=axes.transAxes, va="top", **plain)
         axes.locator_params(axis="y", numticks=4)
     for axes in panels.flat[len(families) :]:
         axes.set_visible(False)
     for column in panels:
-        column[-1].set_xlabel("time")
+        column[-1].set_xlabel(clock.label)
     panel.supylabel("change since the start, relative", fontsize="medium")
     title = "integrals of the flow" if reference else "what the method conserves"
     panels.flat[0].set_title("balance: the energy less the work done" if of_balance else title)

@@ -1,0 +1,96 @@
+"""Quantities of the motion of a satellite, for its figure and its page, and the unit of the axis of time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.analysis.angles import angular_velocity
+from kreisel.errors import brief, shown
+from kreisel.runs.orbits import angles_of, pointing_error, satellite_model, surroundings
+from kreisel.runs.run_record import RunRecord
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+CLOCKS = (("s", 1.0, 600.0), ("min", 60.0, 3 * 3600.0), ("h", 3600.0, 3 * 86400.0), ("d", 86400.0, np.inf))
+LONGEST = 60  # letters of a target
+
+
+class Clock(NamedTuple):
+    """The unit in which a figure has the time: "s", "min", "h", "d", or "" for a system without units."""
+
+    unit: str
+    size: float  # in units of the run
+    second: float = 1.0  # in units of the run
+
+    @property
+    def label(self) -> str:
+        """The label of the axis."""
+        return f"time ({self.unit})" if self.unit else "time"
+
+
+def clock_of(run: xr.Dataset) -> Clock:
+    """The unit that suits the length of a run of a body: at most 600 s, 180 min, 72 h."""
+    frame, unit = RunRecord.from_attrs(run.attrs).body_frame, run["time"].attrs.get("units")
+    if unit != "s" and frame is None:
+        return Clock("", 1.0)
+    second = 1.0 if unit == "s" else 1 / frame.time_unit if frame is not None else 1.0
+    ends = np.asarray(run["time"][[0, -1]].values, dtype=np.float64)
+    span = float(abs(ends[1] - ends[0])) / second
+    name, size, _ = next(row for row in CLOCKS if span <= row[2])
+    return Clock(name, size * second, second)
+
+
+class Panel(NamedTuple):
+    """Quantities along a run with one axis: values (time, [lane,] k), a name for each of the k."""
+
+    title: str
+    unit: str
+    names: tuple[str, ...]
+    values: Array
+
+
+def panels_of(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> list[Panel]:
+    """Pointing error, angles against the orbit, rates, and the momentum of a wheel."""
+    model, angles = satellite_model(run), angles_of(run)
+    aim = target if isinstance(target, str) else brief(shown(target), LONGEST)
+    subject = "axis" if axis is None else f"axis {brief(shown(axis), LONGEST)}"
+    error = np.rad2deg(pointing_error(run, axis, target))[..., None]
+    rates = np.rad2deg(np.asarray(angular_velocity(run).values))
+    out = [
+        Panel(f"angle of the {subject} to {aim}", "deg", ("",), error),
+        Panel("angles to the orbit", "deg", angles._fields, _broken(np.rad2deg(np.stack(angles, -1)))),
+        Panel("angular velocity in the body", "deg/s", ("x", "y", "z"), rates),
+    ]
+    if "wheel" in model.params:
+        time = np.asarray(run["time"].values).reshape(-1, *[1] * (1 + len(model.batch)))
+        wheel = model.params["wheel"] + model.params["wheel_torque"] * time
+        out.append(Panel("momentum of the wheel in the body", "N m s", ("x", "y", "z"), _along(run, wheel)))
+    return out
+
+
+def _along(run: xr.Dataset, vectors: Array) -> Array:
+    """Vectors along the axes in which the body was given."""
+    frame = RunRecord.from_attrs(run.attrs).body_frame
+    return vectors if frame is None else frame.vectors(vectors)
+
+
+def _broken(degrees: Array) -> Array:
+    """Angles with NaN where they jump from 180 to -180, so that no line is drawn there."""
+    jumps = np.zeros(degrees.shape, dtype=bool)
+    jumps[1:] = abs(np.diff(degrees, axis=0)) > 180
+    return np.where(jumps, np.nan, degrees)
+
+
+def shadows_of(run: xr.Dataset) -> list[tuple[float, float]]:
+    """First and last times of the rows in each shadow, for a single satellite whose Sun is known."""
+    light = surroundings(run).light
+    if light is None or light.ndim > 1:
+        return []
+    edges = np.diff(np.concatenate([[0], (light < 0.5).astype(int), [0]]))
+    time = np.asarray(run["time"].values, dtype=np.float64)
+    begin, end = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return [(float(time[a]), float(time[b])) for a, b in zip(begin, end, strict=True)]

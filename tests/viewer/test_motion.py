@@ -1,0 +1,102 @@
+"""Where a satellite points: its angles, its target, its shadow; the figure has them in units."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import kreisel as kr
+from kreisel.physical import FreeBody, Orbit, Plate, Satellite
+from kreisel.runs.orbits import pointing_error
+from kreisel.viewer.motion import clock_of, panels_of, shadows_of
+
+AXES = Rotation.from_rotvec([0.3, -0.5, 0.9]).as_matrix()
+TENSOR = AXES @ np.diag([1.0, 2.5, 2.0]) @ AXES.T
+EQUATORIAL = Orbit.circular("500 km")  # from the first axis of space to the second
+
+
+def run_of(satellite, attitude, steps=30, dt=60.0, **state):
+    orientation = satellite.orientation(attitude)
+    start = satellite.state(**state)
+    return kr.simulate(satellite.model(), start, dt=dt, steps=steps, orientation=orientation, progress=False)
+
+
+def test_a_satellite_that_is_tilted_misses_its_target_by_the_tilt():
+    body = Satellite(TENSOR, EQUATORIAL)
+    for tilt in ({"pitch": 0.2}, {"roll": -0.2}):
+        run = run_of(body, body.pointing(**tilt), steps=1)
+        assert np.isclose(pointing_error(run)[0], 0.2)
+        assert np.isclose(pointing_error(run, target="velocity")[0], np.pi / 2 + tilt.get("pitch", 0.0))
+        named = kr.analysis.pointing(run, axis=AXES[:, 0])  # of the least moment, up or down
+        assert np.isclose(abs(np.cos(named["error"][0])), np.cos(0.2))
+    steady = run_of(body, body.pointing())
+    assert np.abs(pointing_error(steady)).max() < 1e-8  # at rest in the frame of a circular orbit
+
+
+def test_angles_against_space_and_ground_are_those_of_scipy():
+    """Over the equator at the first axis of space, north is the third axis, east the second, down minus the first."""
+    body = Satellite(TENSOR, EQUATORIAL)
+    yaw, pitch, roll = 0.4, -0.3, 1.1
+    turn = Rotation.from_euler("ZYX", [yaw, pitch, roll])
+    ground = Rotation.from_matrix(np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]]))
+    for frame, g in (("inertial", turn), ("ground", ground * turn)):
+        run = run_of(body, g.as_quat(scalar_first=True), steps=1, spin=(0, 0, 0.001))
+        angles = kr.analysis.pointing(run, frame=frame).isel(time=0)
+        assert np.allclose([angles[k] for k in ("yaw", "pitch", "roll")], [yaw, pitch, roll]), frame
+
+
+def test_the_shadow_of_a_low_orbit_lasts_36_minutes():
+    """The Sun in the plane of the orbit: the Earth's cylinder hides it for 2 asin(R/r) of 2 pi, 35.8 min of 94.6."""
+    sun = np.array([0.6, 0.8, 0.0])
+    panel = Plate((0, 0, 1), (0, 0, 0), 0.01)  # without a lever
+    body = Satellite(TENSOR, EQUATORIAL, light=4.5e-6, sun=sun, plates=(panel,))
+    run = run_of(body, body.pointing(), dt=10.0, steps=560)
+    ((begin, end),) = shadows_of(run)
+    assert abs(end - begin - 35.8 * 60) < 25
+    middle = EQUATORIAL.at((begin + end) / 2)[0]
+    assert middle @ sun / np.linalg.norm(middle) < -0.999  # behind the Earth
+    assert np.isclose(pointing_error(run, target="sun")[0], np.arccos(-0.6))  # nadir is minus the first axis
+
+
+def test_the_figure_has_panels_with_units():
+    body = Satellite(TENSOR, EQUATORIAL, wheel=(0, 0.002, 0))
+    run = run_of(body, body.pointing(pitch=0.1))
+    panels = {panel.title: panel for panel in panels_of(run)}
+    assert [panel.unit for panel in panels.values()] == ["deg", "deg", "deg/s", "N m s"]
+    assert np.isclose(panels["angle of the axis to nadir"].values[0, 0], np.rad2deg(0.1))
+    rate = np.linalg.norm(panels["angular velocity in the body"].values[0])
+    assert np.isclose(rate, 360 / EQUATORIAL.period)  # at rest in the frame of the orbit
+    assert np.allclose(panels["momentum of the wheel in the body"].values, (0, 0.002, 0))
+    figure = kr.plot(run)
+    figure.draw_without_rendering()
+    left = figure.subfigs[0].axes
+    assert len(left) == 4 and left[-1].get_xlabel() == "time (min)"
+    assert np.isclose(left[0].get_xlim()[1], 30.0) and "steps of 60 s" in figure.get_suptitle()
+
+
+def test_the_clock_suits_the_length_of_a_run(top, x0):
+    body = FreeBody((1.0, 2.0, 2.5), time_unit=60.0)
+    for minutes, unit, size in ((1, "s", 1 / 60), (20, "min", 1.0), (300, "h", 60.0), (7200, "d", 1440.0)):
+        run = kr.simulate(body.model(), body.state((0, 0, 0.1)), dt=minutes, steps=1, progress=False)
+        clock = clock_of(run)
+        assert clock.unit == unit and np.isclose(clock.size, size)
+    assert clock_of(kr.simulate(top, x0, dt=1.0, steps=1, progress=False)) == ("", 1.0, 1.0)
+
+
+BAD = {
+    "frame": (lambda run: kr.analysis.pointing(run, frame="orbt"), "Did you mean 'orbit'"),
+    "target": (lambda run: kr.plot(run, target="nadr"), "Did you mean 'nadir'"),
+    "direction": (lambda run: kr.plot(run, target=(0, 0, 0)), "target: expected three numbers"),
+    "axis": (lambda run: kr.plot(run, axis=(0, 1)), "axis: expected three numbers"),
+    "sun": (lambda run: kr.plot(run, target="sun"), "a satellite in sunlight"),
+    "no satellite": (lambda run: kr.analysis.pointing(run.assign_attrs(system="euler-top")), "the run of a satellite"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input(name):
+    body = Satellite(TENSOR, EQUATORIAL)
+    call, words = BAD[name]
+    with pytest.raises(kr.InputError, match=words):
+        call(run_of(body, body.pointing(), steps=1))
