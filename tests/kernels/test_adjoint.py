@@ -91,7 +91,8 @@ def test_a_wrong_slope_is_seen(name: str, monkeypatch: pytest.MonkeyPatch) -> No
     right = sweep.SLOPES[name]
     monkeypatch.setitem(sweep.SLOPES, name, lambda *x: tuple(2 * slope for slope in right(*x)))
     near, forwards, backwards = jacobians()
-    assert abs(forwards - near).max() > 1e-4 and abs(backwards - near).max() > 1e-4
+    assert name in sweep.CHOICES or abs(forwards - near).max() > 1e-4  # tangents are chosen like values
+    assert abs(backwards - near).max() > 1e-4
 
 
 def test_signs_and_integer_parts_have_the_slope_0() -> None:

@@ -23,6 +23,7 @@ TOP_START = TOP.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
 BODY = kr.EulerTop(J=(1.0, 2.0, 3.5))
 CLEBSCH = kr.Clebsch(b=(1.0, 2.0, 3.5))
 OUTER = kr.QuadraticPotential(J=(1.0, 2.0, 2.5))
+LIMITED = kr.perturbed(BODY, torque=lambda M: 0.1 * np.where(M[0] < 0.2, M, 0) - np.clip(M, -0.1, 0.2))
 CASES: dict[str, tuple[Any, dict[str, Any]]] = {
     "suris 1": ((TOP, TOP_START), {"method": "suris", "order": 1}),
     "baecklund 4, orientation": ((TOP, TOP_START), {"method": "baecklund", "order": 4, "orientation": (1, 0, 0, 0)}),
@@ -32,6 +33,7 @@ CASES: dict[str, tuple[Any, dict[str, Any]]] = {
         (OUTER, OUTER.state(M=(0.3, 0.5, 1.1), P=[[0.5, 0.1, 0.0], [0.1, 0.2, -0.3], [0.0, -0.3, 0.9]])),
         {"method": "veselov", "order": 2},
     ),
+    "a motor with limits": ((LIMITED, LIMITED.state(M=(0.3, 0.5, 1.1))), {"method": "splitting", "order": 4}),
     "variational, unprojected": ((TOP, TOP_START), {"method": "variational", "order": 2, "project": False}),
 }
 

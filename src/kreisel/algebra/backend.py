@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from kreisel.algebra import recorded
 from kreisel.algebra.complex import Complex, as_complex
 from kreisel.algebra.recorded import Recorded
 
@@ -178,7 +179,7 @@ def where_less(x: Array, y: Array, yes: Array, no: Array) -> Array:
     """`yes` if x < y, else `no`, of real x and y; recorded numbers define it themselves."""
     if isinstance(yes, Complex):
         return Complex(*(where_less(x, y, a, b) for a, b in zip(parts(yes), parts(no), strict=True)))
-    return yes.where_less(x, y, no) if hasattr(yes, "where_less") else np.where(x < y, yes, no)
+    return recorded.where_less(x, y, yes, no)
 
 
 def sqrt(x: Array) -> Array:

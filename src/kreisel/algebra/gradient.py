@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from kreisel.algebra.backend import Array, holds_objects, objects, sqrt
-from kreisel.algebra.recorded import NotRecorded, Recorded
+from kreisel.algebra.recorded import Recorded, sign, where_less
 from kreisel.errors import InputError
 
 
@@ -22,6 +22,7 @@ def _function(name: str) -> Callable[[Any], Any]:
     return lambda x: getattr(x, name)() if hasattr(x, name) else getattr(np, name)(x)
 
 
+LEAST = 5e-324  # the least double that is not 0
 sin, cos, exp, log = (_function(name) for name in ("sin", "cos", "exp", "log"))
 # Derivatives of an operation with respect to its operands: slopes(value, *operands).
 SLOPES: dict[str, Callable[..., tuple[Any, ...]]] = {
@@ -42,6 +43,7 @@ class TracedNumber(Recorded):
 
     __slots__ = ("parents", "place", "tape", "value")
     inexact: ClassVar[bool] = True
+    traces: ClassVar[bool] = True  # its value is a number of another kind
 
     def __init__(self, tape: list[TracedNumber], value: Any, parents: tuple[tuple[TracedNumber, Any], ...] = ()):
         self.tape, self.value, self.parents, self.place = tape, value, parents, len(tape)
@@ -136,7 +138,22 @@ class TracedNumber(Recorded):
         return self * self
 
     def __abs__(self) -> Any:
-        raise NotRecorded("abs(x), which has no derivative at 0", "Use np.sqrt(x * x), or a smooth form.")
+        return ChosenNumber(self.tape, abs(self.value), ((self, sign(self.value)),))
+
+    @staticmethod
+    def where_less(x: Any, y: Any, yes: Any, no: Any) -> Any:
+        """`yes` if x < y, else `no`."""
+        tape = next(v.tape for v in (x, y, yes, no) if isinstance(v, TracedNumber))
+        a, b, *values = (_value(v) for v in (x, y, yes, no))
+        shares = where_less(a, b, 1, 0), where_less(a, b, 0, 1)
+        parents = [(v, s) for v, s in zip((yes, no), shares, strict=True) if isinstance(v, TracedNumber)]
+        return ChosenNumber(tape, where_less(a, b, *values), tuple(parents))
+
+
+class ChosenNumber(TracedNumber):
+    """A number that a comparison chose; the derivative of the other value does not count, even if it is not finite."""
+
+    __slots__ = ()
 
 
 def _power(x: Any, count: int) -> Any:
@@ -222,11 +239,16 @@ def _swept(tape: list[TracedNumber], out: TracedNumber, moves: Sequence[bool] | 
     """The derivatives of a number with respect to all before it, by a reverse sweep; `moves`: those that matter."""
     slopes: list[Any] = [0] * (out.place + 1)
     slopes[out.place] = 1
+    plain = {out.place}  # places of values that do not only go into choices
     for node in reversed(tape[: out.place + 1]):
         here = slopes[node.place]
         if isinstance(here, int) and here == 0:
             continue
+        free = node.place in plain
         for parent, slope in node.parents:
             if moves is None or moves[parent.place]:
-                slopes[parent.place] = slopes[parent.place] + here * slope
+                gain = here * slope if free else where_less(abs(here), LEAST, 0, here * slope)
+                slopes[parent.place] = slopes[parent.place] + gain
+                if free and not isinstance(node, ChosenNumber):
+                    plain.add(parent.place)
     return slopes

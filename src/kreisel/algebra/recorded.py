@@ -1,4 +1,9 @@
-"""Numbers without values, on which a formula is run once to record its operations; operations that they refuse."""
+"""Numbers without values, on which a formula is run once to record its operations; operations that they refuse.
+
+Their comparisons are `Condition`s, by which NumPy's np.where, np.minimum, np.maximum, np.clip, np.sign and
+abs choose values: their method `where_less(x, y, yes, no)` records the choice.  The derivative of a choice is the
+derivative of the chosen value.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +14,14 @@ from pathlib import Path
 from types import CodeType, TracebackType
 from typing import Any
 
+import numpy as np
+
 from kreisel.errors import InputError, brief
 
 BRANCH = (
-    "Usual cause: if, max, np.maximum, np.where, np.sign or np.clip. Write one formula without branches, such as "
-    "(x + np.sqrt(x * x)) / 2 for the larger of x and 0."
+    "Usual cause: if, max, min, or np.where and the like on an array that np.array made of such numbers. Use "
+    "np.where(x > 0, y, z), np.maximum(x, y), np.clip(x, low, high) or np.sign(x), and np.stack([x, y]) for "
+    "np.array([x, y])."
 )
 ROUND = (
     "Usual cause: a function of the module math, float(x), int(x), or an array of floats that is filled with x. Use "
@@ -21,12 +29,13 @@ ROUND = (
 )
 POWER = "Recorded are integer powers: use np.sqrt(x) for a root, and np.exp(y * np.log(x)) for a power of a positive x."
 RECORDED = (
-    "Recorded are + - * /, integer powers, np.sqrt, np.sin, np.cos, np.exp, np.log, and sums and products of arrays. "
-    "Write the formula with these."
+    "Recorded are + - * /, integer powers, np.sqrt, np.sin, np.cos, np.exp, np.log, abs, np.sign, np.minimum, "
+    "np.maximum, np.clip, np.where, and sums and products of arrays. Write the formula with these."
 )
 MISSING = re.compile(r"no callable (\w+) method|'(?:Traced)?Number' object has no attribute '(\w+)'")
 LINE = 100  # characters of a user's line that a message shows
 LIBRARIES = ("site-packages", "dist-packages")
+NO_USER = frozenset(("kreisel", *sys.stdlib_module_names))
 
 
 class NotRecorded(InputError, TypeError):
@@ -39,7 +48,7 @@ class NotRecorded(InputError, TypeError):
         self.operation, self.fix, self.place = operation, fix, place
         InputError.__init__(
             self,
-            f"{place}{': ' if place else ''}expected a formula without branches, of operations that can be recorded, "
+            f"{place}{': ' if place else ''}expected operations that can be recorded, and no `if`, "
             f"got {operation}. The function is run once, on numbers without values, and its operations are compiled. "
             f"{fix}",
         )
@@ -61,33 +70,241 @@ def _compared(sign: str) -> Callable[[Any, Any], Any]:
     return compare
 
 
-class Recorded:
-    """A number without a value: comparisons, truth and rounding raise `NotRecorded`."""
+# -- choices -----------------------------------------------------------------------------------------
+
+
+def where_less(x: Any, y: Any, yes: Any, no: Any) -> Any:
+    """`yes` if x < y, else `no`, of any kind of real value; recorded values define it."""
+    numbers = [v for v in (x, y, yes, no) if hasattr(v, "where_less")]
+    outer: Any = next((v for v in numbers if getattr(v, "traces", False)), None)
+    if outer is None and any(isinstance(v, np.ndarray) and v.dtype == object for v in (x, y, yes, no)):
+        return np.frompyfunc(where_less, 4, 1)(*map(_plain, (x, y, yes, no)))
+    if numbers:
+        return (numbers[0] if outer is None else outer).where_less(x, y, yes, no)
+    test = x < y
+    return np.where(test, yes, no) if isinstance(test, np.ndarray) else yes if test else no
+
+
+class Dispatched:
+    """A value that NumPy's functions treat as an entry of a `RecordedArray`."""
+
+    __slots__ = ()
+
+    def __array_ufunc__(self, ufunc: Any, method: Any, *inputs: Any, **kwargs: Any) -> Any:
+        return _applied(ufunc, method, inputs, kwargs)
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        return function(*map(_as_array, args), **{name: _as_array(x) for name, x in kwargs.items()})
+
+
+class Condition(Dispatched):
+    """A recorded comparison: `choose(yes, no)` records one of two values; `&`, `|` and `~` join conditions.
+
+    As a factor or a term it is 1 if it holds, else 0; its truth, as in `if x > 0`, raises `NotRecorded`.
+    """
+
+    __slots__ = ("choose", "text")
+    __hash__ = None  # type: ignore[assignment]
+
+    def __init__(self, choose: Callable[[Any, Any], Any], text: str):
+        self.choose, self.text = choose, text
+
+    def __bool__(self) -> bool:
+        raise NotRecorded(f"the truth of {self.text}", BRANCH)
+
+    def __and__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        return Condition(lambda yes, no: self.choose(_chosen(other, yes, no), no), self.text)
+
+    def __or__(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        return Condition(lambda yes, no: self.choose(yes, _chosen(other, yes, no)), self.text)
+
+    def __invert__(self) -> Condition:
+        return Condition(lambda yes, no: self.choose(no, yes), self.text)
+
+    __rand__, __ror__ = __and__, __or__
+
+    def __mul__(self, other: Any) -> Any:
+        return self.choose(1, 0) * other
+
+    def __add__(self, other: Any) -> Any:
+        return self.choose(1, 0) + other
+
+    def __neg__(self) -> Any:
+        return self.choose(-1, 0)
+
+    def __sub__(self, other: Any) -> Any:
+        return self + (-other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return -self + other
+
+    __rmul__, __radd__ = __mul__, __add__
+
+
+def _chosen(condition: Any, yes: Any, no: Any) -> Any:
+    return condition.choose(yes, no) if isinstance(condition, Condition) else yes if condition else no
+
+
+def _less(x: Any, y: Any) -> Condition:
+    return Condition(lambda yes, no: where_less(x, y, yes, no), "a comparison, as in `if x < y`")
+
+
+def sign(x: Any) -> Any:
+    """-1, 0 or 1."""
+    return where_less(x, 0, -1, where_less(0, x, 1, 0))
+
+
+def _clipped(x: Any, low: Any, high: Any) -> Any:
+    x = x if low is None else where_less(x, low, low, x)
+    return x if high is None else where_less(high, x, high, x)
+
+
+def _of_numbers(name: str) -> Callable[[Any], Any]:
+    """A function of NumPy of one entry, which may be a float."""
+    return lambda x: getattr(x, name)() if hasattr(x, name) else getattr(np, name)(x)
+
+
+# Functions of NumPy, by name, of the entries of arrays.
+ENTRYWISE: dict[str, Callable[..., Any]] = {
+    "less": lambda x, y: x < y,
+    "less_equal": lambda x, y: x <= y,
+    "greater": lambda x, y: x > y,
+    "greater_equal": lambda x, y: x >= y,
+    "minimum": lambda x, y: where_less(y, x, y, x),
+    "maximum": lambda x, y: where_less(x, y, y, x),
+    "sign": sign,
+    "fabs": abs,
+    "clip": _clipped,
+    "where": _chosen,
+    "logical_and": lambda x, y: x & y,
+    "bitwise_and": lambda x, y: x & y,
+    "logical_or": lambda x, y: x | y,
+    "bitwise_or": lambda x, y: x | y,
+    "logical_not": lambda x: ~x if isinstance(x, Condition) else not x,
+    "invert": lambda x: ~x if isinstance(x, Condition) else not x,
+    **{name: _of_numbers(name) for name in ("sqrt", "sin", "cos", "exp", "log")},
+}
+
+
+class RecordedArray(np.ndarray):
+    """An array on which comparisons and choices are recorded; user-defined functions get these."""
+
+    def __array_ufunc__(self, ufunc: Any, method: Any, *inputs: Any, **kwargs: Any) -> Any:
+        return _applied(ufunc, method, inputs, kwargs)
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        if function is np.clip or (function is np.where and len(args) == 3):
+            low_high = (kwargs.get("a_min", kwargs.get("min")), kwargs.get("a_max", kwargs.get("max")))
+            inputs = (*args, *low_high[len(args) - 1 :]) if function is np.clip else args
+            return _entrywise(function.__name__, "__call__", [*map(_plain, inputs)], {})
+        if not all(issubclass(kind, np.ndarray) for kind in types):
+            return function(*map(_as_array, args), **{name: _as_array(x) for name, x in kwargs.items()})
+        return _wrapped(super().__array_function__(function, types, args, kwargs))
+
+
+def _applied(function: Any, method: str, inputs: Any, named: dict[str, Any]) -> Any:
+    """The result of a function of NumPy, as a `RecordedArray` if it is an array."""
+    values = [*map(_plain, inputs)]
+    if "out" in named:
+        named["out"] = tuple(map(_plain, named["out"]))
+    if function.__name__ in ENTRYWISE:
+        return _entrywise(function.__name__, method, values, named)
+    return _wrapped(getattr(function, method)(*values, **named))
+
+
+def _entrywise(name: str, method: str, values: list[Any], named: dict[str, Any]) -> Any:
+    count = 2 if method == "reduce" else len(values)
+    return _wrapped(getattr(np.frompyfunc(ENTRYWISE[name], count, 1), method)(*values, **named))
+
+
+def _as_array(x: Any) -> Any:
+    """A recorded number as an array without axes; also the entries of a list."""
+    if isinstance(x, list | tuple):
+        return type(x)(map(_as_array, x)) if type(x) in (list, tuple) else x
+    return _wrapped(_plain(x)) if isinstance(x, Dispatched) else x
+
+
+def _plain(x: Any) -> Any:
+    """An array of NumPy that its functions do not hand over."""
+    if isinstance(x, RecordedArray):
+        return x.view(np.ndarray)
+    if isinstance(x, Dispatched):
+        out = np.empty((), dtype=object)
+        out[()] = x
+        return out
+    return x
+
+
+def _wrapped(x: Any) -> Any:
+    """A `RecordedArray` of an array of objects; other values unchanged."""
+    return x.view(RecordedArray) if isinstance(x, np.ndarray) and x.dtype == object else x
+
+
+class Recorded(Dispatched):
+    """A number without a value: equality, truth and rounding raise `NotRecorded`; < and > are `Condition`s."""
 
     __slots__ = ()
     __hash__ = None  # type: ignore[assignment]
     __eq__, __ne__ = _compared("=="), _compared("!=")
-    __lt__, __le__, __gt__, __ge__ = map(_compared, ("<", "<=", ">", ">="))
     __bool__ = _refused("the truth of a number, as in `if x`", BRANCH)
     __float__ = __complex__ = _refused("a conversion to a float, as in math.sin(x)", ROUND)
     __int__ = __index__ = _refused("a conversion to an integer", ROUND)
     __round__ = __trunc__ = __floor__ = __ceil__ = _refused("a rounding to an integer", ROUND)
     __floordiv__ = __mod__ = __divmod__ = _refused("a remainder or an integer quotient", RECORDED)
 
+    def __lt__(self, other: Any) -> Any:
+        return NotImplemented if isinstance(other, np.ndarray) else _less(self, other)
+
+    def __gt__(self, other: Any) -> Any:
+        return NotImplemented if isinstance(other, np.ndarray) else _less(other, self)
+
+    def __le__(self, other: Any) -> Any:
+        return NotImplemented if isinstance(other, np.ndarray) else ~_less(other, self)
+
+    def __ge__(self, other: Any) -> Any:
+        return NotImplemented if isinstance(other, np.ndarray) else ~_less(self, other)
+
+    def __abs__(self) -> Any:
+        return where_less(self, 0, -self, self)  # type: ignore[operator]
+
+
+# -- user-defined functions --------------------------------------------------------------------------
+
 
 def run(function: Callable[..., Any], *values: Any, **named: Any) -> Any:
     """The value of a function of a record.
 
-    Raises `NotRecorded`, with the place, for a nonarithmetic error in a user-defined function.
+    User-defined functions get arrays of recorded numbers as `RecordedArray`.  Raises `NotRecorded`, with the place, for
+    a nonarithmetic error in a user-defined function.
     """
     try:
-        return function(*values, **named)
+        if not of_user(function):
+            return function(*values, **named)
+        return _unwrapped(function(*map(_wrapped, values), **{name: _wrapped(x) for name, x in named.items()}))
     except (TypeError, AttributeError, ValueError, LookupError, NameError) as error:
         complete = error.place if isinstance(error, NotRecorded) else isinstance(error, InputError)
         place = "" if complete else _place(error.__traceback__) or _name(function)
         if not place:
             raise
         raise _explained(error, place) from error
+
+
+def of_user(function: Callable[..., Any]) -> bool:
+    """Whether a function is user-defined."""
+    code = getattr(function, "__code__", None)
+    return code is None or _of_user(getattr(function, "__module__", None) or "", code)
+
+
+def _unwrapped(x: Any) -> Any:
+    return tuple(map(_plain_array, x)) if type(x) is tuple else _plain_array(x)
+
+
+def _plain_array(x: Any) -> Any:
+    return x.view(np.ndarray) if isinstance(x, RecordedArray) else x
 
 
 def _explained(error: Exception, place: str) -> NotRecorded:
@@ -123,4 +340,4 @@ def _name(function: Callable[..., Any]) -> str:
 
 def _of_user(module: str, code: CodeType) -> bool:
     package, file = module.split(".")[0], code.co_filename
-    return package not in ("kreisel", *sys.stdlib_module_names) and not any(name in file for name in LIBRARIES)
+    return package not in NO_USER and not any(name in file for name in LIBRARIES)

@@ -244,7 +244,7 @@ def _toml(value: Any) -> str:
 
 
 FORCES = """{head} --perturbed: {title} under forces of your own.
-# The potential's force is derived.  Functions use NumPy's operations, no branches; `help(kr.perturbed)` has all kinds.
+# The potential's force is derived.  Functions use NumPy's operations, np.where for `if`; see `help(kr.perturbed)`.
 
 import numpy as np
 

@@ -74,9 +74,10 @@ def perturbed(
                pairs for `pair_potential`); scalars in exactly n lanes as (n, 1)
     name       of the system, in archives and TOML files; default: "perturbed-" and the name of the integrable part
 
-    Functions are run once, on values that record the operations: NumPy's +, *, @, sqrt, sin, cos, exp, log, no
-    branches.  Skew components are axial vectors for n = 3.  Without any force the system itself is returned.  Raises
-    `InputError` for anything but such a function, for unknown names, and for forces that do not suit the system.
+    Functions are run once, on values that record the operations: NumPy's +, *, @, sqrt, sin, cos, exp, log; where,
+    clip, sign, minimum, maximum, abs for `if`.  Skew components are axial vectors for n = 3.  Without any force the
+    system itself is returned.  Raises `InputError` for anything but such a function, for unknown names, and for forces
+    that do not suit the system.
     """
     body = _base(system)
     functions = {"potential": potential, "torque": torque, "force": force, "pair_potential": pair_potential}
@@ -89,8 +90,7 @@ def perturbed(
     _require_suitable(body, record)
     own |= _matrices(body, damping, inertia, coupling)
     own |= parameters_of_pairs(record, pairs, own)
-    model = Model(_system(body, record, list(own.values()), name), {})
-    _try(model)
+    model = _tried(body, record, list(own.values()), name)
     numbers = copy.deepcopy({**given, "pairs": pairs, "params": params, "inner": inner, "name": name})
     portable = {what: Portable(function) for what, function in functions.items()}
     return Model(_with_own_casimirs(model).remade_by(_system_again, body, portable, numbers), {}, body.body_frame)
@@ -363,8 +363,18 @@ def _with_own_casimirs(model: Model) -> System:
     return replace(system, space=replace(space, casimirs=casimirs))
 
 
-def _try(model: Model) -> None:
-    """Run the functions once.  Raises `InputError` for any exception of theirs."""
+def _tried(body: Model, record: Perturbation, own: list[Parameter], name: str | None) -> Model:
+    """The model of these forces, which are marked if they choose values by comparisons."""
+    model = Model(_system(body, record, own, name), {})
+    chosen: dict[str, Any] = {k: replace(getattr(record, k), chooses=True) for k in _try(model)}
+    return Model(_system(body, replace(record, **chosen), own, name), {}) if chosen else model
+
+
+def _try(model: Model) -> set[str]:
+    """Run the functions once: the names of those that choose values by comparisons.
+
+    Raises `InputError` for any exception of theirs.
+    """
     space, n, record = model.system.space, model.n, kicks.perturbation_of(model.system)
     rng = np.random.default_rng(0)
 
@@ -376,20 +386,26 @@ def _try(model: Model) -> None:
     known = {letter: v.reshape(-1, *v.shape[v.ndim - model.axes[letter] :])[0] for letter, v in model.constants.items()}
     try:
         with np.errstate(all="ignore"):
-            body = Body(state, g, np.float64(0.5))
+            body, chosen = Body(state, g, np.float64(0.5)), set[str]()
             if record.pair is not None:
                 of_pairs, axes = constants_of_pairs(model)
-                kicks.pulls(model.system, (body, body), {name: v[0] for name, v in of_pairs.items()}, axes)
+                values = {name: v[0] for name, v in of_pairs.items()}
+                kicks.pulls(model.system, (body, body), values, axes)
+                pair = kicks.seen_by_pair(model.system, (body, body))
+                chosen |= {"pair"} if kicks.chooses(record.pair, pair, values, axes) else set()
             kicks.rates(model.system, body, known, model.axes)
             tau = kicks.torque(model.system, body, known, model.axes)
+            there = kicks.seen(model.system, body)
+            chosen |= {k for k, force in record.functions.items() if kicks.chooses(force, there, known, model.axes)}
     except InputError:
         raise
     except Exception as error:
         raise InputError(
             f"{model.system.name}: a force cannot be computed: {type(error).__name__}: {error}. Usual cause: a "
-            "function that does not take numbers of every kind; use NumPy's operations, no math, no branches."
+            "function that does not take numbers of every kind; use NumPy's operations, np.where for `if`, no math."
         ) from error
     if tau is not None and algebra.magnitude(tau + tau.mT) > SKEW_TOLERANCE * max(1.0, algebra.magnitude(tau)):
         raise InputError(
             "torque: expected a skew matrix or, for n = 3, an axial vector, got a matrix that is not skew."
         )
+    return chosen

@@ -7,6 +7,7 @@ all lanes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -22,7 +23,7 @@ from kreisel.forces.kicks import Body
 from kreisel.forces.pairs import constants_of_pairs
 from kreisel.record.calling import Function, call
 from kreisel.record.model import Model
-from kreisel.record.perturbation import TIME, pairs_of
+from kreisel.record.perturbation import TIME, Force, pairs_of
 
 POINTS = 3
 ZERO = 1e-13  # of the slope times the rate, in doubles
@@ -65,6 +66,7 @@ def _representatives(model: Model) -> list[Model]:
 
     An identity at that mean holds for all lanes: the derivatives are analytic functions of the parameters.
     """
+    model = _with_any_choice(model)
     if not model.batch:
         return [model]
     drawn = np.random.default_rng(2).random(model.batch)
@@ -74,6 +76,29 @@ def _representatives(model: Model) -> list[Model]:
     first = {k: v[0] if k in varied else v for k, v in model.params.items()}
     same = {k for k in varied if (model.params[k] == model.params[k][0]).all()}
     return [Model(model.system, first), Model(model.system, {**means, **{k: first[k] for k in same}})]
+
+
+def _with_any_choice(model: Model) -> Model:
+    """The model with random forces of the same arguments for forces that choose values, which no points exhaust."""
+    record = kicks.perturbation_of(model.system)
+    forces = {**record.functions, **({"pair": record.pair} if record.pair else {})}
+    chosen: dict[str, Any] = {k: _any_force(k, force, model.n) for k, force in forces.items() if force.chooses}
+    return Model(replace(model.system, perturbation=replace(record, **chosen)), model.params) if chosen else model
+
+
+def _any_force(what: str, force: Force, n: int) -> Force:
+    """A constant load, or a potential that is linear in its arguments."""
+    weights = np.random.default_rng(3).integers(1, 10**6, 1000).tolist()
+
+    def potential(*arguments: Any) -> Any:
+        return sum(w * x for w, x in zip(weights, [x for each in arguments for x in np.ravel(each)], strict=False))
+
+    def load(*_: Any) -> Any:
+        if what == "force" or n == 3:
+            return np.array(weights[:n], dtype=object)
+        return algebra.skew(np.array(weights[: n * (n - 1) // 2], dtype=object), n)
+
+    return Force(load if what in ("torque", "force") else potential, force.arguments, ())
 
 
 def candidates(model: Model) -> dict[str, Function]:

@@ -19,7 +19,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.gradient import traced, value_and_gradient
+from kreisel.algebra.gradient import ChosenNumber, traced, value_and_gradient
 from kreisel.algebra.recorded import run
 from kreisel.errors import InputError
 from kreisel.record.calling import call
@@ -69,10 +69,7 @@ def potential_of_pair(
     force = perturbation_of(system).pair
     if force is None:
         raise TypeError(f"{system.name} has no pair potential")
-    there = {TIME: (pair[0].t, 0)}
-    for body, mark in zip(pair, (FIRST, SECOND), strict=True):
-        there |= {name + mark: value for name, value in seen(system, body).items() if name != TIME}
-    value, slopes = _value_and_slopes(force, "pair_potential", there, known, axes)
+    value, slopes = _value_and_slopes(force, "pair_potential", seen_by_pair(system, pair), known, axes)
     first, second = (
         {name[:-1]: _back(system, name[:-1], slope, body) for name, slope in slopes.items() if name[-1] == mark}
         for body, mark in zip(pair, (FIRST, SECOND), strict=True)
@@ -167,6 +164,22 @@ def seen(system: System, body: Body) -> dict[str, tuple[Any, int]]:
         shown = algebra.KINDS[kind].shown(z.shape[-1])
         known[letter] = algebra.KINDS[kind].for_user(z), shown.axes
     return known | {ORIENTATION: (body.g, 2), TIME: (body.t, 0)}
+
+
+def seen_by_pair(system: System, pair: tuple[Body, Body]) -> dict[str, tuple[Any, int]]:
+    """The possible arguments of a pair potential, by name: (value, its axes)."""
+    there = {TIME: (pair[0].t, 0)}
+    for body, mark in zip(pair, (FIRST, SECOND), strict=True):
+        there |= {name + mark: value for name, value in seen(system, body).items() if name != TIME}
+    return there
+
+
+def chooses(force: Force, there: Mapping[str, tuple[Any, int]], known: Constants, axes: Mapping[str, int]) -> bool:
+    """Whether a force chooses values by comparisons; `there` has (value, axes) of its arguments."""
+    tape: list[Any] = []
+    more = [(known[name], axes[name]) for name in force.parameters]
+    _called(force, [traced(tape, *each) for each in (*(there[name] for name in force.arguments), *more)])
+    return any(isinstance(x, ChosenNumber) for x in tape)
 
 
 def _called(force: Force, numbers: Sequence[Any]) -> Any:

@@ -60,9 +60,10 @@ class DoubleDouble(Ring):
         remainder = fma(-r, r, self.upper) + self.lower
         return ordered_sum(r, remainder / (r + r))
 
-    def where_less(self, x: Any, y: Any, no: Any) -> DoubleDouble:
-        """The number itself where x < y, else `no`."""
-        less, pairs = (upper(x), upper(y)), (self, double_double(no))
+    @staticmethod
+    def where_less(x: Any, y: Any, yes: Any, no: Any) -> DoubleDouble:
+        """`yes` where x < y, else `no`."""
+        less, pairs = (upper(x), upper(y)), (double_double(yes), double_double(no))
         return DoubleDouble(where_less(*less, *map(upper, pairs)), where_less(*less, *(v.lower for v in pairs)))
 
     def __repr__(self) -> str:

@@ -330,6 +330,10 @@ class Number(Ring, Recorded):
     def __abs__(self) -> Number:
         return self.record(SIZE, self.positive)
 
+    @staticmethod
+    def where_less(x: Any, y: Any, yes: Any, no: Any) -> Any:
+        return where_less(x, y, yes, no)
+
     def nearest(self) -> Number:
         """The integer next to it, of two the even one."""
         return self.record(NEAREST, self.positive, negative=self.negative)
@@ -404,6 +408,8 @@ def where_less(x: Any, y: Any, yes: Any, no: Any) -> Any:
     numbers = [v for v in (x, y) if isinstance(v, Number)]
     if not numbers:
         return yes if x < y else no
+    if not isinstance(yes, Number) and not isinstance(no, Number) and yes == no:
+        return yes
     return numbers[0].record(WHERE, *(v if isinstance(v, Number) else float(v) for v in (x, y, yes, no)))
 
 

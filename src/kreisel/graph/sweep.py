@@ -22,6 +22,7 @@ from kreisel.graph.graph import (
     where_less,
 )
 
+CHOICES = (WHERE, MAX)  # the derivative of the other value does not count, even if it is not finite
 # Derivatives of an operation by its operands: slopes(value, *operands).
 SLOPES: dict[str, Callable[..., tuple[Operand, ...]]] = gradient.SLOPES | {
     FMA: lambda value, x, y, z: (y, x, 1),
@@ -50,6 +51,10 @@ def pushed(graph: Graph, outputs: Sequence[Operand], fixed: str = "") -> tuple[G
         if operation == IN:
             letter, index = operands
             along[at] = graph.input(f"v{letter}", index)
+        elif operation in CHOICES:
+            x, y = operands[:2]
+            yes, no = (y, x) if operation == MAX else operands[2:]
+            along[at] = where_less(x, y, of(yes), of(no))
         else:
             along[at] = sum((slope * of(x) for x, slope in _slopes(graph, at)), 0.0)
     return graph, [*new, *map(of, new)]
@@ -67,12 +72,18 @@ def pulled(graph: Graph, outputs: Sequence[Operand], fixed: str = "") -> tuple[G
         if isinstance(x, Number) and x.at in slopes:
             slopes[x.at] = slopes[x.at] + (-slope if x.negative else slope)
 
+    plain = {x.at for x in new if isinstance(x, Number)}  # nodes that do not only go into choices
     for i, x in enumerate(new):
         add(x, graph.input("w", i))
     for at in reversed(moving):
         if graph.nodes[at][0] != IN and isinstance(slopes[at], Number):
+            free = at in plain
             for x, slope in _slopes(graph, at):
-                add(x, slopes[at] * slope)
+                gain = slopes[at] * slope
+                kept = free or not isinstance(slope, Number)
+                add(x, gain if kept else where_less(abs(slopes[at]), gradient.LEAST, 0.0, gain))
+                if free and graph.nodes[at][0] not in CHOICES:
+                    plain.add(x.at)
     return graph, {graph.nodes[at][1:]: slopes[at] for at in moving if graph.nodes[at][0] == IN}
 
 

@@ -68,6 +68,10 @@ class Number(Ring, Recorded):
     def sign(self) -> Number:
         return Number(jnp.where(self.value < 0, -1.0, 1.0))
 
+    @staticmethod
+    def where_less(x: Any, y: Any, yes: Any, no: Any) -> Number:
+        return Number(jnp.where(plain(x) < plain(y), plain(yes), plain(no)))
+
     def maximum(self, other: Any) -> Number:
         return Number(jnp.maximum(self.value, plain(other)))
 

@@ -296,8 +296,10 @@ def _observer(body: Splitting, order: Any) -> Observed:
     bound = " + ".join(
         f"O(eps{'' if k == 1 else f'^{k}'} dt^{p})" for k, p in enumerate(np.atleast_1d(order).tolist(), 1)
     )
-    if record.corners is not None and call(record.corners, (), model.constants):
+    if record.has_corners(model.constants):
         bound += ", and O(dt^2) where a force has a corner"
+    if any(force.chooses for force in record.functions.values()):
+        bound += ", O(dt) where it jumps"
     oscillates = f"not conserved: it oscillates by {bound}, without a trend"
     energy = f"Hamiltonian H of the perturbed body, {'which changes by work' if body.driven else oscillates}"
     plain, outcomes = observer(model, body.oriented, conserved=names, meanings={"energy": energy})

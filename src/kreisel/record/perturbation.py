@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kreisel.errors import InputError
+from kreisel.record.calling import call
 
 if TYPE_CHECKING:
     from kreisel.algebra import Array
@@ -22,11 +23,15 @@ FIRST, SECOND = "1", "2"  # behind the letters of the two bodies of a pair
 
 @dataclass(frozen=True)
 class Force:
-    """A user-defined function and its arguments: letters of the state, g and t by place, parameters by keyword."""
+    """A function and its arguments: letters of the state, g and t by place, parameters by keyword.
+
+    chooses     whether it chooses values by comparisons: it may have corners and jumps
+    """
 
     function: Callable[..., Any]
     arguments: tuple[str, ...]
     parameters: tuple[str, ...]
+    chooses: bool = False
 
     def names(self, letter: str) -> bool:
         """Whether this letter is an argument."""
@@ -45,7 +50,7 @@ class Perturbation:
     coupling    whether there is a parameter `coupling`: K in M.KP, for a body in a fluid in addition to T(M) + V(P)
     wheel       whether there are parameters `wheel` and `wheel_torque`: the momentum h = wheel + wheel_torque t against
                 the body, M' = h x Omega - wheel_torque in addition; moving frame, n = 3
-    corners     constants -> whether the forces have corners, at which no order is higher than 2; else None
+    corners     constants -> whether forces that choose nothing have corners; else None
     pair        V of two bodies, for each row (i, j) of the parameter `pairs`: lanes are bodies that act on each other.
                 Letters of body i end in 1, those of body j in 2
     inner       the order to which the map of `base` is composed for its motion in a splitting; None for the best known
@@ -75,6 +80,11 @@ class Perturbation:
         if self.pair is None:
             return alone
         return alone or any(self.pair.names(letter + mark) for mark in ("", FIRST, SECOND))
+
+    def has_corners(self, constants: Mapping[str, Any]) -> bool:
+        """Whether the forces may have corners, at which no order is higher than 2."""
+        forces = [*self.functions.values(), *([self.pair] if self.pair else [])]
+        return any(f.chooses for f in forces) or (self.corners is not None and call(self.corners, (), constants))
 
     @property
     def loaded(self) -> bool:

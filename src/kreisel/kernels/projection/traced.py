@@ -239,15 +239,15 @@ class Traced(Recorded):
             raise NotRecorded(f"np.{name}", USABLE)
         return getattr(Namespace, name)(*args, **kwargs)
 
-    def __array_ufunc__(self, function: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
+    def __array_ufunc__(self, ufunc: Any, method: Any, *inputs: Any, **kwargs: Any) -> Any:
         if method == "__call__" and not kwargs:
-            if function in SLOPES:
-                return self.by(function)
-            if function in OPERATORS:
-                name, reflected = OPERATORS[function]
+            if ufunc in SLOPES:
+                return self.by(ufunc)
+            if ufunc in OPERATORS:
+                name, reflected = OPERATORS[ufunc]
                 x, y = inputs
                 return getattr(x, f"__{name}__")(y) if isinstance(x, Traced) else getattr(y, f"__{reflected}__")(x)
-        raise NotRecorded(f"np.{function.__name__}", USABLE)
+        raise NotRecorded(f"np.{ufunc.__name__}", USABLE)
 
     def by(self, function: Any) -> Traced:
         """A function of `SLOPES` of each entry."""
