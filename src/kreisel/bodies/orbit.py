@@ -40,22 +40,31 @@ def size(x: Any) -> Any:
     return sqrt(x * x + TINY)
 
 
+def arcsine(s: Any, c: Any) -> Any:
+    """The angle with the sine s and the cosine c >= 0, by halving."""
+    for _ in range(HALVINGS):
+        above = sqrt((1 + c) / 2)
+        s, c = s / (2 * above), above
+    return 2**HALVINGS * s * polynomial(ARCSINE, s * s)
+
+
+def polynomial(coefficients: list[float], x: Any) -> Any:
+    """The sum of coefficients[k] x^k."""
+    total: Any = coefficients[-1]
+    for coefficient in reversed(coefficients[:-1]):
+        total = coefficient + x * total
+    return total
+
+
 def less_whole_turns(angle: Any) -> Any:
     """The angle between -pi and pi, modulo 2 pi."""
     return with_slope(_from_its_half, angle, 1.0)
 
 
 def _from_its_half(angle: Any) -> Any:
-    """Computed from the sine and cosine of its half, which is halved further."""
+    """Computed from the sine and cosine of its half."""
     s, c = sin(angle / 2), cos(angle / 2)
-    s, c = s * (c / size(c)), size(c)
-    for _ in range(HALVINGS):
-        above = sqrt((1 + c) / 2)
-        s, c = s / (2 * above), above
-    total, square = ARCSINE[-1], s * s
-    for coefficient in reversed(ARCSINE[:-1]):
-        total = coefficient + square * total
-    return 2 ** (HALVINGS + 1) * s * total
+    return 2 * arcsine(s * (c / size(c)), size(c))
 
 
 def eccentric_anomaly(mean: Any, e: Any) -> Any:

@@ -1,0 +1,267 @@
+"""Environment of a satellite as functions of place and time: magnetic field, Sun, shadow, air.  SI units.
+
+Space is the frame of the mean equator and the mean equinox at the epoch t = 0; its third axis is the axis of the
+primary.  Places r and directions are (3,), of any kind of number, or with further axes behind.
+
+    B = -grad V,   V = R sum over n, m of (R/r)^(n+1) P_nm(sin phi) (g_nm cos m lambda + h_nm sin m lambda)
+
+with g_nm + t g_nm' for g_nm, P_nm normalized after Schmidt, lambda = longitude in the primary, whose meridian rotates
+by the angle meridian[0] + meridian[1] t from the equinox.  With (s, t, u) = r/|r|, q = R/|r| and A_nm = d^m P_n/du^m,
+
+    a = sum of q^(n+2) (m A_nm (g c_(m-1) + h s_(m-1)), m A_nm (h c_(m-1) - g s_(m-1)), A_n(m+1) (g c_m + h s_m))
+    B = (sum of q^(n+2) A_(n+1)(m+1) (g c_m + h s_m)) r/|r| - a,        c_m + i s_m = (s + i t)^m
+
+which has no angle of the place and is regular at the poles.  [S. Pines, AIAA Journal 11 (1973) 1508]
+
+    Sun      sun cos l + sun_ahead sin l,   l = L + n t + C_1 sin M + C_2 sin 2M + C_3 sin 3M,   M = M_0 + m t
+             solar = (L, n, M_0, m, C_1, C_2, C_3, a, b, k),   1/distance = (1 + a cos l + b sin l)/(1 - k) in au
+             [Meeus, Astronomical Algorithms, 1998, chapter 25]
+    light    1 - (part of the Sun's disc behind the primary, a sphere): two circles on the sky
+    air      between the rows (height, density by night, density in the bulge) of a table the logarithms are linear;
+             night + (bulge - night) cos^n(psi/2), psi the angle from the bulge, which follows the Sun 30 degrees later
+             [Montenbruck, Gill, Satellite Orbits, 2000, section 3.5]
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import isqrt, pi
+from math import sqrt as root
+
+import numpy as np
+
+from kreisel.algebra import sqrt
+from kreisel.algebra.gradient import cos, exp, log, sin
+from kreisel.bodies.orbit import TINY, arcsine, polynomial, size
+from kreisel.errors import InputError, shown
+from kreisel.record.contract import Parameter
+
+SEGMENT = [2 / 3, 1 / 5, 3 / 28, 5 / 72, 35 / 704]  # arcsin w - w sqrt(1 - w^2) = w^3 (2/3 + w^2/5 + ...)
+IN_LINE = 1e-18  # the square of an angle, so that a quotient by it has 5 digits
+LAG = root(3) / 2, 0.5  # cosine and sine of 30 degrees
+
+
+def ramp(x):
+    """x if x > 0, else 0."""
+    return (x + size(x)) / 2
+
+
+# -- magnetic field --------------------------------------------------------------------------------
+
+
+def degree_of(gauss):
+    """The degree N of a field of N (N + 2) coefficients g_10, g_11, h_11, g_20, ..."""
+    return isqrt(len(gauss) + 1) - 1
+
+
+def scale(n, m):
+    """The factor from d^m P_n/du^m, over its value at n = m, to Schmidt's normalization."""
+    product = 1.0 if m == 0 else 2.0
+    for k in range(n - m + 1, n + m + 1):
+        product /= k
+    odd = 1.0
+    for k in range(1, 2 * m, 2):
+        odd *= k
+    return root(product) * odd
+
+
+def field(r, t, *, gauss, reference_radius, meridian):
+    """B, T, at the place r, m; gauss: rows (g, g'), T and T/s."""
+    angle = meridian[0] + meridian[1] * t
+    c, s = cos(angle), sin(angle)
+    x, y, z = r
+    values = [row[0] + row[1] * t for row in scaled(gauss)]
+    X, Y, Z = field_of(np.array([c * x + s * y, c * y - s * x, z]), values, reference_radius)
+    return np.array([c * X - s * Y, s * X + c * Y, Z])
+
+
+def scaled(gauss):
+    """The rows in the normalization of `scale`."""
+    rows = iter(gauss)
+    return [
+        scale(n, m) * next(rows)
+        for n in range(1, degree_of(gauss) + 1)
+        for m in range(n + 1)
+        for _ in range(1 if m == 0 else 2)
+    ]
+
+
+def field_of(r, values, R):
+    """B in the frame of the primary, of coefficients in the normalization of `scale`."""
+    N = degree_of(values)
+    length = sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+    (s, t, u), q = r / length, R / length
+    P = legendre(N + 1, u * q, q)
+    across, ahead, up, out = 0.0, 0.0, 0.0, 0.0
+    before, turned = (0.0, 0.0), (1.0, 0.0)  # (s + i t)^(m-1), (s + i t)^m
+    for m in range(N + 1):
+        plain, rise, radial = ([0.0, 0.0] for _ in range(3))
+        for n in range(max(m, 1), N + 1):
+            at = n * n - 1 + (2 * m - 1 if m else 0)
+            for k in range(2 if m else 1):  # g, h
+                plain[k] = plain[k] + P[n, m] * values[at + k]
+                radial[k] = radial[k] + P[n + 1, m + 1] * values[at + k]
+                if n > m:
+                    rise[k] = rise[k] + P[n, m + 1] * values[at + k]
+        across = across + m * (plain[0] * before[0] + plain[1] * before[1])
+        ahead = ahead + m * (plain[1] * before[0] - plain[0] * before[1])
+        up = up + (2 * m + 1) * (rise[0] * turned[0] + rise[1] * turned[1])
+        out = out + (2 * m + 1) * (radial[0] * turned[0] + radial[1] * turned[1])
+        before, turned = turned, (turned[0] * s - turned[1] * t, turned[0] * t + turned[1] * s)
+    out = out / q
+    return out * s - across, out * t - ahead, out * u - up
+
+
+def legendre(N: int, uq, q):
+    """q^(n+2) A_nm/A_mm for 0 <= m <= n <= N, with u q and q."""
+    P = {}
+    square = q * q
+    power = square
+    for m in range(N + 1):
+        P[m, m] = power
+        power = power * q
+        if m < N:
+            P[m + 1, m] = (2 * m + 1) * uq * P[m, m]
+        for n in range(m + 2, N + 1):
+            first, second = (2 * n - 1) / (n - m) * uq, (n + m - 1) / (n - m) * square
+            P[n, m] = first * P[n - 1, m] - second * P[n - 2, m]
+    return P
+
+
+# -- Sun and shadow --------------------------------------------------------------------------------
+
+
+def sunlight(t, *, sun, sun_ahead, solar):
+    """The direction of the Sun, and 1 au over its distance."""
+    L, n, M, m, C1, C2, C3, a, b, k = solar
+    s, c = sin(M + m * t), cos(M + m * t)
+    longitude = L + n * t + s * (C1 + 2 * C2 * c + C3 * (3 - 4 * s * s))
+    x, y = cos(longitude), sin(longitude)
+    return np.array([sun[i] * x + sun_ahead[i] * y for i in range(3)]), (1 + a * x + b * y) / (1 - k)
+
+
+def light(r, s, near, *, eclipse, shadow, disc):
+    """The fraction of the Sun's disc that is seen.
+
+    shadow    the radius of the primary, m;  disc: the sine of the angular radius of the Sun at 1 au
+    eclipse   1, or 0 for none
+
+    With angular radii a of the Sun, b of the primary and the angle c between them,
+
+        cos alpha = (cos b - cos a cos c)/(sin a sin c),   -1 <= cos alpha <= 1
+        hidden part = (alpha - sin alpha cos alpha + (B/A)^2 (arcsin w - w sqrt(1 - w^2)))/pi,   w = (A/B) sin alpha
+
+    with the radii A, B of the circles in the stereographic projection that has the Sun in its centre, where circles
+    are circles.  Needs A < B/3: for the Earth, distances up to 70 of its radii.
+    """
+    length = sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+    sin_a, sin_b = disc * near, shadow / length
+    cos_a, cos_b = sqrt(1 - sin_a * sin_a), sqrt(ramp(1 - sin_b * sin_b) + TINY)
+    cos_c = -(r[0] * s[0] + r[1] * s[1] + r[2] * s[2]) / length
+    x = [r[1] * s[2] - r[2] * s[1], r[2] * s[0] - r[0] * s[2], r[0] * s[1] - r[1] * s[0]]
+    sin_c = sqrt((x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) / (length * length) + IN_LINE)
+    between, most = cos_b - cos_a * cos_c, sin_a * sin_c + TINY
+    cosine = within((size(between + most) - size(between - most)) / (2 * most))
+    sine = sqrt(ramp(1 - cosine * cosine) + TINY)
+    w = sine * sin_a * (cos_b + cos_c) / ((1 + cos_a) * sin_b + TINY)  # A/B = sin a (cos b + cos c)/((1 + cos a) sin b)
+    alpha = pi / 2 - arcsine(cosine, sine)
+    behind = alpha - sine * cosine + sine * sine * w * polynomial(SEGMENT, w * w)
+    return 1 - eclipse * behind / pi
+
+
+def within(x):
+    """x between -1 and 1, else the nearer of them."""
+    return (size(x + 1) - size(x - 1)) / 2
+
+
+# -- air -------------------------------------------------------------------------------------------
+
+
+def height(r, *, radius, flattening):
+    """Height over the ellipsoid along the radius: for the Earth at most 40 m more than along its normal."""
+    x, y, z = r
+    square = x * x + y * y + z * z
+    out = 1 - flattening
+    return sqrt(square) - radius * out / sqrt(1 - flattening * (1 + out) * (x * x + y * y) / square)
+
+
+def density_of_air(r, s, *, density, air, bulge, radius, flattening):
+    """Density, kg/m^3: `density` times the values of the table `air`, whose first and last slope extend beyond it.
+
+    s: the direction of the Sun;  bulge: the exponent n
+    """
+    h = height(r, radius=radius, flattening=flattening)
+    rows = [(row[0], log(row[1]), log(row[2])) for row in air]
+    slopes = [[(high[k] - low[k]) / (high[0] - low[0]) for k in (1, 2)] for low, high in pairwise(rows)]
+    logs = [rows[0][k] + slopes[0][k - 1] * (h - rows[0][0]) for k in (1, 2)]
+    for row, before, after in zip(rows[1:], slopes, slopes[1:], strict=False):
+        beyond = ramp(h - row[0])
+        logs = [logs[k] + (after[k] - before[k]) * beyond for k in (0, 1)]
+    night, day = map(exp, logs)
+    c, lag = LAG
+    apex = [c * s[0] - lag * s[1], lag * s[0] + c * s[1], s[2]]
+    toward = (r[0] * apex[0] + r[1] * apex[1] + r[2] * apex[2]) / sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+    return density * (night + (day - night) * exp(bulge / 2 * log(ramp((1 + toward) / 2) + TINY)))
+
+
+def through_air(r, v, *, air_rate):
+    """The velocity in air that turns about the third axis at that rate."""
+    return np.array([v[0] + air_rate * r[1], v[1] - air_rate * r[0], v[2]])
+
+
+# -- parameters ------------------------------------------------------------------------------------
+
+
+def check_gauss(value, name):
+    if value.ndim != 2 or value.shape[1] != 2 or degree_of(value) * (degree_of(value) + 2) != len(value):
+        raise InputError(
+            f"{name}: expected N (N + 2) rows (g, its rate) of g_10, g_11, h_11, g_20, ..., got shape {value.shape}."
+        )
+
+
+def check_meridian(value, name):
+    if value.shape != (2,):
+        raise InputError(f"{name}: expected 2 numbers, angle and rate, got {shown(value.tolist())}.")
+
+
+def check_solar(value, name):
+    if value.shape != (10,) or not abs(value[9]) < 1:
+        raise InputError(
+            f"{name}: expected 10 numbers, L, n, M_0, m, C_1, C_2, C_3, a, b, k, got {shown(value.tolist())}."
+        )
+
+
+def check_air(value, name):
+    rows = value.ndim == 2 and value.shape[1] == 3 and len(value) > 1
+    if not rows or not (np.diff(value[:, 0]) > 0).all() or not (value[:, 1:] > 0).all():
+        raise InputError(
+            f"{name}: expected two or more rows (height, density by night, density in the bulge), rising heights and "
+            f"densities > 0, got {shown(value.tolist())}."
+        )
+
+
+FIELD = (
+    Parameter("gauss", "array", "rows g, g' of g_10, g_11, h_11, ..., T and T/s", check_gauss, np.zeros((3, 2))),
+    Parameter("reference_radius", "scalar", "of the coefficients gauss, m", default=6_371_200.0),
+    Parameter(
+        "meridian", "array", "of the primary: its angle at t = 0, rad, and rate, rad/s", check_meridian, np.zeros(2)
+    ),
+)
+SUN = (
+    Parameter("sun_ahead", "vector", "direction of the Sun a quarter of its circle after `sun`", default=np.zeros(3)),
+    Parameter("solar", "array", "motion of the Sun: L, n, M_0, m, C_1, C_2, C_3, a, b, k", check_solar, np.zeros(10)),
+    Parameter("eclipse", "scalar", "1 for the shadow of the primary, 0 for none", default=0.0),
+    Parameter("disc", "scalar", "sine of the radius of the Sun's disc at 1 au", default=695_700e3 / 149_597_870_700.0),
+)
+AIR = (
+    Parameter(
+        "air",
+        "array",
+        "rows: height, m; density by night and in the bulge, in units of `density`",
+        check_air,
+        [[0.0, 1.0, 1.0], [1.0, 1.0, 1.0]],
+    ),
+    Parameter("bulge", "scalar", "exponent of the density's dependence on the angle from the bulge", default=4.0),
+    Parameter("flattening", "scalar", "of the primary, for heights", default=0.0),
+    Parameter("air_rate", "scalar", "rate at which the air rotates about the third axis, rad/s", default=0.0),
+)

@@ -1,0 +1,217 @@
+"""Environment of the Earth at a date: IGRF-14, the rotation of the Earth, the Sun, tables of the air.
+
+Dates are days of UTC after 2000-01-01 12:00; UTC is used for UT1 and TT, which differ from it by less than 1 s and by
+69 s.  Space is the frame of the mean equator and the mean equinox at the epoch.  The results are parameters of
+`kreisel.bodies.environment`.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib import resources
+from typing import NamedTuple
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError, shown
+
+DAY = 86_400.0  # s
+CENTURY = 36_525.0  # days
+DEGREE = 13  # of IGRF
+TURNS_A_DAY = 1.00273781191135448  # of the Earth against the stars, IERS Conventions (2010), equation 5.15
+
+
+class Environment(NamedTuple):
+    """Models of the environment of a primary, of days of UTC after 2000-01-01 12:00.
+
+    field      (days, degree) -> coefficients and their rates, (degree (degree + 2), 2), T and T/s
+    meridian   days -> angle of the prime meridian from the equinox, rad, and its rate, rad/s
+    sun        days -> the motion of the Sun: `sun_ahead` and `solar`
+    air        tables by name: height, m; density by night and in the bulge, kg/m^3
+    """
+
+    field: Callable[[float, int], Array]
+    meridian: Callable[[float], Array]
+    sun: Callable[[float], dict[str, Array]]
+    air: Mapping[str, Array]
+
+
+# -- magnetic field --------------------------------------------------------------------------------
+
+
+@cache
+def _igrf() -> tuple[Array, Array]:
+    """The first days of its epochs, and the coefficients (195, epochs) in T, g_10, g_11, h_11, g_20, ..."""
+    lines = resources.files("kreisel.physical").joinpath("igrf14.txt").read_text("ascii").splitlines()
+    years, *rows = (line.split() for line in lines if line[0] != "#")
+    days = [dt.date(int(year), 1, 1).toordinal() - dt.date(2000, 1, 1).toordinal() - 0.5 for year in years]
+    return np.array(days), np.array([[float(x) for x in row[2:]] for row in rows]) * 1e-9
+
+
+def igrf(days: float, degree: int = DEGREE) -> Array:
+    """Coefficients of IGRF-14 at a date and their rates, (degree (degree + 2), 2), T and T/s.
+
+    Linear between the epochs, five years apart; after 2025 with the secular variation.  Raises `InputError` for a date
+    outside 1900 to 2030 and for a degree other than 1 to 13.  [P. Alken et al., Earth, Planets and Space 73 (2021) 49;
+    IAGA, 2024, doi 10.5281/zenodo.14012302]
+    """
+    if isinstance(degree, bool) or degree not in range(1, DEGREE + 1):
+        raise InputError(f"degree: expected an integer from 1 to {DEGREE}, got {shown(degree)}.")
+    epochs, values = _igrf()
+    if not epochs[0] <= days <= epochs[-1]:
+        date = dt.datetime(2000, 1, 1, 12) + dt.timedelta(days=days)
+        raise InputError(
+            f"epoch: IGRF-14 holds from 1900-01-01 to 2030-01-01, got {date:%Y-%m-%d}. For other dates use "
+            "field='dipole'."
+        )
+    at = min(int(np.searchsorted(epochs, days, side="right")), len(epochs) - 1)
+    low, high = values[: degree * (degree + 2), at - 1 : at + 1].T
+    rate = (high - low) / (epochs[at] - epochs[at - 1])
+    return np.stack([low + (days - epochs[at - 1]) * rate, rate / DAY], -1)
+
+
+def meridian(days: float) -> Array:
+    """Greenwich mean sidereal time, rad, and the rate of the Earth's rotation against the stars, rad/s.
+
+    Without nutation and polar motion, up to 17" together and 20" a year of precession of the pole from the epoch on.
+    [IERS Conventions (2010), equations 5.14, 5.15 and 5.32]
+    """
+    T = days / CENTURY
+    seconds = 0.014506 + (4612.156534 + (1.3915817 - 0.00000044 * T) * T) * T
+    turns = 0.7790572732640 + (TURNS_A_DAY - 1) * days + days % 1.0
+    return np.array([2 * np.pi * (turns % 1.0) + np.radians(seconds / 3600), 2 * np.pi * TURNS_A_DAY / DAY])
+
+
+# -- Sun -------------------------------------------------------------------------------------------
+
+PRECESSION = 5028.796195 / 3600  # degrees a century along the ecliptic, IAU 2006
+
+
+def sun(days: float) -> dict[str, Array]:
+    """Motion of the Sun seen from the Earth, with aberration, to 0.01 degrees.
+
+    [Meeus, Astronomical Algorithms, 2nd ed., 1998, chapter 25, low accuracy; equation 22.2]
+
+    Its longitudes count from the equinox of the date; here from the equinox of the epoch.
+    """
+    T = days / CENTURY
+    L, n = 280.46646 + (36000.76983 + 0.0003032 * T) * T, 36000.76983 - PRECESSION
+    M, m = 357.52911 + (35999.05029 - 0.0001537 * T) * T, 35999.05029
+    e = 0.016708634 - (0.000042037 + 0.0000001267 * T) * T
+    C = [1.914602 - (0.004817 + 0.000014 * T) * T, 0.019993 - 0.000101 * T, 0.000289]
+    tilt, perihelion = np.radians(23.439291 - 0.0130042 * T), np.radians(L - M)
+    angles = np.radians([(L - 0.00569) % 360, n / CENTURY / DAY, M % 360, m / CENTURY / DAY, *C])
+    ellipse = [e * np.cos(perihelion), e * np.sin(perihelion), 1 - 1.000001018 * (1 - e * e)]
+    return {
+        "sun": np.array([1.0, 0.0, 0.0]),
+        "sun_ahead": np.array([0.0, np.cos(tilt), np.sin(tilt)]),
+        "solar": np.array([*angles, *ellipse]),
+    }
+
+
+# -- air -------------------------------------------------------------------------------------------
+
+
+def _table(text: str) -> Array:
+    """Rows of height in km, density by night and in the bulge in kg/m^3, as floats in SI."""
+    rows = [[float(x) for x in line.split()] for line in text.strip().splitlines()]
+    return np.array([[1e3 * row[0], row[1], row[-1]] for row in rows])
+
+
+# Vallado, Fundamentals of Astrodynamics and Applications, 4th ed., 2013, table 8-4, of CIRA-72 for an exospheric
+# temperature of 1000 K: nominal densities at base heights.
+EXPONENTIAL = _table("""
+    100 5.297e-7
+    110 9.661e-8
+    120 2.438e-8
+    130 8.484e-9
+    140 3.845e-9
+    150 2.070e-9
+    180 5.464e-10
+    200 2.789e-10
+    250 7.248e-11
+    300 2.418e-11
+    350 9.518e-12
+    400 3.725e-12
+    450 1.585e-12
+    500 6.967e-13
+    600 1.454e-13
+    700 3.614e-14
+    800 1.170e-14
+    900 5.245e-15
+    1000 3.019e-15
+""")
+# Montenbruck, Gill, Satellite Orbits, 2000, table 3.8, for mean solar activity; of Harris, Priester, Journal of the
+# Atmospheric Sciences 19 (1962) 286.
+HARRIS_PRIESTER = _table("""
+    100 4.974e-7 4.974e-7
+    120 2.490e-8 2.490e-8
+    130 8.377e-9 8.710e-9
+    140 3.899e-9 4.059e-9
+    150 2.122e-9 2.215e-9
+    160 1.263e-9 1.344e-9
+    170 8.008e-10 8.758e-10
+    180 5.283e-10 6.010e-10
+    190 3.617e-10 4.297e-10
+    200 2.557e-10 3.162e-10
+    210 1.839e-10 2.396e-10
+    220 1.341e-10 1.853e-10
+    230 9.949e-11 1.455e-10
+    240 7.488e-11 1.157e-10
+    250 5.709e-11 9.308e-11
+    260 4.403e-11 7.555e-11
+    270 3.430e-11 6.182e-11
+    280 2.697e-11 5.095e-11
+    290 2.139e-11 4.226e-11
+    300 1.708e-11 3.526e-11
+    320 1.099e-11 2.511e-11
+    340 7.214e-12 1.819e-11
+    360 4.824e-12 1.337e-11
+    380 3.274e-12 9.955e-12
+    400 2.249e-12 7.492e-12
+    420 1.558e-12 5.684e-12
+    440 1.091e-12 4.355e-12
+    460 7.701e-13 3.362e-12
+    480 5.474e-13 2.612e-12
+    500 3.916e-13 2.042e-12
+    520 2.819e-13 1.605e-12
+    540 2.042e-13 1.267e-12
+    560 1.488e-13 1.005e-12
+    580 1.092e-13 7.997e-13
+    600 8.070e-14 6.390e-13
+    620 6.012e-14 5.123e-13
+    640 4.519e-14 4.121e-13
+    660 3.430e-14 3.325e-13
+    680 2.632e-14 2.691e-13
+    700 2.043e-14 2.185e-13
+    720 1.607e-14 1.779e-13
+    740 1.281e-14 1.452e-13
+    760 1.036e-14 1.190e-13
+    780 8.496e-15 9.776e-14
+    800 7.069e-15 8.059e-14
+    840 4.680e-15 5.741e-14
+    880 3.200e-15 4.210e-14
+    920 2.210e-15 3.130e-14
+    960 1.560e-15 2.360e-14
+    1000 1.150e-15 1.810e-14
+""")
+EARTH = Environment(igrf, meridian, sun, {"exponential": EXPONENTIAL, "harris-priester": HARRIS_PRIESTER})
+
+
+def rows_between(table: Array, low: float, high: float) -> Array:
+    """The rows of a table of the air for heights from low to high, m, and one beyond at each end.
+
+    Above the table its last slope goes on.  Raises `InputError` for an orbit whose lowest height is outside the table.
+    """
+    heights = table[:, 0]
+    if not heights[0] <= low <= heights[-1]:
+        raise InputError(
+            f"air: the table holds from {heights[0] / 1e3:g} to {heights[-1] / 1e3:g} km, the lowest height of the "
+            f"orbit is {low / 1e3:.6g} km. For another height give its density=..., in kg/m^3, without air=..."
+        )
+    first = min(int(np.searchsorted(heights, low, side="right")) - 1, len(heights) - 2)
+    last = max(int(np.searchsorted(heights, high)), first + 1)
+    return table[first : last + 1]
