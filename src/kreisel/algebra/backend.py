@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from datetime import timedelta
 from itertools import permutations
 from typing import Any
@@ -180,6 +180,18 @@ def where_less(x: Array, y: Array, yes: Array, no: Array) -> Array:
     if isinstance(yes, Complex):
         return Complex(*(where_less(x, y, a, b) for a, b in zip(parts(yes), parts(no), strict=True)))
     return recorded.where_less(x, y, yes, no)
+
+
+def nearest(x: Array) -> Array:
+    """The integer next to x, of two the even one; recorded numbers define it themselves."""
+    return x.nearest() if hasattr(x, "nearest") else np.rint(x)
+
+
+def if_positive(test: Array, body: Callable[[], Array], values: Array) -> Array:
+    """body() (..., d) where a number is positive, else `values`; recorded, a body that is run only there."""
+    if hasattr(test, "record_branch"):
+        return objects(test.record_branch(lambda: list(body()), list(values)))
+    return where_less(0, vec(test), body(), values)
 
 
 def sqrt(x: Array) -> Array:

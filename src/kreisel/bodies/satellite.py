@@ -91,6 +91,15 @@ def torque(g, t, *, orbit, torque, plates, density, drag, sun, pressure, mirror,
     return torque
 
 
+def surroundings(t, *, rate, along, across, eccentricity, field, sun):
+    """The fields at the place of the satellite, in space, which sensors show and actuators use."""
+    r, v = place(t, rate, along, across, eccentricity)
+    square = r @ r
+    u = r / sqrt(square)
+    B = -field / (square * sqrt(square)) * (np.array([0.0, 0.0, 1.0]) - 3 * u[2] * u)
+    return {"position": r, "velocity": v, "field": B, "sun": sun, "light": 1.0}
+
+
 def ramp(x):
     """x if x > 0, else 0."""
     return (x + sqrt(x * x + TINY)) / 2
@@ -234,6 +243,7 @@ def body(name, title, *wheel):
             potential=gravity,
             torque=Force(torque, ("g", "t"), LOADS),
             wheel=bool(wheel),
+            environment=Force(surroundings, ("t",), (*ORBIT, "field", "sun")),
             corners=corners,
         ),
         axes | DERIVED,

@@ -29,6 +29,7 @@ from kreisel.record.perturbation import FIRST, SECOND, TIME, Force, Perturbation
 ORIENTATION = "g"
 DAMPING, INERTIA, COUPLING = "damping", "inertia", "coupling"
 WHEEL, WHEEL_TORQUE = "wheel", "wheel_torque"
+WHEELS, WHEEL_AXES, BODY_AXES = "wheels", "wheel_axes", "body_axes"  # of a body with control
 DIAGONAL = 1e-12  # relative: off-diagonal entries of an inverse inertia
 DOUBLINGS, TERMS = 8, 8  # of expm1: to rounding for x from -200 to 8
 
@@ -138,14 +139,19 @@ def _load(
             else f"a skew {n} x {n} matrix"
         )
         raise InputError(f"{what}: expected {wanted}, got shape {found.shape}.")
-    return _values(found, body), found.shape
+    return values_of(found, body), found.shape
 
 
 def loads(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> tuple[tuple[Any, ...], Any]:
     """The rates of the state by torque, force and the motor of a wheel, and of their work, Omega.tau + U.F."""
-    rates: list[Any] = [0 * z for z in body.state]
+    record, rates = perturbation_of(system), [0 * z for z in body.state]
     tau, F, power = torque(system, body, known, axes), force(system, body, known, axes), 0
-    if perturbation_of(system).wheel:
+    if record.control is not None:
+        from kreisel.forces.control import actuated
+
+        rates = actuated(system, body, known, axes)
+        tau = rates[0] if tau is None else tau + rates[0]
+    if record.wheel:
         motor = -algebra.hat(known[WHEEL_TORQUE])
         tau = motor if tau is None else tau + motor
     if tau is not None:
@@ -161,7 +167,7 @@ def seen(system: System, body: Body) -> dict[str, tuple[Any, int]]:
     """The possible arguments of a force, by name: (value, its axes)."""
     known: dict[str, tuple[Any, int]] = {}
     for (letter, kind), z in zip(system.space.components, body.state, strict=True):
-        shown = algebra.KINDS[kind].shown(z.shape[-1])
+        shown = algebra.KINDS[kind].shown(body.state[0].shape[-1])
         known[letter] = algebra.KINDS[kind].for_user(z), shown.axes
     return known | {ORIENTATION: (body.g, 2), TIME: (body.t, 0)}
 
@@ -193,11 +199,11 @@ def _back(system: System, name: str, slope: Array, body: Body) -> Array:
     return slope if kind is None else algebra.KINDS[kind].from_user(slope, body.state[0].shape[-1])
 
 
-def _values(found: Array, body: Body) -> Array:
+def values_of(found: Array, body: Body) -> Array:
     """The values of traced numbers, as the kind of number of the state."""
     flat = [getattr(v, "value", v) for v in found.flat]
     if algebra.holds_objects(body.state[0]):
-        return algebra.objects(flat, found.shape)
+        return algebra.objects((v[()] if isinstance(v, np.ndarray) else v for v in flat), found.shape)
     columns = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in flat))
     return np.stack(columns, -1).reshape((*columns[0].shape, *found.shape))
 
@@ -246,15 +252,28 @@ def inverse_moments(system: System, known: Constants) -> Array:
 def velocity(system: System, state: tuple[Array, ...], known: Constants) -> Array:
     """The angular velocity, with the moments of the perturbed body."""
     record = perturbation_of(system)
-    out = call(record.base.velocity, state, known)
+    out = call(record.base.velocity, state[: len(record.base.space.letters)], known)
     if record.inertia:
         out = out + algebra.hat(inverse_moments(system, known) * algebra.axial(state[0]))
     return out + algebra.hat(algebra.act(known[COUPLING], state[1])) if record.coupling else out
 
 
-def momentum_of_wheel(known: Constants, t: Any) -> Array:
-    """h at the time t."""
-    return known[WHEEL] + algebra.vec(t) * known[WHEEL_TORQUE]
+def momentum_of_wheels(system: System, state: tuple[Array, ...], t: Any, known: Constants) -> Array | None:
+    """h (..., 3) at the time t, along the axes of the state; None without wheels."""
+    record = perturbation_of(system)
+    if record.control is not None and record.control.wheels:
+        return along_state(state[system.space.letters.index(WHEELS)], known)
+    return known[WHEEL] + algebra.vec(t) * known[WHEEL_TORQUE] if record.wheel else None
+
+
+def to_body(known: Constants) -> Array:
+    """R (..., 3, 3) of a body with control: v_body = R v_state."""
+    return algebra.rotation_matrix(known[BODY_AXES])
+
+
+def along_state(wheels: Array, known: Constants) -> Array:
+    """The sum (..., 3) of numbers of wheels (..., k) times their axes, along the axes of the state."""
+    return algebra.act(to_body(known).mT, (wheels[..., None, :] @ known[WHEEL_AXES])[..., 0, :])
 
 
 def translation(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array:
@@ -299,9 +318,9 @@ def rates(system: System, body: Body, known: Constants, axes: Mapping[str, int])
         X = algebra.hat(inverse_moments(system, known) * algebra.axial(body.state[0]))
         for i, kind in enumerate(system.space.kinds):
             out[i] = out[i] - algebra.KINDS[kind].rate(X, body.state[i])
-    if record.wheel:
-        Omega = algebra.axial(velocity(system, body.state, known))
-        out[0] = out[0] + algebra.hat(algebra.cross(momentum_of_wheel(known, body.t), Omega))
+    h = momentum_of_wheels(system, body.state, body.t, known)
+    if h is not None:
+        out[0] = out[0] + algebra.hat(algebra.cross(h, algebra.axial(velocity(system, body.state, known))))
     if record.coupling:
         M, P = algebra.axial(body.state[0]), body.state[1]
         KM, KP = (algebra.act(known[COUPLING], v) for v in (M, P))

@@ -47,22 +47,24 @@ def in_words(record: Perturbation) -> str:
     parts += [f"a pair potential of ({', '.join(record.pair.arguments)})"] if record.pair else []
     parts += ["linear damping"] * record.damping + ["other moments of inertia"] * record.inertia
     parts += ["a coupling of M and P"] * record.coupling + ["a wheel"] * record.wheel
+    parts += ["a controller"] * (record.control is not None)
     return ", ".join(parts)
 
 
 def _functions(system: System, axes: Mapping[str, int]) -> dict[str, Callable[..., Any]]:
     """Flow, energy and velocity of the perturbed system, as far as the integrable system has them."""
     record = kicks.perturbation_of(system)
-    base = record.base
+    base, own = record.base, len(record.base.space.letters)
     turned = base.frame is Frame.REST and (record.loaded or record.damping or record.names(ORIENTATION))
 
     def flow(*state: Array, **known: Any) -> tuple[Array, ...]:
         rates, _ = kicks.rates(system, _body(state, known), known, axes)
-        return tuple(x + y for x, y in zip(call(base.flow, state, known), rates, strict=True))
+        inner = call(base.flow, state[:own], known)
+        return (*(x + y for x, y in zip(inner, rates, strict=False)), *rates[own:])
 
     def energy(*state: Array, **known: Any) -> Array:
         V, _ = kicks.potential(system, _body(state, known), known, axes)
-        out = call(base.energy, state, known) + V
+        out = call(base.energy, state[:own], known) + V
         if record.inertia:
             M = algebra.axial(state[0])
             out = out + algebra.dot(M * M, kicks.inverse_moments(system, known)) / 2

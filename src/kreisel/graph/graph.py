@@ -338,6 +338,10 @@ class Number(Ring, Recorded):
         """The integer next to it, of two the even one."""
         return self.record(NEAREST, self.positive, negative=self.negative)
 
+    def record_branch(self, body: Callable[[], Sequence[Any]], values: Sequence[Any]) -> Sequence[Any]:
+        """body() if the number is positive, of a vector somewhere, else `values`."""
+        return self.graph.branch(self, body, values)
+
     def record_loop(
         self, body: Callable[..., tuple[Any, Any]], start: Any, small: float, most: int
     ) -> tuple[Any, Number]:

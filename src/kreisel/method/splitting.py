@@ -21,6 +21,7 @@ those that depend on time.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import reduce
@@ -32,7 +33,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.exact import quadrics, rotor_step, top_step
-from kreisel.forces import kicks
+from kreisel.forces import control, kicks
 from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import Body, inverse_inertia_columns, perturbation_of, require_principal
 from kreisel.forces.pairs import of_bodies
@@ -66,10 +67,11 @@ from kreisel.method.splitting_coefficients import corrector, inverse, splitting
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame, Map, System
 from kreisel.record.model import Model
-from kreisel.record.perturbation import TIME, pairs_of
+from kreisel.record.perturbation import TIME, Perturbation, pairs_of
 
 FOURTH = (1 / (2 - 2 ** (1 / 3)), 1 - 2 / (2 - 2 ** (1 / 3)), 1 / (2 - 2 ** (1 / 3)))  # Yoshida 1990
 REACH = "reach"
+WHOLE_SAMPLES = 1e-9  # relative
 TICKS = 1024  # in dt: a constant of 1 has a kernel of its own, and dt = 1 is common
 
 Constants = Mapping[str, Array]
@@ -93,6 +95,10 @@ class Splitting:
         self.kicked = bool(record.functions) or record.wheel or record.pair is not None or self.part.left is not None
         kinds = len(self.turns) + self.kicked + record.damping
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
+        self.wheels, self.changed, self.always = with_wheels(record), (0,), False
+        if record.sampled:
+            self.changed = control.changed_by_samples(model.system)
+            self.always = _samples(model, dt, order, all_turns) == 1 and len(self.fractions.b) == 1
         # turns change what a pair potential takes, so each part of a kick is a stage, which the sum over pairs divides
         self.divided = self.record.pair is not None and bool(self.turns)
 
@@ -109,9 +115,33 @@ class Splitting:
 
     def step(self, *z: Array, _drift: Array, _kick: Array, _node: Array, **constants: Array) -> State:
         """A, then B."""
+        if self.record.sampled:
+            z = self.sampled(z, constants)
         return self.kick(
             *self.drift(*z, _drift=_drift, _kick=_kick, **constants), _kick=_kick, _node=_node, **constants
         )
+
+    def sampled(self, z: State, constants: Constants) -> State:
+        """The variables after a sample, if one is due."""
+        (state, g, more), places = self.apart(z), self.changed
+        kinds = [self.model.system.space.kinds[i] for i in places]
+        axes, n = self.model.axes, self.model.n
+
+        def after() -> Array:
+            body = Body(state, self.turn(g), self.time(more, 0, constants))
+            new, work = control.sampled(self.model.system, body, g[0], constants, axes)
+            return algebra.flatten((*(new[i] for i in places), more[WORK] + work), (*kinds, "scalar"))
+
+        if self.always:
+            flat = after()
+        else:
+            ratio, step = more[COUNT] * constants["_sample"], constants["_first"] * constants["_sample"] / 2
+            apart = ratio - algebra.nearest(ratio)
+            before = algebra.flatten((*(state[i] for i in places), more[WORK]), (*kinds, "scalar"))
+            flat = algebra.if_positive(step * step - apart * apart, after, before)
+        *changed, work = algebra.restore(flat, (*kinds, "scalar"), n)
+        new = dict(enumerate(state)) | dict(zip(places, changed, strict=True))
+        return (*new.values(), *g, *(more | {WORK: work}).values())
 
     def drift(self, *z: Array, _drift: Array, **constants: Array) -> State:
         """A; and what comes before the kick where the sum over pairs divides B."""
@@ -161,15 +191,14 @@ class Splitting:
         self, state: State, g: State, more: dict[str, Array], h: Array, constants: Constants
     ) -> tuple[State, State, dict[str, Array]]:
         """The integrable motion, with the momentum of a wheel as the kicks before it left it."""
-        if self.record.wheel:
-            constants = {
-                **constants,
-                kicks.WHEEL: kicks.momentum_of_wheel(constants, self.time(more, constants["_kicked"], constants)),
-            }
+        if self.wheels:
+            t = self.time(more, constants["_kicked"], constants) if self.record.wheel else None
+            constants = {**constants, kicks.WHEEL: kicks.momentum_of_wheels(self.model.system, state, t, constants)}
         if self.part.reach is not None:
             more = {**more, REACH: algebra.maximum(more[REACH], self.part.reach(state, h, constants))}
-        state, g = self.part.move(state, g, h, constants)
-        return state, g, more
+        own = len(self.record.base.space.letters)
+        moved, g = self.part.move(state[:own], g, h, constants)
+        return (*moved, *state[own:]), g, more
 
     def perturbed(
         self, body: Body, g: State, h: Array, constants: Constants, pulled: tuple[State, Any] | None
@@ -223,6 +252,24 @@ class Splitting:
         return (*x, *(zero(self.model.system, x) for _ in self.extra))
 
 
+def _samples(model: Model, dt: float, order: Any, any_dt: bool) -> int:
+    """The steps from one sample of a controller to the next; 0 for `any_dt`.  Raises `InputError`."""
+    record = perturbation_of(model.system)
+    every = record.control.every if record.control is not None else dt
+    if corrector(order) is not None:
+        raise InputError(
+            f"order: expected one without a corrector for a body with control, such as 2, 4, (8, 2) or (8, 6, 4), got "
+            f"{order}. Samples change the motion at once."
+        )
+    steps = every / dt
+    if not any_dt and (round(steps) < 1 or abs(steps - round(steps)) > WHOLE_SAMPLES * steps):
+        raise InputError(
+            f"dt: expected a step that divides the time between two samples of the controller, every = {every:g} s, "
+            f"got dt = {dt:g} s. Use dt = {every / max(1, math.ceil(steps - 1e-9)):g} s."
+        )
+    return 0 if any_dt else round(steps)
+
+
 def _require_a_symmetric_kick(model: Model, order: Any) -> None:
     """Raises `InputError` for orders that the kick by a torque of the momentum, of order 4, does not have."""
     if kicks.changes_its_loads(model.system) and order in (6, 8):
@@ -257,7 +304,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
         prepare=body.begin,
         reopen=body.begin,
         options={"order": order},
-        dt_in_constants=True,
+        dt_in_constants=not body.always,
         guard=None if body.part.reach is None else _guard(body.part),
         coupling=coupling,
         corrector=None
@@ -270,13 +317,18 @@ def _numbers(body: Splitting, parts: Fractions, whole: float) -> Numbers:
     """The constants of a sequence of these parts that lasts so many steps."""
     (a, b), dt = map(np.array, parts), body.dt
     stages = {"_drift": a[:-1] * dt, "_kick": b * dt, "_node": np.cumsum(a[:-1])}
+    if body.record.sampled:
+        stages["_first"] = np.arange(len(b)) == 0.0
     if body.record.wheel:
         stages["_kicked"] = np.cumsum(b) - b
     if body.divided:
         first = np.arange(len(body.parts)) == 0
         each = {"_drift": first, "_kick": np.array(body.parts), "_node": np.ones(len(first))}
         stages = {name: np.outer(values, each[name]).ravel() for name, values in stages.items()}
-    return Numbers({"_last": np.array(a[-1] * dt), "_whole": np.array(whole), "_dt": np.array(dt / TICKS)}, stages)
+    constants = {"_last": np.array(a[-1] * dt), "_whole": np.array(whole), "_dt": np.array(dt / TICKS)}
+    if body.record.sampled and body.record.control is not None:
+        constants["_sample"] = np.array(dt / body.record.control.every)
+    return Numbers(constants, stages)
 
 
 def _guard(part: Integrable) -> Guard:
@@ -349,9 +401,14 @@ def integrable(model: Model) -> Integrable:
                 for factor in record.base.product
             ]
         )
-    if record.wheel:
+    if with_wheels(record):
         return _with_wheel(record.base)
     return _integrable(record.base, record.inner, model.n, model.constants)
+
+
+def with_wheels(record: Perturbation) -> bool:
+    """Whether the body has wheels."""
+    return record.wheel or (record.control is not None and record.control.wheels > 0)
 
 
 def _integrable(base: System, inner: int | None, n: int, constants: Constants) -> Integrable:

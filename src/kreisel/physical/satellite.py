@@ -13,6 +13,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES, satellite
 from kreisel.errors import InputError, explained, shown
+from kreisel.physical.control import Control, Wheels, start_of_wheels, with_wheels
 from kreisel.physical.free_body import UPRIGHT, FreeBody, angular_velocity_of
 from kreisel.physical.inertia import inertia_tensor
 from kreisel.physical.measures import (
@@ -102,6 +103,8 @@ class Satellite:
     mirror: float = 0.0
     diffuse: float = 0.0
     harmonics: Harmonics | None = None
+    wheels: Wheels | None = None
+    control: Control | None = None
     body: FreeBody = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -173,7 +176,10 @@ class Satellite:
         }
         wheel = {} if self.wheel is None else {"wheel": self.wheel @ along, "wheel_torque": self.wheel_torque @ along}
         made = BODIES["satellite-with-wheel" if wheel else "satellite"](**given, **wheel)
-        return made.of_body(body_frame(self.scales(), along))
+        made = made.of_body(body_frame(self.scales(), along))
+        if self.control is not None:
+            return self.control.on(made, along, self.wheels)
+        return made if self.wheels is None else with_wheels(made, along, self.wheels)
 
     def state(self, spin: Any = None, axis: Any = None, attitude: Any = None) -> State:
         """The state M = I Omega, kg m^2/s, along the principal axes, for an angular velocity in the body.
@@ -193,7 +199,10 @@ class Satellite:
         else:
             Omega = angular_velocity_of(spin, axis)
         M = in_range("The momentum", lambda: Omega @ self.inertia @ self._principal_axes)
-        return self.model().state(M=algebra.hat(M))
+        model = self.model()
+        more = start_of_wheels(model, self.wheels)
+        more = more if self.control is None else self.control.start(model, self.wheels, M.size // 3)
+        return model.state(M=algebra.hat(M), **more)
 
     @cached_property
     def _order(self) -> Array:

@@ -148,6 +148,8 @@ def component(letter: str, kind: str, value: Any, n: int, of_bodies: bool, three
             raise InputError(f"{name} must be a symmetric matrix (..., {n}, {n}), got shape {array.shape}.")
         _check_symmetric(array, name)
         return array / 2 + array.mT / 2
+    if kind == "scalar":
+        return array
     if kind != "skew":
         count, expected = (n, f"n = {n}") if kind == "vector" else (algebra.KINDS[kind].count(n), kind[2:])
         if array.ndim < 1 or array.shape[-1] != count:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,6 +39,33 @@ class Force:
 
 
 @dataclass(frozen=True)
+class Controller:
+    """A user-defined law, called at samples; its commands are held from one sample to the next.
+
+    law        a function of sensors, memory and parameters by name, which returns commands and memory by name; None
+               for wheels alone
+    arguments  the names that it takes
+    every      time between two samples
+    memory     the numbers that it keeps: the shape of each, () or (k,)
+    commands   the length of each command, in order
+    wheels     the number of wheels, whose momenta are a part of the state
+    delay      samples until a command is applied
+    noise      the sensors that have noise, in order
+    limits     the commands that have a limit
+    """
+
+    law: Callable[..., Any] | None = None
+    arguments: tuple[str, ...] = ()
+    every: float = np.inf
+    memory: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    commands: Mapping[str, int] = field(default_factory=dict)
+    wheels: int = 0
+    delay: int = 0
+    noise: tuple[str, ...] = ()
+    limits: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Perturbation:
     """Forces around the motion of the system `base`.
 
@@ -53,6 +80,8 @@ class Perturbation:
     corners     constants -> whether forces that choose nothing have corners; else None
     pair        V of two bodies, for each row (i, j) of the parameter `pairs`: lanes are bodies that act on each other.
                 Letters of body i end in 1, those of body j in 2
+    environment the fields at the place of a satellite, in space, as a function of t by name; None for no place
+    control     the law that commands actuators; the state then has its memory, its commands and the wheels' momenta
     inner       the order to which the map of `base` is composed for its motion in a splitting; None for the best known
     """
 
@@ -66,7 +95,14 @@ class Perturbation:
     wheel: bool = False
     corners: Callable[..., bool] | None = None
     pair: Force | None = None
+    environment: Force | None = None
+    control: Controller | None = None
     inner: int | None = None
+
+    @property
+    def sampled(self) -> bool:
+        """Whether a law is called at samples."""
+        return self.control is not None and self.control.law is not None
 
     @property
     def functions(self) -> dict[str, Force]:
@@ -77,6 +113,7 @@ class Perturbation:
     def names(self, letter: str) -> bool:
         """Whether this letter is an argument of a force."""
         alone = any(force.names(letter) for force in self.functions.values()) or (self.wheel and letter == TIME)
+        alone = alone or (self.control is not None and letter in ("g", TIME))
         if self.pair is None:
             return alone
         return alone or any(self.pair.names(letter + mark) for mark in ("", FIRST, SECOND))
@@ -89,7 +126,7 @@ class Perturbation:
     @property
     def loaded(self) -> bool:
         """Whether there are loads without a potential."""
-        return self.torque is not None or self.force is not None or self.wheel
+        return self.torque is not None or self.force is not None or self.wheel or self.control is not None
 
     @property
     def beside(self) -> bool:

@@ -1,0 +1,272 @@
+"""A law that is sampled: sensors, commands and their actuators, wheels; a perturbed body with these as a system.
+
+State: the momentum M, then the momenta of the wheels, the memory of the law, the commands that are held, commands that
+are delayed, the generator of the noise.  At a sample
+
+    sensors -> law -> commands, limited -> delay -> held;   M <- M + impulse
+
+and between two samples, with B the field and W the axes of the wheels as rows, all along the axes of the state,
+
+    M' = ... + dipole x B + torque - W^T wheel_torque + (W^T wheels) x Omega,   wheels' = wheel_torque
+
+Sensors and commands are along the body axes, v_body = R v_state, R that of the quaternion `body_axes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.algebra.backend import joined
+from kreisel.algebra.gradient import traced
+from kreisel.algebra.random import normals, vec_of
+from kreisel.algebra.recorded import run
+from kreisel.errors import InputError, shown
+from kreisel.forces import kicks
+from kreisel.forces.kicks import BODY_AXES, WHEELS, Body, Constants, along_state, perturbation_of, to_body
+from kreisel.forces.records import perturbed_record
+from kreisel.record.contract import Parameter, PhaseSpace, System
+from kreisel.record.model import Model
+from kreisel.record.perturbation import TIME, Controller
+
+QUEUE, GENERATOR, WHEEL_LIMIT = "queue", "generator", "wheel_limit"
+DEVIATION, BIAS, LIMIT, HELD = "noise_", "bias_", "limit_", "commanded_"
+OF_PLACE = {"field": (3,), "sun": (3,), "light": (), "position": (3,), "velocity": (3,)}
+SENSORS = {"rates": (3,), "attitude": (4,), "time": (), WHEELS: (-1,), **OF_PLACE}
+COMMANDS = ("dipole", "torque", "wheel_torque", "impulse")
+
+State = tuple[Array, ...]
+
+
+# -- the state -------------------------------------------------------------------------------------------
+
+
+def components(control: Controller) -> tuple[tuple[str, str], ...]:
+    """Letters and kinds of what the state has in addition to the body's, in order."""
+    held = sum(control.commands.values())
+    sizes = {
+        **({WHEELS: (control.wheels,)} if control.wheels else {}),
+        **control.memory,
+        **{HELD + name: (size,) for name, size in control.commands.items()},
+        **({QUEUE: (control.delay * held,)} if control.delay else {}),
+        **({GENERATOR: (6,)} if control.noise else {}),
+    }
+    return tuple((letter, f"R^{shape[0]}" if shape else "scalar") for letter, shape in sizes.items())
+
+
+def changed_by_samples(system: System) -> tuple[int, ...]:
+    """The places of the components that a sample changes."""
+    letters, control = system.space.letters, _control(system)
+    still = {WHEELS} if "impulse" in control.commands else {letters[0], WHEELS}
+    return tuple(i for i, letter in enumerate(letters) if letter not in still)
+
+
+def of(system: System, state: State) -> dict[str, Array]:
+    """The components of a state by letter."""
+    return dict(zip(system.space.letters, state, strict=True))
+
+
+# -- the actuators -----------------------------------------------------------------------------------------
+
+
+def surroundings(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> dict[str, Array]:
+    """The fields at the place of the body, in space, by name.  Raises `InputError` for a body without a place."""
+    force = perturbation_of(system).environment
+    if force is None:
+        raise InputError(
+            f"{system.name}: expected a law of rates, attitude, time, wheels, that commands torques, got one of "
+            f"{', '.join(OF_PLACE)}, or a dipole. Only a body on an orbit has them: kr.physical.Satellite."
+        )
+    tape: list[Any] = []
+    more = {name: traced(tape, known[name], axes[name]) for name in force.parameters}
+    found = run(force.function, traced(tape, body.t, 0), **more)
+    return {name: kicks.values_of(np.asarray(value, dtype=object), body) for name, value in found.items()}
+
+
+def actuated(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> list[Any]:
+    """The rates of the state by the commands that are held."""
+    held, back = of(system, body.state), to_body(known).mT
+    rates: list[Any] = [0 * z for z in body.state]
+    tau: Any = 0 * algebra.axial(body.state[0])
+    if HELD + "dipole" in held:
+        B = algebra.act(body.g.mT, surroundings(system, body, known, axes)["field"])  # type: ignore[union-attr]
+        tau = tau + algebra.cross(algebra.act(back, held[HELD + "dipole"]), B)
+    if HELD + "torque" in held:
+        tau = tau + algebra.act(back, held[HELD + "torque"])
+    if HELD + "wheel_torque" in held:
+        motors = held[HELD + "wheel_torque"]
+        tau = tau - along_state(motors, known)
+        rates[system.space.letters.index(WHEELS)] = motors
+    rates[0] = algebra.hat(tau)
+    return rates
+
+
+# -- a sample ----------------------------------------------------------------------------------------------
+
+
+def sampled(system: System, body: Body, q: Array, known: Constants, axes: Mapping[str, int]) -> tuple[State, Any]:
+    """The state after a sample, and the work of an impulse; q the orientation as a quaternion."""
+    control, new = _control(system), of(system, body.state)
+    sensors, generator = _seen(system, body, q, known, axes)
+    results = _results(control, {**sensors, **{k: new[k] for k in control.memory}}, body, known, axes)
+    commands = [_limited(system, name, results[name], new, known) for name in control.commands]
+    new |= {name: results[name] for name in control.memory}
+    if control.delay:
+        size = sum(control.commands.values())
+        queue = joined(new[QUEUE], *(value + 0 * new[QUEUE][..., :1] for value in commands))
+        new[QUEUE], first = queue[..., size:], queue[..., :size]
+        ends = np.cumsum([*control.commands.values()]).tolist()
+        commands = [first[..., end - k : end] for end, k in zip(ends, control.commands.values(), strict=True)]
+    new |= {HELD + name: value for name, value in zip(control.commands, commands, strict=True)}
+    if generator is not None:
+        new[GENERATOR] = generator
+    work: Any = 0
+    if "impulse" in control.commands:
+        M, J = body.state[0], algebra.hat(algebra.act(to_body(known).mT, new[HELD + "impulse"]))
+        new[system.space.letters[0]] = M + J
+        work = algebra.pairing(J, kicks.velocity(system, (M + J / 2, *body.state[1:]), known))
+    return tuple(new.values()), work
+
+
+def _control(system: System) -> Controller:
+    control = perturbation_of(system).control
+    if control is None:
+        raise TypeError(f"{system.name} has no control")
+    return control
+
+
+def _seen(
+    system: System, body: Body, q: Array, known: Constants, axes: Mapping[str, int]
+) -> tuple[dict[str, Any], Array | None]:
+    """What the sensors show, by name, and the generator after the draws of the noise."""
+    control, R, own = _control(system), to_body(known), of(system, body.state)
+    wanted = [name for name in SENSORS if name in control.arguments]
+    fields = surroundings(system, body, known, axes) if any(name in OF_PLACE for name in wanted) else {}
+
+    def exactly(name: str) -> Any:
+        if name == "rates":
+            return algebra.act(R, algebra.axial(kicks.velocity(system, body.state, known)))
+        if name == "attitude":
+            return algebra.quaternion_product(q, algebra.inverse_turn(known[BODY_AXES]))
+        if name in (TIME, "time", WHEELS, "light"):
+            return {"time": body.t, WHEELS: own.get(WHEELS), "light": fields.get("light")}[name]
+        return algebra.act(R, algebra.act(body.g.mT, fields[name]))  # type: ignore[union-attr]
+
+    seen = {name: exactly(name) for name in wanted}
+    if not control.noise:
+        return seen, None
+    drawn, generator = normals(own[GENERATOR], 3 * len(control.noise))
+    for i, name in enumerate(control.noise):
+        bias, deviation = (_spread(known[word + name], axes[word + name]) for word in (BIAS, DEVIATION))
+        off = bias + deviation * drawn[..., 3 * i : 3 * i + 3]
+        seen[name] = algebra.quaternion_product(seen[name], algebra.turn(off)) if name == "attitude" else seen[name] + off
+    return seen, generator
+
+
+def _spread(x: Array, axes: int) -> Array:
+    """A scalar (...) or a vector (..., 3), to multiply vectors."""
+    return x if axes else algebra.vec(x)
+
+
+def _results(
+    control: Controller, given: Mapping[str, Any], body: Body, known: Constants, axes: Mapping[str, int]
+) -> dict[str, Array]:
+    """What the law returns, as numbers of the kind of the state.  Raises `InputError`."""
+    tape: list[Any] = []
+    shapes = SENSORS | control.memory
+    arguments = {
+        name: traced(tape, given[name], len(shapes[name])) if name in given else traced(tape, known[name], axes[name])
+        for name in control.arguments
+    }
+    found = called(control.law, arguments, control.commands, control.memory, all_commands=True)
+    return {name: kicks.values_of(value, body) for name, value in found.items()}
+
+
+def called(
+    law: Callable[..., Any],
+    arguments: Mapping[str, Any],
+    commands: Mapping[str, int],
+    memory: Mapping[str, tuple[int, ...]],
+    all_commands: bool = False,
+) -> dict[str, Array]:
+    """What the law returns, as arrays of objects: memory, and commands, `all_commands` or some.  Raises `InputError`."""
+    found = run(law, **arguments)
+    shapes = {**{name: (size,) for name, size in commands.items()}, **memory}
+    needed = shapes if all_commands else memory
+    if not isinstance(found, Mapping) or not set(needed) <= set(found) <= set(shapes):
+        lacking = [name for name in needed if name not in found] if isinstance(found, Mapping) else []
+        raise InputError(
+            f"law: expected a dict of commands ({', '.join(commands)}) and of the whole memory "
+            f"({', '.join(memory) or 'none'}), got {shown([*found] if isinstance(found, Mapping) else found)}"
+            f"{f' without {lacking[0]}' if lacking else ''}. Memory that does not change is returned too."
+        )
+    out = {name: np.asarray(found[name], dtype=object) for name in shapes if name in found}
+    for name, value in out.items():
+        if value.shape != shapes[name]:
+            raise InputError(
+                f"law: expected {name} of shape {shapes[name]}, got {value.shape}. Commands have three entries or one "
+                "for each wheel, and memory keeps the shape that it has at the start."
+            )
+    return out
+
+
+def _limited(system: System, name: str, value: Array, own: Mapping[str, Array], known: Constants) -> Array:
+    """A command within its limits; a wheel does not leave its range of momentum within a sample."""
+    control = _control(system)
+    if name in control.limits:
+        value = _clipped(value, -known[LIMIT + name], known[LIMIT + name])
+    if name == "wheel_torque" and WHEEL_LIMIT in known:
+        h, most = own[WHEELS], known[WHEEL_LIMIT]
+        value = _clipped(value, (-most - h) / control.every, (most - h) / control.every)
+    return value
+
+
+def _clipped(x: Array, least: Array, most: Array) -> Array:
+    """The entries of x (..., k) between the bounds (..., k)."""
+    columns = []
+    for i in range(np.shape(x)[-1]):
+        low, high, middle = least[..., i], most[..., i], x[..., i]
+        columns.append(algebra.where_less(middle, low, low, algebra.where_less(high, middle, high, middle)))
+    return joined(*map(vec_of, columns))
+
+
+# -- the system ------------------------------------------------------------------------------------------------
+
+
+def controlled(model: Model, control: Controller, parameters: list[Parameter]) -> Model:
+    """The perturbed body with a controller; `parameters`: those that control and wheels add, with their values."""
+    system = model.system
+    space, more = system.space, components(control)
+
+    def tensor(*state: Array) -> Array:
+        inner = space.tensor(*state[: len(space.letters)])
+        count = algebra.coordinate_count([kind for _, kind in more], 3)
+        return np.pad(inner, [(0, 0)] * (inner.ndim - 2) + [(0, count)] * 2)
+
+    wide = PhaseSpace(
+        name=f"{space.name} x R^{algebra.coordinate_count([kind for _, kind in more], 3)}",
+        components=(*space.components, *more),
+        tensor=tensor,
+        casimirs=None,
+        sign=space.sign,
+        carried=space.carried,
+    )
+    kept = ("source", "scaling", "derive", "body_frame", "checks", "n")
+    axes = {**model.axes, **{p.letter: np.ndim(p.default) if p.axes is None else p.axes for p in parameters}}
+    record = perturbed_record(
+        replace(perturbation_of(system), control=control),
+        axes,
+        **{name: getattr(system, name) for name in kept},
+        name=f"controlled-{system.name}",
+        title=f"{system.title}, controlled",
+        equations=f"{system.equations}; controlled every {control.every:g} s",
+        space=wide,
+        integrals={},
+        parameters=(*(replace(p, default=model.params[p.letter]) for p in system.parameters), *parameters),
+    )
+    return Model(record, {}, model.body_frame)

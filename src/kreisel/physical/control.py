@@ -1,0 +1,252 @@
+"""Controllers of bodies: a law that is compiled with the steps, and reaction wheels."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.algebra.gradient import traced
+from kreisel.algebra.random import streams
+from kreisel.errors import InputError, explained, hint, shown
+from kreisel.forces.control import (
+    BIAS,
+    COMMANDS,
+    DEVIATION,
+    GENERATOR,
+    LIMIT,
+    OF_PLACE,
+    SENSORS,
+    WHEEL_LIMIT,
+    called,
+    components,
+    controlled,
+)
+from kreisel.forces.kicks import BODY_AXES, WHEEL_AXES, WHEELS, perturbation_of
+from kreisel.physical.measures import finite_floats, si_number, si_numbers
+from kreisel.record.contract import Parameter
+from kreisel.record.model import Model
+from kreisel.record.perturbation import Controller
+
+UNITS = {"dipole": "A m^2", "torque": "N m", "wheel_torque": "N m", "impulse": "N m s"}
+NOISY = {"rates": "rad/s", "attitude": "rad", "field": "T", "sun": "1", "position": "m", "velocity": "m/s"}
+
+
+@explained
+@dataclass(frozen=True, eq=False)
+class Wheels:
+    """Reaction wheels, whose motion with the body is that of a gyrostat in closed form.
+
+    axes      (k, 3), of length 1, along the body axes
+    momenta   (k,) or one, N m s, of the wheels about their axes at t = 0
+    limit     (k,) or one, N m s: the largest momentum, beyond which the motors of a controller do not go
+    """
+
+    axes: Any
+    momenta: Any = 0.0
+    limit: Any = None
+
+    def __post_init__(self) -> None:
+        axes = algebra.floats(self.axes)
+        if axes.ndim != 2 or axes.shape[1:] != (3,) or not (abs((axes * axes).sum(-1) - 1) < 1e-9).all():
+            raise InputError(f"axes: expected rows of 3 numbers and length 1, one for each wheel, got {shown(self.axes)}.")
+        object.__setattr__(self, "axes", axes)
+        for name in ("momenta", "limit"):
+            value = getattr(self, name)
+            if value is not None:
+                found = si_numbers(value, "N m s", name, ((), (len(axes),)))
+                object.__setattr__(self, name, np.broadcast_to(found, (len(axes),)))
+        if self.limit is not None and not (self.limit >= abs(self.momenta)).all():
+            raise InputError(f"limit: expected at least |momenta|, got {shown(self.limit.tolist())}.")
+
+
+@explained
+@dataclass(frozen=True, eq=False)
+class Control:
+    """A law in the steps of a body: called at samples, its commands held from one to the next.
+
+        def law(field, before, *, gain):
+            return {"dipole": -gain * (field - before), "before": field}
+
+        kr.Control(law, every="1 s", memory={"before": (0, 0, 0)}, parameters={"gain": 4e3})
+
+    law        a function of sensors, memory and parameters by name, which returns a dict of commands and new memory.
+               Sensors, along the body axes: rates, attitude (w, x, y, z), field (T), sun (of length 1), light (0 in the
+               shadow), time, wheels (their momenta), position, velocity.  Commands: dipole (A m^2), torque (N m),
+               wheel_torque (N m, of the motor on each wheel), impulse (N m s, at once)
+    every      s between two samples: a multiple of dt
+    memory     what the law keeps, with the values at the start: numbers, or arrays (k,)
+    parameters what it names else: numbers, vectors (3,), or either with an axis of lanes in front
+    noise      of sensors: the standard deviation of each entry in SI, or {"std": ..., "bias": ...}
+    seed       of the noise: every lane has numbers of its own, the same for all blocks and workers
+    delay      samples until a command is applied
+    limits     the largest size of each entry of a command, in SI
+
+    The law is run once, on values that record the operations, and has no other effects.  A run has memory and commands
+    as variables: those just before the sample of the row.  Raises `InputError` for anything but such a law.
+    """
+
+    law: Callable[..., Any]
+    every: Any = 1.0
+    memory: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    noise: Mapping[str, Any] = field(default_factory=dict)
+    seed: int = 0
+    delay: int = 0
+    limits: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not callable(self.law):
+            raise InputError(f"law: expected a function of sensors and memory, got {shown(self.law)}.")
+        object.__setattr__(self, "every", si_number(self.every, "s", "every", positive=True))
+        for name, known in (("memory", None), ("parameters", None), ("noise", NOISY), ("limits", UNITS)):
+            _names(getattr(self, name), name, known)
+        memory = {name: finite_floats(value, "1", name) for name, value in self.memory.items()}
+        if any(value.ndim > 1 or not value.size for value in memory.values()):
+            raise InputError(f"memory: expected numbers or arrays (k,), got {shown(dict(self.memory))}.")
+        object.__setattr__(self, "memory", memory)
+        object.__setattr__(self, "noise", {name: _noise(name, value) for name, value in self.noise.items()})
+        limits = {name: finite_floats(value, UNITS[name], f"limit of {name}") for name, value in self.limits.items()}
+        if any((value < 0).any() for value in limits.values()):
+            raise InputError(f"limits: expected sizes >= 0, got {shown(dict(self.limits))}.")
+        object.__setattr__(self, "limits", limits)
+        for name, least in (("seed", 0), ("delay", 0)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+                raise InputError(f"{name}: expected a whole number >= 0, got {shown(value)}.")
+
+    def on(self, model: Model, axes: Array, wheels: Wheels | None) -> Model:
+        """The model with this controller; axes: of its state along the body axes, as columns.  Raises `InputError`."""
+        count = 0 if wheels is None else len(wheels.axes)
+        own = [_parameter(name, value, "of the law") for name, value in self.parameters.items()]
+        taken = {*model.params, *model.system.space.letters, *SENSORS, *self.memory} & {*self.parameters}
+        taken |= {*model.params, *model.system.space.letters, *SENSORS} & {*self.memory}
+        if taken:
+            raise InputError(f"Control: expected names that neither sensors nor the body have, got {', '.join(taken)}.")
+        arguments = self._arguments(model, count)
+        shapes = {**SENSORS, WHEELS: (count,), **{name: value.shape for name, value in self.memory.items()}}
+        shapes |= {p.letter: (3,) if p.kind == "vector" else () for p in own}
+        commands = self._tried(arguments, shapes, count)
+        control = Controller(
+            law=self.law,
+            arguments=arguments,
+            every=self.every,
+            memory={name: shapes[name] for name in self.memory},
+            commands=commands,
+            wheels=count,
+            delay=int(self.delay),
+            noise=tuple(self.noise),
+            limits=tuple(self.limits),
+        )
+        for name, values in self.noise.items():
+            for word, what in ((DEVIATION, "standard deviation"), (BIAS, "bias")):
+                own.append(_parameter(word + name, values[word], f"{what} of the sensor {name}, {NOISY[name]}"))
+        for name, value in self.limits.items():
+            if name not in commands or value.shape not in ((), (commands[name],)):
+                raise InputError(
+                    f"limits: expected a number or one for each entry of {', '.join(commands) or 'a command'}, got "
+                    f"{name}: {shown(value.tolist())}."
+                )
+            own.append(Parameter(LIMIT + name, "array", f"largest {name}", None, np.broadcast_to(value, commands[name])))
+        return controlled(model, control, [*own, *_of_wheels(axes, wheels)])
+
+    def _arguments(self, model: Model, wheels: int) -> tuple[str, ...]:
+        """The arguments of the law by name.  Raises `InputError` for others than it may have."""
+        try:
+            signature = inspect.signature(self.law)
+        except (TypeError, ValueError):
+            raise InputError(f"law: expected a Python function that says its arguments, got {shown(self.law)}.") from None
+        known = [*(name for name in SENSORS if wheels or name != WHEELS), *self.memory, *self.parameters]
+        if perturbation_of(model.system).environment is None:
+            known = [name for name in known if name not in OF_PLACE]
+        for p in signature.parameters.values():
+            if p.kind not in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) or p.name not in known:
+                raise InputError(
+                    f"law: expected arguments among {', '.join(known)}, got {shown(p.name)}.{hint(p.name, known)} What "
+                    "the law keeps is in memory={...}, other numbers in parameters={...}."
+                )
+        return tuple(signature.parameters)
+
+    def _tried(self, arguments: Sequence[str], shapes: Mapping[str, tuple[int, ...]], wheels: int) -> dict[str, int]:
+        """The lengths of the commands that the law returns, run twice on random values.  Raises `InputError`."""
+        rng, runs = np.random.default_rng(0), []
+        values = {name: np.asarray(rng.normal(size=shapes[name])) for name in arguments}
+        for _ in range(2):
+            tape: list[Any] = []
+            given = {name: traced(tape, value, value.ndim) for name, value in values.items()}
+            lengths = {name: wheels if name == "wheel_torque" else 3 for name in COMMANDS if name != "wheel_torque" or wheels}
+            with np.errstate(all="ignore"):
+                runs.append(called(self.law, given, lengths, {name: shapes[name] for name in self.memory}))
+        if any(_plain(runs[0][name]) != _plain(value) for name, value in runs[1].items()):
+            raise InputError(
+                "law: expected the same result from the same values, got two. Usual cause: random numbers, or a list "
+                "or a global that the law changes. Noise is noise={...}, and what the law keeps is memory={...}."
+            )
+        return {name: lengths[name] for name in COMMANDS if name in runs[0]}
+
+    def start(self, model: Model, wheels: Wheels | None, lanes: int) -> dict[str, Array]:
+        """The components of a state in addition to the body's, at the start."""
+        made = start_of_wheels(model, wheels)
+        made |= {name: self.memory[name] for name in made if name in self.memory}
+        if GENERATOR in made:
+            made[GENERATOR] = streams(int(self.seed), lanes) if lanes > 1 else streams(int(self.seed), 1)[0]
+        return made
+
+
+def with_wheels(model: Model, axes: Array, wheels: Wheels) -> Model:
+    """The model with wheels and no controller."""
+    return controlled(model, Controller(wheels=len(wheels.axes)), _of_wheels(axes, wheels))
+
+
+def start_of_wheels(model: Model, wheels: Wheels | None) -> dict[str, Array]:
+    """The components of a state in addition to the body's: 0, and the momenta of the wheels."""
+    control = perturbation_of(model.system).control
+    out = {
+        letter: np.zeros(() if kind == "scalar" else int(kind[2:]))
+        for letter, kind in (components(control) if control else ())
+    }
+    return out | ({} if wheels is None else {WHEELS: wheels.momenta})
+
+
+def _of_wheels(axes: Array, wheels: Wheels | None) -> list[Parameter]:
+    out = [Parameter(BODY_AXES, "quaternion", "of the axes of the state along the body axes", None, algebra.unit_quaternion(axes))]
+    if wheels is not None:
+        out.append(Parameter(WHEEL_AXES, "array", "of the wheels, along the body axes, one a row", None, wheels.axes))
+        if wheels.limit is not None:
+            out.append(Parameter(WHEEL_LIMIT, "array", "largest momentum of each wheel, N m s", None, wheels.limit))
+    return out
+
+
+def _names(given: Any, what: str, known: Mapping[str, Any] | None) -> None:
+    """Raises `InputError` for anything but a dict of names, `known` ones if they are given."""
+    good = isinstance(given, Mapping) and all(isinstance(name, str) and name.isidentifier() for name in given)
+    wrong = [name for name in given if known is not None and name not in known] if good else []
+    if not good or wrong:
+        names = "names of your own" if known is None else ", ".join(known)
+        near = hint(wrong[0], known) if wrong and known else ""
+        raise InputError(f"{what}: expected a dict with {names}, got {shown(wrong[0] if wrong else given)}.{near}")
+
+
+def _parameter(name: str, value: Any, meaning: str) -> Parameter:
+    array = algebra.floats(value)
+    return Parameter(name, "vector" if array.shape[-1:] == (3,) and array.ndim < 3 else "scalar", meaning, None, value)
+
+
+def _noise(name: str, value: Any) -> dict[str, Array]:
+    """The standard deviation and the bias of a sensor.  Raises `InputError`."""
+    parts = {"std": value, "bias": 0.0} if not isinstance(value, Mapping) else {"std": 0.0, "bias": 0.0, **value}
+    if set(parts) != {"std", "bias"}:
+        raise InputError(f"noise: expected a standard deviation or {{'std': ..., 'bias': ...}}, got {shown(value)}.")
+    std, bias = (finite_floats(parts[word], NOISY[name], f"{word} of {name}") for word in ("std", "bias"))
+    if (std < 0).any():
+        raise InputError(f"noise: expected a standard deviation >= 0 for {name}, got {shown(std.tolist())}.")
+    return {DEVIATION: std, BIAS: bias}
+
+
+def _plain(found: Array) -> list[Any]:
+    return [float(getattr(v, "value", v)) for v in found.flat]
