@@ -35,6 +35,7 @@ __version__ = "0.2.0"
 
 _LAZY = {
     "perturbed": "kreisel.forces.body",
+    "Control": "kreisel.physical.control",
     "Event": "kreisel.runs.settings",
     "Design": "kreisel.sweeps.design",
     "differentiable": "kreisel.runs.differentiable",

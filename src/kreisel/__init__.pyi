@@ -16,6 +16,7 @@ from kreisel import physical as physical
 from kreisel import rebound as rebound
 from kreisel import reduction as reduction
 from kreisel import units as units
+from kreisel.physical.control import Control as Control
 from kreisel.sweeps.design import Design as Design
 from kreisel.runs.settings import Event as Event
 from kreisel.runs.closed_form import at as at

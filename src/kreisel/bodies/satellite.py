@@ -91,9 +91,9 @@ def torque(g, t, *, orbit, torque, plates, density, drag, sun, pressure, mirror,
     return torque
 
 
-def surroundings(t, *, rate, along, across, eccentricity, field, sun):
+def surroundings(t, *, orbit, field, sun):
     """The fields at the place of the satellite, in space, which sensors show and actuators use."""
-    r, v = place(t, rate, along, across, eccentricity)
+    r, v = place(t, orbit)
     square = r @ r
     u = r / sqrt(square)
     B = -field / (square * sqrt(square)) * (np.array([0.0, 0.0, 1.0]) - 3 * u[2] * u)
@@ -243,7 +243,7 @@ def body(name, title, *wheel):
             potential=gravity,
             torque=Force(torque, ("g", "t"), LOADS),
             wheel=bool(wheel),
-            environment=Force(surroundings, ("t",), (*ORBIT, "field", "sun")),
+            environment=Force(surroundings, ("t",), ("orbit", "field", "sun")),
             corners=corners,
         ),
         axes | DERIVED,

@@ -14,7 +14,7 @@ Sensors and commands are along the body axes, v_body = R v_state, R that of the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -164,7 +164,9 @@ def _seen(
     for i, name in enumerate(control.noise):
         bias, deviation = (_spread(known[word + name], axes[word + name]) for word in (BIAS, DEVIATION))
         off = bias + deviation * drawn[..., 3 * i : 3 * i + 3]
-        seen[name] = algebra.quaternion_product(seen[name], algebra.turn(off)) if name == "attitude" else seen[name] + off
+        seen[name] = (
+            algebra.quaternion_product(seen[name], algebra.turn(off)) if name == "attitude" else seen[name] + off
+        )
     return seen, generator
 
 
@@ -178,7 +180,7 @@ def _results(
 ) -> dict[str, Array]:
     """What the law returns, as numbers of the kind of the state.  Raises `InputError`."""
     tape: list[Any] = []
-    shapes = SENSORS | control.memory
+    shapes = {**SENSORS, **control.memory}
     arguments = {
         name: traced(tape, given[name], len(shapes[name])) if name in given else traced(tape, known[name], axes[name])
         for name in control.arguments
@@ -188,13 +190,13 @@ def _results(
 
 
 def called(
-    law: Callable[..., Any],
+    law: Any,
     arguments: Mapping[str, Any],
     commands: Mapping[str, int],
     memory: Mapping[str, tuple[int, ...]],
     all_commands: bool = False,
 ) -> dict[str, Array]:
-    """What the law returns, as arrays of objects: memory, and commands, `all_commands` or some.  Raises `InputError`."""
+    """What the law returns, as arrays of objects: memory, and some of the commands or all.  Raises `InputError`."""
     found = run(law, **arguments)
     shapes = {**{name: (size,) for name, size in commands.items()}, **memory}
     needed = shapes if all_commands else memory

@@ -95,7 +95,8 @@ class Splitting:
         self.kicked = bool(record.functions) or record.wheel or record.pair is not None or self.part.left is not None
         kinds = len(self.turns) + self.kicked + record.damping
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
-        self.wheels, self.changed, self.always = with_wheels(record), (0,), False
+        self.wheels, self.always = with_wheels(record), False
+        self.changed: tuple[int, ...] = ()
         if record.sampled:
             self.changed = control.changed_by_samples(model.system)
             self.always = _samples(model, dt, order, all_turns) == 1 and len(self.fractions.b) == 1

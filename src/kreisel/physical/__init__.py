@@ -15,6 +15,7 @@ Arguments are floats in SI units, or quantities: mass="3 kg", spin="180 rpm" (`k
 
 from __future__ import annotations
 
+from kreisel.physical.control import Control, Wheels
 from kreisel.physical.ellipsoid import Ellipsoid
 from kreisel.physical.free_body import AxisStability, FreeBody
 from kreisel.physical.free_rotation import FreeRotation
@@ -35,6 +36,7 @@ __all__ = [
     "SUN",
     "Asteroid",
     "AxisStability",
+    "Control",
     "Course",
     "Ellipsoid",
     "FreeBody",
@@ -50,6 +52,7 @@ __all__ = [
     "Satellite",
     "SubmergedBody",
     "Units",
+    "Wheels",
     "read_added_mass",
     "read_mesh",
     "read_robot",

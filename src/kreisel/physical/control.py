@@ -54,7 +54,9 @@ class Wheels:
     def __post_init__(self) -> None:
         axes = algebra.floats(self.axes)
         if axes.ndim != 2 or axes.shape[1:] != (3,) or not (abs((axes * axes).sum(-1) - 1) < 1e-9).all():
-            raise InputError(f"axes: expected rows of 3 numbers and length 1, one for each wheel, got {shown(self.axes)}.")
+            raise InputError(
+                f"axes: expected rows of 3 numbers and length 1, one for each wheel, got {shown(self.axes)}."
+            )
         object.__setattr__(self, "axes", axes)
         for name in ("momenta", "limit"):
             value = getattr(self, name)
@@ -152,7 +154,9 @@ class Control:
                     f"limits: expected a number or one for each entry of {', '.join(commands) or 'a command'}, got "
                     f"{name}: {shown(value.tolist())}."
                 )
-            own.append(Parameter(LIMIT + name, "array", f"largest {name}", None, np.broadcast_to(value, commands[name])))
+            own.append(
+                Parameter(LIMIT + name, "array", f"largest {name}", None, np.broadcast_to(value, commands[name]))
+            )
         return controlled(model, control, [*own, *_of_wheels(axes, wheels)])
 
     def _arguments(self, model: Model, wheels: int) -> tuple[str, ...]:
@@ -160,7 +164,9 @@ class Control:
         try:
             signature = inspect.signature(self.law)
         except (TypeError, ValueError):
-            raise InputError(f"law: expected a Python function that says its arguments, got {shown(self.law)}.") from None
+            raise InputError(
+                f"law: expected a Python function that says its arguments, got {shown(self.law)}."
+            ) from None
         known = [*(name for name in SENSORS if wheels or name != WHEELS), *self.memory, *self.parameters]
         if perturbation_of(model.system).environment is None:
             known = [name for name in known if name not in OF_PLACE]
@@ -179,7 +185,9 @@ class Control:
         for _ in range(2):
             tape: list[Any] = []
             given = {name: traced(tape, value, value.ndim) for name, value in values.items()}
-            lengths = {name: wheels if name == "wheel_torque" else 3 for name in COMMANDS if name != "wheel_torque" or wheels}
+            lengths = {
+                name: wheels if name == "wheel_torque" else 3 for name in COMMANDS if name != "wheel_torque" or wheels
+            }
             with np.errstate(all="ignore"):
                 runs.append(called(self.law, given, lengths, {name: shapes[name] for name in self.memory}))
         if any(_plain(runs[0][name]) != _plain(value) for name, value in runs[1].items()):
@@ -214,7 +222,11 @@ def start_of_wheels(model: Model, wheels: Wheels | None) -> dict[str, Array]:
 
 
 def _of_wheels(axes: Array, wheels: Wheels | None) -> list[Parameter]:
-    out = [Parameter(BODY_AXES, "quaternion", "of the axes of the state along the body axes", None, algebra.unit_quaternion(axes))]
+    out = [
+        Parameter(
+            BODY_AXES, "quaternion", "of the axes of the state along the body axes", None, algebra.unit_quaternion(axes)
+        )
+    ]
     if wheels is not None:
         out.append(Parameter(WHEEL_AXES, "array", "of the wheels, along the body axes, one a row", None, wheels.axes))
         if wheels.limit is not None:

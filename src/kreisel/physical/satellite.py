@@ -84,6 +84,8 @@ class Satellite:
     light, sun     the pressure of sunlight, N/m^2 (`SOLAR_PRESSURE`), and the direction of the Sun in space
     mirror, diffuse   fractions of the light that are reflected and scattered
     harmonics      `Harmonics` of the body's gravity field
+    wheels         `Wheels`, whose momenta are a part of the state
+    control        a `kr.Control`, compiled with the steps; its memory and its commands are a part of the state
 
     Vectors are along the body axes; a run has the momentum M along the principal axes.  Raises `InputError` for moments
     that are impossible for a body.  The equations: `kreisel.bodies.satellite`.
@@ -129,6 +131,13 @@ class Satellite:
         if not isinstance(self.plates, list | tuple):
             raise InputError(f"plates: expected a list of Plate(normal, centre, area), got {shown(self.plates)}.")
         object.__setattr__(self, "plates", tuple(_plate(p) for p in self.plates))
+        for name, kind in (("wheels", Wheels), ("control", Control)):
+            if not isinstance(getattr(self, name), kind | None):
+                raise InputError(
+                    f"{name}: expected kr.physical.{kind.__name__}(...), got {shown(getattr(self, name))}."
+                )
+        if self.wheels is not None and self.wheel is not None:
+            raise InputError("wheel: expected none with wheels=kr.physical.Wheels(...), which may be any number.")
         self.model()
 
     @classmethod

@@ -101,7 +101,9 @@ class State(Mapping[str, Array]):
         """The state with axial vectors (..., 3) for skew matrices if n = 3."""
         kinds = {k: algebra.KINDS[kind] for k, kind in self._kinds.items()}
         components = {k: kinds[k].for_user(v) for k, v in self._components.items()}
-        return State(components, {k: kind.shown((self._components[k].shape or (0,))[-1]).name for k, kind in kinds.items()})
+        return State(
+            components, {k: kind.shown((self._components[k].shape or (0,))[-1]).name for k, kind in kinds.items()}
+        )
 
 
 class Model:

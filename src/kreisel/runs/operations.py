@@ -24,11 +24,13 @@ from kreisel import algebra
 from kreisel.algebra.reuse import Identity, reused
 from kreisel.errors import InputError, shown
 from kreisel.files import parsed
+from kreisel.forces.control import SENSORS
+from kreisel.forces.kicks import WHEELS
 from kreisel.graph.graph import Graph, Number, array_of
 from kreisel.method.observing import ORIENTATION
-from kreisel.record.calling import call
+from kreisel.record.calling import call, keywords
 from kreisel.record.contract import System
-from kreisel.record.perturbation import FIRST, SECOND, TIME, Force
+from kreisel.record.perturbation import FIRST, SECOND, TIME, Controller, Force
 
 if TYPE_CHECKING:
     from kreisel.record.model import Model
@@ -121,7 +123,8 @@ def _of_system(system: System, model: Model) -> Any:
         return about, sorted(_of_record(system, model))
     forces = {**record.functions, **({} if record.pair is None else {"pair": record.pair})}
     flags = record.damping, record.inertia, record.coupling, record.inner
-    return _of_system(record.base, model), flags, sorted((k, _of_force(f, model)) for k, f in forces.items())
+    law = () if record.control is None else (_of_law(record.control, model),)
+    return _of_system(record.base, model), flags, sorted((k, _of_force(f, model)) for k, f in forces.items()), *law
 
 
 def _model_of(factor: Any, model: Model) -> Model:
@@ -172,6 +175,21 @@ def _of_force(force: Force, model: Model) -> Any:
         return given, {name: _filled(numbers, _shape(model, name)) for name in force.parameters}
 
     return force.arguments, force.parameters, _recorded(force.function, arguments)
+
+
+def _of_law(control: Controller, model: Model) -> Any:
+    """The law of a controller, and all that is said about it."""
+    shapes = {**SENSORS, WHEELS: (control.wheels,), **control.memory}
+
+    def arguments(graph: Graph) -> Any:
+        numbers = _numbers(graph)
+        given = [_filled(numbers, shapes[k] if k in shapes else _shape(model, k)) for k in control.arguments]
+        named = dict(zip(control.arguments, given, strict=True))
+        later = keywords(control.law) if control.law else ()
+        return tuple(value for name, value in named.items() if name not in later), named
+
+    about = {field.name: getattr(control, field.name) for field in dataclasses.fields(control) if field.name != "law"}
+    return repr(about), None if control.law is None else _recorded(control.law, arguments)
 
 
 def _shape(model: Model, name: str) -> tuple[int, ...]:

@@ -1,0 +1,276 @@
+"""Controllers in the kernel against an independent loop, their wheels, noise, memory; mistakes."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import kreisel as kr
+from kreisel.algebra.random import normals, streams, streams_from, uniform
+from kreisel.physical import Orbit, Satellite, Wheels
+
+TENSOR = np.array([[0.03, 0.002, -0.001], [0.002, 0.028, 0.0015], [-0.001, 0.0015, 0.012]])
+AXES = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+MU, RADIUS, FIELD = 3.986004418e14, 6378137.0, 29.8e-6 * 6.4e6**3  # WGS 84; a field to one digit
+LOW, INCLINATION = 500e3, 1.7
+MOMENTA = [1e-3, 0, -2e-3, 1e-3]
+SPIN = np.array([0.1, 0.2, -0.15])
+
+
+def orbit(**more):
+    from kreisel.physical import EARTH
+
+    return Orbit.circular(LOW, INCLINATION, primary=EARTH._replace(field=-FIELD), **more)
+
+
+# -- against an independent loop: Euler's equations in the body axes, by DOP853 between samples ------------------
+
+
+def busy(rates, field, sun, attitude, time, wheels, position, before, count, *, gain, unload):
+    """Every sensor and every command at once."""
+    return {
+        "dipole": -gain * (field - before) + 1e-3 * sun,
+        "torque": 1e-6 * position / 7e6,
+        "wheel_torque": unload * wheels + np.array([1e-5, 0, -1e-5, 2e-5]) * np.cos(time) + 1e-5 * attitude,
+        "impulse": -1e-4 * rates * count,
+        "before": field,
+        "count": count + 1.0,
+    }
+
+
+def place(t):
+    a = RADIUS + LOW
+    angle, ci, si = np.sqrt(MU / a**3) * t, np.cos(INCLINATION), np.sin(INCLINATION)
+    return a * np.array([np.cos(angle), np.sin(angle) * ci, np.sin(angle) * si])
+
+
+def field_at(t):
+    """Of a dipole that points to the south of the third axis, so that B points north over the equator."""
+    r = np.linalg.norm(place(t))
+    u, m = place(t) / r, np.array([0, 0, -FIELD])
+    return (3 * (m @ u) * u - m) / r**3
+
+
+def rotation(q):
+    return Rotation.from_quat(q, scalar_first=True).as_matrix()
+
+
+def by_scipy(law, samples, every, delay, limit):
+    """The rates, attitude, wheels and commands after each sample's interval."""
+    q, h, L, before, count = np.array([1.0, 0, 0, 0]), np.array(MOMENTA), TENSOR @ SPIN, np.zeros(3), 0.0
+    none = {"dipole": np.zeros(3), "torque": np.zeros(3), "wheel_torque": np.zeros(4), "impulse": np.zeros(3)}
+    queue = [none] * delay
+    for k in range(samples):
+        t, C = k * every, rotation(q)
+        seen = {"field": C.T @ field_at(t), "sun": C.T @ np.array([1.0, 0, 0]), "position": C.T @ place(t)}
+        seen |= {"rates": np.linalg.solve(TENSOR, L), "attitude": q, "time": t, "wheels": h}
+        out = law(**seen, before=before, count=count, gain=3e3, unload=-0.01)
+        before, count = out["before"], out["count"]
+        queue.append(out | {"dipole": np.clip(out["dipole"], -limit, limit)})
+        held = queue.pop(0)
+
+        def rate(t, y, held=held):
+            L, q, h = y[:3], y[3:7], y[7:]
+            C, W = rotation(q), np.linalg.solve(TENSOR, L)
+            r = np.linalg.norm(place(t))
+            u = C.T @ place(t) / r
+            tau = 3 * MU / r**3 * np.cross(u, TENSOR @ u) + np.cross(held["dipole"], C.T @ field_at(t))
+            tau = tau + held["torque"] - AXES.T @ held["wheel_torque"]
+            turn = [-q[1:] @ W / 2, *((q[0] * W + np.cross(q[1:], W)) / 2)]
+            return np.concatenate([np.cross(L + AXES.T @ h, W) + tau, turn, held["wheel_torque"]])
+
+        start = np.concatenate([L + held["impulse"], q, h])
+        y = solve_ivp(rate, (t, t + every), start, method="DOP853", rtol=1e-13, atol=1e-16).y[:, -1]
+        L, q, h = y[:3], y[3:7] / np.linalg.norm(y[3:7]), y[7:]
+        yield np.linalg.solve(TENSOR, L), q, h, before, held
+
+
+@pytest.mark.parametrize(("delay", "limit"), [(0, np.inf), (2, 5e-3)])
+def test_a_controller_is_that_of_an_independent_loop(delay, limit):
+    control = kr.Control(
+        busy,
+        every="2 s",
+        memory={"before": np.zeros(3), "count": 0.0},
+        parameters={"gain": 3e3, "unload": -0.01},
+        delay=delay,
+        limits={} if np.isinf(limit) else {"dipole": limit},
+    )
+    body = Satellite(TENSOR, orbit(), wheels=Wheels(AXES, MOMENTA), control=control)
+    start = body.state(spin=SPIN)
+    settings = {"orientation": body.orientation(), "dt": 0.25, "steps": 32, "every": 8, "order": (8, 6, 4)}
+    run = kr.simulate(body.model(), start, **settings)
+    rates, attitude = body.angular_velocity(run.M), body.attitude(run.g)
+    for k, (W, q, h, before, held) in enumerate(by_scipy(busy, 4, 2.0, delay, limit), 1):
+        assert rates[k] == pytest.approx(W, abs=1e-12)
+        assert attitude[k] * np.sign(attitude[k] @ q) == pytest.approx(q, abs=1e-12)
+        assert run.wheels.values[k] == pytest.approx(h, abs=1e-14)
+        assert run.before.values[k] == pytest.approx(before, abs=1e-16)
+        for name in ("dipole", "torque", "wheel_torque", "impulse"):
+            assert run[f"commanded_{name}"].values[k] == pytest.approx(held[name], abs=1e-12), name
+    assert abs(run.balance - run.balance[0]).max() < 1e-14  # work of magnets, motors and thrusters
+    assert run["count"].values.tolist() == [*range(5)]
+
+
+# -- noise -------------------------------------------------------------------------------------------------------
+
+
+def test_the_generator_draws_published_numbers():
+    """The output of the authors' program, from the seed 12345, 12345, ...: streams, and the state after 35 numbers."""
+    states = streams_from([12345] * 6, 3)
+    assert states[1].tolist() == [3692455944, 1366884236, 2968912127, 335948734, 4161675175, 475798818]
+    assert states[2].tolist() == [1015873554, 1310354410, 2249465273, 994084013, 2912484720, 3876682925]
+    state, drawn = states[2], []
+    for _ in range(5):
+        u, state = uniform(state)
+        drawn.append(float(u))
+    published = [0.7285097861965, 0.9655872822837, 0.9961841304801, 0.1149884161813, 0.9731454191297]
+    assert drawn == pytest.approx(published, abs=1e-13)
+    state = states[0]
+    for _ in range(35):
+        _, state = uniform(state)
+    assert state.tolist() == [1040577685, 3747037609, 277208355, 1712706441, 627445683, 2408037141]
+    assert float(uniform(state)[0]) == pytest.approx(0.07941673614985, abs=1e-14)
+
+
+def test_normal_numbers_are_normal_and_those_of_lanes_independent():
+    from scipy.stats import kstest
+
+    found, _ = normals(streams(3, 4000), 4)
+    assert kstest(found.ravel(), "norm").pvalue > 1e-6
+    assert abs(np.corrcoef(found[:-1].ravel(), found[1:].ravel())[0, 1]) < 6 / np.sqrt(found.size)
+
+
+def bdot(field, rates, before, *, gain):
+    return {
+        "dipole": -gain * (field - before) + 0 * rates,
+        "before": field,
+    }
+
+
+def noisy(**more):
+    given = {"memory": {"before": (0, 0, 0)}, "parameters": {"gain": 3e3}, "limits": {"dipole": 0.2}}
+    given |= {"noise": {"rates": 1e-4, "field": {"std": 1e-7, "bias": (1e-8, 0, 0)}}, "seed": 7}
+    return Satellite(TENSOR, orbit(), control=kr.Control(bdot, every=2.0, **(given | more)))
+
+
+@pytest.mark.parametrize("dt", [2.0, 0.5])  # a sample in each step, and in every fourth
+def test_lanes_are_runs_of_their_own_and_a_resumed_run_has_the_same_bits(dt, tmp_path):
+    body = noisy()
+    start = body.state(spin=np.random.default_rng(0).normal(size=(5, 3)) / 10)
+    settings = {"orientation": body.orientation(), "dt": dt, "every": 10}
+    lanes = kr.simulate(body.model(), start, steps=60, path=tmp_path / "lanes", **settings)
+    for lane in (0, 3):
+        alone = {k: v[lane] if k in ("M", "generator") else v for k, v in start.items()}
+        run = kr.simulate(body.model(), alone, steps=60, **settings)
+        for name in run:
+            assert run[name].values.tobytes() == lanes[name].isel(lane=lane).values.tobytes(), name
+    kr.simulate(body.model(), start, steps=30, path=tmp_path / "half", **settings)
+    resumed = kr.resume(tmp_path / "half", extend=60, system=noisy().model())
+    for name in resumed:
+        assert resumed[name].values.tobytes() == lanes[name].values.tobytes(), name
+    assert np.ptp(lanes.before.values[-1], axis=0).min() > 0
+    other = kr.simulate(noisy(seed=8).model(), noisy(seed=8).state(spin=SPIN), steps=2, **settings | {"every": 1})
+    same = kr.simulate(body.model(), body.state(spin=SPIN), steps=2, **settings | {"every": 1})
+    assert (other.before.values[1] != same.before.values[1]).all()
+
+
+def test_a_run_is_not_resumed_with_another_law(tmp_path):
+    body = noisy(noise={})
+    settings = {"orientation": body.orientation(), "dt": 2.0, "every": 10}
+    kr.simulate(body.model(), body.state(spin=SPIN), steps=10, path=tmp_path / "run", **settings)
+    other = Satellite(
+        TENSOR,
+        orbit(),
+        control=kr.Control(
+            lambda field, before, *, gain: {"dipole": gain * (field - before), "before": field},
+            every=2.0,
+            memory={"before": (0, 0, 0)},
+            parameters={"gain": 3e3},
+            limits={"dipole": 0.2},
+        ),
+    )
+    with pytest.raises(kr.InputError, match="got other functions"):
+        kr.resume(tmp_path / "run", extend=20, system=other.model())
+
+
+def test_a_propagator_goes_on_where_it_was():
+    body = noisy()
+    state = {**body.state(spin=SPIN), "g": body.orientation()}
+    step = kr.propagator(body.model(), dt=0.5, orientation=True)
+    whole = step.steps(state, 24, time=0.0)
+    parts = step.steps(step.steps(state, 10, time=0.0), 14, time=5.0)
+    for name in whole:
+        assert parts[name] == pytest.approx(whole[name], rel=1e-10, abs=1e-18), name
+
+
+# -- wheels ------------------------------------------------------------------------------------------------------
+
+
+def test_wheels_alone_are_a_gyrostat_whose_momentum_is_constant_in_space():
+    far = Orbit(1e12, primary=kr.physical.SUN)
+    body = Satellite(TENSOR, far, wheels=Wheels(AXES, MOMENTA))
+    settings = {"orientation": body.orientation(), "dt": 0.5, "steps": 40}
+    run = kr.simulate(body.model(), body.state(spin=SPIN), **settings)
+    W = body.angular_velocity(run.M)
+    C = Rotation.from_quat(body.attitude(run.g), scalar_first=True)
+    total = C.apply(W @ TENSOR + np.array(MOMENTA) @ AXES)
+    assert total == pytest.approx(np.tile(TENSOR @ SPIN + AXES.T @ MOMENTA, (41, 1)), abs=1e-15)
+    one = Satellite(TENSOR, far, wheel=AXES.T @ MOMENTA)
+    same = kr.simulate(one.model(), one.state(spin=SPIN), **settings)
+    assert run.M.values == pytest.approx(same.M.values, abs=1e-15)
+
+
+def test_motors_do_not_go_beyond_the_limit_of_their_wheels():
+    control = kr.Control(lambda time: {"wheel_torque": np.array([1e-3, -1e-3, 1e-5, 0.0]) + 0 * time}, every=2.0)
+    body = Satellite(TENSOR, orbit(), wheels=Wheels(AXES, MOMENTA, limit=5e-3), control=control)
+    run = kr.simulate(body.model(), body.state(spin=SPIN), orientation=body.orientation(), dt=2.0, steps=8)
+    assert abs(run.wheels.values).max() == pytest.approx(5e-3, rel=1e-12)
+    assert run.wheels.values[-1] == pytest.approx([5e-3, -5e-3, -2e-3 + 16e-5, 1e-3], abs=1e-15)
+
+
+# -- mistakes ----------------------------------------------------------------------------------------------------
+
+CALLS: list[int] = []
+
+
+def forgetful(field, before):
+    CALLS.append(1)
+    return {"dipole": field * len(CALLS), "before": before}
+
+
+MISTAKES = {
+    "no function": (lambda: kr.Control(3), "expected a function of sensors"),
+    "an unknown sensor": (lambda: noisy_law(lambda rate: {"torque": rate}), r"got 'rate'. Did you mean 'rates'"),
+    "no wheels": (lambda: noisy_law(lambda wheels: {}), "expected arguments among"),
+    "an unknown command": (lambda: noisy_law(lambda rates: {"moment": rates}), r"expected a dict of commands \(dipole"),
+    "lost memory": (lambda: noisy_law(lambda field, b: {"dipole": b}, memory={"b": (0, 0, 0)}), "without b"),
+    "another shape": (lambda: noisy_law(lambda rates, b: {"b": rates}, memory={"b": 0}), r"expected b of shape \(\)"),
+    "a side effect": (lambda: noisy_law(forgetful, memory={"before": (0, 0, 0)}), "got two. Usual cause: random"),
+    "noise of no sensor": (lambda: kr.Control(bdot, noise={"rate": 1}), "expected a dict with rates"),
+    "a negative limit": (lambda: kr.Control(bdot, limits={"dipole": -1}), "sizes >= 0"),
+    "a limit of no command": (lambda: noisy(limits={"torque": 1}), "limits: expected a number"),
+    "a name of the body": (lambda: noisy(parameters={"gain": 1, "drag": 1}), "neither sensors nor the body"),
+    "a delay": (lambda: noisy(delay=-1), "delay: expected a whole number"),
+    "two kinds of wheels": (
+        lambda: Satellite(TENSOR, orbit(), wheel=(0, 0, 1), wheels=Wheels(AXES)),
+        "wheel: expected none with wheels",
+    ),
+    "axes of wheels": (lambda: Wheels([[1, 1, 0]]), "rows of 3 numbers and length 1"),
+    "a step that does not divide": (lambda: stepped(noisy(), 0.3), "a step that divides the time"),
+    "an order with a corrector": (lambda: stepped(noisy(), 1.0, order=(10, 2)), "without a corrector"),
+}
+
+
+def noisy_law(law, **more):
+    return Satellite(TENSOR, orbit(), control=kr.Control(law, **more))
+
+
+def stepped(body, dt, **more):
+    return kr.propagator(body.model(), dt=dt, orientation=True, **more)
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistakes_are_named(mistake):
+    call, message = MISTAKES[mistake]
+    with pytest.raises(kr.InputError, match=message):
+        call()
