@@ -24,7 +24,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.backend import joined
 from kreisel.algebra.gradient import traced
-from kreisel.algebra.random import normals, vec_of
+from kreisel.algebra.random import normals
 from kreisel.algebra.recorded import run
 from kreisel.errors import InputError, shown
 from kreisel.forces import kicks
@@ -229,12 +229,9 @@ def _limited(system: System, name: str, value: Array, own: Mapping[str, Array], 
 
 
 def _clipped(x: Array, least: Array, most: Array) -> Array:
-    """The entries of x (..., k) between the bounds (..., k)."""
-    columns = []
-    for i in range(np.shape(x)[-1]):
-        low, high, middle = least[..., i], most[..., i], x[..., i]
-        columns.append(algebra.where_less(middle, low, low, algebra.where_less(high, middle, high, middle)))
-    return joined(*map(vec_of, columns))
+    """The entries of x between the bounds."""
+    x = algebra.where_less(x, least, least, x)
+    return algebra.where_less(most, x, most, x)
 
 
 # -- the system ------------------------------------------------------------------------------------------------
