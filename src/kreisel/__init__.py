@@ -51,6 +51,7 @@ _LAZY = {
     "open_run": "kreisel.sweeps.grids",
     "drift": "kreisel.runs.drift",
     "export": "kreisel.storage.exporting",
+    "to_numpy": "kreisel.storage.exporting",
     "failures": "kreisel.sweeps.sweep",
     "sweep": "kreisel.sweeps.sweep",
     "plot": "kreisel.viewer.plots",

@@ -36,6 +36,7 @@ from kreisel.storage.simulate import resume as resume
 from kreisel.storage.simulate import simulate as simulate
 from kreisel.sweeps.sweep import sweep as sweep
 from kreisel.runs.differentiable import tangent as tangent
+from kreisel.storage.exporting import to_numpy as to_numpy
 from kreisel.viewer.page import view as view
 
 __version__: str

@@ -30,6 +30,7 @@ CHECKSUMS, BLOCKS = (
     "engine/checksums.sha256",
     "engine/blocks",
 )  # in a complete archive, and in an unfinished one
+NPZ_ATTRIBUTES = "kreisel_attributes"
 FILE_MARKS = (  # the beginning of a kind of file, and the mark in it if Kreisel wrote it
     (b"\x89PNG\r\n\x1a\n", b"Software\0Kreisel"),
     (b"%PDF-", b"/Creator (Kreisel"),
@@ -37,6 +38,7 @@ FILE_MARKS = (  # the beginning of a kind of file, and the mark in it if Kreisel
     (b"<!doctype html>", b'<meta name="generator" content="Kreisel">'),
     (b"\x89HDF\r\n\x1a\n", b"kreisel_"),
     (b"PAR1", b"kreisel"),
+    (b"PK\x03\x04", NPZ_ATTRIBUTES.encode() + b".npy"),
     (b"CCSDS_AEM_VERS", b"COMMENT Kreisel"),
     (b"CCSDS_OEM_VERS", b"COMMENT Kreisel"),
     (b"DAF/CK", b"Kreisel"),

@@ -203,3 +203,38 @@ def test_what_cannot_be_exported(archive: Path, tmp_path: Path) -> None:
             kr.export(archive, tmp_path / name)
         assert not (tmp_path / name).exists()
     assert not list(tmp_path.glob(".*"))
+
+
+def test_arrays_for_learning(archive: Path, tmp_path: Path) -> None:
+    """NumPy reads the file without pickle; arrays are copies, of the Dataset and of the archive alike."""
+    run = kr.open_run(archive)
+    arrays = kr.to_numpy(run)
+    assert arrays.keys() == set(map(str, run.variables)) and arrays["m"].shape == (35, 2, 3)
+    arrays["m"][0] = 7.0
+    assert arrays["m"].flags.c_contiguous and not (run.m[0] == 7.0).any()
+    kr.export(archive, tmp_path / "run.npz")
+    kr.export(archive, tmp_path / "run.npz", overwrite=True)
+    with np.load(tmp_path / "run.npz", allow_pickle=False) as back:
+        assert json.loads(str(back["kreisel_attributes"]))["system"] == "lagrange-top"
+        assert set(back.files) == {*kr.to_numpy(archive), "kreisel_attributes"}
+        for name in arrays:
+            assert back[name].tobytes() == np.ascontiguousarray(run[name].values).tobytes()
+    np.savez(tmp_path / "mine.npz", a=np.ones(3))
+    with pytest.raises(kr.InputError, match="left as it is"):
+        kr.export(archive, tmp_path / "mine.npz", overwrite=True)
+    with pytest.raises(kr.InputError, match="variables of numbers or text"):
+        kr.export(run.assign(odd=("time", np.array([object()] * 35))), tmp_path / "odd.npz")
+
+
+def test_arrays_of_a_body_are_in_si() -> None:
+    """J of the FreeBody is scaled by its unit of momentum; along the user's axes M = I Omega, in kg m^2/s."""
+    body = kr.physical.FreeBody(((0.11, 0.02, -0.01), (0.02, 0.13, 0.015), (-0.01, 0.015, 0.15)), time_unit=3.0)
+    run = kr.simulate(
+        body.model(), body.state((0.3, 0.5, 0.9)), dt=body.dt(0.1), steps=3, orientation=body.orientation()
+    )
+    arrays = kr.to_numpy(run)
+    np.testing.assert_allclose(arrays["time"], [0, 0.1, 0.2, 0.3], rtol=1e-12)
+    np.testing.assert_allclose(arrays["M"][0], body.inertia @ (0.3, 0.5, 0.9), rtol=1e-12)
+    np.testing.assert_allclose(arrays["Omega"][0], (0.3, 0.5, 0.9), rtol=1e-12)
+    with pytest.raises(kr.InputError, match="path of an archive"):
+        kr.to_numpy(3)

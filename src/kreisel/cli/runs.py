@@ -247,11 +247,11 @@ def check(
 @app.command()
 def export(
     archive: Annotated[Path, a_path("An archive of a run or a sweep.")],
-    out: Annotated[Path, a_path("The file to write: .nc, .h5, .parquet, .csv, .aem, .oem or .bc.")],
+    out: Annotated[Path, a_path("The file to write: .nc, .h5, .parquet, .csv, .npz, .aem, .oem or .bc.")],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
     epoch: Annotated[str | None, typer.Option("--epoch", help="The date of time 0, for .aem, .oem and .bc.")] = None,
 ) -> None:
-    """Write an archive as NetCDF (HDF5), Parquet, CSV; attitude or orbit as .aem, .oem (CCSDS) or .bc (SPICE)."""
+    """Write an archive as NetCDF (HDF5), Parquet, CSV, NPZ; attitude or orbit as .aem, .oem (CCSDS) or .bc (SPICE)."""
     from kreisel.storage.exporting import export as write
     from kreisel.storage.messages import date_of
 

@@ -1,4 +1,4 @@
-"""Runs in other formats: NetCDF (HDF5), Parquet or CSV, block by block; messages are in `messages`."""
+"""Runs in other formats: NetCDF (HDF5), Parquet or CSV, block by block, and arrays; messages are in `messages`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, shown
-from kreisel.files import require_file, written
+from kreisel.files import NPZ_ATTRIBUTES, read_values, require_file, written
 from kreisel.method.observing import ORIENTATION
 from kreisel.runs.geometry import in_body_axes
 from kreisel.runs.run_record import RunRecord
@@ -40,7 +40,7 @@ def export(
     epoch: Any = None,
     **labels: Any,
 ) -> None:
-    """Write a run or a sweep to a file: NetCDF-4 if `out` ends in .nc or .h5, Parquet, or text in .csv.
+    """Write a run or a sweep to a file: NetCDF-4 if `out` ends in .nc or .h5, Parquet, text in .csv, or .npz.
 
     run    the path of an archive, or a Dataset such as `kr.simulate` returns
     out    the file; it gets its name when it is complete.  With `overwrite` it replaces a file that Kreisel wrote
@@ -53,7 +53,8 @@ def export(
     NetCDF has the unchanged variables and attributes (true and false as 1 and 0).  Parquet has a row for each time and
     lane (for results of `kr.analysis`, each event or frequency), a column for each component, such as "m[2]", and the
     attributes as JSON in the metadata under "kreisel".  CSV has these rows and columns, no attributes, and is never
-    replaced, since it has no mark of Kreisel.  These formats except CSV need the extra `export`.
+    replaced, since it has no mark of Kreisel.  NPZ has the arrays of `to_numpy`, which must fit into memory, and the
+    attributes as JSON in "kreisel_attributes".  NetCDF and Parquet need the extra `export`.
 
     For the run of one body with its orientation, `.aem` is the attitude ephemeris message of the CCSDS, and `.bc` a
     kernel of attitude for SPICE, with its clock and its frame in a text kernel `.tsc` next to it (extra `spice`).  For
@@ -278,9 +279,37 @@ def _csv(run: xr.Dataset, out: Path) -> None:
             rows.writerows(zip(*(columns[name].tolist() for name in names), strict=True))
 
 
+@explained
+def to_numpy(run: xr.Dataset | str | os.PathLike[str]) -> dict[str, Array]:
+    """A run or a sweep as NumPy arrays, by the names of its variables: `time` (time,), `energy` (time, lane), ...
+
+    run    the path of an archive, or a Dataset such as `kr.simulate` returns
+
+    Axes: time, then lane for an ensemble, then components.  Values of a body of `kr.physical` are in SI units, along
+    the axes in which it was given, as in `kr.export`; quaternions are (w, x, y, z).  Arrays are copies in the order of
+    C, which PyTorch and JAX accept.  Raises `InputError` for a Dataset that cannot be exported.
+    """
+    data = _presented(_opened(run))
+    return {str(name): np.array(read_values(v, name), order="C") for name, v in data.variables.items()}
+
+
+def _npz(run: xr.Dataset, out: Path) -> None:
+    arrays: dict[str, Any] = to_numpy(run)
+    for name, values in arrays.items():
+        if values.dtype.kind not in "biufcSU" or not name or "/" in name:
+            raise InputError(
+                f"expected variables of numbers or text, their names without /, for .npz, got {shown(name)} of the "
+                f"type {values.dtype}. Leave it out with run.drop_vars."
+            )
+    attributes = {str(k): json.loads(_json(v)) for k, v in run.attrs.items()}
+    with out.open("wb") as file:
+        np.savez_compressed(file, **{NPZ_ATTRIBUTES: np.array(json.dumps(attributes))}, **arrays)
+
+
 WRITERS: dict[str, Callable[[Any, Path], None]] = {
     ".nc": _netcdf,
     ".h5": _netcdf,
     ".parquet": _parquet,
     ".csv": _csv,
+    ".npz": _npz,
 }
