@@ -241,7 +241,7 @@ def _rotation(rpy: Array) -> Array:
 
 
 def _numbers(text: str | None, count: int, name: str) -> Array:
-    """So many finite numbers from text.  Raises `InputError`."""
+    """Finite floats, `count` of them, from text.  Raises `InputError`."""
     try:
         values = np.array([float(word) for word in (text or "").split()])
     except ValueError:

@@ -6,7 +6,7 @@ import csv
 import json
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -123,12 +123,7 @@ def _netcdf(run: xr.Dataset, out: Path) -> None:
 
     example = _presented(run.isel({_lead(run): slice(0, 1)}) if _lead(run) else run)
     types = {k: v.dtype for k, v in example.variables.items()}
-    wrong = [k for k, t in types.items() if t.kind not in "biufcSU" or not str(k).strip(".") or "/" in str(k)]
-    if wrong:
-        raise InputError(
-            f"expected variables of numbers or text, their names without /, for NetCDF, got {shown(wrong[0])} of the "
-            f"type {types[wrong[0]]}. Leave it out with run.drop_vars."
-        )
+    _require_plain(types, "NetCDF")
     with h5netcdf.File(out, "w") as file:
         sizes = {str(k): run.sizes.get(k, size) for k, size in example.sizes.items()}
         file.dimensions = sizes
@@ -145,6 +140,16 @@ def _netcdf(run: xr.Dataset, out: Path) -> None:
             made.attrs.update({str(k): _netcdf_value(v) for k, v in variable.attrs.items()})
         for name, part, values in _pieces(run):
             file.variables[str(name)][part] = values.astype(object) if values.dtype.kind == "U" else values
+
+
+def _require_plain(types: Mapping[Any, np.dtype[Any]], form: str) -> None:
+    """Raises `InputError` for variables that a format cannot hold."""
+    wrong = [k for k, t in types.items() if t.kind not in "biufcSU" or not str(k).strip(".") or "/" in str(k)]
+    if wrong:
+        raise InputError(
+            f"expected variables of numbers or text, their names without /, for {form}, got {shown(wrong[0])} of the "
+            f"type {types[wrong[0]]}. Leave it out with run.drop_vars."
+        )
 
 
 def _netcdf_value(value: Any) -> Any:
@@ -294,16 +299,12 @@ def to_numpy(run: xr.Dataset | str | os.PathLike[str]) -> dict[str, Array]:
 
 
 def _npz(run: xr.Dataset, out: Path) -> None:
-    arrays: dict[str, Any] = to_numpy(run)
-    for name, values in arrays.items():
-        if values.dtype.kind not in "biufcSU" or not name or "/" in name:
-            raise InputError(
-                f"expected variables of numbers or text, their names without /, for .npz, got {shown(name)} of the "
-                f"type {values.dtype}. Leave it out with run.drop_vars."
-            )
+    arrays: dict[str, Any] = dict(to_numpy(run))
+    _require_plain({name: values.dtype for name, values in arrays.items()}, ".npz")
     attributes = {str(k): json.loads(_json(v)) for k, v in run.attrs.items()}
+    arrays[NPZ_ATTRIBUTES] = np.array(json.dumps(attributes))
     with out.open("wb") as file:
-        np.savez_compressed(file, **{NPZ_ATTRIBUTES: np.array(json.dumps(attributes))}, **arrays)
+        np.savez_compressed(file, **arrays)
 
 
 WRITERS: dict[str, Callable[[Any, Path], None]] = {
