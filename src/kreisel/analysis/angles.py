@@ -26,6 +26,7 @@ from kreisel.runs.geometry import (
     velocity_of,
     vertical_and_axis,
 )
+from kreisel.runs.in_si import in_state_form, time_unit
 from kreisel.runs.run_record import RunRecord, a_run
 
 if TYPE_CHECKING:
@@ -88,13 +89,18 @@ def euler_angles(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # on the vertical
         angles = turned.as_euler("ZXZ").reshape((*q.shape[:-1], 3))
-    dims = run[ORIENTATION].dims[:-1]
+    dims = _lead(run)
     names = {"phi": "precession", "theta": "tilt", "psi": "own turn"}
     data = {}
     for k, (name, meaning) in enumerate(names.items()):
         value = angles[..., k] if name == "theta" else np.unwrap(angles[..., k], axis=0)
         data[name] = (dims, value, {"long_name": meaning, "units": "rad"})
     return xr.Dataset(data, {k: run[k] for k in dims if k in run.coords}, _described(run))
+
+
+def _lead(run: xr.Dataset) -> tuple[str, ...]:
+    """The axes of the rows of a run."""
+    return ("time", "lane") if "lane" in run.dims else ("time",)
 
 
 def _alignment(run: xr.Dataset, system: Model | None) -> tuple[Array, Array]:
@@ -147,7 +153,7 @@ def rates(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     values, frame = _rates(model, components(run, model)), RunRecord.from_attrs(run.attrs).body_frame
     unit, size = ("1", 1.0) if frame is None else ("rad/s", frame.time_unit)
     data = {k: (v, "rad") if k == "tilt" else (v / size, unit) for k, v in values.items()}
-    lead = run[model.system.space.letters[0]].dims[: 1 + ("lane" in run.dims)]
+    lead = _lead(run)
     return xr.Dataset(
         {name: (lead, v, {"units": u}) for name, (v, u) in data.items()},
         {k: run[k] for k in lead if k in run.coords},
@@ -188,7 +194,8 @@ def mean_rates(run: xr.Dataset, system: Model | None = None) -> pd.DataFrame:
     """
     import pandas as pd
 
-    if "lane" in a_run(run, "system").dims:
+    unit, run = time_unit(a_run(run)), in_state_form(a_run(run, "system"))
+    if "lane" in run.dims:
         raise InputError("mean_rates takes one trajectory: choose a lane, run.isel(lane=0).")
     model = model_for(run, system)
     height, climb = _height(model)
@@ -201,8 +208,13 @@ def mean_rates(run: xr.Dataset, system: Model | None = None) -> pd.DataFrame:
         measured[name] = float(height(*(at[c].values for c in model.system.space.letters)).mean())
     closed_form = _known(run, model)
     table = pd.DataFrame({"measured": measured, "closed_form": {k: closed_form.get(k, np.nan) for k in measured}})
+    for name, power in POWERS_OF_TIME.items():
+        table.loc[name] *= unit**power
     table["difference"] = table.measured - table.closed_form
     return table
+
+
+POWERS_OF_TIME = {"nutation_period": 1, "nutation_frequency": -1, "mean_precession": -1, "spin": -1}
 
 
 def _height(model: Model) -> tuple[Any, Any]:
@@ -325,7 +337,8 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
     """
     import xarray as xr
 
-    model = model_for(a_run(run), system)
+    run = in_state_form(given := a_run(run))
+    model = model_for(run, system)
     if frame not in (BODY, SPACE):
         raise InputError(f"frame: expected 'body' or 'space', got {shown(frame)}.")
     if model.system.velocity is None:
@@ -338,7 +351,7 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
     if body_frame is not None:
         values = (body_frame.vectors(values) if frame == BODY else values) / body_frame.time_unit
     lead = ("time", *(("lane",) if "lane" in run.dims else ()))
-    coords = {name: run[name] for name in lead if name in run.coords}
+    coords = {name: given[name] for name in lead if name in given.coords}
     unit = "1" if body_frame is None else "rad/s"
     meaning = "Omega, along the axes of the body" if frame == BODY else "omega, in space"
     return xr.DataArray(values, coords, (*lead, *axes), "angular_velocity", {"long_name": meaning, "units": unit})
@@ -360,7 +373,8 @@ def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | Non
     """
     import xarray as xr
 
-    model = model_for(a_run(run), system)
+    run = in_state_form(given := a_run(run))
+    model = model_for(run, system)
     if model.system.translation is None:
         raise InputError(
             f"{model.system.name}: expected a body that moves through space, such as kr.Kirchhoff or kr.Clebsch, got "
@@ -375,7 +389,7 @@ def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | Non
         x = _by_momenta(rows[:3], x)
     x = x + (0 if start is None else _start(start, x.shape[1:]))
     lead = ("time", "lane") if lanes else ("time",)
-    coords = {name: run[name] for name in lead if name in run.coords}
+    coords = {name: given[name] for name in lead if name in given.coords}
     return xr.DataArray(x if lanes else x[:, 0], coords, (*lead, "axis"), "x", {"long_name": "position in space"})
 
 

@@ -11,6 +11,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, explained
 from kreisel.method.observing import ORIENTATION
 from kreisel.runs.drift import table_of
+from kreisel.runs.in_si import in_state_form
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import finite_number
 
@@ -81,7 +82,9 @@ def compare(run: xr.Dataset, second_run: xr.Dataset) -> Comparison:
     table = pd.DataFrame({"first": tables[0][both], "second": tables[1][both]})
     with np.errstate(all="ignore"):
         table["ratio"] = table["second"] / table["first"]
-    names = [f"{record.method}, dt = {record.dt:g}" if record.stepped else "exact" for record in records]
+    names = [
+        f"{record.method}, dt = {record.step_text(record.dt)}" if record.stepped else "exact" for record in records
+    ]
     return Comparison(_distances(run.isel(time=i), second_run.isel(time=j)), table, (names[0], names[1]))
 
 
@@ -101,6 +104,7 @@ def _common(first: Array, two: Array) -> tuple[Array, Array]:
 def _distances(run: xr.Dataset, second_run: xr.Dataset) -> xr.Dataset:
     import xarray as xr
 
+    given, run, second_run = run, in_state_form(run), in_state_form(second_run)
     lead = 1 + ("lane" in run.dims)
     data: dict[str, Any] = {}
     dims: tuple[Any, ...] = ()
@@ -122,5 +126,5 @@ def _distances(run: xr.Dataset, second_run: xr.Dataset) -> xr.Dataset:
         nearest = np.minimum(np.linalg.norm(q - r, axis=-1), np.linalg.norm(q + r, axis=-1))
         angle = 4 * np.arcsin(np.clip(nearest / 2, 0, 1))
         data[ORIENTATION] = (dims, angle, {"long_name": "angle between the orientations", "units": "rad"})
-    coords = {name: run[name] for name in dims if name in run.coords}
+    coords = {name: given[name] for name in dims if name in given.coords}
     return xr.Dataset(data, coords)

@@ -14,6 +14,7 @@ from kreisel.errors import InputError, explained
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs.geometry import components, model_for, orientation_of
+from kreisel.runs.in_si import in_si, in_state_form, is_in_si, state_quantity
 from kreisel.runs.settings import finite_number, flag, whole_number
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ def events(
     """
     import xarray as xr
 
+    given, quantity, run = run, state_quantity(run, quantity), in_state_form(run)
     model, value = model_for(run, system), finite_number(value, "value")
     if rising is not None:
         flag(rising, "rising")
@@ -83,7 +85,8 @@ def events(
     if "lane" in run.dims:
         coords["lane"] = ("event", run["lane"].values[lane][order])
     attrs = {k: run.attrs[k] for k in ("title", "system", "n", "components", "frame", "body") if k in run.attrs}
-    return xr.Dataset(data, coords, {**attrs, "quantity": label(quantity), "value": float(value)})
+    cut = xr.Dataset(data, coords, {**attrs, "quantity": label(quantity), "value": float(value)})
+    return in_si(cut, model) if is_in_si(given) else cut
 
 
 def rows_of(run: xr.Dataset, model: Model, g: Array | None) -> tuple[Array, ...]:

@@ -18,7 +18,7 @@ from kreisel.record.calling import call, keywords
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import TIME
-from kreisel.units import size_in_si
+from kreisel.record.quantities import size_in_si
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -12,6 +12,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, hint, shown
 from kreisel.record.model import Model
+from kreisel.runs.in_si import names_of_state
 from kreisel.runs.run_record import a_run
 
 if TYPE_CHECKING:
@@ -58,8 +59,9 @@ def series(run: xr.Dataset, quantity: Quantity) -> Array:
         return np.asarray(pick(run[name], index, name, lead).values)
     from kreisel.runs.run_record import RunRecord
 
-    record = RunRecord.of(run, "system", rows=False)
-    letters, missing = list(record.kinds), record.missing_from(run)
+    RunRecord.of(run, "system", rows=False)
+    letters = names_of_state(run)
+    missing = [name for name in letters if name not in run]
     if missing:
         raise InputError(f"expected a run with its state, got one without {', '.join(missing)}.")
     values = [np.asarray(run[letter].values) for letter in letters]

@@ -15,6 +15,7 @@ from kreisel.physical.measures import (
     RATE,
     SI,
     Units,
+    attitude_quaternion,
     body_frame,
     convert_fields,
     in_range,
@@ -23,9 +24,10 @@ from kreisel.physical.measures import (
     si_numbers,
     three,
 )
+from kreisel.record.body import UPRIGHT, Body, started
 from kreisel.record.model import Model, State
+from kreisel.record.quantities import Scales
 from kreisel.system import REGISTRY
-from kreisel.units import Scales
 
 
 def _cyclic(v: Any) -> tuple[Array, Array, Array]:
@@ -35,7 +37,7 @@ def _cyclic(v: Any) -> tuple[Array, Array, Array]:
 
 @explained
 @dataclass(frozen=True)
-class Ellipsoid:
+class Ellipsoid(Body):
     """Homogeneous ellipsoid in an ideal fluid at rest at infinity, in SI units.
 
     semi_axes (a, b, c) along the body axes, m;  mass, kg;  fluid_density, kg/m^3 (0 is a vacuum).  No gravity: the
@@ -117,16 +119,17 @@ class Ellipsoid:
             made = REGISTRY["kirchhoff"](C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-inverse_masses)
         return made.of_body(body_frame(self.scales(units)))
 
-    def state(self, velocity: Any, angular_velocity: Any, units: Units = SI) -> State:
+    def state(self, velocity: Any, angular_velocity: Any, units: Units = SI, attitude: Any = UPRIGHT) -> State:
         """The impulse of a motion, P = (mass + added mass) U and M = (I + added moment) Omega, in `units`.
 
-        U (..., 3) in m/s and Omega (..., 3) in rad/s along the body axes.  Raises `InputError`.
+        U (..., 3) in m/s and Omega (..., 3) in rad/s along the body axes.  A run of the body begins with this
+        attitude, a unit quaternion (..., 4) = (w, x, y, z).  Raises `InputError`.
         """
         U, Omega = si_numbers(velocity, "m/s", "velocity"), si_numbers(angular_velocity, RATE, "angular_velocity")
         momentum = units.mass * units.length / units.time
         P = in_range("The impulse", lambda: U * (self.mass + self.added_masses) / momentum)
         M = in_range("The impulse", lambda: Omega * self._inertia / (momentum * units.length))
-        return self.model(units).state(M=algebra.hat(M), P=P)
+        return started(self.model(units).state(M=algebra.hat(M), P=P), attitude_quaternion(attitude, "attitude"))
 
     def scales(self, units: Units = SI) -> Scales:
         """The units of the variables of a run in these `units`, for `kreisel.units.measured`."""

@@ -29,13 +29,12 @@ from kreisel.physical.measures import (
     three,
 )
 from kreisel.physical.shapes import read_mesh
+from kreisel.record.body import UPRIGHT, Body, started
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.checks import CLOSE
 from kreisel.record.model import Model, State
+from kreisel.record.quantities import Scales
 from kreisel.system import REGISTRY
-from kreisel.units import Scales
-
-UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
 class AxisStability(NamedTuple):
@@ -50,7 +49,7 @@ class AxisStability(NamedTuple):
 
 @explained
 @dataclass(frozen=True, eq=False)
-class FreeBody:
+class FreeBody(Body):
     """A rigid body without torque, in SI units.
 
     inertia     classical inertia tensor I about the centre of mass, (3, 3) in any body axes, or its diagonal, kg m^2
@@ -127,14 +126,15 @@ class FreeBody:
         J[abs(J) < CLOSE] = 0
         return REGISTRY["euler-top"](J=J).of_body(self._frame)
 
-    def state(self, spin: Any, axis: Any = None) -> State:
+    def state(self, spin: Any, axis: Any = None, attitude: Any = UPRIGHT) -> State:
         """The scaled state M = I Omega, in principal axes.
 
-        Spin Omega (..., 3) in rad/s along the body axes; or a rate, with `axis` (3,) in the body.  Raises `InputError`.
+        Spin Omega (..., 3) in rad/s along the body axes; or a rate, with `axis` (3,) in the body.  The attitude of the
+        body axes is that with which a run of the body begins.  Raises `InputError`.
         """
         Omega = angular_velocity_of(spin, axis)
         M = in_range("The momentum", lambda: Omega @ self.inertia @ self.principal.axes / self.momentum_unit)
-        return self.model().state(M=algebra.hat(M))
+        return started(self.model().state(M=algebra.hat(M)), self.orientation(attitude))
 
     def orientation(self, attitude: Any = UPRIGHT) -> Array:
         """The `orientation` of the principal axes for `kr.simulate`, from the attitude of the body axes.

@@ -21,10 +21,11 @@ from kreisel.physical.measures import (
     si_number,
     si_numbers,
 )
+from kreisel.record.body import Body, started
 from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
+from kreisel.record.quantities import Scales, size_in_si
 from kreisel.system import REGISTRY
-from kreisel.units import Scales, size_in_si
 
 PIVOT = "transverse_moment not about the pivot: add mass lever^2"
 
@@ -41,7 +42,7 @@ class Motion(NamedTuple):
 
 @explained
 @dataclass(frozen=True)
-class Gyroscope:
+class Gyroscope(Body):
     """Heavy symmetric top on a fixed point, in SI units.
 
     mass m, kg;  lever l, from the pivot to the centre of mass, m;  gravity g, m/s^2
@@ -120,7 +121,7 @@ class Gyroscope:
         sin, cos = math.sin(tilt), math.cos(tilt)
         a, swing = np.array([sin, 0.0, cos]), np.array([-precession * sin * cos, nutation, precession * sin**2])
         m = in_range("The momentum", lambda: self.time_unit * (swing + self.alpha * spin * a))
-        return self.model().state(m=m, a=a)
+        return started(self.model().state(m=m, a=a), self.orientation(tilt))
 
     @staticmethod
     def orientation(tilt: float) -> Array:

@@ -15,6 +15,7 @@ from kreisel.physical.inertia import inertia_tensor, mass_tensor, steiner
 from kreisel.physical.measures import (
     RATE,
     STANDARD_GRAVITY,
+    attitude_quaternion,
     body_frame,
     convert_fields,
     in_range,
@@ -23,17 +24,19 @@ from kreisel.physical.measures import (
     si_number,
     si_numbers,
 )
+from kreisel.record.body import Body, started
 from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
+from kreisel.record.quantities import Scales
 from kreisel.system import REGISTRY
-from kreisel.units import Scales
 
+LEAST = 1e-12  # of the quaternion of the least rotation
 PIVOT = "inertia not about the pivot: HeavyBody.about_centre adds m l^2"
 
 
 @explained
 @dataclass(frozen=True, eq=False)
-class HeavyBody:
+class HeavyBody(Body):
     """Any rigid body on a fixed point in gravity, in SI units.
 
     mass, kg;  arm (3,), from the pivot to the centre of mass in the body, m;  gravity g, m/s^2
@@ -99,19 +102,28 @@ class HeavyBody:
         A = self.arm / np.linalg.norm(self.arm) if self.torque else np.zeros(3)
         return REGISTRY["heavy-top"](J=self.mass_tensor / self.unit_moment, A=A).of_body(body_frame(self.scales()))
 
-    def state(self, angular_velocity: Any, up: Any = (0.0, 0.0, 1.0)) -> State:
+    def state(self, angular_velocity: Any, up: Any = None, attitude: Any = None) -> State:
         """The scaled state M = I Omega, P = up/|up|.
 
         Omega (..., 3) in rad/s and the upward vertical `up` (..., 3), both along the body axes: for a body rotated by
-        the matrix g (body to space), up = g[2].  Raises `InputError`.
+        the matrix g (body to space), up = g[2].  Instead of `up` the attitude g, a unit quaternion (..., 4) = (w, x, y,
+        z); with neither the third axis is up.  A run begins with this attitude, or with the least rotation for `up`.
+        Raises `InputError`.
         """
+        if up is not None and attitude is not None:
+            raise InputError("up: expected up or attitude, got both; the attitude determines the upward vertical.")
+        if attitude is not None:
+            attitude = attitude_quaternion(attitude, "attitude")
+            up = algebra.rotation_matrix(attitude)[..., 2, :]
+        up = (0.0, 0.0, 1.0) if up is None else up
         Omega = si_numbers(angular_velocity, RATE, "angular_velocity")
         up = si_numbers(up, "1", "up")
         length = in_range("The length of up", lambda: np.linalg.norm(up, axis=-1, keepdims=True))
         if (length == 0).any():
             raise InputError("up must not be the zero vector: it is the upward vertical along the body axes.")
         M = in_range("The momentum", lambda: Omega @ self.inertia / self.momentum_unit)
-        return self.model().state(M=algebra.hat(M), P=up / length)
+        up = up / length
+        return started(self.model().state(M=algebra.hat(M), P=up), _least(up) if attitude is None else attitude)
 
     def angular_velocity(self, M: Any) -> Array:
         """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial.
@@ -136,3 +148,11 @@ class HeavyBody:
         """The units of the variables of a run, for `kreisel.units.measured`."""
         momentum = self.momentum_unit
         return scales_of(self.time_unit, M=("kg m^2/s", momentum), energy=("J", momentum / self.time_unit))
+
+
+def _least(up: Array) -> Array:
+    """The least rotations (..., 4) that map unit vectors in the body to (0, 0, 1); about the first axis from below."""
+    x, y, z = np.moveaxis(up, -1, 0)
+    q = np.stack([1 + z, y, -x, 0 * z], -1)
+    length = np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(length > LEAST, q / np.maximum(length, LEAST), (0.0, 1.0, 0.0, 0.0))

@@ -15,7 +15,7 @@ from kreisel.errors import InputError, doubt, explained, shown
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.checks import doubtful_angle
 from kreisel.record.given import by_lane
-from kreisel.units import Scale, Scales, si, size_in_si
+from kreisel.record.quantities import Scale, Scales, si, size_in_si
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
 

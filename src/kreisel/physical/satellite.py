@@ -14,7 +14,7 @@ from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES, satellite
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.control import Control, Wheels, start_of_wheels, with_wheels
-from kreisel.physical.free_body import UPRIGHT, FreeBody, angular_velocity_of
+from kreisel.physical.free_body import FreeBody, angular_velocity_of
 from kreisel.physical.inertia import inertia_tensor
 from kreisel.physical.measures import (
     attitude_quaternion,
@@ -27,10 +27,11 @@ from kreisel.physical.measures import (
     three,
 )
 from kreisel.physical.orbit import SATURN, SUN, Orbit
+from kreisel.record.body import UPRIGHT, Body, started
 from kreisel.record.model import Model, State
+from kreisel.record.quantities import Scales
 from kreisel.runs.geometry import orientation_of, require_of_body
 from kreisel.runs.orbits import Angles, angles_of
-from kreisel.units import Scales
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -70,7 +71,7 @@ class Frequencies(NamedTuple):
 
 @explained
 @dataclass(frozen=True, eq=False)
-class Satellite:
+class Satellite(Body):
     """A rigid satellite on a Kepler orbit, in SI units: a run of it is in SI units too.
 
     inertia        classical inertia tensor about the centre of mass, (3, 3) in any body axes, or its diagonal, kg m^2
@@ -195,23 +196,22 @@ class Satellite:
 
         spin   (..., 3), rad/s along the body axes; or a rate, with `axis`; default: the rate of the frame of the orbit
                at t = 0, for a body at rest in it
-        attitude   without a spin: of the body axes at t = 0, a unit quaternion (..., 4); default: `pointing()`, or this
-                   rotated in pitch.  Raises `InputError` with a spin, which is along the body axes in any attitude
+        attitude   of the body axes at t = 0, a unit quaternion (..., 4); default: `pointing()`.  A run of the satellite
+                   begins with it
         """
         if spin is None and attitude is None:
             Omega = self.orbit.rate() * self._axes_of_orbit[:, 2]
         elif spin is None:
             R = algebra.rotation_matrix(attitude_quaternion(attitude, "attitude"))
             Omega = self.orbit.rate() * self.orbit.frame(0.0)[:, 2] @ R
-        elif attitude is not None:
-            raise InputError("attitude: expected none with a spin, which is along the body axes whatever the attitude.")
         else:
             Omega = angular_velocity_of(spin, axis)
         M = in_range("The momentum", lambda: Omega @ self.inertia @ self._principal_axes)
         model = self.model()
         more = start_of_wheels(model, self.wheels)
         more = more if self.control is None else self.control.start(model, self.wheels, M.size // 3)
-        return model.state(M=algebra.hat(M), **more)
+        first = self.pointing() if attitude is None else attitude
+        return started(model.state(M=algebra.hat(M), **more), self.orientation(first))
 
     @cached_property
     def _order(self) -> Array:

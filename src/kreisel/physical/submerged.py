@@ -17,7 +17,7 @@ from kreisel.bodies import BODIES
 from kreisel.errors import InputError, explained, shown
 from kreisel.files import place
 from kreisel.physical.ellipsoid import Ellipsoid
-from kreisel.physical.free_body import UPRIGHT, FreeBody
+from kreisel.physical.free_body import FreeBody
 from kreisel.physical.measures import (
     STANDARD_GRAVITY,
     attitude_in_space,
@@ -30,9 +30,10 @@ from kreisel.physical.measures import (
     si_numbers,
     three,
 )
+from kreisel.record.body import UPRIGHT, Body, started
 from kreisel.record.model import Model, State
+from kreisel.record.quantities import Scales
 from kreisel.runs.geometry import orientation_of, require_of_body
-from kreisel.units import Scales
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,7 +53,7 @@ class Course(NamedTuple):
 
 @explained
 @dataclass(frozen=True, eq=False)
-class SubmergedBody:
+class SubmergedBody(Body):
     """A rigid body deep in a fluid: a run of it is in SI units.
 
     mass           kg;  inertia about the centre of mass, kg m^2, (3, 3) in any body axes or its diagonal
@@ -154,7 +155,8 @@ class SubmergedBody:
         nu = np.concatenate(np.broadcast_arrays(U - current, Omega), -1)
         momenta, (turn, shift) = nu @ self.mass_matrix, self._place
         P, M = momenta[..., :3], momenta[..., 3:]
-        return self.model().state(P=P @ turn, M=algebra.hat((M - np.cross(shift, P)) @ turn))
+        state = self.model().state(P=P @ turn, M=algebra.hat((M - np.cross(shift, P)) @ turn))
+        return started(state, self.orientation(attitude))
 
     def orientation(self, attitude: Any = UPRIGHT) -> Array:
         """The `orientation` for `kr.simulate`, of the axes of the state, from the attitude of the body axes."""

@@ -25,12 +25,13 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, hint, on_disk, shown
 from kreisel.files import place
-from kreisel.physical.free_body import UPRIGHT, FreeBody
+from kreisel.physical.free_body import FreeBody
 from kreisel.physical.measures import RATE, si_numbers
 from kreisel.process import scratch
 from kreisel.rebound import compiled
 from kreisel.rebound.compiled import COLUMNS, is_ball
 from kreisel.rebound.interaction import potential
+from kreisel.record.body import UPRIGHT
 from kreisel.runs.settings import MOST_STEPS
 
 # -- REBOUND, loaded when it is needed -------------------------------------------------------------

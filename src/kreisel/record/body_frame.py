@@ -24,11 +24,15 @@ class BodyFrame:
     axes    (3, 3), v_body = axes v_state: the columns are the axes of the state along the user's axes
     units   name -> (unit, size): the unit of the time and of variables of a run is `size` times this unit of SI
     along   letters of the state whose components are along the axes of the state: axial or polar vectors
+    names   of the variables of a run in SI, by the letters of the state; none for a run in units of the state
+    title   of the body, for a run in SI
     """
 
     axes: Array = field(default_factory=lambda: np.eye(3))
     units: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     along: Sequence[str] = ()
+    names: Mapping[str, str] = field(default_factory=dict)
+    title: str = ""
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> BodyFrame:
@@ -37,18 +41,20 @@ class BodyFrame:
             axes = np.array(table["axes"], dtype=np.float64)
             units = {str(k): (str(unit), float(size)) for k, (unit, size) in table["units"].items()}
             along = [str(k) for k in table["along"]]
+            names = {str(k): str(name) for k, name in table.get("names", {}).items()}
             good = axes.shape == (3, 3) and abs(axes.T @ axes - np.eye(3)).max() < ORTHOGONAL
         except (TypeError, ValueError, KeyError, AttributeError, OverflowError):
             good = False
         if not good or not np.linalg.det(axes) > 0 or not all(0 < size < np.inf for _, size in units.values()):
             raise InputError(f"The attribute body is damaged: expected axes, units and along, got {shown(table)}.")
-        return cls(axes, units, along)
+        return cls(axes, units, along, names, str(table.get("title", "")))
 
     @property
     def table(self) -> dict[str, Any]:
         """The frame as plain data."""
         units = {k: [unit, size] for k, (unit, size) in self.units.items()}
-        return {"axes": self.axes.tolist(), "along": [*self.along], "units": units}
+        table = {"axes": self.axes.tolist(), "along": [*self.along], "units": units}
+        return table | ({"names": dict(self.names), "title": self.title} if self.names else {})
 
     @property
     def turned(self) -> bool:

@@ -57,14 +57,23 @@ def _single(p: Parameter, value: Array) -> int:
 class State(Mapping[str, Array]):
     """Named components of a state, e.g. `x["m"]` or `x.m`; skew matrices are (..., n, n).
 
-    `.axial` is the state with axial vectors (..., 3) in place of skew 3 x 3 matrices.
+    `.axial` is the state with axial vectors (..., 3) in place of skew 3 x 3 matrices, `.orientation` the orientation g
+    with which a run of a body of `kr.physical` begins, else None.
     """
+
+    orientation: Array | None = None
 
     def __init__(self, components: Mapping[str, Array], kinds: Mapping[str, str], system: System | None = None):
         self._components, self._kinds, self._system = dict(components), dict(kinds), system
 
     def __reduce__(self) -> Any:  # a record may hold functions that cannot be pickled
-        return State, (self._components, self._kinds)
+        return _state_again, (self._components, self._kinds, self.orientation)
+
+    def started(self, orientation: Array | None) -> State:
+        """The state with the orientation with which its run begins."""
+        out = State(self._components, self._kinds, self._system)
+        out.orientation = orientation
+        return out
 
     def is_of(self, system: System) -> bool:
         """Whether a model of this record has checked the state."""
@@ -104,6 +113,10 @@ class State(Mapping[str, Array]):
         return State(
             components, {k: kind.shown((self._components[k].shape or (0,))[-1]).name for k, kind in kinds.items()}
         )
+
+
+def _state_again(components: Mapping[str, Array], kinds: Mapping[str, str], orientation: Array | None) -> State:
+    return State(components, kinds).started(orientation)
 
 
 class Model:

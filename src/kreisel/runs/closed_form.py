@@ -19,8 +19,10 @@ from kreisel.method.conjugate import has_pairs
 from kreisel.method.exact import motion_of_top
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Jump
+from kreisel.record.body import Body
 from kreisel.record.given import in_lane
 from kreisel.runs.describing import in_memory
+from kreisel.runs.in_si import presented, scaled, times_of
 from kreisel.runs.plan import Plan, initial_parts, planned
 from kreisel.runs.settings import (
     Settings,
@@ -35,7 +37,6 @@ from kreisel.runs.settings import (
 
 if TYPE_CHECKING:
     import xarray as xr
-    from numpy.typing import ArrayLike
 
     from kreisel.kernels.exact.engine import ClosedForm
     from kreisel.record.model import Model, OrientationLike, StateLike
@@ -43,9 +44,9 @@ if TYPE_CHECKING:
 
 @explained
 def at(
-    system: Model,
+    system: Model | Body,
     x0: StateLike,
-    times: ArrayLike,
+    times: Any,
     *,
     method: str = "exact",
     dt: float | None = None,
@@ -56,7 +57,7 @@ def at(
     """The states at the given times, in any order, also negative, each to full double precision.
 
     system       the Lagrange top, n = 3, `kr.LagrangeTop`, `kr.LagrangeTopMoving` or `kr.SymmetricTop`, or a free body,
-                 `kr.EulerTop`, with parameters
+                 `kr.EulerTop`, with parameters; or a body of `kr.physical`: times in s, the result in SI
     x0           the state at time 0 as for `kr.simulate`; a batch axis in front makes an ensemble
     times        one time or several (times,): doubles count as exact, and so do the state and the parameters
     method       "exact": the flow.  "suris": the iterates of the paper's map with step dt and its order, 1 or 2 as in
@@ -72,6 +73,9 @@ def at(
     with the coordinate time as given, or k dt.  Raises `InputError` for other systems, n > 3, bad times, and `RunError`
     if values overflow.
     """
+    model, x0, orientation, when, _ = scaled(system, x0, orientation, {"dt": 1.0 if dt is None else dt})
+    if model is not system:  # a body
+        times, dt = (times_of(model, times), None) if dt is None else (times, when["dt"])
     wanted = wanted_times(times)
     flat = np.atleast_1d(wanted)
     if (dt is None) != (named(method, "method") == "exact"):
@@ -89,19 +93,24 @@ def at(
         "orientation": orientation,
         "observe": observe,
     }
-    plan, engine = plan_of_times(system, x0, reach=reach, **asked)
+    plan, engine = plan_of_times(model, x0, reach=reach, **asked)
     with np.errstate(all="ignore"):
         states = _continued(plan, plan.observe(engine.at(flat)), flat)
+    _require_finite(plan, states)
+    with np.errstate(all="ignore"):
+        run = in_memory(plan, [states], wanted * step)
+    for name in ("dt", "every"):  # no steps were made, and the rows need not be evenly spaced
+        del run.attrs[name]
+    return presented(run, plan.model)
+
+
+def _require_finite(plan: Plan, states: dict[str, Array]) -> None:
+    """Raises `RunError` for states beyond the range of doubles."""
     for name, value in states.items():
         if not np.isfinite(value).all():
             lanes = value.shape[1] if plan.batched else 1
             where = in_lane(~np.isfinite(value.reshape(len(value), lanes, -1)).all((0, 2)))
             raise RunError(f"{name} is not finite{where}: its powers leave the range of doubles. Use other units.")
-    with np.errstate(all="ignore"):
-        run = in_memory(plan, [states], wanted * step)
-    for name in ("dt", "every"):  # no steps were made, and the rows need not be evenly spaced
-        del run.attrs[name]
-    return run
 
 
 def _continued(plan: Plan, states: dict[str, Array], times: Array) -> dict[str, Array]:

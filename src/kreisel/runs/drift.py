@@ -20,6 +20,7 @@ from kreisel.method import scheme
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import KINDS
 from kreisel.runs.geometry import require_unchanged
+from kreisel.runs.in_si import in_state_form, time_unit, unit_of
 from kreisel.runs.plan import Plan
 from kreisel.runs.run_record import RunRecord, a_run
 from kreisel.runs.settings import Settings
@@ -57,7 +58,7 @@ def drift(run: xr.Dataset) -> pd.DataFrame:
     kind        "casimir", "integral", or "relation": f of an invariant relation f = 0, which stays 0 if it starts so
     conserved   whether the method conserves it; a map conserves its deformed integrals, names ending in _eps
     start       value at the first saved time
-    max_change  largest |change| since then
+    max_change  largest |change| since then; of a run of a body in the units of the run, as start and slope
     ulps        max_change in units of eps_machine times the scale of the integral, which is the size of its terms: the
                 largest of its value, of the rounding errors of its formula, and of its change, over eps_machine, if
                 every entry of the state changes by eps_machine times the largest one, the root mean square
@@ -191,6 +192,7 @@ class _Clock:
         ends = read_values(self._time[[0, -1]])
         # only existing times: a run may be cut short; `kr.at` has no steps
         dt = run.attrs.get("dt")
+        dt = dt * time_unit(run) if isinstance(dt, int | float) else dt
         self.steps = abs(float(ends[1] - ends[0])) / dt if isinstance(dt, int | float) and dt > 0 else 0.0
         self.first = float(ends[0])
 
@@ -251,7 +253,8 @@ class _Judge:
     """Limits of round-off for each part of a variable."""
 
     def __init__(self, run: xr.Dataset, scan: _Scan):
-        self._run, self._scan, self._width = run, scan, scan.width()
+        self._run, self._scan, self._width = in_state_form(run), scan, scan.width()
+        self._unit = unit_of(run, scan.name)
         self._unknown: set[int] = set()
         suspects = np.flatnonzero((_ratio(scan.largest, self._width) > FAR).any(1))
         if scan.conserved and suspects.size:
@@ -294,7 +297,7 @@ class _Judge:
         found = whole_run(self._run, scan.name, lanes)
         if found is not None:
             for mine, other in zip((scan.step_scale, scan.value_scale), found, strict=True):
-                mine[lanes] = np.maximum(mine[lanes], other.reshape(len(lanes), -1))
+                mine[lanes] = np.maximum(mine[lanes], self._unit * other.reshape(len(lanes), -1))
             self._width = scan.width()
             return
         first = slice(0, max(1, int(self._run.attrs.get("rows_in_block", 1))))

@@ -15,6 +15,7 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.record.body_frame import AXES, BODY
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
+from kreisel.runs.in_si import in_state_form
 from kreisel.runs.operations import require_operations
 from kreisel.runs.run_record import RunRecord, a_run
 
@@ -35,7 +36,7 @@ def fixed_vector(model: Model, where: str) -> Array | None:
 
 def components(run: xr.Dataset, model: Model) -> tuple[Array, ...]:
     """The state of every row in the order of the record; skew matrices (..., n, n), batch axes (time, lane)."""
-    out = []
+    out, run = [], in_state_form(run)
     for letter, kind in model.system.space.components:
         if letter not in run:
             raise InputError(f"The run lacks {letter} of its state. Give the run as kr.simulate returned it.")
@@ -54,6 +55,7 @@ def components(run: xr.Dataset, model: Model) -> tuple[Array, ...]:
 
 def model_for(run: xr.Dataset, system: Model | None) -> Model:
     """The model of a run, for its lanes; required for a user-defined system.  Raises `InputError`."""
+    run = in_state_form(run)
     record = RunRecord.of(run, "system")
     if system is None:
         if record.is_own:
@@ -79,6 +81,7 @@ def model_for(run: xr.Dataset, system: Model | None) -> Model:
 
 def require_unchanged(run: xr.Dataset) -> None:
     """Raises `InputError` for a changed run, for example 2 * run, whose attributes xarray keeps."""
+    run = in_state_form(run)
     record = RunRecord.from_attrs(run.attrs)
     known = {"system", "parameters"} <= run.attrs.keys() and not record.is_own
     if known and "time" in run.dims and not record.missing_from(run):
@@ -151,7 +154,7 @@ def vertical_and_axis(model: Model, carried: Array) -> tuple[Array, Array]:
 
 def orientation_of(run: xr.Dataset) -> Array:
     """The unit quaternions (..., 4) of a run, body to space.  Raises `InputError` if it has none, or for n > 3."""
-    a_run(run, rows=False)
+    run = in_state_form(a_run(run, rows=False))
     if ORIENTATION not in run or run[ORIENTATION].shape[-1:] != (4,):
         raise InputError(
             "The run carries no orientation for n = 3. Run it again with orientation=(1, 0, 0, 0), or in the TOML file "
@@ -170,6 +173,7 @@ def attitude_of(run: xr.Dataset) -> Array:
 
     For a run of a body of `kr.physical`; for other systems, and `kr.units.measured`, the orientation itself.
     """
+    run = in_state_form(run)
     q, frame = orientation_of(run), RunRecord.from_attrs(run.attrs).body_frame
     if frame is None:
         return q
@@ -193,6 +197,7 @@ def in_body_axes(run: xr.Dataset) -> xr.Dataset:
 
     The result is for reading: it has neither parameters nor the attribute `body`, so no function rotates it again.
     """
+    run = in_state_form(run)
     frame = RunRecord.from_attrs(run.attrs).body_frame
     out = run.copy(deep=False)
     for name in ("body", "parameters", "components", "start_sha256"):

@@ -166,9 +166,14 @@ class Course:
     def pace(self) -> str:
         """The steps in words, and whether dt is the requested step."""
         asked = self.asked_dt
-        return f"{self.steps:,} steps of {self.dt:g}" + (
-            "" if asked is None else f" (asked for: dt = {asked:g}, of which t_end is not a multiple)"
+        return f"{self.steps:,} steps of {self.step_text(self.dt)}" + (
+            "" if asked is None else f" (asked for: dt = {self.step_text(asked)}, of which t_end is not a multiple)"
         )
+
+    def step_text(self, dt: float) -> str:
+        """A step in words: of a body in s."""
+        frame = self.body_frame if isinstance(self, RunRecord) else None
+        return f"{dt:g}" if frame is None or not frame.names else f"{dt * frame.time_unit:g} s"
 
     @property
     def row_count(self) -> int:

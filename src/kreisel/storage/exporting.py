@@ -17,6 +17,7 @@ from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.files import NPZ_ATTRIBUTES, read_values, require_file, written
 from kreisel.method.observing import ORIENTATION
 from kreisel.runs.geometry import in_body_axes
+from kreisel.runs.in_si import is_in_si
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import flag
 from kreisel.storage.archive import target
@@ -46,7 +47,8 @@ def export(
     out    the file; it gets its name when it is complete.  With `overwrite` it replaces a file that Kreisel wrote
     epoch, labels   for .aem, .oem and .bc, see below
 
-    A run of a body of `kr.physical` is exported as `kreisel.units.measured` returns it: in SI units, vectors, the
+    A run of a body of `kr.physical` is exported as it is, in SI.  A run of its model is exported as
+    `kreisel.units.measured` returns it: in SI units, vectors, the
     attitude g and the angular velocity Omega along the user's axes of the body.  In a sweep of such bodies,
     trajectories are along these axes, but minima, maxima and frequencies along the axes of the state.
 
@@ -240,7 +242,7 @@ def _following(before: Array, q: Array) -> Array:
 
 
 def _of_body(run: xr.Dataset) -> bool:
-    return RunRecord.from_attrs(run.attrs).body_frame is not None
+    return not is_in_si(run) and RunRecord.from_attrs(run.attrs).body_frame is not None
 
 
 def _presented(run: xr.Dataset) -> xr.Dataset:

@@ -25,6 +25,7 @@ from kreisel.errors import InputError, hint, shown
 from kreisel.files import require_file, written
 from kreisel.record.contract import Frame
 from kreisel.runs.geometry import attitude_of, model_for, orientation_of, velocity_of
+from kreisel.runs.in_si import is_in_si
 from kreisel.runs.orbits import surroundings
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import positive_number
@@ -134,7 +135,11 @@ def write_message(run: xr.Dataset, out: Path, epoch: Any, labels: Mapping[str, A
         raise InputError("expected the run of one body, got several lanes. Give run.isel(lane=0).")
     body = RunRecord.from_attrs(run.attrs).body_frame
     unit = chosen["time_unit"]
-    unit = (1.0 if body is None else body.time_unit) if unit is None else positive_number(unit, "time_unit")
+    unit = (
+        (1.0 if body is None or is_in_si(run) else body.time_unit)
+        if unit is None
+        else positive_number(unit, "time_unit")
+    )
     seconds = np.asarray(run["time"].values, dtype=np.float64) * unit
     if not (np.isfinite(seconds) & (abs(seconds) < LONGEST)).all():
         raise InputError(f"time_unit: expected times below {LONGEST:g} s, got {shown(float(abs(seconds).max()))}.")

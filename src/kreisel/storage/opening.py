@@ -13,6 +13,7 @@ from kreisel.errors import InputError
 from kreisel.files import parsed, read_values
 from kreisel.method.scheme import KINDS
 from kreisel.runs.describing import hash_of_start
+from kreisel.runs.in_si import presented
 from kreisel.runs.run_record import FORMAT, RunRecord
 from kreisel.storage import archive, checkpoint
 from kreisel.storage.archive import CHECKPOINT, LARGEST_CHUNK, Listed
@@ -122,7 +123,7 @@ def too_large(run: xr.Dataset) -> list[str]:
 def open_archive(path: Path) -> xr.Dataset:
     """Open a run, as `open_rows` does, or a sweep by lane; if it was interrupted, its finished part."""
     path = archive.settled(path)
-    return open_lanes(path) if is_sweep(path) else open_rows(path)
+    return open_lanes(path) if is_sweep(path) else presented(open_rows(path))
 
 
 def open_lanes(path: Path) -> xr.Dataset:

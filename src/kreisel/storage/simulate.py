@@ -9,8 +9,11 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, Stopped, explained
+from kreisel.files import stands
 from kreisel.process import signals_wait
+from kreisel.record.body import Body
 from kreisel.runs.drift import watched
+from kreisel.runs.in_si import presented, scaled, scaled_events
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import broken_by, make_plan, warn_of, warn_of_arrays
@@ -30,14 +33,14 @@ ALWAYS_THERE = 1 << 28  # bytes of memory, allowed without confirmation
 
 @explained
 def simulate(
-    system: Model,
+    system: Model | Body,
     x0: StateLike,
     *,
-    dt: float,
+    dt: Any,
     steps: int | None = None,
-    t_end: float | None = None,
+    t_end: Any = None,
     times: ArrayLike | None = None,
-    every: int = 1,
+    every: Any = 1,
     method: str | None = None,
     order: int | str | tuple[int, ...] | None = None,
     tol: float | None = None,
@@ -53,18 +56,18 @@ def simulate(
 ) -> xr.Dataset:
     """Simulate `steps` steps of length `dt`, or until `t_end`; return every `every`-th state with all integrals.
 
-    system       a system with parameters, e.g. `kr.LagrangeTop(p=(0, 0, 1))`
+    system       a system with parameters, e.g. `kr.LagrangeTop(p=(0, 0, 1))`, or a body of `kr.physical`: then times
+                 are in s, or "1 ms", and the run in SI, along the axes in which the body was given
     x0           `system.state(...)`, a dict of its components, or a row of a run, `run.isel(time=-1)`; lists or
                  arrays (NumPy, xarray, JAX); a batch axis in front makes an ensemble.  The time begins at 0 always
     dt           step in the system's unit of time, > 0
     t_end        the time at the end, in place of `steps`: in equal steps of dt or a little less: attribute asked_dt
-    times        of the rows, in order, in place of `steps` and `every`; a row between two steps does not change them
-    method       one of `kr.methods()`; without it the first of them that applies to the system; "exact" only for free
-                 bodies, n = 3, if neither an order nor an engine for maps is requested
+    times        of the rows, in order, in place of `steps` and `every`; rows between steps do not change the steps
+    method       one of `kr.methods()`; default: the first that applies, "exact" for free bodies with n = 3 alone
     order        one of the orders of the method; for splittings also a tuple, (8, 2).  "auto" (baecklund, splitting):
                  the order and the step that reach `tol` at the least cost (attributes dt, steps, options)
-    tol          the largest error at the end relative to the largest entry (order="auto"); the relative one ("dop853")
-    orientation  initial g, body to space: a rotation matrix, or for n = 3 a quaternion (w, x, y, z); then a variable
+    tol          error at the end relative to the largest entry (order="auto"); relative tolerance ("dop853")
+    orientation  initial g, body to space: a matrix, or for n = 3 a quaternion (w, x, y, z); then it is a variable
     engine       "cpu" (compiled, all cores), "large" (O(n) a step for Lagrange tops and Neumann, O(n^2) for Clebsch;
                  both by n and method unless given), "cuda" (NVIDIA, float64), "cuda-float32": many lanes, n <= 10
     project      project onto the invariants of the method every `projection` steps (an attribute of the run), which
@@ -72,23 +75,23 @@ def simulate(
     observe      Casimirs and integrals to save with the state, by name; default: all, most of the time of a row
     impulses     added to a momentum as the state has it, before the row there: {"time": 2.0, "m": (0, 0, 1)}, or a list
     events       `kr.Event(quantity, action)` or a list: if a quantity changes its sign the run stops, or an action
-                 changes the state; the attribute event_times has the times
+                 changes the state (of a body in SI); the attribute event_times has the times
     path         write to a Zarr archive during the run, and return it opened; else stay in memory
-    overwrite    replace an existing archive (the old one stays until the new one is complete)
+    overwrite    replace an existing archive when the new one is complete
     progress     show a progress bar on stderr; default: when stderr is a terminal
 
     Returns an `xarray.Dataset`: coordinates time (and lane), the components of the state (axial vectors for n = 3), the
-    Casimirs and every integral.  Raises `InputError` for bad input and `RunError` when a state is no longer finite, an
-    implicit step is not solved or the archive cannot be written.  Warns: `ConservationWarning` of lost invariants
-    (`kr.drift`), `AccuracyWarning` of long steps, `InputWarning` of long runs without compiled steps.
+    Casimirs and every integral.  Raises `InputError` for bad input, `RunError` when a state is no longer finite, an
+    implicit step is not solved or the archive cannot be written; warns of lost invariants and long steps.
     """
     flag(overwrite, "overwrite")
     choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
     when = {"dt": dt, "steps": steps, "t_end": t_end, "times": times, "every": every, "impulses": impulses}
-    plan = broken_by(make_plan(system, x0, orientation=orientation, **when, **choices), checked_events(events))
+    model, x0, orientation, when, events = scaled(system, x0, orientation, when, events)
+    plan = broken_by(make_plan(model, x0, orientation=orientation, **when, **choices), checked_events(events))
     warn_of(plan)
     found = _in_memory(plan, progress) if path is None else _on_disk(plan, path, overwrite, progress)
-    return watched(found, loaded=path is None)
+    return presented(watched(found, loaded=path is None), plan.model)
 
 
 def _in_memory(plan: Plan, progress: bool | None) -> xr.Dataset:
@@ -133,17 +136,19 @@ def resume(
     for the same versions on the same machine; if versions have changed, the attribute `resumed` states this.  Raises
     `InputError` if there is no checkpoint, and `RunError` as `simulate` does.
     """
-    from kreisel.storage.archive import one_writer, target
-    from kreisel.storage.opening import open_rows
+    from kreisel.storage.archive import one_writer, part_of, target
+    from kreisel.storage.opening import open_rows, run_record
     from kreisel.storage.run_archive import reopen
 
     where = target(path)
     where = where.with_suffix("") if where.suffix == ".part" else where
     with one_writer(where) as settled:
         if settled and extend is None:  # nothing else remained to be done
-            return open_rows(where)
+            return presented(open_rows(where))
+        frame = run_record(where if stands(where) else part_of(where)).body_frame
+        events = scaled_events(frame, events) if frame is not None and frame.names else events
         archive, integration = reopen(where, None if extend is None else whole_number(extend, "extend"), system, events)
-        return watched(_write(archive, integration, progress))
+        return presented(watched(_write(archive, integration, progress)), integration.plan.model)
 
 
 def _write(archive: RunArchive, integration: Integration, progress: bool | None) -> xr.Dataset:

@@ -14,6 +14,7 @@ from kreisel.method.observing import BALANCE, ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.runs.drift import all_series
 from kreisel.runs.geometry import axes_of_state, fixed_vector, model_for, require_unchanged
+from kreisel.runs.in_si import in_state_form
 from kreisel.runs.orbits import of_satellite
 from kreisel.runs.run_record import RunRecord
 from kreisel.viewer.frames import evenly, extremes, mixed, stretches
@@ -67,6 +68,8 @@ def plot(
     records = [RunRecord.of(each, "system", "title", "method", "n", "steps") for each in runs]
     if not all(record.stepped for record in records):
         raise InputError("A run of kr.simulate was expected, got states at given times, of kr.at.")
+    runs = [in_state_form(each) for each in runs]
+    run = runs[0]
     for each in runs:
         require_unchanged(each)
     if records[-1].system != records[0].system:

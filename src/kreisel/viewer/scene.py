@@ -40,6 +40,7 @@ from kreisel.runs.geometry import (
     require_unchanged,
     to_third_axis,
 )
+from kreisel.runs.in_si import in_state_form
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import within
 from kreisel.viewer import bodies
@@ -251,6 +252,7 @@ def scene(
 ) -> dict[str, Any]:
     """The data of the page.  Raises `InputError` for anything but a run with its state and this lane."""
     record = RunRecord.of(run, "system")
+    run = in_state_form(run)
     if "time" not in run.dims or run.sizes["time"] < 1:
         raise InputError("A run of kr.simulate or kr.open_run was expected, with at least one saved state.")
     missing = record.missing_from(run)
@@ -426,7 +428,7 @@ def _facts(run: xr.Dataset, lanes: list[str]) -> list[str]:
     record, rows = RunRecord.from_attrs(run.attrs), run.sizes["time"]
     out = [str(run.attrs.get("equations", ""))]
     if record.stepped:
-        out.append(f"{record.method}, n = {record.n}, {record.steps:,} steps of {record.dt:g}")
+        out.append(f"{record.method}, n = {record.n}, {record.pace}")
     out.append(f"{rows:,} saved states")
     return [*out, *([f"{len(lanes)} of {run.sizes['lane']:,} lanes"] if len(lanes) > 1 else [n for n in lanes if n])]
 

@@ -1,0 +1,62 @@
+"""A body in SI units: the interface by which runs accept it in place of a system."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from kreisel import algebra
+from kreisel.errors import InputError
+from kreisel.record.body_frame import BodyFrame
+from kreisel.record.model import Model, State
+
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+
+
+class Body:
+    """A body of `kr.physical`, in SI units.
+
+    `kr.simulate(body, body.state(...), dt="1 ms", t_end="60 s")` returns a run in SI, with vectors along the axes in
+    which the body was given.  `model()` is the scaled system with which kernels compute it.
+    """
+
+    def model(self) -> Model:
+        """The scaled system, with the axes and units of the body."""
+        raise NotImplementedError
+
+    def state(self, *args: Any, **kwargs: Any) -> State:
+        """The initial state from quantities in SI."""
+        raise NotImplementedError
+
+    @property
+    def words(self) -> dict[str, str]:
+        """The names of the variables of a run in SI, by the letters of the state."""
+        fluid = "P" in self.model().system.space.letters and self.model().system.translation is not None
+        momentum = "angular_momentum" if fluid else "momentum"
+        return {"M": momentum, "m": momentum, "a": "axis", "P": "linear_momentum" if fluid else "up", "g": "attitude"}
+
+    def in_si(self) -> Model:
+        """The model whose runs are in SI."""
+        model = self.model()
+        frame = model.body_frame or BodyFrame()
+        letters = (*model.system.space.letters, "g")
+        return model.of_body(
+            replace(frame, names={k: v for k, v in self.words.items() if k in letters}, title=self.title)
+        )
+
+    @property
+    def title(self) -> str:
+        """The name of the body in the title of its runs."""
+        return type(self).__name__
+
+
+def started(state: State, orientation: Any) -> State:
+    """A state of a body with the orientation with which its run begins."""
+    return state.started(None if orientation is None else algebra.floats(orientation))
+
+
+def as_body(subject: Any) -> Body | None:
+    """The body, or None for anything else.  Raises `InputError` for a class of bodies."""
+    if isinstance(subject, type) and issubclass(subject, Body):
+        raise InputError(f"expected a body with its data, got the class {subject.__name__}: {subject.__name__}(...).")
+    return subject if isinstance(subject, Body) else None

@@ -1,0 +1,165 @@
+"""Quantities with units, by pint: "3 kg", "20 rpm", pint quantities; plain values are in SI and do not need it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import floats
+from kreisel.errors import InputError, explained, shown
+
+if TYPE_CHECKING:
+    import pint
+
+MOST_AXES = 4  # lists within lists
+
+
+@explained
+@dataclass(frozen=True)
+class Scale:
+    """The unit of one variable of a scaled system: `size` of the SI unit `unit`."""
+
+    unit: str
+    size: float
+
+    def __post_init__(self) -> None:
+        size = floats(self.size)
+        if size.ndim or np.isnan(size) or not isinstance(self.unit, str):
+            raise InputError(
+                f"Scale: expected a unit and its size, a number, got {shown(self.unit)}, {shown(self.size)}."
+            )
+
+    def scaled(self, value: Any, name: str = "the value") -> Any:
+        """A measured value, with units or in SI, in the unit of the scaled system.  Raises `InputError`."""
+        array = floats(si(value, self.unit, name))
+        if not np.isfinite(array).all():
+            raise InputError(f"{name}: expected numbers in {self.unit}, or a quantity, got {shown(value)}.")
+        return array / self.size
+
+
+Scales = Mapping[str, Scale]
+
+
+@cache
+def registry() -> pint.UnitRegistry[Any]:
+    """Pint's registry of the process, so that its quantities mix with yours.  Raises `InputError` without pint."""
+    try:
+        import pint
+    except ImportError:
+        raise InputError(
+            "Units need pint, which is not installed: pip install 'kreisel[units]'. Plain numbers are SI and need none."
+        ) from None
+    return pint.get_application_registry()  # type: ignore[no-untyped-call]
+
+
+@explained
+def si(value: Any, unit: str, name: str) -> Any:
+    """A quantity in the named SI unit; plain values are already in SI.
+
+    A string such as "3 kg", a quantity of pint, astropy or unyt, lists of these or of floats, nested like a matrix, or
+    values with one unit for all, (values, "kg cm^2").  Returns a float or an array (...).  Raises `InputError` for
+    other dimensions, unknown units, and rates in Hz or 1/s for angular velocities.
+    """
+    for part, text in (("unit", unit), ("name", name)):
+        if not isinstance(text, str):
+            raise InputError(f"{part}: expected text such as 'kg m^2' or 'inertia', got {shown(text)}.")
+    if hasattr(value, "to_value"):
+        try:
+            return value.to_value(unit)
+        except Exception as error:  # of its package
+            raise InputError(f"{name} must have the dimension of {unit}, got {shown(value)}: {error}.") from None
+    value = value.tolist() if isinstance(value, np.ndarray) and value.dtype.kind in "OU" else value
+    if isinstance(value, str):
+        value = _parsed(value, unit, name)
+    elif isinstance(value, list | tuple) and _one_unit(value):
+        value = _floats(value[0], unit, name) * parsed_unit(value[1], name)
+    elif isinstance(value, list | tuple) and _has_units(value):
+        parts = [si(v, unit, name) for v in value]
+        return np.array(parts) if len({np.shape(part) for part in parts}) == 1 else value
+    if not _is_quantity(value):
+        if algebra.loses(value) or isinstance(value, complex) or getattr(value, "dtype", np.dtype(float)).kind == "c":
+            raise InputError(f"{name} must be real numbers in SI units ({unit}), or a quantity, got {shown(value)}.")
+        return value
+    try:
+        return converted(value, unit, name).magnitude * 1.0
+    except OverflowError:
+        raise InputError(f"{name}: expected a number that a double can hold, got {shown(value)}.") from None
+
+
+def size_in_si(attribute: str | None, unit: str, size: float, name: str) -> float:
+    """The size in SI of the unit of a variable, from its attribute `units`.
+
+    Without it, or for "1": the size in the state, `size` times `unit`.  Raises `InputError` for another dimension.
+    """
+    if attribute is None or attribute == "1":
+        return size
+    return 1.0 if attribute == unit else float(si(([1.0], attribute), unit, name)[0])
+
+
+def _one_unit(value: Sequence[Any]) -> bool:
+    """Whether it is (values, unit), such as ([1, 2, 3], "cm") or (3, "cm"); "3 cm" is a single quantity."""
+    if len(value) != 2 or not isinstance(value[1], str) or isinstance(value[0], str) or _is_quantity(value[0]):
+        return False
+    return isinstance(value[0], list | tuple | np.ndarray) or value[1].strip()[:1].isalpha()
+
+
+def _has_units(value: Any, levels: int = MOST_AXES) -> bool:
+    """Whether there is text or a quantity in lists within lists."""
+    if isinstance(value, list | tuple) and levels:
+        return any(_has_units(v, levels - 1) for v in value)
+    return isinstance(value, str) or _is_quantity(value) or hasattr(value, "to_value")
+
+
+def _floats(value: Any, unit: str, name: str) -> Any:
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name}: expected numbers and one unit, (values, '{unit}'), got {shown(value)}.") from None
+
+
+def _is_quantity(value: Any) -> bool:
+    return hasattr(value, "magnitude") and hasattr(value, "to")
+
+
+def _turns(value: Any) -> bool:
+    """Whether a unit counts angles: rpm and deg/s do, Hz and 1/s do not, which pint converts to rad/s."""
+    return "radian" in dict((1 * value).to_root_units().unit_items())
+
+
+def _parsed(text: str, unit: str, name: str) -> Any:
+    try:
+        return registry().Quantity(text)
+    except InputError:
+        raise
+    except Exception as error:  # pint raises tokenize, syntax, attribute and further errors
+        raise InputError(f"{name} must be a quantity such as '1 {unit}', got {shown(text)}: {error}.") from None
+
+
+def parsed_unit(unit: str, name: str) -> Any:
+    """A unit of pint from text.  Raises `InputError`."""
+    try:
+        return registry().Unit(unit)
+    except Exception as error:  # as above
+        raise InputError(f"{name} needs a unit that pint knows, such as 'rad/s', got {shown(unit)}: {error}.") from None
+
+
+def converted(value: Any, unit: str, name: str) -> Any:
+    """A quantity of pint in another unit.  Raises `InputError`."""
+    import pint
+
+    target = parsed_unit(unit, name)
+    if str(value.dimensionality) == str(target.dimensionality) == "1 / [time]" and _turns(value) != _turns(target):
+        raise InputError(
+            f"{name} must be in {unit}, got {value:~}, which may count turns or radians. Usual cause: a frequency for "
+            f"an angular velocity. Three turns a second are '3 turn/s' or '180 rpm', 3 * 2 pi = 18.85 rad/s; three "
+            "radians a second are '3 rad/s'."
+        )
+    try:
+        return value.to(target)
+    except pint.DimensionalityError:
+        raise InputError(f"{name} must have the dimension of {unit}, got {value}.") from None

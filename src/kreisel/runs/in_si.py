@@ -1,0 +1,428 @@
+"""Runs of bodies in SI, with names in words, and the form of the state that kernels, archives and laws have.
+
+A body of `kr.physical` is simulated by a scaled system along axes of its own.  `in_si` presents such a run in SI, along
+the axes in which the body was given; `in_state_form` is its inverse.  Both read archives lazily.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial, wraps
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, shown
+from kreisel.method.observing import ORIENTATION
+from kreisel.record.body import Body, as_body
+from kreisel.record.body_frame import AXES, BODY, BodyFrame
+from kreisel.record.contract import Frame
+from kreisel.record.model import Model, State
+from kreisel.record.quantities import Scale
+from kreisel.runs.run_record import RunRecord
+from kreisel.runs.settings import Event, initial_orientation
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FORM, SI = "kreisel_form", "SI"
+COMPONENT = "xyz"  # the axis of the components of vectors, which a variable may not be named after
+VELOCITY = "angular_velocity"
+SIZED = ("roundoff_scale", "evaluation_scale")  # attributes in the unit of their variable
+QUANTITY = re.compile(r"\s*(\w+)(.*)", re.DOTALL)
+MEANINGS = {
+    "momentum": "angular momentum",
+    "angular_momentum": "angular momentum",
+    "linear_momentum": "linear momentum of body and fluid",
+    "axis": "axis of the body",
+    "up": "upward vertical",
+    "attitude": "attitude of the body, a unit quaternion (w, x, y, z), body to space",
+}
+
+
+def is_in_si(run: Any) -> bool:
+    """Whether a Dataset is a run of a body in SI."""
+    return bool(getattr(run, "attrs", {}).get(FORM) == SI)
+
+
+def names_of_state(run: xr.Dataset) -> list[str]:
+    """The names of the components of the state in a run: letters, in SI words."""
+    record = RunRecord.from_attrs(run.attrs)
+    frame = record.body_frame if is_in_si(run) else None
+    return [frame.names.get(letter, letter) if frame else letter for letter in record.kinds]
+
+
+def unit_of(run: xr.Dataset, letter: str) -> float:
+    """The unit of the state in which a run in SI was computed, for a variable, in SI; 1 for other runs."""
+    frame = RunRecord.from_attrs(run.attrs).body_frame if is_in_si(run) else None
+    return 1.0 if frame is None else frame.units.get(letter, ("1", 1.0))[1]
+
+
+def time_unit(run: xr.Dataset) -> float:
+    """The unit of time in which a run in SI was computed, s; 1 for other runs."""
+    return unit_of(run, "time")
+
+
+def presented(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
+    """A run as its user receives it: in SI if its subject was a body, else unchanged."""
+    frame = RunRecord.from_attrs(run.attrs).body_frame
+    return run if frame is None or not frame.names else in_si(run, model)
+
+
+def in_si(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
+    """A run of a body in SI; `model`: of a user-defined system, else that of the attributes."""
+    frame = RunRecord.from_attrs(run.attrs).body_frame
+    if frame is None or is_in_si(run):
+        return run
+    out = _converted(run, frame, forward=True)
+    model = _model_of(run, model)
+    if model is not None:
+        out = out.assign(_with_axial_energy(run, out, frame, model, 1.0))
+        out = out.assign({VELOCITY: _velocity(run, frame, model)} if model.system.velocity is not None else {})
+    return out.assign_attrs({FORM: SI, **_title(run, frame)})
+
+
+def _title(run: xr.Dataset, frame: BodyFrame) -> dict[str, str]:
+    return {"title": f"{frame.title}: {run.attrs['method']}"} if frame.title and "method" in run.attrs else {}
+
+
+def in_state_form(run: Any) -> Any:
+    """A run with the letters, units and axes of the state; anything but a run in SI is returned unchanged."""
+    if not is_in_si(run):
+        return run
+    frame = RunRecord.from_attrs(run.attrs).body_frame
+    if frame is None:
+        raise InputError("The run is damaged: it is in SI, and lacks the attribute body that describes its units.")
+    out = _converted(run, frame, forward=False).drop_vars(VELOCITY, errors="ignore")
+    out.attrs.pop(FORM)
+    model = _model_of(out, None)
+    return out if model is None else out.assign(_with_axial_energy(out, out, BodyFrame(), model, -1.0))
+
+
+def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
+    """The run in SI (forward), or in the form of its state."""
+    import xarray as xr
+
+    names = frame.names if forward else {name: letter for letter, name in frame.names.items()}
+    axes = {"axis": COMPONENT} if forward else {COMPONENT: "axis"}
+    data: dict[str, xr.Variable] = {}
+    coords: dict[str, xr.Variable] = {}
+    for name, variable in run.variables.items():
+        letter = str(name) if forward else names.get(str(name), str(name))
+        unit, size = frame.units.get(letter, ("1", 1.0))
+        factor = size if forward else 1 / size
+        change = _change(frame, letter, factor, forward)
+        new = names.get(str(name), str(name))
+        out = variable if change is None else _applied(variable, change)
+        attrs = _attributes(variable.attrs, frame, letter, new, unit, size, forward)
+        if out is variable:
+            out = variable.copy(deep=False)
+        out.attrs = attrs
+        out.dims = tuple(axes.get(str(d), d) for d in out.dims)
+        (coords if name in run.coords else data)[new] = out
+    indexed = {k: v for k, v in coords.items() if k in run.xindexes}
+    made = xr.Dataset(data, indexed, dict(run.attrs))
+    rest = {k: v for k, v in coords.items() if k not in indexed}
+    if rest:
+        made = made.assign_coords(xr.Coordinates(rest, indexes={}))
+    return made
+
+
+def _change(frame: BodyFrame, letter: str, factor: float, forward: bool) -> Callable[[Array], Array] | None:
+    """The change of the values of a variable, or None."""
+    if letter == ORIENTATION:
+        return partial(_turned, frame.quaternion, forward) if frame.turned else None
+    axes = frame.axes if letter in frame.along and frame.turned else None
+    if axes is None:
+        return None if factor == 1 else lambda v: v * factor
+    matrix = (axes.T if forward else axes) * factor
+    return lambda v: v @ matrix
+
+
+def _turned(quaternion: Array, forward: bool, g: Array) -> Array:
+    """Orientations of the body's axes from those of the state's axes, or the reverse."""
+    return algebra.quaternion_product(g, algebra.inverse_turn(quaternion) if forward else quaternion)
+
+
+def _attributes(
+    attrs: Mapping[str, Any], frame: BodyFrame, letter: str, name: str, unit: str, size: float, forward: bool
+) -> dict[str, Any]:
+    """The attributes of a variable in its new form."""
+    out = {k: v for k, v in attrs.items() if k != AXES}
+    factor = size if forward else 1 / size
+    for key in SIZED:
+        if key in out and factor != 1:
+            out[key] = (np.asarray(out[key], dtype=np.float64) * factor).tolist()
+    if not forward:
+        if "letter_name" in out:
+            out["long_name"] = out.pop("letter_name")
+        return out | ({"units": "1"} | frame.attributes(letter) if letter in (*frame.units, *frame.along) else {})
+    inside = letter in frame.along
+    if name in MEANINGS:
+        where = "" if name == "attitude" else f", along the axes of {'the body' if inside else 'space'}"
+        out |= {"letter_name": out.get("long_name", letter), "long_name": MEANINGS[name] + where}
+    return out | {"units": unit} | ({AXES: BODY} if inside or letter == ORIENTATION else {})
+
+
+def _applied(variable: xr.Variable, change: Callable[[Array], Array]) -> xr.Variable:
+    """The variable with changed values: at once if it is in memory, else when it is read."""
+    import xarray as xr
+
+    if not _is_lazy(variable):
+        return xr.Variable(variable.dims, change(np.asarray(variable.values)), encoding=variable.encoding)
+    from kreisel.runs.lazy import lazy
+
+    return lazy(variable.dims, variable.shape, [variable], lambda values: change(values))
+
+
+def _is_lazy(variable: xr.Variable) -> bool:
+    """Whether the values are still on disk."""
+    return not getattr(variable, "_in_memory", True)
+
+
+def _model_of(run: xr.Dataset, model: Model | None) -> Model | None:
+    """The model of the rows of a run; None if an archive does not hold it, or the run lacks a part of its state."""
+    record = RunRecord.from_attrs(run.attrs)
+    if model is None and not record.is_own and "parameters" in run.attrs:
+        model = record.model
+    if model is None or record.missing_from(run) or "time" not in run.coords:
+        return None
+    lanes = model.batch and "lane" in run.coords
+    return model.lanes(np.asarray(run["lane"].values)) if lanes else model
+
+
+def _of_rows(
+    run: xr.Dataset, model: Model, function: Callable[..., Array], more: list[xr.Variable], axes: tuple[str, ...]
+) -> xr.Variable:
+    """A function of the components of the state and of further variables at each row, read when it is needed."""
+    import xarray as xr
+
+    letters, kinds = zip(*model.system.space.components, strict=True)
+
+    def values(*parts: Array) -> Array:
+        state = [algebra.KINDS[kind].from_user(v, 3) for kind, v in zip(kinds, parts, strict=False)]
+        return function(state, *parts[len(kinds) :])
+
+    parts = [run.variables[letter] for letter in letters] + more
+    dims, shape = (*parts[0].dims[:-1], *axes), (*parts[0].shape[:-1], *(3 for _ in axes))
+    if any(map(_is_lazy, parts)):
+        from kreisel.runs.lazy import lazy
+
+        return lazy(dims, shape, parts, values)
+    with np.errstate(all="ignore"):
+        return xr.Variable(dims, values(*(np.asarray(v.values) for v in parts)))
+
+
+def _velocity(run: xr.Dataset, frame: BodyFrame, model: Model) -> xr.Variable:
+    """The angular velocity at each row, rad/s."""
+    body = model.system.frame is Frame.MOVING
+
+    def values(state: list[Array]) -> Array:
+        omega = algebra.axial(model.call(model.system.velocity, *state))
+        return (frame.vectors(omega) if body else omega) / frame.time_unit
+
+    out = _of_rows(run, model, values, [], (COMPONENT,))
+    meaning = f"angular velocity, along the axes of {'the body' if body else 'space'}"
+    out.attrs = {"long_name": meaning, "units": "rad/s"} | ({AXES: BODY} if body else {})
+    return out
+
+
+ENERGIES = ("energy", "total_energy", "balance")
+
+
+def _with_axial_energy(
+    run: xr.Dataset, out: xr.Dataset, frame: BodyFrame, model: Model, sign: float
+) -> dict[str, xr.Variable]:
+    """Energies with <M, spin>/2, which the Hamiltonian of a symmetric top leaves out: it is constant on its orbits."""
+    if model.system.spin is None:
+        return {}
+    size = frame.units.get("energy", ("J", 1.0))[1]
+
+    def values(state: list[Array], energy: Array) -> Array:
+        spin = algebra.axial(model.call(model.system.spin, *state))
+        return energy + sign * size * algebra.dot(algebra.axial(state[0]), spin) / 2
+
+    found = {}
+    for name in (k for k in ENERGIES if k in out):
+        found[name] = _of_rows(run, model, values, [out.variables[name]], ())
+        found[name].attrs = out.variables[name].attrs
+    return found
+
+
+# -- arguments of a body in SI ---------------------------------------------------------------------
+
+
+def scaled(system: Any, x0: Any, orientation: Any, asked: Mapping[str, Any], events: Any = ()) -> tuple[Any, ...]:
+    """Model, start, orientation, settings and events of a run, in the form of the state; `system` may be a body."""
+    body = as_body(system)
+    if body is None:
+        return system, x0, orientation, asked, events
+    model, *others = of_body(body, x0, orientation, asked)
+    return model, *others, scaled_events(model.body_frame or BodyFrame(), events)
+
+
+def of_body(body: Body, x0: Any, orientation: Any, asked: Mapping[str, Any]) -> tuple[Model, Any, Any, dict[str, Any]]:
+    """Model, start, orientation and settings of a run, in the form of the state, from those of a body in SI."""
+    model = body.in_si()
+    start, first = state_of(body, model, x0)
+    if orientation is False:
+        first = None
+    elif orientation is not None:
+        first = oriented(model, orientation)
+    return model, start, first, scaled_settings(model, asked)
+
+
+def oriented(model: Model, attitude: Any) -> Array:
+    """The orientation of the axes of the state from the attitude of the body's axes.  Raises `InputError`."""
+    g = initial_orientation(attitude, model)
+    frame = model.body_frame or BodyFrame()
+    return _turned(frame.quaternion, False, g) if frame.turned else g
+
+
+def state_of(body: Body, model: Model, x0: Any) -> tuple[Any, Any]:
+    """The start in the form of the state, and its orientation: a state, a row, or the arguments of `body.state`."""
+    if hasattr(x0, "data_vars"):
+        row = in_state_form(x0)
+        return row, row[ORIENTATION].values if ORIENTATION in row else None
+    if isinstance(x0, Mapping) and not isinstance(x0, State):
+        letters = model.system.space.letters
+        if any(k in letters for k in x0):
+            raise InputError(
+                f"x0: expected body.state(...), its arguments as a dict, or a row of a run, got the components "
+                f"{', '.join(map(str, x0))}. Usual cause: a state of the scaled system; body.model() is simulated so."
+            )
+        x0 = body.state(**x0)
+    return x0, getattr(x0, "orientation", None)
+
+
+def duration(frame: BodyFrame, value: Any, name: str) -> float:
+    """A duration in s, or with units, in the unit of time of the state.  Raises `InputError`."""
+    scaled = Scale("s", frame.time_unit).scaled(value, name)
+    if np.ndim(scaled):
+        raise InputError(f"{name}: expected one duration in s, or such as '1 ms', got {shown(value)}.")
+    return float(scaled)
+
+
+def times_of(model: Model, values: Any, name: str = "times") -> Array:
+    """Times in s, or with units, in the unit of time of the state.  Raises `InputError`."""
+    return np.asarray(Scale("s", (model.body_frame or BodyFrame()).time_unit).scaled(values, name))
+
+
+NEAR = 1e-9  # relative: a duration that is a multiple of the step
+
+
+def rows_every(frame: BodyFrame, every: Any, dt: float) -> Any:
+    """The number of steps between rows: a number of steps, or a duration, a multiple of dt.  Raises `InputError`."""
+    if not (isinstance(every, str) or hasattr(every, "units") or hasattr(every, "to_value")):
+        return every
+    ratio = duration(frame, every, "every") / dt
+    count = round(ratio)
+    if count < 1 or abs(ratio - count) > NEAR * ratio:
+        raise InputError(
+            f"every: expected a number of steps, or a multiple of dt = {dt * frame.time_unit:g} s, got {shown(every)}, "
+            f"which is {ratio:g} dt."
+        )
+    return count
+
+
+def scaled_settings(model: Model, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings of a run in the units of the state, from durations in s or with units.  Raises `InputError`."""
+    frame = model.body_frame or BodyFrame()
+    out = {name: value for name, value in asked.items() if value is not None}
+    if "dt" not in out:
+        raise InputError("dt: expected the step, a duration such as '1 ms', got none.")
+    out["dt"] = duration(frame, out["dt"], "dt")
+    if "t_end" in out:
+        out["t_end"] = duration(frame, out["t_end"], "t_end")
+    if "times" in out:
+        out["times"] = times_of(model, out["times"])
+    if "every" in out:
+        out["every"] = rows_every(frame, out["every"], out["dt"])
+    if out.get("impulses"):
+        out["impulses"] = _impulses(frame, out["impulses"])
+    return {**asked, **out}
+
+
+def _impulses(frame: BodyFrame, asked: Any) -> Any:
+    """Impulses {"time": "2 s", "momentum": (0, 0, 1)} in the units and along the axes of the state."""
+    letters = {name: letter for letter, name in frame.names.items()}
+    out = []
+    for impulse in [asked] if isinstance(asked, Mapping) else asked:
+        if not isinstance(impulse, Mapping):
+            out.append(impulse)
+            continue
+        scaled = {}
+        for name, value in impulse.items():
+            letter = letters.get(str(name), str(name))
+            if letter == "time":
+                scaled[letter] = duration(frame, value, "impulses: the time")
+                continue
+            unit, size = frame.units.get(letter, ("1", 1.0))
+            vector = Scale(unit, size).scaled(value, f"impulses: {name}")
+            scaled[letter] = vector @ frame.axes if letter in frame.along and frame.turned else vector
+        out.append(scaled)
+    return out
+
+
+def scaled_events(frame: BodyFrame, events: Any) -> Any:
+    """Events whose functions receive and return a state in SI, by names in words, for a run in units of the state."""
+    several = [events] if isinstance(events, Event) else events
+    if not isinstance(several, Sequence) or not all(isinstance(each, Event) for each in several):
+        return events
+    return [
+        Event(
+            _of_si_state(frame, each.quantity, False),
+            None if each.action is None else _of_si_state(frame, each.action, True),
+            each.rising,
+        )
+        for each in several
+    ]
+
+
+def _of_si_state(frame: BodyFrame, function: Callable[[Any], Any], changes: bool) -> Callable[[Any], Any]:
+    """A function of a state in SI as a function of the state; `changes`: its result is a state too."""
+    letters = {name: letter for letter, name in frame.names.items()}
+
+    def each(state: Mapping[str, Any], forward: bool) -> dict[str, Any]:
+        names = frame.names if forward else letters
+        out = {}
+        for name, value in state.items():
+            letter = str(name) if forward else letters.get(str(name), str(name))
+            size = frame.units.get(letter, ("1", 1.0))[1]
+            change = _change(frame, letter, size if forward else 1 / size, forward)
+            out[names.get(str(name), str(name))] = value if change is None else change(np.asarray(value))
+        return out
+
+    @wraps(function)
+    def of_state(state: Mapping[str, Any]) -> Any:
+        result = function(each(state, True))
+        return each(result, False) if changes and isinstance(result, Mapping) else result
+
+    return of_state
+
+
+def state_quantity(run: xr.Dataset, quantity: Any) -> Any:
+    """A quantity of a run in SI by name, "momentum[2]", as a function of the components of its state."""
+    if not is_in_si(run) or not isinstance(quantity, str):
+        return quantity
+    record = RunRecord.from_attrs(run.attrs)
+    frame, match = record.body_frame, QUANTITY.fullmatch(quantity)
+    letters = {} if frame is None else {name: letter for letter, name in frame.names.items()}
+    if frame is None or match is None or match[1] not in letters:
+        return quantity
+    letter, index = letters[match[1]], match[2].strip()
+    kinds = list(record.kinds)
+    if not re.fullmatch(r"\[\s*[012]\s*\]", index) or letter not in kinds:
+        raise InputError(f"A quantity is a component such as {match[1]}[2], got {shown(quantity)}.")
+    place, part = kinds.index(letter), int(index.strip("[] "))
+    change = _change(frame, letter, frame.units.get(letter, ("1", 1.0))[1], True)
+
+    def component(*state: Array) -> Array:
+        value = np.asarray(state[place])
+        return np.asarray((value if change is None else change(value))[..., part])
+
+    component.__name__ = quantity
+    return component

@@ -1,0 +1,52 @@
+"""Variables that are computed from others when they are read: archives may be longer than memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+from kreisel.algebra import Array
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+LEAD = ("time", "lane", "event")  # axes of rows: other axes of a variable are read whole
+
+
+class _Computed(BackendArray):
+    """Rows computed from the rows of other variables; axes of components are read whole."""
+
+    def __init__(
+        self, shape: tuple[int, ...], lead: int, sources: Sequence[xr.Variable], function: Callable[..., Array]
+    ):
+        self.shape, self.dtype = shape, np.dtype(np.float64)
+        self._sources, self._function = sources, function
+        self._lead = lead
+
+    def __getitem__(self, key: Any) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._values)
+
+    def _values(self, key: tuple[Any, ...]) -> Array:
+        lead, inner = key[: self._lead], key[self._lead :]
+        rows = tuple(np.atleast_1d(np.arange(size)[k]) for k, size in zip(lead, self.shape, strict=False))
+        with np.errstate(all="ignore"):
+            values = self._function(*(np.asarray(v[rows].values) for v in self._sources))
+        return values[tuple(0 if np.ndim(k) == 0 and not isinstance(k, slice) else slice(None) for k in lead) + inner]
+
+
+def lazy(
+    dims: Sequence[Any],
+    shape: tuple[int, ...],
+    sources: Sequence[xr.Variable],
+    function: Callable[..., Array],
+    attrs: dict[str, Any] | None = None,
+) -> xr.Variable:
+    """A variable whose rows are `function` of the rows of `sources`, when they are read."""
+    import xarray as xr
+
+    lead = sum(d in LEAD for d in dims)
+    return xr.Variable(dims, indexing.LazilyIndexedArray(_Computed(shape, lead, sources, function)), attrs)

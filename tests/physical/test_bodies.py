@@ -1,0 +1,143 @@
+"""A body is simulated itself: SI in, SI out, along the axes in which it was given.
+
+The judges are those of `test_given_axes`: Euler's equations with the whole tensor by DOP853 in the axes given; and
+textbook facts of a top.
+"""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.spatial.transform import Rotation
+
+import kreisel as kr
+from kreisel.physical import FreeBody, Gyroscope, HeavyBody, Satellite, SubmergedBody
+
+from .test_given_axes import ADDED, CENTRE, LONG, ORBIT, RATE, ROWS, SHORT, TENSOR, TYPED, case, same
+
+WHEEL = Gyroscope.flat(mass="3 kg", axial_moment="0.17 kg m^2", lever="15 cm")
+BODIES: dict[str, Any] = {
+    "free": FreeBody(TENSOR, time_unit=2.0),
+    "satellite": Satellite(TENSOR, ORBIT),
+    "heavy": HeavyBody(1.0, TENSOR, CENTRE),
+    "submerged": SubmergedBody(1.0, TENSOR, ADDED, center_of_mass=CENTRE),
+}
+SETTINGS = {"heavy": {"order": 8}, "submerged": {"order": (8, 6, 4)}}
+
+
+def state(name: str) -> Any:
+    body = BODIES[name]
+    return (
+        body.state(angular_velocity=RATE, attitude=TYPED) if name == "submerged" else body.state(RATE, attitude=TYPED)
+    )
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_a_run_of_a_body_is_in_si_and_in_the_axes_given(name: str) -> None:
+    seconds, steps = (LONG, 10) if name in ("free", "satellite") else (SHORT, 20 if name == "submerged" else 10)
+    dt = seconds / ROWS / steps
+    run = kr.simulate(
+        BODIES[name], state(name), dt=f"{dt} s", t_end=f"{seconds} s", every=steps, **SETTINGS.get(name, {})
+    )
+    truth = case(name)
+    assert same(run.time, np.linspace(0, seconds, ROWS + 1), 1e-12) and run.time.attrs["units"] == "s"
+    assert same(run.angular_velocity, truth.Omega) and run.angular_velocity.attrs["units"] == "rad/s"
+    sign = np.sign((run.attitude.values * truth.attitude).sum(-1, keepdims=True))
+    assert same(sign * run.attitude.values, truth.attitude)
+    if name != "submerged":
+        assert same(run.momentum[0], TENSOR @ RATE, 1e-12) and run.momentum.attrs["units"] == "kg m^2/s"
+    energy = float(run.energy[0])
+    assert run.energy.attrs["units"] == "J"
+    height = Rotation.from_quat(TYPED, scalar_first=True).apply(CENTRE)[2]
+    kinetic, weight = RATE @ TENSOR @ RATE / 2, 9.80665 * height * (name == "heavy")
+    assert name in ("satellite", "submerged") or abs(energy - kinetic - weight) < 1e-12
+
+
+def test_a_top_as_its_owner_types_it() -> None:
+    """The slow precession m g l/(I3 w3) of a fast top, and its weight's potential energy."""
+    run = kr.simulate(WHEEL, WHEEL.state(tilt="30 deg", spin="3000 rpm"), dt="1 ms", t_end="2 s", every="10 ms")
+    assert run.sizes["time"] == 201 and abs(float(run.time[1]) - 0.01) < 1e-12
+    azimuth = np.unwrap(np.arctan2(run.axis[:, 1], run.axis[:, 0]))
+    rate = (azimuth[-1] - azimuth[0]) / 2
+    assert abs(rate / (3 * 9.80665 * 0.15 / (0.17 * 2 * np.pi * 50)) - 1) < 0.02
+    spinning = 0.17 * (100 * np.pi) ** 2 / 2 + 3 * 9.80665 * 0.15 * np.cos(np.pi / 6)
+    assert abs(float(run.energy[0]) / spinning - 1) < 1e-12
+    carried = Rotation.from_quat(run.attitude.values, scalar_first=True).apply([0, 0, 1])
+    assert same(carried, run.axis, 1e-12)
+    table = kr.drift(run)
+    assert not table.broken.any() and abs(table.start["energy"] / spinning - 1) < 1e-12
+    assert abs(float(kr.analysis.rates(run).spin[5]) - 100 * np.pi) < 1e-9
+
+
+def test_the_archive_the_row_and_the_resumed_run_say_the_same(tmp_path: Path) -> None:
+    body, x0 = BODIES["free"], state("free")
+    options = {"dt": "0.1 s", "every": 5}
+    whole = kr.simulate(body, x0, t_end="6 s", **options)
+    stored = kr.simulate(body, x0, t_end="3 s", path=tmp_path / "run.zarr", **options)
+    for name in stored.variables:
+        assert np.array_equal(stored[name].values, whole[name].values[: stored.sizes["time"]]), name
+        assert stored[name].attrs["units"] == whole[name].attrs["units"], name
+    longer = kr.resume(tmp_path / "run.zarr", extend=60)
+    assert np.array_equal(longer.momentum.values, whole.momentum.values)
+    assert same(longer.isel(time=[3]).angular_velocity.values, whole.angular_velocity.values[[3]], 0.0 + 1e-15)
+    follow = kr.simulate(body, stored.isel(time=-1) if False else whole.isel(time=6), t_end="3 s", **options)
+    assert same(follow.momentum, whole.momentum[6:], 1e-12) and same(follow.attitude, whole.attitude[6:], 1e-12)
+    assert same(kr.at(body, x0, ["0 s", "3 s"]).momentum, whole.momentum[[0, 6]], 1e-12)
+
+
+def test_what_a_body_refuses() -> None:
+    x0 = WHEEL.state(tilt=0.5, spin=200.0)
+    with pytest.raises(kr.InputError, match="multiple of dt"):
+        kr.simulate(WHEEL, x0, dt="1 ms", t_end="1 s", every="1.5 ms")
+    with pytest.raises(kr.InputError, match="dimension of s"):
+        kr.simulate(WHEEL, x0, dt="1 m", steps=10)
+    with pytest.raises(kr.InputError, match=r"Gyroscope\(\.\.\.\)"):
+        kr.simulate(Gyroscope, x0, dt="1 ms", steps=10)  # type: ignore[arg-type]
+    with pytest.raises(kr.InputError, match="arguments as a dict"):
+        kr.simulate(WHEEL, {"m": (0, 0, 1), "a": (0, 0, 1)}, dt="1 ms", steps=10)
+    again = pickle.loads(pickle.dumps(x0))
+    assert np.array_equal(again.orientation, x0.orientation)
+
+
+def test_impulses_and_events_are_in_si(tmp_path: Path) -> None:
+    """A blow of 1 N m s about the vertical adds 1 to the vertical momentum; events are found at the value asked for."""
+    body, x0 = BODIES["heavy"], state("heavy")
+    options: dict[str, Any] = {"dt": "5 ms", "t_end": "1 s", "every": "20 ms"}
+
+    def vertical(run: xr.Dataset) -> Any:
+        return (run.momentum * run.up).sum("xyz").values
+
+    free = kr.simulate(body, x0, **options)
+    up, level = np.asarray(free.up[25]), float(free.up[:26, 2].mean())
+    run = kr.simulate(body, x0, impulses={"time": "0.5 s", "momentum": up}, **options)
+    assert abs(vertical(run)[24] - vertical(run)[0]) < 1e-9 and abs(vertical(run)[-1] - vertical(run)[0] - 1) < 1e-9
+
+    def falls(x: Any) -> Any:
+        return x["up"][2] - level
+
+    def stopped(x: Any) -> Any:
+        return {**x, "momentum": 0 * x["momentum"]}
+
+    stop = kr.simulate(body, x0, events=kr.Event(falls), **options)
+    assert abs(float(stop.up[-1, 2]) - level) < 1e-9 and float(stop.time[-1]) < 0.5
+    kr.simulate(body, x0, events=kr.Event(falls, stopped), path=tmp_path / "run.zarr", **options)
+    longer = kr.resume(tmp_path / "run.zarr", extend=400, events=kr.Event(falls, stopped))
+    assert float(longer.time[-1]) == pytest.approx(2.0)
+
+
+def test_analysis_speaks_in_si() -> None:
+    run = kr.simulate(WHEEL, WHEEL.state(tilt="30 deg", spin="3000 rpm"), dt="1 ms", t_end="0.4 s")
+    cut = kr.analysis.events(run, "axis[2]", value=0.86598, rising=True)
+    assert cut.sizes["event"] > 5 and abs(cut.axis[:, 2] - 0.86598).max() < 1e-9 and cut.time.attrs["units"] == "s"
+    table = kr.analysis.mean_rates(run)
+    assert abs(table.difference / table.closed_form)["nutation_period"] < 0.02  # a map of order 2
+    assert abs(table.closed_form["spin"] / (100 * np.pi) - 1) < 1e-12
+    period = np.diff(cut.time.values).mean()
+    assert abs(table.measured["nutation_period"] / period - 1) < 0.01
+    omega = kr.analysis.angular_velocity(run, frame="space")
+    assert same(omega, run.angular_velocity, 1e-9) and same(omega.time, run.time, 0.0 + 1e-15)
