@@ -210,6 +210,24 @@ class _KirchhoffRevolution(System):
 
 KirchhoffRevolution: _KirchhoffRevolution
 
+class _Komarov(System):
+    def __call__(
+        self,
+        *,
+        kappa: ArrayLike = 0.0,
+        beta: ArrayLike = 0.0,
+        c: ArrayLike = 1.0,
+        gamma: ArrayLike = 0.0,
+    ) -> Model:
+        r"""Kovalevskaya's top on e(3), so(4) and so(3,1), with Sokolov's terms and a rotor.
+
+        kappa: curvature of the phase space: zero is e(3), negative so(4), positive so(3,1)
+        beta: strength of Sokolov's terms
+        c: strength of the linear potential
+        gamma: the momentum of a rotor along the third axis"""
+
+Komarov: _Komarov
+
 class _KovalevskayaGyrostat(System):
     def __call__(
         self,

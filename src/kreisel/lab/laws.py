@@ -170,7 +170,7 @@ def integrals_of_the_map(case: Case) -> Sides:
     new = case.call(case.map.step)
     space = case.system.space
     if space.casimirs is not None:
-        yield space.casimirs(*new), space.casimirs(*case.state)
+        yield case.call(space.casimirs, *new), case.call(space.casimirs)
     for function in conserved_functions(case.system):
         yield np.asarray(case.call(function, *new)), np.asarray(case.call(function))
 
@@ -440,10 +440,9 @@ def spectral_point(case: Case) -> Sides:
 
 @law("I(D(z)) = I(z) for the Casimirs and every integral of the continuous flow", has_baecklund)
 def integrals_of_baecklund(case: Case) -> Sides:
-    casimirs: Any = case.system.space.casimirs
     for curve in (_point_on_curve(case), _pairs(case)[0]):
         new = curve.move()
-        yield casimirs(*new), casimirs(*curve.state)
+        yield tuple(curve.call(case.system.space.casimirs, *z) for z in (new, curve.state))
         for function in (case.system.energy, *case.system.integrals.values()):
             yield np.asarray(curve.call(function, *new)), np.asarray(curve.call(function, *curve.state))
 

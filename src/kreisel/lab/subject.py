@@ -182,7 +182,7 @@ def _of_model(model: Model, eps: Any) -> Subject:
         return np.concatenate([np.ravel(call(f, unpacked(x), values)) for f in extra])
 
     def casimirs(x: Array) -> Array:
-        return np.ravel(call(space.casimirs, unpacked(x), {}))
+        return np.ravel(model.call(space.casimirs, *unpacked(x)))
 
     def allowed(x: Array, **values: Any) -> bool:
         return bool(values["eps"] < call(mapped.largest_step, unpacked(x), values))

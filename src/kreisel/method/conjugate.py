@@ -216,7 +216,8 @@ class Torus:
 
         M may be far smaller than it soon becomes; Newton's method must not solve for its last places then.
         """
-        turns = [call(self.system.velocity, z, self.constants) for z in (self.state, rates)]
+        velocity = self.system.velocity
+        turns = [z[0] if velocity is None else call(velocity, z, self.constants) for z in (self.state, rates)]
         now, later = (np.linalg.norm(Omega.astype(float)) for Omega in turns)
         time = 1 / rate if (rate := now + np.sqrt(later)) else 0.0
         pairs = zip(self.state, rates, strict=True)
@@ -229,6 +230,13 @@ class Torus:
 
     def _matrix(self, lam: Array) -> Array:
         return call(self.record.matrix, self.state, {**self.constants, "lam": lam})
+
+    def _levels(self, lam: Array) -> tuple[Array, Array, Array]:
+        """mu (..., k), left and right vectors (..., k, m), in the precision of lam if the record states them."""
+        if self.record.levels is not None:
+            return call(self.record.levels, self.state, {**self.constants, "lam": lam})
+        values, vectors = np.linalg.eig(self._matrix(lam).astype(complex))
+        return values, np.linalg.inv(vectors), vectors.mT
 
     def _fields(self, lam: Array, left: Array, right: Array) -> tuple[Array, Array]:
         vectors = {"left": left / algebra.vec((left * right).sum(-1)), "right": right}
@@ -245,15 +253,15 @@ class Torus:
                 f"{self.system.name}: expected products of the state and the parameters that a double can hold, for "
                 "method='exact', got larger ones. Usual cause: units. Use method='dop853'."
             )
-        mu, right = np.linalg.eig(L)
-        left, count = np.linalg.inv(right), mu.shape[-1]
+        mu, left, right = (v.astype(complex) for v in self._levels(lam))
+        count = mu.shape[-1]
         slope = (self._matrix(lam + near) - self._matrix(lam - near)) / (2 * near[:, None, None])
-        change = left @ slope.astype(complex) @ right
+        change = left @ slope.astype(complex) @ right.mT
         gap, ends = mu[:, :, None] - mu[:, None, :], np.diagonal(change, 0, -2, -1)
         # Two levels meet where (gap + t (a - b))^2 + 4 t^2 c d = 0.
         meet = abs(gap) / np.sqrt(abs((ends[:, :, None] - ends[:, None, :]) ** 2 + 4 * change * change.mT))
         radius = np.minimum(np.where(np.eye(count) > 0, np.inf, meet).min(-1), pole[:, None]).ravel()
-        fields, _ = self._fields(lam.repeat(count), left.reshape(-1, count), right.mT.reshape(-1, count))
+        fields, _ = self._fields(lam.repeat(count), *(v.reshape(-1, v.shape[-1]) for v in (left, right)))
         C, f = (fields.real.astype(float) * radius[:, None]).T, self.flow.astype(float)
         if not f.any():  # at rest: the pair of any mu but an eigenvalue is the identity for x = 0
             return Points(y[:1], 2 * abs(mu).max(keepdims=True).reshape(1) + pole[:1], np.zeros(1), pole[:1])
@@ -307,6 +315,8 @@ class Torus:
 
     def _rest(self, dt: float, copies: int, turn: Array) -> Array:
         """The turn of the body in a step less those of the pairs."""
+        if self.system.velocity is None:
+            return np.zeros((self.state[0].shape[-1],) * 2)
         Omega = call(self.system.velocity, self.state, self.constants)
         return np.asarray(dt * Omega - copies * turn, float)
 
@@ -337,15 +347,15 @@ class Torus:
         nodes, weights = legendre(NODES)
         lam = 1j * self.points.y[:, None] + x[:, None] * np.append(nodes, 1)
         lam = lam if wide else lam.astype(complex)
-        L = self._matrix(lam)
-        values, vectors = np.linalg.eig(L.astype(complex))
-        inverse, last, branch = np.linalg.inv(vectors), self.points.mu, list[Array]()
+        values, inverse, vectors = self._levels(lam)
+        last, branch = self.points.mu, list[Array]()
         for row in values.swapaxes(0, 1):
             branch.append(abs(row - last[:, None]).argmin(-1))
             last = np.take_along_axis(row, branch[-1][:, None], -1)[:, 0]
         at = (*np.ogrid[: len(x), : len(nodes) + 1], np.stack(branch, -1))
-        mu, right, left = values[at], vectors.mT[at], inverse[at]
-        if wide:
+        mu, right, left = values[at], vectors[at], inverse[at]
+        if wide and self.record.levels is None:
+            L = self._matrix(lam)
             (_, left), (mu, right) = refined(L.mT, mu, left), refined(L, mu, right)
         fields, Omega = self._fields(lam, left, right)
         weights = x[:, None] * weights

@@ -294,6 +294,8 @@ class ConjugatePairs:
                                      body, analytic in lam; for left and right eigenvectors with <left, right> = 1
     pair(*state, lam, mu)            (state, turns): the state, and rotations g cay(X) of the body, one after another,
                                      except one that commutes with all it carries; mu: nearest eigenvalue of this state
+    levels(*state, lam)              (mu (..., k), left, right (..., k, m)): some of the branches and their vectors, in
+                                     the precision of the state, if L q = mu S q with an S that may be singular
     dimensions                       n
     """
 
@@ -301,6 +303,7 @@ class ConjugatePairs:
     heights: Function
     rates: Function
     pair: Function
+    levels: Function | None = None
     dimensions: tuple[int, ...] = (3, 4)
 
 

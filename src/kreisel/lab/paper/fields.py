@@ -8,16 +8,19 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array, dot, identity, moebius, solve
+from kreisel.algebra.complex import Complex
 from kreisel.algebra.invariants import determinant
 from kreisel.algebra.matrices import blocks
+from kreisel.baecklund.komarov import PENCIL
 from kreisel.lab.exact import jacobian
 from kreisel.lab.law import Sides
 from kreisel.lab.paper.statements import Setting, leaf_rank, stated, stated_law
 from kreisel.record.contract import MOVING_SPACE, TWO_FIELDS_SPACE
-from kreisel.system import REGISTRY, kovalevskaya_top_e3, kovalevskaya_top_so3
+from kreisel.system import REGISTRY, komarov, kovalevskaya_top_e3, kovalevskaya_top_so3
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 
 PLACE = "Beyond the paper, quadratic fields"
+FAMILY = "Beyond the paper, Kovalevskaya's top on e(3), so(4) and so(3,1)"
 ONE, UNIT, SWAP, MIRROR = (np.array(x) for x in ([[1]], [[0, -1], [1, 0]], [[0, 1], [1, 0]], [[1, 0], [0, -1]]))
 FIRST, LAST = np.diag([1, 0]), np.diag([0, 1])
 COMPLEX = (identity(2), UNIT)
@@ -196,6 +199,36 @@ def curve_of_two_fields(s: Setting) -> Sides:
     yield np.asarray(determinant(pencil)), np.asarray(mu * curve)
 
 
+@stated("komarov-curve", FAMILY, dimensions=(3,))
+def komarov_curve(s: Setting) -> Sides:
+    """nu b + m - mu S of size 7 has det/mu = (u - v)^2 (u - w v) - 2 H u^2 + (2 H - beta^2 C - kappa c^2 + gamma^2 (1 - w)) u v + (beta^2 C + kappa c^2) v^2 + K u + (beta^2 D^2 - c^2 C) v - c^2 D^2, u = nu^2, v = mu^2, w = kappa beta^2, C = |P|^2 - kappa |M|^2, D = <M, P>"""
+    (M, P), values = MOVING_SPACE.point(3, s.draw), {k: s.scalar() for k in ("kappa", "beta", "c", "gamma")}
+    kappa, beta, c, gamma = values.values()
+    x, nu, mu = algebra.axial(M), s.lam, s.scalar()
+    u, v, C, D = nu * nu, mu * mu, dot(P, P) - kappa * dot(x, x), dot(x, P)
+    t, own = beta * beta, {"beta": beta, "c": c, "gamma": gamma}
+    w, H, K = kappa * t, komarov.energy(M, P, **own), komarov.komarov(M, P, kappa=kappa, **own)
+    curve = (u - v) * (u - v) * (u - w * v) - 2 * H * u * u + K * u + (t * D * D - c * c * C) * v - c * c * D * D
+    curve = curve + (2 * H - t * C - kappa * c * c + gamma * gamma * (1 - w)) * u * v + (t * C + kappa * c * c) * v * v
+    ends = (1 + 0 * u, -kappa, -t)
+    pencil = nu * PENCIL + komarov.skew_of(M, P, **own) - mu * np.diag([ends[0]] * 5 + [*ends[1:]])
+    yield np.asarray(determinant(pencil)), np.asarray(mu * curve)
+
+
+@stated("komarov-square", FAMILY, dimensions=(3,))
+def komarov_square(s: Setting) -> Sides:
+    """gamma = 0: (H + (kappa c^2 + beta^2 C)/2)^2 + (1 - w)(c^2 C - beta^2 D^2 - K) is Kovalevskaya's integral |(1 - w) z^2 - beta^2 y^2 - 2 k y - kappa k^2|^2/4, z = M_1 + i M_2, y = P_1 + i P_2, k = c + i beta M_3"""
+    (M, P), kappa, beta, c = MOVING_SPACE.point(3, s.draw), s.scalar(), s.scalar(), s.scalar()
+    x, own = algebra.axial(M), {"beta": beta, "c": c, "gamma": 0 * c}
+    C, D, t, e = dot(P, P) - kappa * dot(x, x), dot(x, P), beta * beta, kappa * c * c
+    w, H, K = kappa * t, komarov.energy(M, P, **own), komarov.komarov(M, P, kappa=kappa, **own)
+    z, y, k = Complex(x[0], x[1]), Complex(P[0], P[1]), Complex(c, beta * x[2])
+    root = (1 - w) * (z * z) - t * (y * y) - 2 * (k * y) - kappa * (k * k)
+    shifted = H + (e + t * C) / 2
+    square = shifted * shifted + (1 - w) * (c * c * C - t * D * D - K)
+    yield np.asarray((root.re * root.re + root.im * root.im) / 4), np.asarray(square)
+
+
 @stated("field-ranks", PLACE, dimensions=(3, 4, 5), numbers=("exact",))
 def field_ranks(s: Setting) -> Sides:
     """energy and spectrum of the maps have on a leaf the rank n (n - 1)/2 in a quadratic field, half its dimension; 2 n - 3 for Kovalevskaya's tops and gyrostats, half of it for n = 3, 4; n - 1 for Lagrange's and 2, 4, 7 for Ratiu's"""
@@ -229,3 +262,11 @@ for name in MAPS:
         ("poisson", "integrals-of-the-map", "involution", "discrete-lax-pencil"),
         dimensions=(3, 4) if REGISTRY[name].n is None else (3,),
     )
+stated_law(
+    "komarov-flow",
+    FAMILY,
+    "the flow is Hamiltonian, its integrals are in involution, and it has a Lax pair of size 7",
+    REGISTRY["komarov"],
+    ("hamiltonian-flow", "jacobi-identity", "casimirs", "integrals-of-the-flow", "involution", "lax-equation"),
+    dimensions=(3,),
+)

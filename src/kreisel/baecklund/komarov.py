@@ -1,0 +1,207 @@
+"""Conjugate pairs of Bäcklund maps of Kovalevskaya's top on e(3), so(4) and so(3,1), state (M, P), P a vector.
+
+(lam b + m - mu S) q = 0 is the pencil of the system, its rows in two blocks of four and three, q = (a, q_6; b, q_7);
+at -lam the vector is J q, J = diag(1, 1, 1, -1, -1, 1, -1).  As for Kovalevskaya's top the matrix of the four vectors
+of a point lam = x + iy and its conjugate is known in closed form: with r = q^T S q*, s = q^T S q, t = q^T S J q*,
+
+    m' = m + b Q S - S Q b,   Q = (8x/D) Re[(r - i t x/y) a b^+ - x conj(s/lam) a b^T] between the blocks,
+    D = r^2 - |x s/lam|^2 + (t x/y)^2,   W = cay(4xy/(r y^2 + t x^2) (Re b ^ Im b) S) on the second block,
+
+m' having the second block W^T (m - mu S) W.  Rotations of the axes 1 and 2 act on it, and the maps that keep its last
+column (c, beta n) are those that keep the direction of f = (1, 0, -beta).  So a rotation follows, that makes the first
+two entries of W^T f a multiple of (1, 0): the factor W is one rotation and one such map, as in Iwasawa's decomposition.
+[The pencil and the maps were derived here]
+"""
+
+import numpy as np
+
+from kreisel.algebra import KINDS, axial, bracket, cross, dot, hat, identity, mat, parts, vec
+from kreisel.algebra import shifted_resolvent as resolvent
+from kreisel.algebra import together as complex_of
+from kreisel.baecklund.conjugate import HEIGHTS, longest
+from kreisel.errors import InputError
+from kreisel.record.contract import ConjugatePairs
+
+LOW, HIGH, TRIED, CLEAR = 0.3, 12.0, 48, 1.05  # |lam| tried in units of the sizes; |mu| is larger than |M| by CLEAR
+REAL = 1e-9  # relative: rounding of imaginary mu
+SHIFTS = np.geomspace(1e-4, 1e4, 81)
+THIRD = np.array([0, 0, 1], dtype=np.int8)
+PENCIL = np.zeros((7, 7), dtype=np.int8)  # b
+for i, j, sign in ((0, 3, 1), (1, 4, 1), (5, 6, -1)):
+    PENCIL[i, j] = PENCIL[j, i] = sign
+
+
+def cubic(curve, lam):
+    """The polynomial for y = mu^2 - lam^2, the highest power first: det L/mu over lam^2."""
+    rotor, linear, mixed, square, third, last, w = curve
+    u = lam * lam
+    X = 1 / u
+    return -w * X, 1 - w + square * X, mixed + 2 * square + third * X, rotor * u + linear + third + last * X
+
+
+def newton(p, y):
+    """The step -p(y)/p'(y)."""
+    a, b, c, d = p
+    return -(((a * y + b) * y + c) * y + d) / ((3 * a * y + 2 * b) * y + c)
+
+
+def branches(curve, lam):
+    """The mu (..., 4) next to lam and -lam; in the precision of the curve."""
+    p = [np.asarray(v + 0 * lam, complex) for v in cubic(curve, lam)]
+    if float(curve[-1]):
+        companion = np.zeros((*lam.shape, 3, 3), complex)
+        companion[..., 1, 0] = companion[..., 2, 1] = 1
+        companion[..., 0, :] = np.stack([-v / p[0] for v in p[1:]], -1)
+        roots = np.linalg.eigvals(companion)
+        y = np.take_along_axis(roots, abs(roots).argsort(-1)[..., :2], -1)
+    else:
+        middle, wide = -p[2] / (2 * p[1]), np.sqrt(p[2] * p[2] - 4 * p[1] * p[3]) / (2 * p[1])
+        y = np.stack([middle + wide, middle - wide], -1)
+    lam = lam[..., None]
+    exact, y = cubic(curve, lam), y.astype(np.result_type(y, lam))
+    for _ in range(3):
+        change = newton(exact, y)
+        y = y + np.where(np.isfinite(change), change, 0)
+    mu = lam * np.sqrt(1 + y / (lam * lam))
+    return np.concatenate([mu, -mu], -1)
+
+
+def vector(M, P, n, e, kappa, beta, lam, mu):
+    """(a, q_6) (..., 4) and (b, q_7) (..., 3) for mu: of the transposed pencil for -M, -P, -n, -e."""
+    one, square = identity(3), beta * beta * mu
+    along = resolvent(mu, M, P)
+    scale = 1 / (kappa * square * mu - lam * lam - square * dot(P, along))
+    columns = []
+    for i in (0, 1):
+        X = resolvent(mu, M, one[i])
+        sixth = lam * (e[i] + square * dot(P, X)) * scale
+        a = vec(lam) * X + vec(sixth) * along
+        seventh = (kappa * mu * sixth - dot(P, a)) / lam
+        rows = [lam * a[..., j][()] + e[j] * seventh - mu * (i == j) + n * (i - j) for j in (0, 1)]
+        columns.append((a, sixth, seventh, rows))
+    (a0, s0, z0, (A, C)), (a1, s1, z1, (B, D)) = columns
+    minors = np.stack([np.stack([D, -B], -1), np.stack([-C, A], -1)], -2)
+    u, w, size = longest(minors)
+    b = complex_of(u / size, w / size)
+    p, q = b[..., 0][()], b[..., 1][()]
+    a = vec(p) * a0 + vec(q) * a1
+    a = np.stack([*(a[..., i][()] for i in range(3)), p * s0 + q * s1], -1)
+    return a, np.stack([p, q, p * z0 + q * z1], -1)
+
+
+def column(M, *, beta, c, gamma):  # n and (c, beta n)
+    n = axial(M)[..., 2][()] + gamma
+    return n, (c + 0 * n, beta * n)
+
+
+def forms(kappa, beta):
+    """The diagonal of S on the two blocks."""
+    one = 1 + 0 * kappa
+    return np.stack([one, one, one, -kappa], -1), np.stack([one, one, -beta * beta], -1)
+
+
+def moved(Q, kappa):
+    """The changes of M and P by Q (..., 4, 3)."""
+    E, sides = identity(3)[:, :2], Q[..., :3, :2]
+    return E @ sides.mT - sides @ E.T, Q[..., :3, 2] - vec(kappa) * (Q[..., 3, :2] @ E.T)
+
+
+def rates(M, P, *, kappa, beta, lam, left, right):
+    S = np.concatenate(forms(kappa, beta), -1)
+    Pi = right[..., :, None] * (left / vec((left * S * right).sum(-1)))[..., None, :]
+    first, second = moved(4 * (Pi + Pi.mT)[..., :4, 4:], kappa)
+    N = -4 / mat(lam) * (Pi - Pi.mT)[..., 4:, 4:]
+    turn = -(N[..., 0, 1] + beta * N[..., 1, 2])
+    spun = mat(turn) * bracket(hat(THIRD), M), vec(turn) * cross(THIRD, P)
+    return (first + spun[0], second + spun[1]), 0 * first
+
+
+def pair(M, P, *, kappa, beta, c, gamma, curve, lam, mu):
+    (x, y), (n, e) = parts(lam), column(M, beta=beta, c=c, gamma=gamma)
+    mu = mu + newton(cubic(curve, lam), mu * mu - lam * lam) / (2 * mu)
+    a, b = vector(M, P, n, e, kappa, beta, lam, mu)
+    (u, w), (v, z), (A, B) = parts(a), parts(b), forms(kappa, beta)
+    ra, rb = dot(u, A * u) + dot(w, A * w), dot(v, B * v) + dot(z, B * z)
+    p, h = dot(u, A * u) - dot(w, A * w) + dot(v, B * v) - dot(z, B * z), dot(u, A * w) + dot(v, B * z)
+    r, t, size = ra + rb, ra - rb, x * x + y * y
+    bend = t * x / y
+    both = 8 * x / (r * r - x * x * (p * p + 4 * h * h) / size + bend * bend)
+    d, f = x * (p * x + 2 * h * y) / size, x * (p * y - 2 * h * x) / size  # x conj(s/lam) = d + i f, s = p + 2i h
+    left, right = mat(r - d) * u[..., None] + mat(f + bend) * w[..., None], mat(f - bend) * u[..., None]
+    Q = mat(both) * (left * v[..., None, :] + (right + mat(r + d) * w[..., None]) * z[..., None, :])
+    first, second = moved(Q, kappa)
+    X = mat(tangent(v, z, B, beta, 4 * x * y / (r * y * y + t * x * x))) * hat(THIRD)
+    return (KINDS["skew"].turned(X, M + first), KINDS["vector"].turned(X, P + second)), ()
+
+
+def tangent(v, z, B, beta, zeta):
+    """Of half the angle of the rotation, for W = cay(zeta (v ^ z) B)."""
+    vv, zz, vz = dot(v, B * v), dot(z, B * z), dot(v, B * z)
+    (v1, v2, v3), (z1, z2, z3) = (tuple(t[..., i][()] for i in range(3)) for t in (v, z))
+    vf, zf = v1 - beta * v3, z1 - beta * z3
+    scale = 2 * zeta / (1 + zeta * zeta * (vv * zz - vz * vz))
+    p, q = ((1 - zeta * vz) * zf + zeta * zz * vf) * scale, ((1 + zeta * vz) * vf - zeta * vv * zf) * scale
+    return (v2 * p - z2 * q) / (2 - (v1 * p - z1 * q) - beta * (v3 * p - z3 * q))
+
+
+def bounds(M, P, energy, *, kappa, beta, c, gamma):
+    """Bounds of |M| and |P| on the orbit, from H + s (|P|^2 - kappa |M|^2), a positive form for some s.
+
+    Raises `InputError` if there is none: kappa beta^2 >= 1.
+    """
+    square, u = beta * beta, axial(M)
+    if kappa * square >= 1:
+        raise InputError(
+            f"method='exact' of komarov: expected kappa beta^2 < 1, got {float(kappa * square):.3g}, for which the "
+            "motion may be unbounded. Use method='dop853'."
+        )
+    size, unit = np.sqrt(dot(P, P)), max(abs(c), square) or 1.0
+    if kappa > 0:
+        low, high = square / 2, 1 / (2 * kappa)
+        s = low + (high - low) * SHIFTS / (1 + SHIFTS)
+    else:
+        s = square / 2 + unit / (size or 1.0) * SHIFTS
+    first, third = 1 / 2 - s * kappa, 1 - s * kappa
+    det = third * s - square / 4
+    shift = (s - square / 2) * gamma / (2 * det), beta * gamma * (third - 1 / 2) / (2 * det)
+    room = energy + s * (dot(P, P) - kappa * dot(u, u)) + c * c / (4 * s)
+    room = room + gamma * (shift[0] + beta * shift[1]) / 2
+    room = np.maximum(room, 0)
+    most = np.sqrt(room * np.maximum(1 / first, s / det)) + abs(shift[0])
+    widest = np.maximum(np.maximum(1 / s, third / det), 1 / (s - square / 2))
+    far = np.sqrt(room * widest) + abs(shift[1]) + abs(c) / (2 * s)
+    return float(most.min()), float(size) if kappa == 0 else float(far.min())
+
+
+def pairs_of(curve, energy, matrix):
+    """The record, from the numbers of the spectral curve, H and m of a state."""
+
+    def levels(M, P, *, kappa, beta, c, gamma, lam):
+        values = curve(M, P, kappa=kappa, beta=beta, c=c, gamma=gamma)
+        mu, (n, e) = branches(values, lam), column(M, beta=beta, c=c, gamma=gamma)
+        lam, S = lam[..., None] + 0 * mu, np.concatenate(forms(kappa, beta), -1)
+        right, left = (
+            np.concatenate(vector(s * M, s * P, s * n, (s * e[0], s * e[1]), kappa, beta, lam, mu), -1) for s in (1, -1)
+        )
+        return mu, left / vec((left * S * right).sum(-1)), right
+
+    def heights(M, P, *, kappa, beta, c, gamma):
+        constants = {"kappa": kappa, "beta": beta, "c": c, "gamma": gamma}
+        most, far = bounds(M, P, energy(M, P, beta=beta, c=c, gamma=gamma), **constants)
+        unit = max(most, abs(float(beta)) * far, np.sqrt(abs(float(kappa))) * abs(float(c))) or 1.0
+        y = np.geomspace(LOW, HIGH, TRIED) * unit
+        mu = branches(curve(M, P, **constants), 1j * y)[..., :2].astype(complex)
+        gap = (y * y)[:, None] - float(kappa * beta * beta) * mu.imag**2
+        least = np.where(gap > 0, mu.imag * (1 - float(beta * far) ** 2 / gap), 0)
+        y = y[((abs(mu.real) < REAL * y[:, None]) & (least > CLEAR * most)).all(-1)]
+        y = y[:: max(1, len(y) // HEIGHTS)]
+        return y, y
+
+    def pair_of(M, P, *, kappa, beta, c, gamma, lam, mu):
+        values = curve(M, P, kappa=kappa, beta=beta, c=c, gamma=gamma)
+        return pair(M, P, kappa=kappa, beta=beta, c=c, gamma=gamma, curve=values, lam=lam, mu=mu)
+
+    def matrix_of(M, P, *, beta, c, gamma, lam):
+        return lam[..., None, None] * PENCIL + matrix(M, P, beta=beta, c=c, gamma=gamma)
+
+    return ConjugatePairs(matrix=matrix_of, heights=heights, rates=rates, pair=pair_of, levels=levels, dimensions=(3,))

@@ -1,0 +1,166 @@
+"""Kovalevskaya's top on e(3), so(4), so(3,1) and Sokolov's case: the record over Q, the exact step, mutants."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel import algebra
+from kreisel.baecklund import komarov as maps
+from kreisel.lab import laws
+from kreisel.system import komarov
+from sizes import FULL
+from taylor import flow_of
+
+SYSTEM = komarov.SYSTEM
+CASES = {  # kappa, beta, c, gamma
+    "e(3)": (0.0, 0.0, 1.0, 0.0),
+    "so(4), rotor": (-0.4, 0.0, 1.0, 0.3),
+    "so(3,1)": (0.4, 0.0, 1.0, 0.0),
+    "so(4), Sokolov's terms, rotor": (-0.4, 0.6, 1.0, 0.3),
+    "Sokolov's case": (0.0, 0.6, 0.0, 0.0),
+    "Sokolov's case on so(3,1), rotor": (0.4, 0.6, 0.0, 0.2),
+}
+FEW = ("so(4), rotor", "so(4), Sokolov's terms, rotor", "Sokolov's case on so(3,1), rotor")
+
+
+def case(name: str, seed: int = 0) -> tuple[Any, dict[str, np.ndarray]]:
+    M, P = np.random.default_rng([5, seed]).normal(size=(2, 3)) * 0.7
+    return kr.Komarov(**dict(zip(("kappa", "beta", "c", "gamma"), CASES[name], strict=True))), {"M": M, "P": P}
+
+
+def off(model: Any, state: dict[str, np.ndarray], dt: float, steps: int, digits: int = 20, **options: Any) -> float:
+    """The error of the last row against a Taylor series, relative to the largest coordinate."""
+    run = kr.simulate(model, state, dt=dt, steps=steps, every=steps, method="exact", **options)
+    z = model.state(**state)
+    want = flow_of(model, (z["M"], z["P"]), dt * steps, digits=digits).astype(float)
+    end = np.concatenate([algebra.coordinates(algebra.hat(run.M.values[-1])), run.P.values[-1]])
+    return float(abs(end - want).max() / abs(want).max())
+
+
+def test_the_record_over_q_at_twenty_points() -> None:
+    verdicts = laws.check(SYSTEM, numbers=("exact",), seeds=range(20))
+    assert {v.law for v in verdicts} == {
+        *("hamiltonian-flow", "jacobi-identity", "casimirs", "integrals-of-the-flow", "involution", "lax-equation")
+    }
+    assert len(verdicts) == 120
+    assert all(v.holds for v in verdicts)
+
+
+def lax_without_a_rotor(M: Any, P: Any, *, kappa: Any, beta: Any, c: Any, gamma: Any, lam: Any) -> Any:
+    return komarov.lax(M, P, kappa=kappa, beta=beta, c=c, gamma=0 * gamma, lam=lam)
+
+
+def lax_on_e3(M: Any, P: Any, *, kappa: Any, beta: Any, c: Any, gamma: Any, lam: Any) -> Any:
+    return komarov.lax(M, P, kappa=0 * kappa, beta=beta, c=c, gamma=gamma, lam=lam)
+
+
+def other_sign(M: Any, P: Any, *, kappa: Any) -> Any:
+    return komarov.tensor(M, P, kappa=-kappa)
+
+
+def without_the_casimir(M: Any, P: Any, *, kappa: Any, beta: Any, c: Any, gamma: Any) -> Any:
+    K = komarov.komarov(M, P, kappa=kappa, beta=beta, c=c, gamma=gamma)
+    return K - 2 * c * algebra.dot(algebra.axial(M), P) * algebra.axial(M)[..., 0]
+
+
+@pytest.mark.parametrize(
+    ("law", "mutant"),
+    [
+        ("lax-equation", replace(SYSTEM, lax=lax_without_a_rotor)),
+        ("lax-equation", replace(SYSTEM, lax=lax_on_e3)),
+        ("hamiltonian-flow", replace(SYSTEM, space=replace(SYSTEM.space, tensor=other_sign))),
+        ("casimirs", replace(SYSTEM, space=replace(SYSTEM.space, tensor=other_sign))),
+        ("involution", replace(SYSTEM, integrals={"komarov": without_the_casimir})),
+    ],
+)
+def test_mutants_of_the_record(law: str, mutant: Any) -> None:
+    (found,) = (v for v in laws.check(mutant, numbers=("exact",)) if v.law == law)
+    assert not found.holds
+
+
+def test_on_e3_it_is_kovalevskayas_top() -> None:
+    """The flow of a record that shares no formula with this one."""
+    model, state = case("e(3)")
+    z = model.state(**state)
+    for mine, other in zip(model.flow(z["M"], z["P"]), kr.KovalevskayaTopE3().flow(z["M"], z["P"]), strict=True):
+        assert abs(mine - other).max() < 1e-15
+
+
+@pytest.mark.parametrize("name", CASES if FULL else FEW)
+@pytest.mark.parametrize(("dt", "steps"), [(0.3, 10), *[(0.3125, 160)] * FULL])
+def test_the_exact_step_against_taylor(name: str, dt: float, steps: int) -> None:
+    model, state = case(name)
+    assert off(model, state, dt, steps, 40 if steps > 10 else 20) < 1e-13
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_pair_keeps_the_integrals_and_the_form_of_the_pencil_wherever_its_point_is(name: str) -> None:
+    model, state = case(name)
+    z = model.state(**state)
+    z = z["M"], z["P"]
+
+    def values(state: Any) -> np.ndarray:
+        functions = (SYSTEM.space.casimirs, SYSTEM.energy, komarov.komarov)
+        return np.concatenate([np.ravel(model.call(f, *state)) for f in functions])
+
+    for lam in (0.7 + 2.9j, -0.1 + 4.0j, 2.5 + 1.4j):
+        mu = model.call(model.system.pairs.levels, *z, lam=np.array([lam]))[0][0, 0]
+        new, _ = model.call(model.system.pairs.pair, *z, lam=np.complex128(lam), mu=mu)
+        assert abs(values(new) - values(z)).max() < 1e-13 * (1 + abs(values(z)).max())
+        assert abs(new[1] - z[1]).max() > 1e-3
+
+
+def test_vectors_of_the_pencil() -> None:
+    """Right and left ones of nu b + m - mu S, for all four branches."""
+    model, state = case("so(4), Sokolov's terms, rotor")
+    z, lam = model.state(**state), np.array([0.7 + 2.9j])
+    order = [0, 1, 2, 5, 3, 4, 6]
+    L = model.call(model.system.pairs.matrix, z["M"], z["P"], lam=lam)[0][np.ix_(order, order)]
+    S = np.diag(np.concatenate(maps.forms(*(model.params[k] for k in ("kappa", "beta")))))
+    for mu, left, right in zip(
+        *(v[0] for v in model.call(model.system.pairs.levels, *z.values(), lam=lam)), strict=True
+    ):
+        assert abs((L - mu * S) @ right).max() < 1e-14
+        assert abs(left @ (L - mu * S)).max() < 1e-14
+        assert abs(left @ S @ right - 1) < 1e-14
+
+
+@pytest.mark.filterwarnings("ignore::kreisel.ConservationWarning")
+@pytest.mark.parametrize("mutant", ["rotor", "kappa", "turn"])
+def test_mutants_of_the_maps(mutant: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    model, state = case("so(4), Sokolov's terms, rotor")
+    record, changed = model.system.pairs, {"rotor": "gamma", "kappa": "kappa"}.get(mutant)
+
+    def pair(M: Any, P: Any, *, kappa: Any, beta: Any, c: Any, gamma: Any, lam: Any, mu: Any) -> Any:
+        values = {"kappa": kappa, "beta": beta, "c": c, "gamma": gamma}
+        values |= {} if changed is None else {changed: 0 * values[changed]}
+        return record.pair(M, P, **values, lam=lam, mu=mu)
+
+    if changed is None:
+        tangent = maps.tangent
+        monkeypatch.setattr(maps, "tangent", lambda *numbers: -tangent(*numbers))
+    system = replace(model.system, pairs=replace(record, pair=pair))
+    assert off(system(**model.params), state, 0.25, 4, project=False) > 1e-3
+
+
+def test_what_is_refused() -> None:
+    state = {"M": (0.3, 0.5, 1.1), "P": (0.6, 0.0, 0.8)}
+    with pytest.raises(kr.InputError, match=r"expected kappa beta\^2 < 1"):
+        kr.simulate(kr.Komarov(kappa=1.0, beta=1.1), state, dt=0.1, steps=1, method="exact")
+    with pytest.raises(kr.InputError, match="has no orientation"):
+        kr.simulate(kr.Komarov(), state, dt=0.1, steps=1, orientation=(1, 0, 0, 0))
+
+
+def test_lanes_with_a_bracket_each() -> None:
+    """Lanes on e(3), so(4) and so(3,1): each is its single run."""
+    kappas, state = (0.0, -0.4, 0.4), case("e(3)")[1]
+    run = kr.simulate(kr.Komarov(kappa=kappas, gamma=0.3), state, dt=0.3, steps=10, every=10, method="exact")
+    for i, kappa in enumerate(kappas):
+        single = kr.simulate(kr.Komarov(kappa=kappa, gamma=0.3), state, dt=0.3, steps=10, every=10, method="exact")
+        assert abs(run.M.values[-1, i] - single.M.values[-1]).max() < 1e-14
+        assert abs(run.casimir.values[:, i] - single.casimir.values).max() < 1e-14
