@@ -376,3 +376,33 @@ def test_a_state_whose_constant_is_folded_into_code_leaves_no_trace(order: tuple
         assert (p.steps(states[k], 3) == other.steps(states[[k]], 3)[0]).all()
         run = kr.simulate(top, top.state(m=states[k, :3], a=states[k, 3:]), dt=2.0, steps=3, method="baecklund")
         assert (p.steps(states[k], 3)[3:] == run["a"].values[-1]).all()
+
+
+def test_a_call_may_have_parameters_of_its_own():
+    """A motor of a tenth of a second is that of a body which has it always; others are not changed by the call."""
+    body = kr.EulerTop(J=(1, 2, 3))
+    with_motor = {
+        torque: kr.perturbed(body, torque=lambda M, t, *, tau: tau * np.cos(t), params={"tau": torque})
+        for torque in ((0.0, 0.0, 0.0), (0.1, -0.2, 0.3))
+    }
+    still, driven = (kr.propagator(model, dt=0.1) for model in with_motor.values())
+    x, motor = np.array([0.3, -1.0, 0.5]), np.array([0.1, -0.2, 0.3])
+    for calls in (
+        (driven.steps(x, 7, time=0.5), still.steps(x, 7, time=0.5, tau=motor)),
+        (driven.steps(x, 7, every=2, time=0.5), still.steps(x, 7, every=2, time=0.5, tau=motor)),
+        (driven.to(x, 1.0, 0.3), still.to(x, 1.0, 0.3, tau=motor)),
+        (driven.to(x, [0.37, 1.0], 0.3), still.to(x, [0.37, 1.0], 0.3, tau=motor)),
+        (still.steps(x, 7, time=0.5), still.steps(x, 7, time=0.5, tau=0 * motor)),
+    ):
+        assert calls[1] == pytest.approx(calls[0], rel=1e-13)
+    lanes = still.steps(np.stack([x, x]), 7, time=0.5, tau=np.stack([motor, 0 * motor]))
+    assert lanes[0] == pytest.approx(driven.steps(x, 7, time=0.5), rel=1e-13)
+    assert lanes[1] == pytest.approx(still.steps(x, 7, time=0.5), rel=1e-13)
+    for parameters, said in (
+        ({"tua": motor}, "Did you mean 'tau'"),
+        ({"J": (1, 2, 3)}, "expected some of tau"),
+        ({"tau": (1, 2)}, r"of the shape \(3,\)"),
+        ({"tau": (1, np.nan, 3)}, "expected finite"),
+    ):
+        with pytest.raises(kr.InputError, match=said):
+            still.steps(x, 1, time=0.0, **parameters)

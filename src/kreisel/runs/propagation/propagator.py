@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from kreisel.errors import InputError, explained, shown
+from kreisel.algebra import Array
+from kreisel.errors import InputError, explained, hint, shown
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
 from kreisel.method.scheme import Flow, Orbits, Scheme
+from kreisel.record.calling import keywords
 from kreisel.record.model import Model
-from kreisel.runs.propagation.stepper import AT_ZERO, Signs, Stepper, number_of
+from kreisel.runs.propagation.stepper import AT_ZERO, NONE, Signs, Stepper, number_of
 from kreisel.runs.settings import (
     LARGE,
     MOST_STEPS,
@@ -98,6 +100,7 @@ class Propagator:
         self._stepper = Stepper(model, scheme, settings)
         self._forms, self._by_plan = self._stepper.forms, model.n >= LARGE
         self._known_at_times = scheme.orbits is not None
+        self._varied: dict[tuple[str, ...], Stepper] = {}  # for calls with parameters of these names
         self.letters, self.size, self.dt = self._forms.letters, self._forms.size, settings.dt
 
     def __reduce__(self) -> Any:  # kernels keep their addresses
@@ -107,22 +110,57 @@ class Propagator:
         return f"<kreisel propagator of {self.model!r}: {self._stepper.scheme.name}>"
 
     @explained
-    def steps(self, state: Any, n: int, every: int | None = None, time: float | None = None) -> Any:
+    def steps(self, state: Any, n: int, every: int | None = None, time: float | None = None, **parameters: Any) -> Any:
         """The state after n steps of dt; with `every`, rows along a first axis: the steps 0, every, 2 every, ... and n.
 
         `time` at the start, for bodies with forces that depend on it (`kr.perturbed`); `work` counts from the start.
+        `parameters` of this call alone, by name, such as the torque of a motor.
 
         Raises `InputError` for a bad state or number of steps, `RunError` if the state is no longer finite or an
         invariant of the method is lost.
         """
         count = within(n, "n", 1, MOST_STEPS)
         between = None if every is None else within(every, "every", 1, count)
+        stepper, given = self._with(parameters)
         x, batched = self._forms.given(state)
         if self._by_plan:
-            found = self._stepper.by_a_plan(x, count, between)
+            found = stepper.by_a_plan(x, count, between)
         else:
-            found = self._stepper.steps(x, count, between, time)
+            found = stepper.steps(x, count, between, time, given)
         return self._forms.returned(found, state, batched)
+
+    def _with(self, parameters: Mapping[str, Any]) -> tuple[Stepper, Mapping[str, Array]]:
+        """The stepper for calls with these parameters, and their values.  Raises `InputError`."""
+        if not parameters:
+            return self._stepper, NONE
+        names = tuple(parameters)
+        stepper = self._varied.get(names)
+        if stepper is None:
+            self._require_free(names)
+            stepper = Stepper(self.model, self._stepper.scheme, self._stepper.settings, names)
+            self._varied[names] = stepper
+        return stepper, {name: self._value(name, value) for name, value in parameters.items()}
+
+    def _require_free(self, names: tuple[str, ...]) -> None:
+        """Raises `InputError` for parameters that calls cannot have."""
+        system, scheme = self.model.system, self._stepper.scheme
+        derived = {*keywords(system.derive)} if system.derive else set()
+        free = [name for name in self.model.params if name in scheme.constants and name not in derived]
+        plain = scheme.trajectory is None and not self._stepper.is_flow and not self._by_plan
+        if not plain or self._stepper.settings.observe or not {*names} <= {*free}:
+            wrong = next((name for name in names if name not in free), names[0])
+            raise InputError(
+                f"parameters of a call: expected some of {', '.join(free) or 'none'}, of a method that makes steps "
+                f"which do not depend on the start, and observe=(), got {shown(wrong)}.{hint(wrong, free)} For others "
+                "make a propagator of a body with other parameters."
+            )
+
+    def _value(self, name: str, value: Any) -> Array:
+        array, like = np.asarray(value, dtype=np.float64), np.shape(self._stepper.scheme.constants[name])
+        own = like[len(like) - self.model.axes[name] :]
+        if array.shape[array.ndim - len(own) :] != own or array.ndim > len(own) + 1 or not np.isfinite(array).all():
+            raise InputError(f"{name}: expected finite numbers of the shape {own}, got {shown(value)}.")
+        return array
 
     @explained
     def at(self, state: Any, times: Any) -> Any:
@@ -145,12 +183,19 @@ class Propagator:
         return self._forms.returned(found if wanted.ndim else found[0], state, batched)
 
     @explained
-    def to(self, state: Any, times: Any, time: float = 0.0) -> Any:
+    def to(self, state: Any, times: Any, time: float = 0.0, **parameters: Any) -> Any:
         """The state at a time, or at times (times,) along a first axis, in order, from the state at `time`.
 
         Uses steps of dt or a little shorter, equal from one time to the next: for rows at any times, and for impulses,
-        which change the state between two calls.  `work` counts from the start.  Raises as `steps`.
+        which change the state between two calls.  `work` counts from the start.  `parameters` as for `steps`.  Raises
+        as `steps`.
         """
+        stepper = self._stepper
+        if type(times) is float and type(time) is float and math.isfinite(times - time) and not stepper.is_flow:
+            self._require_steps("to")
+            count = stepper.whole_steps(time, times)
+            if count is not None:
+                return self.steps(state, count, time=time if stepper.timed else None, **parameters)
         wanted, now = wanted_times(times), finite_number(time, "time")
         when = np.atleast_1d(wanted)
         if (np.diff(when, prepend=now) < 0).any():
@@ -159,10 +204,11 @@ class Propagator:
         if self._stepper.is_flow:
             return self.at(state, wanted - now)
         self._require_steps("to")
+        stepper, given = self._with(parameters)
         z, out = self._forms.prepared(x), []
         for t in when.tolist():
-            z, now = self._stepper.walked(z, now, t), t
-            out.append(self._stepper.returned(z, t))
+            z, now = stepper.walked(z, now, t, given), t
+            out.append(stepper.returned(z, t))
         return self._forms.returned(np.array(out) if wanted.ndim else out[0], state, batched)
 
     @explained

@@ -6,15 +6,19 @@ import ctypes
 import math
 import sys
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from kreisel import algebra
+from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
 from kreisel.graph.machine import address_of
+from kreisel.graph.recording import fill
 from kreisel.kernels.correcting import corrections
 from kreisel.kernels.cpu import CpuEngine, RowFunction, frame_of
 from kreisel.kernels.engines import Engine
@@ -35,6 +39,8 @@ from kreisel.runs.soundness import faults
 if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
 
+NONE: Mapping[str, Array] = MappingProxyType({})
+NOT_FOLDED = 0.5  # neither 0 nor 1
 AT_REST = 16  # engines kept for the next call, for each number of lanes
 EXACT = 4 * float(np.finfo(float).eps)  # relative, of the time within a step; the least that SciPy accepts
 AT_ZERO = 1e-10  # of the largest value within a step: then the start is the end of the last search
@@ -45,9 +51,11 @@ class Stepper:
 
     forms  the states in the user's form, rows x (lanes, size)
     timed  whether forces depend on the time
+    given  the parameters that every call has, by name
     """
 
-    def __init__(self, model: Model, scheme: Scheme, settings: Settings):
+    def __init__(self, model: Model, scheme: Scheme, settings: Settings, given: tuple[str, ...] = ()):
+        scheme = _unfolded(scheme, given)
         self.model, self.scheme, self.settings = model, scheme, settings
         self.forms = StateForms(model, scheme, settings)
         record = model.system.perturbation
@@ -58,7 +66,7 @@ class Stepper:
         self._at_rest: dict[int, deque[Engine]] = {}
         fixed = scheme.trajectory is None or scheme.point is not None
         plain = isinstance(scheme.motion, Steps) and fixed and scheme.corrector is None
-        self._courses = deque[Course](maxlen=AT_REST) if plain and not self.timed and not model.batch else None
+        self._courses = deque[Course](maxlen=AT_REST) if plain and not model.batch else None
         jump = None if scheme.orbits is None else scheme.orbits.jump
         self._jumping, self._of_top = jump is not None, isinstance(jump, Jump)
         self._jumps: dict[int, Jumps] = {}
@@ -72,12 +80,14 @@ class Stepper:
 
     # -- steps -----------------------------------------------------------------------------------------
 
-    def steps(self, x: Floats, count: int, every: int | None, time: float | None) -> Floats:
+    def steps(
+        self, x: Floats, count: int, every: int | None, time: float | None, given: Mapping[str, Array] = NONE
+    ) -> Floats:
         """The states (lanes, entries) after `count` steps from x; with `every`, rows of the steps 0, every, ..."""
         if self._set_up:
             self.forms.require_on_phase_space(x)
-        if self._courses is not None and every is None and time is None and len(x) == 1:
-            y = self._on_course(x, count, self._courses)
+        if self._courses is not None and every is None and self.timed == (time is not None) and len(x) == 1:
+            y = self._on_course(x, count, self._courses, time, given)
             if y is not None:
                 return y
         z = self.forms.prepared(x)
@@ -85,14 +95,16 @@ class Stepper:
             z = self._at_time(z, time)
         z = self._back(z[None])[0]
         if every is not None:
-            return self.forms.observed(self._out(self._rows(z, count, every, self.scheme)))
-        engine = self._begun(z, count, count, self.scheme)
+            return self.forms.observed(self._out(self._rows(z, count, every, self.scheme, given)))
+        engine = self._begun(z, count, count, self.scheme, given)
         out = np.empty((1, *z.shape))
         engine.advance(out, count)
         self._keep(engine, out)
         return self.forms.observed(self._out(out))[0]
 
-    def _on_course(self, x: Floats, count: int, courses: deque[Course]) -> Floats | None:
+    def _on_course(
+        self, x: Floats, count: int, courses: deque[Course], time: float | None, given: Mapping[str, Array]
+    ) -> Floats | None:
         """The states by a course; None without one, or if its code is not for this trajectory."""
         try:
             course = courses.pop()
@@ -105,10 +117,15 @@ class Stepper:
                 self._courses = None
                 return None
             course = Course(cast("CpuEngine", engine), *rows, self.forms.size, constants)
-        if not course.step(x, count):
+            course.time = self.column_of(COUNT) if self.timed else None
+            guard = self.scheme.guard
+            course.guard = (self.column_of(guard.component), guard.limit) if guard and guard.component else None
+        if given:
+            fill(course.engine.constants, course.engine.columns, given, self.scheme.axes)
+        if not course.step(x, count, None if time is None else finite_number(time, "time") / self.dt):
             courses.append(course)
             return None
-        if not course.room.is_finite() or course.projected or self.scheme.guard is not None:
+        if not course.room.is_finite() or course.projected or not course.guarded():
             self._require_sound(course.engine, course.room.row)
         y = course.room.leave()
         courses.append(course)
@@ -123,7 +140,9 @@ class Stepper:
         out = out if plan.batched else out[:, None]
         return out if every is not None else out[-1]
 
-    def stepped(self, z: Floats, time: float, h: float, count: int, every: int) -> Floats:
+    def stepped(
+        self, z: Floats, time: float, h: float, count: int, every: int, given: Mapping[str, Array] = NONE
+    ) -> Floats:
         """Rows 0, every, ... of `count` steps of length h from z at a time, (rows, lanes, d)."""
         if self.is_flow:
             return self.states(z, h * np.arange(0, count + 1, every, dtype=np.float64))
@@ -131,16 +150,24 @@ class Stepper:
         if h != self.dt:
             order = scheme.options.get("order")
             scheme = scheme_of(self.model, scheme.name, h, order, self.forms.oriented, kept=False)
-        return self._rows(self.at_time(z, time, h), count, every, scheme)
+            scheme = _unfolded(scheme, (*given,))
+        return self._rows(self.at_time(z, time, h), count, every, scheme, given)
 
-    def _rows(self, z: Floats, count: int, every: int, scheme: Scheme) -> Floats:
-        engine = self._begun(z, count, every, scheme)
+    def _rows(self, z: Floats, count: int, every: int, scheme: Scheme, given: Mapping[str, Array] = NONE) -> Floats:
+        engine = self._begun(z, count, every, scheme, given)
         rows = self._advanced(engine, z, count, every)
         self._keep(engine, rows)
         return rows
 
-    def _begun(self, z: Floats, steps: int, every: int, scheme: Scheme) -> Engine:
-        """An engine at the start z: an idle one, or a new one."""
+    def _begun(self, z: Floats, steps: int, every: int, scheme: Scheme, given: Mapping[str, Array] = NONE) -> Engine:
+        """An engine at the start z with the given parameters: an idle one, or a new one."""
+        engine = self._idle(z, steps, every, scheme)
+        if given:
+            stepped = cast("CpuEngine", engine)
+            fill(stepped.constants, stepped.columns, given, scheme.axes)
+        return engine
+
+    def _idle(self, z: Floats, steps: int, every: int, scheme: Scheme) -> Engine:
         if scheme.trajectory is not None:
             scheme = scheme.on(algebra.restore(z, scheme.kinds, scheme.n), points)
         try:
@@ -281,14 +308,23 @@ class Stepper:
         """The state after a single step of length h from z at a time."""
         return self.stepped(z, time, h, 1, 1)[-1] if h > SHORTEST_STEP else z
 
-    def walked(self, z: Floats, time: float, end: float) -> Floats:
+    def walked(self, z: Floats, time: float, end: float, given: Mapping[str, Array] = NONE) -> Floats:
         """The state at a later time, in equal steps of at most dt."""
         self.require_reach(time, end)
         gap = end - time
         if gap <= SHORTEST_STEP:
             return z
-        count = max(1, math.ceil(gap / self.dt * (1 - WHOLE)))
-        return self.stepped(z, time, gap / count, count, count)[-1]
+        count = self.whole_steps(time, end)
+        if count is not None:
+            return self.stepped(z, time, self.dt, count, count, given)[-1]
+        count = math.ceil(gap / self.dt)
+        return self.stepped(z, time, gap / count, count, count, given)[-1]
+
+    def whole_steps(self, time: float, end: float) -> int | None:
+        """The number of steps of dt between two times, up to their rounding; None if it is no integer."""
+        steps = (end - time) / self.dt
+        rounding = WHOLE * steps + EXACT * (abs(time) + abs(end)) / self.dt
+        return round(steps) if 0.5 <= steps <= MOST_STEPS and abs(steps - round(steps)) <= rounding else None
 
     def require_reach(self, time: float, end: float) -> None:
         """Raises `InputError` for an end that steps of dt do not reach."""
@@ -301,6 +337,14 @@ class Stepper:
     def returned(self, z: Floats, time: float) -> Floats:
         """Rows of the stepped variables at a time as states (lanes, entries), followed by the observed quantities."""
         return self.forms.observed(self.at_time(z, time, self.dt)[None])[0]
+
+
+def _unfolded(scheme: Scheme, given: tuple[str, ...]) -> Scheme:
+    """The scheme with values for some constants that are not folded into its code."""
+    if not given:
+        return scheme
+    constants = {name: np.full(np.shape(scheme.constants[name]), NOT_FOLDED) for name in given}
+    return replace(scheme, constants={**scheme.constants, **constants})
 
 
 class Room:
@@ -333,7 +377,14 @@ class Room:
 
 
 class Course:
-    """Steps of one state by an engine with straight-line code: its room, and the call of its kernel."""
+    """Steps of one state by an engine with straight-line code: its room, and the call of its kernel.
+
+    time   column of the time among the variables
+    guard  column of the guard's component, and its limit
+    """
+
+    time: int | None = None
+    guard: tuple[int, float] | None = None
 
     def __init__(self, engine: CpuEngine, into: RowFunction, out: RowFunction, size: int, constants: Any = None):
         self.engine, self.room, self._constants = engine, Room(into, out, size, engine.z), constants
@@ -353,9 +404,15 @@ class Course:
             return False
         return engine.projection is None or bool(engine.code.programs)
 
-    def step(self, x: Floats, count: int) -> bool:
-        """Make `count` steps from a state (1, size), unless its constants do not suit the code."""
-        self.room.enter(x)
+    def guarded(self) -> bool:
+        """Whether the row is within the guard of its scheme."""
+        return self.guard is None or self.room.row.item(self.guard[0]) <= self.guard[1]
+
+    def step(self, x: Floats, count: int, when: float | None) -> bool:
+        """Make `count` steps from a state (1, size) at a time, in steps, unless its constants do not suit the code."""
+        z = self.room.enter(x)
+        if self.time is not None and when is not None:
+            z[0, self.time] = when
         if self._constants is not None and not self._constants():
             return False
         self.projected = count >= self._every
