@@ -15,8 +15,12 @@ from astropy.utils import iers
 from ppigrf import igrf_gc
 
 import kreisel as kr
-from kreisel.bodies import environment
+from kreisel import algebra
+from kreisel.bodies import BODIES, environment
+from kreisel.physical import EARTH, SATURN, SOLAR_PRESSURE, Orbit, Plate, Satellite
 from kreisel.physical import environment as earth
+from kreisel.runs.orbits import environment_of
+from torques import torque_on
 
 formulas = cast("Any", environment)  # of a page, without types
 iers.conf.auto_download, iers.conf.auto_max_age = False, None
@@ -220,5 +224,149 @@ def test_air_turns_with_the_earth() -> None:
     ],
 )
 def test_what_is_outside_of_the_models(call: Any, said: str) -> None:
+    with pytest.raises(kr.InputError, match=re.escape(said)):
+        call()
+
+
+# -- satellites ------------------------------------------------------------------------------------
+
+DATE = "2026-03-20T14:46:00"  # the equinox, to the minute
+DATED = Orbit.circular("500 km", "51.6 deg", "20 deg", epoch=DATE)
+MOMENTS = (0.03, 0.04, 0.05)
+
+
+def test_a_satellite_with_a_date_has_the_field_of_igrf() -> None:
+    """The torque of its moment is b x B, B by ppigrf at the place in the Earth that astropy finds, to 10 nT."""
+    b, t, then = np.array([0.1, -0.2, 0.3]), 5000.0, Time(DATE, scale="utc") + 5000 * u.s
+    g = algebra.rotation_matrix(algebra.unit(np.array([0.3, 0.5, -0.2, 0.7])))
+    of_space = TEME(CartesianRepresentation(DATED.at(t)[0][:, None] * u.m), obstime=then)
+    inside = of_space.transform_to(ITRS(obstime=then)).cartesian.xyz.to_value("m")
+    B = ITRS(CartesianRepresentation(by_ppigrf(inside, "2026-03-20T16:09:20")), obstime=then)
+    want = np.cross(b, B.transform_to(TEME(obstime=then)).cartesian.xyz.value[:, 0] @ g)
+
+    def torque(**more: Any) -> np.ndarray:
+        loaded, free = Satellite(MOMENTS, DATED, magnetic_moment=b, **more), Satellite(MOMENTS, DATED, **more)
+        return torque_on(loaded, g, t) - torque_on(free, g, t)
+
+    assert abs(torque() - want).max() < 4e-9
+    for other in ({"degree": 4}, {"field": "tilted-dipole"}, {"field": "dipole"}):
+        assert abs(torque(**other) - want).max() > 4e-9
+    assert torque(field="tilted-dipole") == pytest.approx(torque(degree=1), abs=0)
+
+
+def test_the_environment_along_a_run() -> None:
+    """At the equinox the Sun is along the first axis of space, and the field points north over the equator."""
+    equator = Orbit.circular("500 km", epoch=DATE)
+    body = Satellite.cubesat(equator, light=SOLAR_PRESSURE, air="harris-priester", magnetic_moment=(0, 0, 0.01))
+    options = {"orientation": body.orientation(), "progress": False}
+    run = kr.simulate(body.model(), body.state((0.01, 0, 0.02)), dt=30.0, steps=190, every=10, order=(2, 2), **options)
+    around = body.environment(run)
+    assert around.sun.values[0] == pytest.approx([1, 0, 0], abs=2e-4)
+    assert around.position.values == pytest.approx(equator.at(run.time.values)[0], rel=1e-12)
+    assert around.velocity.values == pytest.approx(equator.at(run.time.values)[1], rel=1e-12)
+    assert (around.field.values[:, 2] > 1.5e-5).all() and (abs(around.field.values) < 4e-5).all()
+    assert around.light.values[0] == pytest.approx(1, abs=1e-12) and around.light.values[9] == pytest.approx(
+        0, abs=1e-12
+    )
+    assert 3.9e-13 < around.density.values.min() < 6e-13 and 1.5e-12 < around.density.values.max() < 2.1e-12
+    units = {"position": "m", "velocity": "m/s", "field": "T", "sun": "1", "light": "1", "density": "kg/m^3"}
+    assert {name: around[name].units for name in units} == units
+    assert all(around[name].long_name for name in units)
+
+
+def test_lanes_on_different_orbits() -> None:
+    body = Satellite(MOMENTS, DATED)
+    params = {**body.model().params, "inclination": [0.0, DATED.inclination]}
+    start, options = body.state().axial.M, {"orientation": body.orientation(), "progress": False}
+    alone = kr.simulate(body.model(), body.state(), dt=30.0, steps=2, **options)
+    model = BODIES["satellite"](**params)
+    lanes = environment_of(kr.simulate(model, model.state(M=start), dt=30.0, steps=2, **options))
+    assert lanes.field.dims == ("time", "lane", "axis") and lanes.light.dims == ("time", "lane")
+    assert lanes.field.values[:, 1] == pytest.approx(body.environment(alone).field.values, rel=1e-12)
+    assert abs(lanes.field.values[1, 1] - lanes.field.values[1, 0]).max() > 1e-7
+
+
+def sail(**more: Any) -> Satellite:
+    """A plate of 1 m^2 towards the first axis, 1 m away from the centre along the second."""
+    return Satellite(MOMENTS, more.pop("orbit"), plates=(Plate((1, 0, 0), (0, 1, 0), 1.0),), **more)
+
+
+def test_there_is_no_light_in_the_shadow() -> None:
+    """The torque of light is its pressure, 1361 W/m^2 over c, within 3.4 % of the year, or 0 behind the Earth."""
+    orbit = Orbit.circular("500 km", epoch=DATE)
+    for t, part in ((0.0, 1.0), (orbit.period / 2, 0.0)):
+        lit, dark = (torque_on(sail(orbit=orbit, light=p), np.eye(3), t) for p in (SOLAR_PRESSURE, 0.0))
+        assert (lit - dark)[2] == pytest.approx(part * 1361 / 299_792_458, rel=0.034, abs=1e-20)
+    unshaded = sail(orbit=orbit, light=SOLAR_PRESSURE, eclipse=False), sail(orbit=orbit)
+    lit, dark = (torque_on(body, np.eye(3), orbit.period / 2) for body in unshaded)
+    assert (lit - dark)[2] > 4e-6
+
+
+def test_light_is_strongest_in_january() -> None:
+    """Of the Sun at perihelion, 0.98329 au away at the longitude 283 degrees, and at aphelion, 1.01671 au."""
+    tilt = np.radians(23.44)
+    for date, longitude, distance in (("2026-01-03T17:00", 283.2, 0.98329), ("2026-07-06T17:00", 104.5, 1.01671)):
+        c, s = np.cos(np.radians(longitude)), np.sin(np.radians(longitude))
+        toward, across = (c, s * np.cos(tilt), s * np.sin(tilt)), (-s, c * np.cos(tilt), c * np.sin(tilt))
+        plates, orbit = (Plate(toward, across, 1.0),), Orbit.circular("500 km", epoch=date)
+        lit, dark = (
+            torque_on(Satellite(MOMENTS, orbit, plates=plates, light=p, eclipse=False), np.eye(3), 0.0)
+            for p in (1.0, 0.0)
+        )
+        assert np.linalg.norm(lit - dark) == pytest.approx(1 / distance**2, rel=1e-3)
+
+
+def test_the_air_is_slower_in_the_direction_of_the_earth() -> None:
+    """Over the equator at 500 km the air moves at 501.5 m/s, and the satellite at 7612.6 m/s."""
+    torques = []
+    for inclination in ("0 deg", "180 deg"):
+        orbit = Orbit.circular("500 km", inclination, "-90 deg")  # begins along the first axis, or against it
+        body = sail(orbit=orbit, air="exponential")
+        g = np.diag([1.0, 1, 1]) if inclination == "0 deg" else np.diag([-1.0, -1, 1])
+        free = torque_on(Satellite(MOMENTS, orbit), g, 0.0)
+        torques.append((torque_on(body, g, 0.0) - free)[2])
+    assert torques[0] == pytest.approx(6.967e-13 / 2 * 2.2 * (7612.6 - 501.5) ** 2, rel=1e-4)
+    assert torques[1] == pytest.approx(6.967e-13 / 2 * 2.2 * (7612.6 + 501.5) ** 2, rel=1e-4)
+
+
+def test_without_a_date_the_field_is_the_dipole() -> None:
+    model = Satellite(MOMENTS, Orbit.circular("500 km")).model()
+    assert model.params["field"] == EARTH.field and not model.params["gauss"].any()
+    far = Satellite(MOMENTS, Orbit(1e8, primary=SATURN, epoch=DATE)).model()
+    assert far.params["field"] == SATURN.field and far.params["eclipse"] == 0
+
+
+NAMED = Orbit.circular("500 km", "97 deg")
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: Satellite(MOMENTS, NAMED, field="igrf"), "field='igrf': expected a date, Orbit(..., epoch="),
+        (lambda: Satellite(MOMENTS, NAMED, sun="ephemeris"), "sun='ephemeris': expected a date"),
+        (lambda: Satellite(MOMENTS, NAMED, air="harris-priester"), "air='harris-priester': expected a date"),
+        (lambda: Satellite(MOMENTS, DATED, field="wmm"), "field: expected igrf, dipole, tilted-dipole, got 'wmm'"),
+        (
+            lambda: Satellite(MOMENTS, DATED, sun="moon"),
+            "sun: expected 'ephemeris' or a direction in space, got 'moon'",
+        ),
+        (lambda: Satellite(MOMENTS, DATED, air="msis"), "air: expected exponential, harris-priester, got 'msis'"),
+        (lambda: Satellite(MOMENTS, DATED, air="exponential", density=1e-12), "no density with it, got both"),
+        (lambda: Satellite(MOMENTS, DATED, eclipse=2), "eclipse: expected True or False, got 2"),
+        (
+            lambda: Satellite(MOMENTS, Orbit(1e8, primary=SATURN, epoch=DATE), field="igrf"),
+            "field='igrf': expected an orbit of the Earth, got one of the primary Saturn",
+        ),
+        (
+            lambda: Satellite(MOMENTS, Orbit.circular("500 km", epoch="2031-05-06")),
+            "IGRF-14 holds from 1900-01-01 to 2030-01-01, got 2031-05-06",
+        ),
+        (
+            lambda: Satellite(MOMENTS, Orbit.circular("1200 km"), air="exponential"),
+            "from 100 to 1000 km, the lowest height",
+        ),
+    ],
+)
+def test_models_that_a_satellite_cannot_have(call: Any, said: str) -> None:
     with pytest.raises(kr.InputError, match=re.escape(said)):
         call()

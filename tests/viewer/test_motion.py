@@ -50,7 +50,7 @@ def test_the_shadow_of_a_low_orbit_lasts_36_minutes():
     """The Sun in the plane of the orbit: the Earth's cylinder hides it for 2 asin(R/r) of 2 pi, 35.8 min of 94.6."""
     sun = np.array([0.6, 0.8, 0.0])
     panel = Plate((0, 0, 1), (0, 0, 0), 0.01)  # without a lever
-    body = Satellite(TENSOR, EQUATORIAL, light=4.5e-6, sun=sun, plates=(panel,))
+    body = Satellite(TENSOR, EQUATORIAL, light=4.5e-6, sun=sun, plates=(panel,), eclipse=True)
     run = run_of(body, body.pointing(), dt=10.0, steps=560)
     ((begin, end),) = shadows_of(run)
     assert abs(end - begin - 35.8 * 60) < 25

@@ -27,12 +27,13 @@ from __future__ import annotations
 from itertools import pairwise
 from math import isqrt, pi
 from math import sqrt as root
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from kreisel.algebra import sqrt
 from kreisel.algebra.gradient import cos, exp, log, sin
-from kreisel.bodies.orbit import TINY, arcsine, polynomial, size
+from kreisel.bodies.orbit import TINY, arcsine, check_not_negative, polynomial, size
 from kreisel.errors import InputError, shown
 from kreisel.record.contract import Parameter
 
@@ -47,6 +48,13 @@ def ramp(x):
 
 
 # -- magnetic field --------------------------------------------------------------------------------
+
+
+def of_dipole(r, f):
+    """B of a dipole along the third axis, f = R^3 g_10."""
+    square = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+    z = r[2] / square
+    return np.array([3 * z * r[0], 3 * z * r[1], 3 * z * r[2] - 1]) * (f / (square * sqrt(square)))
 
 
 def degree_of(gauss):
@@ -112,7 +120,7 @@ def field_of(r, values, R):
     return out * s - across, out * t - ahead, out * u - up
 
 
-def legendre(N: int, uq, q):
+def legendre(N, uq, q):
     """q^(n+2) A_nm/A_mm for 0 <= m <= n <= N, with u q and q."""
     P = {}
     square = q * q
@@ -166,7 +174,7 @@ def light(r, s, near, *, eclipse, shadow, disc):
     w = sine * sin_a * (cos_b + cos_c) / ((1 + cos_a) * sin_b + TINY)  # A/B = sin a (cos b + cos c)/((1 + cos a) sin b)
     alpha = pi / 2 - arcsine(cosine, sine)
     behind = alpha - sine * cosine + sine * sine * w * polynomial(SEGMENT, w * w)
-    return 1 - eclipse * behind / pi
+    return ramp(1 - eclipse * behind / pi)
 
 
 def within(x):
@@ -209,7 +217,43 @@ def through_air(r, v, *, air_rate):
     return np.array([v[0] + air_rate * r[1], v[1] - air_rate * r[0], v[2]])
 
 
+# -- everything ------------------------------------------------------------------------------------
+
+
+class Around(NamedTuple):
+    """The environment at a place: field of the coefficients `gauss`, T, direction of the Sun, 1 au over its distance,
+    fraction of its disc that is seen, density of the air, kg/m^3, and the velocity in it, m/s.
+    """
+
+    field: Any
+    sun: Any
+    near: Any
+    light: Any
+    density: Any
+    stream: Any
+
+
+def around(
+    r, v, t, *, radius, gauss, reference_radius, meridian, sun, sun_ahead, solar, eclipse, disc, air_rate, **air
+):
+    """The environment at the place r, with the velocity v, at the time t."""
+    s, near = sunlight(t, sun=sun, sun_ahead=sun_ahead, solar=solar)
+    return Around(
+        field(r, t, gauss=gauss, reference_radius=reference_radius, meridian=meridian),
+        s,
+        near,
+        light(r, s, near, eclipse=eclipse, shadow=radius, disc=disc),
+        density_of_air(r, s, radius=radius, **air),
+        through_air(r, v, air_rate=air_rate),
+    )
+
+
 # -- parameters ------------------------------------------------------------------------------------
+
+
+def check_direction(value, name):
+    if not (abs((value * value).sum(-1) - 1) < 1e-9).all():
+        raise InputError(f"{name}: expected a vector of length 1, got {shown(value.tolist())}.")
 
 
 def check_gauss(value, name):
@@ -248,12 +292,14 @@ FIELD = (
     ),
 )
 SUN = (
+    Parameter("sun", "vector", "direction of the Sun in space, of length 1", check_direction, np.eye(3)[0]),
     Parameter("sun_ahead", "vector", "direction of the Sun a quarter of its circle after `sun`", default=np.zeros(3)),
     Parameter("solar", "array", "motion of the Sun: L, n, M_0, m, C_1, C_2, C_3, a, b, k", check_solar, np.zeros(10)),
     Parameter("eclipse", "scalar", "1 for the shadow of the primary, 0 for none", default=0.0),
     Parameter("disc", "scalar", "sine of the radius of the Sun's disc at 1 au", default=695_700e3 / 149_597_870_700.0),
 )
 AIR = (
+    Parameter("density", "scalar", "of the air, kg/m^3", check_not_negative, 0.0),
     Parameter(
         "air",
         "array",
@@ -265,3 +311,5 @@ AIR = (
     Parameter("flattening", "scalar", "of the primary, for heights", default=0.0),
     Parameter("air_rate", "scalar", "rate at which the air rotates about the third axis, rad/s", default=0.0),
 )
+ENVIRONMENT = (*FIELD, *SUN, *AIR)
+NAMES = ("radius", *(p.letter for p in ENVIRONMENT))

@@ -95,7 +95,8 @@ EQUATOR, POLE = np.array([1, 1, 0]), np.array([0, 0, 1])
 def place(t, orbit):
     """Position r, m, and velocity v, m/s, (..., 3) in space at t (...), s.  orbit (12,): entries of `of_elements`."""
     rate, phase, e, a, node, perigee = orbit[:6]
-    E = eccentric_anomaly(phase + rate * t, e)
+    M = phase + rate * t
+    E = M + e * sin(eccentric_anomaly(M, e))  # so that a kernel for e = 0 does not solve the equation
     c, s, b = cos(E), sin(E), a * sqrt(1 - e * e)
     X, Y, fast = a * (c - e), b * s, rate / (1 - e * c)
     X, Y = _turned(X, Y, perigee * t)

@@ -31,10 +31,10 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import cross, sqrt
+from kreisel.bodies.environment import ENVIRONMENT, NAMES, around, of_dipole, ramp
 from kreisel.bodies.orbit import (
     EARTH,
     ORBIT,
-    TINY,
     check_not_negative,
     check_pericentre,
     doubtful_orbit,
@@ -80,29 +80,26 @@ def harmonics_4(w):
     return np.array([zonal, near * x, near * y, middle * c2, middle * s2, *far])
 
 
-def torque(g, t, *, orbit, torque, plates, density, drag, sun, pressure, mirror, diffuse):
-    v, s = place(t, orbit)[1] @ g, sun @ g
-    air = -density * drag / 2 * v
+def torque(g, t, *, orbit, torque, dipole, plates, drag, pressure, mirror, diffuse, **known):
+    r, v = place(t, orbit)
+    there = around(r, v, t, **known)
+    v, s = there.stream @ g, there.sun @ g
+    air, lighting = -there.density * drag / 2 * v, pressure * there.near * there.near * there.light
+    torque = torque + cross(dipole, there.field @ g)
     for plate in plates:
         normal, centre, area = plate[:3], plate[3:6], plate[6]
         lit = normal @ s
-        light = -pressure * ((1 - mirror) * s + 2 * (mirror * lit + diffuse / 3) * normal)
+        light = -lighting * ((1 - mirror) * s + 2 * (mirror * lit + diffuse / 3) * normal)
         torque = torque + cross(centre, area * (ramp(normal @ v) * air + ramp(lit) * light))
     return torque
 
 
-def surroundings(t, *, orbit, field, sun):
-    """The fields at the place of the satellite, in space, which sensors show and actuators use."""
-    r, v = place(t, orbit)
-    square = r @ r
-    u = r / sqrt(square)
-    B = -field / (square * sqrt(square)) * (np.array([0.0, 0.0, 1.0]) - 3 * u[2] * u)
-    return {"position": r, "velocity": v, "field": B, "sun": sun, "light": 1.0}
-
-
-def ramp(x):
-    """x if x > 0, else 0."""
-    return (x + sqrt(x * x + TINY)) / 2
+def surroundings(t, *, orbit, field, **known):
+    """The environment in space at t, s, by name; of times (...) vectors are (3, ...)."""
+    r, v = (x.T for x in place(t, orbit))
+    there = around(r, v, t, **known)
+    B = there.field + of_dipole(r, field)
+    return {"position": r, "velocity": v, "field": B, "sun": there.sun, "light": there.light, "density": there.density}
 
 
 def corners(*, plates, density, pressure):
@@ -132,9 +129,9 @@ def doubtful_field(mu, field):
         )
 
 
-def doubtful_actions(*, field, dipole, plates, density, pressure):
+def doubtful_actions(*, field, gauss, dipole, plates, density, pressure):
     """Sentences on causes without an effect."""
-    if np.any(dipole) and not np.any(field):
+    if np.any(dipole) and not np.any(field) and not np.any(gauss):
         yield "dipole: expected field too, that of the primary, -7.59e15 T m^3 for the Earth, got 0: nothing turns it."
     for name, value in {"density": density, "pressure": pressure}.items():
         if np.any(value) and not np.any(plates[..., 6]):
@@ -152,6 +149,7 @@ def doubts(
     mu,
     radius,
     field,
+    gauss,
     dipole,
     plates,
     density,
@@ -162,7 +160,9 @@ def doubts(
         yield from doubtful_angle(value, name)
     yield from doubtful_orbit(semi_major_axis * (1 - eccentricity), radius)
     yield from doubtful_field(mu, field)
-    yield from doubtful_actions(field=field, dipole=dipole, plates=plates, density=density, pressure=pressure)
+    yield from doubtful_actions(
+        field=field, gauss=gauss, dipole=dipole, plates=plates, density=density, pressure=pressure
+    )
 
 
 def check_moments(value, name):
@@ -172,11 +172,6 @@ def check_moments(value, name):
 def check_part(value, name):
     if not ((value >= 0) & (value <= 1)).all():
         raise InputError(f"{name}: expected a part of the light, from 0 to 1, got {shown(value.tolist())}.")
-
-
-def check_direction(value, name):
-    if not (abs((value * value).sum(-1) - 1) < 1e-9).all():
-        raise InputError(f"{name}: expected a vector of length 1, got {shown(value.tolist())}.")
 
 
 def check_degree_3(value, name):
@@ -210,12 +205,11 @@ PARAMETERS = (
     Parameter("field", "scalar", "of the primary's dipole, R^3 g_1^0, T m^3; -7.59e15 for the Earth", default=0.0),
     Parameter("torque", "vector", "steady torque, N m, along the principal axes", default=np.zeros(3)),
     Parameter("plates", "array", "rows of normal (3), centre (3, m), area (m^2)", check_plates, np.zeros((1, 7))),
-    Parameter("density", "scalar", "of the air, kg/m^3", check_not_negative, 0.0),
     Parameter("drag", "scalar", "drag coefficient of the plates", check_not_negative, 2.2),
-    Parameter("sun", "vector", "direction of the Sun in space, of length 1", check_direction, np.eye(3)[0]),
     Parameter("pressure", "scalar", "of sunlight, N/m^2; 4.54e-6 at the Earth's distance", check_not_negative, 0.0),
     Parameter("mirror", "scalar", "part of the light that plates reflect like a mirror", check_part, 0.0),
     Parameter("diffuse", "scalar", "part of the light that plates scatter", check_part, 0.0),
+    *ENVIRONMENT,
 )
 WHEEL = (
     Parameter("wheel", "vector", "momentum of the wheel against the body at t = 0, N m s, along the principal axes"),
@@ -223,7 +217,7 @@ WHEEL = (
         "wheel_torque", "vector", "of its motor on the wheel, N m, along the principal axes", default=np.zeros(3)
     ),
 )
-LOADS = ("orbit", "torque", "plates", "density", "drag", "sun", "pressure", "mirror", "diffuse")
+LOADS = ("orbit", "torque", "dipole", "plates", "drag", "pressure", "mirror", "diffuse", *NAMES)
 DERIVED = {"J": 1, "c": 2, "orbit": 1}  # axes
 
 
@@ -243,7 +237,7 @@ def body(name, title, *wheel):
             potential=gravity,
             torque=Force(torque, ("g", "t"), LOADS),
             wheel=bool(wheel),
-            environment=Force(surroundings, ("t",), ("orbit", "field", "sun")),
+            environment=Force(surroundings, ("t",), ("orbit", "field", *NAMES)),
             corners=corners,
         ),
         axes | DERIVED,

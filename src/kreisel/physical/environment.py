@@ -9,19 +9,25 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, hint, shown
+from kreisel.physical.measures import si_numbers
+
+if TYPE_CHECKING:
+    from kreisel.physical.orbit import Orbit
 
 DAY = 86_400.0  # s
 CENTURY = 36_525.0  # days
 DEGREE = 13  # of IGRF
 TURNS_A_DAY = 1.00273781191135448  # of the Earth against the stars, IERS Conventions (2010), equation 5.15
+ROTATION = 2 * np.pi * TURNS_A_DAY / DAY  # rad/s
 
 
 class Environment(NamedTuple):
@@ -31,12 +37,14 @@ class Environment(NamedTuple):
     meridian   days -> angle of the prime meridian from the equinox, rad, and its rate, rad/s
     sun        days -> the motion of the Sun: `sun_ahead` and `solar`
     air        tables by name: height, m; density by night and in the bulge, kg/m^3
+    rotation   rate of the primary and its air about the axis, rad/s
     """
 
     field: Callable[[float, int], Array]
     meridian: Callable[[float], Array]
     sun: Callable[[float], dict[str, Array]]
     air: Mapping[str, Array]
+    rotation: float
 
 
 # -- magnetic field --------------------------------------------------------------------------------
@@ -82,7 +90,7 @@ def meridian(days: float) -> Array:
     T = days / CENTURY
     seconds = 0.014506 + (4612.156534 + (1.3915817 - 0.00000044 * T) * T) * T
     turns = 0.7790572732640 + (TURNS_A_DAY - 1) * days + days % 1.0
-    return np.array([2 * np.pi * (turns % 1.0) + np.radians(seconds / 3600), 2 * np.pi * TURNS_A_DAY / DAY])
+    return np.array([2 * np.pi * (turns % 1.0) + np.radians(seconds / 3600), ROTATION])
 
 
 # -- Sun -------------------------------------------------------------------------------------------
@@ -198,7 +206,8 @@ HARRIS_PRIESTER = _table("""
     960 1.560e-15 2.360e-14
     1000 1.150e-15 1.810e-14
 """)
-EARTH = Environment(igrf, meridian, sun, {"exponential": EXPONENTIAL, "harris-priester": HARRIS_PRIESTER})
+TABLES = {"exponential": EXPONENTIAL, "harris-priester": HARRIS_PRIESTER}
+ENVIRONMENT = Environment(igrf, meridian, sun, TABLES, ROTATION)
 
 
 def rows_between(table: Array, low: float, high: float) -> Array:
@@ -215,3 +224,84 @@ def rows_between(table: Array, low: float, high: float) -> Array:
     first = min(int(np.searchsorted(heights, low, side="right")) - 1, len(heights) - 2)
     last = max(int(np.searchsorted(heights, high)), first + 1)
     return table[first : last + 1]
+
+
+# -- a satellite -----------------------------------------------------------------------------------
+
+FIELDS = ("igrf", "dipole", "tilted-dipole")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The models that a `Satellite` asks for: its arguments of these names."""
+
+    field: str | None
+    degree: int
+    air: str | None
+    density: float
+    sun: Any
+    eclipse: bool | None
+
+    def parameters(self, orbit: Orbit) -> dict[str, Any]:
+        """Parameters of `kreisel.bodies.environment` for an orbit.  Raises `InputError`."""
+        return self._field(orbit) | self._sun(orbit) | self._air(orbit)
+
+    def _models(self, orbit: Orbit, wish: str) -> Environment:
+        """The models of the primary at the epoch."""
+        if orbit.primary.environment is None:
+            raise InputError(f"{wish}: expected an orbit of the Earth, got one of the primary {orbit.primary.name}.")
+        if orbit.epoch is None:
+            raise InputError(f"{wish}: expected a date, Orbit(..., epoch='2026-03-20T14:46:00') in UTC, got none.")
+        return orbit.primary.environment
+
+    def _dated(self, orbit: Orbit) -> bool:
+        return orbit.epoch is not None and orbit.primary.environment is not None
+
+    def _field(self, orbit: Orbit) -> dict[str, Any]:
+        field = self.field or ("igrf" if self._dated(orbit) else "dipole")
+        if not isinstance(field, str) or field not in FIELDS:
+            raise InputError(f"field: expected {', '.join(FIELDS)}, got {shown(field)}.{hint(field, FIELDS)}")
+        if field == "dipole":
+            return {"field": orbit.primary.field}
+        models = self._models(orbit, f"field={field!r}")
+        gauss = models.field(orbit.days, self.degree if field == "igrf" else 1)
+        return {"field": 0.0, "gauss": gauss, "meridian": models.meridian(orbit.days)}
+
+    def _sun(self, orbit: Orbit) -> dict[str, Any]:
+        if self.eclipse is not None and not isinstance(self.eclipse, bool):
+            raise InputError(f"eclipse: expected True or False, got {shown(self.eclipse)}.")
+        moves = self._dated(orbit) if self.sun is None else isinstance(self.sun, str)
+        eclipse = float(moves if self.eclipse is None else self.eclipse)
+        if self.sun is None and not moves:
+            return {"eclipse": eclipse}
+        if not moves:
+            direction = si_numbers(self.sun, "1", "sun", ((3,),))
+            if not direction.any():
+                raise InputError("sun: expected a direction, got the zero vector.")
+            return {"sun": direction / np.linalg.norm(direction), "eclipse": eclipse}
+        if self.sun not in (None, "ephemeris"):
+            raise InputError(f"sun: expected 'ephemeris' or a direction in space, got {shown(self.sun)}.")
+        return self._models(orbit, "sun='ephemeris'").sun(orbit.days) | {"eclipse": eclipse}
+
+    def _air(self, orbit: Orbit) -> dict[str, Any]:
+        if self.air is None:
+            return {"density": self.density}
+        if orbit.primary.environment is None:
+            raise InputError(f"air: expected an orbit of the Earth, got one of the primary {orbit.primary.name}.")
+        tables = orbit.primary.environment.air
+        if not isinstance(self.air, str) or self.air not in tables:
+            raise InputError(f"air: expected {', '.join(tables)}, got {shown(self.air)}.{hint(self.air, tables)}")
+        if self.density:
+            raise InputError("air: expected no density with it, got both. Give one of the two.")
+        bulges = self.air == "harris-priester"
+        if bulges and self.sun is None:
+            self._models(orbit, "air='harris-priester'")  # the Sun by its date
+        e, R, f = orbit.eccentricity, orbit.primary.radius, orbit.primary.flattening
+        low, high = orbit.semi_major_axis * (1 - e) - R, orbit.semi_major_axis * (1 + e) - R * (1 - f)
+        return {
+            "density": 1.0,
+            "air": rows_between(tables[self.air], low, high),
+            "bulge": 2 + 4 * np.sin(orbit.inclination) ** 2,
+            "flattening": f,
+            "air_rate": orbit.primary.environment.rotation,
+        }

@@ -14,6 +14,8 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import orbit as formulas_of_orbits
 from kreisel.errors import InputError, doubt, explained, shown
+from kreisel.physical import environment as earth
+from kreisel.physical.environment import Environment
 from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number, si_numbers
 from kreisel.runs.orbits import orbit_frame
 
@@ -24,6 +26,8 @@ formulas = cast("Any", formulas_of_orbits)  # of a page, without types
 class Primary(NamedTuple):
     """The central body: gravitational parameter mu, m^3/s^2; radius R, m; magnetic field R^3 g_1^0, T m^3; J2.
 
+    Then the flattening of its ellipsoid, and the models of its field, rotation, Sun and air at a date, None for none.
+
     B = -grad V,  V = R (R/r)^2 g_1^0 cos(theta) of the dipole along the axis: g_1^0 < 0 for the Earth, whose field
     points north over its equator.
     """
@@ -33,13 +37,24 @@ class Primary(NamedTuple):
     radius: float
     field: float = 0.0
     J2: float = 0.0
+    flattening: float = 0.0
+    environment: Environment | None = None
 
 
-# mu, radius: WGS 84 for the Earth, JPL's planetary satellite ephemerides (SAT441) for Saturn, IAU 2015 B3 for the Sun.
+# mu, radius: WGS 84 for the Earth, with its flattening, JPL's planetary satellite ephemerides (SAT441) for Saturn,
+# IAU 2015 B3 for the Sun.
 # The field of the Earth: g_1^0 = -29350.0 nT of IGRF-14 (2025) for a radius of 6371.2 km.  Of Saturn: 21136 nT for
 # 60268 km, Burton et al., Geophysical Research Letters 37 (2010) L24105.  J2: WGS 84, and of Saturn 16290.57e-6
 # for 60330 km, Iess et al., Science 364 (2019) eaat2965.
-EARTH = Primary("Earth", formulas.EARTH, 6_378_137.0, -29_350.0e-9 * 6_371_200.0**3, 1.08262998905e-3)
+EARTH = Primary(
+    "Earth",
+    formulas.EARTH,
+    6_378_137.0,
+    -29_350.0e-9 * 6_371_200.0**3,
+    1.08262998905e-3,
+    1 / 298.257223563,
+    earth.ENVIRONMENT,
+)
 SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7, 21_136.0e-9 * 60_268_000.0**3, 16_290.57e-6 * (60_330 / 60_268) ** 2)
 SUN = Primary("Sun", 1.3271244e20, 6.957e8)
 
@@ -52,7 +67,7 @@ def _checked(primary: Any) -> Primary:
     if radius < 0:
         raise InputError(f"radius of the primary: expected a number >= 0, got {radius:g}.")
     field, J2 = si_number(primary.field, "T m^3", "field"), si_number(primary.J2, "1", "J2 of the primary")
-    return Primary(primary.name, mu, radius, field, J2)
+    return primary._replace(mu=mu, radius=radius, field=field, J2=J2)
 
 
 TLE = (r"1 .{67}", r"2 .{67}")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from dataclasses import field as stored
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
@@ -13,6 +14,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES, satellite
 from kreisel.errors import InputError, explained, shown
+from kreisel.physical import environment as earth
 from kreisel.physical.control import Control, Wheels, start_of_wheels, with_wheels
 from kreisel.physical.free_body import FreeBody, angular_velocity_of
 from kreisel.physical.inertia import inertia_tensor
@@ -31,7 +33,7 @@ from kreisel.record.body import UPRIGHT, Body, started
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales
 from kreisel.runs.geometry import orientation_of, require_of_body
-from kreisel.runs.orbits import Angles, angles_of
+from kreisel.runs.orbits import Angles, angles_of, environment_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -76,13 +78,19 @@ class Satellite(Body):
 
     inertia        classical inertia tensor about the centre of mass, (3, 3) in any body axes, or its diagonal, kg m^2
     orbit          an `Orbit`; gravity acts to second order in the size of the satellite, with `harmonics` to the fourth
-    magnetic_moment   (3,), A m^2, in the field of the primary's dipole, along its axis
+    magnetic_moment   (3,), A m^2, in the field of the primary
     torque         (3,), N m, steady
     wheel          (3,), N m s, momentum of reaction wheels against the body at t = 0; None for no wheel
     wheel_torque   (3,), N m, steady, of the motors on the wheels; the body feels the opposite
     plates         `Plate` records, for drag and sunlight; each is seen from its front, and none is in a shadow
-    density, drag  of the air, kg/m^3, constant on the orbit, and the drag coefficient
-    light, sun     the pressure of sunlight, N/m^2 (`SOLAR_PRESSURE`), and the direction of the Sun in space
+    density, drag  of the air, kg/m^3, constant on the orbit and at rest in space, and the drag coefficient
+    air            instead of a density "exponential" or "harris-priester" air, which rotates with the Earth
+    light          the pressure of sunlight at 1 au, N/m^2 (`SOLAR_PRESSURE`)
+    sun            "ephemeris", the Sun at its date; or its direction in space.  Default: the Sun at its date if the
+                   orbit of the Earth has an epoch, else the first axis of space
+    eclipse        whether the primary shades the light; default: if the Sun moves
+    field          "igrf", IGRF-14 to that `degree`; "tilted-dipole", its first degree; "dipole", of the primary along
+                   its axis.  Default: "igrf" if the orbit of the Earth has an epoch, else "dipole"
     mirror, diffuse   fractions of the light that are reflected and scattered
     harmonics      `Harmonics` of the body's gravity field
     wheels         `Wheels`, whose momenta are a part of the state
@@ -102,13 +110,17 @@ class Satellite(Body):
     density: float = 0.0
     drag: float = 2.2
     light: float = 0.0
-    sun: Any = (1.0, 0.0, 0.0)
+    sun: Any = None
     mirror: float = 0.0
     diffuse: float = 0.0
     harmonics: Harmonics | None = None
+    field: str | None = None
+    degree: int = earth.DEGREE
+    air: str | None = None
+    eclipse: bool | None = None
     wheels: Wheels | None = None
     control: Control | None = None
-    body: FreeBody = field(init=False, repr=False)
+    body: FreeBody = stored(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.orbit, Orbit):
@@ -116,7 +128,7 @@ class Satellite(Body):
         inertia = inertia_tensor(self.inertia)
         object.__setattr__(self, "inertia", inertia)
         object.__setattr__(self, "body", FreeBody(inertia, time_unit=float(np.trace(inertia)) / 3))  # M in kg m^2/s
-        units = {"magnetic_moment": "A m^2", "torque": "N m", "wheel_torque": "N m", "sun": "1"}
+        units = {"magnetic_moment": "A m^2", "torque": "N m", "wheel_torque": "N m"}
         for name, unit in units.items():
             object.__setattr__(self, name, si_numbers(getattr(self, name), unit, name, ((3,),)))
         if self.wheel is not None:
@@ -165,6 +177,21 @@ class Satellite(Body):
     def _principal_axes(self) -> Array:
         return self.body.principal.axes
 
+    @cached_property
+    def _surroundings(self) -> dict[str, Any]:
+        """Parameters of the environment."""
+        choice = earth.Choice(self.field, self.degree, self.air, self.density, self.sun, self.eclipse)
+        return choice.parameters(self.orbit)
+
+    def environment(self, run: xr.Dataset) -> xr.Dataset:
+        """Environment of the satellite along a run, in space: vectors (time, [lane,] axis), scalars (time, [lane]).
+
+        position, m; velocity, m/s; field, T; sun, the direction of the Sun; light, the fraction of its disc that is
+        seen; density of the air, kg/m^3.
+        """
+        require_of_body(run, self.orbit.elements)
+        return environment_of(run)
+
     def model(self) -> Model:
         """The system "satellite", or "satellite-with-wheel", with these parameters, in SI units and principal axes."""
         along = self._principal_axes
@@ -173,15 +200,13 @@ class Satellite(Body):
             "moments": self.body.principal.moments,
             **self.orbit.elements,
             "dipole": self.magnetic_moment @ along,
-            "field": self.orbit.primary.field,
             "torque": self.torque @ along,
             "plates": rows or np.zeros((1, 7)),
-            "density": self.density,
             "drag": self.drag,
-            "sun": _unit(self.sun, "sun"),
             "pressure": self.light,
             "mirror": self.mirror,
             "diffuse": self.diffuse,
+            **self._surroundings,
             **({} if self.harmonics is None else _moments(self.harmonics, along)),
         }
         wheel = {} if self.wheel is None else {"wheel": self.wheel @ along, "wheel_torque": self.wheel_torque @ along}

@@ -11,25 +11,30 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.bodies import orbit
 from kreisel.errors import InputError, hint, shown
 from kreisel.record.model import Model
 from kreisel.runs.geometry import attitude_of, axes_of_state, model_for
 from kreisel.runs.run_record import RunRecord
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import xarray as xr
+
+    from kreisel.record.perturbation import Force, Perturbation
 
 SATELLITES = ("satellite", "satellite-with-wheel")
 
 
 class Surroundings(NamedTuple):
-    """Vectors (time, [lane,] 3) in space; None if the run does not state them."""
+    """Vectors (time, [lane,] 3) in space, scalars (time, [lane]); None if the run does not state them."""
 
     position: Array  # m
     velocity: Array  # m/s
+    field: Array  # T
     sun: Array | None  # unit vectors to the Sun
-    light: Array | None  # (time, [lane]), 0 in full shadow, 1 in sunlight
+    light: Array | None  # 0 in full shadow, 1 in sunlight
+    density: Array  # of the air, kg/m^3
 
 
 class Angles(NamedTuple):
@@ -54,23 +59,50 @@ def satellite_model(run: xr.Dataset) -> Model:
 
 
 def surroundings(run: xr.Dataset) -> Surroundings:
-    """Orbit, Sun and shadow at each row.  Raises `InputError` for any other run than of a satellite."""
-    constants = satellite_model(run).constants
+    """Orbit and environment at each row.  Raises `InputError` for any other run than of a satellite."""
+    model = satellite_model(run)
+    force = cast("Perturbation", model.system.perturbation).environment
+    known = {name: np.asarray(model.constants[name]) for name in cast("Force", force).parameters}
     time = np.asarray(run["time"].values, dtype=np.float64)
-    lanes = constants["orbit"].reshape(-1, constants["orbit"].shape[-1])
-    places = [cast("Any", orbit).place(time, each) for each in lanes]  # of a page, without types
-    r, v = (np.stack(x, 1) if constants["orbit"].ndim > 1 else x[0] for x in zip(*places, strict=True))
-    if not np.any(constants["pressure"]):
-        return Surroundings(r, v, None, None)
-    sun = np.broadcast_to(constants["sun"], r.shape)
-    return Surroundings(r, v, sun, _light(r, sun, constants["radius"]))
+    lanes = [_of_lane(known, model.axes, lane) for lane in range(model.batch[0])] if model.batch else [known]
+    rows = [cast("Force", force).function(time, **each) for each in lanes]
+    found = {
+        name: np.moveaxis(np.stack([np.broadcast_to(row[name], (*axes, len(time))) for row in rows], -1), 0, -1)
+        if axes
+        else np.stack([np.broadcast_to(row[name], len(time)) for row in rows], -1)
+        for name, (_, _, axes) in VARIABLES.items()
+    }
+    found = found if model.batch else {name: value[:, 0] for name, value in found.items()}
+    sunny = bool(np.any(model.constants["pressure"]) or np.any(known["solar"]))
+    return Surroundings(**{**found, **({} if sunny else {"sun": None, "light": None})})
 
 
-def _light(r: Array, sun: Array, radius: Array) -> Array:
-    """0 in the cylinder of shadow behind the primary, else 1."""
-    along = algebra.dot(r, sun)
-    across = np.linalg.norm(r - along[..., None] * sun, axis=-1)
-    return np.where((along < 0) & (across < radius), 0.0, 1.0)
+def _of_lane(known: Mapping[str, Array], axes: Mapping[str, int], lane: int) -> dict[str, Array]:
+    """Constants of one lane."""
+    return {name: value[lane] if value.ndim > axes[name] else value for name, value in known.items()}
+
+
+VARIABLES: dict[str, tuple[str, str, tuple[int, ...]]] = {  # unit, meaning, axes
+    "position": ("m", "position of the satellite in space", (3,)),
+    "velocity": ("m/s", "velocity of the satellite in space", (3,)),
+    "field": ("T", "magnetic field at the satellite, in space", (3,)),
+    "sun": ("1", "direction of the Sun in space", (3,)),
+    "light": ("1", "fraction of the Sun's disc that is seen from the satellite", ()),
+    "density": ("kg/m^3", "density of the air at the satellite", ()),
+}
+
+
+def environment_of(run: xr.Dataset) -> xr.Dataset:
+    """`surroundings` as variables with units and names, along the times and lanes of the run."""
+    import xarray as xr
+
+    out = xr.Dataset(coords={name: run[name] for name in ("time", "lane") if name in run.coords})
+    for name, value in surroundings(run)._asdict().items():
+        unit, meaning, axes = VARIABLES[name]
+        if value is not None:
+            lead = ("time", "lane")[: value.ndim - len(axes)]
+            out[name] = ((*lead, *("axis",) * len(axes)), value, {"units": unit, "long_name": meaning})
+    return out
 
 
 # -- frames, as columns in space -------------------------------------------------------------------
