@@ -18,7 +18,7 @@ from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.contract import Frame
 from kreisel.record.quantities import Scale, Scales, converted, parsed_unit, registry, si
 from kreisel.runs.geometry import in_body_axes, model_for, velocity_of
-from kreisel.runs.in_si import in_state_form
+from kreisel.runs.in_si import SUMMARIES, in_state_form
 from kreisel.runs.run_record import RunRecord
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ KEPT = (
 )
 __all__ = ["Scale", "measured", "quantity", "registry", "si"]
 
-SUMMARIES = ("drift", "extremes", "frequencies")  # kinds of variables of a sweep
 RUN_ONLY = ("kind", "conserved", "roundoff_scale", "evaluation_scale")  # attributes of variables of a run
 
 

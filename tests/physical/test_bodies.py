@@ -141,3 +141,71 @@ def test_analysis_speaks_in_si() -> None:
     assert abs(table.measured["nutation_period"] / period - 1) < 0.01
     omega = kr.analysis.angular_velocity(run, frame="space")
     assert same(omega, run.angular_velocity, 1e-9) and same(omega.time, run.time, 0.0 + 1e-15)
+
+
+def test_the_propagator_of_a_body_is_in_si() -> None:
+    body, x0 = BODIES["free"], state("free")
+    motion = kr.propagator(body, dt="0.1 s", orientation=True)
+    rows = kr.at(body, x0, [0.0, 1.0, 30.0])
+    found = motion.at(x0, [0.0, 1.0, 30.0])
+    assert motion.names == ("momentum", "attitude") and motion.dt == pytest.approx(0.1)
+    for name in motion.names:
+        assert same(found[name], rows[name], 1e-13)
+    row = np.concatenate([rows[name][0] for name in motion.names])
+    assert same(motion.at(row, 30.0), np.concatenate([rows[name][2] for name in motion.names]), 1e-12)
+    assert same(motion.steps(row, 10)[:3], rows.momentum[1], 1e-13)
+    level = float(rows.momentum[1, 0])
+    crossing = motion.until(row, lambda x: x[0] - level, "20 s")
+    assert crossing.crossed and abs(crossing.state[0] - level) < 1e-12
+    turning = kr.propagator(BODIES["satellite"], dt="1 s")
+    assert same(turning.steps(state("satellite"), 30, time=0.0)["attitude"], case("satellite").attitude[-1], 1e-6)
+    with pytest.raises(kr.InputError, match="momentum, attitude"):
+        motion.at({"M": row[:3]}, 1.0)
+
+
+def test_a_sweep_of_a_body_is_in_si(tmp_path: Path) -> None:
+    body, x0 = BODIES["free"], state("free")
+    design = kr.Design(grid={"run.dt": [0.1, 0.2]}) if False else kr.Design(grid={"state.M[0]": [0.001, 0.002]})
+    found = kr.sweep(
+        body,
+        x0,
+        design,
+        dt="0.1 s",
+        steps=50,
+        every="1 s",
+        path=tmp_path / "sweep.zarr",
+        workers=0,
+        save=("trajectories", "extremes"),
+    )
+    assert found.time.attrs["units"] == "s" and float(found.time[-1]) == pytest.approx(5.0)
+    assert found.momentum.attrs["units"] == "kg m^2/s" and found.attrs["kreisel_form"] == "SI"
+    assert found.momentum_max.attrs == {**found.momentum_max.attrs, "units": "kg m^2/s", "axes": "state"}
+    size = np.linalg.norm(found.momentum.values, axis=-1)
+    assert np.ptp(size, axis=found.momentum.dims.index("time")).max() < 1e-15
+
+
+def test_a_body_is_fitted_and_differentiated_in_si() -> None:
+    """The momentum at the start, from rates in deg/s along the axes given; and the derivative by differences."""
+    body, x0 = BODIES["free"], state("free")
+    run = kr.simulate(body, x0, dt="0.5 s", t_end="20 s")
+    seen = xr.Dataset(
+        {"angular_velocity": run.angular_velocity.drop_attrs() * 180 / np.pi}, {"time": run.time.drop_attrs()}
+    )
+    seen.angular_velocity.attrs["units"] = "deg/s"
+    start = body.state(1.1 * RATE, attitude=TYPED)
+    fitted = kr.fit(body, seen, free=["momentum"], x0=start, dt="0.1 s", orientation=False)
+    assert same(body.angular_velocity(fitted.state.axial["M"]), RATE, 1e-6)
+    motion = kr.differentiable(body)
+    momentum = TENSOR @ RATE
+    end = motion({"momentum": momentum}, dt=0.1, steps=100)["momentum"]
+    assert same(end, np.asarray(run.momentum[20]), 1e-4 * np.linalg.norm(momentum))
+
+
+def test_a_torque_of_a_call_is_along_the_axes_given() -> None:
+    """A short steady torque adds its impulse to the momentum, along the axes of the tensor."""
+    body = BODIES["satellite"]
+    motion = kr.propagator(body, dt="1 ms")
+    torque = np.array([0.3, -0.1, 0.2])
+    x0 = body.state((0.0, 0.0, 0.0), attitude=TYPED)
+    pushed = motion.steps(x0, 10, time=0.0, torque=torque)["momentum"] - motion.steps(x0, 10, time=0.0)["momentum"]
+    assert same(pushed, 0.01 * torque, 1e-6)

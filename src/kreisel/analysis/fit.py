@@ -20,9 +20,11 @@ from kreisel.algebra.reuse import Identity, cached_property, reused
 from kreisel.analysis.observations import ATTITUDE, Observations, Unknown, observed, turn_coordinates, unknowns
 from kreisel.errors import AccuracyWarning, InputError, RunError, doubt, explained
 from kreisel.method.observing import ORIENTATION
+from kreisel.record.body import Body, as_body
 from kreisel.record.body_frame import AXES
 from kreisel.record.model import Model, State
 from kreisel.runs.differentiable import attitude_near, constants_of, differentiable
+from kreisel.runs.in_si import is_in_si, letters_of, observations_of, scaled, time_unit
 from kreisel.runs.settings import check_model, checked_state, initial_orientation, positive_number, within
 
 if TYPE_CHECKING:
@@ -114,13 +116,13 @@ class Fit:
 
 @explained
 def fit(
-    system: Model,
+    system: Model | Body,
     observations: xr.Dataset,
     *,
     free: Sequence[str] | Mapping[str, Any],
     x0: StateLike | None = None,
     orientation: OrientationLike | None = None,
-    dt: float | None = None,
+    dt: Any = None,
     observables: Mapping[str, Callable[..., Any]] | None = None,
     bounds: Mapping[str, tuple[Any, Any]] | None = None,
     method: str | None = None,
@@ -129,7 +131,7 @@ def fit(
 ) -> Fit:
     """Parameters of a system and components of its state at time 0, from observations, with their errors.
 
-    system         with parameters: fixed values, and the start of the search
+    system         with parameters: fixed values, and the start of the search; or a body, with SI and names of its runs
     observations   a Dataset with the coordinate `time`, from 0 on, in any order, and variables (time, ...): components
                    of the state (n = 3: axial vectors), "g" (the orientation), "Omega" (in the frame of the system),
                    "energy" and other integrals, one entry such as "a[2]", or names of `observables`; NaN for missing
@@ -152,27 +154,38 @@ def fit(
 
     Least squares by `scipy.optimize.least_squares` (trust region reflective), which finds the minimum next to the
     start: if phases may be off by pi, fit a short time first.  The covariance is that of the linear problem at the
-    minimum.  Needs the extra `reduction` (JAX).  Raises `InputError` for names, shapes and times that do not fit, and
-    if the observations leave a combination of the unknowns undetermined, which it names; `RunError` if the motion fails
-    at the start.  Warns: `AccuracyWarning` of no convergence, `InputWarning` of a poor fit.
+    minimum.  Needs the extra `reduction` (JAX).  Raises `InputError` for bad input, and if the observations leave a
+    combination of the unknowns undetermined, which it names; `RunError` if the motion fails at the start.
     """
-    check_model(system)
+    model, x0, orientation, dt, observations, free = _scaled(system, x0, orientation, dt, observations, free)
+    check_model(model)
     within(evaluations, "evaluations", 1, 10**6)
     dt = _step_of(observations) if dt is None else positive_number(dt, "dt")
-    state = checked_state(system, _first(system, observations) if x0 is None else x0)
+    state = checked_state(model, _first(model, observations) if x0 is None else x0)
     functions = dict(observables or {})
-    attitude = _attitude(system, observations, orientation)
-    unknown, starts = unknowns(system, state, attitude, free, bounds or {}, functions)
-    seen = observed(system, observations, dt, functions, starts)
+    attitude = _attitude(model, observations, orientation)
+    unknown, starts = unknowns(model, state, attitude, free, bounds or {}, functions)
+    seen = observed(model, observations, dt, functions, starts)
     _require_enough(seen, unknown)
     settings: dict[str, Any] = {"method": method, "order": order}
-    f = differentiable(system, **settings, orientation=attitude is not None)
-    kind = system.key, _axes_of(system, observations), method, order, *(u.name for u in unknown), *seen.names
+    f = differentiable(model, **settings, orientation=attitude is not None)
+    kind = model.key, _axes_of(model, observations), method, order, *(u.name for u in unknown), *seen.names
     key = *kind, dt, seen.time.tobytes(), tuple((name, Identity(function)) for name, function in functions.items())
-    predicted = _predictions(f, system, unknown, starts, seen, key)
-    solution = _least_squares(predicted, seen, unknown, evaluations, system)
-    start, last = (system, state, attitude), predicted(solution.x.tobytes())[0]
+    predicted = _predictions(f, model, unknown, starts, seen, key)
+    solution = _least_squares(predicted, seen, unknown, evaluations, model)
+    start, last = (model, state, attitude), predicted(solution.x.tobytes())[0]
     return _as_fit(solution, unknown, start, seen, last, {"dt": dt, **settings})
+
+
+def _scaled(system: Any, x0: Any, orientation: Any, dt: Any, observations: Any, free: Any) -> tuple[Any, ...]:
+    """The arguments of a fit in the form of the state; `system` may be a body.  Raises `InputError`."""
+    if as_body(system) is None:
+        return system, x0, orientation, dt, observations, free
+    if x0 is None and not is_in_si(observations):
+        raise InputError("x0: expected body.state(...), the start of the search, got none.")
+    step = _step_of(observations) * time_unit(observations) if dt is None else dt
+    model, x0, orientation, asked, _ = scaled(system, x0, orientation, {"dt": step})
+    return model, x0, orientation, asked["dt"], observations_of(model, observations), letters_of(model, free)
 
 
 def _require_enough(seen: Observations, unknown: list[Unknown]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field as stored
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 
@@ -99,6 +99,8 @@ class Satellite(Body):
     Vectors are along the body axes; a run has the momentum M along the principal axes.  Raises `InputError` for moments
     that are impossible for a body.  The equations: `kreisel.bodies.satellite`.
     """
+
+    vectors: ClassVar[tuple[str, ...]] = ("dipole", "torque", "wheel", "wheel_torque")
 
     inertia: Any
     orbit: Orbit

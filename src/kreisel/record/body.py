@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 from kreisel import algebra
 from kreisel.errors import InputError
@@ -19,6 +19,8 @@ class Body:
     `kr.simulate(body, body.state(...), dt="1 ms", t_end="60 s")` returns a run in SI, with vectors along the axes in
     which the body was given.  `model()` is the scaled system with which kernels compute it.
     """
+
+    vectors: ClassVar[tuple[str, ...]] = ()  # parameters of the model along the axes of the body
 
     def model(self) -> Model:
         """The scaled system, with the axes and units of the body."""

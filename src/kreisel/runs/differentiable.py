@@ -21,10 +21,12 @@ from kreisel.method.observing import COUNT, ORIENTATION, as_matrix, turned, with
 from kreisel.method.scheme import Components, Guard, JaxSteps, Scheme, Steps
 from kreisel.method.splitting import REACH, closed_form
 from kreisel.method.splitting import make as splitting
+from kreisel.record.body import Body, as_body
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 from kreisel.runs.geometry import model_for
+from kreisel.runs.in_si import in_state_form
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import MOST_STEPS, check_model, initial_orientation, named, whole_order, within
 
@@ -67,7 +69,7 @@ class Step(NamedTuple):
 
 @explained
 def differentiable(
-    system: Model,
+    system: Model | Body,
     *,
     method: str | None = None,
     order: int | tuple[int, ...] | None = None,
@@ -85,19 +87,23 @@ def differentiable(
     parameters  other values of parameters of the system, by letter; default: the system's values
 
     The function is the definition from which kernels are compiled, without projections.  It can go through jit, vmap,
-    grad, jacfwd and scan, in float64, inside `kreisel.reduction.double()`.  grad keeps about 2 sqrt(steps) states and
-    computes the others again.  A `RunError` of `kr.simulate` is raised here too, or is NaN under tracing.  Needs the
-    extra `reduction` (JAX).  Raises `InputError` for methods and systems without such a step, for arrays in float32,
-    and for traced values if a number is needed.
+    grad, jacfwd and scan, in float64, inside `kreisel.reduction.double()`.  grad keeps 2 sqrt(steps) states.  A `RunError` of `kr.simulate` is raised here too, or is NaN under tracing.  Needs the
+    extra `reduction` (JAX).  For a body of `kr.physical` states are in SI, with the names of its runs, and times in s.
+    Raises `InputError` for methods without such a step, float32, and traced values if a number is needed.
     """
-    check_model(system)
-    if system.batch:
-        raise InputError(f"differentiable: expected parameters of one body, got a batch {system.batch}. Use jax.vmap.")
+    if (body := as_body(system)) is not None:
+        from kreisel.runs.propagation.of_body import differentiable_body
+
+        return differentiable_body(body, method, order, orientation)
+    model: Any = system
+    check_model(model)
+    if model.batch:
+        raise InputError(f"differentiable: expected parameters of one body, got a batch {model.batch}. Use jax.vmap.")
     oriented = orientation is not False
-    begin = None if isinstance(orientation, bool) else initial_orientation(orientation, system)
-    if begin is not None and begin.ndim > 1 + (system.n > 3):
+    begin = None if isinstance(orientation, bool) else initial_orientation(orientation, model)
+    if begin is not None and begin.ndim > 1 + (model.n > 3):
         raise InputError(f"orientation: expected one attitude, got the shape {begin.shape}. Use jax.vmap over g.")
-    step_with = cache(partial(_step_of, system, named(method, "method"), whole_order(order), oriented))
+    step_with = cache(partial(_step_of, model, named(method, "method"), whole_order(order), oriented))
     step_with(False)  # raises
 
     @explained
@@ -114,11 +120,11 @@ def differentiable(
         step = step_with(bool(parameters))
         with double():
             require_double(dt, time, *state.values(), *parameters.values())
-            start = _given(by, system, state, oriented, begin)
-            rows = _rows(by, system, step, start, dt, time, count // between, between, parameters)
+            start = _given(by, model, state, oriented, begin)
+            rows = _rows(by, model, step, start, dt, time, count // between, between, parameters)
             out = {k: v if every is not None else v[-1] for k, v in rows.items()}
             if not any(by.is_traced(v) for v in out.values()) and not all(np.isfinite(v).all() for v in out.values()):
-                raise RunError(_fault(system, step))
+                raise RunError(_fault(model, step))
         return out
 
     return motion
@@ -400,7 +406,7 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
     extra `reduction`.  Raises `InputError` for ensembles, for runs with impulses, events or given times, for one row,
     and as `differentiable`; `RunError` if J is not finite.
     """
-    record = RunRecord.of(run)
+    record, run = RunRecord.of(run), in_state_form(run)
     if "lane" in run.dims or not record.stepped or record.broken or record.at_times:
         raise InputError(
             "tangent: expected a run of one trajectory by equal steps, got an ensemble, or one with impulses, events "

@@ -18,7 +18,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
-from kreisel.record.body_frame import AXES, BODY, BodyFrame
+from kreisel.record.body_frame import AXES, BODY, STATE, BodyFrame
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scale
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 FORM, SI = "kreisel_form", "SI"
 COMPONENT = "xyz"  # the axis of the components of vectors, which a variable may not be named after
 VELOCITY = "angular_velocity"
+SUMMARIES = ("drift", "extremes", "frequencies")  # kinds of variables of a sweep, such as M_max
 SIZED = ("roundoff_scale", "evaluation_scale")  # attributes in the unit of their variable
 QUANTITY = re.compile(r"\s*(\w+)(.*)", re.DOTALL)
 MEANINGS = {
@@ -111,13 +112,17 @@ def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
     data: dict[str, xr.Variable] = {}
     coords: dict[str, xr.Variable] = {}
     for name, variable in run.variables.items():
-        letter = str(name) if forward else names.get(str(name), str(name))
-        unit, size = frame.units.get(letter, ("1", 1.0))
+        base, _, suffix = str(name).rpartition("_") if variable.attrs.get("kind") in SUMMARIES else (str(name), "", "")
+        letter = base if forward else names.get(base, base)
+        rate = suffix == "frequency"
+        unit, size = ("rad/s", 1 / frame.time_unit) if rate else frame.units.get(letter, ("1", 1.0))
         factor = size if forward else 1 / size
-        change = _change(frame, letter, factor, forward)
-        new = names.get(str(name), str(name))
+        change = _scaling(factor) if suffix else change_of(frame, letter, factor, forward)
+        new = names.get(base, base) + (f"_{suffix}" if suffix else "")
         out = variable if change is None else _applied(variable, change)
         attrs = _attributes(variable.attrs, frame, letter, new, unit, size, forward)
+        if suffix and letter in frame.along and frame.turned:
+            attrs[AXES] = STATE  # minima and maxima along the axes given do not follow from those along others
         if out is variable:
             out = variable.copy(deep=False)
         out.attrs = attrs
@@ -131,13 +136,17 @@ def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
     return made
 
 
-def _change(frame: BodyFrame, letter: str, factor: float, forward: bool) -> Callable[[Array], Array] | None:
+def _scaling(factor: float) -> Callable[[Array], Array] | None:
+    return None if factor == 1 else lambda v: v * factor
+
+
+def change_of(frame: BodyFrame, letter: str, factor: float, forward: bool) -> Callable[[Array], Array] | None:
     """The change of the values of a variable, or None."""
     if letter == ORIENTATION:
         return partial(_turned, frame.quaternion, forward) if frame.turned else None
     axes = frame.axes if letter in frame.along and frame.turned else None
     if axes is None:
-        return None if factor == 1 else lambda v: v * factor
+        return _scaling(factor)
     matrix = (axes.T if forward else axes) * factor
     return lambda v: v @ matrix
 
@@ -392,7 +401,7 @@ def _of_si_state(frame: BodyFrame, function: Callable[[Any], Any], changes: bool
         for name, value in state.items():
             letter = str(name) if forward else letters.get(str(name), str(name))
             size = frame.units.get(letter, ("1", 1.0))[1]
-            change = _change(frame, letter, size if forward else 1 / size, forward)
+            change = change_of(frame, letter, size if forward else 1 / size, forward)
             out[names.get(str(name), str(name))] = value if change is None else change(np.asarray(value))
         return out
 
@@ -402,6 +411,50 @@ def _of_si_state(frame: BodyFrame, function: Callable[[Any], Any], changes: bool
         return each(result, False) if changes and isinstance(result, Mapping) else result
 
     return of_state
+
+
+def letters_of(model: Model, names: Any) -> Any:
+    """Names of unknowns, a list or a mapping, such as "momentum[0]", with the letters of the state."""
+    frame = model.body_frame or BodyFrame()
+    words = {name: letter for letter, name in frame.names.items()}
+
+    def letter(name: Any) -> Any:
+        match = QUANTITY.fullmatch(name) if isinstance(name, str) else None
+        return name if match is None else words.get(match[1], match[1]) + match[2]
+
+    if isinstance(names, Mapping):
+        return {letter(name): value for name, value in names.items()}
+    return [letter(name) for name in names] if isinstance(names, Sequence) and not isinstance(names, str) else names
+
+
+def matrix_of(frame: BodyFrame, letter: str, width: int, forward: bool) -> Array:
+    """The matrix A (width, width) with v_SI = v_state A (forward) or back, of a component of the state."""
+    size = frame.units.get(letter, ("1", 1.0))[1]
+    change = change_of(frame, letter, size if forward else 1 / size, forward)
+    return np.eye(width) if change is None else np.asarray(change(np.eye(width)))
+
+
+def observations_of(model: Model, data: Any) -> Any:
+    """Observations of a body, with names in words, SI and the axes given by default, with letters and these attributes.
+
+    A run in SI is returned in the form of the state.
+    """
+    if is_in_si(data) or not hasattr(data, "data_vars"):
+        return in_state_form(data)
+    frame = model.body_frame or BodyFrame()
+    words = {name: letter for letter, name in frame.names.items()} | {VELOCITY: "Omega"}
+    renamed = {}
+    for name, variable in data.variables.items():
+        prefix = "sigma_" if str(name).startswith("sigma_") else ""
+        word, index = re.fullmatch(r"(\w+)(.*)", str(name)[len(prefix) :], re.DOTALL).groups()  # type: ignore[union-attr]
+        letter = words.get(word, word)
+        unit = "rad/s" if letter == "Omega" else frame.units.get(letter, ("1", 1.0))[0]
+        inside = {AXES: BODY} if letter in (*frame.along, ORIENTATION, "Omega") else {}
+        out = variable.copy(deep=False)
+        out.attrs = {"units": unit, **inside, **variable.attrs}
+        renamed[prefix + letter + index] = out
+    coords = {k: v for k, v in renamed.items() if k in data.coords}
+    return type(data)({k: v for k, v in renamed.items() if k not in coords}, coords, dict(data.attrs))
 
 
 def state_quantity(run: xr.Dataset, quantity: Any) -> Any:
@@ -418,7 +471,7 @@ def state_quantity(run: xr.Dataset, quantity: Any) -> Any:
     if not re.fullmatch(r"\[\s*[012]\s*\]", index) or letter not in kinds:
         raise InputError(f"A quantity is a component such as {match[1]}[2], got {shown(quantity)}.")
     place, part = kinds.index(letter), int(index.strip("[] "))
-    change = _change(frame, letter, frame.units.get(letter, ("1", 1.0))[1], True)
+    change = change_of(frame, letter, frame.units.get(letter, ("1", 1.0))[1], True)
 
     def component(*state: Array) -> Array:
         value = np.asarray(state[place])

@@ -123,7 +123,7 @@ def too_large(run: xr.Dataset) -> list[str]:
 def open_archive(path: Path) -> xr.Dataset:
     """Open a run, as `open_rows` does, or a sweep by lane; if it was interrupted, its finished part."""
     path = archive.settled(path)
-    return open_lanes(path) if is_sweep(path) else presented(open_rows(path))
+    return presented(open_lanes(path) if is_sweep(path) else open_rows(path))
 
 
 def open_lanes(path: Path) -> xr.Dataset:

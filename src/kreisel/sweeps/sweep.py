@@ -13,13 +13,16 @@ from typing import TYPE_CHECKING, Any
 from kreisel.errors import InputError, Interrupted, explained, shown
 from kreisel.files import shallow
 from kreisel.process import signals_wait
+from kreisel.record.body import Body
 from kreisel.record.model import Model
+from kreisel.runs.in_si import presented, scaled
 from kreisel.runs.progress import Progress
 from kreisel.runs.settings import check_model, checked_state, flag
 from kreisel.storage.archive import one_writer, target
 from kreisel.storage.opening import open_lanes
 from kreisel.sweeps.design import Design, described
 from kreisel.sweeps.ensemble import TRAJECTORIES, Sweep
+from kreisel.sweeps.grids import gridded
 from kreisel.sweeps.lanes import watched_lanes
 from kreisel.sweeps.store import Store, failed_lanes
 from kreisel.sweeps.workers import Tasks, check_workers, pool
@@ -55,14 +58,14 @@ class Report:
 
 @explained
 def sweep(
-    system: Model,
+    system: Model | Body,
     x0: StateLike,
     design: Design,
     *,
-    dt: float,
+    dt: Any,
     steps: int,
     path: str | os.PathLike[str],
-    every: int = 1,
+    every: Any = 1,
     method: str | None = None,
     order: int | str | tuple[int, ...] | None = None,
     tol: float | None = None,
@@ -92,28 +95,28 @@ def sweep(
     scheduler    the address of a Dask scheduler instead, whose workers see the same files
 
     A lane that fails has failed = 1, a message, and NaN.  The store is bit for bit the same for any number of workers.
-    Raises `InputError` for bad input and `RunError` if the sweep has to stop; finished blocks are kept.  Warns with
-    `ConservationWarning` if a lane loses an invariant of the method, as `kr.simulate` does.
+    Raises `InputError` for bad input, `RunError` if the sweep has to stop: finished blocks are kept.
     """
-    check_model(system)
+    when = {"dt": dt, "every": every, "impulses": impulses}
+    model, x0, orientation, when, _ = scaled(system, x0, orientation, when)
+    check_model(model)
     flag(overwrite, "overwrite")
-    _only_known(system)
+    _only_known(model)
     if not isinstance(design, Design):
         raise InputError(f"design: expected a kr.Design, such as kr.Design(grid={{...}}), got {shown(design)}.")
-    state = checked_state(system, x0).axial
-    run = dict(dt=dt, steps=steps, every=every, method=method, order=order, tol=tol, project=project, impulses=impulses)
+    state = checked_state(model, x0).axial
+    run = dict(**when, steps=steps, method=method, order=order, tol=tol, project=project)
     description = {
-        **_of_body(system),
-        "system": {"name": system.system.name, **system.params},
+        **_of_body(model),
+        "system": {"name": model.system.name, **model.params},
         "state": {**state, **({} if orientation is None else {"orientation": orientation})},
         "run": run,
         "sweep": {**design.table, "save": save, "block": block, "memory": memory},
     }
-    where = target(path)
-    report = carry_out(description, where, workers=workers, scheduler=scheduler, overwrite=overwrite, progress=progress)
-    from kreisel.sweeps.grids import gridded
-
-    return gridded(watched_lanes(open_lanes(report.path)))
+    report = carry_out(
+        description, target(path), workers=workers, scheduler=scheduler, overwrite=overwrite, progress=progress
+    )
+    return gridded(presented(watched_lanes(open_lanes(report.path))))
 
 
 def _of_body(model: Model) -> dict[str, Any]:

@@ -213,10 +213,10 @@ class StateForms:
             out[letter] = entries if unpack is None else unpack(entries, n)
         if not self.settings.observe:
             return out
-        return out | {name: x[..., place] for name, place in self._beside.items()}
+        return out | {name: x[..., place] for name, place in self.beside.items()}
 
     @cached_property
-    def _beside(self) -> dict[str, Any]:
+    def beside(self) -> dict[str, Any]:
         """The places of the observed quantities after the state."""
         if not self.settings.observe:
             return {}

@@ -12,9 +12,13 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, hint, shown
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
+from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Flow, Orbits, Scheme
+from kreisel.record.body import Body, as_body
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import keywords
 from kreisel.record.model import Model
+from kreisel.runs.in_si import duration
 from kreisel.runs.propagation.stepper import AT_ZERO, NONE, Signs, Stepper, number_of
 from kreisel.runs.settings import (
     LARGE,
@@ -45,39 +49,55 @@ class Crossing(NamedTuple):
 
 @explained
 def propagator(
-    system: Model,
+    system: Model | Body,
     *,
     method: str | None = None,
     order: int | tuple[int, ...] | None = None,
-    dt: float | None = None,
-    orientation: bool = False,
+    dt: Any = None,
+    orientation: bool | None = None,
     observe: Sequence[str] = (),
     project: bool = True,
-) -> Propagator:
+) -> Any:
     """The motion of a system by one method, checked and compiled once, for loops that call it often.
 
-    system       a system with parameters, as for `kr.simulate`; method and order too
+    system       a system with parameters, as for `kr.simulate`; method and order too.  A body of `kr.physical`: times
+                 in s and states in SI, along the axes in which it was given
     dt           the step; a flow in closed form (method="exact") needs none
-    orientation  whether the orientation g is part of the state
+    orientation  whether the orientation g is part of the state; default: for a body on which forces need it
     observe      Casimirs and integrals to compute in addition to the state, by name
     project      as for `kr.simulate`
 
     Raises `InputError` for bad input.
     """
-    check_model(system)
-    flag(orientation, "orientation")
+    body = as_body(system)
+    if body is None:
+        return _of_model(system, method, order, dt, False if orientation is None else orientation, observe, project)
+    from kreisel.runs.propagation.of_body import BodyPropagator
+
+    model = body.in_si()
+    forces = model.system.perturbation
+    oriented = forces is not None and bool(forces.names(ORIENTATION)) if orientation is None else orientation
+    step = None if dt is None else duration(model.body_frame or BodyFrame(), dt, "dt")
+    return BodyPropagator(body, _of_model(model, method, order, step, oriented, observe, project))
+
+
+def _of_model(
+    model: Any, method: str | None, order: Any, dt: Any, oriented: bool, observe: Sequence[str], project: bool
+) -> Propagator:
+    check_model(model)
+    flag(oriented, "orientation")
     flag(project, "project")
     step = 1.0 if dt is None else positive_number(dt, "dt")
-    scheme = scheme_of(system, named(method, "method"), step, whole_order(order), bool(orientation))
+    scheme = scheme_of(model, named(method, "method"), step, whole_order(order), bool(oriented))
     if scheme.coupling is not None and len(observe):
         raise InputError(
-            f"{system.system.name}: expected observe=() for bodies that act on each other in pairs, got "
+            f"{model.system.name}: expected observe=() for bodies that act on each other in pairs, got "
             f"{shown(observe)}. kr.simulate observes them."
         )
     if dt is None and not isinstance(scheme.motion, Orbits):
         raise InputError(f"method={scheme.name!r} needs a step dt, got none.")
     settings = Settings(dt=step, steps=1, method=method, order=order, project=bool(project))
-    return Propagator(system, scheme, settings.but(observe=observed(observe, scheme)), dt is not None)
+    return Propagator(model, scheme, settings.but(observe=observed(observe, scheme)), dt is not None)
 
 
 def _propagator_again(system: Model, settings: Settings, oriented: bool, paced: bool) -> Propagator:
@@ -108,6 +128,16 @@ class Propagator:
 
     def __repr__(self) -> str:
         return f"<kreisel propagator of {self.model!r}: {self._stepper.scheme.name}>"
+
+    @property
+    def places(self) -> dict[str, slice]:
+        """The places of the components in a state (size,)."""
+        return self._forms.places
+
+    @property
+    def beside(self) -> dict[str, Any]:
+        """The places of the observed quantities after the state."""
+        return self._forms.beside
 
     @explained
     def steps(self, state: Any, n: int, every: int | None = None, time: float | None = None, **parameters: Any) -> Any:

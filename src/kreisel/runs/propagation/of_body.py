@@ -1,0 +1,164 @@
+"""The propagator of a body of `kr.physical`: states and times in SI, along the axes in which the body was given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, explained, shown
+from kreisel.method.observing import ORIENTATION
+from kreisel.record.body import Body
+from kreisel.record.body_frame import BodyFrame
+from kreisel.record.model import State
+from kreisel.runs.differentiable import differentiable
+from kreisel.runs.in_si import duration, matrix_of, oriented, times_of
+from kreisel.runs.propagation.propagator import Crossing, Propagator
+
+
+class BodyPropagator:
+    """The motion of a body at any times, or after `steps`, in SI.
+
+    A state is a mapping of `names`, a state of `body.state(...)`, or one array of `size` entries, (size,) or (lanes,
+    size), in the order of `names`: momenta and other vectors along the axes in which the body was given, the attitude
+    as a unit quaternion (w, x, y, z).  Returned states have the same form, followed by the observed quantities.  Times
+    are in s or with units, "1 ms"; `dt` is in s.  Threads may share a propagator.
+    """
+
+    def __init__(self, body: Body, motion: Propagator):
+        self._body, self._motion, self._frame = motion, motion.model.body_frame or BodyFrame()
+        self.model, self.size, self.dt = motion.model, motion.size, motion.dt * self._frame.time_unit
+        self._places = {self._frame.names.get(k, k): (k, place) for k, place in motion.places.items()}
+        self.names = tuple(self._places)
+        self._into, self._out = (self._map(forward) for forward in (False, True))
+
+    def __repr__(self) -> str:
+        return f"<kreisel propagator of {self._frame.title}: {self._motion!r}>"
+
+    def _times(self, times: Any) -> Any:
+        """Times in the unit of the model."""
+        if type(times) is float:
+            return times / self._frame.time_unit
+        scaled = times_of(self.model, times)
+        return scaled if scaled.ndim else float(scaled)
+
+    def _map(self, forward: bool) -> Array:
+        """The linear map of states (..., size), from the right, to SI (forward) or back; (size,) if it is diagonal."""
+        out = np.eye(self.size)
+        for letter, place in self._places.values():
+            out[place, place] = matrix_of(self._frame, letter, place.stop - place.start, forward)
+        return np.diagonal(out).copy() if np.array_equal(out, np.diag(np.diagonal(out))) else out
+
+    def _given(self, state: Any) -> Any:
+        """A state in the units and along the axes of the model.  Raises `InputError`."""
+        if isinstance(state, State):
+            parts = [*state.axial.values()]
+            if ORIENTATION in self._motion.letters:
+                parts.append(np.broadcast_to(state.orientation, (*parts[0].shape[:-1], 4)))  # type: ignore[arg-type]
+            return np.concatenate(parts, -1)
+        if isinstance(state, Mapping):
+            if missing := [name for name in self.names if name not in state]:
+                raise InputError(f"The state: expected {', '.join(self.names)}, got none for {', '.join(missing)}.")
+            state = np.concatenate([algebra.floats(state[name]) for name in self.names], -1)
+        x = state if type(state) is np.ndarray and state.dtype == np.float64 else algebra.floats(state)
+        return self._changed(x, self._into)
+
+    def _changed(self, x: Array, by: Array) -> Array:
+        if x.shape[-1:] != (self.size,):
+            raise InputError(
+                f"The state: expected a mapping of {', '.join(self.names)}, or an array of these {self.size} numbers, "
+                f"({self.size},) or (lanes, {self.size}), got {shown(x)}."
+            )
+        return x * by if by.ndim == 1 else x @ by
+
+    def _parameters(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """Parameters of a call, with vectors of the body along the axes of the model."""
+        turned = self._body.vectors if self._frame.turned else ()
+        return {k: np.asarray(v) @ self._frame.axes if k in turned else v for k, v in parameters.items()}
+
+    def _returned(self, x: Array, state: Any) -> Any:
+        """Entries of the model (..., size + observed) in the form in which a state was given."""
+        if x.shape[-1] == self.size:
+            out = self._changed(x, self._out)
+        else:
+            out = np.concatenate([self._changed(x[..., : self.size], self._out), self._observed(x)], -1)
+        if not isinstance(state, Mapping):
+            return out
+        beside = {name: out[..., place] for name, place in self._motion.beside.items()}
+        return {name: out[..., place] for name, (_, place) in self._places.items()} | beside
+
+    def _observed(self, x: Array) -> Array:
+        out = x[..., self.size :].copy()
+        for name, place in self._motion.beside.items():
+            where = slice(place, place + 1) if isinstance(place, int) else place
+            cut = slice(where.start - self.size, where.stop - self.size)
+            out[..., cut] *= self._frame.units.get(name, ("1", 1.0))[1]
+        return out
+
+    @explained
+    def steps(self, state: Any, n: int, every: int | None = None, time: Any = None, **parameters: Any) -> Any:
+        """The state after n steps of dt, as `Propagator.steps`; `parameters` such as dipole along the axes given."""
+        begun = None if time is None else duration(self._frame, time, "time")
+        return self._returned(
+            self._motion.steps(self._given(state), n, every, begun, **self._parameters(parameters)), state
+        )
+
+    @explained
+    def at(self, state: Any, times: Any) -> Any:
+        """The state at a time, or at times (times,) along a first axis, as `Propagator.at`."""
+        return self._returned(self._motion.at(self._given(state), self._times(times)), state)
+
+    @explained
+    def to(self, state: Any, times: Any, time: Any = 0.0, **parameters: Any) -> Any:
+        """The state at a time, or at times in order, from the state at `time`, as `Propagator.to`."""
+        begun, ends = duration(self._frame, time, "time"), self._times(times)
+        return self._returned(self._motion.to(self._given(state), ends, begun, **self._parameters(parameters)), state)
+
+    @explained
+    def until(
+        self, state: Any, quantity: Callable[[Any], Any], end: Any, *, time: Any = 0.0, rising: bool | None = None
+    ) -> Crossing:
+        """The state at which a quantity of the state, in SI, first changes its sign, as `Propagator.until`."""
+
+        def measure(x: Array) -> Any:
+            return quantity(self._returned(x, state))
+
+        begun, last = duration(self._frame, time, "time"), duration(self._frame, end, "end")
+        found = self._motion.until(self._given(state), measure, last, time=begun, rising=rising)
+        return Crossing(self._returned(found.state, state), found.time * self._frame.time_unit, found.crossed)
+
+    def __reduce__(self) -> Any:  # kernels keep their addresses
+        return BodyPropagator, (self._body, self._motion)
+
+
+def differentiable_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[..., dict[str, Array]]:
+    """The motion of a body in SI as a function of JAX, as `kr.differentiable` describes."""
+    model = body.in_si()
+    frame = model.body_frame or BodyFrame()
+    begin = orientation if isinstance(orientation, bool) else oriented(model, orientation)
+    motion = differentiable(model, method=method, order=order, orientation=begin)
+
+    def changed(state: Mapping[str, Any], forward: bool) -> dict[str, Any]:
+        names = frame.names if forward else {name: letter for letter, name in frame.names.items()}
+        out = {}
+        for name, value in state.items():
+            matrix = matrix_of(frame, name if forward else names.get(name, name), np.shape(value)[-1], forward)
+            out[names.get(name, name)] = value if np.array_equal(matrix, np.eye(len(matrix))) else value @ matrix
+        return out
+
+    @explained
+    def in_si(state: Mapping[str, Any], *, dt: Any, time: Any = 0.0, **others: Any) -> dict[str, Array]:
+        from kreisel.reduction.double import double
+
+        unit = frame.time_unit
+        with double():
+            if isinstance(state, State):
+                start = {**state.axial, **({} if orientation is False else {ORIENTATION: state.orientation})}
+            else:
+                start = changed(state, False)
+            return changed(motion(start, dt=dt / unit, time=time / unit, **others), True)
+
+    return in_si
