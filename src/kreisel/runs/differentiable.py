@@ -87,9 +87,10 @@ def differentiable(
     parameters  other values of parameters of the system, by letter; default: the system's values
 
     The function is the definition from which kernels are compiled, without projections.  It can go through jit, vmap,
-    grad, jacfwd and scan, in float64, inside `kreisel.reduction.double()`.  grad keeps 2 sqrt(steps) states.  A `RunError` of `kr.simulate` is raised here too, or is NaN under tracing.  Needs the
-    extra `reduction` (JAX).  For a body of `kr.physical` states are in SI, with the names of its runs, and times in s.
-    Raises `InputError` for methods without such a step, float32, and traced values if a number is needed.
+    grad, jacfwd and scan, in float64, inside `kreisel.reduction.double()`.  grad keeps 2 sqrt(steps) states.  A
+    `RunError` of `kr.simulate` is raised here too, or is NaN under tracing.  Needs the extra `reduction` (JAX).  For a
+    body of `kr.physical` states are in SI, with the names of its runs, and times in s.  Raises `InputError` for methods
+    without such a step, float32, and traced values if a number is needed.
     """
     if (body := as_body(system)) is not None:
         from kreisel.runs.propagation.of_body import differentiable_body

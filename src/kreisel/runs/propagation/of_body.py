@@ -29,7 +29,7 @@ class BodyPropagator:
     """
 
     def __init__(self, body: Body, motion: Propagator):
-        self._body, self._motion, self._frame = motion, motion.model.body_frame or BodyFrame()
+        self._body, self._motion, self._frame = body, motion, motion.model.body_frame or BodyFrame()
         self.model, self.size, self.dt = motion.model, motion.size, motion.dt * self._frame.time_unit
         self._places = {self._frame.names.get(k, k): (k, place) for k, place in motion.places.items()}
         self.names = tuple(self._places)
