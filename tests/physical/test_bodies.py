@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import kreisel as kr
 from kreisel.physical import FreeBody, Gyroscope, HeavyBody, Satellite, SubmergedBody
+from kreisel.storage.checking import check_archive
 
 from .test_given_axes import ADDED, CENTRE, LONG, ORBIT, RATE, ROWS, SHORT, TENSOR, TYPED, case, same
 
@@ -82,6 +83,11 @@ def test_the_archive_the_row_and_the_resumed_run_say_the_same(tmp_path: Path) ->
     for name in stored.variables:
         assert np.array_equal(stored[name].values, whole[name].values[: stored.sizes["time"]]), name
         assert stored[name].attrs["units"] == whole[name].attrs["units"], name
+    plain = xr.open_zarr(tmp_path / "run.zarr")  # by CF's scale_factor, along the axes of the state
+    assert same(plain.time, whole.time[: len(plain.time)], 1e-12) and plain.M.attrs["units"] == "kg m^2/s"
+    assert same(plain.energy, whole.energy[: len(plain.time)], 1e-15)
+    assert abs(np.linalg.norm(plain.M.values, axis=-1) - np.linalg.norm(TENSOR @ RATE)).max() < 1e-15
+    assert check_archive(tmp_path / "run.zarr")[1] == []
     longer = kr.resume(tmp_path / "run.zarr", extend=60)
     assert np.array_equal(longer.momentum.values, whole.momentum.values)
     assert same(longer.isel(time=[3]).angular_velocity.values, whole.angular_velocity.values[[3]], 0.0 + 1e-15)

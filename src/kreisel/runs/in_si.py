@@ -56,6 +56,20 @@ def names_of_state(run: xr.Dataset) -> list[str]:
     return [frame.names.get(letter, letter) if frame else letter for letter in record.kinds]
 
 
+def in_cf(model: Model, name: str) -> dict[str, Any]:
+    """The attributes by which programs that know CF read SI from the numbers of a kernel: units and scale_factor.
+
+    The energy of a symmetric top has none: a constant is missing in its Hamiltonian.
+    """
+    frame = model.body_frame
+    if frame is None or not frame.names or name not in frame.units:
+        return {}
+    if name in ENERGIES and model.system.spin is not None:
+        return {}
+    unit, size = frame.units[name]
+    return {"units": unit} | ({} if size == 1 else {"scale_factor": size})
+
+
 def unit_of(run: xr.Dataset, letter: str) -> float:
     """The unit of the state in which a run in SI was computed, for a variable, in SI; 1 for other runs."""
     frame = RunRecord.from_attrs(run.attrs).body_frame if is_in_si(run) else None
@@ -160,7 +174,7 @@ def _attributes(
     attrs: Mapping[str, Any], frame: BodyFrame, letter: str, name: str, unit: str, size: float, forward: bool
 ) -> dict[str, Any]:
     """The attributes of a variable in its new form."""
-    out = {k: v for k, v in attrs.items() if k != AXES}
+    out = {k: v for k, v in attrs.items() if k not in (AXES, "scale_factor")}
     factor = size if forward else 1 / size
     for key in SIZED:
         if key in out and factor != 1:

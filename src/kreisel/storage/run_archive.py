@@ -32,6 +32,7 @@ from kreisel.runs.describing import (
     time_attributes,
     versions,
 )
+from kreisel.runs.in_si import in_cf
 from kreisel.runs.integration import Integration, Snapshot, block_rows, chunk_rows
 from kreisel.runs.operations import require_events, require_operations
 from kreisel.runs.plan import TIMES, Plan
@@ -99,7 +100,7 @@ class RunArchive:
         archive.require_there(self.part)
         with archive.edited(self.part) as root:
             for name, attrs in attributes(self.plan, rows).items():
-                archive.arrays_of(root)[name]["attributes"] = attrs
+                archive.arrays_of(root)[name]["attributes"] = attrs | in_cf(self.plan.model, name)
         self._described = True
 
     def checkpoint(self, snapshot: Snapshot) -> None:
@@ -157,7 +158,7 @@ def layouts(plan: Plan, block: int) -> dict[str, dict[str, Any]]:
             "shards": (block, *value.shape[1:]) if chunk < block else None,
             "dtype": value.dtype,
             "dimension_names": ("time",) if name == "time" else dimensions(plan, name, value.shape),
-            "attributes": time_attributes(plan) if name == "time" else {},
+            "attributes": time_attributes(plan) | in_cf(plan.model, name) if name == "time" else {},
             "fill_value": np.nan,
         }
     return out
