@@ -113,6 +113,56 @@ def test_a_satellite_has_the_shape_of_its_inertia():
     assert bodies.PANEL in colour and abs(axis[0]) > 0.97  # the axis of the least moment is the first
 
 
+def test_a_satellite_has_arrows_to_what_is_around_it_and_a_globe():
+    """On a polar orbit from the first axis of space to the third, in the light of the Sun along the first."""
+    from kreisel.physical import Orbit, Plate, Satellite
+
+    orbit = Orbit.circular("500 km", inclination="90 deg")
+    plate = Plate((0, 0, 1), (0, 0, 0), 0.01)
+    body = Satellite((1.0, 2.5, 2.0), orbit, light=4.5e-6, sun=(1, 0, 0), plates=(plate,))
+    run = kr.simulate(
+        body.model(),
+        body.state(),
+        dt=30.0,
+        steps=50,
+        orientation=body.orientation(body.pointing(pitch=0.3)),
+        progress=False,
+    )
+    data = scene(run)
+    each = data["bodies"][0]
+    arrows = {a["name"]: array(a["to"], "f4").reshape(-1, 3)[0] for a in each["arrows"]}
+    assert {k: v.round(6).tolist() for k, v in arrows.items()} == {
+        "nadir": [-1, 0, 0],
+        "velocity": [0, 0, 1],
+        "Sun": [1, 0, 0],
+    }
+    assert data["kind"] == "satellite" and data["globe"]["earth"] and data["up"] == ""
+    assert np.isclose(data["globe"]["size"], 6378.137 / 6878.137)
+    assert np.allclose(array(each["place"], "f4")[:3], (1, 0, 0))
+    error, *_ = data["charts"]["panels"]
+    assert (error["unit"], data["clock"]["unit"]) == ("deg", "min")
+    assert np.isclose(array(error["values"][0], "f4")[0], np.rad2deg(0.3))
+    assert np.isclose(np.arccos(tip(data)[0] @ arrows["nadir"]), 0.3, atol=1e-3)
+    named = scene(run, axis=(1, 0, 0), target=(0, 1, 0))
+    assert [a["name"] for a in named["bodies"][0]["arrows"]] == ["nadir", "velocity", "Sun", "target"]
+
+
+def test_the_axes_of_a_top_are_those_of_the_top_that_is_drawn(oriented):
+    """The third along its axis, whatever the axes of its orientation."""
+    from scipy.spatial.transform import Rotation
+
+    each = scene(oriented)["bodies"][0]
+    third = Rotation.from_quat(each["triad"], scalar_first=True).apply((0, 0, 1))
+    assert np.allclose(third, np.array(each["axis"]) / np.linalg.norm(each["axis"]))
+
+
+def test_no_face_of_a_body_lies_across_two_sectors():
+    """The rim of a wheel had a saw-tooth: two triangles of a rectangle in different colours."""
+    wheel = bodies.gyroscope(np.array((0, 0, 1.0)), None, 1.0)
+    rim = wheel.points[wheel.faces][:, :, 2]
+    assert not ((rim.min(1) < 0.55 - 1e-9) & (rim.max(1) > 0.55 + 1e-9) & (wheel.colour != bodies.METAL)).any()
+
+
 def test_particle_projection_lane_and_own_system():
     neumann = kr.Neumann(b=(0, 1, 2))
     run = kr.simulate(neumann, neumann.state(x=(1, 0, 0), q=(0, 0.8, 1)), dt=0.05, steps=50, progress=False)

@@ -11,9 +11,11 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.bodies import find
 from kreisel.errors import InputError, hint, shown
+from kreisel.files import parsed
 from kreisel.record.model import Model
-from kreisel.runs.geometry import attitude_of, axes_of_state, model_for
+from kreisel.runs.geometry import attitude_of, axes_of_state
 from kreisel.runs.run_record import RunRecord
 
 if TYPE_CHECKING:
@@ -22,8 +24,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from kreisel.record.perturbation import Force, Perturbation
-
-SATELLITES = ("satellite", "satellite-with-wheel")
 
 
 class Surroundings(NamedTuple):
@@ -45,17 +45,31 @@ class Angles(NamedTuple):
     yaw: Array
 
 
+def parameters_of(run: xr.Dataset) -> dict[str, Any]:
+    """Parameters of the satellite of a run, with or without a controller; empty for another run."""
+    if "parameters" not in run.attrs:
+        return {}
+    known = parsed(run.attrs["parameters"], "The attribute parameters")
+    return known if isinstance(known, dict) and {"semi_major_axis", "moments"} <= known.keys() else {}
+
+
 def of_satellite(run: xr.Dataset) -> bool:
     """Whether a Dataset is a run of a satellite, whose record has its orbit."""
-    return run.attrs.get("system") in SATELLITES and "parameters" in run.attrs
+    return bool(parameters_of(run))
 
 
 def satellite_model(run: xr.Dataset) -> Model:
-    """The model of the run of a satellite.  Raises `InputError` for any other run."""
-    system = RunRecord.of(run, "system").system
-    if system not in SATELLITES:
-        raise InputError(f"expected the run of a satellite (kr.physical.Satellite), got a run of {shown(system)}.")
-    return model_for(run, None)
+    """The system "satellite" with the parameters of a run, for its lanes: without wheels and controllers.
+
+    Raises `InputError` for any other run than of a satellite.
+    """
+    record, known = RunRecord.of(run, "system"), parameters_of(run)
+    if not known:
+        raise InputError(f"expected the run of a satellite, kr.physical.Satellite, got one of {shown(record.system)}.")
+    system = find("satellite")
+    letters = [p.letter for p in system.parameters]
+    model = Model(system, {k: v for k, v in known.items() if k in letters}, record.body_frame)
+    return model.lanes(np.asarray(run["lane"].values)) if model.batch and "lane" in run.coords else model
 
 
 def surroundings(run: xr.Dataset) -> Surroundings:
@@ -158,8 +172,8 @@ TARGETS = ("nadir", "velocity", "sun")
 
 def directions(around: Surroundings) -> dict[str, Array]:
     """Unit vectors (time, [lane,] 3) in space to the targets that are known at each row."""
-    found = {"nadir": -around.position, "velocity": around.velocity, "sun": around.sun}
-    return {k: v / np.linalg.norm(v, axis=-1, keepdims=True) for k, v in found.items() if v is not None}
+    found = {"nadir": -around.position, "velocity": around.velocity, "sun": around.sun, "field": around.field}
+    return {k: v / np.linalg.norm(v, axis=-1, keepdims=True) for k, v in found.items() if v is not None and v.any()}
 
 
 def target_of(around: Surroundings, target: Any) -> Array:
@@ -179,9 +193,11 @@ def target_of(around: Surroundings, target: Any) -> Array:
     return directions(around)[target]
 
 
-def pointing_error(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> Array:
+def pointing_error(
+    run: xr.Dataset, axis: Any = None, target: Any = "nadir", around: Surroundings | None = None
+) -> Array:
     """The angle between an axis of the body and its target at each row, rad, (time, [lane])."""
-    around, g = surroundings(run), algebra.rotation_matrix(attitude_of(run))
+    around, g = around or surroundings(run), algebra.rotation_matrix(attitude_of(run))
     pointed, wanted = algebra.act(g, axis_of_pointing(run, axis)), target_of(around, target)
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(pointed, wanted), axis=-1), algebra.dot(pointed, wanted)))
 
@@ -193,7 +209,7 @@ FRAMES = {
 }
 
 
-def angles_of(run: xr.Dataset, frame: str = "orbit") -> Angles:
+def angles_of(run: xr.Dataset, frame: str = "orbit", around: Surroundings | None = None) -> Angles:
     """Pitch, roll and yaw of a satellite at each row, from -pi to pi.
 
     frame   "orbit": R_3(pitch) R_2(roll) R_1(yaw) of the principal axes against up, ahead and normal, as
@@ -205,7 +221,7 @@ def angles_of(run: xr.Dataset, frame: str = "orbit") -> Angles:
     if not isinstance(frame, str) or frame not in FRAMES:
         raise InputError(f"angles: expected {', '.join(FRAMES)}, got {shown(frame)}.{hint(frame, FRAMES)}")
     model, g = satellite_model(run), algebra.rotation_matrix(attitude_of(run))
-    around = surroundings(run)
+    around = around or surroundings(run)
     if frame == "orbit":
         body = axes_of_state(run) @ axes_of_angles(model)
         third, second, first = _tait_bryan(orbit_frame(around.position, around.velocity).mT @ g @ body)

@@ -36,7 +36,17 @@ TOP = (  # radius, height along the axis: peg, disc, handle
     (0.0, 1.0),
 )
 TOP_METAL = (0.27, 0.69)  # outside of these heights
-WHEEL = ((0.42, 0.47), (0.58, 0.45), (0.61, 0.47), (0.61, 0.63), (0.58, 0.65), (0.42, 0.63), (0.42, 0.47))
+WHEEL = (  # a rim, with points in its middle: `_sector`
+    (0.42, 0.47),
+    (0.58, 0.45),
+    (0.61, 0.47),
+    (0.61, 0.55),
+    (0.61, 0.63),
+    (0.58, 0.65),
+    (0.42, 0.63),
+    (0.42, 0.55),
+    (0.42, 0.47),
+)
 HUB = ((0.0, 0.45), (0.10, 0.45), (0.12, 0.47), (0.12, 0.63), (0.10, 0.65), (0.0, 0.65))
 AXLE = ((0.0, 0.0), (0.03, 0.04), (0.03, 0.97), (0.02, 0.99), (0.0, 1.0))
 SPOKES = 6
@@ -160,8 +170,12 @@ def box(axis: Array, tensor: Array | None, radius: float) -> Body:
 
 
 def satellite(axis: Array, tensor: Array | None, radius: float) -> Body:
-    """The box with that gyration tensor, with two panels along its middle axis and a dish at the end of the longest."""
+    """The box with that gyration tensor, with two panels along its middle axis and a dish at the end of the longest.
+
+    Of the two ends, the one towards `axis`.
+    """
     size, axes = _semi_axes(tensor, 0.25)
+    axes = axes * np.array([-1, 1, -1]) if axes[:, 2] @ axis < 0 else axes
     trunk = _box(size, FIRST)
     trunk = replace(trunk, colour=np.repeat([METAL, METAL, METAL, METAL, MARK, MARK], 2))
     parts = [trunk]
@@ -199,7 +213,10 @@ def body(name: str, axis: Array, tensor: Array | None, size: float) -> Body:
 
 
 def _sector(shape: Body) -> Array:
-    """Whether a face lies in an odd sector about the third axis, the other way round on its upper half."""
+    """Whether a face lies in an odd sector about the third axis, the other way round on its upper half.
+
+    No face may lie across the middle, or the two triangles of a rectangle would have different colours.
+    """
     middle = shape.points[shape.faces].mean(1)
     angle = np.arctan2(middle[:, 1], middle[:, 0]) / (2 * np.pi) % 1.0
     middle_height = np.ptp(shape.points[:, 2]) / 2 + shape.points[:, 2].min()

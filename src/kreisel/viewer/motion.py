@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.analysis.angles import angular_velocity
 from kreisel.errors import brief, shown
-from kreisel.runs.orbits import angles_of, pointing_error, satellite_model, surroundings
+from kreisel.forces.kicks import WHEELS
+from kreisel.runs.geometry import components
+from kreisel.runs.orbits import angles_of, parameters_of, pointing_error, satellite_model, surroundings
 from kreisel.runs.run_record import RunRecord
 
 if TYPE_CHECKING:
@@ -55,19 +57,26 @@ class Panel(NamedTuple):
 
 def panels_of(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> list[Panel]:
     """Pointing error, angles against the orbit, rates, and the momentum of a wheel."""
-    model, angles = satellite_model(run), angles_of(run)
+    model, around = satellite_model(run), surroundings(run)
+    angles = angles_of(run, around=around)
     aim = target if isinstance(target, str) else brief(shown(target), LONGEST)
     subject = "axis" if axis is None else f"axis {brief(shown(axis), LONGEST)}"
-    error = np.rad2deg(pointing_error(run, axis, target))[..., None]
-    rates = np.rad2deg(np.asarray(angular_velocity(run).values))
+    error = np.rad2deg(pointing_error(run, axis, target, around))[..., None]
+    omega = algebra.axial(np.asarray(model.call(model.system.velocity, *components(run, model))))
     out = [
         Panel(f"angle of the {subject} to {aim}", "deg", ("",), error),
         Panel("angles to the orbit", "deg", angles._fields, _broken(np.rad2deg(np.stack(angles, -1)))),
-        Panel("angular velocity in the body", "deg/s", ("x", "y", "z"), rates),
+        Panel("angular velocity in the body", "deg/s", ("x", "y", "z"), np.rad2deg(_along(run, omega))),
     ]
-    if "wheel" in model.params:
+    known = parameters_of(run)
+    if WHEELS in run:  # about their axes
+        momenta = np.asarray(run[WHEELS].values)
+        out.append(
+            Panel("momenta of the wheels", "N m s", tuple(str(k + 1) for k in range(momenta.shape[-1])), momenta)
+        )
+    elif "wheel" in known:
         time = np.asarray(run["time"].values).reshape(-1, *[1] * (1 + len(model.batch)))
-        wheel = model.params["wheel"] + model.params["wheel_torque"] * time
+        wheel = np.asarray(known["wheel"]) + np.asarray(known["wheel_torque"]) * time
         out.append(Panel("momentum of the wheel in the body", "N m s", ("x", "y", "z"), _along(run, wheel)))
     return out
 

@@ -38,7 +38,9 @@ if TYPE_CHECKING:
 @cache
 def scripts() -> tuple[str, str]:
     """three.js with uPlot, and the script of the page."""
-    return _asset("library.min.js"), "\n".join(map(_asset, ("lines.js", "drawing.js", "charts.js", "page.js")))
+    return _asset("library.min.js"), "\n".join(
+        map(_asset, ("lines.js", "orbit.js", "drawing.js", "charts.js", "page.js"))
+    )
 
 
 @cache
@@ -205,6 +207,8 @@ def view(
     body: str | None = None,
     mesh: str | os.PathLike[str] | None = None,
     section: xr.Dataset | None = None,
+    axis: Any = None,
+    target: Any = "nadir",
 ) -> View:
     """The interactive page of a run: the rotating body, the trace of its axis, the drift of every integral.
 
@@ -212,6 +216,7 @@ def view(
     body      "top", "gyroscope", "ellipsoid", "box" or "satellite"; None: the shape that suits the system
     mesh      a file .stl or .obj with the body's shape, in its axes, about its centre of rotation
     section   a result of `kr.analysis.section`, drawn next to it
+    axis, target   for a satellite, the axis of the body and the target of the pointing error, as for `kr.plot`
 
     A notebook displays it; `kr.view(run).save("run.html")` writes a file that opens offline in any browser, and
     `.movie("run.gif")` a film.  The record decides the picture (`kreisel.viewer.scene`).  Give `kr.simulate` an
@@ -225,4 +230,4 @@ def view(
     if body is not None and mesh is not None:
         raise InputError("expected body= or mesh=, got both.")
     shape = None if body is None else known_shape(body)
-    return View(run, lane, body=shape if mesh is None else read_mesh(mesh), section=section)
+    return View(run, lane, body=shape if mesh is None else read_mesh(mesh), section=section, axis=axis, target=target)

@@ -122,6 +122,7 @@ def _motion(panel: Any, lanes: list[tuple[str, xr.Dataset]], axis: Any, target: 
     from matplotlib.ticker import MultipleLocator
 
     clock, alone = clock_of(lanes[0][1]), len(lanes) == 1
+    lanes = [(name, lane.isel(time=evenly(lane.sizes["time"], MOST_ROWS))) for name, lane in lanes]
     everything = [panels_of(lane, axis, target) for _, lane in lanes]
     panels = panel.subplots(len(everything[0]), 1, sharex=True)
     for number, (name, lane) in enumerate(lanes):

@@ -6,6 +6,7 @@ The record and the phase space decide the body, the tip of the axis and the rota
 |----------------------------------------------|-------------------------------------------------------------------|
 | n = 3, a body, with its orientation          | the body in space, the trace of its axis                          |
 | as above, a body that moves through space    | the body on its path, not to scale                                |
+| as above, a satellite                        | the body with arrows; Earth, orbit, and angles against time       |
 | n = 3, rest frame, without                   | the body along its axis; its rotation about the axis is unknown   |
 | n = 3, moving frame, without                 | the carried vector as the body sees it                            |
 | n = 3, position and momentum                 | the particle                                                      |
@@ -17,12 +18,13 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.bodies.orbit import EARTH
 from kreisel.errors import InputError, printable, shown
 from kreisel.files import parsed
 from kreisel.kernels.layout import MACHINE_EPSILON
@@ -41,11 +43,21 @@ from kreisel.runs.geometry import (
     to_third_axis,
 )
 from kreisel.runs.in_si import in_state_form
+from kreisel.runs.orbits import (
+    Surroundings,
+    axis_of_pointing,
+    directions,
+    of_satellite,
+    satellite_model,
+    surroundings,
+    target_of,
+)
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import within
 from kreisel.viewer import bodies
 from kreisel.viewer.bodies import Body
-from kreisel.viewer.frames import Frames, evenly, frames, mixed, stretches, windows
+from kreisel.viewer.frames import Frames, evenly, extremes, frames, mixed, stretches, windows
+from kreisel.viewer.motion import clock_of, panels_of, shadows_of
 from kreisel.viewer.style import THEMES
 
 if TYPE_CHECKING:
@@ -55,7 +67,16 @@ if TYPE_CHECKING:
 MOST_PLACED = 20_000  # rows of which the path is computed
 ON_ITS_PATH = 0.16  # half the length of a body, to the largest distance
 SPIN = "The run carries no orientation: give kr.simulate orientation=(1, 0, 0, 0) to see the body spin."
-SATELLITES = ("satellite", "satellite-with-wheel")
+ARROWS = {"nadir": 2, "velocity": 0, "sun": 4, "field": 3, "target": 6}  # places of their colours
+MOST_READ = 200_000  # rows of which the charts of the motion are computed
+
+
+class Wanted(NamedTuple):
+    """Choices of the user: the body or the name of its shape; for a satellite the axis and the target to compare."""
+
+    body: str | Body | None = None
+    axis: Any = None
+    target: Any = "nadir"
 
 
 class Shown:
@@ -63,11 +84,13 @@ class Shown:
 
     turn     unit quaternions (frame, 4) of the picture, or (1, 4) if the body is at rest; None without a body
     axis     the tip of an axis fixed in the body, if `tip` is its place; None if `tip` is another vector
+    triad    a unit quaternion, the axes of the body that are drawn: of a top, the third along its axis
+    arrows   directions (frame, 3) of a satellite, by name; place, its position in units of the largest distance
     up       the meaning of the vertical: "gravity", "momentum" or ""
     """
 
-    def __init__(self, run: xr.Dataset, record: RunRecord, model: Model | None, joined: bool, body: Any = None):
-        self.run, self.record, self.model, self.joined, self._wanted = run, record, model, joined, body
+    def __init__(self, run: xr.Dataset, record: RunRecord, model: Model | None, joined: bool, wanted: Wanted):
+        self.run, self.record, self.model, self.joined, self._wanted = run, record, model, joined, wanted
         self.letter, self.kinds = record.carried, record.kinds
         self.space = run.attrs.get("frame") == Frame.REST.value
         self.carried = np.asarray(run[self.letter].values, dtype=np.float64).reshape(run.sizes["time"], -1)
@@ -79,6 +102,9 @@ class Shown:
         self.body: Body | None = None
         self.nose: Array | None = None
         self.frame: Array | None = None
+        self.triad: Array | None = None
+        self.arrows: dict[str, Array] = {}
+        self.around: Surroundings | None = None
         self.up, self.callout = "", ""
         self.legend: dict[str, str] = {}
         self.coordinates = [0, 1, 2]
@@ -91,7 +117,10 @@ class Shown:
             self._particle()
         elif plain and ORIENTATION in self.run:
             x = self._path()
-            self._in_space() if x is None else self._on_its_path(x)
+            if of_satellite(self.run):
+                self._on_its_orbit()
+            else:
+                self._in_space() if x is None else self._on_its_path(x)
         elif plain and self.space:
             self._along_the_axis()
         elif plain:
@@ -115,9 +144,8 @@ class Shown:
 
     def _made(self, usual: str, axis: Array, tensor: Array | None, size: float) -> Body:
         """The requested body, or the usual body."""
-        if isinstance(self._wanted, Body):
-            return self._wanted.scaled(size)
-        return bodies.body(self._wanted or usual, axis, tensor, size)
+        body = self._wanted.body
+        return body.scaled(size) if isinstance(body, Body) else bodies.body(body or usual, axis, tensor, size)
 
     def _particle(self) -> None:
         self.kind, self.tip = "particle", self.carried
@@ -155,29 +183,44 @@ class Shown:
         self.note = "The body on its path, larger or smaller than it is; "
         self.note += "its momentum points up." if free else "against the fluid, with the third axis of space up."
 
+    def _on_its_orbit(self) -> None:
+        """The satellite in space, whose third axis points up."""
+        wanted, around, q = self._wanted, surroundings(self.run), attitude_of(self.run)
+        axis = axis_of_pointing(self.run, wanted.axis)
+        self.kind, self.frame, self.around, self.turn, self.axis = "satellite", np.eye(3), around, q, axis
+        self.model = satellite_model(self.run)  # also of a satellite with a controller, whose own model has code
+        self.body = self._made("satellite", axis, self._inertia(), 0.82)
+        self.tip = algebra.rotation_matrix(q) @ axis
+        self.arrows = directions(around)
+        if not isinstance(wanted.target, str) or wanted.target not in self.arrows:
+            self.arrows["target"] = target_of(around, wanted.target)
+        aim = wanted.target if isinstance(wanted.target, str) else "the target"
+        self.legend["tip"] = f"axis of the body that is compared with {aim}"
+        self.note = "The satellite, larger than it is, about its centre; space has its third axis up."
+
     def _in_space(self) -> None:
         q = attitude_of(self.run)
         g = algebra.rotation_matrix(q[0])
         self.kind = "body"
-        orbits = self.record.system in SATELLITES
         if self.space:
             up, axis = self._fixed("space"), g.T @ self.carried[0]
         else:
-            up, axis = None if orbits else g @ self.carried[0], self._fixed("body")
+            up, axis = g @ self.carried[0], self._fixed("body")
         inertia = self._inertia()
         size = float(np.linalg.norm(self.carried[0]) if self.space else 1.0) or 1.0
         if axis is None or not axis.any():
             axis = 0.98 * size * bodies.longest(inertia)
-            self.body = self._made("satellite" if orbits else "ellipsoid", axis, inertia, 0.9 * size)
-            self.legend["tip"] = "long axis of the body" if orbits else "long axis of the ellipsoid of inertia"
-            subject = "The satellite" if orbits else "The body's ellipsoid of inertia"
-            self.note = f"{subject}, turning about its centre, and the trace of its long axis."
+            self.body = self._made("ellipsoid", axis, inertia, 0.9 * size)
+            self.legend["tip"] = "long axis of the ellipsoid of inertia"
+            self.note = "The body's ellipsoid of inertia, rotating about its centre, and the trace of its long axis."
         else:
             axis = size * axis / np.linalg.norm(axis)
             self.body = self._made("top", axis, inertia, 0.94 * size)
             self.legend["tip"] = f"axis, along {self.letter}" if self.space else "axis of the body, in space"
-            self.note = "The body turning about its point, and the trace of its axis."
-        upright = not orbits and (self.space or self._fixed("body") is not None)
+            self.note = "The body rotating about its point, and the trace of its axis."
+            if self.space:
+                self.triad = algebra.unit_quaternion(to_third_axis(axis / size).T)
+        upright = self.space or self._fixed("body") is not None
         S = self._point_up(up, "gravity" if upright else "momentum", self.letter)
         self.axis, self.tip = axis, algebra.rotation_matrix(q) @ axis @ S.T
         self.turn = algebra.quaternion_product(algebra.unit_quaternion(S), q)
@@ -248,11 +291,17 @@ SHORT = 32767  # the integer for 1
 
 
 def scene(
-    run: xr.Dataset, lane: Any = None, *, body: str | Body | None = None, section: xr.Dataset | None = None
+    run: xr.Dataset,
+    lane: Any = None,
+    *,
+    body: str | Body | None = None,
+    section: xr.Dataset | None = None,
+    axis: Any = None,
+    target: Any = "nadir",
 ) -> dict[str, Any]:
     """The data of the page.  Raises `InputError` for anything but a run with its state and this lane."""
     record = RunRecord.of(run, "system")
-    run = in_state_form(run)
+    measured, run = run, in_state_form(run)
     if "time" not in run.dims or run.sizes["time"] < 1:
         raise InputError("A run of kr.simulate or kr.open_run was expected, with at least one saved state.")
     missing = record.missing_from(run)
@@ -263,7 +312,7 @@ def scene(
     model = None if record.is_own else model_for(chosen, None)
     shown_frames = frames(chosen, record, model if model is None or pairs_of(model) is None else None)
     bodies = [
-        Shown(each, record, model_of_lane, bool(shown_frames.joined.all()), body)
+        Shown(each, record, model_of_lane, bool(shown_frames.joined.all()), Wanted(body, axis, target))
         for each, model_of_lane in _each(shown_frames, record, lanes)
     ]
     first = bodies[0]
@@ -274,6 +323,7 @@ def scene(
     span = float(time[-1] - time[0]) or 1.0
     rate = shown_frames.rate if shown_frames.rate > 0 else 2 * math.pi / span
     meshes, places = _meshes(bodies)
+    clock = clock_of(chosen)
     return {
         "title": _text(run.attrs.get("title", "")),
         "facts": [_text(v) for v in _facts(run, lanes)],
@@ -291,12 +341,15 @@ def scene(
         "lowest": min(float(each.tip[:, 2].min()) for each in bodies) if first.tip.shape[1] == 3 else -radius,
         "meshes": meshes,
         "bodies": [_packed_body(each, name, place) for each, name, place in zip(bodies, lanes, places, strict=True)],
+        "globe": _globe(first),
+        "charts": _charts(chosen, Wanted(body, axis, target)),
+        "clock": {"label": clock.label, "unit": clock.unit, "size": clock.size},
         "time": packed(time, "f8"),
         "windows": windows(shown_frames.joined),
         "pace": STEADY / rate,
         "trail": TURNS * 2 * math.pi / rate,
         "path": packed(mixed(np.concatenate([each.tip for each in bodies], 1), MOST_PATH // len(bodies)), "i4"),
-        **_drift_series(chosen),
+        **_drift_series(_lanes(measured, lane)[0]),
         "events": _events(chosen, record),
         "section": None if section is None else _section(section, lanes),
         "complete": bool(run.attrs.get("complete", True)),
@@ -369,6 +422,50 @@ def _packed_body(each: Shown, name: str, mesh: int | None) -> dict[str, Any]:
         "axis": None if each.axis is None else [float(v) for v in each.axis],
         "tip": None if each.axis is not None else packed(each.tip, "f4"),
         "nose": None if each.nose is None else [float(v) for v in each.nose],
+        "triad": None if each.triad is None else [float(v) for v in each.triad],
+        "arrows": [
+            {"name": "Sun" if k == "sun" else k, "colour": ARROWS[k], "to": packed(v, "f4")}
+            for k, v in each.arrows.items()
+        ],
+        "place": None if each.around is None else packed(each.around.position / _reach(each.around), "f4"),
+    }
+
+
+def _reach(around: Surroundings) -> float:
+    return float(np.linalg.norm(around.position, axis=-1).max())
+
+
+def _globe(first: Shown) -> dict[str, Any] | None:
+    """The primary of a satellite: its radius in units of the largest distance, whether it is the Earth, the Sun."""
+    if first.around is None or first.model is None:
+        return None
+    params, sun = first.model.params, first.around.sun
+    return {
+        "size": float(np.max(params["radius"])) / _reach(first.around) or 0.05,
+        "earth": bool(np.all(abs(params["mu"] / EARTH - 1) < 1e-2)),
+        "sun": None if sun is None else packed(sun, "f4"),
+    }
+
+
+def _charts(run: xr.Dataset, wanted: Wanted) -> dict[str, Any] | None:
+    """Angles, rates and shadows of a satellite, of one lane."""
+    if "lane" in run.dims or not of_satellite(run) or ORIENTATION not in run:
+        return None
+    run = run.isel(time=evenly(run.sizes["time"], MOST_READ))
+    panels = panels_of(run, wanted.axis, wanted.target)
+    rows = extremes(np.concatenate([each.values for each in panels], -1), 2 * MOST_STRETCHES)
+    return {
+        "time": packed(np.asarray(run["time"].values, dtype=np.float64)[rows], "f8"),
+        "shadows": shadows_of(run)[:MOST_EVENTS],
+        "panels": [
+            {
+                "title": each.title,
+                "unit": each.unit,
+                "names": each.names,
+                "values": [packed(v, "f4") for v in each.values[rows].T],
+            }
+            for each in panels
+        ],
     }
 
 
@@ -438,6 +535,7 @@ def _drift_series(run: xr.Dataset) -> dict[str, Any]:
     edges = stretches(run.sizes["time"], MOST_STRETCHES)
     time = np.asarray(run["time"].values, dtype=np.float64)
     series = []
+    units = {str(k): u for k, v in run.variables.items() if (u := v.attrs.get("units", "1")) != "1"}
     for number, each in enumerate(all_series(run)):
         if number == MOST_SERIES:
             break
@@ -447,6 +545,7 @@ def _drift_series(run: xr.Dataset) -> dict[str, Any]:
         series.append(
             {
                 "name": _text(each.name),
+                "unit": _text(units.get(each.family, "")),
                 "conserved": each.conserved,
                 "start": _json_float(each.values[0]),
                 "scale": _json_float(scale) or 1.0,

@@ -1,29 +1,78 @@
 "use strict";
-// The change of every integral against time, and a section; both know where the cursor is.
+// Strips: quantities of the motion, then the change of every integral, against time; and a section.  All know the cursor.
 const Charts = (() => {
-  const LEAST = 1e-18, TICK = 64;
+  const LEAST = 1e-18, TICK = 64, FOOT = 38, LOWEST = 62, FONT = "11px system-ui, sans-serif"; // pixels
 
-  class Drift {
-    constructor(box, cursor) { Object.assign(this, { box, cursor, focus: null }); }
+  class Strips {
+    constructor(box, cursor) { Object.assign(this, { box, cursor, focus: null, strips: [] }); }
+
+    get plot() { return this.strips.at(-1).plot; } // the one with the axis of time
 
     draw(D, colours) {
-      this.plot?.destroy();
+      for (const s of this.strips) s.plot.destroy();
       Object.assign(this, { D, colours });
-      const lines = D.series.map((s, i) => ({ label: s.name, stroke: colours.colours[i % colours.colours.length], width: s.conserved ? 1.4 : 1, dash: s.conserved ? [] : [3, 3], spanGaps: true, points: { show: false } }));
-      const band = { label: "eps \u221asteps", stroke: colours.ink, width: 1, dash: [7, 4], points: { show: false } };
-      const axis = { stroke: colours.ink, grid: { stroke: colours.grid, width: 1 }, ticks: { stroke: colours.grid, width: 1 }, font: "11px system-ui, sans-serif" };
-      this.plot = new Library.uPlot({
-        width: Math.max(200, this.box.clientWidth), height: Math.max(120, this.box.clientHeight), legend: { show: false }, cursor: { show: false }, focus: { alpha: 0.12 },
-        scales: { x: { time: false, range: () => this.ends() }, y: { distr: 3, range: () => this.range() } },
-        axes: [{ ...axis, label: "time", labelSize: 20, labelFont: "11px system-ui, sans-serif", size: 34 }, { ...axis, size: TICK, values: (u, all) => all.map((v) => (v === null || Math.abs(Math.log10(v) % 2) > 1e-6 ? "" : `1e${Math.round(Math.log10(v))}`)) }],
-        series: [{}, ...lines, band],
-        hooks: { draw: [(u) => this.marks(u)] },
-      }, this.data(), this.box);
+      this.box.replaceChildren();
+      this.strips = [...this.motion(), ...this.drifts()];
+      this.box.parentElement.style.minHeight = `${LOWEST * this.strips.length + FOOT}px`;
+      this.strips.forEach((s, k) => this.add(s, k === this.strips.length - 1));
       if (this.focus !== null) this.emphasize(this.focus);
       this.place(this.time ?? D.time[0]);
     }
 
-    ends() { const a = this.D.time[0], b = this.D.time[this.D.count - 1]; return [a, b > a ? b : a + 1]; }
+    motion() {
+      const { D, colours } = this;
+      if (!D.charts) return [];
+      const x = Array.from(D.charts.time, (t) => t / D.clock.size), plain = (v, k, all) => ([v, all[k - 1], all[k + 1], all[k + 2]].some(Number.isNaN) ? null : v); // a gap wide enough to be seen
+      return D.charts.panels.map((p) => ({
+        title: p.unit ? `${p.title} (${p.unit})` : p.title, shaded: true, data: [x, ...p.values.map((v) => Array.from(v).map(plain))],
+        lines: p.names.map((name, k) => ({ label: name, stroke: colours.colours[k % colours.colours.length], width: 1.3, points: { show: false } })),
+      }));
+    }
+
+    drifts() { // a strip for each family of integrals that changes; one with the band alone if none does
+      const { D, colours } = this, x = Array.from(D.edges, (t) => t / D.clock.size), [begun, end] = this.ends(), families = new Map();
+      D.series.forEach((s, i) => {
+        if (!s.change.some((v) => v !== 0)) return;
+        const name = s.name.replace(/\[[^\]]*\]$/, "");
+        families.set(name, [...(families.get(name) ?? []), i]);
+      });
+      const band = x.map((t) => (D.steps > 0 ? D.band * Math.sqrt(Math.max(1, D.steps * (t - begun) / (end - begun))) : null));
+      const dashed = { label: "", stroke: colours.ink, width: 1, dash: [7, 4], points: { show: false } }, range = this.range();
+      const strip = (title, members) => ({
+        title, range, members, data: [x, ...members.map((i) => Array.from(D.series[i].change, (v) => (v ? Math.max(LEAST, Math.abs(v) / D.series[i].scale) : null))), band],
+        lines: [...members.map((i) => ({ label: "", stroke: colours.colours[i % colours.colours.length], width: D.series[i].conserved ? 1.4 : 1, dash: D.series[i].conserved ? [] : [3, 3], spanGaps: true, points: { show: false } })), dashed],
+      });
+      return families.size ? [...families].map(([name, members]) => strip(name, members)) : [strip("no integral changes", [])];
+    }
+
+    add(strip, last) {
+      const { colours, box } = this, holder = document.createElement("div"), title = document.createElement("p");
+      holder.className = "strip"; title.className = "striptitle"; title.textContent = strip.title;
+      if (strip.lines.length > 1) for (const each of strip.lines) if (each.label) { const name = document.createElement("b"); name.textContent = ` ${each.label}`; name.style.color = each.stroke; title.append(name); }
+      holder.append(title); box.append(holder);
+      const axis = { stroke: colours.ink, grid: { stroke: colours.grid, width: 1 }, ticks: { stroke: colours.grid, width: 1 }, font: FONT };
+      const log = strip.range ? { distr: 3, range: () => strip.range } : { range: (u, a, b) => (b > a ? [a - 0.06 * (b - a), b + 0.12 * (b - a)] : [a - 1, a + 1]) };
+      const y = strip.range ? { ...axis, size: TICK, filter: (u, all) => all, splits: (u) => this.decades(strip.range, u.bbox.height / devicePixelRatio), values: (u, all) => all.map((v) => `1e${Math.round(Math.log10(v))}`) } : { ...axis, size: TICK, space: 22 };
+      strip.plot = new Library.uPlot({
+        ...this.shape(last), legend: { show: false }, cursor: { show: false }, focus: { alpha: 0.12 },
+        padding: [4, 14, last ? 0 : 4, 0], scales: { x: { time: false, range: () => this.ends() }, y: log },
+        axes: [last ? { ...axis, label: this.D.clock.label, labelSize: 16, labelFont: FONT, size: 26, labelGap: 0 } : { ...axis, size: 0, values: () => [], ticks: { show: false } }, y],
+        series: [{}, ...strip.lines], hooks: { drawClear: [(u) => this.shade(u, strip)], draw: [(u) => this.marks(u, last)] },
+      }, strip.data, holder);
+    }
+
+    shape(last) {
+      const count = Math.max(1, this.strips.length), free = Math.max(this.box.clientHeight, LOWEST * count + FOOT) - FOOT;
+      return { width: Math.max(200, this.box.clientWidth), height: Math.floor(free / count) + (last ? FOOT : 0) };
+    }
+
+    decades([low, high], height) { // inside the strip: at least two, at most one in 24 pixels
+      const a = Math.round(Math.log10(low)) + 1, b = Math.round(Math.log10(high)) - 1, step = Math.max(1, Math.min(b - a, Math.ceil((b - a) / Math.max(1, height / 24)))), list = [];
+      for (let k = a; k <= b; k += step) list.push(10 ** k);
+      return list;
+    }
+
+    ends() { const { D } = this, a = D.time[0] / D.clock.size, b = D.time[D.count - 1] / D.clock.size; return [a, b > a ? b : a + 1]; }
 
     range() {
       const { D } = this;
@@ -32,38 +81,47 @@ const Charts = (() => {
       return [1e-17, 10 ** Math.min(3, Math.ceil(Math.log10(most) + 0.3))];
     }
 
-    data() {
-      const { D } = this, x = Array.from(D.edges), [begun, end] = this.ends();
-      const lines = D.series.map((s) => Array.from(s.change, (v) => (v ? Math.max(LEAST, Math.abs(v) / s.scale) : null)));
-      const band = x.map((t) => (D.steps > 0 ? D.band * Math.sqrt(Math.max(1, D.steps * (t - begun) / (end - begun))) : null));
-      return [x, ...lines, band];
-    }
-
-    marks(u) { // stretches that can be played, and events
-      const { D, colours } = this, c = u.ctx, { left, top, height } = u.bbox;
-      c.save();
-      if (!(D.windows.length === 1 && D.windows[0][1] - D.windows[0][0] === D.count - 1)) {
-        c.fillStyle = colours.colours[0];
-        for (const [a, b] of D.windows) { const x = u.valToPos(D.time[a], "x", true), w = u.valToPos(D.time[b], "x", true) - x; c.fillRect(x, top + height - 4, Math.max(2, w), 4); }
-      }
-      c.strokeStyle = colours.colours[1]; c.setLineDash([2, 3]);
-      for (const [time] of D.events) { const x = u.valToPos(time, "x", true); if (x >= left) { c.beginPath(); c.moveTo(x, top); c.lineTo(x, top + height); c.stroke(); } }
+    shade(u, strip) { // shadows, below the lines
+      if (!strip.shaded) return;
+      const { D, colours } = this, c = u.ctx, { top, height } = u.bbox;
+      c.save(); c.globalAlpha = 0.2; c.fillStyle = colours.faint;
+      for (const [a, b] of D.charts.shadows) { const x = u.valToPos(a / D.clock.size, "x", true), w = u.valToPos(b / D.clock.size, "x", true) - x; c.fillRect(x, top, Math.max(1, w), height); }
       c.restore();
     }
 
-    emphasize(i) { this.focus = i; this.plot.setSeries(i === null ? null : i + 1, { focus: i !== null }, false); }
+    marks(u, last) { // stretches that can be played, and events
+      const { D, colours } = this, c = u.ctx, { left, top, height } = u.bbox, at = (t) => u.valToPos(t / D.clock.size, "x", true);
+      c.save();
+      if (last && !(D.windows.length === 1 && D.windows[0][1] - D.windows[0][0] === D.count - 1)) {
+        c.fillStyle = colours.colours[0];
+        for (const [a, b] of D.windows) { const x = at(D.time[a]); c.fillRect(x, top + height - 4, Math.max(2, at(D.time[b]) - x), 4); }
+      }
+      c.strokeStyle = colours.colours[1]; c.setLineDash([2, 3]);
+      for (const [time] of D.events) { const x = at(time); if (x >= left) { c.beginPath(); c.moveTo(x, top); c.lineTo(x, top + height); c.stroke(); } }
+      c.restore();
+    }
 
-    size() { if (this.plot && this.box.clientWidth) { this.plot.setSize({ width: this.box.clientWidth, height: Math.max(120, this.box.clientHeight) }); this.place(this.time); } }
+    emphasize(i) {
+      this.focus = i;
+      for (const s of this.strips) { const k = s.members?.indexOf(i) ?? -1; s.plot.setSeries(k < 0 ? null : k + 1, { focus: k >= 0 }, false); }
+    }
+
+    size() {
+      if (!this.strips.length || !this.box.clientWidth) return;
+      this.strips.forEach((s, k) => s.plot.setSize(this.shape(k === this.strips.length - 1)));
+      this.place(this.time);
+    }
 
     place(time) {
       this.time = time;
-      const over = this.plot.over, x = this.plot.valToPos(Math.min(Math.max(time, this.D.time[0]), this.D.time[this.D.count - 1]), "x");
-      Object.assign(this.cursor.style, { transform: `translateX(${over.offsetLeft + x - 1}px)`, top: `${over.offsetTop}px`, height: `${over.clientHeight}px` });
+      const { D } = this, outer = this.box.getBoundingClientRect(), over = this.plot.over.getBoundingClientRect(), top = this.strips[0].plot.over.getBoundingClientRect().top;
+      const x = this.plot.valToPos(Math.min(Math.max(time, D.time[0]), D.time[D.count - 1]) / D.clock.size, "x");
+      Object.assign(this.cursor.style, { transform: `translateX(${over.left - outer.left + x - 1}px)`, top: `${top - outer.top}px`, height: `${over.bottom - top}px` });
     }
 
     timeAt(clientX) {
       const box = this.plot.over.getBoundingClientRect(), [a, b] = this.ends();
-      return a + Math.min(1, Math.max(0, (clientX - box.left) / box.width)) * (b - a);
+      return (a + Math.min(1, Math.max(0, (clientX - box.left) / box.width)) * (b - a)) * this.D.clock.size;
     }
   }
 
@@ -110,5 +168,5 @@ const Charts = (() => {
     crossed(a, b) { const [low, high] = a < b ? [a, b] : [b, a]; for (const t of this.section.time) if (t > low && t <= high) return true; return false; }
   }
 
-  return { Drift, Section };
+  return { Strips, Section };
 })();

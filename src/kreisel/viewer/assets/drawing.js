@@ -80,7 +80,7 @@ const Drawing = (() => {
     }
 
     build(D, colours, dark, axes3) {
-      if (this.scene) this.scene.traverse((o) => { o.geometry?.dispose(); for (const m of [o.material ?? []].flat()) { m.map?.dispose(); m.dispose(); } });
+      for (const old of [this.scene, this.globe?.scene]) old?.traverse((o) => { o.geometry?.dispose(); for (const m of [o.material ?? []].flat()) { m.map?.dispose(); m.dispose(); } });
       Object.assign(this, { D, colours, dark, axes3, dirty: true, fresh: true });
       const s = this.scene = new T.Scene(), r = D.radius;
       s.background = this.backdrop();
@@ -88,6 +88,7 @@ const Drawing = (() => {
       s.add(new T.HemisphereLight(dark ? 0xb9c8e6 : 0xffffff, dark ? 0x20242c : 0xcfc8bf, (dark ? 0.55 : 0.9) * (this.soft ? 2.2 : 1)));
       this.palette = [colours.colours[0], dark ? "#f4f1ea" : "#f3efe6", dark ? "#aeb6c2" : "#9aa3ad", dark ? "#27408f" : "#1e3a8a", dark ? "#4a505c" : "#3a3f47", colours.colours[1]].map((c) => new T.Color(c));
       this.lanes = D.bodies.map((body, number) => this.lane(body, number));
+      this.globe = D.globe ? new Orbiting.Globe(this, D, colours, dark) : null;
       this.arrange();
       const lamp = new T.DirectionalLight(0xfff4e6, dark ? 2.0 : 2.4), reach = 1.5 * this.extent;
       lamp.position.set(0.9 * this.extent, -1.2 * this.extent, 2.6 * this.extent);
@@ -112,7 +113,8 @@ const Drawing = (() => {
       const { D, colours } = this, r = D.radius, group = new T.Group(), many = D.bodies.length > 1;
       const own = many ? colours.colours[number % colours.colours.length] : colours.colours[0];
       const lane = { body, group, tip: new V(), number };
-      lane.ground = this.ground(); group.add(lane.ground);
+      lane.ground = D.kind === "satellite" ? new T.Group() : this.ground(); group.add(lane.ground);
+      lane.arrows = Orbiting.arrows(this, body, r, colours.colours); for (const each of lane.arrows) group.add(each);
       if (D.kind !== "path" && D.kind !== "projection") for (const turn of [[0, 0, 0], [90, 0, 0], [0, 90, 0]]) {
         const q = new T.Quaternion().setFromAxisAngle(new V(turn[0] ? 1 : 0, turn[1] ? 1 : 0, 0), Math.PI / 2);
         group.add(circle(this, r, 0, colours.faint, 1.1, this.dark ? 0.4 : 0.45, turn[0] || turn[1] ? q : null));
@@ -127,7 +129,7 @@ const Drawing = (() => {
       lane.ball.castShadow = true; group.add(lane.ball);
       lane.axes = this.spaceAxes(); group.add(lane.axes);
       if (many) lane.axes.visible = false;
-      if (lane.mesh && D.spins) { lane.own = this.bodyAxes(); lane.mesh.add(lane.own); }
+      if (lane.mesh && D.spins) { lane.own = this.bodyAxes(body.triad); lane.mesh.add(lane.own); }
       if (D.up) group.add(this.vertical(number));
       if (D.up === "gravity" && this.floor() < 0) group.add(this.post());
       if (body.name) { const name = word(body.name, many ? own : colours.ink, 0.034); name.position.set(0, -1.38 * r, this.floor() - 0.1 * r); lane.name = name; group.add(name); }
@@ -180,13 +182,14 @@ const Drawing = (() => {
       return g;
     }
 
-    bodyAxes() {
+    bodyAxes(turn) {
       const g = new T.Group(), r = (this.D.kind === "path" ? 0.3 : 0.82) * this.D.radius, colours = [this.colours.colours[3], this.colours.colours[2], this.colours.colours[5]];
       colours.forEach((colour, k) => {
         const end = [0, 0, 0]; end[k] = r;
         g.add(line(this, [[0, 0, 0], end], colour, 2.2, 0.95));
         const name = word(String(k + 1), colour, 0.027); name.position.set(...end.map((v) => 1.09 * v)); g.add(name);
       });
+      if (turn) g.quaternion.set(turn[1], turn[2], turn[3], turn[0]);
       return g;
     }
 
@@ -239,7 +242,7 @@ const Drawing = (() => {
         if (lane.name) lane.name.visible = !this.together && L > 1;
       });
       this.extent = this.together || L === 1 ? 1.35 * r : Math.max(across, rows) * 1.55 * r;
-      this.box = this.together || L === 1 ? [1.42 * r, 1.25 * r] : [(across - 1) * apart / 2 * 0.95 + 1.4 * r, (rows - 1) * apart * 0.42 + 1.45 * r];
+      this.box = this.together || L === 1 ? (this.D.kind === "satellite" ? [1.5 * r, 1.36 * r] : [1.42 * r, 1.25 * r]) : [(across - 1) * apart / 2 * 0.95 + 1.4 * r, (rows - 1) * apart * 0.42 + 1.45 * r];
       this.dirty = true;
     }
 
@@ -271,7 +274,8 @@ const Drawing = (() => {
     // ---- one picture
 
     pose(frame, part, time, trail) {
-      const { D } = this, p = new V();
+      const { D } = this, p = new V(), moment = { ...weights(D, frame, part, WEIGHTS) }, mixed = (list, k) => mix(list, 3, moment, k);
+      this.globe?.pose(mixed);
       for (const lane of this.lanes) {
         tipAt(D, lane.body, frame, part, this.axes3, lane.tip);
         lane.ball.position.copy(lane.tip);
@@ -280,6 +284,7 @@ const Drawing = (() => {
           if (D.kind === "path") { lane.mesh.position.copy(lane.tip); lane.ball.position.add(p.fromArray(lane.body.nose).applyQuaternion(lane.mesh.quaternion)); }
         }
         lane.rod?.put([0, 0, 0, ...lane.tip.toArray()], 2);
+        for (const each of lane.arrows) Orbiting.point(each, mixed);
         this.tail(lane, frame, time, trail);
       }
       if (this.follow) this.followed();
@@ -328,7 +333,7 @@ const Drawing = (() => {
         shadowMap.autoUpdate = false; this.even = !this.even; shadowMap.needsUpdate = this.even || this.scale !== this.coarse || this.fresh;
         this.fresh = false;
       }
-      this.renderer.render(this.scene, this.camera);
+      this.paint();
       this.dirty = false;
       if (playing) this.adapt(now);
       this.last = now;
@@ -346,8 +351,14 @@ const Drawing = (() => {
 
     finest() { // for a file
       this.scale = Math.max(1, 2 / devicePixelRatio); this.size(true);
-      this.renderer.render(this.scene, this.camera);
+      this.paint();
       this.dirty = true;
+    }
+
+    paint() {
+      const { clientWidth: w, clientHeight: h } = this.canvas.parentElement;
+      this.renderer.render(this.scene, this.camera);
+      this.globe?.paint(this.renderer, this.camera, this.controls.target, w, h);
     }
   }
 

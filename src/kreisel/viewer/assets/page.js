@@ -17,6 +17,9 @@
     for (const s of d.series) s.change = unpack(s.change, "f4");
     for (const m of d.meshes) { m.points = unpack(m.points, "f4"); m.faces = unpack(m.faces, m.wide ? "u4" : "u2"); m.colour = unpack(m.colour, "u1"); }
     for (const b of d.bodies) { if (b.turn !== null) b.turn = unpack(b.turn, "i2"); if (b.tip !== null) b.tip = unpack(b.tip, "f4"); }
+    if (d.charts) { d.charts.time = unpack(d.charts.time, "f8"); for (const p of d.charts.panels) p.values = p.values.map((v) => unpack(v, "f4")); }
+    for (const b of d.bodies) { if (b.place !== null) b.place = unpack(b.place, "f4"); for (const a of b.arrows) a.to = unpack(a.to, "f4"); }
+    if (d.globe?.sun) d.globe.sun = unpack(d.globe.sun, "f4");
     if (d.section) { d.section.points = unpack(d.section.points, "f4"); d.section.time = unpack(d.section.time, "f8"); d.section.lane = unpack(d.section.lane, "u1"); }
     d.joined = new Uint8Array(d.count); d.first = new Int32Array(d.count).map((_, i) => i); d.rate = 2 / d.pace;
     for (const [a, b] of d.windows) { d.joined.fill(1, a, b); d.first.fill(a, a, b + 1); }
@@ -29,7 +32,7 @@
   const dark = () => (state.chosen === null ? system.matches : state.chosen);
   const colours = () => D.themes[dark() ? "dark" : "light"];
   let stage = null;
-  const drift = new Charts.Drift($("drift"), $("cursor")), section = new Charts.Section($("sectionplot"), [$("sx"), $("sy")]);
+  const drift = new Charts.Strips($("drift"), $("cursor")), section = new Charts.Section($("sectionplot"), [$("sx"), $("sy")]);
 
   // ---- text, always as text
 
@@ -49,6 +52,8 @@
     $("legend").replaceChildren();
     if (D.legend.tip) chip(c[1], D.legend.tip);
     if (D.legend.arrow) chip(c[2], D.legend.arrow);
+    for (const a of D.bodies[0].arrows) chip(c[a.colour], a.name);
+    $("charttitle").textContent = `${D.charts ? "Motion, and relative" : "Relative"} change of each integral since the start; dashed: eps \u221asteps`;
     const body = $("table").tBodies[0];
     body.replaceChildren();
     D.series.forEach((s, i) => {
@@ -56,7 +61,7 @@
       const mark = document.createElement("i");
       mark.className = "swatch"; mark.style.background = c[i % c.length];
       row.insertCell().append(mark);
-      cell(s.name); cell(s.conserved ? "yes" : "no", "wide"); cell(s.start === null ? "-" : s.start.toPrecision(6), "wide"); cell(""); cell(s.most === null ? "-" : s.most.toExponential(1));
+      cell(s.name); cell(s.conserved ? "yes" : "no", "wide"); cell(s.start === null ? "-" : `${s.start.toPrecision(6)}${s.unit && ` ${s.unit}`}`, "wide"); cell(""); cell(s.most === null ? "-" : s.most.toExponential(1));
       row.addEventListener("click", () => { const on = drift.focus !== i; for (const r of body.rows) r.classList.remove("on"); if (on) row.classList.add("on"); drift.emphasize(on ? i : null); });
     });
     $("scrub").max = D.count - 1;
@@ -106,7 +111,7 @@
     state.told = now;
     const stretch = below(D.edges, state.time), rows = $("table").tBodies[0].rows;
     D.series.forEach((s, i) => { rows[i].cells[4].textContent = s.change[stretch].toExponential(1); });
-    $("now").textContent = `time ${state.time.toPrecision(7)} of ${D.time[D.count - 1].toPrecision(5)}, state ${state.frame + 1} of ${D.count}`;
+    $("now").textContent = `time ${(state.time / D.clock.size).toPrecision(7)} of ${(D.time[D.count - 1] / D.clock.size).toPrecision(5)}${D.clock.unit && ` ${D.clock.unit}`}, state ${state.frame + 1} of ${D.count}`;
   }
 
   // ---- playing
