@@ -87,10 +87,10 @@ def test_the_clock_suits_the_length_of_a_run(top, x0):
 BAD = {
     "frame": (lambda run: kr.analysis.pointing(run, frame="orbt"), "Did you mean 'orbit'"),
     "target": (lambda run: kr.plot(run, target="nadr"), "Did you mean 'nadir'"),
-    "direction": (lambda run: kr.plot(run, target=(0, 0, 0)), "target: expected three numbers"),
-    "axis": (lambda run: kr.plot(run, axis=(0, 1)), "axis: expected three numbers"),
+    "direction": (lambda run: kr.plot(run, target=(0, 0, 0)), r"target: expected a vector \(3,\)"),
+    "axis": (lambda run: kr.plot(run, axis=(0, 1)), r"axis: expected a vector \(3,\)"),
     "sun": (lambda run: kr.plot(run, target="sun"), "a satellite in sunlight"),
-    "no satellite": (lambda run: kr.analysis.pointing(run.assign_attrs(system="euler-top")), "the run of a satellite"),
+    "no satellite": (lambda run: kr.analysis.pointing(run.assign_attrs(parameters="{}")), "the run of a satellite"),
 }
 
 

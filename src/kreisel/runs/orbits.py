@@ -163,7 +163,7 @@ def axis_of_pointing(run: xr.Dataset, axis: Any = None) -> Array:
 def _direction(value: Any, name: str) -> Array:
     vector = algebra.floats(value)
     if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-        raise InputError(f"{name}: expected three numbers, the direction of a vector, got {shown(value)}.")
+        raise InputError(f"{name}: expected a vector (3,) other than 0, got {shown(value)}.")
     return np.asarray(vector / np.linalg.norm(vector))
 
 

@@ -300,19 +300,13 @@ def scene(
     target: Any = "nadir",
 ) -> dict[str, Any]:
     """The data of the page.  Raises `InputError` for anything but a run with its state and this lane."""
-    record = RunRecord.of(run, "system")
-    measured, run = run, in_state_form(run)
-    if "time" not in run.dims or run.sizes["time"] < 1:
-        raise InputError("A run of kr.simulate or kr.open_run was expected, with at least one saved state.")
-    missing = record.missing_from(run)
-    if missing:
-        raise InputError(f"The run lacks {', '.join(missing)} of its state, which the page needs.")
-    require_unchanged(run)
+    wanted = Wanted(body, axis, target)
+    measured, run, record = run, *_required(run)
     chosen, lanes = _lanes(run, lane)
     model = None if record.is_own else model_for(chosen, None)
     shown_frames = frames(chosen, record, model if model is None or pairs_of(model) is None else None)
     bodies = [
-        Shown(each, record, model_of_lane, bool(shown_frames.joined.all()), Wanted(body, axis, target))
+        Shown(each, record, model_of_lane, bool(shown_frames.joined.all()), wanted)
         for each, model_of_lane in _each(shown_frames, record, lanes)
     ]
     first = bodies[0]
@@ -323,7 +317,6 @@ def scene(
     span = float(time[-1] - time[0]) or 1.0
     rate = shown_frames.rate if shown_frames.rate > 0 else 2 * math.pi / span
     meshes, places = _meshes(bodies)
-    clock = clock_of(chosen)
     return {
         "title": _text(run.attrs.get("title", "")),
         "facts": [_text(v) for v in _facts(run, lanes)],
@@ -342,8 +335,8 @@ def scene(
         "meshes": meshes,
         "bodies": [_packed_body(each, name, place) for each, name, place in zip(bodies, lanes, places, strict=True)],
         "globe": _globe(first),
-        "charts": _charts(chosen, Wanted(body, axis, target)),
-        "clock": {"label": clock.label, "unit": clock.unit, "size": clock.size},
+        "charts": _charts(chosen, wanted),
+        "clock": _clock(chosen),
         "time": packed(time, "f8"),
         "windows": windows(shown_frames.joined),
         "pace": STEADY / rate,
@@ -353,11 +346,31 @@ def scene(
         "events": _events(chosen, record),
         "section": None if section is None else _section(section, lanes),
         "complete": bool(run.attrs.get("complete", True)),
-        "themes": {
-            name: {"ink": t.ink, "paper": t.paper, "grid": t.grid, "faint": t.faint, "colours": t.colours}
-            for name, t in THEMES.items()
-        },
+        "themes": _themes(),
     }
+
+
+def _required(run: xr.Dataset) -> tuple[xr.Dataset, RunRecord]:
+    """The run with the letters of its state, and its record.  Raises `InputError`."""
+    record = RunRecord.of(run, "system")
+    run = in_state_form(run)
+    if "time" not in run.dims or run.sizes["time"] < 1:
+        raise InputError("A run of kr.simulate or kr.open_run was expected, with at least one saved state.")
+    missing = record.missing_from(run)
+    if missing:
+        raise InputError(f"The run lacks {', '.join(missing)} of its state, which the page needs.")
+    require_unchanged(run)
+    return run, record
+
+
+def _themes() -> dict[str, Any]:
+    names = ("ink", "paper", "grid", "faint", "colours")
+    return {name: {k: getattr(theme, k) for k in names} for name, theme in THEMES.items()}
+
+
+def _clock(run: xr.Dataset) -> dict[str, Any]:
+    clock = clock_of(run)
+    return {"label": clock.label, "unit": clock.unit, "size": clock.size}
 
 
 def _lanes(run: xr.Dataset, lane: Any) -> tuple[xr.Dataset, list[str]]:
