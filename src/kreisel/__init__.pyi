@@ -474,6 +474,24 @@ class _Rosochatius(System):
 
 Rosochatius: _Rosochatius
 
+class _Rubanovskii(System):
+    def __call__(
+        self,
+        *,
+        b: ArrayLike,
+        h: ArrayLike,
+        s: ArrayLike = 0.0,
+        l: ArrayLike = 1.0,
+    ) -> Model:
+        r"""Rubanovskii's gyrostat in a fluid.
+
+        b: diagonal of B
+        h: the momentum of the rotor
+        s: how much of Steklov's H
+        l: how much of Lyapunov's H"""
+
+Rubanovskii: _Rubanovskii
+
 class _SpinChain(System):
     def __call__(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import replace
 from typing import Any
 
@@ -35,6 +36,9 @@ def case(name: str, seed: int = 0) -> Case:
         return kr.GoryachevChaplygin(gamma=0.3), {"M": np.cross(M, P), "P": P}
     if name == "steklov":
         return kr.SteklovLyapunov(b=(0.3, 0.7, 1.9), s=0.4, l=0.7), {"M": skew(draw, 3), "P": skew(draw, 3)}
+    if name == "rubanovskii":
+        rotor = kr.Rubanovskii(b=(0.3, 0.7, 1.9), s=0.4, l=0.7, h=(0.4, -0.3, 0.5))
+        return rotor, {"M": skew(draw, 3), "P": skew(draw, 3)}
     if name == "kovalevskaya":
         return kr.KovalevskayaTopE3(), {"M": skew(draw, 3), "P": draw.normal(size=3)}
     if name == "gyrostat":
@@ -44,7 +48,7 @@ def case(name: str, seed: int = 0) -> Case:
     return kr.QuadraticPotential(J=(1, 1.6, 2.3)), {"M": skew(draw, 3), "P": F + F.T}
 
 
-NAMES = ("clebsch", "manakov", "quadratic", "kovalevskaya", "gyrostat", "steklov")
+NAMES = ("clebsch", "manakov", "quadratic", "kovalevskaya", "gyrostat", "steklov", "rubanovskii")
 EVERY = (*NAMES, "goryachev")
 
 
@@ -133,18 +137,26 @@ def test_orientation(name: str) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::kreisel.ConservationWarning")
-def test_a_gyrostat_whose_maps_forget_the_rotor_is_caught() -> None:
-    model, state = case("gyrostat")
+@pytest.mark.parametrize(("name", "rotor"), [("gyrostat", "gamma"), ("rubanovskii", "h")])
+def test_a_gyrostat_whose_maps_forget_the_rotor_is_caught(name: str, rotor: str) -> None:
+    model, state = case(name)
     want = flow_of(model, parts(model, state), 1.0, digits=20)
     record = model.system.pairs
 
-    def pair(M: Any, P: Any, Q: Any, *, gamma: Any, lam: Any, mu: Any) -> Any:
-        return record.pair(M, P, Q, gamma=0 * gamma, lam=lam, mu=mu)
+    def pair(*z: Any, **numbers: Any) -> Any:
+        return record.pair(*z, **{**numbers, rotor: 0 * numbers[rotor]})
 
+    pair.__dict__["__signature__"] = inspect.signature(record.pair)
     changed = replace(model.system, pairs=replace(record, pair=pair))(**model.params)
     ends = [kr.simulate(m, state, dt=0.25, steps=4, method="exact", project=False) for m in (model, changed)]
     assert off(model, ends[0], want) < 1e-13
     assert off(model, ends[1], want) > 1e-3
+
+
+def test_without_a_rotor_rubanovskiis_gyrostat_is_the_case_of_steklov_and_lyapunov() -> None:
+    (plain, state), still = case("steklov"), kr.Rubanovskii(b=(0.3, 0.7, 1.9), s=0.4, l=0.7, h=(0, 0, 0))
+    ends = [last(m, kr.simulate(m, state, dt=0.3, steps=10, method="exact")) for m in (plain, still)]
+    assert abs(ends[0] - ends[1]).max() < 1e-13
 
 
 @pytest.mark.parametrize(

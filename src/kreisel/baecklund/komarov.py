@@ -9,7 +9,7 @@ of a point lam = x + iy and its conjugate is known in closed form: with r = q^T 
 
 m' having the second block W^T (m - mu S) W.  Rotations of the axes 1 and 2 act on it, and the maps that keep its last
 column (c, beta n) are those that keep the direction of f = (1, 0, -beta).  So a rotation follows, that makes the first
-two entries of W^T f a multiple of (1, 0): the factor W is one rotation and one such map, as in Iwasawa's decomposition.
+two entries of W^T f a multiple of (1, 0): the factor W is a rotation times such a map, as in Iwasawa's decomposition.
 [The pencil and the maps were derived here]
 """
 
@@ -174,7 +174,7 @@ def bounds(M, P, energy, *, kappa, beta, c, gamma):
 
 
 def pairs_of(curve, energy, matrix):
-    """The record, from the numbers of the spectral curve, H and m of a state."""
+    """The record, from the coefficients of the spectral curve, H and m of a state."""
 
     def levels(M, P, *, kappa, beta, c, gamma, lam):
         values = curve(M, P, kappa=kappa, beta=beta, c=c, gamma=gamma)

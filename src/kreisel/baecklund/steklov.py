@@ -8,6 +8,7 @@ q = u + iw, the matrix V(s), which has V^T C V = C and poles at the two points, 
 
 the identity for x = 0.  Near there the body turns with Omega = 2i (Pi - Pi^T), Pi = q p^T, p the left eigenvector with
 <p, Cq> = 1, and M0' = [M0, Omega] + P Omega C - C Omega P.  lam is i s here, so that its real part is -x.
+With a rotor h, n = 3, X(s) has (s - B)^-1 h in addition, which all of this leaves unchanged.
 [Lax matrix as in `steklov_lyapunov`; the pair is the product of two half-turns V = 1 - 2 q q^T C/(q.q (s - s_1))]
 """
 
@@ -25,17 +26,19 @@ def halves(b):
     return (b[..., :, None] + b[..., None, :]) / 2
 
 
-def matrix(M, P, *, b, lam):
+def matrix(M, P, *, b, lam, h=None):
     s = -1j * np.asarray(lam)[..., None]
-    return (M + (s[..., None] - halves(b)) * P) / (s - b)[..., None]
+    X = M + (s[..., None] - halves(b)) * P
+    return (X if h is None else X + hat(h / (s - b))) / (s - b)[..., None]
 
 
-def points(M, P, *, b):
+def points(M, P, *, b, h=0.0):
     """s beyond the largest and below the least b, where C is definite and mu imaginary, and the distances of these."""
     M0 = M - halves(b) * P
     with np.errstate(all="ignore"):
-        scale = np.linalg.norm(M0) / np.linalg.norm(P)
-    away, _ = heights(np.ptp(b), scale if scale > NOISE * abs(b).max() else 0)
+        size = np.linalg.norm(P)
+        scales = np.linalg.norm(M0) / size, np.sqrt(np.linalg.norm(h) / size)
+    away, _ = heights(np.ptp(b), *(scale if scale > NOISE * abs(b).max() else 0 for scale in scales))
     return np.append(b.max() + away, b.min() - away), np.append(away, away)
 
 
@@ -47,11 +50,15 @@ def rates(M, P, *, b, lam, left, right):
     return (bracket(M0, Omega) + P @ Omega @ C - C @ Omega @ P + halves(b) * turned, turned), Omega
 
 
-def pair(M, P, *, b, lam, mu):
+def pair(M, P, *, b, lam, mu, h=None):
     (x, z), (m, k) = parts(lam), parts(mu)
     x, c, M0 = -x, vec(z) - b, M - halves(b) * P
     re = M0 + mat(z) * P - diagonal(vec(m) * c - vec(k * x))
-    u, w = eigenvector(re, mat(x) * P - diagonal(vec(m * x) + vec(k) * c), c, x)
+    im = mat(x) * P - diagonal(vec(m * x) + vec(k) * c)
+    if h is not None:  # h/(c + ix)
+        part = h / (c * c + vec(x * x))
+        re, im = re + hat(part * c), im - hat(vec(x) * part)
+    u, w = eigenvector(re, im, c, x)
     uu, ww, uw, g = dot(u, u), dot(w, w), dot(u, w), dot(u, c * u) + dot(w, c * w)
     y, v = c * u - vec(x) * w, c * w + vec(x) * u
     both = 4 * x / (g * g + 4 * x * x * (uu * ww - uw * uw))
@@ -65,6 +72,14 @@ def pair(M, P, *, b, lam, mu):
 
 
 STEKLOV_LYAPUNOV = ConjugatePairs(matrix=matrix, heights=points, rates=rates, pair=pair)
+
+RUBANOVSKII = ConjugatePairs(
+    matrix=lambda M, P, *, b, h, lam: matrix(M, P, b=b, lam=lam, h=h),
+    heights=lambda M, P, *, b, h: points(M, P, b=b, h=h),
+    rates=rates,
+    pair=lambda M, P, *, b, h, lam, mu: pair(M, P, b=b, lam=lam, mu=mu, h=h),
+    dimensions=(3,),
+)
 
 
 def axial_pairs(matrix_b):

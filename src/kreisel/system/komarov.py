@@ -1,6 +1,6 @@
 """Kovalevskaya's top on e(3), so(4) and so(3,1), and Sokolov's case, with a rotor.  State (M, P), axial vectors.
 
-The brackets of e(3)*, but those of P_i and P_j are -kappa times those of M_i and M_j: kappa < 0 is so(4), kappa > 0
+The brackets of e(3)*, but P_i and P_j have -kappa times the bracket of M_i and M_j: kappa < 0 gives so(4), kappa > 0
 so(3,1).  With n = M_3 + gamma,
 
     H = (M_1^2 + M_2^2)/2 + M_3^2 + gamma M_3 + c P_1 + beta n P_2 - beta^2 P_3^2/2,

@@ -262,11 +262,16 @@ for name in MAPS:
         ("poisson", "integrals-of-the-map", "involution", "discrete-lax-pencil"),
         dimensions=(3, 4) if REGISTRY[name].n is None else (3,),
     )
-stated_law(
-    "komarov-flow",
-    FAMILY,
-    "the flow is Hamiltonian, its integrals are in involution, and it has a Lax pair of size 7",
-    REGISTRY["komarov"],
-    ("hamiltonian-flow", "jacobi-identity", "casimirs", "integrals-of-the-flow", "involution", "lax-equation"),
-    dimensions=(3,),
-)
+CONTINUOUS = {
+    "komarov": ("Kovalevskaya's top on e(3), so(4) and so(3,1)", ("jacobi-identity", "casimirs")),
+    "rubanovskii": ("Steklov's and Lyapunov's cases with a rotor", ()),
+}
+for name, (place, more) in CONTINUOUS.items():
+    stated_law(
+        f"{name}-flow",
+        f"Beyond the paper, {place}",
+        "the flow is Hamiltonian, its integrals are in involution, and it has a Lax pair",
+        REGISTRY[name],
+        ("hamiltonian-flow", *more, "integrals-of-the-flow", "involution", "lax-equation"),
+        dimensions=(3,),
+    )
