@@ -2,13 +2,15 @@
 
     python benchmarks/satellites.py
 
-Writes results/satellites.json.  Year: seconds of `kr.simulate` on one core for a CubeSat of three units at 500 km with
-a magnetic moment and sunlight on its six sides, as CPU time, which other work beside hardly changes, the least of three
-calls; and how far the libration of such a satellite under gravity alone is off in a day, in degrees, against steps of a
-quarter with order (8, 6, 4).  Sweep: 1,000 of them at inclinations of their own.  The part of its time that is the
-kernel's, by that of `kr.propagator` on one core for as many lanes and steps: of the CPU time of a sweep of 16 days in
-one process, and of two cores during one of 120 days on two workers, by the clock.  The latter says something about
-Kreisel on an idle machine alone, and is left out (null) where the load average was above 0.5 before.
+Writes results/satellites.json.  Year: seconds of `kr.simulate` on one core for a CubeSat of three units at 500 km
+with a magnetic moment and sunlight on its six sides, as CPU time, which other work beside hardly changes, the least
+of three calls; and how far the libration of such a satellite under gravity alone is off in a day, in degrees, against
+steps of a quarter with order (8, 6, 4).  Environment: nanoseconds of CPU time of a step of 30 s of order (2, 2) with
+the models of a date, of a single CubeSat on a circular orbit and of each of 256, and the seconds of a single one for
+ten years.  Sweep: 1,000 of them at inclinations of their own. The part of its time that is the kernel's, by that of
+`kr.propagator` on one core for as many lanes and steps: of the CPU time of a sweep of 16 days in one process, and of
+two cores during one of 120 days on two workers, by the clock. The latter says something about Kreisel on an idle
+machine alone, and is left out (null) where the load average was above 0.5 before.
 """
 
 from __future__ import annotations
@@ -87,6 +89,38 @@ def sweep(idle: bool) -> dict[str, Any]:
     return found | {"of_two_cores": short(kernel * lane_steps(120) / (CORES * both))}
 
 
+def environment() -> list[dict[str, Any]]:
+    orbit = Orbit.circular("500 km", "51.6 deg", epoch="2026-03-20T14:46:00")
+    plain = {"field": "dipole", "plates": ()}
+    cases: dict[str, dict[str, Any]] = {
+        "dipole": plain,
+        "IGRF-14": {**plain, "field": "igrf"},
+        "dipole, Sun and eclipse": {"field": "dipole", "light": SOLAR_PRESSURE},
+        "dipole, Harris-Priester air": {"field": "dipole", "air": "harris-priester"},
+        "all": {"light": SOLAR_PRESSURE, "air": "harris-priester"},
+    }
+    rows = []
+    for name, given in cases.items():
+        body = Satellite.cubesat(orbit, magnetic_moment=(0.01, 0.02, 0.03), **given)
+        alone, lanes = (short(1e9 * step_of(body, count)) for count in (1, 256))
+        rows.append({"models": name, "ns": alone, "ns_of_256": lanes, "ten_years_s": short(alone * 10 * YEAR / 30e9)})
+        print(rows[-1], flush=True)
+    return rows
+
+
+def step_of(body: Satellite, lanes: int) -> float:
+    """CPU time of a step of one lane: of long calls less that of short ones."""
+    p = kr.propagator(body.model(), dt=30.0, order=(2, 2), orientation=True)
+    x = np.tile(np.concatenate([axial(body.state()["M"]), body.orientation(body.pointing(pitch=0.1))]), (lanes, 1))
+    x = x if lanes > 1 else x[0]
+    short_one, long_one = 100_000 // lanes, 400_000 // lanes
+    took = [
+        min(clocked(time.process_time, lambda n=n: p.steps(x, n, time=0.0)) for _ in range(REPETITIONS + 2))
+        for n in (short_one, long_one)
+    ]
+    return (took[1] - took[0]) / (long_one - short_one) / lanes
+
+
 def clocked(clock: Callable[[], float], call: Callable[[], Any]) -> float:
     begun = clock()
     call()
@@ -123,7 +157,8 @@ def main(arguments: list[str] | None = None) -> None:
     asked = parser(__doc__, "satellites").parse_args(arguments)
     load = os.getloadavg()[0]
     write(
-        {"machine": machine(), "load_average_before": round(load, 2), "year": year(), "sweep": sweep(load < IDLE)},
+        {"machine": machine(), "load_average_before": round(load, 2), "year": year(), "environment": environment()}
+        | {"sweep": sweep(load < IDLE)},
         asked.output,
     )
 

@@ -165,7 +165,7 @@ def test_without_an_eclipse_all_is_light() -> None:
     assert formulas.light(-7e6 * SUN, SUN, 1.0, eclipse=0.0, shadow=BALL, disc=DISC) == 1.0
 
 
-FLAT = {"radius": BALL, "flattening": 1 / 298.257223563}
+FLAT = {"radius": EARTH.radius, "flattening": EARTH.flattening}
 
 
 def test_heights_are_those_over_the_ellipsoid() -> None:
@@ -281,7 +281,7 @@ def test_lanes_on_different_orbits() -> None:
     alone = kr.simulate(body.model(), body.state(), dt=30.0, steps=2, **options)
     model = BODIES["satellite"](**params)
     lanes = environment_of(kr.simulate(model, model.state(M=start), dt=30.0, steps=2, **options))
-    assert lanes.field.dims == ("time", "lane", "axis") and lanes.light.dims == ("time", "lane")
+    assert lanes.field.dims == ("time", "lane", "xyz") and lanes.light.dims == ("time", "lane")
     assert lanes.field.values[:, 1] == pytest.approx(body.environment(alone).field.values, rel=1e-12)
     assert abs(lanes.field.values[1, 1] - lanes.field.values[1, 0]).max() > 1e-7
 

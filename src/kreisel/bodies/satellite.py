@@ -6,9 +6,13 @@ State M in so(3)*, the momentum in the principal axes (body frame), and the orie
     V = (mu/r^3) (tr J/2 - (3/2) u.J u) - b.B          u = r/|r|,  J = tr(I)/2 - I,  b the dipole of the satellite
     B = -(f/r^3) (z - 3 (z.u) u)                       of the primary, z its axis; f = R^3 g_1^0, -7.59e15 T m^3 for
                                                        the Earth, so that B points north over its equator
-    tau = torque + sum over plates of c x F            c the centre of a plate, n its normal, A its area
+    tau = torque + b x B' + sum over plates of c x F   c the centre of a plate, n its normal, A its area
     F = -(1/2) density drag A (n.v)+ v                 in the air; (x)+ is x if x > 0, else 0
-        - pressure A (n.s)+ ((1 - mirror) s + 2 (mirror (n.s) + diffuse/3) n)        in sunlight, s to the Sun
+        - light A (n.s)+ ((1 - mirror) s + 2 (mirror (n.s) + diffuse/3) n)           in sunlight, s to the Sun
+
+The field B' of the coefficients `gauss`, s, the density, the velocity v in the air, and light = pressure (part of the
+Sun's disc that is seen) (1 au/distance)^2 are functions of time of `kreisel.bodies.environment`.  B' has no potential
+here: the derivative in time of a field of degree 13, for the work, would take three times as long as the field.
 
 At the corner of (x)+ no method has an order above 2.
 

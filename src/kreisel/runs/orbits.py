@@ -115,7 +115,7 @@ def environment_of(run: xr.Dataset) -> xr.Dataset:
         unit, meaning, axes = VARIABLES[name]
         if value is not None:
             lead = ("time", "lane")[: value.ndim - len(axes)]
-            out[name] = ((*lead, *("axis",) * len(axes)), value, {"units": unit, "long_name": meaning})
+            out[name] = ((*lead, *("xyz",) * len(axes)), value, {"units": unit, "long_name": meaning})
     return out
 
 
