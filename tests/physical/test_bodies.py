@@ -215,3 +215,20 @@ def test_a_torque_of_a_call_is_along_the_axes_given() -> None:
     x0 = body.state((0.0, 0.0, 0.0), attitude=TYPED)
     pushed = motion.steps(x0, 10, time=0.0, torque=torque)["momentum"] - motion.steps(x0, 10, time=0.0)["momentum"]
     assert same(pushed, 0.01 * torque, 1e-6)
+
+
+def test_a_run_of_a_satellite_says_where_it_is_and_where_it_points(tmp_path: Path) -> None:
+    """At rest in the frame of a circular orbit every angle stays 0; a rotation in pitch is the pointing error."""
+    body = Satellite((0.03, 0.04, 0.05), ORBIT)
+    run = kr.simulate(body, body.state(attitude=body.pointing(pitch="5 deg")), dt="20 s", t_end="20 min", every=10)
+    assert float(run.pitch[0]) == pytest.approx(np.deg2rad(5)) and float(run.pointing[0]) == pytest.approx(
+        np.deg2rad(5)
+    )
+    assert abs(run["roll"]).max() < 1e-9 and run.pitch.attrs["units"] == "rad"
+    assert abs(np.linalg.norm(run.position, axis=-1) / 7.0e6 - 1).max() < 1e-12
+    lanes = body.state(attitude=np.stack([body.pointing(pitch=p) for p in (0.0, 0.1, 0.2, 0.3)]))
+    several = kr.simulate(body, lanes, dt="20 s", t_end="20 min", every=10, path=tmp_path / "run.zarr")
+    assert several.pitch.isel(lane=2).values[0] == pytest.approx(0.2) and several.pointing.dims == ("time", "lane")
+    assert abs(several.isel(lane=0).pointing).max() < 1e-9
+    again = pickle.loads(pickle.dumps(several))
+    assert np.array_equal(again.pitch.values, several.pitch.values)

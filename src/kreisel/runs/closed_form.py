@@ -22,8 +22,9 @@ from kreisel.method.scheme import Jump
 from kreisel.record.body import Body
 from kreisel.record.given import in_lane
 from kreisel.runs.describing import in_memory
-from kreisel.runs.in_si import presented, scaled, times_of
+from kreisel.runs.in_si import scaled, times_of
 from kreisel.runs.plan import Plan, initial_parts, planned
+from kreisel.runs.presenting import presented
 from kreisel.runs.settings import (
     Settings,
     check_model,

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 FORM, SI = "kreisel_form", "SI"
 COMPONENT = "xyz"  # the axis of the components of vectors, which a variable may not be named after
 VELOCITY = "angular_velocity"
+OF_SATELLITES = ("position", "velocity", "field", "sun", "light", "density", "pitch", "roll", "yaw", "pointing")
+ADDED = (VELOCITY, *OF_SATELLITES)  # variables of a run in SI that follow from others
 SUMMARIES = ("drift", "extremes", "frequencies")  # kinds of variables of a sweep, such as M_max
 SIZED = ("roundoff_scale", "evaluation_scale")  # attributes in the unit of their variable
 QUANTITY = re.compile(r"\s*(\w+)(.*)", re.DOTALL)
@@ -81,12 +83,6 @@ def time_unit(run: xr.Dataset) -> float:
     return unit_of(run, "time")
 
 
-def presented(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
-    """A run as its user receives it: in SI if its subject was a body, else unchanged."""
-    frame = RunRecord.from_attrs(run.attrs).body_frame
-    return run if frame is None or not frame.names else in_si(run, model)
-
-
 def in_si(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     """A run of a body in SI; `model`: of a user-defined system, else that of the attributes."""
     frame = RunRecord.from_attrs(run.attrs).body_frame
@@ -111,7 +107,7 @@ def in_state_form(run: Any) -> Any:
     frame = RunRecord.from_attrs(run.attrs).body_frame
     if frame is None:
         raise InputError("The run is damaged: it is in SI, and lacks the attribute body that describes its units.")
-    out = _converted(run, frame, forward=False).drop_vars(VELOCITY, errors="ignore")
+    out = _converted(run, frame, forward=False).drop_vars(ADDED, errors="ignore")
     out.attrs.pop(FORM)
     model = _model_of(out, None)
     return out if model is None else out.assign(_with_axial_energy(out, out, BodyFrame(), model, -1.0))

@@ -27,6 +27,9 @@ class _Computed(BackendArray):
         self._sources, self._function = sources, function
         self._lead = lead
 
+    def __reduce__(self) -> Any:  # a pickled run has its values
+        return _Loaded, (self._values((slice(None),) * len(self.shape)),)
+
     def __getitem__(self, key: Any) -> Any:
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._values)
 
@@ -38,15 +41,31 @@ class _Computed(BackendArray):
         return values[tuple(0 if np.ndim(k) == 0 and not isinstance(k, slice) else slice(None) for k in lead) + inner]
 
 
+class _Loaded(BackendArray):
+    """Values in memory."""
+
+    def __init__(self, values: Array):
+        self._array, self.shape, self.dtype = values, values.shape, values.dtype
+
+    def __getitem__(self, key: Any) -> Any:
+        return indexing.explicit_indexing_adapter(
+            key, self.shape, indexing.IndexingSupport.BASIC, lambda k: self._array[k]
+        )
+
+
 def lazy(
     dims: Sequence[Any],
     shape: tuple[int, ...],
     sources: Sequence[xr.Variable],
     function: Callable[..., Array],
     attrs: dict[str, Any] | None = None,
+    lead: int | None = None,
 ) -> xr.Variable:
-    """A variable whose rows are `function` of the rows of `sources`, when they are read."""
+    """A variable whose rows are `function` of the rows of `sources`, when they are read.
+
+    lead   the number of axes of rows; default: those of time, lane and event
+    """
     import xarray as xr
 
-    lead = sum(d in LEAD for d in dims)
+    lead = sum(d in LEAD for d in dims) if lead is None else lead
     return xr.Variable(dims, indexing.LazilyIndexedArray(_Computed(shape, lead, sources, function)), attrs)

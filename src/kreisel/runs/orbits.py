@@ -198,7 +198,7 @@ def pointing_error(
 ) -> Array:
     """The angle between an axis of the body and its target at each row, rad, (time, [lane])."""
     around, g = around or surroundings(run), algebra.rotation_matrix(attitude_of(run))
-    pointed, wanted = algebra.act(g, axis_of_pointing(run, axis)), target_of(around, target)
+    pointed, wanted = algebra.act(g, axis_of_pointing(run, axis)), _by_lane(target_of(around, target), g.ndim - 1)
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(pointed, wanted), axis=-1), algebra.dot(pointed, wanted)))
 
 
@@ -224,10 +224,17 @@ def angles_of(run: xr.Dataset, frame: str = "orbit", around: Surroundings | None
     around = around or surroundings(run)
     if frame == "orbit":
         body = axes_of_state(run) @ axes_of_angles(model)
-        third, second, first = _tait_bryan(orbit_frame(around.position, around.velocity).mT @ g @ body)
+        third, second, first = _tait_bryan(
+            _by_lane(orbit_frame(around.position, around.velocity), g.ndim).mT @ g @ body
+        )
         return Angles(third, second, first)
-    yaw, pitch, roll = _tait_bryan(g if frame == "inertial" else ground_frame(around.position).mT @ g)
+    yaw, pitch, roll = _tait_bryan(g if frame == "inertial" else _by_lane(ground_frame(around.position), g.ndim).mT @ g)
     return Angles(pitch, roll, yaw)
+
+
+def _by_lane(values: Array, ndim: int) -> Array:
+    """Values (time, ...) of one orbit with an axis of lanes, if others have one."""
+    return values if values.ndim == ndim else values[:, None]
 
 
 def _tait_bryan(R: Array) -> tuple[Array, Array, Array]:

@@ -13,7 +13,7 @@ from kreisel.errors import InputError
 from kreisel.files import parsed, read_values
 from kreisel.method.scheme import KINDS
 from kreisel.runs.describing import hash_of_start
-from kreisel.runs.in_si import presented
+from kreisel.runs.presenting import presented
 from kreisel.runs.run_record import FORMAT, RunRecord
 from kreisel.storage import archive, checkpoint
 from kreisel.storage.archive import CHECKPOINT, LARGEST_CHUNK, Listed

@@ -13,10 +13,11 @@ from kreisel.files import stands
 from kreisel.process import signals_wait
 from kreisel.record.body import Body
 from kreisel.runs.drift import watched
-from kreisel.runs.in_si import presented, scaled, scaled_events
+from kreisel.runs.in_si import scaled, scaled_events
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import broken_by, make_plan, warn_of, warn_of_arrays
+from kreisel.runs.presenting import presented
 from kreisel.runs.progress import Progress, bytes_of, require_room
 from kreisel.runs.settings import Event, checked_events, flag, whole_number
 

@@ -15,7 +15,8 @@ from kreisel.files import shallow
 from kreisel.process import signals_wait
 from kreisel.record.body import Body
 from kreisel.record.model import Model
-from kreisel.runs.in_si import presented, scaled
+from kreisel.runs.in_si import scaled
+from kreisel.runs.presenting import presented
 from kreisel.runs.progress import Progress
 from kreisel.runs.settings import check_model, checked_state, flag
 from kreisel.storage.archive import one_writer, target
