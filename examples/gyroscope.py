@@ -1,16 +1,14 @@
 """A bicycle wheel hung by one end of its axle: the textbook precession, and what nutation adds to it.
 
 Usage: python gyroscope.py [FOLDER]; the figure goes to FOLDER, else to the current folder.
-Where the SI data come from, and which are assumed, stands in gyroscope.toml beside this file.
+The sources of the data, and which are assumed, are in gyroscope.toml next to this file: `kreisel run gyroscope.toml`.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-import tomllib
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -24,23 +22,6 @@ WHEEL = Gyroscope.flat(mass=29.5 / STANDARD_GRAVITY, axial_moment=0.17, lever=0.
 TILT, SPIN = math.pi / 2, 2 * math.pi * 3  # rad, rad/s
 SHOWN = 6.0  # s
 LOOK = THEMES["light"]
-
-
-def check_configuration(config: dict[str, Any]) -> None:
-    """The scaled numbers in the TOML file follow from the SI data."""
-    state = WHEEL.state(TILT, SPIN).axial
-    wanted = {"alpha": WHEEL.alpha, "m": state.m, "a": state.a, "orientation": WHEEL.orientation(TILT)}
-    for name, value in wanted.items():
-        given = {**config["system"], **config["state"]}[name]
-        print(f"  {name:12} {given}")
-        assert np.allclose(given, value, rtol=1e-14, atol=1e-15), f"{name} should be {value}"
-
-
-def simulate(config: dict[str, Any]) -> Any:
-    top = WHEEL.model()
-    state = dict(config["state"])
-    orientation = state.pop("orientation")
-    return kr.simulate(top, top.state(**state), orientation=orientation, progress=False, **config["run"])
 
 
 def maxima(seconds: np.ndarray, series: np.ndarray) -> np.ndarray:
@@ -110,11 +91,8 @@ def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path()
     print(f"wheel   m = {WHEEL.mass:.4f} kg, l = {WHEEL.lever} m, I3 = {WHEEL.axial_moment} kg m^2,")
     print(f"        I1 = {WHEEL.transverse_moment:.5f} kg m^2 about the pivot, w3 = {SPIN:.4f} rad/s")
-    print(f"units   {WHEEL.time_unit:.6f} s, {WHEEL.momentum_unit:.6f} kg m^2/s; scaled numbers, as in gyroscope.toml:")
-    config = tomllib.loads(Path(__file__).with_name("gyroscope.toml").read_text(encoding="utf-8"))
-    check_configuration(config)
-    run = simulate(config)
-    seconds, motion = run.time.values * WHEEL.time_unit, WHEEL.motion(run.m, run.a)
+    run = kr.simulate(WHEEL, WHEEL.state(TILT, SPIN), dt="0.4 ms", t_end="45 s", every="8 ms", progress=False)
+    seconds, motion = run.time.values, WHEEL.motion(run.momentum, run.axis)
     report(seconds, motion)
     path = folder / "gyroscope-precession.png"
     draw(seconds, motion).savefig(path)

@@ -19,6 +19,7 @@ LONGEST = 1500  # characters of a message: the expectation is at its head, the f
 SHOWN = 100  # characters of a value in it
 MEANT = 4  # names that a part of a name may match
 BRIEF = 40  # of one in a call
+MOST_FAULTS = 20  # of a file in a message
 FRACTION = re.compile(r"Fraction\((-?\d+), (\d+)\)")
 NUMPY = re.compile(r"\bnp\.(?:float|int|uint)\d+\(([^()]*)\)")
 UNLOADED = ("Dataset", "DataArray", "Model")  # classes that signatures name but modules import only for type checkers
@@ -51,10 +52,46 @@ def _written(fraction: re.Match[str]) -> str:
 
 
 class InputError(ValueError):
-    """Input that cannot be used.  The message states the expected value, the given value, and the fix."""
+    """Input that cannot be used.  The message states the expected value, the given value, and the fix.
 
-    def __init__(self, message: object):
-        ValueError.__init__(self, brief(message))
+    Several messages, a line each, if a file has several mistakes.
+    """
+
+    def __init__(self, *messages: object):
+        ValueError.__init__(self, *map(brief, messages))
+
+    def __str__(self) -> str:
+        return "\n".join(self.args)
+
+
+class Faults:
+    """Mistakes in a file, noted so that one message has all of them."""
+
+    def __init__(self) -> None:
+        self.messages: list[str] = []
+
+    def add(self, message: str) -> None:
+        """Note a mistake, once."""
+        if message not in self.messages:
+            self.messages.append(message)
+
+    @contextlib.contextmanager
+    def noted(self, place: str) -> Iterator[None]:
+        """A context whose `InputError` is noted, with its place in the file in front."""
+        try:
+            yield
+        except InputError as error:
+            for message in error.args:
+                self.add(f"{place}: {message}")
+
+    def report(self, source: str) -> None:
+        """Raises `InputError` if there are mistakes."""
+        if len(self.messages) == 1:
+            raise InputError(f"{source}: {self.messages[0]}")
+        if self.messages:
+            more = [f"  and {len(self.messages) - MOST_FAULTS} more"] * (len(self.messages) > MOST_FAULTS)
+            count = f"{source}: expected a file without mistakes, got {len(self.messages)}:"
+            raise InputError(count, *(f"  {message}" for message in self.messages[:MOST_FAULTS]), *more)
 
 
 class RunError(RuntimeError):

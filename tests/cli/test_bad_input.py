@@ -48,7 +48,7 @@ CASES = [
     ("dt = 0.05", "dt = 0.0", ["dt must be"]),
     ("dt = 0.05", "dt = -1.0", ["dt must be", "reverse"]),
     ("dt = 0.05", "dt = nan", ["dt must be"]),
-    ("dt = 0.05", 'dt = "fast"', ["in [run], dt must be a positive number", "'fast'"]),
+    ("dt = 0.05", 'dt = "fast"', ["[run] dt must be a positive number", "'fast'"]),
     ("dt = 0.05", "", ["needs dt"]),
     ("steps = 100", "steps = 0", ["steps must be a whole number"]),
     ("steps = 100", "steps = 10.5", ["steps"]),
@@ -146,7 +146,7 @@ def test_command_line_as_a_process(tmp_path: Path) -> None:
 def test_binary_configuration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from kreisel.runs.config import read
+    from kreisel.cli.configuration import read
 
     (tmp_path / "run.toml").write_bytes(bytes(range(256)))
     with pytest.raises(kr.InputError, match="UTF-8"):

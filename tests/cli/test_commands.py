@@ -12,8 +12,8 @@ import pytest
 
 import kreisel as kr
 from kreisel import cli
+from kreisel.cli.configuration import changed
 from kreisel.runs import progress
-from kreisel.runs.config import changed
 from kreisel.runs.planning import make_plan
 from support import configuration
 

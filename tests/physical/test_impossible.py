@@ -11,8 +11,8 @@ import pytest
 import kreisel as kr
 from kreisel import algebra
 from kreisel.bodies import BODIES, find
+from kreisel.cli import configuration as config
 from kreisel.physical import FreeBody, Gyroscope, HeavyBody, Orbit, Satellite, SubmergedBody
-from kreisel.runs import config
 
 LOW = Orbit.circular("500 km")
 FREE, TOP = kr.EulerTop(J=(1.0, 2.0, 3.0)), kr.LagrangeTopMoving(A=(0, 0, 1), alpha=0.5)

@@ -11,6 +11,7 @@ from scipy.integrate import quad
 
 import kreisel as kr
 from kreisel import algebra
+from kreisel.cli.configuration import read
 from kreisel.physical import SI, Ellipsoid, Gyroscope, HeavyBody, Units
 from support import ROOT
 
@@ -341,16 +342,16 @@ def example(name: str) -> dict:
     return tomllib.loads((EXAMPLES / name).read_text(encoding="utf-8"))
 
 
-def test_numbers_of_the_gyroscope_example() -> None:
+def test_the_gyroscope_example() -> None:
     """A wheel of 29.5 N and 0.17 kg m^2, 0.15 m from the string, at three turns a second, held horizontally."""
-    data = example("gyroscope.toml")
+    asked = read(EXAMPLES / "gyroscope.toml")
     transverse, torque = 0.17 / 2 + 29.5 / 9.80665 * 0.15**2, 29.5 * 0.15
     momentum = 0.17 * 2 * math.pi * 3 / math.sqrt(transverse * torque)
-    assert data["system"]["alpha"] == pytest.approx(0.17 / transverse, rel=1e-14)
-    assert data["system"]["p"] == [0, 0, 1]
-    assert data["state"]["a"] == [1, 0, 0]
-    assert data["state"]["m"] == pytest.approx([momentum, 0, 0], rel=1e-14)
-    assert data["state"]["orientation"] == pytest.approx([math.sqrt(0.5), 0, math.sqrt(0.5), 0], rel=1e-14)
+    assert asked.model.params["alpha"] == pytest.approx(0.17 / transverse, rel=1e-14)
+    assert asked.state.a == pytest.approx([1, 0, 0], abs=1e-15)
+    assert asked.state.axial["m"] == pytest.approx([momentum, 0, 0], rel=1e-14, abs=1e-15)
+    assert asked.orientation == pytest.approx([math.sqrt(0.5), 0, math.sqrt(0.5), 0], rel=1e-14)
+    assert asked.run.dt * math.sqrt(transverse / torque) == pytest.approx(4e-4, rel=1e-12)
 
 
 def test_numbers_of_the_kirchhoff_example() -> None:

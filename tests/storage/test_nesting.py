@@ -14,7 +14,7 @@ import pytest
 
 import kreisel as kr
 from kreisel import files
-from kreisel.runs import config
+from kreisel.cli import configuration as config
 from kreisel.storage import archive, checking
 from kreisel.sweeps.lanes import check_archive
 from kreisel.sweeps.sweep import carry_out

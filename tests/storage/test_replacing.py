@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 
 import kreisel as kr
+from kreisel.cli import configuration as config
 from kreisel.files import require_file
 from kreisel.process import Lock
-from kreisel.runs import config
 from kreisel.storage import archive, checking
 from kreisel.sweeps.lanes import check_archive
 from support import configuration
@@ -276,7 +276,7 @@ def test_an_archive_holds_one_run_and_nothing_else(top: Any, x0: Any, tmp_path: 
             with pytest.raises(kr.InputError, match="within the archive"):
                 act(inner)
     for figure in ("run.zarr", "run.zarr/top.png", "run.zarr/a/top.png"):
-        with pytest.raises(kr.InputError, match=r"beside the archive|must end in"):
+        with pytest.raises(kr.InputError, match=r"next to the archive|must end in"):
             config.parse(tomllib.loads(TOML.format(path="run.zarr", figure=figure)))
     assert check_archive(path)[1] == []
     assert [p.name for p in tmp_path.iterdir()] == ["run.zarr"]

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.runs.config import read_sweep
+from kreisel.cli.configuration import read_sweep
 from kreisel.sweeps import workers
 from kreisel.sweeps.design import Lanes
 from kreisel.sweeps.ensemble import Sweep

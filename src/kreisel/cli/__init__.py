@@ -36,7 +36,8 @@ def main() -> None:
         say(f"kreisel: {stopped}", file=sys.stderr)
         sys.exit(128 + stopped.number)
     except (InputError, RunError) as error:
-        say(f"kreisel: {error}", file=sys.stderr)
+        for line in f"kreisel: {error}".split("\n"):
+            say(line, file=sys.stderr)
         sys.exit(2)
     except MemoryError as error:
         say(f"kreisel: expected less than the memory that is free, got {error or 'more'}. {TOO_MUCH}", file=sys.stderr)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from kreisel.cli.bodies import SAMPLES, text_of_body
 from kreisel.cli.checkcases import files_of
 from kreisel.cli.output import OverwriteFile, a_path, app, say, system_names
 from kreisel.errors import InputError
@@ -26,17 +27,26 @@ WIDTH = 118
 GYROSTATS = ("zhukovsky-volterra", "kovalevskaya-gyrostat")
 
 
+def subject_names(begun: str) -> list[str]:
+    """The bodies and systems whose names begin with `begun`, for the shell."""
+    return [*(name for name in SAMPLES if name.startswith(begun)), *system_names(begun)]
+
+
 @app.command()
 def new(
     name: Annotated[
         str | None,
-        typer.Argument(help="A system (kreisel systems); with --lagrangian any name.", autocompletion=system_names),
+        typer.Argument(
+            help="A body: gyroscope, satellite, ...; a system (kreisel systems); with --lagrangian any name.",
+            autocompletion=subject_names,
+        ),
     ] = None,
     case: Annotated[str | None, typer.Argument(help="A check case, after the name checkcase.")] = None,
     out: Annotated[Path | None, a_path("The file to write, by default NAME.toml.", "--out", "-o")] = None,
     n: Annotated[int | None, typer.Option("--n", help="The dimension, or the sites of a chain.")] = None,
-    perturbed: Annotated[bool, typer.Option("--perturbed", help="Under forces of your own, in a Python file.")] = False,
-    satellite: Annotated[bool, typer.Option("--satellite", help="A satellite on its orbit, in SI units.")] = False,
+    perturbed: Annotated[
+        bool, typer.Option("--perturbed", help="Under user-defined forces, in a Python file.")
+    ] = False,
     swept: Annotated[bool, typer.Option("--sweep", help="Many lanes, for `kreisel sweep`.")] = False,
     lagrangian: Annotated[
         bool, typer.Option("--lagrangian", help="A body of your own by its Lagrangian, in a Python file.")
@@ -47,16 +57,15 @@ def new(
     from kreisel.bodies import KNOWN, find
     from kreisel.runs.examples import example
 
-    if sum((perturbed, satellite, lagrangian)) > 1 or (swept and (perturbed or lagrangian)):
-        raise InputError("kreisel new: expected one of --perturbed, --satellite, --lagrangian, --sweep, got several.")
+    if perturbed + lagrangian + swept > 1:
+        raise InputError("kreisel new: expected one of --perturbed, --lagrangian, --sweep, got several.")
     if (name == "checkcase") != (case is not None):
         raise InputError("kreisel new: expected a system, or checkcase NAME; `kreisel checkcase` lists the cases.")
-    if satellite and name is None:
-        name = "satellite"
     if name is None:
-        raise InputError("kreisel new: expected a system, such as lagrange-top; `kreisel systems` lists them.")
-    if satellite and not name.startswith("satellite"):
-        raise InputError(f"--satellite: expected satellite, satellite-with-wheel or no name, got {name!r}.")
+        raise InputError(
+            f"kreisel new: expected a body, {', '.join(SAMPLES)}, or a system, such as lagrange-top; `kreisel systems` "
+            "lists them."
+        )
     if lagrangian and (name in KNOWN or not name.replace("-", "").replace("_", "").isalnum()):
         raise InputError(f"--lagrangian: expected a name of your own, such as my-top, got {name!r}.")
     target = out or Path(f"{'my-' * perturbed}{case or name}{'-sweep' * swept}.toml")
@@ -69,6 +78,10 @@ def new(
         files = {code: LAGRANGIAN.format(head=HEAD, name=name), target: _of_lagrangian(name, target, code)}
     elif perturbed:
         files = forced(example(find(name), n), f"my-{name}", target, code)
+    elif name in SAMPLES and not swept and n is None:
+        files = {target: text_of_body(name, target, HEAD)}
+    elif name in SAMPLES and name not in KNOWN:
+        raise InputError(f"kreisel new: expected a system for --sweep and --n, got the body {name}.")
     else:
         files = {target: text_of(example(find(name), n), target, swept)}
     _write(files, overwrite)
@@ -264,7 +277,7 @@ TORQUE = "    torque=lambda M, *, strength: -strength * M * np.sqrt(M @ M),  # t
 
 def forced(sample: Example, name: str, target: Path, code: Path) -> dict[Path, str]:
     """The two files of a system under forces, tried.  Raises `InputError` for a system that accepts none."""
-    from kreisel.runs.config import load_system, read
+    from kreisel.cli.configuration import read
     from kreisel.runs.planning import make_plan
 
     why = ""
@@ -275,8 +288,9 @@ def forced(sample: Example, name: str, target: Path, code: Path) -> dict[Path, s
                 Path(folder, path.name).write_text(text, encoding="utf-8")
             try:
                 asked = read(Path(folder, target.name))
-                model = load_system(asked.name, asked.file)(**asked.parameters)
-                make_plan(model, asked.state, dt=asked.run.dt, steps=1, method=method, orientation=asked.orientation)
+                make_plan(
+                    asked.model, asked.state, dt=asked.run.dt, steps=1, method=method, orientation=asked.orientation
+                )
             except InputError as error:
                 why = why or str(error).replace(f"{folder}/", "")
             else:

@@ -188,8 +188,8 @@ def _mark(target: Path) -> dict[str, str]:
 
 def require_figure(target: Path, overwrite: bool = True) -> None:
     """Raises `InputError` if no figure can be written."""
+    from kreisel.cli.configuration import FIGURES
     from kreisel.files import require_file
-    from kreisel.runs.config import FIGURES
 
     require_file(target, overwrite)
     if target.suffix.lower() not in FIGURES:

@@ -6,7 +6,7 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -31,6 +31,9 @@ from kreisel.cli.output import (
 )
 from kreisel.errors import InputError
 from kreisel.stopwatch import SPENT
+
+if TYPE_CHECKING:
+    from kreisel.cli.configuration import Config
 
 MAY_BE_LONG = 1_000_000  # steps times n: from here on a pilot estimates the time
 LONG_SECONDS, LARGE = 20.0, 1e9  # beyond these an estimate is printed before the run
@@ -70,22 +73,21 @@ def run(
 
     Exit code 3: an invariant of the method is not conserved; the archive is kept.
     """
-    from kreisel.runs.config import load_system, read
+    from kreisel.cli.configuration import read
     from kreisel.runs.drift import broken, table_of
     from kreisel.runs.run_record import RunRecord
     from kreisel.storage.simulate import simulate
 
     asked = read(config, changes or ())
-    model = load_system(asked.name, asked.file)(**asked.parameters)
     if figure:
         require_figure(asked.figure)
     begun = time.perf_counter()
     settings = asked.run.but(project=asked.run.project and project).keywords()
-    settings["orientation"], state = asked.orientation, model.state(**asked.state)
+    settings["orientation"] = asked.orientation
     SPENT.clear()
-    _say_how_long(model, state, settings, asked)
+    _say_how_long(settings, asked)
     with warnings_in_the_table():
-        result = simulate(model, state, **settings, path=asked.path, overwrite=overwrite)
+        result = simulate(asked.model, asked.state, **settings, path=asked.path, overwrite=overwrite)
     seconds = time.perf_counter() - begun
     table, record = table_of(result), RunRecord.from_attrs(result.attrs)
     summary = {
@@ -107,7 +109,7 @@ def run(
             save_figure(result, asked.figure)
         print_json({**summary, "drift": records(table), "broken": broken(table)})
         return shout(broken(table))
-    say(f"{record.title}: {model}")
+    say(record.title if asked.is_body else f"{record.title}: {asked.model}")
     _say_what_was_done(summary, record.pace)
     print_drift(table)
     if figure:
@@ -127,14 +129,14 @@ def _say_what_was_done(summary: dict[str, Any], pace: str) -> None:
     )
 
 
-def _say_how_long(model: Any, state: Any, settings: dict[str, Any], asked: Any) -> None:
+def _say_how_long(settings: dict[str, Any], asked: Config) -> None:
     """Print an estimate on stderr before a run that may be long."""
-    if asked.run.steps * model.n < MAY_BE_LONG or asked.run.order == "auto":
+    if asked.run.steps * asked.model.n < MAY_BE_LONG or asked.run.order == "auto":
         return
     from kreisel.runs.planning import make_plan
     from kreisel.runs.progress import estimate
 
-    duration = estimate(make_plan(model, state, **settings), asked.path)
+    duration = estimate(make_plan(asked.model, asked.state, **settings), asked.path)
     if duration.seconds > LONG_SECONDS or duration.bytes > LARGE:
         say(f"{duration.text}; Ctrl-C stops it, `kreisel resume {asked.path}` goes on", file=sys.stderr)
 
@@ -174,7 +176,7 @@ def sweep(
     changes: Set = None,
 ) -> None:
     """`SWEEP_HELP`."""
-    from kreisel.runs.config import read_sweep
+    from kreisel.cli.configuration import read_sweep
     from kreisel.storage.opening import open_lanes
     from kreisel.sweeps.lanes import broken_lanes
     from kreisel.sweeps.sweep import carry_out, failures

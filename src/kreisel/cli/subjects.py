@@ -236,8 +236,8 @@ def code(
     values that are set.
     """
     from kreisel.bodies import find
+    from kreisel.cli.configuration import read
     from kreisel.languages.source import code as text_of
-    from kreisel.runs.config import load_system, read
     from kreisel.runs.examples import example
 
     g: Any = None
@@ -245,17 +245,15 @@ def code(
         if values:
             raise InputError("--set: expected a system by name, got a TOML file, which has its parameters itself.")
         asked = read(Path(subject).expanduser())
-        model = load_system(asked.name, asked.file)(**asked.parameters)
-        state, g, run = asked.state, asked.orientation, asked.run
+        model, body, g, run = asked.model, asked.state, asked.orientation, asked.run
         method, project = method or run.method, project and run.project
         order = order if order is not None or not isinstance(run.order, int) else run.order
         dt = run.dt if dt is None else dt
     else:
         sample = example(find(subject), n, dict(parameter_of(text) for text in values or ()))
-        model, state = sample.model, sample.state
+        model, body = sample.model, sample.model.state(**sample.state)
         if orientation and model.system.velocity is not None:
             g = [1.0, 0.0, 0.0, 0.0] if model.n == 3 else [[float(i == j) for j in range(n)] for i in range(n)]
         dt = 0.01 if dt is None else dt
-    body = model.state(**state)
     settings: dict[str, Any] = {"method": method, "order": order, "orientation": g, "project": project, "name": name}
     print(text_of(model, body, dt=dt, language=language, **settings), end="")

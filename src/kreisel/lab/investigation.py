@@ -24,8 +24,8 @@ from kreisel.lab.subject import BESIDE, Subject, in_coordinates, on_group, subje
 from kreisel.method.variational import stage
 from kreisel.record.contract import Map, Parameter, System
 from kreisel.record.model import Model
-from kreisel.runs.config import executed, own_systems
 from kreisel.runs.settings import within
+from kreisel.runs.user_defined import executed, own_systems
 from kreisel.system import heavy_top
 
 OF_A_FILE = ("names", "n", "frame", "eps", *BESIDE)

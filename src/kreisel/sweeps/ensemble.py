@@ -15,11 +15,11 @@ from kreisel.method.auto import Choice
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import System
 from kreisel.record.model import Model
-from kreisel.runs.config import load_system
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import choices, plan_of, with_choice
 from kreisel.runs.settings import Settings
+from kreisel.runs.user_defined import load_system
 from kreisel.sweeps.design import Lanes, Varied
 from kreisel.sweeps.summaries import SUMMARIES, summarized
 

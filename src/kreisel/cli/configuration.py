@@ -1,0 +1,319 @@
+"""A run as a TOML file: sections [system] or [body], [state], [run] and [output]."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from kreisel.errors import Faults, InputError, hint, shown
+from kreisel.files import place, shallow
+from kreisel.physical import FreeBody
+from kreisel.physical.tables import Reader
+from kreisel.record.model import Model, State
+from kreisel.runs.in_si import scaled_settings
+from kreisel.runs.settings import Settings
+from kreisel.runs.user_defined import executed, load_system
+
+SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
+SECTIONS = ("system", "body", "state", "run", "output")
+SETTINGS = tuple(field.name for field in msgspec.structs.fields(Settings) if field.name != "asked_dt")
+OUTPUT = ("path", "figure")
+LARGEST_FILE = 16 << 20
+FIGURES = (".png", ".pdf", ".svg")
+
+
+@dataclass(frozen=True)
+class Config:
+    """A checked configuration: the name of a system or of a kind of body, its model, its start, and the run.
+
+    For a body, everything is in the form of the state, and the run of the model is in SI.
+    """
+
+    name: str
+    model: Model
+    state: State
+    orientation: Any
+    run: Settings
+    path: Path
+    figure: Path
+    is_body: bool = False
+
+
+def read(path: Path, changes: Sequence[str] = ()) -> Config:
+    """Read and check a TOML file, after `changes` such as "run.dt=0.01".
+
+    Relative output paths are relative to the current folder, files that it names to the TOML file.
+    """
+    return parse(changed(_load(path), changes), str(path), path.parent)
+
+
+def changed(data: dict[str, Any], changes: Sequence[str]) -> dict[str, Any]:
+    """The configuration with each "SECTION.KEY=VALUE" in place, VALUE as in TOML; a bare word is a string."""
+    for text in changes:
+        place, sign, value = (part.strip() for part in text.partition("="))
+        section, *keys = place.split(".", 3 if place.startswith("sweep.") else 1)
+        if section == "sweep" and len(keys) > 1:  # sweep.grid.state.m[2] is one quantity
+            keys = [keys[0], ".".join(keys[1:])]
+        if not sign or not value or not keys or not all(keys):
+            near = f" Did you mean run.{place}?" if sign and place in SETTINGS else ""
+            raise InputError(f"--set: expected SECTION.KEY=VALUE, such as run.dt=0.01, got {shown(text)}.{near}")
+        table = data
+        for key in (section, *keys[:-1]):
+            table = table.setdefault(key, {})
+            if not isinstance(table, dict):
+                raise InputError(f"--set {place}: expected a section {section}, got the value {shown(table)} there.")
+        table[keys[-1]] = _toml_value(value)
+    return data
+
+
+def _toml_value(text: str) -> Any:
+    try:
+        (found,) = tomllib.loads(f"value = {text}").values()
+    except (ValueError, RecursionError):
+        if any(c in text for c in "[]{}=\n\"'"):
+            raise InputError(
+                f"--set: expected a value as in TOML, such as 0.01 or [0, 0, 1], got {shown(text)}."
+            ) from None
+        return text
+    return found
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{path} is larger than {LARGEST_FILE >> 20} MiB: it is not a configuration.")
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"There is no file {path}. Examples are in the folder examples/.") from None
+    except IsADirectoryError:
+        raise InputError(f"{path} is a folder; a TOML file was expected.") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}.") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not text in UTF-8; a TOML file was expected.") from None
+    except (ValueError, RecursionError) as error:  # neither TOML, nor integers of thousands of digits
+        raise InputError(f"{path} is not valid TOML: {error}") from None
+
+
+def read_sweep(path: Path, changes: Sequence[str] = ()) -> tuple[dict[str, Any], Path | None, Path]:
+    """The description of a sweep in a TOML file, the file of a user-defined system, and the output path of the sweep.
+
+    The section [sweep] is checked when the sweep begins.  Raises `InputError`.
+    """
+    return parse_sweep(changed(_load(path), changes), str(path), path.parent)
+
+
+def parse_sweep(
+    data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()
+) -> tuple[dict[str, Any], Path | None, Path]:
+    """The sweep of a configuration that is already a dict, as by `read_sweep`."""
+    faults = Faults()
+    tables = _tables(shallow(data, source), (*SECTIONS, "sweep"), faults)
+    _check_keys(tables["sweep"], SWEEP, "sweep", faults)
+    _check_keys(tables["run"], SETTINGS, "run", faults)
+    _check_keys(tables["output"], OUTPUT, "output", faults)
+    if "figure" in tables["output"]:
+        faults.add("a sweep draws no figure; leave figure out of [output].")
+    path = _output_path(tables["output"], "path", faults)
+    description, file = {k: dict(tables[k]) for k in ("state", "run", "sweep")}, None
+    if "body" in tables:
+        subject = _body(tables, folder, faults)
+        if subject.model is not None and not faults.messages:
+            description |= _described(subject, tables["run"])
+    else:
+        _, file, description["system"] = _system(tables["system"], folder, faults)
+    faults.report(source)
+    return description, file, path
+
+
+def _described(subject: Subject, run: Mapping[str, Any]) -> dict[str, Any]:
+    """The sections of a sweep that begins from a body, in the form of its system."""
+    model, state = subject.model, subject.state
+    assert model is not None and state is not None
+    frame = {} if model.body_frame is None else {"body": model.body_frame.table}
+    start = {**state.axial, **({} if state.orientation is None else {"orientation": state.orientation})}
+    system = {"name": model.system.name, **model.params}
+    return {**frame, "system": system, "state": start, "run": scaled_settings(model, run)}
+
+
+def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()) -> Config:
+    """Check a configuration that is already a dict; files named in it are looked for in `folder`.
+
+    Raises `InputError`, with all mistakes that were found.
+    """
+    faults = Faults()
+    tables = _tables(shallow(data, source), SECTIONS, faults)
+    subject = _body(tables, folder, faults) if "body" in tables else _of_system(tables, folder, faults)
+    run = _settings(tables["run"], subject, faults)
+    _check_keys(tables["output"], OUTPUT, "output", faults)
+    path = _output_path(tables["output"], "path", faults)
+    drawn = "figure" in tables["output"]
+    figure = _output_path(tables["output"], "figure", faults) if drawn else path.with_suffix(".png")
+    if figure.suffix.lower() not in FIGURES:
+        faults.add(f"[output] figure must end in {', '.join(FIGURES)}, got {shown(str(figure))}.")
+    if path.absolute() in (figure.absolute(), *figure.absolute().parents):
+        faults.add(
+            f"[output] expected a figure next to the archive, got {shown(str(figure))} in or instead of "
+            f"{shown(str(path))}. Choose another figure."
+        )
+    faults.report(source)
+    assert subject.model is not None and subject.state is not None and run is not None
+    return Config(subject.name, subject.model, subject.state, subject.orientation, run, path, figure, "body" in tables)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A model and its start, None after a mistake; orientation: in the form of the state."""
+
+    name: str
+    model: Model | None = None
+    state: State | None = None
+    orientation: Any = None
+
+
+def _body(tables: Mapping[str, Mapping[str, Any]], folder: Path, faults: Faults) -> Subject:
+    """The body of the section [body], started by [state]."""
+    table = dict(tables["body"])
+    names: dict[str, Any] = {}
+    if (file := _python_file(table.pop("file", None), "body", folder, faults)) is not None:
+        with faults.noted("[body] file"):
+            names = executed(file)
+    reader = Reader(faults, folder, names)
+    kind = reader.kind_of(table, "body")
+    if kind is None:
+        return Subject("")
+    body = reader.body(table, "body")
+    state = reader.state(kind, body, tables["state"], "state")
+    name = str(table["kind"])
+    if body is None or state is None:
+        return Subject(name)
+    with faults.noted("[body]"):
+        return Subject(name, body.in_si(), state, state.orientation)
+    return Subject(name)
+
+
+def _of_system(tables: Mapping[str, Mapping[str, Any]], folder: Path, faults: Faults) -> Subject:
+    """The system of the section [system], in the state of [state]."""
+    name, file, parameters = _system(tables["system"], folder, faults)
+    parameters.pop("name", None)
+    start = dict(tables["state"])
+    orientation = start.pop("orientation", None)
+    if not name:
+        return Subject(name)
+    model: Model | None = None
+    with faults.noted("[system]"):
+        model = load_system(name, file)(**parameters)
+    if model is None:
+        return Subject(name)
+    with faults.noted("[state]"):
+        state = model.state(**start)
+        return Subject(name, model, state, orientation)
+    return Subject(name, model)
+
+
+def _settings(run: Mapping[str, Any], subject: Subject, faults: Faults) -> Settings | None:
+    """The settings of a run; None after a mistake."""
+    _check_keys(run, SETTINGS, "run", faults)
+    asked = {k: v for k, v in run.items() if k in SETTINGS}
+    if "dt" not in asked:
+        faults.add("[run] needs dt, a step, got nothing.")
+        return None
+    if subject.model is None or subject.model.body_frame is not None:
+        asked = _in_the_unit_of_time(asked, subject.model, faults)
+    try:
+        return Settings.checked(**asked)
+    except InputError as error:
+        alone = [fault for key in asked for fault in _faults_of(key, asked[key])]
+        for fault in dict.fromkeys(alone or error.args):
+            faults.add(f"[run] {fault}")
+    return None
+
+
+def _in_the_unit_of_time(asked: Mapping[str, Any], model: Model | None, faults: Faults) -> dict[str, Any]:
+    """The settings with durations in the unit of the model; without one the model only serves to check them."""
+    usual, out = model or FreeBody((1.0, 1.0, 1.0)).in_si(), dict(asked)
+    timed = [k for k in ("dt", "t_end", "times", "every", "impulses") if k in asked]
+    for key in timed:
+        with faults.noted("[run]"):
+            step = asked["dt"] if out.get("dt") is not None else 1.0
+            out[key] = scaled_settings(usual, {"dt": step, key: asked[key]})[key]
+            continue
+        out[key] = None
+    return {k: v for k, v in out.items() if v is not None or k not in timed} | ({} if out["dt"] else {"dt": 1.0})
+
+
+def _faults_of(key: str, value: Any) -> tuple[str, ...]:
+    """The mistakes of a setting among others that are usual."""
+    usual: dict[str, Any] = {"dt": 1.0, "steps": 10**9}
+    if key in ("t_end", "times"):
+        del usual["steps"]
+    try:
+        Settings.checked(**{**usual, key: value})
+    except InputError as error:
+        return () if key == "tol" else error.args
+    return ()
+
+
+def _tables(data: Mapping[str, Any], known: Sequence[str], faults: Faults) -> dict[str, Mapping[str, Any]]:
+    """The sections of a configuration, each a table; either `system` or `body`."""
+    for section in data:
+        if section not in known:
+            faults.add(
+                f"unknown section or key {shown(section)}; expected are {', '.join(known)}.{hint(section, known)}"
+            )
+    subject = "body" if "body" in data else "system"
+    if {"body", "system"} <= data.keys():
+        faults.add("expected a section [system] or [body], got both. A body of kr.physical is in [body].")
+    out: dict[str, Mapping[str, Any]] = {}
+    for section in known:
+        table = data.get(section, {} if (section, subject) == ("state", "body") else None)
+        if section in ("system", "body") and section != subject:
+            continue
+        if not isinstance(table, Mapping):
+            got = "nothing" if table is None else shown(table)
+            faults.add(f"needs a section [{section}], got {got}. `kreisel new NAME` writes a file with all sections.")
+            table = {}
+        out[section] = table
+    return out
+
+
+def _system(table: Mapping[str, Any], folder: Path, faults: Faults) -> tuple[str, Path | None, dict[str, Any]]:
+    """The name of the system, the file that defines it, and the section without that file."""
+    system = dict(table)
+    name, file = system.get("name"), _python_file(system.pop("file", None), "system", folder, faults)
+    if not isinstance(name, str):
+        faults.add(f'[system] needs `name = "..."`, got {shown(name)}. `kreisel systems` lists the names.')
+        name = ""
+    return name, file, system
+
+
+def _python_file(file: Any, section: str, folder: Path, faults: Faults) -> Path | None:
+    """The path of a user's Python file, None without one."""
+    if file is None:
+        return None
+    if not isinstance(file, str) or not file.endswith(".py") or "\0" in file:
+        faults.add(f'[{section}] file must name a Python file, such as "my_top.py", got {shown(file)}.')
+        return None
+    return folder / Path(file).expanduser()
+
+
+def _output_path(output: Mapping[str, Any], key: str, faults: Faults) -> Path:
+    """A path of the section [output]; after a mistake one that may be used in its place."""
+    if key not in output:
+        if output or not faults.messages:  # else the section is missing
+            faults.add(f'[output] needs {key}, such as {key} = "top.zarr", got nothing.')
+    else:
+        with faults.noted("[output]"):
+            return place(output[key], f"{key} must name a file or folder to make")
+    return Path("top.zarr" if key == "path" else "top.png")
+
+
+def _check_keys(table: Mapping[str, Any], names: Sequence[str], section: str, faults: Faults) -> None:
+    for key in table:
+        if key not in names:
+            faults.add(f"[{section}] has the key {shown(key)}; expected are {', '.join(names)}.{hint(key, names)}")

@@ -1,0 +1,228 @@
+"""Bodies from plain tables, such as sections of a TOML file: the keys are the arguments of the constructors in Python.
+
+    {"kind": "satellite", "inertia": [[...]], "orbit": {"altitude": "500 km", "inclination": "97 deg"}}
+
+`kind` is a class of `kr.physical`, "heavy-body" for `HeavyBody`.  `shape` names one of its class methods, "cubesat"; it
+is not needed if the table has an argument that only this method has.  Inner tables are records, for arguments of such a
+type, and names are constants, "saturn".  Instead of inertia and mass there may be a file, `mesh` or `robot`.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+import types
+import typing
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from kreisel import physical
+from kreisel.errors import Faults, InputError, hint, shown
+from kreisel.record.body import Body
+from kreisel.record.model import State
+from kreisel.record.quantities import si
+
+READERS = (physical.read_mesh, physical.read_robot)
+ABOUT_CENTRE = "about_centre"
+QUANTITY = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?\s*(?P<unit>[A-Za-zµ°%].*)", re.IGNORECASE)
+Table = Mapping[str, Any]
+
+
+def kinds() -> dict[str, type[Body]]:
+    """The classes of bodies by their names in a file."""
+    found = [getattr(physical, name) for name in physical.__all__]
+    bodies = [each for each in found if isinstance(each, type) and issubclass(each, Body)]
+    return {re.sub(r"(?<=[a-z])(?=[A-Z])", "-", each.__name__).lower(): each for each in bodies}
+
+
+@dataclass(frozen=True)
+class Reader:
+    """Builds bodies and their states; mistakes are noted in `faults`.
+
+    folder   of the TOML file, to which paths of files are relative
+    names    values of a user's Python file, for texts that name them
+    """
+
+    faults: Faults
+    folder: Path = Path()
+    names: Table = field(default_factory=dict)
+
+    def kind_of(self, table: Table, where: str) -> type[Body] | None:
+        """The class that a table names."""
+        known, name = kinds(), table.get("kind")
+        if isinstance(name, str) and name in known:
+            return known[name]
+        hinted = hint(name, known)
+        self.faults.add(f"[{where}] kind: expected one of {', '.join(known)}, got {shown(name)}.{hinted}")
+        return None
+
+    def body(self, table: Table, where: str = "body") -> Body | None:
+        """The body of a table; None after a mistake."""
+        kind = self.kind_of(table, where)
+        if kind is None:
+            return None
+        return self.record(kind, {k: v for k, v in table.items() if k != "kind"}, where)
+
+    def state(self, kind: type[Body], body: Body | None, table: Table, where: str = "state") -> State | None:
+        """The state of a body; without it, only the names of the arguments are checked."""
+        before = len(self.faults.messages)
+        call = kind.state if body is None else body.state
+        self._check_names(call, table, where)
+        values = {k: self._quantity(v, f"{where}.{k}") for k, v in table.items()}
+        if body is None or len(self.faults.messages) > before:
+            return None
+        with self.faults.noted(f"[{where}]"):
+            for key, value in values.items():
+                if isinstance(value, Mapping) and key == "attitude" and isinstance(body, physical.Satellite):
+                    values[key] = body.pointing(**value)
+            return body.state(**values)
+        return None
+
+    def record(self, kind: type[Any], given: Table, where: str) -> Any:
+        """The record of a table; None after a mistake."""
+        before, table = len(self.faults.messages), dict(given)
+        part = self._part(kind, table, where)
+        call = self._constructor(kind, table, part, where)
+        if call is None:
+            return None
+        known = {k: v for k, v in part.items() if k in inspect.signature(call).parameters and k not in table}
+        self._check_names(call, {**known, **table}, where)
+        hints = {**types_of(kind), **types_of(call)}
+        values = {k: self._value(v, hints.get(k), f"{where}.{k}") for k, v in table.items()}
+        if len(self.faults.messages) > before:
+            return None
+        with self.faults.noted(f"[{where}]"):
+            return call(**known, **values)
+        return None
+
+    def _part(self, kind: type[Any], table: dict[str, Any], where: str) -> dict[str, Any]:
+        """Mass, inertia and centre of mass from the file that a table names, whose arguments are removed from it."""
+        for reader in READERS:
+            first, *_ = names = list(inspect.signature(reader).parameters)
+            if first not in table or not issubclass(kind, Body):
+                continue
+            values = {k: table.pop(k) for k in names if k in table}
+            if "inertia" not in inspect.signature(kind).parameters:
+                self.faults.add(f"[{where}] {first}: expected a body with an inertia tensor, such as heavy-body.")
+                return {}
+            with self.faults.noted(f"[{where}]"):
+                path = values.pop(first)
+                part = reader(self.folder / path if isinstance(path, str) else path, **values)
+                return {**part._asdict(), "arm": part.center_of_mass}
+            return dict.fromkeys(("mass", "inertia", "center_of_mass", "arm"))
+        return {}
+
+    def _constructor(
+        self, kind: type[Any], table: dict[str, Any], part: Table, where: str
+    ) -> Callable[..., Any] | None:
+        """The class, or the class method that `shape` names or that the keys of a table belong to."""
+        methods = _class_methods(kind)
+        if "shape" in table:
+            shape = table.pop("shape")
+            name = shape.replace("-", "_") if isinstance(shape, str) else shape
+            if name not in methods:
+                self.faults.add(
+                    f"[{where}] shape: expected one of {', '.join(methods)}, got {shown(shape)}.{hint(name, methods)}"
+                )
+            return methods.get(name)
+        if part and ABOUT_CENTRE in methods:
+            return methods[ABOUT_CENTRE]
+        common = set(inspect.signature(kind).parameters)
+        found = {name: set(inspect.signature(call).parameters) - common for name, call in methods.items()}
+        best = max(methods, key=lambda name: len(found[name] & table.keys()), default="")
+        return methods[best] if best and found[best] & table.keys() else kind
+
+    def _check_names(self, call: Callable[..., Any], table: Table, where: str) -> None:
+        """Note unknown keys, and arguments that are missing."""
+        parameters = {k: p for k, p in inspect.signature(call).parameters.items() if k != "self"}
+        needed = [k for k, p in parameters.items() if p.default is p.empty and p.kind is not p.VAR_KEYWORD]
+        known = [k for k, p in parameters.items() if p.kind is not p.VAR_KEYWORD]
+        if len(known) < len(parameters):  # **more are options of the class
+            options = inspect.signature(call.__self__).parameters  # type: ignore[attr-defined]
+            known += [k for k, p in options.items() if p.default is not p.empty and k not in known]
+        for key in table:
+            if key not in known:
+                self.faults.add(f"[{where}] expected {', '.join(known)}, got {shown(key)}.{hint(key, known)}")
+        missing = [k for k in needed if k not in table]
+        if missing:
+            shapes = ", ".join(_class_methods(call)) if isinstance(call, type) else ""
+            instead = f" Or give what one of these needs: shape = {shapes}." if shapes else ""
+            self.faults.add(f"[{where}] expected {', '.join(missing)} too, got none.{instead}")
+
+    def _value(self, value: Any, kind: Any, where: str) -> Any:
+        """The value of an argument of this type: records from tables and names, paths, functions of the user's file."""
+        records = list(records_of(kind))
+        if isinstance(value, str) and value in self.names:
+            return self.names[value]
+        if isinstance(value, str) and "PathLike" in str(kind):
+            return self.folder / value
+        for record in records:
+            if isinstance(value, Mapping):
+                return self.record(record, value, where)
+            if isinstance(value, list):
+                return [self._value(v, record, where) if isinstance(v, Mapping) else v for v in value]
+            if isinstance(value, str):
+                constants = {k.lower(): v for k, v in vars(physical).items() if isinstance(v, record)}
+                if value.lower() in constants:
+                    return constants[value.lower()]
+                expected = f"one of {', '.join(constants)}, or a table" if constants else "a table"
+                self.faults.add(f"[{where}] expected {expected}, got {shown(value)}.{hint(value, constants)}")
+        if isinstance(value, Mapping):  # coefficients, {"3,1" = [C, S]}
+            return {tuple(map(int, k.split(","))) if re.fullmatch(r"\d+,\d+", k) else k: v for k, v in value.items()}
+        return self._quantity(value, where)
+
+    def _quantity(self, value: Any, where: str) -> Any:
+        """The value; texts that begin like a quantity must have a known unit."""
+        for text in texts(value):
+            if match := QUANTITY.fullmatch(text):
+                with self.faults.noted(f"[{where}]"):
+                    _check_unit(match["unit"], text)
+        return value
+
+
+def _class_methods(kind: type[Any]) -> dict[str, Callable[..., Any]]:
+    """The class methods of a record, each a constructor."""
+    names = [name for name in sorted(dir(kind)) if not name.startswith("_")]
+    return {k: getattr(kind, k) for k in names if isinstance(inspect.getattr_static(kind, k), classmethod)}
+
+
+def _check_unit(unit: str, text: str) -> None:
+    """Raises `InputError` for an unknown unit."""
+    try:
+        si(text, unit, "the quantity")
+    except InputError as error:
+        if "pint" in str(error):
+            raise
+        raise InputError(f"expected a quantity such as '5 deg/s', got {shown(text)}: its unit is not known.") from None
+
+
+def texts(value: Any) -> Iterator[str]:
+    """The texts in a value, in lists too."""
+    if isinstance(value, str):
+        yield value
+    for each in value if isinstance(value, list) else ():
+        yield from texts(each)
+
+
+def types_of(call: Callable[..., Any]) -> dict[str, Any]:
+    """The types of the arguments of a function or class, where its module knows them."""
+    scope = vars(sys.modules[call.__module__])
+    found = {}
+    for name, parameter in inspect.signature(call).parameters.items():
+        try:
+            found[name] = eval(str(parameter.annotation), scope) if parameter.annotation is not parameter.empty else Any
+        except NameError:
+            found[name] = Any
+    return found
+
+
+def records_of(kind: Any) -> Iterator[type[Any]]:
+    """The records in a type, such as Plate in tuple[Plate, ...]."""
+    if isinstance(kind, types.UnionType) or typing.get_origin(kind) is not None:
+        for each in typing.get_args(kind):
+            yield from records_of(each)
+    elif isinstance(kind, type) and kind.__module__.startswith("kreisel."):
+        yield kind

@@ -1,0 +1,241 @@
+"""Bodies in TOML files: what `kreisel new` writes, the constructors of Python, and all mistakes in one message."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+import kreisel as kr
+from kreisel import cli
+from kreisel.cli.bodies import SAMPLES, text_of_body
+from kreisel.cli.configuration import parse, parse_sweep, read
+from kreisel.errors import Faults
+from kreisel.physical import SATURN, Asteroid, FreeBody, Gyroscope, HeavyBody, Orbit, Satellite, SubmergedBody
+from kreisel.physical.tables import Reader, kinds
+from kreisel.runs.planning import make_plan
+
+END = '[run]\ndt = "1 s"\nsteps = 10\n[output]\npath = "x.zarr"\n'
+
+
+def body_of(text: str, folder: Path = Path()) -> Any:
+    faults = Faults()
+    body = Reader(faults, folder).body(tomllib.loads(text))
+    faults.report("text")
+    return body
+
+
+def mistakes(text: str) -> list[str]:
+    with pytest.raises(kr.InputError) as caught:
+        parse(tomllib.loads(text))
+    return str(caught.value).split("\n")
+
+
+def test_every_body_has_a_file_that_plans() -> None:
+    assert kinds().keys() == SAMPLES.keys()
+    for name in SAMPLES:
+        text = text_of_body(name, Path("x.toml"), "# Written by `kreisel new`")
+        assert max(map(len, text.split("\n"))) <= 120
+        asked = parse(tomllib.loads(text))
+        settings = {"dt": asked.run.dt, "steps": asked.run.steps, "every": asked.run.every, "order": asked.run.order}
+        plan = make_plan(asked.model, asked.state, **settings, orientation=asked.orientation)
+        assert 500 < plan.rows < 3001 and asked.orientation is not None
+
+
+def test_the_states_are_those_that_their_comments_say() -> None:
+    def parts(name: str) -> tuple[Any, Any]:
+        tables = tomllib.loads(text_of_body(name, Path("x.toml"), "#"))
+        faults = Faults()
+        reader = Reader(faults)
+        body = reader.body(tables["body"])
+        return body, reader.state(type(body), body, tables["state"])
+
+    top, state = parts("gyroscope")
+    assert np.degrees(np.arccos(state.a[2])) == pytest.approx(30)
+    assert state.axial["m"] @ state.a * top.momentum_unit == pytest.approx(3.6e-5 * 3000 * 2 * np.pi / 60)
+    satellite, state = parts("satellite")
+    assert np.degrees(np.linalg.norm(satellite.angular_velocity(state.axial["M"]))) == pytest.approx(5, abs=0.1)
+    assert satellite.orbit.period / 60 == pytest.approx(94.6, abs=0.05)
+    moon, _ = parts("asteroid")
+    assert moon.orbit.period / 86400 == pytest.approx(21.28, abs=0.01)  # Hyperion's
+
+
+def test_new_and_run_in_a_new_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    for words in (("new", "gyroscope"), ("run", "gyroscope.toml", "--set", "run.t_end=20 ms", "--no-figure")):
+        monkeypatch.setattr("sys.argv", ["kreisel", *words])
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        assert not stopped.value.code, capsys.readouterr().err
+    run = kr.open_run(tmp_path / "gyroscope.zarr")
+    top = Gyroscope.flat("100 g", "360 g cm^2", "3 cm")
+    start = top.state(tilt="30 deg", spin="3000 rpm")
+    same = kr.simulate(top, start, dt="1 ms", t_end="20 ms", every="5 ms", progress=False)
+    assert run.time.units == "s" and run.time.values.tolist() == pytest.approx([0, 0.005, 0.01, 0.015, 0.02])
+    for name in same.data_vars:
+        assert (run[name].values == same[name].values).all(), name
+
+
+def same(one: Any, other: Any) -> None:
+    """Whether two bodies have the same type and move alike."""
+    assert type(one) is type(other)
+    params, others = one.model().params, other.model().params
+    assert params.keys() == others.keys() and getattr(one, "mass", None) == getattr(other, "mass", None)
+    for letter, value in params.items():
+        np.testing.assert_array_equal(value, others[letter])
+
+
+@pytest.mark.parametrize(
+    ("text", "make"),
+    [
+        (
+            'kind = "gyroscope"\nshape = "flat"\nmass = 3\naxial_moment = 0.17\nlever = 0.15',
+            lambda: Gyroscope.flat(3, 0.17, 0.15),
+        ),
+        (
+            'kind = "free-body"\nmass = 2\ndiameters = ["1 cm", 0.2, "3 cm"]',
+            lambda: FreeBody.ellipsoid(2, (0.01, 0.2, 0.03)),
+        ),
+        (
+            'kind = "satellite"\nunits = 6\n[orbit]\naltitude = "6000 km"\nprimary = "saturn"',
+            lambda: Satellite.cubesat(Orbit.circular(6e6, primary=SATURN), 6),
+        ),
+        (
+            'kind = "satellite"\ninertia = [[[5, 1, 0], [1, 4, 0], [0, 0, 3]], "kg cm^2"]\n'
+            "plates = [{ normal = [1, 0, 0], centre = [0.1, 0, 0], area = 0.03 }]\n"
+            '[orbit]\nsemi_major_axis = "7000 km"\neccentricity = 0.01',
+            lambda: Satellite(
+                ([[5, 1, 0], [1, 4, 0], [0, 0, 3]], "kg cm^2"),
+                Orbit(7e6, 0.01),
+                plates=(kr.physical.Plate((1, 0, 0), (0.1, 0, 0), 0.03),),
+            ),
+        ),
+        (
+            'kind = "satellite"\ninertia = [2, 3, 4]\n[orbit]\nsemi_major_axis = 7e6\n[harmonics]\nmass = 3\n'
+            'radius = 1\ncoefficients = { "3,1" = [1e-3, 2e-3] }',
+            lambda: Satellite((2, 3, 4), Orbit(7e6), harmonics=kr.physical.Harmonics(3, 1, {(3, 1): (1e-3, 2e-3)})),
+        ),
+        ('kind = "asteroid"\nshape = "hyperion"', Asteroid.hyperion),
+        (
+            'kind = "submerged-body"\nshape = "cylinder"\nradius = 0.1\nlength = 2\nmass = 60\nfluid_density = 1000\n'
+            "gravity = 9.8",
+            lambda: SubmergedBody.cylinder(0.1, 2, 60, 1000, gravity=9.8),
+        ),
+    ],
+)
+def test_tables_are_the_arguments_of_python(text: str, make: Any) -> None:
+    same(body_of(text), make())
+
+
+def test_bodies_from_files_next_to_the_configuration(tmp_path: Path) -> None:
+    mesh = trimesh.creation.box((20, 40, 60), transform=trimesh.transformations.translation_matrix((0, 0, 50)))
+    mesh.export(tmp_path / "part.ply")
+    part = kr.physical.read_mesh(tmp_path / "part.ply", "mm", density="2700 kg/m^3")
+    lines = 'mesh = "part.ply"\nlength = "mm"\ndensity = "2700 kg/m^3"\n'
+    same(body_of(f'kind = "free-body"\n{lines}', tmp_path), FreeBody(part.inertia, part.mass))
+    same(
+        body_of(f'kind = "heavy-body"\n{lines}', tmp_path),
+        HeavyBody.about_centre(part.mass, part.inertia, part.center_of_mass),
+    )
+    made = body_of(f'kind = "satellite"\n{lines}[orbit]\naltitude = 5e5', tmp_path)
+    np.testing.assert_array_equal(made.inertia, part.inertia)
+    (tmp_path / "robot.urdf").write_text(
+        '<robot name="r"><link name="l"><inertial><mass value="2"/>'
+        '<inertia ixx="1" iyy="2" izz="3" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
+    )
+    made = body_of('kind = "submerged-body"\nrobot = "robot.urdf"\nlink = "l"\ngravity = 9.8', tmp_path)
+    assert made.mass == 2 and made.gravity == 9.8 and made.inertia[2, 2] == 3
+    with pytest.raises(kr.InputError, match="length: expected the unit"):
+        body_of('kind = "free-body"\nmesh = "part.ply"\nmass = 3', tmp_path)
+    with pytest.raises(kr.InputError, match="such as heavy-body"):
+        body_of(f'kind = "gyroscope"\n{lines}', tmp_path)
+
+
+def test_values_of_a_file_of_python(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("import kreisel as kr\nhigh = kr.physical.Orbit.circular('800 km')\n")
+    (tmp_path / "x.toml").write_text(f'[body]\nfile = "mine.py"\nkind = "satellite"\nunits = 3\norbit = "high"\n{END}')
+    assert read(tmp_path / "x.toml").model.params["semi_major_axis"] == 7_178_137.0
+
+
+def test_an_attitude_by_its_angles() -> None:
+    text = (
+        '[body]\nkind = "satellite"\nunits = 3\n[body.orbit]\naltitude = 5e5\n[state]\nattitude = { pitch = "10 deg" }'
+    )
+    asked = parse(tomllib.loads(f"{text}\n{END}"))
+    satellite = Satellite.cubesat(Orbit.circular(5e5))
+    np.testing.assert_array_equal(asked.orientation, satellite.orientation(satellite.pointing(pitch="10 deg")))
+
+
+def test_all_mistakes_in_one_message() -> None:
+    found = mistakes("""
+        [body]
+        kind = "satellite"
+        inertia = [[500, 100, -40], [100, 400, 60], [-40, 60, 300]]
+        lite = 3
+        torque = ["1 mN n", 0, 0]
+        [body.orbit]
+        altitude = "500 km"
+        primary = "earht"
+        [state]
+        axle = 3
+        [run]
+        dt = "10 m"
+        t_end = -3
+        every = 0
+        ordre = 3
+        method = 3
+        [output]
+        figure = "x.txt"
+    """)
+    for words in (
+        ("[body]", "'lite'", "'light'"),
+        ("[body.torque]", "its unit is not known"),
+        ("[body.orbit.primary]", "'earth'"),
+        ("[state]", "'axis'"),
+        ("[run]", "dt must have the dimension of s"),
+        ("[run]", "t_end must be positive"),
+        ("[run]", "every must be"),
+        ("[run]", "'order'"),
+        ("[run]", "method: expected a name"),
+        ("[output]", "path"),
+        ("[output]", "'x.txt'"),
+    ):
+        assert sum(all(word in line for word in words) for line in found) == 1, words
+    assert len(found) == 12 and "got 11" in found[0]
+
+
+def test_mistakes_in_a_system_too() -> None:
+    found = mistakes(
+        '[system]\nname = "lagrange-top"\np = [0, 0, "a"]\n[state]\nm = [1, 2, 3]\n[run]\ndt = -1\nsteps = 3.5\n'
+    )
+    assert [line.split()[0].strip(":") for line in found[1:]] == ["needs", "[system]", "[run]", "[run]"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("mass = 3", "kind: expected one of asteroid, ellipsoid, free-body"),
+        ('kind = "freebody"', "Did you mean 'free-body'"),
+        ('kind = "gyroscope"\nmass = 3\nlever = 1', "expected axial_moment, transverse_moment too"),
+        ('kind = "gyroscope"\nmass = 3\nlever = 1\naxial_moment = 1', "one of these needs: shape = flat"),
+        ('kind = "free-body"\nshape = "bax"', "Did you mean 'box'"),
+        ('kind = "satellite"\ninertia = [1, 2, 3]\norbit = 3', "orbit: expected kr.physical.Orbit"),
+        ('kind = "satellite"\ninertia = [1, 2, 9]\n[orbit]\naltitude = 5e5', "No body has the principal moments"),
+        ('kind = "satellite"\ninertia = [1, 2, 3]\n[orbit]\naltitude = -5e5', "hits the Earth"),
+        ('kind = "satellite"\nunits = 3\ninertia = [1, 2, 3]\n[orbit]\naltitude = 5e5', "got 'inertia'"),
+    ],
+)
+def test_tables_of_no_body(text: str, said: str) -> None:
+    with pytest.raises(kr.InputError, match=said):
+        body_of(text)
+
+
+def test_a_sweep_begins_from_a_body() -> None:
+    text = text_of_body("free-body", Path("x.toml"), "#").replace("# figure", "#")
+    description, _, _ = parse_sweep(tomllib.loads(f'{text}\n[sweep.grid]\n"state.M[0]" = [0.1, 0.2]'))
+    assert description["system"]["name"] == "euler-top" and description["run"]["dt"] == 0.002
+    assert description["body"]["units"]["time"][1] == 1.0 and len(description["state"]["orientation"]) == 4
