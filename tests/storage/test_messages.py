@@ -119,6 +119,38 @@ def test_orbit_message(tmp_path: Path) -> None:
     assert np.allclose((r[2:] - r[:-2]) / 120, v[1:-1], atol=5e-3)  # km/s
 
 
+def test_an_orbit_with_a_date_is_written_in_the_frame_of_j2000(tmp_path: Path) -> None:
+    """The rows by the date of the orbit, rotated by the precession that ERFA has for it."""
+    import erfa
+    from astropy.time import Time
+    from ccsds_ndm.ndm_io import NdmIo
+
+    orbit = Orbit.circular("500 km", inclination="51.6 deg", epoch=EPOCH)
+    satellite = Satellite((1.0, 2.0, 2.5), orbit, field="dipole")
+    run = kr.simulate(satellite, satellite.state(), dt=60.0, steps=2, progress=False)
+    for end, more in (("oem", {}), ("aem", {}), ("bc", {}) if spice else ("aem", {"overwrite": True})):
+        kr.export(run, tmp_path / f"a.{end}", **more)
+    date = Time(EPOCH).tt
+    to_j2000 = erfa.pmat76(date.jd1, date.jd2).T
+    segment = NdmIo().from_path(tmp_path / "a.oem").body.segment[0]
+    row = segment.data.state_vector[2]
+    assert segment.metadata.ref_frame == "EME2000"
+    assert row.epoch == "2026-03-20T14:47:53.000000"
+    place = np.array([float(getattr(row, k).value) for k in ("x", "y", "z")])
+    assert np.allclose(place, to_j2000 @ orbit.at(120.0)[0] / 1000, atol=1e-5)
+    g = to_j2000 @ kr.analysis.rotations(run)[2].as_matrix()
+    states = NdmIo().from_path(tmp_path / "a.aem").body.segment[0].data.attitude_state
+    q = [float(getattr(states[2].quaternion_state.quaternion, k)) for k in ("qc", "q1", "q2", "q3")]
+    assert np.allclose(Rotation.from_quat(q, scalar_first=True).as_matrix(), g, atol=1e-9)
+    if spice:
+        spice.furnsh(str(tmp_path / "a.bc"))
+        C, rate, _ = spice.ckgpav(-999000, 121e6, 0, "J2000")
+        assert np.allclose(C, g.T, atol=1e-9)
+        assert np.allclose(C @ rate, run.angular_velocity[2], atol=1e-12)
+    with pytest.raises(kr.InputError, match="epoch: expected 2026-03-20T14:45:53"):
+        kr.export(run, tmp_path / "b.oem", epoch="2026-03-21")
+
+
 BAD = {
     "no date": (lambda run: kr.export(run, "x.oem"), "epoch: expected the date"),
     "no satellite": (lambda run: kr.export(run, "x.oem", epoch=EPOCH), "the run of a satellite"),

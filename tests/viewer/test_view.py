@@ -131,10 +131,12 @@ def test_a_satellite_has_arrows_to_what_is_around_it_and_a_globe():
     data = scene(run)
     each = data["bodies"][0]
     arrows = {a["name"]: array(a["to"], "f4").reshape(-1, 3)[0] for a in each["arrows"]}
+    north = [0, 0, 1]  # the field of the Earth over its equator
     assert {k: v.round(6).tolist() for k, v in arrows.items()} == {
         "nadir": [-1, 0, 0],
         "velocity": [0, 0, 1],
         "Sun": [1, 0, 0],
+        "field": north,
     }
     assert data["kind"] == "satellite" and data["globe"]["earth"] and data["up"] == ""
     assert np.isclose(data["globe"]["size"], 6378.137 / 6878.137)
@@ -144,7 +146,7 @@ def test_a_satellite_has_arrows_to_what_is_around_it_and_a_globe():
     assert np.isclose(array(error["values"][0], "f4")[0], np.rad2deg(0.3))
     assert np.isclose(np.arccos(tip(data)[0] @ arrows["nadir"]), 0.3, atol=1e-3)
     named = scene(run, axis=(1, 0, 0), target=(0, 1, 0))
-    assert [a["name"] for a in named["bodies"][0]["arrows"]] == ["nadir", "velocity", "Sun", "target"]
+    assert [a["name"] for a in named["bodies"][0]["arrows"]] == ["nadir", "velocity", "Sun", "field", "target"]
 
 
 def test_the_axes_of_a_top_are_those_of_the_top_that_is_drawn(oriented):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dataclasses import field as stored
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
@@ -213,7 +213,9 @@ class Satellite(Body):
         }
         wheel = {} if self.wheel is None else {"wheel": self.wheel @ along, "wheel_torque": self.wheel_torque @ along}
         made = BODIES["satellite-with-wheel" if wheel else "satellite"](**given, **wheel)
-        made = made.of_body(body_frame(self.scales(), along))
+        date = self.orbit.epoch
+        epoch = "" if date is None else date.replace(tzinfo=None).isoformat()
+        made = made.of_body(replace(body_frame(self.scales(), along), epoch=epoch))
         if self.control is not None:
             return self.control.on(made, along, self.wheels)
         return made if self.wheels is None else with_wheels(made, along, self.wheels)

@@ -26,6 +26,7 @@ class BodyFrame:
     along   letters of the state whose components are along the axes of the state: axial or polar vectors
     names   of the variables of a run in SI, by the letters of the state; none for a run in units of the state
     title   of the body, for a run in SI
+    epoch   the date of time 0 in UTC, ISO text; "" for none
     """
 
     axes: Array = field(default_factory=lambda: np.eye(3))
@@ -33,6 +34,7 @@ class BodyFrame:
     along: Sequence[str] = ()
     names: Mapping[str, str] = field(default_factory=dict)
     title: str = ""
+    epoch: str = ""
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> BodyFrame:
@@ -47,13 +49,14 @@ class BodyFrame:
             good = False
         if not good or not np.linalg.det(axes) > 0 or not all(0 < size < np.inf for _, size in units.values()):
             raise InputError(f"The attribute body is damaged: expected axes, units and along, got {shown(table)}.")
-        return cls(axes, units, along, names, str(table.get("title", "")))
+        return cls(axes, units, along, names, str(table.get("title", "")), str(table.get("epoch", "")))
 
     @property
     def table(self) -> dict[str, Any]:
         """The frame as plain data."""
         units = {k: [unit, size] for k, (unit, size) in self.units.items()}
         table = {"axes": self.axes.tolist(), "along": [*self.along], "units": units}
+        table |= {"epoch": self.epoch} if self.epoch else {}
         return table | ({"names": dict(self.names), "title": self.title} if self.names else {})
 
     @property

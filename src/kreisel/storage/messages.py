@@ -5,6 +5,10 @@ ATTITUDE_DIR = A2B its matrix in the sense of the standard is g^T, which maps co
 these axes.  An OEM [CCSDS 502.0-B-2, 2009] has the position and the velocity of a satellite, km and km/s.  A kernel of
 type 3 (CK) has g^T as SPICE's C-matrix, and the angular velocity in space; the text kernel next to it, `.tsc`, has its
 clock, which counts microseconds of terrestrial time, and its frame.  [NAIF, CK and SCLK Required Reading, N0067]
+
+Space of an orbit of the Earth with a date is the mean equator and equinox of this date: unless `frame` is given,
+vectors are rotated to EME2000 by the precession of IAU 1976, without nutation, 20 arcseconds at most.  [J. H. Lieske,
+Astronomy and Astrophysics 73 (1979) 282]
 """
 
 from __future__ import annotations
@@ -21,23 +25,25 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.bodies.orbit import EARTH
 from kreisel.errors import InputError, hint, shown
 from kreisel.files import require_file, written
+from kreisel.record.body_frame import AXES, BODY
 from kreisel.record.contract import Frame
 from kreisel.runs.geometry import attitude_of, model_for, orientation_of, velocity_of
-from kreisel.runs.in_si import is_in_si
-from kreisel.runs.orbits import surroundings
+from kreisel.runs.in_si import VELOCITY, is_in_si
+from kreisel.runs.orbits import parameters_of, surroundings
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import positive_number
 
 if TYPE_CHECKING:
     import xarray as xr
 
-LABELS: dict[str, Any] = {
+LABELS: dict[str, Any] = {  # None: by the run
     "name": "BODY",
     "identifier": "0000-000A",
     "center": "EARTH",
-    "frame": "EME2000",
+    "frame": None,
     "time_system": "UTC",
     "originator": "KREISEL",
     "time_unit": None,
@@ -67,7 +73,14 @@ LEAPS = (  # of UTC, [IERS Bulletin C]: TAI - UTC is 10 s from the first date on
 )
 TERRESTRIAL = 32.184  # TT - TAI, s
 J2000 = np.datetime64("2000-01-01T12:00:00", "us")
-TICK = 1e-6  # s, of the clock of a kernel
+CENTURY = 36_525 * 86_400.0  # s
+PRECESSION = (  # zeta, z, theta: arcseconds by powers of the centuries, from the first
+    (2306.2181, 0.30188, 0.017998),
+    (2306.2181, 1.09468, 0.018203),
+    (2004.3109, -0.42665, -0.041833),
+)
+NEAR = 1e-2  # relative, of mu
+TICKS = 1e6  # in a second, of the clock of a kernel
 EARLY = 1.0  # s before the first row, when the clock starts: dates are rounded
 CLOCK = """KPL/SCLK
 
@@ -114,6 +127,7 @@ class Rows:
     unit: float  # of the time of the run, s
     labels: dict[str, Any]
     overwrite: bool
+    turn: Array  # (3, 3), from space of the run to the frame of the file
 
     @property
     def dates(self) -> list[str]:
@@ -143,24 +157,62 @@ def write_message(run: xr.Dataset, out: Path, epoch: Any, labels: Mapping[str, A
     seconds = np.asarray(run["time"].values, dtype=np.float64) * unit
     if not (np.isfinite(seconds) & (abs(seconds) < LONGEST)).all():
         raise InputError(f"time_unit: expected times below {LONGEST:g} s, got {shown(float(abs(seconds).max()))}.")
-    MESSAGES[out.suffix.lower()](Rows(run, out, date_of(epoch, "epoch"), seconds, unit, chosen, overwrite))
+    dated = "" if body is None else body.epoch
+    start, turn = _start(epoch, dated), np.eye(3)
+    if chosen["frame"] is None:
+        turn = to_j2000(start) if dated and is_of_earth(run) else turn
+        chosen["frame"] = "EME2000"
+    MESSAGES[out.suffix.lower()](Rows(run, out, start, seconds, unit, chosen, overwrite, turn))
+
+
+def _start(epoch: Any, dated: str) -> np.datetime64:
+    """The date of time 0: of the run, or as given.  Raises `InputError` if they differ, or for none."""
+    if not dated:
+        return date_of(epoch, "epoch")
+    start = date_of(dated, "epoch")
+    if epoch is not None and date_of(epoch, "epoch") != start:
+        raise InputError(f"epoch: expected {start}, that of the orbit, or none, got {shown(epoch)}.")
+    return start
+
+
+def is_of_earth(run: xr.Dataset) -> bool:
+    """Whether a Dataset is the run of a satellite of the Earth."""
+    mu = parameters_of(run).get("mu", 0.0)
+    return bool(np.all(abs(np.asarray(mu) / EARTH - 1) < NEAR))
+
+
+def to_j2000(date: np.datetime64) -> Array:
+    """The rotation (3, 3) from the mean equator and equinox of a date to those of J2000."""
+    T = float((date - J2000) / np.timedelta64(1, "s")) / CENTURY
+    zeta, z, theta = (float(np.radians(np.polyval(c[::-1], T) * T / 3600)) for c in PRECESSION)
+    return _about(2, zeta) @ _about(1, -theta) @ _about(2, z)
+
+
+def _about(axis: int, angle: float) -> Array:
+    """The matrix that maps components to those along axes rotated by the angle."""
+    return np.asarray(algebra.cayley(-np.tan(angle / 2) * algebra.hat(np.eye(3)[axis])))
 
 
 def _aem(rows: Rows) -> None:
-    q = attitude_of(rows.run)[:, [1, 2, 3, 0]]
+    q = _attitudes(rows)[:, [1, 2, 3, 0]]
     frames = f"REF_FRAME_A = {rows.labels['frame']}\nREF_FRAME_B = SC_BODY_1\nATTITUDE_DIR = A2B"
-    comment = "space of the run is REF_FRAME_A, the axes in which its body was given REF_FRAME_B"
+    comment = "the axes in which the body was given are REF_FRAME_B"
     head = _head(rows, kind="CCSDS_AEM_VERS = 1.0", comment=comment, frames=frames, types=ATTITUDE)
     _write(rows, f"{head}DATA_START\n", q, "DATA_STOP\n")
 
 
 def _oem(rows: Rows) -> None:
     around = surroundings(rows.run)
-    values = np.concatenate([around.position, around.velocity], -1) / 1000
-    comment = "REF_FRAME is the frame of the elements of the orbit, whose third axis is the pole of CENTER_NAME"
+    values = np.concatenate([around.position @ rows.turn.T, around.velocity @ rows.turn.T], -1) / 1000
+    comment = "space of the run is REF_FRAME"
     frames = f"REF_FRAME = {rows.labels['frame']}"
     head = _head(rows, kind="CCSDS_OEM_VERS = 2.0", comment=comment, frames=frames, types="")
     _write(rows, head, values, "")
+
+
+def _attitudes(rows: Rows) -> Array:
+    """Quaternions (time, 4) of the axes of the body in the frame of the file."""
+    return np.asarray(algebra.quaternion_product(algebra.unit_quaternion(rows.turn), attitude_of(rows.run)))
 
 
 def _head(rows: Rows, **texts: str) -> str:
@@ -220,7 +272,7 @@ def _ck(rows: Rows) -> None:
         raise InputError(f"SPICE kernels need the extra `spice`: pip install 'kreisel[spice]'. {error}") from error
     text = rows.out.with_suffix(".tsc")
     require_file(text, rows.overwrite)
-    labels, seconds, q = rows.labels, rows.seconds, attitude_of(rows.run)
+    labels, seconds, q = rows.labels, rows.seconds, _attitudes(rows)
     craft = labels["spacecraft"]
     if not isinstance(craft, int) or craft >= 0:
         raise InputError(f"spacecraft: expected NAIF's number of a spacecraft, below 0, got {shown(craft)}.")
@@ -228,7 +280,8 @@ def _ck(rows: Rows) -> None:
         raise InputError("expected times that increase from row to row, got others.")
     frame = SPICE_FRAMES.get(labels["frame"], labels["frame"])
     first = rows.dates[0]
-    ticks, omega = (seconds - seconds[0] + EARLY) / TICK, _rates(rows.run, rows.unit)
+    ticks, omega = (seconds - seconds[0] + EARLY) * TICKS, _rates(rows.run, rows.unit)
+    omega = None if omega is None else omega @ rows.turn.T
     gaps = np.zeros(0) if omega is None else np.linalg.norm(omega[:-1], axis=-1) * np.diff(seconds)
     apart = np.concatenate([[True], gaps >= math.pi])  # SPICE interpolates by the shorter rotation
     name = "".join(c if c.isalnum() else "_" for c in labels["name"].upper())[:LONGEST_NAME]
@@ -270,6 +323,9 @@ def _ck(rows: Rows) -> None:
 
 def _rates(run: xr.Dataset, unit: float) -> Array | None:
     """The angular velocity in space, rad/s (time, 3); None if the record of the run does not state it."""
+    if is_in_si(run) and VELOCITY in run:
+        omega, g = np.asarray(run[VELOCITY].values), algebra.rotation_matrix(attitude_of(run))
+        return algebra.act(g, omega) if run[VELOCITY].attrs.get(AXES) == BODY else omega
     record = RunRecord.from_attrs(run.attrs)
     if record.is_own or "parameters" not in run.attrs or record.missing_from(run):
         return None
