@@ -30,6 +30,8 @@ from kreisel.errors import InputError, shown
 from kreisel.forces import kicks
 from kreisel.forces.kicks import BODY_AXES, WHEELS, Body, Constants, along_state, perturbation_of, to_body
 from kreisel.forces.records import perturbed_record
+from kreisel.record.body_frame import BodyFrame
+from kreisel.record.calling import Portable
 from kreisel.record.contract import Parameter, PhaseSpace, System
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME, Controller
@@ -38,7 +40,7 @@ QUEUE, GENERATOR, WHEEL_LIMIT = "queue", "generator", "wheel_limit"
 DEVIATION, BIAS, LIMIT, HELD = "noise_", "bias_", "limit_", "commanded_"
 OF_PLACE = {"field": (3,), "sun": (3,), "light": (), "position": (3,), "velocity": (3,)}
 SENSORS = {"rates": (3,), "attitude": (4,), "time": (), WHEELS: (-1,), **OF_PLACE}
-COMMANDS = ("dipole", "torque", "wheel_torque", "impulse")
+COMMANDS = {"dipole": "A m^2", "torque": "N m", "wheel_torque": "N m", "impulse": "N m s"}
 
 State = tuple[Array, ...]
 
@@ -57,6 +59,18 @@ def components(control: Controller) -> tuple[tuple[str, str], ...]:
         **({GENERATOR: (6,)} if control.noise else {}),
     }
     return tuple((letter, f"R^{shape[0]}" if shape else "scalar") for letter, shape in sizes.items())
+
+
+def meanings(control: Controller) -> dict[str, str]:
+    """The meaning of each of these."""
+    words = {WHEELS: "momenta of the wheels", QUEUE: "commands that are delayed", GENERATOR: "generator of the noise"}
+    words |= {name: f"memory of the law: {name}" for name in control.memory}
+    words |= {
+        HELD
+        + name: f"{name.replace('_', ' ')} that is commanded{'' if name == 'wheel_torque' else ', along the body axes'}"
+        for name in control.commands
+    }
+    return {letter: words[letter] for letter, _ in components(control)}
 
 
 def changed_by_samples(system: System) -> tuple[int, ...]:
@@ -114,7 +128,7 @@ def sampled(system: System, body: Body, q: Array, known: Constants, axes: Mappin
     control, new = _control(system), of(system, body.state)
     sensors, generator = _seen(system, body, q, known, axes)
     results = _results(control, {**sensors, **{k: new[k] for k in control.memory}}, body, known, axes)
-    commands = [_limited(system, name, results[name], new, known) for name in control.commands]
+    commands = [_limited(control, name, results[name], known) for name in control.commands]
     new |= {name: results[name] for name in control.memory}
     if control.delay:
         size = sum(control.commands.values())
@@ -122,7 +136,12 @@ def sampled(system: System, body: Body, q: Array, known: Constants, axes: Mappin
         new[QUEUE], first = queue[..., size:], queue[..., :size]
         ends = np.cumsum([*control.commands.values()]).tolist()
         commands = [first[..., end - k : end] for end, k in zip(ends, control.commands.values(), strict=True)]
-    new |= {HELD + name: value for name, value in zip(control.commands, commands, strict=True)}
+    applied = dict(zip(control.commands, commands, strict=True))
+    if "wheel_torque" in applied and WHEEL_LIMIT in known:
+        h, most = new[WHEELS], known[WHEEL_LIMIT]  # which motors do not leave before the next sample
+        bounds = (-most - h) / control.every, (most - h) / control.every
+        applied["wheel_torque"] = _clipped(applied["wheel_torque"], *bounds)
+    new |= {HELD + name: value for name, value in applied.items()}
     if generator is not None:
         new[GENERATOR] = generator
     work: Any = 0
@@ -217,15 +236,8 @@ def called(
     return out
 
 
-def _limited(system: System, name: str, value: Array, own: Mapping[str, Array], known: Constants) -> Array:
-    """A command within its limits; a wheel does not leave its range of momentum within a sample."""
-    control = _control(system)
-    if name in control.limits:
-        value = _clipped(value, -known[LIMIT + name], known[LIMIT + name])
-    if name == "wheel_torque" and WHEEL_LIMIT in known:
-        h, most = own[WHEELS], known[WHEEL_LIMIT]
-        value = _clipped(value, (-most - h) / control.every, (most - h) / control.every)
-    return value
+def _limited(control: Controller, name: str, value: Array, known: Constants) -> Array:
+    return _clipped(value, -known[LIMIT + name], known[LIMIT + name]) if name in control.limits else value
 
 
 def _clipped(x: Array, least: Array, most: Array) -> Array:
@@ -239,6 +251,25 @@ def _clipped(x: Array, least: Array, most: Array) -> Array:
 
 def controlled(model: Model, control: Controller, parameters: list[Parameter]) -> Model:
     """The perturbed body with a controller; `parameters`: those that control and wheels add, with their values."""
+    record = _record(model, control, parameters)
+    law, said = Portable(control.law), replace(control, law=None)
+    return Model(record.remade_by(_record_again, model, said, law, parameters), {}, _in_units(model, control))
+
+
+def _record_again(model: Model, control: Controller, law: Portable, parameters: list[Parameter]) -> System:
+    return controlled(model, replace(control, law=law.function), parameters).system
+
+
+def _in_units(model: Model, control: Controller) -> BodyFrame | None:
+    """The axes and units of the body, with those of commands and wheels."""
+    if model.body_frame is None:
+        return None
+    more = {HELD + name: (unit, 1.0) for name, unit in COMMANDS.items() if name in control.commands}
+    more |= {WHEELS: ("N m s", 1.0)} if control.wheels else {}
+    return replace(model.body_frame, units={**model.body_frame.units, **more})
+
+
+def _record(model: Model, control: Controller, parameters: list[Parameter]) -> System:
     system = model.system
     space, more = system.space, components(control)
 
@@ -257,7 +288,7 @@ def controlled(model: Model, control: Controller, parameters: list[Parameter]) -
     )
     kept = ("source", "scaling", "derive", "body_frame", "checks", "n")
     axes = {**model.axes, **{p.letter: np.ndim(p.default) if p.axes is None else p.axes for p in parameters}}
-    record = perturbed_record(
+    return perturbed_record(
         replace(perturbation_of(system), control=control),
         axes,
         **{name: getattr(system, name) for name in kept},
@@ -268,4 +299,3 @@ def controlled(model: Model, control: Controller, parameters: list[Parameter]) -
         integrals={},
         parameters=(*(replace(p, default=model.params[p.letter]) for p in system.parameters), *parameters),
     )
-    return Model(record, {}, model.body_frame)

@@ -21,9 +21,8 @@ those that depend on time.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
 
@@ -95,11 +94,11 @@ class Splitting:
         self.kicked = bool(record.functions) or record.wheel or record.pair is not None or self.part.left is not None
         kinds = len(self.turns) + self.kicked + record.damping
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
-        self.wheels, self.always = with_wheels(record), False
+        self.wheels = with_wheels(record)
         self.changed: tuple[int, ...] = ()
         if record.sampled:
             self.changed = control.changed_by_samples(model.system)
-            self.always = _samples(model, dt, order, all_turns) == 1 and len(self.fractions.b) == 1
+            _require_whole_samples(record, dt, order, all_turns)
         # turns change what a pair potential takes, so each part of a kick is a stage, which the sum over pairs divides
         self.divided = self.record.pair is not None and bool(self.turns)
 
@@ -133,13 +132,10 @@ class Splitting:
             new, work = control.sampled(self.model.system, body, g[0], constants, axes)
             return algebra.flatten((*(new[i] for i in places), more[WORK] + work), (*kinds, "scalar"))
 
-        if self.always:
-            flat = after()
-        else:
-            ratio, step = more[COUNT] * constants["_sample"], constants["_first"] * constants["_sample"] / 2
-            apart = ratio - algebra.nearest(ratio)
-            before = algebra.flatten((*(state[i] for i in places), more[WORK]), (*kinds, "scalar"))
-            flat = algebra.if_positive(step * step - apart * apart, after, before)
+        ratio, step = more[COUNT] * constants["_sample"], constants["_first"] * constants["_sample"] / 2
+        apart = ratio - algebra.nearest(ratio)
+        before = algebra.flatten((*(state[i] for i in places), more[WORK]), (*kinds, "scalar"))
+        flat = algebra.if_positive(step * step - apart * apart, after, before)
         *changed, work = algebra.restore(flat, (*kinds, "scalar"), n)
         new = dict(enumerate(state)) | dict(zip(places, changed, strict=True))
         return (*new.values(), *g, *(more | {WORK: work}).values())
@@ -253,22 +249,21 @@ class Splitting:
         return (*x, *(zero(self.model.system, x) for _ in self.extra))
 
 
-def _samples(model: Model, dt: float, order: Any, any_dt: bool) -> int:
-    """The steps from one sample of a controller to the next; 0 for `any_dt`.  Raises `InputError`."""
-    record = perturbation_of(model.system)
-    every = record.control.every if record.control is not None else dt
+def _require_whole_samples(record: Perturbation, dt: float, order: Any, any_dt: bool) -> None:
+    """Raises `InputError` for steps that do not divide the time between two samples, and orders with a corrector."""
     if corrector(order) is not None:
         raise InputError(
-            f"order: expected one without a corrector for a body with control, such as 2, 4, (8, 2) or (8, 6, 4), got "
-            f"{order}. Samples change the motion at once."
+            f"order: expected one without a corrector for a body with control, such as (2, 2), 4, (8, 2) or (8, 6, 4), "
+            f"got {order}. Samples change the motion at once."
         )
+    every = record.control.every if record.control is not None else dt
     steps = every / dt
     if not any_dt and (round(steps) < 1 or abs(steps - round(steps)) > WHOLE_SAMPLES * steps):
         raise InputError(
             f"dt: expected a step that divides the time between two samples of the controller, every = {every:g} s, "
-            f"got dt = {dt:g} s. Use dt = {every / max(1, math.ceil(steps - 1e-9)):g} s."
+            f"got dt = {dt:g} s. Usual cause: a t_end that is no multiple of dt, for which steps are a little shorter. "
+            f"Use dt = {every / max(1, round(steps)):g} s."
         )
-    return 0 if any_dt else round(steps)
 
 
 def _require_a_symmetric_kick(model: Model, order: Any) -> None:
@@ -305,7 +300,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
         prepare=body.begin,
         reopen=body.begin,
         options={"order": order},
-        dt_in_constants=not body.always,
+        dt_in_constants=True,
         guard=None if body.part.reach is None else _guard(body.part),
         coupling=coupling,
         corrector=None
@@ -359,6 +354,9 @@ def _observer(body: Splitting, order: Any) -> Observed:
     if body.driven:
         outcomes |= outcomes_of_work(oscillates)
     outcomes |= outcomes_of_totals(model, oscillates)
+    if record.control is not None:
+        meanings = control.meanings(record.control)
+        outcomes |= {name: replace(outcomes[name], meaning=meaning) for name, meaning in meanings.items()}
 
     def observe(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
         state, g, more = body.apart(z)

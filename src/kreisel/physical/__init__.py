@@ -21,6 +21,7 @@ from kreisel.physical.free_body import AxisStability, FreeBody
 from kreisel.physical.free_rotation import FreeRotation
 from kreisel.physical.gyroscope import Gyroscope, Motion
 from kreisel.physical.heavy_body import HeavyBody
+from kreisel.physical.laws import bdot, magnetic_damping, pointing, sun_pointing
 from kreisel.physical.measures import SI, STANDARD_GRAVITY, Units
 from kreisel.physical.orbit import EARTH, SATURN, SUN, Orbit, Primary
 from kreisel.physical.satellite import SOLAR_PRESSURE, Asteroid, Harmonics, Plate, Satellite
@@ -53,7 +54,11 @@ __all__ = [
     "SubmergedBody",
     "Units",
     "Wheels",
+    "bdot",
+    "magnetic_damping",
+    "pointing",
     "read_added_mass",
     "read_mesh",
     "read_robot",
+    "sun_pointing",
 ]

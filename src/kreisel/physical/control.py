@@ -33,7 +33,6 @@ from kreisel.record.contract import Parameter
 from kreisel.record.model import Model
 from kreisel.record.perturbation import Controller
 
-UNITS = {"dipole": "A m^2", "torque": "N m", "wheel_torque": "N m", "impulse": "N m s"}
 NOISY = {"rates": "rad/s", "attitude": "rad", "field": "T", "sun": "1", "position": "m", "velocity": "m/s"}
 
 
@@ -106,14 +105,14 @@ class Control:
         if not callable(self.law):
             raise InputError(f"law: expected a function of sensors and memory, got {shown(self.law)}.")
         object.__setattr__(self, "every", si_number(self.every, "s", "every", positive=True))
-        for name, known in (("memory", None), ("parameters", None), ("noise", NOISY), ("limits", UNITS)):
+        for name, known in (("memory", None), ("parameters", None), ("noise", NOISY), ("limits", COMMANDS)):
             _names(getattr(self, name), name, known)
         memory = {name: finite_floats(value, "1", name) for name, value in self.memory.items()}
         if any(value.ndim > 1 or not value.size for value in memory.values()):
             raise InputError(f"memory: expected numbers or arrays (k,), got {shown(dict(self.memory))}.")
         object.__setattr__(self, "memory", memory)
         object.__setattr__(self, "noise", {name: _noise(name, value) for name, value in self.noise.items()})
-        limits = {name: finite_floats(value, UNITS[name], f"limit of {name}") for name, value in self.limits.items()}
+        limits = {name: finite_floats(value, COMMANDS[name], f"limit of {name}") for name, value in self.limits.items()}
         if any((value < 0).any() for value in limits.values()):
             raise InputError(f"limits: expected sizes >= 0, got {shown(dict(self.limits))}.")
         object.__setattr__(self, "limits", limits)

@@ -1,0 +1,152 @@
+"""Laws that are known, as controllers: B-dot, damping by magnets, pointing by wheels, pointing at the Sun.
+
+Vectors are along the body axes, B is the field, b = B/|B|, w the angular velocity of the body, h the momentum of its
+wheels.  A dipole m = B x T/|B|^2 exerts T - b (b.T), the part of a torque T that magnets can exert.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, explained, shown
+from kreisel.physical.control import Control, Wheels
+from kreisel.physical.measures import attitude_quaternion, si_number, si_numbers
+
+ORBIT = "orbit"
+
+
+def _along_rate(field: Array, before: Array, known: Array, *, gain: Any, every: Any) -> dict[str, Array]:
+    square = algebra.dot(field, field)
+    return {"dipole": -gain * known / every * (field - before) / square, "before": field, "known": known * 0 + 1.0}
+
+
+@explained
+def bdot(gain: Any, every: Any = 1.0, **more: Any) -> Control:
+    """B-dot: the dipole -gain (dB/dt)/|B|^2, which brakes a tumbling satellite; only a magnetometer is needed.
+
+    gain     N m s: the torque is about -gain (w - b (b.w)).  Advised: 2 n (1 + sin i) I, n the mean motion, i the
+             inclination of the orbit to the magnetic equator, I the least moment of inertia
+    every    s, between two samples, whose difference is dB/dt; the satellite turns by less than half a turn in it
+    more     arguments of `kr.Control`: limits={"dipole": 0.2}, noise={"field": 1e-7}
+
+    [Stickler, Alfriend, J. Spacecraft Rockets 13 (1976) 282; gain: Avanzini, Giulietti, J. Guid. Control Dyn. 35
+    (2012) 1326; Markley, Crassidis, Fundamentals of Spacecraft Attitude Determination and Control, 2014, section 7.5]
+    """
+    seconds = si_number(every, "s", "every", positive=True)
+    parameters = {"gain": si_number(gain, "N m s", "gain"), "every": seconds}
+    return Control(_along_rate, seconds, {"before": np.zeros(3), "known": 0.0}, parameters, **more)
+
+
+def _against_rates(field: Array, rates: Array, *, gain: Any) -> dict[str, Array]:
+    return {"dipole": gain * algebra.cross(rates, field) / algebra.dot(field, field)}
+
+
+@explained
+def magnetic_damping(gain: Any, every: Any = 1.0, **more: Any) -> Control:
+    """The dipole gain w x B/|B|^2, from measured rates: the torque -gain (w - b (b.w)); gain and `more` as for `bdot`.
+
+    [Avanzini, Giulietti 2012]
+    """
+    return Control(_against_rates, every, {}, {"gain": si_number(gain, "N m s", "gain")}, **more)
+
+
+@explained
+def pointing(
+    wheels: Wheels,
+    stiffness: Any,
+    damping: Any,
+    *,
+    target: Any = ORBIT,
+    unloading: Any = 0.0,
+    every: Any = 1.0,
+    **more: Any,
+) -> Control:
+    """Wheels that hold an attitude: the torque -stiffness a - damping (w - w_0), with a the rotation from the target.
+
+    wheels     `Wheels` of the satellite, at least three; each has its share of the torque by the pseudoinverse
+    stiffness, damping   N m/rad and N m s: I f^2 and 2 z I f for a frequency f and a damping ratio z
+    target     "orbit": the body axes x ahead, y against the normal of the orbit, z down; or an attitude in space,
+               (w, x, y, z)
+    unloading  1/s: the rate at which magnets take the momentum of the wheels, the dipole unloading h x B/|B|^2
+    more       arguments of `kr.Control`
+
+    [Wie, Weiss, Arapostathis, J. Guid. Control Dyn. 12 (1989) 375; Markley, Crassidis 2014, sections 7.2 and 7.5]
+    """
+    if not isinstance(wheels, Wheels) or np.linalg.matrix_rank(wheels.axes) < 3:
+        raise InputError(f"wheels: expected Wheels with axes in all directions of space, got {shown(wheels)}.")
+    if isinstance(target, str) and target != ORBIT:
+        raise InputError(f"target: expected 'orbit' or an attitude (w, x, y, z), got {shown(target)}.")
+    aim = None if isinstance(target, str) else attitude_quaternion(target, "target")
+    numbers = {"stiffness": (stiffness, "N m/rad"), "damping": (damping, "N m s"), "unloading": (unloading, "1/s")}
+    parameters = {name: si_number(value, unit, name) for name, (value, unit) in numbers.items()}
+    return Control(_Pointing(wheels.axes, aim), every, {}, parameters, **more)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pointing:
+    """axes of the wheels (k, 3); aim: an attitude in space, None for the frame of the orbit."""
+
+    axes: Array
+    aim: Array | None
+
+    def __call__(
+        self,
+        rates: Array,
+        attitude: Array,
+        position: Array,
+        velocity: Array,
+        wheels: Array,
+        field: Array,
+        *,
+        stiffness: Any,
+        damping: Any,
+        unloading: Any,
+    ) -> dict[str, Array]:
+        if self.aim is None:
+            turn, error = _from_orbit(position, velocity)
+        else:
+            turn, error = 0 * rates, _from_attitude(self.aim, attitude)
+        torque = -stiffness * error - damping * (rates - turn)
+        h = wheels @ self.axes
+        dipole = unloading * algebra.cross(h, field) / algebra.dot(field, field)
+        return {"wheel_torque": -np.linalg.pinv(self.axes.T) @ torque, "dipole": dipole}
+
+
+def _from_orbit(r: Array, v: Array) -> tuple[Array, Array]:
+    """The angular velocity of the frame of the orbit, and the rotation of the body from it: sin(a) about its axis."""
+    w = algebra.cross(r, v) / algebra.dot(r, r)
+    down, across = -algebra.unit(r), -algebra.unit(w)
+    ahead = algebra.cross(across, down)
+    error = sum(algebra.cross(to, axis) for to, axis in zip((ahead, across, down), np.eye(3), strict=True))
+    return w, error / 2
+
+
+def _from_attitude(aim: Array, q: Array) -> Array:
+    """The rotation of the body from the attitude: 2 sin(a/2) about its axis, by the shorter way."""
+    off = algebra.quaternion_product(algebra.inverse_turn(aim), q)
+    return algebra.where_less(off[0], 0, -2.0, 2.0) * off[1:]
+
+
+def _towards_sun(
+    rates: Array, sun: Array, light: Any, *, axis: Array, stiffness: Any, damping: Any
+) -> dict[str, Array]:
+    return {"torque": light * stiffness * algebra.cross(axis, sun) - damping * rates}
+
+
+@explained
+def sun_pointing(axis: Any, stiffness: Any, damping: Any, every: Any = 1.0, **more: Any) -> Control:
+    """The torque stiffness axis x sun - damping w: a body axis points at the Sun; in the shadow it keeps its direction.
+
+    stiffness, damping   N m/rad and N m s.  [Markley, Crassidis 2014, section 7.2]
+    """
+    direction = si_numbers(axis, "1", "axis", ((3,),))
+    if not direction.any():
+        raise InputError("axis: expected a direction, got the zero vector.")
+    numbers = {"stiffness": (stiffness, "N m/rad"), "damping": (damping, "N m s")}
+    parameters = {name: si_number(value, unit, name) for name, (value, unit) in numbers.items()}
+    return Control(_towards_sun, every, {}, {**parameters, "axis": direction / np.linalg.norm(direction)}, **more)
