@@ -22,11 +22,12 @@ from kreisel.method.scheme import Components, Guard, JaxSteps, Scheme, Steps
 from kreisel.method.splitting import REACH, closed_form
 from kreisel.method.splitting import make as splitting
 from kreisel.record.body import Body, as_body
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame
-from kreisel.record.model import Model
+from kreisel.record.model import Model, State
 from kreisel.runs.geometry import model_for
-from kreisel.runs.in_si import in_state_form
+from kreisel.runs.in_si import in_state_form, matrix_of, oriented
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import MOST_STEPS, check_model, initial_orientation, named, whole_order, within
 
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 SPIN = "spin"
 MOST_N = 10  # beyond, a step has too many operations for straight-line code
 Known = dict[str, Any]
-State = tuple[Array, ...]
+Parts = tuple[Array, ...]
 
 
 class Step(NamedTuple):
@@ -53,11 +54,11 @@ class Step(NamedTuple):
     """
 
     components: Components
-    begin: Callable[..., State]
-    end: Callable[..., State]
-    take: Callable[..., State]
-    close: Callable[..., State] | None
-    constants: Callable[[State, Known, Any], tuple[Known, Known]]
+    begin: Callable[..., Parts]
+    end: Callable[..., Parts]
+    take: Callable[..., Parts]
+    close: Callable[..., Parts] | None
+    constants: Callable[[Parts, Known, Any], tuple[Known, Known]]
     guard: Guard | None
     arrays: bool = False
 
@@ -78,7 +79,7 @@ def differentiable(
     """The motion as a function of JAX: f(state, dt=, steps=, every=None, time=0, **parameters) -> state.
 
     orientation the attitude at the start, as for `kr.simulate`; states then have g, and a state with g starts there.
-                True: every state has g.  Needed for forces that depend on g
+                True: every state has g.  Forces may need it
     state       mapping of the components: m (3,), an axial vector, for n = 3, else (n, n) skew; a (n,); `x0.axial` of a
                 state is also accepted; with an orientation also g, (4,) for n = 3, else (n, n)
     dt          the step, a float or traced by JAX
@@ -93,9 +94,7 @@ def differentiable(
     without such a step, float32, and traced values if a number is needed.
     """
     if (body := as_body(system)) is not None:
-        from kreisel.runs.propagation.of_body import differentiable_body
-
-        return differentiable_body(body, method, order, orientation)
+        return _of_body(body, method, order, orientation)
     model: Any = system
     check_model(model)
     if model.batch:
@@ -189,10 +188,10 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
     return Step(made.components, begin, end, _spun(model, motion.step), close, constants, made.guard)
 
 
-def _spun(model: Model, function: Callable[..., State]) -> Callable[..., State]:
+def _spun(model: Model, function: Callable[..., Parts]) -> Callable[..., Parts]:
     """The function with rotation matrices computed from their coordinates, which are fewer."""
 
-    def spun(*z: Array, **known: Any) -> State:
+    def spun(*z: Array, **known: Any) -> Parts:
         if SPIN in known:
             known |= dict.fromkeys(SPINS, algebra.skew(known.pop(SPIN), model.n))
         return function(*z, **known)
@@ -200,19 +199,19 @@ def _spun(model: Model, function: Callable[..., State]) -> Callable[..., State]:
     return spun
 
 
-def _same(*z: Array, **known: Any) -> State:
+def _same(*z: Array, **known: Any) -> Parts:
     return z
 
 
-def _of(function: Any, count: int) -> Callable[..., State]:
+def _of(function: Any, count: int) -> Callable[..., Parts]:
     return lambda *z, **known: (*call(function, z[:count], known), *z[count:])
 
 
-def _linear(model: Model, made: Scheme, oriented: bool) -> Callable[[State, Known, Any], tuple[Known, Known]]:
+def _linear(model: Model, made: Scheme, oriented: bool) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
     """Constants of the step and of its stages, linear in dt or independent of it: from their values at dt = 1, 2."""
     twice = find(made.name).make(model, 2.0, made.options.get("order"), oriented)
 
-    def at(own: State, known: Known, dt: Any) -> tuple[Known, Known]:
+    def at(own: Parts, known: Known, dt: Any) -> tuple[Known, Known]:
         def value(x: Any, y: Any) -> Any:
             rate = np.asarray(y, dtype=np.float64) - x
             return x if not rate.any() else x - rate + rate * dt
@@ -233,7 +232,7 @@ def _closed(model: Model, made: Scheme, oriented: bool) -> Step:
         )
     reach, count = part.reach, len(model.system.space.letters)
 
-    def take(*z: Array, eps: Any, **known: Any) -> State:
+    def take(*z: Array, eps: Any, **known: Any) -> Parts:
         own, g = part.move(z[:count], z[count:-1], eps, known)
         return (*own, *g, algebra.maximum(z[-1], reach(z[:count], eps, known)))
 
@@ -242,7 +241,7 @@ def _closed(model: Model, made: Scheme, oriented: bool) -> Step:
     return Step(components, _same, _same, take, None, lambda own, known, dt: ({"eps": dt}, {}), guard)
 
 
-def _of_baecklund(model: Model, made: Scheme) -> Callable[[State, Known, Any], tuple[Known, Known]]:
+def _of_baecklund(model: Model, made: Scheme) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
     """mu = zeta/dt, rho, and the rotations of the body.
 
     rho has no derivative: the step improves it by a step of Newton's method, so only its square counts, and the
@@ -264,7 +263,7 @@ def _of_baecklund(model: Model, made: Scheme) -> Callable[[State, Known, Any], t
         rho = np.append(stages["rho_re"] + 1j * stages["rho_im"] if pairs else (), constants.get("rho", ()))
         return np.concatenate([rho.real, rho.imag])
 
-    def at(own: State, known: Known, dt: Any) -> tuple[Known, Known]:
+    def at(own: Parts, known: Known, dt: Any) -> tuple[Known, Known]:
         from kreisel.kernels import jax_numbers as by
 
         given = {k: by.values(v) for k, v in known.items()}
@@ -323,7 +322,7 @@ def constants_of(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
     return {k: by.mixed(v) for k, v in known.items()}
 
 
-def _given(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, begin: Array | None) -> State:
+def _given(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, begin: Array | None) -> Parts:
     """The components, and the orientation if there is one, as arrays.  Raises `InputError`."""
     space, out = model.system.space, []
     if oriented and ORIENTATION not in state and begin is not None:
@@ -359,7 +358,7 @@ def _rows(
     by: Any,
     model: Model,
     step: Step,
-    start: State,
+    start: Parts,
     dt: Any,
     time: Any,
     rows: int,
@@ -391,6 +390,36 @@ def _rows(
 
     out = by.jax.vmap(shown_row)(flat)
     return {letter: out[letter] for letter, _ in shown}
+
+
+def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[..., dict[str, Array]]:
+    """The motion of a body in SI as a function of JAX, as `kr.differentiable` describes."""
+    model = body.in_si()
+    frame = model.body_frame or BodyFrame()
+    begin = orientation if isinstance(orientation, bool) else oriented(model, orientation)
+    motion = differentiable(model, method=method, order=order, orientation=begin)
+
+    def changed(state: Mapping[str, Any], forward: bool) -> dict[str, Any]:
+        names = frame.names if forward else {name: letter for letter, name in frame.names.items()}
+        out = {}
+        for name, value in state.items():
+            matrix = matrix_of(frame, name if forward else names.get(name, name), np.shape(value)[-1], forward)
+            out[names.get(name, name)] = value if np.array_equal(matrix, np.eye(len(matrix))) else value @ matrix
+        return out
+
+    @explained
+    def in_si(state: Mapping[str, Any], *, dt: Any, time: Any = 0.0, **others: Any) -> dict[str, Array]:
+        from kreisel.reduction.double import double
+
+        unit = frame.time_unit
+        with double():
+            if isinstance(state, State):
+                start = {**state.axial, **({} if orientation is False else {ORIENTATION: state.orientation})}
+            else:
+                start = changed(state, False)
+            return changed(motion(start, dt=dt / unit, time=time / unit, **others), True)
+
+    return in_si
 
 
 ON_STEP = 1e-6  # of a step: an impulse this close to a step happens at the step

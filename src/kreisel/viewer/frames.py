@@ -220,7 +220,7 @@ def _carried_on(
     starts: xr.Dataset, record: RunRecord, model: Model, step: float, every: int, length: int
 ) -> dict[str, Array]:
     """The states (length + 1, starts, lane, ...) from each of the starts."""
-    from kreisel.runs.propagation.propagator import propagator
+    from kreisel.runs.propagation.of_body import propagator
 
     oriented = ORIENTATION in starts
     names = [*record.kinds, *([ORIENTATION] if oriented else [])]

@@ -1,8 +1,8 @@
-"""The propagator of a body of `kr.physical`: states and times in SI, along the axes in which the body was given."""
+"""kr.propagator: of a system, or of a body in SI, along the axes in which it was given."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,43 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, shown
 from kreisel.method.observing import ORIENTATION
-from kreisel.record.body import Body
+from kreisel.record.body import Body, as_body
 from kreisel.record.body_frame import BodyFrame
-from kreisel.record.model import State
-from kreisel.runs.differentiable import differentiable
-from kreisel.runs.in_si import duration, matrix_of, oriented, times_of
-from kreisel.runs.propagation.propagator import Crossing, Propagator
+from kreisel.record.model import Model, State
+from kreisel.runs.in_si import duration, matrix_of, times_of
+from kreisel.runs.propagation.propagator import Crossing, Propagator, of_model
+
+
+@explained
+def propagator(
+    system: Model | Body,
+    *,
+    method: str | None = None,
+    order: int | tuple[int, ...] | None = None,
+    dt: Any = None,
+    orientation: bool | None = None,
+    observe: Sequence[str] = (),
+    project: bool = True,
+) -> Any:
+    """The motion of a system by one method, checked and compiled once, for loops that call it often.
+
+    system       a system with parameters, as for `kr.simulate`; method and order too.  A body of `kr.physical`: times
+                 in s and states in SI, along the axes in which it was given
+    dt           the step; a flow in closed form (method="exact") needs none
+    orientation  whether the orientation g is part of the state; default: for a body on which forces need it
+    observe      Casimirs and integrals to compute in addition to the state, by name
+    project      as for `kr.simulate`
+
+    Raises `InputError` for bad input.
+    """
+    body = as_body(system)
+    if body is None:
+        return of_model(system, method, order, dt, False if orientation is None else orientation, observe, project)
+    model = body.in_si()
+    forces = model.system.perturbation
+    oriented = forces is not None and bool(forces.names(ORIENTATION)) if orientation is None else orientation
+    step = None if dt is None else duration(model.body_frame or BodyFrame(), dt, "dt")
+    return BodyPropagator(body, of_model(model, method, order, step, oriented, observe, project))
 
 
 class BodyPropagator:
@@ -132,33 +163,3 @@ class BodyPropagator:
 
     def __reduce__(self) -> Any:  # kernels keep their addresses
         return BodyPropagator, (self._body, self._motion)
-
-
-def differentiable_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[..., dict[str, Array]]:
-    """The motion of a body in SI as a function of JAX, as `kr.differentiable` describes."""
-    model = body.in_si()
-    frame = model.body_frame or BodyFrame()
-    begin = orientation if isinstance(orientation, bool) else oriented(model, orientation)
-    motion = differentiable(model, method=method, order=order, orientation=begin)
-
-    def changed(state: Mapping[str, Any], forward: bool) -> dict[str, Any]:
-        names = frame.names if forward else {name: letter for letter, name in frame.names.items()}
-        out = {}
-        for name, value in state.items():
-            matrix = matrix_of(frame, name if forward else names.get(name, name), np.shape(value)[-1], forward)
-            out[names.get(name, name)] = value if np.array_equal(matrix, np.eye(len(matrix))) else value @ matrix
-        return out
-
-    @explained
-    def in_si(state: Mapping[str, Any], *, dt: Any, time: Any = 0.0, **others: Any) -> dict[str, Array]:
-        from kreisel.reduction.double import double
-
-        unit = frame.time_unit
-        with double():
-            if isinstance(state, State):
-                start = {**state.axial, **({} if orientation is False else {ORIENTATION: state.orientation})}
-            else:
-                start = changed(state, False)
-            return changed(motion(start, dt=dt / unit, time=time / unit, **others), True)
-
-    return in_si

@@ -12,13 +12,9 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, hint, shown
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
-from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Flow, Orbits, Scheme
-from kreisel.record.body import Body, as_body
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import keywords
 from kreisel.record.model import Model
-from kreisel.runs.in_si import duration
 from kreisel.runs.propagation.stepper import AT_ZERO, NONE, Signs, Stepper, number_of
 from kreisel.runs.settings import (
     LARGE,
@@ -47,43 +43,10 @@ class Crossing(NamedTuple):
     crossed: bool
 
 
-@explained
-def propagator(
-    system: Model | Body,
-    *,
-    method: str | None = None,
-    order: int | tuple[int, ...] | None = None,
-    dt: Any = None,
-    orientation: bool | None = None,
-    observe: Sequence[str] = (),
-    project: bool = True,
-) -> Any:
-    """The motion of a system by one method, checked and compiled once, for loops that call it often.
-
-    system       a system with parameters, as for `kr.simulate`; method and order too.  A body of `kr.physical`: times
-                 in s and states in SI, along the axes in which it was given
-    dt           the step; a flow in closed form (method="exact") needs none
-    orientation  whether the orientation g is part of the state; default: for a body on which forces need it
-    observe      Casimirs and integrals to compute in addition to the state, by name
-    project      as for `kr.simulate`
-
-    Raises `InputError` for bad input.
-    """
-    body = as_body(system)
-    if body is None:
-        return _of_model(system, method, order, dt, False if orientation is None else orientation, observe, project)
-    from kreisel.runs.propagation.of_body import BodyPropagator
-
-    model = body.in_si()
-    forces = model.system.perturbation
-    oriented = forces is not None and bool(forces.names(ORIENTATION)) if orientation is None else orientation
-    step = None if dt is None else duration(model.body_frame or BodyFrame(), dt, "dt")
-    return BodyPropagator(body, _of_model(model, method, order, step, oriented, observe, project))
-
-
-def _of_model(
+def of_model(
     model: Any, method: str | None, order: Any, dt: Any, oriented: bool, observe: Sequence[str], project: bool
 ) -> Propagator:
+    """The propagator of a model.  Raises `InputError`."""
     check_model(model)
     flag(oriented, "orientation")
     flag(project, "project")
