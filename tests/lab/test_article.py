@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any
 
@@ -11,6 +12,8 @@ import numpy as np
 import pytest
 
 from kreisel import algebra
+from kreisel.lab import growth
+from kreisel.lab.subject import subject
 from support import ROOT
 
 TESTED = {  # label of a formula: the test below
@@ -25,6 +28,8 @@ TESTED = {  # label of a formula: the test below
     **dict.fromkeys(("S", "abel"), "test_exact_step"),
     "unequal": "test_unequal_moments",
     "steklov": "test_steklov",
+    **dict.fromkeys(("komarov", "komarovcurve"), "test_komarov_curve"),
+    "komarovpair": "test_komarov_pair",
     "gc": "test_goryachev_chaplygin",
 }
 EPS = Fraction(2, 7)
@@ -462,3 +467,166 @@ def test_goryachev_chaplygin() -> None:
         assert trace == u**3 + g * u * u - 2 * H * u - 2 * G
         determinant = -(P[2] ** 2) * corner - mixed[0] ** 2 - mixed[1] ** 2
         assert -determinant == a * u * u
+
+
+def _komarov(m: Any, P: Any, kappa: Any, beta: Any, c: Any, gamma: Any) -> tuple[Any, Any, Any]:
+    """m, b and the diagonal of S, of size 7."""
+    big, b = np.zeros((2, 7, 7), dtype=object)
+    n = m[2] + gamma
+    big[:3, :3], big[:3, 5] = algebra.hat(m), P
+    big[5, :3] = -P
+    for i, j, value in ((3, 4, n), (3, 6, c), (4, 6, beta * n)):
+        big[i, j], big[j, i] = value, -value
+    for i, j, value in ((0, 3, 1), (1, 4, 1), (5, 6, -1)):
+        b[i, j] = b[j, i] = value
+    return big, b, np.diag([1, 1, 1, 1, 1, -kappa, -beta * beta])
+
+
+def test_komarov_curve() -> None:
+    """Over Q, and not without the rotor's term."""
+    rng = np.random.default_rng(37)
+    m, P, (kappa, beta, c, gamma) = rational(rng, 3), rational(rng, 3), rational(rng, 4) + Fraction(1, 7)
+    big, b, weights = _komarov(m, P, kappa, beta, c, gamma)
+    n, along = m[2] + gamma, sum(m * P)
+    a = np.array([beta * n, -c, 0 * c], dtype=object)
+    V = n * m + np.cross(a, P)
+    H = (m[0] ** 2 + m[1] ** 2) / 2 + m[2] ** 2 + gamma * m[2] + c * P[0] + beta * n * P[1] - beta**2 * P[2] ** 2 / 2
+    quartic = sum(V * V) - kappa * sum(a * m) ** 2
+    quartic += 2 * along * (c * m[0] + beta * n * m[1] - beta**2 * n * P[2])
+    w, casimir = kappa * beta**2, sum(P * P) - kappa * sum(m * m)
+    for lost in (0, 1):
+        for nu, mu in ((Fraction(2), Fraction(1, 3)), (Fraction(-3, 5), Fraction(7))):
+            u, v = nu * nu, mu * mu
+            mixed = 2 * H - beta**2 * casimir - kappa * c**2 + (1 - lost) * gamma**2 * (1 - w)
+            curve = (u - v) ** 2 * (u - w * v) - 2 * H * u * u + mixed * u * v + quartic * u
+            curve += (beta**2 * casimir + kappa * c**2) * v * v
+            curve += (beta**2 * along**2 - c**2 * casimir) * v - c**2 * along**2
+            assert (det(nu * b + big - mu * weights) == mu * curve) == (lost == 0)
+
+
+def test_komarov_pair() -> None:
+    """The pencil of m' has the determinant of that of m, and the column is (c, beta n) again; not for t = 0."""
+    with mpmath.workdps(40):
+        rng = np.random.default_rng(41)
+        m, P = _floats(rng, 3), _floats(rng, 3)
+        kappa, beta, c, gamma = (mpmath.mpf(v) for v in ("-0.4", "0.6", "1.3", "0.7"))
+        big, b, weights = _komarov(m, P, kappa, beta, c, gamma)
+        lam = mpmath.mpc("0.8", "3.1")
+        x, y = lam.real, lam.imag
+        ratio = mpmath.inverse(mpmath.matrix(weights.tolist())) * mpmath.matrix((lam * b + big).tolist())
+        mu = min(mpmath.eig(ratio, left=False, right=False), key=lambda v: abs(v - lam))
+        q = _vector(np.array(ratio.tolist(), dtype=object), mu)
+        first, second = (np.array([getattr(v, part) for v in q], dtype=object) for part in ("real", "imag"))
+        J7, W = np.diag([1, 1, 1, -1, -1, 1, -1]).astype(object), np.diag(weights)
+        r, t = (sum(w * (first**2 + second**2)) for w in (W, W * np.diag(J7)))
+        s = sum(W * q * q)
+        wedge = np.outer(first, second) - np.outer(second, first)
+        for lost in (0, 1):
+            bend = (1 - lost) * t * x / y
+            Z = r * (np.outer(first, first) + np.outer(second, second))
+            Z = Z - x * np.vectorize(lambda v: v.real, otypes=[object])(mpmath.conj(s / lam) * np.outer(q, q))
+            Q = Z - J7 @ Z @ J7 + bend * (wedge @ J7 - J7 @ wedge)
+            Q = 4 * x * Q / (r**2 - abs(x * s / lam) ** 2 + bend**2)
+            new = big + b @ Q @ weights - weights @ Q @ b
+            for nu, value in ((2, 3), (mpmath.mpf("0.4"), -1)):
+                before, after = (_determinant(nu * b + A - value * weights) for A in (big, new))
+                assert (abs(before - after) < abs(before) * mpmath.mpf(10) ** -30) == (lost == 0)
+            if not lost:
+                kept = new
+        places = np.ix_([3, 4, 6], [3, 4, 6])
+        N = 4 * x * y / (r * y**2 + t * x**2) * wedge[places] @ weights[places]
+        square = np.array([[mpmath.mpf(i == j) for j in range(3)] for i in range(3)], object)
+        back = np.array(mpmath.inverse(mpmath.matrix((square - N).tolist())).tolist(), dtype=object)
+        f = ((square + N) @ back).T @ np.array([mpmath.mpf(1), mpmath.mpf(0), -beta], dtype=object)
+        turn = np.array([[f[0], f[1]], [-f[1], f[0]]], dtype=object) / mpmath.sqrt(f[0] ** 2 + f[1] ** 2)
+        column = turn @ kept[3:5, 6] - np.array([c, beta * kept[3, 4]], dtype=object)
+        assert max(abs(column)) < mpmath.mpf(10) ** -30
+        assert max(abs(kept[3:5, 6] - np.array([c, beta * kept[3, 4]], dtype=object))) > 1e-3
+
+
+# -- the table of degrees: the maps as the article prints them, eps = 2, modulo primes ------------------------
+
+
+def _plane(y: Any) -> Any:
+    return algebra.hat(np.array([0 * y, 0 * y, -y], dtype=object))
+
+
+def _one_field(c: Fraction) -> Any:  # c = 1; the kick has c times its strength
+    def step(x: Any) -> Any:
+        m, P = x[:3], x[3:]
+        m = m + 2 * c * np.cross(P, np.array([1, 0, 0], dtype=object)) / (1 - P[0])
+        R, P = _plane(m[2] + Fraction(3, 7)), algebra.cayley_act(-algebra.hat(m), P)
+        return np.concatenate([algebra.cayley_act(R, m), algebra.cayley_act(R, P)])
+
+    return step
+
+
+def _second(share: Fraction) -> Any:  # 1/2: of s in the kick
+    def step(x: Any) -> Any:
+        m, P = x[:3], x[3:]
+        a, b = 1 - share * P[0], share * P[1]
+        m = m + 2 * np.cross(P, np.array([a, -b, 0 * a], dtype=object)) / (a * a + b * b)
+        D = m[0] * m[0] + m[1] * m[1]
+        P = algebra.cayley_act(-1 / (1 - D / 4) * algebra.hat(m), P)
+        R = _plane(m[2] / (1 + D / 4))
+        return np.concatenate([algebra.cayley_act(R, m), algebra.cayley_act(R, P)])
+
+    return step
+
+
+def _lagrange(sign: int) -> Any:
+    def step(x: Any) -> Any:
+        m, P = x[:3], x[3:]
+        m = m + 2 * np.cross(P, np.array([1, 0, 0], dtype=object)) / (1 - sign * P[0])
+        return np.concatenate([m, algebra.cayley_act(-algebra.hat(m), P)])
+
+    return step
+
+
+def _field(c: Fraction, kind: str, n: int, B: Any) -> Any:  # c = 1; F symmetric, or skew: Ratiu's top
+    def step(x: Any) -> Any:
+        M, F = algebra.restore(x, ("skew", kind), n)
+        X = algebra.solve(algebra.identity(n) + F @ B, F)
+        M = M + 2 * c * (X @ B - B @ X)
+        return algebra.flatten((M, algebra.KINDS[kind].turned(-M, F)), ("skew", kind))
+
+    return step
+
+
+CHI = np.array([[0, 1, 3, -2], [-1, 0, 5, 1], [-3, -5, 0, 4], [2, -1, -4, 0]], dtype=object)
+ROWS: dict[str, tuple[Any, Any, int]] = {  # first words: map, neighbour, coordinates
+    "Kovalevskaya, gyrostat": (_one_field(Fraction(1)), _one_field(Fraction(1, 2)), 6),
+    "Kovalevskaya, Section": (_second(Fraction(1, 2)), _second(Fraction(1)), 6),
+    "Lagrange": (_lagrange(1), _lagrange(-1), 6),
+    "$\\so(3)": (*(_field(Fraction(1, j), "symmetric", 3, np.diag([1, 2, 4])) for j in (1, 2)), 9),
+    "Ratiu": (_field(Fraction(1), "skew", 4, CHI), None, 12),
+}
+
+
+def _rows_of_the_table() -> Iterator[tuple[str, list[int], list[int] | None, list[int]]]:
+    """First words, degrees, coefficients of j^2, j, 1, degrees of the neighbour, as printed."""
+    text = (ROOT / "paper" / "maps.tex").read_text(encoding="utf-8")
+    table = text[text.index("Degrees of the iterates") :]
+    for line in table[table.index("\\midrule") : table.index("\\bottomrule")].replace("\\midrule", "").splitlines():
+        if line.count("&") == 2:
+            name, degrees, neighbour = line.split("&")
+            formula = re.search(r"=(\d+)j\^2(?:\+(\d+)j)?\+1\$", degrees)
+            power = None if formula is None else [int(formula[1]), int(formula[2] or 0), 1]
+            listed = [
+                [int(v) for v in re.findall(r"\d+", re.sub(r"\\dots.*|.*:", "", part))] for part in (degrees, neighbour)
+            ]
+            yield name.strip(), listed[0], power, listed[1]
+
+
+def test_the_table_of_degrees() -> None:
+    rows = list(_rows_of_the_table())
+    assert len(rows) == len(ROWS)
+    for name, listed, power, neighbours in rows:
+        step, neighbour, size = next(v for k, v in ROWS.items() if name.startswith(k))
+        names = tuple(f"x{i}" for i in range(size))
+        degrees = growth.degrees(subject(step, names=names), len(listed) - 1)
+        assert list(degrees) == listed
+        assert power is None or listed == [np.polyval(power, j) for j in range(len(listed))]
+        assert (neighbours == []) == (neighbour is None)
+        if neighbour is not None:
+            assert list(growth.degrees(subject(neighbour, names=names), len(neighbours) - 1)) == neighbours
