@@ -155,7 +155,8 @@ def alike(q: Any, want: np.ndarray) -> bool:
 
 def of_csv(path: Path, *names: str) -> list[np.ndarray]:
     with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+        heads, *lines = csv.reader(file)
+    rows = [dict(zip([head.partition(" (")[0] for head in heads], line, strict=True)) for line in lines]
     width = {"g": 4}
     return [np.array([[float(row[f"{n}[{i}]"]) for i in range(width.get(n, 3))] for row in rows]) for n in names]
 

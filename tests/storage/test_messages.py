@@ -151,6 +151,27 @@ def test_an_orbit_with_a_date_is_written_in_the_frame_of_j2000(tmp_path: Path) -
         kr.export(run, tmp_path / "b.oem", epoch="2026-03-21")
 
 
+def test_a_table_has_units_and_the_angles_that_are_asked_for(tmp_path: Path) -> None:
+    """A satellite that rests in space turns backwards against its orbit, at the rate of the orbit."""
+    import pandas as pd
+
+    orbit = Orbit.circular("500 km")
+    satellite = Satellite((1.0, 2.0, 2.5), orbit)
+    upright = {"attitude": (1, 0, 0, 0), "spin": (0, 0, 1e-12)}  # the principal axes are up, ahead and the normal
+    run = kr.simulate(satellite, satellite.state(**upright), dt=1.0, steps=2, progress=False)
+    for frame in ("orbit", "inertial", "ground"):
+        kr.export(run, tmp_path / f"{frame}.csv", angles=frame)
+    found = {frame: pd.read_csv(tmp_path / f"{frame}.csv") for frame in ("orbit", "inertial", "ground")}
+    assert {"time (s)", "momentum[0] (kg m^2/s)", "energy (J)", "attitude[0]", "pitch (deg)"} <= set(found["orbit"])
+    assert np.allclose(found["orbit"]["pitch (deg)"], -360 / orbit.period * np.arange(3), atol=1e-4)
+    assert np.allclose(found["inertial"][["pitch (deg)", "roll (deg)", "yaw (deg)"]], 0, atol=1e-4)
+    assert np.allclose(found["ground"]["pitch (deg)"][0], 90)  # its first axis, which points up, against north
+    with pytest.raises(kr.InputError, match=r"angles: expected a file that ends in \.nc"):
+        kr.export(run, tmp_path / "a.oem", epoch=EPOCH, angles="orbit")
+    with pytest.raises(kr.InputError, match="Did you mean 'ground'"):
+        kr.export(run, tmp_path / "a.csv", angles="grund")
+
+
 BAD = {
     "no date": (lambda run: kr.export(run, "x.oem"), "epoch: expected the date"),
     "no satellite": (lambda run: kr.export(run, "x.oem", epoch=EPOCH), "the run of a satellite"),

@@ -252,12 +252,15 @@ def export(
     out: Annotated[Path, a_path("The file to write: .nc, .h5, .parquet, .csv, .npz, .aem, .oem or .bc.")],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
     epoch: Annotated[str | None, typer.Option("--epoch", help="The date of time 0, for .aem, .oem and .bc.")] = None,
+    angles: Annotated[
+        str | None, typer.Option("--angles", help="Add pitch, roll, yaw of a satellite: orbit, inertial or ground.")
+    ] = None,
 ) -> None:
     """Write an archive as NetCDF (HDF5), Parquet, CSV, NPZ; attitude or orbit as .aem, .oem (CCSDS) or .bc (SPICE)."""
     from kreisel.storage.exporting import export as write
     from kreisel.storage.messages import date_of
 
-    write(archive, out, overwrite=overwrite, epoch=None if epoch is None else date_of(epoch, "--epoch"))
+    write(archive, out, overwrite=overwrite, epoch=None if epoch is None else date_of(epoch, "--epoch"), angles=angles)
     say(f"{archive} -> {out}")
 
 

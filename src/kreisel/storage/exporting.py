@@ -18,6 +18,7 @@ from kreisel.files import NPZ_ATTRIBUTES, read_values, require_file, written
 from kreisel.method.observing import ORIENTATION
 from kreisel.runs.geometry import in_body_axes
 from kreisel.runs.in_si import is_in_si
+from kreisel.runs.orbits import FRAMES, angles_of
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import flag
 from kreisel.storage.archive import target
@@ -39,31 +40,37 @@ def export(
     *,
     overwrite: bool = False,
     epoch: Any = None,
+    angles: str | None = None,
     **labels: Any,
 ) -> None:
     """Write a run or a sweep to a file: NetCDF-4 if `out` ends in .nc or .h5, Parquet, text in .csv, or .npz.
 
     run    the path of an archive, or a Dataset such as `kr.simulate` returns
     out    the file; it gets its name when it is complete.  With `overwrite` it replaces a file that Kreisel wrote
+    angles          of a satellite: pitch, roll and yaw in degrees as further variables, against "orbit", "inertial" or
+                    "ground" (`kreisel.analysis.pointing`)
     epoch, labels   for .aem, .oem and .bc, see below
 
-    A run of a body of `kr.physical` is exported as it is, in SI.  A run of its model is exported as
-    `kreisel.units.measured` returns it: in SI units, vectors, the
-    attitude g and the angular velocity Omega along the user's axes of the body.  In a sweep of such bodies,
-    trajectories are along these axes, but minima, maxima and frequencies along the axes of the state.
+    A run of a body of `kr.physical` is exported unchanged, in SI.  A run of its model is exported as
+    `kreisel.units.measured` returns it: in SI units, vectors, the attitude g and the angular velocity Omega along the
+    user's axes of the body.  In a sweep of such bodies, trajectories are along these axes, but minima, maxima and
+    frequencies along the axes of the state.
 
     NetCDF has the unchanged variables and attributes (true and false as 1 and 0).  Parquet has a row for each time and
     lane (for results of `kr.analysis`, each event or frequency), a column for each component, such as "m[2]", and the
-    attributes as JSON in the metadata under "kreisel".  CSV has these rows and columns, no attributes, and is never
-    replaced, since it has no mark of Kreisel.  NPZ has the arrays of `to_numpy`, which must fit into memory, and the
-    attributes as JSON in "kreisel_attributes".  NetCDF and Parquet need the extra `export`.
+    attributes as JSON in the metadata under "kreisel".  CSV has these rows and columns, with units in their names, such
+    as "energy (J)", no attributes, and is never replaced, since it has no mark of Kreisel.  NPZ has the arrays of
+    `to_numpy`, which must fit into memory, and the attributes as JSON in "kreisel_attributes".  NetCDF and Parquet need
+    the extra `export`.
 
     For the run of one body with its orientation, `.aem` is the attitude ephemeris message of the CCSDS, and `.bc` a
     kernel of attitude for SPICE, with its clock and its frame in a text kernel `.tsc` next to it (extra `spice`).  For
     a satellite, `.oem` is the orbit ephemeris message (`kreisel.storage.messages`).  They need `epoch`, the date of
-    time 0: "2026-01-01T00:00:00", or any argument of numpy.datetime64.  Labels, all optional:
+    time 0: "2026-01-01T00:00:00", or any argument of numpy.datetime64, unless the orbit has a date.  Labels, all
+    optional:
 
-    frame        of space, "EME2000";  time_system, of `epoch`: "UTC";  time_unit, s, for other runs than of a body
+    frame        of space; default: "EME2000", to which an orbit of the Earth with a date is rotated
+    time_system  of `epoch`: "UTC";  time_unit, s, for other runs than of a body
     name, identifier, center, originator     "BODY", "0000-000A", "EARTH", "KREISEL"
     spacecraft   NAIF's number, -999; the body is its instrument 1000 spacecraft
 
@@ -74,9 +81,10 @@ def export(
     """
     where = target(out)
     flag(overwrite, "overwrite")
-    end = _format(where, out, epoch, labels)
+    end = _format(where, out, labels | ({} if epoch is None else {"epoch": epoch}), angles)
     require_file(where, overwrite)
     data = _opened(run)
+    data = data if angles is None else _with_angles(data, angles)
     try:
         if end in MESSAGES:
             write_message(data, where, epoch, labels, overwrite)
@@ -109,14 +117,22 @@ def _opened(run: Any) -> xr.Dataset:
     return data
 
 
-def _format(where: Path, out: object, epoch: Any, labels: dict[str, Any]) -> str:
-    """The ending of the file, one of those known.  Raises `InputError`, also for labels of another format."""
+def _with_angles(run: xr.Dataset, frame: str) -> xr.Dataset:
+    """A run of a satellite with its angles, in degrees."""
+    found = angles_of(run, frame)
+    dims = ("time", "lane")[: found.pitch.ndim]
+    attrs = {"units": "deg", "frame": FRAMES[frame]}
+    return run.assign({name: (dims, np.rad2deg(value), attrs) for name, value in found._asdict().items()})
+
+
+def _format(where: Path, out: object, labels: dict[str, Any], angles: str | None) -> str:
+    """The ending of the file.  Raises `InputError` for an unknown ending, and for labels of another format."""
     end = where.suffix.lower()
     if end not in (*WRITERS, *MESSAGES):
         raise InputError(f"The export must end in {', '.join((*WRITERS, *MESSAGES))}, got {str(out)!r}.")
-    if end in WRITERS and (epoch is not None or labels):
-        name = "epoch" if epoch is not None else next(iter(labels))
-        raise InputError(f"{name}: expected a file that ends in {', '.join(MESSAGES)}, got {where.name}.")
+    name, others = ("angles", WRITERS) if angles is not None else (next(iter(labels), ""), MESSAGES)
+    if name and end not in others:
+        raise InputError(f"{name}: expected a file that ends in {', '.join(others)}, got {where.name}.")
     return end
 
 
@@ -282,8 +298,15 @@ def _csv(run: xr.Dataset, out: Path) -> None:
             names = sorted(columns, key=lambda name: ROWS.index(name) if name in ROWS else len(ROWS))
             rows = csv.writer(file)
             if first == 0:
-                rows.writerow(names)
+                rows.writerow([_with_unit(name, block) for name in names])
             rows.writerows(zip(*(columns[name].tolist() for name in names), strict=True))
+
+
+def _with_unit(column: str, block: xr.Dataset) -> str:
+    """The heading of a column, with its unit."""
+    variable = block.variables.get(column.partition("[")[0])
+    unit = "1" if variable is None else str(variable.attrs.get("units", "1"))
+    return column if unit in ("", "1") else f"{column} ({unit})"
 
 
 @explained
