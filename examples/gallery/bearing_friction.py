@@ -42,7 +42,7 @@ tilt = np.arctan2(np.hypot(P[:, 0], P[:, 1]), axial)
 precession = (M[:, :2] * P[:, :2]).sum(-1) / (1 - axial**2) / wheel.time_unit  # Omega x a . (p x a)/|p x a|^2
 spin = M3 * wheel.momentum_unit / wheel.axial_moment
 steady = np.array([wheel.steady_precession(*each)[0] for each in zip(tilt, spin, strict=True)])
-textbook = wheel.torque / (M3 * wheel.momentum_unit)
+textbook = wheel.weight_torque / (M3 * wheel.momentum_unit)
 off, beside = abs(precession / steady - 1).max(), abs(precession / textbook - 1)
 rpm = precession * 60 / (2 * np.pi)
 print(f"precession {rpm[0]:.2f} to {rpm[-1]:.2f} rpm; off the steady one "
@@ -56,7 +56,7 @@ sunk = 2 * np.arctan(np.exp((1 / M3**2 - 1 / M3[0] ** 2) / 2)) - np.pi / 2
 print(f"sunk by {np.degrees(tilt[-1] - np.pi / 2):.2f} degrees, to leading order {np.degrees(sunk[-1]):.2f}")
 assert abs((tilt[-1] - np.pi / 2) / sunk[-1] - 1) < 0.05 and abs(tilt[len(tilt) // 2] - tilt[-1]) > 0.05
 
-energy, work = run.energy.values * wheel.torque, run.work.values * wheel.torque
+energy, work = run.energy.values * wheel.weight_torque, run.work.values * wheel.weight_torque
 balance = abs(run.balance.values / run.balance.values[0] - 1).max()
 print(f"the wheel loses {energy[0] - energy[-1]:.1f} of {energy[0]:.1f} J; energy - work is off by {balance:.1e}")
 assert balance < 1e-12 and energy[-1] < 0.1 * energy[0]

@@ -52,7 +52,7 @@ def test_steady_roots_solve_the_quadratic_without_cancellation() -> None:
         slow, fast = WHEEL.steady_precession(1.0, spin)
         momentum, rise = WHEEL.axial_moment * spin, WHEEL.transverse_moment * math.cos(1.0)
         assert slow + fast == pytest.approx(momentum / rise, rel=1e-14)
-        assert slow * fast == pytest.approx(WHEEL.torque / rise, rel=1e-14)
+        assert slow * fast == pytest.approx(WHEEL.weight_torque / rise, rel=1e-14)
     assert WHEEL.steady_precession(1.0, 1e8)[0] == pytest.approx(WHEEL.slow_precession(1e8), rel=1e-12)
 
 
@@ -68,7 +68,7 @@ def test_small_swings_have_the_period_of_the_physical_pendulum() -> None:
     seconds, x = run.time.values * WHEEL.time_unit, run.a.values[:, 0]
     falls = np.flatnonzero((x[:-1] > 0) & (x[1:] <= 0))
     period = np.diff(seconds[falls] + (seconds[1] - seconds[0]) * x[falls] / (x[falls] - x[falls + 1])).mean()
-    assert period == pytest.approx(2 * math.pi * math.sqrt(WHEEL.transverse_moment / WHEEL.torque), rel=1e-6)
+    assert period == pytest.approx(2 * math.pi * math.sqrt(WHEEL.transverse_moment / WHEEL.weight_torque), rel=1e-6)
 
 
 @pytest.mark.parametrize(("factor", "sleeps"), [(1.01, True), (0.99, False)])
@@ -93,7 +93,7 @@ def test_release_from_rest_follows_the_quadrature() -> None:
 
     u'^2 = u f(u), f(u) = -2 k (1 - u^2) - w^2 u, k = m g l/I1, w = I3 w3/I1; phi' = -w u/(1 - u^2).
     """
-    w, k = WHEEL.nutation_rate(FAST), WHEEL.torque / WHEEL.transverse_moment
+    w, k = WHEEL.nutation_rate(FAST), WHEEL.weight_torque / WHEEL.transverse_moment
     low, other = np.sort(np.roots([2 * k, -(w**2), -2 * k]))
 
     def weight(s: float) -> tuple[float, float]:  # u = low sin^2(s): du/u' without its square-root singularities
@@ -135,8 +135,8 @@ def test_energy_in_joules() -> None:
     tilt, spin, precession, nutation = 1.1, 7.0, -2.0, 0.4
     x = WHEEL.state(tilt, spin, precession, nutation)
     I1, I3 = WHEEL.transverse_moment, WHEEL.axial_moment
-    swing = I1 * (nutation**2 + (precession * math.sin(tilt)) ** 2) / 2 + WHEEL.torque * math.cos(tilt)
-    energy = WHEEL.torque * float(WHEEL.model().call(WHEEL.model().system.energy, x.m, x.a))
+    swing = I1 * (nutation**2 + (precession * math.sin(tilt)) ** 2) / 2 + WHEEL.weight_torque * math.cos(tilt)
+    energy = WHEEL.weight_torque * float(WHEEL.model().call(WHEEL.model().system.energy, x.m, x.a))
     assert energy == pytest.approx(swing + (I3 * spin) ** 2 / (2 * I1), rel=1e-14)
     assert np.linalg.norm(x.axial.m) * WHEEL.momentum_unit == pytest.approx(
         math.hypot(I3 * spin, I1 * nutation, I1 * precession * math.sin(tilt)), rel=1e-14

@@ -146,7 +146,7 @@ def test_a_run_in_si_and_other_units() -> None:
     run = kr.simulate(PLAIN.model(), PLAIN.state(1.2, 20.0), dt=PLAIN.dt("1 ms"), steps=50)
     si = units.measured(run, PLAIN.scales())
     assert si.time[-1] == pytest.approx(0.05) and si.time.units == "s" and "time" in si.indexes
-    joules = PLAIN.axial_moment**2 / PLAIN.transverse_moment * 200 + PLAIN.torque * math.cos(1.2)
+    joules = PLAIN.axial_moment**2 / PLAIN.transverse_moment * 200 + PLAIN.weight_torque * math.cos(1.2)
     assert si.energy[0] == pytest.approx(joules, rel=1e-13) and si.energy.units == "J"
     momentum = PLAIN.axial_moment * 20.0
     assert si.m.values[0] @ run.a.values[0] == pytest.approx(momentum, rel=1e-13) and si.m.units == "kg m^2/s"

@@ -14,6 +14,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, hint, shown
 from kreisel.forces import kicks
+from kreisel.forces.in_body import InBody
 from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import COUPLING, DAMPING, INERTIA, ORIENTATION, Body
 from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
@@ -24,7 +25,7 @@ from kreisel.record.checks import require_body
 from kreisel.record.contract import Frame, Parameter, System
 from kreisel.record.given import SKEW_TOLERANCE, axes_of, numbers, require_one_reading
 from kreisel.record.model import Model
-from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation
+from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation, together
 from kreisel.system import REGISTRY
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 PLACE = inspect.Parameter.POSITIONAL_OR_KEYWORD
 INNER = (2, 4, 6, 8)  # orders
+STATED = ("source", "space", "integrals", "derive", "scaling", "body_frame", "n")  # of a body with forces
 
 
 @explained
@@ -55,8 +57,8 @@ def perturbed(
         H = H_system + V + M.KP,   M' = {M, H} + tau - damping M,   P' = {P, H} + F
 
     system     the integrable part, such as `kr.LagrangeTop(p=(0, 0, 1))`; or one with H = T(M) + V(P) and principal
-               axes, such as `kr.Kirchhoff(C=..., B=...)`; or a list of different ones that a potential couples, whose
-               letters and parameters end in the number of the body, a1, a2
+               axes, such as `kr.Kirchhoff(C=..., B=...)`; or a body with forces, to which these are added; or a list of
+               different ones that a potential couples, whose letters and parameters end in the number of the body
     potential  V of letters that the body carries (a, P; not the momentum), the orientation g (a matrix, body to
                space), the time t; parameters after `*`.  Its force is derived from it
     torque     tau of the same and the momentum, in the frame of the state; for n = 3 an axial vector
@@ -120,10 +122,12 @@ def _record(
     forces = {
         what: None
         if function is None
+        else function.of(model)
+        if isinstance(function, InBody)
         else _force(function, what, (*(of_two if what == "pair_potential" else letters), TIME), model, own)
         for what, function in functions.items()
     }
-    return Perturbation(
+    record = Perturbation(
         base=model.system,
         potential=forces["potential"],
         torque=forces["torque"],
@@ -134,16 +138,26 @@ def _record(
         pair=forces["pair_potential"],
         inner=_inner(model, inner),
     )
+    return record if model.system.perturbation is None else _added(model.system, model.system.perturbation, record)
+
+
+def _added(system: System, old: Perturbation, new: Perturbation) -> Perturbation:
+    """The forces of a body and further ones.  Raises `InputError` for pairs, and for a part that it has already."""
+    if new.inertia or new.coupling or new.pair or old.pair or new.inner or (new.damping and old.damping):
+        raise InputError(
+            f"perturbed: expected a potential, a torque, a force or damping for {system.name}, which has forces "
+            "already, got others. Give all forces of an integrable system at once."
+        )
+    sums: dict[str, Any] = {
+        what: together(getattr(old, what), getattr(new, what)) for what in ("potential", "torque", "force")
+    }
+    return replace(old, damping=old.damping or new.damping, **sums)
 
 
 def _require_base(model: Model) -> None:
     system = model.system
     for factor in system.product:
         _require_base(Model(factor.system, factor.known(model.params)))
-    if system.perturbation is not None:
-        raise InputError(
-            f"perturbed: expected an integrable system, got {system.name}, which is perturbed. Give all forces at once."
-        )
     if system.flow is None or system.numbers != "any":
         raise InputError(
             f"perturbed: expected a system of Kreisel's with a map or a closed form, got {system.name}; see "
@@ -340,6 +354,9 @@ def _system(model: Model, record: Perturbation, own: list[Parameter], name: str 
         raise InputError(f"name: expected a name, got {shown(name)}.")
     if name in REGISTRY:
         raise InputError(f"name: expected a name that no system of Kreisel has, got {shown(name)}.")
+    stated: dict[str, Any] = {}
+    if base.perturbation is not None:
+        stated = {field: getattr(base, field) for field in STATED} | {"checks": replace(base.checks, doubts=None)}
     return perturbed_record(
         record,
         {**model.axes, **{p.letter: axes_of(p, np.asarray(p.default)) for p in own}},
@@ -347,6 +364,7 @@ def _system(model: Model, record: Perturbation, own: list[Parameter], name: str 
         title=f"{base.title}, perturbed",
         equations=f"{base.equations}; perturbed by {in_words(record)}",
         parameters=(*(replace(p, default=model.params[p.letter]) for p in base.parameters), *own),
+        **stated,
     )
 
 

@@ -13,6 +13,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, explained, shown
+from kreisel.physical.forced import Forced
 from kreisel.physical.free_rotation import FreeRotation
 from kreisel.physical.inertia import Principal, inertia_tensor, principal
 from kreisel.physical.measures import (
@@ -29,7 +30,7 @@ from kreisel.physical.measures import (
     three,
 )
 from kreisel.physical.shapes import read_mesh
-from kreisel.record.body import UPRIGHT, Body, started
+from kreisel.record.body import UPRIGHT, started
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.checks import CLOSE
 from kreisel.record.model import Model, State
@@ -49,8 +50,8 @@ class AxisStability(NamedTuple):
 
 @explained
 @dataclass(frozen=True, eq=False)
-class FreeBody(Body):
-    """A rigid body without torque, in SI units.
+class FreeBody(Forced):
+    """A rigid body without torque, or under user-defined forces (`Forced`), in SI units.
 
     inertia     classical inertia tensor I about the centre of mass, (3, 3) in any body axes, or its diagonal, kg m^2
     mass        kg, not needed for the rotation
@@ -124,7 +125,8 @@ class FreeBody(Body):
         i = self.principal.moments
         J = (i[[1, 2, 0]] + i[[2, 0, 1]] - i) / (2 * self.unit_moment)
         J[abs(J) < CLOSE] = 0
-        return REGISTRY["euler-top"](J=J).of_body(self._frame)
+        free = REGISTRY["euler-top"](J=J).of_body(self._frame)
+        return self.forced(free, self.time_unit, self.momentum_unit, self.principal.axes)
 
     def state(self, spin: Any, axis: Any = None, attitude: Any = UPRIGHT) -> State:
         """The scaled state M = I Omega, in principal axes.

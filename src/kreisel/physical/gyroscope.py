@@ -10,6 +10,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained
+from kreisel.physical.forced import Forced
 from kreisel.physical.measures import (
     MOMENT,
     RATE,
@@ -21,7 +22,7 @@ from kreisel.physical.measures import (
     si_number,
     si_numbers,
 )
-from kreisel.record.body import Body, started
+from kreisel.record.body import started
 from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales, size_in_si
@@ -42,12 +43,14 @@ class Motion(NamedTuple):
 
 @explained
 @dataclass(frozen=True)
-class Gyroscope(Body):
+class Gyroscope(Forced):
     """Heavy symmetric top on a fixed point, in SI units.
 
     mass m, kg;  lever l, from the pivot to the centre of mass, m;  gravity g, m/s^2
     axial_moment        I3, about the axis of symmetry, kg m^2
     transverse_moment   I1, about a transverse axis through the PIVOT, kg m^2 (Steiner: I1 = I_c + m l^2)
+
+    torque, potential, damping, params   user-defined forces (`Forced`); the third body axis is the axis of symmetry
 
     Scaled as `LagrangeTop`: time in sqrt(I1/(m g l)), momentum in sqrt(I1 m g l), |a| = |p| = 1, alpha = I3/I1.
     Raises `InputError` unless all are > 0 and I3 <= 2 I_c.  [Goldstein, Classical Mechanics, 3rd ed., section 5.7]
@@ -66,7 +69,7 @@ class Gyroscope(Body):
         half = self.axial_moment / 2
         rounding = CLOSE * self.transverse_moment  # central is a difference
         require_body((half, half, central - half + rounding), "about its centre of mass", PIVOT)
-        for name in ("alpha", "torque", "time_unit", "momentum_unit", "sleeping_spin"):
+        for name in ("alpha", "weight_torque", "time_unit", "momentum_unit", "sleeping_spin"):
             in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
 
     @classmethod
@@ -83,23 +86,24 @@ class Gyroscope(Body):
         return self.axial_moment / self.transverse_moment
 
     @property
-    def torque(self) -> float:
+    def weight_torque(self) -> float:
         """m g l, the largest torque of gravity, N m; also the unit of energy, J."""
         return self.mass * self.gravity * self.lever
 
     @property
     def time_unit(self) -> float:
         """sqrt(I1/(m g l)), s."""
-        return math.sqrt(self.transverse_moment / self.torque)
+        return math.sqrt(self.transverse_moment / self.weight_torque)
 
     @property
     def momentum_unit(self) -> float:
         """sqrt(I1 m g l), kg m^2/s."""
-        return math.sqrt(self.transverse_moment * self.torque)
+        return math.sqrt(self.transverse_moment * self.weight_torque)
 
     def model(self) -> Model:
         """The scaled system: `LagrangeTop(p=(0, 0, 1), alpha=I3/I1)`."""
-        return REGISTRY["lagrange-top"](p=(0.0, 0.0, 1.0), alpha=self.alpha).of_body(body_frame(self.scales()))
+        top = REGISTRY["lagrange-top"](p=(0.0, 0.0, 1.0), alpha=self.alpha).of_body(body_frame(self.scales()))
+        return self.forced(top, self.time_unit, self.momentum_unit)
 
     def dt(self, duration: float) -> float:
         """A duration, s, in the system's unit of time.  Raises `InputError`."""
@@ -108,7 +112,7 @@ class Gyroscope(Body):
 
     def scales(self) -> Scales:
         """The units of the variables of a run, for `kreisel.units.measured`."""
-        return scales_of(self.time_unit, m=("kg m^2/s", self.momentum_unit), energy=("J", self.torque))
+        return scales_of(self.time_unit, m=("kg m^2/s", self.momentum_unit), energy=("J", self.weight_torque))
 
     def state(self, tilt: float, spin: float, precession: float = 0.0, nutation: float = 0.0) -> State:
         """The scaled state at azimuth 0: a = (sin theta, 0, cos theta), m = I1 a x a' + I3 w3 a.
@@ -153,7 +157,7 @@ class Gyroscope(Body):
         """The textbook rate of a fast top, m g l/(I3 w3), rad/s.  Raises `InputError` for no spin."""
         spin = si_number(spin, RATE, "spin")
         si_number(abs(spin), RATE, "|spin|", positive=True)
-        return float(in_range("The precession", lambda: self.torque / (self.axial_moment * spin)))
+        return float(in_range("The precession", lambda: self.weight_torque / (self.axial_moment * spin)))
 
     def steady_precession(self, tilt: float, spin: float) -> tuple[float, float]:
         """The slow and the fast root W of I1 cos(theta) W^2 - I3 w3 W + m g l = 0, rad/s.
@@ -163,14 +167,14 @@ class Gyroscope(Body):
         """
         tilt, spin = si_number(tilt, "rad", "tilt"), si_number(spin, RATE, "spin")
         momentum, rise = self.axial_moment * spin, self.transverse_moment * math.cos(tilt)
-        discriminant = in_range("(I3 w3)^2", lambda: momentum**2 - 4 * rise * self.torque)
+        discriminant = in_range("(I3 w3)^2", lambda: momentum**2 - 4 * rise * self.weight_torque)
         q = momentum + math.copysign(math.sqrt(max(discriminant, 0.0)), momentum)
         if discriminant < 0 or q == 0:
             raise InputError(
                 f"No steady precession at tilt = {tilt:.6g} rad with spin = {spin:.6g} rad/s: |spin| must be at least "
-                f"{2 * math.sqrt(max(rise, 0) * self.torque) / self.axial_moment:.6g} rad/s, and not 0."
+                f"{2 * math.sqrt(max(rise, 0) * self.weight_torque) / self.axial_moment:.6g} rad/s, and not 0."
             )
-        return 2 * self.torque / q, q / (2 * rise) if rise else math.copysign(math.inf, q)
+        return 2 * self.weight_torque / q, q / (2 * rise) if rise else math.copysign(math.inf, q)
 
     def nutation_rate(self, spin: float) -> float:
         """The nutation frequency of a fast top, I3 w3/I1, rad/s."""

@@ -11,6 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained
+from kreisel.physical.forced import Forced
 from kreisel.physical.inertia import inertia_tensor, mass_tensor, steiner
 from kreisel.physical.measures import (
     RATE,
@@ -24,7 +25,7 @@ from kreisel.physical.measures import (
     si_number,
     si_numbers,
 )
-from kreisel.record.body import Body, started
+from kreisel.record.body import started
 from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales
@@ -36,11 +37,13 @@ PIVOT = "inertia not about the pivot: HeavyBody.about_centre adds m l^2"
 
 @explained
 @dataclass(frozen=True, eq=False)
-class HeavyBody(Body):
+class HeavyBody(Forced):
     """Any rigid body on a fixed point in gravity, in SI units.
 
     mass, kg;  arm (3,), from the pivot to the centre of mass in the body, m;  gravity g, m/s^2
     inertia     classical inertia tensor I about the PIVOT, (3, 3), or its diagonal (3,), kg m^2
+
+    torque, potential, damping, params   user-defined forces (`Forced`); a run then has M and P along principal axes
 
     Scaled as `HeavyTop`: J = (tr(I)/2 - I)/I0 with I0 = tr(I)/3, A = arm/|arm|, |P| = 1, time in sqrt(I0/(m g l)),
     momentum in sqrt(I0 m g l), l = |arm|; without torque (arm = 0 or g = 0) time in s and A = 0.  For a symmetric body
@@ -63,7 +66,7 @@ class HeavyBody(Body):
         central = np.linalg.eigvalsh(mass_tensor(self.inertia - steiner(self.mass, self.arm)))
         rounding = CLOSE * np.trace(self.inertia)  # of a difference, 0 for a point on a light rod
         require_body(central + rounding, "about its centre of mass", PIVOT, rod=True)
-        for name in ("torque", "time_unit", "momentum_unit"):
+        for name in ("weight_torque", "time_unit", "momentum_unit"):
             in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
 
     @classmethod
@@ -83,14 +86,14 @@ class HeavyBody(Body):
         return float(np.trace(self.inertia)) / 3
 
     @property
-    def torque(self) -> float:
+    def weight_torque(self) -> float:
         """m g l, the largest torque of gravity, N m."""
         return float(self.mass * self.gravity * np.linalg.norm(self.arm))
 
     @property
     def time_unit(self) -> float:
         """sqrt(I0/(m g l)), or 1, s."""
-        return math.sqrt(self.unit_moment / self.torque) if self.torque else 1.0
+        return math.sqrt(self.unit_moment / self.weight_torque) if self.weight_torque else 1.0
 
     @property
     def momentum_unit(self) -> float:
@@ -99,8 +102,15 @@ class HeavyBody(Body):
 
     def model(self) -> Model:
         """The scaled system: `HeavyTop(J, A)`."""
-        A = self.arm / np.linalg.norm(self.arm) if self.torque else np.zeros(3)
-        return REGISTRY["heavy-top"](J=self.mass_tensor / self.unit_moment, A=A).of_body(body_frame(self.scales()))
+        turn, J = self._turn, self.mass_tensor / self.unit_moment
+        A = self.arm / np.linalg.norm(self.arm) if self.weight_torque else np.zeros(3)
+        top = REGISTRY["heavy-top"](J=turn.T @ J @ turn, A=A @ turn).of_body(body_frame(self.scales(), turn))
+        return self.forced(top, self.time_unit, self.momentum_unit, turn)
+
+    @property
+    def _turn(self) -> Array:
+        """The axes of the state as columns: the principal axes if there are user-defined forces."""
+        return algebra.principal_axes(self.inertia)[1] if self.forced_by else np.eye(3)
 
     def state(self, angular_velocity: Any, up: Any = None, attitude: Any = None) -> State:
         """The scaled state M = I Omega, P = up/|up|.
@@ -121,9 +131,11 @@ class HeavyBody(Body):
         length = in_range("The length of up", lambda: np.linalg.norm(up, axis=-1, keepdims=True))
         if (length == 0).any():
             raise InputError("up must not be the zero vector: it is the upward vertical along the body axes.")
-        M = in_range("The momentum", lambda: Omega @ self.inertia / self.momentum_unit)
+        M = in_range("The momentum", lambda: Omega @ self.inertia @ self._turn / self.momentum_unit)
         up = up / length
-        return started(self.model().state(M=algebra.hat(M), P=up), _least(up) if attitude is None else attitude)
+        q, turn = _least(up) if attitude is None else attitude, algebra.unit_quaternion(self._turn)
+        state = self.model().state(M=algebra.hat(M), P=up @ self._turn)
+        return started(state, algebra.quaternion_product(q, turn))
 
     def angular_velocity(self, M: Any) -> Array:
         """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial.
@@ -131,7 +143,7 @@ class HeavyBody(Body):
         An array is read as M of a state of this body; the variable M of a run states its units.  Raises `InputError`,
         also if a moment of inertia is 0.
         """
-        momentum = momentum_in_body(M, body_frame(self.scales()))[..., None]
+        momentum = momentum_in_body(M, body_frame(self.scales(), self._turn))[..., None]
         try:
             return in_range("Omega", lambda: np.linalg.solve(self.inertia, momentum)[..., 0])
         except np.linalg.LinAlgError:

@@ -14,8 +14,10 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES, satellite
 from kreisel.errors import InputError, explained, shown
+from kreisel.forces.in_body import MOTION, PLACE
 from kreisel.physical import environment as earth
 from kreisel.physical.control import Control, Wheels, start_of_wheels, with_wheels
+from kreisel.physical.forced import Forced
 from kreisel.physical.free_body import FreeBody, angular_velocity_of
 from kreisel.physical.inertia import inertia_tensor
 from kreisel.physical.measures import (
@@ -29,7 +31,7 @@ from kreisel.physical.measures import (
     three,
 )
 from kreisel.physical.orbit import SATURN, SUN, Orbit
-from kreisel.record.body import UPRIGHT, Body, started
+from kreisel.record.body import UPRIGHT, started
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales
 from kreisel.runs.geometry import orientation_of, require_of_body
@@ -73,13 +75,13 @@ class Frequencies(NamedTuple):
 
 @explained
 @dataclass(frozen=True, eq=False)
-class Satellite(Body):
+class Satellite(Forced):
     """A rigid satellite on a Kepler orbit, in SI units: a run of it is in SI units too.
 
     inertia        classical inertia tensor about the centre of mass, (3, 3) in any body axes, or its diagonal, kg m^2
     orbit          an `Orbit`; gravity acts to second order in the size of the satellite, with `harmonics` to the fourth
     magnetic_moment   (3,), A m^2, in the field of the primary
-    torque         (3,), N m, steady
+    torque         (3,), N m, steady; or a function of quantities by name, such as lambda Omega, B: ... (`Forced`)
     wheel          (3,), N m s, momentum of reaction wheels against the body at t = 0; None for no wheel
     wheel_torque   (3,), N m, steady, of the motors on the wheels; the body feels the opposite
     plates         `Plate` records, for drag and sunlight; each is seen from its front, and none is in a shadow
@@ -105,7 +107,6 @@ class Satellite(Body):
     inertia: Any
     orbit: Orbit
     magnetic_moment: Any = (0.0, 0.0, 0.0)
-    torque: Any = (0.0, 0.0, 0.0)
     wheel: Any = None
     wheel_torque: Any = (0.0, 0.0, 0.0)
     plates: tuple[Plate, ...] = ()
@@ -122,6 +123,8 @@ class Satellite(Body):
     eclipse: bool | None = None
     wheels: Wheels | None = None
     control: Control | None = None
+    torque: Any = stored(default=(0.0, 0.0, 0.0), kw_only=True)
+    steady: ClassVar[bool] = True
     body: FreeBody = stored(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -132,6 +135,8 @@ class Satellite(Body):
         object.__setattr__(self, "body", FreeBody(inertia, time_unit=float(np.trace(inertia)) / 3))  # M in kg m^2/s
         units = {"magnetic_moment": "A m^2", "torque": "N m", "wheel_torque": "N m"}
         for name, unit in units.items():
+            if name == "torque" and callable(self.torque):
+                continue
             object.__setattr__(self, name, si_numbers(getattr(self, name), unit, name, ((3,),)))
         if self.wheel is not None:
             object.__setattr__(self, "wheel", si_numbers(self.wheel, "N m s", "wheel", ((3,),)))
@@ -202,7 +207,7 @@ class Satellite(Body):
             "moments": self.body.principal.moments,
             **self.orbit.elements,
             "dipole": self.magnetic_moment @ along,
-            "torque": self.torque @ along,
+            "torque": np.zeros(3) if callable(self.torque) else self.torque @ along,
             "plates": rows or np.zeros((1, 7)),
             "drag": self.drag,
             "pressure": self.light,
@@ -216,6 +221,7 @@ class Satellite(Body):
         date = self.orbit.epoch
         epoch = "" if date is None else date.replace(tzinfo=None).isoformat()
         made = made.of_body(replace(body_frame(self.scales(), along), epoch=epoch))
+        made = self.forced(made, turn=along, quantities=(*MOTION, *PLACE))
         if self.control is not None:
             return self.control.on(made, along, self.wheels)
         return made if self.wheels is None else with_wheels(made, along, self.wheels)

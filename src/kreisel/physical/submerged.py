@@ -17,6 +17,7 @@ from kreisel.bodies import BODIES
 from kreisel.errors import InputError, explained, shown
 from kreisel.files import place
 from kreisel.physical.ellipsoid import Ellipsoid
+from kreisel.physical.forced import Forced
 from kreisel.physical.free_body import FreeBody
 from kreisel.physical.measures import (
     STANDARD_GRAVITY,
@@ -30,7 +31,7 @@ from kreisel.physical.measures import (
     si_numbers,
     three,
 )
-from kreisel.record.body import UPRIGHT, Body, started
+from kreisel.record.body import UPRIGHT, started
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales
 from kreisel.runs.geometry import orientation_of, require_of_body
@@ -53,7 +54,7 @@ class Course(NamedTuple):
 
 @explained
 @dataclass(frozen=True, eq=False)
-class SubmergedBody(Body):
+class SubmergedBody(Forced):
     """A rigid body deep in a fluid: a run of it is in SI units.
 
     mass           kg;  inertia about the centre of mass, kg m^2, (3, 3) in any body axes or its diagonal
@@ -63,6 +64,7 @@ class SubmergedBody(Body):
     linear_drag    (6,), N s/m and N m s;  quadratic_drag (6,), N s^2/m^2 and N m s^2: -(l + q |v|) v of each
     current        (3,), m/s, the uniform velocity of the fluid in space, whose third axis points up
     gravity        m/s^2
+    torque, potential, damping, params   user-defined forces of Omega, g, t (`Forced`)
 
     Nothing bounds the added mass by the mass: the matrices are inverted together.  The equations:
     `kreisel.bodies.submerged`.  Raises `InputError` for impossible matrices.
@@ -129,7 +131,7 @@ class SubmergedBody(Body):
 
     def model(self) -> Model:
         """The system "submerged-body" with these parameters."""
-        return BODIES["submerged-body"](
+        model = BODIES["submerged-body"](
             mass_matrix=self.mass_matrix,
             weight=self.mass * self.gravity,
             buoyancy=self.displaced_mass * self.gravity,
@@ -138,6 +140,7 @@ class SubmergedBody(Body):
             linear_drag=self.linear_drag,
             quadratic_drag=self.quadratic_drag,
         )
+        return self.forced(model, turn=model.constants["turn"], quantities=("Omega", "g", "t"))
 
     @cached_property
     def _place(self) -> tuple[Array, Array]:
@@ -177,7 +180,8 @@ class SubmergedBody(Body):
         require_of_body(run, {"mass_matrix": self.mass_matrix})
         arm = algebra.act(g, shift)
         time = np.asarray(run.time).reshape(-1, *[1] * (arm.ndim - 1))
-        x = path(run).values - (arm - arm[0]) + self.current * (time - time[0])
+        places = path(run, self.model() if self.forced_by else None).values
+        x = places - (arm - arm[0]) + self.current * (time - time[0])
         P = np.asarray(run.P) @ turn.T
         M = np.asarray(run.M) @ turn.T + np.cross(shift, P)
         nu = np.linalg.solve(self.mass_matrix, np.concatenate([P, M], -1)[..., None])[..., 0]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from kreisel.algebra.recorded import run
 from kreisel.errors import InputError
 from kreisel.record.calling import call
 
@@ -63,6 +64,25 @@ class Controller:
     delay: int = 0
     noise: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
+
+
+def together(*forces: Force | None) -> Force | None:
+    """The sum of forces; None without any."""
+    present = [force for force in forces if force is not None]
+    if len(present) < 2:
+        return present[0] if present else None
+    arguments = tuple(dict.fromkeys(name for force in present for name in force.arguments))
+    parameters = tuple(dict.fromkeys(name for force in present for name in force.parameters))
+
+    def total(*values: Any, **known: Any) -> Any:
+        there = dict(zip(arguments, values, strict=True))
+        each = [
+            run(f.function, *(there[name] for name in f.arguments), **{name: known[name] for name in f.parameters})
+            for f in present
+        ]
+        return sum(np.asarray(out, dtype=object)[()] for out in each)
+
+    return Force(total, arguments, parameters, any(force.chooses for force in present))
 
 
 @dataclass(frozen=True)

@@ -80,13 +80,14 @@ def surroundings(run: xr.Dataset) -> Surroundings:
     time = np.asarray(run["time"].values, dtype=np.float64)
     lanes = [_of_lane(known, model.axes, lane) for lane in range(model.batch[0])] if model.batch else [known]
     rows = [cast("Force", force).function(time, **each) for each in lanes]
+    rows = rows if model.batch else rows * run.sizes.get("lane", 1)  # lanes on one orbit
     found = {
         name: np.moveaxis(np.stack([np.broadcast_to(row[name], (*axes, len(time))) for row in rows], -1), 0, -1)
         if axes
         else np.stack([np.broadcast_to(row[name], len(time)) for row in rows], -1)
         for name, (_, _, axes) in VARIABLES.items()
     }
-    found = found if model.batch else {name: value[:, 0] for name, value in found.items()}
+    found = found if "lane" in run.dims else {name: value[:, 0] for name, value in found.items()}
     sunny = bool(np.any(model.constants["pressure"]) or np.any(known["solar"]))
     return Surroundings(**{**found, **({} if sunny else {"sun": None, "light": None})})
 

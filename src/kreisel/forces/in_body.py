@@ -1,0 +1,123 @@
+"""User-defined forces in SI units along the axes in which a body was given, as forces of its model."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.algebra.recorded import run
+from kreisel.errors import InputError, hint, shown
+from kreisel.forces import kicks
+from kreisel.forces.kicks import COUPLING, ORIENTATION
+from kreisel.record.calling import Portable, call, keywords
+from kreisel.record.contract import Frame, System
+from kreisel.record.model import Model
+from kreisel.record.perturbation import TIME, Force
+
+MOTION = ("M", "Omega", "g", "t")  # momentum, angular velocity, orientation (body to space), time
+PLACE = {"r": "position", "v": "velocity", "B": "field", "sun": "sun", "light": "light", "density": "density"}
+SCALARS = ("light", "density")
+
+
+@dataclass(frozen=True, eq=False)
+class InBody:
+    """A torque, N m, or a potential, J, as a user-defined function of quantities of a body in SI.
+
+    names      arguments of the function: quantities and parameters
+    turn       (3, 3), v_body = turn v_state
+    time, momentum   units of the model, s and N m s
+    """
+
+    what: str
+    function: Portable
+    names: tuple[str, ...]
+    params: tuple[str, ...]
+    turn: Array
+    time: float
+    momentum: float
+
+    def of(self, model: Model) -> Force:
+        """The force of a model."""
+        system, moving = model.system, model.system.frame is Frame.MOVING
+        quantities = [name for name in self.names if name not in self.params]
+        place = system.perturbation.environment if system.perturbation is not None else None
+        by_place = [name for name in quantities if name in PLACE]
+        turned = not moving or {"g", *by_place} - {*SCALARS} & {*quantities}
+        letters = system.space.letters if {"M", "Omega"} & {*quantities} else ()
+        timed = by_place or "t" in quantities
+        arguments = (*letters, *(ORIENTATION,) * bool(turned), *(TIME,) * bool(timed))
+        constants = place.parameters if place is not None and by_place else ()
+        constants = (*constants, *(_of_velocity(system) if "Omega" in quantities else ()))
+
+        def force(*values: Any, **known: Any) -> Any:
+            there = dict(zip(arguments, values, strict=True))
+            g = there[ORIENTATION] @ self.turn.T if turned else None
+            state = tuple(_skew(there[letter], kind) for letter, kind in system.space.components if letters)
+            body: dict[str, Any] = {"g": g}
+            if timed:
+                body["t"] = there[TIME] * self.time
+            if letters:
+                body["M"] = self.momentum * (self.turn @ there[letters[0]] if moving else there[letters[0]] @ g)
+            if "Omega" in quantities:
+                Omega = algebra.axial(_velocity(system, state, known))
+                body["Omega"] = (self.turn @ Omega if moving else Omega @ g) / self.time
+            if place is not None and by_place:
+                found = run(place.function, body["t"], **{name: known[name] for name in place.parameters})
+                body |= {name: found[PLACE[name]] if name in SCALARS else found[PLACE[name]] @ g for name in by_place}
+            out = run(self.function.function, **{name: {**known, **body}[name] for name in self.names})
+            return self._value(out, g, moving)
+
+        return Force(force, arguments, tuple(dict.fromkeys((*constants, *self.params))))
+
+    def _value(self, out: Any, g: Any, moving: bool) -> Any:
+        """The value along the axes of the state, in the unit of energy of the model."""
+        size = self.momentum / self.time
+        if self.what == "potential":
+            return out / size
+        tau = np.asarray(out, dtype=object)
+        if tau.shape != (3,):
+            raise InputError(f"torque: expected a vector (3,) along the body axes, N m, got shape {tau.shape}.")
+        return (tau @ self.turn if moving else g @ tau) / size
+
+
+def in_body(what: str, function: Any, params: Mapping[str, Any], quantities: tuple[str, ...], **frame: Any) -> Any:
+    """A force of these quantities and parameters by name; None without a function.  Raises `InputError`."""
+    if function is None:
+        return None
+    try:
+        names = tuple(inspect.signature(function).parameters)
+    except (TypeError, ValueError):
+        raise InputError(f"{what}: expected a function such as lambda Omega: ..., got {shown(function)}.") from None
+    known = (*quantities, *(name for name in params if name not in (*MOTION, *PLACE)))
+    wrong = next((name for name in (*names, *params) if name not in known), None)
+    if wrong is not None:
+        raise InputError(
+            f"{what}: expected arguments among {', '.join(known)}, got {wrong}.{hint(wrong, known)} Give other "
+            "parameters as params={...}, by names that no quantity has."
+        )
+    return InBody(what, Portable(function), names, tuple(name for name in names if name in params), **frame)
+
+
+def _skew(x: Any, kind: str) -> Any:
+    return algebra.hat(x) if kind == "skew" else x
+
+
+def _of_velocity(system: System) -> tuple[str, ...]:
+    """The constants that the angular velocity depends on."""
+    record = system.perturbation
+    base = system if record is None else record.base
+    function: Callable[..., Any] = base.velocity  # type: ignore[assignment]
+    return (*sorted(keywords(function)), *(COUPLING,) * (record is not None and record.coupling))
+
+
+def _velocity(system: System, state: tuple[Array, ...], known: Mapping[str, Any]) -> Array:
+    if system.perturbation is None:
+        found: Array = call(system.velocity, state, known)
+        return found
+    return kicks.velocity(system, state, known)

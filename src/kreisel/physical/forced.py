@@ -1,0 +1,81 @@
+"""Bodies with user-defined forces in addition to the built-in ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.errors import InputError, shown
+from kreisel.forces.body import perturbed
+from kreisel.forces.in_body import MOTION, in_body
+from kreisel.physical.measures import finite_floats
+from kreisel.record.body import Body
+from kreisel.record.body_frame import BodyFrame
+from kreisel.record.model import Model
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Forced(Body):
+    """User-defined forces on a body, in SI, along the axes in which it was given.
+
+    torque      a function, N m (3,), of quantities by name: momentum M, angular velocity Omega, orientation g (a
+                matrix, body to space), time t, s; for a satellite also its position r and velocity v, the field B, the
+                direction of the Sun, all along the body axes, light (0 to 1) and density
+    potential   a function, J, of the same without M and Omega; its torque is derived from it
+    damping     gamma in M' = -gamma M, 1/s: one value, or one for each axis
+    params      further arguments of the functions by name, each with or without an axis of lanes
+    """
+
+    torque: Any = None
+    potential: Any = None
+    damping: Any = None
+    params: Mapping[str, Any] | None = None
+    steady: ClassVar[bool] = False  # whether `torque` may be a vector
+
+    @property
+    def forced_by(self) -> bool:
+        """Whether there are user-defined forces."""
+        by_torque = callable(self.torque) if self.steady else self.torque is not None
+        return by_torque or self.potential is not None or self.damping is not None
+
+    def forced(
+        self,
+        model: Model,
+        time: float = 1.0,
+        momentum: float = 1.0,
+        turn: Array | None = None,
+        quantities: tuple[str, ...] = MOTION,
+    ) -> Model:
+        """The model with these forces; units of time and momentum, and axes, as in `InBody`."""
+        if not self.forced_by:
+            return model
+        known: Model | None = self.__dict__.get("_forced")
+        if known is not None:
+            return known
+        params = {} if self.params is None else self.params
+        if not isinstance(params, Mapping):
+            raise InputError(f"params: expected a dict of names and values, got {shown(params)}.")
+        turn, own = np.eye(3) if turn is None else turn, model.body_frame or BodyFrame()
+        frame: dict[str, Any] = {"turn": turn, "time": time, "momentum": momentum}
+        still = tuple(name for name in quantities if name not in ("M", "Omega"))
+        damping = None if self.damping is None else finite_floats(self.damping, "1/s", "damping") * time
+        if damping is not None and damping.shape[-1:] == (3,) and (turn != np.eye(3)).any():
+            raise InputError(
+                "damping: expected one rate for a body in other than principal axes, got three. Give rates of the axes "
+                "as torque=lambda Omega: -D @ Omega."
+            )
+        function = None if isinstance(self.torque, np.ndarray) else self.torque
+        units = {**own.units, **dict.fromkeys(("work", "balance"), own.units["energy"])}
+        made = perturbed(
+            model.of_body(replace(own, units=units)),
+            torque=in_body("torque", function, params, quantities, **frame),
+            potential=in_body("potential", self.potential, params, still, **frame),
+            damping=damping,
+            params=params,
+        )
+        object.__setattr__(self, "_forced", made)
+        return made
