@@ -7,6 +7,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -85,12 +86,19 @@ def export(
     require_file(where, overwrite)
     data = _opened(run)
     data = data if angles is None else _with_angles(data, angles)
-    try:
+    with _explained(where):
         if end in MESSAGES:
             write_message(data, where, epoch, labels, overwrite)
             return
         with written(where, overwrite) as scratch:
             WRITERS[end](data, scratch)
+
+
+@contextmanager
+def _explained(where: Path) -> Iterator[None]:
+    """Raises `InputError` and `RunError` that explain other errors."""
+    try:
+        yield
     except (InputError, RunError):
         raise
     except ImportError as error:
