@@ -12,6 +12,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import kreisel as kr
 from kreisel.viewer import bodies, serve
@@ -309,6 +310,12 @@ def test_the_command_writes_one_file(tmp_path, top, x0, monkeypatch, capsys):
     app(["view", str(tmp_path / "top.zarr")], standalone_mode=False)
     assert 5e5 < (tmp_path / "top.html").stat().st_size < 1e6
     assert [p.name for p in tmp_path.iterdir()].count("top.html") == 1
+    film = ["--movie", str(tmp_path / "top.gif"), "--seconds", "0.4", "--fps", "10", "--title", "My top"]
+    app(["view", str(tmp_path / "top.zarr"), *film], standalone_mode=False)
+    with Image.open(tmp_path / "top.gif") as pictures:
+        assert pictures.n_frames == 4
+    with pytest.raises(kr.InputError, match="--fps: expected a film"):
+        app(["view", str(tmp_path / "top.zarr"), "--fps", "10", "--overwrite"], standalone_mode=False)
     with pytest.raises(kr.RunError, match=r"could not be written|could not"):
         kr.view(kr.open_run(tmp_path / "top.zarr")).save(tmp_path / "top.html" / "no.html")
     with pytest.raises(kr.InputError, match="no archive"):

@@ -307,7 +307,14 @@ def view(
         str | None, typer.Option("--body", help="Its shape: top, gyroscope, ellipsoid, box or satellite.")
     ] = None,
     mesh: Annotated[Path | None, a_path("A file with its shape, .stl or .obj.", "--mesh")] = None,
+    title: Annotated[str | None, typer.Option("--title", help="A heading in place of the run's.")] = None,
+    target: Annotated[
+        str | None, typer.Option("--target", help="What a satellite should point at: nadir, velocity or sun.")
+    ] = None,
     movie: Annotated[Path | None, a_path("Write a film instead: .gif, or .mp4 with ffmpeg.", "--movie")] = None,
+    seconds: Annotated[float | None, typer.Option("--seconds", help="The length of the film; default 8.")] = None,
+    fps: Annotated[int | None, typer.Option("--fps", help="Pictures per second of the film; default 20.")] = None,
+    speed: Annotated[float | None, typer.Option("--speed", help="Of the film, as on the page; default 1.")] = None,
     serve: Annotated[bool, typer.Option("--serve", help="Serve the page and follow a run that goes on.")] = False,
     host: Annotated[
         str, typer.Option("--host", help="Address to serve at; others than loopback can be read by anyone there.")
@@ -329,19 +336,23 @@ def view(
             raise InputError(f"--serve: expected a run, got the sweep {archive}. `kreisel view` shows a lane.")
         _serve(archive, host, port, lane)
         return
-    target = movie or out or (archive if archive.name else archive.resolve()).with_suffix(".html")
-    require_file(target, overwrite)
+    place = movie or out or (archive if archive.name else archive.resolve()).with_suffix(".html")
+    film = {k: v for k, v in (("seconds", seconds), ("fps", fps), ("speed", speed)) if v is not None}
+    if film and movie is None:
+        raise InputError(f"--{next(iter(film))}: expected a film, --movie NAME.gif, got none.")
+    require_file(place, overwrite)
     shown = one_lane(where, lane[0] if lane else 0) if swept else open_rows(where)
     lanes = shown.sizes.get("lane", 1)
     if not swept and not all(0 <= each < lanes for each in lane or ()):
         raise InputError(f"--lane: expected numbers from 0 to {lanes - 1}, got {lane}.")
-    page = page_of(shown, lane=None if swept else lane or None, body=body, mesh=mesh)
+    lanes_shown = None if swept else lane or None
+    page = page_of(shown, lane=lanes_shown, body=body, mesh=mesh, title=title, target=target or "nadir")
     if movie is not None:
-        page.movie(movie)
+        page.movie(movie, **film)
         say(f"film: {movie}")
         return
-    page.save(target)
-    say(f"page: {target}")
+    page.save(place)
+    say(f"page: {place}")
 
 
 def _serve(archive: Path, host: str, port: int, lane: list[int] | None) -> None:

@@ -87,6 +87,7 @@ class _Film:
         body: dict[str, Any] = {"axis": each["axis"], "nose": each["nose"]}
         body["turn"] = None if each["turn"] is None else _numbers(each["turn"], "i2").reshape(-1, 4).astype(float)
         body["tip"] = None if each["tip"] is None else _numbers(each["tip"], "f4").reshape(-1, n).astype(float)
+        body["arrows"] = [{**arrow, "to": _numbers(arrow["to"], "f4").reshape(-1, 3)} for arrow in each["arrows"]]
         if each["mesh"] is not None:
             mesh = self.data["meshes"][each["mesh"]]
             faces = _numbers(mesh["faces"], "u4" if mesh["wide"] else "u2").reshape(-1, 3).astype(int)
@@ -133,15 +134,29 @@ class _Film:
             end = tips[-1]
             if body["nose"] is not None:
                 end = end + self._turns(body, times[-1:])[0] @ np.array(body["nose"])
+            self._arrows(axes, body, times[-1:])
             x, y, depth = self.camera @ end
             axes.plot([x], [y], "o", color=self.theme.colours[1], markersize=6, zorder=6 if depth > 0 else 2)
-        axes.text(-0.95 * wide, 0.78 * wide, f"{self.data['title']}\ntime {time:.4g}", va="top", parse_math=False)
+        axes.text(-0.95 * wide, 0.78 * wide, f"{self.data['title']}\n{self._time(time)}", va="top", parse_math=False)
+
+    def _time(self, time: float) -> str:
+        clock = self.data["clock"]
+        return f"time {time / clock['size']:.4g} {clock['unit']}".rstrip()
+
+    def _arrows(self, axes: Any, body: dict[str, Any], times: Array) -> None:
+        """Directions from a satellite, by their names."""
+        for each in body["arrows"]:
+            end = self.camera @ (1.12 * self.radius * between(each["to"], self._places(times), self.joined)[0])
+            colour, order = self.theme.colour(each["colour"]), 6 if end[2] > 0 else 2
+            style = {"arrowstyle": "-|>", "color": colour, "linewidth": 2}
+            axes.annotate("", end[:2], (0, 0), arrowprops=style, zorder=order)
+            axes.text(*(1.1 * end[:2]), each["name"], color=colour, ha="center", va="center", zorder=order)
 
     def _still(self, axes: Any) -> None:
         r, angle = self.radius, np.linspace(0, 2 * np.pi, 97)
         ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle])
         low = -1.16 * r
-        for size in (0.4, 0.8, 1.2):
+        for size in () if self.data["kind"] == "satellite" else (0.4, 0.8, 1.2):
             x, y, _ = self.camera @ (size * r * ring + np.array([[0], [0], [low]]))
             axes.plot(x, y, color=self.theme.grid, linewidth=0.9, zorder=0)
         if self.data["kind"] != "path":

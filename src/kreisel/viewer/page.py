@@ -23,7 +23,7 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError, explained
+from kreisel.errors import InputError, explained, shown
 from kreisel.files import place, written
 from kreisel.viewer.bodies import known_shape
 from kreisel.viewer.scene import scene
@@ -209,6 +209,7 @@ def view(
     section: xr.Dataset | None = None,
     axis: Any = None,
     target: Any = "nadir",
+    title: str | None = None,
 ) -> View:
     """The interactive page of a run: the rotating body, the trace of its axis, the drift of every integral.
 
@@ -217,6 +218,7 @@ def view(
     mesh      a file .stl or .obj with the body's shape, in its axes, about its centre of rotation
     section   a result of `kr.analysis.section`, drawn next to it
     axis, target   for a satellite, the axis of the body and the target of the pointing error, as for `kr.plot`
+    title     the heading; default: the title of the run
 
     A notebook displays it; `kr.view(run).save("run.html")` writes a file that opens offline in any browser, and
     `.movie("run.gif")` a film.  The record decides the picture (`kreisel.viewer.scene`).  Give `kr.simulate` an
@@ -229,5 +231,8 @@ def view(
 
     if body is not None and mesh is not None:
         raise InputError("expected body= or mesh=, got both.")
+    if title is not None and not isinstance(title, str):
+        raise InputError(f"title: expected text, got {shown(title)}.")
+    run = run if title is None or not hasattr(run, "assign_attrs") else run.assign_attrs(title=title)
     shape = None if body is None else known_shape(body)
     return View(run, lane, body=shape if mesh is None else read_mesh(mesh), section=section, axis=axis, target=target)
