@@ -1,8 +1,8 @@
 """Quantities with units, by pint (extra `units`): "3 kg", "20 rpm", pint quantities in; SI or any other unit out.
 
     wheel = kr.physical.Gyroscope.flat(mass="3 kg", axial_moment="0.17 kg m^2", lever="15 cm")
-    run = kr.simulate(wheel.model(), wheel.state(tilt="70 deg", spin="180 rpm"), dt=wheel.dt("1 ms"), steps=1000)
-    run = units.measured(run, time="ms")       # energy in J, m in kg m^2/s, time in ms
+    run = kr.simulate(wheel, wheel.state(tilt="70 deg", spin="180 rpm"), dt="1 ms", t_end="1 s")  # in SI
+    run = units.measured(run, time="ms")       # energy in J, momentum in kg m^2/s, time in ms
 
 Plain values are in SI and do not need pint.
 """
@@ -18,7 +18,7 @@ from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.contract import Frame
 from kreisel.record.quantities import Scale, Scales, converted, parsed_unit, registry, si
 from kreisel.runs.geometry import in_body_axes, model_for, velocity_of
-from kreisel.runs.in_si import SUMMARIES, in_state_form
+from kreisel.runs.in_si import SUMMARIES, is_in_si
 from kreisel.runs.run_record import RunRecord
 
 if TYPE_CHECKING:
@@ -44,29 +44,31 @@ RUN_ONLY = ("kind", "conserved", "roundoff_scale", "evaluation_scale")  # attrib
 
 @explained
 def quantity(variable: xr.DataArray) -> Any:
-    """A variable of `measured` as a pint quantity.  Raises `InputError` if it has no units."""
+    """A variable with units, of a run in SI or of `measured`, as a pint quantity.  Raises `InputError`."""
     if "units" not in getattr(variable, "attrs", ()):
         name = shown(getattr(variable, "name", variable))
-        raise InputError(f"{name} has no attribute units; take it from units.measured(run, scales).")
+        raise InputError(f"{name} has no attribute units; a run of a body of kr.physical and units.measured have them.")
     return registry().Quantity(variable.values, parsed_unit(variable.attrs["units"], str(variable.name)))
 
 
 @explained
 def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr.Dataset:
-    """A run of a scaled system in SI units, or in chosen units of a variable: `measured(run, time="ms")`.
+    """A run in chosen units of a variable: `measured(run, time="ms")`; a run of a scaled system in SI units.
 
-    scales   the units of the variables, `body.scales()`; a run of a body of `kr.physical` has them
+    scales   the units of the variables of a scaled system, `body.scales()`; a run of `body.model()` has them
 
-    A run of such a body is returned along the user's axes of the body, momenta as well as the attitude g, with its
+    A run of `body.model()` is returned along the user's axes of the body, momenta as well as the attitude g, with its
     angular velocity Omega along these axes (for a system in the rest frame omega, along the axes of space).  Every
     variable has the attribute `units`; variables without a scale (directions, Casimirs, spectra) are unchanged, in
     units of the scaled system, "1".  The result is a plain Dataset for reading, plotting and `kr.export`, and can no
     longer be resumed.  Raises `InputError` for variables that have no scale or do not exist, and units of another
     dimension.
     """
-    run = in_state_form(run)
-    frame = RunRecord.from_attrs(getattr(run, "attrs", {})).body_frame
-    if scales is None and frame is not None:
+    frame = None if is_in_si(run) else RunRecord.from_attrs(getattr(run, "attrs", {})).body_frame
+    if is_in_si(run):
+        units = {str(name): variable.attrs.get("units", "1") for name, variable in run.variables.items()}
+        scales = {name: Scale(unit, 1.0) for name, unit in units.items() if unit != "1"}
+    elif scales is None and frame is not None:
         scales = {name: Scale(unit, size) for name, (unit, size) in frame.units.items()}
     scaled = isinstance(scales, Mapping) and all(isinstance(scale, Scale) for scale in scales.values())
     if not hasattr(run, "data_vars") or not isinstance(scales, Mapping) or not scaled:
@@ -81,7 +83,8 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
             there = ", ".join(k for k in scales if k in turned.variables)
             raise InputError(f"Only {there} of this run have units, got {shown(name)}.")
     kept = {k: run.attrs[k] for k in KEPT if k in run.attrs}
-    mark = "SI units or named ones" + ("" if frame is None else "; along the axes in which the body was given")
+    along = "; along the axes in which the body was given" if frame is not None or is_in_si(run) else ""
+    mark = "SI units or named ones" + along
     out = turned.drop_attrs().assign_attrs(kept, kreisel_measured=mark)
     for name in map(str, turned.variables):
         variable = turned[name].variable
@@ -94,7 +97,8 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
         if name in wanted:
             size *= converted(registry().Quantity(1.0, scale.unit), wanted[name], name).magnitude
             unit = wanted[name]
-        out = out.assign_coords({name: variable * size}) if name in run.coords else out.assign({name: variable * size})
+        variable = variable if size == 1 else variable * size
+        out = out.assign_coords({name: variable}) if name in run.coords else out.assign({name: variable})
         out[name].attrs = {**attrs, "units": unit}
     return out
 

@@ -96,6 +96,23 @@ def test_the_archive_the_row_and_the_resumed_run_say_the_same(tmp_path: Path) ->
     assert same(kr.at(body, x0, ["0 s", "3 s"]).momentum, whole.momentum[[0, 6]], 1e-12)
 
 
+def test_a_run_in_si_has_units_that_are_asked_for() -> None:
+    """1 kg m^2/s is 1e7 g cm^2/s."""
+    run = kr.simulate(BODIES["free"], state("free"), dt="0.1 s", t_end="1 s")
+    cgs = kr.units.measured(run, time="ms", momentum="g cm^2/s")
+    assert same(cgs.momentum, 1e7 * run.momentum.values, 1e-12) and cgs.time[-1] == pytest.approx(1000)
+    assert same(cgs.energy, run.energy, 1e-15) and "kreisel_form" not in cgs.attrs
+    assert kr.units.quantity(cgs.time[-1]).to("s").magnitude == pytest.approx(1)
+    with pytest.raises(kr.InputError, match="momentum, energy, time"):
+        kr.units.measured(run, M="g cm^2/s")
+
+
+def test_a_floating_ball_goes_straight_on() -> None:
+    ball = SubmergedBody(1.0, (0.1, 0.1, 0.1))
+    run = kr.simulate(ball, ball.state(velocity=(0.3, 0.0, 0.1)), dt="0.1 s", t_end="2 s")
+    assert same(ball.course(run).position[-1], (0.6, 0.0, 0.2), 1e-12)
+
+
 def test_what_a_body_refuses() -> None:
     x0 = WHEEL.state(tilt=0.5, spin=200.0)
     with pytest.raises(kr.InputError, match="multiple of dt"):

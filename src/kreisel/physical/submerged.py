@@ -35,6 +35,7 @@ from kreisel.record.body import UPRIGHT, started
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales
 from kreisel.runs.geometry import orientation_of, require_of_body
+from kreisel.runs.in_si import in_state_form
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -175,7 +176,7 @@ class SubmergedBody(Forced):
 
     def course(self, run: xr.Dataset, start: Any = NONE) -> Course:
         """The position of O in space at each row of a run, from `start`, and its motion."""
-        turn, shift = self._place
+        run, (turn, shift) = in_state_form(run), self._place
         g = algebra.rotation_matrix(orientation_of(run)) @ turn.T  # of the body axes
         require_of_body(run, {"mass_matrix": self.mass_matrix})
         arm = algebra.act(g, shift)
