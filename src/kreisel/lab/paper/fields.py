@@ -14,14 +14,16 @@ from kreisel.algebra.matrices import blocks
 from kreisel.baecklund.komarov import PENCIL
 from kreisel.lab.exact import jacobian
 from kreisel.lab.law import Sides
-from kreisel.lab.paper.statements import Setting, leaf_rank, stated, stated_law
-from kreisel.record.contract import MOVING_SPACE, TWO_FIELDS_SPACE
-from kreisel.system import REGISTRY, komarov, kovalevskaya_top_e3, kovalevskaya_top_so3
+from kreisel.lab.paper.statements import Setting, leaf_rank, rank, stated, stated_law
+from kreisel.record.calling import call
+from kreisel.record.contract import FIELD_SPACE, MOVING_SPACE, TWO_FIELDS_SPACE
+from kreisel.system import REGISTRY, komarov, kovalevskaya_top_e3, kovalevskaya_top_so3, quadratic_field
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 
 PLACE = "Beyond the paper, quadratic fields"
 FAMILY = "Beyond the paper, Kovalevskaya's top on e(3), so(4) and so(3,1)"
 ONE, UNIT, SWAP, MIRROR = (np.array(x) for x in ([[1]], [[0, -1], [1, 0]], [[0, 1], [1, 0]], [[1, 0], [0, -1]]))
+COMMUTING = (np.kron(UNIT, identity(2)), np.kron(MIRROR, UNIT), np.kron(SWAP, UNIT))  # with all quaternions
 FIRST, LAST = np.diag([1, 0]), np.diag([0, 1])
 COMPLEX = (identity(2), UNIT)
 QUATERNIONS = (identity(4), np.kron(identity(2), UNIT), np.kron(UNIT, MIRROR), np.kron(UNIT, SWAP))
@@ -137,6 +139,31 @@ def field_pairs(s: Setting) -> Sides:
         yield turned(X), -X
         yield turned(after), after
         yield turned(field), -field
+
+
+def reduced(s: Setting, units: tuple[Array, ...]) -> tuple[Array, Array, Array]:
+    """Random M, F of `quadratic-field` over these units, and b with each entry once for every row of them."""
+    M, F = (element(s, units) for _ in range(2))
+    return M - M.T, F + F.T, np.repeat(s.diagonal(), len(units[0]))
+
+
+@stated("field-reductions", PLACE, dimensions=(3,), numbers=("exact",))
+def field_reductions(s: Setting) -> Sides:
+    """with each b_i twice, or four times, the map of quadratic-field keeps complex, or quaternionic, M and F: these are u(n) with Hermitian fields and sp(n) with quaternionic ones; on u(n) energy and spectrum have the rank n (n - 1), half the dimension of a leaf"""
+    field = quadratic_field
+    for units, others in ((COMPLEX, (UNIT,)), (QUATERNIONS, COMMUTING)):
+        M, F, b = reduced(s, units)
+        for X in field.step(M, F, b=b, eps=s.eps):
+            for unit in others:
+                one = spread(s.n, unit, 1)
+                yield X @ one, one @ X
+    M, F, b = reduced(s, COMPLEX)
+    known = {"b": b, "B": np.diag(b), "eps": s.eps}
+    slopes = [
+        jacobian(lambda *z, f=f: call(f, z, known), (M, F), FIELD_SPACE.kinds, 2 * s.n)[1].reshape(-1, s.n * (4 * s.n))
+        for f in (field.energy, field.spectrum)
+    ]
+    yield np.asarray(rank(np.concatenate(slopes) @ FIELD_SPACE.tensor(M, F))), np.asarray(s.n * (s.n - 1))
 
 
 @stated("field-brackets", PLACE, dimensions=(3, 4))
