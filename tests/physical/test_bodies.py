@@ -71,6 +71,9 @@ def test_a_top_as_its_owner_types_it() -> None:
     carried = Rotation.from_quat(run.attitude.values, scalar_first=True).apply([0, 0, 1])
     assert same(carried, run.axis, 1e-12)
     table = kr.drift(run)
+    milli = kr.units.measured(run, time="ms", momentum="g m^2/s")
+    assert milli.time.attrs["units"] == "ms" and same(milli.time, 1000 * run.time.values, 1e-9)
+    assert same(milli.momentum.values, 1000 * run.momentum.values, 1e-7)
     assert not table.broken.any() and abs(table.start["energy"] / spinning - 1) < 1e-12
     assert abs(float(kr.analysis.rates(run).spin[5]) - 100 * np.pi) < 1e-9
 
@@ -123,6 +126,10 @@ def test_what_a_body_refuses() -> None:
         kr.simulate(Gyroscope, x0, dt="1 ms", steps=10)  # type: ignore[arg-type]
     with pytest.raises(kr.InputError, match="arguments as a dict"):
         kr.simulate(WHEEL, {"m": (0, 0, 1), "a": (0, 0, 1)}, dt="1 ms", steps=10)
+    with pytest.raises(kr.InputError, match="a state of this body"):
+        kr.simulate(Gyroscope.flat(mass=6.0, axial_moment=0.17, lever=0.15), x0, dt="1 ms", steps=10)
+    with pytest.warns(kr.AccuracyWarning, match=r"dt = 10 s is .* Use a dt of \S+ s or so"):
+        kr.simulate(WHEEL, x0, dt="10 s", steps=1)
     again = pickle.loads(pickle.dumps(x0))
     assert np.array_equal(again.orientation, x0.orientation)
 

@@ -129,7 +129,7 @@ class Ellipsoid(Body):
         momentum = units.mass * units.length / units.time
         P = in_range("The impulse", lambda: U * (self.mass + self.added_masses) / momentum)
         M = in_range("The impulse", lambda: Omega * self._inertia / (momentum * units.length))
-        return started(self.model(units).state(M=algebra.hat(M), P=P), attitude_quaternion(attitude, "attitude"))
+        return started(self.model(units), attitude_quaternion(attitude, "attitude"), M=algebra.hat(M), P=P)
 
     def scales(self, units: Units = SI) -> Scales:
         """The units of the variables of a run in these `units`, for `kreisel.units.measured`."""

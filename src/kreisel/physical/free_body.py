@@ -136,7 +136,7 @@ class FreeBody(Forced):
         """
         Omega = angular_velocity_of(spin, axis)
         M = in_range("The momentum", lambda: Omega @ self.inertia @ self.principal.axes / self.momentum_unit)
-        return started(self.model().state(M=algebra.hat(M)), self.orientation(attitude))
+        return started(self.model(), self.orientation(attitude), M=algebra.hat(M))
 
     def orientation(self, attitude: Any = UPRIGHT) -> Array:
         """The `orientation` of the principal axes for `kr.simulate`, from the attitude of the body axes.

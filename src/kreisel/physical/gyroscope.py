@@ -125,7 +125,7 @@ class Gyroscope(Forced):
         sin, cos = math.sin(tilt), math.cos(tilt)
         a, swing = np.array([sin, 0.0, cos]), np.array([-precession * sin * cos, nutation, precession * sin**2])
         m = in_range("The momentum", lambda: self.time_unit * (swing + self.alpha * spin * a))
-        return started(self.model().state(m=m, a=a), self.orientation(tilt))
+        return started(self.model(), self.orientation(tilt), m=m, a=a)
 
     @staticmethod
     def orientation(tilt: float) -> Array:

@@ -134,8 +134,8 @@ class HeavyBody(Forced):
         M = in_range("The momentum", lambda: Omega @ self.inertia @ self._turn / self.momentum_unit)
         up = up / length
         q, turn = _least(up) if attitude is None else attitude, algebra.unit_quaternion(self._turn)
-        state = self.model().state(M=algebra.hat(M), P=up @ self._turn)
-        return started(state, algebra.quaternion_product(q, turn))
+        momenta = {"M": algebra.hat(M), "P": up @ self._turn}
+        return started(self.model(), algebra.quaternion_product(q, turn), **momenta)
 
     def angular_velocity(self, M: Any) -> Array:
         """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial.

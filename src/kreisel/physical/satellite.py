@@ -246,7 +246,7 @@ class Satellite(Forced):
         more = start_of_wheels(model, self.wheels)
         more = more if self.control is None else self.control.start(model, self.wheels, M.size // 3)
         first = self.pointing() if attitude is None else attitude
-        return started(model.state(M=algebra.hat(M), **more), self.orientation(first))
+        return started(model, self.orientation(first), M=algebra.hat(M), **more)
 
     @cached_property
     def _order(self) -> Array:

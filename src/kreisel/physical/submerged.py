@@ -159,8 +159,8 @@ class SubmergedBody(Forced):
         nu = np.concatenate(np.broadcast_arrays(U - current, Omega), -1)
         momenta, (turn, shift) = nu @ self.mass_matrix, self._place
         P, M = momenta[..., :3], momenta[..., 3:]
-        state = self.model().state(P=P @ turn, M=algebra.hat((M - np.cross(shift, P)) @ turn))
-        return started(state, self.orientation(attitude))
+        momenta = {"P": P @ turn, "M": algebra.hat((M - np.cross(shift, P)) @ turn)}
+        return started(self.model(), self.orientation(attitude), **momenta)
 
     def orientation(self, attitude: Any = UPRIGHT) -> Array:
         """The `orientation` for `kr.simulate`, of the axes of the state, from the attitude of the body axes."""

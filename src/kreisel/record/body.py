@@ -52,9 +52,9 @@ class Body:
         return type(self).__name__
 
 
-def started(state: State, orientation: Any) -> State:
-    """A state of a body with the orientation with which its run begins."""
-    return state.started(None if orientation is None else algebra.floats(orientation))
+def started(model: Model, orientation: Any, /, **components: Any) -> State:
+    """The state of a body with these components and the orientation with which its run begins."""
+    return model.state(**components).started(algebra.floats(orientation), model.body_frame)
 
 
 def as_body(subject: Any) -> Body | None:

@@ -80,6 +80,10 @@ class BodyFrame:
         """The unit of time of a run, s."""
         return self.units.get("time", ("s", 1.0))[1]
 
+    def time_text(self, time: float, digits: str = "g") -> str:
+        """A time of the state in words: in s for a run in SI, else in the unit of the state."""
+        return f"{time * self.time_unit:{digits}} s" if self.names else f"{time:{digits}}"
+
     def vectors(self, v: Array) -> Array:
         """Vectors (..., 3) along the user's axes, from vectors along the axes of the state."""
         return np.asarray(v @ self.axes.T) if self.turned else v

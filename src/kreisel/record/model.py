@@ -62,17 +62,18 @@ class State(Mapping[str, Array]):
     """
 
     orientation: Array | None = None
+    frame: BodyFrame | None = None  # axes and units of the body that made the state
 
     def __init__(self, components: Mapping[str, Array], kinds: Mapping[str, str], system: System | None = None):
         self._components, self._kinds, self._system = dict(components), dict(kinds), system
 
     def __reduce__(self) -> Any:  # a record may hold functions that cannot be pickled
-        return _state_again, (self._components, self._kinds, self.orientation)
+        return _state_again, (self._components, self._kinds, self.orientation, self.frame)
 
-    def started(self, orientation: Array | None) -> State:
-        """The state with the orientation with which its run begins."""
+    def started(self, orientation: Array | None, frame: BodyFrame | None) -> State:
+        """The state with the orientation with which its run begins, and the axes and units of its body."""
         out = State(self._components, self._kinds, self._system)
-        out.orientation = orientation
+        out.orientation, out.frame = orientation, frame
         return out
 
     def is_of(self, system: System) -> bool:
@@ -115,8 +116,8 @@ class State(Mapping[str, Array]):
         )
 
 
-def _state_again(components: Mapping[str, Array], kinds: Mapping[str, str], orientation: Array | None) -> State:
-    return State(components, kinds).started(orientation)
+def _state_again(components: Any, kinds: Any, orientation: Array | None, frame: BodyFrame | None) -> State:
+    return State(components, kinds).started(orientation, frame)
 
 
 class Model:

@@ -7,7 +7,8 @@ the axes in which the body was given; `in_state_form` is its inverse.  Both read
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial, wraps
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, RunError, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
 from kreisel.record.body_frame import AXES, BODY, STATE, BodyFrame
@@ -281,6 +282,21 @@ def scaled(system: Any, x0: Any, orientation: Any, asked: Mapping[str, Any], eve
         return system, x0, orientation, asked, events
     model, *others = of_body(body, x0, orientation, asked)
     return model, *others, scaled_events(model.body_frame or BodyFrame(), events)
+
+
+TIMES = re.compile(r"\b(dt|time|times|t_end) ?(=|\d|of)")
+
+
+@contextmanager
+def unit_of_times(model: Any) -> Iterator[None]:
+    """Errors of a run of a body state the unit of their times, which is that of the model."""
+    frame = getattr(model, "body_frame", None)
+    try:
+        yield
+    except (InputError, RunError) as error:
+        if frame is None or not frame.names or frame.time_unit == 1 or not TIMES.search(str(error)):
+            raise
+        raise type(error)(f"{error} (Times in this message are multiples of {frame.time_unit:.6g} s.)") from error
 
 
 def of_body(body: Body, x0: Any, orientation: Any, asked: Mapping[str, Any]) -> tuple[Model, Any, Any, dict[str, Any]]:

@@ -17,6 +17,7 @@ from kreisel.graph.recording import STRAIGHT_LINE_N, STRAIGHT_LINES
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.method import find, scheme
 from kreisel.method.observing import ORIENTATION
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import call
 from kreisel.record.model import Model, State
 from kreisel.runs.plan import Plan, default, initial_parts, planned
@@ -249,11 +250,12 @@ def rate(plan: Plan) -> float:
 def _long_step(plan: Plan) -> Iterator[str]:
     if plan.scheme.name in CLOSED or "expected_error" in plan.scheme.options:  # order="auto" has measured its step
         return
-    turn = plan.dt * rate(plan)
+    turn, said = plan.dt * rate(plan), (plan.model.body_frame or BodyFrame()).time_text
     if turn > math.pi:
         yield (
-            f"dt = {plan.dt:g} is {turn:.3g} rad of this motion in a step, more than half a turn: the rows are those "
-            f"of the map, and say little of the motion between them. Use a dt of {GOOD * plan.dt / turn:.1g} or so."
+            f"dt = {said(plan.dt)} is {turn:.3g} rad of this motion in a step, more than half a turn: the rows are "
+            "those of the map, and say little of the motion between them. "
+            f"Use a dt of {said(GOOD * plan.dt / turn, '.1g')} or so."
         )
 
 
@@ -262,6 +264,7 @@ def _long_kick(plan: Plan) -> Iterator[str]:
     if plan.scheme.name != "splitting" or "expected_error" in plan.scheme.options or plan.first.size > MOST_NUMBERS:
         return
     steps, count = _steps(plan), min(TRIED, plan.steps)
+    said = (plan.model.body_frame or BodyFrame()).time_text
 
     def apart(h: float, count: int) -> float:
         return _apart(plan, steps(h, count), steps(h / 2, 2 * count))
@@ -275,10 +278,10 @@ def _long_kick(plan: Plan) -> Iterator[str]:
         h = plan.dt / 2**halving
         if apart(h, count * 2**halving) <= APART / 10:
             yield (
-                f"dt = {plan.dt:g} is too long for the forces or for this motion: "
+                f"dt = {said(plan.dt)} is too long for the forces or for this motion: "
                 f"{fault if math.isfinite(found) else f'{count} {tried} fail'}. Usual cause: a torque, a force or a "
                 "potential that changes the motion by much within a step, or a body that rotates by radians in it. "
-                f"Use a dt of {h:.2g} or so, or order='auto' with tol=..., which chooses it."
+                f"Use a dt of {said(h, '.2g')} or so, or order='auto' with tol=..., which chooses it."
             )
             return
 

@@ -173,7 +173,7 @@ class Course:
     def step_text(self, dt: float) -> str:
         """A step in words: of a body in s."""
         frame = self.body_frame if isinstance(self, RunRecord) else None
-        return f"{dt:g}" if frame is None or not frame.names else f"{dt * frame.time_unit:g} s"
+        return (frame or BodyFrame()).time_text(dt)
 
     @property
     def row_count(self) -> int:

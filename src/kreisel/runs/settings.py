@@ -19,6 +19,7 @@ from kreisel.errors import InputError, doubt, explained, hint, shown
 from kreisel.kernels.engines import ENGINES
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Scheme
+from kreisel.record.body import as_body
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.calling import Portable
 from kreisel.record.contract import System
@@ -191,6 +192,7 @@ def check_model(model: Any) -> None:
         raise InputError(
             f"A system with its parameters was expected, such as kr.LagrangeTop(p=(0, 0, 1)), got {shown(model)}."
             f"{f' Give it {needs} first.' if needs else ''}"
+            f"{' This call needs the scaled system of the body: body.model().' if as_body(model) else ''}"
         )
     if BODIES.get(model.system.name, model.system) is not model.system:
         raise InputError(
@@ -229,6 +231,8 @@ def _known_engine(name: Any) -> str | None:
 
 def checked_state(model: Model, x0: Any) -> State:
     """The state of this system from the user's value.  Raises `InputError`."""
+    if isinstance(x0, State) and x0.frame is not None:
+        _require_same_body(model, x0.frame)
     if type(x0) is State and (state := model.again(x0)) is not None:
         return state
     if not isinstance(x0, Mapping):  # a State is accepted, and may belong to another system
@@ -250,6 +254,17 @@ def checked_state(model: Model, x0: Any) -> State:
     if isinstance(x0, State):  # its 3 x 3 matrix belongs to one state, for any number of lanes in the parameters
         x0 = {letter: v if x0.axial[letter].ndim > 1 else x0.axial[letter] for letter, v in x0.items()}
     return model.state(**{str(letter): value for letter, value in x0.items()})
+
+
+def _require_same_body(model: Model, frame: BodyFrame) -> None:
+    """Raises `InputError` for a state of a body with other axes or units."""
+    if frame is model.body_frame or (expected := model.body_frame) is None:
+        return
+    if dict(frame.units) != dict(expected.units) or not np.array_equal(frame.axes, expected.axes):
+        raise InputError(
+            "x0: expected a state of this body, got one of a body with other axes or units. Usual cause: a state that "
+            "was made before the body was changed; make it again by body.state(...)."
+        )
 
 
 def _warn_of_clock(model: Model, row: Any) -> None:

@@ -13,7 +13,7 @@ from kreisel.files import stands
 from kreisel.process import signals_wait
 from kreisel.record.body import Body
 from kreisel.runs.drift import watched
-from kreisel.runs.in_si import scaled, scaled_events
+from kreisel.runs.in_si import scaled, scaled_events, unit_of_times
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import broken_by, make_plan, warn_of, warn_of_arrays
@@ -89,9 +89,10 @@ def simulate(
     choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
     when = {"dt": dt, "steps": steps, "t_end": t_end, "times": times, "every": every, "impulses": impulses}
     model, x0, orientation, when, events = scaled(system, x0, orientation, when, events)
-    plan = broken_by(make_plan(model, x0, orientation=orientation, **when, **choices), checked_events(events))
-    warn_of(plan)
-    found = _in_memory(plan, progress) if path is None else _on_disk(plan, path, overwrite, progress)
+    with unit_of_times(model):
+        plan = broken_by(make_plan(model, x0, orientation=orientation, **when, **choices), checked_events(events))
+        warn_of(plan)
+        found = _in_memory(plan, progress) if path is None else _on_disk(plan, path, overwrite, progress)
     return presented(watched(found, loaded=path is None), plan.model)
 
 
