@@ -37,6 +37,7 @@ _LAZY = {
     "perturbed": "kreisel.forces.body",
     "Control": "kreisel.physical.control",
     "Event": "kreisel.runs.settings",
+    "Table": "kreisel.record.table",
     "Design": "kreisel.sweeps.design",
     "differentiable": "kreisel.runs.differentiable",
     "tangent": "kreisel.runs.differentiable",

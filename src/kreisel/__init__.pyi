@@ -19,6 +19,7 @@ from kreisel import units as units
 from kreisel.physical.control import Control as Control
 from kreisel.sweeps.design import Design as Design
 from kreisel.runs.settings import Event as Event
+from kreisel.record.table import Table as Table
 from kreisel.runs.closed_form import at as at
 from kreisel.runs.citing import cite as cite
 from kreisel.languages.source import code as code

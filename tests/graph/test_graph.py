@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from kreisel.algebra.memory import address_of, entry
 from kreisel.graph.arranging import arranged, independent, latest, length
 from kreisel.graph.graph import (
     APPLIED,
@@ -263,14 +264,31 @@ def test_every_operation_is_known_to_all() -> None:
     """What evaluates, compiles and arranges knows the same operations."""
     graph = Graph()
     x = list(graph.inputs("x", 4))
-    arity = {"fma": 3, "where": 4, **dict.fromkeys(("+", "-", "*", "/", "max"), 2)}
+    arity = {"fma": 3, "where": 4, "entry": 3, **dict.fromkeys(("+", "-", "*", "/", "max"), 2)}
+    table = np.array([[5.0, 6.0], [7.0, 8.0]])
     for name in APPLIED:
-        result = [x[0].record(name, *x[: arity.get(name, 1)])]
+        inputs = (address_of(table), 1.0, 1.0, 0.9) if name == "entry" else (0.3, 0.7, 0.2, 0.9)
+        result = [x[0].record(name, *x[: arity.get(name, 1)], *((1, 2) if name == "entry" else ()))]
         again, outputs = arranged(graph, result)
         assert operations(again, outputs) == [name]
-        value = compiled_outputs(graph, result, np.array([[0.3, 0.7, 0.2, 0.9]]))[0, 0]
-        right = evaluated(graph, result, lambda _, i: (0.3, 0.7, 0.2, 0.9)[i])[0]
+        value = compiled_outputs(graph, result, np.array([inputs]))[0, 0]
+        right = evaluated(graph, result, lambda _, i, inputs=inputs: inputs[i])[0]
         assert value == pytest.approx(right, rel=1e-15)
+
+
+def test_entries_of_a_table() -> None:
+    """Rows outside are the first or the last, row 0 for NaN, 0 for no table; in lanes too, each with its table."""
+    tables = [np.arange(6.0).reshape(3, 2), np.arange(10.0, 14.0).reshape(2, 2)]
+    graph = Graph()
+    x = graph.inputs("x", 3)
+    result = [x[0].record_entry(*x, 1, 2)]
+    cases = [(0, r, w) for r, w in ((-7, 1.0), (0, 1.0), (1, 3.0), (2, 5.0), (9, 5.0), (np.nan, 1.0), (np.inf, 5.0))]
+    cases += [(1, 1, 13.0), (1, 5, 13.0), (None, 3, 0.0)]
+    ends = {k: (address_of(x), len(x) - 1.0) for k, x in enumerate(tables)} | {None: (0.0, 0.0)}
+    rows = [[ends[k][0], r, ends[k][1]] for k, r, _ in cases]
+    want = [w for *_, w in cases]
+    assert compiled_outputs(graph, result, np.array(rows))[:, 0].tolist() == want
+    assert entry(*np.array(rows).T, 1, 2).tolist() == want
 
 
 def test_a_loop_is_evaluated_until_it_has_settled() -> None:

@@ -216,9 +216,16 @@ def maximum(x: Array, y: Array) -> Array:
 
 def sign(x: Array) -> Array:
     """-1 for negative entries, else 1; recorded numbers define it themselves."""
+    if hasattr(x, "sign"):
+        return x.sign()
     if holds_objects(x):
         return np.array([v.sign() for v in x.flat], dtype=object).reshape(x.shape)
     return np.where(x < 0, -1, 1)
+
+
+def nearest(x: Array) -> Array:
+    """The integer next to each entry, of two the even one; recorded numbers define it themselves."""
+    return x.nearest() if hasattr(x, "nearest") else np.rint(x)
 
 
 def magnitude(x: Array) -> float:

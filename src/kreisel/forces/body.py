@@ -6,6 +6,7 @@ import copy
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,12 +21,14 @@ from kreisel.forces.kicks import COUPLING, DAMPING, INERTIA, ORIENTATION, Body
 from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
 from kreisel.forces.product import product
 from kreisel.forces.records import in_words, perturbed_record
+from kreisel.record import table
 from kreisel.record.calling import Portable, keywords
 from kreisel.record.checks import require_body
 from kreisel.record.contract import Frame, Parameter, System
 from kreisel.record.given import SKEW_TOLERANCE, axes_of, numbers, require_one_reading
 from kreisel.record.model import Model
 from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation, together
+from kreisel.record.table import form_of, packed_of
 from kreisel.system import REGISTRY
 
 if TYPE_CHECKING:
@@ -73,7 +76,7 @@ def perturbed(
     inner      the integrable motion in a splitting by the map of the system (`method="suris"`), of order 2, 4, 6 or 8;
                default: its closed form, if known for one step, else the map to order 8
     params     the parameters after `*`, by name: a scalar, a vector (n,), or either with an axis of lanes in front (of
-               pairs for `pair_potential`); scalars in exactly n lanes as (n, 1)
+               pairs for `pair_potential`); scalars in exactly n lanes as (n, 1); a `kr.Table`, which is called with t
     name       of the system, in archives and TOML files; default: "perturbed-" and the name of the integrable part
 
     Functions are run once, on values that record the operations: NumPy's +, *, @, sqrt, sin, cos, exp, log; where,
@@ -196,7 +199,8 @@ def _force(function: Any, what: str, letters: tuple[str, ...], model: Model, par
                 f"{hint(parameter.name, names)} Parameters stand after * and in params={{...}}."
             )
         (arguments if place else parameters).append(parameter.name)
-    return Force(function, tuple(arguments), tuple(parameters))
+    tables = {p.letter: form_of(p.default) for p in params.values() if p.kind == "table" and p.letter in parameters}
+    return Force(function, tuple(arguments), tuple(parameters), tables=tables)
 
 
 def _parameters(model: Model, params: Any) -> dict[str, Parameter]:
@@ -221,8 +225,10 @@ def _parameters(model: Model, params: Any) -> dict[str, Parameter]:
                 "params: expected names that begin with a letter, other than "
                 f"{', '.join(sorted(taken))}, got {shown(letter)}."
             )
-        kind, value = _kind(value, model.n)
-        out[letter] = Parameter(letter, kind, "of the forces", default=value)
+        packed = packed_of(value)
+        kind, default = ("table", packed) if packed is not value else _kind(value, model.n)
+        check = partial(table.check, form=form_of(packed)) if kind == "table" else None
+        out[letter] = Parameter(letter, kind, "of the forces", check, default)
     return out
 
 

@@ -190,7 +190,7 @@ def chooses(force: Force, there: Mapping[str, tuple[Any, int]], known: Constants
 
 def _called(force: Force, numbers: Sequence[Any]) -> Any:
     own, more = numbers[: len(force.arguments)], numbers[len(force.arguments) :]
-    return run(force.function, *own, **dict(zip(force.parameters, more, strict=True)))
+    return run(force.function, *own, **force.named(more))
 
 
 def _back(system: System, name: str, slope: Array, body: Body) -> Array:

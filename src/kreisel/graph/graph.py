@@ -16,12 +16,14 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from kreisel.algebra.complex import Ring
+from kreisel.algebra.memory import entry
 from kreisel.algebra.recorded import POWER, NotRecorded, Recorded
 
 # Operations: those of arithmetic; MAX (x unless y > x), SIGN (-1 where x < 0, else 1), SIZE (|x|), NEAREST (the
 # integer next to x, of two the even one) and WHERE (of x, y, a, b: a where x < y, else b).
+# ENTRY (address, row, last, column, stride): the entry of a table in memory (`kreisel.algebra.memory`).
 PLUS, MINUS, TIMES, OVER, FMA, SQRT, MAX, SIGN = "+", "-", "*", "/", "fma", "sqrt", "max", "sign"
-SIZE, NEAREST, WHERE = "size", "nearest", "where"
+SIZE, NEAREST, WHERE, ENTRY = "size", "nearest", "where", "entry"
 TRANSCENDENTAL = ("sin", "cos", "exp", "log")
 # Inputs (letter, index); a loop (its place in `Graph.loops`, start values, outer operands), a variable of its body, and
 # a result (loop or branch, index); a branch (its place in `Graph.branches`, test, values without it, outer operands).
@@ -342,6 +344,15 @@ class Number(Ring, Recorded):
         """body() if the number is positive, of a vector somewhere, else `values`."""
         return self.graph.branch(self, body, values)
 
+    def record_entry(self, address: Any, row: Any, last: Any, column: int, stride: int) -> Any:
+        """`kreisel.algebra.memory.entry`; 0 for the address 0."""
+        if not isinstance(address, Number):
+            if address == 0:
+                return 0.0
+            raise TypeError("a table is a parameter: its address is no constant of a kernel")
+        operands = (x if isinstance(x, Number) else float(x) for x in (row, last))
+        return self.record(ENTRY, address, *operands, column, stride)
+
     def record_loop(
         self, body: Callable[..., tuple[Any, Any]], start: Any, small: float, most: int
     ) -> tuple[Any, Number]:
@@ -471,6 +482,7 @@ APPLIED: dict[str, Callable[..., Any]] = {
     SIGN: sign,
     SIZE: abs,
     NEAREST: nearest,
+    ENTRY: entry,
     SQRT: _method("sqrt", math.sqrt),
     **{name: _method(name, getattr(math, name)) for name in TRANSCENDENTAL},
 }

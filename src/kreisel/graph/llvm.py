@@ -14,8 +14,10 @@ from typing import Any
 
 from llvmlite import ir
 
+from kreisel.errors import InputError
 from kreisel.graph.graph import (
     BRANCH,
+    ENTRY,
     FMA,
     IN,
     LOOP,
@@ -40,6 +42,7 @@ from kreisel.graph.graph import (
 DOUBLE, INTEGER, INDEX = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
 INTRINSIC = {FMA: "fma", SQRT: "sqrt", SIZE: "fabs", NEAREST: "rint", **{name: name for name in TRANSCENDENTAL}}
 Value = Any  # of LLVM
+TABLES_OF_CPU = "kr.Table: expected engine='cpu', got a GPU, which does not reach tables in the memory of the computer."
 
 
 def kind_of(width: int) -> ir.Type:
@@ -202,12 +205,15 @@ class Lanes:
 class Function:
     """A function of integers of 64 bits, addresses among them, that returns nothing: under construction."""
 
+    on_host = True  # whether it runs where the memory of this process is
+
     def __init__(self, arguments: int, name: str = "kernel", triple: str = ""):
         self.module = ir.Module()
         self.module.triple = triple
         self.function = ir.Function(self.module, ir.FunctionType(ir.VoidType(), [INTEGER] * arguments), name)
         self.builder = ir.IRBuilder(self.function.append_basic_block("entry"))
         self.arguments = [Integer(self.builder, x) for x in self.function.args]
+        self._nothing: Value = None  # the address of a zero
 
     def text(self) -> str:
         """LLVM's text of the module."""
@@ -344,6 +350,9 @@ class Function:
                 self._branch(graph, at, operands, values, kind)
             elif operation == RESULT:
                 values[at] = values[operands[0].at][operands[1]]
+            elif operation == ENTRY:
+                *numbers, column, stride = operands
+                values[at] = self._entry([self.value(x, values, kind) for x in numbers], column, stride)
             else:
                 values[at] = self._operation(operation, [self.value(x, values, kind) for x in operands])
 
@@ -364,6 +373,36 @@ class Function:
                 values[at] = inputs(*operands)
         self.emit(graph, nodes, values, kind)
         return [self.value(x, values, kind) for x in outputs]
+
+    def _entry(self, numbers: list[Value], column: int, stride: int) -> Value:
+        """The entry of a table in memory, in each place of a vector; 0.0 for the address 0."""
+        kind, builder = numbers[0].type, self.builder
+        if not self.on_host:
+            raise InputError(TABLES_OF_CPU)
+        if self._nothing is None:
+            with builder.goto_entry_block():
+                room = builder.alloca(DOUBLE)
+                builder.store(DOUBLE(0.0), room)
+                self._nothing = builder.ptrtoint(room, INTEGER)
+        empty = self._nothing
+
+        def single(address: Value, row: Value, last: Value) -> Value:
+            row = builder.select(builder.fcmp_ordered(">", row, DOUBLE(0.0)), row, DOUBLE(0.0))  # of NaN 0
+            row = builder.select(builder.fcmp_ordered("<", row, last), row, last)
+            place = builder.fptoui(row, INTEGER)
+            place = builder.add(builder.mul(place, INTEGER(stride)), INTEGER(column))
+            base = builder.fptoui(address, INTEGER)
+            there = builder.add(base, builder.mul(place, INTEGER(8)))
+            there = builder.select(builder.icmp_signed("==", base, INTEGER(0)), empty, there)
+            return builder.load(builder.inttoptr(there, DOUBLE.as_pointer()), align=8)
+
+        if not isinstance(kind, ir.VectorType):
+            return single(*numbers)
+        out = ir.Constant(kind, ir.Undefined)
+        for i in range(kind.count):
+            each = [builder.extract_element(x, INDEX(i)) for x in numbers]
+            out = builder.insert_element(out, single(*each), INDEX(i))
+        return out
 
     def _operation(self, operation: str, x: list[Value]) -> Value:
         builder = self.builder

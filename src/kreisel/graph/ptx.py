@@ -45,6 +45,8 @@ class Column:
 class _Thread(Function):
     """A function of a GPU: its name is called with its lane, by thread and block."""
 
+    on_host = False
+
     def __init__(self, arguments: int):
         super().__init__(arguments, triple=TRIPLE)
         self.function.calling_convention = "ptx_kernel"

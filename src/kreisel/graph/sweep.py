@@ -8,6 +8,7 @@ from typing import Any
 from kreisel.algebra import gradient
 from kreisel.graph.arranging import independent
 from kreisel.graph.graph import (
+    ENTRY,
     FMA,
     IN,
     MAX,
@@ -31,6 +32,7 @@ SLOPES: dict[str, Callable[..., tuple[Operand, ...]]] = gradient.SLOPES | {
     SIZE: lambda value, x: (x.sign(),),
     SIGN: lambda value, x: (0,),
     NEAREST: lambda value, x: (0,),
+    ENTRY: lambda value, *operands: (0,) * len(operands),
 }
 
 

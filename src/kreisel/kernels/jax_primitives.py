@@ -18,7 +18,8 @@ from jax.interpreters import ad as differentiation
 from jax.interpreters import batching, mlir
 
 from kreisel.algebra import Array
-from kreisel.graph.graph import APPLIED, FMA, LOOP, MAX, NEAREST, SIGN, SQRT, TRANSCENDENTAL, WHERE, evaluated
+from kreisel.errors import InputError
+from kreisel.graph.graph import APPLIED, ENTRY, FMA, LOOP, MAX, NEAREST, SIGN, SQRT, TRANSCENDENTAL, WHERE, evaluated
 from kreisel.kernels.adjoint import Code, Part
 from kreisel.reduction import linear
 from kreisel.reduction.double import jax, on_host
@@ -105,6 +106,13 @@ def _stacked(values: Sequence[Any]) -> Any:
     return jnp.stack([jnp.asarray(v, dtype=jnp.float64) for v in values])
 
 
+def _entry(*_: Any) -> Any:
+    raise InputError(
+        "kr.Table: expected first derivatives of compiled steps, got second ones, or a step that is not compiled. "
+        "Write the values as a formula of t, or difference first derivatives."
+    )
+
+
 OPERATIONS: dict[str, Any] = APPLIED | {
     **{name: getattr(jnp, name) for name in (SQRT, *TRANSCENDENTAL)},
     FMA: lambda x, y, z: x * y + z,
@@ -112,6 +120,7 @@ OPERATIONS: dict[str, Any] = APPLIED | {
     MAX: jnp.maximum,
     WHERE: lambda x, y, yes, no: jnp.where(x < y, yes, no),
     NEAREST: jnp.round,
+    ENTRY: _entry,
     LOOP: _looped,
 }
 

@@ -19,6 +19,7 @@ from kreisel.languages.contents import Contents, contents
 from kreisel.languages.dialects import LANGUAGES, Dialect, filled
 from kreisel.languages.writer import Entries, Integers, Looping, Writer
 from kreisel.method import find
+from kreisel.record.table import require_none
 from kreisel.runs.planning import make_plan
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ def _module(name: str) -> str:
 
 def text_of(plan: Plan, language: str, name: str | None = None) -> str:
     """The text of a plan.  Raises `InputError`."""
+    require_none(plan.model, "kr.code")
     what, dialect = contents(plan), LANGUAGES[language]
     parts = {
         "head": "\n".join(_head(what)),

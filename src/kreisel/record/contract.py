@@ -137,7 +137,9 @@ TWO_FIELDS_SPACE = semidirect("(so(n) <x 2 R^n)*", (("M", "skew"), ("P", "vector
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter: its letter, kind ("scalar", "vector", "symmetric", "array" or "dimension"), meaning and valid range.
+    """A parameter: its letter, kind, meaning and valid range.
+
+    Kinds are "scalar", "vector", "symmetric", "array", "dimension" and "table".
 
     A dimension is n itself, for systems whose other parameters do not determine it.  A symmetric matrix may be given by
     its diagonal; an array has any shape, and no batch axes.  `check(value, name)` raises `InputError`.  `fixed` is the
@@ -158,7 +160,7 @@ class Parameter:
     @property
     def axes(self) -> int | None:
         """Axes without axes of lanes; None for an array, which has any shape."""
-        return None if self.kind == "array" else KINDS[self.kind].axes
+        return None if self.kind == "array" else 1 if self.kind == "table" else KINDS[self.kind].axes
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
+from kreisel.record.table import packed_of
 
 if TYPE_CHECKING:
     from kreisel.record.contract import Parameter, PhaseSpace
@@ -99,7 +100,7 @@ def parameter(p: Parameter, system: str, value: Any) -> Array:
     Raises `InputError` for another shape or kind of number.
     """
     name = f"{system}'s parameter {p.letter}"
-    array = numbers(value, name)
+    array = numbers(packed_of(value) if p.kind == "table" else value, name)
     if not array.size:
         raise InputError(f"{name}: expected numbers, got none. Check how a batch was made.")
     axes = axes_of(p, array)
@@ -115,6 +116,7 @@ def parameter(p: Parameter, system: str, value: Any) -> Array:
             "dimension": "a whole number",
             "vector": "n numbers",
             "symmetric": "an n x n matrix or its diagonal",
+            "table": "kr.Table(times, values)",
         }
         raise InputError(f"{name} must be {shapes[p.kind]} (a batch axis may stand in front), got shape {array.shape}.")
     if p.kind == "symmetric":

@@ -30,6 +30,7 @@ from kreisel.record.given import (
     text_of,
     whole_dimension,
 )
+from kreisel.record.table import handles
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -168,10 +169,16 @@ class Model:
         if system.derive is not None:
             self.constants.update(self._derived(spread))
         self.axes = {k: v.ndim - len(self.batch) for k, v in self.constants.items()}
+        self._rows = []  # of tables, whose addresses are constants
         for p in system.parameters:
             if p.kind == "array":  # the same in every lane
                 self.constants[p.letter] = self.params[p.letter]
                 self.axes[p.letter] = self.params[p.letter].ndim
+            elif p.kind == "table":
+                values, rows = handles(self.params[p.letter])
+                self.constants[p.letter] = np.broadcast_to(values, (*self.batch, values.shape[-1]))
+                self.axes[p.letter] = 1
+                self._rows.append(rows)
         if body_frame is None and system.body_frame is not None:
             body_frame = call(system.body_frame, (), self.constants)
         self.body_frame = body_frame

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from kreisel.algebra.recorded import run
 from kreisel.errors import InputError
 from kreisel.record.calling import call
+from kreisel.record.table import Form, Reader
 
 if TYPE_CHECKING:
     from kreisel.algebra import Array
@@ -27,12 +28,19 @@ class Force:
     """A function and its arguments: letters of the state, g and t by place, parameters by keyword.
 
     chooses     whether it chooses values by comparisons: it may have corners and jumps
+    tables      the forms of parameters that are tables
     """
 
     function: Callable[..., Any]
     arguments: tuple[str, ...]
     parameters: tuple[str, ...]
     chooses: bool = False
+    tables: Mapping[str, Form] = field(default_factory=dict)
+
+    def named(self, values: Iterable[Any]) -> dict[str, Any]:
+        """The parameters by name, with readers of tables in place of their handles."""
+        named = dict(zip(self.parameters, values, strict=True))
+        return named | {name: Reader(named[name], form) for name, form in self.tables.items()}
 
     def names(self, letter: str) -> bool:
         """Whether this letter is an argument."""

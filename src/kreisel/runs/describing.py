@@ -18,6 +18,7 @@ from kreisel.algebra.reuse import reused
 from kreisel.kernels.layout import Floats
 from kreisel.method import find
 from kreisel.record.model import Model
+from kreisel.record.table import text_of
 from kreisel.runs.drift import roundoff_scales
 from kreisel.runs.integration import block_rows
 from kreisel.runs.operations import events_of, operations_of
@@ -120,7 +121,8 @@ def at_the_end(plan: Plan) -> dict[str, Any]:
 
 def parameters_of(model: Model) -> str:
     """The parameters of a model in the form that a run stores."""
-    return json.dumps({k: v.tolist() for k, v in model.params.items()})
+    kinds = {p.letter: p.kind for p in model.system.parameters}
+    return json.dumps({k: text_of(v) if kinds[k] == "table" else v.tolist() for k, v in model.params.items()})
 
 
 def body_of(model: Model) -> str | None:

@@ -26,6 +26,7 @@ from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
+from kreisel.record.table import require_within
 from kreisel.runs.geometry import model_for
 from kreisel.runs.in_si import in_state_form, matrix_of, oriented
 from kreisel.runs.run_record import RunRecord
@@ -120,6 +121,8 @@ def differentiable(
         step = step_with(bool(parameters))
         with double():
             require_double(dt, time, *state.values(), *parameters.values())
+            if not by.is_traced(dt) and not by.is_traced(time):
+                require_within(model, float(time), float(time) + float(dt) * count)
             start = _given(by, model, state, oriented, begin)
             rows = _rows(by, model, step, start, dt, time, count // between, between, parameters)
             out = {k: v if every is not None else v[-1] for k, v in rows.items()}
@@ -297,10 +300,10 @@ def constants_of(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
     stated = {p.letter: p for p in model.system.parameters}
     known = {letter: model.constants[letter] for letter in stated}
     for letter, value in parameters.items():
-        if letter not in stated or stated[letter].kind == "dimension":
+        if letter not in stated or stated[letter].kind in ("dimension", "table"):
             raise InputError(
                 f"{model.system.name} has the parameters {', '.join(stated)}, got {shown(letter)}, or one that is no "
-                f"real number.{hint(letter, stated)}"
+                f"real number: a dimension or a table.{hint(letter, stated)}"
             )
         array = by.array(value, letter)
         if stated[letter].kind == "symmetric" and array.ndim == 1:
@@ -311,7 +314,9 @@ def constants_of(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
             )
         known[letter] = array
     if not any(by.is_traced(v) for v in known.values()):
-        return dict(model.system(**{letter: np.asarray(value) for letter, value in known.items()}).constants)
+        tables = {letter: model.params[letter] for letter, p in stated.items() if p.kind == "table"}
+        values = {letter: np.asarray(value) for letter, value in known.items()}
+        return dict(model.system(**{**values, **tables}).constants)
     if model.system.derive is not None:
         given = dict(known)
         known |= by.first_of(

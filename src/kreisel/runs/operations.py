@@ -172,7 +172,7 @@ def _of_force(force: Force, model: Model) -> Any:
             return _component(kind, model.n, numbers, axial=True)
 
         given = tuple(of(letter) for letter in force.arguments)
-        return given, {name: _filled(numbers, _shape(model, name)) for name in force.parameters}
+        return given, force.named(_filled(numbers, _shape(model, name)) for name in force.parameters)
 
     return force.arguments, force.parameters, _recorded(force.function, arguments)
 

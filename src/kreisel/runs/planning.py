@@ -20,6 +20,7 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import call
 from kreisel.record.model import Model, State
+from kreisel.record.table import require_within
 from kreisel.runs.plan import Plan, default, initial_parts, planned
 from kreisel.runs.progress import duration_text
 from kreisel.runs.settings import (
@@ -48,6 +49,7 @@ def make_plan(model: Model, x0: StateLike, *, orientation: OrientationLike | Non
 def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: OrientationLike | None = None) -> Plan:
     """Check everything that can be checked before the first step.  Raises `InputError`."""
     state = checked_state(model, x0)
+    require_within(model, 0.0, settings.time)
     if settings.order == "auto":
         return _chosen(model, state, settings, orientation)
     method = settings.method or default(model, settings)

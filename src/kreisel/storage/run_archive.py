@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, Stopped, on_disk
+from kreisel.errors import InputError, Stopped, on_disk, shown
 from kreisel.files import stands
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION
@@ -262,7 +262,8 @@ def _same(model: Model, record: RunRecord) -> Model:
     check_model(model)
     if model.system.name != record.system or parameters_of(model) != record.parameters:
         raise InputError(
-            f"system: expected {record.system} with the parameters {record.parameters} of the run, got {model!r}."
+            f"system: expected {record.system} with the parameters {shown(record.parameters)} of the run, got "
+            f"{model!r}."
         )
     if body_of(model) != record.body:
         raise InputError(

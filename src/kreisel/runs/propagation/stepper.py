@@ -31,6 +31,7 @@ from kreisel.method.scheme import Flow, Jump, Orbits, Scheme, Steps
 from kreisel.record.given import in_lane
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
+from kreisel.record.table import require_within
 from kreisel.runs.plan import planned
 from kreisel.runs.propagation.forms import StateForms, is_finite
 from kreisel.runs.settings import MOST_STEPS, SHORTEST_STEP, WHOLE, Settings, finite_number, of_forces
@@ -93,6 +94,7 @@ class Stepper:
         z = self.forms.prepared(x)
         if self.timed or time is not None:
             z = self._at_time(z, time)
+            require_within(self.model, float(time or 0.0), float(time or 0.0) + count * self.dt)
         z = self._back(z[None])[0]
         if every is not None:
             return self.forms.observed(self._out(self._rows(z, count, every, self.scheme, given)))
@@ -333,6 +335,7 @@ class Stepper:
                 f"times: expected at most {MOST_STEPS:,} steps of dt = {self.dt:g}, which are not lost in the time, "
                 f"got {end:g} from {time:g} on."
             )
+        require_within(self.model, time, end)
 
     def returned(self, z: Floats, time: float) -> Floats:
         """Rows of the stepped variables at a time as states (lanes, entries), followed by the observed quantities."""

@@ -1,0 +1,351 @@
+"""kr.Table: a function of one variable by its values at given times, read inside the kernel.
+
+Between the times t_r and t_(r+1), with u = (t - t_r)/(t_(r+1) - t_r), the value is the polynomial in u of degree 3 (or
+5) that has the values and the first (and second) derivatives of both ends: Hermite interpolation, once (twice)
+continuously differentiable.  Derivatives that are not given are those of the cubic spline through the values, which is
+twice continuously differentiable.
+
+As a parameter of a system a table is the vector `packed`; a kernel has its address, and the row for a time by rounding,
+if the times are equally spaced, or by bisection: that is exact for any times, while a resampling has an error.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import math
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+from weakref import WeakValueDictionary
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array, memory
+from kreisel.algebra.gradient import TracedNumber, with_slope
+from kreisel.algebra.recorded import RecordedArray
+from kreisel.errors import InputError, explained, shown
+
+if TYPE_CHECKING:
+    from kreisel.record.model import Model
+
+HEAD = 4  # entries of `packed` before the times: times, columns (0 for numbers), derivatives, whether it holds its ends
+EVEN = 1e-9  # relative: differences of equally spaced times
+KINDS = ("spline", "pchip")
+EMPTY = np.zeros(HEAD)  # no table: 0 everywhere
+
+
+def packed_of(value: Any) -> Any:
+    """A table, tables of lanes, or text of `text_of` as an array (..., size); other values unchanged."""
+    if isinstance(value, Table):
+        return value.packed
+    if isinstance(value, str):
+        try:
+            flat = np.frombuffer(base64.b64decode(value, validate=True), dtype="<f8")
+            return flat.reshape(-1, _size(flat)) if len(flat) > _size(flat) else flat
+        except (ValueError, IndexError):
+            return value
+    if isinstance(value, list | tuple) and value and all(isinstance(x, Table) for x in value):
+        if len({x.packed.shape for x in value}) > 1:
+            raise InputError("Tables of lanes: expected the same number of times and components, got different ones.")
+        return np.stack([x.packed for x in value])
+    return value
+
+
+def text_of(packed: Array) -> str:
+    """Packed tables as text, to the last bit."""
+    return base64.b64encode(np.asarray(packed, dtype="<f8").tobytes()).decode()
+
+
+def _size(packed: Array) -> int:
+    """The size of a packed table by its head."""
+    count, columns, orders = (int(x) for x in packed[:3])
+    return HEAD + count * (1 + max(columns, 1) * (1 + orders))
+
+
+class Form(NamedTuple):
+    """The parts of a table that a kernel is compiled for.
+
+    columns    of a vector; 0 for numbers
+    degree     of the polynomials
+    halvings   of the bisection; 0 for equally spaced times
+    """
+
+    columns: int
+    degree: int
+    halvings: int
+
+
+@explained
+class Table:
+    """A function of time by its values at given times, for the parameters of forces and for orbits.
+
+        torque=lambda t, *, load: load(t),  params={"load": kr.Table(times, values)}
+
+    times        (k,), increasing, in the unit of time of the system
+    values       (k,) or (k, components)
+    derivatives  in the shape of the values; or a pair of first and second ones, for polynomials of degree 5
+    kind         of derivatives that are not given: "spline", of the cubic spline; "pchip", without overshoots
+    hold         whether the table keeps its first and last value outside its times; else a run must lie within them
+
+    Calling it with a time, an array, or inside a force gives its value.  Raises `InputError` for times that do not
+    increase, values that are not finite, and other shapes.
+    """
+
+    def __init__(
+        self, times: Any, values: Any, derivatives: Any = None, *, kind: str = "spline", hold: bool = False
+    ) -> None:
+        t, y = _floats(times, "times"), _floats(values, "values")
+        if t.ndim != 1 or len(t) < 2 or y.ndim not in (1, 2) or len(y) != len(t) or not y.size:
+            raise InputError(
+                f"Table: expected at least two times (k,) and values (k,) or (k, components), got times of shape "
+                f"{t.shape} and values of shape {y.shape}."
+            )
+        late = np.flatnonzero(np.diff(t) <= 0)
+        if late.size:
+            i = int(late[0])
+            raise InputError(
+                f"Table: expected times that increase, got {t[i]:g} and then {t[i + 1]:g} at index {i + 1}. Usual "
+                "cause: a time twice, or a log that is not sorted: numpy.unique(times, return_index=True) mends both."
+            )
+        if kind not in KINDS or not isinstance(hold, bool):
+            raise InputError(f"Table: expected kind='spline' or 'pchip' and hold=True or False, got {shown(kind)}.")
+        each = _derivatives(t, y, derivatives, kind)
+        head = [len(t), y.shape[1] if y.ndim > 1 else 0, len(each), hold]
+        self.packed = np.concatenate([head, t, *(np.ravel(x) for x in (y, *each))])
+        self.packed.flags.writeable = False
+
+    def __call__(self, time: Any) -> Any:
+        """The values (...) or (..., components) at times (...).  Raises `InputError` for times outside, unless held."""
+        return self.derivative(time, 0)
+
+    def derivative(self, time: Any, order: int = 1) -> Any:
+        """The derivatives with respect to time, of an order from 0 to 5."""
+        t = _floats(time, "time")
+        first, last = self.span
+        if not self.holds and t.size and not (first <= t.min() and t.max() <= last):
+            raise InputError(f"Table: expected times from {first:g} to {last:g}, got {t.min():g} to {t.max():g}.")
+        read = handles(self.packed)
+        return Reader(read.values, form_of(self.packed))(t, order)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The first and the last time."""
+        return float(self.packed[HEAD]), float(self.packed[HEAD + int(self.packed[0]) - 1])
+
+    @property
+    def holds(self) -> bool:
+        """Whether the table keeps its first and last value outside."""
+        return bool(self.packed[3])
+
+    def __repr__(self) -> str:
+        count, columns, _, _ = self.packed[:HEAD].astype(int).tolist()
+        first, last = self.span
+        kind = f"{columns} components" if columns else "numbers"
+        return f"<kreisel table: {count:,} times from {first:g} to {last:g}, {kind}>"
+
+
+def _floats(value: Any, name: str) -> Array:
+    array = algebra.floats(value)
+    if not np.isfinite(array).all():
+        raise InputError(f"Table: expected finite {name}, got {shown(value)}. Usual cause: NaN for a missing value.")
+    return array
+
+
+def _derivatives(t: Array, y: Array, given: Any, kind: str) -> list[Array]:
+    """The first, and maybe second, derivatives at the times.  Raises `InputError`."""
+    if given is None:
+        from scipy.interpolate import CubicSpline, PchipInterpolator
+
+        return [(CubicSpline if kind == "spline" else PchipInterpolator)(t, y).derivative()(t)]
+    each = [_floats(x, "derivatives") for x in (given if isinstance(given, tuple) else (given,))]
+    if len(each) > 2 or any(x.shape != y.shape for x in each):
+        raise InputError(
+            f"Table: expected derivatives of the shape {y.shape} of the values, or a tuple of first and second ones, "
+            f"got {', '.join(str(x.shape) for x in each) or 'none'}."
+        )
+    return each
+
+
+# -- as a parameter: checked, its rows in memory, its handle ------------------------------------------------------
+
+
+def _parts(packed: Array) -> tuple[Array, Array]:
+    """Times (k,), and values and derivatives (orders, k, components)."""
+    count, columns, orders = (int(x) for x in packed[:3])
+    return packed[HEAD : HEAD + count], packed[HEAD + count :].reshape(1 + orders, count, max(columns, 1))
+
+
+def _spacing(t: Array) -> float:
+    """The difference of equally spaced times, else 0."""
+    h = (t[-1] - t[0]) / (len(t) - 1)
+    return h if (abs(t - (t[0] + h * np.arange(len(t)))) <= EVEN * h).all() else 0.0
+
+
+def form_of(packed: Array) -> Form:
+    """The form of packed tables (..., size)."""
+    each = packed.reshape(-1, packed.shape[-1])
+    count, columns, orders = (int(x) for x in each[0, :3])
+    even = all(_spacing(_parts(one)[0]) for one in each)
+    rows = count - 1 + 2 * bool(each[:, 3].any())
+    return Form(columns, 2 * orders + 1, 0 if even else max(1, math.ceil(math.log2(rows))))
+
+
+def check(packed: Array, name: str, form: Form) -> None:
+    """Raises `InputError` for anything but packed tables of this form."""
+    each = packed.reshape(-1, packed.shape[-1])
+    if each.shape[1] < HEAD or any(_size(one) != len(one) for one in each):
+        raise InputError(f"{name}: expected kr.Table(times, values), got {shown(packed)}.")
+    if each.shape[1] > HEAD and form_of(packed) != form:
+        raise InputError(
+            f"{name}: expected a table of the form {form}, for which its forces were recorded, got one of the form "
+            f"{form_of(packed)}. Make the system anew with this table."
+        )
+
+
+_ROWS: WeakValueDictionary[bytes, np.ndarray] = WeakValueDictionary()
+
+
+def _rows(packed: Array) -> Array:
+    """Rows of t_r, 1/(t_(r+1) - t_r) and the coefficients of each component, (rows, 2 + components (degree + 1))."""
+    key = hashlib.sha256(packed.tobytes()).digest()
+    found = _ROWS.get(key)
+    if found is None:
+        found = _ROWS[key] = _computed_rows(packed)
+    return found
+
+
+def _computed_rows(packed: Array) -> Array:
+    t, (y, m, *s) = _parts(packed)[0], _parts(packed)[1]
+    h = np.diff(t)[:, None]
+    D, m0, m1 = np.diff(y, axis=0), h * m[:-1], h * m[1:]
+    if s:
+        s0, s1 = h * h * s[0][:-1], h * h * s[0][1:]
+        more = 10 * D - 6 * m0 - 4 * m1 - 1.5 * s0 + s1 / 2, -15 * D + 8 * m0 + 7 * m1 + 1.5 * s0 - s1
+        powers = [y[:-1], m0, s0 / 2, *more, 6 * D - 3 * (m0 + m1) - (s0 - s1) / 2]
+    else:
+        powers = [y[:-1], m0, 3 * D - 2 * m0 - m1, m0 + m1 - 2 * D]
+    polynomials = np.stack(powers, -1).reshape(len(h), -1)
+    rows = np.concatenate([t[:-1, None], 1 / h, polynomials], -1)
+    if packed[3]:
+        ends = np.zeros((2, rows.shape[1]))
+        ends[:, 0], ends[:, 2 :: len(powers)] = t[[0, -1]], y[[0, -1]]
+        rows = np.concatenate([ends[:1], rows, ends[1:]])
+    return np.ascontiguousarray(rows)
+
+
+class Handles(NamedTuple):
+    """Tables in memory: the address of the rows, the last row, a time and a rate, (..., 4); the rows.
+
+    With equally spaced times the row is the integer next to rate (t - time).  Addresses are valid as long as the rows
+    are kept.
+    """
+
+    values: Array
+    rows: tuple[Array, ...]
+
+
+def handles(packed: Array) -> Handles:
+    """The handles of packed tables (..., size)."""
+    each = packed.reshape(-1, packed.shape[-1])
+    out, rows = np.zeros((len(each), 4)), list[Array]()
+    for i, one in enumerate(each):
+        if one[0]:
+            t, held = _parts(one)[0], bool(one[3])
+            h = _spacing(t) or 1.0
+            rows.append(_rows(one))
+            out[i] = memory.address_of(rows[-1]), len(rows[-1]) - 1, t[0] + (0.5 - held) * h, 1 / h
+    return Handles(out.reshape((*packed.shape[:-1], 4)), tuple(rows))
+
+
+class Reader(NamedTuple):
+    """A table by its handle (4,), for any kind of number: reader(t) is its value, (components,) or a number."""
+
+    handle: Any
+    form: Form
+
+    def __call__(self, t: Any, order: int = 0) -> Any:
+        """The value, or a derivative with respect to time; batches t (...) of floats give (..., components)."""
+        t = float(t) if isinstance(t, int | Fraction) else t
+        entries = _read([*map(_plain, self.handle)], t, self.form, order)
+        if not self.form.columns:
+            return entries[0]
+        if isinstance(t, np.ndarray | float):
+            return np.stack(np.broadcast_arrays(*entries), -1)
+        return algebra.objects(entries).view(RecordedArray)
+
+
+def _plain(x: Any) -> Any:
+    while isinstance(x, TracedNumber):
+        x = x.value
+    return x.item() if isinstance(x, np.ndarray) and x.dtype == object else x
+
+
+def _given(y: Any, _: Any) -> Any:
+    return y
+
+
+def _read(handle: Sequence[Any], t: Any, form: Form, order: int) -> list[Any]:
+    if isinstance(t, TracedNumber):
+        values, slopes = (_read(handle, t.value, form, k) for k in (order, order + 1))
+        return [with_slope(partial(_given, y), t, slope) for y, slope in zip(values, slopes, strict=True)]
+    t = _plain(t)
+    address, last, first, rate = handle
+    per = form.degree + 1
+    stride = 2 + per * max(form.columns, 1)
+
+    def entry(row: Any, column: int) -> Any:
+        return memory.entry(address, row, last, column, stride)
+
+    if form.halvings:
+        row: Any = 0.0
+        for k in reversed(range(form.halvings)):
+            half = 2.0**k
+            row = row + (1 + algebra.sign(t - entry(row + half, 0))) * (half / 2)
+    else:
+        row = algebra.nearest((t - first) * rate)
+    inverse = entry(row, 1)
+    u, scale = (t - entry(row, 0)) * inverse, inverse if order else 1.0
+    for _ in range(order - 1):
+        scale = scale * inverse
+    out = []
+    for column in range(2, stride, per):
+        value: Any = 0.0
+        for power in range(form.degree, order - 1, -1):
+            value = value * u + math.perm(power, order) * entry(row, column + power)
+        out.append(value * scale)
+    return out
+
+
+# -- of models ---------------------------------------------------------------------------------------------------
+
+
+def _of_time(model: Model) -> Iterator[tuple[str, Array]]:
+    """The names of the tables of forces that depend on time, and the tables packed, (..., size)."""
+    record = model.system.perturbation
+    forces = [] if record is None else [*record.functions.values(), *([record.pair] if record.pair else [])]
+    timed = {name for force in forces if force.names("t") for name in force.parameters}
+    for p in model.system.parameters:
+        if p.kind == "table" and p.letter in timed and model.params[p.letter].shape[-1] > HEAD:
+            yield p.letter, model.params[p.letter]
+
+
+def require_none(model: Model, what: str) -> None:
+    """Raises `InputError` for a model with a table."""
+    for p in model.system.parameters:
+        if p.kind == "table" and model.params[p.letter].shape[-1] > HEAD:
+            raise InputError(f"{what}: expected forces by formulas, got the table {p.letter}, which it does not hold.")
+
+
+def require_within(model: Model, begin: float, end: float) -> None:
+    """Raises `InputError` for a table that does not hold its ends and starts or ends within a time."""
+    for name, packed in _of_time(model):
+        for one in packed.reshape(-1, packed.shape[-1]):
+            t = _parts(one)[0]
+            if not one[3] and (begin < t[0] or end > t[-1]):
+                raise InputError(
+                    f"{name}: expected a table for all times of the run, {begin:g} to {end:g}, got one from {t[0]:g} "
+                    f"to {t[-1]:g}. Use a shorter run, more times, or kr.Table(..., hold=True), which keeps its ends."
+                )
