@@ -223,11 +223,6 @@ def sign(x: Array) -> Array:
     return np.where(x < 0, -1, 1)
 
 
-def nearest(x: Array) -> Array:
-    """The integer next to each entry, of two the even one; recorded numbers define it themselves."""
-    return x.nearest() if hasattr(x, "nearest") else np.rint(x)
-
-
 def magnitude(x: Array) -> float:
     """The largest |entry| as a float, 0 for an empty array; for messages and tolerances."""
     x = np.asarray(x)

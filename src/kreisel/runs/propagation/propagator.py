@@ -137,8 +137,9 @@ class Propagator:
     def _require_free(self, names: tuple[str, ...]) -> None:
         """Raises `InputError` for parameters that calls cannot have."""
         system, scheme = self.model.system, self._stepper.scheme
-        derived = {*keywords(system.derive)} if system.derive else set()
-        free = [name for name in self.model.params if name in scheme.constants and name not in derived]
+        fixed = {*keywords(system.derive)} if system.derive else set()
+        fixed |= {p.letter for p in system.parameters if p.kind == "table"}  # whose constants are addresses
+        free = [name for name in self.model.params if name in scheme.constants and name not in fixed]
         plain = scheme.trajectory is None and not self._stepper.is_flow and not self._by_plan
         if not plain or self._stepper.settings.observe or not {*names} <= {*free}:
             wrong = next((name for name in names if name not in free), names[0])

@@ -61,6 +61,7 @@ class Stepper:
         self.forms = StateForms(model, scheme, settings)
         record = model.system.perturbation
         self.timed = record is not None and record.names(TIME)
+        self._tabled = any(p.kind == "table" for p in model.system.parameters)
         self.is_flow = isinstance(scheme.motion, Orbits)
         self._set_up = isinstance(scheme.motion, Flow | Orbits)  # by the state
         self._back, self._out = corrections(scheme)
@@ -87,6 +88,8 @@ class Stepper:
         """The states (lanes, entries) after `count` steps from x; with `every`, rows of the steps 0, every, ..."""
         if self._set_up:
             self.forms.require_on_phase_space(x)
+        if self._tabled and time is not None:
+            require_within(self.model, finite_number(time, "time"), time + count * self.dt)
         if self._courses is not None and every is None and self.timed == (time is not None) and len(x) == 1:
             y = self._on_course(x, count, self._courses, time, given)
             if y is not None:
@@ -94,7 +97,6 @@ class Stepper:
         z = self.forms.prepared(x)
         if self.timed or time is not None:
             z = self._at_time(z, time)
-            require_within(self.model, float(time or 0.0), float(time or 0.0) + count * self.dt)
         z = self._back(z[None])[0]
         if every is not None:
             return self.forms.observed(self._out(self._rows(z, count, every, self.scheme, given)))
@@ -335,7 +337,8 @@ class Stepper:
                 f"times: expected at most {MOST_STEPS:,} steps of dt = {self.dt:g}, which are not lost in the time, "
                 f"got {end:g} from {time:g} on."
             )
-        require_within(self.model, time, end)
+        if self._tabled:
+            require_within(self.model, time, end)
 
     def returned(self, z: Floats, time: float) -> Floats:
         """Rows of the stepped variables at a time as states (lanes, entries), followed by the observed quantities."""
