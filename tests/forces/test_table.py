@@ -78,6 +78,13 @@ def by_tables(scale: Any = 1.0, hold: bool = False) -> Model:
     return kr.perturbed(TOP, potential=pushed, torque=loaded, params=params)
 
 
+MOTOR = kr.Table(UNEVEN, PUSH(UNEVEN))
+
+
+def pushed_about(t: Any, motor: Any) -> Any:
+    return np.stack([0.0 * t, 0.0 * t, motor(t)])
+
+
 def by_formulas() -> Model:
     return kr.perturbed(TOP, potential=lambda a, t: PUSH(t) * a[0], torque=lambda t: np.stack([p(t) for p in LOAD]))
 
@@ -126,6 +133,16 @@ def test_a_table_must_cover_the_run() -> None:
     assert held([-9.0, 0.5, 9.0]).tolist() == [2.0, 3.5, 5.0]
     assert held.derivative([-9.0, 0.5, 9.0]).tolist() == [0.0, 3.0, 0.0]
     kr.simulate(by_tables(hold=True), START, **{**RUN, "steps": 300})
+
+
+def test_a_body_in_si() -> None:
+    """A measured torque about the axis of a symmetric wheel, whose unit of time is not 1 s: M = integral of it."""
+    wheel = kr.physical.FreeBody((2.0, 2.0, 4.0), time_unit=0.1, torque=pushed_about, params={"motor": MOTOR})
+    run = kr.simulate(wheel, wheel.state(spin=(0.0, 0.0, 1.0)), dt="50 ms", t_end="8 s", every="1 s")
+    want = 4.0 + np.array([PUSH.integ()(t) for t in run.time.values])
+    assert (run.momentum if "momentum" in run else run.M).values[:, 2] == pytest.approx(want, rel=1e-9)
+    with pytest.raises(kr.InputError, match=r"for all times of the run, 0 to 12\.05, got one from -2 to 12"):
+        kr.simulate(wheel, wheel.state(spin=(0.0, 0.0, 1.0)), dt="50 ms", t_end="12.05 s")
 
 
 def test_derivatives_and_languages() -> None:

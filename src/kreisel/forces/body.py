@@ -28,7 +28,7 @@ from kreisel.record.contract import Frame, Parameter, System
 from kreisel.record.given import SKEW_TOLERANCE, axes_of, numbers, require_one_reading
 from kreisel.record.model import Model
 from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation, together
-from kreisel.record.table import form_of, packed_of
+from kreisel.record.table import Form, form_of, packed_of
 from kreisel.system import REGISTRY
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def _record(
     forces = {
         what: None
         if function is None
-        else function.of(model)
+        else replace(function.of(model), tables=_tables(own, function.params), units=dict.fromkeys(own, function.time))
         if isinstance(function, InBody)
         else _force(function, what, (*(of_two if what == "pair_potential" else letters), TIME), model, own)
         for what, function in functions.items()
@@ -199,8 +199,12 @@ def _force(function: Any, what: str, letters: tuple[str, ...], model: Model, par
                 f"{hint(parameter.name, names)} Parameters stand after * and in params={{...}}."
             )
         (arguments if place else parameters).append(parameter.name)
-    tables = {p.letter: form_of(p.default) for p in params.values() if p.kind == "table" and p.letter in parameters}
-    return Force(function, tuple(arguments), tuple(parameters), tables=tables)
+    return Force(function, tuple(arguments), tuple(parameters), tables=_tables(params, parameters))
+
+
+def _tables(params: Mapping[str, Parameter], names: Sequence[str]) -> dict[str, Form]:
+    """The forms of those of the named parameters that are tables."""
+    return {name: form_of(params[name].default) for name in names if name in params and params[name].kind == "table"}
 
 
 def _parameters(model: Model, params: Any) -> dict[str, Parameter]:

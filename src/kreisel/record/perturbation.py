@@ -29,6 +29,7 @@ class Force:
 
     chooses     whether it chooses values by comparisons: it may have corners and jumps
     tables      the forms of parameters that are tables
+    units       times of a table over t, if they differ
     """
 
     function: Callable[..., Any]
@@ -36,6 +37,7 @@ class Force:
     parameters: tuple[str, ...]
     chooses: bool = False
     tables: Mapping[str, Form] = field(default_factory=dict)
+    units: Mapping[str, float] = field(default_factory=dict)
 
     def named(self, values: Iterable[Any]) -> dict[str, Any]:
         """The parameters by name, with readers of tables in place of their handles."""
@@ -90,7 +92,9 @@ def together(*forces: Force | None) -> Force | None:
         ]
         return sum(np.asarray(out, dtype=object)[()] for out in each)
 
-    return Force(total, arguments, parameters, any(force.chooses for force in present))
+    tables = {name: form for force in present for name, form in force.tables.items()}
+    units = {name: unit for force in present for name, unit in force.units.items()}
+    return Force(total, arguments, parameters, any(force.chooses for force in present), tables, units)
 
 
 @dataclass(frozen=True)

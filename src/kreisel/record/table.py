@@ -322,14 +322,14 @@ def _read(handle: Sequence[Any], t: Any, form: Form, order: int) -> list[Any]:
 # -- of models ---------------------------------------------------------------------------------------------------
 
 
-def _of_time(model: Model) -> Iterator[tuple[str, Array]]:
-    """The names of the tables of forces that depend on time, and the tables packed, (..., size)."""
+def _of_time(model: Model) -> Iterator[tuple[str, Array, float]]:
+    """The tables of forces that depend on time: the name, the tables packed, (..., size), their times over t."""
     record = model.system.perturbation
     forces = [] if record is None else [*record.functions.values(), *([record.pair] if record.pair else [])]
-    timed = {name for force in forces if force.names("t") for name in force.parameters}
-    for p in model.system.parameters:
-        if p.kind == "table" and p.letter in timed and model.params[p.letter].shape[-1] > HEAD:
-            yield p.letter, model.params[p.letter]
+    units = {name: force.units.get(name, 1.0) for force in forces if force.names("t") for name in force.tables}
+    for name, unit in units.items():
+        if model.params[name].shape[-1] > HEAD:
+            yield name, model.params[name], unit
 
 
 def require_none(model: Model, what: str) -> None:
@@ -341,11 +341,12 @@ def require_none(model: Model, what: str) -> None:
 
 def require_within(model: Model, begin: float, end: float) -> None:
     """Raises `InputError` for a table that does not hold its ends and starts or ends within a time."""
-    for name, packed in _of_time(model):
+    for name, packed, unit in _of_time(model):
         for one in packed.reshape(-1, packed.shape[-1]):
             t = _parts(one)[0]
-            if not one[3] and (begin < t[0] or end > t[-1]):
+            first, last = begin * unit, end * unit
+            if not one[3] and (first < t[0] or last > t[-1]):
                 raise InputError(
-                    f"{name}: expected a table for all times of the run, {begin:g} to {end:g}, got one from {t[0]:g} "
+                    f"{name}: expected a table for all times of the run, {first:g} to {last:g}, got one from {t[0]:g} "
                     f"to {t[-1]:g}. Use a shorter run, more times, or kr.Table(..., hold=True), which keeps its ends."
                 )
