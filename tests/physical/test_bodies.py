@@ -116,6 +116,14 @@ def test_a_floating_ball_goes_straight_on() -> None:
     assert same(ball.course(run).position[-1], (0.6, 0.0, 0.2), 1e-12)
 
 
+def test_every_way_to_give_a_body_accepts_forces() -> None:
+    wheel = Gyroscope.flat(3.0, 0.17, 0.15, damping=0.1)
+    box, ball = FreeBody.box(1.0, (1.0, 2.0, 3.0), damping=0.1), FreeBody.ellipsoid(1.0, (1.0, 2.0, 2.0), damping=0.1)
+    assert {b.damping for b in (wheel, box, ball, HeavyBody.about_centre(1.0, TENSOR, CENTRE, damping=0.1))} == {0.1}
+    with pytest.raises(kr.InputError, match="no argument 'friction'"):
+        Gyroscope.flat(3.0, 0.17, 0.15, friction=0.1)
+
+
 def test_what_a_body_refuses() -> None:
     x0 = WHEEL.state(tilt=0.5, spin=200.0)
     with pytest.raises(kr.InputError, match="multiple of dt"):

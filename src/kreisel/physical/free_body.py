@@ -75,14 +75,14 @@ class FreeBody(Forced):
             si_number(in_range(name, lambda name=name: getattr(self, name)), "J", name, positive=True)  # type: ignore[misc]
 
     @classmethod
-    def box(cls, mass: float, sides: Any, time_unit: float = 1.0) -> FreeBody:
+    def box(cls, mass: float, sides: Any, time_unit: float = 1.0, **forces: Any) -> FreeBody:
         """A homogeneous box with these sides, m.  Raises `InputError`."""
-        return _homogeneous(cls, mass, three(sides, "m", "sides"), 12.0, time_unit)
+        return cls(*_homogeneous(mass, three(sides, "m", "sides"), 12.0), time_unit, **forces)
 
     @classmethod
-    def ellipsoid(cls, mass: float, diameters: Any, time_unit: float = 1.0) -> FreeBody:
+    def ellipsoid(cls, mass: float, diameters: Any, time_unit: float = 1.0, **forces: Any) -> FreeBody:
         """A homogeneous ellipsoid with these principal diameters, m.  Raises `InputError`."""
-        return _homogeneous(cls, mass, three(diameters, "m", "diameters"), 20.0, time_unit)
+        return cls(*_homogeneous(mass, three(diameters, "m", "diameters"), 20.0), time_unit, **forces)
 
     @classmethod
     def from_mesh(
@@ -92,13 +92,14 @@ class FreeBody(Forced):
         density: Any = None,
         mass: Any = None,
         time_unit: float = 1.0,
+        **forces: Any,
     ) -> FreeBody:
         """The homogeneous body of a mesh file, with coordinates in `length` ("mm"), by its density or mass.
 
         See `read_mesh`, whose result other bodies accept too.  Raises `InputError`.
         """
         part = read_mesh(mesh, length, density, mass)
-        return cls(part.inertia, part.mass, time_unit)
+        return cls(part.inertia, part.mass, time_unit, **forces)
 
     @cached_property
     def principal(self) -> Principal:
@@ -234,10 +235,10 @@ def angular_velocity_of(spin: Any, axis: Any) -> Array:
     return si_numbers(spin, RATE, "spin")
 
 
-def _homogeneous(kind: type[FreeBody], mass: Any, sizes: tuple[float, ...], part: float, time_unit: float) -> FreeBody:
-    """I_1 = mass (b^2 + c^2)/part."""
+def _homogeneous(mass: Any, sizes: tuple[float, ...], part: float) -> tuple[Array, float]:
+    """Moments I_1 = mass (b^2 + c^2)/part, and the mass."""
     mass = si_number(mass, "kg", "mass", positive=True)
     if min(sizes) < 0:
         raise InputError(f"expected lengths of at least 0, got {shown(sizes)}.")
     squares = in_range("The moments", lambda: mass * np.array(sizes) ** 2 / part)
-    return kind(squares.sum() - squares, mass, time_unit)
+    return squares.sum() - squares, mass

@@ -73,12 +73,14 @@ class Gyroscope(Forced):
             in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
 
     @classmethod
-    def flat(cls, mass: float, axial_moment: float, lever: float, gravity: float = STANDARD_GRAVITY) -> Gyroscope:
+    def flat(
+        cls, mass: float, axial_moment: float, lever: float, gravity: float = STANDARD_GRAVITY, **forces: Any
+    ) -> Gyroscope:
         """A flat wheel on a light axle: I1 = I3/2 + m l^2 (perpendicular axes, Steiner).  Raises `InputError`."""
         mass, lever = si_number(mass, "kg", "mass", positive=True), si_number(lever, "m", "lever", positive=True)
         axial_moment = si_number(axial_moment, MOMENT, "axial_moment", positive=True)
         transverse = in_range("mass lever^2", lambda: axial_moment / 2 + mass * lever**2)
-        return cls(mass, axial_moment, transverse, lever, gravity)
+        return cls(mass, axial_moment, transverse, lever, gravity, **forces)
 
     @property
     def alpha(self) -> float:

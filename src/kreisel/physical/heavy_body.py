@@ -70,10 +70,12 @@ class HeavyBody(Forced):
             in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
 
     @classmethod
-    def about_centre(cls, mass: float, inertia: Any, arm: Any, gravity: float = STANDARD_GRAVITY) -> HeavyBody:
+    def about_centre(
+        cls, mass: float, inertia: Any, arm: Any, gravity: float = STANDARD_GRAVITY, **forces: Any
+    ) -> HeavyBody:
         """The body from the inertia tensor about the centre of mass: I + m (|l|^2 - l l^T) (Steiner)."""
         mass, arm = si_number(mass, "kg", "mass", positive=True), si_numbers(arm, "m", "arm", ((3,),))
-        return cls(mass, inertia_tensor(inertia) + steiner(mass, arm), arm, gravity)
+        return cls(mass, inertia_tensor(inertia) + steiner(mass, arm), arm, gravity, **forces)
 
     @property
     def mass_tensor(self) -> Array:
