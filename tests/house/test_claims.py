@@ -17,7 +17,7 @@ ROWS = {
     "friction in a bearing, drag of a fluid": ["perturbed.md", "physical/test_submerged.py::terminal_speed"],
     "a torque that depends on time": ["perturbed.md", "forces/test_perturbed.py::order_of_forces_in_a_fluid"],
     "a satellite": ["satellites.md", "physical/test_satellite.py"],
-    "a controller in the loop": ["runs.md", "runs/test_propagator.py::steps_are_those_of_a_run"],
+    "a controller in the loop": ["control.md", "physical/test_control.py::a_controller_is_that_of_an_independent_loop"],
     "an impulse, a stop at an event": [
         "runs/test_breaks.py::an_impulse_is_added_at_its_time",
         "runs/test_breaks.py::an_event_stops_the_run_where_it_happens",

@@ -242,6 +242,7 @@ MISTAKES = {
     "noise of no sensor": (lambda: kr.Control(bdot, noise={"rate": 1}), "expected a dict with rates"),
     "a negative limit": (lambda: kr.Control(bdot, limits={"dipole": -1}), "sizes >= 0"),
     "a limit of no command": (lambda: noisy(limits={"torque": 1}), "limits: expected a number"),
+    "noise of a sensor that the law lacks": (lambda: noisy(noise={"sun": 1e-3}), "expected sensors of the law, field"),
     "a name of the body": (lambda: noisy(parameters={"gain": 1, "drag": 1}), "neither sensors nor the body"),
     "a delay": (lambda: noisy(delay=-1), "delay: expected a whole number"),
     "two kinds of wheels": (

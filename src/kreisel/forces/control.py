@@ -28,7 +28,17 @@ from kreisel.algebra.random import normals
 from kreisel.algebra.recorded import run
 from kreisel.errors import InputError, shown
 from kreisel.forces import kicks
-from kreisel.forces.kicks import BODY_AXES, WHEELS, Body, Constants, along_state, perturbation_of, to_body
+from kreisel.forces.kicks import (
+    BODY_AXES,
+    HELD,
+    OF_PLACE,
+    WHEELS,
+    Body,
+    Constants,
+    perturbation_of,
+    surroundings,
+    to_body,
+)
 from kreisel.forces.records import perturbed_record
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import Portable
@@ -37,8 +47,7 @@ from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME, Controller
 
 QUEUE, GENERATOR, WHEEL_LIMIT = "queue", "generator", "wheel_limit"
-DEVIATION, BIAS, LIMIT, HELD = "noise_", "bias_", "limit_", "commanded_"
-OF_PLACE = {"field": (3,), "sun": (3,), "light": (), "position": (3,), "velocity": (3,)}
+DEVIATION, BIAS, LIMIT = "noise_", "bias_", "limit_"
 SENSORS = {"rates": (3,), "attitude": (4,), "time": (), WHEELS: (-1,), **OF_PLACE}
 COMMANDS = {"dipole": "A m^2", "torque": "N m", "wheel_torque": "N m", "impulse": "N m s"}
 
@@ -83,41 +92,6 @@ def changed_by_samples(system: System) -> tuple[int, ...]:
 def of(system: System, state: State) -> dict[str, Array]:
     """The components of a state by letter."""
     return dict(zip(system.space.letters, state, strict=True))
-
-
-# -- the actuators -----------------------------------------------------------------------------------------
-
-
-def surroundings(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> dict[str, Array]:
-    """The fields at the place of the body, in space, by name.  Raises `InputError` for a body without a place."""
-    force = perturbation_of(system).environment
-    if force is None:
-        raise InputError(
-            f"{system.name}: expected a law of rates, attitude, time, wheels, that commands torques, got one of "
-            f"{', '.join(OF_PLACE)}, or a dipole. Only a body on an orbit has them: kr.physical.Satellite."
-        )
-    tape: list[Any] = []
-    more = {name: traced(tape, known[name], axes[name]) for name in force.parameters}
-    found = run(force.function, traced(tape, body.t, 0), **more)
-    return {name: kicks.values_of(np.asarray(value, dtype=object), body) for name, value in found.items()}
-
-
-def actuated(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> list[Any]:
-    """The rates of the state by the commands that are held."""
-    held, back = of(system, body.state), to_body(known).mT
-    rates: list[Any] = [0 * z for z in body.state]
-    tau: Any = 0 * algebra.axial(body.state[0])
-    if HELD + "dipole" in held:
-        B = algebra.act(body.g.mT, surroundings(system, body, known, axes)["field"])  # type: ignore[union-attr]
-        tau = tau + algebra.cross(algebra.act(back, held[HELD + "dipole"]), B)
-    if HELD + "torque" in held:
-        tau = tau + algebra.act(back, held[HELD + "torque"])
-    if HELD + "wheel_torque" in held:
-        motors = held[HELD + "wheel_torque"]
-        tau = tau - along_state(motors, known)
-        rates[system.space.letters.index(WHEELS)] = motors
-    rates[0] = algebra.hat(tau)
-    return rates
 
 
 # -- a sample ----------------------------------------------------------------------------------------------

@@ -29,7 +29,8 @@ from kreisel.record.perturbation import FIRST, SECOND, TIME, Force, Perturbation
 ORIENTATION = "g"
 DAMPING, INERTIA, COUPLING = "damping", "inertia", "coupling"
 WHEEL, WHEEL_TORQUE = "wheel", "wheel_torque"
-WHEELS, WHEEL_AXES, BODY_AXES = "wheels", "wheel_axes", "body_axes"  # of a body with control
+WHEELS, WHEEL_AXES, BODY_AXES, HELD = "wheels", "wheel_axes", "body_axes", "commanded_"  # of a body with control
+OF_PLACE = {"field": (3,), "sun": (3,), "light": (), "position": (3,), "velocity": (3,)}
 DIAGONAL = 1e-12  # relative: off-diagonal entries of an inverse inertia
 DOUBLINGS, TERMS = 8, 8  # of expm1: to rounding for x from -200 to 8
 
@@ -147,8 +148,6 @@ def loads(system: System, body: Body, known: Constants, axes: Mapping[str, int])
     record, rates = perturbation_of(system), [0 * z for z in body.state]
     tau, F, power = torque(system, body, known, axes), force(system, body, known, axes), 0
     if record.control is not None:
-        from kreisel.forces.control import actuated
-
         rates = actuated(system, body, known, axes)
         tau = rates[0] if tau is None else tau + rates[0]
     if record.wheel:
@@ -274,6 +273,38 @@ def to_body(known: Constants) -> Array:
 def along_state(wheels: Array, known: Constants) -> Array:
     """The sum (..., 3) of numbers of wheels (..., k) times their axes, along the axes of the state."""
     return algebra.act(to_body(known).mT, (wheels[..., None, :] @ known[WHEEL_AXES])[..., 0, :])
+
+
+def surroundings(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> dict[str, Array]:
+    """The fields at the place of the body, in space, by name.  Raises `InputError` for a body without a place."""
+    force = perturbation_of(system).environment
+    if force is None:
+        raise InputError(
+            f"{system.name}: expected a law of rates, attitude, time, wheels, that commands torques, got one of "
+            f"{', '.join(OF_PLACE)}, or a dipole. Only a body on an orbit has them: kr.physical.Satellite."
+        )
+    tape: list[Any] = []
+    more = {name: traced(tape, known[name], axes[name]) for name in force.parameters}
+    found = run(force.function, traced(tape, body.t, 0), **more)
+    return {name: values_of(np.asarray(value, dtype=object), body) for name, value in found.items()}
+
+
+def actuated(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> list[Any]:
+    """The rates of the state by the commands that are held."""
+    held, back = dict(zip(system.space.letters, body.state, strict=True)), to_body(known).mT
+    rates: list[Any] = [0 * z for z in body.state]
+    tau: Any = 0 * algebra.axial(body.state[0])
+    if HELD + "dipole" in held:
+        B = algebra.act(body.g.mT, surroundings(system, body, known, axes)["field"])  # type: ignore[union-attr]
+        tau = tau + algebra.cross(algebra.act(back, held[HELD + "dipole"]), B)
+    if HELD + "torque" in held:
+        tau = tau + algebra.act(back, held[HELD + "torque"])
+    if HELD + "wheel_torque" in held:
+        motors = held[HELD + "wheel_torque"]
+        tau = tau - along_state(motors, known)
+        rates[system.space.letters.index(WHEELS)] = motors
+    rates[0] = algebra.hat(tau)
+    return rates
 
 
 def translation(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array:

@@ -20,14 +20,13 @@ from kreisel.forces.control import (
     DEVIATION,
     GENERATOR,
     LIMIT,
-    OF_PLACE,
     SENSORS,
     WHEEL_LIMIT,
     called,
     components,
     controlled,
 )
-from kreisel.forces.kicks import BODY_AXES, WHEEL_AXES, WHEELS, perturbation_of
+from kreisel.forces.kicks import BODY_AXES, OF_PLACE, WHEEL_AXES, WHEELS, perturbation_of
 from kreisel.physical.measures import finite_floats, si_number, si_numbers
 from kreisel.record.contract import Parameter
 from kreisel.record.model import Model
@@ -144,6 +143,9 @@ class Control:
             noise=tuple(self.noise),
             limits=tuple(self.limits),
         )
+        deaf = [name for name in self.noise if name not in arguments]
+        if deaf:
+            raise InputError(f"noise: expected sensors of the law, {', '.join(arguments)}, got {shown(deaf[0])}.")
         for name, values in self.noise.items():
             for word, what in ((DEVIATION, "standard deviation"), (BIAS, "bias")):
                 own.append(_parameter(word + name, values[word], f"{what} of the sensor {name}, {NOISY[name]}"))

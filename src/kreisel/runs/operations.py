@@ -24,8 +24,6 @@ from kreisel import algebra
 from kreisel.algebra.reuse import Identity, reused
 from kreisel.errors import InputError, shown
 from kreisel.files import parsed
-from kreisel.forces.control import SENSORS
-from kreisel.forces.kicks import WHEELS
 from kreisel.graph.graph import Graph, Number, array_of
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.calling import call, keywords
@@ -179,6 +177,9 @@ def _of_force(force: Force, model: Model) -> Any:
 
 def _of_law(control: Controller, model: Model) -> Any:
     """The law of a controller, and all that is said about it."""
+    from kreisel.forces.control import SENSORS
+    from kreisel.forces.kicks import WHEELS
+
     shapes = {**SENSORS, WHEELS: (control.wheels,), **control.memory}
 
     def arguments(graph: Graph) -> Any:
