@@ -60,8 +60,8 @@ _LAZY = {
 }
 SHOWN.update({what: f"kreisel.viewer.record:{what}_html" for what in ("system", "model", "state", "run")})
 SHOWN.update(plot="kreisel.viewer.plots:plot", view="kreisel.viewer.page:view")
-_PARTS = ("analysis", "checkcases", "lab", "physical", "rebound", "reduction", "units")
-_EXTRAS = ("rebound", "reduction")  # packages that need REBOUND and JAX
+_PARTS = ("analysis", "checkcases", "gym", "lab", "physical", "rebound", "reduction", "units")
+_EXTRAS = ("gym", "rebound", "reduction")  # packages that need gymnasium, REBOUND and JAX
 
 __all__ = ["AccuracyWarning", "ConservationWarning", "InputError", "InputWarning", "RunError", "methods", "systems"]
 __all__ += [*NAMED, *_LAZY, *(part for part in _PARTS if part not in _EXTRAS)]

@@ -11,6 +11,7 @@ from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel import analysis as analysis
 from kreisel import checkcases as checkcases
+from kreisel import gym as gym
 from kreisel import lab as lab
 from kreisel import physical as physical
 from kreisel import rebound as rebound

@@ -36,7 +36,7 @@ RANK = {  # a part imports what stands on its own line or above
             ("sweeps",),
             ("languages",),
             ("lab", "analysis", "physical", "viewer", "bench", "checkcases"),
-            ("rebound",),
+            ("rebound", "gym"),
             ("cli",),
             ("__main__",),
         )
@@ -207,9 +207,9 @@ print(kr.reduction.SO(3).n, *(getattr(kr, part).__name__ for part in kr._PARTS))
 """
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120).stdout
     assert out.splitlines() == [
-        "False True True True True False False True",
-        "3 kreisel.analysis kreisel.checkcases kreisel.lab kreisel.physical kreisel.rebound kreisel.reduction "
-        "kreisel.units",
+        "False True True False True True False False True",
+        "3 kreisel.analysis kreisel.checkcases kreisel.gym kreisel.lab kreisel.physical kreisel.rebound "
+        "kreisel.reduction kreisel.units",
     ]
 
 
