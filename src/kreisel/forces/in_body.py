@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,14 @@ from kreisel.forces.kicks import COUPLING, ORIENTATION
 from kreisel.record.calling import Portable, call, keywords
 from kreisel.record.contract import Frame, System
 from kreisel.record.model import Model
-from kreisel.record.perturbation import TIME, Force
+from kreisel.record.perturbation import TIME, Force, together
 
 MOTION = ("M", "Omega", "g", "t")  # momentum, angular velocity, orientation (body to space), time
-PLACE = {"r": "position", "v": "velocity", "B": "field", "sun": "sun", "light": "light", "density": "density"}
+PLACE = {
+    "r": "position", "v": "velocity", "B": "field", "B_rate": "field_rate", "sun": "sun",
+    "light": "light", "density": "density",
+}  # fmt: skip
+NEAR = 1.0  # s: a difference over twice this time has the rate of the field to 1e-7
 SCALARS = ("light", "density")
 
 
@@ -68,7 +73,11 @@ class InBody:
                 Omega = algebra.axial(_velocity(system, state, known))
                 body["Omega"] = (self.turn @ Omega if moving else Omega @ g) / self.time
             if place is not None and by_place:
-                found = run(place.function, body["t"], **{name: known[name] for name in place.parameters})
+                at = partial(run, place.function, **{name: known[name] for name in place.parameters})
+                found = at(body["t"])
+                if "B_rate" in by_place:
+                    later, earlier = (at(body["t"] + h)["field"] for h in (NEAR, -NEAR))
+                    found["field_rate"] = (later - earlier) / (2 * NEAR)
                 body |= {name: found[PLACE[name]] if name in SCALARS else found[PLACE[name]] @ g for name in by_place}
             out = run(self.function.function, **{name: {**known, **body}[name] for name in self.names})
             return self._value(out, g, moving)
@@ -86,10 +95,38 @@ class InBody:
         return (tau @ self.turn if moving else g @ tau) / size
 
 
+@dataclass(frozen=True, eq=False)
+class Several:
+    """The sum of forces."""
+
+    parts: tuple[InBody, ...]
+
+    @property
+    def params(self) -> tuple[str, ...]:
+        """The parameters of all functions."""
+        return tuple(dict.fromkeys(name for part in self.parts for name in part.params))
+
+    @property
+    def time(self) -> float:
+        """The unit of time of the model, s."""
+        return self.parts[0].time
+
+    def of(self, model: Model) -> Force:
+        """The force of a model."""
+        total = together(*(part.of(model) for part in self.parts))
+        assert total is not None
+        return total
+
+
 def in_body(what: str, function: Any, params: Mapping[str, Any], quantities: tuple[str, ...], **frame: Any) -> Any:
-    """A force of these quantities and parameters by name; None without a function.  Raises `InputError`."""
+    """A force of these quantities and parameters by name; None without a function.  Raises `InputError`.
+
+    A list of functions is their sum.
+    """
     if function is None:
         return None
+    if isinstance(function, list | tuple) and function:
+        return Several(tuple(in_body(what, each, params, quantities, **frame) for each in function))
     try:
         names = tuple(inspect.signature(function).parameters)
     except (TypeError, ValueError):

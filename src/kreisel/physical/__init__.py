@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from kreisel.physical.control import Control, Wheels
 from kreisel.physical.ellipsoid import Ellipsoid
+from kreisel.physical.forced import EddyCurrents
 from kreisel.physical.free_body import AxisStability, FreeBody
 from kreisel.physical.free_rotation import FreeRotation
 from kreisel.physical.gyroscope import Gyroscope, Motion
@@ -39,6 +40,7 @@ __all__ = [
     "AxisStability",
     "Control",
     "Course",
+    "EddyCurrents",
     "Ellipsoid",
     "FreeBody",
     "FreeRotation",

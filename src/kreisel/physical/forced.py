@@ -8,13 +8,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from kreisel.algebra import Array
-from kreisel.errors import InputError, shown
+from kreisel.algebra import Array, cross
+from kreisel.errors import InputError, explained, shown
 from kreisel.forces.body import perturbed
 from kreisel.forces.in_body import MOTION, in_body
-from kreisel.physical.measures import finite_floats
+from kreisel.physical.measures import finite_floats, si_numbers
 from kreisel.record.body import Body
 from kreisel.record.body_frame import BodyFrame
+from kreisel.record.checks import CLOSE
 from kreisel.record.model import Model
 
 
@@ -23,8 +24,9 @@ class Forced(Body):
     """User-defined forces on a body, in SI, along the axes in which it was given.
 
     torque      a function, N m (3,), of quantities by name: momentum M, angular velocity Omega, orientation g (a
-                matrix, body to space), time t, s; for a satellite also its position r and velocity v, the field B, the
-                direction of the Sun, all along the body axes, light (0 to 1) and density
+                matrix, body to space), time t, s; for a satellite also its position r and velocity v, the field B and
+                its rate along the orbit, B_rate, the direction of the Sun, all along the body axes, light (0 to 1) and
+                density; or a list of functions, whose sum acts
     potential   a function, J, of the same without M and Omega; its torque is derived from it
     damping     gamma in M' = -gamma M, 1/s: one value, or one for each axis
     params      further arguments of the functions by name, each with or without an axis of lanes
@@ -39,7 +41,7 @@ class Forced(Body):
     @property
     def forced_by(self) -> bool:
         """Whether there are user-defined forces."""
-        by_torque = callable(self.torque) if self.steady else self.torque is not None
+        by_torque = by_functions(self.torque) if self.steady else self.torque is not None
         return by_torque or self.potential is not None or self.damping is not None
 
     def forced(
@@ -79,3 +81,34 @@ class Forced(Body):
         )
         object.__setattr__(self, "_forced", made)
         return made
+
+
+def by_functions(torque: Any) -> bool:
+    """Whether a torque is a function, or a list of functions."""
+    return callable(torque) or (isinstance(torque, list | tuple) and any(map(callable, torque)))
+
+
+@explained
+@dataclass(frozen=True, eq=False)
+class EddyCurrents:
+    """The torque of eddy currents in a conducting body, `torque=` of a `Satellite`: (T (Omega x B - B_rate)) x B.
+
+    tensor     T, S m^4, (3, 3) along the body axes, its diagonal, or one value; B_rate is the rate of the field along
+               the orbit, in space
+
+    [N. Ortiz Gomez, S. J. I. Walker, Acta Astronautica 114 (2015) 34; L. B. M. Sagnieres, thesis, McGill University,
+    2018, equation 2.20]
+    """
+
+    tensor: Any
+
+    def __post_init__(self) -> None:
+        value = si_numbers(self.tensor, "S m^4", "tensor", ((), (3,), (3, 3)))
+        tensor = value * np.eye(3) if value.ndim < 2 else value
+        if abs(tensor - tensor.T).max() > CLOSE * abs(tensor).max() or np.linalg.eigvalsh(tensor)[0] < 0:
+            raise InputError(f"tensor: expected a symmetric matrix with eigenvalues >= 0, got {shown(self.tensor)}.")
+        object.__setattr__(self, "tensor", tensor)
+
+    def __call__(self, Omega: Any, B: Any, B_rate: Any) -> Any:
+        """The torque (3,), N m."""
+        return cross(self.tensor @ (cross(Omega, B) - B_rate), B)

@@ -17,7 +17,7 @@ from kreisel.errors import InputError, explained, shown
 from kreisel.forces.in_body import MOTION, PLACE
 from kreisel.physical import environment as earth
 from kreisel.physical.control import Control, Wheels, start_of_wheels, with_wheels
-from kreisel.physical.forced import Forced
+from kreisel.physical.forced import Forced, by_functions
 from kreisel.physical.free_body import FreeBody, angular_velocity_of
 from kreisel.physical.inertia import inertia_tensor
 from kreisel.physical.measures import (
@@ -135,7 +135,7 @@ class Satellite(Forced):
         object.__setattr__(self, "body", FreeBody(inertia, time_unit=float(np.trace(inertia)) / 3))  # M in kg m^2/s
         units = {"magnetic_moment": "A m^2", "torque": "N m", "wheel_torque": "N m"}
         for name, unit in units.items():
-            if name == "torque" and callable(self.torque):
+            if name == "torque" and by_functions(self.torque):
                 continue
             object.__setattr__(self, name, si_numbers(getattr(self, name), unit, name, ((3,),)))
         if self.wheel is not None:
@@ -207,7 +207,7 @@ class Satellite(Forced):
             "moments": self.body.principal.moments,
             **self.orbit.elements,
             "dipole": self.magnetic_moment @ along,
-            "torque": np.zeros(3) if callable(self.torque) else self.torque @ along,
+            "torque": np.zeros(3) if by_functions(self.torque) else self.torque @ along,
             "plates": rows or np.zeros((1, 7)),
             "drag": self.drag,
             "pressure": self.light,
