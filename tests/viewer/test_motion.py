@@ -7,9 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import kreisel as kr
-from kreisel.physical import FreeBody, Orbit, Plate, Satellite
+from kreisel.physical import FreeBody, Gyroscope, Orbit, Plate, Satellite
 from kreisel.runs.orbits import pointing_error
 from kreisel.viewer.motion import clock_of, panels_of, shadows_of
+from kreisel.viewer.scene import scene
+from scenes import array
 
 AXES = Rotation.from_rotvec([0.3, -0.5, 0.9]).as_matrix()
 TENSOR = AXES @ np.diag([1.0, 2.5, 2.0]) @ AXES.T
@@ -82,6 +84,25 @@ def test_the_clock_suits_the_length_of_a_run(top, x0):
         clock = clock_of(run)
         assert clock.unit == unit and np.isclose(clock.size, size)
     assert clock_of(kr.simulate(top, x0, dt=1.0, steps=1, progress=False)) == ("", 1.0, 1.0)
+
+
+def test_a_gyroscope_is_shown_in_seconds_joules_and_words():
+    """The strips of the page end where the run does, whatever the unit of time of its kernel; m g l cos(tilt) + ..."""
+    wheel = Gyroscope.flat(mass=3.0, axial_moment=0.17, lever=0.15)
+    run = kr.simulate(
+        wheel, wheel.state(tilt="60 deg", spin=0.0), dt="1 ms", t_end="2 s", every="10 ms", progress=False
+    )
+    data = scene(run)
+    clock, edges = data["clock"], array(data["edges"], "f8")
+    assert clock["label"] == "time (s)" and np.isclose(array(data["time"], "f8")[-1] / clock["size"], 2.0)
+    assert np.isclose(edges[-1] / clock["size"], 2.0) and np.isclose(data["steps"], 2000)
+    energy = next(each for each in data["series"] if each["name"] == "energy")
+    assert energy["unit"] == "J" and np.isclose(energy["start"], 3.0 * 9.80665 * 0.15 * 0.5)
+    assert data["legend"]["tip"] == "axis of the body" and data["title"].startswith("Gyroscope")
+    figure = kr.plot(run)
+    titles = [axes.get_title() for axes in figure.subfigs[0].axes]
+    assert titles == ["tip of the axis on its sphere, to 2 s"]
+    assert figure.subfigs[1].axes[-1].get_xlabel() == "time (s)"
 
 
 BAD = {

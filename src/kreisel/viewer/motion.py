@@ -33,6 +33,10 @@ class Clock(NamedTuple):
         """The label of the axis."""
         return f"time ({self.unit})" if self.unit else "time"
 
+    def text(self, time: float) -> str:
+        """A time in words."""
+        return f"{time / self.size:.4g} {self.unit}" if self.unit else f"time {time:.4g}"
+
 
 def clock_of(run: xr.Dataset) -> Clock:
     """The unit that suits the length of a run of a body: at most 600 s, 180 min, 72 h."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
@@ -158,11 +158,37 @@ def _seen(run: xr.Dataset, letter: str, rows: int) -> np.ndarray:
     if not (abs(values) < LARGEST).all():
         raise InputError(f"expected a run whose {letter} is finite and below {LARGEST:g}, got one beyond.")
     frame = RunRecord.from_attrs(run.attrs).body_frame
-    return values if frame is None or letter not in frame.along else frame.vectors(values)
+    if frame is None:
+        return values
+    values = frame.vectors(values) if letter in frame.along else values
+    return values * _words(run, letter).size
+
+
+class Words(NamedTuple):
+    """A component of the state in words, of a run of a body in SI; else its letter."""
+
+    name: str
+    unit: str = ""
+    size: float = 1.0
+    coordinates: str = ""  # names of its coordinates
+
+    def coordinate(self, label: str) -> str:
+        """The name of a coordinate with its unit."""
+        unit = f" ({self.unit})" if self.unit else ""
+        return f"{self.coordinates[int(label) - 1]}{unit}" if self.coordinates else f"{self.name[:-1]}_{{{label}}}$"
+
+
+def _words(run: xr.Dataset, letter: str) -> Words:
+    frame = RunRecord.from_attrs(run.attrs).body_frame
+    if frame is None or letter not in frame.names:
+        return Words(f"${letter}$")
+    unit, size = frame.units.get(letter, ("", 1.0))
+    return Words(f"the {frame.names[letter].replace('_', ' ')}", unit, size, "xyz")
 
 
 def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: Theme) -> None:
-    paths = [_seen(lane, letter, MOST_ROWS) for _, lane in lanes]
+    paths, clock = [_seen(lane, letter, MOST_ROWS) for _, lane in lanes], clock_of(lanes[0][1])
+    tip = f"tip of {_words(lanes[0][1], letter).name}"
     radius = max(float(np.linalg.norm(xyz[:1], axis=-1).max()) for xyz in paths) or 1.0
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25))
     ball = radius * np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
@@ -175,11 +201,11 @@ def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: 
             arc = np.cumsum(np.linalg.norm(np.diff(xyz, axis=0), axis=-1))
             shown = int(np.searchsorted(arc, ARC_SHOWN * size / len(lanes))) + 1
             path = _on_sphere(xyz[:shown], size)
-            axes.plot(*path.T, color=colour, linewidth=0.8, label=name or f"tip of ${letter}$")
-            spans.add(f"to time {read_values(lane['time'][: min(shown, len(xyz))])[-1]:.4g}")
+            axes.plot(*path.T, color=colour, linewidth=0.8, label=name or tip)
+            spans.add(f"to {clock.text(read_values(lane['time'][: min(shown, len(xyz))])[-1])}")
         else:
             dots = xyz[mixed(xyz, MOST_DOTS // len(lanes))]
-            axes.plot(*dots.T, ".", color=colour, markersize=1.0, label=name or f"tip of ${letter}$")
+            axes.plot(*dots.T, ".", color=colour, markersize=1.0, label=name or tip)
             spans.add("saved states")
         label = "start" if number == len(lanes) - 1 else None
         axes.plot(*xyz[:1].T, "o", color=theme.ink, markerfacecolor=theme.colours[1], markersize=4, label=label)
@@ -189,7 +215,7 @@ def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: 
     axes.set_axis_off()
     axes.view_init(elev=22, azim=-55)
     span = spans.pop() if len(spans) == 1 else "the first turns of each lane"
-    axes.set_title(f"tip of ${letter}$ on its sphere, {span}", y=1.03)
+    axes.set_title(f"{tip} on its sphere, {span}", y=1.09)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.04), ncols=4, markerscale=1.0, handlelength=1.4)
 
 
@@ -237,6 +263,7 @@ def _on_sphere(xyz: np.ndarray, radius: float, pieces: int = 6) -> np.ndarray:
 def _components(panel: Any, lane: tuple[str, xr.Dataset], letter: str, theme: Theme) -> None:
     """The first saved states, and all rows in two of the components that change most."""
     name, run = lane
+    clock, words = clock_of(run), _words(run, letter)
     above, below = panel.subplots(2, 1, height_ratios=[1, 1.25])
     time, values = read_values(run["time"][:STATES_SHOWN]), _seen(run, letter, STATES_SHOWN)
     labels = [str(i + 1) for i in range(values.shape[1])]
@@ -248,9 +275,10 @@ def _components(panel: Any, lane: tuple[str, xr.Dataset], letter: str, theme: Th
     for i, (label, series) in enumerate(zip(labels, values.T, strict=True)):
         style = DASHES[i // len(theme.colours) % len(DASHES)]
         colour = theme.colour(i)
-        above.plot(time, series, color=colour, linestyle=style, label=f"${letter}_{{{label}}}$")
+        above.plot(time / clock.size, series, color=colour, linestyle=style, label=words.coordinate(label))
     of_lane = f" of {name}" if name else ""
-    above.set(xlabel="time", title=f"components of ${letter}${of_lane}, first {len(time)} saved states")
+    title = f"components of {words.name}{of_lane}, first {len(time)} saved states"
+    above.set(xlabel=clock.label, title=title)
     above.legend(ncols=min(values.shape[1], 6), loc="upper left", bbox_to_anchor=(0, -0.3), handlelength=1.4)
     i, *second = sorted(np.argsort(-np.ptp(whole, axis=0), kind="stable")[:2].tolist())
     j = second[0] if second else i
@@ -261,9 +289,9 @@ def _components(panel: Any, lane: tuple[str, xr.Dataset], letter: str, theme: Th
     )
     end = float(read_values(run["time"][: len(whole)])[-1])
     below.set(
-        xlabel=f"${letter}_{{{labels[i]}}}$",
-        ylabel=f"${letter}_{{{labels[j]}}}$",
-        title=f"saved states to time {end:.4g}",
+        xlabel=words.coordinate(labels[i]),
+        ylabel=words.coordinate(labels[j]),
+        title=f"saved states to {clock.text(end)}",
     )
     below.set_aspect("equal", "datalim")
     below.legend(loc="upper right")

@@ -42,7 +42,7 @@ from kreisel.runs.geometry import (
     require_unchanged,
     to_third_axis,
 )
-from kreisel.runs.in_si import in_state_form
+from kreisel.runs.in_si import in_state_form, time_unit
 from kreisel.runs.orbits import (
     Surroundings,
     axis_of_pointing,
@@ -92,6 +92,8 @@ class Shown:
     def __init__(self, run: xr.Dataset, record: RunRecord, model: Model | None, joined: bool, wanted: Wanted):
         self.run, self.record, self.model, self.joined, self._wanted = run, record, model, joined, wanted
         self.letter, self.kinds = record.carried, record.kinds
+        names = record.body_frame.names if record.body_frame is not None else {}
+        self.word = names.get(self.letter, self.letter).replace("_", " ")  # of a run in SI
         self.space = run.attrs.get("frame") == Frame.REST.value
         self.carried = np.asarray(run[self.letter].values, dtype=np.float64).reshape(run.sizes["time"], -1)
         self.axes = axes_of_state(run)  # everything here is along the user's axes of the body
@@ -150,7 +152,7 @@ class Shown:
     def _particle(self) -> None:
         self.kind, self.tip = "particle", self.carried
         self.note = "The particle on its sphere."
-        self.legend = {"tip": self.letter}
+        self.legend = {"tip": self.word}
         self.frame = np.eye(3)
 
     def _path(self) -> Array | None:
@@ -216,20 +218,20 @@ class Shown:
         else:
             axis = size * axis / np.linalg.norm(axis)
             self.body = self._made("top", axis, inertia, 0.94 * size)
-            self.legend["tip"] = f"axis, along {self.letter}" if self.space else "axis of the body, in space"
+            self.legend["tip"] = self._axis_along() if self.space else "axis of the body, in space"
             self.note = "The body rotating about its point, and the trace of its axis."
             if self.space:
                 self.triad = algebra.unit_quaternion(to_third_axis(axis / size).T)
         upright = self.space or self._fixed("body") is not None
-        S = self._point_up(up, "gravity" if upright else "momentum", self.letter)
+        S = self._point_up(up, "gravity" if upright else "momentum", self.word)
         self.axis, self.tip = axis, algebra.rotation_matrix(q) @ axis @ S.T
         self.turn = algebra.quaternion_product(algebra.unit_quaternion(S), q)
 
     def _along_the_axis(self) -> None:
         size = float(np.linalg.norm(self.carried[0])) or 1.0
-        S = self._point_up(self._fixed("space"), "gravity", self.letter)
+        S = self._point_up(self._fixed("space"), "gravity", self.word)
         self.kind, self.tip = "body", self.carried @ S.T
-        self.legend["tip"] = f"axis, along {self.letter}"
+        self.legend["tip"] = self._axis_along()
         self.axis = np.array([0.0, 0.0, size])
         self.body = self._made("top", self.axis, None, 0.94 * size).plain()
         x, y, z = (self.tip / size).T  # the least rotation from (0, 0, 1): axis (-y, x, 0), w^2 = (1 + z)/2
@@ -238,6 +240,9 @@ class Shown:
         self.turn = q / np.linalg.norm(q, axis=-1, keepdims=True)
         self.note = "The body along its axis; its turn about the axis is not shown."
         self.callout = SPIN
+
+    def _axis_along(self) -> str:
+        return f"axis, along {self.word}" if self.word == self.letter else f"{self.word} of the body"
 
     def _from_the_body(self) -> None:
         self.kind, self.tip = "seen", self.carried
@@ -250,8 +255,8 @@ class Shown:
             self.body = self._made("top", axis, inertia, 0.8 * size)
         self.tip = self.carried @ S.T
         self.turn = algebra.unit_quaternion(S)[None]
-        self.legend["tip"] = f"{self.letter}, seen from the body"
-        self.note = f"{self.letter} as the body sees it; the body stands still here."
+        self.legend["tip"] = f"{self.word}, seen from the body"
+        self.note = f"{self.word} as the body sees it; the body stands still here."
         self.callout = SPIN
 
     def _projected(self) -> None:
@@ -263,8 +268,8 @@ class Shown:
         elif up is not None and len(up) == n:
             third = int(np.abs(up).argmax())
             self.coordinates = [*[i for i in range(n) if i != third][:2], third]
-        self.legend["tip"] = self.letter
-        self.note = f"{self.letter} in three of its {n} coordinates, which can be chosen."
+        self.legend["tip"] = self.word
+        self.note = f"{self.word} in three of its {n} coordinates, which can be chosen."
 
     def _point_up(self, up: Array | None, meaning: str, letter: str) -> Array:
         S = np.eye(3) if up is None or not up.any() else to_third_axis(up / np.linalg.norm(up))
@@ -461,11 +466,14 @@ def _globe(first: Shown) -> dict[str, Any] | None:
 
 
 def _charts(run: xr.Dataset, wanted: Wanted) -> dict[str, Any] | None:
-    """Angles, rates and shadows of a satellite, of one lane."""
-    if "lane" in run.dims or not of_satellite(run) or ORIENTATION not in run:
+    """Angles, rates and shadows of a satellite; for several lanes the pointing error alone."""
+    if not of_satellite(run) or ORIENTATION not in run:
         return None
     run = run.isel(time=evenly(run.sizes["time"], MOST_READ))
     panels = panels_of(run, wanted.axis, wanted.target)
+    if "lane" in run.dims:
+        error = panels[0]
+        panels = [error._replace(names=tuple(_lanes(run, None)[1]), values=error.values[..., 0])]
     rows = extremes(np.concatenate([each.values for each in panels], -1), 2 * MOST_STRETCHES)
     return {
         "time": packed(np.asarray(run["time"].values, dtype=np.float64)[rows], "f8"),
@@ -544,9 +552,12 @@ def _facts(run: xr.Dataset, lanes: list[str]) -> list[str]:
 
 
 def _drift_series(run: xr.Dataset) -> dict[str, Any]:
-    """The largest change of each Casimir and integral in even stretches of time, relative to its scale."""
+    """The largest change of each Casimir and integral in even stretches of time, relative to its scale.
+
+    Of a run in SI the values are in SI, the times in the unit of the state, as everywhere else on the page.
+    """
     edges = stretches(run.sizes["time"], MOST_STRETCHES)
-    time = np.asarray(run["time"].values, dtype=np.float64)
+    time = np.asarray(run["time"].values, dtype=np.float64) / time_unit(run)
     series = []
     units = {str(k): u for k, v in run.variables.items() if (u := v.attrs.get("units", "1")) != "1"}
     for number, each in enumerate(all_series(run)):

@@ -22,11 +22,15 @@ const Charts = (() => {
     motion() {
       const { D, colours } = this;
       if (!D.charts) return [];
-      const x = Array.from(D.charts.time, (t) => t / D.clock.size), plain = (v, k, all) => ([v, all[k - 1], all[k + 1], all[k + 2]].some(Number.isNaN) ? null : v); // a gap wide enough to be seen
-      return D.charts.panels.map((p) => ({
-        title: p.unit ? `${p.title} (${p.unit})` : p.title, shaded: true, data: [x, ...p.values.map((v) => Array.from(v).map(plain))],
-        lines: p.names.map((name, k) => ({ label: name, stroke: colours.colours[k % colours.colours.length], width: 1.3, points: { show: false } })),
-      }));
+      const x = Array.from(D.charts.time, (t) => t / D.clock.size), finite = (v) => (Number.isNaN(v) ? null : v);
+      return D.charts.panels.map((p) => {
+        const dots = p.values.some((v) => v.some(Number.isNaN)); // angles that jump from 180 to -180: no lines between
+        const look = dots ? { paths: () => null, points: { show: true, size: 2.4, width: 0 } } : { width: 1.3, points: { show: false } };
+        return {
+          title: p.unit ? `${p.title} (${p.unit})` : p.title, shaded: true, data: [x, ...p.values.map((v) => Array.from(v, finite))],
+          lines: p.names.map((name, k) => { const stroke = colours.colours[k % colours.colours.length]; return { label: name, stroke, ...look, points: { ...look.points, fill: stroke } }; }),
+        };
+      });
     }
 
     drifts() { // a strip for each family of integrals that changes; one with the band alone if none does

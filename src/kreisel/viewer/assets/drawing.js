@@ -114,7 +114,7 @@ const Drawing = (() => {
       const own = many ? colours.colours[number % colours.colours.length] : colours.colours[0];
       const lane = { body, group, tip: new V(), number };
       lane.ground = D.kind === "satellite" ? new T.Group() : this.ground(); group.add(lane.ground);
-      lane.arrows = Orbiting.arrows(this, body, r, colours.colours); for (const each of lane.arrows) group.add(each);
+      lane.arrows = Orbiting.arrows(this, body, r, colours.colours, !many); for (const each of lane.arrows) group.add(each);
       if (D.kind !== "path" && D.kind !== "projection") for (const turn of [[0, 0, 0], [90, 0, 0], [0, 90, 0]]) {
         const q = new T.Quaternion().setFromAxisAngle(new V(turn[0] ? 1 : 0, turn[1] ? 1 : 0, 0), Math.PI / 2);
         group.add(circle(this, r, 0, colours.faint, 1.1, this.dark ? 0.4 : 0.45, turn[0] || turn[1] ? q : null));

@@ -14,10 +14,11 @@ const Orbiting = (() => {
       }`,
   };
 
-  function arrows(stage, body, radius, colours) {
+  function arrows(stage, body, radius, colours, named) {
     return body.arrows.map((each) => {
-      const group = new T.Group(), colour = colours[each.colour], name = Lines.word(each.name, colour, 0.026);
-      group.add(Lines.arrow(stage, 1.12 * radius, 0.01 * radius, colour)); name.position.z = 1.2 * radius; group.add(name);
+      const group = new T.Group(), colour = colours[each.colour];
+      group.add(Lines.arrow(stage, 1.12 * radius, 0.01 * radius, colour));
+      if (named) { const name = Lines.word(each.name, colour, 0.026); name.position.z = 1.2 * radius; group.add(name); }
       group.to = each.to;
       return group;
     });
@@ -47,8 +48,8 @@ const Orbiting = (() => {
       });
       if (globe.sun) {
         this.ray = new T.Group(); this.ray.to = globe.sun;
-        this.ray.add(Lines.line(proxy, [[0, 0, 1.05], [0, 0, 1.45]], colours.colours[4], 3.5, 1));
-        const name = Lines.word("Sun", colours.colours[4], 0.055); name.position.z = 1.6; this.ray.add(name); this.scene.add(this.ray);
+        this.ray.add(Lines.line(proxy, [[0, 0, 1.03], [0, 0, 1.22]], colours.colours[4], 3.5, 1));
+        const name = Lines.word("Sun", colours.colours[4], 0.055); name.position.z = 1.36; this.ray.add(name); this.scene.add(this.ray);
       }
       this.scene.add(new T.HemisphereLight(0xffffff, 0xffffff, dark ? 1.6 : 2));
     }
@@ -59,7 +60,7 @@ const Orbiting = (() => {
     }
 
     paint(renderer, camera, target, width, height) { // in the lower right corner, seen from the direction of the main camera
-      const side = Math.round(SHARE * Math.min(width, height)), x = width - side - 6, y = 6;
+      const side = Math.round((this.dots.length > 1 ? 0.7 : 1) * SHARE * Math.min(width, height)), x = width - side - 6, y = 6;
       this.half.value.set(side / 2, side / 2);
       this.camera.position.copy(camera.position).sub(target).normalize().multiplyScalar(6.6);
       this.camera.up.copy(camera.up); this.camera.lookAt(0, 0, 0);
