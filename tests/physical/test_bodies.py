@@ -128,6 +128,8 @@ def test_what_a_body_refuses() -> None:
     x0 = WHEEL.state(tilt=0.5, spin=200.0)
     with pytest.raises(kr.InputError, match="multiple of dt"):
         kr.simulate(WHEEL, x0, dt="1 ms", t_end="1 s", every="1.5 ms")
+    with pytest.raises(kr.InputError, match="a duration with units"):
+        kr.simulate(WHEEL, x0, dt="1 ms", t_end="1 s", every=0.5)  # type: ignore[arg-type]
     with pytest.raises(kr.InputError, match="dimension of s"):
         kr.simulate(WHEEL, x0, dt="1 m", steps=10)
     with pytest.raises(kr.InputError, match=r"Gyroscope\(\.\.\.\)"):
@@ -179,6 +181,16 @@ def test_analysis_speaks_in_si() -> None:
     assert abs(table.measured["nutation_period"] / period - 1) < 0.01
     omega = kr.analysis.angular_velocity(run, frame="space")
     assert same(omega, run.angular_velocity, 1e-9) and same(omega.time, run.time, 0.0 + 1e-15)
+
+
+def test_events_of_functions_are_in_si() -> None:
+    run = kr.simulate(BODIES["free"], state("free"), dt="0.1 s", t_end="30 s")
+    level = float(run.momentum[:, 0].mean())
+    cut = kr.analysis.events(run, lambda momentum: momentum[..., 0], value=level)
+    assert cut.sizes["event"] and abs(cut.momentum[:, 0] / level - 1).max() < 1e-12
+    assert same(cut.time, kr.analysis.events(run, "momentum[0]", value=level).time, 1e-12)
+    with pytest.raises(kr.InputError, match=r"a component of momentum such as momentum\[2\]"):
+        kr.analysis.events(run, "angular_velocity[0]")
 
 
 def test_the_propagator_of_a_body_is_in_si() -> None:

@@ -22,6 +22,7 @@ from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
 from kreisel.forces.product import product
 from kreisel.forces.records import in_words, perturbed_record
 from kreisel.record import table
+from kreisel.record.body import as_body
 from kreisel.record.calling import Portable, keywords
 from kreisel.record.checks import require_body
 from kreisel.record.contract import Frame, Parameter, System
@@ -112,7 +113,7 @@ def _base(system: Any) -> Model:
     if not isinstance(body, Model):
         raise InputError(
             f"perturbed: expected a system with its parameters, such as kr.LagrangeTop(p=(0, 0, 1)), got "
-            f"{shown(system)}."
+            f"{shown(system)}.{' Give the forces to the body: torque=..., damping=...' if as_body(system) else ''}"
         )
     return body
 

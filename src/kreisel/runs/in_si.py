@@ -37,6 +37,7 @@ ADDED = (VELOCITY, *OF_SATELLITES)  # variables of a run in SI that follow from 
 SUMMARIES = ("drift", "extremes", "frequencies")  # kinds of variables of a sweep, such as M_max
 SIZED = ("roundoff_scale", "evaluation_scale")  # attributes in the unit of their variable
 QUANTITY = re.compile(r"\s*(\w+)(.*)", re.DOTALL)
+COMPONENT_OF = re.compile(r"\s*(\w+)\s*\[\s*([012])\s*\]\s*")
 MEANINGS = {
     "momentum": "angular momentum",
     "angular_momentum": "angular momentum",
@@ -351,6 +352,8 @@ NEAR = 1e-9  # relative: a duration that is a multiple of the step
 
 def rows_every(frame: BodyFrame, every: Any, dt: float) -> Any:
     """The number of steps between rows: a number of steps, or a duration, a multiple of dt.  Raises `InputError`."""
+    if isinstance(every, float) and not every.is_integer():
+        raise InputError(f"every: expected a number of steps, or a duration with units, '{every:g} s', got {every!r}.")
     if not (isinstance(every, str) or hasattr(every, "units") or hasattr(every, "to_value")):
         return every
     ratio = duration(frame, every, "every") / dt
@@ -484,24 +487,28 @@ def observations_of(model: Model, data: Any) -> Any:
 
 
 def state_quantity(run: xr.Dataset, quantity: Any) -> Any:
-    """A quantity of a run in SI by name, "momentum[2]", as a function of the components of its state."""
-    if not is_in_si(run) or not isinstance(quantity, str):
+    """A quantity of a run in SI, "momentum[2]" or a function in SI, as a function of the components of its state."""
+    frame = RunRecord.from_attrs(run.attrs).body_frame if is_in_si(run) else None
+    if frame is None or not (isinstance(quantity, str) or callable(quantity)):
         return quantity
-    record = RunRecord.from_attrs(run.attrs)
-    frame, match = record.body_frame, QUANTITY.fullmatch(quantity)
-    letters = {} if frame is None else {name: letter for letter, name in frame.names.items()}
-    if frame is None or match is None or match[1] not in letters:
-        return quantity
-    letter, index = letters[match[1]], match[2].strip()
-    kinds = list(record.kinds)
-    if not re.fullmatch(r"\[\s*[012]\s*\]", index) or letter not in kinds:
-        raise InputError(f"A quantity is a component such as {match[1]}[2], got {shown(quantity)}.")
-    place, part = kinds.index(letter), int(index.strip("[] "))
-    change = change_of(frame, letter, frame.units.get(letter, ("1", 1.0))[1], True)
+    letters = list(RunRecord.from_attrs(run.attrs).kinds)
+    changes = [change_of(frame, letter, frame.units.get(letter, ("1", 1.0))[1], True) for letter in letters]
+
+    def values(state: Sequence[Array]) -> list[Array]:
+        return [v if f is None else f(np.asarray(v)) for f, v in zip(changes, state, strict=False)]
+
+    if callable(quantity):
+        return wraps(quantity)(lambda *state: quantity(*values(state)))
+    names, match = [frame.names.get(letter, letter) for letter in letters], COMPONENT_OF.fullmatch(quantity)
+    if match is None or match[1] not in names:
+        raise InputError(
+            f"expected a component of {', '.join(names)} such as {names[0]}[2], got {shown(quantity)}. A function of "
+            "these may combine them."
+        )
+    place, part = names.index(match[1]), int(match[2])
 
     def component(*state: Array) -> Array:
-        value = np.asarray(state[place])
-        return np.asarray((value if change is None else change(value))[..., part])
+        return np.asarray(values(state)[place][..., part])
 
     component.__name__ = quantity
     return component
