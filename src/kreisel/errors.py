@@ -81,8 +81,8 @@ class Faults:
         try:
             yield
         except InputError as error:
-            for message in error.args:
-                self.add(f"{place}: {message}")
+            for message in error.args:  # a package that is missing is named once
+                self.add(message if "pip install" in message else f"{place}: {message}")
 
     def report(self, source: str) -> None:
         """Raises `InputError` if there are mistakes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -129,6 +130,36 @@ def test_tables_are_the_arguments_of_python(text: str, make: Any) -> None:
     assert alike(body_of(text), make())
 
 
+TLE = (
+    "1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927",
+    "2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537",
+)
+
+
+@pytest.mark.parametrize(
+    ("table", "make"),
+    [
+        (f'line1 = "{TLE[0]}"\nline2 = "{TLE[1]}"', lambda: Orbit.from_tle(*TLE)),
+        (
+            'r = ["7000 km", "0 km", "0 km"]\nv = [0, "5 km/s", "6 km/s"]\nepoch = 2026-03-20T14:46:00',
+            lambda: Orbit.from_state((7e6, 0, 0), (0, 5e3, 6e3), epoch="2026-03-20T14:46:00"),
+        ),
+        (
+            'altitude = "500 km"\nmean_anomaly = "30 deg"\nepoch = "2026-03-20"\nJ2 = true',
+            lambda: Orbit.circular(5e5, mean_anomaly=np.radians(30), epoch="2026-03-20", J2=True),
+        ),
+        (
+            'semi_major_axis = "7000 km"\neccentricity = 0.1\ntrue_anomaly = "90 deg"\n'
+            'primary = { name = "Ball", mu = 4e14, radius = "6000 km" }',
+            lambda: Orbit(7e6, 0.1, true_anomaly=np.pi / 2, primary=kr.physical.Primary("Ball", 4e14, 6e6)),
+        ),
+    ],
+)
+def test_orbits_by_what_a_person_has(table: str, make: Any) -> None:
+    found, orbit = body_of(f'kind = "satellite"\ninertia = [1, 2, 3]\n[orbit]\n{table}').orbit, make()
+    assert found.elements == orbit.elements and found.epoch == orbit.epoch
+
+
 def test_bodies_from_files_next_to_the_configuration(tmp_path: Path) -> None:
     mesh = trimesh.creation.box((20, 40, 60), transform=trimesh.transformations.translation_matrix((0, 0, 50)))
     mesh.export(tmp_path / "part.ply")
@@ -204,6 +235,15 @@ def test_all_mistakes_in_one_message() -> None:
     ):
         assert sum(all(word in line for word in words) for line in found) == 1, words
     assert len(found) == 12 and "got 11" in found[0]
+
+
+def test_without_pint(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pint", None)
+    kr.units.registry.cache_clear()
+    found = mistakes(text_of_body("gyroscope", Path("x.toml"), "#"))
+    assert len(found) == 1 and "pip install 'kreisel[units]'" in found[0]
+    monkeypatch.undo()
+    kr.units.registry.cache_clear()
 
 
 def test_mistakes_in_a_system_too() -> None:

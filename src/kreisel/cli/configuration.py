@@ -237,14 +237,15 @@ def _settings(run: Mapping[str, Any], subject: Subject, faults: Faults) -> Setti
 def _in_the_unit_of_time(asked: Mapping[str, Any], model: Model | None, faults: Faults) -> dict[str, Any]:
     """The settings with durations in the unit of the model; without one the model only serves to check them."""
     usual, out = model or FreeBody((1.0, 1.0, 1.0)).in_si(), dict(asked)
-    timed = [k for k in ("dt", "t_end", "times", "every", "impulses") if k in asked]
-    for key in timed:
+    step: Any = 1.0
+    for key in [k for k in ("dt", "t_end", "times", "every", "impulses") if k in asked]:
+        unit = 1.0 if key == "dt" else out["dt"]
+        harmless = {"dt": unit, "t_end": 1e6 * unit, "times": (unit,), "every": 1, "impulses": ()}[key]
+        out[key] = harmless  # after a mistake, so that the others can be checked
         with faults.noted("[run]"):
-            step = asked["dt"] if out.get("dt") is not None else 1.0
             out[key] = scaled_settings(usual, {"dt": step, key: asked[key]})[key]
-            continue
-        out[key] = None
-    return {k: v for k, v in out.items() if v is not None or k not in timed} | ({} if out["dt"] else {"dt": 1.0})
+            step = asked["dt"] if key == "dt" else step
+    return out
 
 
 def _faults_of(key: str, value: Any) -> tuple[str, ...]:

@@ -34,6 +34,7 @@ def systems(
 ) -> None:
     """List the systems, or print the record of one."""
     from kreisel.bodies import BODIES, KNOWN, find
+    from kreisel.cli.bodies import SAMPLES
     from kreisel.viewer.record import record, summary, table
 
     if name is not None:
@@ -43,7 +44,8 @@ def systems(
         print_json([summary(system) for system in KNOWN.values()])
     else:
         print(table(KNOWN.values()))
-        print(f"\nThe last {len(BODIES)} are bodies under forces, in SI units: kr.physical.")
+        print(f"\nThe last {len(BODIES)} are bodies under forces, in SI units and in axes that suit the equations.")
+        print(f"Bodies of kr.physical, for `kreisel new NAME` and [body] of a TOML file: {', '.join(SAMPLES)}.")
 
 
 @app.command()
