@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 import kreisel as kr
 from kreisel.algebra.random import normals, streams, streams_from, uniform
 from kreisel.physical import Orbit, Satellite, Wheels
+from sizes import FULL
 
 TENSOR = np.array([[0.03, 0.002, -0.001], [0.002, 0.028, 0.0015], [-0.001, 0.0015, 0.012]])
 AXES = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
@@ -268,3 +269,32 @@ def test_mistakes_are_named(mistake):
     call, message = MISTAKES[mistake]
     with pytest.raises(kr.InputError, match=message):
         call()
+
+
+# -- derivatives -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not FULL, reason="`make test-full` runs it")
+def test_derivatives_go_through_samples():
+    """By a gain that is two samples late, against a difference; the motion is that of a run, bit for bit."""
+    import jax
+
+    from kreisel.reduction import double
+
+    body = noisy(noise={}, limits={}, delay=1)
+    model, start = body.model(), body.state(spin=SPIN)
+    motion = kr.differentiable(model, order=(2, 2), orientation=True)
+    first = {**start.axial, "g": body.orientation()}
+
+    def energy(gain):
+        return (motion(first, dt=1.0, steps=10, gain=gain)["M"] ** 2).sum()
+
+    with double():
+        end = motion(first, dt=1.0, steps=10)
+        run = kr.simulate(model, start, orientation=body.orientation(), dt=1.0, steps=10, order=(2, 2), observe=())
+        for name in ("M", "before", "commanded_dipole"):
+            assert np.asarray(end[name]) == pytest.approx(run[name].values[-1], rel=1e-13, abs=1e-18), name
+        slope, h = jax.grad(energy)(3e3), 3.0
+        assert float(slope) == pytest.approx(float(energy(3e3 + h) - energy(3e3 - h)) / (2 * h), rel=1e-6)
+        with pytest.raises(kr.InputError, match="a step that divides the time"):
+            motion(first, dt=0.7, steps=2)

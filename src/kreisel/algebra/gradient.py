@@ -185,7 +185,13 @@ def traced(tape: list[TracedNumber], x: Array, axes: int) -> Any:
     if axes == 0:
         return TracedNumber(tape, x)
     shape = np.shape(x)[np.ndim(x) - axes :]
-    return objects((TracedNumber(tape, x[(..., *place)]) for place in np.ndindex(*shape)), shape)
+    return objects((TracedNumber(tape, _entry(x, place)) for place in np.ndindex(*shape)), shape)
+
+
+def _entry(x: Array, place: tuple[int, ...]) -> Any:
+    """The entry of each lane; of an array of objects without lanes a number, not an array without axes."""
+    entry = x[(..., *place)]
+    return entry[()] if holds_objects(entry) else entry
 
 
 def value_and_gradient(function: Callable[..., Any], arguments: Sequence[tuple[Array, int]]) -> tuple[Any, list[Any]]:

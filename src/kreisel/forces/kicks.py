@@ -202,7 +202,7 @@ def values_of(found: Array, body: Body) -> Array:
     """The values of traced numbers, as the kind of number of the state."""
     flat = [getattr(v, "value", v) for v in found.flat]
     if algebra.holds_objects(body.state[0]):
-        return algebra.objects((v[()] if isinstance(v, np.ndarray) else v for v in flat), found.shape)
+        return algebra.objects(flat, found.shape)
     columns = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in flat))
     return np.stack(columns, -1).reshape((*columns[0].shape, *found.shape))
 

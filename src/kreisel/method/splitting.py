@@ -94,11 +94,17 @@ class Splitting:
         self.kicked = bool(record.functions) or record.wheel or record.pair is not None or self.part.left is not None
         kinds = len(self.turns) + self.kicked + record.damping
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
-        self.wheels = with_wheels(record)
+        self.wheels, self.everything = with_wheels(record), all_turns
         self.changed: tuple[int, ...] = ()
         if record.sampled:
             self.changed = control.changed_by_samples(model.system)
-            _require_whole_samples(record, dt, order, all_turns)
+            if corrector(order) is not None:
+                raise InputError(
+                    "order: expected one without a corrector for a body with control, such as (2, 2), 4, (8, 2) or "
+                    f"(8, 6, 4), got {order}. Samples change the motion at once."
+                )
+            if not all_turns:
+                require_whole_samples(model, dt)
         # turns change what a pair potential takes, so each part of a kick is a stage, which the sum over pairs divides
         self.divided = self.record.pair is not None and bool(self.turns)
 
@@ -135,7 +141,10 @@ class Splitting:
         ratio, step = more[COUNT] * constants["_sample"], constants["_first"] * constants["_sample"] / 2
         apart = ratio - algebra.nearest(ratio)
         before = algebra.flatten((*(state[i] for i in places), more[WORK]), (*kinds, "scalar"))
-        flat = algebra.if_positive(step * step - apart * apart, after, before)
+        if self.everything:  # derivatives are those of choices, not of branches
+            flat = algebra.where_less(0, step * step - apart * apart, after(), before)
+        else:
+            flat = algebra.if_positive(step * step - apart * apart, after, before)
         *changed, work = algebra.restore(flat, (*kinds, "scalar"), n)
         new = dict(enumerate(state)) | dict(zip(places, changed, strict=True))
         return (*new.values(), *g, *(more | {WORK: work}).values())
@@ -249,20 +258,17 @@ class Splitting:
         return (*x, *(zero(self.model.system, x) for _ in self.extra))
 
 
-def _require_whole_samples(record: Perturbation, dt: float, order: Any, any_dt: bool) -> None:
-    """Raises `InputError` for steps that do not divide the time between two samples, and orders with a corrector."""
-    if corrector(order) is not None:
+def require_whole_samples(model: Model, dt: float) -> None:
+    """Raises `InputError` for steps that do not divide the time between two samples of a controller."""
+    control = perturbation_of(model.system).control if model.system.perturbation is not None else None
+    if control is None or control.law is None:
+        return
+    steps = control.every / dt
+    if round(steps) < 1 or abs(steps - round(steps)) > WHOLE_SAMPLES * steps:
         raise InputError(
-            f"order: expected one without a corrector for a body with control, such as (2, 2), 4, (8, 2) or (8, 6, 4), "
-            f"got {order}. Samples change the motion at once."
-        )
-    every = record.control.every if record.control is not None else dt
-    steps = every / dt
-    if not any_dt and (round(steps) < 1 or abs(steps - round(steps)) > WHOLE_SAMPLES * steps):
-        raise InputError(
-            f"dt: expected a step that divides the time between two samples of the controller, every = {every:g} s, "
-            f"got dt = {dt:g} s. Usual cause: a t_end that is no multiple of dt, for which steps are a little shorter. "
-            f"Use dt = {every / max(1, round(steps)):g} s."
+            f"dt: expected a step that divides the time between two samples of the controller, every = "
+            f"{control.every:g} s, got dt = {dt:g} s. Usual cause: a t_end that is no multiple of dt, for which steps "
+            f"are a little shorter. Use dt = {control.every / max(1, round(steps)):g} s."
         )
 
 

@@ -19,7 +19,7 @@ from kreisel.method.baecklund import SPINS, Product
 from kreisel.method.driven import zero
 from kreisel.method.observing import COUNT, ORIENTATION, as_matrix, turned, with_orientation
 from kreisel.method.scheme import Components, Guard, JaxSteps, Scheme, Steps
-from kreisel.method.splitting import REACH, closed_form
+from kreisel.method.splitting import REACH, closed_form, require_whole_samples
 from kreisel.method.splitting import make as splitting
 from kreisel.record.body import Body, as_body
 from kreisel.record.body_frame import BodyFrame
@@ -123,6 +123,8 @@ def differentiable(
             require_double(dt, time, *state.values(), *parameters.values())
             if not by.is_traced(dt) and not by.is_traced(time):
                 require_within(model, float(time), float(time) + float(dt) * count)
+            if not by.is_traced(dt):
+                require_whole_samples(model, float(dt))
             start = _given(by, model, state, oriented, begin)
             rows = _rows(by, model, step, start, dt, time, count // between, between, parameters)
             out = {k: v if every is not None else v[-1] for k, v in rows.items()}
@@ -156,7 +158,9 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
 
     Raises `InputError` if the method has no step for JAX.
     """
-    made = scheme(model, method, 1.0, order, oriented)
+    record = model.system.perturbation
+    sampled = record is not None and record.control is not None and record.sampled
+    made = scheme(model, method, record.control.every if sampled else 1.0, order, oriented)  # type: ignore[union-attr]
     if isinstance(made.motion, JaxSteps):
         return Step(made.components, _same, _same, made.motion.step, None, _linear(model, made, oriented), None, True)
     if made.name == "exact":
@@ -171,7 +175,7 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
             f"differentiable: expected a method that steps the state itself, got order={made.options['order']}, whose "
             "corrector comes before the steps and behind them. Use order=(8, 2) or (8, 6, 4)."
         )
-    if made.name == "splitting" and varied:
+    if made.name == "splitting" and (varied or sampled):
         made = splitting(model, 1.0, made.options["order"], oriented, all_turns=True)
     begin, end = _same, _same
     if made.name == "suris" and made.options["order"] == 2:
@@ -212,7 +216,11 @@ def _of(function: Any, count: int) -> Callable[..., Parts]:
 
 def _linear(model: Model, made: Scheme, oriented: bool) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
     """Constants of the step and of its stages, linear in dt or independent of it: from their values at dt = 1, 2."""
-    twice = find(made.name).make(model, 2.0, made.options.get("order"), oriented)
+    order = made.options.get("order")
+    if made.name == "splitting":
+        twice = splitting(model, 2.0, order, oriented, all_turns=True)
+    else:
+        twice = find(made.name).make(model, 2.0, order, oriented)
 
     def at(own: Parts, known: Known, dt: Any) -> tuple[Known, Known]:
         def value(x: Any, y: Any) -> Any:
