@@ -84,8 +84,7 @@ def differentiable(
     state       mapping of the components: m (3,), an axial vector, for n = 3, else (n, n) skew; a (n,); `x0.axial` of a
                 state is also accepted; with an orientation also g, (4,) for n = 3, else (n, n)
     dt          the step, a float or traced by JAX
-    steps       the number of steps; every: rows (steps/every + 1, ...) at the steps 0, every, 2 every, ...
-    time        at the start, for forces that depend on t
+    steps       the number of steps; every: rows (steps/every + 1, ...) at 0, every, ...; time: at the start, for forces
     parameters  other values of parameters of the system, by letter; default: the system's values
 
     The function is the definition from which kernels are compiled, without projections.  It can go through jit, vmap,

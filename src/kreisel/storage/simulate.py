@@ -59,8 +59,8 @@ def simulate(
 
     system       a system with parameters, e.g. `kr.LagrangeTop(p=(0, 0, 1))`, or a body of `kr.physical`: then times
                  are in s, or "1 ms", and the run in SI, along the axes in which the body was given
-    x0           `system.state(...)`, a dict of its components, or a row of a run, `run.isel(time=-1)`; lists or
-                 arrays (NumPy, xarray, JAX); a batch axis in front makes an ensemble.  The time begins at 0 always
+    x0           `system.state(...)`, a dict of its components, or a row of a run, `run.isel(time=-1)`; a batch axis in
+                 front makes an ensemble.  The time begins at 0 always
     dt           step in the system's unit of time, > 0
     t_end        the time at the end, in place of `steps`: in equal steps of dt or a little less: attribute asked_dt
     times        of the rows, in order, in place of `steps` and `every`; rows between steps do not change the steps
@@ -77,8 +77,7 @@ def simulate(
     impulses     added to a momentum as the state has it, before the row there: {"time": 2.0, "m": (0, 0, 1)}, or a list
     events       `kr.Event(quantity, action)` or a list: if a quantity changes its sign the run stops, or an action
                  changes the state (of a body in SI); the attribute event_times has the times
-    path         write to a Zarr archive during the run, and return it opened; else stay in memory
-    overwrite    replace an existing archive when the new one is complete
+    path         write to a Zarr archive during the run, and return it opened; overwrite: in place of an existing one
     progress     show a progress bar on stderr; default: when stderr is a terminal
 
     Returns an `xarray.Dataset`: coordinates time (and lane), the components of the state (axial vectors for n = 3), the
