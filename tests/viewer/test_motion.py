@@ -19,9 +19,8 @@ EQUATORIAL = Orbit.circular("500 km")  # from the first axis of space to the sec
 
 
 def run_of(satellite, attitude, steps=30, dt=60.0, **state):
-    orientation = satellite.orientation(attitude)
-    start = satellite.state(**state)
-    return kr.simulate(satellite.model(), start, dt=dt, steps=steps, orientation=orientation, progress=False)
+    start = satellite.state(attitude=attitude, **state)
+    return kr.simulate(satellite, start, dt=dt, t_end=steps * dt, progress=False)
 
 
 def test_a_satellite_that_is_tilted_misses_its_target_by_the_tilt():

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import explained, shown
-from kreisel.method.observing import ORIENTATION
 from kreisel.runs.orbits import FRAMES, angles_of, pointing_error
 from kreisel.runs.run_record import a_run
 
@@ -29,7 +28,7 @@ def pointing(run: xr.Dataset, *, frame: str = "orbit", axis: Any = None, target:
     import xarray as xr
 
     angles = angles_of(a_run(run, "system"), frame)
-    dims = run[ORIENTATION].dims[:-1]
+    dims = ("time", "lane") if "lane" in run.dims else ("time",)
     aim = target if isinstance(target, str) else shown(target)
     data = {
         name: (dims, value, {"long_name": f"{name} against {FRAMES[frame]}", "units": "rad"})
