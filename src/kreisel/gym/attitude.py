@@ -14,9 +14,9 @@ from gymnasium.vector.utils import batch_space
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, shown
+from kreisel.forces.control import COMMANDS
 from kreisel.forces.kicks import WHEELS
 from kreisel.physical import Control, Satellite
-from kreisel.physical.control import UNITS
 from kreisel.physical.measures import attitude_quaternion, si_number, si_numbers
 from kreisel.runs.propagation.propagator import propagator
 
@@ -74,7 +74,7 @@ class Attitude(VectorEnv[Array, Array, Array]):
                 f"{shown(actuator)}."
             )
         self.num_envs, self.reward, self.target = int(num_envs), reward, attitude_quaternion(target, "target")
-        self.limit = si_number(limit, UNITS[actuator], "limit", positive=True)
+        self.limit = si_number(limit, COMMANDS[actuator], "limit", positive=True)
         self.rates = si_number(rates, "rad/s", "rates", positive=True)
         period = si_number(every, "s", "every", positive=True)
         step, end = (si_number(v, "s", k, positive=True) for v, k in ((dt or period, "dt"), (duration, "duration")))
