@@ -18,7 +18,7 @@ from kreisel.forces.control import COMMANDS
 from kreisel.forces.kicks import WHEELS
 from kreisel.physical import Control, Satellite
 from kreisel.physical.measures import attitude_quaternion, si_number, si_numbers
-from kreisel.runs.propagation.propagator import propagator
+from kreisel.runs.propagation.of_body import propagator
 
 ACTUATORS = ("torque", "wheel_torque", "dipole")
 FIELD = 5e-5  # T, about the largest in a low orbit
