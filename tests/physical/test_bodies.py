@@ -259,6 +259,9 @@ def test_a_torque_of_a_call_is_along_the_axes_given() -> None:
     x0 = body.state((0.0, 0.0, 0.0), attitude=TYPED)
     pushed = motion.steps(x0, 10, time=0.0, torque=torque)["momentum"] - motion.steps(x0, 10, time=0.0)["momentum"]
     assert same(pushed, 0.01 * torque, 1e-6)
+    function = kr.differentiable(body, order=(2, 2))
+    pushed = function(x0, dt=1e-3, steps=10, torque=torque)["momentum"] - function(x0, dt=1e-3, steps=10)["momentum"]
+    assert same(pushed, 0.01 * torque, 1e-6)
 
 
 def test_a_run_of_a_satellite_says_where_it_is_and_where_it_points(tmp_path: Path) -> None:

@@ -75,12 +75,12 @@ def differentiable(
     *,
     method: str | None = None,
     order: int | tuple[int, ...] | None = None,
-    orientation: OrientationLike | bool = False,
+    orientation: OrientationLike | bool | None = None,
 ) -> Callable[..., dict[str, Array]]:
     """The motion as a function of JAX: f(state, dt=, steps=, every=None, time=0, **parameters) -> state.
 
     orientation the attitude at the start, as for `kr.simulate`; states then have g, and a state with g starts there.
-                True: every state has g.  Forces may need it
+                True: every state has g.  Forces may need it; default: for a body on which forces need it
     state       mapping of the components: m (3,), an axial vector, for n = 3, else (n, n) skew; a (n,); `x0.axial` of a
                 state is also accepted; with an orientation also g, (4,) for n = 3, else (n, n)
     dt          the step, a float or traced by JAX
@@ -99,8 +99,8 @@ def differentiable(
     check_model(model)
     if model.batch:
         raise InputError(f"differentiable: expected parameters of one body, got a batch {model.batch}. Use jax.vmap.")
-    oriented = orientation is not False
-    begin = None if isinstance(orientation, bool) else initial_orientation(orientation, model)
+    oriented = orientation is not None and orientation is not False
+    begin = None if isinstance(orientation, bool | None) else initial_orientation(orientation, model)
     if begin is not None and begin.ndim > 1 + (model.n > 3):
         raise InputError(f"orientation: expected one attitude, got the shape {begin.shape}. Use jax.vmap over g.")
     step_with = cache(partial(_step_of, model, named(method, "method"), whole_order(order), oriented))
@@ -407,8 +407,11 @@ def _rows(
 def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[..., dict[str, Array]]:
     """The motion of a body in SI as a function of JAX, as `kr.differentiable` describes."""
     model = body.in_si()
-    frame = model.body_frame or BodyFrame()
+    frame, forces = model.body_frame or BodyFrame(), model.system.perturbation
+    if orientation is None:
+        orientation = forces is not None and bool(forces.names(ORIENTATION))
     begin = orientation if isinstance(orientation, bool) else oriented(model, orientation)
+    along = body.vectors if frame.turned else ()  # parameters along the axes of the body
     motion = differentiable(model, method=method, order=order, orientation=begin)
 
     def changed(state: Mapping[str, Any], forward: bool) -> dict[str, Any]:
@@ -429,6 +432,7 @@ def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[
                 start = {**state.axial, **({} if orientation is False else {ORIENTATION: state.orientation})}
             else:
                 start = changed(state, False)
+            others = {name: value @ frame.axes if name in along else value for name, value in others.items()}
             return changed(motion(start, dt=dt / unit, time=time / unit, **others), True)
 
     return in_si
