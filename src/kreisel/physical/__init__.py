@@ -22,7 +22,7 @@ from kreisel.physical.free_body import AxisStability, FreeBody
 from kreisel.physical.free_rotation import FreeRotation
 from kreisel.physical.gyroscope import Gyroscope, Motion
 from kreisel.physical.heavy_body import HeavyBody
-from kreisel.physical.laws import bdot, magnetic_damping, pointing, sun_pointing
+from kreisel.physical.laws import bdot, hysteresis_rods, magnetic_damping, pointing, sun_pointing
 from kreisel.physical.measures import SI, STANDARD_GRAVITY, Units
 from kreisel.physical.orbit import EARTH, SATURN, SUN, Orbit, Primary
 from kreisel.physical.satellite import SOLAR_PRESSURE, Asteroid, Harmonics, Plate, Satellite
@@ -57,6 +57,7 @@ __all__ = [
     "Units",
     "Wheels",
     "bdot",
+    "hysteresis_rods",
     "magnetic_damping",
     "pointing",
     "read_added_mass",

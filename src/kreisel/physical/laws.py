@@ -13,11 +13,14 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.gradient import exp
+from kreisel.bodies.environment import arcsine
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.control import Control, Wheels
 from kreisel.physical.measures import attitude_quaternion, si_number, si_numbers
 
 ORBIT = "orbit"
+MU_0 = 1.25663706127e-6  # N/A^2, CODATA 2022
 
 
 def _along_rate(field: Array, before: Array, known: Array, *, gain: Any, every: Any) -> dict[str, Array]:
@@ -150,3 +153,59 @@ def sun_pointing(axis: Any, stiffness: Any, damping: Any, every: Any = 1.0, **mo
     numbers = {"stiffness": (stiffness, "N m/rad"), "damping": (damping, "N m s")}
     parameters = {name: si_number(value, unit, name) for name, (value, unit) in numbers.items()}
     return Control(_towards_sun, every, {}, {**parameters, "axis": direction / np.linalg.norm(direction)}, **more)
+
+
+@explained
+def hysteresis_rods(
+    axes: Any, volume: Any, coercivity: Any, remanence: Any, saturation: Any, every: Any = 1.0
+) -> Control:
+    """Rods of soft magnetic material, which damp a satellite passively: dipoles V B/mu_0 along their axes.
+
+        dB/dH = (2 k B_s/pi) cos^2(pi B/(2 B_s)) u^2,  u = (H - y + H_c)/(2 H_c),  k H_c = tan(pi B_r/(2 B_s))
+
+    if H rises, with y = tan(pi B/(2 B_s))/k; if it falls, H and y have the other sign.  u is the place between the
+    sides of the loop, y = H + H_c and H - H_c.  Between two samples u = tanh(H/(2 H_c) + constant), exactly.
+
+    axes       (k, 3), directions along the body axes
+    volume     V, m^3;  coercivity H_c, A/m;  remanence B_r < saturation B_s, T, of the rods, not of their material:
+               each one value or (k,)
+    every      s, between two samples, in which H changes monotonically; the rods begin in the middle of their loops
+
+    The field of other magnets at the rods is left out.  A run has y as `inner`.  [Flatley, Henretty, Flight Mechanics
+    Estimation Theory Symposium, NASA CP-3299, 1995, 405]
+    """
+    directions = si_numbers(axes, "1", "axes")
+    directions = np.atleast_2d(directions) / np.linalg.norm(np.atleast_2d(directions), axis=-1, keepdims=True)
+    count = len(directions)
+    numbers = {"volume": (volume, "m^3"), "coercivity": (coercivity, "A/m")}
+    numbers |= {"remanence": (remanence, "T"), "saturation": (saturation, "T")}
+    sizes = {k: si_numbers(value, unit, k, ((), (count,))) + np.zeros(count) for k, (value, unit) in numbers.items()}
+    for name, value in {**sizes, "saturation - remanence": sizes["saturation"] - sizes["remanence"]}.items():
+        if not (value > 0).all() or not np.isfinite(directions).all():
+            raise InputError(f"hysteresis_rods: expected {name} > 0 and axes with directions, got {shown(value)}.")
+    memory = {"inner": np.zeros(count), "before": np.zeros(count), "known": 0.0}
+    return Control(_Rods(directions, *sizes.values()), every, memory)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rods:
+    """Rods: axes (k, 3), and (k,) of each quantity."""
+
+    axes: Array
+    volume: Array
+    coercivity: Array
+    remanence: Array
+    saturation: Array
+
+    def __call__(self, field: Array, inner: Array, before: Array, known: Any) -> dict[str, Any]:
+        H, Hc, Bs = self.axes @ field / MU_0, self.coercivity, self.saturation
+        before, y = (known * value + (1 - known) * H for value in (before, inner))
+        s = algebra.where_less(H - before, 0 * H, -1.0 + 0 * H, 1.0 + 0 * H)
+        u = (s * (before - y) + Hc) / (2 * Hc)
+        E = exp(-s * (H - before) / Hc)
+        T = (1 - E) / (1 + E)
+        y = H - s * Hc * (2 * (u + T) / (1 + u * T) - 1)
+        x = np.tan(np.pi * self.remanence / (2 * Bs)) / Hc * y
+        r = algebra.sqrt(1 + x * x)
+        B = 2 * Bs / np.pi * arcsine(x / r, 1 / r)
+        return {"dipole": (self.volume * B / MU_0) @ self.axes, "inner": y, "before": H, "known": known * 0 + 1.0}
