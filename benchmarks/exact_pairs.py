@@ -34,6 +34,8 @@ CASES = (
     (kr.QuadraticPotential(J=(1, 1.6, 2.3)), {"M": M, "P": F}),
     (kr.KovalevskayaTopE3(), {"M": M, "P": P}),
     (kr.KovalevskayaGyrostat(n=3, gamma=0.7), {"M": M, "P": P, "Q": (0.2, 0.7, -0.3)}),
+    (kr.Komarov(kappa=-0.4, beta=0.6, gamma=0.3), {"M": M, "P": P}),
+    (kr.Rubanovskii(b=(0.3, 0.7, 1.9), s=0.4, l=0.7, h=(0.4, -0.3, 0.5)), {"M": M, "P": P}),
     (kr.SteklovLyapunov(b=(0.3, 0.7, 1.9), s=0.4, l=0.7), {"M": M, "P": P}),
     (kr.GoryachevChaplygin(gamma=0.3), {"M": (0.8, 0.5, -0.6), "P": P}),
 )

@@ -12,6 +12,7 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.baecklund import komarov as maps
 from kreisel.lab import laws
+from kreisel.runs.planning import make_plan
 from kreisel.system import komarov
 from sizes import FULL
 from taylor import flow_of
@@ -91,6 +92,15 @@ def test_on_e3_it_is_kovalevskayas_top() -> None:
         assert abs(mine - other).max() < 1e-15
 
 
+def test_as_few_pairs_as_for_kovalevskayas_top() -> None:
+    """The distance of the branch points is that of the other Lax matrix: vectors and pencil are in one order."""
+    model, state = case("e(3)")
+    counts = [
+        make_plan(m, state, dt=0.3, steps=1, method="exact").scheme.stage_count for m in (model, kr.KovalevskayaTopE3())
+    ]
+    assert counts == [2, 2]
+
+
 @pytest.mark.parametrize("name", CASES if FULL else FEW)
 @pytest.mark.parametrize(("dt", "steps"), [(0.3, 10), *[(0.3125, 160)] * FULL])
 def test_the_exact_step_against_taylor(name: str, dt: float, steps: int) -> None:
@@ -119,8 +129,7 @@ def test_vectors_of_the_pencil() -> None:
     """Right and left ones of nu b + m - mu S, for all four branches."""
     model, state = case("so(4), Sokolov's terms, rotor")
     z, lam = model.state(**state), np.array([0.7 + 2.9j])
-    order = [0, 1, 2, 5, 3, 4, 6]
-    L = model.call(model.system.pairs.matrix, z["M"], z["P"], lam=lam)[0][np.ix_(order, order)]
+    L = model.call(model.system.pairs.matrix, z["M"], z["P"], lam=lam)[0]
     S = np.diag(np.concatenate(maps.forms(*(model.params[k] for k in ("kappa", "beta")))))
     for mu, left, right in zip(
         *(v[0] for v in model.call(model.system.pairs.levels, *z.values(), lam=lam)), strict=True
@@ -164,3 +173,15 @@ def test_lanes_with_a_bracket_each() -> None:
         single = kr.simulate(kr.Komarov(kappa=kappa, gamma=0.3), state, dt=0.3, steps=10, every=10, method="exact")
         assert abs(run.M.values[-1, i] - single.M.values[-1]).max() < 1e-14
         assert abs(run.casimir.values[:, i] - single.casimir.values).max() < 1e-14
+
+
+def test_beside_another_body_the_bracket_keeps_its_parameter() -> None:
+    """A product: its tensor and Casimirs need kappa; the force acts on the other body only."""
+    (one, state), vector = case("so(4), rotor"), (0.6, 0.0, 0.8)
+    both = kr.perturbed([one, kr.KovalevskayaTopE3()], potential=lambda P2: 0.3 * P2[1])
+    start = {f"{k}1": v for k, v in state.items()} | {"M2": (0.3, 0.5, 1.1), "P2": vector}
+    run = kr.simulate(both, start, dt=0.05, steps=40, every=40, method="dop853")
+    single = kr.simulate(one, state, dt=0.05, steps=40, every=40, method="dop853")
+    assert abs(run.P1 - single.P).max() < 1e-7
+    assert abs(run.casimir - run.casimir[0]).max() < 1e-7
+    assert abs(run.casimir[0, :2] - single.casimir[0]).max() < 1e-14

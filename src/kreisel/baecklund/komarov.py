@@ -26,6 +26,7 @@ LOW, HIGH, TRIED, CLEAR = 0.3, 12.0, 48, 1.05  # |lam| tried in units of the siz
 REAL = 1e-9  # relative: rounding of imaginary mu
 SHIFTS = np.geomspace(1e-4, 1e4, 81)
 THIRD = np.array([0, 0, 1], dtype=np.int8)
+BLOCKS = np.array([0, 1, 2, 5, 3, 4, 6])
 PENCIL = np.zeros((7, 7), dtype=np.int8)  # b
 for i, j, sign in ((0, 3, 1), (1, 4, 1), (5, 6, -1)):
     PENCIL[i, j] = PENCIL[j, i] = sign
@@ -202,6 +203,6 @@ def pairs_of(curve, energy, matrix):
         return pair(M, P, kappa=kappa, beta=beta, c=c, gamma=gamma, curve=values, lam=lam, mu=mu)
 
     def matrix_of(M, P, *, beta, c, gamma, lam):
-        return lam[..., None, None] * PENCIL + matrix(M, P, beta=beta, c=c, gamma=gamma)
+        return (lam[..., None, None] * PENCIL + matrix(M, P, beta=beta, c=c, gamma=gamma))[..., BLOCKS[:, None], BLOCKS]
 
     return ConjugatePairs(matrix=matrix_of, heights=heights, rates=rates, pair=pair_of, levels=levels, dimensions=(3,))

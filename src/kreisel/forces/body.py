@@ -20,7 +20,7 @@ from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import COUPLING, DAMPING, INERTIA, ORIENTATION, Body
 from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
 from kreisel.forces.product import product
-from kreisel.forces.records import in_words, perturbed_record
+from kreisel.forces.records import in_words, naming, perturbed_record
 from kreisel.record import table
 from kreisel.record.body import as_body
 from kreisel.record.calling import Portable, keywords
@@ -318,7 +318,7 @@ UNSUITABLE: tuple[tuple[Callable[[System, Perturbation, int], Any], str], ...] =
         lambda system, record, n: (
             (record.beside or record.names(ORIENTATION)) and (not system.space.of_body or system.velocity is None)
         ),
-        "{name}: expected a potential alone, since its first component is no momentum in so(n).",
+        "{name}: expected a potential alone, since it is not a body that rotates.",
     ),
     (
         lambda system, record, n: record.force and record.pair,
@@ -388,8 +388,12 @@ def _with_own_casimirs(model: Model) -> System:
     if all(parts):
         return system
     chosen = np.flatnonzero(parts)
-    casimirs = (lambda *state: given(*state)[..., chosen]) if len(chosen) else None
-    return replace(system, space=replace(space, casimirs=casimirs))
+
+    def casimirs(*state: Array, **known: Any) -> Array:
+        return given(*state, **known)[..., chosen]
+
+    named = naming(casimirs, tuple(keywords(given))) if len(chosen) else None
+    return replace(system, space=replace(space, casimirs=named))
 
 
 def _tried(body: Model, record: Perturbation, own: list[Parameter], name: str | None) -> Model:

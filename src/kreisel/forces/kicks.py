@@ -84,7 +84,7 @@ def pulls(
 ) -> tuple[tuple[Array, ...], tuple[Array, ...], Any]:
     """The rates of the states of two bodies by their interaction, and of the work."""
     _, slopes, power = potential_of_pair(system, pair, known, axes)
-    first, second = (force_of_potential(system, body, by) for body, by in zip(pair, slopes, strict=True))
+    first, second = (force_of_potential(system, body, by, known) for body, by in zip(pair, slopes, strict=True))
     return first, second, power
 
 
@@ -210,14 +210,15 @@ def values_of(found: Array, body: Body) -> Array:
 # -- rates -------------------------------------------------------------------------------------------
 
 
-def force_of_potential(system: System, body: Body, slopes: Mapping[str, Array]) -> tuple[Array, ...]:
+def force_of_potential(system: System, body: Body, slopes: Mapping[str, Array], known: Constants) -> tuple[Array, ...]:
     """The rates of the state by V: {x, V} from the letters, and the torque from g."""
     space, state = system.space, body.state
     rates: list[Array] = [0 * z for z in state]
     if any(letter in slopes for letter in space.letters):
         by = [slopes.get(letter, 0 * z) for letter, z in zip(space.letters, state, strict=True)]
         flat = algebra.flatten(by, space.kinds)
-        rates = list(algebra.restore(algebra.act(space.tensor(*state).mT, flat), space.kinds, state[0].shape[-1]))
+        tensor = call(space.tensor, state, known)
+        rates = list(algebra.restore(algebra.act(tensor.mT, flat), space.kinds, state[0].shape[-1]))
     if ORIENTATION in slopes:
         G, g = slopes[ORIENTATION], body.g
         turned = G @ g.mT if system.frame is Frame.REST else g.mT @ G  # type: ignore[union-attr]
@@ -336,7 +337,7 @@ def rates(system: System, body: Body, known: Constants, axes: Mapping[str, int])
     """The rates of the state by the perturbation only, and of the work."""
     record = perturbation_of(system)
     _, slopes = potential(system, body, known, axes)
-    out = list(force_of_potential(system, body, slopes))
+    out = list(force_of_potential(system, body, slopes, known))
     work = slopes.get(TIME, 0)
     if record.loaded:
         by_loads, power = loads(system, body, known, axes)
@@ -379,7 +380,7 @@ def kicked(
     def without_loads(state: tuple[Array, ...]) -> tuple[tuple[Any, ...], Any]:
         there = body._replace(state=state)
         _, slopes = potential(system, there, known, axes)
-        rates, power = force_of_potential(system, there, slopes), slopes.get(TIME, 0)
+        rates, power = force_of_potential(system, there, slopes, known), slopes.get(TIME, 0)
         return _sum((rates, power), others(state)) if others is not None else (rates, power)
 
     def by_loads(state: tuple[Array, ...]) -> tuple[tuple[Any, ...], Any]:

@@ -94,7 +94,7 @@ def _record(models: Sequence[Model], factors: list[Factor]) -> System:
         title=" and ".join(f.system.title for f in factors),
         equations="; ".join(f"body {f.mark}: {f.system.equations}" for f in factors),
         source="; ".join(dict.fromkeys(f.system.source for f in factors)),
-        space=_space(factors),
+        space=_space(factors, names),
         parameters=tuple(parameters),
         flow=naming(flow, names),
         energy=naming(energy, names),
@@ -126,11 +126,11 @@ def _integrals(models: Sequence[Model], factors: list[Factor]) -> dict[str, Call
     return found | {TOTAL + name: of_all(name) for name in shared if len({shape(m, name) for m in models}) == 1}
 
 
-def _space(factors: list[Factor]) -> PhaseSpace:
+def _space(factors: list[Factor], names: tuple[str, ...]) -> PhaseSpace:
     spaces = [(f, f.system.space) for f in factors]
 
-    def tensor(*state: Array) -> Array:
-        blocks = [space.tensor(*state[f.place]) for f, space in spaces]
+    def tensor(*state: Array, **known: Any) -> Array:
+        blocks = [f.call(space.tensor, state, known) for f, space in spaces]
         rows = [
             [
                 one if j == i else 0 * one[..., :1] + np.zeros(other.shape[-1], dtype=int)
@@ -140,8 +140,8 @@ def _space(factors: list[Factor]) -> PhaseSpace:
         ]
         return np.concatenate([np.concatenate(row, -1) for row in rows], -2)
 
-    def casimirs(*state: Array) -> Array:
-        return np.concatenate([s.casimirs(*state[f.place]) for f, s in spaces if s.casimirs is not None], -1)
+    def casimirs(*state: Array, **known: Any) -> Array:
+        return np.concatenate([f.call(s.casimirs, state, known) for f, s in spaces if s.casimirs is not None], -1)
 
     def draw(n: int, numbers: Callable[..., Array]) -> State:
         return tuple(z for f, s in spaces for z in s.point(n, numbers))
@@ -149,8 +149,8 @@ def _space(factors: list[Factor]) -> PhaseSpace:
     return PhaseSpace(
         name=" x ".join(s.name for _, s in spaces),
         components=tuple((letter + f.mark, kind) for f, s in spaces for letter, kind in s.components),
-        tensor=tensor,
-        casimirs=casimirs if any(s.casimirs for _, s in spaces) else None,
+        tensor=naming(tensor, names),
+        casimirs=naming(casimirs, names) if any(s.casimirs for _, s in spaces) else None,
         sign=spaces[0][1].sign,
         constraints={
             f"{name} of body {f.mark}": (lambda *state, f=f, g=g: g(*state[f.place]))
