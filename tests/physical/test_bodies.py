@@ -16,7 +16,7 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 
 import kreisel as kr
-from kreisel.physical import FreeBody, Gyroscope, HeavyBody, Satellite, SubmergedBody
+from kreisel.physical import Ellipsoid, FreeBody, Gyroscope, HeavyBody, Satellite, SubmergedBody
 from kreisel.storage.checking import check_archive
 
 from .test_given_axes import ADDED, CENTRE, LONG, ORBIT, RATE, ROWS, SHORT, TENSOR, TYPED, case, same
@@ -279,3 +279,14 @@ def test_a_run_of_a_satellite_says_where_it_is_and_where_it_points(tmp_path: Pat
     assert abs(several.isel(lane=0).pointing).max() < 1e-9
     again = pickle.loads(pickle.dumps(several))
     assert np.array_equal(again.pitch.values, several.pitch.values)
+
+
+def test_a_body_in_water_moves_at_its_speed(tmp_path: Path) -> None:
+    """An ellipsoid along its longest axis: 1 m/s for 1 s is 1 m.  The run survives NetCDF."""
+    body = Ellipsoid((0.3, 0.2, 0.1), 30.0, 1000.0)
+    run = kr.simulate(body, body.state((1.0, 0, 0), (0, 0, 0.0)), dt="10 ms", t_end="1 s", every=10)
+    x = kr.analysis.path(run)
+    assert same(x[-1], [1, 0, 0], 1e-12) and x.attrs["units"] == "m" and float(x.time[-1]) == pytest.approx(1)
+    run.to_netcdf(tmp_path / "run.nc")
+    again = xr.open_dataset(tmp_path / "run.nc")
+    assert same(kr.analysis.path(again)[-1], [1, 0, 0], 1e-12) and not kr.drift(again).broken.any()

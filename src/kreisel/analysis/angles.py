@@ -26,7 +26,7 @@ from kreisel.runs.geometry import (
     velocity_of,
     vertical_and_axis,
 )
-from kreisel.runs.in_si import in_state_form, time_unit
+from kreisel.runs.in_si import in_state_form, is_in_si, time_unit
 from kreisel.runs.run_record import RunRecord, a_run
 
 if TYPE_CHECKING:
@@ -390,7 +390,10 @@ def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | Non
     x = x + (0 if start is None else _start(start, x.shape[1:]))
     lead = ("time", "lane") if lanes else ("time",)
     coords = {name: given[name] for name in lead if name in given.coords}
-    return xr.DataArray(x if lanes else x[:, 0], coords, (*lead, "axis"), "x", {"long_name": "position in space"})
+    unit = {"units": "m"} if is_in_si(given) else {}
+    return xr.DataArray(
+        x if lanes else x[:, 0], coords, (*lead, "axis"), "x", {"long_name": "position in space", **unit}
+    )
 
 
 def _displacements(model: Model, rows: tuple[Array, ...], steps: Array) -> Array:
