@@ -184,6 +184,46 @@ def test_bodies_from_files_next_to_the_configuration(tmp_path: Path) -> None:
         body_of(f'kind = "gyroscope"\n{lines}', tmp_path)
 
 
+def test_controllers_and_ready_forces_by_their_names() -> None:
+    """In a run of the file a tumbling CubeSat is braked, as by the same controller in Python."""
+    text = """
+        kind = "satellite"
+        units = 3
+        torque = [{ kind = "eddy-currents", tensor = [1, 2, 3] }]
+        [orbit]
+        altitude = "500 km"
+        [control]
+        kind = "bdot"
+        gain = "1e-4 N m s"
+        every = "2 s"
+        limits = { dipole = 0.2 }
+    """
+    made = body_of(text)
+    control = kr.physical.bdot("1e-4 N m s", every="2 s", limits={"dipole": 0.2})
+    assert made.control.law is control.law and made.control.parameters == control.parameters
+    assert made.control.limits["dipole"] == 0.2 and made.control.every == 2
+    np.testing.assert_array_equal(made.torque[0].tensor, np.diag([1.0, 2.0, 3.0]))
+    for change, said in (
+        (("bdot", "b-dot"), r"\[body.control\] kind: expected one of .*Did you mean 'bdot'"),
+        (("gain", "gian"), "Did you mean 'gain'"),
+        (("limits", "limts"), "Did you mean 'limits'"),
+        (("every", "seed = -1 #"), "seed: expected"),
+    ):
+        with pytest.raises(kr.InputError, match=said):
+            body_of(text.replace(*change))
+
+
+def test_forces_of_a_file_of_python(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("def friction(Omega):\n    return -0.01 * Omega\n")
+    (tmp_path / "x.toml").write_text(
+        f'[body]\nfile = "mine.py"\nkind = "free-body"\ninertia = [1, 2, 3]\ntorque = "friction"\n'
+        f'[state]\nspin = [0, 0, "1 rad/s"]\n{END}'
+    )
+    asked = read(tmp_path / "x.toml")
+    run = kr.simulate(asked.model, asked.state, dt=0.1, steps=100, orientation=asked.orientation, progress=False)
+    assert run.angular_velocity.values[-1, 2] == pytest.approx(np.exp(-0.01 * 10 / 3), rel=1e-6)
+
+
 def test_values_of_a_file_of_python(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("import kreisel as kr\nhigh = kr.physical.Orbit.circular('800 km')\n")
     (tmp_path / "x.toml").write_text(f'[body]\nfile = "mine.py"\nkind = "satellite"\nunits = 3\norbit = "high"\n{END}')

@@ -4,7 +4,8 @@
 
 `kind` is a class of `kr.physical`, "heavy-body" for `HeavyBody`.  `shape` names one of its class methods, "cubesat"; it
 is not needed if the table has an argument that only this method has.  Inner tables are records, for arguments of such a
-type, and names are constants, "saturn".  Instead of inertia and mass there may be a file, `mesh` or `robot`.
+type, or `kind` names a class or function of `kr.physical`, "bdot"; names are constants, "saturn".  Instead of inertia
+and mass there may be a file, `mesh` or `robot`.
 """
 
 from __future__ import annotations
@@ -33,9 +34,14 @@ Table = Mapping[str, Any]
 
 def kinds() -> dict[str, type[Body]]:
     """The classes of bodies by their names in a file."""
-    found = [getattr(physical, name) for name in physical.__all__]
-    bodies = [each for each in found if isinstance(each, type) and issubclass(each, Body)]
-    return {re.sub(r"(?<=[a-z])(?=[A-Z])", "-", each.__name__).lower(): each for each in bodies}
+    return {name: each for name, each in parts().items() if isinstance(each, type) and issubclass(each, Body)}
+
+
+def parts() -> dict[str, Callable[..., Any]]:
+    """Classes and functions of `kr.physical` by their names in a file: "heavy-body", "bdot", "eddy-currents"."""
+    named = {name: getattr(physical, name) for name in physical.__all__}
+    made = {name: each for name, each in named.items() if inspect.isclass(each) or inspect.isfunction(each)}
+    return {re.sub(r"(?<=[a-z])(?=[A-Z])|_", "-", name).lower(): each for name, each in made.items()}
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,7 @@ class Reader:
             return body.state(**values)
         return None
 
-    def record(self, kind: type[Any], given: Table, where: str) -> Any:
+    def record(self, kind: Callable[..., Any], given: Table, where: str) -> Any:
         """The record of a table; None after a mistake."""
         before, table = len(self.faults.messages), dict(given)
         part = self._part(kind, table, where)
@@ -98,11 +104,11 @@ class Reader:
             return call(**known, **values)
         return None
 
-    def _part(self, kind: type[Any], table: dict[str, Any], where: str) -> dict[str, Any]:
+    def _part(self, kind: Callable[..., Any], table: dict[str, Any], where: str) -> dict[str, Any]:
         """Mass, inertia and centre of mass from the file that a table names, whose arguments are removed from it."""
         for reader in READERS:
             first, *_ = names = list(inspect.signature(reader).parameters)
-            if first not in table or not issubclass(kind, Body):
+            if first not in table or kind not in kinds().values():
                 continue
             values = {k: table.pop(k) for k in names if k in table}
             if "inertia" not in inspect.signature(kind).parameters:
@@ -116,7 +122,7 @@ class Reader:
         return {}
 
     def _constructor(
-        self, kind: type[Any], table: dict[str, Any], part: Table, where: str
+        self, kind: Callable[..., Any], table: dict[str, Any], part: Table, where: str
     ) -> Callable[..., Any] | None:
         """The class, or the class method that `shape` names or that the keys of a table belong to."""
         methods = _class_methods(kind)
@@ -141,7 +147,7 @@ class Reader:
         needed = [k for k, p in parameters.items() if p.default is p.empty and p.kind is not p.VAR_KEYWORD]
         known = [k for k, p in parameters.items() if p.kind is not p.VAR_KEYWORD]
         if len(known) < len(parameters):  # **more are options of the class
-            options = inspect.signature(call.__self__).parameters  # type: ignore[attr-defined]
+            options = inspect.signature(_type_of(call, inspect.signature(call).return_annotation)).parameters
             known += [k for k, p in options.items() if p.default is not p.empty and k not in known]
         for key in table:
             if key not in known:
@@ -157,6 +163,8 @@ class Reader:
         records = list(records_of(kind))
         if isinstance(value, str) and value in self.names:
             return self.names[value]
+        if isinstance(value, Mapping) and "kind" in value:
+            return self._named(value, where)
         if isinstance(value, str) and "PathLike" in str(kind):
             return self.folder / value
         for record in records:
@@ -170,9 +178,19 @@ class Reader:
                     return constants[value.lower()]
                 expected = f"one of {', '.join(constants)}, or a table" if constants else "a table"
                 self.faults.add(f"[{where}] expected {expected}, got {shown(value)}.{hint(value, constants)}")
+        if isinstance(value, list) and any(isinstance(v, Mapping) for v in value):
+            return [self._value(v, None, where) for v in value]
         if isinstance(value, Mapping):  # coefficients, {"3,1" = [C, S]}
             return {tuple(map(int, k.split(","))) if re.fullmatch(r"\d+,\d+", k) else k: v for k, v in value.items()}
         return self._quantity(value, where)
+
+    def _named(self, table: Table, where: str) -> Any:
+        """A part of a body that an inner table names: {kind = "bdot", gain = 1e-4}."""
+        known, name = parts(), table["kind"]
+        if isinstance(name, str) and name in known:
+            return self.record(known[name], {k: v for k, v in table.items() if k != "kind"}, where)
+        self.faults.add(f"[{where}] kind: expected one of {', '.join(known)}, got {shown(name)}.{hint(name, known)}")
+        return None
 
     def _quantity(self, value: Any, where: str) -> Any:
         """The value; texts that begin like a quantity must have a known unit."""
@@ -183,7 +201,7 @@ class Reader:
         return value
 
 
-def _class_methods(kind: type[Any]) -> dict[str, Callable[..., Any]]:
+def _class_methods(kind: Callable[..., Any]) -> dict[str, Callable[..., Any]]:
     """The class methods of a record, each a constructor."""
     names = [name for name in sorted(dir(kind)) if not name.startswith("_")]
     return {k: getattr(kind, k) for k in names if isinstance(inspect.getattr_static(kind, k), classmethod)}
@@ -208,15 +226,18 @@ def texts(value: Any) -> Iterator[str]:
 
 
 def types_of(call: Callable[..., Any]) -> dict[str, Any]:
-    """The types of the arguments of a function or class, where its module knows them."""
-    scope = vars(sys.modules[call.__module__])
-    found = {}
-    for name, parameter in inspect.signature(call).parameters.items():
-        try:
-            found[name] = eval(str(parameter.annotation), scope) if parameter.annotation is not parameter.empty else Any
-        except NameError:
-            found[name] = Any
-    return found
+    """The types of the arguments of a function or class."""
+    return {name: _type_of(call, p.annotation) for name, p in inspect.signature(call).parameters.items()}
+
+
+def _type_of(call: Callable[..., Any], annotation: Any) -> Any:
+    """The type that an annotation names, Any if the module of the function does not know it."""
+    try:
+        return (
+            Any if annotation is inspect.Parameter.empty else eval(str(annotation), vars(sys.modules[call.__module__]))
+        )
+    except NameError:
+        return Any
 
 
 def records_of(kind: Any) -> Iterator[type[Any]]:
