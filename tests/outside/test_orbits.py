@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import rebound
 from astropy.time import Time
+from scipy.interpolate import CubicSpline
 from sgp4.api import WGS72, Satrec
 from sgp4.conveniences import sat_epoch_datetime
 
-from kreisel.physical import EARTH, SUN, Orbit
+import kreisel as kr
+from kreisel.physical import EARTH, SUN, Orbit, Satellite
 
 ORBITS = {
     "round": Orbit("7000 km"),
@@ -138,6 +142,58 @@ def test_two_line_elements() -> None:
         assert np.linalg.norm(orbit.at(t)[0] - 1e3 * np.array(r)) < 15e3
     plain = Orbit(orbit.semi_major_axis, orbit.eccentricity, orbit.inclination, orbit.node, orbit.perigee)
     assert np.linalg.norm(plain.at(0.0)[0] - orbit.at(0.0)[0]) > 1e6  # negative control: without the anomaly
+
+
+SAT = Satrec.twoline2rv(*TLE)
+
+
+def by_sgp4(t: np.ndarray) -> np.ndarray:
+    """Positions (..., 3), m, at times after the epoch."""
+    return 1e3 * SAT.sgp4_array(np.full(len(t), SAT.jdsatepoch), SAT.jdsatepochF + t / 86400)[1]
+
+
+def test_tables_of_sgp4() -> None:
+    """To a millimetre between its positions, 60 s apart; velocities are the rates of these, to their rounding."""
+    orbit, t = Orbit.from_tle(*TLE, span="3 h"), np.random.default_rng(0).uniform(60, 3 * 3600 - 60, 300)
+    assert abs(orbit.at(t)[0] - by_sgp4(t)).max() < 2e-3
+    rates = (by_sgp4(t + 0.5) - by_sgp4(t - 0.5)) / 1.0
+    assert abs(orbit.at(t)[1] - rates).max() < 2e-3
+    assert abs(Orbit.from_tle(*TLE).at(t)[0] - by_sgp4(t)).max() > 1e3  # negative control: mean elements alone
+
+
+def nudge(r: Any) -> Any:
+    return 1e-21 * r
+
+
+def test_a_satellite_is_where_sgp4_has_it() -> None:
+    """A ball that hardly turns, with a torque along r: its momentum is the integral of r, in the kernel."""
+    ball = Satellite((1.0, 1.0, 1.0), Orbit.from_tle(*TLE, span="3 h"), torque=nudge)
+    start = ball.state(spin=(0.0, 0.0, 0.0), attitude=(1, 0, 0, 0))
+    run = kr.simulate(ball, start, dt="25 s", t_end="9000 s", every="1500 s")
+    times = np.arange(0.0, 9001.0, 2.5)
+    want = CubicSpline(times, by_sgp4(times)).antiderivative()(run.time.values)
+    assert abs(run.momentum.values / 1e-21 - want).max() < 1e-7 * abs(want).max()
+    assert abs(run.position.values - by_sgp4(run.time.values)).max() < 2e-3
+
+
+def test_tables_of_an_ephemeris() -> None:
+    """Dates at unequal steps; with velocities of a flyby, on no ellipse, by REBOUND's integrator."""
+    steps = np.cumsum(np.random.default_rng(1).uniform(40, 80, 100)).round(3)
+    epoch = np.datetime64("2026-03-20T14:46:00", "ms")
+    orbit = Orbit.from_table(epoch + np.rint(1e3 * (steps - steps[0])).astype("timedelta64[ms]"), by_sgp4(steps))
+    t = np.random.default_rng(2).uniform(300, steps[-1] - steps[0] - 300, 100)
+    assert orbit.days == pytest.approx(Time("2026-03-20T14:46:00", scale="utc").jd - 2451545.0, abs=1e-9)
+    assert abs(orbit.at(t)[0] - by_sgp4(steps[0] + t)).max() < 0.1
+    sim = about(orbit)
+    sim.add(x=-5e7, y=2e7, vx=5e3)
+    states = []
+    for when in np.linspace(0, 12_000, 201):
+        sim.integrate(when)
+        states.append([*sim.particles[1].xyz, *sim.particles[1].vxyz])
+    r, v = np.split(np.array(states), 2, -1)
+    flyby = Orbit.from_table(np.linspace(0, 12_000, 101), r[::2], v[::2])
+    assert np.linalg.norm(v[0]) > np.sqrt(2 * EARTH.mu / np.linalg.norm(r[0]))
+    assert abs(flyby.at(np.linspace(0, 12_000, 201))[0] - r).max() < 1e-2
 
 
 def test_days_of_an_epoch() -> None:

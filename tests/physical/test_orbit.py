@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -46,6 +48,23 @@ def test_the_kernel_has_phase_and_drift() -> None:
     assert run.M[-1].values / 1e-3 == pytest.approx(want, rel=1e-6)
 
 
+def test_archives_hold_the_path(tmp_path: Path) -> None:
+    """A run on a table of positions is resumed bit for bit by its archive alone; the body knows its own runs."""
+    body = Satellite((1.0, 2.0, 2.5), Orbit.from_tle(FIRST, SECOND, span="2 h"))
+    run: dict[str, Any] = {"dt": "30 s", "every": "300 s"}
+    whole = kr.simulate(body, body.state(), t_end="6000 s", **run)
+    kr.simulate(body, body.state(), t_end="3000 s", path=tmp_path / "run.zarr", **run)
+    kr.resume(tmp_path / "run.zarr", extend=200)
+    again = kr.open_run(tmp_path / "run.zarr")
+    for name in ("momentum", "attitude", "position"):
+        assert (again[name].values == whole[name].values).all()
+    assert body.angles(again).pitch.shape == (21,)
+    with pytest.raises(kr.InputError, match="got one with another"):
+        Satellite((1.0, 2.0, 2.5), Orbit.from_tle(FIRST, SECOND)).angles(again)
+    with pytest.raises(kr.InputError, match="path: expected a table for all times of the run, 0 to 7500, got"):
+        kr.simulate(body, body.state(), t_end="7500 s", **run)
+
+
 FIRST, SECOND = (
     "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991",
     "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482",
@@ -63,6 +82,15 @@ BAD: dict[str, tuple[Callable[[], object], str]] = {
     "name of a set": (lambda: Orbit.from_tle("ISS (ZARYA)", FIRST), "line1: expected line 1 of a two-line"),
     "lines swapped": (lambda: Orbit.from_tle(SECOND, FIRST), "line1: expected line 1 of a two-line"),
     "a digit": (lambda: Orbit.from_tle(FIRST, SECOND.replace("51.6439", "51.6440")), "line2: expected the checksum 4"),
+    "after its end": (lambda: Orbit.from_tle(FIRST, SECOND, span=3600.0).at(3601.0), "expected times from 0 to 3600"),
+    "decayed": (lambda: Orbit.from_tle(FIRST, SECOND, span="20000 day", every="100 day"), "error 6 after"),
+    "positions in km": (lambda: Orbit.from_table(range(6), np.full((6, 3), 5e3)), "Usual cause: km for m"),
+    "few positions": (lambda: Orbit.from_table(range(5), np.full((5, 3), 5e6)), "six or more times"),
+    "a gap": (
+        lambda: Orbit.from_table([0, 1e-3, 60, 120, 1e6, 2e6], np.outer([1, 1, 2, 1, 2, 1], [8e6, 0, 0])),
+        "about equally spaced",
+    ),
+    "path": (lambda: Orbit(7e6, path=kr.Table([0, 1], [1, 2])), "path: expected a table as Orbit.from_table"),
     "anomaly": (lambda: Orbit(7e6, true_anomaly="3 kg"), "dimension of rad"),
 }
 

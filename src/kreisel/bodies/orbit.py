@@ -1,6 +1,6 @@
 """Orbit of a satellite: position and velocity in space as functions of time, in SI units.
 
-    r = X P + Y Q,  X = a (cos E - e),  Y = a sqrt(1 - e^2) sin E,  E - e sin E = M_0 + M' t
+    r = X P + Y Q + path(t),  X = a (cos E - e),  Y = a sqrt(1 - e^2) sin E,  E - e sin E = M_0 + M' t
 
 P points to the pericentre and Q ahead of it, unit vectors.  With J2, the first coefficient of the oblateness of the
 primary, whose equator has the radius R, mean elements change at the secular rates of the first order,
@@ -9,12 +9,14 @@ primary, whose equator has the radius R, mean elements change at the secular rat
     perigee' = (3/4) n J2 (R/p)^2 (5 cos^2 i - 1)
     M'       = n (1 + (3/4) J2 (R/p)^2 sqrt(1 - e^2) (3 cos^2 i - 1))
 
-without the oscillations within a revolution, of about J2 R, some km in a low orbit of the Earth.  Space is the frame of
+without the oscillations within a revolution, of about J2 R, some km in a low orbit of the Earth.  The table `path`, if
+there is one, has what is missing to a position: that of an ephemeris minus that on the ellipse.  Space is the frame of
 the elements, whose third axis is the pole of the primary.  [W. M. Kaula, Theory of Satellite Geodesy, 1966, chapter 3]
 """
 
 from __future__ import annotations
 
+from functools import partial
 from math import pi
 from typing import Any
 
@@ -24,6 +26,7 @@ from kreisel.algebra import sqrt, vec
 from kreisel.algebra.gradient import cos, exp, log, sin, with_slope
 from kreisel.errors import InputError, shown
 from kreisel.record.contract import Parameter
+from kreisel.record.table import EMPTY, Form, check
 
 # -- Kepler's equation for any eccentricity below 1, without a branch, for any kind of number ------
 
@@ -92,8 +95,14 @@ TURN = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 0]])  # x @ TURN = z cross x
 EQUATOR, POLE = np.array([1, 1, 0]), np.array([0, 0, 1])
 
 
-def place(t, orbit):
-    """Position r, m, and velocity v, m/s, (..., 3) in space at t (...), s.  orbit (12,): entries of `of_elements`."""
+PATH = Form(columns=3, degree=5, halvings=0)
+
+
+def place(t, orbit, path):
+    """Position r, m, and velocity v, m/s, (..., 3) in space at t (...), s.
+
+    orbit (12,): entries of `of_elements`; path: a `Reader` of the form `PATH`
+    """
     rate, phase, e, a, node, perigee = orbit[:6]
     M = phase + rate * t
     E = M + e * sin(eccentric_anomaly(M, e))  # so that a kernel for e = 0 does not solve the equation
@@ -102,7 +111,8 @@ def place(t, orbit):
     X, Y = _turned(X, Y, perigee * t)
     U, V = _turned(-fast * a * s, fast * b * c, perigee * t)
     r = _in_space(X, Y, orbit, node * t)
-    return r, _in_space(U - perigee * Y, V + perigee * X, orbit, node * t) + vec(node) * (r @ TURN)
+    v = _in_space(U - perigee * Y, V + perigee * X, orbit, node * t) + vec(node) * (r @ TURN)
+    return r + np.asarray(path(t)), v + np.asarray(path(t, 1))
 
 
 def _turned(x, y, angle):
@@ -177,4 +187,5 @@ ORBIT = (
     Parameter("mu", "scalar", "gravitational parameter of the primary, m^3/s^2", check_positive, EARTH),
     Parameter("radius", "scalar", "of the primary, m: no orbit goes below", check_not_negative, 6_378_137.0),
     Parameter("J2", "scalar", "oblateness of the primary: secular rates of node, perigee, anomaly", default=0.0),
+    Parameter("path", "table", "in time, added to the position on the ellipse, m", partial(check, form=PATH), EMPTY),
 )

@@ -39,6 +39,7 @@ from kreisel.bodies.environment import ENVIRONMENT, NAMES, around, of_dipole, ra
 from kreisel.bodies.orbit import (
     EARTH,
     ORBIT,
+    PATH,
     check_not_negative,
     check_pericentre,
     doubtful_orbit,
@@ -56,8 +57,8 @@ from kreisel.system import euler_top
 # -- the satellite ---------------------------------------------------------------------------------
 
 
-def potential(g, t, *, J, orbit, mu, field, dipole, degree_3, degree_4):
-    r, z = place(t, orbit)[0] @ g, g[2]
+def potential(g, t, *, J, orbit, path, mu, field, dipole, degree_3, degree_4):
+    r, z = place(t, orbit, path)[0] @ g, g[2]
     square = r @ r
     distance = sqrt(square)
     w = -r / distance
@@ -84,8 +85,8 @@ def harmonics_4(w):
     return np.array([zonal, near * x, near * y, middle * c2, middle * s2, *far])
 
 
-def torque(g, t, *, orbit, torque, dipole, plates, drag, pressure, mirror, diffuse, **known):
-    r, v = place(t, orbit)
+def torque(g, t, *, orbit, path, torque, dipole, plates, drag, pressure, mirror, diffuse, **known):
+    r, v = place(t, orbit, path)
     there = around(r, v, t, **known)
     v, s = there.stream @ g, there.sun @ g
     air, lighting = -there.density * drag / 2 * v, pressure * there.near * there.near * there.light
@@ -98,9 +99,9 @@ def torque(g, t, *, orbit, torque, dipole, plates, drag, pressure, mirror, diffu
     return torque
 
 
-def surroundings(t, *, orbit, field, **known):
+def surroundings(t, *, orbit, path, field, **known):
     """The environment in space at t, s, by name; of times (...) vectors are (3, ...)."""
-    r, v = (x.T for x in place(t, orbit))
+    r, v = (x.T for x in place(t, orbit, path))
     there = around(r, v, t, **known)
     B = there.field + of_dipole(r, field)
     return {"position": r, "velocity": v, "field": B, "sun": there.sun, "light": there.light, "density": there.density}
@@ -221,7 +222,7 @@ WHEEL = (
         "wheel_torque", "vector", "of its motor on the wheel, N m, along the principal axes", default=np.zeros(3)
     ),
 )
-LOADS = ("orbit", "torque", "dipole", "plates", "drag", "pressure", "mirror", "diffuse", *NAMES)
+LOADS = ("orbit", "path", "torque", "dipole", "plates", "drag", "pressure", "mirror", "diffuse", *NAMES)
 DERIVED = {"J": 1, "c": 2, "orbit": 1}  # axes
 
 
@@ -233,15 +234,15 @@ def body_frame():
 
 def body(name, title, *wheel):
     parameters = (*PARAMETERS, *wheel)
-    axes = {p.letter: {"scalar": 0, "vector": 1, "array": 2}[p.kind] for p in parameters}
-    gravity = Force(potential, ("g", "t"), ("J", "orbit", "mu", "field", "dipole", "degree_3", "degree_4"))
+    axes = {p.letter: {"scalar": 0, "vector": 1, "array": 2, "table": 1}[p.kind] for p in parameters}
+    constants, tables = ("J", "orbit", "path", "mu", "field", "dipole", "degree_3", "degree_4"), {"path": PATH}
     return perturbed_record(
         Perturbation(
             base=euler_top.SYSTEM,
-            potential=gravity,
-            torque=Force(torque, ("g", "t"), LOADS),
+            potential=Force(potential, ("g", "t"), constants, tables=tables),
+            torque=Force(torque, ("g", "t"), LOADS, tables=tables),
             wheel=bool(wheel),
-            environment=Force(surroundings, ("t",), ("orbit", "field", *NAMES)),
+            environment=Force(surroundings, ("t",), ("orbit", "path", "field", *NAMES), tables=tables),
             corners=corners,
         ),
         axes | DERIVED,

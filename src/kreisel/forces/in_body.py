@@ -73,7 +73,7 @@ class InBody:
                 Omega = algebra.axial(_velocity(system, state, known))
                 body["Omega"] = (self.turn @ Omega if moving else Omega @ g) / self.time
             if place is not None and by_place:
-                at = partial(run, place.function, **{name: known[name] for name in place.parameters})
+                at = partial(run, place.function, **place.named(known[name] for name in place.parameters))
                 found = at(body["t"])
                 if "B_rate" in by_place:
                     later, earlier = (at(body["t"] + h)["field"] for h in (NEAR, -NEAR))

@@ -285,7 +285,7 @@ def surroundings(system: System, body: Body, known: Constants, axes: Mapping[str
             f"{', '.join(OF_PLACE)}, or a dipole. Only a body on an orbit has them: kr.physical.Satellite."
         )
     tape: list[Any] = []
-    more = {name: traced(tape, known[name], axes[name]) for name in force.parameters}
+    more = force.named(traced(tape, known[name], axes[name]) for name in force.parameters)
     found = run(force.function, traced(tape, body.t, 0), **more)
     return {name: values_of(np.asarray(value, dtype=object), body) for name, value in found.items()}
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime as dt
 import math
 import re
-from dataclasses import InitVar, dataclass
+import warnings
+from dataclasses import InitVar, dataclass, replace
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -13,10 +15,11 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import orbit as formulas_of_orbits
-from kreisel.errors import InputError, doubt, explained, shown
+from kreisel.errors import InputError, InputWarning, doubt, explained, shown
 from kreisel.physical import environment as earth
 from kreisel.physical.environment import Environment
 from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number, si_numbers
+from kreisel.record.table import EMPTY, Reader, Table, form_of
 from kreisel.runs.orbits import orbit_frame
 
 formulas = cast("Any", formulas_of_orbits)  # of a page, without types
@@ -70,6 +73,7 @@ def _checked(primary: Any) -> Primary:
     return primary._replace(mu=mu, radius=radius, field=field, J2=J2)
 
 
+DAY, MOST_DEGREE, MOST_ROWS = 86_400.0, 5, 2_000_000
 TLE = (r"1 .{67}", r"2 .{67}")
 J2000 = dt.datetime(2000, 1, 1, 12, tzinfo=dt.UTC)
 
@@ -110,6 +114,7 @@ class Orbit:
     true_anomaly      rad, at t = 0, instead of the mean anomaly
     epoch             the date of t = 0, UTC: ISO text such as "2026-03-20T14:46:00", or a datetime; None for no date
     J2                whether node, perigee and mean anomaly drift by the oblateness of the primary
+    path              a `kr.Table` of what is added to positions on this ellipse, m: see `from_table`
 
     Space is the frame of these angles; its third axis is the primary's.  Raises `InputError` unless the orbit is
     an ellipse outside the primary.  Warns with `InputWarning` of plain angles beyond 2 pi and of orbits in the air.
@@ -125,6 +130,7 @@ class Orbit:
     mean_anomaly: float = 0.0
     epoch: Any = None
     J2: bool = False
+    path: Table | None = None
     true_anomaly: InitVar[Any] = None
 
     def __post_init__(self, true_anomaly: Any) -> None:
@@ -142,6 +148,8 @@ class Orbit:
             raise InputError(f"J2: expected True or False, got {shown(self.J2)}. Its value is that of the primary.")
         if self.J2 and not self.primary.J2:
             raise InputError(f"J2=True: expected a primary with J2, got {self.primary.name}: Primary(..., J2=...).")
+        if self.path is not None and not (isinstance(self.path, Table) and form_of(self.path.packed) == formulas.PATH):
+            raise InputError(f"path: expected a table as Orbit.from_table has it, got {shown(self.path)}.")
         pericentre = np.asarray(self.pericentre)
         formulas.check_pericentre(pericentre, self.primary.radius, self.primary.name)
         for sentence in formulas.doubtful_orbit(pericentre, self.primary.radius, self.primary.name):
@@ -176,17 +184,87 @@ class Orbit:
         return cls(**_elements_of(r, v, primary), primary=primary, epoch=epoch, J2=J2)
 
     @classmethod
-    def from_tle(cls, line1: str, line2: str) -> Orbit:
-        """The orbit of a two-line element set: its mean elements, with the drift by J2 (needs sgp4).
+    def from_tle(cls, line1: str, line2: str, span: Any = None, every: Any = 60.0) -> Orbit:
+        """The orbit of a two-line element set (needs sgp4), with t = 0 at its epoch.
 
-        Space is then TEME, the true equator and mean equinox of the epoch.  In a low orbit positions differ from the
-        positions of SGP4 by some km along the orbit, more with every day of drag.  Raises `InputError` for a set with
-        another form or checksum.
+        span    s, of a table of the positions of SGP4 from t = 0 on; None: the mean elements of the set, with the drift
+                by J2 and without an end, some km from SGP4 in a low orbit, more with every day of drag
+        every   s, from one position of the table to the next
+
+        Space is TEME, the true equator and mean equinox of the epoch.  Raises `InputError` for a set with another form
+        or checksum, and for a satellite that decays within the span.
         """
         sat, date = _tle(line1, line2)
         n = sat.xke * sat.a**-1.5 / 60  # rad/s
         elements = {"inclination": sat.inclo, "node": sat.nodeo, "perigee": sat.argpo, "mean_anomaly": sat.mo}
-        return cls((EARTH.mu / n**2) ** (1 / 3), sat.ecco, **elements, epoch=date, J2=True)
+        mean = cls((EARTH.mu / n**2) ** (1 / 3), sat.ecco, **elements, epoch=date, J2=True)
+        if span is None:
+            return mean
+        last, step = (si_number(x, "s", name, positive=True) for x, name in ((span, "span"), (every, "every")))
+        times = np.linspace(0.0, last, max(MOST_DEGREE, math.ceil(last / step)) + 1)
+        codes, km, _ = sat.sgp4_array(np.full(len(times), sat.jdsatepoch), sat.jdsatepochF + times / DAY)
+        if codes.any():
+            raise InputError(
+                f"span: expected a time for which SGP4 has the satellite, got its error {codes.max()} after "
+                f"{times[codes > 0][0] / DAY:.1f} days. Usual cause: a decayed orbit, or a set that is too old."
+            )
+        return mean._along(times, 1e3 * km, None)
+
+    @classmethod
+    def from_table(
+        cls, times: Any, positions: Any, velocities: Any = None, primary: Primary = EARTH, epoch: Any = None
+    ) -> Orbit:
+        """The path through positions at given times, such as those of an ephemeris.
+
+        times       (k,), s from the epoch, or dates (k,) in UTC, of which the first is then the epoch; k >= 6
+        positions   (k, 3), m, in an inertial frame with the pole of the primary as third axis
+        velocities  (k, 3), m/s; default: those of a spline through the positions
+
+        Between the times it is a polynomial of degree 5 of the difference to an ellipse through the first state, whose
+        elements `period` and the like have; with unequal times, resampled at equal ones.  Raises `InputError` for times
+        that do not increase, positions inside the primary, and times too unequal for that.
+        """
+        t, epoch = _seconds(times, epoch)
+        r = si_numbers(positions, "m", "positions")
+        v = None if velocities is None else si_numbers(velocities, "m/s", "velocities")
+        primary = _checked(primary)
+        if t.ndim != 1 or len(t) <= MOST_DEGREE or r.shape != (len(t), 3) or (v is not None and v.shape != r.shape):
+            raise InputError(
+                f"from_table: expected six or more times (k,), and positions and velocities (k, 3), got times of shape "
+                f"{t.shape}, positions of shape {r.shape}."
+            )
+        least = np.linalg.norm(r, axis=-1).min()
+        if least <= primary.radius:
+            raise InputError(
+                f"positions: expected positions outside the {primary.name}, got one at {least:g} m from its centre. "
+                "Usual cause: km for m."
+            )
+        return cls._near(t, r, v, primary, epoch)._along(t, r, v)
+
+    @classmethod
+    def _near(cls, t: Array, r: Array, v: Array | None, primary: Primary, epoch: Any) -> Orbit:
+        """The ellipse through the first state; a circle as large as that, if there is none outside the primary."""
+        from scipy.interpolate import make_interp_spline
+
+        start = make_interp_spline(t, r, k=MOST_DEGREE).derivative()(t[0]) if v is None else v[0]
+        with contextlib.suppress(InputError), warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)  # of an ellipse that nothing moves on
+            orbit = cls.from_state(r[0], start, primary, epoch)
+            back = orbit.mean_anomaly - orbit.mean_motion * t[0]
+            return replace(orbit, mean_anomaly=math.remainder(back, 2 * math.pi))
+        return cls(float(np.linalg.norm(r[0])), primary=primary, epoch=epoch)
+
+    def _along(self, t: Array, r: Array, v: Array | None) -> Orbit:
+        """The orbit with a path through these positions."""
+        from scipy.interpolate import make_interp_spline
+
+        near = self.at(t)
+        spline = make_interp_spline(t, r - near[0], k=MOST_DEGREE)
+        if v is None:
+            slopes = spline.derivative()(t), spline.derivative(2)(t)
+        else:
+            slopes = v - near[1], make_interp_spline(t, v - near[1], k=MOST_DEGREE).derivative()(t)
+        return replace(self, path=_equally_spaced(Table(t, r - near[0], slopes)))
 
     @property
     def mean_motion(self) -> float:
@@ -217,15 +295,16 @@ class Orbit:
         return float((self.epoch - J2000) / dt.timedelta(days=1))
 
     @property
-    def elements(self) -> dict[str, float]:
+    def elements(self) -> dict[str, Any]:
         """The orbit's parameters of `kreisel.bodies.orbit`."""
         names = ("semi_major_axis", "eccentricity", "inclination", "node", "perigee", "mean_anomaly")
         primary = {"mu": self.primary.mu, "radius": self.primary.radius, "J2": self.primary.J2 if self.J2 else 0.0}
-        return {name: getattr(self, name) for name in names} | primary
+        path = {"path": EMPTY if self.path is None else self.path.packed}
+        return {name: getattr(self, name) for name in names} | primary | path
 
     @cached_property
     def _constants(self) -> Array:
-        return formulas.of_elements(**{name: np.asarray(value) for name, value in self.elements.items()})
+        return formulas.of_elements(**{k: np.asarray(v) for k, v in self.elements.items() if k != "path"})
 
     @property
     def axes(self) -> Array:
@@ -235,7 +314,8 @@ class Orbit:
 
     def at(self, time: Any) -> tuple[Array, Array]:
         """Position, m, and velocity, m/s, at times in s (...): each (..., 3), in space."""
-        r, v = formulas.place(finite_floats(time, "s", "time"), self._constants)
+        path = Reader(np.zeros(4), formulas.PATH) if self.path is None else self.path
+        r, v = formulas.place(finite_floats(time, "s", "time"), self._constants, path)
         return r, v
 
     def frame(self, time: Any) -> Array:
@@ -248,7 +328,34 @@ class Orbit:
         return np.linalg.norm(np.cross(r, v), axis=-1) / (r * r).sum(-1)
 
 
-def _elements_of(r: Array, v: Array, primary: Primary) -> dict[str, float]:
+def _seconds(times: Any, epoch: Any) -> tuple[Array, Any]:
+    """Times in s, and the epoch: the first date if they are dates."""
+    dates = np.asarray(times) if not isinstance(times, str) else np.asarray([times])
+    if dates.dtype.kind in "MUO":
+        with contextlib.suppress(TypeError, ValueError, AttributeError, InputError):
+            each = [cast("dt.datetime", _date(day)) for day in (dates if dates.dtype.kind == "M" else dates.tolist())]
+            return np.array([(day - each[0]).total_seconds() for day in each]), each[0] if epoch is None else epoch
+    return finite_floats(times, "s", "times"), epoch
+
+
+def _equally_spaced(table: Table) -> Table:
+    """The table, or one that has its values at equally spaced times to 1 m.  Raises `InputError`."""
+    if not form_of(table.packed).halvings:
+        return table
+    t = table.times
+    count = math.ceil((t[-1] - t[0]) / np.diff(t).min())
+    if count < MOST_ROWS:
+        even = np.linspace(t[0], t[-1], count + 1)
+        found = Table(even, table(even), (table(even, 1), table(even, 2)))
+        if abs(found(t) - table(t)).max() <= 1.0:
+            return found
+    raise InputError(
+        f"from_table: expected times that are about equally spaced, got steps from {np.diff(t).min():g} to "
+        f"{np.diff(t).max():g} s. Choose positions at equal steps from the ephemeris."
+    )
+
+
+def _elements_of(r: Array, v: Array, primary: Primary) -> dict[str, Any]:
     """The elements of the Kepler orbit through a state.  An angle that is not defined is 0.  Raises `InputError`."""
     h, size = np.cross(r, v), np.linalg.norm(r)
     energy = v @ v / 2 - primary.mu / size if size else 0.0

@@ -42,7 +42,8 @@ class Force:
     def named(self, values: Iterable[Any]) -> dict[str, Any]:
         """The parameters by name, with readers of tables in place of their handles."""
         named = dict(zip(self.parameters, values, strict=True))
-        return named | {name: Reader(named[name], form) for name, form in self.tables.items()}
+        readers = {name: Reader(named[name], form) for name, form in self.tables.items()}
+        return {name: value if isinstance(value, Reader) else readers.get(name, value) for name, value in named.items()}
 
     def names(self, letter: str) -> bool:
         """Whether this letter is an argument."""

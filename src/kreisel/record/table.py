@@ -117,18 +117,22 @@ class Table:
         self.packed = np.concatenate([head, t, *(np.ravel(x) for x in (y, *each))])
         self.packed.flags.writeable = False
 
-    def __call__(self, time: Any) -> Any:
-        """The values (...) or (..., components) at times (...).  Raises `InputError` for times outside, unless held."""
-        return self.derivative(time, 0)
+    def __call__(self, time: Any, order: int = 0) -> Any:
+        """The values (...) or (..., components) at times (...); of an order > 0, derivatives with respect to time.
 
-    def derivative(self, time: Any, order: int = 1) -> Any:
-        """The derivatives with respect to time, of an order from 0 to 5."""
+        Raises `InputError` for times outside, unless they are held.
+        """
         t = _floats(time, "time")
         first, last = self.span
         if not self.holds and t.size and not (first <= t.min() and t.max() <= last):
             raise InputError(f"Table: expected times from {first:g} to {last:g}, got {t.min():g} to {t.max():g}.")
         read = handles(self.packed)
         return Reader(read.values, form_of(self.packed))(t, order)
+
+    @property
+    def times(self) -> Array:
+        """The times."""
+        return _parts(self.packed)[0]
 
     @property
     def span(self) -> tuple[float, float]:

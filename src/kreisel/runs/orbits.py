@@ -75,11 +75,11 @@ def satellite_model(run: xr.Dataset) -> Model:
 def surroundings(run: xr.Dataset) -> Surroundings:
     """Orbit and environment at each row.  Raises `InputError` for any other run than of a satellite."""
     model = satellite_model(run)
-    force = cast("Perturbation", model.system.perturbation).environment
-    known = {name: np.asarray(model.constants[name]) for name in cast("Force", force).parameters}
+    force = cast("Force", cast("Perturbation", model.system.perturbation).environment)
+    known = {name: np.asarray(model.constants[name]) for name in force.parameters}
     time = np.asarray(run["time"].values, dtype=np.float64)
     lanes = [_of_lane(known, model.axes, lane) for lane in range(model.batch[0])] if model.batch else [known]
-    rows = [cast("Force", force).function(time, **each) for each in lanes]
+    rows = [force.function(time, **force.named(each.values())) for each in lanes]
     rows = rows if model.batch else rows * run.sizes.get("lane", 1)  # lanes on one orbit
     found = {
         name: np.moveaxis(np.stack([np.broadcast_to(row[name], (*axes, len(time))) for row in rows], -1), 0, -1)
