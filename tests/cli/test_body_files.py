@@ -19,6 +19,7 @@ from kreisel.errors import Faults
 from kreisel.physical import SATURN, Asteroid, FreeBody, Gyroscope, HeavyBody, Orbit, Satellite, SubmergedBody
 from kreisel.physical.tables import Reader, kinds
 from kreisel.runs.planning import make_plan
+from support import EXAMPLES
 
 END = '[run]\ndt = "1 s"\nsteps = 10\n[output]\npath = "x.zarr"\n'
 
@@ -239,6 +240,15 @@ def test_an_attitude_by_its_angles() -> None:
     np.testing.assert_array_equal(asked.orientation, satellite.orientation(satellite.pointing(pitch="10 deg")))
 
 
+def test_values_set_in_inner_tables() -> None:
+    asked = read(EXAMPLES / "satellite.toml", ["body.orbit.altitude=600 km", "state.attitude.pitch=5 deg"])
+    satellite = Satellite.cubesat(Orbit.circular(6e5, inclination=np.radians(97.4)))
+    assert asked.model.params["semi_major_axis"] == 6_978_137.0
+    np.testing.assert_allclose(
+        asked.orientation, satellite.orientation(satellite.pointing(pitch=np.radians(5))), rtol=1e-14
+    )
+
+
 def test_all_mistakes_in_one_message() -> None:
     found = mistakes("""
         [body]
@@ -316,4 +326,6 @@ def test_a_sweep_begins_from_a_body() -> None:
     text = text_of_body("free-body", Path("x.toml"), "#").replace("# figure", "#")
     description, _, _ = parse_sweep(tomllib.loads(f'{text}\n[sweep.grid]\n"state.M[0]" = [0.1, 0.2]'))
     assert description["system"]["name"] == "euler-top" and description["run"]["dt"] == 0.002
+    with pytest.raises(kr.InputError, match=r"\[sweep.grid\]: expected parameters and states of the system"):
+        parse_sweep(tomllib.loads(f"{text}\n[sweep.grid]\nbody.mass = [1, 2]"))
     assert description["body"]["units"]["time"][1] == 1.0 and len(description["state"]["orientation"]) == 4

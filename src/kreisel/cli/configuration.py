@@ -22,6 +22,7 @@ from kreisel.runs.user_defined import executed, load_system
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
 SECTIONS = ("system", "body", "state", "run", "output")
 SETTINGS = tuple(field.name for field in msgspec.structs.fields(Settings) if field.name != "asked_dt")
+DEPTHS = {"sweep": 3, "body": -1, "state": -1}  # of the tables in a section, for --set; -1: any
 OUTPUT = ("path", "figure")
 LARGEST_FILE = 16 << 20
 FIGURES = (".png", ".pdf", ".svg")
@@ -56,7 +57,7 @@ def changed(data: dict[str, Any], changes: Sequence[str]) -> dict[str, Any]:
     """The configuration with each "SECTION.KEY=VALUE" in place, VALUE as in TOML; a bare word is a string."""
     for text in changes:
         place, sign, value = (part.strip() for part in text.partition("="))
-        section, *keys = place.split(".", 3 if place.startswith("sweep.") else 1)
+        section, *keys = place.split(".", DEPTHS.get(place.partition(".")[0], 1))
         if section == "sweep" and len(keys) > 1:  # sweep.grid.state.m[2] is one quantity
             keys = [keys[0], ".".join(keys[1:])]
         if not sign or not value or not keys or not all(keys):
@@ -123,6 +124,14 @@ def parse_sweep(
     description, file = {k: dict(tables[k]) for k in ("state", "run", "sweep")}, None
     if "body" in tables:
         subject = _body(tables, folder, faults)
+        for kind in ("grid", "list", "random"):
+            for name in tables["sweep"].get(kind) or ():
+                if str(name).partition(".")[0] == "body":
+                    faults.add(
+                        f"[sweep.{kind}]: expected parameters and states of the system of the body, such as "
+                        "system.semi_major_axis and state.M (`kreisel systems NAME`), got body. Or write a loop over "
+                        "bodies in Python."
+                    )
         if subject.model is not None and not faults.messages:
             description |= _described(subject, tables["run"])
     else:
