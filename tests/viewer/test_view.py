@@ -150,6 +150,27 @@ def test_a_satellite_has_arrows_to_what_is_around_it_and_a_globe():
     assert [a["name"] for a in named["bodies"][0]["arrows"]] == ["nadir", "velocity", "Sun", "field", "target"]
 
 
+@pytest.mark.parametrize("kind", ["box", "ellipsoid", "cylinder", "cubesat", "unknown"])
+def test_a_body_is_drawn_in_its_shape_if_it_is_known(kind):
+    """Its lengths as they were given; a body of which the inertia alone is known is its ellipsoid of inertia."""
+    from kreisel.physical import FreeBody, Orbit, Satellite, SubmergedBody
+
+    body, lengths = {
+        "box": lambda: (FreeBody.box(2.0, (0.1, 0.4, 0.2)), (0.1, 0.4, 0.2)),
+        "ellipsoid": lambda: (FreeBody.ellipsoid(2.0, (0.1, 0.4, 0.2)), (0.1, 0.4, 0.2)),
+        "cylinder": lambda: (SubmergedBody.cylinder(0.1, 1.0, 30.0, 1000.0), (1.0, 0.2, 0.2)),
+        "cubesat": lambda: (Satellite.cubesat(Orbit.circular("500 km"), 3), (0.3, 0.1, 0.1)),
+        "unknown": lambda: (FreeBody(FreeBody.box(2.0, (0.1, 0.4, 0.2)).inertia), (0.1, 0.4, 0.2)),
+    }[kind]()
+    start = body.state(angular_velocity=(0.1, 0.3, 0.2)) if kind == "cylinder" else body.state((0.01, 0.03, 0.02))
+    data = scene(kr.simulate(body, start, dt=0.1, steps=4, progress=False))
+    reach, corners = np.ptp(points(data), axis=0), len(points(data))
+    assert np.allclose(reach / reach.max(), np.array(lengths) / max(lengths), rtol=1e-2)
+    assert (corners == 8) == (kind in ("box", "cubesat"))
+    named = {"unknown": "ellipsoid of inertia", "cubesat": "nadir"}.get(kind, f"the {kind}")
+    assert data["legend"]["tip"].endswith(named)
+
+
 def test_the_axes_of_a_top_are_those_of_the_top_that_is_drawn(oriented):
     """The third along its axis, whatever the axes of its orientation."""
     from scipy.spatial.transform import Rotation

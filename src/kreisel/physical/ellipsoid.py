@@ -52,6 +52,7 @@ class Ellipsoid(Body):
         axes = three(self.semi_axes, "m", "semi_axes (a, b, c)")
         lengths = tuple(si_number(a, "m", k, positive=True) for k, a in zip("abc", axes, strict=True))
         object.__setattr__(self, "semi_axes", lengths)
+        self.shaped("ellipsoid", lengths)
         convert_fields(self, positive=True, mass="kg")
         convert_fields(self, fluid_density="kg/m^3")
         if self.fluid_density < 0:

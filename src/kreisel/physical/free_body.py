@@ -77,12 +77,14 @@ class FreeBody(Forced):
     @classmethod
     def box(cls, mass: float, sides: Any, time_unit: float = 1.0, **forces: Any) -> FreeBody:
         """A homogeneous box with these sides, m.  Raises `InputError`."""
-        return cls(*_homogeneous(mass, three(sides, "m", "sides"), 12.0), time_unit, **forces)
+        lengths = three(sides, "m", "sides")
+        return cls(*_homogeneous(mass, lengths, 12.0), time_unit, **forces).shaped("box", np.array(lengths) / 2)
 
     @classmethod
     def ellipsoid(cls, mass: float, diameters: Any, time_unit: float = 1.0, **forces: Any) -> FreeBody:
         """A homogeneous ellipsoid with these principal diameters, m.  Raises `InputError`."""
-        return cls(*_homogeneous(mass, three(diameters, "m", "diameters"), 20.0), time_unit, **forces)
+        lengths = three(diameters, "m", "diameters")
+        return cls(*_homogeneous(mass, lengths, 20.0), time_unit, **forces).shaped("ellipsoid", np.array(lengths) / 2)
 
     @classmethod
     def from_mesh(

@@ -178,7 +178,8 @@ class Satellite(Forced):
             for axis in np.eye(3)
             for sign in (1, -1)
         ]
-        return cls(FreeBody.box(weight, tuple(sides)).inertia, orbit, **{"plates": tuple(plates), **more})
+        inertia = FreeBody.box(weight, tuple(sides)).inertia
+        return cls(inertia, orbit, **{"plates": tuple(plates), **more}).shaped("box", sides / 2)
 
     @cached_property
     def _principal_axes(self) -> Array:
@@ -353,7 +354,8 @@ class Asteroid(Satellite):
     @classmethod
     def ellipsoid(cls, mass: Any, diameters: Any, orbit: Orbit) -> Asteroid:
         """The asteroid with these principal diameters, m."""
-        return cls(FreeBody.ellipsoid(mass, three(diameters, "m", "diameters")).inertia, orbit)
+        lengths = three(diameters, "m", "diameters")
+        return cls(FreeBody.ellipsoid(mass, lengths).inertia, orbit).shaped("ellipsoid", np.array(lengths) / 2)
 
     @classmethod
     def hyperion(cls) -> Asteroid:

@@ -107,7 +107,8 @@ class SubmergedBody(Forced):
         """
         body = Ellipsoid(three(semi_axes, "m", "semi_axes"), mass, fluid_density)
         added = (*body.added_masses, *body.added_moments)
-        return cls(body.mass, body.moments, **{"added_mass": added, "displaced_mass": body.displaced_mass, **more})
+        known = {"added_mass": added, "displaced_mass": body.displaced_mass, **more}
+        return cls(body.mass, body.moments, **known).shaped("ellipsoid", body.semi_axes)
 
     @classmethod
     def cylinder(cls, radius: Any, length: Any, mass: Any, fluid_density: Any, **more: Any) -> SubmergedBody:
@@ -121,7 +122,8 @@ class SubmergedBody(Forced):
         fluid = np.pi * rho * r * r * L
         across = m * (3 * r * r + L * L) / 12
         added = (0.0, fluid, fluid, 0.0, fluid * L * L / 12, fluid * L * L / 12)
-        return cls(m, (m * r * r / 2, across, across), **{"added_mass": added, "displaced_mass": fluid, **more})
+        known = {"added_mass": added, "displaced_mass": fluid, **more}
+        return cls(m, (m * r * r / 2, across, across), **known).shaped("cylinder", (L / 2, r, r))
 
     @cached_property
     def mass_matrix(self) -> Array:

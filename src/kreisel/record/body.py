@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from kreisel import algebra
 from kreisel.errors import InputError
@@ -21,6 +21,13 @@ class Body:
     """
 
     vectors: ClassVar[tuple[str, ...]] = ()  # parameters of the model along the axes of the body
+
+    _shape: tuple[Any, ...] = ()
+
+    def shaped(self, kind: str, half: Any) -> Self:
+        """The body itself, with a shape that figures draw: `BodyFrame.shape`."""
+        object.__setattr__(self, "_shape", (kind, *(float(v) for v in half)))
+        return self
 
     def model(self) -> Model:
         """The scaled system, with the axes and units of the body."""
@@ -43,7 +50,12 @@ class Body:
         frame = model.body_frame or BodyFrame()
         letters = (*model.system.space.letters, "g")
         return model.of_body(
-            replace(frame, names={k: v for k, v in self.words.items() if k in letters}, title=self.title)
+            replace(
+                frame,
+                names={k: v for k, v in self.words.items() if k in letters},
+                title=self.title,
+                shape=self._shape,
+            )
         )
 
     @property

@@ -27,6 +27,7 @@ class BodyFrame:
     names   of the variables of a run in SI, by the letters of the state; none for a run in units of the state
     title   of the body, for a run in SI
     epoch   the date of time 0 in UTC, ISO text; "" for none
+    shape   "box", "ellipsoid" or "cylinder" (along its first axis) and its half lengths, m; () if it is not known
     """
 
     axes: Array = field(default_factory=lambda: np.eye(3))
@@ -35,6 +36,7 @@ class BodyFrame:
     names: Mapping[str, str] = field(default_factory=dict)
     title: str = ""
     epoch: str = ""
+    shape: tuple[Any, ...] = ()
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> BodyFrame:
@@ -49,14 +51,15 @@ class BodyFrame:
             good = False
         if not good or not np.linalg.det(axes) > 0 or not all(0 < size < np.inf for _, size in units.values()):
             raise InputError(f"The attribute body is damaged: expected axes, units and along, got {shown(table)}.")
-        return cls(axes, units, along, names, str(table.get("title", "")), str(table.get("epoch", "")))
+        title, epoch = (str(table.get(k, "")) for k in ("title", "epoch"))
+        return cls(axes, units, along, names, title, epoch, _shape(table.get("shape")))
 
     @property
     def table(self) -> dict[str, Any]:
         """The frame as plain data."""
         units = {k: [unit, size] for k, (unit, size) in self.units.items()}
         table = {"axes": self.axes.tolist(), "along": [*self.along], "units": units}
-        table |= {"epoch": self.epoch} if self.epoch else {}
+        table |= {k: v for k, v in (("epoch", self.epoch), ("shape", list(self.shape))) if v}
         return table | ({"names": dict(self.names), "title": self.title} if self.names else {})
 
     @property
@@ -91,3 +94,11 @@ class BodyFrame:
     def attitude(self, g: Array) -> Array:
         """Orientations (..., 4) of the user's axes, from orientations of the axes of the state."""
         return algebra.quaternion_product(g, algebra.inverse_turn(self.quaternion)) if self.turned else g
+
+
+def _shape(value: Any) -> tuple[Any, ...]:
+    """The shape of a table; () for a damaged one."""
+    if not isinstance(value, list) or len(value) != 4:
+        return ()
+    good = all(isinstance(v, float) and 0 <= v < np.inf for v in value[1:])
+    return (str(value[0]), *value[1:]) if good else ()

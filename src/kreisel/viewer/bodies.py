@@ -191,6 +191,19 @@ def satellite(axis: Array, tensor: Array | None, radius: float) -> Body:
     return replace(shape, points=shape.points @ axes.T).scaled(radius)
 
 
+def of_shape(kind: str, half: Array) -> Body | None:
+    """A body of known shape, with these half lengths along its axes; None for an unknown kind."""
+    if kind == "box":
+        return replace(_box(half, FIRST), colour=np.repeat([FIRST, FIRST, SECOND, SECOND, METAL, METAL], 2))
+    if kind == "ellipsoid":
+        ball = ellipsoid(np.eye(3)[2], None, 1.0)
+        return replace(ball, points=ball.points * half)
+    if kind == "cylinder":
+        round_ = _revolved([(0.0, -1.0), (1.0, -1.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+        return Body(round_.points[:, [2, 0, 1]] * half, round_.faces, np.where(_sector(round_), FIRST, SECOND))
+    return None
+
+
 SHAPES: dict[str, Callable[[Array, Array | None, float], Body]] = {
     "top": top,
     "gyroscope": gyroscope,

@@ -99,6 +99,7 @@ class Shown:
         self.axes = axes_of_state(run)  # everything here is along the user's axes of the body
         if not self.space and self.carried.shape[1] == 3:
             self.carried = self.carried @ self.axes.T
+        self.subject = "the ellipsoid of inertia"
         self.turn: Array | None = None
         self.axis: Array | None = None
         self.body: Body | None = None
@@ -146,7 +147,11 @@ class Shown:
 
     def _made(self, usual: str, axis: Array, tensor: Array | None, size: float) -> Body:
         """The requested body, or the usual body."""
-        body = self._wanted.body
+        body, frame = self._wanted.body, self.record.body_frame
+        if body is None and usual != "top" and frame is not None and frame.shape:
+            kind, *half = frame.shape
+            body = bodies.of_shape(kind, np.array(half))
+            self.subject = f"the {kind}" if body is not None else self.subject
         return body.scaled(size) if isinstance(body, Body) else bodies.body(body or usual, axis, tensor, size)
 
     def _particle(self) -> None:
@@ -181,7 +186,7 @@ class Shown:
         self.body = self._made("ellipsoid", axis, tensor, size)
         self.kind, self.nose, self.frame = "path", 1.4 * size * axis, S
         self.turn = algebra.quaternion_product(algebra.unit_quaternion(S), q)
-        self.legend["tip"] = "long axis of the ellipsoid of inertia"
+        self.legend["tip"] = f"long axis of {self.subject}"
         self.note = "The body on its path, larger or smaller than it is; "
         self.note += "its momentum points up." if free else "against the fluid, with the third axis of space up."
 
@@ -213,8 +218,8 @@ class Shown:
         if axis is None or not axis.any():
             axis = 0.98 * size * bodies.longest(inertia)
             self.body = self._made("ellipsoid", axis, inertia, 0.9 * size)
-            self.legend["tip"] = "long axis of the ellipsoid of inertia"
-            self.note = "The body's ellipsoid of inertia, rotating about its centre, and the trace of its long axis."
+            self.legend["tip"] = f"long axis of {self.subject}"
+            self.note = f"T{self.subject[1:]} of the body, rotating about its centre, and the trace of its long axis."
         else:
             axis = size * axis / np.linalg.norm(axis)
             self.body = self._made("top", axis, inertia, 0.94 * size)
