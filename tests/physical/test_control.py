@@ -179,6 +179,14 @@ def test_lanes_are_runs_of_their_own_and_a_resumed_run_has_the_same_bits(dt, tmp
     assert (other.before.values[1] != same.before.values[1]).all()
 
 
+def test_impulses_between_samples_are_those_of_shorter_steps():
+    body = noisy()
+    settings = {"order": (8, 6, 4), "times": [0, 2, 3.5, 8], "impulses": {"time": 3.3, "momentum": (0, 0, 1e-3)}}
+    long, short = (kr.simulate(body, body.state(spin=SPIN), dt=dt, observe=(), **settings) for dt in (0.5, 0.1))
+    for name in ("momentum", "before", "commanded_dipole", "generator"):
+        assert long[name].values == pytest.approx(short[name].values, rel=1e-9, abs=1e-12), name
+
+
 def test_a_run_is_not_resumed_with_another_law(tmp_path):
     body = noisy(noise={})
     settings = {"orientation": body.orientation(), "dt": 2.0, "every": 10, "observe": ()}
@@ -252,12 +260,27 @@ MISTAKES = {
     ),
     "axes of wheels": (lambda: Wheels([[1, 1, 0]]), "rows of 3 numbers and length 1"),
     "a step that does not divide": (lambda: stepped(noisy(), 0.3), "a step that divides the time"),
+    "a time between samples": (lambda: stepped(noisy(), 2.0).steps(started(noisy()), 1, time=0.5), "a multiple of dt"),
+    "steps beyond a sample": (lambda: stepped(noisy(), 2.0).to(started(noisy()), 6.5), "at whole steps of dt"),
+    "a method without samples": (lambda: stepped(noisy(), 2.0, method="dop853"), "expected 'splitting'"),
+    "a chosen order": (
+        lambda: kr.simulate(noisy(), noisy().state(), dt=2.0, t_end=8.0, order="auto", tol=1e-6),
+        "expected a body without control",
+    ),
+    "code": (
+        lambda: kr.code(noisy().model(), noisy().state(), dt=2.0, language="c", orientation=(1, 0, 0, 0)),
+        "expected a body without control",
+    ),
     "an order with a corrector": (lambda: stepped(noisy(), 1.0, order=(10, 2)), "without a corrector"),
 }
 
 
 def noisy_law(law, **more):
     return Satellite(TENSOR, orbit(), control=kr.Control(law, **more))
+
+
+def started(body):
+    return {**body.state(spin=SPIN), "g": body.orientation()}
 
 
 def stepped(body, dt, **more):

@@ -89,6 +89,37 @@ def changed_by_samples(system: System) -> tuple[int, ...]:
     return tuple(i for i, letter in enumerate(letters) if letter not in still)
 
 
+WHOLE_SAMPLES = 1e-9  # relative
+
+
+def require_whole_samples(model: Model, dt: float) -> None:
+    """Raises `InputError` for steps that do not divide the time between two samples of a controller."""
+    record = model.system.perturbation
+    if record is None or record.control is None or not record.sampled:
+        return
+    every = record.control.every
+    steps = every / dt
+    if round(steps) < 1 or abs(steps - round(steps)) > WHOLE_SAMPLES * steps:
+        raise InputError(
+            f"dt: expected a step that divides the time between two samples of the controller, every = {every:g} s, "
+            f"got dt = {dt:g} s. Usual cause: a t_end that is no multiple of dt, for which steps are a little shorter. "
+            f"Use dt = {every / max(1, round(steps)):g} s."
+        )
+
+
+def require_no_sample(model: Model, time: float, end: float) -> None:
+    """Raises `InputError` if there is a sample between two times: shorter steps would miss it."""
+    record = model.system.perturbation
+    if record is None or record.control is None or not record.sampled:
+        return
+    every = record.control.every
+    if np.floor(time / every * (1 + WHOLE_SAMPLES)) + 1 < end / every * (1 - WHOLE_SAMPLES):
+        raise InputError(
+            f"times: expected times at whole steps of dt, since the controller is sampled every {every:g} s, got "
+            f"{end:g} s after {time:g} s. Stop at the samples, or use a shorter dt."
+        )
+
+
 def of(system: System, state: State) -> dict[str, Array]:
     """The components of a state by letter."""
     return dict(zip(system.space.letters, state, strict=True))

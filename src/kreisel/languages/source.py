@@ -82,6 +82,11 @@ def _module(name: str) -> str:
 def text_of(plan: Plan, language: str, name: str | None = None) -> str:
     """The text of a plan.  Raises `InputError`."""
     require_none(plan.model, "kr.code")
+    if plan.model.system.perturbation is not None and plan.model.system.perturbation.control is not None:
+        raise InputError(
+            f"code: expected a body without control and `wheels`, got {plan.model.system.name}. Call the law in your "
+            "program, between steps of the body with its commands as parameters."
+        )
     what, dialect = contents(plan), LANGUAGES[language]
     parts = {
         "head": "\n".join(_head(what)),

@@ -39,6 +39,18 @@ def _turns(system: System) -> bool:
     return system.velocity is not None or (system.map is not None and system.map.generator is not None)
 
 
+def _require_samples(model: Model, method: str, dt: float | None) -> None:
+    """Raises `InputError` for a method that has no samples, and for a dt that does not divide the time between two."""
+    from kreisel.forces.control import require_whole_samples
+
+    if method != "splitting":
+        raise InputError(
+            f"method: expected 'splitting', which calls the controller of {model.system.name}, got {shown(method)}."
+        )
+    if dt is not None:
+        require_whole_samples(model, dt)
+
+
 def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bool, kept: bool = True) -> Scheme:
     """The scheme of that name, kept for the next time.
 
@@ -51,6 +63,8 @@ def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bo
             f"orientation: expected a body that turns, got {model.system.name}, which has no orientation. Leave it out."
         )
     order = record.order(order)
+    if model.system.perturbation is not None and model.system.perturbation.sampled:
+        _require_samples(model, record.name, dt if kept else None)
     key, without_dt = (Scheme, model.key, record.name, dt, order, oriented), (model.key, record.name, order, oriented)
 
     def make() -> Scheme:

@@ -70,7 +70,7 @@ from kreisel.record.perturbation import TIME, Perturbation, pairs_of
 
 FOURTH = (1 / (2 - 2 ** (1 / 3)), 1 - 2 / (2 - 2 ** (1 / 3)), 1 / (2 - 2 ** (1 / 3)))  # Yoshida 1990
 REACH = "reach"
-WHOLE_SAMPLES = 1e-9  # relative
+NEAR_SAMPLE = 1e-6  # of the time between two samples
 TICKS = 1024  # in dt: a constant of 1 has a kernel of its own, and dt = 1 is common
 
 Constants = Mapping[str, Array]
@@ -103,8 +103,6 @@ class Splitting:
                     "order: expected one without a corrector for a body with control, such as (2, 2), 4, (8, 2) or "
                     f"(8, 6, 4), got {order}. Samples change the motion at once."
                 )
-            if not all_turns:
-                require_whole_samples(model, dt)
         # turns change what a pair potential takes, so each part of a kick is a stage, which the sum over pairs divides
         self.divided = self.record.pair is not None and bool(self.turns)
 
@@ -138,13 +136,13 @@ class Splitting:
             new, work = control.sampled(self.model.system, body, g[0], constants, axes)
             return algebra.flatten((*(new[i] for i in places), more[WORK] + work), (*kinds, "scalar"))
 
-        ratio, step = more[COUNT] * constants["_sample"], constants["_first"] * constants["_sample"] / 2
-        apart = ratio - algebra.nearest(ratio)
+        ratio = more[COUNT] * constants["_sample"]
+        apart, near = ratio - algebra.nearest(ratio), constants["_first"] * NEAR_SAMPLE
         before = algebra.flatten((*(state[i] for i in places), more[WORK]), (*kinds, "scalar"))
         if self.everything:  # derivatives are those of choices, not of branches
-            flat = algebra.where_less(0, step * step - apart * apart, after(), before)
+            flat = algebra.where_less(0, near * near - apart * apart, after(), before)
         else:
-            flat = algebra.if_positive(step * step - apart * apart, after, before)
+            flat = algebra.if_positive(near * near - apart * apart, after, before)
         *changed, work = algebra.restore(flat, (*kinds, "scalar"), n)
         new = dict(enumerate(state)) | dict(zip(places, changed, strict=True))
         return (*new.values(), *g, *(more | {WORK: work}).values())
@@ -256,20 +254,6 @@ class Splitting:
     def begin(self, x: State) -> State:
         """The state and the orientation with the other numbers at time 0."""
         return (*x, *(zero(self.model.system, x) for _ in self.extra))
-
-
-def require_whole_samples(model: Model, dt: float) -> None:
-    """Raises `InputError` for steps that do not divide the time between two samples of a controller."""
-    control = perturbation_of(model.system).control if model.system.perturbation is not None else None
-    if control is None or control.law is None:
-        return
-    steps = control.every / dt
-    if round(steps) < 1 or abs(steps - round(steps)) > WHOLE_SAMPLES * steps:
-        raise InputError(
-            f"dt: expected a step that divides the time between two samples of the controller, every = "
-            f"{control.every:g} s, got dt = {dt:g} s. Usual cause: a t_end that is no multiple of dt, for which steps "
-            f"are a little shorter. Use dt = {control.every / max(1, round(steps)):g} s."
-        )
 
 
 def _require_a_symmetric_kick(model: Model, order: Any) -> None:

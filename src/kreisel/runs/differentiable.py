@@ -13,13 +13,14 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, hint, shown
+from kreisel.forces.control import require_whole_samples
 from kreisel.kernels.points import points as points_of
 from kreisel.method import find, scheme
 from kreisel.method.baecklund import SPINS, Product
 from kreisel.method.driven import zero
 from kreisel.method.observing import COUNT, ORIENTATION, as_matrix, turned, with_orientation
 from kreisel.method.scheme import Components, Guard, JaxSteps, Scheme, Steps
-from kreisel.method.splitting import REACH, closed_form, require_whole_samples
+from kreisel.method.splitting import REACH, closed_form
 from kreisel.method.splitting import make as splitting
 from kreisel.record.body import Body, as_body
 from kreisel.record.body_frame import BodyFrame
@@ -120,10 +121,7 @@ def differentiable(
         step = step_with(bool(parameters))
         with double():
             require_double(dt, time, *state.values(), *parameters.values())
-            if not by.is_traced(dt) and not by.is_traced(time):
-                require_within(model, float(time), float(time) + float(dt) * count)
-            if not by.is_traced(dt):
-                require_whole_samples(model, float(dt))
+            _require_times(by, model, dt, time, count)
             start = _given(by, model, state, oriented, begin)
             rows = _rows(by, model, step, start, dt, time, count // between, between, parameters)
             out = {k: v if every is not None else v[-1] for k, v in rows.items()}
@@ -132,6 +130,14 @@ def differentiable(
         return out
 
     return motion
+
+
+def _require_times(by: Any, model: Model, dt: Any, time: Any, steps: int) -> None:
+    """Raises `InputError` for times, known while JAX traces, that tables or samples of the body do not suit."""
+    if not by.is_traced(dt):
+        require_whole_samples(model, float(dt))
+        if not by.is_traced(time):
+            require_within(model, float(time), float(time) + float(dt) * steps)
 
 
 def _whole(by: Any, value: Any, name: str, most: int) -> int:

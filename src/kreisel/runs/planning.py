@@ -115,6 +115,12 @@ def choice_of(
             "order='auto' chooses among the orders of method='baecklund' or 'splitting', which this run does not use."
         )
     find(method).check(model)
+    record = model.system.perturbation
+    if record is not None and record.control is not None:
+        raise InputError(
+            f"order='auto': expected a body without control and `wheels`, got {model.system.name}. Say order and dt: "
+            "(2, 2) or (8, 6, 4), with a dt that divides the time between two samples."
+        )
     if method == "baecklund":
         return auto.choose_each(model, parts, *when) if each else [auto.choose(model, parts, *when)]
     lanes = auto.with_lanes(model, parts)

@@ -52,7 +52,7 @@ class StateForms:
         vectors = all(dict(components)[letter] == "vector" for letter in self._checks)
         free = single and vectors and not model.system.space.constraints
         self._readers = [(k, _reader(kind, model.n)) for k, kind in components] if free else []
-        several = [algebra.KINDS[kind].unpack if algebra.KINDS[kind].axes > 1 else None for kind in self._kinds]
+        several = [algebra.KINDS[kind].unpack if algebra.KINDS[kind].axes != 1 else None for kind in self._kinds]
         self._unpack = list(zip(self.letters, self.places.values(), several, strict=True))
         self._converters: dict[int, tuple[Rows, Rows]] = {}
 

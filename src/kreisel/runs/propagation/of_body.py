@@ -64,6 +64,7 @@ class BodyPropagator:
         self.model, self.size, self.dt = motion.model, motion.size, motion.dt * self._frame.time_unit
         self._places = {self._frame.names.get(k, k): (k, place) for k, place in motion.places.items()}
         self.names = tuple(self._places)
+        self._numbers = {letter for letter, kind in motion.model.system.space.components if kind == "scalar"}
         self._into, self._out = (self._map(forward) for forward in (False, True))
 
     def __repr__(self) -> str:
@@ -86,14 +87,15 @@ class BodyPropagator:
     def _given(self, state: Any) -> Any:
         """A state in the units and along the axes of the model.  Raises `InputError`."""
         if isinstance(state, State):
-            parts = [*state.axial.values()]
+            parts = [self._entries(letter, part) for letter, part in state.axial.items()]
             if ORIENTATION in self._motion.letters:
                 parts.append(np.broadcast_to(state.orientation, (*parts[0].shape[:-1], 4)))  # type: ignore[arg-type]
             return np.concatenate(parts, -1)
         if isinstance(state, Mapping):
             if missing := [name for name in self.names if name not in state]:
                 raise InputError(f"The state: expected {', '.join(self.names)}, got none for {', '.join(missing)}.")
-            state = np.concatenate([algebra.floats(state[name]) for name in self.names], -1)
+            parts = [self._entries(letter, state[name]) for name, (letter, _) in self._places.items()]
+            state = np.concatenate(parts, -1)
         x = state if type(state) is np.ndarray and state.dtype == np.float64 else algebra.floats(state)
         return self._changed(x, self._into)
 
@@ -119,7 +121,15 @@ class BodyPropagator:
         if not isinstance(state, Mapping):
             return out
         beside = {name: out[..., place] for name, place in self._motion.beside.items()}
-        return {name: out[..., place] for name, (_, place) in self._places.items()} | beside
+        return {name: self._component(k, out[..., place]) for name, (k, place) in self._places.items()} | beside
+
+    def _entries(self, letter: str, value: Any) -> Array:
+        """The entries (..., k) of a component."""
+        array = algebra.floats(value)
+        return array[..., None] if letter in self._numbers else array
+
+    def _component(self, letter: str, entries: Array) -> Array:
+        return entries[..., 0] if letter in self._numbers else entries
 
     def _observed(self, x: Array) -> Array:
         out = x[..., self.size :].copy()

@@ -17,6 +17,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
+from kreisel.forces.control import require_no_sample
 from kreisel.graph.machine import address_of
 from kreisel.graph.recording import fill
 from kreisel.kernels.correcting import corrections
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
 
 NONE: Mapping[str, Array] = MappingProxyType({})
+WHOLE_STEPS = 1e-9  # relative
 NOT_FOLDED = 0.5  # neither 0 nor 1
 AT_REST = 16  # engines kept for the next call, for each number of lanes
 EXACT = 4 * float(np.finfo(float).eps)  # relative, of the time within a step; the least that SciPy accepts
@@ -61,6 +63,7 @@ class Stepper:
         self.forms = StateForms(model, scheme, settings)
         record = model.system.perturbation
         self.timed = record is not None and record.names(TIME)
+        self._sampled = record is not None and record.sampled
         self._tabled = any(p.kind == "table" for p in model.system.parameters)
         self.is_flow = isinstance(scheme.motion, Orbits)
         self._set_up = isinstance(scheme.motion, Flow | Orbits)  # by the state
@@ -126,7 +129,7 @@ class Stepper:
             course.guard = (self.column_of(guard.component), guard.limit) if guard and guard.component else None
         if given:
             fill(course.engine.constants, course.engine.columns, given, self.scheme.axes)
-        if not course.step(x, count, None if time is None else finite_number(time, "time") / self.dt):
+        if not course.step(x, count, None if time is None else self._steps_at(time)):
             courses.append(course)
             return None
         if not course.room.is_finite() or course.projected or not course.guarded():
@@ -232,8 +235,17 @@ class Stepper:
                 f"{self.model.system.name} {'' if self.timed else 'do not '}depend on it, got {shown(time)}."
             )
         flow = isinstance(self.scheme.motion, Flow)
-        z[:, self.column_of(TIME if flow else COUNT)] = finite_number(time, "time") / (1 if flow else self.dt)
+        z[:, self.column_of(TIME if flow else COUNT)] = finite_number(time, "time") if flow else self._steps_at(time)
         return z
+
+    def _steps_at(self, time: Any) -> float:
+        """A time in steps of dt.  Raises `InputError` if samples of a controller would not be at whole steps."""
+        steps = finite_number(time, "time") / self.dt
+        if self._sampled and abs(steps - round(steps)) > WHOLE_STEPS * max(1.0, abs(steps)):
+            raise InputError(
+                f"time: expected a multiple of dt = {self.dt:g}, at which the controller is sampled, got {time:g}."
+            )
+        return steps
 
     # -- the closed form -------------------------------------------------------------------------------
 
@@ -321,6 +333,7 @@ class Stepper:
         count = self.whole_steps(time, end)
         if count is not None:
             return self.stepped(z, time, self.dt, count, count, given)[-1]
+        require_no_sample(self.model, time, end)
         count = math.ceil(gap / self.dt)
         return self.stepped(z, time, gap / count, count, count, given)[-1]
 
