@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from kreisel.physical.control import Control, Wheels
 from kreisel.physical.ellipsoid import Ellipsoid
+from kreisel.physical.ensemble import Ensemble
 from kreisel.physical.forced import EddyCurrents
 from kreisel.physical.free_body import AxisStability, FreeBody
 from kreisel.physical.free_rotation import FreeRotation
@@ -42,6 +43,7 @@ __all__ = [
     "Course",
     "EddyCurrents",
     "Ellipsoid",
+    "Ensemble",
     "FreeBody",
     "FreeRotation",
     "Gyroscope",

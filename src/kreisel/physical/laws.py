@@ -14,7 +14,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.gradient import exp
-from kreisel.bodies.environment import arcsine
+from kreisel.bodies.orbit import arcsine
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.control import Control, Wheels
 from kreisel.physical.measures import attitude_quaternion, si_number, si_numbers

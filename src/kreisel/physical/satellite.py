@@ -202,6 +202,10 @@ class Satellite(Forced):
 
     def model(self) -> Model:
         """The system "satellite", or "satellite-with-wheel", with these parameters, in SI units and principal axes."""
+        return self._built
+
+    @cached_property
+    def _built(self) -> Model:
         along = self._principal_axes
         rows = [[*(p.normal @ along), *(p.centre @ along), p.area] for p in self.plates]
         given = {

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Iterator, Mapping
-from copy import copy
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -230,7 +229,8 @@ class Model:
         moving = self.system.frame.value == "moving"
         shown = {k: algebra.KINDS[kind].shown(self.n).name for k, kind in self.system.space.components}
         along = [k for k, kind in shown.items() if moving and kind == "vector"]
-        made = copy(self)
+        made = object.__new__(Model)  # a copy by `__reduce__` would check all parameters again
+        made.__dict__.update(self.__dict__)
         made.body_frame = replace(frame, along=along)
         return made
 
