@@ -296,6 +296,11 @@ def test_without_pint(monkeypatch: pytest.MonkeyPatch) -> None:
     kr.units.registry.cache_clear()
 
 
+def test_impulses_of_no_kind() -> None:
+    text = text_of_body("free-body", Path("x.toml"), "#").replace("[run]", "[run]\nimpulses = -1")
+    assert "impulses: expected a dict" in mistakes(text)[0]
+
+
 def test_mistakes_in_a_system_too() -> None:
     found = mistakes(
         '[system]\nname = "lagrange-top"\np = [0, 0, "a"]\n[state]\nm = [1, 2, 3]\n[run]\ndt = -1\nsteps = 3.5\n'
@@ -311,6 +316,7 @@ def test_mistakes_in_a_system_too() -> None:
         ('kind = "gyroscope"\nmass = 3\nlever = 1', "expected axial_moment, transverse_moment too"),
         ('kind = "gyroscope"\nmass = 3\nlever = 1\naxial_moment = 1', "one of these needs: shape = flat"),
         ('kind = "free-body"\nshape = "bax"', "Did you mean 'box'"),
+        ('kind = "free-body"\nshape = [{}]', "shape: expected one of"),
         ('kind = "satellite"\ninertia = [1, 2, 3]\norbit = 3', "orbit: expected kr.physical.Orbit"),
         ('kind = "satellite"\ninertia = [1, 2, 9]\n[orbit]\naltitude = 5e5', "No body has the principal moments"),
         ('kind = "satellite"\ninertia = [1, 2, 3]\n[orbit]\naltitude = -5e5', "hits the Earth"),

@@ -49,7 +49,7 @@ BODIES = (
     configuration('method = "suris"\norder = 1\ndt = 0.05\nsteps = 40', 'path = "clebsch.zarr"', "clebsch"),
     configuration("dt = 0.05\nsteps = 40", 'path = "neumann.zarr"', "neumann"),
 )
-NAMES = ("lagrange-top", "gyroscope", "kirchhoff", "sweep")
+NAMES = ("lagrange-top", "gyroscope", "satellite", "kirchhoff", "sweep")
 VALID = [*BODIES, *((EXAMPLES / f"{name}.toml").read_text() for name in NAMES)]
 ODD = [
     "nan", "inf", "-inf", "-0.0", "0", "-1", "1e400", "1e308", "1e-320", "1e154", "9" * 400, "1_0", "0x10", "true",

@@ -125,7 +125,8 @@ def parse_sweep(
     if "body" in tables:
         subject = _body(tables, folder, faults)
         for kind in ("grid", "list", "random"):
-            for name in tables["sweep"].get(kind) or ():
+            names = tables["sweep"].get(kind)
+            for name in names if isinstance(names, Mapping) else ():
                 if str(name).partition(".")[0] == "body":
                     faults.add(
                         f"[sweep.{kind}]: expected parameters and states of the system of the body, such as "

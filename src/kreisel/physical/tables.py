@@ -128,7 +128,7 @@ class Reader:
         methods = _class_methods(kind)
         if "shape" in table:
             shape = table.pop("shape")
-            name = shape.replace("-", "_") if isinstance(shape, str) else shape
+            name = shape.replace("-", "_") if isinstance(shape, str) else ""
             if name not in methods:
                 self.faults.add(
                     f"[{where}] shape: expected one of {', '.join(methods)}, got {shown(shape)}.{hint(name, methods)}"

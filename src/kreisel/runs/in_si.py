@@ -386,6 +386,8 @@ def scaled_settings(model: Model, asked: Mapping[str, Any]) -> dict[str, Any]:
 
 def _impulses(frame: BodyFrame, asked: Any) -> Any:
     """Impulses {"time": "2 s", "momentum": (0, 0, 1)} in the units and along the axes of the state."""
+    if not isinstance(asked, Mapping | list | tuple):
+        return asked  # the settings report the fault
     letters = {name: letter for letter, name in frame.names.items()}
     out = []
     for impulse in [asked] if isinstance(asked, Mapping) else asked:
