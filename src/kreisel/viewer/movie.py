@@ -87,7 +87,7 @@ class _Film:
         body: dict[str, Any] = {"axis": each["axis"], "nose": each["nose"]}
         body["turn"] = None if each["turn"] is None else _numbers(each["turn"], "i2").reshape(-1, 4).astype(float)
         body["tip"] = None if each["tip"] is None else _numbers(each["tip"], "f4").reshape(-1, n).astype(float)
-        body["arrows"] = [{**arrow, "to": _numbers(arrow["to"], "f4").reshape(-1, 3)} for arrow in each["arrows"]]
+        body["arrows"] = [{**arrow, "to": _numbers(arrow["to"], "i2").reshape(-1, 3)} for arrow in each["arrows"]]
         if each["mesh"] is not None:
             mesh = self.data["meshes"][each["mesh"]]
             faces = _numbers(mesh["faces"], "u4" if mesh["wide"] else "u2").reshape(-1, 3).astype(int)
@@ -146,7 +146,8 @@ class _Film:
     def _arrows(self, axes: Any, body: dict[str, Any], times: Array) -> None:
         """Directions from a satellite, by their names."""
         for each in body["arrows"]:
-            end = self.camera @ (1.12 * self.radius * between(each["to"], self._places(times), self.joined)[0])
+            way = between(each["to"].astype(float), self._places(times), self.joined)[0]
+            end = self.camera @ (1.12 * self.radius / np.linalg.norm(way) * way)
             colour, order = self.theme.colour(each["colour"]), 6 if end[2] > 0 else 2
             style = {"arrowstyle": "-|>", "color": colour, "linewidth": 2}
             axes.annotate("", end[:2], (0, 0), arrowprops=style, zorder=order)

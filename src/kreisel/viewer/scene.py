@@ -152,6 +152,7 @@ class Shown:
             kind, *half = frame.shape
             body = bodies.of_shape(kind, np.array(half))
             self.subject = f"the {kind}" if body is not None else self.subject
+            size *= 0.7 if usual == "satellite" else 1.0  # without panels, and between arrows
         return body.scaled(size) if isinstance(body, Body) else bodies.body(body or usual, axis, tensor, size)
 
     def _particle(self) -> None:
@@ -447,7 +448,7 @@ def _packed_body(each: Shown, name: str, mesh: int | None) -> dict[str, Any]:
         "nose": None if each.nose is None else [float(v) for v in each.nose],
         "triad": None if each.triad is None else [float(v) for v in each.triad],
         "arrows": [
-            {"name": "Sun" if k == "sun" else k, "colour": ARROWS[k], "to": packed(v, "f4")}
+            {"name": "Sun" if k == "sun" else k, "colour": ARROWS[k], "to": packed(np.round(SHORT * v), "i2")}
             for k, v in each.arrows.items()
         ],
         "place": None if each.around is None else packed(each.around.position / _reach(each.around), "f4"),
@@ -466,7 +467,7 @@ def _globe(first: Shown) -> dict[str, Any] | None:
     return {
         "size": float(np.max(params["radius"])) / _reach(first.around) or 0.05,
         "earth": bool(np.all(abs(params["mu"] / EARTH - 1) < 1e-2)),
-        "sun": None if sun is None else packed(sun, "f4"),
+        "sun": None if sun is None else packed(np.round(SHORT * sun), "i2"),
     }
 
 

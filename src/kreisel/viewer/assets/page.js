@@ -18,8 +18,8 @@
     for (const m of d.meshes) { m.points = unpack(m.points, "f4"); m.faces = unpack(m.faces, m.wide ? "u4" : "u2"); m.colour = unpack(m.colour, "u1"); }
     for (const b of d.bodies) { if (b.turn !== null) b.turn = unpack(b.turn, "i2"); if (b.tip !== null) b.tip = unpack(b.tip, "f4"); }
     if (d.charts) { d.charts.time = unpack(d.charts.time, "f8"); for (const p of d.charts.panels) p.values = p.values.map((v) => unpack(v, "f4")); }
-    for (const b of d.bodies) { if (b.place !== null) b.place = unpack(b.place, "f4"); for (const a of b.arrows) a.to = unpack(a.to, "f4"); }
-    if (d.globe?.sun) d.globe.sun = unpack(d.globe.sun, "f4");
+    for (const b of d.bodies) { if (b.place !== null) b.place = unpack(b.place, "f4"); for (const a of b.arrows) a.to = unpack(a.to, "i2"); }
+    if (d.globe?.sun) d.globe.sun = unpack(d.globe.sun, "i2");
     if (d.section) { d.section.points = unpack(d.section.points, "f4"); d.section.time = unpack(d.section.time, "f8"); d.section.lane = unpack(d.section.lane, "u1"); }
     d.joined = new Uint8Array(d.count); d.first = new Int32Array(d.count).map((_, i) => i); d.rate = 2 / d.pace;
     for (const [a, b] of d.windows) { d.joined.fill(1, a, b); d.first.fill(a, a, b + 1); }
