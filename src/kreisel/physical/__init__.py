@@ -1,14 +1,14 @@
-"""Conversion of SI data to Kreisel's scaled systems, and back.
+"""Bodies in SI units, which `kr.simulate` and the other functions accept.
 
-    wheel = Gyroscope.flat(mass=3.0, axial_moment=0.17, lever=0.15)
-    run = kr.simulate(wheel.model(), wheel.state(tilt=1.2, spin=20.0), dt=0.01, steps=1000)
-    seconds, motion = run.time * wheel.time_unit, wheel.motion(run.m, run.a)
+    wheel = Gyroscope.flat(mass="3 kg", axial_moment="0.17 kg m^2", lever="15 cm")
+    run = kr.simulate(wheel, wheel.state(tilt="70 deg", spin="180 rpm"), dt="2 ms", t_end="10 s")  # in SI
+    motion = wheel.motion(run.momentum, run.axis)
 
 `Gyroscope` is the heavy symmetric top on a fixed point, `HeavyBody` any body on a fixed point, `FreeBody` any body
-without torque, `Satellite` one on an orbit, `Ellipsoid` a body in an ideal fluid,
-`SubmergedBody` any body deep in water.  The third axis of the rest frame
-points up, gravity along -p = (0, 0, -1); hat(v) x = v x x.  `read_mesh` and `read_robot` read mass, centre of mass and
-inertia from a mesh and from a URDF or SDF file.
+without torque, `Satellite` any body on an orbit, `Ellipsoid` a body in an ideal fluid, `SubmergedBody` any body deep in
+water.  The third axis of space points up; for satellites it is the pole of the primary.  A run is along the axes in
+which the body was given; `body.model()` is the scaled system that kernels step.  `read_mesh` and `read_robot` read
+mass, centre of mass and inertia from a mesh and from a URDF or SDF file.
 
 Arguments are floats in SI units, or quantities: mass="3 kg", spin="180 rpm" (`kreisel.units`, extra `units`).
 """
