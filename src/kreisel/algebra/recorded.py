@@ -100,7 +100,7 @@ class Dispatched:
 class Condition(Dispatched):
     """A recorded comparison: `choose(yes, no)` records one of two values; `&`, `|` and `~` join conditions.
 
-    As a factor or a term it is 1 if it holds, else 0; its truth, as in `if x > 0`, raises `NotRecorded`.
+    As a factor it is 1 if it holds, else 0; its truth, as in `if x > 0`, raises `NotRecorded`.
     """
 
     __slots__ = ("choose", "text")
@@ -130,19 +130,7 @@ class Condition(Dispatched):
     def __mul__(self, other: Any) -> Any:
         return self.choose(1, 0) * other
 
-    def __add__(self, other: Any) -> Any:
-        return self.choose(1, 0) + other
-
-    def __neg__(self) -> Any:
-        return self.choose(-1, 0)
-
-    def __sub__(self, other: Any) -> Any:
-        return self + (-other)
-
-    def __rsub__(self, other: Any) -> Any:
-        return -self + other
-
-    __rmul__, __radd__ = __mul__, __add__
+    __rmul__ = __mul__
 
 
 def _chosen(condition: Any, yes: Any, no: Any) -> Any:
