@@ -49,6 +49,14 @@ def test_controllers_and_numbers_in_lanes() -> None:
     assert (np.diff(left) < 0).all()
 
 
+def test_one_attitude_is_for_all_of_four_lanes() -> None:
+    """A quaternion has four entries too."""
+    many = Ensemble.of(Satellite, 4, inertia=MOMENTS[0], orbit=ORBITS[0], density=[0.0, 1e-12, 2e-12, 3e-12])
+    assert [body.density for body in many.bodies] == [0.0, 1e-12, 2e-12, 3e-12]
+    start = many.state(attitude=(0.8, 0.0, 0.6, 0.0)).orientation
+    assert start is not None and np.allclose(start, (0.8, 0.0, 0.6, 0.0), atol=1e-15) and start.shape == (4, 4)
+
+
 BAD: dict[str, tuple[Any, str]] = {
     "a tensor": (
         lambda: Ensemble.of(Satellite, 3, inertia=[*MOMENTS[:2], (1, 1, 3)], orbit=ORBITS[0]),

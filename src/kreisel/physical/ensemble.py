@@ -35,7 +35,7 @@ class Ensemble(Body):
     @classmethod
     def of(cls, kind: Callable[..., Any], count: int, **arguments: Any) -> Ensemble:
         """The ensemble of kind(**arguments) in `count` lanes; an argument with that many entries has one for each."""
-        if not arguments or not any(_by_lane(value, count) for value in arguments.values()):
+        if not arguments or not any(_by_lane(name, value, count) for name, value in arguments.items()):
             raise InputError(f"Ensemble: expected an argument with {count} entries, got none.")
         return cls(_each(count, lambda **each: kind(**each), arguments))
 
@@ -92,11 +92,12 @@ def _frame(model: Model) -> dict[str, Any]:
     return {} if model.body_frame is None else model.body_frame.table
 
 
-def _by_lane(value: Any, count: int) -> bool:
-    """Whether a value has an entry for each lane: a list of other things than numbers, or an array of two axes."""
+def _by_lane(name: str, value: Any, count: int) -> bool:
+    """Whether a value has an entry for each lane: a list, unless it is a vector (3,) or an attitude (4,)."""
     if isinstance(value, str | Mapping) or not hasattr(value, "__len__") or len(value) != count:
         return False
-    return np.ndim(value[0]) > 0 or not isinstance(value[0], float | int | str | np.generic) or count != 3
+    flat = np.ndim(value[0]) == 0 and isinstance(value[0], float | int | str | np.generic)
+    return not flat or count != (4 if name == "attitude" else 3)
 
 
 def _each(count: int, made: Callable[..., Any], arguments: Mapping[str, Any]) -> list[Any]:
@@ -104,7 +105,7 @@ def _each(count: int, made: Callable[..., Any], arguments: Mapping[str, Any]) ->
     out = []
     for lane in range(count):
         try:
-            out.append(made(**{k: v[lane] if _by_lane(v, count) else v for k, v in arguments.items()}))
+            out.append(made(**{k: v[lane] if _by_lane(k, v, count) else v for k, v in arguments.items()}))
         except InputError as error:
             raise InputError(f"Lane {lane}: {error}") from error
     return out
