@@ -11,7 +11,9 @@ import pytest
 
 import kreisel as kr
 from kreisel import algebra
+from kreisel.algebra.complex import Complex
 from kreisel.baecklund import conjugate as pairs
+from kreisel.lab import exact
 from kreisel.method import conjugate
 from sizes import FULL
 from taylor import flow_of, free_body, taylor_solution
@@ -120,6 +122,40 @@ def test_a_pair_keeps_the_spectrum_wherever_its_point_is(name: str) -> None:
         )
         assert good < 1e-13
         assert bad > 1e-6
+
+
+@pytest.mark.parametrize("name", [*NAMES, "komarov", "steklov, n = 4"])
+def test_a_pair_is_a_poisson_map_wherever_its_point_is(name: str) -> None:
+    """J Pi(z) J^T = Pi(pair(z)) with derivatives by dual numbers; not with mu off the curve by 0.1."""
+    draw = np.random.default_rng(8)
+    if name == "komarov":
+        model, state = (
+            kr.Komarov(kappa=-0.4, beta=0.6, gamma=0.3),
+            dict(zip("MP", draw.normal(size=(2, 3)), strict=True)),
+        )
+    elif name == "steklov, n = 4":
+        model, state = kr.SteklovLyapunov(b=(0.3, 0.7, 1.9, -0.5), s=0.4, l=0.7), {k: skew(draw, 4) for k in "MP"}
+    else:
+        model, state = case(name)
+    record, kinds, z = model.system.pairs, model.system.space.kinds, parts(model, state)
+
+    def defect(lam: complex, mu: complex) -> float:
+        point = {"lam": Complex(lam.real, lam.imag), "mu": Complex(mu.real, mu.imag)}
+        flat = exact.independent(algebra.flatten(z, kinds).astype(object))
+        moved = algebra.flatten(model.call(record.pair, *algebra.restore(flat, kinds, model.n), **point)[0], kinds)
+        J = exact.slopes(moved, len(flat)).astype(float)
+        new = algebra.restore(np.array([v.value for v in moved], dtype=float), kinds, model.n)
+        before, after = (model.call(model.system.space.tensor, *y) for y in (z, new))
+        return float(abs(J @ before @ J.T - after).max() / abs(after).max())
+
+    for lam in (0.6 + 3.2j, -0.2 + 4.0j, 2.5 + 2.0j):
+        at = np.array([lam])
+        if record.levels is not None:
+            mu = model.call(record.levels, *z, lam=at)[0][0, 0]
+        else:
+            mu = max(np.linalg.eigvals(model.call(record.matrix, *z, lam=at)[0]), key=abs)
+        assert defect(lam, mu) < 1e-12
+    assert defect(lam, mu + 0.1) > 1e-6
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -12,7 +12,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array, objects
-from kreisel.algebra.complex import Ring
+from kreisel.algebra.complex import Complex, Ring
 from kreisel.errors import InputError, shown
 from kreisel.record.contract import Parameter, System
 from kreisel.record.model import Model
@@ -45,7 +45,7 @@ class Dual(Ring):
         return isinstance(self.value, float)
 
     def __add__(self, other: Any) -> Dual:
-        if isinstance(other, np.ndarray):
+        if isinstance(other, np.ndarray | Complex):
             return NotImplemented
         if isinstance(other, Dual):
             return Dual(self.value + other.value, self.slope + other.slope)
@@ -55,14 +55,14 @@ class Dual(Ring):
         return Dual(-self.value, -self.slope)
 
     def __mul__(self, other: Any) -> Dual:
-        if isinstance(other, np.ndarray):
+        if isinstance(other, np.ndarray | Complex):
             return NotImplemented
         if isinstance(other, Dual):
             return Dual(self.value * other.value, self.slope * other.value + other.slope * self.value)
         return Dual(self.value * other, self.slope * other)
 
     def __truediv__(self, other: Any) -> Dual:
-        if isinstance(other, np.ndarray):
+        if isinstance(other, np.ndarray | Complex):
             return NotImplemented
         return self * (1 / other) if isinstance(other, Dual) else Dual(self.value / other, self.slope / other)
 
@@ -73,6 +73,9 @@ class Dual(Ring):
     def sqrt(self) -> Dual:
         root = self.value.sqrt() if hasattr(self.value, "sqrt") else math.sqrt(self.value)
         return Dual(root, self.slope / (2 * root))
+
+    def sign(self) -> int:
+        return -1 if self.value < 0 else 1
 
     def log(self) -> Dual:
         value = math.log(self.value) if self.inexact else 0 * self.value
