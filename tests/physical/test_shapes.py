@@ -131,7 +131,8 @@ def test_bodies_of_a_part(tmp_path: Path) -> None:
     body = FreeBody.from_mesh(file, length="m", density=1000.0)
     assert (body.inertia == part.inertia).all() and body.mass == part.mass
     top = HeavyBody.about_centre(part.mass, part.inertia, part.center_of_mass)
-    assert top.torque == pytest.approx(0.048 * 9.80665 * np.sqrt(38), rel=1e-4)  # single precision, far away
+    weight = top.mass * np.linalg.norm(top.arm)
+    assert weight == pytest.approx(0.048 * np.sqrt(38), rel=1e-4)  # single precision, far away
     assert SubmergedBody(**part._asdict()).mass_matrix[0, 0] == part.mass
 
 
@@ -190,3 +191,21 @@ def test_robots_that_cannot_be_read(change: tuple[str, str], link: str | None, s
     (tmp_path / "arm.urdf").write_text(URDF.replace(*change))
     with pytest.raises(kr.InputError, match=said):
         read_robot(tmp_path / "arm.urdf", link)
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "glb"])
+def test_damaged_meshes_end_in_one_message(suffix: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """A body that may be, or one message; nothing on stderr, where trimesh logs tracebacks."""
+    file, rng = saved(trimesh.creation.icosphere(subdivisions=1), tmp_path, suffix), np.random.default_rng(1)
+    whole, refused = file.read_bytes(), 0
+    for _ in range(60):
+        raw = bytearray(whole)
+        at, count = int(rng.integers(len(raw))), int(rng.integers(1, 40))
+        raw[at : at + count] = [b"", b"solid x", rng.bytes(count)][rng.integers(3)]
+        file.write_bytes(raw)
+        try:
+            assert np.isfinite(read_mesh(file, "mm", density=1000.0).inertia).all()
+        except kr.InputError as error:
+            refused += 1
+            assert len(str(error)) > 40
+    assert refused > 20 and capfd.readouterr().err == ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from kreisel.physical.measures import in_range, si_number
 
 SUFFIXES = (".stl", ".obj", ".ply", ".glb", ".gltf")
 LARGEST_MESH, LARGEST_DESCRIPTION = 1 << 30, 16 << 20  # bytes
+LARGEST = 1e30  # coordinate
 MOST_SHELLS = 64  # of which a face is checked: each costs a pass over all triangles
 BELOW = 1e-6  # of the size of a triangle
 ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -62,8 +64,9 @@ def read_mesh(mesh: str | os.PathLike[str], length: Any = None, density: Any = N
     surface = _surface(file)
     middle = surface.bounds.mean(0)
     surface.apply_translation(-middle)  # integrals far from the origin lose digits
-    _require_closed(surface, file.name)
-    sizes = surface.mass_properties
+    with np.errstate(all="ignore"):
+        _require_closed(surface, file.name)
+        sizes = surface.mass_properties
     volume = in_range("The volume", lambda: sizes.volume * unit**3)
     total = (
         in_range("The mass", lambda: volume * si_number(density, "kg/m^3", "density", positive=True))
@@ -83,15 +86,23 @@ def _surface(file: Path) -> Any:
             "Reading a mesh needs trimesh, which is not installed: pip install 'kreisel[mesh]'. Or give the inertia "
             "tensor and the mass that your CAD program shows."
         ) from None
+    log = logging.getLogger("trimesh")  # it would print tracebacks of damaged files
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
     try:
-        surface = trimesh.load_scene(file).to_mesh()
-        triangles, bounds = len(surface.faces), surface.bounds
+        with np.errstate(all="ignore"):
+            surface = trimesh.load_scene(file).to_mesh()
+            triangles, points = len(surface.faces), np.asarray(surface.vertices)
+            sound = triangles > 0 and points.shape[1:] == (3,) and (abs(points) < LARGEST).all()
+            sound = sound and np.ptp(surface.bounds, axis=0).all()
     except Exception as error:  # any exception of the readers for a damaged file
         raise InputError(f"{file}: expected a complete {file.suffix[1:].upper()} file, got {error!r}.") from error
-    if not triangles or bounds is None or not np.isfinite(surface.vertices).all() or not np.ptp(bounds, 0).all():
+    finally:
+        log.setLevel(level)
+    if not sound:
         raise InputError(
             f"{file}: expected a surface of triangles around a volume, got {triangles:,} triangles. Usual cause: "
-            f"a damaged file, or one of points only."
+            "a damaged file, or one of points only."
         )
     return surface
 
@@ -109,7 +120,7 @@ def _require_closed(surface: Any, name: str) -> None:
         )
     if not surface.is_winding_consistent:
         raise InputError(f"{name}: expected normals that all point outwards, got triangles that disagree. {fix}")
-    if surface.volume <= 0:
+    if not surface.volume > 0:
         raise InputError(f"{name}: expected normals that point outwards, got them inwards: it is inside out. {fix}")
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
