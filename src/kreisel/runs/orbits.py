@@ -180,7 +180,7 @@ def directions(around: Surroundings) -> dict[str, Array]:
 def target_of(around: Surroundings, target: Any) -> Array:
     """Unit vectors (time, [lane,] 3) in space to a target: one of `TARGETS`, or a direction at rest.
 
-    Raises `InputError` for another target, and for the Sun if the run does not state where it is.
+    Raises `InputError` for another target, and for the Sun if the run does not state its direction.
     """
     if not isinstance(target, str):
         return np.broadcast_to(_direction(target, "target"), around.position.shape)

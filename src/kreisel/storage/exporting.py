@@ -179,7 +179,7 @@ def _require_plain(types: Mapping[Any, np.dtype[Any]], form: str) -> None:
 
 
 def _netcdf_value(value: Any) -> Any:
-    """A value for NetCDF: text, numbers, arrays of numbers; truth values become 1 and 0, anything else JSON."""
+    """A value for NetCDF: text, floats, arrays of these; truth values become 1 and 0, anything else JSON."""
     if isinstance(value, str):
         return value.encode(errors="backslashreplace").decode().replace("\0", "\\x00")
     value = value.tolist() if isinstance(value, np.ndarray) else value

@@ -171,7 +171,7 @@ def _start(epoch: Any, dated: str) -> np.datetime64:
         return date_of(epoch, "epoch")
     start = date_of(dated, "epoch")
     if epoch is not None and date_of(epoch, "epoch") != start:
-        raise InputError(f"epoch: expected {start}, that of the orbit, or none, got {shown(epoch)}.")
+        raise InputError(f"epoch: expected {start}, the date of the orbit, or none, got {shown(epoch)}.")
     return start
 
 
@@ -182,7 +182,7 @@ def is_of_earth(run: xr.Dataset) -> bool:
 
 
 def to_j2000(date: np.datetime64) -> Array:
-    """The rotation (3, 3) from the mean equator and equinox of a date to those of J2000."""
+    """The rotation (3, 3) from the mean equator and equinox of a date to J2000."""
     T = float((date - J2000) / np.timedelta64(1, "s")) / CENTURY
     zeta, z, theta = (float(np.radians(np.polyval(c[::-1], T) * T / 3600)) for c in PRECESSION)
     return _about(2, zeta) @ _about(1, -theta) @ _about(2, z)

@@ -260,7 +260,7 @@ def _box(half: object, colour: int) -> Body:
     return Body(signs * np.asarray(half), faces, np.full(len(faces), colour))
 
 
-# -- files: STL, binary or as text, and OBJ; read as numbers, checked, never as code ---------------
+# -- files: STL, binary or as text, and OBJ; read as values, checked, never as code ---------------
 
 
 MOST_FACES = 200_000
@@ -286,7 +286,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Body:
     try:
         points, faces = _obj(raw) if file.suffix.lower() == ".obj" else _stl(raw)
     except (ValueError, IndexError, UnicodeDecodeError) as error:
-        raise InputError(f"mesh: {file.name} is no whole {file.suffix[1:].upper()} file: {error}.") from error
+        raise InputError(f"mesh: {file.name} is not a complete {file.suffix[1:].upper()} file: {error}.") from error
     if not 1 <= len(faces) <= MOST_FACES:
         raise InputError(f"mesh: expected 1 to {MOST_FACES:,} triangles in {file.name}, got {len(faces):,}.")
     if not (np.isfinite(points).all() and (abs(points) < LARGEST).all() and abs(points).max() > 0):
@@ -306,7 +306,7 @@ def _stl(raw: bytes) -> tuple[Array, Array]:
             raise ValueError("a facet is not of three points")
         corners = np.array(numbers, dtype=np.float64).reshape(-1, 3, 3)
     else:
-        raise ValueError("its length is not that of its facets")
+        raise ValueError("its length does not fit its facets")
     points, places = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     return points, places.reshape(-1, 3)
 

@@ -196,7 +196,7 @@ def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, n
             at = time[row] + each * np.arange(1, inside + 1)
             pieces.append(xr.Dataset({k: v for k, v in data.items()}).rename(frame="time").assign_coords(time=at))
     if split > 1 and worst > ROUGH:
-        more = f"a step turns the body by up to {record.dt * rate:.2g} rad, and shorter ones lead elsewhere"
+        more = f"the body rotates by up to {record.dt * rate:.2g} rad in a step, and shorter steps lead elsewhere"
         return shown, "; ".join(text for text in (note, more) if text)
     if not pieces:
         return shown, note

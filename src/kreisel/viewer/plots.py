@@ -101,12 +101,12 @@ def _lanes(run: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
 
 
 def _title(run: xr.Dataset, record: RunRecord, *others: RunRecord) -> str:
-    beside = "".join(f" beside {brief(record_beside.method, MOST_TITLE)}" for record_beside in others)
+    compared = "".join(f" and {brief(each.method, MOST_TITLE)}" for each in others)
     lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.dims else ""
     clock = clock_of(run)
     step = f"{record.dt:g}" if not clock.unit else f"{record.dt / clock.second:g} s"
     n = "" if clock.unit else f", n = {record.n}"
-    return f"{brief(record.title, MOST_TITLE)}{beside}{n}{lanes}, {record.steps:,} steps of {step}"
+    return f"{brief(record.title, MOST_TITLE)}{compared}{n}{lanes}, {record.steps:,} steps of {step}"
 
 
 def _vector_letter(run: xr.Dataset, record: RunRecord) -> str:
@@ -214,7 +214,7 @@ def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: 
     axes.set(xlim=(-radius, radius), ylim=(-radius, radius), zlim=(-radius, radius))
     axes.set_axis_off()
     axes.view_init(elev=22, azim=-55)
-    span = spans.pop() if len(spans) == 1 else "the first turns of each lane"
+    span = spans.pop() if len(spans) == 1 else "the first rotations of each lane"
     axes.set_title(f"{tip} on its sphere, {span}", y=1.09)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.04), ncols=4, markerscale=1.0, handlelength=1.4)
 
@@ -413,7 +413,7 @@ def _panels(run: xr.Dataset) -> dict[str, np.ndarray]:
         value = np.asarray(run[name].values) - np.asarray(run[f"{letter}_min"].values)
         entry = value.reshape(len(value), -1)
         last = f"[{entry.shape[1] - 1}]" if value.ndim == 2 else ""
-        out[f"{letter}{last}: largest less least"] = entry[:, -1]
+        out[f"{letter}{last}: max - min"] = entry[:, -1]
         if f"{letter}_frequency" in run.variables:
             frequency = np.asarray(run[f"{letter}_frequency"].values).reshape(len(value), -1)
             out[f"{letter}{last}: frequency"] = frequency[:, -1]
@@ -421,7 +421,7 @@ def _panels(run: xr.Dataset) -> dict[str, np.ndarray]:
               str(v.attrs.get("long_name"))]  # fmt: skip
     if drifts:
         worst = [np.asarray(v.values).reshape(run.sizes["lane"], -1).max(1) for v in drifts]
-        out["largest change of what is conserved"] = np.max(worst, 0)
+        out["max drift"] = np.max(worst, 0)
     if not out:
         raise InputError(
             "The sweep saved neither drift nor extremes: say what to draw, --show NAME, one of "
@@ -449,7 +449,7 @@ def _panel(
 ) -> None:
     import pandas as pd
 
-    tiny = label.startswith("largest change") or label.partition("[")[0].endswith("_drift")
+    tiny = label == "max drift" or label.partition("[")[0].endswith("_drift")
     medians = pd.Series(value).groupby(list(along.values())[::-1]).median()
     logarithmic = tiny and bool((medians > 0).any())
     if len(along) == 2:

@@ -244,7 +244,7 @@ class Shown:
         q = np.stack([1 + z, -y, x, 0 * z], -1)
         q[(1 + z) < 1e-12] = (0.0, 1.0, 0.0, 0.0)
         self.turn = q / np.linalg.norm(q, axis=-1, keepdims=True)
-        self.note = "The body along its axis; its turn about the axis is not shown."
+        self.note = "The body along its axis; its rotation about the axis is not shown."
         self.callout = SPIN
 
     def _axis_along(self) -> str:
@@ -262,7 +262,7 @@ class Shown:
         self.tip = self.carried @ S.T
         self.turn = algebra.unit_quaternion(S)[None]
         self.legend["tip"] = f"{self.word}, seen from the body"
-        self.note = f"{self.word} as the body sees it; the body stands still here."
+        self.note = f"{self.word} as the body sees it; the body is at rest here."
         self.callout = SPIN
 
     def _projected(self) -> None:
@@ -323,7 +323,7 @@ def scene(
     first = bodies[0]
     radius = max(each.radius for each in bodies)
     if not all(np.isfinite(each.tip).all() for each in bodies):
-        raise InputError(f"{record.carried} is not finite at every saved time; `kreisel check` says where.")
+        raise InputError(f"{record.carried} is not finite at every saved time; `kreisel check` reports where.")
     time = np.asarray(shown_frames.run["time"].values, dtype=np.float64)
     span = float(time[-1] - time[0]) or 1.0
     rate = shown_frames.rate if shown_frames.rate > 0 else 2 * math.pi / span
@@ -472,7 +472,7 @@ def _globe(first: Shown) -> dict[str, Any] | None:
 
 
 def _charts(run: xr.Dataset, wanted: Wanted) -> dict[str, Any] | None:
-    """Angles, rates and shadows of a satellite; for several lanes the pointing error alone."""
+    """Angles, rates and shadows of a satellite; for several lanes only the pointing error."""
     if not of_satellite(run) or ORIENTATION not in run:
         return None
     run = run.isel(time=evenly(run.sizes["time"], MOST_READ))
@@ -521,7 +521,7 @@ def _section(section: xr.Dataset, lanes: list[str]) -> dict[str, Any]:
                 columns.append(values[:, i])
     columns, names = columns[:MOST_SERIES], names[:MOST_SERIES]
     if len(columns) < 2:
-        raise InputError("section: expected at least two finite numbers at each point.")
+        raise InputError("section: expected at least two finite values at each point.")
     table = np.stack(columns, -1)[:MOST_POINTS]
     lane = section["lane"].values if "lane" in section.coords else np.zeros(section.sizes["event"], dtype=int)
     order = {name: i for i, name in enumerate(np.unique(lane).tolist())}
@@ -544,7 +544,7 @@ def packed(values: Array, kind: str) -> str:
     with np.errstate(over="ignore"):
         kept = np.ascontiguousarray(values, dtype=f"<{kind}")
     if kept.dtype.kind == "f" and (np.isinf(kept) & np.isfinite(values)).any():
-        raise InputError("expected a run whose numbers a page can show, below 3e38, got larger ones. Use other units.")
+        raise InputError("expected a run whose values a page can show, below 3e38, got larger ones. Use other units.")
     return base64.b64encode(kept.tobytes()).decode("ascii")
 
 
