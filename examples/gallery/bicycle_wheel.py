@@ -25,11 +25,11 @@ measured, closed, textbook = [], [], []
 for each in rpm:
     spin = each * 2 * math.pi / 60
     x0 = wheel.state(tilt=math.pi / 2, spin=spin)
-    nutation = 2 * math.pi / (wheel.alpha * spin * wheel.time_unit)  # about one period, scaled
-    run = kr.simulate(wheel.model(), x0, dt=nutation / 60, steps=1200, method="exact")
+    nutation = 2 * math.pi / wheel.nutation_rate(spin)  # about one period, s
+    run = kr.simulate(wheel, x0, dt=nutation / 60, steps=1200, method="exact", orientation=False)
     table = analysis.mean_rates(run)
-    measured.append(table.measured.mean_precession / wheel.time_unit)
-    closed.append(table.closed_form.mean_precession / wheel.time_unit)
+    measured.append(table.measured.mean_precession)
+    closed.append(table.closed_form.mean_precession)
     textbook.append(wheel.slow_precession(spin))
 measured, closed, textbook = (np.array(v) * 60 / (2 * math.pi) for v in (measured, closed, textbook))
 off = abs(measured / textbook - 1)

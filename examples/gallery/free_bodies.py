@@ -63,11 +63,8 @@ body = racket()
 spin = (0.02, 2 * 2 * np.pi, 0.05)  # rad/s, along handle, in the face, normal to the face
 motion = body.rotation(spin)
 duration = 4 if SMALL else 8
-dt = 2e-4
-run = kr.simulate(
-    body.model(), body.state(spin), dt=body.dt(dt), steps=round(duration / dt), method="veselov", order=8, every=5
-)
-seconds, Omega = run.time.values * body.time_unit, body.angular_velocity(run.M)
+run = kr.simulate(body, body.state(spin), dt="0.2 ms", t_end=duration, method="veselov", order=8, every="1 ms")
+seconds, Omega = run.time.values, run.angular_velocity.values
 flips, predicted = zeros(seconds, Omega[:, 1]), motion.flips(duration)
 middle = body.stability(spin[1])[1]
 print(f"racket: moments {body.principal.moments.round(5)} kg m^2, middle axis {middle.kind}, {middle.growth:.2f} /s")
@@ -79,21 +76,14 @@ assert middle.kind == "unstable"
 HOUR = 3600.0
 apophis, tumbling, energy = asteroid((0.64, 0.97, 1.0), 262.2 * HOUR, 27.374 * HOUR)
 turns = 1.6 if SMALL else 4.2
-path = kr.simulate(
-    apophis.model(),
-    apophis.state(tumbling.spin),
-    dt=apophis.dt("0.1 h"),
-    steps=round(turns * 2622),
-    method="veselov",
-    order=8,
-    orientation=apophis.orientation(),
-)
-hours, M = path.time.values, path.M.values
-crossings = zeros(hours, M[:, 1])
+start = apophis.state(tumbling.spin)
+path = kr.simulate(apophis, start, dt="0.1 h", steps=round(turns * 2622), method="veselov", order=8)
+hours = path.time.values / HOUR
+crossings = zeros(hours, path.momentum.values[:, 1])
 period = 2 * np.diff(crossings).mean()
 L = tumbling.momentum / np.linalg.norm(tumbling.momentum)
 across = np.cross((0.0, 1.0, 0.0), L)
-axis = act(rotation_matrix(apophis.attitude(path.g)), tumbling.axis)  # in space
+axis = act(rotation_matrix(path.attitude.values), tumbling.axis)  # in space
 azimuth = np.unwrap(np.arctan2(axis[:, 1], axis @ across))
 begin, end = np.interp(crossings[[0, 2 * ((len(crossings) - 1) // 2)]], hours, azimuth)
 rounds = (len(crossings) - 1) // 2

@@ -18,7 +18,7 @@ body = Ellipsoid.of_density((0.30, 0.15, 0.10), density=1000.0, fluid_density=10
 runs = {}
 for name, velocity in (("point first", (1.0, 1e-3, 1e-3)), ("broadside", (1e-3, 1e-3, 1.0))):
     x0 = body.state(velocity, (0.0, 0.0, 0.0))
-    runs[name] = kr.simulate(body.model(), x0, dt=0.005, steps=12_000, every=4, order=4, orientation=(1, 0, 0, 0))
+    runs[name] = kr.simulate(body, x0, dt="5 ms", t_end="60 s", every="20 ms", order=4)
 
 turned = {}
 for name, run in runs.items():
