@@ -16,10 +16,12 @@ from ppigrf import igrf_gc
 
 import kreisel as kr
 from kreisel import algebra
+from kreisel.algebra import gradient
 from kreisel.bodies import BODIES, environment
 from kreisel.physical import EARTH, SATURN, SOLAR_PRESSURE, Orbit, Plate, Satellite
 from kreisel.physical import environment as earth
 from kreisel.runs.orbits import environment_of
+from sizes import FULL
 from torques import torque_on
 
 formulas = cast("Any", environment)  # of a page, without types
@@ -370,3 +372,36 @@ NAMED = Orbit.circular("500 km", "97 deg")
 def test_models_that_a_satellite_cannot_have(call: Any, said: str) -> None:
     with pytest.raises(kr.InputError, match=re.escape(said)):
         call()
+
+
+def test_functions_of_numbers_in_arrays_of_objects() -> None:
+    """As the constants of a derivative are."""
+    x = np.array([0.5, 2.0], dtype=object)
+    for name in ("sin", "cos", "exp", "log"):
+        assert getattr(gradient, name)(x).tolist() == getattr(np, name)(x.astype(float)).tolist()
+        assert getattr(gradient, name)(np.array(0.5, dtype=object)) == getattr(np, name)(0.5)
+
+
+@pytest.mark.skipif(not FULL, reason="`make test-full` runs it")
+def test_derivatives_through_everything() -> None:
+    """By `kr.differentiable` and by differences, with respect to the moment and the pressure of light."""
+    import jax
+    import jax.numpy as jnp
+
+    import kreisel.reduction as red
+
+    more = {"light": SOLAR_PRESSURE, "air": "harris-priester", "center_of_mass": ("1 cm", 0, 0)}
+    body = Satellite.cubesat(DATED, magnetic_moment=(0.001, 0.002, 0.003), **more)
+    start, nose = {"M": body.model().params["moments"] * 1e-3}, body.orientation(body.pointing())
+    motion = kr.differentiable(body.model(), order=(2, 2), orientation=nose)
+    with red.double():
+
+        def turned(moment: Any, pressure: Any) -> Any:
+            return abs(motion(start, dt=30.0, steps=40, dipole=moment, pressure=pressure)["g"] @ nose)
+
+        b, p = jnp.array([0.001, 0.002, 0.003]), jnp.array(SOLAR_PRESSURE)
+        slopes = jax.jit(jax.grad(turned, (0, 1)))(b, p)
+        by_moment = (turned(b.at[0].add(1e-6), p) - turned(b.at[0].add(-1e-6), p)) / 2e-6
+        by_pressure = (turned(b, p + 1e-9) - turned(b, p - 1e-9)) / 2e-9
+        assert float(slopes[0][0]) == pytest.approx(float(by_moment), rel=1e-5)
+        assert float(slopes[1]) == pytest.approx(float(by_pressure), rel=1e-5)

@@ -19,7 +19,13 @@ from kreisel.errors import InputError
 
 def _function(name: str) -> Callable[[Any], Any]:
     """sin, cos, exp or log, defined by the number itself or by NumPy."""
-    return lambda x: getattr(x, name)() if hasattr(x, name) else getattr(np, name)(x)
+
+    def apply(x: Any) -> Any:
+        if hasattr(x, name):
+            return getattr(x, name)()
+        return objects(map(apply, x.flat), x.shape)[()] if holds_objects(x) else getattr(np, name)(x)
+
+    return apply
 
 
 LEAST = 5e-324  # the least double that is not 0

@@ -23,7 +23,9 @@ from kreisel.graph.sweep import pulled, pushed
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.threads import on_threads
 
-MOST_NODES = 2500  # of a stage; its transpose has four times as many, compiled in some ten seconds
+MOST_NODES = (
+    4000  # of a stage, arranged; the transpose of 3600, a satellite with all of its environment, takes some seconds
+)
 VECTORS = 1, 4, 8  # columns that are taken at once
 PLAIN = (0.0, 1.0, -1.0)  # constants that are folded into the code
 
@@ -84,9 +86,8 @@ class Code:
     def straight(self) -> bool:
         """Whether kernels can be made of it: there is no loop and no branch, and it is not too long."""
         parts = (part for part in (self.stage, self.close) if part is not None)
-        return all(
-            not part.graph.loops and not part.graph.branches and len(part.graph.nodes) < MOST_NODES for part in parts
-        )
+        plain = all(not part.graph.loops and not part.graph.branches for part in parts)
+        return plain and all(len(part.graph.needed(part.outputs)) < MOST_NODES for part in self._parts)
 
     def _kernel(self, write: Callable[..., None], arguments: int, derive: Callable[..., Any] | None, *more: Any) -> Any:
         """The kernel that write(function, derivatives, *more) writes, with those that derive(part) gives."""
