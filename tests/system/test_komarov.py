@@ -52,6 +52,11 @@ def test_the_record_over_q_at_twenty_points() -> None:
     assert all(v.holds for v in verdicts)
 
 
+@pytest.mark.parametrize("name", CASES)
+def test_the_record_at_the_parameters_where_s_is_singular(name: str) -> None:
+    assert all(v.holds for v in laws.check(case(name)[0], numbers=("float",)))
+
+
 def lax_without_a_rotor(M: Any, P: Any, *, kappa: Any, beta: Any, c: Any, gamma: Any, lam: Any) -> Any:
     return komarov.lax(M, P, kappa=kappa, beta=beta, c=c, gamma=0 * gamma, lam=lam)
 
