@@ -16,7 +16,7 @@ import sys
 import types
 import typing
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,8 @@ Table = Mapping[str, Any]
 
 def kinds() -> dict[str, type[Body]]:
     """The classes of bodies by their names in a file."""
-    return {name: each for name, each in parts().items() if isinstance(each, type) and issubclass(each, Body)}
+    bodies = {name: each for name, each in parts().items() if isinstance(each, type) and issubclass(each, Body)}
+    return {name: each for name, each in bodies.items() if is_dataclass(each) and each.model is not Body.model}
 
 
 def parts() -> dict[str, Callable[..., Any]]:
