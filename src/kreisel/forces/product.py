@@ -53,6 +53,11 @@ def product(models: Sequence[Any]) -> Model:
         )
     if len({m.n for m in models}) > 1:
         raise InputError(f"perturbed: expected bodies of one dimension n, got {', '.join(str(m.n) for m in models)}.")
+    if forced := [m.system.name for m in models if m.system.perturbation is not None]:
+        raise InputError(
+            f"perturbed: expected an integrable system for each of several bodies, got {forced[0]}, which has forces. "
+            "Give its forces as those of all bodies."
+        )
     factors, first = [], 0
     for i, m in enumerate(models, 1):
         count = len(m.system.space.letters)
