@@ -168,7 +168,7 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: physical.Orbit(7e6, primary=physical.Primary("x", -1.0, 0.0)), "mu must be a finite number > 0"),
     (lambda run: physical.Orbit(7e6).at(np.inf), "time: expected finite numbers"),
     (lambda run: physical.Satellite((1, 2, 2.5), physical.Orbit(7e6)).angles(3), "expected a run"),
-    (lambda run: physical.Satellite((1, 2, 2.5), physical.Orbit(7e6)).angles(run), "no orientation"),
+    (lambda run: physical.Satellite((1, 2, 2.5), physical.Orbit(7e6)).angles(run), "expected the run of a satellite"),
     (lambda run: physical.FreeBody((1, 2, 2.5)).rotation((1, 0.1, 0.2)).flips(1e19), "flips"),
     (lambda run: TOP.state(m=np.ma.masked_array([1.0, 2, 3], [1, 0, 0]), a=(0, 0, 1)), "a masked entry"),
     (lambda run: TOP.state(m=[[1, 2, 3], np.ma.masked_array([1, 2, 3], [1, 0, 0])], a=(0, 0, 1)), "a masked entry"),

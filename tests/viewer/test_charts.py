@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from matplotlib.font_manager import findfont
 
 import kreisel as kr
 from kreisel import analysis
@@ -168,7 +169,7 @@ def test_a_figure_for_a_journal(run, tmp_path):
     assert b"/Type0" in (tmp_path / "a.pdf").read_bytes() or b"/TrueType" in (tmp_path / "a.pdf").read_bytes()
     figure.savefig(tmp_path / "a.svg")
     axes = figure.subfigs[1].axes[0]
-    assert axes.xaxis.label.get_size() == 8 and axes.texts[0].get_fontfamily() == ["serif"]
+    assert axes.xaxis.label.get_size() == 8 and "STIX" in findfont(axes.texts[0].get_fontproperties())
     with pytest.raises(kr.InputError, match=r"style must be .* Did you mean 'journal'"):
         kr.plot(run, style="jurnal")
 

@@ -296,8 +296,9 @@ class Satellite(Forced):
 
     def angles(self, run: xr.Dataset) -> Angles:
         """Pitch, roll and yaw (...) of a run relative to the frame of the orbit, from -pi to pi."""
+        angles = angles_of(run)
         require_of_body(run, self.orbit.elements)
-        return angles_of(run)
+        return angles
 
     def _axis(self, run: xr.Dataset, which: int) -> Array:
         """One of the axes of yaw, roll and pitch in the frame of the orbit's elements, at each row."""

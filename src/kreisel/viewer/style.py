@@ -93,8 +93,7 @@ THEMES = {
 STYLES: dict[str, dict[str, Any]] = {
     "house": {},
     "journal": {
-        "font.family": "serif",
-        "font.serif": ["STIXGeneral", "DejaVu Serif"],
+        "font.family": ["STIXGeneral", "DejaVu Serif"],  # by name: the figure may be saved in another style
         "mathtext.fontset": "stix",
         "font.size": 8,
         "axes.titlesize": 8,
