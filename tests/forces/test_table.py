@@ -155,6 +155,9 @@ def test_derivatives_and_languages() -> None:
     with double():
         slope = jax.grad(lambda x: f(x, dt=0.05, steps=40)["m"][2])(states[1])["m"][0]
     assert float(slope) == pytest.approx((after - before) / 2e-6, rel=1e-6)
+    run = kr.simulate(by_tables(), START, **RUN)
+    with pytest.raises(kr.InputError, match=r"free: expected parameters or components of .*, got 'load'"):
+        kr.fit(by_tables(), run, free=["load"])
     with pytest.raises(kr.InputError, match="got the table push"):
         kr.code(by_tables(), START, dt=0.05)
 

@@ -53,7 +53,7 @@ def unknowns(
     Raises `InputError`.
     """
     asked = _by_name(free)
-    parameters = {p.letter: p.kind for p in model.system.parameters if p.kind != "dimension"}
+    parameters = {p.letter: p.kind for p in model.system.parameters if p.kind not in ("dimension", "table")}
     kinds = {**parameters, **dict(model.system.space.components)}
     starts: dict[str, Array] = {**model.params, **state.axial}
     if attitude is not None:
