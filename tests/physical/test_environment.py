@@ -230,6 +230,22 @@ def test_what_is_outside_of_the_models(call: Any, said: str) -> None:
         call()
 
 
+MUTANTS: dict[str, tuple[Any, Any]] = {  # a name of the page, a wrong value, and a test that sees it
+    "LAG": ((0.75**0.5, -0.5), test_the_air_bulges_at_two_in_the_afternoon),
+    "SEGMENT": ([-2 / 3], lambda: test_the_light_is_the_part_of_the_disc_that_is_seen(6.6e6)),
+    "scale": (lambda n, m: 1.0, lambda: test_the_field_is_that_of_ppigrf("2012-02-29")),
+    "ramp": (lambda x: x, test_rows_of_the_table_that_an_orbit_needs),
+}
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_wrong_page_is_seen(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    wrong, test = MUTANTS[name]
+    monkeypatch.setattr(environment, name, wrong)
+    with pytest.raises(AssertionError):
+        test()
+
+
 # -- satellites ------------------------------------------------------------------------------------
 
 DATE = "2026-03-20T14:46:00"  # the equinox, to the minute

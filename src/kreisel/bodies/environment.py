@@ -13,8 +13,8 @@ by the angle meridian[0] + meridian[1] t from the equinox.  With (s, t, u) = r/|
 
 which has no angle of the place and is regular at the poles.  [S. Pines, AIAA Journal 11 (1973) 1508]
 
-    Sun      sun cos l + sun_ahead sin l,   l = L + n t + C_1 sin M + C_2 sin 2M + C_3 sin 3M,   M = M_0 + m t
-             solar = (L, n, M_0, m, C_1, C_2, C_3, a, b, k),   1/distance = (1 + a cos l + b sin l)/(1 - k) in au
+    Sun      sun cos l + sun_ahead sin l,   l = L + n t + C_1 sin M + C_2 sin 2M,   M = M_0 + m t
+             solar = (L, n, M_0, m, C_1, C_2, a, b, k),   1/distance = (1 + a cos l + b sin l)/(1 - k) in au
              [Meeus, Astronomical Algorithms, 1998, chapter 25]
     light    1 - (part of the Sun's disc behind the primary, a sphere): two circles on the sky
     air      between the rows (height, density by night, density in the bulge) of a table the logarithms are linear;
@@ -141,9 +141,9 @@ def legendre(N, uq, q):
 
 def sunlight(t, *, sun, sun_ahead, solar):
     """The direction of the Sun, and 1 au over its distance."""
-    L, n, M, m, C1, C2, C3, a, b, k = solar
+    L, n, M, m, C1, C2, a, b, k = solar
     s, c = sin(M + m * t), cos(M + m * t)
-    longitude = L + n * t + s * (C1 + 2 * C2 * c + C3 * (3 - 4 * s * s))
+    longitude = L + n * t + s * (C1 + 2 * C2 * c)
     x, y = cos(longitude), sin(longitude)
     return np.array([sun[i] * x + sun_ahead[i] * y for i in range(3)]), (1 + a * x + b * y) / (1 - k)
 
@@ -269,10 +269,8 @@ def check_meridian(value, name):
 
 
 def check_solar(value, name):
-    if value.shape != (10,) or not abs(value[9]) < 1:
-        raise InputError(
-            f"{name}: expected 10 numbers, L, n, M_0, m, C_1, C_2, C_3, a, b, k, got {shown(value.tolist())}."
-        )
+    if value.shape != (9,) or not abs(value[8]) < 1:
+        raise InputError(f"{name}: expected 9 numbers, L, n, M_0, m, C_1, C_2, a, b, k, got {shown(value.tolist())}.")
 
 
 def check_air(value, name):
@@ -294,7 +292,7 @@ FIELD = (
 SUN = (
     Parameter("sun", "vector", "direction of the Sun in space, of length 1", check_direction, np.eye(3)[0]),
     Parameter("sun_ahead", "vector", "direction of the Sun a quarter of its circle after `sun`", default=np.zeros(3)),
-    Parameter("solar", "array", "motion of the Sun: L, n, M_0, m, C_1, C_2, C_3, a, b, k", check_solar, np.zeros(10)),
+    Parameter("solar", "array", "motion of the Sun: L, n, M_0, m, C_1, C_2, a, b, k", check_solar, np.zeros(9)),
     Parameter("eclipse", "scalar", "1 for the shadow of the primary, 0 for none", default=0.0),
     Parameter("disc", "scalar", "sine of the radius of the Sun's disc at 1 au", default=695_700e3 / 149_597_870_700.0),
 )

@@ -101,7 +101,7 @@ PRECESSION = 5028.796195 / 3600  # degrees a century along the ecliptic, IAU 200
 def sun(days: float) -> dict[str, Array]:
     """Motion of the Sun seen from the Earth, with aberration, to 0.01 degrees.
 
-    [Meeus, Astronomical Algorithms, 2nd ed., 1998, chapter 25, low accuracy; equation 22.2]
+    [Meeus, Astronomical Algorithms, 2nd ed., 1998, chapter 25, low accuracy, without the term in 3M; equation 22.2]
 
     Its longitudes count from the equinox of the date; here from the equinox of the epoch.
     """
@@ -109,7 +109,7 @@ def sun(days: float) -> dict[str, Array]:
     L, n = 280.46646 + (36000.76983 + 0.0003032 * T) * T, 36000.76983 - PRECESSION
     M, m = 357.52911 + (35999.05029 - 0.0001537 * T) * T, 35999.05029
     e = 0.016708634 - (0.000042037 + 0.0000001267 * T) * T
-    C = [1.914602 - (0.004817 + 0.000014 * T) * T, 0.019993 - 0.000101 * T, 0.000289]
+    C = [1.914602 - (0.004817 + 0.000014 * T) * T, 0.019993 - 0.000101 * T]
     tilt, perihelion = np.radians(23.439291 - 0.0130042 * T), np.radians(L - M)
     angles = np.radians([(L - 0.00569) % 360, n / CENTURY / DAY, M % 360, m / CENTURY / DAY, *C])
     ellipse = [e * np.cos(perihelion), e * np.sin(perihelion), 1 - 1.000001018 * (1 - e * e)]
