@@ -137,6 +137,18 @@ def test_the_generator_draws_published_numbers():
     assert float(uniform(state)[0]) == pytest.approx(0.07941673614985, abs=1e-14)
 
 
+def test_lanes_of_a_sweep_have_streams_of_their_own_in_any_blocks():
+    from kreisel.sweeps.design import NOISE, Lanes
+
+    base = {"system": {"gain": 1.0}, "state": {"generator": [12345] * 6}}
+    lanes = Lanes(base, {"grid": {"system": {"gain": [1.0, 2.0, 3.0]}}}, noisy=True)
+    assert lanes.values(2, 3)[NOISE].tolist() == [
+        [1015873554, 1310354410, 2249465273, 994084013, 2912484720, 3876682925]
+    ]
+    assert lanes.values(0, 3)[NOISE][2:].tolist() == lanes.values(2, 3)[NOISE].tolist()
+    assert NOISE not in Lanes(base, {"grid": {"system": {"gain": [1.0]}}}).values(0, 1)
+
+
 def test_normal_numbers_are_normal_and_those_of_lanes_independent():
     from scipy.stats import kstest
 

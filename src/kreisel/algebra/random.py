@@ -20,6 +20,7 @@ from kreisel.algebra.gradient import cos, sin
 
 M1, M2 = 4294967087.0, 4294944443.0
 NORM = 1 / (M1 + 1)
+GENERATOR = "generator"  # the letter of a state that has one
 STREAM = 127  # binary logarithm of the numbers in a stream
 FIRST = [[0, 1, 0], [0, 0, 1], [-810728, 1403580, 0]]  # (x_(n-3), x_(n-2), x_(n-1)) -> one later
 SECOND = [[0, 1, 0], [0, 0, 1], [-1370589, 0, 527612]]
@@ -65,18 +66,23 @@ def streams(seed: int, count: int) -> Array:
     return streams_from([int(v) % (int(m) - 1) + 1 for v, m in zip(drawn, (M1,) * 3 + (M2,) * 3, strict=True)], count)
 
 
-def streams_from(state: list[int], count: int) -> Array:
-    """The states (count, 6) of the streams from this one on."""
-    jumps = [_power(np.array(step, dtype=object), int(m)) for step, m in ((FIRST, M1), (SECOND, M2))]
+def streams_from(state: list[int], count: int, first: int = 0) -> Array:
+    """The states (count, 6) of the streams from this one on, without those before `first`."""
+    matrices = [(np.array(step, dtype=object), int(m)) for step, m in ((FIRST, M1), (SECOND, M2))]
+    jumps = [_power(step, 1 << STREAM, m) for step, m in matrices]
     out, parts = np.empty((count, 6)), [np.array(state[:3], dtype=object), np.array(state[3:], dtype=object)]
+    ahead = [_power(jump, first, m) for jump, (_, m) in zip(jumps, matrices, strict=True)]
+    parts = [jump @ part % m for jump, part, (_, m) in zip(ahead, parts, matrices, strict=True)]
     for row in out:
         row[:] = np.concatenate(parts)
         parts = [jump @ part % int(m) for jump, part, m in zip(jumps, parts, (M1, M2), strict=True)]
     return out
 
 
-def _power(step: Array, m: int) -> Array:
-    """step^(2^STREAM) mod m."""
-    for _ in range(STREAM):
-        step = step @ step % m
-    return step
+def _power(step: Array, exponent: int, m: int) -> Array:
+    """step^exponent mod m."""
+    out = np.array(np.eye(3, dtype=int), dtype=object)
+    while exponent:
+        out = step @ out % m if exponent % 2 else out
+        step, exponent = step @ step % m, exponent // 2
+    return out

@@ -24,7 +24,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.backend import joined
 from kreisel.algebra.gradient import traced
-from kreisel.algebra.random import normals
+from kreisel.algebra.random import GENERATOR, normals
 from kreisel.algebra.recorded import run
 from kreisel.errors import InputError, shown
 from kreisel.forces import kicks
@@ -46,7 +46,7 @@ from kreisel.record.contract import Parameter, PhaseSpace, System
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME, Controller
 
-QUEUE, GENERATOR, WHEEL_LIMIT = "queue", "generator", "wheel_limit"
+QUEUE, WHEEL_LIMIT = "queue", "wheel_limit"
 DEVIATION, BIAS, LIMIT = "noise_", "bias_", "limit_"
 SENSORS = {"rates": (3,), "attitude": (4,), "time": (), WHEELS: (-1,), **OF_PLACE}
 COMMANDS = {"dipole": "A m^2", "torque": "N m", "wheel_torque": "N m", "impulse": "N m s"}

@@ -12,13 +12,12 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.gradient import traced
-from kreisel.algebra.random import streams
+from kreisel.algebra.random import GENERATOR, streams
 from kreisel.errors import InputError, explained, hint, shown
 from kreisel.forces.control import (
     BIAS,
     COMMANDS,
     DEVIATION,
-    GENERATOR,
     LIMIT,
     SENSORS,
     WHEEL_LIMIT,

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.algebra.random import GENERATOR, streams_from
 from kreisel.errors import InputError, explained, hint, shown
 
 MOST_LANES = 10**7
@@ -78,6 +79,9 @@ class Varied:
         return f"{self.section}.{self.letter}{entry}"
 
 
+NOISE = Varied("state", GENERATOR)
+
+
 @dataclass(frozen=True)
 class Draw:
     """Random values: the kind of distribution, its bounds, and the shape of one value."""
@@ -110,12 +114,14 @@ class Lanes:
 
     base    the sections system, state and run that every lane starts from
     spec    the section sweep: grid, list, random, draws, rng
+    noisy   whether the state has the generator of the noise of a controller
 
     The lanes are the product of the grid, the list and the draws, the last varying fastest; every lane draws separate
     random values.  Raises `InputError`.
     """
 
-    def __init__(self, base: Mapping[str, Mapping[str, Any]], spec: Mapping[str, Any]):
+    def __init__(self, base: Mapping[str, Mapping[str, Any]], spec: Mapping[str, Any], noisy: bool = False):
+        self.noisy = noisy
         self.base = {section: dict(base.get(section, {})) for section in SECTIONS}
         grid = {k: _values(k, v) for k, v in _quantities(spec.get("grid", {}), "grid")}
         self.listed = {k: _values(k, v) for k, v in _quantities(spec.get("list", {}), "list")}
@@ -143,7 +149,8 @@ class Lanes:
     @property
     def quantities(self) -> tuple[Varied, ...]:
         """All quantities that vary."""
-        return (*self.grid, *self.listed, *self.draws)
+        stated = (*self.grid, *self.listed, *self.draws)
+        return (*stated, NOISE) if self.noisy and stated and NOISE not in stated else stated
 
     @property
     def tables(self) -> dict[Varied, Array]:
@@ -210,7 +217,13 @@ class Lanes:
             for (quantities, _), place in zip(self.axes, places, strict=True)
             for quantity in quantities
         }
-        return out | {quantity: self._drawn(quantity, draw, first, stop) for quantity, draw in self.draws.items()}
+        out |= {quantity: self._drawn(quantity, draw, first, stop) for quantity, draw in self.draws.items()}
+        return out | ({NOISE: self._streams(first, stop)} if self.noisy and NOISE not in out else {})
+
+    def _streams(self, first: int, stop: int) -> Array:
+        """The generators of the noise of controllers, each with a stream of its own, the first that of [state]."""
+        begin = [int(v) for v in _number_array(self.base[NOISE.section][NOISE.letter], NOISE.name)]
+        return streams_from(begin, stop - first, first)
 
     def _drawn(self, quantity: Varied, draw: Draw, first: int, stop: int) -> Array:
         """Values drawn by one generator for each quantity and each 1024 lanes, independent of other quantities."""

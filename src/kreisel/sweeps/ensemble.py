@@ -10,6 +10,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.random import GENERATOR
 from kreisel.errors import InputError, RunError
 from kreisel.method.auto import Choice
 from kreisel.record.body_frame import BodyFrame
@@ -43,10 +44,10 @@ class Sweep:
                 f"{self.system.name}: expected a system whose lanes are independent, got bodies that act on each other "
                 "in pairs, which are the lanes of one run. Call kr.simulate for each set of parameters."
             )
-        self.lanes = Lanes({**description, "system": base}, spec)
+        self._kinds_of_state = dict(self.system.space.components)
+        self.lanes = Lanes({**description, "system": base}, spec, GENERATOR in self._kinds_of_state)
         self.save: tuple[str, ...] = tuple(spec["save"])
         self.kinds = {p.letter: p.kind for p in self.system.parameters}
-        self._kinds_of_state = dict(self.system.space.components)
         body = description.get("body")
         self._body_frame = None if body is None else BodyFrame.from_table(body)
 
