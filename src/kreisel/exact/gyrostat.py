@@ -1,12 +1,12 @@
 """method="exact" of the gyrostat, n = 3, M' = M x (w M - b): the addition theorem of `kreisel.exact.quadrics`.
 
 A step is a few equal maps, whose coefficients are found once a trajectory in extended precision; long times are made
-shorter by whole periods.  The orientation turns by g z(psi) p, p M(t) = M the shortest turn, z(psi) that about M by
+shorter by whole periods.  The orientation rotates by g z(psi) p, p M(t) = M the shortest turn, z(psi) that about M by
 
     psi' = L Omega.(M + M(t))/(L^2 + M.M(t)),   Omega = w M(t) - b,
 
 which is integrated by Gauss's rule at points of the motion.  The turn of a map is linear in the state half-way; the
-matrix is fitted to those, and a step takes forms for it too.  Over a period it is a turn about M, by a mean of psi'
+matrix is fitted to those, and a step takes forms for it too.  Over a period it is a rotation about M, by a mean of psi'
 in many digits, with any e L in place of the first M.
 """
 
@@ -43,14 +43,14 @@ from kreisel.exact.quadrics import (
 from kreisel.record.calling import call
 from kreisel.record.contract import System
 
-FAR = 6  # maps in a step, beyond which whole periods are left out
+FAR = 6  # maps in a step, beyond which complete periods are left out
 CORRECTIONS = 3
 NODES, SAMPLES = 8, 64  # of Gauss's rule; points of a motion, 0.4 e-foldings apart at most
 MOST_TURN, MOST_MAPS = 6.0, 4096  # radians of a map with orientation; maps of a step
 SETTLED = 22.0  # e-foldings, after which a motion without a period stands still
 DIGITS = 40  # of a period, beyond those that close roots and long times use up
-TWICE = 16 * np.arctan(np.longdouble(1))  # two turns, after which a quaternion is the same
-FEWEST, TURN_DIGITS = 16, 22  # points of a period; digits of its turn, beyond those that long times use up
+TWICE = 16 * np.arctan(np.longdouble(1))  # two rotations, after which a quaternion is the same
+FEWEST, TURN_DIGITS = 16, 22  # points of a period; digits of its rotation, beyond those that long times use up
 DIRECTIONS = np.array([e for e in np.ndindex(3, 3, 3) if e != (1, 1, 1)]) - 1
 
 
@@ -105,7 +105,7 @@ class Body:
         with np.errstate(all="ignore"):
             self.L, self._K = curve(self.x, self.w, self.b)
             self.speed = length(self._K)
-            self._pace = self.speed * (1 + oriented)  # no map is too long for its turns, which are integrated
+            self._pace = self.speed * (1 + oriented)  # no map is too long for its rotations, which are integrated
             if oriented:
                 fastest = abs(self.w * self.x).sum(-1) + abs(self.b).sum(-1)
                 self.speed = 2 * np.maximum(self.speed, fastest / MOST_TURN)
@@ -163,14 +163,14 @@ class Body:
         angle = np.zeros(x.shape[:-1], dtype=x.dtype)
         for known, weight in zip(nodes[:-1], WEIGHT, strict=True):
             angle = angle + weight * rate(x, x + change(x, known), size, w, b)
-        rest = -b * (size == 0)  # M = 0: the body turns against its wheel
+        rest = -b * (size == 0)  # M = 0: the body rotates against its wheel
         z = algebra.turn(algebra.vec(angle) * part[..., None, None] * x + rest * part[..., None, None])
         return algebra.unit(algebra.quaternion_product(z, lift(x, x + change(x, nodes[-1]))))
 
     def after(self, times: list[Fraction], g: tuple[Array, ...]) -> tuple[Array, ...]:
         """M (times, 3) and the orientation, if any, of one lane.
 
-        All but one w is in common: without it M moves the same way, with it the body also turns evenly about M.
+        All but one w is in common: without it M moves the same way, with it the body also rotates evenly about M.
         """
         start, (w, b) = rationals(self.M), self._exactly(())
         common, w = w[0], w - w[0]
@@ -221,7 +221,7 @@ class Body:
 
 
 def _nodes(K: Array) -> list[dict[str, Array]]:
-    """The forms at the nodes of Gauss's rule and after the whole map."""
+    """The forms at the nodes of Gauss's rule and after the complete map."""
     return [forms(K * node) for node in [*NODE, 1]]
 
 
@@ -233,7 +233,7 @@ def _spread(known: Mapping[str, Array]) -> dict[str, Array]:
 def remainders(
     M: Array, w: Array, b: Array, times: list[Fraction], oriented: bool
 ) -> tuple[list[np.longdouble], Array, Array]:
-    """Times less whole periods, at most half a period in size, from rationals; the turn about M in these periods, if
+    """Times minus complete periods, at most half a period in size, from rationals; the rotation about M in these, if
     asked for; and where the motion has ended.
 
     That is where there is no period: such times are made so short that the motion is just about to end.
@@ -243,7 +243,7 @@ def remainders(
     ctx, never = mpmath.MPContext(), np.zeros(len(times), dtype=bool)
     square, Omega, none = algebra.dot(M, M), w * M - b, np.zeros(len(times), dtype=np.longdouble)
     longest = max(abs(t) for t in times)
-    if not algebra.cross(M, Omega).any():  # it stands still in the body, which turns evenly
+    if not algebra.cross(M, Omega).any():  # it stands still in the body, which rotates evenly
         spin = algebra.dot(Omega, Omega) if oriented else Fraction(0)
         ctx.dps = DIGITS + _figures(longest**2 * spin + 1)
         period = 4 * ctx.pi / ctx.sqrt(mp_number(ctx, spin)) if spin else None
@@ -282,7 +282,7 @@ def remainders(
 
 
 def evenly(M: Array, w: Fraction, times: list[Fraction]) -> Array:
-    """w |M| t less whole turns, two by two."""
+    """w |M| t minus complete rotations, two by two."""
     import mpmath
 
     ctx, square = mpmath.MPContext(), algebra.dot(M, M) * w * w
@@ -292,7 +292,7 @@ def evenly(M: Array, w: Fraction, times: list[Fraction]) -> Array:
 
 
 def turn_of_a_period(ctx: Any, M: Array, w: Array, b: Array, fastest: Any, period: Any, digits: int) -> Any:
-    """The turn about M in a period, to so many digits: a mean over points of the period, doubled until it settles.
+    """The rotation about M in a period, to so many digits: a mean over points of the period, doubled until it settles.
 
     The error falls exponentially with the points, so that of the next mean is the square of the last change.  Points
     lie around few of them; `fastest` is sqrt(max |e_i|).
@@ -333,7 +333,7 @@ def _figures(x: Any) -> int:
 
 
 def _without(ctx: Any, x: Any, period: Any) -> tuple[np.longdouble, int]:
-    """x less whole periods, and their number."""
+    """x minus complete periods, and their number."""
     count = ctx.nint(x / period)
     return np.longdouble(ctx.nstr(x - period * count, 25)), int(count)
 

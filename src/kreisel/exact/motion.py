@@ -1,16 +1,16 @@
 """One motion of the Lagrange top, n = 3, at any times: set up once in extended digits, then cheap in doubles.
 
-Three phases grow like the time: that of nutation, and those of the mean turns about p and about the axis.  The period
-of nutation is cut into 2^k parts.  The state at the middle of each, freed of the mean turns, comes from the closed
+Three phases grow like the time: nutation, and the mean rotations about p and about the axis.  The period of nutation
+is cut into 2^k parts.  The state at the middle of each, freed of the mean rotations, comes from the closed
 form in extended digits, once, and from the equations of motion the polynomials that it follows within the part.
-The phases are integers, mod one turn: no error grows with t.
+The phases are integers, mod one rotation: no error grows with t.
 
-Beside the critical sleeping top the period of nutation is long, and within it the top turns many times about p and
+Beside the critical sleeping top the period of nutation is long, and within it the top rotates many times about p and
 about its axis at rates
 
     phi' = (c - J z)/(1 - z^2),   psi' = (J - c z)/(1 - z^2)
 
-(|p| = |b| = 1, z = b.p).  Freed of all these turns, not of their fractions alone, the state changes as slowly as z.
+(|p| = |b| = 1, z = b.p).  Freed of all these rotations, not only of their fractions, the state changes as slowly as z.
 Series of what is slow, made of fast equations, lose digits: as many more are taken.
 """
 
@@ -46,7 +46,7 @@ from kreisel.exact.parts import (
 )
 from kreisel.record.contract import Orbit
 
-SAMPLES = 64  # of z in half a period, for the whole turns of a slow top
+SAMPLES = 64  # of z in half a period, for the complete rotations of a slow top
 PLACES = 4  # its first parts, as a power of two: where the series are made that say how many there must be
 MARGIN = 1e-2  # between them the series may converge more slowly
 DIGITS = 32  # of the set-up, beyond those that the number of periods and close roots use up
@@ -60,7 +60,7 @@ NONE, UNTURNED = Fraction(0), np.array([1.0, 0.0, 0.0, 0.0])
 def _majorants(rates: float, turning: float, spinning: float, bp: float) -> Array:
     """Bounds of the Taylor coefficients of m, b and q, relative to the size of each: `_taylor` of lengths, (ORDERS,).
 
-    From the greatest |m - turning|, |b||p| and the mean turns.
+    From the greatest |m - turning|, |b||p| and the mean rotations.
     """
     ws, bs, qs = np.zeros((3, ORDERS))
     ws[0], bs[0], qs[0] = rates, 1.0, 1.0
@@ -102,7 +102,7 @@ def _pure(v: Array) -> Array:
 
 @dataclass(frozen=True)
 class Leap:
-    """`count` times D_eps with the constant r, then turns about p and the axis, as quaternions."""
+    """`count` times D_eps with the constant r, then rotations about p and the axis, as quaternions."""
 
     count: int
     eps: MpNumber
@@ -114,8 +114,8 @@ class Leap:
 class TopMotion:
     """The motion through (m, b), axial vectors, under p.
 
-    `reach` is the largest |time| that will be asked; the body turns about its axis b by spin_factor (m.b)/|b| more than
-    m says, without an effect on m and b.
+    `reach` is the largest |time| that will be asked; the body rotates about its axis b by spin_factor (m.b)/|b|
+    more than m states, without an effect on m and b.
     """
 
     def __init__(self, m: Array, b: Array, p: Array, *, reach: float, spin_factor: Fraction = NONE):
@@ -186,7 +186,7 @@ class TopMotion:
         return float(ctx.log(mp_number(ctx, 4 * (x3 - x1) / gap)) / 2) if gap else math.inf
 
     def _clock(self, reach: float, spin_factor: Fraction) -> float:
-        """Parts of the period and mean turns; on the separatrix, without a period, parts up to where it is steady.
+        """Parts of the period and mean rotations; on the separatrix, without a period, parts up to where it is steady.
 
         Returns a bound of the rates of the equations.
         """
@@ -198,7 +198,7 @@ class TopMotion:
         bp = ctx.sqrt(mp_number(ctx, known.A * known.P2))
         most: list[
             tuple[MpNumber, MpNumber, MpNumber]
-        ] = []  # of the sizes of m less the mean turn, and of the mean turns
+        ] = []  # of the sizes of m less the mean rotation, and of the mean rotations
         for seen, turning, spinning in zip((known, known.dual), self.means, self.means[::-1], strict=True):
             w = turn * turning  # |m - w p/|p||^2, m^2 <= -x1
             along = 2 * w * mp_number(ctx, seen.c) / ctx.sqrt(mp_number(ctx, seen.P2)) if seen.P2 else 0
@@ -236,7 +236,7 @@ class TopMotion:
     # -- slow tops -----------------------------------------------------------------------------------
 
     def _whole_turns(self) -> tuple[int, int]:
-        """The turns about p and about the axis, in a period, beyond the fractions that the integrals tell."""
+        """The rotations about p and about the axis, in a period, beyond the fractions that the integrals tell."""
         ctx, known, nutation = self.ctx, self.integrals, self.nutation
         x1, x2, x3 = nutation.x
         A, p = (ctx.sqrt(mp_number(ctx, v)) for v in (known.A, known.P2))
@@ -248,11 +248,12 @@ class TopMotion:
             x = x1 + (x2 - x1) * ctx.ellipfun("sn", u=u, m=(x2 - x1) / (x3 - x1)) ** 2
             z = (x / 2 + E) / (A * p)
             one, other = one + (c + J) / (1 + z), other + (c - J) / (1 - z)
-        unit = nutation.half_period / (SAMPLES * 2 * ctx.pi)  # of a rate, in turns a period: (one + other)/2 is phi'
+        # of a rate, in rotations a period: (one + other)/2 is phi'
+        unit = nutation.half_period / (SAMPLES * 2 * ctx.pi)
         return int(ctx.nint((one + other) * unit)), int(ctx.nint((one - other) * unit))
 
     def _take_fewer_parts(self, fastest: float) -> None:
-        """Leave out all whole turns, where that makes fewer parts do; `fastest`, a rate of the equations."""
+        """Leave out all complete rotations, where that makes fewer parts do; `fastest`, a rate of the equations."""
         ctx, known = self.ctx, self.integrals
         before = ctx.dps, self.binary, self.nutation, self.means, self.places, self.part
         lost = ORDERS * math.log10(max(10.0, fastest * float(self.nutation.half_period)))
@@ -293,7 +294,7 @@ class TopMotion:
     def place(self, j: int, inside: bool = False) -> Array:
         """The polynomials (TERMS, 10) of part j in the time from its middle, in halves of the part.
 
-        Of m, b (axial) and the orientation from time 0, a unit quaternion, freed of the mean turns; `inside`: of
+        Of m, b (axial) and the orientation from time 0, a unit quaternion, freed of the mean rotations; `inside`: of
         -M, P and the inverse orientation, which obey the same equations with (m, b, p) -> (-M, P, A).
         """
         series, units = self.series(j, inside)
@@ -316,9 +317,9 @@ class TopMotion:
         return _taylor(self.binary, *fixed), units
 
     def _at(self, j: int) -> MotionState:
-        """The state at time j parts, freed of the mean turns: by leaps of 2^k parts, of which few are needed.
+        """The state at time j parts, freed of the mean rotations: by leaps of 2^k parts, of which few are needed.
 
-        Where there are so many parts that few are asked for, by one leap.
+        If few of many parts are asked for, by one leap.
         """
         if self.places > LEAPT:
             return self.jump(j * self.part)
@@ -330,7 +331,7 @@ class TopMotion:
         return self._places[j]
 
     def jump(self, h: MpNumber) -> MotionState:
-        """The flow over |h| <= omega_1 without its mean turns: m, b (axial), orientation, in extended digits."""
+        """The flow over |h| <= omega_1 without its mean rotations: m, b (axial), orientation, in extended digits."""
         return self._leapt(self._places[0], self._leap(abs(h)), 1 if h > 0 else -1) if h else self._places[0]
 
     def _leapt(self, state: MotionState, leap: Leap, sign: int) -> MotionState:
@@ -348,7 +349,7 @@ class TopMotion:
         return m, b, q
 
     def _leap(self, h: MpNumber) -> Leap:
-        """What the flow over h > 0 takes: `count` times D_eps, then turns about p and the axis."""
+        """What the flow over h > 0 takes: `count` times D_eps, then rotations about p and the axis."""
         ctx, nutation, known = self.ctx, self.nutation, self.integrals
         count = 2 if h > nutation.half_period / 2 else 1
         while ctx.isnan(eps := nutation.epsilon(h / count)):
@@ -369,7 +370,7 @@ class TopMotion:
         return np.concatenate([[ctx.cos(angle / 2)], self._along(axis) * ctx.sin(angle / 2)])
 
     def _other_sign(self) -> int:
-        """Whether the quaternion, freed of the mean turns, has the other sign after a period."""
+        """Whether the quaternion, freed of the mean rotations, has the other sign after a period."""
         if self.apart:
             return 0
         before, after = (self.jump(side * self.part * (1 << (self.places - 1)))[2] for side in (-1, 1))
@@ -395,7 +396,7 @@ class TopMotion:
         """The states that `finish(m, b, q, **constants)` makes of axial m, b and the orientation, `start` at time 0.
 
         `inside`: of -M, P and the inverse orientation.  The clock counts times; with `step` = (tau, theta), the steps
-        of a map: the flow over tau, then a turn about p.
+        of a map: the flow over tau, then a rotation about p.
         """
         tau, theta = (self.ctx.one, self.ctx.zero) if step is None else step
         turns = tau * self.means[0] + theta / (2 * self.ctx.pi), tau * (self.spin - self.means[1])
@@ -439,7 +440,7 @@ def turned(
 
 
 def half_turns(a: Array, b: Array) -> Array:
-    """The turn R_a R_b, R_x = 2 x x^T/|x|^2 - 1, as a quaternion of length |a| |b|."""
+    """The rotation R_a R_b, R_x = 2 x x^T/|x|^2 - 1, as a quaternion of length |a| |b|."""
     return algebra.quaternion((a * b).sum(-1), algebra.cross(b, a - b))
 
 
@@ -450,5 +451,5 @@ def _unit_vector(x: Array) -> Array:
 
 
 def rotation(axis: Array, angle: Array) -> Array:
-    """The turn about an axis, of any length, as a unit quaternion."""
+    """The rotation about an axis, of any length, as a unit quaternion."""
     return np.concatenate([np.cos(angle / 2)[..., None], np.sin(angle / 2)[..., None] * _unit_vector(axis)], -1)

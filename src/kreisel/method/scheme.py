@@ -32,12 +32,12 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Jump:
-    """A flow as that of a Lagrange top, n = 3, at rest: m' = p x b, b' = m x b, with axial vectors.
+    """A flow of the form of a Lagrange top, n = 3, at rest: m' = p x b, b' = m x b, with axial vectors.
 
-    begin(*z, **constants) -> m, b, p, and two alphas: the state turns about p by (1/alpha - 1) (m.p)/|p| in a unit of
+    begin(*z, **constants) -> m, b, p, and two alphas: the state rotates about p by (1/alpha - 1) (m.p)/|p| in a unit of
                               time beside, the body about b by (1/other - 1) (m.b)/|b|
-    orientation(g)         -> q, the turn of the body: q' = m q/2 but for what alpha adds
-    finish(m, b, q)        -> z; without q where there is no orientation
+    orientation(g)         -> q, the rotation of the body: q' = m q/2 but for what alpha adds
+    finish(m, b, q)        -> z; without q if there is no orientation
 
     Recorded and compiled by an engine.
     """
@@ -49,9 +49,9 @@ class Jump:
 
 @dataclass(frozen=True)
 class Spin:
-    """A flow as that of a free body, n = 3: M' = M x Omega, Omega_i = M_i/I_i, g' = g hat(Omega); g may be absent.
+    """A flow of the form of a free body, n = 3: M' = M x Omega, Omega_i = M_i/I_i, g' = g hat(Omega); g may be absent.
 
-    begin(*z)            -> M, an axial vector, and g where there is one, a unit quaternion
+    begin(*z)            -> M, an axial vector, and g, if it is known, a unit quaternion
     moments(**constants) -> I (3,), recorded for double-doubles
     finish(M, g)         -> z
 
@@ -87,7 +87,7 @@ COUPLED_N = 10  # up to which steps of lanes in pairs are straight-line code, if
 
 
 def too_large_to_couple(name: str, n: int) -> InputError:
-    """The error of a method whose step is no straight-line code."""
+    """The error of a method whose step is not straight-line code."""
     return InputError(
         f"{name}: expected bodies whose step is short enough for straight-line code, such as those with n = 3, to act "
         f"on each other, got n = {n}."
@@ -123,16 +123,16 @@ class Numbers(NamedTuple):
 
 
 class Corrector(NamedTuple):
-    """C, from the variables that a method steps to those of the body, and its inverse: each a step by other numbers."""
+    """C, from the variables of a method to the variables of the body, and its inverse: steps with other values."""
 
     out: Numbers
     back: Numbers
 
 
 class Part(NamedTuple):
-    """A function that kernels call in turn: its name there, and the kinds of what it takes behind the state.
+    """A function that kernels call in order: its name there, and the kinds of its arguments after the state.
 
-    `staged`: whether it is called in every stage and takes the constants of the stage too.
+    `staged`: whether it is called in every stage, with the constants of the stage.
     """
 
     name: str
@@ -142,7 +142,7 @@ class Part(NamedTuple):
 
     @property
     def letters(self) -> str:
-        """The constants that it takes: c of the scheme, s of the stage."""
+        """Its constants: c of the scheme, s of the stage."""
         return "cs" if self.staged else "c"
 
 
@@ -150,7 +150,7 @@ class Part(NamedTuple):
 class Orbits:
     """A flow in closed form, or the iterates of a map.
 
-    orbit(z0, consts, reach) -> the states at any |time| <= reach, for one lane; of a map at whole times, in steps
+    orbit(z0, consts, reach) -> the states at any |time| <= reach, for one lane; of a map at integer times, in steps
     jump                     the same of a top or a free body, which an engine knows at any time; or None
     """
 
@@ -164,7 +164,7 @@ class Steps:
 
     step(*z, **constants)  -> z  every stage once, in order, with the constants of the stage
     close(*z, **constants) -> z  ends a step that has stages, once; None for nothing more to do
-    iterates               many steps at once, where they are known
+    iterates               many steps at once, if they are known
     """
 
     step: Callable[..., tuple[Array, ...]]
@@ -226,7 +226,7 @@ class Scheme:
 
     name: str
     components: Components
-    constants: Mapping[str, Array]  # what the motion takes by keyword: ([lane,] ...)
+    constants: Mapping[str, Array]  # keyword arguments of the motion: ([lane,] ...)
     axes: Mapping[str, int]  # of each constant, without the axes of lane and stage
     n: int
     prepare: Callable[[tuple[Array, ...]], tuple[Array, ...]]
@@ -240,16 +240,16 @@ class Scheme:
     trajectory: Callable[..., tuple[Mapping[str, Array], Mapping[str, Array]]] | None = None
     point: Callable[..., Array] | None = None
     recordable: bool = True  # whether motion and `observe` can be recorded, and so compiled
-    basis: Mapping[str, Array] = field(default_factory=dict)  # of the trajectory, for `observe` alone
+    basis: Mapping[str, Array] = field(default_factory=dict)  # of the trajectory, for `observe` only
     conserved: Callable[..., dict[str, Array]] | None = None
     held: Callable[[tuple[Array, ...]], list[Array]] | None = None
     between: int = 0
     coupling: Coupling | None = None
     corrector: Corrector | None = None
-    dt_in_constants: bool = False  # whether dt enters `constants` and `stages` alone, beside what is observed
+    dt_in_constants: bool = False  # whether dt enters only `constants` and `stages`, apart from observed variables
     # Compiled code is kept by these; None for code that is not kept.  Schemes with the same
-    definition_key: tuple[Any, ...] | None = None  # differ in constants of the trajectory alone
-    kernel_key: tuple[Any, ...] | None = None  # differ in constants alone, dt among them, and have one kernel
+    definition_key: tuple[Any, ...] | None = None  # differ only in constants of the trajectory
+    kernel_key: tuple[Any, ...] | None = None  # differ only in constants, dt among them, and have one kernel
     compiled: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)  # of one lane
 
     @property
@@ -270,7 +270,7 @@ class Scheme:
 
     @property
     def parts(self) -> list[Part]:
-        """The functions of the motion that kernels call in turn."""
+        """The functions of the motion that kernels call in order."""
         match self.motion:
             case Steps(step, close):
                 parts = [Part("step", step)]
@@ -286,7 +286,7 @@ class Scheme:
 
     @property
     def orbits(self) -> Orbits | None:
-        """The states in closed form, of a flow or of the iterates of a map; None where it is not known."""
+        """The states in closed form, of a flow or of the iterates of a map; None if it is not known."""
         if isinstance(self.motion, Orbits):
             return self.motion
         return self.motion.iterates if isinstance(self.motion, Steps) else None
@@ -315,12 +315,12 @@ class Scheme:
         return replace(made, kernel_key=made.kernel_key and (*made.kernel_key, made.stage_count))
 
     def by(self, numbers: Numbers) -> Scheme:
-        """The scheme with other numbers, without a corrector."""
+        """The scheme with other values, without a corrector."""
         constants = {**self.constants, **numbers.constants}
         return replace(self, constants=constants, stages=numbers.stages, corrector=None)
 
     def advance(self, *z: Array) -> tuple[Array, ...]:
-        """A whole step by the definition: every stage once, then `close`.  Engines compile the same."""
+        """A complete step by the definition: every stage once, then `close`.  Engines compile the same."""
         if not isinstance(self.motion, Steps | JaxSteps):
             raise TypeError(f"the scheme {self.name} states no step")
         for stage in range(self.stage_count):
