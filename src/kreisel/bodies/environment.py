@@ -213,7 +213,7 @@ def density_of_air(r, s, *, density, air, bulge, radius, flattening):
 
 
 def through_air(r, v, *, air_rate):
-    """The velocity in air that turns about the third axis at that rate."""
+    """The velocity relative to air that rotates about the third axis at that rate."""
     return np.array([v[0] + air_rate * r[1], v[1] - air_rate * r[0], v[2]])
 
 

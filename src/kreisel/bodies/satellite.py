@@ -12,18 +12,18 @@ State M in so(3)*, the momentum in the principal axes (body frame), and the orie
 
 The field B' of the coefficients `gauss`, s, the density, the velocity v in the air, and light = pressure (part of the
 Sun's disc that is seen) (1 au/distance)^2 are functions of time of `kreisel.bodies.environment`.  B' has no potential
-here: the derivative in time of a field of degree 13, for the work, would take three times as long as the field.
+here: the derivative in time of a field of degree 13, for the work, would cost three times as much as the field.
 
 At the corner of (x)+ no method has an order above 2.
 
 The first part of V is (mu/r^3) (3 u.I u - tr I)/2, the potential of gravity to second order in the size of the body.
 To orders 3 and 4 the term -(mu/r^(l+1)) Y_l(-u) is added, with the harmonics of the body's field,
 
-    Y_l(w) = sum over m of m_body R^l P_lm(sin phi) (C_lm cos m lambda + S_lm sin m lambda)    phi, lambda those of w
+    Y_l(w) = sum over m of m_body R^l P_lm(sin phi) (C_lm cos m lambda + S_lm sin m lambda)    phi, lambda of w
 
 about its centre of mass, P_lm without the sign (-1)^m and not normalized.  For a satellite with a wheel,
 h x Omega - wheel_torque is added, with h = wheel + wheel_torque t the momentum of the wheel against the body: the free
-motion is that of a gyrostat, and the torque of the motor a kick.  Space is the frame of the elements of the orbit, with
+motion is a gyrostat's, and the torque of the motor a kick.  Space is the frame of the elements of the orbit, with
 z as third axis.  [P. C. Hughes, Spacecraft Attitude Dynamics, 1986, chapters 8 and 9; W. M. Kaula, Theory of Satellite
 Geodesy, 1966, chapter 1]
 """

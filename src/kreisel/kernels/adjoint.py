@@ -23,15 +23,13 @@ from kreisel.graph.sweep import pulled, pushed
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.threads import on_threads
 
-MOST_NODES = (
-    4000  # of a stage, arranged; the transpose of 3600, a satellite with all of its environment, takes some seconds
-)
+MOST_NODES = 4000  # of a stage, arranged; the transpose of 3600, a satellite with all of its environment: some seconds
 VECTORS = 1, 4, 8  # columns that are taken at once
 PLAIN = (0.0, 1.0, -1.0)  # constants that are folded into the code
 
 
 class Part(NamedTuple):
-    """A part of a step, recorded: numbers of z, c and s, and those of the new state."""
+    """A part of a step, recorded: its graph, and the entries of the new state."""
 
     graph: Graph
     outputs: list[Operand]
@@ -40,7 +38,7 @@ class Part(NamedTuple):
 def recorded(
     function: Callable[..., Any], kinds: Sequence[str], n: int, constants: Mapping[str, Any], most: float = inf
 ) -> Part:
-    """A step on recorded numbers.  `constants` may have inputs of any graph, which become those of this one.
+    """A step on recorded numbers.  `constants` may have inputs of any graph, which become inputs of the new graph.
 
     Raises `TooLong` beyond `most` operations.
     """
@@ -61,7 +59,7 @@ def recorded(
 class Code:
     """Kernels of a step: `stage` for each row of s, then `close`, compiled when they are first used.
 
-    constants, of_stage   how many numbers c and a row of s have
+    constants, of_stage   how many entries c and a row of s have
     Codes of the same operations are equal, so that JAX compiles what calls them once.
     """
 
@@ -79,7 +77,7 @@ class Code:
 
     @property
     def dim(self) -> int:
-        """How many numbers a state has."""
+        """The count of the entries of a state."""
         return self.sizes[0]
 
     @cached_property
@@ -245,7 +243,7 @@ class _Motion:
 
     @property
     def state(self) -> list[Value]:
-        """The numbers z."""
+        """The entries of z."""
         return _get(self._room)
 
     @state.setter
@@ -253,7 +251,7 @@ class _Motion:
         _put(self._room, values)
 
     def inputs(self, stage: Integer) -> dict[str, Any]:
-        """The numbers of each letter."""
+        """The entries of each letter."""
         return {"z": self.state, "c": self._c, "s": self._s.beyond(stage * self._of_stage)}
 
     def outputs(self, part: Part, stage: Integer, **more: Any) -> list[Value]:
@@ -279,7 +277,7 @@ class _Motion:
 
 
 def _loaded(graph: Graph, nodes: Sequence[int], numbers: Mapping[str, Any]) -> dict[int, Value]:
-    """The inputs among the nodes, from the numbers of each letter."""
+    """The inputs among the nodes, from the entries of each letter."""
     inputs = {at: graph.nodes[at][1:] for at in nodes if graph.nodes[at][0] == IN}
     return {at: numbers[letter][i] for at, (letter, i) in inputs.items()}
 

@@ -213,7 +213,7 @@ ENVIRONMENT = Environment(igrf, meridian, sun, TABLES, ROTATION)
 def rows_between(table: Array, low: float, high: float) -> Array:
     """The rows of a table of the air for heights from low to high, m, and one beyond at each end.
 
-    Above the table its last slope goes on.  Raises `InputError` for an orbit whose lowest height is outside the table.
+    The last slope extends above the table.  Raises `InputError` for an orbit whose lowest height is outside the table.
     """
     heights = table[:, 0]
     if not heights[0] <= low <= heights[-1]:
