@@ -61,6 +61,7 @@ class BodyPropagator:
 
     def __init__(self, body: Body, motion: Propagator):
         self._body, self._motion, self._frame = body, motion, motion.model.body_frame or BodyFrame()
+        self._unit, self._turned = self._frame.time_unit, self._frame.turned
         self.model, self.size, self.dt = motion.model, motion.size, motion.dt * self._frame.time_unit
         self._places = {self._frame.names.get(k, k): (k, place) for k, place in motion.places.items()}
         self.names = tuple(self._places)
@@ -70,10 +71,14 @@ class BodyPropagator:
     def __repr__(self) -> str:
         return f"<kreisel propagator of {self._frame.title}: {self._motion!r}>"
 
+    def _begun(self, time: Any) -> float:
+        """A time at the start, in the unit of the model."""
+        return time / self._unit if type(time) is float else duration(self._frame, time, "time")
+
     def _times(self, times: Any) -> Any:
         """Times in the unit of the model."""
         if type(times) is float:
-            return times / self._frame.time_unit
+            return times / self._unit
         scaled = times_of(self.model, times)
         return scaled if scaled.ndim else float(scaled)
 
@@ -109,7 +114,9 @@ class BodyPropagator:
 
     def _parameters(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Parameters of a call, with vectors of the body along the axes of the model."""
-        turned = self._body.vectors if self._frame.turned else ()
+        if not self._turned or not parameters:
+            return dict(parameters)
+        turned = self._body.vectors
         return {k: np.asarray(v) @ self._frame.axes if k in turned else v for k, v in parameters.items()}
 
     def _returned(self, x: Array, state: Any) -> Any:
@@ -142,7 +149,7 @@ class BodyPropagator:
     @explained
     def steps(self, state: Any, n: int, every: int | None = None, time: Any = None, **parameters: Any) -> Any:
         """The state after n steps of dt, as `Propagator.steps`; `parameters` such as dipole along the axes given."""
-        begun = None if time is None else duration(self._frame, time, "time")
+        begun = None if time is None else self._begun(time)
         return self._returned(
             self._motion.steps(self._given(state), n, every, begun, **self._parameters(parameters)), state
         )
@@ -155,7 +162,7 @@ class BodyPropagator:
     @explained
     def to(self, state: Any, times: Any, time: Any = 0.0, **parameters: Any) -> Any:
         """The state at a time, or at times in order, from the state at `time`, as `Propagator.to`."""
-        begun, ends = duration(self._frame, time, "time"), self._times(times)
+        begun, ends = self._begun(time), self._times(times)
         return self._returned(self._motion.to(self._given(state), ends, begun, **self._parameters(parameters)), state)
 
     @explained

@@ -240,7 +240,8 @@ class Stepper:
 
     def _steps_at(self, time: Any) -> float:
         """A time in steps of dt.  Raises `InputError` if samples of a controller would not be at whole steps."""
-        steps = finite_number(time, "time") / self.dt
+        finite = type(time) is float and math.isfinite(time)
+        steps: float = (time if finite else finite_number(time, "time")) / self.dt
         if self._sampled and abs(steps - round(steps)) > WHOLE_STEPS * max(1.0, abs(steps)):
             raise InputError(
                 f"time: expected a multiple of dt = {self.dt:g}, at which the controller is sampled, got {time:g}."
