@@ -145,7 +145,7 @@ class Orbit:
         if true_anomaly is not None:
             self._set_mean_anomaly(si_number(true_anomaly, "rad", "true_anomaly"))
         if not isinstance(self.J2, bool):
-            raise InputError(f"J2: expected True or False, got {shown(self.J2)}. Its value is that of the primary.")
+            raise InputError(f"J2: expected True or False, got {shown(self.J2)}. The primary has its value.")
         if self.J2 and not self.primary.J2:
             raise InputError(f"J2=True: expected a primary with J2, got {self.primary.name}: Primary(..., J2=...).")
         if self.path is not None and not (isinstance(self.path, Table) and form_of(self.path.packed) == formulas.PATH):
@@ -177,7 +177,7 @@ class Orbit:
     def from_state(cls, r: Any, v: Any, primary: Primary = EARTH, epoch: Any = None, J2: bool = False) -> Orbit:
         """The orbit through a position r (3,), m, with the velocity v (3,), m/s, in space at t = 0.
 
-        Raises `InputError` if the orbit is no ellipse, or goes through the primary.
+        Raises `InputError` unless the orbit is an ellipse outside the primary.
         """
         r, v = (si_numbers(x, unit, name, ((3,),)) for x, unit, name in ((r, "m", "r"), (v, "m/s", "v")))
         primary = _checked(primary)
@@ -214,11 +214,11 @@ class Orbit:
     def from_table(
         cls, times: Any, positions: Any, velocities: Any = None, primary: Primary = EARTH, epoch: Any = None
     ) -> Orbit:
-        """The path through positions at given times, such as those of an ephemeris.
+        """The path through positions at given times, such as an ephemeris has.
 
         times       (k,), s from the epoch, or dates (k,) in UTC, of which the first is then the epoch; k >= 6
         positions   (k, 3), m, in an inertial frame with the pole of the primary as third axis
-        velocities  (k, 3), m/s; default: those of a spline through the positions
+        velocities  (k, 3), m/s; default: the rates of a spline through the positions
 
         Between the times it is a polynomial of degree 5 of the difference to an ellipse through the first state, whose
         elements `period` and the like have; with unequal times, resampled at equal ones.  Raises `InputError` for times
@@ -397,6 +397,6 @@ def _tle(line1: Any, line2: Any) -> tuple[Any, dt.datetime]:
             raise InputError(f"line{number}: expected the checksum {digits % 10}, got {line[68]}: a digit is wrong.")
     sat = Satrec.twoline2rv(line1, line2)
     if sat.error:
-        raise InputError(f"two-line elements: expected those of an orbit, got error {sat.error} of sgp4.")
+        raise InputError(f"two-line elements: expected an orbit, got error {sat.error} of sgp4.")
     days = (sat.jdsatepoch - 2451545.0) + sat.jdsatepochF
     return sat, J2000 + dt.timedelta(days=days)

@@ -2,7 +2,7 @@
 
 Between the times t_r and t_(r+1), with u = (t - t_r)/(t_(r+1) - t_r), the value is the polynomial in u of degree 3 (or
 5) that has the values and the first (and second) derivatives of both ends: Hermite interpolation, once (twice)
-continuously differentiable.  Derivatives that are not given are those of the cubic spline through the values, which is
+continuously differentiable.  Derivatives that are not given come from the cubic spline through the values, which is
 twice continuously differentiable.
 
 As a parameter of a system a table is the vector `packed`; a kernel has its address, and the row for a time by rounding,
@@ -31,7 +31,7 @@ from kreisel.errors import InputError, explained, shown
 if TYPE_CHECKING:
     from kreisel.record.model import Model
 
-HEAD = 4  # entries of `packed` before the times: times, columns (0 for numbers), derivatives, whether it holds its ends
+HEAD = 4  # entries of `packed` before the times: times, columns (0 for scalars), derivatives, whether it holds its ends
 EVEN = 1e-9  # relative: differences of equally spaced times
 KINDS = ("spline", "pchip")
 EMPTY = np.zeros(HEAD)  # no table: 0 everywhere
@@ -68,7 +68,7 @@ def _size(packed: Array) -> int:
 class Form(NamedTuple):
     """The parts of a table that a kernel is compiled for.
 
-    columns    of a vector; 0 for numbers
+    columns    of a vector; 0 for scalars
     degree     of the polynomials
     halvings   of the bisection; 0 for equally spaced times
     """
@@ -147,7 +147,7 @@ class Table:
     def __repr__(self) -> str:
         count, columns, _, _ = self.packed[:HEAD].astype(int).tolist()
         first, last = self.span
-        kind = f"{columns} components" if columns else "numbers"
+        kind = f"{columns} components" if columns else "scalars"
         return f"<kreisel table: {count:,} times from {first:g} to {last:g}, {kind}>"
 
 
