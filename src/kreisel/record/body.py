@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any, ClassVar, Self
 
@@ -61,7 +62,8 @@ class Body:
     @property
     def title(self) -> str:
         """The name of the body in the title of its runs."""
-        return type(self).__name__
+        first, *others = re.findall("[A-Z][a-z]*", type(self).__name__)
+        return " ".join([first, *(word.lower() for word in others)])
 
 
 def started(model: Model, orientation: Any, /, **components: Any) -> State:
