@@ -19,7 +19,7 @@ import numpy as np
 from kreisel.errors import InputError, brief
 
 BRANCH = (
-    "Usual cause: if, max, min, or np.where and the like on an array that np.array made of such numbers. Use "
+    "Usual cause: if, max, min, or np.where and the like on an array that np.array made of such symbols. Use "
     "np.where(x > 0, y, z), np.maximum(x, y), np.clip(x, low, high) or np.sign(x), and np.stack([x, y]) for "
     "np.array([x, y])."
 )
@@ -49,7 +49,7 @@ class NotRecorded(InputError, TypeError):
         InputError.__init__(
             self,
             f"{place}{': ' if place else ''}expected operations that can be recorded, and no `if`, "
-            f"got {operation}. The function is run once, on numbers without values, and its operations are compiled. "
+            f"got {operation}. The function is run once, on symbols without values, and its operations are compiled. "
             f"{fix}",
         )
 

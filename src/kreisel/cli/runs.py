@@ -216,7 +216,7 @@ def sweep(
 def check(
     archive: Annotated[Path, a_path("The archive, NAME.zarr or NAME.zarr.part.")],
     as_json: AsJson = False,
-    out: Annotated[Path | None, a_path("Write the rows that are whole to a new archive.", "--recover")] = None,
+    out: Annotated[Path | None, a_path("Write the complete rows to a new archive.", "--recover")] = None,
 ) -> None:
     """Check an archive: complete, readable, finite, integrals equal to its states', and conserved if they should be."""
     from kreisel.runs.drift import broken, table_of
@@ -227,7 +227,7 @@ def check(
     result, faults = check_archive(archive)
     if out is not None:
         kept, rows = recover(archive, out)
-        say(f"{out}: {kept:,} of {rows:,} rows are whole", file=sys.stderr)
+        say(f"{out}: {kept:,} of {rows:,} rows are complete", file=sys.stderr)
     table = table_of(result) if result is not None and "kreisel_sweep" not in result.attrs else None
     if result is not None:
         lost = broken(table) if table is not None else [] if faults else broken_lanes(result)
@@ -274,7 +274,7 @@ def plot(
         "house"
     ),
     overwrite: OverwriteFile = False,
-    show: Annotated[str | None, typer.Option("--show", help="Of a sweep: the variable to draw, a_max[2].")] = None,
+    show: Annotated[str | None, typer.Option("--show", help="The variable of a sweep to draw, a_max[2].")] = None,
 ) -> None:
     """Draw the figure of an archive; for a sweep, a summary of its lanes over one or two varied quantities."""
     from kreisel.storage.archive import settled
@@ -309,7 +309,7 @@ def view(
     mesh: Annotated[Path | None, a_path("A file with its shape, .stl or .obj.", "--mesh")] = None,
     title: Annotated[str | None, typer.Option("--title", help="A heading in place of the run's.")] = None,
     target: Annotated[
-        str | None, typer.Option("--target", help="What a satellite should point at: nadir, velocity or sun.")
+        str | None, typer.Option("--target", help="The target of a satellite: nadir, velocity or sun.")
     ] = None,
     movie: Annotated[Path | None, a_path("Write a film instead: .gif, or .mp4 with ffmpeg.", "--movie")] = None,
     seconds: Annotated[float | None, typer.Option("--seconds", help="The length of the film; default 8.")] = None,

@@ -28,7 +28,7 @@ from kreisel.errors import InputError
 @app.command()
 def systems(
     name: Annotated[
-        str | None, typer.Argument(help="One system, for its whole record.", autocompletion=system_names)
+        str | None, typer.Argument(help="One system, for its complete record.", autocompletion=system_names)
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -51,7 +51,7 @@ def systems(
 @app.command()
 def methods(
     name: Annotated[
-        str | None, typer.Argument(help="One method, for its whole record.", autocompletion=method_names)
+        str | None, typer.Argument(help="One method, for its complete record.", autocompletion=method_names)
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -157,7 +157,7 @@ def investigate(
     subject: Annotated[
         str | None, typer.Argument(help="A system, or a Python file with a step, a Lagrangian or a model.")
     ] = None,
-    eps: Annotated[str | None, typer.Option("--eps", help="The step, a whole number or a fraction; 1/3.")] = None,
+    eps: Annotated[str | None, typer.Option("--eps", help="The step, an integer or a fraction; 1/3.")] = None,
     n: Annotated[int | None, typer.Option("--n", help="The dimension of a system; 3.")] = None,
     constants: Annotated[
         list[str] | None, typer.Option("--set", help="A parameter of a system, such as b=1,2,4; may be repeated.")

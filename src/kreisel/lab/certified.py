@@ -123,7 +123,7 @@ def _balls(v: Any) -> Any:
 def _start(subject: Subject, x: Any) -> Array:
     values = np.asarray(x, dtype=object)
     if values.shape != (subject.dim,):
-        raise InputError(f"A start is {subject.dim} numbers, {', '.join(subject.names)}, got shape {values.shape}.")
+        raise InputError(f"A start has {subject.dim} values, {', '.join(subject.names)}, got shape {values.shape}.")
     return np.asarray(_balls(values))
 
 

@@ -371,7 +371,7 @@ def fraction(x: Any) -> Fraction:
     try:
         return Fraction(x.item() if isinstance(x, np.generic) else x)
     except (ValueError, TypeError, ZeroDivisionError, OverflowError):
-        raise InputError(f"A whole number or a fraction such as 1/3 was expected, got {shown(x)}.") from None
+        raise InputError(f"An integer or a fraction such as 1/3 was expected, got {shown(x)}.") from None
 
 
 def fractions(v: Any) -> Any:

@@ -272,7 +272,7 @@ def exact_orbit(subject: Subject, x: Any, steps: int) -> list[Array]:
     """
     x = np.asarray(x, dtype=object)
     if x.shape != (subject.dim,):
-        raise InputError(f"A start is {subject.dim} numbers, {', '.join(subject.names)}, got shape {x.shape}.")
+        raise InputError(f"A start has {subject.dim} values, {', '.join(subject.names)}, got shape {x.shape}.")
     if subject.implicit:
         raise InputError(f"{subject.implicit}: its orbits are not rational. Choose an explicit map.")
     constants = {k: rationals(v) for k, v in subject.constants.items()}

@@ -227,7 +227,7 @@ def rational_kernel(
         if vector is None or ((third * vector % p).sum(1) % p).any():
             raise InputError(
                 "A result has coefficients too large to be found from two primes. Usual cause: constants that are "
-                "floats such as 0.1; give whole numbers or fractions."
+                "floats such as 0.1; give integers or fractions."
             )
         basis.append(terms)
     return basis

@@ -380,7 +380,7 @@ def _order(c: Clues) -> Finding:
     if subject.flow is None:
         return Finding("order", "no flow stated", "nothing to compare the map with")
     if "eps" not in subject.constants:
-        return Finding("order", "no step stated", "the step takes no eps, its length in time")
+        return Finding("order", "no step stated", "the step has no parameter eps, its length in time")
     from scipy.integrate import solve_ivp
 
     from kreisel.lab.law import fitted_orders

@@ -86,10 +86,10 @@ class Subject:
             except (TypeError, AttributeError) as error:
                 raise InputError(
                     f"The step of {self.name} failed on residues modulo {p}: {error}. Exact experiments need a "
-                    "rational function of the coordinates: + - * / and whole powers, no roots, no functions of NumPy."
+                    "rational function of the coordinates: + - * / and integer powers, no roots, no functions of NumPy."
                 ) from error
             if new.shape != (self.dim,):
-                raise InputError(f"The step of {self.name} must return {self.dim} numbers, got shape {new.shape}.")
+                raise InputError(f"The step of {self.name} must return {self.dim} values, got shape {new.shape}.")
             out = np.empty(self.dim, dtype=object)
             for i, v in enumerate(new):
                 out[i] = v if isinstance(v, type(x[i])) else x[i] * 0 + v
@@ -370,5 +370,5 @@ def _called(name: str, function: Function, state: tuple[Any, ...], values: Mappi
     except Exception as error:  # whatever a user's code raises
         raise InputError(
             f"{name} failed: {type(error).__name__}: {error}. It takes the state as the step does, of numbers of any "
-            "kind: + - * / and whole powers."
+            "kind: + - * / and integer powers."
         ) from error

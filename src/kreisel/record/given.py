@@ -47,7 +47,7 @@ def numbers(value: Any, name: str) -> Array:
         try:
             array = array.astype(np.float64)
         except OverflowError:
-            raise InputError(f"{name} must be numbers that a double can hold, got {shown(value)}.") from None
+            raise InputError(f"{name} must be values that a double can hold, got {shown(value)}.") from None
     if array.dtype == object and all(map(algebra.is_number, array.flat)):
         return array
     if array.dtype.kind not in "iuf":
@@ -88,7 +88,7 @@ def require_one_reading(p: Parameter, value: Any, system: str, sites: Any = None
         )
     if p.diagonal and array.shape == (n, n) and n > 2 and (array == array.T).all():
         raise InputError(
-            f"{name}: a symmetric array ({n}, {n}) may be a matrix, or the diagonals of {n} lanes. For a matrix turn "
+            f"{name}: a symmetric array ({n}, {n}) may be a matrix, or the diagonals of {n} lanes. For a matrix rotate "
             f"to its principal axes and give its diagonal, {n} numbers; for lanes give xarray.DataArray(..., "
             "dims=('lane', 'axis'))."
         )
@@ -211,7 +211,7 @@ def require_on_phase_space(space: PhaseSpace, parts: Mapping[str, Array]) -> Non
         if off > SKEW_TOLERANCE:
             raise InputError(
                 f"The state must lie on {space.name}: {formula} = 0, but it is {off:.3g}. "
-                "Normalise x, then take the part of q orthogonal to x."
+                "Normalise x, then project q orthogonally to x."
             )
 
 

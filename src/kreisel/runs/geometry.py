@@ -103,7 +103,7 @@ def _require_its_casimirs(run: xr.Dataset, model: Model) -> None:
     if not good and np.isfinite(stored).all():
         raise InputError(
             "expected a run whose Casimirs are those of its state, got others. Usual cause: arithmetic on the run, "
-            "which changes its numbers and keeps its attributes; take the variables, such as 2 * run.energy."
+            "which changes its values and keeps its attributes; use the variables, such as 2 * run.energy."
         )
 
 
@@ -144,7 +144,7 @@ def vertical_and_axis(model: Model, carried: Array) -> tuple[Array, Array]:
             "(kr.LagrangeTop, kr.LagrangeTopMoving, kr.SymmetricTop, kr.HeavyTop)."
         )
     if not other.any():
-        raise InputError("Without gravity or a lever there is no vertical or no axis: a parameter is 0.")
+        raise InputError("Without gravity or a lever the vertical or the axis is undefined: a parameter is 0.")
     pair = (other, carried) if space else (carried, other)
     with np.errstate(all="ignore"):
         up, axis = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in np.broadcast_arrays(*pair))
@@ -152,7 +152,7 @@ def vertical_and_axis(model: Model, carried: Array) -> tuple[Array, Array]:
         letter = model.system.space.letters[model.system.space.leading]
         raise InputError(
             f"expected {letter} and the parameter that it is compared with of a length that a double can hold, other "
-            "than 0, got others. Usual cause: other units, or a run whose numbers were changed."
+            "than 0, got others. Usual cause: other units, or a run whose values were changed."
         )
     return up, axis
 

@@ -262,7 +262,7 @@ def _long_step(plan: Plan) -> Iterator[str]:
     if turn > math.pi:
         yield (
             f"dt = {said(plan.dt)} is {turn:.3g} rad of this motion in a step, more than half a turn: the rows are "
-            "those of the map, and say little of the motion between them. "
+            "states of the map, and show little of the motion between them. "
             f"Use a dt of {said(GOOD * plan.dt / turn, '.1g')} or so."
         )
 

@@ -86,13 +86,13 @@ def metadata(store: Path) -> dict[str, Any]:
     try:
         size = path.stat().st_size
         if not is_plain(path) or size > LARGEST_METADATA:
-            raise InputError(f"{store} is damaged: its zarr.json is no plain file, or has {size:,} bytes.")
+            raise InputError(f"{store} is damaged: its zarr.json is not a plain file, or has {size:,} bytes.")
         root = parsed(path.read_bytes(), str(path))
         msgspec.convert(root, Root)
     except OSError as error:
         raise InputError(f"{store} cannot be read as a Zarr archive: {error}") from error
     except msgspec.ValidationError as error:
-        cause = "another program wrote to the archive, or made it; xr.open_zarr opens it where it is whole"
+        cause = "another program wrote to the archive, or made it; xr.open_zarr opens it if it is complete"
         raise InputError(f"{path} is damaged: {error}. Usual cause: {cause}.") from None
     return dict(root)
 

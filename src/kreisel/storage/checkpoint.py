@@ -49,7 +49,7 @@ def read(store: Path) -> Checkpoint:
     """The checkpoint of an archive.  Raises `InputError` if there is none, or it is damaged."""
     path = store / CHECKPOINT
     if not path.exists():
-        raise InputError(f"{store} has no checkpoint to go on from. Run it again from its TOML file.")
+        raise InputError(f"{store} has no checkpoint to resume from. Run it again from its TOML file.")
     try:
         arrays = _arrays(path)
         engine, start, outputs = (
@@ -79,7 +79,7 @@ def _arrays(path: Path) -> dict[str, Any]:
             data = io.BytesIO(archive.read(member))  # this verifies the CRC
             version = np.lib.format.read_magic(data)
             if version != (1, 0):
-                raise ValueError(f"{member.filename} is no array")
+                raise ValueError(f"{member.filename} is not an array")
             shape, _, dtype = np.lib.format.read_array_header_1_0(data)
             if dtype.kind not in "iuf" or math.prod(shape) * dtype.itemsize != member.file_size - data.tell():
                 raise ValueError(f"{member.filename} claims to hold {shape} of {dtype}")

@@ -203,7 +203,7 @@ def checked_checkpoint(store: Path, record: RunRecord, known: Listed) -> Checkpo
         Verified(store, known).verify(name)
     flushed, block = point.snapshot.flushed, record.rows_in_block
     if hash_of_start(point.start) != record.start_sha256 or flushed % block:
-        raise InputError(f"The checkpoint of {store} is not that of its run. Run it again from its TOML file.")
+        raise InputError(f"The checkpoint of {store} does not belong to its run. Run it again from its TOML file.")
     if any(f"time/c/{k}" not in known for k in range(flushed // block)):
         raise InputError(f"{store} is damaged: blocks before its checkpoint are missing. `kreisel check {store}`.")
     return point

@@ -268,7 +268,7 @@ def _same(model: Model, record: RunRecord) -> Model:
     if body_of(model) != record.body:
         raise InputError(
             f"system: expected the body of the run, with the axes and units {record.body}, got {body_of(model)}. Usual "
-            "cause: a model of another body, or one by its parameters alone."
+            "cause: a model of another body, or one that has only the parameters."
         )
     require_operations(model, record.system_sha256)
     return model

@@ -59,7 +59,7 @@ class Verified(LocalStore):
             if digests is None:
                 raise self._damaged(f"{key} was added after the run")
             if not stat.S_ISREG(here.st_mode):
-                raise self._damaged(f"{key} is no plain file")
+                raise self._damaged(f"{key} is not a plain file")
             mark = (here.st_ino, here.st_size, here.st_mtime_ns)
             if self._seen.get(key) == mark:
                 return

@@ -206,7 +206,7 @@ class Lanes:
         if kind == "loguniform" and not all((b > 0).all() for b in bounds):
             raise InputError(f"{quantity.name}: loguniform needs positive bounds, got {shown(values)}.")
         if quantity.index and shape:
-            raise InputError(f"{quantity.name} is one number, got bounds of shape {shape}.")
+            raise InputError(f"{quantity.name} is a scalar, got bounds of shape {shape}.")
         return Draw(kind, bounds, shape)
 
     def values(self, first: int, stop: int) -> dict[Varied, Array]:
@@ -292,7 +292,7 @@ def _values(quantity: Varied, spec: Any) -> Array:
         return np.array(spec)
     table = _number_array(spec, quantity.name)
     if quantity.index and table.ndim != 1:
-        raise InputError(f"{quantity.name} is one number, got values of shape {table.shape[1:]}.")
+        raise InputError(f"{quantity.name} is a scalar, got values of shape {table.shape[1:]}.")
     return table
 
 

@@ -68,7 +68,7 @@ class Sweep:
         plan = plan_of(model, model.state(**start), settings, orientation)
         if plan.lanes != len(ids):
             raise InputError(
-                "expected one lane in [system] and [state], got a batch axis; what varies stands in [sweep.list]."
+                "expected one lane in [system] and [state], got a batch axis; what varies belongs in [sweep.list]."
             )
         return plan
 

@@ -153,7 +153,7 @@ class Propagator:
         array, like = np.asarray(value, dtype=np.float64), np.shape(self._stepper.scheme.constants[name])
         own = like[len(like) - self.model.axes[name] :]
         if array.shape[array.ndim - len(own) :] != own or array.ndim > len(own) + 1 or not np.isfinite(array).all():
-            raise InputError(f"{name}: expected finite numbers of the shape {own}, got {shown(value)}.")
+            raise InputError(f"{name}: expected finite values of the shape {own}, got {shown(value)}.")
         return array
 
     @explained
