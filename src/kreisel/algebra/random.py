@@ -1,4 +1,4 @@
-"""Random numbers by MRG32k3a, for any kind of number: whole numbers in doubles, so every kernel draws the same ones.
+"""Random values by MRG32k3a, for any kind of number: integers in doubles, so every kernel draws the same ones.
 
 The state (..., 6) of a generator is carried with what draws from it.  Two recurrences of order 3,
 
@@ -27,7 +27,7 @@ SECOND = [[0, 1, 0], [0, 0, 1], [-1370589, 0, 527612]]
 
 
 def remainder(x: Any, m: float) -> Any:
-    """x mod m, in [0, m), of whole numbers |x| < 2^53."""
+    """x mod m, in [0, m), of integers |x| < 2^53."""
     rest = x - nearest(x / m) * m
     return where_less(rest, 0.0, rest + m, rest)
 
@@ -42,7 +42,7 @@ def uniform(state: Array) -> tuple[Any, Array]:
 
 
 def normals(state: Array, count: int) -> tuple[Array, Array]:
-    """So many independent normal numbers of variance 1, (..., count), and the state.
+    """Independent normal values of variance 1, (..., count), and the state.
 
     [G. E. P. Box, M. E. Muller, Ann. Math. Statist. 29 (1958) 610]
     """
@@ -61,7 +61,7 @@ def vec_of(x: Any) -> Array:
 
 
 def streams(seed: int, count: int) -> Array:
-    """The states (count, 6) of generators whose next 2^127 numbers do not overlap."""
+    """The states (count, 6) of generators whose next 2^127 values do not overlap."""
     drawn = np.random.SeedSequence(seed).generate_state(6).tolist()
     return streams_from([int(v) % (int(m) - 1) + 1 for v, m in zip(drawn, (M1,) * 3 + (M2,) * 3, strict=True)], count)
 

@@ -102,7 +102,7 @@ def mp_number(ctx: Any, x: Fraction) -> MpNumber:
 
 
 class Nutation:
-    """What the integrals alone determine: roots, half period, tau and theta of eps, eps of a time."""
+    """Values that the integrals determine: roots, half period, tau and theta of eps, eps of a time."""
 
     def __init__(self, ctx: Any, integrals: Integrals):
         self.ctx, self.integrals = ctx, integrals

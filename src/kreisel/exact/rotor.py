@@ -88,7 +88,7 @@ class Axes:
 class Rotor:
     """The motion through mu (3,) of a body with the moments (3,), taken as exact; `reach`: the largest |time| asked.
 
-    start     the orientation at time 0, a unit quaternion, or None where it is not asked for
+    start     the orientation at time 0, a unit quaternion, or None if it is not asked for
     gap       L^2 - 2T I_2; 0 on the separatrix and about the middle axis
     quarter   K, infinite if gap = 0; of steady motions that of a small disturbance, as lam is
     mean      the mean rate of psi
@@ -123,7 +123,7 @@ class Rotor:
         return [mp_number(self.ctx, v) for v in values]
 
     def _constants(self) -> None:
-        """What the integrals determine."""
+        """Values that the integrals determine."""
         ctx, (I1, I2, I3) = self.ctx, self.I
         self.L = ctx.sqrt(mp_number(ctx, self.L2))
         D, E, gap = self.T2 * I3 - self.L2, self.L2 - self.T2 * I1, self.L2 - self.T2 * I2

@@ -32,7 +32,7 @@ SECOND, THIRD = [1, 2, 0], [2, 0, 1]
 
 
 def constants(I: Array) -> dict[str, Array]:  # noqa: E741
-    """What the moments (..., 3) determine."""
+    """Values that the moments (..., 3) determine."""
     second, third = I[..., SECOND], I[..., THIRD]
     product = algebra.vec(I[..., 0] * I[..., 1] * I[..., 2])
     return {

@@ -25,7 +25,7 @@ OTHERS_MAY_WRITE = 0o022
 
 
 def cache_folder() -> Path | None:
-    """Where kernels are kept; None where nothing can be, or should not be, because somebody else may write there.
+    """Where kernels are kept; None if nothing can be, or should not be, because somebody else may write there.
 
     It holds code that is run.
     """

@@ -1,6 +1,6 @@
 """Invariants that a scheme conserves, recorded as operations on registers, and which of them are enough.
 
-They are the Casimirs, integrals and momenta of symmetries by their definitions in the record, redundant as they stand.
+They are the Casimirs, integrals and momenta of symmetries by their definitions in the record; some are redundant.
 They are recorded once for a system and n; `kreisel.graph.project` has what is done with them.
 """
 
@@ -100,7 +100,7 @@ class Program:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all numbers."""
+        """SHA-256 of all values."""
         arrays = *self.tables, self.literals
         return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()
 
@@ -123,7 +123,7 @@ def _room(registers: int, invariants: int, size: int) -> int:
 
 
 def recordable(make: Callable[[], Result | None], numbers: str = "recorded numbers") -> Result | None:
-    """The result of `make`; None, with a warning, where an integral of a user's own does not take such numbers."""
+    """The result of `make`; None, with a warning, if a user-defined integral does not accept such numbers."""
     try:
         return make()
     except TooLong:
@@ -139,7 +139,7 @@ def recordable(make: Callable[[], Result | None], numbers: str = "recorded numbe
 
 
 def program_of_orientation(scheme: Scheme) -> Program | None:
-    """Bonds of an orientation to the state, of which the orientation alone gives way; None where there are none."""
+    """Bonds of an orientation to the state, of which the orientation alone gives way; None if there are none."""
     if scheme.held is None:
         return None
     graph = Graph()
@@ -158,7 +158,7 @@ def program_of(
     function: Callable[..., Mapping[str, Array]] | None = None,
     members: Mapping[str, Array] | None = None,
 ) -> Program | None:
-    """The invariants that a scheme conserves, recorded; None where there is nothing to project.
+    """The invariants that a scheme conserves, recorded; None if there is nothing to project.
 
     By another `function` than its `observe`, and only these `members` of each family.  Raises `TooLong`.
     """
@@ -212,7 +212,7 @@ def _without_factors(x: Operand, varying: set[int]) -> Operand:
 def _without_logarithms(x: Number, varying: set[int]) -> Number:
     """x y/z of log x + log y - log z + const: where that is conserved, so is the product.
 
-    There are no logarithms in double-double.  Any other sum stays as it is.
+    There are no logarithms in double-double.  Any other sum is unchanged.
     """
     product: Any = 1
     terms: list[tuple[Operand, int]] = [(x, 1)]
@@ -232,7 +232,7 @@ def _without_logarithms(x: Number, varying: set[int]) -> Number:
 
 
 def _program(graph: Graph, size: int, labels: Mapping[int, str]) -> Program | None:
-    """The program of nodes with labels; None where none of them depends on the state."""
+    """The program of nodes with labels; None if none of them depends on the state."""
     needed = graph.needed([Number(graph, at) for at in labels])
     varying = _varying(graph, needed)
     chosen = [at for at in labels if at in varying]

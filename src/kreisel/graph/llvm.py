@@ -85,11 +85,11 @@ class Integer:
     __rmul__ = __mul__
 
     def __floordiv__(self, other: Any) -> Integer:
-        """Of numbers that are not negative."""
+        """Of values that are not negative."""
         return self._by("udiv", other)
 
     def __mod__(self, other: Any) -> Integer:
-        """Of numbers that are not negative."""
+        """Of values that are not negative."""
         return self._by("urem", other)
 
     def __lshift__(self, other: Any) -> Integer:
@@ -154,7 +154,7 @@ class Memory:
         return constant(self.kind, float(x)) if isinstance(x, int | float) else x
 
     def beyond(self, i: Any) -> Memory:
-        """The numbers from i on."""
+        """The values from i on."""
         return Memory(self.builder, self._at(i), self.kind)
 
     def of(self, kind: ir.Type) -> Memory:
@@ -236,12 +236,12 @@ class Function:
         return Memory(self.builder, self.builder.inttoptr(address.value, INTEGER.as_pointer()), INTEGER)
 
     def variables(self, count: int, kind: ir.Type = DOUBLE) -> list[Memory]:
-        """Room for numbers, each by itself, in registers where that is possible; made once in a call."""
+        """Room for values, each separate, in registers if that is possible; made once in a call."""
         with self.builder.goto_entry_block():
             return [Memory(self.builder, self.builder.alloca(kind), kind) for _ in range(count)]
 
     def room(self, count: int, kind: ir.Type = DOUBLE) -> Memory:
-        """Memory for so many numbers, made once in a call."""
+        """Memory for `count` values, made once in a call."""
         with self.builder.goto_entry_block():
             return Memory(self.builder, self.builder.alloca(kind, INTEGER(count)), kind)
 
@@ -331,7 +331,7 @@ class Function:
     # -- graphs ------------------------------------------------------------------------------------
 
     def intrinsic(self, name: str, *values: Value) -> Value:
-        """A call of LLVM's own function of that name, for numbers and for vectors."""
+        """A call of LLVM's own function of that name, for scalars and for vectors."""
         kind = values[0].type
         wide = isinstance(kind, ir.VectorType)
         full = f"llvm.{name}." + (f"v{kind.count}f64" if wide else "f32" if isinstance(kind, ir.FloatType) else "f64")

@@ -1,6 +1,6 @@
 """Functions for NVIDIA GPUs: the operations of a graph as PTX, one thread a lane; or one lane after the other here.
 
-LLVM writes PTX from the same operations: each product is rounded on its own, and what the graph fuses is fused.  sin,
+LLVM writes PTX from the same operations: each product is rounded separately, and what the graph fuses is fused.  sin,
 cos, exp and log come from NVIDIA's libdevice, in the package nvidia-cuda-nvcc.
 """
 
@@ -26,7 +26,7 @@ Body = Callable[[Function, Integer, Sequence[Integer]], None]  # (f, lane, argum
 
 
 class Column:
-    """The numbers of one lane, of an array (count, lanes) of numbers of one type."""
+    """The values of one lane, of an array (count, lanes) of one type."""
 
     def __init__(self, numbers: Memory, lane: Integer, lanes: Integer):
         self._numbers, self._lane, self._lanes = numbers, lane, lanes
@@ -38,7 +38,7 @@ class Column:
         self._numbers[self._lanes * i + self._lane] = x
 
     def beyond(self, i: Any) -> Column:
-        """The numbers from i on."""
+        """The values from i on."""
         return Column(self._numbers.beyond(self._lanes * i), self._lane, self._lanes)
 
 

@@ -45,10 +45,10 @@ class Piece(NamedTuple):
 class Recording:
     """The functions of a scheme's motion, as straight-line code: loops are the only nodes with a graph inside.
 
-    state   how many numbers the state has
+    state   how many entries the state has
     columns where the constants of each letter are
     work    about how many operations a step is, whatever the constants
-    Raises `TooLong` for what is no straight-line code of a moderate length.
+    Raises `TooLong` unless it is straight-line code of a moderate length.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ def operation_count(graph: Graph, outputs: Sequence[Operand]) -> int:
 
 
 def count_of(columns: Mapping[str, slice]) -> int:
-    """How many numbers a row has in which constants stand like this."""
+    """How many entries a row of constants with this layout has."""
     return max((place.stop for place in columns.values()), default=0)
 
 
@@ -127,7 +127,7 @@ def recorded_arguments(
 ) -> tuple[tuple[Array, ...], dict[str, Array]]:
     """Recorded numbers in place of the state and of the constants, which are called by their letter.
 
-    `more`: the kinds of what stands behind the state.
+    `more`: the kinds of what follows the state.
     """
     kinds = [*(kind for _, kind in scheme.components), *more]
     count = algebra.coordinate_count(kinds, scheme.n)
@@ -140,7 +140,7 @@ def recorded_arguments(
 
 
 def recorded_numbers(graph: Graph, letter: str, place: slice, shape: tuple[int, ...]) -> Any:
-    """The numbers of a letter at a place, as an array of that shape."""
+    """The entries of a letter at a place, as an array of that shape."""
     return graph.inputs(letter, place.stop - place.start, place.start).reshape(shape)[()]
 
 
@@ -151,7 +151,7 @@ def _shape(scheme: Scheme, letter: str, name: str) -> tuple[int, ...]:
 
 
 class Outputs(NamedTuple):
-    """Recorded variables: their numbers, and of each variable its place and shape."""
+    """Recorded variables: their entries, and the place and shape of each variable."""
 
     graph: Graph
     values: list[Operand]
@@ -178,7 +178,7 @@ def recorded_function(
 ) -> tuple[Graph, list[Operand], int]:
     """A function of arrays on recorded numbers, z for the inputs, c for the constants, by their shapes.
 
-    Its graph, the numbers of the result, and how many numbers go in.
+    Its graph, the entries of the result, and how many entries go in.
     """
     graph = Graph()
 
@@ -207,19 +207,19 @@ def special_constants(constants: Floats) -> dict[int, float]:
 
 
 def flat_constants(scheme: Scheme, lanes: int) -> tuple[Floats, dict[str, slice]]:
-    """All constants as rows (lanes, count), and where each stands."""
+    """All constants as rows (lanes, count), and the place of each."""
     return columns_of(scheme.constants, scheme.axes, (lanes,))
 
 
 def flat_stages(scheme: Scheme, lanes: int) -> tuple[Floats, dict[str, slice]]:
-    """The constants of the stages as rows (lanes, stages, count), and where each stands."""
+    """The constants of the stages as rows (lanes, stages, count), and the place of each."""
     return columns_of(scheme.stages, scheme.axes, (lanes, scheme.stage_count))
 
 
 def columns_of(
     values: Mapping[str, Array], axes: Mapping[str, int], lead: tuple[int, ...]
 ) -> tuple[Floats, dict[str, slice]]:
-    """Values with these axes of their own as rows (*lead, count), and where each stands."""
+    """Values with these axes as rows (*lead, count), and the place of each."""
     columns, start, arrays = {}, 0, [np.asarray(value) for value in values.values()]
     for name, array in zip(values, arrays, strict=True):
         outer = array.ndim - axes[name]
@@ -232,7 +232,7 @@ def columns_of(
 
 
 def fill(rows: Floats, columns: Mapping[str, slice], values: Mapping[str, Array], axes: Mapping[str, int]) -> None:
-    """Write values with these axes of their own where they stand in `rows`."""
+    """Write values with these axes to their places in `rows`."""
     for name, value in values.items():
         array = np.asarray(value)
         rows[..., columns[name]] = array.reshape((*array.shape[: array.ndim - axes[name]], -1))

@@ -93,7 +93,7 @@ def of(scheme: Scheme) -> Coupling:
 
 
 def constants_of(coupling: Coupling) -> tuple[Floats, dict[str, slice]]:
-    """The constants of the pairs as rows (pairs, count), and where each stands."""
+    """The constants of the pairs as rows (pairs, count), and the place of each."""
     return columns_of(coupling.constants, coupling.axes, (len(coupling.pairs),))
 
 
@@ -124,7 +124,7 @@ def compiled_pulls(scheme: Scheme, lanes: int) -> Callable[[Floats], Floats]:
 class Pull(NamedTuple):
     """The function of a pair, recorded: what acts on both.
 
-    size, forces  how many numbers a state has, and what acts on a lane
+    size, forces  how many entries a state has, and what acts on a lane
     counts        of the constants c, s and p
     """
 
@@ -262,7 +262,7 @@ def _begin(
 
 
 def _place(splits: list[Split], number: int, name: str, row: Integer) -> Integer:
-    """Where the numbers of a piece begin in a row of room."""
+    """Where the entries of a piece begin in a row of room."""
     sizes = [len(getattr(split, name)) for split in splits]
     return row * sum(sizes) + sum(sizes[:number])
 

@@ -55,7 +55,7 @@ FEW = 20
 class Code:
     """A step compiled, `work` operations a stage, and the programs of a projection that its kernel calls, if it does.
 
-    steps    the kernel; None for what is no straight-line code: then the definition runs on arrays
+    steps    the kernel; None without straight-line code: then the definition runs on arrays
     tried    whether such programs were looked for
     """
 
@@ -94,7 +94,7 @@ def code_of(
 
 
 def _programs(scheme: Scheme, columns: Mapping[str, slice]) -> list[Program] | None:
-    """Those of the invariants and of the orientation; None where they would be too long."""
+    """Those of the invariants and of the orientation; None if they would be too long."""
     try:
         program = recordable(lambda: program_of(scheme, columns))
     except TooLong:
@@ -107,7 +107,7 @@ class CpuEngine(SteppedEngine):
     """A compiled step, its state in rows (lanes, d), and its constants.
 
     `advance(out, every)` makes `every` steps for each row of `out` (rows, lanes, d) and stores the state there.
-    With `project` the state is put back on its invariants now and then (`kreisel.graph.project`).
+    With `project` the state is projected to its invariants now and then (`kreisel.graph.project`).
     """
 
     def __init__(self, scheme: Scheme, z0: Floats, large: Large | None = None, project: bool = False):
@@ -262,7 +262,7 @@ def compiled_step(
 
 
 def projection_between(engine: SteppedEngine, work: float, arrays_only: bool = False) -> Corrections | None:
-    """The projection of an engine's rows, for kernels that do not call it; None where nothing is conserved.
+    """The projection of an engine's rows, for kernels that do not call it; None if nothing is conserved.
 
     Constants are the rows of the engine, which it may change, unless the invariants need a basis too.
     """
@@ -291,7 +291,7 @@ def projection_between(engine: SteppedEngine, work: float, arrays_only: bool = F
 def _program_between(
     scheme: Scheme, columns: Mapping[str, slice], observed: arrays.Observed
 ) -> tuple[Program | None, bool]:
-    """The invariants on recorded numbers, None where there are none, and whether there would be too many lines."""
+    """The invariants on recorded numbers, None if there are none, and whether there would be too many lines."""
     members = tuple((name, tuple(chosen)) for name, chosen in observed.members.items())
     key = None if scheme.kernel_key is None else (_program_between, scheme.kernel_key, members)
 
@@ -347,7 +347,7 @@ class RowFunction:
 def row_function(
     scheme: Scheme, function: Callable[..., Mapping[str, Array]], lanes: int, name: tuple[Any, ...]
 ) -> RowFunction | None:
-    """`function(parts, **constants)` of a scheme's components, compiled; None where that would take too long.
+    """`function(parts, **constants)` of a scheme's components, compiled; None if that would be too slow.
 
     `name` tells the functions of a scheme apart.
     """
@@ -361,7 +361,7 @@ def row_function(
     def make() -> tuple[Kernel, int, Mapping[str, tuple[slice, Any]]] | None:
         try:
             outputs = recorded_outputs(scheme, function, columns)
-        except (TypeError, AttributeError, ValueError, TooLong):  # an integral of a user's own
+        except (TypeError, AttributeError, ValueError, TooLong):  # a user-defined integral
             return None
         if operation_count(outputs.graph, outputs.values) > OBSERVED_LINES:
             return None
@@ -382,7 +382,7 @@ def row_function(
 def compiled_observe(
     scheme: Scheme, function: Callable[..., Mapping[str, Array]], lanes: int, chosen: tuple[str, ...] | None = None
 ) -> RowFunction | None:
-    """`function(parts, **constants)` for rows z (rows, lanes, d), compiled; None where that would take too long.
+    """`function(parts, **constants)` for rows z (rows, lanes, d), compiled; None if that would be too slow.
 
     `chosen`: names of what it gives beside the state, where that is not all that the scheme observes.
     The definition itself, on NumPy arrays, takes 5 to 20 us a row, as long as hundreds of steps.

@@ -37,7 +37,7 @@ class Engine(Protocol):
         """What puts the state back on its invariants, if anything does."""
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
-        """Start again, for so many steps at most, from z, as many lanes, by a scheme of the same motion.
+        """Start again, for at most `steps` steps, from z, as many lanes, by a scheme of the same motion.
 
         False where that takes a new engine.
         """

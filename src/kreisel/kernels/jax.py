@@ -121,7 +121,7 @@ class JaxProjection(InDoubles):
 def _projected(
     scheme: Scheme, z: Floats, constants: Mapping[str, Floats], lanes: frozenset[str]
 ) -> JaxProjection | None:
-    """None where nothing is conserved, and, with a warning, for integrals of a user's own that JAX cannot trace."""
+    """None if nothing is conserved, and, with a warning, for user-defined integrals that JAX cannot trace."""
     projection = recordable(lambda: JaxProjection(scheme, z, constants, lanes), "arrays of JAX")
     return projection if projection and projection.labels else None
 

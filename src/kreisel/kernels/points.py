@@ -29,7 +29,7 @@ FOLDED = (0.0, 1.0, -1.0)  # into the code of a step
 def compiled_point(scheme: Scheme, columns: Mapping[str, slice], pair: bool) -> Kernel | None:
     """kernel(mu, z, c, out, points, lanes): mu and rho (points, lanes, 4 or 2) by mu (points, lanes, 2 or 1).
 
-    None where the definition cannot be recorded, or is too long.
+    None if the definition cannot be recorded, or is too long.
     """
 
     def make() -> tuple[Kernel | None]:

@@ -101,7 +101,7 @@ class Constants:
 
     @staticmethod
     def count(splits: Sequence[Split]) -> int:
-        """How many numbers of a stage are kept."""
+        """How many values of a stage are kept."""
         return sum(len(split.kept) for split in splits)
 
     def begin(self, rows: Any, rows_of_stage: Any, stages: Integer) -> None:
@@ -119,7 +119,7 @@ class Constants:
                     place = place + len(split.kept)
 
     def at(self, number: int, stage: Any) -> dict[int, Value]:
-        """All numbers that do not vary with the step, for a piece in a stage."""
+        """All values that do not vary with the step, for a piece in a stage."""
         split = self._splits[number]
         if not split.kept or self._room is None:
             return self.fixed[number]
@@ -141,7 +141,7 @@ class Steps(NamedTuple):
 
 
 class Writing(NamedTuple):
-    """A kernel of 7 arguments to be compiled: its key, what writes it, how many lanes it takes at once, its room."""
+    """A kernel of 7 arguments to be compiled: its key, what writes it, how many lanes it steps at once, its room."""
 
     key: tuple[Any, ...]
     write: Callable[[Function], None]
@@ -271,7 +271,7 @@ def _woven(
 def outputs_by_rows(graph: Graph, outputs: Sequence[Operand], inputs: dict[str, tuple[int, bool]]) -> Kernel:
     """kernel(z, c, out, rows, lanes): outputs of each row and lane, from z (rows, lanes, d) and c (lanes, constants).
 
-    `inputs`: of each letter how many numbers a lane has, and whether rows have their own.
+    `inputs`: of each letter how many values a lane has, and whether rows have their own.
     """
 
     def write(f: Function) -> None:

@@ -24,7 +24,7 @@ def thread_count() -> int:
 
 
 def shares(count: int, work: int) -> Iterator[tuple[int, int]]:
-    """First and last one of the shares of the threads, whole blocks where there are many."""
+    """First and last one of the shares of the threads, complete blocks if there are many."""
     threads = thread_count() if work >= LEAST_WORK else 1
     size = -(-count // threads)
     if threads > 1 and size > 4 * WIDTH:
@@ -34,7 +34,7 @@ def shares(count: int, work: int) -> Iterator[tuple[int, int]]:
 
 
 def on_threads(count: int, work: int, do: Callable[[int, int], Result]) -> list[Result]:
-    """What `do(first, last)` gives for each share, in order; by this thread where there is one share."""
+    """What `do(first, last)` gives for each share, in order; by this thread if there is one share."""
     parts = list(shares(count, work))
     if len(parts) < 2:
         return [do(0, count)]

@@ -1,7 +1,7 @@
 """Statements that are certain: enclosures of orbits in ball arithmetic, and identities proved.
 
 Orbits.  The step runs unchanged on balls of python-flint (Arb).  A box that is only mapped grows by the wrapping of its
-turns; so a set c + Q r is carried, Q a matrix close to orthogonal, r a box (Lohner's method):
+rotations; so a set c + Q r is carried, Q a matrix close to orthogonal, r a box (Lohner's method):
 
     phi(c + Q r)  is in  phi(c) + Dphi(X) Q r,   X a box around c + Q r        (mean-value form)
 
@@ -43,7 +43,7 @@ class Certified:
     radius     the largest radius of the last enclosure
     middle     its middle (d,) as floats
     enclosure  the last enclosure, a ball (python-flint's arb) for each coordinate
-    integrals  name -> (lowest, highest) over the whole orbit, as floats rounded outwards
+    integrals  name -> (lowest, highest) over the complete orbit, as floats rounded outwards
     plain      how many steps balls alone last, mapped without any cure of wrapping
     """
 
@@ -78,7 +78,7 @@ def certify(
     functions: Mapping[str, Callable[[Array], Any]] | None = None,
     plain: bool = False,
 ) -> Certified:
-    """Enclose the orbit from x, whole numbers and fractions (d,), or from the box of that `radius` about x.
+    """Enclose the orbit from x, integers and fractions (d,), or from the box of that `radius` about x.
 
     functions  name -> f(x) of coordinates, polynomial or rational, to be enclosed along the orbit; by default the
                energy of the record, as the map deforms it

@@ -308,7 +308,7 @@ def _valuation(c: Fraction, q: int) -> int:
 
 
 def _whole_kernel(table: list[list[int]]) -> list[list[int]]:
-    """Short whole vectors v with v table = 0."""
+    """Short integer vectors v with v table = 0."""
     flint = require_flint()
     if not table[0]:
         return np.eye(len(table), dtype=int).tolist()

@@ -101,7 +101,7 @@ def along(values: Array, direction: Array) -> Array:
 
 
 def independent(values: Array) -> Array:
-    """A flat array as dual numbers, each with an infinitesimal of its own."""
+    """A flat array as dual numbers, each with a separate infinitesimal."""
     units = (algebra.objects(0 * v + (i == j) for j in range(len(values))) for i, v in enumerate(values))
     return algebra.objects(map(Dual, values, units))
 
@@ -250,7 +250,7 @@ class Jet(Ring):
 def _terms(x: Any) -> dict[int, Any]:
     if isinstance(x, Jet):
         return x.terms
-    return {} if isinstance(x, int) and x == 0 else {0: x}  # the integer 0 is no number of the field
+    return {} if isinstance(x, int) and x == 0 else {0: x}  # the integer 0 is not in the field
 
 
 def generator(i: int, unit: Any) -> Jet:
@@ -416,7 +416,7 @@ def random_residues(rng: np.random.Generator, p: int, points: int, least: int = 
 
 
 def reconstructed(r: int, p: int) -> Fraction | None:
-    """The rational number of least size that is r modulo p, None where none is small (Wang's reconstruction)."""
+    """The rational number of least size that is r modulo p, None if none is small (Wang's reconstruction)."""
     bound = int((p // 2) ** 0.5)
     a, b, s, t = p, r % p, 0, 1
     while b > bound:
@@ -427,7 +427,7 @@ def reconstructed(r: int, p: int) -> Fraction | None:
 
 
 def require_flint() -> Any:
-    """python-flint.  Raises `InputError` where it is not installed."""
+    """python-flint.  Raises `InputError` if it is not installed."""
     try:
         import flint
     except ImportError as error:

@@ -166,7 +166,7 @@ def _transform(values: Array, p: int) -> Array:
 
 
 def _degree(flint: Any, values: Array, coset: int, p: int) -> int | None:
-    """The degree of the rational function with these values at coset w^j; None where they are too few."""
+    """The degree of the rational function with these values at coset w^j; None if they are too few."""
     n = len(values)
     scaled = _transform(values, p) * pow(n, -1, p) % p * _powers(pow(coset, -1, p), n, p) % p
     r0 = flint.nmod_poly([-pow(coset, n, p) % p] + [0] * (n - 1) + [1], p)
@@ -266,9 +266,9 @@ class Heights:
 
 
 def exact_orbit(subject: Subject, x: Any, steps: int) -> list[Array]:
-    """The orbit over Q from whole numbers and fractions x (d,), each point an object array of Fractions.
+    """The orbit over Q from integers and fractions x (d,), each point an object array of Fractions.
 
-    Raises `InputError` at a pole, and where the numbers get too large.
+    Raises `InputError` at a pole, and if the coordinates get too large.
     """
     x = np.asarray(x, dtype=object)
     if x.shape != (subject.dim,):
@@ -325,7 +325,7 @@ class Cycles:
 def cycles(subject: Subject, p: int, starts: int = 200, limit: int | None = None, seed: int = 0) -> Cycles:
     """Cycles modulo a prime p from random points, followed for at most `limit` steps, by default 10 p.
 
-    Raises `InputError` for p that is no prime, too small or too large, or divides a denominator of the constants.
+    Raises `InputError` for p that is not a prime, too small or too large, or divides a denominator of the constants.
     """
     if not (3 <= p <= LARGEST_PRIME and all(p % q for q in range(2, math.isqrt(p) + 1))):
         raise InputError(f"p must be a prime from 3 to {LARGEST_PRIME:,}, got {p}.")

@@ -269,7 +269,7 @@ def _modulo(space: list[list[int]], spanned: list[list[int]], p: int) -> list[li
 
 
 def _reduced(rows: list[list[int]], p: int) -> tuple[list[list[int]], list[int]]:
-    """The reduced echelon form without its rows of zeros, and where its pivots stand."""
+    """The reduced echelon form without its rows of zeros, and the places of its pivots."""
     if not rows:
         return [], []
     reduced, rank = modular_matrix(np.array(rows), p).rref()

@@ -65,13 +65,13 @@ class Subject:
         return {k: residues(v, p)[()] for k, v in self.constants.items()}
 
     def point(self, draw: Callable[[tuple[int, ...]], Array]) -> Array:
-        """A point made of random numbers."""
+        """A point of random coordinates."""
         return draw((self.dim,)) if self.start is None else self.start(draw)
 
     def over(self, p: int) -> Callable[[Array], Array]:
         """The step over residues modulo p, or over numbers made of them.
 
-        Raises `InputError` where it is not a rational function.
+        Raises `InputError` if it is not a rational function.
         """
         if self.implicit:
             raise InputError(
@@ -131,7 +131,7 @@ def subject(
 ) -> Subject:
     """A subject from a model with a map and its step `eps`, or from a function step(x, **constants) and the names.
 
-    Floats count as the rational numbers that they are; prefer whole numbers and fractions.
+    Floats count as exact rationals; prefer integers and fractions.
     """
     if isinstance(candidate, Subject):
         return candidate

@@ -197,7 +197,7 @@ class Pilot(NamedTuple):
     row: float = 0.0
 
 
-Steps = Callable[[Any, float, int], Pilot | None]  # (order, h, count); None where it does not get there
+Steps = Callable[[Any, float, int], Pilot | None]  # (order, h, count); None if it does not get there
 
 
 def rate_of(model: Model, state: State) -> float:

@@ -163,7 +163,7 @@ def held_by_orientation(
 ) -> Callable[[tuple[Array, ...]], list[Array]] | None:
     """Functions that an orientation g leaves constant: its orthogonality, and what is carried, in the other frame.
 
-    g^T a in the rest frame, g P in the moving frame; g M g^T where nothing is carried but the momentum.  None where the
+    g^T a in the rest frame, g P in the moving frame; g M g^T where nothing is carried but the momentum.  None if the
     method steps other variables than those of the system.  `bound`: whether the method turns g by the turn of what is
     carried; else only its orthogonality stays.
     """

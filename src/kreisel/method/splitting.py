@@ -12,10 +12,10 @@ asks for that.
 A corrector is a step of the same parts by other numbers, which ends at the time where it began: its inverse prepares
 the start, and rows are taken through it when they are observed.
 
-The momentum of a wheel is a coordinate that B moves, with the torque of its motor; in A it stands still.
+The momentum of a wheel is a coordinate that B moves, with the torque of its motor; in A it is constant.
 
 Time is a coordinate that A moves, so forces that depend on time keep the order and the symmetry; it is (k + c_i) dt
-with a count k of whole steps, which is exact.  `work` is what the energy gains by forces without a potential and by
+with a count k of complete steps, which is exact.  `work` is what the energy gains by forces without a potential and by
 those that depend on time.
 """
 
@@ -367,7 +367,7 @@ def _observer(body: Splitting, order: Any) -> Observed:
 @dataclass(frozen=True)
 class Integrable:
     """name; move(state, orientation, h, constants) -> both after the time h; reach(state, h, constants): at most 1
-    where the step is precise to rounding, None where there is no bound; left(state, constants): the rates of the state
+    where the step is precise to rounding, None if there is no bound; left(state, constants): the rates of the state
     by what the motion leaves to the kicks, None for nothing.
     """
 

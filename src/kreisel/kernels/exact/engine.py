@@ -1,6 +1,6 @@
 """Schemes that know the state at any time, behind the same two names as a compiled kernel: `z` and `advance`.
 
-A row depends on its own phases alone, so neither the cut into calls nor the number of threads changes a bit of it.
+A row depends only on its phases, so neither the cut into calls nor the number of threads changes a bit of it.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ ARGUMENTS = (
     "phases", "where", "known", "table", "circle", "constants", "places", "out",
     "lane", "lanes", "first", "last", "done",
 )  # fmt: skip
-ROW_WORK = 8  # a row is worth so many steps of a map in an ensemble
+ROW_WORK = 8  # a row is worth this number of steps of a map in an ensemble
 
 
 def closed_form_of(scheme: Scheme) -> Orbits:
@@ -75,7 +75,7 @@ def dyadic(times: Floats) -> tuple[Array, Array]:
 class ClosedForm:
     """Rows at the times k dt, exactly these; steps between two rows cost nothing.  `reach`: the largest |time|.
 
-    The first `jumps.ROWS` rows of a free body, one in `every` steps, are jumps, each with its own set-up; all others
+    The first `jumps.ROWS` rows of a free body, one in `every` steps, are jumps, each with a separate set-up; all others
     share one in many digits, and so do those that need it.  Or at any times, a few of which are jumps.
     """
 
@@ -271,7 +271,7 @@ class OrbitRows:
                 self._known[j] = 1
 
     def _numbers(self, j: int) -> Array:
-        """The polynomials of place j that the kernel needs, in whole multiples of LANES."""
+        """The polynomials of place j that the kernel needs, in multiples of LANES."""
         kept = self.orbit.place(j)[:, self._used]
         return np.pad(kept, ((0, 0), (0, -len(self._used) % LANES)))
 

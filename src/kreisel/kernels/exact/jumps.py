@@ -35,7 +35,7 @@ from kreisel.method.scheme import Jump, Scheme, Spin
 TOLERANCE = 1e-16  # of a turn and of a period: more that a jump may be off, and more digits are taken
 FEW = 10_000  # times that are jumps: the set-up of a motion in many digits takes as long as 10^5 of them
 ROWS = 10**6  # of a run of a free body that are jumps: its set-up takes as long, 50 ms
-WORK = 200  # a jump is worth so many steps of a map in an ensemble
+WORK = 200  # a jump is worth this number of steps of a map in an ensemble
 MOST = 64  # maps in a jump
 
 Recorded = tuple[Graph, list[Operand]]
@@ -275,7 +275,7 @@ def jumps_of(scheme: Scheme, lanes: int) -> Jumps:
 
 
 class Jumps:
-    """The states of so many tops or bodies at any times."""
+    """The states of tops or bodies at any times."""
 
     def __init__(self, scheme: Scheme, lanes: int):
         self._constants, columns = flat_constants(scheme, lanes)

@@ -1,6 +1,6 @@
 """The kernel of a step in a form of `kreisel.kernels.large.forms`, written level by level.
 
-Entries lie in rows of a workspace, in whole vectors.  A loop over them stands for each stretch between two sums over
+Entries lie in rows of a workspace, in complete vectors.  A loop over them stands for each stretch between two sums over
 all entries, or products with a dense matrix.  Vectors have the same width on every processor, and so sums the same
 bits.
 """
@@ -147,7 +147,7 @@ class _Step:
             target[k] = source[k]
 
     def load(self, c: Memory) -> None:
-        """The state from z, the constants, and what depends on them alone."""
+        """The state from z, the constants, and what depends only on them."""
         for letter, at in self.code.blocks.items():
             self.copy(self.z.beyond(at), self.state[letter])
         for letter, at in self.code.numbers.items():

@@ -1,13 +1,13 @@
 """Recorded vectors and matrices of O(n) numbers, on which the definition of a step runs as it is written.
 
 A vector is a few blocks of h entries and, about an axis p, a number for its part along p.  A matrix is D + T + sum
-c_i s_i ^ t_i with D a number or a diagonal, T skew and the same for the whole step, and few pairs s_i, t_i.  The
+c_i s_i ^ t_i with D a number or a diagonal, T skew and the same for the complete step, and few pairs s_i, t_i.  The
 entries are recorded numbers that stand for the entry at any place k; `total` adds up over k.
 
 About an axis, T turns block x into block y by theta and the axis is (0, 0, |p|): the canonical form of a constant skew
 matrix with T p = 0.  A basis of that kind may be chosen only for steps that mean the same in every orthonormal basis.
 Those are the steps that can be recorded: products entry by entry are known there only as a part of <x, y>.
-What is not known raises `TypeError`: the step has no such form.  [Woodbury's formula; real Schur form]
+An unknown operation raises `TypeError`: the step has no such form.  [Woodbury's formula; real Schur form]
 
 Else T is a multiple of the momentum M as the step found it, `Dense`, of n^2 numbers: products with it and with kept
 inverses of D + T are O(n^2).
@@ -296,7 +296,7 @@ def _is_identity(other: Any) -> bool:
 class StructuredMatrix:
     """diagonal + T + sum c s ^ t: `diagonal` a number or a vector; T its entry theta, `turn`, or `turn` times `dense`.
 
-    The pairs stand under the key of their t.
+    The pairs have the key of their t.
     """
 
     n: int

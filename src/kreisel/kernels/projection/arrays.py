@@ -105,7 +105,7 @@ class InDoubles(Corrections):
 class Observed:
     """What is conserved of rows z (lanes, d) of a kernel, by the definitions on arrays of any kind.
 
-    own      how many numbers of a row are the state's, without orientation and what the kernel keeps beside
+    own      how many entries of a row are the state's, without orientation and what the kernel keeps beside
     function the definitions: on what is left in the form of the kernel, where they are known there
     members  of each family those that change with these numbers; others stay by the form of the kernel
     """
@@ -140,7 +140,7 @@ class Observed:
         }
 
     def at(self, row: Any, lane: int) -> dict[str, Array]:
-        """The conserved variables at z[lane] with the numbers of `row` in place of its first ones."""
+        """The conserved variables at z[lane] with the values of `row` in place of its first ones."""
         return self._at(row, lane, self._known[lane])
 
     def _at(self, row: Any, lane: int, known: Mapping[str, Array]) -> dict[str, Array]:
