@@ -158,6 +158,9 @@ def test_forces_are_carried_by_archives_pickles_and_lanes(tmp_path: Path) -> Non
     model = pickle.loads(pickle.dumps(body.in_si()))
     again = kr.resume(tmp_path / "a.zarr", system=model, extend=20, progress=False)
     assert again.momentum.equals(whole.momentum[:3])
+    longer = kr.resume(tmp_path / "a.zarr", system=body, extend=30, progress=False)
+    assert longer.momentum.equals(whole.momentum)
+    assert kr.analysis.angular_velocity(longer, system=body).shape == longer.momentum.shape
     assert abs(whole.momentum[-1, 0] - whole.momentum[-1, 1]).max() > 1e-4
     assert abs(body.angles(whole).pitch).max() > 0.01
     other = Satellite(TENSOR, ORBIT, torque=lambda Omega: -Omega, params={"gain": [1e6, 1e7]}, **SAIL)

@@ -76,3 +76,9 @@ def as_body(subject: Any) -> Body | None:
     if isinstance(subject, type) and issubclass(subject, Body):
         raise InputError(f"expected a body with its data, got the class {subject.__name__}: {subject.__name__}(...).")
     return subject if isinstance(subject, Body) else None
+
+
+def model_of(subject: Any) -> Any:
+    """The model of a body, whose runs are in SI; anything else is returned unchanged."""
+    body = as_body(subject)
+    return subject if body is None else body.in_si()

@@ -12,6 +12,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.files import read_values
 from kreisel.method.observing import ORIENTATION
+from kreisel.record.body import Body, model_of
 from kreisel.record.body_frame import AXES, BODY
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
@@ -53,9 +54,9 @@ def components(run: xr.Dataset, model: Model) -> tuple[Array, ...]:
     return tuple(out)
 
 
-def model_for(run: xr.Dataset, system: Model | None) -> Model:
+def model_for(run: xr.Dataset, system: Model | Body | None) -> Model:
     """The model of a run, for its lanes; required for a user-defined system.  Raises `InputError`."""
-    run = in_state_form(run)
+    run, system = in_state_form(run), model_of(system)
     record = RunRecord.of(run, "system")
     if system is None:
         if record.is_own:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from kreisel.errors import InputError, Stopped, explained
 from kreisel.files import stands
 from kreisel.process import signals_wait
-from kreisel.record.body import Body
+from kreisel.record.body import Body, model_of
 from kreisel.runs.drift import watched
 from kreisel.runs.in_si import scaled, scaled_events, unit_of_times
 from kreisel.runs.integration import Integration
@@ -122,7 +122,7 @@ def resume(
     *,
     extend: int | None = None,
     progress: bool | None = None,
-    system: Model | None = None,
+    system: Model | Body | None = None,
     events: Event | Sequence[Event] = (),
 ) -> xr.Dataset:
     """Resume an interrupted run, bit for bit as if it had not been interrupted; or extend a finished run.
@@ -130,7 +130,8 @@ def resume(
     path      the archive, NAME or NAME.part
     extend    the run's new number of steps, more than before: a finished run continues to it
     progress  as in `simulate`
-    system    a user-defined system (`kr.perturbed`), which no archive holds: with the functions of the run
+    system    a user-defined system (`kr.perturbed`), or a body with user-defined forces or a controller, which no
+              archive holds: with the functions of the run
     events    the events of the run, which no archive holds either: with the functions of the run
 
     The parameters, the start, the method and the state of its engine come from the archive.  The same bits are promised
@@ -141,14 +142,14 @@ def resume(
     from kreisel.storage.opening import open_rows, run_record
     from kreisel.storage.run_archive import reopen
 
-    where = target(path)
+    model, where = model_of(system), target(path)
     where = where.with_suffix("") if where.suffix == ".part" else where
     with one_writer(where) as settled:
         if settled and extend is None:  # nothing else remained to be done
             return presented(open_rows(where))
         frame = run_record(where if stands(where) else part_of(where)).body_frame
         events = scaled_events(frame, events) if frame is not None and frame.names else events
-        archive, integration = reopen(where, None if extend is None else whole_number(extend, "extend"), system, events)
+        archive, integration = reopen(where, None if extend is None else whole_number(extend, "extend"), model, events)
         return presented(watched(_write(archive, integration, progress)), integration.plan.model)
 
 
