@@ -89,7 +89,7 @@ class Subject:
                     "rational function of the coordinates: + - * / and integer powers, no roots, no functions of NumPy."
                 ) from error
             if new.shape != (self.dim,):
-                raise InputError(f"The step of {self.name} must return {self.dim} values, got shape {new.shape}.")
+                raise InputError(f"The step of {self.name} must return {self.dim} numbers, got shape {new.shape}.")
             out = np.empty(self.dim, dtype=object)
             for i, v in enumerate(new):
                 out[i] = v if isinstance(v, type(x[i])) else x[i] * 0 + v
