@@ -165,7 +165,7 @@ def test_forces_are_carried_by_archives_pickles_and_lanes(tmp_path: Path) -> Non
     assert abs(body.angles(whole).pitch).max() > 0.01
     other = Satellite(TENSOR, ORBIT, torque=lambda Omega: -Omega, params={"gain": [1e6, 1e7]}, **SAIL)
     with pytest.raises(kr.InputError, match="changed since"):
-        kr.resume(tmp_path / "a.zarr", system=other.in_si(), extend=20, progress=False)
+        kr.resume(tmp_path / "a.zarr", system=other.in_si(), extend=40, progress=False)
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
