@@ -26,7 +26,7 @@ ROWS = {
     "spins and tides of bodies on orbits": ["physical/test_rebound.py::the_moon_recedes_and_the_day_gets_longer"],
     "a body in water or air": ["water.md", "physical/test_submerged.py::against_equations_about_another_point"],
     "chains of classical spins": ["spin-chains.md", "system/test_spin_chains.py::runs_and_archives"],
-    "your own potential or Lagrangian": ["tutorial-lagrangian.md", "own-system.md"],
+    "a user-defined potential or Lagrangian": ["tutorial-lagrangian.md", "own-system.md"],
     "a gradient with respect to parameters, a fit": ["derivatives.md", "inference.md"],
     "millions of bodies": ["sweeps.md", "runs/test_simulate.py::lanes_equal_single_runs_bitwise"],
     "the state at t = 10": ["exact.md", "exact/test_exact.py::a_million_million_periods_on"],

@@ -70,6 +70,7 @@ UNITS = {  # text for pint: the SI unit that arguments have, the quantity of ast
     "1 g/cm^3": ("kg/m^3", 1 * u.g / u.cm**3),
     "36 km/h": ("m/s", 36 * u.km / u.h),
     "981 cm/s^2": ("m/s^2", 981 * u.cm / u.s**2),
+    "2 S cm^4": ("S m^4", 2 * u.S * u.cm**4),
     "4.54 uPa": ("N/m^2", 4.54 * u.uPa),
     "7 N s/m": ("N s/m", 7 * u.N * u.s / u.m),
     "7 N s^2/m^2": ("N s^2/m^2", 7 * u.N * u.s**2 / u.m**2),
