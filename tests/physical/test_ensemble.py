@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.physical import Ensemble, FreeBody, Orbit, Plate, Satellite, bdot
+from kreisel.physical import EddyCurrents, Ensemble, FreeBody, Orbit, Plate, Satellite, bdot
 
 MOMENTS = [(0.01, 0.02, 0.022), (0.012, 0.02, 0.025), (0.3, 0.2, 0.4)]
 ORBITS = [Orbit.circular("500 km", "97 deg"), Orbit(7e6, 0.02, 0.9, 0.1, 0.2), Orbit.circular("700 km")]
@@ -19,6 +19,10 @@ SETTINGS: dict[str, Any] = {"dt": "10 s", "t_end": "10 min", "every": "1 min", "
 
 def drag(Omega: Any, v: Any, *, k: Any) -> Any:
     return -k * Omega + 1e-12 * np.cross(v, Omega)
+
+
+def spin_down(Omega: Any) -> Any:
+    return -Omega
 
 
 def test_lanes_are_the_runs_of_the_bodies() -> None:
@@ -74,10 +78,41 @@ BAD: dict[str, tuple[Any, str]] = {
         "Lane 1: expected the plates",
     ),
     "units": (lambda: Ensemble.of(FreeBody, 2, inertia=[(1, 2, 2.5), (2, 3, 4)]), "Lane 1: .*units"),
+    "a force": (
+        lambda: Ensemble.of(
+            Satellite, 2, inertia=MOMENTS[0], orbit=ORBITS[0], torque=[EddyCurrents(1), EddyCurrents(2)]
+        ),
+        "Lane 1: expected the functions of lane 0",
+    ),
+    "a force by a closure": (
+        lambda: Ensemble.of(FreeBody, 2, inertia=(1, 2, 2.5), torque=[lambda Omega: -Omega, lambda Omega: -2 * Omega]),
+        "Lane 1: expected the functions of lane 0",
+    ),
+    "damping of one": (
+        lambda: Ensemble([FreeBody((1, 2, 2.5), torque=spin_down), FreeBody((1, 2, 2.5), torque=spin_down, damping=1)]),
+        "Lane 1: expected the functions of lane 0",
+    ),
+    "samples": (
+        lambda: Ensemble.of(
+            Satellite, 2, inertia=MOMENTS[0], orbit=ORBITS[0], control=[bdot(1e-5, every=each) for each in (1, 2)]
+        ),
+        "Lane 1: expected the functions of lane 0",
+    ),
     "a kind": (lambda: Ensemble([Satellite(MOMENTS[0], ORBITS[0]), FreeBody((1, 2, 2.5))]), "Lane 1: .*euler-top"),
     "no lanes": (lambda: Ensemble.of(Satellite, 3, inertia=MOMENTS[0], orbit=ORBITS[0]), "3 entries"),
     "no bodies": (lambda: Ensemble([]), "a list of bodies"),
 }
+
+
+def test_as_many_plates_as_lanes_are_a_value_for_each() -> None:
+    sides = [Plate(sign * axis, (0, 0, 0.1), 0.1) for axis in np.eye(3) for sign in (1, -1)]
+    with pytest.raises(kr.InputError, match="Lane 0: plates"):
+        Ensemble.of(Satellite, 6, inertia=MOMENTS[0], orbit=ORBITS[0], plates=sides)
+
+
+def test_functions_that_do_the_same_are_functions_of_all_lanes() -> None:
+    many = Ensemble.of(FreeBody, 2, inertia=(1, 2, 2.5), torque=[lambda Omega: -Omega, lambda Omega: -Omega])
+    assert len(many.bodies) == 2
 
 
 @pytest.mark.parametrize("case", BAD)

@@ -9,9 +9,11 @@ import numpy as np
 
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, explained, shown
+from kreisel.physical.forced import Forced, by_functions
 from kreisel.record.body import Body, started
 from kreisel.record.given import axes_of
 from kreisel.record.model import Model, State
+from kreisel.runs.operations import operations_of
 
 
 @explained
@@ -55,6 +57,12 @@ class Ensemble(Body):
                     f"Lane {lane}: expected the principal axes and units of lane 0, {shown(_frame(first))}, got "
                     f"{shown(_frame(model))}. Give diagonal tensors, and bodies in SI, such as Satellite."
                 )
+            same = _functions(self.bodies[lane]) == _functions(self.bodies[0])
+            if not same and operations_of(model) != operations_of(first):
+                raise InputError(
+                    f"Lane {lane}: expected the functions of lane 0, which act in all lanes, got others. Numbers that "
+                    "differ are params={...} of forces, parameters={...} of a Control; its every and delay are common."
+                )
         params = {}
         for p in first.system.parameters:
             values = [model.params[p.letter] for model in models]
@@ -92,11 +100,20 @@ def _frame(model: Model) -> dict[str, Any]:
     return {} if model.body_frame is None else model.body_frame.table
 
 
+def _functions(body: Any) -> tuple[Any, ...]:
+    """The functions of a body and what else is said about them: bodies with equal ones share their operations."""
+    control = getattr(body, "control", None)
+    out = () if control is None else (control.law, control.every, control.delay, *control.noise, *control.limits)
+    if isinstance(body, Forced):
+        out += (body.torque if by_functions(body.torque) else None, body.potential, body.damping is None)
+    return out
+
+
 def _by_lane(name: str, value: Any, count: int) -> bool:
     """Whether a value has an entry for each lane: a list, unless it is a vector (3,) or an attitude (4,)."""
     if isinstance(value, str | Mapping) or not hasattr(value, "__len__") or len(value) != count:
         return False
-    flat = np.ndim(value[0]) == 0 and isinstance(value[0], float | int | str | np.generic)
+    flat = isinstance(value[0], float | int | str | np.generic)
     return not flat or count != (4 if name == "attitude" else 3)
 
 

@@ -79,7 +79,7 @@ class Controller:
 
 def together(*forces: Force | None) -> Force | None:
     """The sum of forces; None without any."""
-    present = [force for force in forces if force is not None]
+    present = tuple(force for force in forces if force is not None)  # a tuple: digests of code leave out lists
     if len(present) < 2:
         return present[0] if present else None
     arguments = tuple(dict.fromkeys(name for force in present for name in force.arguments))
