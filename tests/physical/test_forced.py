@@ -228,3 +228,12 @@ def test_tensors_that_no_body_has_are_refused() -> None:
     for tensor in ([[1, 2, 0], [0, 1, 0], [0, 0, 1]], (1, -1, 1), "3 N m"):
         with pytest.raises(kr.InputError, match="tensor"):
             EddyCurrents(tensor)
+
+
+def test_a_table_that_ends_too_soon_is_told_in_seconds() -> None:
+    """The unit of time of a heavy body is not 1 s: nothing may say that these times are multiples of it."""
+    short = kr.Table([0.0, 3.0], np.zeros((2, 3)))
+    body = HeavyBody(1.0, TENSOR, (0.0, 0.0, 0.1), torque=lambda t, motor: motor(t), params={"motor": short})
+    with pytest.raises(kr.InputError, match=r"motor: .* 0 to 4, got one from 0 to 3\.") as caught:
+        kr.simulate(body, body.state(SPIN), dt="5 ms", t_end="4 s")
+    assert "multiples" not in str(caught.value)

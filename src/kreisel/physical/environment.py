@@ -46,6 +46,10 @@ class Environment(NamedTuple):
     air: Mapping[str, Array]
     rotation: float
 
+    def __repr__(self) -> str:
+        """A short form: the tables fill a page."""
+        return f"<environment with the air {', '.join(self.air)}>"
+
 
 # -- magnetic field --------------------------------------------------------------------------------
 
