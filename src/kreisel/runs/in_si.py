@@ -285,7 +285,7 @@ def scaled(system: Any, x0: Any, orientation: Any, asked: Mapping[str, Any], eve
     return model, *others, scaled_events(model.body_frame or BodyFrame(), events)
 
 
-TIMES = re.compile(r"(?<!all )\b(dt|time|times|t_end) ?(=|\d|of)")  # "all times of" a table are in s
+TIMES = re.compile(r"\b(dt|time|t_end) (= )?\d")
 
 
 @contextmanager
