@@ -6,6 +6,7 @@ textbook facts of a top.
 
 from __future__ import annotations
 
+import json
 import pickle
 from pathlib import Path
 from typing import Any
@@ -165,6 +166,8 @@ def test_impulses_and_events_are_in_si(tmp_path: Path) -> None:
 
     stop = kr.simulate(body, x0, events=kr.Event(falls), **options)
     assert abs(float(stop.up[-1, 2]) - level) < 1e-9 and float(stop.time[-1]) < 0.5
+    (fell,) = json.loads(stop.attrs["event_times"])
+    assert stop.attrs["stopped"] == fell[0] == float(stop.time[-1])
     kr.simulate(body, x0, events=kr.Event(falls, stopped), path=tmp_path / "run.zarr", **options)
     longer = kr.resume(tmp_path / "run.zarr", extend=400, events=kr.Event(falls, stopped))
     assert float(longer.time[-1]) == pytest.approx(2.0)

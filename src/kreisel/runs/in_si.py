@@ -6,6 +6,7 @@ the axes in which the body was given; `in_state_form` is its inverse.  Both read
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
+from kreisel.files import parsed
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
 from kreisel.record.body_frame import AXES, BODY, STATE, BodyFrame
@@ -95,7 +97,16 @@ def in_si(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     if model is not None:
         out = out.assign(_with_axial_energy(run, out, frame, model, 1.0))
         out = out.assign({VELOCITY: _velocity(run, frame, model)} if model.system.velocity is not None else {})
-    return out.assign_attrs({FORM: SI, **_title(run, frame)})
+    return out.assign_attrs({FORM: SI, **_title(run, frame), **_times_of_events(run, frame.time_unit)})
+
+
+def _times_of_events(run: xr.Dataset, factor: float) -> dict[str, Any]:
+    """The attributes that are times of events, times a factor."""
+    out = {"stopped": run.attrs["stopped"] * factor} if "stopped" in run.attrs else {}
+    if run.attrs.get("event_times") is not None:
+        events = parsed(run.attrs["event_times"], "The attribute event_times")
+        out["event_times"] = json.dumps([[time * factor, number] for time, number in events])
+    return out
 
 
 def _title(run: xr.Dataset, frame: BodyFrame) -> dict[str, str]:
@@ -111,6 +122,7 @@ def in_state_form(run: Any) -> Any:
         raise InputError("The run is damaged: it is in SI, and lacks the attribute body that describes its units.")
     out = _converted(run, frame, forward=False).drop_vars(ADDED, errors="ignore")
     out.attrs.pop(FORM)
+    out.attrs |= _times_of_events(run, 1 / frame.time_unit)
     model = _model_of(out, None)
     return out if model is None else out.assign(_with_axial_energy(out, out, BodyFrame(), model, -1.0))
 
