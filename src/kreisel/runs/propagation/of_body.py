@@ -114,10 +114,19 @@ class BodyPropagator:
 
     def _parameters(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Parameters of a call, with vectors of the body along the axes of the model."""
-        if not self._turned or not parameters:
-            return dict(parameters)
-        turned = self._body.vectors
-        return {k: np.asarray(v) @ self._frame.axes if k in turned else v for k, v in parameters.items()}
+        vectors = self._body.vectors
+        return {k: self._along(k, v) if k in vectors else v for k, v in parameters.items()}
+
+    def _along(self, name: str, vector: Any) -> Array:
+        try:
+            v = np.asarray(vector, dtype=np.float64)
+        except (TypeError, ValueError):  # such as "1 A m^2"
+            v = np.empty(0)
+        if v.shape[-1:] != (3,):
+            raise InputError(
+                f"{name}: expected a vector (3,) of numbers in SI along the axes of the body, got {shown(vector)}."
+            )
+        return v @ self._frame.axes if self._turned else v
 
     def _returned(self, x: Array, state: Any) -> Any:
         """Entries of the model (..., size + observed) in the form in which a state was given."""
