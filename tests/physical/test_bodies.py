@@ -173,6 +173,17 @@ def test_impulses_and_events_are_in_si(tmp_path: Path) -> None:
     assert float(longer.time[-1]) == pytest.approx(2.0)
 
 
+def test_a_row_of_another_body_is_no_start() -> None:
+    """The numbers of its state are in other units, along other axes; a force alone changes neither."""
+    body, x0 = BODIES["free"], state("free")
+    options: dict[str, Any] = {"dt": "0.1 s", "t_end": "1 s"}
+    row = kr.simulate(body, x0, **options).isel(time=-1)
+    with pytest.raises(kr.InputError, match="a row of a run of this body, got one of a body whose state has other"):
+        kr.simulate(FreeBody((1.0, 2.0, 2.5)), row, **options)
+    damped = kr.simulate(FreeBody(TENSOR, time_unit=2.0, damping=0.1), row, **options)
+    assert same(damped.angular_velocity[0].values, row.angular_velocity.values, 1e-12)
+
+
 def test_analysis_speaks_in_si() -> None:
     run = kr.simulate(WHEEL, WHEEL.state(tilt="30 deg", spin="3000 rpm"), dt="1 ms", t_end="0.4 s")
     cut = kr.analysis.events(run, "axis[2]", value=0.86598, rising=True)

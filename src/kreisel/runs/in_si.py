@@ -334,6 +334,7 @@ def state_of(body: Body, model: Model, x0: Any) -> tuple[Any, Any]:
     """The start in the form of the state, and its orientation: a state, a row, or the arguments of `body.state`."""
     if hasattr(x0, "data_vars"):
         row = in_state_form(x0)
+        _require_row_of(model, x0)
         return row, row[ORIENTATION].values if ORIENTATION in row else None
     if isinstance(x0, Mapping) and not isinstance(x0, State):
         letters = model.system.space.letters
@@ -344,6 +345,19 @@ def state_of(body: Body, model: Model, x0: Any) -> tuple[Any, Any]:
             )
         x0 = body.state(**x0)
     return x0, getattr(x0, "orientation", None)
+
+
+def _require_row_of(model: Model, row: xr.Dataset) -> None:
+    """Raises `InputError` for a row of a body whose state has other axes or units."""
+    frame, expected = RunRecord.from_attrs(row.attrs).body_frame if is_in_si(row) else None, model.body_frame
+    if frame is None or expected is None:
+        return
+    same = all(frame.units.get(k) == expected.units.get(k) for k in model.system.space.letters)
+    if not same or not np.array_equal(frame.axes, expected.axes):
+        raise InputError(
+            "x0: expected a row of a run of this body, got one of a body whose state has other axes or units. Usual "
+            "cause: other moments of inertia. Give body.state(...) with the angular velocity and attitude of the row."
+        )
 
 
 def duration(frame: BodyFrame, value: Any, name: str) -> float:
