@@ -300,6 +300,12 @@ def _choice(*words: Any) -> Function:
 
 
 ALWAYS = ("model", "parts", "parameters", "system name", "name", "dataset")  # what Python itself would refuse otherwise
+
+
+def _brake(rates: Any) -> Any:
+    return {"torque": -rates}
+
+
 KINDS: dict[str, Function] = {
     "model": _model,
     "state": _state,
@@ -349,6 +355,9 @@ KINDS: dict[str, Function] = {
     "save": _choice(["drift"], ["drift", "trajectories"], ["frequencies"], ["x"], [], "drift", 3),
     "seed": _choice(0, 1, 7, -1),
     "count": _choice(1, 2, 5, 10, 0, -1),
+    "law": _choice(_brake, _brake, None, 3, "law"),
+    "memory": _choice({}, {}, {"before": (0, 0, 0)}, {"x": "y"}, 3, "memory"),
+    "air": _choice(None, None, "exponential", "harris-priester", "thick", 3),
     "dimension": _choice(3, 4, 5, 1, 0, -1),  # kernels for n = 10 take half a minute to compile
     "eps": _choice(None, 1, "1/3", 0, 0.25),
 }

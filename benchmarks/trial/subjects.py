@@ -16,6 +16,14 @@ ORBIT = {"semi_major_axis": 7e6, "eccentricity": 0.01, "inclination": 0.9}
 
 
 @cache
+def _brake(rates: Any) -> Any:
+    return {"torque": -rates}
+
+
+def _brake_of_rates(Omega: Any) -> Any:
+    return -Omega
+
+
 def example(name: str) -> Any:
     """An instance of a class, by its name."""
     import kreisel as kr
@@ -32,6 +40,13 @@ def example(name: str) -> Any:
         "SubmergedBody": lambda: physical.SubmergedBody.ellipsoid((0.1, 0.2, 0.3), 30.0, 1000.0),
         "Satellite": lambda: physical.Satellite((0.05, 0.04, 0.01), orbit),
         "Asteroid": lambda: physical.Asteroid((1.0, 2.0, 2.5), orbit),
+        "Control": lambda: kr.Control(_brake),
+        "Table": lambda: kr.Table([0.0, 1.0, 2.0], [0.0, 1.0, 0.0]),
+        "Wheels": lambda: physical.Wheels([(1.0, 0.0, 0.0)]),
+        "EddyCurrents": lambda: physical.EddyCurrents((1.0, 1.0, 1.0)),
+        "Ensemble": lambda: physical.Ensemble([physical.Satellite((0.05, 0.04, k), orbit) for k in (0.01, 0.02)]),
+        "Forced": lambda: physical.FreeBody((1.0, 2.0, 2.5), torque=_brake_of_rates),
+        "Part": lambda: physical.Part(1.0, np.zeros(3), np.diag([1.0, 2.0, 2.5])),
         "Units": physical.Units,
         "Primary": lambda: physical.EARTH,
         "Scale": lambda: kr.units.Scale("m", 2.0),
