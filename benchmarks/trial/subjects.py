@@ -20,10 +20,6 @@ def _brake(rates: Any) -> Any:
     return {"torque": -rates}
 
 
-def _brake_of_rates(Omega: Any) -> Any:
-    return -Omega
-
-
 def example(name: str) -> Any:
     """An instance of a class, by its name."""
     import kreisel as kr
@@ -45,8 +41,6 @@ def example(name: str) -> Any:
         "Wheels": lambda: physical.Wheels([(1.0, 0.0, 0.0)]),
         "EddyCurrents": lambda: physical.EddyCurrents((1.0, 1.0, 1.0)),
         "Ensemble": lambda: physical.Ensemble([physical.Satellite((0.05, 0.04, k), orbit) for k in (0.01, 0.02)]),
-        "Forced": lambda: physical.FreeBody((1.0, 2.0, 2.5), torque=_brake_of_rates),
-        "Part": lambda: physical.Part(1.0, np.zeros(3), np.diag([1.0, 2.0, 2.5])),
         "Units": physical.Units,
         "Primary": lambda: physical.EARTH,
         "Scale": lambda: kr.units.Scale("m", 2.0),

@@ -27,21 +27,12 @@ MODULES = {
 # Called with kinds of their own in `api.py`, or constructors of results, whose fields nobody checks.
 ELSEWHERE = {"kr.open_run", "kr.resume", "kr.sweep", "kr.export", "kr.systems", "kr.methods", "kr.failures"}
 # Called by other modules of the package.
-BODIES = (
-    "FreeBody",
-    "HeavyBody",
-    "Gyroscope",
-    "SubmergedBody",
-    "Satellite",
-    "Asteroid",
-    "Forced",
-    "Ellipsoid",
-    "Ensemble",
-)
+BODIES = ("FreeBody", "HeavyBody", "Gyroscope", "SubmergedBody", "Satellite", "Asteroid", "Ellipsoid", "Ensemble")
 INTERNAL = {"Propagator.prepared", "Propagator.returned", "Propagator.stepped", "units.size_in_si",
             "kr.Control.on", "kr.Control.start", "physical.Control.on", "physical.Control.start",
             *(f"physical.{body}.{name}" for body in BODIES for name in ("forced", "shaped", "in_si"))}  # fmt: skip
-RESULTS = {"Comparison", "Lines", "Course", "Motion", "AxisStability", "FreeRotation", "Plate", "Primary", "Harmonics"}
+RESULTS = {"Comparison", "Lines", "Course", "Motion", "AxisStability", "FreeRotation", "Plate", "Primary", "Harmonics",
+           "Part"}  # fmt: skip
 SLOW = {"kr.fit": 0.2, "kr.differentiable": 0.2, "kr.tangent": 0.4, "kr.view": 0.5, "kr.plot": 0.2, "kr.code": 0.4,
         "analysis.megno": 0.5, "lab.investigate": 0.1, "View.movie": 0.05, "Lines.plot": 0.1,
         "Comparison.plot": 0.1}  # fmt: skip
@@ -49,7 +40,7 @@ OFTEN = ("kr.", "analysis.", "Propagator.")
 INFINITE = {"physical.Gyroscope.motion", "physical.Gyroscope.steady_precession",
             "physical.FreeBody.stability", "Comparison.apart", "Comparison.growth", "physical.Units", "units.measured",
             "units.si", "analysis.rates", "analysis.mean_rates", "kr.drift",
-            "analysis.angular_velocity", "analysis.compare", "kr.nutation"}  # fmt: skip
+            "analysis.angular_velocity", "analysis.compare", "kr.nutation", "kr.to_numpy"}  # fmt: skip
 KIND_OF = {
     "n": "steps",
     "x0": "state",

@@ -18,7 +18,7 @@ from __future__ import annotations
 from kreisel.physical.control import Control, Wheels
 from kreisel.physical.ellipsoid import Ellipsoid
 from kreisel.physical.ensemble import Ensemble
-from kreisel.physical.forced import EddyCurrents, Forced
+from kreisel.physical.forced import EddyCurrents
 from kreisel.physical.free_body import AxisStability, FreeBody
 from kreisel.physical.free_rotation import FreeRotation
 from kreisel.physical.gyroscope import Gyroscope, Motion
@@ -44,7 +44,6 @@ __all__ = [
     "EddyCurrents",
     "Ellipsoid",
     "Ensemble",
-    "Forced",
     "FreeBody",
     "FreeRotation",
     "Gyroscope",

@@ -82,7 +82,7 @@ def si(value: Any, unit: str, name: str) -> Any:
         parts = [si(v, unit, name) for v in value]
         return np.array(parts) if len({np.shape(part) for part in parts}) == 1 else value
     if not _is_quantity(value):
-        if algebra.loses(value) or isinstance(value, complex) or getattr(value, "dtype", np.dtype(float)).kind == "c":
+        if algebra.loses(value) or isinstance(value, complex) or getattr(value, "dtype", np.dtype(float)).kind in "cMm":
             raise InputError(f"{name} must be real numbers in SI units ({unit}), or a quantity, got {shown(value)}.")
         return value
     try:
