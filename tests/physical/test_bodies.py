@@ -141,6 +141,13 @@ def test_what_a_body_refuses() -> None:
         kr.simulate(Gyroscope.flat(mass=6.0, axial_moment=0.17, lever=0.15), x0, dt="1 ms", steps=10)
     with pytest.warns(kr.AccuracyWarning, match=r"dt = 10 s is .* Use a dt of \S+ s or so"):
         kr.simulate(WHEEL, x0, dt="10 s", steps=1)
+    upside_down = (0.0, 1.0, 0.0, 0.0)
+    stream = SubmergedBody(1.0, TENSOR, ADDED, current=(0.5, 0.0, 0.0))
+    for body, start in ((WHEEL, x0), (BODIES["heavy"], state("heavy")), (stream, stream.state())):
+        with pytest.raises(kr.InputError, match="the vertical and the axis of the state"):
+            kr.simulate(body, start, dt="1 ms", steps=10, orientation=upside_down)
+    rolled = Rotation.from_euler("YZ", [0.5, 1.0])  # the axis of the state, rotated about itself
+    assert kr.simulate(WHEEL, x0, dt="1 ms", steps=10, orientation=rolled).sizes["time"] == 11
     again = pickle.loads(pickle.dumps(x0))
     assert np.array_equal(again.orientation, x0.orientation)
 

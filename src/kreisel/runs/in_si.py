@@ -37,6 +37,7 @@ VELOCITY = "angular_velocity"
 OF_SATELLITES = ("position", "velocity", "field", "sun", "light", "density", "pitch", "roll", "yaw", "pointing")
 ADDED = (VELOCITY, *OF_SATELLITES)  # variables of a run in SI that follow from others
 SUMMARIES = ("drift", "extremes", "frequencies")  # kinds of variables of a sweep, such as M_max
+SAME_ATTITUDE = 1e-6  # entries of a rotation matrix
 SIZED = ("roundoff_scale", "evaluation_scale")  # attributes in the unit of their variable
 QUANTITY = re.compile(r"\s*(\w+)(.*)", re.DOTALL)
 COMPONENT_OF = re.compile(r"\s*(\w+)\s*\[\s*([012])\s*\]\s*")
@@ -319,8 +320,25 @@ def of_body(body: Body, x0: Any, orientation: Any, asked: Mapping[str, Any]) -> 
     if orientation is False:
         first = None
     elif orientation is not None:
-        first = oriented(model, orientation)
+        before, first = first, oriented(model, orientation)
+        _require_attitude_of_state(body, model, start, before, first)
     return model, start, first, scaled_settings(model, asked)
+
+
+def _require_attitude_of_state(body: Body, model: Model, start: Any, before: Any, g: Array) -> None:
+    """Raises `InputError` for an attitude that differs from that of the state, if the state depends on it."""
+    names = (model.body_frame or BodyFrame()).names
+    R, far = algebra.rotation_matrix(g), 0.0
+    for letter, row in (("P", R[..., 2, :]), ("a", R[..., :, 2])):
+        if names.get(letter) in ("up", "axis") and letter in start:
+            far = max(far, float(np.max(abs(row - np.asarray(start[letter])))))
+    if before is not None and np.any(getattr(body, "current", 0.0)):
+        far = max(far, float(np.max(abs(R - algebra.rotation_matrix(np.asarray(before))))))
+    if far > SAME_ATTITUDE:
+        raise InputError(
+            "orientation: expected an attitude with the vertical and the axis of the state, got another one. Usual "
+            "cause: an attitude that the state does not know; give attitude=..., up=... or tilt=... to body.state."
+        )
 
 
 def oriented(model: Model, attitude: Any) -> Array:
