@@ -136,7 +136,11 @@ def varied(system: Any) -> tuple[Any, Any, Any]:
     given = OFF_ITS_BOUNDS.get(system.name, {})
     made = example(system, None if system.n else 3, given)
     rng, kinds = np.random.default_rng(3), {p.letter: p.kind for p in system.parameters}
-    x = {k: np.asarray(v, dtype=np.float64) for k, v in made.model.params.items() if kinds[k] != "dimension"}
+    x = {
+        k: np.asarray(v, dtype=np.float64)
+        for k, v in made.model.params.items()
+        if kinds[k] not in ("dimension", "table")
+    }
     v = {k: 0.1 * rng.normal(size=y.shape) * np.where(y == 0, 1, abs(y)) for k, y in x.items()}
     v |= {k: y + y.T for k, y in v.items() if kinds[k] == "symmetric" or k == "mass_matrix"}
     if "sun" in x:  # of length 1
