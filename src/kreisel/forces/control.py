@@ -167,7 +167,7 @@ def _control(system: System) -> Controller:
 def _seen(
     system: System, body: Body, q: Array, known: Constants, axes: Mapping[str, int]
 ) -> tuple[dict[str, Any], Array | None]:
-    """What the sensors show, by name, and the generator after the draws of the noise."""
+    """Values of the sensors by name, and the generator after the draws of the noise."""
     control, R, own = _control(system), to_body(known), of(system, body.state)
     wanted = [name for name in SENSORS if name in control.arguments]
     fields = surroundings(system, body, known, axes) if any(name in OF_PLACE for name in wanted) else {}
@@ -202,7 +202,7 @@ def _spread(x: Array, axes: int) -> Array:
 def _results(
     control: Controller, given: Mapping[str, Any], body: Body, known: Constants, axes: Mapping[str, int]
 ) -> dict[str, Array]:
-    """What the law returns, as numbers of the kind of the state.  Raises `InputError`."""
+    """Results of the law, as numbers of the kind of the state.  Raises `InputError`."""
     tape: list[Any] = []
     shapes = {**SENSORS, **control.memory}
     arguments = {
@@ -220,7 +220,7 @@ def called(
     memory: Mapping[str, tuple[int, ...]],
     all_commands: bool = False,
 ) -> dict[str, Array]:
-    """What the law returns, as arrays of objects: memory, and some of the commands or all.  Raises `InputError`."""
+    """Results of the law, as arrays of objects: memory, and some of the commands or all.  Raises `InputError`."""
     found = run(law, **arguments)
     shapes = {**{name: (size,) for name, size in commands.items()}, **memory}
     needed = shapes if all_commands else memory
