@@ -171,6 +171,9 @@ def test_impulses_and_events_are_in_si(tmp_path: Path) -> None:
     def stopped(x: Any) -> Any:
         return {**x, "momentum": 0 * x["momentum"]}
 
+    (said,) = json.loads(run.attrs["impulses"])
+    assert said["time"] == pytest.approx(0.5) and same(said["momentum"], up, 1e-12)
+    assert run.attrs["dt"] == pytest.approx(5e-3) and kr.drift(run).shape == kr.drift(free).shape
     stop = kr.simulate(body, x0, events=kr.Event(falls), **options)
     assert abs(float(stop.up[-1, 2]) - level) < 1e-9 and float(stop.time[-1]) < 0.5
     (fell,) = json.loads(stop.attrs["event_times"])

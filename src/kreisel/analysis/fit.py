@@ -24,7 +24,7 @@ from kreisel.record.body import Body, as_body
 from kreisel.record.body_frame import AXES
 from kreisel.record.model import Model, State
 from kreisel.runs.differentiable import attitude_near, constants_of, differentiable
-from kreisel.runs.in_si import is_in_si, letters_of, observations_of, scaled, time_unit
+from kreisel.runs.in_si import is_in_si, letters_of, observations_of, scaled
 from kreisel.runs.settings import check_model, checked_state, initial_orientation, positive_number, within
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ def _scaled(system: Any, x0: Any, orientation: Any, dt: Any, observations: Any, 
         return system, x0, orientation, dt, observations, free
     if x0 is None and not is_in_si(observations):
         raise InputError("x0: expected body.state(...), the start of the search, got none.")
-    step = _step_of(observations) * time_unit(observations) if dt is None else dt
+    step = _step_of(observations) if dt is None else dt
     model, x0, orientation, asked, _ = scaled(system, x0, orientation, {"dt": step})
     return model, x0, orientation, asked["dt"], observations_of(model, observations), letters_of(model, free)
 

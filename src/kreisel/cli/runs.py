@@ -96,8 +96,8 @@ def run(
         "system": asked.name,
         "method": record.method,
         "options": json.loads(record.options),
-        "dt": record.dt,
-        "asked_dt": record.asked_dt,
+        "dt": result.attrs["dt"],  # of a body in s
+        "asked_dt": result.attrs.get("asked_dt"),
         "steps": record.steps,
         "rows": int(result.sizes["time"]),
         "seconds": round(seconds, 3),

@@ -20,7 +20,7 @@ from kreisel.method import scheme
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import KINDS
 from kreisel.runs.geometry import require_unchanged
-from kreisel.runs.in_si import in_state_form, time_unit, unit_of
+from kreisel.runs.in_si import in_state_form, unit_of
 from kreisel.runs.plan import Plan
 from kreisel.runs.run_record import RunRecord, a_run
 from kreisel.runs.settings import Settings
@@ -192,7 +192,6 @@ class _Clock:
         ends = read_values(self._time[[0, -1]])
         # only existing times: a run may be cut short; `kr.at` has no steps
         dt = run.attrs.get("dt")
-        dt = dt * time_unit(run) if isinstance(dt, int | float) else dt
         self.steps = abs(float(ends[1] - ends[0])) / dt if isinstance(dt, int | float) and dt > 0 else 0.0
         self.first = float(ends[0])
 

@@ -25,13 +25,12 @@ from kreisel.record.body_frame import AXES, BODY, STATE, BodyFrame
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scale
-from kreisel.runs.run_record import RunRecord
+from kreisel.runs.run_record import FORM, SI, RunRecord
 from kreisel.runs.settings import Event, initial_orientation
 
 if TYPE_CHECKING:
     import xarray as xr
 
-FORM, SI = "kreisel_form", "SI"
 COMPONENT = "xyz"  # the axis of the components of vectors, which a variable may not be named after
 VELOCITY = "angular_velocity"
 OF_SATELLITES = ("position", "velocity", "field", "sun", "light", "density", "pitch", "roll", "yaw", "pointing")
@@ -98,15 +97,31 @@ def in_si(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     if model is not None:
         out = out.assign(_with_axial_energy(run, out, frame, model, 1.0))
         out = out.assign({VELOCITY: _velocity(run, frame, model)} if model.system.velocity is not None else {})
-    return out.assign_attrs({FORM: SI, **_title(run, frame), **_times_of_events(run, frame.time_unit)})
+    return out.assign_attrs({FORM: SI, **_title(run, frame), **_times_of_attributes(run, frame, True)})
 
 
-def _times_of_events(run: xr.Dataset, factor: float) -> dict[str, Any]:
-    """The attributes that are times of events, times a factor."""
-    out = {"stopped": run.attrs["stopped"] * factor} if "stopped" in run.attrs else {}
+def _times_of_attributes(run: xr.Dataset, frame: BodyFrame, forward: bool) -> dict[str, Any]:
+    """The attributes that are times, and the impulses, in SI (forward) or in the units of the state."""
+    factor = frame.time_unit if forward else 1 / frame.time_unit
+    out = {name: run.attrs[name] * factor for name in ("dt", "asked_dt", "stopped") if run.attrs.get(name) is not None}
     if run.attrs.get("event_times") is not None:
         events = parsed(run.attrs["event_times"], "The attribute event_times")
         out["event_times"] = json.dumps([[time * factor, number] for time, number in events])
+    if run.attrs.get("impulses") is not None:
+        impulses = parsed(run.attrs["impulses"], "The attribute impulses")
+        out["impulses"] = json.dumps([_impulse(frame, each, forward) for each in impulses])
+    return out
+
+
+def _impulse(frame: BodyFrame, impulse: Mapping[str, Any], forward: bool) -> dict[str, Any]:
+    """An impulse as an attribute describes it, in SI (forward) or in the units of the state."""
+    names = frame.names if forward else {name: letter for letter, name in frame.names.items()}
+    out = {}
+    for name, value in impulse.items():
+        letter = name if forward else names.get(name, name)
+        size = frame.units.get(letter, ("1", 1.0))[1]
+        change = change_of(frame, letter, size if forward else 1 / size, forward)
+        out[names.get(name, name)] = value if change is None else np.asarray(change(np.asarray(value))).tolist()
     return out
 
 
@@ -123,7 +138,7 @@ def in_state_form(run: Any) -> Any:
         raise InputError("The run is damaged: it is in SI, and lacks the attribute body that describes its units.")
     out = _converted(run, frame, forward=False).drop_vars(ADDED, errors="ignore")
     out.attrs.pop(FORM)
-    out.attrs |= _times_of_events(run, 1 / frame.time_unit)
+    out.attrs |= _times_of_attributes(run, frame, False)
     model = _model_of(out, None)
     return out if model is None else out.assign(_with_axial_energy(out, out, BodyFrame(), model, -1.0))
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT = 1
+FORM, SI = "kreisel_form", "SI"  # the attribute of a run of a body in SI: `kreisel.runs.in_si`
 OF_A_RUN: dict[str, Any] = {  # attributes and their types
     **dict.fromkeys(("title", "references", "source", "system", "equations", "components", "frame", "parameters"), str),
     **dict.fromkeys(("method", "options"), str),
@@ -211,10 +212,16 @@ class RunRecord(Course, Numerics, Subject, Heading):
 
     @classmethod
     def from_attrs(cls, attrs: Mapping[str, Any]) -> RunRecord:
-        """The record of the attributes of a Dataset or of an archive.  Raises `InputError` for damaged ones."""
+        """The record of the attributes of a Dataset or of an archive, its steps in units of the state.
+
+        Raises `InputError` for damaged attributes.
+        """
         as_made(attrs)
         record = object.__new__(cls)
         record.__dict__.update((each.name, attrs[each.name]) for each in fields(cls) if each.name in attrs)
+        if attrs.get(FORM) == SI and record.body_frame is not None:
+            unit = record.body_frame.time_unit
+            record.__dict__.update((k, attrs[k] / unit) for k in ("dt", "asked_dt") if attrs.get(k) is not None)
         return record
 
     @classmethod
