@@ -349,7 +349,7 @@ class TopMotion:
         return m, b, q
 
     def _leap(self, h: MpNumber) -> Leap:
-        """What the flow over h > 0 takes: `count` times D_eps, then rotations about p and the axis."""
+        """Steps of the flow over h > 0: `count` times D_eps, then rotations about p and the axis."""
         ctx, nutation, known = self.ctx, self.nutation, self.integrals
         count = 2 if h > nutation.half_period / 2 else 1
         while ctx.isnan(eps := nutation.epsilon(h / count)):
