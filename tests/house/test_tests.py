@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ast
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -58,13 +60,17 @@ def written_reasons(source: str) -> list[str]:
 
 
 def test_what_is_skipped_has_a_reason_of_the_list() -> None:
-    """Beside these there is `pytest.importorskip`, whose reasons are not in the list, and compilers."""
+    """Those of `pytest.importorskip` are not in the list, nor the three programs that `.ci/run` requires."""
     reasons = {r for path in TESTS.rglob("*.py") for r in written_reasons(path.read_text(encoding="utf-8"))}
-    assert reasons - {"no g++"} and skips.counted(reasons)[1] == ["no g++"]
+    assert len(reasons) > 9 and {r.split(":")[0] for r in skips.counted(reasons)[1]} == {
+        "no browser",
+        "no g++",
+        "no Node",
+    }
 
 
 def test_other_reasons_are_seen() -> None:
-    counts, unknown = skips.counted(["Skipped: no browser: none of chrome", "Skipped: could not import 'jax'"] * 2)
+    counts, unknown = skips.counted(["Skipped: no compiler: rustc", "Skipped: could not import 'jax'"] * 2)
     assert counts.total() == 4 and unknown == ["could not import 'jax'"]
 
 
@@ -77,3 +83,35 @@ def test_skips_are_counted_and_refused_where_all_must_run(how: str, code: int, t
     done = subprocess.run(run, cwd=tmp_path, env=env, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == code, done.stdout + done.stderr
     assert "1 skipped: too lazy; not in tests/skips.py" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("present", "code", "words"),
+    [
+        ("chromium node g++ clang rustc mcs pdflatex", 0, ""),
+        ("google-chrome node g++ rustc pdflatex", 0, "== no clang, so what needs it is left out (Debian: clang)"),
+        ("chromium g++ clang rustc mcs pdflatex", 1, "== no node"),
+        ("node g++ clang rustc mcs pdflatex", 1, "the tests need a browser"),
+    ],
+)
+def test_pages_and_compilers_are_not_silently_left_out(present: str, code: int, words: str, tmp_path: Path) -> None:
+    """`.ci/programs` asks for each missing program by its package, and fails without a browser or Node."""
+    script = TESTS.parent / ".ci" / "programs"
+    if not script.is_file():  # not in the sdist
+        return
+    for name in ("bash", "sed", "id"):
+        (tmp_path / name).symlink_to(str(shutil.which(name)))
+    for name in (*present.split(), "apt-get", "sudo"):
+        (tmp_path / name).write_text('#!/usr/bin/env bash\n[ "$1" = -n ] && shift && exec "$@"\necho "asked: $*;"\n')
+        (tmp_path / name).chmod(0o755)
+    asked: dict[str, Any] = {"env": {"PATH": str(tmp_path)}, "capture_output": True, "text": True, "timeout": 60}
+    checked = subprocess.run([script, "check"], **asked)
+    assert checked.returncode == code and words in checked.stdout and checked.stderr == ""
+    installed = subprocess.run([script, "install"], **asked).stdout
+    for name, packages in {
+        "mcs": "mono-mcs mono-runtime",
+        "clang": "clang",
+        "node": "nodejs",
+        "rustc": "rustc",
+    }.items():
+        assert (f" {packages};" in installed) == (name not in present.split())
