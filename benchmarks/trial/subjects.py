@@ -40,6 +40,7 @@ def example(name: str) -> Any:
         "Table": lambda: kr.Table([0.0, 1.0, 2.0], [0.0, 1.0, 0.0]),
         "Wheels": lambda: physical.Wheels([(1.0, 0.0, 0.0)]),
         "EddyCurrents": lambda: physical.EddyCurrents((1.0, 1.0, 1.0)),
+        "Facets": lambda: physical.Facets.ellipsoid((3.0, 2.0, 1.0), 30),
         "Ensemble": lambda: physical.Ensemble([physical.Satellite((0.05, 0.04, k), orbit) for k in (0.01, 0.02)]),
         "Units": physical.Units,
         "Primary": lambda: physical.EARTH,

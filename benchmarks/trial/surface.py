@@ -167,6 +167,12 @@ KIND_OF = {
     "link": "text",
     "axes": "vector",
     "wheels": "anything",
+    "observer": "vector",
+    "shape": "vector",
+    "phase": "vector",
+    "light_time": "flag",
+    "vertices": "vector",
+    "faces": "anything",
 }  # fmt: skip
 BY_CALL = {
     "physical.Satellite.cubesat(units)": "count",
@@ -181,6 +187,7 @@ BY_CALL = {
     "physical.FreeBody.stability(spin)": "rate",
     "physical.Satellite.angles(run)": "run of a body",
     "physical.Units(length)": "lever",
+    "physical.Facets.from_damit(path)": "numbers file",
     "physical.read_added_mass(path)": "numbers file",
     "physical.Primary(name)": "text",
     "kr.perturbed(torque)": "force",

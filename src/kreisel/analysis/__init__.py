@@ -1,4 +1,4 @@
-"""kr.analysis: angles, rates and paths, events, sections, frequencies, comparison of runs.
+"""kr.analysis: angles, rates and paths, events, sections, frequencies, comparison of runs, light curves.
 
     run = kr.simulate(top, x0, dt=0.05, steps=20_000, orientation=(1, 0, 0, 0))
     kr.analysis.euler_angles(run)                      # phi, theta, psi
@@ -17,16 +17,19 @@ from kreisel.analysis.angles import angular_velocity, euler_angles, mean_rates, 
 from kreisel.analysis.comparison import Comparison, compare
 from kreisel.analysis.events import events, return_map, section
 from kreisel.analysis.frequencies import Lines, frequencies, megno, power_spectrum
+from kreisel.analysis.light import brightness, light_curve
 from kreisel.analysis.pointing import pointing
 
 __all__ = [
     "Comparison",
     "Lines",
     "angular_velocity",
+    "brightness",
     "compare",
     "euler_angles",
     "events",
     "frequencies",
+    "light_curve",
     "mean_rates",
     "megno",
     "path",

@@ -27,7 +27,7 @@ from kreisel.physical.laws import bdot, hysteresis_rods, magnetic_damping, point
 from kreisel.physical.measures import SI, STANDARD_GRAVITY, Units
 from kreisel.physical.orbit import EARTH, SATURN, SUN, Orbit, Primary
 from kreisel.physical.satellite import SOLAR_PRESSURE, Asteroid, Harmonics, Plate, Satellite
-from kreisel.physical.shapes import Part, read_mesh, read_robot
+from kreisel.physical.shapes import Facets, Part, read_mesh, read_robot
 from kreisel.physical.submerged import Course, SubmergedBody, read_added_mass
 
 __all__ = [
@@ -44,6 +44,7 @@ __all__ = [
     "EddyCurrents",
     "Ellipsoid",
     "Ensemble",
+    "Facets",
     "FreeBody",
     "FreeRotation",
     "Gyroscope",

@@ -1,4 +1,4 @@
-"""Mass, centre of mass and inertia tensor of a body, from its shape in a mesh file or from a robot description."""
+"""Mass, centre of mass and inertia tensor of a body from a mesh file or a robot description; convex shapes."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ from xml.etree import ElementTree
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, explained, hint, shown
+from kreisel.errors import InputError, doubt, explained, hint, shown
 from kreisel.files import place
 from kreisel.physical.inertia import inertia_tensor
-from kreisel.physical.measures import in_range, si_number
+from kreisel.physical.measures import finite_floats, in_range, si_number, si_numbers
 
 SUFFIXES = (".stl", ".obj", ".ply", ".glb", ".gltf")
 LARGEST_MESH, LARGEST_DESCRIPTION = 1 << 30, 16 << 20  # bytes
 LARGEST = 1e30  # coordinate
 MOST_SHELLS = 64  # of which a face is checked: each costs a pass over all triangles
 BELOW = 1e-6  # of the size of a triangle
+POINTS = 2000  # of an ellipsoid of facets
+DENT = 1e-3  # of the size of a shape: height of a vertex above a facet
 ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 ROTATIONS = ("euler_rpy", "quat_xyzw")
 
@@ -277,3 +279,100 @@ def _file(path: Any, name: str, most: int) -> Path:
     if size > most:
         raise InputError(f"{name}: expected a file of at most {most >> 20:,} MiB, got {size >> 20:,} MiB.")
     return file
+
+
+# -- convex shapes ---------------------------------------------------------------------------------
+
+
+@explained
+class Facets:
+    """Convex shape of triangles, for its brightness: `kr.analysis.light_curve`.
+
+    vertices    (k, 3), m or any other unit, along the axes of the body
+    faces       (m, 3), the indices of the vertices of each triangle, from 0, anticlockwise seen from outside
+
+    Attributes: also the outward normals (m, 3) and the areas (m,).  Raises `InputError` for a surface that is not
+    closed or is inside out; warns if it is not convex: shadows are not computed.
+    """
+
+    def __init__(self, vertices: Any, faces: Any) -> None:
+        v, f = finite_floats(vertices, "1", "vertices"), np.asarray(faces)
+        if v.ndim != 2 or v.shape[1] != 3 or f.ndim != 2 or f.shape[1] != 3 or f.dtype.kind not in "iu":
+            raise InputError(
+                f"expected vertices (k, 3) and integers faces (m, 3), got the shapes {v.shape} and {f.shape}."
+            )
+        if f.min(initial=0) < 0 or f.max(initial=0) >= len(v):
+            raise InputError(f"faces: expected indices from 0 to {len(v) - 1}, got {f.min()} to {f.max()}.")
+        edges = np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]) @ (len(v), 1)
+        back = np.concatenate([f[:, [1, 0]], f[:, [2, 1]], f[:, [0, 2]]]) @ (len(v), 1)
+        if len(f) < 4 or len(np.unique(edges)) < len(edges) or set(edges) != set(back):
+            raise InputError(
+                "faces: expected a closed surface, each edge between two triangles of the same sense, got another. "
+                "Usual cause: a facet that is missing, or that is clockwise seen from outside."
+            )
+        corners = v[f]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+        if not (across * corners[:, 0]).sum() > 0:
+            raise InputError("faces: expected triangles anticlockwise seen from outside, got them clockwise.")
+        self.vertices, self.faces, self.areas = v, f, np.linalg.norm(across, axis=-1)
+        self.normals = across / np.where(self.areas > 0, self.areas, 1)[:, None]
+        offsets = (self.normals * corners[:, 0]).sum(-1)
+        dent = max(float((v @ n - d).max()) for n, d in zip(self.normals, offsets, strict=True))
+        if dent > DENT * np.ptp(v):
+            doubt(
+                f"Facets: expected a convex shape, got vertices up to {dent / np.ptp(v):.2g} of its size above facets. "
+                "Shadows are not computed. Facets.hull(vertices) is convex."
+            )
+
+    @classmethod
+    def hull(cls, points: Any) -> Facets:
+        """The convex hull of points (k, 3).  Raises `InputError`."""
+        from scipy.spatial import ConvexHull, QhullError
+
+        x = si_numbers(points, "1", "points")
+        try:
+            hull = ConvexHull(x)
+        except (QhullError, ValueError, IndexError) as error:
+            raise InputError(f"points: expected points (k, 3) around a volume, got {shown(points)}.") from error
+        f = hull.simplices.copy()
+        a, b, c = np.moveaxis(x[f], 1, 0)
+        inward = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(-1) < 0
+        f[inward] = f[inward][:, ::-1]
+        used, places = np.unique(f, return_inverse=True)
+        return cls(x[used], places.reshape(f.shape))
+
+    @classmethod
+    def ellipsoid(cls, semi_axes: Any, points: int = POINTS) -> Facets:
+        """An inscribed polyhedron of an ellipsoid, with so many vertices.  Raises `InputError`."""
+        k = np.arange(int(si_number(points, "1", "points", positive=True))) + 0.5
+        z, turn = 1 - 2 * k / len(k), np.pi * (1 + 5**0.5) * k
+        sphere = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], -1)
+        return cls.hull(sphere * si_numbers(semi_axes, "m", "semi_axes", ((3,),)))
+
+    @classmethod
+    def from_damit(cls, path: str | os.PathLike[str]) -> Facets:
+        """The shape in a file shape.txt of DAMIT, in its unit of length.
+
+        The file has the counts of vertices and facets, the vertices x y z, and for each facet the indices of its
+        vertices, from 1.  Raises `InputError`.  [Durech, Sidorin, Kaasalainen, A&A 513 (2010) A46]
+        """
+        file = _file(path, "path", LARGEST_MESH)
+        words = file.read_bytes().split()
+        try:
+            count, facets = int(words[0]), int(words[1])
+            values = np.array(words[2:], dtype=np.float64)
+        except (ValueError, IndexError):
+            count = facets = -1
+            values = np.empty(0)
+        if min(count, facets) < 0 or len(values) != 3 * (count + facets):
+            raise InputError(
+                f"{file.name}: expected two counts, then as many vertices and triangles of three numbers each, got "
+                f"{len(words)} words. Usual cause: a file with facets of more corners; split them into triangles."
+            )
+        faces = values[3 * count :].reshape(-1, 3)
+        if (faces != np.rint(faces)).any():
+            raise InputError(f"{file.name}: expected integers in the lines of facets, got others.")
+        return cls(values[: 3 * count].reshape(-1, 3), faces.astype(np.int64) - 1)
+
+    def __repr__(self) -> str:
+        return f"<kreisel facets: {len(self.faces):,} triangles, {len(self.vertices):,} vertices>"

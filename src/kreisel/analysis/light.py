@@ -1,0 +1,222 @@
+"""kr.analysis.light_curve: the brightness of a body that rotates, from its convex shape and a law of scattering.
+
+With the cosines mu_0, mu of the angles of the Sun and of the observer above the surface, where both are > 0,
+
+    flux = f(alpha) integral S(mu_0, mu) dA,   S = mu mu_0/(mu + mu_0)   Lommel-Seeliger
+                                               S = mu mu_0               Lambert
+                                               S = mu                    geometric: the lit, visible cross-section
+
+Facets are summed.  For an ellipsoid with half axes a, b, c and p = (s_1/a, s_2/b, s_3/c), q in the same way of the
+observer's direction, w = p + q, the first and the last integral are, with lambda and mu the angles from w to p and q,
+
+    (pi/2) a b c |p||q|/|w| [cos lambda + cos mu + sin lambda sin mu ln(tan(lambda/2) tan(mu/2))],
+    (pi/2) a b c (|q| + p.q/|p|).
+
+[Muinonen, Lumme, A&A 584 (2015) A23; Kaasalainen, Torppa, Muinonen, Icarus 153 (2001) 37: f(alpha), and the sum of the
+first two laws with the weights 1 and 0.1]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array, dot
+from kreisel.errors import InputError, explained, shown
+from kreisel.physical.measures import finite_floats, si_number, si_numbers
+from kreisel.physical.shapes import Facets
+from kreisel.record.table import Table
+from kreisel.runs.geometry import attitude_of
+from kreisel.runs.run_record import RunRecord, a_run
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+LAWS = ("lommel-seeliger", "lambert", "geometric")
+DAMIT = {"lommel-seeliger": 1.0, "lambert": 0.1}
+SPEED_OF_LIGHT = 299_792_458.0  # m/s
+BLOCK = 4_000_000  # facets times rows at a time
+TINY = 1e-200  # 0 ln 0 = 0, and derivatives at opposition
+
+
+@explained
+def light_curve(
+    run: xr.Dataset,
+    shape: Any = None,
+    *,
+    sun: Any,
+    observer: Any,
+    law: Any = "lommel-seeliger",
+    phase: Any = None,
+    light_time: bool = False,
+) -> xr.Dataset:
+    """The flux and the magnitude of a body at the rows of a run, or of `kr.at` states, that have an orientation.
+
+    shape       half axes (3,) of an ellipsoid or `kr.physical.Facets`, along the axes in which the body was given;
+                default: the shape of the body, `FreeBody.ellipsoid`
+    sun         the vector from the body to the Sun in space: (3,), (time, 3), or a `kr.Table` of time; only its
+                direction counts
+    observer    the vector from the body to the observer
+    law         as for `brightness`, and phase
+    light_time  if true, `observer` is in m, and the coordinate `arrival` is the time at which the light of each row
+                arrives.  Rows are times at the body; the Sun is where its light comes from at that time
+
+    Returns a Dataset (time) or (time, lane): flux, in the square of the unit of the shape (for unit distances and
+    albedo), magnitude -2.5 log10(flux), phase_angle in rad.  Raises `InputError` for a run without an orientation.
+    """
+    import xarray as xr
+
+    g = attitude_of(a_run(run, "system"))
+    dims = ("time", "lane") if "lane" in run.dims else ("time",)
+    times = np.asarray(run["time"].values, dtype=np.float64)
+    shape = _shape_of(run) if shape is None else shape
+    light = brightness(shape, law=law, phase=phase)
+    ways = [_vectors(v, times, name) for v, name in ((sun, "sun"), (observer, "observer"))]
+    flux, facets = np.empty(g.shape[:-1]), len(shape.faces) if isinstance(shape, Facets) else 1
+    at = max(1, BLOCK // (facets * g[0].size))
+    for i in range(0, len(g), at):
+        rows = algebra.rotation_matrix(g[i : i + at]).mT
+        flux[i : i + at] = light(*(algebra.act(rows, v[i : i + at].reshape(-1, *[1] * (g.ndim - 2), 3)) for v in ways))
+    s, o = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in ways)
+    with np.errstate(divide="ignore"):
+        magnitude = -2.5 * np.log10(flux)
+    data = {
+        "flux": (dims, flux, {"long_name": "flux", "units": "m2"}),
+        "magnitude": (dims, magnitude, {"long_name": "magnitude", "units": "mag"}),
+        "phase_angle": ("time", _angle(s, o), {"long_name": "angle from the Sun to the observer", "units": "rad"}),
+    }
+    out = xr.Dataset(data, {k: run[k] for k in dims if k in run.coords}, {"title": run.attrs.get("title", "")})
+    if light_time:
+        arrival = times + np.linalg.norm(ways[1], axis=-1) / SPEED_OF_LIGHT
+        out = out.assign_coords(arrival=("time", arrival, {"long_name": "time of arrival", "units": "s"}))
+    return out
+
+
+@explained
+def brightness(shape: Any, *, law: Any = "lommel-seeliger", phase: Any = None) -> Callable[[Array, Array], Array]:
+    """The flux as a function f(sun, observer) of vectors (..., 3) along the axes of the body, from it: of any length.
+
+    shape   half axes (3,) of an ellipsoid, or `kr.physical.Facets`
+    law     "lommel-seeliger", "lambert", "geometric", "damit" or weights {"lommel-seeliger": 1, "lambert": 0.1}, which
+            are those of "damit".  Of an ellipsoid Lambert's law has no closed form: `Facets.ellipsoid`
+    phase   (A, D, k) of f(alpha) = A exp(-alpha/D) + k alpha + 1, alpha in rad; default: f = 1
+
+    The function works on arrays of NumPy and of JAX, with derivatives: with the orientation g of an observable of
+    `kr.fit` it is f(g.T @ sun, g.T @ observer).  Raises `InputError`.
+    """
+    weights = _weights(law)
+    if isinstance(shape, Facets):
+        body: Callable[[Array, Array], Array] = _of_facets(shape, weights)
+    else:
+        axes = si_numbers(shape, "m", "shape", ((3,),))
+        if axes.min() <= 0:
+            raise InputError(f"shape: expected three half axes > 0, or Facets, got {shown(shape)}.")
+        if "lambert" in weights:
+            raise InputError(
+                f"law: expected one of lommel-seeliger and geometric for an ellipsoid, got {shown(law)}, which has no "
+                "closed form. Give shape=kr.physical.Facets.ellipsoid(half_axes)."
+            )
+        body = _of_ellipsoid(axes, weights)
+    fit = None if phase is None else si_numbers(phase, "1", "phase", ((3,),))
+    if fit is not None and fit[1] == 0:
+        raise InputError(f"phase: expected (A, D, k) with D other than 0, got {shown(phase)}.")
+
+    def flux(sun: Array, observer: Array) -> Array:
+        ways = (np.asarray(v, np.float64) if isinstance(v, list | tuple) else v for v in (sun, observer))
+        s, o = (v / algebra.vec(algebra.sqrt(dot(v, v))) for v in ways)
+        out = body(s, o)
+        if fit is None:
+            return out
+        alpha = _angle(s, o)
+        return out * (fit[0] * _namespace(alpha).exp(-alpha / fit[1]) + fit[2] * alpha + 1)
+
+    return flux
+
+
+def _of_facets(shape: Facets, weights: Mapping[str, float]) -> Callable[[Array, Array], Array]:
+    normals, areas = shape.normals.T.copy(), shape.areas
+
+    def flux(s: Array, o: Array) -> Array:
+        mu0, mu = s @ normals, o @ normals
+        seen = (mu0 > 0) & (mu > 0)
+        laws = {
+            "lommel-seeliger": lambda: mu * mu0 / (mu + mu0 + (1 - seen) * 4),
+            "lambert": lambda: mu * mu0,
+            "geometric": lambda: mu,
+        }
+        return (sum(w * laws[name]() for name, w in weights.items()) * seen) @ areas
+
+    return flux
+
+
+def _of_ellipsoid(axes: Array, weights: Mapping[str, float]) -> Callable[[Array, Array], Array]:
+    inverse, size = 1 / axes, np.pi / 2 * axes.prod()
+
+    def flux(s: Array, o: Array) -> Array:
+        p, q = s * inverse, o * inverse
+        w, x = p + q, algebra.cross(p, q)
+        P, Q, W, X = (algebra.sqrt(dot(v, v) + TINY) for v in (p, q, w, x))
+        cosines = dot(p, w) / (P * W), dot(q, w) / (Q * W)
+        sines = X / (P * W), X / (Q * W)
+        logarithm = algebra.log(sines[0] / (1 + cosines[0]) * (sines[1] / (1 + cosines[1])))
+        laws = {
+            "lommel-seeliger": P * Q / W * (sum(cosines) + sines[0] * sines[1] * logarithm),
+            "geometric": Q + dot(p, q) / P,
+        }
+        return size * sum(weight * laws[name] for name, weight in weights.items())
+
+    return flux
+
+
+def _angle(s: Array, o: Array) -> Array:
+    """The angle between unit vectors, precise if it is small."""
+    x = algebra.cross(s, o)
+    return _namespace(x).atan2(algebra.sqrt(dot(x, x) + TINY), dot(s, o))
+
+
+def _namespace(x: Array) -> Any:
+    return x.__array_namespace__()
+
+
+def _weights(law: Any) -> dict[str, float]:
+    """The weights of the laws, by name.  Raises `InputError`."""
+    if isinstance(law, Mapping):
+        weights = {name: si_number(w, "1", f"law, {shown(name)}") for name, w in law.items()}
+    else:
+        weights = DAMIT if law == "damit" else {law: 1.0} if isinstance(law, str) else {}
+    if not weights or not set(weights) <= set(LAWS) or min(weights.values()) < 0:
+        raise InputError(
+            f"law: expected one of {', '.join(LAWS)}, damit, or weights >= 0 of the first three by name, got "
+            f"{shown(law)}."
+        )
+    return {name: w for name, w in weights.items() if w}
+
+
+def _shape_of(run: xr.Dataset) -> Any:
+    """The half axes of the ellipsoid, or the box, that a body was made as.  Raises `InputError`."""
+    frame = RunRecord.from_attrs(run.attrs).body_frame
+    kind, *half = frame.shape if frame is not None and frame.shape else ("",)
+    if kind == "ellipsoid":
+        return np.array(half)
+    if kind == "box":
+        return Facets.hull(np.array(np.meshgrid(*((-x, x) for x in half))).reshape(3, -1).T)
+    raise InputError(
+        "shape: expected half axes (3,) of an ellipsoid, or kr.physical.Facets, got none, and a body without a shape, "
+        "such as FreeBody.ellipsoid has one."
+    )
+
+
+def _vectors(value: Any, times: Array, name: str) -> Array:
+    """Vectors (time, 3), not zero.  Raises `InputError`."""
+    v = value(times) if isinstance(value, Table) else finite_floats(value, "1", name)
+    if v.shape not in ((3,), (len(times), 3)):
+        raise InputError(
+            f"{name}: expected a vector from the body (3,), one for each of {len(times)} times, or a kr.Table with "
+            f"three components, got the shape {v.shape}."
+        )
+    if not (v * v).sum(-1).all():
+        raise InputError(f"{name}: expected a direction from the body, got the zero vector.")
+    return np.broadcast_to(v, (len(times), 3))

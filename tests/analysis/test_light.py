@@ -1,0 +1,146 @@
+"""Brightness against published phase functions of spheres, and facts about rotating ellipsoids."""
+
+import numpy as np
+import pytest
+
+import kreisel as kr
+from kreisel.analysis import brightness, light_curve
+from kreisel.errors import InputError, InputWarning
+from kreisel.physical import Facets, FreeBody
+
+ALPHA = np.linspace(0.01, 3.1, 12)
+SUN = np.tile([1.0, 0.0, 0.0], (12, 1))
+OBSERVER = np.stack([np.cos(ALPHA), np.sin(ALPHA), 0 * ALPHA], -1)
+LOMMEL_SEELIGER = 1 - np.sin(ALPHA / 2) * np.tan(ALPHA / 2) * np.log(1 / np.tan(ALPHA / 4))
+LAMBERT = (np.sin(ALPHA) + (np.pi - ALPHA) * np.cos(ALPHA)) / np.pi
+AXES = (3.0, 2.0, 1.3)
+CUBE = """8 12
+0 0 0
+0 0 1
+0 1 0
+0 1 1
+1 0 0
+1 0 1
+1 1 0
+1 1 1
+1 2 4
+1 4 3
+5 7 8
+5 8 6
+1 5 6
+1 6 2
+3 4 8
+3 8 7
+1 3 7
+1 7 5
+2 6 8
+2 8 4
+"""
+
+
+def test_phase_functions_of_spheres():  # [Lester, McCall, Tatum, J. R. Astron. Soc. Can. 73 (1979) 233]
+    ball = brightness((1, 1, 1))(SUN, OBSERVER)
+    assert np.allclose(ball, np.pi / 2 * LOMMEL_SEELIGER, rtol=1e-12)
+    facets = Facets.ellipsoid((1, 1, 1), 4000)
+    for law, zero, expected in (("lommel-seeliger", np.pi / 2, LOMMEL_SEELIGER), ("lambert", 2 * np.pi / 3, LAMBERT)):
+        flux = brightness(facets, law=law)(SUN, OBSERVER) / zero
+        assert abs(flux - expected).max() < 2e-3
+    assert abs(brightness(facets, law="lambert")(SUN, OBSERVER) / (2 * np.pi / 3) - LOMMEL_SEELIGER).max() > 0.05
+
+
+@pytest.mark.parametrize("law", ["lommel-seeliger", "geometric"])
+def test_facets_converge_to_the_ellipsoid(law):
+    s, o = np.random.default_rng(0).normal(size=(2, 200, 3))
+    exact = brightness(AXES, law=law)(s, o)
+    off = [abs(brightness(Facets.ellipsoid(AXES, n), law=law)(s, o) - exact).mean() for n in (500, 4000)]
+    assert off[1] < exact.mean() * 3e-3 and off[0] / off[1] > 4  # of order 1/n, but for facets at the terminator
+
+
+def test_the_long_axis_is_seen_where_the_attitude_turns_it():
+    body = FreeBody.ellipsoid(1.0, (6.0, 2.0, 2.0))
+    turned = body.state((0, 0, 1e-3), attitude=(np.cos(np.pi / 8), 0, 0, np.sin(np.pi / 8)))  # x to (1, 1, 0)
+    rows = kr.at(body, turned, [0.0])
+    for view, area in (((1, 1, 0), np.pi), ((1, -1, 0), 3 * np.pi)):
+        assert np.allclose(light_curve(rows, sun=view, observer=view, law="geometric").flux, area)
+
+
+def test_a_rotator_has_two_maxima_in_a_rotation_and_the_amplitude_of_its_axes():
+    body = FreeBody.ellipsoid(1.0, (6.0, 4.0, 2.6))
+    run = kr.simulate(body, body.state((0, 0, 2 * np.pi / 40)), dt="1 s", t_end="40 s")
+    bright = light_curve(run, sun=(1, 0, 0), observer=(1, 0, 0), law="geometric")
+    assert np.ptp(bright.magnitude.values) == pytest.approx(2.5 * np.log10(3 / 2), rel=1e-9)
+    for shape in (None, Facets.ellipsoid(AXES)):
+        light = light_curve(run, shape, sun=(1, 0.4, 0.3), observer=(1, -0.2, 0.1)).flux.values
+        assert np.allclose(light[20:], light[:21], rtol=3e-3) and np.ptp(light) > 0.2 * light.mean()
+        rising = np.diff(np.append(light[:-1], light[0])) > 0
+        assert (rising & ~np.roll(rising, -1)).sum() == 2
+
+
+def test_tables_lanes_light_time_and_the_phase_function():
+    body = FreeBody.ellipsoid(1.0, (6.0, 4.0, 2.6))
+    times = np.linspace(0.0, 30.0, 7)
+    states = kr.at(body, body.state([(0, 0.1, 0.2), (0.3, 0, 0.1)]), times)
+    way = np.stack([np.cos(times / 50), np.sin(times / 50), 0 * times], -1) * 1.495978707e11
+    light = light_curve(states, sun=kr.Table(times, way), observer=way, law="geometric", light_time=True)
+    assert light.flux.dims == ("time", "lane") and np.allclose(light.phase_angle, 0, atol=1e-6)
+    assert np.allclose(light.arrival - light.time, 499.005, atol=1e-3)  # an astronomical unit
+    one = kr.at(body, body.state((0.3, 0, 0.1)), times)
+    assert np.allclose(light_curve(one, sun=way, observer=way, law="geometric").flux, light.flux[:, 1])
+    bright = light_curve(one, sun=way, observer=way, law="geometric", phase=(0.5, 0.1, -1.0))
+    assert np.allclose(bright.flux / light.flux[:, 1], 1.5)
+
+
+def test_a_shape_in_the_format_of_damit(tmp_path):
+    file = tmp_path / "shape.txt"
+    file.write_text(CUBE)
+    cube = Facets.from_damit(file)
+    assert np.allclose(cube.areas, 0.5) and len(cube.faces) == 12
+    flux = brightness(cube, law={"lommel-seeliger": 1, "lambert": 0.1})((1, 1, 0), (1, -0.5, 0))
+    sun, view = 0.5**0.5, 1 / 1.25**0.5  # the side x = 1, lit and seen, of area 1
+    assert flux == pytest.approx(sun * view / (sun + view) + 0.1 * sun * view)
+    assert brightness(cube, law="damit")((1, 1, 0), (1, -0.5, 0)) == pytest.approx(flux)
+    for text, message in (
+        (CUBE.replace("1 2 4", "1 4 2"), "closed"),
+        (CUBE.replace("8 12", "8 13"), "expected two counts"),
+        (CUBE.replace("1 2 4", "1 2 9"), "indices"),
+        (CUBE.replace("8 12", "eight 12"), "expected two counts"),
+    ):
+        file.write_text(text)
+        with pytest.raises(InputError, match=message):
+            Facets.from_damit(file)
+    with pytest.raises(InputError, match="clockwise"):
+        Facets(cube.vertices, cube.faces[:, ::-1])
+    with pytest.warns(InputWarning, match="convex"):
+        pit = [[1, 5, 8], [5, 7, 8], [7, 3, 8], [3, 1, 8]]
+        Facets(np.append(cube.vertices, [[0.5, 0.5, 0.2]], 0), [*cube.faces[:-2].tolist(), *pit])
+
+
+def test_derivatives():
+    jax = pytest.importorskip("jax")
+    from kreisel.reduction.double import double
+
+    s, o, h = np.array([1.0, 0.1, 0.2]), np.array([1.0, 0.0, 0.3]), 1e-6
+    light = brightness(AXES, phase=(0.5, 0.1, -0.5))
+    slope = [(light(s + h * e, o) - light(s - h * e, o)) / (2 * h) for e in np.eye(3)]
+    with double():
+        slopes = jax.jit(jax.vmap(jax.grad(light), (0, None)))(jax.numpy.stack([s, o]), o)
+    assert np.allclose(slopes[0], slope, rtol=1e-6) and np.isfinite(slopes[1]).all()  # finite at opposition
+    facets = brightness(Facets.ellipsoid(AXES, 300), law="damit")
+    with double():
+        assert np.allclose(jax.jit(facets)(s, o), facets(s, o))
+
+
+def test_bad_input():
+    body = FreeBody((1, 2, 2.5))
+    run = kr.at(body, body.state((0, 0, 1)), [0.0, 1.0])
+    view = {"sun": (1, 0, 0), "observer": (1, 0, 0)}
+    for call, message in (
+        (lambda: light_curve(run, **view), "without a shape"),
+        (lambda: light_curve(run, AXES, law="lambert", **view), "no closed form"),
+        (lambda: light_curve(run, AXES, law="hapke", **view), "expected one of"),
+        (lambda: light_curve(run, (1, 2, 0), **view), "half axes > 0"),
+        (lambda: light_curve(run, AXES, sun=(0, 0, 0), observer=(1, 0, 0)), "zero vector"),
+        (lambda: light_curve(run, AXES, sun=(1, 0), observer=(1, 0, 0)), "the shape"),
+    ):
+        with pytest.raises(InputError, match=message):
+            call()
