@@ -2,10 +2,15 @@
 generated/, the pages made from the records, the gallery and the benchmarks.
 """
 
+import html
+import importlib.metadata
 import itertools
 import re
 import sys
+import textwrap
 from pathlib import Path
+
+from docutils import nodes
 
 import kreisel
 
@@ -24,9 +29,13 @@ html_theme = "furo"
 html_title = f"Kreisel {release}"
 html_static_path = ["static"]
 html_extra_path = ["generated/extra"]
-html_css_files = ["kreisel.css"]
+html_css_files, html_js_files, html_favicon = ["kreisel.css"], ["copy.js"], "static/favicon.svg"
+html_show_search_summary = False  # summaries are requested from a server: the site opens as files too
 html_copy_source = html_show_sourcelink = False
 html_show_sphinx = False
+links = dict(line.split(", ", 1) for line in importlib.metadata.metadata("kreisel").get_all("Project-URL", []))
+if "Repository" in links:
+    html_theme_options = {"footer_icons": [{"name": "Repository", "url": links["Repository"], "html": "repository"}]}
 pygments_style, pygments_dark_style = "friendly", "github-dark"
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
@@ -70,7 +79,16 @@ def present(app, docname, source):
     source[0] = "\n".join(x for x in lines if not re.fullmatch(r"[\w/-]+\*", x) or any(here.glob(x + ".md")))
 
 
+def described(app, docname, template, context, doctree):
+    """The first paragraph of a page is its description for search engines and previews."""
+    paragraph = next(iter(doctree.findall(nodes.paragraph)), None) if doctree is not None else None
+    if paragraph is not None:
+        text = textwrap.shorten(paragraph.astext(), 200, placeholder=" ...")
+        context["metatags"] += f'\n<meta name="description" content="{html.escape(text)}">'
+
+
 def setup(app):
-    """Connect what is above."""
+    """Connect the functions above."""
+    app.connect("html-page-context", described)
     app.connect("source-read", present)
     app.connect("autodoc-process-docstring", as_written)

@@ -21,6 +21,46 @@ INTRODUCTION = """# Gallery
 Each picture is made by one script of `examples/gallery`, which runs as it stands. The
 pictures come from `make gallery`, which runs every script in full."""
 
+SUBJECTS = {
+    "Tops and gyroscopes": (
+        "nutation",
+        "sleeping_top",
+        "million_turns",
+        "bicycle_wheel",
+        "bearing_friction",
+        "driven_top",
+        "rotating_field",
+    ),
+    "Free bodies and satellites": (
+        "tennis_racket",
+        "free_bodies",
+        "gravity_gradient",
+        "satellite_to_rest",
+        "hyperion",
+        "fit_observations",
+    ),
+    "Bodies in fluids": ("dropped_disc", "kirchhoff_body", "compressible_fluid"),
+    "Integrable systems": (
+        "kovalevskaya_tori",
+        "named_bodies",
+        "neumann_caustics",
+        "three_neumanns",
+        "hess_appelrot",
+        "quadratic_field",
+        "moser_veselov",
+        "lax_spectra",
+    ),
+    "Higher dimensions and chains": ("higher_dimensions", "bitop", "coupled_tops"),
+    "Chaos, frequencies, ensembles": (
+        "chaotic_section",
+        "integrable_neighbours",
+        "unequal_top",
+        "frequency_map",
+        "ensemble_density",
+        "work_precision",
+    ),
+}
+
 
 def write(docs: Path) -> None:
     """generated/gallery/*.md with pictures."""
@@ -30,7 +70,7 @@ def write(docs: Path) -> None:
     if not scripts:
         return
     folder.mkdir(parents=True, exist_ok=True)
-    cards, names = [], []
+    cards = {}
     for script in scripts:
         picture = _picture(script, docs)
         shutil.copyfile(picture, folder / picture.name)
@@ -40,14 +80,19 @@ def write(docs: Path) -> None:
         code = source.split('"""', 2)[2].lstrip() if source.startswith('"""') else source
         page = f"# {title}\n\n{rest.strip()}\n\n![{title}]({picture.name})\n\n`examples/gallery/{script.name}`\n\n"
         (folder / f"{script.stem}.md").write_text(f"{page}```python\n{code}```\n", encoding="utf-8")
-        cards.append(f":::{{figure}} {picture.name}\n:target: {script.stem}.html\n:alt: {title}\n\n{title}\n:::")
-        names.append(script.stem)
-    cells = "\n\n".join(cards)
-    entries = "\n".join(names)
-    (folder / "index.md").write_text(
-        f"{INTRODUCTION}\n\n::::{{container}} gallery\n{cells}\n::::\n\n```{{toctree}}\n:hidden:\n\n{entries}\n```\n",
-        encoding="utf-8",
+        card = f":::{{figure}} {picture.name}\n:target: {script.stem}.html\n:alt: {title}\n\n{title}\n:::"
+        cards[script.stem] = card
+    unsorted = set(cards) ^ {name for names in SUBJECTS.values() for name in names}
+    if unsorted:
+        raise ValueError(f"SUBJECTS and the scripts of the gallery differ in {', '.join(sorted(unsorted))}")
+    text = [INTRODUCTION]
+    for subject, names in SUBJECTS.items():
+        cells = "\n\n".join(cards[name] for name in names)
+        text.append(f"## {subject}\n\n::::{{container}} gallery\n{cells}\n::::")
+    text.append(
+        "```{toctree}\n:hidden:\n\n" + "\n".join(name for names in SUBJECTS.values() for name in names) + "\n```\n"
     )
+    (folder / "index.md").write_text("\n\n".join(text), encoding="utf-8")
 
 
 def _picture(script: Path, docs: Path) -> Path:

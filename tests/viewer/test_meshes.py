@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.viewer.bodies import read_mesh
+from kreisel.viewer.bodies import marked_axis, read_mesh
 from kreisel.viewer.scene import scene
 from scenes import IDENTITY, points
 
@@ -71,3 +71,15 @@ def test_a_bad_mesh_is_refused(text, tmp_path, oriented):
 @pytest.fixture
 def oriented(top, x0):
     return kr.simulate(top, x0, dt=0.05, steps=400, orientation=IDENTITY, progress=False)
+
+
+def test_the_axis_of_a_disc_is_its_axis_of_symmetry() -> None:
+    e = np.eye(3)
+    flat, long = "axis of symmetry", "long axis"
+    cases = [((5, 5, 0.5), 2, flat), ((0.5, 5, 5), 0, flat), ((3, 1, 1), 0, long), ((1, 3, 2), 1, long)]
+    for half, place, name in [*cases, ((1, 1, 1), 2, long)]:
+        axis, word = marked_axis(None, np.array(half, dtype=float))
+        assert np.array_equal(axis, e[place]) and word == name
+        axis, word = marked_axis(np.diag(np.square(half).astype(float)))
+        assert abs(axis @ e[place]) > 1 - 1e-12 or len(set(half)) == 1
+        assert word == name

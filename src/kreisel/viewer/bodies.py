@@ -51,6 +51,7 @@ HUB = ((0.0, 0.45), (0.10, 0.45), (0.12, 0.47), (0.12, 0.63), (0.10, 0.65), (0.0
 AXLE = ((0.0, 0.0), (0.03, 0.04), (0.03, 0.97), (0.02, 0.99), (0.0, 1.0))
 SPOKES = 6
 THINNEST = 0.12  # semi-axis to the longest
+ALIKE = 1e-3  # relative difference of semi-axes below which a body is round
 
 
 @dataclass(frozen=True)
@@ -101,10 +102,15 @@ def _semi_axes(tensor: Array | None, thinnest: float = THINNEST) -> tuple[Array,
     return size, axes
 
 
-def longest(tensor: Array | None) -> Array:
-    """The direction of the longest semi-axis."""
-    size, axes = _semi_axes(tensor)
-    return axes[:, int(size.argmax())]
+def marked_axis(tensor: Array | None, half: Array | None = None) -> tuple[Array, str]:
+    """The axis to draw and its name: the axis of symmetry of a flat body, else the longest.
+
+    tensor   gyration tensor (3, 3);  half   half lengths along the axes of the body instead, if its shape is known
+    """
+    size, axes = _semi_axes(tensor) if half is None else (half, np.eye(3))
+    low, middle, high = np.argsort(size, kind="stable")
+    flat = size[high] - size[middle] < ALIKE * size[high] < size[high] - size[low]
+    return axes[:, low if flat else high], "axis of symmetry" if flat else "long axis"
 
 
 def ellipsoid(axis: Array, tensor: Array | None, radius: float) -> Body:

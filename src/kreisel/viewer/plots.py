@@ -338,8 +338,8 @@ def _draw_drifts(panel: Any, runs: list[xr.Dataset], records: list[RunRecord], t
     for column in panels:
         column[-1].set_xlabel(clock.label)
     panel.supylabel("change since the start, relative", fontsize="medium")
-    title = "integrals of the flow" if reference else "what the method conserves"
-    panels.flat[0].set_title("balance: the energy less the work done" if of_balance else title)
+    title = "integrals of the flow" if reference else "integrals that the method conserves"
+    panels.flat[0].set_title("balance: energy minus work done" if of_balance else title)
     handles, labels = panels.flat[0].get_legend_handles_labels()
     panel.legend(handles, labels, loc="outside lower left", ncols=3)
     if still:

@@ -155,6 +155,12 @@ class Shown:
             size *= 0.7 if usual == "satellite" else 1.0  # without panels, and between arrows
         return body.scaled(size) if isinstance(body, Body) else bodies.body(body or usual, axis, tensor, size)
 
+    def _marked(self, tensor: Array | None) -> tuple[Array, str]:
+        """The axis of the body whose tip is drawn, and its name; the axis of its known shape, if that is drawn."""
+        frame = self.record.body_frame
+        known = self._wanted.body is None and frame is not None and frame.shape
+        return bodies.marked_axis(tensor, np.array(frame.shape[1:]) if known and frame is not None else None)
+
     def _particle(self) -> None:
         self.kind, self.tip = "particle", self.carried
         self.note = "The particle on its sphere."
@@ -183,11 +189,11 @@ class Shown:
         self.tip = x - (x.max(0) + x.min(0)) / 2
         size = ON_ITS_PATH * (float(np.linalg.norm(self.tip, axis=-1).max()) or 1.0)
         tensor = self._inertia()
-        axis = bodies.longest(tensor)
+        axis, word = self._marked(tensor)
         self.body = self._made("ellipsoid", axis, tensor, size)
         self.kind, self.nose, self.frame = "path", 1.4 * size * axis, S
         self.turn = algebra.quaternion_product(algebra.unit_quaternion(S), q)
-        self.legend["tip"] = f"long axis of {self.subject}"
+        self.legend["tip"] = f"{word} of {self.subject}"
         self.note = "The body on its path, larger or smaller than it is; "
         self.note += "its momentum points up." if free else "against the fluid, with the third axis of space up."
 
@@ -217,10 +223,11 @@ class Shown:
         inertia = self._inertia()
         size = float(np.linalg.norm(self.carried[0]) if self.space else 1.0) or 1.0
         if axis is None or not axis.any():
-            axis = 0.98 * size * bodies.longest(inertia)
+            axis, word = self._marked(inertia)
+            axis = 0.98 * size * axis
             self.body = self._made("ellipsoid", axis, inertia, 0.9 * size)
-            self.legend["tip"] = f"long axis of {self.subject}"
-            self.note = f"T{self.subject[1:]} of the body, rotating about its centre, and the trace of its long axis."
+            self.legend["tip"] = f"{word} of {self.subject}"
+            self.note = f"T{self.subject[1:]} of the body, rotating about its centre, and the trace of its {word}."
         else:
             axis = size * axis / np.linalg.norm(axis)
             self.body = self._made("top", axis, inertia, 0.94 * size)
@@ -255,7 +262,7 @@ class Shown:
         axis, size = self._fixed("body"), float(np.linalg.norm(self.carried[0])) or 1.0
         inertia = self._inertia()
         if axis is None:
-            self.body, S = self._made("ellipsoid", bodies.longest(inertia), inertia, 0.8 * size), np.eye(3)
+            self.body, S = self._made("ellipsoid", self._marked(inertia)[0], inertia, 0.8 * size), np.eye(3)
         else:
             S = to_third_axis(axis / np.linalg.norm(axis))
             self.body = self._made("top", axis, inertia, 0.8 * size)

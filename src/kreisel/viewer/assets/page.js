@@ -262,7 +262,9 @@
     redraw();
     if (stage) { document.documentElement.dataset.soft = stage.soft; stage.size(); } else { $("callout").textContent = "This browser offers no WebGL, which the picture needs; charts and table are whole."; $("callout").hidden = false; }
     listen();
-    if (new URLSearchParams(location.search).has("play") || D.autoplay) play(true);
+    const asked = new URLSearchParams(location.search);
+    if (asked.has("scene")) { document.documentElement.dataset.scene = true; if (stage) { stage.controls.enableZoom = false; stage.size(); } }
+    if (asked.has("play") && !matchMedia("(prefers-reduced-motion: reduce)").matches) play(true);
     document.body.dataset.count = D.count;
     document.body.dataset.ready = true;
     Object.defineProperty(window, "kreisel", { value: { get stage() { return stage; }, get state() { return state; }, get data() { return D; }, drift, section } });
