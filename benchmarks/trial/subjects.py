@@ -271,6 +271,9 @@ def _edge(*good: Any) -> Any:
 
 def kinds() -> dict[str, Any]:
     """The kinds by their names."""
+    import kreisel as kr
+
+    top = kr.LagrangeTop(p=(0, 0, 1))
     one, two = [0.1, 0.1, 0.1], [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]]
     return {
         "altitude": _edge(5e5, 8e5, 3.6e7),
@@ -279,6 +282,8 @@ def kinds() -> dict[str, Any]:
         "bounds": _choice(None, {"p[2]": (0, 2)}, {"p[2]": 3}, {"alpha": (0.5, 2)}, {"x": (0, 1)}, {1: (0, 1)}),
         "center": _text,
         "compare": _rows,
+        "halvings": _choice(1, 2, 0, -1, 1.5, None),
+        "subjects": _choice([top], {"a": (top, {"order": 4})}, [], ["x"], None, 3),
         "coupling": _choice(one, two, None, [[1, 2, 3]]),
         "distance": _edge(7e6, 4.2e7),
         "draws": _choice(1, 3, None, 0, -1),

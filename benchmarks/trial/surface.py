@@ -31,11 +31,11 @@ BODIES = ("FreeBody", "HeavyBody", "Gyroscope", "SubmergedBody", "Satellite", "A
 INTERNAL = {"Propagator.prepared", "Propagator.returned", "Propagator.stepped", "units.size_in_si",
             "kr.Control.on", "kr.Control.start", "physical.Control.on", "physical.Control.start",
             *(f"physical.{body}.{name}" for body in BODIES for name in ("forced", "shaped", "in_si"))}  # fmt: skip
-RESULTS = {"Comparison", "Lines", "Course", "Motion", "AxisStability", "FreeRotation", "Plate", "Primary", "Harmonics",
-           "Part"}  # fmt: skip
+RESULTS = {"Comparison", "MethodComparison", "Lines", "Course", "Motion", "AxisStability", "FreeRotation", "Plate",
+           "Primary", "Harmonics", "Part"}  # fmt: skip
 SLOW = {"kr.fit": 0.2, "kr.differentiable": 0.2, "kr.tangent": 0.4, "kr.view": 0.5, "kr.plot": 0.2, "kr.code": 0.4,
         "analysis.megno": 0.5, "lab.investigate": 0.1, "View.movie": 0.05, "Lines.plot": 0.1,
-        "Comparison.plot": 0.1}  # fmt: skip
+        "Comparison.plot": 0.1, "kr.compare": 0.02}  # fmt: skip
 OFTEN = ("kr.", "analysis.", "Propagator.")
 INFINITE = {"physical.Gyroscope.motion", "physical.Gyroscope.steady_precession",
             "physical.FreeBody.stability", "Comparison.apart", "Comparison.growth", "physical.Units", "units.measured",
@@ -175,6 +175,7 @@ KIND_OF = {
     "faces": "anything",
 }  # fmt: skip
 BY_CALL = {
+    "kr.compare(start)": "state",
     "physical.Satellite.cubesat(units)": "count",
     "physical.Asteroid.cubesat(units)": "count",
     "physical.Orbit.at(time)": "times",

@@ -51,6 +51,7 @@ _LAZY = {
     "resume": "kreisel.storage.simulate",
     "open_run": "kreisel.sweeps.grids",
     "drift": "kreisel.runs.drift",
+    "compare": "kreisel.analysis.method_comparison",
     "export": "kreisel.storage.exporting",
     "to_numpy": "kreisel.storage.exporting",
     "failures": "kreisel.sweeps.sweep",

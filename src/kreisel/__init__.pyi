@@ -24,6 +24,7 @@ from kreisel.record.table import Table as Table
 from kreisel.runs.closed_form import at as at
 from kreisel.runs.citing import cite as cite
 from kreisel.languages.source import code as code
+from kreisel.analysis.method_comparison import compare as compare
 from kreisel.runs.differentiable import differentiable as differentiable
 from kreisel.runs.drift import drift as drift
 from kreisel.storage.exporting import export as export

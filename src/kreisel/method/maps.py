@@ -7,6 +7,7 @@ method="veselov"     symmetric maps of Veselov, of Moser and Veselov, and of Sur
 method="brickwork"   a lattice in discrete time: a step is the two-site maps of all odd bonds, then of all even ones;
                      Poisson, of order 1, and conserves the traces of the monodromy matrix in which its step stands
                      [Krajnik, Prosen 2020; Krajnik, Ilievski, Prosen, Pasquier 2021]
+method="map"         the map of a user-defined record, which need not be Poisson: a Runge-Kutta step, the midpoint rule
 method="lagrangian"  the map of a user-defined discrete Lagrangian (`kreisel.reduction`)
 """
 
@@ -88,6 +89,46 @@ def brickwork(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     )
 
 
+def user_map(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
+    """The map of a record with step eps = dt.  Raises `InputError` for other orders than the map's."""
+    phi = model.map
+    _require_order(model, order)
+    if oriented and phi.generator is None:
+        raise InputError(
+            f"The map of {model.system.name} states no generator, which the orientation needs. Leave the orientation "
+            "out, or give the Map a generator."
+        )
+
+    def prepare(x0: State) -> State:
+        _require_below(
+            model, x0, dt, f"is stated for shorter steps: expected dt < {{largest:.6g}}, got {dt:g}. Use a smaller dt."
+        )
+        return x0
+
+    return _stepped(
+        "map",
+        model,
+        dt,
+        Steps(_step(phi, model.system.frame, len(model.system.space.letters))),
+        oriented,
+        observer(model, oriented, dt),
+        prepare=prepare,
+        options={"order": phi.order},
+    )
+
+
+def has_a_plain_map(model: Model) -> bool:
+    """Whether the map is for no method of its own, as that of a lattice is."""
+    return model.system.space.name != "(S^2)^(2n)"
+
+
+def _require_order(model: Model, order: int | None) -> None:
+    if order not in (None, model.map.order):
+        raise InputError(
+            f"The map of {model.system.name} has order {model.map.order}, got order={shown(order)}. Leave it out."
+        )
+
+
 def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """The implicit map of a discrete Lagrangian with step eps = dt; the orientation is carried along.
 
@@ -95,10 +136,7 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
     other orders than the map's, and for an orientation of a group that is not SO(n).
     """
     phi, space = model.map, model.system.space
-    if order not in (None, phi.order):
-        raise InputError(
-            f"The map of {model.system.name} has order {phi.order}, got order={shown(order)}. Leave it out."
-        )
+    _require_order(model, order)
     if oriented and phi.generator is None:
         raise InputError(
             f"The orientation is carried along for SO(n) on R^n; {model.system.name} lives on {space.name}. "

@@ -86,7 +86,8 @@ def functions(
     out: dict[str, tuple[Outcome, Callable[..., Array], bool]] = {}
     if system.space.casimirs is not None:
         meaning = f"Casimirs of {system.space.name}"
-        stays = by_map or "casimir" in conserved
+        by_this_map = by_map and (system.map is None or system.map.poisson or "casimir" in (named_by_map or ()))
+        stays = by_this_map or "casimir" in conserved
         out["casimir"] = (Outcome("casimir", meaning, conserved=stays), _bind(model, system.space.casimirs), False)
     named = {"energy": system.energy} if system.energy is not None else {}
     for name, function in {**named, **system.integrals}.items():

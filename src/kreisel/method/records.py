@@ -275,6 +275,27 @@ _RECORDS = (
         of_map=True,
     ),
     Method(
+        name="map",
+        title="the map of a user-defined record, which need not be Poisson",
+        needs="a record with a map and no half kick",
+        cases=(
+            Suits(
+                states=("map",),
+                lacks=("map.to_symmetric", "map.symmetric"),
+                numbers=("any", "real"),
+                test="kreisel.method.maps:has_a_plain_map",
+            ),
+        ),
+        orders=(),
+        default=None,
+        words="that of the map",
+        poisson="if the map is",
+        conserves="the integrals that the map states",
+        sources=(),
+        maker="kreisel.method.maps:user_map",
+        of_map=True,
+    ),
+    Method(
         name="midpoint",
         title="the spherical midpoint method, and compositions of it",
         needs="spins, or a free body with n = 3: products of spheres",

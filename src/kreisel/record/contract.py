@@ -186,6 +186,8 @@ class Map:
                              `enough` it may return a shorter one beyond that
     regularity               (*state, eps) -> reciprocal condition number of the Legendre transform, for implicit maps
     commutes                 whether it commutes with itself at other steps and with the flow
+    poisson                  whether the map is Poisson; if not, as for a Runge-Kutta step, Casimirs are conserved only
+                             if `conserves` has "casimir"
     conserves                 names of the integrals that the map conserves; None: all of the record
     darboux                  (*state, eps) -> (*state, rho): variables in which the step is the Bäcklund transformation
                              D_eps at the point (2/eps, rho) of the spectral curve of the flow
@@ -212,6 +214,7 @@ class Map:
     darboux: Function | None = None
     rational: bool = True
     symmetric: bool = False
+    poisson: bool = True
     commutes: bool = False
     order: int = 1
     source: str = ""

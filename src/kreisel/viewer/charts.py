@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from kreisel.analysis.comparison import Comparison
     from kreisel.analysis.frequencies import Lines
+    from kreisel.analysis.method_comparison import MethodComparison
 
 MOST_POINTS = 20_000  # of a series; extremes are kept
 
@@ -147,4 +148,23 @@ def plot_comparison(comparison: Comparison, *, theme: str = "light") -> Figure:
         right.set_yticks(place, [str(name) for name in table.index])
         right.invert_yaxis()
         right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16))
+    return picture
+
+
+def plot_methods(comparison: MethodComparison, *, theme: str = "light") -> Figure:
+    """Errors of methods against the step, with their slopes, and the drift of the integrals against time."""
+    with figure(theme, 9.0, 3.8) as (picture, colours):
+        left, right = picture.subplots(1, 2)
+        errors, drifts, table = comparison.errors, comparison.drifts, comparison.table
+        for number, name in enumerate(table.index):
+            style = {"color": colours.colour(number), "label": f"{name}: order {table.order[name]:.1f}"}
+            left.plot(errors["dt"], np.maximum(errors[number], 1e-17), "o-", markersize=3.5, **style)
+            right.plot(drifts["time"][1:], np.maximum(drifts[number][1:], 1e-17), color=colours.colour(number))
+        left.set(
+            xscale="log", yscale="log", xlabel="step", title=f"error after {8 * float(errors['dt'][0]):.3g}, relative"
+        )
+        left.set_xticks(errors["dt"], [f"{step:.3g}" for step in errors["dt"].values])
+        left.minorticks_off()
+        right.set(yscale="log", xlabel="time", title="largest change of an integral so far, relative")
+        picture.legend(loc="outside lower center", ncols=min(len(table), 3))
     return picture

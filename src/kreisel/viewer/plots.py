@@ -59,10 +59,10 @@ def plot(
     The change of each family of Casimirs and integrals that the method conserves has a separate strip on a logarithmic
     scale, relative to the integral's scale (`kr.drift`), with the width eps_machine * sqrt(steps) of a random walk of
     rounding errors; families that never change are named.  For an ensemble the paths of up to seven lanes are drawn.
-    `compare` is a second run of the same system, drawn in grey in the same strips.  `theme` is "light" or "dark",
-    `style` "house" or "journal": 183 mm wide, 8 points, a serif face, no grid, for .pdf and .svg.  A notebook displays
-    the figure.  Raises `InputError` if `compare` has another system, if the run lacks the vector that is drawn, and for
-    states at given times (`kr.at`), which are not a run.
+    `compare` is a second run with the same variables, also of another system, drawn in grey in the same strips.
+    `theme` is "light" or "dark", `style` "house" or "journal": 183 mm wide, 8 points, a serif face, no grid, for .pdf
+    and .svg.  A notebook displays the figure.  Raises `InputError` if `compare` has other variables, if the run lacks
+    the vector that is drawn, and for states at given times (`kr.at`), which are not a run.
     """
     runs = [run] if compare is None else [run, compare]
     records = [RunRecord.of(each, "system", "title", "method", "n", "steps") for each in runs]
@@ -72,8 +72,12 @@ def plot(
     run = runs[0]
     for each in runs:
         require_unchanged(each)
-    if records[-1].system != records[0].system:
-        raise InputError(f"Runs of one system can be compared, got {records[0].system} and {records[1].system}.")
+    first, last = records[0], records[-1]
+    if (last.kinds, last.n) != (first.kinds, first.n):
+        raise InputError(
+            f"compare: expected a run with the variables {', '.join(first.kinds)} and n = {first.n}, got "
+            f"{', '.join(last.kinds)} and n = {last.n}."
+        )
     with figure(theme, 1.0, 0.53, style) as (picture, colours), np.errstate(all="ignore"):
         flies = of_satellite(run) and ORIENTATION in run
         left, right = cast("Any", picture.subfigures(1, 2, width_ratios=[1.35, 1] if flies else [1, 1.25]))
@@ -101,12 +105,17 @@ def _lanes(run: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
 
 
 def _title(run: xr.Dataset, record: RunRecord, *others: RunRecord) -> str:
-    compared = "".join(f" and {brief(each.method, MOST_TITLE)}" for each in others)
+    compared = "".join(f" and {_named(each, record)}" for each in others)
     lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.dims else ""
     clock = clock_of(run)
     step = f"{record.dt:g}" if not clock.unit else f"{record.dt / clock.second:g} s"
     n = "" if clock.unit else f", n = {record.n}"
     return f"{brief(record.title, MOST_TITLE)}{compared}{n}{lanes}, {record.steps:,} steps of {step}"
+
+
+def _named(record: RunRecord, first: RunRecord) -> str:
+    """The method of a run, or its title if another system was run first."""
+    return brief(record.method if record.system == first.system else record.title, MOST_TITLE)
 
 
 def _vector_letter(run: xr.Dataset, record: RunRecord) -> str:
@@ -321,7 +330,7 @@ def _draw_drifts(panel: Any, runs: list[xr.Dataset], records: list[RunRecord], t
     for number, (axes, (family, change)) in enumerate(zip(panels.flat, families.items(), strict=False)):
         for other_run, record_beside, envelopes in others:
             if family in envelopes:
-                named = brief(record_beside.method, MOST_TITLE)
+                named = _named(record_beside, record)
                 axes.plot(_thinned_time(other_run) / clock.size, envelopes[family], color=theme.faint, label=named)
         colour = theme.colour(number)
         axes.plot(

@@ -1,0 +1,227 @@
+"""kr.compare: order, cost, drift and Poisson defect of several methods at one problem, in one table and one figure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.errors import InputError, explained, shown
+from kreisel.record.model import Model
+from kreisel.runs.drift import all_series
+from kreisel.runs.run_record import RunRecord
+from kreisel.runs.settings import finite_number, within
+from kreisel.stopwatch import SPENT
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+SHORT = 8  # longest steps, in the runs whose errors give the order
+PLATEAU = 1e-12  # relative errors below this are of rounding
+ROWS = 1000  # of the run whose drift is shown
+STENCIL = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}  # central differences of order 6
+NUDGE = 1e-2  # of the largest entry of the state: errors of truncation and of rounding are both below 1e-13
+SAME_FLOW = 1e-9
+
+
+class Subject(NamedTuple):
+    """A system and the options of `kr.simulate` that choose its method."""
+
+    model: Model
+    options: Mapping[str, Any]
+
+
+@explained
+@dataclass(frozen=True)
+class MethodComparison:
+    """Measurements of several methods at one problem; `kr.compare` returns it.
+
+    table    a row for each method: order, error, cost, drift, worst, poisson_defect
+    errors   relative error after a short time, by method and step
+    drifts   the largest relative change of any Casimir or integral of the flow since the start, by method and time
+    """
+
+    table: pd.DataFrame
+    errors: xr.DataArray
+    drifts: xr.DataArray
+
+    def plot(self, theme: str = "light") -> Figure:
+        """Errors against steps, and drifts against time."""
+        from kreisel.viewer.charts import plot_methods
+
+        return plot_methods(self, theme=theme)
+
+    def _repr_html_(self) -> str:
+        return str(self.table.to_html(float_format="{:.3g}".format))
+
+    def __repr__(self) -> str:
+        return str(self.table.to_string(float_format="{:.3g}".format))
+
+
+@explained
+def compare(
+    subjects: Sequence[Any] | Mapping[str, Any], start: Any, *, dt: float, t_end: float, halvings: int = 3
+) -> MethodComparison:
+    """Several methods at one problem: order, cost, drift of the integrals and Poisson defect.
+
+    subjects  systems with their parameters, or pairs (system, {"method": ..., "order": ...}); a dict names them.  All
+              have the same variables and the same flow; a user-defined system may have any map, also one that is not
+              Poisson
+    start     the state, as for `kr.simulate`
+    dt        the longest step;  halvings: times that it is halved to measure the order
+    t_end     duration of the run whose drift is measured
+
+    Columns of the table:
+
+    order            the slope of the error against the step after 8 steps of dt; NaN if errors of rounding hide it, and
+                     for adaptive methods
+    error            the relative error there, with the step dt
+    cost             nanoseconds a step
+    drift, worst     the largest relative change of any Casimir or integral of the flow until t_end, and its name
+    poisson_defect   the largest entry of J P J^T - P(step), relative to P, of one step; J is its Jacobian, by
+                     differences, so that a Poisson map has about 1e-12; NaN if the state cannot be varied freely
+
+    Raises `InputError` for systems with different variables or flows, and for a system without a flow.
+    """
+    import pandas as pd
+    import xarray as xr
+
+    listed = [_subject(each) for each in (subjects.values() if isinstance(subjects, Mapping) else subjects)]
+    if not listed:
+        raise InputError("subjects: expected one system or more, got none.")
+    dt, t_end = finite_number(dt, "dt"), finite_number(t_end, "t_end")
+    halvings = within(halvings, "halvings", 1, 10)
+    state = _common_state([each.model for each in listed], start)
+    if not (dt > 0 and t_end >= dt):
+        raise InputError(f"expected 0 < dt <= t_end, got dt = {dt:g} and t_end = {t_end:g}.")
+    truth = _end(Subject(listed[0].model, {"method": "dop853", "tol": 1e-13}), state, dt, SHORT)
+    steps = [dt / 2**k for k in range(halvings + 1)]
+    rows, errors, drifts, names = list[dict[str, Any]](), list[list[float]](), list[Array](), list[str]()
+    for each in listed:
+        ends = [_end(each, state, step, SHORT * 2**k) for k, step in enumerate(steps)]
+        errors.append([float(np.linalg.norm(end - truth) / np.linalg.norm(truth)) for end in ends])
+        run, cost = _timed(each, state, dt, t_end)
+        time, drift, worst = _drift(run)
+        drifts.append(drift)
+        names.append(_name(run, listed))
+        adaptive = RunRecord.from_attrs(run.attrs).tolerance is not None
+        order = float("nan") if adaptive else _order(steps, errors[-1])
+        defect = _poisson_defect(each, state, dt)
+        measured = {"order": order, "error": errors[-1][0], "cost": cost, "drift": drift[-1], "worst": worst}
+        rows.append({**measured, "poisson_defect": defect})
+    names = list(map(str, subjects)) if isinstance(subjects, Mapping) else names
+    return MethodComparison(
+        pd.DataFrame(rows, index=pd.Index(names, name="method")),
+        xr.DataArray(np.array(errors), {"method": names, "dt": steps}, ("method", "dt"), "error"),
+        xr.DataArray(np.stack(drifts), {"method": names, "time": time}, ("method", "time"), "drift"),
+    )
+
+
+def _subject(given: Any) -> Subject:
+    model, options = given if isinstance(given, tuple) and len(given) == 2 else (given, {})
+    if not isinstance(model, Model) or not isinstance(options, Mapping):
+        raise InputError(
+            f"subjects: expected a system with its parameters, or (system, {{'method': ...}}), got {shown(given)}."
+        )
+    return Subject(model, options)
+
+
+def _common_state(models: list[Model], start: Any) -> dict[str, Array]:
+    """The start as arrays, if all systems have its variables and the same flow there.  Raises `InputError`."""
+    first = models[0]
+    state = dict(first.state(**start) if isinstance(start, Mapping) else start)
+    for model in models[1:]:
+        if (model.system.space.components, model.n) != (first.system.space.components, first.n):
+            raise InputError(
+                f"expected systems with the same variables, got {first.system.name} with "
+                f"{dict(first.system.space.components)} and {model.system.name} with "
+                f"{dict(model.system.space.components)}."
+            )
+        one, two = (algebra.flatten(m.flow(*m.state(**state).values()), m.system.space.kinds) for m in (first, model))
+        if not abs(one - two).max(initial=0.0) <= SAME_FLOW * abs(one).max(initial=0.0):
+            raise InputError(f"expected systems with one flow; {first.system.name} and {model.system.name} differ.")
+    return state
+
+
+def _simulated(subject: Subject, state: Any, **options: Any) -> xr.Dataset:
+    from kreisel.storage.simulate import simulate
+
+    return simulate(subject.model, state, progress=False, **subject.options, **options)
+
+
+def _last(run: xr.Dataset, model: Model) -> Array:
+    """Coordinates (..., d) of the last state of a run."""
+    last, space = run.isel(time=-1), model.system.space
+    state = model.state(**{letter: last[letter].values for letter in space.letters})
+    return np.asarray(algebra.flatten(tuple(state.values()), space.kinds), dtype=np.float64)
+
+
+def _end(subject: Subject, state: Any, dt: float, steps: int) -> Array:
+    return _last(_simulated(subject, state, dt=dt, steps=steps, every=steps), subject.model)
+
+
+def _timed(subject: Subject, state: Any, dt: float, t_end: float) -> tuple[xr.Dataset, float]:
+    """The run until t_end, and nanoseconds a step."""
+    steps = max(1, round(t_end / dt))
+    before = SPENT["steps"]
+    run = _simulated(subject, state, dt=dt, steps=steps, every=max(1, steps // ROWS))
+    return run, 1e9 * (SPENT["steps"] - before) / steps
+
+
+def _drift(run: xr.Dataset) -> tuple[Array, Array, str]:
+    """Times, the largest relative change so far of any Casimir or integral of the flow, and the name of the worst."""
+    drift, worst = np.zeros(run.sizes["time"]), ""
+    for series in all_series(run):
+        if series.family.endswith("_eps") or series.kind == "relation":
+            continue
+        scale = series.step_scale + series.value_scale or 1.0
+        change = np.maximum.accumulate(abs(series.values - series.values[0])) / scale
+        worst = series.name if change[-1] > drift[-1] else worst
+        drift = np.maximum(drift, change)
+    return np.asarray(run["time"].values), drift, worst
+
+
+def _order(steps: list[float], errors: list[float]) -> float:
+    """The slope of log error against log step over the errors above those of rounding; NaN with fewer than two."""
+    use = [(h, e) for h, e in zip(steps, errors, strict=True) if PLATEAU < e < 0.1]
+    if len(use) < 2:
+        return float("nan")
+    lengths, sizes = np.log(np.array(use)).T
+    return float(np.polyfit(lengths, sizes, 1)[0])
+
+
+def _poisson_defect(subject: Subject, state: Mapping[str, Array], dt: float) -> float:
+    """The largest entry of J P J^T - P(step), relative to the largest of P; NaN if nearby states are no states."""
+    model = subject.model
+    kinds, n = model.system.space.kinds, model.n
+    middle = np.asarray(algebra.flatten(tuple(model.state(**state).values()), kinds), dtype=np.float64)
+    nudge = NUDGE * float(abs(middle).max())
+    moves = [
+        (k, sign * j, sign * weight) for j, weight in STENCIL.items() for sign in (1, -1) for k in range(middle.size)
+    ]
+    starts = np.stack([middle, *(middle + nudge * j * np.eye(middle.size)[k] for k, j, _ in moves)])
+    lanes = dict(zip(model.system.space.letters, algebra.restore(starts, kinds, n), strict=True))
+    try:
+        ends = _last(_simulated(subject, model.state(**lanes), dt=dt, steps=1), model)
+    except InputError:
+        return float("nan")
+    J = np.zeros((middle.size, middle.size))
+    for end, (k, _, weight) in zip(ends[1:], moves, strict=True):
+        J[:, k] += weight / nudge * end
+    before, after = (model.call(model.system.space.tensor, *algebra.restore(z, kinds, n)) for z in (middle, ends[0]))
+    return float(abs(J @ before @ J.T - after).max() / abs(before).max())
+
+
+def _name(run: xr.Dataset, listed: list[Subject]) -> str:
+    """Method and order, after the system if there are several."""
+    record = RunRecord.from_attrs(run.attrs)
+    order = record.order
+    name = record.method if order is None else f"{record.method} {order}"
+    several = len({each.model.system.title for each in listed}) > 1
+    return f"{record.title.rpartition(': ')[0]}: {name}" if several else name
