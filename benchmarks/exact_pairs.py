@@ -5,12 +5,17 @@ ulps      the largest change of an integral at 20 rows of 10^6 steps of 1/4
 a step    of the error between steps of 1/4 and 5/16 after that time, relative
 set_up    processor time of the points of a trajectory, in ms
 ns, lane  processor time of a step of a single trajectory, and of one of 64: the least of several runs
+heyoka    where it is installed (peers.txt): to T = 1000 in steps of 1 by a propagator, one trajectory and a lane of 64,
+          against heyoka at a tolerance of 1e-12, single and in its batch: processor time in ms, the points of the
+          trajectory apart (set_up); errors of both against Taylor series in 24 digits at T = 50
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +26,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import kreisel as kr
 from kreisel import algebra
+from kreisel.record.calling import call
 from kreisel.runs.planning import make_plan
 from taylor import flow_of
 
-LONG, TURNS, LANES = 1_000_000, 9, 64
+LONG, TURNS, LANES = 1_000_000, 5, 64
+FAR, TOLERANCE = 1000, 1e-12
 M, P = (0.3, 0.5, 1.1), (0.6, 0.0, 0.8)
 F = ((1.0, 0.3, -0.2), (0.3, -0.5, 0.4), (-0.2, 0.4, 0.9))
 FOUR = ((0, 0.3, -0.5, 0.7), (-0.3, 0, 1.1, 0.2), (0.5, -1.1, 0, -0.4), (-0.7, -0.2, 0.4, 0))
@@ -72,19 +79,67 @@ def measured(model: Any, state: dict[str, Any]) -> dict[str, Any]:
         "set_up": short(set_up),
         "ns": timed(model, state),
         "lane": round(timed(model, several) / LANES, 1),
+        **(against_heyoka(model, state, several, want) if find_spec("heyoka") else {}),
     }
 
 
 def timed(model: Any, state: dict[str, Any]) -> float:
     """Nanoseconds of a step of all lanes."""
     plan = make_plan(model, state, dt=0.1, steps=1, every=1, method="exact", order=None, orientation=None)
-    engine, steps, best = plan.engine, 20_000, np.inf
+    engine, steps = plan.engine, 20_000
     out = np.empty((1, *engine.z.shape))
+    return round(least(lambda: engine.advance(out, steps)) / steps * 1e9)
+
+
+def least(go: Callable[[], Any]) -> float:
+    """Processor time in seconds: the least of several."""
+    best = np.inf
     for _ in range(TURNS):
         begun = time.process_time()
-        engine.advance(out, steps)
+        go()
         best = min(best, time.process_time() - begun)
-    return round(best / steps * 1e9)
+    return best
+
+
+def equations(model: Any, count: int) -> list[Any]:
+    """The flow of the record in heyoka's variables."""
+    import heyoka as hy
+
+    system, names = model.system, hy.make_vars(*[f"y{i}" for i in range(count)])
+    derived = call(system.derive, (), model.params) if system.derive is not None else {}
+    state = algebra.restore(np.array(names, object), system.space.kinds, model.n)
+    rates = call(system.flow, state, {**model.params, **derived})
+    return [(x, 0.0 * names[0] + r) for x, r in zip(names, algebra.flatten(rates, system.space.kinds), strict=True)]
+
+
+def against_heyoka(model: Any, state: dict[str, Any], several: dict[str, Any], want: Any) -> dict[str, Any]:
+    import heyoka as hy
+
+    z = model.state(**state)
+    start = algebra.flatten(tuple(np.asarray(z[k]) for k in model.system.space.letters), model.system.space.kinds)
+    wide = hy.recommended_simd_size()
+    many = np.repeat(start[:, None], wide, 1)
+    one = hy.taylor_adaptive(equations(model, len(start)), start.tolist(), tol=TOLERANCE)
+    batch = hy.taylor_adaptive_batch(equations(model, len(start)), many.copy(), tol=TOLERANCE)
+
+    def to(end: float) -> None:
+        one.time, one.state[:] = 0.0, start
+        one.propagate_until(end)
+
+    def all_to(end: float) -> None:
+        batch.set_time(0.0)
+        batch.state[:] = many
+        batch.propagate_until(end)
+
+    to(50.0)
+    off = max(abs(float(x) - y) for x, y in zip(want, one.state, strict=True)) / max(map(abs, map(float, want)))
+    times = {}  # to T = 1000 without the points of the trajectory, from the difference of two lengths
+    for name, x, times_far, lanes in (("far", z, 100, 1), ("far_lane", several, 20, LANES)):
+        p = kr.propagator(model, dt=1.0, method="exact")
+        long, short_one = (least(lambda p=p, x=x, n=n: p.steps(x, n)) for n in (FAR * times_far, FAR))
+        times[name] = (long - short_one) / (times_far - 1) / lanes
+    times |= {"heyoka": least(lambda: to(FAR)), "heyoka_lane": least(lambda: all_to(FAR)) / wide}
+    return {"heyoka_error": short(off), **{k: short(v * 1e3) for k, v in times.items()}}
 
 
 def short(value: float) -> float:
