@@ -366,7 +366,7 @@ MUTANTS = [
     Mutant("arithmetic", LLVM + "_operation", "INTRINSIC[operation], *x)", "INTRINSIC[operation], *x[::-1])"),
     Mutant("arithmetic", LLVM + "_operation", "*x[2:]", "*x[:1:-1]"),
     Mutant("arithmetic", LLVM + "_operation", "*x), x[1], x[0]", "*x), x[0], x[1]"),
-    Mutant("arithmetic", LLVM + "value", "self.builder.fneg(values[x.at]) if", "values[x.at] if"),
+    Mutant("arithmetic", LLVM + "value", 'self._arithmetic("fneg", value) if', "value if"),
     Mutant("arithmetic", LLVM + "lanes", "- 1", "- 2"),
     Mutant("arithmetic", LLVM + "loop", '"<" if', '"<=" if'),
     Mutant("arithmetic", "graph.llvm:Lanes.__setitem__", "INDEX(i)", "INDEX(0)"),

@@ -40,6 +40,7 @@ from kreisel.graph.graph import (
 )
 
 DOUBLE, INTEGER, INDEX = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
+ARITHMETIC = {PLUS: "fadd", MINUS: "fsub", TIMES: "fmul", OVER: "fdiv"}
 INTRINSIC = {FMA: "fma", SQRT: "sqrt", SIZE: "fabs", NEAREST: "rint", **{name: name for name in TRANSCENDENTAL}}
 Value = Any  # of LLVM
 TABLES_OF_CPU = "kr.Table: expected engine='cpu', got a GPU, which does not reach tables in the memory of the computer."
@@ -202,6 +203,22 @@ class Lanes:
             self[first + i] = value
 
 
+class Operation:
+    """An operation as LLVM's text, as an operand of others: llvmlite's instructions take three times as long."""
+
+    __slots__ = ("_reference", "_text", "type")
+
+    def __init__(self, reference: str, text: str, kind: ir.Type):
+        self._reference, self._text, self.type = reference, f"{reference} = {text}", kind
+
+    def get_reference(self) -> str:
+        """Its name, as llvmlite asks for it."""
+        return self._reference
+
+    def __str__(self) -> str:
+        return self._text
+
+
 class Function:
     """A function of integers of 64 bits, addresses among them, that returns nothing: under construction."""
 
@@ -214,6 +231,7 @@ class Function:
         self.builder = ir.IRBuilder(self.function.append_basic_block("entry"))
         self.arguments = [Integer(self.builder, x) for x in self.function.args]
         self._nothing: Value = None  # the address of a zero
+        self._count = 0  # of the operations with a text
 
     def text(self) -> str:
         """LLVM's text of the module."""
@@ -335,8 +353,20 @@ class Function:
         kind = values[0].type
         wide = isinstance(kind, ir.VectorType)
         full = f"llvm.{name}." + (f"v{kind.count}f64" if wide else "f32" if isinstance(kind, ir.FloatType) else "f64")
-        form = ir.FunctionType(kind, [kind] * len(values))
-        return self.builder.call(self.module.globals.get(full) or ir.Function(self.module, form, full), values)
+        if full not in self.module.globals:
+            ir.Function(self.module, ir.FunctionType(kind, [kind] * len(values)), full)
+        arguments = ", ".join([f"{kind} {x.get_reference()}" for x in values])
+        return self._written(f'call {kind} @"{full}"({arguments})', kind)
+
+    def _written(self, text: str, kind: ir.Type) -> Value:
+        self._count += 1
+        value = Operation(f"%of{self._count}", text, kind)
+        self.builder._insert(value)
+        return value
+
+    def _arithmetic(self, operation: str, *x: Value) -> Value:
+        kind = x[0].type
+        return self._written(f"{operation} {kind} {', '.join([each.get_reference() for each in x])}", kind)
 
     def emit(self, graph: Graph, nodes: Sequence[int], values: dict[int, Value], kind: ir.Type) -> None:
         """Compute nodes, in this order, into `values`, which has the inputs among them."""
@@ -360,7 +390,8 @@ class Function:
         """An operand, or an output, of a graph."""
         if not isinstance(x, Number):
             return constant(kind, float(x))
-        return self.builder.fneg(values[x.at]) if x.negative else values[x.at]
+        value = values[x.at]
+        return self._arithmetic("fneg", value) if x.negative else value
 
     def outputs(
         self, graph: Graph, outputs: Sequence[Operand], inputs: Callable[[str, int], Value], kind: ir.Type = DOUBLE
@@ -406,14 +437,8 @@ class Function:
 
     def _operation(self, operation: str, x: list[Value]) -> Value:
         builder = self.builder
-        if operation == PLUS:
-            return builder.fadd(*x)
-        if operation == MINUS:
-            return builder.fsub(*x)
-        if operation == TIMES:
-            return builder.fmul(*x)
-        if operation == OVER:
-            return builder.fdiv(*x)
+        if operation in ARITHMETIC:
+            return self._arithmetic(ARITHMETIC[operation], *x)
         if operation == MAX:
             return builder.select(builder.fcmp_ordered("<", *x), x[1], x[0])
         if operation == WHERE:

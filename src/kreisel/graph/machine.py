@@ -58,13 +58,8 @@ def register_width() -> int:
 def _ready() -> None:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    if llvm.llvm_version_info[0] in KNOWN:  # an unknown option ends the process
-        llvm.set_option("kreisel", f"-dse-memoryssa-walklimit={STORES}")
 
 
-# LLVM looks so far back for a store that another one makes superfluous.  With 3 in place of 90 the machine code of 28
-# kernels has the same bytes, and their operations take 3.1 s to optimize in place of 4.0.
-STORES, KNOWN = 3, range(15, 23)
 # Of 3.  Below 2 there is no second scheduling behind that of the registers, which took a quarter of the time from
 # operations to machine code.  The steps of 16 kernels take 0.96 to 1.04 of their time, the scatter of this measurement.
 CODE_LEVEL = 1
@@ -79,14 +74,22 @@ def target_machine() -> Any:
     return target.create_target_machine(name, features, CODE_LEVEL, reloc, "jitdefault", jit=True)
 
 
-def optimized(machine: Any, text: str) -> Any:
-    """LLVM's module of a text, optimized for a machine."""
+def optimized(machine: Any, text: str, level: int = 0) -> Any:
+    """LLVM's module of a text, optimized for a machine: by LLVM's passes of a level, of 0 by four of them.
+
+    Graphs are arranged before they are written, so what is left is to keep variables in registers.  Level 3 takes ten
+    times as long; by it the steps of 20 kernels take 0.9 to 1.05 of their time, the scatter of this measurement.
+    """
     module = llvm.parse_assembly(text)
     module.data_layout = str(machine.target_data)
-    options = llvm.create_pipeline_tuning_options(speed_level=3)
-    options.loop_vectorization = True
-    builder = llvm.create_pass_builder(machine, options)
-    builder.getModulePassManager().run(module, builder)
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=level or 3))
+    passes = builder.getModulePassManager() if level else llvm.create_new_module_pass_manager()
+    if not level:
+        passes.add_sroa_pass()
+        passes.add_simplify_cfg_pass()
+        passes.add_instruction_combine_pass()
+        passes.add_loop_rotate_pass()
+    passes.run(module, builder)
     return module
 
 

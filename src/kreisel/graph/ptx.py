@@ -98,7 +98,7 @@ def ptx(arguments: int, body: Body, capability: str) -> str:
     machine = llvm.Target.from_triple(TRIPLE).create_target_machine(cpu=f"sm_{capability}", opt=3)
     text = f.text()
     if "__nv_" not in text:
-        return str(machine.emit_assembly(optimized(machine, text)))
+        return str(machine.emit_assembly(optimized(machine, text, 3)))
     module = llvm.parse_assembly(text)
     module.data_layout = str(machine.target_data)
     library = llvm.parse_bitcode(_libdevice())
@@ -107,7 +107,7 @@ def ptx(arguments: int, body: Body, capability: str) -> str:
     for function in module.functions:
         if not function.is_declaration and function.name != "kernel":
             function.linkage = "internal"
-    return str(machine.emit_assembly(optimized(machine, str(module))))
+    return str(machine.emit_assembly(optimized(machine, str(module), 3)))
 
 
 def here(key: Sequence[Any], arguments: int, body: Body) -> Kernel:
