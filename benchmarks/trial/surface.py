@@ -27,12 +27,22 @@ MODULES = {
 # Called with kinds of their own in `api.py`, or constructors of results, whose fields nobody checks.
 ELSEWHERE = {"kr.open_run", "kr.resume", "kr.sweep", "kr.export", "kr.systems", "kr.methods", "kr.failures"}
 # Called by other modules of the package.
-BODIES = ("FreeBody", "HeavyBody", "Gyroscope", "SubmergedBody", "Satellite", "Asteroid", "Ellipsoid", "Ensemble")
+BODIES = (
+    "FreeBody",
+    "HeavyBody",
+    "Gyroscope",
+    "SubmergedBody",
+    "Satellite",
+    "Asteroid",
+    "Ellipsoid",
+    "Ensemble",
+    "Binary",
+)
 INTERNAL = {"Propagator.prepared", "Propagator.returned", "Propagator.stepped", "units.size_in_si",
             "kr.Control.on", "kr.Control.start", "physical.Control.on", "physical.Control.start",
             *(f"physical.{body}.{name}" for body in BODIES for name in ("forced", "shaped", "in_si"))}  # fmt: skip
 RESULTS = {"Comparison", "MethodComparison", "Lines", "Course", "Motion", "AxisStability", "FreeRotation", "Plate",
-           "Primary", "Harmonics", "Part"}  # fmt: skip
+           "Primary", "Harmonics", "Part", "PointMass"}  # fmt: skip
 SLOW = {"kr.fit": 0.2, "kr.differentiable": 0.2, "kr.tangent": 0.4, "kr.view": 0.5, "kr.plot": 0.2, "kr.code": 0.4,
         "analysis.megno": 0.5, "lab.investigate": 0.1, "View.movie": 0.05, "Lines.plot": 0.1,
         "Comparison.plot": 0.1, "kr.compare": 0.02}  # fmt: skip
@@ -173,6 +183,17 @@ KIND_OF = {
     "light_time": "flag",
     "vertices": "vector",
     "faces": "anything",
+    "secondary": "gravity body",
+    "third": "anything",
+    "degree_3": "vector",
+    "degree_4": "vector",
+    "masses": "vector",
+    "position": "vector",
+    "spin1": "spin",
+    "spin2": "spin",
+    "attitude1": "quaternion",
+    "attitude2": "quaternion",
+    "unbound": "flag",
 }  # fmt: skip
 BY_CALL = {
     "kr.compare(start)": "state",
@@ -187,6 +208,10 @@ BY_CALL = {
     "physical.Gyroscope.nutation_rate(spin)": "rate",
     "physical.FreeBody.stability(spin)": "rate",
     "physical.Satellite.angles(run)": "run of a body",
+    "physical.Binary(primary)": "gravity body",
+    "physical.Binary.angles(run)": "run of a body",
+    "physical.Binary.angles(body)": "count",
+    "physical.Binary.spins(run)": "run of a body",
     "physical.Units(length)": "lever",
     "physical.Facets.from_damit(path)": "numbers file",
     "physical.read_added_mass(path)": "numbers file",

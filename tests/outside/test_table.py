@@ -45,7 +45,7 @@ def quantities() -> Iterator[str]:
             letters = [f.name for f in fields if f.init] or getattr(record, "_fields", ())
             yield from (f"{name}.{letter}" for letter in letters)
     for name, body in BODIES.items():
-        yield from (f"{name.removesuffix('-with-wheel')}.{p.letter}" for p in body.parameters)
+        yield from (f"{name.partition('-with-')[0]}.{p.letter}" for p in body.parameters)
 
 
 def units(path: Path) -> Iterator[str]:

@@ -16,7 +16,13 @@ if TYPE_CHECKING:
 
 __all__ = ["BODIES", "KNOWN", "find"]
 
-_PAGES = {"satellite": "satellite", "satellite-with-wheel": "satellite", "submerged-body": "submerged"}
+_PAGES = {
+    "satellite": "satellite",
+    "satellite-with-wheel": "satellite",
+    "submerged-body": "submerged",
+    "binary": "binary",
+    "binary-with-third-body": "binary",
+}
 
 
 def _stated(name: str) -> System:

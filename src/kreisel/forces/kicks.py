@@ -346,6 +346,9 @@ def rates(system: System, body: Body, known: Constants, axes: Mapping[str, int])
         lost = damped(system, body.state, known[DAMPING], axes[DAMPING] > 0)
         out[0] = out[0] - lost
         work = work - algebra.pairing(velocity(system, body.state, known), lost)
+    if record.friction is not None:
+        slow, power = call(record.friction, body.state, known)
+        out, work = [x + y for x, y in zip(out, slow, strict=True)], work + power
     if record.inertia:
         X = algebra.hat(inverse_moments(system, known) * algebra.axial(body.state[0]))
         for i, kind in enumerate(system.space.kinds):
@@ -434,6 +437,12 @@ def decayed(
     lost = expm1(-(algebra.vec(h) if by_axis else h) * known[DAMPING])
     new = (state[0] + damped(system, state, lost, by_axis), *state[1:])
     return new, kinetic(system, new, known) - kinetic(system, state, known)
+
+
+def rubbed(system: System, state: tuple[Array, ...], h: Any, known: Constants) -> tuple[tuple[Array, ...], Any]:
+    """The state after friction for the time h, and the work."""
+    function = perturbation_of(system).friction
+    return _by_runge_kutta(system, state, h, lambda there: call(function, there, known))
 
 
 def expm1(x: Any) -> Any:

@@ -92,7 +92,8 @@ class Splitting:
         _require_a_symmetric_kick(model, order)
         record = self.record
         self.kicked = bool(record.functions) or record.wheel or record.pair is not None or self.part.left is not None
-        kinds = len(self.turns) + self.kicked + record.damping
+        kinds = len(self.turns) + self.kicked + record.rubbed
+        self.rubs = bool(record.rubbing) and (all_turns or record.rubs(model.constants))
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
         self.wheels, self.everything = with_wheels(record), all_turns
         self.changed: tuple[int, ...] = ()
@@ -245,11 +246,10 @@ class Splitting:
         return lambda state: (tuple(x + y for x, y in zip(left(state, constants), rest, strict=True)), power)
 
     def _damped(self, state: State, h: Array, constants: Constants) -> tuple[State, Any]:
-        return (
-            kicks.decayed(self.model.system, state, h, constants, self.model.axes)
-            if self.record.damping
-            else (state, 0)
-        )
+        system = self.model.system
+        if self.rubs:
+            return kicks.rubbed(system, state, h, constants)
+        return kicks.decayed(system, state, h, constants, self.model.axes) if self.record.damping else (state, 0)
 
     def begin(self, x: State) -> State:
         """The state and the orientation with the other numbers at time 0."""
@@ -401,6 +401,8 @@ def with_wheels(record: Perturbation) -> bool:
 
 
 def _integrable(base: System, inner: int | None, n: int, constants: Constants) -> Integrable:
+    if base.closed_form.step is not None:
+        return _stated(base)
     closed = closed_form(base, n) if inner is None else None
     if closed is not None:
         return closed
@@ -437,6 +439,19 @@ def _side_by_side(parts: list[tuple[Factor, Integrable]]) -> Integrable:
         reach if any(part.reach for _, part in parts) else None,
         left if any(part.left for _, part in parts) else None,
     )
+
+
+def _stated(base: System) -> Integrable:
+    """The motion that a record states, with the attitudes among its components."""
+    form = base.closed_form
+
+    def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
+        return tuple(call(form.step, state, {**constants, "h": h})), g
+
+    def reach(state: State, h: Any, constants: Constants) -> Any:
+        return call(form.reach, state, {**constants, "h": h})
+
+    return Integrable("the closed form", move, reach)
 
 
 def closed_form(base: System, n: int) -> Integrable | None:

@@ -15,12 +15,14 @@ Arguments are floats in SI units, or quantities: mass="3 kg", spin="180 rpm" (`k
 
 from __future__ import annotations
 
+from kreisel.physical.binary import Binary, PointMass
 from kreisel.physical.control import Control, Wheels
 from kreisel.physical.ellipsoid import Ellipsoid
 from kreisel.physical.ensemble import Ensemble
 from kreisel.physical.forced import EddyCurrents
 from kreisel.physical.free_body import AxisStability, FreeBody
 from kreisel.physical.free_rotation import FreeRotation
+from kreisel.physical.gravity_body import GravityBody
 from kreisel.physical.gyroscope import Gyroscope, Motion
 from kreisel.physical.heavy_body import HeavyBody
 from kreisel.physical.laws import bdot, hysteresis_rods, magnetic_damping, pointing, sun_pointing
@@ -39,6 +41,7 @@ __all__ = [
     "SUN",
     "Asteroid",
     "AxisStability",
+    "Binary",
     "Control",
     "Course",
     "EddyCurrents",
@@ -47,6 +50,7 @@ __all__ = [
     "Facets",
     "FreeBody",
     "FreeRotation",
+    "GravityBody",
     "Gyroscope",
     "Harmonics",
     "HeavyBody",
@@ -54,6 +58,7 @@ __all__ = [
     "Orbit",
     "Part",
     "Plate",
+    "PointMass",
     "Primary",
     "Satellite",
     "SubmergedBody",

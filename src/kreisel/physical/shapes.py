@@ -49,6 +49,11 @@ def read_mesh(mesh: str | os.PathLike[str], length: Any = None, density: Any = N
     Cavities are surfaces within, their normals towards the cavity.  Raises `InputError` for a surface with holes or
     with normals that point inwards, and for bodies within one another; overlaps of parts of them may not be noticed.
     """
+    return solid(mesh, length, density, mass)[0]
+
+
+def solid(mesh: Any, length: Any, density: Any, mass: Any) -> tuple[Part, Array]:
+    """The body of `read_mesh`, and the triangles (k, 3, 3) of its surface, m."""
     file = _file(mesh, "mesh", LARGEST_MESH)
     if file.suffix.lower() not in SUFFIXES:
         raise InputError(f"mesh: expected a file that ends in {', '.join(SUFFIXES)}, got {shown(file.name)}.")
@@ -76,7 +81,8 @@ def read_mesh(mesh: str | os.PathLike[str], length: Any = None, density: Any = N
         else si_number(mass, "kg", "mass", positive=True)
     )
     inertia = in_range("The inertia tensor", lambda: sizes.inertia * (total / sizes.mass * unit**2))
-    return Part(float(total), (sizes.center_mass + middle) * unit, inertia_tensor(inertia / 2 + inertia.T / 2 + 0.0))
+    part = Part(float(total), (sizes.center_mass + middle) * unit, inertia_tensor(inertia / 2 + inertia.T / 2 + 0.0))
+    return part, np.asarray(surface.triangles + middle) * unit
 
 
 def _surface(file: Path) -> Any:

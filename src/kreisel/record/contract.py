@@ -374,11 +374,14 @@ class ClosedForm:
     top(*state)   (m, a, p) of the Lagrange top in space with this motion, at time 0
     moments()     the principal moments of a free body, n = 3, whose momentum obeys Euler's equations
     gyrostat()    w and b, n = 3, of a momentum that obeys M' = M x (w M - b), w a diagonal
+    step(*state, h), reach(*state, h)   the state after the time h, and a measure of h: precise up to 1
     """
 
     top: Function | None = None
     moments: Function | None = None
     gyrostat: Function | None = None
+    step: Function | None = None
+    reach: Function | None = None
 
 
 @dataclass(frozen=True)

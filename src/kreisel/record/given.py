@@ -153,7 +153,8 @@ def component(letter: str, kind: str, value: Any, n: int, of_bodies: bool, three
     if kind == "scalar":
         return array
     if kind != "skew":
-        count, expected = (n, f"n = {n}") if kind == "vector" else (algebra.KINDS[kind].count(n), kind[2:])
+        count = algebra.KINDS[kind].count(n)
+        expected = f"n = {n}" if kind == "vector" else count
         if array.ndim < 1 or array.shape[-1] != count:
             raise InputError(f"{name} must be {expected} numbers (..., {count}), got shape {array.shape}.")
         return array

@@ -105,6 +105,8 @@ class Perturbation:
     potential   V: H = H_base + V, of vectors carried by the body, the orientation g and the time t
     torque      the additional rate tau of the momentum, in the frame of the state; an axial vector for n = 3
     force       the rate F of the momentum P of a body that moves through space, a vector in the frame of the body
+    friction    (*state, constants) -> rates of the state, which change momenta only and are small, and of the work
+    rubbing     the parameters of which one is not 0 if there is friction
     damping     whether there is a parameter `damping`: M' = -damping M in addition, a rate for all axes or one for each
     inertia     whether there is a parameter `inertia`: the principal moments of the body, instead of `base`'s
     coupling    whether there is a parameter `coupling`: K in M.KP, for a body in a fluid in addition to T(M) + V(P)
@@ -122,6 +124,8 @@ class Perturbation:
     potential: Force | None = None
     torque: Force | None = None
     force: Force | None = None
+    friction: Callable[..., Any] | None = None
+    rubbing: tuple[str, ...] = ()
     damping: bool = False
     inertia: bool = False
     coupling: bool = False
@@ -164,12 +168,21 @@ class Perturbation:
     @property
     def beside(self) -> bool:
         """Whether there are forces other than potentials."""
-        return self.loaded or self.damping or self.inertia or self.coupling
+        return self.loaded or self.rubbed or self.inertia or self.coupling
 
     @property
     def driven(self) -> bool:
         """Whether the energy changes by work: forces without a potential, or that depend on time."""
-        return self.loaded or self.damping or self.names(TIME)
+        return self.loaded or self.rubbed or self.names(TIME)
+
+    @property
+    def rubbed(self) -> bool:
+        """Whether momenta are damped."""
+        return self.damping or self.friction is not None
+
+    def rubs(self, constants: Mapping[str, Any]) -> bool:
+        """Whether there is friction in some lane."""
+        return any(bool(np.any(constants[name])) for name in self.rubbing)
 
 
 def pairs_of(model: Model) -> Array | None:

@@ -25,6 +25,32 @@ SATELLITE = {"moments": [0.00665, 0.03325, 0.03326], "semi_major_axis": 6_878_13
 # Axis 1 away from the Earth, axis 2 ahead, axis 3 along the normal of the orbit: a rotation by its inclination about x.
 ON_ORBIT = [0.6599831458849822, 0.7512804051402927, 0.0, 0.0]
 AT_REST = "here the rate of the orbit, 1.107e-3 rad/s, about its normal, axis 3: at rest against the orbit"
+# Ellipsoids of 400 and 80 m on a circular mutual orbit, the second with one face to the first.
+PAIR: dict[str, Any] = {
+    "parameters": {
+        "m1": 5.4e11,
+        "moments1": [2.7e16, 2.8e16, 3.6e16],
+        "m2": 4.3e9,
+        "moments2": [9.4e12, 9.7e12, 1.32e13],
+    },
+    "state": {
+        "r": [1206.0, 0.0, 0.0],
+        "v": [0.0, 0.1736, 0.0],
+        "L1": [0.0, 0.0, 2.78e13],
+        "q1": UPRIGHT,
+        "L2": [0.0, 0.0, 1.9e9],
+        "q2": UPRIGHT,
+    },
+    "meanings": {
+        "r": "from body 1 to body 2, in space, m",
+        "v": "its rate, m/s",
+        "L1": "angular momentum of body 1 about its centre, in space, kg m^2/s",
+        "q1": "attitude of body 1, its axes to space, a unit quaternion (w, x, y, z)",
+        "L2": "angular momentum of body 2 about its centre, in space, kg m^2/s",
+        "q2": "attitude of body 2, its axes to space, a unit quaternion (w, x, y, z)",
+    },
+    "dt": 1800.0,
+}
 # Bodies in SI units: parameters, state and its meaning, orientation and step.
 OF_BODIES: dict[str, dict[str, Any]] = {
     "satellite": {
@@ -57,6 +83,13 @@ OF_BODIES: dict[str, dict[str, Any]] = {
         "orientation": UPRIGHT,
         "dt": 0.02,
     },
+    "binary": PAIR,
+    "binary-with-third-body": {
+        "parameters": {**PAIR["parameters"], "m3": 1.98841e30},
+        "state": {**PAIR["state"], "R": [-2.46e11, 0.0, 0.0], "V": [0.0, -2.3e4, 0.0]},
+        "meanings": {**PAIR["meanings"], "R": "from the barycentre to the third body, m", "V": "its velocity, m/s"},
+        "dt": 1800.0,
+    },
 }  # fmt: skip
 
 
@@ -78,7 +111,8 @@ def example(system: System, n: int | None = None, given: Mapping[str, Any] | Non
     body = OF_BODIES.get(system.name) if system is BODIES.get(system.name) else None
     if body is not None:
         parameters = {**body["parameters"], **(given or {})}
-        made = _planned(system(**parameters), parameters, body["state"], [*body["orientation"]], body["dt"])
+        first = [*body["orientation"]] if "orientation" in body else None
+        made = _planned(system(**parameters), parameters, body["state"], first, body["dt"])
         return replace(made, meanings=body["meanings"])
     size = n or system.n or (SITES if system.space.name.startswith("(so(3)") else 3)
     last: Exception = InputError(f"{system.name}: no example was found.")
