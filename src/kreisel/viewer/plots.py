@@ -31,6 +31,7 @@ SAME_LENGTH = 1e-3  # relative: a vector whose length changes by more is not on 
 MOST_GAP = 0.3  # radii between saved states beyond which a line would be a guess: then dots
 MOST_DOTS = 4000
 MOST_LANES = 7
+NEAR_AXIS = 0.94  # cosine beyond which the names of an axis of coordinates and of the body's axis would collide
 DASHES = ("-", "--", ":", "-.")
 STATES_SHOWN = 120
 STRETCHES = 1200  # of a drift; the largest change in each is drawn, so no extreme is lost
@@ -224,30 +225,39 @@ def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: 
     axes.set_axis_off()
     axes.view_init(elev=22, azim=-55)
     span = spans.pop() if len(spans) == 1 else "the first rotations of each lane"
-    axes.set_title(f"{tip} on its sphere, {span}", y=1.09)
+    axes.set_title(f"{tip} on its sphere, {span}", y=1.12)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.04), ncols=4, markerscale=1.0, handlelength=1.4)
 
 
 def _draw_axes(axes: Any, run: xr.Dataset, radius: float, theme: Theme) -> None:
-    """The axes of the frame of the vector, and the vertical if it is at rest in this frame."""
-    for number, name in enumerate("123" if run.attrs.get("frame") == Frame.MOVING.value else "xyz"):
-        end = np.zeros(3)
-        end[number] = 1.2 * radius
-        axes.plot(*zip(np.zeros(3), end, strict=True), color=theme.faint, linewidth=0.7)
-        axes.text(*(1.1 * end), name, color=theme.faint, ha="center", va="center")
+    """The axes of the frame of the vector, and the vertical or the body's axis if it is at rest in this frame."""
+    from matplotlib.patheffects import withStroke
+
+    halo = [withStroke(linewidth=2.5, foreground=theme.paper)]  # of letters in front of a path
     record = RunRecord.from_attrs(run.attrs)
     model = None if record.is_own else model_for(run, None)
     space = run.attrs.get("frame") == Frame.REST.value
     fixed = None if model is None else fixed_vector(model, "space" if space else "body")
-    if fixed is None or fixed.shape != (3,) or not fixed.any():
+    if fixed is not None and (fixed.shape != (3,) or not fixed.any()):
+        fixed = None
+    if fixed is not None:
+        fixed = (fixed if space else axes_of_state(run) @ fixed) / np.linalg.norm(fixed)
+    covered = np.zeros(3) if fixed is None or space else fixed
+    for number, name in enumerate("123" if run.attrs.get("frame") == Frame.MOVING.value else "xyz"):
+        end = np.zeros(3)
+        end[number] = 1.2 * radius
+        axes.plot(*zip(np.zeros(3), end, strict=True), color=theme.faint, linewidth=0.7)
+        if covered[number] < NEAR_AXIS:
+            place = {"ha": "center", "va": "center", "zorder": 20}
+            axes.text(*(1.1 * end), name, color=theme.faint, path_effects=halo, **place)
+    if fixed is None:
         return
-    fixed = fixed if space else axes_of_state(run) @ fixed
-    unit, colour = fixed / np.linalg.norm(fixed), theme.colours[2]
-    start, way, name = (1.0 * unit, -0.5 * unit, "gravity") if space else (np.zeros(3), 1.3 * unit, "axis of the body")
-    beside = np.array([-0.95, -0.75, 0.0]) if space else np.zeros(3)
-    beside = beside - unit * (beside @ unit)
-    axes.quiver(*(radius * (start + beside)), *(radius * way), color=colour, linewidth=1.4, arrow_length_ratio=0.25)
-    axes.text(*(radius * (start + beside + (0.12 * unit if space else 1.4 * unit))), name, color=colour, ha="center")
+    colour = theme.colours[2]
+    start, way, name = (fixed, -0.5 * fixed, "gravity") if space else (np.zeros(3), 1.3 * fixed, "axis of the body")
+    apart = np.array([-0.95, -0.75, 0.0]) if space else np.zeros(3)
+    start = start + apart - fixed * (apart @ fixed)
+    axes.quiver(*(radius * start), *(radius * way), color=colour, linewidth=1.4, arrow_length_ratio=0.25)
+    axes.text(*(radius * (start + (0.12 if space else 1.4) * fixed)), name, color=colour, ha="center")
 
 
 def _advance_per_row(run: xr.Dataset, letter: str) -> float:

@@ -180,22 +180,15 @@ class Shown:
             return None
 
     def _on_its_path(self, x: Array) -> None:
-        assert self.model is not None
-        q = attitude_of(self.run)
-        free = self.model.system.perturbation is None
-        up = algebra.rotation_matrix(q[0]) @ self.carried[0]  # the momentum
-        S = to_third_axis(up / np.linalg.norm(up)) if free and up.any() else np.eye(3)
-        x = x @ S.T
         self.tip = x - (x.max(0) + x.min(0)) / 2
         size = ON_ITS_PATH * (float(np.linalg.norm(self.tip, axis=-1).max()) or 1.0)
         tensor = self._inertia()
         axis, word = self._marked(tensor)
         self.body = self._made("ellipsoid", axis, tensor, size)
-        self.kind, self.nose, self.frame = "path", 1.4 * size * axis, S
-        self.turn = algebra.quaternion_product(algebra.unit_quaternion(S), q)
+        self.kind, self.nose, self.frame = "path", 1.4 * size * axis, np.eye(3)
+        self.turn = attitude_of(self.run)
         self.legend["tip"] = f"{word} of {self.subject}"
-        self.note = "The body on its path, larger or smaller than it is; "
-        self.note += "its momentum points up." if free else "against the fluid, with the third axis of space up."
+        self.note = "The body on its path against the fluid, not to scale; the third axis of space points up."
 
     def _on_its_orbit(self) -> None:
         """The satellite in space, whose third axis points up."""
