@@ -55,7 +55,7 @@ class _Clebsch(System):
     ) -> Model:
         r"""Clebsch's case, the special flow c = 1.
 
-        b: diagonal of B: H has -<P, BP>/2. Adding a constant to b leaves the flow as it is"""
+        b: diagonal of B: H has -<P, BP>/2. Adding a constant to b does not change the flow"""
 
 Clebsch: _Clebsch
 

@@ -142,7 +142,7 @@ class Interrupted(RunError):
         RunError.__init__(
             self,
             f"stopped by {signal.Signals(number).name} after {done:,} of {total:,} blocks, which are kept in {part}; "
-            "the same command goes on.",
+            "the same command resumes.",
         )
 
 

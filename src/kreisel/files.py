@@ -69,7 +69,7 @@ def shallow(value: Any, what: str) -> Any:
         for number in level:
             if isinstance(number, int) and number.bit_length() > MOST_BITS:
                 raise InputError(
-                    f"{what}: expected whole numbers of at most {MOST_BITS:,} bits, got one of {number.bit_length():,}."
+                    f"{what}: expected integers of at most {MOST_BITS:,} bits, got one of {number.bit_length():,}."
                 )
         level = [inner for outer in level for inner in _inside(outer)]
     if any(isinstance(rest, NESTING) for rest in level):
@@ -156,7 +156,7 @@ def require_outside(path: Path) -> None:
     """Raises `InputError` for a path within an archive, which holds only one run."""
     for folder in Path(os.path.abspath(path)).parents:
         if stands(folder / CHECKSUMS) or stands(folder / BLOCKS):
-            raise InputError(f"{path} is within the archive {folder}, which holds one run. Choose a path beside it.")
+            raise InputError(f"{path} is within the archive {folder}, which holds one run. Choose a path next to it.")
 
 
 def require_file(path: Path, overwrite: bool = True) -> None:
@@ -170,10 +170,10 @@ def require_file(path: Path, overwrite: bool = True) -> None:
     if not stands(path):
         return
     if not overwrite:
-        raise InputError(f"{path} exists already and is left as it is. Choose another name, or --overwrite.")
+        raise InputError(f"{path} exists already and is unchanged. Choose another name, or --overwrite.")
     if not _wrote(path):
         raise InputError(
-            f"{path} is left as it is: expected nothing there or a file that Kreisel wrote, got something else. Choose "
+            f"{path} is unchanged: expected nothing there or a file that Kreisel wrote, got something else. Choose "
             "another name, or move it away."
         )
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from filelock import BaseFileLock
 
 YOUNG = 1.0  # seconds in which a new folder may not yet be locked
-LOCK_REMEDY = "A lock stands there while an archive is written: move it away, or choose another path."
+LOCK_REMEDY = "A lock is there while an archive is written: move it away, or choose another path."
 
 
 def _held(path: Path) -> BaseFileLock | None:
@@ -58,7 +58,7 @@ class Lock:
             if os.path.lexists(self.path) and not (
                 os.path.isfile(self.path) and not os.path.islink(self.path) and not os.stat(self.path).st_size
             ):
-                raise InputError(f"{self.path} is no lock of Kreisel and is left as it is. {LOCK_REMEDY}")
+                raise InputError(f"{self.path} is not a lock of Kreisel and is unchanged. {LOCK_REMEDY}")
             held = _held(self.path)
         if held is None:
             raise InputError(

@@ -200,7 +200,7 @@ def test_events_complain(mapped):
     for bad, message in (("b[0]", "no component"), ("a", "one number"), ("a[7]", "one number"), ("a[", "name such as")):
         with pytest.raises(kr.InputError, match=message):
             analysis.events(mapped, bad)
-    with pytest.raises(kr.InputError, match="one number a state"):
+    with pytest.raises(kr.InputError, match="one value for each state"):
         analysis.events(mapped, lambda m, a: a)
     with pytest.raises(kr.InputError, match="returns"):
         analysis.return_map(mapped, "a[0]", "a[1]", returns=0)

@@ -50,9 +50,9 @@ CASES = [
     ("dt = 0.05", "dt = nan", ["dt must be"]),
     ("dt = 0.05", 'dt = "fast"', ["[run] dt must be a positive number", "'fast'"]),
     ("dt = 0.05", "", ["needs dt"]),
-    ("steps = 100", "steps = 0", ["steps must be a whole number"]),
+    ("steps = 100", "steps = 0", ["steps must be an integer"]),
     ("steps = 100", "steps = 10.5", ["steps"]),
-    ("steps = 100", "steps = 100\nevery = 0", ["every must be a whole number"]),
+    ("steps = 100", "steps = 100\nevery = 0", ["every must be an integer"]),
     ("steps = 100", "steps = 100\nevery = 101", ["more than steps"]),
     ("steps = 100", "steps = 100\nevry = 2", ["evry", "Did you mean 'every'"]),
     ("steps = 100", 'steps = 100\nmethod = "sures"', ["sures", "Did you mean 'suris'"]),
@@ -60,7 +60,7 @@ CASES = [
     ("steps = 100", 'steps = 100\nmethod = "dop853"\norder = 4', ["expected one of its orders (8), got order=4"]),
     ("[system]", "[system", ["not valid TOML"]),
     ("steps = 100", "steps = 99999999999999999999", ["out of reach"]),
-    ("steps = 100", 'steps = "100"', ["steps must be a whole number", "'100'"]),
+    ("steps = 100", 'steps = "100"', ["steps must be an integer", "'100'"]),
     ("dt = 0.05", "dt = 1e308", ["out of reach"]),
     ("dt = 0.05", "dt = 1e-320", ["at least"]),
     ("a = [0.6, 0.0, 0.8]", "a = [0, 0, 0]", ["zero vector"]),
@@ -231,9 +231,9 @@ def test_a_run_that_blows_up_says_where(top: object) -> None:
 def test_tops_that_make_no_sense() -> None:
     with pytest.raises(kr.InputError, match="No body has the principal moments"):
         kr.EulerTop(J=(1, 2, -0.5))
-    with pytest.raises(kr.InputError, match="whole number from 3 on"):
+    with pytest.raises(kr.InputError, match="integer from 3 on"):
         kr.KovalevskayaTop(n=2.5)
-    with pytest.raises(kr.InputError, match="whole number from 3 on"):
+    with pytest.raises(kr.InputError, match="integer from 3 on"):
         kr.RatiuTop(n=2, a=1, b=1, chi=1)
     with pytest.raises(kr.InputError, match="must be symmetric"):
         kr.QuadraticPotential(J=(1, 2, 3)).state(M=(1, 0, 0), P=np.triu(np.ones((3, 3))))
@@ -433,7 +433,7 @@ def test_a_name_that_no_file_system_takes(
     ids=lambda v: type(v).__name__,
 )
 def test_an_investigation_of_anything(name: str, value: object) -> None:
-    with pytest.raises(kr.InputError, match=f"{name}: expected a whole number from"):
+    with pytest.raises(kr.InputError, match=f"{name}: expected an integer from"):
         kr.lab.investigate("lagrange-top", **{name: value})
 
 

@@ -401,7 +401,7 @@ def test_what_there_is_not() -> None:
         with pytest.raises(kr.InputError, match="method='exact': expected"):
             kr.simulate(body, state, dt=0.5, steps=1, method="exact")
     model, state = case("goryachev")
-    with pytest.raises(kr.InputError, match="no turn of the body"):
+    with pytest.raises(kr.InputError, match="no rotation of the body"):
         kr.simulate(model, state, dt=0.5, steps=1, method="exact", orientation=(1, 0, 0, 0))
     with pytest.raises(kr.InputError, match="Use a smaller dt"):
         kr.simulate(model, state, dt=1e9, steps=1, method="exact")

@@ -489,7 +489,7 @@ def test_a_sleeping_top_wakes_below_the_critical_spin(spin: float, stays: bool) 
         ),
         (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, 1, dt=0.1), "leave dt out"),
         (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, 1, method="suris"), "needs a step"),
-        (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, 1.5, method="suris", dt=1), "whole numbers"),
+        (lambda top: kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, 1.5, method="suris", dt=1), "integers"),
         (lambda top: kr.nutation(top, {"m": [(0, 0, 1)] * 2, "a": (1, 0, 0)}), "one motion"),
         (lambda top: kr.nutation(kr.Clebsch(b=(1, 2, 3)), {"M": (0, 0, 1), "P": (1, 0, 0)}), "for Lagrange tops"),
         (lambda top: kr.plot(kr.at(top, {"m": (0, 0, 1), "a": (1, 0, 0)}, [0, 1])), "run of kr.simulate"),

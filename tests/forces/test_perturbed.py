@@ -342,7 +342,7 @@ SWING = {"m": (0.1, 0.2, 0.5), "a": (0.6, 0, 0.8)}
 
 def test_a_force_that_is_no_number_is_named_as_the_cause() -> None:
     """The root of a negative number, in runs, propagators and DOP853."""
-    body, named = swinging(potential=lambda a: (a[2] - 0.7) ** 1.5), "a force that is no number there"
+    body, named = swinging(potential=lambda a: (a[2] - 0.7) ** 1.5), "a force that is not a number there"
     for method in ("splitting", "dop853"):
         with pytest.raises(kr.RunError, match=named):
             kr.simulate(body, SWING, dt=0.05, steps=100, method=method)

@@ -189,7 +189,7 @@ def test_the_command(tmp_path: Path) -> None:
         (["heavy-top"], "no map to investigate"),
         (["nowhere.py"], "no file nowhere.py"),
         ([], "Name a system"),
-        (["clebsch", "--set", "b"], "--set takes"),
+        (["clebsch", "--set", "b"], "--set needs"),
         (["clebsch", "--set", "q=3"], "got 'q'"),
         (["clebsch", "--set", "n=4"], "got n, which the investigation has as a setting"),
         (["clebsch", "--eps", "fast"], "'fast'"),
@@ -271,7 +271,7 @@ def test_all_functions_of_a_file_take_the_state_as_the_step(text, order, reversi
         (IN_PLANE + "def step(x):\n    return oops\n", "step failed: NameError"),
         (IN_PLANE + "constants = 3\n", "constants: expected names and values"),
         (IN_PLANE + "constants = {'n': 3}\n", "expected parameters, got n"),
-        (IN_PLANE + "names = 3\n", "names: expected those of the coordinates"),
+        (IN_PLANE + "names = 3\n", "names: expected names of the coordinates"),
     ],
 )
 def test_other_functions_of_a_file_are_refused(text, message, tmp_path) -> None:

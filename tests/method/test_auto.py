@@ -79,7 +79,7 @@ def test_tolerances_that_cannot_be(tol: object, top: object, x0: object) -> None
 
 def test_what_does_not_go_together(top: object, x0: object) -> None:
     for message, options in {
-        "order must be a whole number": {"order": "high"},
+        "order must be an integer": {"order": "high"},
         "tol goes with order='auto'": {"tol": 1e-6},
         "method='baecklund'": {"order": "auto", "tol": 1e-6, "method": "suris"},
         "a multiple of every": {"order": "auto", "tol": 1e-6, "every": 7},

@@ -265,8 +265,8 @@ def test_damping_of_four_dimensions_by_lanes(name: str) -> None:
     ("more", "words"),
     [
         ({"order": (8, 3)}, "one of its orders"),
-        ({"order": (8, 2.5)}, "expected a whole number"),
-        ({"orientation": None}, "takes the orientation g"),
+        ({"order": (8, 2.5)}, "expected an integer"),
+        ({"orientation": None}, "needs the orientation g"),
         ({"method": "suris"}, "expected"),
         ({"method": "dop853", "tol": 2.0}, "relative tolerance"),
         ({"tol": 1e-9}, "method='dop853'"),

@@ -236,7 +236,7 @@ def test_the_propagator_of_a_body_is_in_si() -> None:
     with pytest.raises(kr.InputError, match="momentum, attitude"):
         motion.at({"M": row[:3]}, 1.0)
     for dipole in (("5 A m^2", "0 A m^2", "1 A m^2"), (1.0, 2.0)):
-        with pytest.raises(kr.InputError, match=r"dipole: expected a vector \(3,\) of numbers in SI"):
+        with pytest.raises(kr.InputError, match=r"dipole: expected a vector \(3,\) of values in SI"):
             turning.steps(state("satellite"), 1, time=0.0, dipole=dipole)
 
 

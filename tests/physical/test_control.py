@@ -265,7 +265,7 @@ MISTAKES = {
     "a limit of no command": (lambda: noisy(limits={"torque": 1}), "limits: expected a number"),
     "noise of a sensor that the law lacks": (lambda: noisy(noise={"sun": 1e-3}), "expected sensors of the law, field"),
     "a name of the body": (lambda: noisy(parameters={"gain": 1, "drag": 1}), "neither sensors nor the body"),
-    "a delay": (lambda: noisy(delay=-1), "delay: expected a whole number"),
+    "a delay": (lambda: noisy(delay=-1), "delay: expected an integer"),
     "two kinds of wheels": (
         lambda: Satellite(TENSOR, orbit(), wheel=(0, 0, 1), wheels=Wheels(AXES)),
         "wheel: expected none with wheels",

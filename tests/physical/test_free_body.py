@@ -355,7 +355,7 @@ def test_toutatis() -> None:
         (lambda: FreeBody(MOMENTS).rotation((1, 2, 3)).at("1 kg"), "dimension"),
         (lambda: FreeBody(MOMENTS).rotation((1, 2, 3)).at([0, math.nan]), "seconds: expected finite"),
         (lambda: FreeBody(MOMENTS).rotation((1, 2, 3)).at(1.0, (1, 1, 1, 1)), "attitude: expected a unit"),
-        (lambda: FreeBody(MOMENTS).rotation((1, 2, 3)).polhode(1), "points: expected a whole number"),
+        (lambda: FreeBody(MOMENTS).rotation((1, 2, 3)).polhode(1), "points: expected an integer"),
         (lambda: FreeBody(MOMENTS).rotation((1, 2, 3)).flips(-1.0), "duration"),
         (lambda: FreeBody(MOMENTS).rotation((1, 2, 3)).herpolhode(math.inf), "duration"),
         (lambda: FreeBody.box(1.0, (1.0, -2.0, 3.0)), "at least 0"),

@@ -495,8 +495,8 @@ BAD = {
     "degree": (lambda: Satellite((1, 1, 1), LOW, harmonics=Harmonics(1, 1, {(2, 0): (1, 0)})), "l = 3 or 4"),
     "order": (lambda: Satellite((1, 1, 1), LOW, harmonics=Harmonics(1, 1, {(3, 4): (1, 0)})), "0 <= m <= l"),
     "coefficient": (lambda: Satellite((1, 1, 1), LOW, harmonics=Harmonics(1, 1, {(3, 1): 1.0})), "shape"),
-    "seven": (lambda: BODIES["satellite"](**SMALL, degree_3=np.zeros(6)), "expected 7 numbers"),
-    "nine": (lambda: BODIES["satellite"](**SMALL, degree_4=np.zeros(6)), "expected 9 numbers"),
+    "seven": (lambda: BODIES["satellite"](**SMALL, degree_3=np.zeros(6)), "expected 7 values"),
+    "nine": (lambda: BODIES["satellite"](**SMALL, degree_4=np.zeros(6)), "expected 9 values"),
     "rows": (lambda: BODIES["satellite"](moments=(1, 1, 1), semi_major_axis=7e6, plates=[[1.0]]), "rows of 7"),
 }
 

@@ -301,7 +301,7 @@ def test_a_tensor_with_units() -> None:
         ((SMALL, "kg cm"), "must have the dimension of kg m"),
         ((SMALL, "furlongz"), "needs a unit that pint knows"),
         ((SMALL, "3 kg m^2"), "scaling factor"),
-        ((["a", "b", "c"], "m"), "expected numbers and one unit"),
+        ((["a", "b", "c"], "m"), "expected values and one unit"),
         ([["1 kg m^2", 2], [3]], r"'1 kg m\^2' for each or \(values, 'kg m\^2'\) for all"),
         (("3 kg m^2", "2 kg m^2"), r"'1 kg m\^2' for each"),
         ([[["1 kg m^2"] * 3] * 3] * 3, r"'1 kg m\^2' for each"),

@@ -30,7 +30,7 @@ def test_unit_sums_move_masses() -> None:
         g = np.asarray(group.retract(jnp.linspace(-0.3, 0.4, 12)))
     assert np.allclose(g.sum(0), 1, atol=1e-14) and np.allclose(np.linalg.inv(g).T.sum(1), 1, atol=1e-14)
     for wrong in (1, 2.0, "4"):
-        with pytest.raises(kr.InputError, match="whole N >= 2"):
+        with pytest.raises(kr.InputError, match="integer N >= 2"):
             red.unit_sums(wrong)
 
 

@@ -671,7 +671,7 @@ def test_a_config_names_a_file_of_the_users_own(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text("raise RuntimeError('an archive is data: this must not run')")
     checked = kreisel("check", archive)
     assert checked.returncode == 0, checked.stderr
-    assert "a system of your own: its integrals were not computed again" in checked.stdout
+    assert "a user-defined system: its integrals were not computed again" in checked.stdout
     with pytest.raises(kr.InputError, match="holds no code"):
         resume(archive, extend=80)
     config.write_text(TOML.format(name="quartic-topp", file="own.py", path=archive))
@@ -682,7 +682,7 @@ def test_a_config_names_a_file_of_the_users_own(tmp_path: Path) -> None:
 
 def test_files_that_cannot_be_used(tmp_path: Path) -> None:
     file = tmp_path / "own.py"
-    with pytest.raises(kr.InputError, match="There is no file"):
+    with pytest.raises(kr.InputError, match="No file"):
         load_system("quartic-top", file)
     for text, message in (
         ("import nothing_like_it", "line 1: ModuleNotFoundError"),

@@ -171,7 +171,7 @@ def test_runs_to_disk_go_on_bit_for_bit(asked: dict[str, Any], tmp_path: Path, m
     assert kept.time.size and kept.equals(whole.isel(time=slice(kept.time.size)))
     assert all(kept[name].attrs["kind"] == whole[name].attrs["kind"] for name in whole.data_vars)
     if events:
-        with pytest.raises(kr.InputError, match=r"events: expected those of the run.*kr.resume\(path, events="):
+        with pytest.raises(kr.InputError, match=r"events: expected the events of the run.*kr.resume\(path, events="):
             kr.resume(path, system=BODY)
     run = kr.resume(path, system=BODY, events=events).load()
     for name in ("time", *whole.data_vars):
@@ -246,9 +246,9 @@ def test_archives_do_not_depend_on_the_clock(
     [
         ({"times": [1, 0.5]}, "times: expected a list of times from 0 on"),
         ({"times": "soon"}, "times: expected a list"),
-        ({"times": [0]}, "times: expected one after 0"),
+        ({"times": [0]}, "times: expected a time after 0"),
         ({"times": [-1, 2]}, "times: expected a list"),
-        ({"times": [1], "steps": 3}, "times: expected rows at these times alone"),
+        ({"times": [1], "steps": 3}, "times: expected only rows at these times"),
         ({"times": [1], "order": "auto", "tol": 1e-6}, "times: expected an order that is given"),
         ({"steps": 9, "impulses": {"time": 0, "M": (0, 0, 1)}}, "impulses: expected times after 0"),
         ({"steps": 9, "impulses": {"time": 1.5, "M": (0, 0, 1)}}, "up to the end of the run, 0.9"),
@@ -256,10 +256,10 @@ def test_archives_do_not_depend_on_the_clock(
         ({"steps": 9, "impulses": "kick"}, "impulses: expected a dict such as"),
         ({"steps": 9, "impulses": {"time": 0.5, "P": (0, 0, 1)}}, "impulses: expected what is added to M"),
         ({"steps": 9, "impulses": {"time": 0.5, "M": (0, 0)}}, "impulses: expected 3 finite numbers"),
-        ({"steps": 9, "impulses": {"time": 0.5, "M": "x"}}, "impulses: expected finite numbers for M"),
+        ({"steps": 9, "impulses": {"time": 0.5, "M": "x"}}, "impulses: expected finite values for M"),
         ({"steps": 9, "impulses": {"time": 0.5, "M": (0, 0, 1)}, "method": "dop853"}, "whose steps may differ"),
         ({"steps": 9, "events": height}, "events: expected kr.Event"),
-        ({"steps": 9, "events": kr.Event(lambda x: x["P"])}, "a quantity that is one number"),
+        ({"steps": 9, "events": kr.Event(lambda x: x["P"])}, "a quantity that is one value"),
         ({"steps": 9, "events": kr.Event(lambda x: np.nan)}, "expected a finite number"),
         ({"steps": 99, "events": kr.Event(height, lambda x: 3)}, "expected an action that returns the state"),
         ({"steps": 99, "events": kr.Event(height, lambda x: {**x, "M": x["M"] * np.nan})}, "M must be finite"),

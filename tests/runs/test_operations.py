@@ -136,7 +136,7 @@ def back(x: Any) -> Any:
 def test_events_are_those_of_the_run(other: Any, message: str, tmp_path: Path) -> None:
     path = tmp_path / "run.zarr"
     kr.simulate(SAME, START, dt=0.05, steps=20, path=path, events=kr.Event(height, back))
-    with pytest.raises(kr.InputError, match=r"events: expected those of the run") as error:
+    with pytest.raises(kr.InputError, match=r"events: expected the events of the run") as error:
         kr.resume(path, extend=40, system=SAME, events=other)
     assert message in str(error.value)
 

@@ -141,7 +141,7 @@ X0 = {"m": np.array([0.1, 0.2, 1.5]), "a": np.array([0.6, 0.0, 0.8])}
         ({**X0, "m": np.ones((3, 3))}, "may be a skew matrix|must be skew"),
         ({**X0, "m": np.diag([0.0, 0.0, 1e-3])}, "may be a skew matrix|must be skew"),
         ({**X0, "m": [0.1, np.nan, 1.5]}, "must be finite"),
-        ({**X0, "m": [True, False, True]}, "must be real numbers"),
+        ({**X0, "m": [True, False, True]}, "must be real values"),
         ({**X0, "m": np.ones(4)}, "must be a skew matrix"),
         ({**X0, "b": np.ones(3)}, "has the components m, a"),
         ({"m": X0["m"]}, "needs a"),
@@ -199,7 +199,7 @@ def test_a_map_that_does_not_conserve_ends_with_an_error() -> None:
     with pytest.raises(kr.RunError, match="is not conserved, although the method conserves it, before") as of_run:
         kr.simulate(model, model.state(m=x[:3], a=x[3:]), steps=100_000, every=100_000, order=2, **asked)
     causes = {str(each.value).split("Usual cause: ")[1] for each in (of_propagator, of_run)}
-    assert len(causes) == 1 and "not what its record says" in causes.pop()
+    assert len(causes) == 1 and "contradicts its record" in causes.pop()
 
 
 def heavy_top() -> Any:
@@ -214,11 +214,11 @@ def heavy_top() -> Any:
         (lambda top, p: kr.propagator(top, dt=0.1, observe="energy"), "expected a list of names"),
         (lambda top, p: kr.propagator(3, dt=0.1), "A system with its parameters was expected"),
         (lambda top, p: p.steps(np.zeros(5), 1), "an array of these 6 numbers"),
-        (lambda top, p: p.steps(np.full(6, np.nan), 1), "expected finite numbers"),
+        (lambda top, p: p.steps(np.full(6, np.nan), 1), "expected finite values"),
         (lambda top, p: p.steps({"m": (1, 2, 3)}, 1), "needs a"),
         (lambda top, p: p.steps({"m": (1, 2, 3), "a": (0, 0, 1), "g": (1, 0, 0, 0)}, 1), "expected no orientation"),
-        (lambda top, p: p.steps(np.ones(6), 0), "expected a whole number from 1"),
-        (lambda top, p: p.steps(np.ones(6), 2, every=3), "expected a whole number from 1 to 2"),
+        (lambda top, p: p.steps(np.ones(6), 0), "expected an integer from 1"),
+        (lambda top, p: p.steps(np.ones(6), 2, every=3), "expected an integer from 1 to 2"),
         (lambda top, p: kr.propagator(top, method="exact").at(np.ones(6), [[1.0]]), "times must be a finite number"),
         (lambda top, p: kr.propagator(heavy_top(), dt=0.1).at(np.ones(6), 1), "No closed form"),
     ],

@@ -164,7 +164,7 @@ def test_damage_below_the_checksums_is_found_by_computing_again(stores: Path, tm
     store = tmp_path / "run.zarr"
     shutil.copy(stores / "run.zarr" / "time/c/0", store / "time/c/1")
     archive.list_all(store)
-    assert "time is not that of the steps" in check_archive(store)[1]
+    assert "time is not the time of the steps" in check_archive(store)[1]
 
 
 def test_damage_while_it_is_read(stores: Path, tmp_path: Path) -> None:

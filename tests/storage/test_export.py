@@ -141,7 +141,7 @@ def test_variables_of_any_kind(tmp_path: Path) -> None:
         assert (back.so.values.tolist(), back.lane.values.tolist()) == ([1, 0], ["one", "zwö"])
     assert pd.read_parquet(tmp_path / "run.parquet")["lane"].tolist() == ["one", "zwö"]
     for values, name in ((np.array(["2020"], dtype="M8[ns]"), "day"), (np.array([{}]), "day"), (np.ones(1), "a/b")):
-        with pytest.raises(kr.InputError, match=f"expected variables of numbers or text.* got '{name}'"):
+        with pytest.raises(kr.InputError, match=f"expected variables of values or text.* got '{name}'"):
             kr.export(xr.Dataset({name: ("time", values)}), tmp_path / "no.nc")
     for values in (np.array([1j]), np.array([1, "x"], dtype=object)):
         with pytest.raises(kr.RunError, match="type that the format cannot hold"):
@@ -222,7 +222,7 @@ def test_arrays_for_learning(archive: Path, tmp_path: Path) -> None:
     np.savez(tmp_path / "mine.npz", a=np.ones(3))
     with pytest.raises(kr.InputError, match="left as it is"):
         kr.export(archive, tmp_path / "mine.npz", overwrite=True)
-    with pytest.raises(kr.InputError, match="variables of numbers or text"):
+    with pytest.raises(kr.InputError, match="variables of values or text"):
         kr.export(run.assign(odd=("time", np.array([object()] * 35))), tmp_path / "odd.npz")
 
 

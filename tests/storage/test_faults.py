@@ -90,7 +90,7 @@ def test_a_full_disk_under_a_sweep(top: object, x0: object, disk: Path, tmp_path
     options = {**SWEPT, "save": ["drift"], "steps": 30}
     kr.sweep(top, x0, path=tmp_path / "whole.zarr", **options)
     file = ballast(disk, 200_000)
-    with pytest.raises(kr.RunError, match=r"disk is full.*the same command goes on"):
+    with pytest.raises(kr.RunError, match=r"disk is full.*the same command resumes"):
         kr.sweep(top, x0, path=disk / "s.zarr", **options)
     file.unlink()
     kr.sweep(top, x0, path=disk / "s.zarr", **options)

@@ -378,7 +378,7 @@ def test_a_killed_client_and_a_signal(slow: dict[str, object], tmp_path: Path) -
         client.terminate()
         _, err = client.communicate(timeout=60)
     assert client.returncode == 128 + signal.SIGTERM
-    assert "the same command goes on" in err
+    assert "the same command resumes" in err
     assert blocks_done(tmp_path) >= kept + 2
     assert contents(carried(tmp_path, SLOW)) == slow
 
@@ -526,7 +526,7 @@ BAD = [
     ('"state.m[2]"', '"system.alpha"', "varies twice"),
     ("steps = 200", "steps = 20", "Frequencies need"),
     ("steps = 200", "steps = 100_000_000", "MiB at once"),
-    ("steps = 200", 'steps = "many"', "steps must be a whole number, 1 or more, got 'many'"),
+    ("steps = 200", 'steps = "many"', "steps must be an integer, 1 or more, got 'many'"),
     ("steps = 200", "steps = 200\nmethod = []", "method: expected a name"),
     ("steps = 200", "steps = 200\nmethod = 'sures'", "Did you mean 'suris'"),
     ("dt = 0.05", "", r"\[run\] needs dt"),

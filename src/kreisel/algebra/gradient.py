@@ -177,7 +177,7 @@ def _is_whole(x: Any) -> bool:
 
 def _value(x: Any) -> Any:
     if isinstance(x, complex | np.complexfloating):
-        raise InputError(f"expected real numbers, got {x}")
+        raise InputError(f"expected real values, got {x}")
     return x.value if isinstance(x, TracedNumber) else x
 
 

@@ -196,7 +196,7 @@ def mean_rates(run: xr.Dataset, system: Model | None = None) -> pd.DataFrame:
 
     unit, run = time_unit(a_run(run)), in_state_form(a_run(run, "system"))
     if "lane" in run.dims:
-        raise InputError("mean_rates takes one trajectory: choose a lane, run.isel(lane=0).")
+        raise InputError("mean_rates needs one trajectory: choose a lane, run.isel(lane=0).")
     model = model_for(run, system)
     height, climb = _height(model)
     peaks = events(run, climb, rising=False, system=model)
@@ -262,7 +262,7 @@ def _advance(run: xr.Dataset, model: Model, peaks: xr.Dataset) -> float:
     gap = np.diff(run["time"].values).max()
     if np.nanmax(np.abs(rate)) * gap > np.pi / 2:
         raise InputError(
-            "The axis goes round too far between two saved rows to count its turns: save more often (every)."
+            "The axis moves too far between two saved rows to count its revolutions: save more often (every)."
         )
     rows, cut = _azimuth(run, model), _azimuth(peaks, model)
     if rows is None or cut is None:
@@ -342,7 +342,7 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
     if frame not in (BODY, SPACE):
         raise InputError(f"frame: expected 'body' or 'space', got {shown(frame)}.")
     if model.system.velocity is None:
-        raise InputError(f"{model.system.name}: expected a system of a body that turns, got one without.")
+        raise InputError(f"{model.system.name}: expected a system of a body that rotates, got one without.")
     omega, body_frame = velocity_of(run, model), model.body_frame or RunRecord.from_attrs(run.attrs).body_frame
     if (model.system.frame is Frame.REST) == (frame == BODY):
         g = _matrices(run, model)
@@ -433,7 +433,7 @@ def _start(value: Any, shape: tuple[int, ...]) -> Array:
     try:
         start = np.broadcast_to(algebra.floats(value), shape)
     except ValueError:
-        raise InputError(f"start: expected {shape[-1]} numbers, got {shown(value)}.") from None
+        raise InputError(f"start: expected {shape[-1]} values, got {shown(value)}.") from None
     if not np.isfinite(start).all():
-        raise InputError(f"start: expected finite numbers, got {shown(value)}.")
+        raise InputError(f"start: expected finite values, got {shown(value)}.")
     return start

@@ -47,7 +47,7 @@ class Carrier:
     def __init__(self, model: Model, constants: dict[str, Array] | None = None, *, moving: bool = False):
         if model.system.perturbation is not None and model.system.perturbation.pair is not None:
             raise InputError(
-                f"{model.system.name}: expected a body that moves by itself, got bodies in pairs. "
+                f"{model.system.name}: expected a single body, got bodies in pairs. "
                 "kr.propagator(...).until finds events of such bodies as they are stepped."
             )
         self.model, self.constants, self.moving = model, {**of_bodies(model), **(constants or {})}, moving

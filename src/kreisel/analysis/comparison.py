@@ -75,7 +75,7 @@ def compare(run: xr.Dataset, second_run: xr.Dataset) -> Comparison:
         if first != second:
             raise InputError(f"Runs of one system can be compared; {key} is {first} and {second}.")
     if run.sizes.get("lane") != second_run.sizes.get("lane"):
-        raise InputError("Both runs must have the same lanes; take one lane of each with isel(lane=...).")
+        raise InputError("Both runs must have the same lanes; select one lane of each with isel(lane=...).")
     i, j = _common(np.asarray(run["time"].values), np.asarray(second_run["time"].values))
     tables = [table_of(each).max_change for each in (run, second_run)]
     both = tables[0].index.intersection(tables[1].index, sort=False)
@@ -118,7 +118,7 @@ def _distances(run: xr.Dataset, second_run: xr.Dataset) -> xr.Dataset:
             size = np.linalg.norm(first, axis=-1).max() or 1.0
             apart = np.linalg.norm(first - two, axis=-1) / size
         if not np.isfinite(apart).all():
-            raise InputError(f"expected {letter} with finite squares in both runs, got numbers beyond that.")
+            raise InputError(f"expected {letter} with finite squares in both runs, got larger values.")
         dims = run[letter].dims[:lead]
         data[letter] = (dims, apart, {"long_name": f"distance of {letter}"})
     if all(ORIENTATION in each and each[ORIENTATION].shape[-1] == 4 for each in (run, second_run)):

@@ -191,7 +191,7 @@ def _scaled(system: Any, x0: Any, orientation: Any, dt: Any, observations: Any, 
 def _require_enough(seen: Observations, unknown: list[Unknown]) -> None:
     if seen.size < len(unknown):
         raise InputError(
-            f"observations: expected at least as many numbers as unknowns, got {seen.size} for {len(unknown)}: "
+            f"observations: expected at least as many values as unknowns, got {seen.size} for {len(unknown)}: "
             f"{', '.join(u.name for u in unknown)}."
         )
 
@@ -315,7 +315,7 @@ def _least_squares(
         raise RunError(
             f"fit: the motion of {model.system.name} is not finite where the search begins, at "
             f"{', '.join(f'{u.name} = {u.start:g}' for u in unknown)}. Usual cause: dt too long, or an observable that "
-            "is no number there."
+            "is not a number there."
         )
     solution = least_squares(
         value,
@@ -371,7 +371,7 @@ def _as_fit(
     if seen.weighted and chi2 > OFF**2 * max(dof, 1):
         doubt(
             f"fit: the observations are {np.sqrt(chi2 / max(dof, 1)):.3g} of their errors away from the motion found. "
-            "Usual cause: rates or times in other units than those of the system (give them the attribute units), "
+            "Usual cause: rates or times in other units than the system's (give them the attribute units), "
             "times that do not begin where x0 is, or a search that began too far away."
         )
     sigma = None

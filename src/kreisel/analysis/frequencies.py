@@ -91,7 +91,7 @@ def frequencies(run: xr.Dataset, quantity: Quantity, lines: int = 8, *, power: i
     Raises `InputError` for ensembles, for rows not evenly spaced and for fewer than 16.
     """
     if "lane" in a_run(run).dims:
-        raise InputError("frequencies takes one trajectory: choose a lane, run.isel(lane=0).")
+        raise InputError("frequencies needs one trajectory: choose a lane, run.isel(lane=0).")
     return lines_of(np.asarray(run["time"].values), series(run, quantity), lines, power=power, quantity=label(quantity))
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHORT = 8  # longest steps, in the runs whose errors give the order
-PLATEAU = 1e-12  # relative errors below this are of rounding
+PLATEAU = 1e-12  # relative errors below this come from rounding
 ROWS = 1000  # of the run whose drift is shown
 STENCIL = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}  # central differences of order 6
 NUDGE = 1e-2  # of the largest entry of the state: errors of truncation and of rounding are both below 1e-13

@@ -63,7 +63,7 @@ def unknowns(
         raise InputError("free: expected orientation=..., where the search for the orientation begins, got none.")
     for name in _of_instrument(model, observables):
         if asked.get(name) is None:
-            raise InputError(f"free: expected a start of {name}, which observables take, such as {{{name!r}: 0.0}}.")
+            raise InputError(f"free: expected a start of {name}, which observables accept, such as {{{name!r}: 0.0}}.")
         kinds[name], starts[name] = "array", _array(asked[name], name)
     out: dict[str, Unknown] = {}
     for name, start in asked.items():
@@ -75,14 +75,15 @@ def unknowns(
             )
         if letter in model.system.space.letters and model.system.space.constraints:
             raise InputError(
-                f"free: {letter} lies on {model.system.space.name}, where its numbers cannot move by themselves. Fit "
+                f"free: {letter} lies on {model.system.space.name}, where its coordinates cannot change separately. "
+                f"Fit "
                 "parameters, from a state that is known."
             )
         array = np.asarray(starts[letter], dtype=np.float64)
         entries = _entries(kinds[letter], array, index)
         if not entries:
             numbers = ", ".join(_named(letter, i) for i, _ in _entries(kinds[letter], array, None))
-            raise InputError(f"free: {letter} has the numbers {numbers}, got {shown(name)}.")
+            raise InputError(f"free: {letter} has the entries {numbers}, got {shown(name)}.")
         begin = _spread(start, array.shape, name) if start is not None else array
         for place, pattern in entries:
             entry = _named(letter, place)
@@ -152,7 +153,7 @@ def _named(letter: str, index: tuple[int, ...]) -> str:
 def _array(value: Any, name: str) -> Array:
     array = algebra.floats(value)
     if not np.isfinite(array).all():
-        raise InputError(f"free: expected finite numbers to begin {name} with, got {shown(value)}.")
+        raise InputError(f"free: expected finite values to begin {name} with, got {shown(value)}.")
     return array
 
 
@@ -161,7 +162,7 @@ def _spread(value: Any, shape: tuple[int, ...], name: str) -> Array:
     if len(shape) == 2 and array.shape == shape[:1] and shape[0] == shape[1]:
         array = np.diag(array)
     if array.shape not in ((), shape):
-        raise InputError(f"free: expected numbers of shape {shape} to begin {name} with, got {shown(value)}.")
+        raise InputError(f"free: expected values of shape {shape} to begin {name} with, got {shown(value)}.")
     return array
 
 
@@ -169,7 +170,7 @@ def _bounded(u: Unknown, bounds: Any, free: Mapping[str, Any]) -> Unknown:
     letters = {v.letter for v in free.values()}
     unmatched = [name for name in bounds if name not in free and name not in letters]
     if unmatched:
-        raise InputError(f"bounds: expected names of free numbers, {', '.join(free)}, got {shown(unmatched[0])}.")
+        raise InputError(f"bounds: expected names of free values, {', '.join(free)}, got {shown(unmatched[0])}.")
     limits = bounds.get(u.name, bounds.get(u.letter))
     if limits is None:
         return u
@@ -289,11 +290,11 @@ def _numbers(data: Any, name: str) -> Array:
     variable = data[name]
     if not variable.dims or variable.dims[0] != "time" or "lane" in variable.dims or variable.dtype.kind not in "iuf":
         raise InputError(
-            f"observations: expected numbers {name} (time, ...) of one body, got the dimensions {variable.dims} of "
+            f"observations: expected values {name} (time, ...) of one body, got the dimensions {variable.dims} of "
             f"{variable.dtype}. Use .isel(lane=0) for a lane."
         )
     if np.isinf(variable.values).any():
-        raise InputError(f"observations: expected finite numbers, or NaN for missing ones, got infinity in {name}.")
+        raise InputError(f"observations: expected finite values, or NaN for missing ones, got infinity in {name}.")
     return variable.values.astype(np.float64)
 
 
@@ -301,9 +302,9 @@ def _times(data: Any) -> Array:
     time = data["time"].values
     if time.dtype.kind not in "iuf" or not len(time) or not np.isfinite(time.astype(np.float64)).all():
         raise InputError(
-            f"observations: expected times as finite numbers in the unit of the system, got {time.dtype} "
+            f"observations: expected times as finite values in the unit of the system, got {time.dtype} "
             f"{shown(time[:3])}. "
-            "For dates take (time - time[0]) / np.timedelta64(1, 's')."
+            "For dates use (time - time[0]) / np.timedelta64(1, 's')."
         )
     if time.min() < 0:
         raise InputError(
@@ -422,7 +423,7 @@ def _of_user(name: str, function: Any, model: Model, oriented: bool) -> Show:
     if not callable(function):
         raise InputError(f"observables: expected a function for {name}, got {shown(function)}.")
     if ORIENTATION in keywords(function) and not oriented:
-        raise InputError(f"observables: {name} takes the orientation g: expected orientation=..., got none.")
+        raise InputError(f"observables: {name} needs the orientation g: expected orientation=..., got none.")
 
     def show(
         by: Any, state_of: Mapping[str, Any], t: Any, constants: Mapping[str, Any], values: Mapping[str, Any]

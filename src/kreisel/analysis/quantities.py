@@ -79,7 +79,7 @@ def of_state(quantity: Quantity, model: Model) -> Callable[[tuple[Array, ...]], 
         name, index = parse_quantity(quantity)
         if name not in kinds:
             raise InputError(
-                f"{shown(name)} is no component of the state, {', '.join(kinds)}; a function may combine them."
+                f"{shown(name)} is not a component of the state, {', '.join(kinds)}; a function may combine them."
             )
         place = list(kinds).index(name)
         return lambda state: pick(stored(state)[place], index, name, 1)
@@ -91,11 +91,11 @@ def _function_values(function: Callable[..., Any], values: list[Array], shape: t
         out = np.asarray(function(*values))
     except (TypeError, IndexError, ValueError) as error:
         raise InputError(
-            f"The quantity could not be computed: {error}. A function takes the components of the state in order, as "
+            f"The quantity could not be computed: {error}. A function gets the components of the state in order, as "
             "arrays with the batch in front, e.g. lambda m, a: a[..., 2]."
         ) from error
     if out.shape != shape or out.dtype.kind not in "iufc":
         raise InputError(
-            f"A quantity is one number a state, here {shape}, got {out.shape}. Index from the right: a[..., 2]."
+            f"A quantity is one value for each state, here {shape}, got {out.shape}. Index from the right: a[..., 2]."
         )
     return out

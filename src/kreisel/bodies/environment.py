@@ -265,12 +265,12 @@ def check_gauss(value, name):
 
 def check_meridian(value, name):
     if value.shape != (2,):
-        raise InputError(f"{name}: expected 2 numbers, angle and rate, got {shown(value.tolist())}.")
+        raise InputError(f"{name}: expected 2 values, angle and rate, got {shown(value.tolist())}.")
 
 
 def check_solar(value, name):
     if value.shape != (9,) or not abs(value[8]) < 1:
-        raise InputError(f"{name}: expected 9 numbers, L, n, M_0, m, C_1, C_2, a, b, k, got {shown(value.tolist())}.")
+        raise InputError(f"{name}: expected 9 values, L, n, M_0, m, C_1, C_2, a, b, k, got {shown(value.tolist())}.")
 
 
 def check_air(value, name):

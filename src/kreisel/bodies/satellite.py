@@ -137,7 +137,7 @@ def doubtful_field(mu, field):
 def doubtful_actions(*, field, gauss, dipole, plates, density, pressure):
     """Sentences on causes without an effect."""
     if np.any(dipole) and not np.any(field) and not np.any(gauss):
-        yield "dipole: expected field too, that of the primary, -7.59e15 T m^3 for the Earth, got 0: nothing turns it."
+        yield "dipole: expected field too, the primary's, -7.59e15 T m^3 for the Earth, got 0: nothing rotates it."
     for name, value in {"density": density, "pressure": pressure}.items():
         if np.any(value) and not np.any(plates[..., 6]):
             yield f"{name}: expected plates too, on which it acts, got none: the satellite does not feel it."
@@ -181,18 +181,18 @@ def check_part(value, name):
 
 def check_degree_3(value, name):
     if value.shape != (7,):
-        raise InputError(f"{name}: expected 7 numbers, C_30, C_31, S_31, ..., got {shown(value.tolist())}.")
+        raise InputError(f"{name}: expected 7 values, C_30, C_31, S_31, ..., got {shown(value.tolist())}.")
 
 
 def check_degree_4(value, name):
     if value.shape != (9,):
-        raise InputError(f"{name}: expected 9 numbers, C_40, C_41, S_41, ..., got {shown(value.tolist())}.")
+        raise InputError(f"{name}: expected 9 values, C_40, C_41, S_41, ..., got {shown(value.tolist())}.")
 
 
 def check_plates(value, name):
     if value.ndim != 2 or value.shape[1] != 7 or (value[:, 6] < 0).any():
         raise InputError(
-            f"{name}: expected rows of 7 numbers, the normal (3), the centre (3) and the area >= 0, got "
+            f"{name}: expected rows of 7 values, the normal (3), the centre (3) and the area >= 0, got "
             f"{shown(value.tolist())}."
         )
 

@@ -99,7 +99,7 @@ def check_mass_matrix(value, name):
 
 def check_drag(value, name):
     if value.shape != (6,) or not (value >= 0).all():
-        raise InputError(f"{name}: expected 6 numbers >= 0, of U and of Omega, got {shown(value.tolist())}.")
+        raise InputError(f"{name}: expected 6 values >= 0, of U and of Omega, got {shown(value.tolist())}.")
 
 
 def check_force(value, name):

@@ -199,11 +199,11 @@ def checked(name: str, value: Any, count: int) -> Array:
         raise InputError(f"grade: expected one of {', '.join(WIDTHS)}, got {shown(name)}.")
     array, shape = floats(value), (count, WIDTHS[name]) if WIDTHS[name] else (count,)
     if array.shape != shape:
-        raise InputError(f"{name}: expected finite numbers of shape {shape}, got {shown(value)}.")
+        raise InputError(f"{name}: expected finite values of shape {shape}, got {shown(value)}.")
     if not (finite := np.abs(array) < LARGEST).all():
         at = int(np.argmin(finite.reshape(count, -1).all(-1)))
         raise InputError(
-            f"{name}: expected finite numbers, got {shown(array[at].tolist())} in row {at + 1}. Leave out the rows "
+            f"{name}: expected finite values, got {shown(array[at].tolist())} in row {at + 1}. Leave out the rows "
             "from there on, where the simulation failed."
         )
     if name == "attitude":
@@ -212,7 +212,7 @@ def checked(name: str, value: Any, count: int) -> Array:
         if abs(norms[at] - 1) > NORM:
             raise InputError(
                 f"attitude: expected unit quaternions, got {shown(array[at].tolist())}, of norm {norms[at]:.6g}, "
-                f"in row {at + 1}. Usual cause: other columns than those of the quaternion. If they are right, divide "
+                f"in row {at + 1}. Usual cause: columns that are not the quaternion. If they are right, divide "
                 "by the norm."
             )
     return array
@@ -282,8 +282,8 @@ def _notes(values: Mapping[str, Array], exact: Mapping[str, Array], error: float
     digits = next((d for d in range(1, MOST + 1) if np.array_equal(np.round(numbers, d), numbers)), None)
     if digits and digits >= FEWEST:
         notes.append(
-            f"All numbers are printed with {digits} decimals: errors up to {0.5 * 10**-digits:.0e} are of printing."
+            f"All values are printed with {digits} decimals: errors up to {0.5 * 10**-digits:.0e} come from printing."
         )
     elif np.array_equal(short.astype(str).astype(float), numbers) or np.array_equal(short, numbers):
-        notes.append("All numbers are of single precision: relative errors of 6e-8 and above are of rounding.")
+        notes.append("All values are in single precision: relative errors of 6e-8 and above come from rounding.")
     return notes

@@ -108,7 +108,7 @@ class _Trials:
         w, space, q = (exact[name] for name in ("angular_velocity", "angular_velocity_space", "attitude"))
         yield "the quaternion is (x, y, z, w), taken for (w, x, y, z)", {**exact, "attitude": np.roll(q, -1, -1)}
         yield "the quaternion is (w, x, y, z), taken for (x, y, z, w)", {**exact, "attitude": np.roll(q, 1, -1)}
-        yield "the attitude is conjugate: it takes space to body", {**exact, "attitude": q * [1, -1, -1, -1]}
+        yield "the attitude is conjugate: it maps space to body", {**exact, "attitude": q * [1, -1, -1, -1]}
         for factor, text in ((1 / DEGREE, "deg/s, taken for rad/s"), (DEGREE, "rad/s, taken for deg/s")):
             rates = {"angular_velocity": w * factor, "angular_velocity_space": space * factor}
             yield f"the angular velocity is in {text}", {**exact, **rates}
@@ -144,8 +144,8 @@ class _Trials:
             (1 / 60, "the times are in seconds, taken for minutes"),
             (2, "the motion is twice as fast as the times state"),
             (0.5, "the motion is half as fast as the times state"),
-            (1 / DEGREE, "the equations take rates in deg/s for rad/s"),
-            (DEGREE, "the equations take rates in rad/s for deg/s"),
+            (1 / DEGREE, "the equations read rates in deg/s as rad/s"),
+            (DEGREE, "the equations read rates in rad/s as deg/s"),
         ):
             if rows[-1] * factor > end:
                 few = slice(min(EARLY, int((rows * factor <= end).sum())))
@@ -310,7 +310,7 @@ def _tensors(case: Case) -> Iterator[tuple[str, Array]]:
     diagonal = np.diag(np.diag(tensor))
     for order in ((0, 2, 1), (2, 1, 0), (1, 0, 2), (1, 2, 0), (2, 0, 1)):
         text = ", ".join(str(k + 1) for k in order)
-        yield f"the moments of inertia are those of the axes ({text})", tensor[np.ix_(order, order)]
+        yield f"the moments of inertia belong to the axes ({text})", tensor[np.ix_(order, order)]
     yield "the inverse of the inertia tensor is taken for the tensor", np.linalg.inv(tensor)
     if not np.array_equal(diagonal, tensor):
         yield "the products of inertia have the wrong sign", 2 * diagonal - tensor

@@ -255,7 +255,7 @@ def _text(path: Path) -> _Table:
     rows = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
     data = [(number, line) for number, line in rows if not line.lstrip().startswith("#")]
     if not data:
-        raise InputError(f"{path.name}: expected a line of names of columns and rows of numbers, got an empty file.")
+        raise InputError(f"{path.name}: expected a line of names of columns and rows of values, got an empty file.")
     if _is_number(re.split(r"[,;\s]+", data[0][1].strip())[0]):  # the names are in a comment, as NumPy writes them
         comments = [(number, line.lstrip("# ")) for number, line in rows if line.lstrip().startswith("#")]
         data = [*comments[-1:], *data]
@@ -264,13 +264,13 @@ def _text(path: Path) -> _Table:
     names = [name.strip() for name in table[0]]
     if any(_is_number(name) for name in names):
         raise InputError(
-            f"{path.name}: expected names of columns in the first line, such as t,wx,wy,wz, got numbers. Add the names."
+            f"{path.name}: expected names of columns in the first line, such as t,wx,wy,wz, got values. Add the names."
         )
     for (number, _), row in zip(data, table, strict=True):
         if len(row) != len(names):
             raise InputError(
                 f"{path.name}, line {number}: expected {len(names)} columns as in the first line, got {len(row)}. "
-                "Usual cause: the file was cut off, or numbers with a decimal comma."
+                "Usual cause: the file was cut off, or values with a decimal comma."
             )
     columns = (
         dict(zip(names, zip(*table[1:], strict=True), strict=False)) if len(table) > 1 else dict.fromkeys(names, ())
@@ -423,7 +423,7 @@ def _of_matrix(R: Array) -> Array:
         at = int(np.argmax(off > NORM))
         raise InputError(
             f"attitude: expected rotation matrices, got {shown(R[at].tolist())} in row {at + 1}, for which R R^T "
-            f"differs from 1 by {off[at]:.2g}, or which mirrors. Usual cause: other columns than those of the matrix."
+            f"differs from 1 by {off[at]:.2g}, or which mirrors. Usual cause: columns that are not the matrix."
         )
     return _quaternions("from_matrix", R)
 

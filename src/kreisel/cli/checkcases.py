@@ -50,7 +50,8 @@ def checkcase(
     frame: Annotated[str | None, typer.Option("--frame", help="Of the rates graded: body or space.")] = None,
     time: Annotated[str | None, typer.Option("--time", help="Unit of the times graded: s, ms or min.")] = None,
     step: Annotated[
-        list[float] | None, typer.Option("--step", help="Step in s of each file graded, if not that of its rows.")
+        list[float] | None,
+        typer.Option("--step", help="Step in s of each file graded, if it is not the distance of its rows."),
     ] = None,
     figure: Annotated[Path | None, a_path("Draw the case into .png, .pdf or .svg.", "--figure")] = None,
     as_json: AsJson = False,
@@ -87,7 +88,7 @@ def _list(as_json: bool) -> None:
         return
     for case in cases:
         say(f"{case.name:22} {case.title}")
-    print("\nkreisel checkcase NAME: the numbers, the start, the exact answer; --grade FILE: grade a trajectory.")
+    print("\nkreisel checkcase NAME: the data, the start, the exact answer; --grade FILE: grade a trajectory.")
 
 
 def _print(case: Case, at: list[float], as_json: bool) -> None:

@@ -90,7 +90,7 @@ def _load(path: Path) -> dict[str, Any]:
             raise InputError(f"{path} is larger than {LARGEST_FILE >> 20} MiB: it is not a configuration.")
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise InputError(f"There is no file {path}. Examples are in the folder examples/.") from None
+        raise InputError(f"No file {path}. Examples are in the folder examples/.") from None
     except IsADirectoryError:
         raise InputError(f"{path} is a folder; a TOML file was expected.") from None
     except OSError as error:

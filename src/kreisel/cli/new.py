@@ -49,7 +49,7 @@ def new(
     ] = False,
     swept: Annotated[bool, typer.Option("--sweep", help="Many lanes, for `kreisel sweep`.")] = False,
     lagrangian: Annotated[
-        bool, typer.Option("--lagrangian", help="A body of your own by its Lagrangian, in a Python file.")
+        bool, typer.Option("--lagrangian", help="A user-defined body by its Lagrangian, in a Python file.")
     ] = False,
     overwrite: OverwriteFile = False,
 ) -> None:
@@ -67,7 +67,7 @@ def new(
             "lists them."
         )
     if lagrangian and (name in KNOWN or not name.replace("-", "").replace("_", "").isalnum()):
-        raise InputError(f"--lagrangian: expected a name of your own, such as my-top, got {name!r}.")
+        raise InputError(f"--lagrangian: expected a new name, such as my-top, got {name!r}.")
     target = out or Path(f"{'my-' * perturbed}{case or name}{'-sweep' * swept}.toml")
     if target.suffix != ".toml":
         raise InputError(f"--out: expected a file that ends in .toml, got {str(target)!r}.")
@@ -165,7 +165,7 @@ def _state(sample: Example) -> list[str]:
     words = {"skew": "axial vector" if n == 3 else f"skew matrix {n} x {n}", "symmetric": f"symmetric matrix {n} x {n}"}
     lines: list[str] = []
     for letter, value in sample.state.items():
-        meaning = words.get(kinds[letter], f"{len(value)} numbers")
+        meaning = words.get(kinds[letter], f"{len(value)} values")
         if letter in ("m", "M"):
             parts = ", of body and wheel" if system.name in GYROSTATS else ""
             meaning = f"angular momentum{parts}, {system.frame.value} frame: {meaning}, in the units named above"
@@ -256,7 +256,7 @@ def _toml(value: Any) -> str:
     return repr(value) if isinstance(value, int) else repr(float(value)) if not isinstance(value, str) else f'"{value}"'
 
 
-FORCES = """{head} --perturbed: {title} under forces of your own.
+FORCES = """{head} --perturbed: {title} under user-defined forces.
 # The potential's force is derived.  Functions use NumPy's operations, np.where for `if`; see `help(kr.perturbed)`.
 
 import numpy as np
@@ -333,11 +333,11 @@ def _of_forces(sample: Example, name: str, target: Path, code: Path, method: str
         f'name = "{name}"',
         *_with(f"# strength = {_size(sample)!r}", "the forces' own parameter"),
     ]
-    chosen = _with(f'method = "{method}"', "the forces and the integrable motion in turn; or dop853")
+    chosen = _with(f'method = "{method}"', "the forces and the integrable motion alternate; or dop853")
     return _text(sample, about, lines, target, chosen=chosen)
 
 
-LAGRANGIAN = """{head} --lagrangian: a body of your own by its Lagrangian; it needs the extra reduction (JAX).
+LAGRANGIAN = """{head} --lagrangian: a user-defined body by its Lagrangian; it needs the extra reduction (JAX).
 # Kreisel derives the equations of motion, a symmetric discretization of order 2 and its implicit map, which is Poisson.
 
 import jax.numpy as jnp
@@ -358,7 +358,7 @@ TOP = red.system("{name}", group=red.SO(3), lagrangian=lagrangian, title="{name}
 def _of_lagrangian(name: str, target: Path, code: Path) -> str:
     stem = Path(target.name).with_suffix("")
     return f"""{HEAD} {name} --lagrangian; run it by: kreisel run {target}
-# The Lagrangian stands in {code.name}, which is run, because this file names it.  It needs the extra reduction (JAX).
+# The Lagrangian is in {code.name}, which is run, because this file names it.  It needs the extra reduction (JAX).
 
 [system]
 file = "{code.name}"
@@ -367,7 +367,7 @@ c = 1.0                      # the Lagrangian's own parameter
 
 [state]
 M = [0.1, 0.2, 1.5]          # axial vector: the angular momentum, in the body
-P = [0.6, 0.0, 0.8]          # 3 numbers: the vertical, seen from the body
+P = [0.6, 0.0, 0.8]          # 3 values: the vertical, seen from the body
 
 [run]
 dt = 0.05

@@ -50,7 +50,7 @@ def _from_home(path: Any) -> Any:
     try:
         return None if path is None else path.expanduser()
     except RuntimeError:
-        raise InputError(f"expected a path, got {shown(str(path))}: there is no such user.") from None
+        raise InputError(f"expected a path, got {shown(str(path))}: no such user.") from None
 
 
 def _version(asked: bool) -> None:
@@ -116,7 +116,7 @@ def parameter_of(text: str) -> tuple[str, Any]:
     except (ValueError, ZeroDivisionError):
         numbers = []
     if not sign or not name or not numbers:
-        raise InputError(f"--set takes a name and numbers, such as b=1,2,4 or alpha=1/2, got {shown(text)}.")
+        raise InputError(f"--set needs a name and values, such as b=1,2,4 or alpha=1/2, got {shown(text)}.")
     return name, numbers[0] if len(numbers) == 1 else numbers
 
 

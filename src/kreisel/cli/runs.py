@@ -41,7 +41,7 @@ LONG_SECONDS, LARGE = 20.0, 1e9  # beyond these an estimate is printed before th
 SWEEP_HELP = """\
 Simulate many lanes that differ in parameters, states or settings.
 
-The same command goes on after a kill.
+The same command resumes after a kill.
 
 \b
 \\[sweep]                  beside \\[system], \\[state], \\[run], \\[output] of a run
@@ -240,7 +240,7 @@ def check(
         for fault in faults:
             say(f"FAULT: {fault}")
         if table is not None and result is not None and (record := RunRecord.from_attrs(result.attrs)).is_own:
-            say(f"{record.system} is a system of your own: its integrals were not computed again")
+            say(f"{record.system} is a user-defined system: its integrals were not computed again")
         say(f"{archive}: {condition(faults)}")
     if faults:
         raise typer.Exit(1)
@@ -315,11 +315,11 @@ def view(
     seconds: Annotated[float | None, typer.Option("--seconds", help="The length of the film; default 8.")] = None,
     fps: Annotated[int | None, typer.Option("--fps", help="Pictures per second of the film; default 20.")] = None,
     speed: Annotated[float | None, typer.Option("--speed", help="Of the film, as on the page; default 1.")] = None,
-    serve: Annotated[bool, typer.Option("--serve", help="Serve the page and follow a run that goes on.")] = False,
+    serve: Annotated[bool, typer.Option("--serve", help="Serve the page and follow an unfinished run.")] = False,
     host: Annotated[
         str, typer.Option("--host", help="Address to serve at; others than loopback can be read by anyone there.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option("--port", help="The port of --serve; 0 takes any free one.")] = 0,
+    port: Annotated[int, typer.Option("--port", help="The port of --serve; 0 selects any free one.")] = 0,
     overwrite: OverwriteFile = False,
 ) -> None:
     """Write the interactive page of an archive: one HTML file that opens offline; for a sweep, of one lane."""
@@ -344,7 +344,7 @@ def view(
     shown = one_lane(where, lane[0] if lane else 0) if swept else open_rows(where)
     lanes = shown.sizes.get("lane", 1)
     if not swept and not all(0 <= each < lanes for each in lane or ()):
-        raise InputError(f"--lane: expected numbers from 0 to {lanes - 1}, got {lane}.")
+        raise InputError(f"--lane: expected integers from 0 to {lanes - 1}, got {lane}.")
     lanes_shown = None if swept else lane or None
     page = page_of(shown, lane=lanes_shown, body=body, mesh=mesh, title=title, target=target or "nadir")
     if movie is not None:

@@ -119,7 +119,7 @@ class Body:
         if most > MOST_MAPS:
             raise InputError(
                 f"Expected a step of at most {MOST_MAPS} maps, got {most:.3g} of them. Usual cause: a long step with "
-                "the orientation, where whole periods are not left out. Use a shorter dt, kr.at, or no orientation."
+                "the orientation, where complete periods are not left out. Use a shorter dt, kr.at, or no orientation."
             )
         maps = max(1, math.ceil(most))
         part = time / maps

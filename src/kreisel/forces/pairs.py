@@ -38,7 +38,7 @@ def parameters_of_pairs(record: Perturbation, pairs: Any, own: Mapping[str, Para
         if value.ndim == vector:
             if vector and len(value) == len(found):
                 raise InputError(
-                    f"params: expected one {name}, or one for each pair, got {len(value)} numbers, where n is "
+                    f"params: expected one {name}, or one for each pair, got {len(value)} values, where n is "
                     f"{len(value)} and there are {len(found)} pairs. Give ({len(found)}, 1) numbers for one of each, "
                     f"or ({len(found)}, {len(value)}) for vectors."
                 )
@@ -60,14 +60,14 @@ def _checked(pairs: Any) -> Array:
     except ValueError:
         found = np.empty(0)
     if found.ndim != 2 or found.shape[1:] != (2,) or not len(found) or found.dtype.kind not in "iu":
-        raise InputError(f"pairs: expected pairs of whole numbers, such as [(0, 1), (1, 2)], got {shown(pairs)}.")
+        raise InputError(f"pairs: expected pairs of integers, such as [(0, 1), (1, 2)], got {shown(pairs)}.")
     _whole(found, PAIRS)
     return found
 
 
 def _whole(value: Array, name: str) -> None:
     if value.ndim != 2 or value.shape[1:] != (2,) or (value % 1 != 0).any():
-        raise InputError(f"{name}: expected pairs of whole numbers, got {shown(value.tolist())}.")
+        raise InputError(f"{name}: expected pairs of integers, got {shown(value.tolist())}.")
     if value.min() < 0 or value.max() >= MOST_BODIES or (value[:, 0] == value[:, 1]).any():
         raise InputError(
             f"{name}: expected two different bodies in each, from 0 to {MOST_BODIES - 1:,}, got "

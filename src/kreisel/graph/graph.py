@@ -349,7 +349,7 @@ class Number(Ring, Recorded):
         if not isinstance(address, Number):
             if address == 0:
                 return 0.0
-            raise TypeError("a table is a parameter: its address is no constant of a kernel")
+            raise TypeError("a table is a parameter: its address is not a constant of a kernel")
         operands = (x if isinstance(x, Number) else float(x) for x in (row, last))
         return self.record(ENTRY, address, *operands, column, stride)
 

@@ -96,7 +96,7 @@ def optimized(machine: Any, text: str, level: int = 0) -> Any:
 def address_of(array: Any) -> int:
     """Where the numbers of an array begin.  Raises `TypeError` for others than of 64 bits that lie in a row."""
     if array.itemsize != 8 or not array.flags.c_contiguous:
-        raise TypeError(f"expected a contiguous array of numbers of 64 bits, got {array.dtype} {array.shape}")
+        raise TypeError(f"expected a contiguous array of 64-bit values, got {array.dtype} {array.shape}")
     if not array.size:
         return 0
     # its pointer by `array.ctypes.data` takes three times as long

@@ -110,7 +110,7 @@ def recorded_for_gpu(scheme: Scheme, constants: Floats, columns: Any, stage_colu
         return Recording(scheme, constants, columns, stage_columns)
     except TooLong:
         raise InputError(
-            f"engine='cuda' takes steps that can be written out, n <= 10 or so, got n = {scheme.n}. Use engine='cpu'."
+            f"engine='cuda' needs steps that can be written out, n <= 10 or so, got n = {scheme.n}. Use engine='cpu'."
         ) from None
 
 

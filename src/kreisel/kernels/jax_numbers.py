@@ -123,7 +123,7 @@ def array(value: Any, name: str) -> Array:
     if found.dtype == np.float32:
         raise InputError(f"{name}: expected float64, got an array in float32. Convert it where it is made.")
     if found.dtype.kind not in "iuf":
-        raise InputError(f"{name}: expected an array of real numbers, got {found.dtype}.")
+        raise InputError(f"{name}: expected an array of real values, got {found.dtype}.")
     require_double(found)
     return jnp.asarray(found, dtype=jnp.float64)
 

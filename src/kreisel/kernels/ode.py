@@ -19,7 +19,7 @@ SOLVER = ("t", "y", "t_old", "y_old", "h_abs", "h_previous", "f", "K_extended")
 FIRST = ("h_abs", "f")  # what the first step depends on, beside the start: SciPy computes it
 # of the solver within one dt: a step of it is 0.4 radians of the fastest turn and takes 0.1 ms
 MOST_STEPS = 10_000
-NO_NUMBER = "a force that is no number there (log or sqrt of a negative number, a division by 0)"
+NO_NUMBER = "a force that is not a number there (log or sqrt of a negative number, a division by 0)"
 
 Rate = Callable[[float, Floats, Floats], Floats]
 
@@ -127,7 +127,7 @@ class ReferenceEngine:
             solver.step()
             if solver.status == "failed":
                 raise RunError(
-                    f"DOP853 expected to go on from time {solver.t:g}{self._of(lane)}, got steps as short as the "
+                    f"DOP853 expected to continue from time {solver.t:g}{self._of(lane)}, got steps as short as the "
                     f"spacing of doubles. Usual cause: a state so large that its square overflows, {NO_NUMBER}, or a "
                     "time so long that dt is lost in it. Use other units, or a map."
                 )
@@ -138,7 +138,8 @@ class ReferenceEngine:
         if not np.isfinite(solver.h_abs):
             raise RunError(
                 f"DOP853 expected a finite step, got {solver.h_abs:g} at time {solver.t:g}{self._of(lane)}: the "
-                "right-hand side is no number, or overflows. Usual cause: a state so large that its square overflows, "
+                "right-hand side is not a number, or overflows. Usual cause: a state so large that its square "
+                "overflows, "
                 f"or {NO_NUMBER}. Use other units."
             )
         before, count = self._counts[lane]
@@ -146,8 +147,9 @@ class ReferenceEngine:
         self._counts[lane] = here, count + 1 if here == before else 1
         if self._counts[lane][1] > MOST_STEPS:
             raise RunError(
-                f"DOP853 expected to cross one dt = {self._dt:g} in {MOST_STEPS:,} steps of its own, got no further "
-                f"than time {solver.t:g}{self._of(lane)}. Usual cause: frequencies so high that thousands of turns lie "
+                f"DOP853 expected to cross one dt = {self._dt:g} in {MOST_STEPS:,} internal steps, got no further "
+                f"than time {solver.t:g}{self._of(lane)}. Usual cause: frequencies so high that thousands of "
+                f"revolutions lie "
                 "within dt. Use a smaller dt (with a larger every the same rows are saved), or method='exact' where it "
                 "is known."
             )

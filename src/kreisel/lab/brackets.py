@@ -313,7 +313,7 @@ def _matrix(subject: Subject, function: Any, x: Array, lam: Any, constants: dict
     except (TypeError, AttributeError) as error:
         raise InputError(
             f"The Lax pair of {subject.name} failed on exact numbers: {error}. It must be rational in the coordinates "
-            "and in lam, and take the constants of the map by keyword."
+            "and in lam, and accept the constants of the map by keyword."
         ) from error
     out = _without_complex(out, lam.p if isinstance(lam, Mod) else 0)
     if out.ndim != 2 or out.shape[0] != out.shape[1]:

@@ -61,7 +61,7 @@ class Certified:
     def __str__(self) -> str:
         text = f"{self.name}: {self.steps:,} steps certified to {self.tolerance:g} with {self.precision} bits"
         text += f" (radius {self.radius:.1e} at the end)"
-        text += f"; balls alone last {self.plain:,}" if self.plain is not None else ""
+        text += f"; balls without it last {self.plain:,}" if self.plain is not None else ""
         for name, (low, high) in self.integrals.items():
             text += f"\n    {name} in [{low!r}, {high!r}], width {high - low:.1e}"
         return text + (f"\n    stopped: {self.stopped}" if self.stopped else "")
@@ -289,7 +289,7 @@ def _symbols(
     parameters = system.parameters if isinstance(claimed, System) else ()
     for p in parameters:
         if p.kind not in ("scalar", "vector"):
-            raise InputError(f"The parameter {p.letter} of {system.name} is no scalar or vector: give a model.")
+            raise InputError(f"The parameter {p.letter} of {system.name} is not a scalar or vector: give a model.")
         names += algebra.KINDS[p.kind].names(p.letter, n)
     names.append("eps")
     *coordinates, eps = generators(names)

@@ -86,7 +86,7 @@ class CompiledOrbit:
         self.subject = subject
         start = np.asarray(x, dtype=np.float64)
         if start.shape != (subject.dim,) or not np.isfinite(start).all():
-            raise InputError(f"A start is {subject.dim} finite numbers, {', '.join(subject.names)}, got {shown(x)}.")
+            raise InputError(f"A start is {subject.dim} finite values, {', '.join(subject.names)}, got {shown(x)}.")
         count = 0 if vectors is None else len(vectors)
         orbit = _ByJax if subject.model is not None and subject.model.system.numbers == "jax" else _ByKernels
         self._orbit: Any = orbit(subject, start.copy(), np.zeros((count, subject.dim)) if vectors is None else vectors)

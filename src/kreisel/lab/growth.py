@@ -288,7 +288,7 @@ def exact_orbit(subject: Subject, x: Any, steps: int) -> list[Array]:
         out.append(fractions(x))
         if _bits(out[-1]) > MOST_BITS:
             raise InputError(
-                f"The numbers of {subject.name} have {_bits(out[-1]):,} bits at step {k}: ask for fewer steps."
+                f"The values of {subject.name} have {_bits(out[-1]):,} bits at step {k}: ask for fewer steps."
             )
     return out
 

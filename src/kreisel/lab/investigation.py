@@ -84,7 +84,7 @@ def investigate(
                Lagrangian of your own (`kreisel.reduction.system`, with its parameters); or a function:
                step(M, P) on e*(n) with n given, in the frame "moving" or "rest", or step(x) with the names of its
                coordinates
-    eps        the step of the map, a whole number or a fraction, by default 1/3; a function takes it if it names it
+    eps        the step of the map, an integer or a fraction, by default 1/3; a function takes it if it names it
     degree     of the integrals that are sought, by default 4 or as far as the number of monomials allows
     iterates   whose degrees are computed;  steps  of the orbits for Lyapunov's exponents
     options    constants of a function, by keyword; `flow`, `involution`, `lax`, `conjugator`, of a step(x) also
@@ -126,7 +126,7 @@ def investigate_file(file: Path, /, **options: Any) -> Investigation:
     start are taken.  The file is run.  Raises `InputError` where it defines nothing to look at.
     """
     if not file.is_file():
-        raise InputError(f"There is no file {file}.")
+        raise InputError(f"No file {file}.")
     defined = executed(file)
     options = {k: v for k, v in options.items() if v is not None}
     if callable(defined.get("step")):
@@ -139,7 +139,7 @@ def investigate_file(file: Path, /, **options: Any) -> Investigation:
         raise InputError(
             f"{file}: expected one thing to investigate at its top level, got {len(candidates)}. Write where the map "
             'lives and a function step, such as `names = ("x", "y")` and `def step(x): return x[1], 2 - x[0] - '
-            "x[1] ** 2`; on e*(3) `n = 3` and `def step(M, P): ...`; or one model or system of your own."
+            "x[1] ** 2`; on e*(3) `n = 3` and `def step(M, P): ...`; or one user-defined model or system."
         )
     return investigate(candidates[0], **options)
 
@@ -187,7 +187,7 @@ def _subject(
 
 
 def typical(system: System, n: int = 3, values: Mapping[str, Any] | None = None) -> Model:
-    """A system with parameters that are small whole numbers, but for those `values`."""
+    """A system with parameters that are small integers, but for those `values`."""
     if system.map is None:
         raise InputError(
             f"{system.name} has no map to investigate. Systems with one: see `kreisel systems`; or give a map of yours."
@@ -407,7 +407,7 @@ def plain_data(investigation: Investigation) -> dict[str, Any]:
 
 HEAD = """# Every map, investigated
 
-`kreisel investigate` on every map of the registry, n = 3 (the bitop: 4), eps = 1/3, small numbers for other parameters,
+`kreisel investigate` on every map of the registry, n = 3 (the bitop: 4), eps = 1/3, small values for other parameters,
 and on three negative controls (`kreisel.lab.investigation`): the equations of a heavy top of equal moments by
 Euler's method; the map of the Lagrange top in a field that grows with height and breaks its symmetry; and the symmetric
 variational step of a heavy top with three unequal moments. What the columns mean and the rule of the verdict:

@@ -98,7 +98,7 @@ def lax_equation(case: Case) -> Sides:
 
 
 @law(
-    "a' = omega a (rest frame), P' = -Omega P or [P, Omega] (moving frame): the velocity turns what is carried",
+    "a' = omega a (rest frame), P' = -Omega P or [P, Omega] (moving frame): the velocity rotates the carried vectors",
     lambda s: s.velocity is not None and _has_turning_components(s),
 )
 def velocity(case: Case) -> Sides:
@@ -119,7 +119,7 @@ def translation(case: Case) -> Sides:
 
 
 @law(
-    "z' = kick + turn: dT/dM is linear, the kick depends on what is carried alone",
+    "z' = kick + rotation: dT/dM is linear, the kick depends only on the carried vectors",
     lambda s: s.inverse_inertia is not None,
 )
 def separable(case: Case) -> Sides:
@@ -242,7 +242,8 @@ def symmetric_conjugate(case: Case) -> Sides:
 
 
 @law(
-    "w = cay(X) is orthogonal and turns what is carried: a_(k+1) = w a_k, P_(k+1) = W^T P_k", has_map_with("generator")
+    "w = cay(X) is orthogonal and rotates the carried vectors: a_(k+1) = w a_k, P_(k+1) = W^T P_k",
+    has_map_with("generator"),
 )
 def reconstruction(case: Case) -> Sides:
     new = case.call(case.map.step)
@@ -298,7 +299,7 @@ def _perturbed_orientation(q: Array, in_rest_frame: bool, n: int) -> Array:
     return q + (eta @ q if in_rest_frame else q @ eta)
 
 
-@law("the same motion in the related system: flows, and maps where the record says so", lambda s: bool(s.relations))
+@law("the same motion in the related system: flows, and maps if the record states it", lambda s: bool(s.relations))
 def relations(case: Case) -> Sides:
     from kreisel.system import find
 
@@ -547,7 +548,7 @@ def make_case(system: System | Model, n: int, numbers: str, seed: int) -> Case:
     record = system.system if isinstance(system, Model) else system
     if numbers == "exact" and record.numbers != "any":
         raise InputError(
-            f"{record.name} takes floats only (numbers = {shown(record.numbers)}); use numbers=('float',)."
+            f"{record.name} accepts only floats (numbers = {shown(record.numbers)}); use numbers=('float',)."
         )
     if numbers not in ("exact", "float"):
         raise InputError(f"numbers must be 'exact' or 'float', got {shown(numbers)}.")

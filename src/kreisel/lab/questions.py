@@ -211,7 +211,7 @@ def verdict(c: Clues) -> tuple[str, str]:
         return "linear", "all iterates have degree 1: they are the powers of one matrix in projective coordinates"
     if c.clock:
         squares = c.growth is not None and c.growth.power == 2
-        like = "; the degrees grow like k^2, as those of discrete Painleve equations do" if squares else ""
+        like = "; the degrees grow like k^2, as for discrete Painleve equations" if squares else ""
         reason = f"{c.clock} goes up by the same number in every step: the map is not autonomous, no orbit is bounded"
         return "undecided", reason + like
     if c.tensor is not None and not leaves_stay(c):
@@ -230,8 +230,10 @@ def _poisson(c: Clues) -> Finding:
     if subject.tensor is not None and c.rational:
         if brackets.preserves(subject, subject.tensor, c.seed):
             c.tensor, c.leaves = subject.tensor, _casimirs_conserved(c)
-            return Finding("Poisson", "yes", "J Pi(x) J^T = Pi(x') modulo a prime at 20 random points, its own bracket")
-        return _other_bracket(c, "its own bracket is not preserved")
+            return Finding(
+                "Poisson", "yes", "J Pi(x) J^T = Pi(x') modulo a prime at 20 random points, the bracket given with it"
+            )
+        return _other_bracket(c, "the bracket given with it is not preserved")
     if subject.tensor is not None:
         x, new, J = c.float_jacobian()
         before, after = (np.asarray(subject.tensor(v), dtype=float) for v in (x, new))

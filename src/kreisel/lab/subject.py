@@ -89,7 +89,7 @@ class Subject:
                     "rational function of the coordinates: + - * / and integer powers, no roots, no functions of NumPy."
                 ) from error
             if new.shape != (self.dim,):
-                raise InputError(f"The step of {self.name} must return {self.dim} numbers, got shape {new.shape}.")
+                raise InputError(f"The step of {self.name} must return {self.dim} values, got shape {new.shape}.")
             out = np.empty(self.dim, dtype=object)
             for i, v in enumerate(new):
                 out[i] = v if isinstance(v, type(x[i])) else x[i] * 0 + v
@@ -251,7 +251,7 @@ POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR
 def in_coordinates(step: Function, names: Sequence[str], eps: Any, options: Mapping[str, Any]) -> Subject:
     """A step(x) as a subject; `options` has constants and the functions of `BESIDE`.  Raises `InputError`."""
     if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
-        raise InputError(f'names: expected those of the coordinates, such as ("x", "y"), got {shown(names)}.')
+        raise InputError(f'names: expected names of the coordinates, such as ("x", "y"), got {shown(names)}.')
     functions, constants = _parted(options)
     taken = _parameters(step).get("eps")
     if taken is not None and "eps" not in constants:
@@ -276,7 +276,7 @@ def on_group(step: Function, n: int, frame: str, eps: Any, options: Mapping[str,
     of_state: dict[str, Any] = {name: _on_state(name, f, named) for name, f in {"step": step, **functions}.items()}
     system = System(
         name=getattr(step, "__name__", "step"),
-        title="a map of your own",
+        title="a user-defined map",
         equations="",
         source="",
         space=MOVING_SPACE if frame == "moving" else REST_SPACE,
@@ -313,7 +313,7 @@ def _taken(name: str, function: Function, state: Sequence[str], constants: Mappi
     missing = [p.name for p in after if p.default is p.empty and p.name not in constants]
     if (parameters and len(places) < len(state) and not many) or (missing and missing[0] in ("P", "lam")):
         raise InputError(
-            f"{name}: expected {name}({', '.join(state)}), the state as the step takes it, and constants by keyword; "
+            f"{name}: expected {name}({', '.join(state)}), the state as the step has it, and constants by keyword; "
             f"got {name}{inspect.signature(function)}."
         )
     if missing:
@@ -369,6 +369,6 @@ def _called(name: str, function: Function, state: tuple[Any, ...], values: Mappi
         raise
     except Exception as error:  # whatever a user's code raises
         raise InputError(
-            f"{name} failed: {type(error).__name__}: {error}. It takes the state as the step does, of numbers of any "
+            f"{name} failed: {type(error).__name__}: {error}. It gets the state as the step does, of any kind of "
             "kind: + - * / and integer powers."
         ) from error

@@ -60,7 +60,8 @@ def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bo
     record.check(model)
     if oriented and not _turns(model.system):
         raise InputError(
-            f"orientation: expected a body that turns, got {model.system.name}, which has no orientation. Leave it out."
+            f"orientation: expected a body that rotates, got {model.system.name}, which has no orientation. Leave "
+            f"it out."
         )
     order = record.order(order)
     if model.system.perturbation is not None and model.system.perturbation.sampled:

@@ -88,7 +88,8 @@ def _cheapest(h: Array, error: Array, spacing: float, tolerance: float) -> Choic
             best = cost, Choice(order, steps, expected)
     if best is None:
         raise InputError(
-            "order='auto' finds no step: the state is not finite after a few turns at any order. Usual cause: numbers "
+            "order='auto' finds no step: the state is not finite after a few revolutions at any order. Usual cause: "
+            "numbers "
             "that are too large. Check the parameters and the initial state."
         )
     return best[1]
@@ -103,7 +104,7 @@ def checked_tolerance(tol: Any) -> float:
     if not LEAST_TOLERANCE <= tolerance < 1:
         raise InputError(
             f"order='auto' needs tol, the largest error of the state at the end of the run relative to its largest "
-            f"entry, from {LEAST_TOLERANCE:g} to 1, got tol={shown(tol)}. Long runs add round-off of their own."
+            f"entry, from {LEAST_TOLERANCE:g} to 1, got tol={shown(tol)}. Long runs add round-off."
         )
     return tolerance
 
@@ -319,8 +320,9 @@ def _truth(steps: Steps, span: float, counts: list[int]) -> tuple[State, float]:
     if best is None:
         raise InputError(
             "order='auto' finds no step: the pilot fails with steps of a hundredth of a radian. Usual cause: a "
-            "force that is no number there (log or sqrt of a negative number, a division by 0), numbers that are too "
-            "large, or a perturbation that changes within far less than a turn. Say order and dt."
+            "force that is not a number there (log or sqrt of a negative number, a division by 0), numbers that are "
+            "too "
+            "large, or a perturbation that changes within far less than a revolution. Say order and dt."
         )
     return best[1], best[0]
 

@@ -161,7 +161,7 @@ class Product:
         raise InputError(
             f"The real Bäcklund transformation of {name} does not reach as far as dt = {self.dt:g} from this "
             f"state at order {self.order}: dt < {largest:.6g} works. Use a smaller dt, or a higher order, which "
-            "reaches further; orders 4, 8, 12, ... take any dt."
+            "reaches further; orders 4, 8, 12, ... allow any dt."
         )
 
     def _orientation_turns(self, state: State, g: Array) -> dict[str, Array]:

@@ -109,7 +109,8 @@ def exact_by_map(model: Model, dt: float, oriented: bool) -> Scheme:
     record = cast("ExactMap", model.system.exact_map)
     if oriented:
         raise InputError(
-            f"orientation: expected none for method='exact' of {model.system.name}, whose map has no turn of the body. "
+            f"orientation: expected none for method='exact' of {model.system.name}, whose map has no rotation of "
+            f"the body. "
             "Use method='dop853'."
         )
 
@@ -268,7 +269,7 @@ class Torus:
         chosen, x = least(C, f, self._rank() // 2)
         if not abs(C[:, chosen] @ x - f).max() <= SPAN * abs(f).max():
             raise InputError(
-                f"{self.system.name}: expected a flow that combines those of its Lax matrix, got another. Usual "
+                f"{self.system.name}: expected a flow that combines the flows of its Lax matrix, got another. Usual "
                 "cause: parameters that are equal, or components of the state of very different sizes. Use another "
                 "method, such as 'dop853'."
             )

@@ -28,7 +28,7 @@ def require_orientation(model: Model, oriented: bool) -> None:
     record = model.system.perturbation
     if record is not None and record.names(ORIENTATION) and not oriented:
         raise InputError(
-            f"{model.system.name}: a force takes the orientation g: expected an initial orientation=..., got none. "
+            f"{model.system.name}: a force needs the orientation g: expected an initial orientation=..., got none. "
             "Give a rotation matrix or a unit quaternion (w, x, y, z)."
         )
 

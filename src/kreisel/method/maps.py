@@ -47,7 +47,7 @@ def suris(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         return x if order == 1 else (*model.call(phi.from_symmetric, *x[:count], eps=dt), *x[count:])
 
     def prepare(x0: State) -> State:
-        shift = ", or add a constant to b so that no entry is negative (the flow stays as it is)"
+        shift = ", or add a constant to b so that no entry is negative (the flow does not change)"
         _require_below(
             model,
             x0[:count],
@@ -78,7 +78,7 @@ def brickwork(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
             model,
             x0,
             dt,
-            "takes an angle t with tan t = dt |s| < 1 for an easy plane: expected dt < {largest:.6g}, got "
+            "needs an angle t with tan t = dt |s| < 1 for an easy plane: expected dt < {largest:.6g}, got "
             f"{dt:g}. Use a smaller dt.",
         )
         return x0

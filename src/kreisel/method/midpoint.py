@@ -53,7 +53,7 @@ def midpoint(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
 
     guard = Guard(
         "The implicit equation of the midpoint step was not solved to round-off",
-        "a step in which a spin turns too far: dt times the field must be below about 1. Use a smaller dt.",
+        "a step in which a spin rotates too far: dt times the field must be below about 1. Use a smaller dt.",
         DEFECT,
         LIMIT**2,
     )

@@ -320,7 +320,7 @@ def _numbers(body: Splitting, parts: Fractions, whole: float) -> Numbers:
 def _guard(part: Integrable) -> Guard:
     return Guard(
         f"A part of the step is longer than {part.name} is precise for",
-        "a step in which the body turns by more than some radians, or a perturbation that sped the body up. Use a "
+        "a step in which the body rotates by more than some radians, or a perturbation that sped the body up. Use a "
         "smaller dt.",
         REACH,
         1.0,

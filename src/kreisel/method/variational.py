@@ -57,7 +57,7 @@ def variational(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
 
     guard = Guard(
         "The implicit equation of the variational step was not solved to round-off",
-        "a step in which the body turns too far, or a singular kinetic energy. Use a smaller dt.",
+        "a step in which the body rotates too far, or a singular kinetic energy. Use a smaller dt.",
         DEFECT,
         (NEWTON_LIMIT if model.n == 3 else SWEEP_LIMIT) ** 2,
     )

@@ -117,7 +117,7 @@ class Control:
         for name, least in (("seed", 0), ("delay", 0)):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-                raise InputError(f"{name}: expected a whole number >= 0, got {shown(value)}.")
+                raise InputError(f"{name}: expected an integer >= 0, got {shown(value)}.")
 
     def on(self, model: Model, axes: Array, wheels: Wheels | None) -> Model:
         """The model with this controller; axes: of its state along the body axes, as columns.  Raises `InputError`."""

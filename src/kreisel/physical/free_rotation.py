@@ -236,5 +236,5 @@ def _scheme(moments: Array) -> Scheme:
 
 def _points(points: int) -> int:
     if isinstance(points, bool) or not isinstance(points, int | np.integer) or not LEAST_POINTS <= points <= 10**7:
-        raise InputError(f"points: expected a whole number from {LEAST_POINTS} to 10,000,000, got {shown(points)}.")
+        raise InputError(f"points: expected an integer from {LEAST_POINTS} to 10,000,000, got {shown(points)}.")
     return int(points)

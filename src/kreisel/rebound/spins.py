@@ -215,7 +215,7 @@ class Spins:
         """Make `count` steps.  Raises the exceptions of `integrate`."""
         dt = self.dt
         if not isinstance(count, int | np.integer) or isinstance(count, bool) or not 0 <= count <= MOST_STEPS:
-            raise InputError(f"count: expected a whole number of steps from 0 to {MOST_STEPS:,}, got {shown(count)}.")
+            raise InputError(f"count: expected an integer from 0 to {MOST_STEPS:,}, got {shown(count)}.")
         self._check()
         advance = self._by_calls if self._kick is not None else self._compiled
         for first in range(0, count, CHUNK):
@@ -383,7 +383,7 @@ class Spins:
     def _refuse_turns(self, dt: float) -> NoReturn:
         self._check_finite()
         raise RunError(
-            f"t = {self.sim.t}: expected bodies that turn less than {compiled.MOST_PARTS} times in dt = {dt}, got a "
+            f"t = {self.sim.t}: expected bodies that rotate less than {compiled.MOST_PARTS} times in dt = {dt}, got a "
             "faster one. Usual cause: a spin in other units than the simulation."
         )
 
@@ -412,7 +412,7 @@ def check_simulation(sim: Any) -> None:
         )
     if sim.simulationarchive_filename:
         raise InputError(
-            f"expected no archive that REBOUND writes by itself, got {sim.simulationarchive_filename!r}. It has no "
+            f"expected no archive that REBOUND writes, got {sim.simulationarchive_filename!r}. It has no "
             "spins, and is written in the middle of a step. Use spins.save(path)."
         )
 

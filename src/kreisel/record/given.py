@@ -28,9 +28,7 @@ def whole_dimension(value: Array, letter: str, system: str) -> int:
     found = np.unique(value)
     n = int(found[0]) if len(found) == 1 else 0
     if n < 3 or n != found[0]:
-        raise InputError(
-            f"{system}'s parameter {letter} is the dimension, a whole number from 3 on, got {value.tolist()}."
-        )
+        raise InputError(f"{system}'s parameter {letter} is the dimension, an integer from 3 on, got {value.tolist()}.")
     check_dimension(n, f"{system}'s parameter {letter}")
     return n
 
@@ -38,11 +36,11 @@ def whole_dimension(value: Array, letter: str, system: str) -> int:
 def numbers(value: Any, name: str) -> Array:
     """An array of finite real numbers, or of others that can be multiplied.  Raises `InputError`."""
     if algebra.loses(value):
-        raise InputError(f"{name} must be plain numbers, got a masked entry or a unit: {shown(value)}.")
+        raise InputError(f"{name} must be plain values, got a masked entry or a unit: {shown(value)}.")
     try:
         array = np.asarray(value)
     except (ValueError, TypeError):
-        raise InputError(f"{name} must be an array of numbers, got a ragged list: {shown(value)}.") from None
+        raise InputError(f"{name} must be an array of values, got a ragged list: {shown(value)}.") from None
     if array.dtype == object and all(isinstance(v, int | float | Decimal) for v in array.flat):  # some beyond 64 bits
         try:
             array = array.astype(np.float64)
@@ -54,7 +52,7 @@ def numbers(value: Any, name: str) -> Array:
         hint = (
             " Units are left out here: `kreisel systems NAME` says which they are." if array.dtype.kind == "U" else ""
         )
-        raise InputError(f"{name} must be real numbers, got {shown(value)}.{hint}")
+        raise InputError(f"{name} must be real values, got {shown(value)}.{hint}")
     array = array.astype(np.promote_types(array.dtype, np.float64))
     if not np.isfinite(array).all():
         raise InputError(f"{name} must be finite, got {shown(value)}. Look for NaN or infinity in the input.")
@@ -82,14 +80,14 @@ def require_one_reading(p: Parameter, value: Any, system: str, sites: Any = None
         return
     if p.kind == "scalar" and isinstance(sites, int | float | np.number) and array.shape == (sites,):
         raise InputError(
-            f"{name}: {n} numbers for {n} sites may be one for each lane, or one for each site. For {n} lanes give the "
+            f"{name}: {n} values for {n} sites may be one for each lane, or one for each site. For {n} lanes give the "
             f"shape ({n}, 1). No parameter here differs from site to site: for that write the flow yourself, as "
             "kr.simulate takes it."
         )
     if p.diagonal and array.shape == (n, n) and n > 2 and (array == array.T).all():
         raise InputError(
             f"{name}: a symmetric array ({n}, {n}) may be a matrix, or the diagonals of {n} lanes. For a matrix rotate "
-            f"to its principal axes and give its diagonal, {n} numbers; for lanes give xarray.DataArray(..., "
+            f"to its principal axes and give its diagonal, {n} values; for lanes give xarray.DataArray(..., "
             "dims=('lane', 'axis'))."
         )
 
@@ -102,7 +100,7 @@ def parameter(p: Parameter, system: str, value: Any) -> Array:
     name = f"{system}'s parameter {p.letter}"
     array = numbers(packed_of(value) if p.kind == "table" else value, name)
     if not array.size:
-        raise InputError(f"{name}: expected numbers, got none. Check how a batch was made.")
+        raise InputError(f"{name}: expected values, got none. Check how a batch was made.")
     axes = axes_of(p, array)
     if p.kind == "scalar" and array.ndim == 2 and array.shape[1] == 1:
         array = array[:, 0]
@@ -113,12 +111,12 @@ def parameter(p: Parameter, system: str, value: Any) -> Array:
     if array.ndim < axes or array.ndim > axes + 1:
         shapes = {
             "scalar": "a number",
-            "dimension": "a whole number",
+            "dimension": "an integer",
             "vector": "n numbers",
             "symmetric": "an n x n matrix or its diagonal",
             "table": "kr.Table(times, values)",
         }
-        raise InputError(f"{name} must be {shapes[p.kind]} (a batch axis may stand in front), got shape {array.shape}.")
+        raise InputError(f"{name} must be {shapes[p.kind]} (with batch axes in front), got shape {array.shape}.")
     if p.kind == "symmetric":
         of_lanes = " For diagonals of several lanes give (lanes, n, n), D[..., None] * np.eye(n)."
         _check_symmetric(array, name, of_lanes if array.ndim == 2 else "")
@@ -156,7 +154,7 @@ def component(letter: str, kind: str, value: Any, n: int, of_bodies: bool, three
         count = algebra.KINDS[kind].count(n)
         expected = f"n = {n}" if kind == "vector" else count
         if array.ndim < 1 or array.shape[-1] != count:
-            raise InputError(f"{name} must be {expected} numbers (..., {count}), got shape {array.shape}.")
+            raise InputError(f"{name} must be {expected} values (..., {count}), got shape {array.shape}.")
         return array
     if array.ndim >= 2 and array.shape[-2:] == (n, n):
         off = algebra.magnitude(array + array.mT)
@@ -192,7 +190,7 @@ def _three_by_three(array: Array, letter: str, lanes: bool, three_lanes: bool) -
         return array / 2 - array.mT / 2
     which = "is skew, and there are three lanes" if skew else f"{letter} + {letter}^T is up to {off:.3g}"
     raise InputError(
-        f"state component {letter}: 3 x 3 numbers may be a skew matrix, or the axial vectors of three lanes; {which}. "
+        f"state component {letter}: 3 x 3 values may be a skew matrix, or the axial vectors of three lanes; {which}. "
         f"For three lanes give matrices (3, 3, 3), kreisel.algebra.hat({letter}), or xarray.DataArray({letter}, "
         f"dims=('lane', 'axis')); for one state its axial vector (3,), or of a full matrix its skew part "
         f"({letter} - {letter}^T)/2."

@@ -355,7 +355,7 @@ class Model:
         """The right-hand side of the equations of motion.  Raises `InputError` for bodies that act on each other."""
         if self._in_pairs:
             raise InputError(
-                f"{self.system.name}: expected a body that moves by itself, got bodies in pairs, whose rates depend on "
+                f"{self.system.name}: expected a single body, got bodies in pairs, whose rates depend on "
                 "each other. method='dop853' integrates them."
             )
         return tuple(self.call(self.system.flow, *state))

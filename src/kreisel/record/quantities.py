@@ -38,7 +38,7 @@ class Scale:
         """A measured value, with units or in SI, in the unit of the scaled system.  Raises `InputError`."""
         array = floats(si(value, self.unit, name))
         if not np.isfinite(array).all():
-            raise InputError(f"{name}: expected numbers in {self.unit}, or a quantity, got {shown(value)}.")
+            raise InputError(f"{name}: expected values in {self.unit}, or a quantity, got {shown(value)}.")
         return array / self.size
 
 
@@ -52,7 +52,8 @@ def registry() -> pint.UnitRegistry[Any]:
         import pint
     except ImportError:
         raise InputError(
-            "Units need pint, which is not installed: pip install 'kreisel[units]'. Plain numbers are SI and need none."
+            "Units need pint, which is not installed: pip install 'kreisel[units]'. Plain values are in SI units "
+            "and need none."
         ) from None
     return pint.get_application_registry()  # type: ignore[no-untyped-call]
 
@@ -83,7 +84,7 @@ def si(value: Any, unit: str, name: str) -> Any:
         return np.array(parts) if len({np.shape(part) for part in parts}) == 1 else value
     if not _is_quantity(value):
         if algebra.loses(value) or isinstance(value, complex) or getattr(value, "dtype", np.dtype(float)).kind in "cMm":
-            raise InputError(f"{name} must be real numbers in SI units ({unit}), or a quantity, got {shown(value)}.")
+            raise InputError(f"{name} must be real values in SI units ({unit}), or a quantity, got {shown(value)}.")
         return value
     try:
         return converted(value, unit, name).magnitude * 1.0
@@ -119,7 +120,7 @@ def _floats(value: Any, unit: str, name: str) -> Any:
     try:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name}: expected numbers and one unit, (values, '{unit}'), got {shown(value)}.") from None
+        raise InputError(f"{name}: expected values and one unit, (values, '{unit}'), got {shown(value)}.") from None
 
 
 def _is_quantity(value: Any) -> bool:

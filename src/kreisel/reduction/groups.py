@@ -199,7 +199,7 @@ def _basis(basis: Any, name: str) -> np.ndarray:
     if E.ndim != 3 or E.shape[-1] != E.shape[-2] or not E.size or not np.isfinite(E).all():
         raise InputError(f"The basis of {name} must be finite matrices (d, N, N), got shape {np.shape(basis)}.")
     if np.linalg.matrix_rank(_real(E)) < len(E):
-        raise InputError(f"The basis of {name} must be independent over the real numbers; its rank is less than d.")
+        raise InputError(f"The basis of {name} must be linearly independent over the reals; its rank is less than d.")
     return E
 
 
@@ -239,7 +239,7 @@ def _cayley_stays(group: Group) -> bool:
 def SO(n: int) -> Group:
     """Rotations of R^n, n >= 2, with E_ij, i < j: momenta are skew matrices, <X, Y> = -tr(XY)/2."""
     if not isinstance(n, int) or n < 2:
-        raise InputError(f"SO(n) needs a whole n >= 2, got {shown(n)}.")
+        raise InputError(f"SO(n) needs an integer n >= 2, got {shown(n)}.")
     return Group(f"SO({n})", algebra.skew(np.eye(n * (n - 1) // 2), n), n=n, skew=True)
 
 
@@ -264,7 +264,7 @@ def unit_sums(count: int) -> Group:
     [Bauer Gay-Balmaz 2017, section 2, by the transposed inverses]
     """
     if not isinstance(count, int) or count < 2:
-        raise InputError(f"unit_sums(N) needs a whole N >= 2, got {shown(count)}.")
+        raise InputError(f"unit_sums(N) needs an integer N >= 2, got {shown(count)}.")
     unit = np.eye(count)
     to, out_of = unit[None, :, :, None], unit[:, None, None, :]  # [j, i, a, b]
     basis = (to - unit[:, None, :, None]) * out_of
@@ -410,7 +410,7 @@ def representation(
         except (TypeError, ValueError) as error:
             raise InputError(f"Phi(g, v) failed for g {g.shape} and v ({dim},): {error}") from error
         if any(y.shape != (dim,) or np.iscomplexobj(y) for y in out):
-            raise InputError(f"Phi(g, v) must give {dim} real numbers for v ({dim},), got shape {out[0].shape}.")
+            raise InputError(f"Phi(g, v) must give {dim} real values for v ({dim},), got shape {out[0].shape}.")
         if abs(out[0] - 2 * out[2] - out[3]).max() > SAME:
             raise InputError("Phi(g, v) must be linear in v; at a random g it is not.")
         off = abs(np.asarray(Phi(jnp.asarray(g @ h), jnp.asarray(u))) - np.asarray(Phi(jnp.asarray(g), out[1]))).max()

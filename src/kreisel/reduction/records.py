@@ -72,7 +72,7 @@ def _check(value: Callable[..., Any], momentum: Callable[..., Any], x: Array, P:
         raise InputError(
             f"The Legendre transform of {name} is singular at {where}: the second derivatives have the singular values "
             f"{np.array2string(values, precision=3)}. Usual cause: a direction without kinetic energy (a moment of "
-            "inertia that is 0), or numbers that JAX does not see (plain NumPy, round, sign)."
+            "inertia that is 0), or values that JAX does not see (plain NumPy, round, sign)."
         )
 
 

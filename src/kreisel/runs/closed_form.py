@@ -85,7 +85,7 @@ def at(
         )
     step = 1.0 if dt is None else positive_number(dt, "dt")
     if dt is not None and not (flat == np.floor(flat)).all():
-        raise InputError("The times of a map are its steps, whole numbers k for the time k dt, got others.")
+        raise InputError("The times of a map are its steps, integers k for the time k dt, got others.")
     reach = float(abs(flat).max())
     asked: dict[str, Any] = {
         "method": method,

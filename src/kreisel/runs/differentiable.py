@@ -143,7 +143,7 @@ def _require_times(by: Any, model: Model, dt: Any, time: Any, steps: int) -> Non
 def _whole(by: Any, value: Any, name: str, most: int) -> int:
     if by.is_traced(value):
         raise InputError(
-            f"{name}: expected a whole number that is known when JAX traces, got {shown(value)}. Use "
+            f"{name}: expected an integer that is known when JAX traces, got {shown(value)}. Use "
             f"jax.jit(..., static_argnames={name!r}), or close over it."
         )
     return within(value, name, 1, most)
@@ -172,7 +172,7 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
         return _closed(model, made, oriented)
     if model.n > MOST_N or not isinstance(made.motion, Steps) or made.coupling is not None:
         raise InputError(
-            f"differentiable: expected a method that makes steps and n of at most {MOST_N}, of a body on its own, got "
+            f"differentiable: expected a method that makes steps and n of at most {MOST_N}, of a single body, got "
             f"method={made.name!r}, {model.system.name}, n = {model.n}."
         )
     if made.corrector is not None:
@@ -193,7 +193,7 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
     if oriented:
         raise InputError(
             "differentiable: expected another method for an orientation, such as 'exact' or 'suris', got "
-            "method='baecklund', whose turns about the axis are constants of the trajectory."
+            "method='baecklund', whose rotations about the axis are constants of the trajectory."
         )
     constants = _of_baecklund(model, made)
     close = motion.close and _spun(model, motion.close)
@@ -462,7 +462,7 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
     if "lane" in run.dims or not record.stepped or record.broken or record.at_times:
         raise InputError(
             "tangent: expected a run of one trajectory by equal steps, got an ensemble, or one with impulses, events "
-            "or times of its own. Use kr.differentiable, with jax.vmap for ensembles."
+            "or separate times. Use kr.differentiable, with jax.vmap for ensembles."
         )
     model, steps = model_for(run, system), _steps_of(run, record.dt)
     f = differentiable(model, method=record.method, order=record.order, orientation=ORIENTATION in run)

@@ -92,7 +92,7 @@ def table_of(run: xr.Dataset) -> pd.DataFrame:
     import pandas as pd
 
     if "kreisel_sweep" in getattr(run, "attrs", {}):
-        raise InputError("A sweep has the drift of each lane in its variables NAME_drift; kr.drift takes a run.")
+        raise InputError("A sweep has the drift of each lane in its variables NAME_drift; kr.drift needs a run.")
     if not a_run(run, "system", rows=False)["time"].size or run["time"].dims not in ((), ("time",)):
         raise InputError(f"expected a run with at least one row along time, got the times {run['time'].shape}.")
     require_unchanged(run)
@@ -137,7 +137,7 @@ def _sentence(name: str, row: Any) -> str:
     return (
         f"{name} is not conserved, although the method conserves it: expected a change of some units in the last "
         f"place, got {row['max_change']:.2g} from {row['start']:.6g}. Usual cause: a step far too long for this "
-        "state, or a map or an integral that is not what its record says. Use a smaller dt."
+        "state, or a map or an integral that contradicts its record. Use a smaller dt."
     )
 
 

@@ -63,7 +63,7 @@ OF_BODIES: dict[str, dict[str, Any]] = {
     "satellite-with-wheel": {
         "parameters": {**SATELLITE, "wheel": [0.0, 0.0, 0.02]},
         "state": {"M": [0.0, 0.0, 3.681e-5]},
-        "meanings": {"M": f"I Omega along the principal axes, without that of the wheel, kg m^2/s; {AT_REST}"},
+        "meanings": {"M": f"I Omega along the principal axes, without the wheel's, kg m^2/s; {AT_REST}"},
         "orientation": ON_ORBIT,
         "dt": 0.5,
     },

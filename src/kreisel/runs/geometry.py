@@ -48,7 +48,7 @@ def components(run: xr.Dataset, model: Model) -> tuple[Array, ...]:
         if inner != expected:
             raise InputError(
                 f"expected a run with n = {model.n}, {letter} of the shape {expected} at each time, got {inner}. Give "
-                "the run as kr.simulate returned it, and its own system."
+                "the run as kr.simulate returned it, and the system of it."
             )
         out.append(value)
     return tuple(out)
@@ -60,7 +60,7 @@ def model_for(run: xr.Dataset, system: Model | Body | None) -> Model:
     record = RunRecord.of(run, "system")
     if system is None:
         if record.is_own:
-            raise InputError(f"{record.system} is a system of your own: give it as system=...")
+            raise InputError(f"{record.system} is a user-defined system: give it as system=...")
         system = record.model
     if not isinstance(system, Model) or system.system.name != record.system:
         raise InputError(f"The run is of {record.system}, got {shown(system)} as its system.")
@@ -73,7 +73,7 @@ def model_for(run: xr.Dataset, system: Model | Body | None) -> Model:
     if system.batch and not (lanes.dtype.kind in "iu" and ((lanes >= 0) & (lanes < system.batch[0])).all()):
         raise InputError(
             f"expected a run of some lanes of its system, which has {system.batch[0]}, got {shown(lanes)} as lanes. "
-            "Give the run as kr.simulate returned it, and its own system."
+            "Give the run as kr.simulate returned it, and the system of it."
         )
     model = system.lanes(lanes)
     _require_its_casimirs(run, model)
@@ -103,7 +103,7 @@ def _require_its_casimirs(run: xr.Dataset, model: Model) -> None:
         good = stored.size == found.size and (abs(stored.reshape(found.shape) - found) <= CASIMIR * scale).all()
     if not good and np.isfinite(stored).all():
         raise InputError(
-            "expected a run whose Casimirs are those of its state, got others. Usual cause: arithmetic on the run, "
+            "expected a run whose Casimirs belong to its state, got others. Usual cause: arithmetic on the run, "
             "which changes its values and keeps its attributes; use the variables, such as 2 * run.energy."
         )
 
@@ -117,7 +117,7 @@ def require_of_body(run: xr.Dataset, known: Mapping[str, Any]) -> None:
     if varied or others:
         raise InputError(
             f"expected a run of this body, got one with another {(varied + others)[0]}. Usual cause: a run of another "
-            "body or orbit, or lanes of several: take each with a body of its own."
+            "body or orbit, or lanes of several: read each with its body."
         )
 
 

@@ -95,7 +95,8 @@ def require_events(plan: Plan, expected: str | None) -> None:
     names = [", ".join(f"{e['name']} (rising={e['rising']})" for e in each) or "none" for each in (wanted, found)]
     got = names[1] if names[0] != names[1] else "other functions under these names"
     raise InputError(
-        f"events: expected those of the run, {shown(names[0])}, which an archive does not hold, got {shown(got)}. Give "
+        f"events: expected the events of the run, {shown(names[0])}, which an archive does not hold, got "
+        f"{shown(got)}. Give "
         "them as they were: kr.resume(path, events=...)."
     )
 

@@ -214,7 +214,7 @@ TRIED, APART, HALVINGS = 4, 0.01, 12  # steps from the start; how far they may b
 MOST_NUMBERS = 10**5  # of the state of an ensemble of which steps are tried
 LONG_KICK = (
     "a step too long for its kicks, in which a torque, a force or a potential changes the motion by much (with dt = "
-    "{h:.2g} it goes on). Use that or order='auto' with tol=..., which chooses the step."
+    "{h:.2g} it continues). Use that or order='auto' with tol=..., which chooses the step."
 )
 
 
@@ -261,7 +261,8 @@ def _long_step(plan: Plan) -> Iterator[str]:
     turn, said = plan.dt * rate(plan), (plan.model.body_frame or BodyFrame()).time_text
     if turn > math.pi:
         yield (
-            f"dt = {said(plan.dt)} is {turn:.3g} rad of this motion in a step, more than half a turn: the rows are "
+            f"dt = {said(plan.dt)} is {turn:.3g} rad of this motion in a step, more than half a revolution: the "
+            f"rows are "
             "states of the map, and show little of the motion between them. "
             f"Use a dt of {said(GOOD * plan.dt / turn, '.1g')} or so."
         )

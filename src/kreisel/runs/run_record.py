@@ -76,7 +76,7 @@ class Subject:
 
         if self.is_own:
             raise InputError(
-                f"{self.system} is none of Kreisel's systems, and an archive holds no code. For a system of your own, "
+                f"{self.system} is none of Kreisel's systems, and an archive holds no code. For a user-defined system, "
                 "give it as kr.resume(path, system=...), or run its TOML file or kr.simulate again with more steps."
             )
         return Model(find(self.system), _an_object(self.parameters, "parameters"), self.body_frame)
@@ -121,7 +121,7 @@ class Numerics:
         if isinstance(order, list) and all(isinstance(v, int) for v in order):
             return tuple(order)
         if not isinstance(order, int | None):
-            raise InputError(f"The attribute options is damaged: expected a whole number as order, got {shown(order)}.")
+            raise InputError(f"The attribute options is damaged: expected an integer as order, got {shown(order)}.")
         return order
 
     @property

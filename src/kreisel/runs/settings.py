@@ -71,7 +71,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
                 f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps."
             )
         if isinstance(order, str) and order != "auto":
-            raise InputError(f"order must be a whole number, or 'auto' with method='baecklund', got {shown(order)}.")
+            raise InputError(f"order must be an integer, or 'auto' with method='baecklund', got {shown(order)}.")
         if tol is not None and order != "auto" and wanted.get("method") != "dop853":
             raise InputError(
                 "tol goes with order='auto', which chooses order and step for it, or with method='dop853', got "
@@ -123,7 +123,7 @@ def with_steps(asked: Mapping[str, Any]) -> dict[str, Any]:
         return _with_times(out, end)
     if end is None:
         if "steps" not in out:
-            raise InputError("expected steps=..., a whole number of them, t_end=..., a time, or times=..., got none.")
+            raise InputError("expected steps=..., an integer of them, t_end=..., a time, or times=..., got none.")
         return out
     if "steps" in out:
         raise InputError(f"expected steps or t_end, got both: steps = {shown(out['steps'])}, t_end = {shown(end)}.")
@@ -143,7 +143,7 @@ def _with_times(asked: dict[str, Any], end: Any) -> dict[str, Any]:
         raise InputError(f"times: expected at most {MOST_STEPS:,} steps of dt = {dt:g}, got times to {times[-1]:g}.")
     count = max(1, math.ceil(times[-1] / dt * (1 - WHOLE)))
     if end is not None or asked.get("steps", count) != count or asked.get("every", 1) != 1:
-        raise InputError("times: expected rows at these times alone, got steps, t_end or every too. Leave them out.")
+        raise InputError("times: expected only rows at these times, got steps, t_end or every too. Leave them out.")
     return {**asked, "times": times, "steps": count, "every": 1}
 
 
@@ -153,7 +153,7 @@ def in_order(times: Any) -> tuple[float, ...]:
     if found.ndim != 1 or not found.size or not np.isfinite(found).all() or found[0] < 0 or (np.diff(found) <= 0).any():
         raise InputError(f"times: expected a list of times from 0 on, each after the one before, got {shown(times)}.")
     if found[-1] == 0:
-        raise InputError("times: expected one after 0, got 0 alone.")
+        raise InputError("times: expected a time after 0, got only 0.")
     return tuple(found.tolist())
 
 
@@ -173,7 +173,7 @@ def _checked_impulses(given: Any, end: float) -> tuple[dict[str, Any], ...]:
         for letter, value in impulse.items():
             array = algebra.floats(value)
             if not np.isfinite(array).all():
-                raise InputError(f"impulses: expected finite numbers for {letter}, got {shown(value)}.")
+                raise InputError(f"impulses: expected finite values for {letter}, got {shown(value)}.")
             numbers[letter] = array.tolist()
         time = finite_number(impulse["time"], "impulses: the time")
         if not 0 < time <= end * (1 + WHOLE):
@@ -273,7 +273,7 @@ def _warn_of_clock(model: Model, row: Any) -> None:
     if record is not None and record.names(TIME) and time.shape == () and time != 0:
         doubt(
             f"x0 is the row of a run at time {float(time):g}, and a force of {model.system.name} depends on the time, "
-            "which begins at 0 here. To go on from there, lengthen the run by kr.resume(path, extend=steps), or use "
+            "which begins at 0 here. To continue from there, lengthen the run by kr.resume(path, extend=steps), or use "
             f"kr.propagator(...).steps(x, n, time={float(time):g})."
         )
 
@@ -319,7 +319,7 @@ def _checked_order(value: Any) -> Any:
         return tuple(int(whole(v)) for v in value)
     if not _is_whole(value):
         raise InputError(
-            "order: expected a whole number, or 'auto' with method='baecklund', or some with method='splitting', got "
+            "order: expected an integer, or 'auto' with method='baecklund', or some with method='splitting', got "
             f"{shown(value)}."
         )
     return int(whole(value))
@@ -333,7 +333,7 @@ def whole_order(value: Any) -> Any:
     """An order, as `_checked_order`, without "auto".  Raises `InputError`."""
     order = _checked_order(value)
     if isinstance(order, str):
-        raise InputError(f"order must be a whole number, or 'auto' with method='baecklund', got {shown(order)}.")
+        raise InputError(f"order must be an integer, or 'auto' with method='baecklund', got {shown(order)}.")
     return order
 
 
@@ -341,7 +341,7 @@ def whole_number(value: Any, name: str) -> int:
     """A number of steps, 1 or more.  Raises `InputError`."""
     value = whole(value)
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise InputError(f"{name} must be a whole number, 1 or more, got {shown(value)}.")
+        raise InputError(f"{name} must be an integer, 1 or more, got {shown(value)}.")
     if value > MOST_STEPS:
         raise InputError(f"{name}: expected at most {MOST_STEPS:,}, got {shown(value)}, which is out of reach.")
     return int(value)
@@ -359,7 +359,7 @@ def within(value: Any, name: str, least: int, most: int) -> int:
         return value
     value = whole(value)
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise InputError(f"{name}: expected a whole number from {least:,} to {most:,}, got {shown(value)}.")
+        raise InputError(f"{name}: expected an integer from {least:,} to {most:,}, got {shown(value)}.")
     return int(value)
 
 
@@ -375,7 +375,7 @@ def of_forces(model: Model) -> str:
     """Further causes of values that are not finite, if the model has forces."""
     if model.system.perturbation is None:
         return ""
-    return "a force that is no number there (a root of a negative number, a division by 0), "
+    return "a force that is not a number there (a root of a negative number, a division by 0), "
 
 
 def within_tolerances(value: Any) -> float:

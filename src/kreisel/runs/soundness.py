@@ -47,7 +47,7 @@ def faults(scheme: Scheme, engine: Engine, rows: Floats, dt: float) -> Iterator[
             yield Fault(
                 np.broadcast_to(~beyond.any(-1), (len(rows) + 1, len(engine.z))),
                 f"{name} is not conserved, although the method conserves it",
-                "a step far too long for this state, or a map or an integral that is not what its record says. Use a "
+                "a step far too long for this state, or a map or an integral that contradicts its record. Use a "
                 "smaller dt; project=False (--no-project) shows the map without projection.",
                 seen=False,
             )

@@ -18,7 +18,7 @@ def load_system(name: str, file: Path | None) -> System:
     if file is None:
         return find(name)
     if not file.is_file():
-        raise InputError(f"There is no file {file}, which [system] names; it is looked for next to the TOML file.")
+        raise InputError(f"No file {file}, which [system] names; it is looked for next to the TOML file.")
     own = own_systems(executed(file))
     if name in own:
         if own[name].name in KNOWN:

@@ -81,7 +81,7 @@ def metadata(store: Path) -> dict[str, Any]:
     if not stands(store):
         there = bool(store.name) and store.suffix != ".part" and stands(part_of(store))
         left = f" {part_of(store)} is there: `kreisel resume {store}` goes on." if there else ""
-        raise InputError(f"There is no archive {store}. Run `kreisel run` first, or check the name.{left}")
+        raise InputError(f"No archive {store}. Run `kreisel run` first, or check the name.{left}")
     path = store / "zarr.json"
     try:
         size = path.stat().st_size
@@ -414,7 +414,9 @@ def remove_scratch(store: Path, unlisted: bool = False) -> None:
 def part_of(path: Path) -> Path:
     """The path of an unfinished archive.  Raises `InputError` for the name of an unfinished archive."""
     if path.suffix == ".part":
-        raise InputError(f"{path}: expected a name that does not end in .part, as that of an unfinished archive does.")
+        raise InputError(
+            f"{path}: expected a name that does not end in .part, as the name of an unfinished archive does."
+        )
     return path.with_name(f"{path.name}.part")
 
 
@@ -429,7 +431,7 @@ def why_not(path: Path) -> str | None:
     if stat.S_ISLNK(kind):
         return "is a link"
     if not stat.S_ISDIR(kind):
-        return "is no folder"
+        return "is not a folder"
     here, inner = Path.cwd().resolve(), path.resolve()
     if inner == here or inner in here.parents:
         return "is the working folder, or one around it"
@@ -447,7 +449,7 @@ def require_replaceable(path: Path) -> None:
     why = why_not(path) if stands(path) else None
     if why is not None:
         raise InputError(
-            f"{path} is left as it is: expected nothing there or an archive of Kreisel, but it {why}. Choose another "
+            f"{path} is unchanged: expected nothing there or an archive of Kreisel, but it {why}. Choose another "
             "path, or move it away."
         )
 
@@ -530,7 +532,7 @@ def take_name(path: Path) -> None:
         why = why_not(path) if agreed(path) else "was made there by somebody else during the run"
         if why is not None:
             raise RunError(
-                f"{path} is left as it is: it {why}. The run is whole and kept in {part}. Move {path} away, then "
+                f"{path} is unchanged: it {why}. The run is complete and kept in {part}. Move {path} away, then "
                 f"`kreisel resume {path}` gives the run its name."
             )
         if stands(old):

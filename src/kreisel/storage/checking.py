@@ -200,7 +200,7 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     `out` exists.
     """
     if stands(out):
-        raise InputError(f"{out} exists already and is left as it is. Choose another path for what is recovered.")
+        raise InputError(f"{out} exists already and is unchanged. Choose another path for what is recovered.")
     require_file(out)
     record = run_record(path)
     archive.require_plain(path)
@@ -262,7 +262,7 @@ def _block_faults(block: xr.Dataset, first: int, record: RunRecord, again: Schem
     of_steps = np.minimum(rows * record.every, record.steps) * record.dt
     of_steps[rows == record.row_count - 1] = of_steps[-1] if record.stopped is None else record.stopped
     if record.recovered is None and not record.at_times and (time != of_steps).any():
-        yield "time is not that of the steps"
+        yield "time is not the time of the steps"
     if not (np.diff(time) > 0).all():
         yield "time does not increase"
     for name, variable in block.data_vars.items():

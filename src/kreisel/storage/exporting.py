@@ -173,7 +173,7 @@ def _require_plain(types: Mapping[Any, np.dtype[Any]], form: str) -> None:
     wrong = [k for k, t in types.items() if t.kind not in "biufcSU" or not str(k).strip(".") or "/" in str(k)]
     if wrong:
         raise InputError(
-            f"expected variables of numbers or text, their names without /, for {form}, got {shown(wrong[0])} of the "
+            f"expected variables of values or text, their names without /, for {form}, got {shown(wrong[0])} of the "
             f"type {types[wrong[0]]}. Leave it out with run.drop_vars."
         )
 

@@ -59,7 +59,9 @@ class SweepRecord(msgspec.Struct, frozen=True, kw_only=True):
     def from_attrs(cls, attrs: Mapping[str, Any], where: object) -> SweepRecord:
         """The record in attributes, checked.  Raises `InputError` for attributes that are damaged or not of a sweep."""
         if attrs.get("kreisel_sweep") != SWEEP_FORMAT:
-            raise InputError(f"{where} is no sweep of Kreisel (no kreisel_sweep = {SWEEP_FORMAT} in its attributes).")
+            raise InputError(
+                f"{where} is not a sweep of Kreisel (no kreisel_sweep = {SWEEP_FORMAT} in its attributes)."
+            )
         try:
             record = msgspec.convert(dict(attrs), cls)
         except msgspec.ValidationError as error:

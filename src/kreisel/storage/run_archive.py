@@ -77,7 +77,7 @@ class RunArchive:
             archive.require_replaceable(path)
         if stands(self.path) and not self._overwrite:
             raise InputError(
-                f"{self.path} exists already and is left as it is. Choose another path, or replace it with --overwrite "
+                f"{self.path} exists already and is unchanged. Choose another path, or replace it with --overwrite "
                 "(overwrite=True)."
             )
         if not self._overwrite and (self.part / CHECKPOINT).exists():
@@ -184,7 +184,7 @@ def reopen(
     record = run_record(store)
     archive.require_plain(store)
     if store == part and stands(path) and not archive.agreed(path):
-        raise InputError(f"{path} stands where {part} is to go, and was not to be replaced. Move one of them away.")
+        raise InputError(f"{path} is where {part} is to go, and was not to be replaced. Move one of them away.")
     if store == path and extend is None:
         raise InputError(f"{path} is finished: its {record.steps:,} steps are done. --extend STEPS lengthens it.")
     steps = record.steps if extend is None else extend

@@ -194,5 +194,5 @@ def _check_memory(plan: Plan) -> None:
     if need > 0.7 * psutil.virtual_memory().total:
         raise InputError(
             f"{plan.rows:,} saved rows would need about {need / 2**30:.1f} GiB of memory. "
-            "Give path='run.zarr' to write them to disk as the run goes on, or save less often with every=..."
+            "Give path='run.zarr' to write them to disk during the run, or save less often with every=..."
         )

@@ -302,7 +302,7 @@ def _range(quantity: Varied, spec: Mapping[str, Any]) -> Array:
         raise InputError(f"{quantity.name}: a range needs from, to, count (and spacing = 'log'), got {shown(spec)}.")
     count, spacing = spec["count"], spec.get("spacing", "linear")
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST_LANES:
-        raise InputError(f"{quantity.name}: count must be a whole number, 1 to {MOST_LANES:,}, got {shown(count)}.")
+        raise InputError(f"{quantity.name}: count must be an integer, 1 to {MOST_LANES:,}, got {shown(count)}.")
     if spacing not in RANGES:
         raise InputError(f"{quantity.name}: spacing is 'linear' or 'log', got {shown(spacing)}.")
     low, high = _number_array(spec["from"], quantity.name), _number_array(spec["to"], quantity.name)

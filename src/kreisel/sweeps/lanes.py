@@ -55,7 +55,7 @@ def broken_lanes(result: xr.Dataset, file: Path | None = None) -> list[str]:
         sentences += [f"lane {lane}: {name}" for name in _broken(result, sweep, lane, here)[:1]]
     return [
         f"{where} is not conserved, although the method conserves it. Usual cause: a step far too long for this state, "
-        "or a map or an integral that is not what its record says. Use a smaller dt."
+        "or a map or an integral that contradicts its record. Use a smaller dt."
         for where in sentences
     ]
 

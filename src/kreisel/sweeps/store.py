@@ -31,7 +31,7 @@ from kreisel.sweeps.design import Varied, as_json
 from kreisel.sweeps.ensemble import CHOSEN, TRAJECTORIES, TROUBLES, Sweep
 from kreisel.sweeps.summaries import FEWEST_ROWS, SUMMARIES, summarized
 
-LOST = "The blocks that were done are kept: the same command goes on."
+LOST = "The blocks that were done are kept: the same command resumes."
 MESSAGE_BYTES = 400
 LONGEST_BLOCK = 10**9  # steps: about half a minute for n = 3
 MOST_IN_BLOCK = 4096

@@ -184,7 +184,7 @@ def _checked_description(description: dict[str, Any], file: Path | None) -> dict
     memory = spec.setdefault("memory", MEMORY_MIB)
     for name, value in (("memory", memory), ("block", spec.get("block", 1))):
         if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 10**7:
-            raise InputError(f"{name} in [sweep] must be a whole number, 1 or more, got {shown(value)}.")
+            raise InputError(f"{name} in [sweep] must be an integer, 1 or more, got {shown(value)}.")
     run = {k: v for k, v in description["run"].items() if v is not None}
     out = {**description, "run": run, "sweep": spec}
     if file is not None:

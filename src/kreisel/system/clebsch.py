@@ -115,7 +115,7 @@ SYSTEM = System(
         Parameter(
             "b",
             "vector",
-            "diagonal of B: H has -<P, BP>/2. Adding a constant to b leaves the flow as it is",
+            "diagonal of B: H has -<P, BP>/2. Adding a constant to b does not change the flow",
             diagonal=True,
         ),
     ),

@@ -69,6 +69,6 @@ SYSTEM = System(
     integrals={"noether": noether},
     commuting=("noether",),
     n=3,
-    notes="For b1 = b3 the mixed terms are a Casimir; M and P move as those of kirchhoff-revolution, which has maps. "
+    notes="For b1 = b3 the mixed terms are a Casimir; M and P move as in kirchhoff-revolution, which has maps. "
     "For b1 and b3 that differ a Lax pair and an integrable discretization are open. It runs by dop853, or kahan.",
 )

@@ -167,7 +167,7 @@ SYSTEM = System(
         lax=lax_matrix,
         conjugator=conjugator,
         largest_step=largest_step,
-        source="Suris 2001, section 7, and a turn about the axis",
+        source="Suris 2001, section 7, and a rotation about the axis",
     ),
     baecklund=BAECKLUND,
     relations=(
@@ -180,5 +180,5 @@ SYSTEM = System(
             meaning="c_jk = a3 across the axis, else a1; B = -diag(c1, ..., c1, c3)",
         ),
     ),
-    notes="The spectrum alone is not complete: noether is needed too.",
+    notes="The spectrum is not complete: noether is needed too.",
 )

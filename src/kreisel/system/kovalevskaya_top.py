@@ -28,7 +28,7 @@ SYSTEM = replace(
     parameters=gyrostat.SYSTEM.parameters[:1],
     inverse_inertia=inverse_inertia,
     derive=shape,
-    scaling="The moments of inertia of all planes are 1, that of the plane (1, 2) is 1/2; for n = 3 (1, 1, 1/2).",
+    scaling="The moments of inertia of all planes are 1, except for 1/2 in the plane (1, 2); for n = 3 (1, 1, 1/2).",
     pairs=TOP,
     relations=(
         Relation(

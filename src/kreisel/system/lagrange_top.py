@@ -136,7 +136,7 @@ SYSTEM = System(
     velocity=velocity,
     inverse_inertia=inverse_inertia,
     spin=spin,
-    scaling="The transverse moment of inertia is 1: with body values I1, M g l take the time unit sqrt(I1/(M g l)), "
+    scaling="The transverse moment of inertia is 1: with body values I1, M g l use the time unit sqrt(I1/(M g l)), "
     "momenta in sqrt(I1 M g l), |a| = |p| = 1.",
     checks=Checks(state={"a": nonzero_vector}),
     integrals={"spectrum": spectrum, "noether": noether},
@@ -145,6 +145,6 @@ SYSTEM = System(
     map=MAP,
     baecklund=BAECKLUND,
     closed_form=ClosedForm(top=lambda m, a, *, p: (m, a, p)),
-    relations=(Relation("lagrange-top-moving", to_moving_frame, "adjoint", "the same body seen in its own frame"),),
-    notes="For n >= 4 the spectrum alone is not complete: noether, the block pi m pi, is needed too.",
+    relations=(Relation("lagrange-top-moving", to_moving_frame, "adjoint", "the body seen in the moving frame"),),
+    notes="For n >= 4 the spectrum is not complete: noether, the block pi m pi, is needed too.",
 )

@@ -162,7 +162,7 @@ SYSTEM = System(
             exact=False,  # its mass tensor is diagonal only if A is along an axis
         ),
     ),
-    notes="For n >= 4 the spectrum alone is not complete: noether, the block Pi M Pi, is needed too. "
+    notes="For n >= 4 the spectrum is not complete: noether, the block Pi M Pi, is needed too. "
     "For n = 3 and alpha < 0, which no body has, the step divides by alpha + eps^2/4 <M_perp, M_perp>.",
 )
 

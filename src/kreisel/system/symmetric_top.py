@@ -160,5 +160,5 @@ SYSTEM = System(
             "lagrange-top", lambda M, P, g, *, A: ((-M, P), {"p": A, "alpha": one(A)}), "step", "(m, a, p) = (-M, P, A)"
         ),
     ),
-    notes="For n >= 4 the spectrum alone is not complete: noether is needed too.",
+    notes="For n >= 4 the spectrum is not complete: noether is needed too.",
 )

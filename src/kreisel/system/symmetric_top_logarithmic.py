@@ -114,5 +114,5 @@ SYSTEM = replace(
     ),
     baecklund=None,
     relations=(Relation("symmetric-top", lambda M, P, g, *, A: ((M, P), {"A": A}), meaning="another map"),),
-    notes="For n >= 4 the spectrum alone is not complete: noether is needed too.",
+    notes="For n >= 4 the spectrum is not complete: noether is needed too.",
 )

@@ -204,7 +204,7 @@ def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, n
     merged = xr.concat([kept, *pieces], "time", coords="minimal", compat="override", join="override").sortby("time")
     whole = len(starts) == len(gaps) and length >= wanted.max()
     said = "the motion" if whole else f"{len(starts)} stretches of the motion"
-    text = f"{said} between saved states computed again from them by the run's own method"
+    text = f"{said} between saved states computed again from them by the method of the run"
     text += f", with steps of {step:.3g}" if split > 1 else ""
     text += f", which gives the next saved state to {worst:.0e}" if worst else ""
     return merged.assign_attrs(shown.attrs), "; ".join(text for text in (note, text) if text)

@@ -76,7 +76,7 @@ class Handler(BaseHTTPRequestHandler):
         if not self._meant_for_us():
             return self._send(421, b"", "text/plain", body)
         if urlsplit(self.path).path != "/":
-            return self._send(404, b"There is one page here: /\n", "text/plain", body)
+            return self._send(404, b"Expected the address of the page: /\n", "text/plain", body)
         tag, data = self.server.source.read()
         wants_data = "application/json" in self.headers.get("Accept", "")
         tag = f'"{tag}-{"data" if wants_data else "page"}"'

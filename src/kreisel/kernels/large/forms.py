@@ -236,7 +236,7 @@ def _momentum(value: Any) -> StructuredVector:
         raise TypeError("a momentum that is not T + s ^ p")
     ((_, s, t),) = value.pairs.values()
     if not t.axis:
-        raise TypeError("about an axis, momenta change by pairs with the axis alone")
+        raise TypeError("about an axis, momenta change only by pairs with the axis")
     return s
 
 
@@ -448,7 +448,7 @@ class Basis:
                 off = abs(moved - self.y * out[name][..., None, :]).max(initial=0)
                 if off > IN_PLANES * max(1.0, abs(value).max(initial=0)):
                     raise InputError(
-                        f"engine='large' cannot make the turn {name} of method={scheme.name!r}; use 'cpu'."
+                        f"engine='large' cannot compute the rotation {name} of method={scheme.name!r}; use 'cpu'."
                     )
         return out
 

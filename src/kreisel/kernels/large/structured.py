@@ -434,7 +434,7 @@ class StructuredMatrix:
     def record_conjugate(self, X: StructuredMatrix) -> StructuredMatrix:
         """cay(X) Y cay(X)^-1 for a turn X in the planes of T."""
         if X.pairs or key_of(X.diagonal) != 0.0 or self.dense:
-            raise TypeError("a turn that does not leave the axis alone")
+            raise TypeError("a rotation that changes the axis")
         pairs = {key: (c, algebra.cayley_act(X, s), t) for key, (c, s, t) in self.pairs.items()}
         return replace(self, pairs=pairs)
 

@@ -102,14 +102,14 @@ CONTINUOUS = {
     "steklov-lyapunov": ("Conclusions, Steklov's and Lyapunov's cases", COMPLETE),
     "ratiu-top": ("Conclusions, Ratiu's Lagrange top", COMPLETE),
     "ratiu-bitop": ("Conclusions, Ratiu's Lagrange top", COMPLETE),
-    "rosochatius": ("Section 7, end, beside Neumann's system", COMPLETE),
+    "rosochatius": ("Section 7, end, next to Neumann's system", COMPLETE),
 }
 MAPS = {
     "euler-top": ("Introduction, the discrete Euler top of Veselov, Moser and Veselov", True),
     "quadratic-potential": ("Introduction, the earlier paper's discretization", True),
     "clebsch-body": ("Conclusions, the other discretization of Clebsch's case", True),
     "neumann-veselov": ("Introduction, Veselov's discretization of Neumann's system", True),
-    "rosochatius": ("Section 7, end, beside Neumann's system", True),
+    "rosochatius": ("Section 7, end, next to Neumann's system", True),
     "ratiu-bitop": ("Conclusions, a map for n = 4", False),
     "kirchhoff-revolution": ("Introduction, Kirchhoff's case", False),
 }

@@ -195,7 +195,7 @@ class Breaks:
             return
         sides, fired = snapshot.get(BREAKS + "sides"), snapshot.get(BREAKS + "fired")
         if sides is None or fired is None or sides.shape != self._signs.sides.shape or fired.shape[1:] != (2,):
-            raise InputError("events: expected those of the run, got others, or the checkpoint is damaged.")
+            raise InputError("events: expected the events of the run, got others, or the checkpoint is damaged.")
         self._signs.sides, self.fired[:] = sides.copy(), [(float(t), int(i)) for t, i in fired]
 
 
@@ -254,7 +254,7 @@ REQUIREMENTS = (
     ),
     Requirement(
         lambda plan, scheme: not plan.events or not plan.batched or scheme.coupling is not None,
-        "events: expected one body, or bodies in pairs, got {lanes} lanes, each of which has them at times of its own. "
+        "events: expected one body, or bodies in pairs, got {lanes} lanes, each of which has them at different times. "
         "Make a run for each lane.",
     ),
 )
@@ -301,7 +301,7 @@ def _jump(stepper: Stepper, impulse: Mapping[str, Any], lanes: int) -> Floats:
             value = kind.shown(n).pack(kind.for_user(value))
         width = place.stop - place.start
         if value.shape not in ((width,), (lanes, width)) or not np.isfinite(value).all():
-            wanted = f"{width} finite numbers" if n == 3 or width == n else f"a skew {n} x {n} matrix"
+            wanted = f"{width} finite values" if n == 3 or width == n else f"a skew {n} x {n} matrix"
             raise InputError(f"impulses: expected {wanted} for {letter}, got {shown(impulse[letter])}.")
         out[:, place] = value
     return out

@@ -76,7 +76,7 @@ class StateForms:
         if not 1 <= numbers.ndim <= 2 or numbers.shape[-1] != self.size or not numbers.size:
             raise InputError(
                 f"The state of {self.model.system.name}: expected a mapping of {', '.join(self.letters)}, or an array "
-                f"of these {self.size} numbers, ({self.size},) or (lanes, {self.size}), got {shown(state)}."
+                f"of these {self.size} values, ({self.size},) or (lanes, {self.size}), got {shown(state)}."
             )
         x = numbers if numbers.ndim > 1 else numbers[None]
         if self.model.batch and len(x) != self.model.batch[0]:
@@ -244,7 +244,7 @@ def require_finite(x: Floats) -> None:
     """Raises `InputError` for states (lanes, size) that are not finite."""
     if not is_finite(x):
         where = in_lane(~np.isfinite(x).all(-1))
-        raise InputError(f"The state: expected finite numbers, got NaN or infinity{where}.")
+        raise InputError(f"The state: expected finite values, got NaN or infinity{where}.")
 
 
 # -- components of one state that need few checks: the entries as from the full checks, or None for the full checks

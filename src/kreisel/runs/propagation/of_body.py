@@ -107,7 +107,7 @@ class BodyPropagator:
     def _changed(self, x: Array, by: Array) -> Array:
         if x.shape[-1:] != (self.size,):
             raise InputError(
-                f"The state: expected a mapping of {', '.join(self.names)}, or an array of these {self.size} numbers, "
+                f"The state: expected a mapping of {', '.join(self.names)}, or an array of these {self.size} values, "
                 f"({self.size},) or (lanes, {self.size}), got {shown(x)}."
             )
         return x * by if by.ndim == 1 else x @ by
@@ -124,7 +124,7 @@ class BodyPropagator:
             v = np.empty(0)
         if v.shape[-1:] != (3,):
             raise InputError(
-                f"{name}: expected a vector (3,) of numbers in SI along the axes of the body, got {shown(vector)}."
+                f"{name}: expected a vector (3,) of values in SI units along the axes of the body, got {shown(vector)}."
             )
         return v @ self._frame.axes if self._turned else v
 

@@ -233,7 +233,8 @@ class Propagator:
             self._require_steps("until")
         elif not self._paced:
             raise InputError(
-                "until: expected kr.propagator(..., dt=...), which says how often the quantity is looked at, got none."
+                "until: expected kr.propagator(..., dt=...), which states how often the quantity is evaluated, got "
+                "none."
             )
 
         def form(z: Floats, t: float) -> Any:
