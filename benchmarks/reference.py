@@ -17,7 +17,17 @@ from kreisel.graph.recording import Piece, Recording, flat_constants, flat_stage
 from kreisel.languages.dialects import C
 from kreisel.languages.writer import Writer
 
-NUMBERS = replace(C, once=("const dd {} = {};", C.once[1]), prefix="")
+NUMBERS = replace(
+    C,
+    once="const dd {} = {};",
+    calls={
+        **C.calls,
+        "max": "max({0}, {1})",
+        "sign": "sign({0})",
+        "size": "size({0})",
+        "where": "where_less({0}, {1}, {2}, {3})",
+    },
+)
 PLACES = {"z": "x[{}]", "c": "c[{}]", "s": "s[stage * OF_STAGE + {}]"}
 HERE = Path(__file__).parent
 FLAGS = ["-O2", "-march=native", "-ffp-contract=off", "-std=c++17"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,47 @@ from kreisel.record.model import Model
 
 TOP = kr.LagrangeTop(p=(0.0, 0.0, 1.25), alpha=0.75)  # numbers other than 0 and 1, which would be folded into the code
 BODY = kr.EulerTop(J=(1.25, 2.25, 3.25))
+SYSTEMS = {
+    "top": (TOP, TOP.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))),
+    "body": (BODY, BODY.state(M=(0.03, 2.0, 0.04))),
+}
 
 
-def module(text: str, flow: str) -> str:
-    """A module as one object."""
-    body = text.replace("export ", "")
-    return f"(() => {{\n{body}\n{flow}\nreturn {{ Body, START, CONSTANTS, NAMES, flow }};\n}})()"
+BODY_OF = """
+const START = {start}, CONSTANTS = {constants}, NAMES = {names};
+class Body {{
+  constructor(x = START) {{
+    this.c = new Constants(); this.s = new State();
+    {prepare}
+    {set}
+  }}
+  advance(steps) {{ advance(this.c, this.s, steps); }}
+  observe(out = []) {{ {observe} return out; }}
+}}"""
+
+
+def module(name: str, text: str, flow: str) -> str:
+    """A module as one object, whose bodies read their constants in CONSTANTS, as the flow does."""
+    body, model, state = text.replace("export ", ""), *SYSTEMS[name]
+    constants = [float(v) for value in model.constants.values() for v in np.ravel(value)] + [0.05]
+    start = [float(v) for letter in model.system.space.letters for v in state.axial[letter]]
+    if name == "top":
+        (names,) = re.findall(r"^Outputs: (.*?)\.$", text.replace(",\n", ", "), re.MULTILINE | re.DOTALL)
+        parts = {
+            "names": names.split(", "),
+            "prepare": "prepare(this.c, CONSTANTS.slice(0, 3), CONSTANTS[3], CONSTANTS[4]);",
+            "set": "this.s.m.set(x.slice(0, 3)); this.s.a.set(x.slice(3));",
+            "observe": "observe(this.c, this.s, out);",
+        }
+    else:
+        parts = {
+            "names": ["M[0]", "M[1]", "M[2]", "energy"],
+            "prepare": "prepare(this.c, [1, 2, 0].map((k) => CONSTANTS[k] + CONSTANTS[(k + 1) % 3]), CONSTANTS[12]);",
+            "set": "this.s.M.set(x); this.s.g[0] = 1;",
+            "observe": "out[3] = energy(this.c, this.s); this.s.M.forEach((v, i) => { out[i] = v; });",
+        }
+    kept = BODY_OF.format(start=start, constants=constants, **parts)
+    return f"(() => {{\n{body}\n{kept}\n{flow}\nreturn {{ Body, START, CONSTANTS, NAMES, flow }};\n}})()"
 
 
 def flow_of(model: Model) -> str:
@@ -47,13 +83,9 @@ def flow_of(model: Model) -> str:
 
 def write(docs: Path) -> None:
     """generated/extra/live/playground.html."""
-    states = {
-        "top": (TOP, TOP.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))),
-        "body": (BODY, BODY.state(M=(0.03, 2.0, 0.04))),
-    }
     systems = {
-        name: module(kr.code(model, state, dt=0.05, language="js", method="exact"), flow_of(model))
-        for name, (model, state) in states.items()
+        name: module(name, kr.code(model, state, language="js", method="exact"), flow_of(model))
+        for name, (model, state) in SYSTEMS.items()
     }
     page = (docs / "static" / "playground.html").read_text(encoding="utf-8")
     for name, text in systems.items():

@@ -32,9 +32,9 @@ def test_its_flow_is_that_of_its_step(page: Path) -> None:
     (script,) = re.findall(r"<script>\n(.*?)</script>", page.read_text(encoding="utf-8"), re.DOTALL)
     code = """
 for (const [name, h] of [["top", 4], ["body", 12]]) {
-  const s = SYSTEMS[name], body = new s.Body();
-  const x = Float64Array.from(s.START);
+  const s = SYSTEMS[name];
   s.CONSTANTS[h] = 0.002;
+  const x = Float64Array.from(s.START), body = new s.Body();
   for (let i = 0; i < 50; i++) { body.advance(1); rungeKutta(x, 0.002, s.flow); }
   console.log(JSON.stringify([Array.from(body.observe().slice(0, x.length)), Array.from(x)]));
 }"""

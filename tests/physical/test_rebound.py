@@ -150,7 +150,7 @@ def test_kernels_are_the_formulas() -> None:
         for j in range(3):
             if i == j:
                 continue
-            r, row, known = before[j, :3] - before[i, :3], states[body], c[body, 12:]
+            r, row, known = before[j, :3] - before[i, :3], states[body], c[body, 9:]
             figure = {"I": known[:3], "tide": known[6]}
 
             def act(dv: np.ndarray, i: int = i, j: int = j, row: np.ndarray = row, r: np.ndarray = r) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from kreisel.algebra import Array, flatten, holds_objects, restore
 
@@ -41,3 +42,27 @@ def repeat(
         if k == last:
             break
     return X, defect
+
+
+def each(body: Callable[..., Array], rows: Sequence[Sequence[float]], like: Array) -> list[Array]:
+    """body(*row) for rows of constants, one after the other; `like`: an array of the kind of number.
+
+    Recorded numbers may keep the rows as a table, with the same operations.
+    """
+    first: Any = like.flat[0] if holds_objects(like) else None
+    if hasattr(first, "record_each"):
+        return list(first.record_each(body, rows))
+    return [body(*map(float, row)) for row in rows]
+
+
+def times(body: Callable[[list[Array]], Sequence[Array]], start: Sequence[Array], count: int) -> Sequence[Array]:
+    """The result of `count` applications of the body to numbers `start`.
+
+    Recorded numbers may keep them as a loop, with the same operations.
+    """
+    first: Any = next((x for x in start if hasattr(x, "record_times")), None)
+    if first is not None:
+        return list(first.record_times(body, start, count))
+    for _ in range(count):
+        start = body([*start])
+    return start

@@ -8,6 +8,8 @@ Q belongs to the rho of the very state, by a step of Newton's method, as in `lag
 [the Lax matrix of Suris 2001, section 7; derivation in docs/baecklund.md; others, n = 3, by 2 x 2 matrices: Zullo 2011]
 """
 
+from functools import reduce
+
 import numpy as np
 
 from kreisel.algebra import (
@@ -18,6 +20,7 @@ from kreisel.algebra import (
     dot,
     identity,
     mat,
+    maximum,
     parts,
     skew,
     solve,
@@ -34,7 +37,7 @@ CLOSE = 1e-10  # relative: the next step of Newton's method changes the last pla
 
 def shifted_diagonal(*, b):
     """c = b - max b: the same flow and the same maps, labelled so that they exist for every eps."""
-    return {"c": b - b.max(-1, keepdims=True)}
+    return {"c": b - vec(reduce(maximum, [b[..., i] for i in range(b.shape[-1])]))}
 
 
 def eigenvector(M, P, *, c, mu, rho):

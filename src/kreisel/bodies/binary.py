@@ -62,7 +62,7 @@ PAIR = (
     ("q2", "quaternion"),
 )
 THIRD = (("R", "vector"), ("V", "vector"))
-ROTOR = ("inverse", "rates", "gaps", "curvatures")  # of `rotor_step.constants`, one after the other
+ROTOR = ("inverse", "rates", "curvatures")  # of `rotor_step.constants`, one after the other
 
 # -- free motion -----------------------------------------------------------------------------------
 

@@ -212,30 +212,25 @@ def investigate(
 @app.command()
 def code(
     subject: Annotated[
-        str, typer.Argument(help="A system by name, or the TOML file of a run.", autocompletion=system_names)
+        str,
+        typer.Argument(help="free-body, a system by name, or the TOML file of a run.", autocompletion=system_names),
     ],
-    language: Annotated[str, typer.Option(help="c, js or julia.")] = "c",
+    language: Annotated[str, typer.Option(help="c, cpp, cuda, js, julia, ...")] = "c",
     method: Annotated[str | None, typer.Option(help=r"As in \[run]; one that makes steps, or exact.")] = None,
     order: Annotated[int | None, typer.Option(help=r"As in \[run].")] = None,
-    dt: Annotated[float | None, typer.Option(help="The step; 0.01 for a system by name.")] = None,
+    dt: Annotated[float | None, typer.Option(help="Default value of the step.")] = None,
     n: Annotated[int, typer.Option("--n", help="The dimension, for a system by name.")] = 3,
     values: Annotated[
-        list[str] | None, typer.Option("--set", help="A parameter of a system by name: p=0,0,1; once for each.")
+        list[str] | None, typer.Option("--set", help="A default value of a parameter: p=0,0,1; once for each.")
     ] = None,
     orientation: Annotated[
         bool, typer.Option("--orientation/--no-orientation", help="Carry the orientation, for a system by name.")
     ] = True,
-    project: Annotated[
-        bool, typer.Option("--project/--no-project", help="Put the state back on what is conserved.")
-    ] = True,
-    name: Annotated[
-        str | None, typer.Option(help="Of the body, which names in C begin with; by default of the content.")
-    ] = None,
+    name: Annotated[str | None, typer.Option(help="Of the body, which names in C begin with.")] = None,
 ) -> None:
-    """Print one file, without dependencies, with the step of a body: kreisel code euler-top --name rock > rock.h.
+    """Print one short file, without dependencies, with the step of a body: kreisel code free-body --name rock > rock.h.
 
-    A TOML file gives the parameters, the state, the step and the method; for a system by name they are examples, except
-    values that are set.
+    Parameters, step and state are arguments of its functions; a TOML file or --set give default values.
     """
     from kreisel.bodies import find
     from kreisel.cli.configuration import read
@@ -248,14 +243,14 @@ def code(
             raise InputError("--set: expected a system by name, got a TOML file, which has its parameters itself.")
         asked = read(Path(subject).expanduser())
         model, body, g, run = asked.model, asked.state, asked.orientation, asked.run
-        method, project = method or run.method, project and run.project
+        method, dt = method or run.method, run.dt if dt is None else dt
         order = order if order is not None or not isinstance(run.order, int) else run.order
-        dt = run.dt if dt is None else dt
     else:
-        sample = example(find(subject), n, dict(parameter_of(text) for text in values or ()))
+        given = dict(parameter_of(text) for text in values or ())
+        sample = example(find("euler-top" if subject == "free-body" else subject), n, given)
         model, body = sample.model, sample.model.state(**sample.state)
         if orientation and model.system.velocity is not None:
             g = [1.0, 0.0, 0.0, 0.0] if model.n == 3 else [[float(i == j) for j in range(n)] for i in range(n)]
-        dt = 0.01 if dt is None else dt
-    settings: dict[str, Any] = {"method": method, "order": order, "orientation": g, "project": project, "name": name}
+        dt = 1 / 60 if dt is None else dt
+    settings: dict[str, Any] = {"method": method, "order": order, "orientation": g, "name": name}
     print(text_of(model, body, dt=dt, language=language, **settings), end="")

@@ -131,6 +131,16 @@ class Graph:
         results = [Number(self, self._added((RESULT, loop, i))) for i in range(len(new))]
         return results[:-1], results[-1]
 
+    def each(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
+        """body(*row) for rows of constants, written out."""
+        return [body(*map(float, row)) for row in rows]
+
+    def times(self, body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], count: int) -> Sequence[Any]:
+        """The result of `count` applications of the body to `start`, written out."""
+        for _ in range(count):
+            start = body([*start])
+        return start
+
     def branch(self, test: Number, body: Callable[[], Sequence[Operand]], values: Sequence[Operand]) -> list[Number]:
         """Record `Branch`: body() if test > 0, of a vector somewhere, else `values`."""
         first = len(self.nodes)
@@ -339,6 +349,16 @@ class Number(Ring, Recorded):
     def nearest(self) -> Number:
         """The integer next to it, of two the even one."""
         return self.record(NEAREST, self.positive, negative=self.negative)
+
+    def record_each(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
+        """body(*row) for rows of constants, as the graph keeps them."""
+        return self.graph.each(body, rows)
+
+    def record_times(
+        self, body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], count: int
+    ) -> Sequence[Any]:
+        """`count` applications of the body to `start`, as the graph keeps them."""
+        return self.graph.times(body, start, count)
 
     def record_branch(self, body: Callable[[], Sequence[Any]], values: Sequence[Any]) -> Sequence[Any]:
         """body() if the number is positive, of a vector somewhere, else `values`."""

@@ -12,6 +12,7 @@ b = h^2 sum I_j I_k mu_i^2, whose coefficients are integrals of the map.
 """
 
 from kreisel.algebra import SECOND, THIRD, axial, diagonal_resolvent, dot, hat, vec
+from kreisel.algebra.iteration import times
 
 STEPS, ROOT_STEPS = 4, 12  # for the root at each step, and for that of a trajectory
 
@@ -33,8 +34,9 @@ def root(M, J, eps, steps=ROOT_STEPS):
     """
     moments, m, b = coefficients(M, J, eps)
     total = moments.sum(-1)
-    s = b / (moments[..., 0] * moments[..., 1] * moments[..., 2])
-    for _ in range(steps):
+
+    def improved(x):
+        s, _ = x
         d = moments - vec(s)
         minors = d[..., SECOND] * d[..., THIRD]
         second, product = minors.sum(-1), d[..., 0] * minors[..., 0]
@@ -42,7 +44,10 @@ def root(M, J, eps, steps=ROOT_STEPS):
         slope = product - s * second - m * (4 * s - total)
         curvature = s * d.sum(-1) - second - 2 * m  # p''/2
         change = value * slope / (slope * slope - value * curvature)
-        s = s - change
+        return s - change, change
+
+    s = b / (moments[..., 0] * moments[..., 1] * moments[..., 2])
+    s, change = times(improved, (s, 0 * s), steps)
     return s, change * change / (total * total)
 
 

@@ -1,180 +1,315 @@
-"""C, JavaScript and Julia as data for `kreisel.languages.writer`."""
+"""Languages as data: a `Dialect` is all that `kreisel.languages` knows of one.
+
+A file has a head (a comment), two types, the constants and the state of a body, and functions whose arguments are those
+types, arrays and numbers.  A new language is a record here: no other module asks for a language by its name.
+"""
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from importlib import resources
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
-from kreisel.algebra.reuse import cached_property
-
-SECTION = re.compile(r"^@@ (.+)\n", re.MULTILINE)
-WORD = re.compile(r"@(\w+?)@")
-
-
-def filled(template: str, words: Mapping[str, Any]) -> str:
-    """A template with @words@ replaced, except words that are not yet known."""
-    return WORD.sub(lambda match: str(words.get(match[1], match[0])), template)
+import numpy as np
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """A language, in templates.
+    """Templates of a language: {type} is the name of the body, {module} the same with capital letters.
 
-    local     declares a float, or an integer, that is assigned to later
-    once      declares one with its final value
-    starts    declares a float that is assigned to later, with its first value
-    up, down  a loop over integers {var} from {start} to {stop}, exclusive, with step 1 and -1
-    table     declares constant floats; `rows` several rows of them, `row` each
-    prefix    of the helpers that all files share, if other names may clash with them
-    mark      of the other names of a file, if they would clash with names of other files
-    reserved  reserved words of the language
-    first     the index of the first entry of an array
+    begin, finish  the text of a file before and behind its types and functions; {head} and {usage} are lines
+    mark           what a line of {head} begins with
+    types          of a type: its head, a field that is a number, one that is an array, its end
+    function       the head of a function, its {arguments} joined by commas; {result} is one of `results`
+    arguments      by kind: number, array, out (an array that is written), constants, new (constants), state, changed
+    members        a field of a type that is a number, and an entry of one that is an array
+    once, starts   a number with its final value, one that is assigned to later
+    up             a loop over {count} integers {var}, {first} to {last}
+    table, room    an array of constant numbers, one that is written later; without, loops over tables are written out
+    give           the end of a function with a result, by its kind
+    calls          operations that have no sign
+    staged         the function of a step of several {stages}; `closing` in it calls its end
+    more           the functions that are the same for all bodies, such as `advance`
+    default        a default value of a parameter
+    case, message  of {cases}: a text for each status of `check`
+    joint          between declarations on one line, without `end` of the first and the beginning of the second
+    note           a comment behind a declaration
+    letter         behind each number
+    unused         a statement that uses an argument, if compilers warn of those that nothing uses
     """
 
     name: str
     suffix: str
-    end: str
-    local: tuple[str, str]
-    once: tuple[str, str]
+    begin: str
+    finish: str
+    types: tuple[str, str, str, str]
+    function: str
+    results: Mapping[str, str]
+    arguments: Mapping[str, str]
+    members: tuple[str, str]
+    once: str
     starts: str
     up: str
-    down: str
-    loop_while: str
-    condition: str
-    otherwise: str
-    close: str
-    either: str
-    table: tuple[str, str]
-    rows: str
-    row: str
-    between: str
-    space: str
-    no: str
-    yes: str
-    special: tuple[str, str]
-    prefix: str
+    table: str
+    room: str
+    give: Mapping[str, str]
+    calls: Mapping[str, str]
+    staged: str
+    closing: str
+    more: str
+    default: tuple[str, str]
+    case: str
+    message: str
     mark: str = ""
-    reserved: frozenset[str] = frozenset()
+    note: str = " /* {} */"
+    joint: str = ", "
+    end: str = ";"
+    close: str = "}"
+    special: tuple[str, str] = ("NAN", "INFINITY")
+    letter: str = ""
+    unused: str = ""
+    single: bool = False
     first: int = 0
+    reserved: frozenset[str] = field(default_factory=frozenset)
 
-    @cached_property
-    def templates(self) -> dict[str, str]:
-        """The constant texts of every file: its head, its helpers, the type with a state, the heads of functions."""
-        folder = resources.files("kreisel.languages").joinpath("templates")
-        text = folder.joinpath(f"{self.name}{self.suffix}").read_text(encoding="utf-8")
-        names_and_texts = SECTION.split(text)[1:]
-        return dict(zip(names_and_texts[::2], names_and_texts[1::2], strict=True))
-
-    def part(self, name: str, **words: Any) -> str:
-        """A template of one statement, filled."""
-        return filled(self.templates[name].rstrip("\n"), words)
-
-    def name_of(self, word: str) -> str:
-        """A name that is not a reserved word of the language."""
-        return f"{word}_" if word in self.reserved else word
-
-    def entry(self, array: str, i: int) -> str:
-        """An entry of an array."""
-        return f"{array}[{i + self.first}]"
-
-    def numbers(self, name: str, values: Sequence[float], whole: bool = False) -> str:
-        """A declaration of constant floats."""
-        body = ", ".join(self.literal(v, whole) for v in values) or "0"
-        return self.table[whole].format(name=name, count=max(len(values), 1), body=body)
-
-    def matrix(self, name: str, values: Sequence[Sequence[float]]) -> str:
-        """A declaration of rows of constant floats."""
-        rows = [self.row.format(self.space.join(self.literal(v) for v in row)) for row in values]
-        return self.rows.format(name=name, count=len(values), width=len(values[0]), body=self.between.join(rows))
-
-    def literal(self, value: float, whole: bool = False) -> str:
-        """A float or an integer with all its digits."""
-        if whole:
-            return str(int(value))
+    def literal(self, value: float) -> str:
+        """A number with all its digits."""
         nan, infinity = self.special
-        return (
-            repr(float(value))
-            if math.isfinite(value)
-            else nan
-            if math.isnan(value)
-            else f"{'-' * (value < 0)}{infinity}"
-        )
+        if not math.isfinite(value):
+            return nan if math.isnan(value) else f"{'-' * (value < 0)}{infinity}"
+        return (str(np.float32(value)) if self.single else repr(float(value))) + self.letter
 
 
-BRACES: dict[str, Any] = {
-    "end": ";",
-    "up": "for ({var} = {start}; {var} < {stop}; {var}++) {{",
-    "down": "for ({var} = {start}; {var} > {stop}; {var}--) {{",
-    "loop_while": "while ({}) {{",
-    "condition": "if ({}) {{",
-    "otherwise": "}} else {{",
-    "close": "}",
-    "either": "({} ? {} : {})",
-    "between": ", ",
-    "space": ", ",
-    "no": "!{}",
-    "yes": "{}",
+SELECTS = {
+    "max": "({1} > {0} ? {1} : {0})",
+    "sign": "({0} < 0.0 ? -1.0 : 1.0)",
+    "where": "({0} < {1} ? {2} : {3})",
 }
 C = Dialect(
     name="c",
     suffix=".h",
-    local=("double {} = 0.0;", "long {} = 0;"),
-    once=("const double {} = {};", "const long {} = {};"),
+    begin="""/*
+{head}
+
+C99, and C++.  Compile with -ffp-contract=off, which keeps the bits, and -march=native -fno-math-errno for speed.
+*/
+#ifdef {type}_FILE
+#if {type}_FILE != 0x{digest}
+#error "two bodies are called {type}: give one of the files another name, kreisel code --name"
+#endif
+#else
+#define {type}_FILE 0x{digest}
+#include <math.h>
+
+""",
+    finish="#endif\n",
+    types=(
+        "typedef struct {{",
+        "    double {name};{comment}",
+        "    double {name}[{count}];{comment}",
+        "}} {type}_{name};",
+    ),
+    function="static inline {result} {type}_{name}({arguments}) {{",
+    results={"": "void", "number": "double", "status": "int"},
+    arguments={
+        "number": "double {name}",
+        "array": "const double {name}[{count}]",
+        "out": "double {name}[{count}]",
+        "constants": "const {type}_constants *{name}",
+        "new": "{type}_constants *{name}",
+        "state": "const {type}_state *{name}",
+        "changed": "{type}_state *{name}",
+        "index": "int {name}",
+    },
+    members=("{object}->{name}", "{object}->{name}[{i}]"),
+    once="const double {} = {};",
     starts="double {} = {};",
-    table=("static const double {name}[{count}] = {{{body}}};", "static const int {name}[{count}] = {{{body}}};"),
-    rows="static const double {name}[{count}][{width}] = {{{body}}};",
-    row="{{{}}}",
-    special=("NAN", "INFINITY"),
-    prefix="kreisel_",
-    mark="@name@_",
+    up="for (int {var} = 0; {var} < {count}; {var}++) {{",
+    table="static const double {name}[{count}] = {{{body}}};",
+    room="double {name}[{count}];",
+    give={"number": "return {};", "status": "return (int)({});"},
+    calls={**SELECTS, "fma": "fma({0}, {1}, {2})", "sqrt": "sqrt({0})", "size": "fabs({0})", "nearest": "rint({0})"}
+    | {name: f"{name}({{0}})" for name in ("sin", "cos", "exp", "log")},
+    staged="""static inline void {type}_step(const {type}_constants *c, {type}_state *s) {{
+    for (int k = 0; k < {stages}; k++) {type}_stage(c, s, k);{close}
+}}
+""",
+    closing="\n    {type}_close(c, s);",
+    more="""static inline void {type}_advance(const {type}_constants *c, {type}_state *s, long steps) {{
+    for (long i = 0; i < steps; i++) {type}_step(c, s);
+}}
+""",
+    unused="(void){};",
+    default=("static const double {type}_{name} = {body};", "static const double {type}_{name}[{count}] = {{{body}}};"),
+    case='status == {status} ? "{text}" :\n        ',
+    message="""static inline const char *{type}_message(int status) {{
+    return {cases}"";
+}}
+""",
     reserved=frozenset(
         "auto break case char const continue default do double else enum extern float for goto if inline int long main "
         "register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while "
         "fma fabs sqrt sin cos exp log".split()
     ),
-    **BRACES,
+)
+CPP = replace(
+    C,
+    name="cpp",
+    suffix=".hpp",
+    begin="""/*
+{head}
+
+C++11 and later.  Compile with -ffp-contract=off, which keeps the bits, and -march=native -fno-math-errno for speed.
+*/
+#pragma once
+#include <cmath>
+
+namespace {type} {{
+
+""",
+    finish="}}\n",
+    types=("struct {name} {{", "    double {name};{comment}", "    double {name}[{count}];{comment}", "}};"),
+    function="inline {result} {name}({arguments}) {{",
+    arguments={
+        "number": "double {name}",
+        "array": "const double (&{name})[{count}]",
+        "out": "double (&{name})[{count}]",
+        "constants": "const constants &{name}",
+        "new": "constants &{name}",
+        "state": "const state &{name}",
+        "changed": "state &{name}",
+        "index": "int {name}",
+    },
+    members=("{object}.{name}", "{object}.{name}[{i}]"),
+    calls={name: text if name in SELECTS else f"std::{text}" for name, text in C.calls.items()},
+    staged=C.staged.replace("static inline", "inline")
+    .replace("{type}_constants *c, {type}_state *s", "constants &c, state &s")
+    .replace("{type}_", ""),
+    closing="\n    close(c, s);",
+    more="""inline void advance(const constants &c, state &s, long steps) {{
+    for (long i = 0; i < steps; i++) step(c, s);
+}}
+""",
+    default=("const double default_{name} = {body};", "const double default_{name}[{count}] = {{{body}}};"),
+    message=C.message.replace("static inline", "inline").replace("{type}_", ""),
+)
+CUDA = replace(
+    C,
+    name="cuda",
+    suffix=".cuh",
+    begin=C.begin.replace(
+        "C99, and C++.  Compile with -ffp-contract=off", "CUDA and HIP.  Compile with --fmad=false or -ffp-contract=off"
+    ).replace(", and -march=native -fno-math-errno for speed", ""),
+    function="static __host__ __device__ inline {result} {type}_{name}({arguments}) {{",
+    table="const double {name}[{count}] = {{{body}}};",
+    staged=C.staged.replace("static inline", "static __host__ __device__ inline"),
+    more=C.more.replace("static inline", "static __host__ __device__ inline"),
 )
 JAVASCRIPT = Dialect(
     name="js",
     suffix=".mjs",
-    local=("let {} = 0.0;", "let {} = 0;"),
-    once=("const {} = {};", "const {} = {};"),
+    begin="""/*
+{head}
+
+    import {{ Constants, State, prepare, step }} from "./{type}.mjs";
+    const c = new Constants(), s = new State();
+
+JavaScript has no fused product: where C rounds x y + z once, it rounds twice.
+*/
+""",
+    finish="",
+    types=(
+        "export class {Name} {{\n    constructor() {{",
+        "        this.{name} = 0;{comment}",
+        "        this.{name} = new Float64Array({count});{comment}",
+        "    }}\n}}",
+    ),
+    function="export function {name}({arguments}) {{",
+    results={"": "", "number": "", "status": ""},
+    arguments=dict.fromkeys(C.arguments, "{name}"),
+    members=("{object}.{name}", "{object}.{name}[{i}]"),
+    once="const {} = {};",
     starts="let {} = {};",
-    table=("const {name} = Float64Array.of({body});", "const {name} = Int32Array.of({body});"),
-    rows="const {name} = [{body}];",
-    row="Float64Array.of({})",
+    up="for (let {var} = 0; {var} < {count}; {var}++) {{",
+    table="const {name} = [{body}];",
+    room="",
+    give={"number": "return {};", "status": "return {};"},
+    calls={**SELECTS, "fma": "({0} * {1} + {2})", "sqrt": "Math.sqrt({0})", "size": "Math.abs({0})"}
+    | {name: f"Math.{name}({{0}})" for name in ("sin", "cos", "exp", "log")},
+    staged="""export function step(c, s) {{
+    for (let k = 0; k < {stages}; k++) stage(c, s, k);{close}
+}}
+""",
+    closing="\n    close(c, s);",
+    more="""export function advance(c, s, steps) {{
+    for (let i = 0; i < steps; i++) step(c, s);
+}}
+""",
+    default=("export const {name}_default = {body};", "export const {name}_default = [{body}];"),
+    case=C.case,
+    message="""export function message(status) {{
+    return {cases}"";
+}}
+""",
+    note=" // {}",
     special=("NaN", "Infinity"),
-    prefix="",
-    **BRACES,
 )
 JULIA = Dialect(
     name="julia",
     suffix=".jl",
-    end="",
-    local=("{} = 0.0", "{} = 0"),
-    once=("{} = {}", "{} = {}"),
+    begin="""#=
+{head}
+
+    include("{type}.jl"); using .{module}
+    c, s = {module}.Constants(), {module}.State()
+=#
+module {module}
+
+""",
+    finish="end\n",
+    types=(
+        "Base.@kwdef mutable struct {Name}",
+        "    {name}::Float64 = 0.0{comment}",
+        "    {name}::Vector{{Float64}} = zeros({count}){comment}",
+        "end",
+    ),
+    function="function {name}{result}({arguments})",
+    results={"": "!", "number": "", "status": ""},
+    arguments=dict.fromkeys(C.arguments, "{name}"),
+    members=("{object}.{name}", "{object}.{name}[{i}]"),
+    once="{} = {}",
     starts="{} = {}",
-    up="for {var} in {start}:({stop} - 1)",
-    down="for {var} in {start}:-1:({stop} + 1)",
-    loop_while="while {}",
-    condition="if {}",
-    otherwise="else",
+    up="for {var} in 1:{count}",
+    table="{name} = ({body})",
+    room="",
+    give={"number": "return {}", "status": "return Int({})"},
+    calls={**C.calls, "size": "abs({0})", "nearest": "round({0})"},
+    staged="""function step!(c, s)
+    for k in 1:{stages}
+        stage!(c, s, k)
+    end{close}
+end
+""",
+    closing="\n    close!(c, s)",
+    more="""function advance!(c, s, steps)
+    for _ in 1:steps
+        step!(c, s)
+    end
+    return s
+end
+""",
+    default=("const {name}_default = {body}", "const {name}_default = [{body}]"),
+    case=C.case,
+    message="""function message(status)
+    return {cases}""
+end
+""",
+    note=" # {}",
+    joint="; ",
+    end="",
     close="end",
-    either="({} ? {} : {})",
-    table=("const {name} = Float64[{body}]", "const {name} = Int[{body}]"),
-    rows="const {name} = [{body}]",
-    row="{}",
-    between="; ",
-    space=" ",
-    no="({} == 0)",
-    yes="({} != 0)",
     special=("NaN", "Inf"),
-    prefix="kreisel_",
-    reserved=frozenset({"begin", "end", "local", "function", "module", "quote", "let", "Body", "Base", "Core", "Main"}),
     first=1,
+    reserved=frozenset("begin end local function module quote let Base Core Main".split()),
 )
-LANGUAGES = {dialect.name: dialect for dialect in (C, JAVASCRIPT, JULIA)}
+LANGUAGES = {dialect.name: dialect for dialect in (C, CPP, CUDA, JAVASCRIPT, JULIA)}

@@ -1,247 +1,247 @@
-"""Graphs as statements of other languages: each operation one statement, in the order of the graph."""
+"""Graphs as statements of other languages: nested expressions, a name for a value that is used twice.
+
+The operations of a graph are written in its order and never regrouped, so a language with the same arithmetic has its
+bits: parentheses keep them, if the compiler fuses nothing (`-ffp-contract=off`).
+"""
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from kreisel.errors import RunError
-from kreisel.graph.graph import (
-    FMA,
-    IN,
-    LOOP,
-    MAX,
-    MINUS,
-    OVER,
-    PLUS,
-    RESULT,
-    SIGN,
-    SIZE,
-    SQRT,
-    TIMES,
-    TRANSCENDENTAL,
-    WHERE,
-    Graph,
-    Number,
-    Operand,
-)
+from kreisel.graph.arranging import arranged
+from kreisel.graph.graph import IN, LOOP, MINUS, OVER, PLUS, RESULT, TIMES, Graph, Number, Operand, operands_of
 from kreisel.languages.dialects import Dialect
 
-WORD, NUMBER = re.compile(r"[A-Za-z_]\w*"), re.compile(r"\s*(?:const double |const )?(t\d+) = ")
+WIDTH, NESTED = 116, 72  # columns of a line; the longest expression that is nested in another
 SIGNS = (PLUS, MINUS, TIMES, OVER)
-OF_LANGUAGE = (FMA, SQRT, *TRANSCENDENTAL)  # functions that languages have
-HELPERS = {MAX: "max", SIGN: "sign", SIZE: "size", WHERE: "where_less"}  # functions that the files bring
+ROW, ENTRY = "row", "each"  # letters of the columns of a table, and of the results of its rows
+
+
+class Rolled(Graph):
+    """A graph whose loops over tables stay loops.
+
+    maps    (rows, results) of each loop: its columns are inputs `row`, its results outside inputs `each`
+    tables  whether loops over tables stay loops, or are written out
+    """
+
+    def __init__(self, tables: bool) -> None:
+        super().__init__()
+        self._tables = tables
+        self.maps: list[tuple[Sequence[Sequence[float]], list[Operand]]] = []
+
+    def each(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
+        """body(*row), recorded once."""
+        if not self._tables:
+            return super().each(body, rows)
+        place = len(self.maps)
+        columns = [self.input(f"{ROW}{place}", j) for j in range(len(rows[0]))]
+        self.maps.append((rows, [body(*columns)]))
+        return [self.input(f"{ENTRY}{place}", k) for k in range(len(rows))]
+
+    def times(self, body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], count: int) -> Sequence[Any]:
+        """The result of `count` applications of the body to `start`, recorded once."""
+        return self.loop(lambda x: (body(x), 0.0), start, -1.0, count)[0]
+
+    def arranged(self, outputs: Sequence[Operand]) -> tuple[Graph, list[Operand], list[Operand]]:
+        """The graph made ready: its outputs, and the results of the loops.
+
+        Values that a loop reads count as used often, as they are in a graph without loops.
+        """
+        results = [x for _, new in self.maps for x in new]
+        inside = self.varying(results)
+        read = [x for at in inside for x in operands_of(self.nodes[at]) if x.at not in inside]
+        graph, values = arranged(self, [*outputs, *results, *({x.at: x.positive for x in read}.values())])
+        return graph, values[: len(outputs)], values[len(outputs) : len(outputs) + len(results)]
+
+    def varying(self, outputs: Iterable[Operand]) -> set[int]:
+        """The nodes that depend on a row."""
+        return varying(self, self.needed(outputs))
+
+
+def varying(graph: Graph, nodes: Sequence[int]) -> set[int]:
+    """The nodes among these that depend on the row of a table."""
+    out = set[int]()
+    for at in nodes:
+        operation, *operands = graph.nodes[at]
+        if (operation == IN and operands[0].startswith(ROW)) or any(x.at in out for x in operands_of(graph.nodes[at])):
+            out.add(at)
+    return out
 
 
 class Writer:
     """Statements of a function in a dialect.
 
     inputs  the expression of an input (letter, index)
-    exact   whether sums with a product are rounded once also in JavaScript, which is slow there
+    copied  whether inputs of a letter may change before they are read, so that they are copied first
     lines   the statements
     """
 
-    def __init__(self, dialect: Dialect, inputs: Callable[[str, int], str], exact: bool = False):
-        self.dialect, self.inputs, self.exact = dialect, inputs, exact
+    def __init__(
+        self, dialect: Dialect, inputs: Callable[[str, int], str], copied: Callable[[str], bool] = lambda _: False
+    ):
+        self.dialect, self.inputs, self.copied = dialect, inputs, copied
         self.lines: list[str] = []
-        self.indent = 4
+        self.indent, self._open = 1, ""
         self._count = 0
 
-    def say(self, line: str) -> None:
+    def say(self, statement: str) -> None:
         """Add a statement."""
-        self.lines.append(" " * self.indent + line)
+        self.lines.append("    " * self.indent + statement)
+        self._open = ""
 
-    def fresh(self, letter: str) -> str:
+    def _pack(self, kind: str, beginning: str, statement: str, joint: str) -> None:
+        """Add a statement to the last line, if it is of that kind and has room."""
+        last = self.lines[-1] if self.lines else ""
+        if self._open == kind and len(last) + len(statement) < WIDTH:
+            self.lines[-1] = f"{last.removesuffix(self.dialect.end)}{joint}{statement}"
+        else:
+            self.say(beginning + statement)
+        self._open = kind
+
+    def fresh(self, letter: str = "t") -> str:
         """A name that the function does not yet have."""
         self._count += 1
-        return f"{letter}{self._count - 1}"
+        return f"{letter}{self._count}"
 
     def once(self, expression: str, letter: str = "t") -> str:
         """The name of a new constant with this value."""
         name = self.fresh(letter)
-        self.say(self.dialect.once[0].format(name, expression))
+        beginning, brace, form = self.dialect.once.partition("{")
+        self._pack("once", beginning, (brace + form).format(name, bare(expression)), self.dialect.joint)
         return name
 
     def assign(self, name: str, expression: str) -> None:
         """Assign a value to a variable, or to an entry of an array."""
-        self.say(f"{name} = {expression}{self.dialect.end}")
+        end = self.dialect.end
+        self._pack("assign", "", f"{name} = {bare(expression)}{end}", f"{end or ';'} ")
 
     def values(self, graph: Graph, outputs: Sequence[Operand]) -> list[str]:
         """Compute the outputs of a graph; their expressions."""
-        names: dict[int, Any] = {}
-        self._compute(graph, graph.needed(outputs), names)
-        return [self.operand(x, names) for x in outputs]
+        new, values, results = graph.arranged(outputs) if isinstance(graph, Rolled) else (graph, list(outputs), [])
+        maps = graph.maps if isinstance(graph, Rolled) else []
+        block = Block(self, new)
+        read = {new.nodes[at][1] for at in new.needed([*values, *results]) if new.nodes[at][0] == IN}
+        for place, ((rows, _), result) in enumerate(zip(maps, results, strict=True)):
+            if f"{ENTRY}{place}" in read:
+                self._map(block, place, rows, result)
+        block.compute(new.needed(values), values)
+        return [block.value(x) for x in values]
 
-    def operand(self, x: Operand, names: dict[int, Any]) -> str:
-        """A literal, or the name of a variable, with its sign."""
+    def _map(self, block: Block, place: int, rows: Sequence[Sequence[float]], result: Operand) -> None:
+        """A loop over the rows of a table."""
+        d, graph, table, out = self.dialect, block.graph, f"{ROW}{place}_", f"{ENTRY}{place}"
+        nodes = graph.needed([result])
+        inside = varying(graph, nodes)
+        columns = sorted(graph.nodes[at][2] for at in inside if graph.nodes[at][0] == IN)
+        for j in columns:
+            body = ", ".join(d.literal(row[j]) for row in rows)
+            self.say(d.table.format(name=f"{table}{j}", count=len(rows), body=body))
+        self.say(d.room.format(name=out, count=len(rows)))
+        read = [x.positive for at in inside for x in operands_of(graph.nodes[at]) if x.at not in inside]
+        block.compute([at for at in nodes if at not in inside], read, hoisted=True)
+        index = self.fresh("k")
+        with self.block(d.up.format(var=index, count=len(rows), first=d.first, last=len(rows) - 1 + d.first)):
+            block.names |= {at: f"{table}{graph.nodes[at][2]}[{index}]" for at in inside if graph.nodes[at][0] == IN}
+            block.compute(sorted(inside), [result])
+            self.assign(f"{out}[{index}]", block.value(result))
+
+    def function(self, head: str) -> str:
+        """The function with these statements."""
+        return "\n".join([head, *self.lines, *([self.dialect.close] if self.dialect.close else [])])
+
+    @contextmanager
+    def block(self, head: str) -> Iterator[None]:
+        """A block: with writer.block(head): ..."""
+        self.say(head)
+        self.indent += 1
+        yield
+        self.indent -= 1
+        self._open = ""
+        if self.dialect.close:
+            self.say(self.dialect.close)
+
+
+def bare(text: str) -> str:
+    """An expression without parentheses around all of it."""
+    depth = 0
+    for i, letter in enumerate(text):
+        depth += (letter == "(") - (letter == ")")
+        if not depth:
+            return text[1:-1] if i == len(text) - 1 and i else text
+    return text
+
+
+class Block:
+    """Expressions of the nodes of a graph, by their places: a name, or an expression for the only use."""
+
+    def __init__(self, writer: Writer, graph: Graph):
+        self.writer, self.graph, self.names = writer, graph, dict[int, Any]()
+
+    def value(self, x: Operand) -> str:
+        """A literal, or the expression of a number with its sign."""
+        d = self.writer.dialect
         if not isinstance(x, Number):
-            return self.dialect.literal(float(x)) if x >= 0 else f"({self.dialect.literal(float(x))})"
-        return f"(-{names[x.at]})" if x.negative else str(names[x.at])
+            return d.literal(float(x)) if x >= 0 else f"({d.literal(float(x))})"
+        name = str(self.names[x.at])
+        return f"(-{name})" if x.negative else name
 
-    def _compute(self, graph: Graph, nodes: Sequence[int], names: dict[int, Any]) -> None:
+    def compute(self, nodes: Sequence[int], outputs: Sequence[Operand], hoisted: bool = False) -> None:
+        """Write the nodes that are used twice; `hoisted`: the outputs too."""
+        uses = Counter(x.at for at in nodes for x in operands_of(self.graph.nodes[at]))
+        uses.update({x.at: 2 if hoisted else 1 for x in outputs if isinstance(x, Number)})
+        uses.update(
+            {x.at: 2 for at in nodes if self.graph.nodes[at][0] == LOOP for x in operands_of(self.graph.nodes[at])}
+        )
         for at in nodes:
-            operation, *operands = graph.nodes[at]
+            operation, *operands = self.graph.nodes[at]
+            if at in self.names:
+                continue
             if operation == IN:
-                names[at] = self.once(self.inputs(*operands), operands[0])
+                self.names[at] = self._input(*operands)
             elif operation == LOOP:
-                names[at] = self._loop(graph, operands, names)
+                kept = {x[2] for x in map(self.graph.nodes.__getitem__, nodes) if x[0] == RESULT and x[1].at == at}
+                self.names[at] = self._loop(operands, kept)
             elif operation == RESULT:
-                names[at] = names[operands[0].at][operands[1]]
+                self.names[at] = self.names[operands[0].at][operands[1]]
             else:
-                names[at] = self.once(self.expression(operation, [self.operand(x, names) for x in operands]))
+                text = self.expression(operation, [self.value(x) for x in operands])
+                self.names[at] = self.writer.once(text) if uses[at] > 1 or len(text) > NESTED else text
+
+    def _input(self, letter: str, index: int) -> str:
+        writer = self.writer
+        if letter.startswith(ENTRY):
+            return f"{letter}[{index + writer.dialect.first}]"
+        text = writer.inputs(letter, index)
+        return writer.once(text, letter[-1]) if writer.copied(letter) else text
 
     def expression(self, operation: str, operands: Sequence[str]) -> str:
         """An operation on expressions."""
         if operation in SIGNS:
-            return f"{operands[0]} {operation} {operands[1]}"
-        if operation in OF_LANGUAGE:
-            name = "exact_fma" if operation == FMA and self.exact and self.dialect.name == "js" else operation
-        elif operation in HELPERS:
-            name = self.dialect.prefix + HELPERS[operation]
-        else:
-            raise RunError(f"expected operations that {self.dialect.name} has too, got {operation}")
-        return f"{name}({', '.join(operands)})"
+            return f"({operands[0]} {operation} {operands[1]})"
+        call = self.writer.dialect.calls.get(operation)
+        if call is None:
+            raise RunError(f"expected operations that {self.writer.dialect.name} has too, got {operation}")
+        return call.format(*(map(bare, operands) if "(" in call[1:] else operands))
 
-    def _loop(self, graph: Graph, operands: Sequence[Any], names: dict[int, Any]) -> list[str]:
-        loop, d = graph.loops[operands[0]], self.dialect
-        variables = [self.fresh("v") for _ in loop.new]
-        starts = [*(self.operand(x, names) for x in operands[1 : len(loop.variables) + 1]), d.literal(0.0)]
-        for name, x in zip(variables, starts, strict=True):
-            self.say(d.starts.format(name, x))
-        count = self.fresh("k")
-        self.say(d.local[1].format(count))
-        with self.block(d.up.format(var=count, start=0, stop=loop.most)):
-            inside = dict(names)
-            inside.update({x.at: name for x, name in zip(loop.variables, variables, strict=False)})
-            self._compute(graph, graph.needed_inside(loop), inside)
-            new = [self.once(self.operand(x, inside), "n") for x in loop.new]
-            for name, x in zip(variables, new, strict=True):
-                self.assign(name, x)
-            with self.block(d.condition.format(f"{variables[-1]} <= {d.literal(loop.small)}")):
-                self.say(f"break{d.end}")
+    def _loop(self, operands: Sequence[Any], results: set[int]) -> dict[int, str]:
+        """The variables of a loop that its body or its `results` read."""
+        writer, loop, d = self.writer, self.graph.loops[operands[0]], self.writer.dialect
+        members = self.graph.needed_inside(loop)
+        read = {x.at for at in members for x in operands_of(self.graph.nodes[at])}
+        kept = [i for i, x in enumerate(loop.variables) if i in results or x.at in read]
+        variables = {i: writer.fresh("v") for i in kept}
+        for i, name in variables.items():
+            writer.say(d.starts.format(name, self.value(operands[1 + i])))
+        count = writer.fresh("k")
+        with writer.block(d.up.format(var=count, count=loop.most, first=d.first, last=loop.most - 1 + d.first)):
+            inside = Block(writer, self.graph)
+            inside.names = self.names | {loop.variables[i].at: name for i, name in variables.items()}
+            inside.compute(members, [loop.new[i] for i in kept])
+            new = [writer.once(inside.value(loop.new[i])) for i in kept] if len(kept) > 1 else []
+            for i, name in zip(kept, new or [inside.value(loop.new[i]) for i in kept], strict=True):
+                writer.assign(variables[i], name)
         return variables
-
-    def function(self, head: str) -> str:
-        """The function with these statements, without variables that none of them reads."""
-        lines = self.lines
-        while True:
-            words = Counter(word for line in lines for word in WORD.findall(line))
-            kept = [line for line in lines if not (found := NUMBER.match(line)) or words[found[1]] > 1]
-            if len(kept) == len(lines):
-                return "\n".join([head, *lines, self.dialect.close])
-            lines = kept
-
-    def block(self, head: str) -> _Block:
-        """A block: with writer.block(head): ..."""
-        return _Block(self, head)
-
-
-class _Block:
-    def __init__(self, writer: Writer, head: str):
-        self._writer, self._head = writer, head
-
-    def __enter__(self) -> None:
-        self._writer.say(self._head)
-        self._writer.indent += 4
-
-    def __exit__(self, *_: object) -> None:
-        self._writer.indent -= 4
-        self._writer.say(self._writer.dialect.close)
-
-
-# -- loops of the projection, for programs that are too long to be written out -------------------------------
-
-
-class Index:
-    """An expression of an integer."""
-
-    def __init__(self, text: str):
-        self.text = text
-
-    def __add__(self, other: Any) -> Index:
-        return Index(f"({self.text} + {other})")
-
-    def __radd__(self, other: Any) -> Index:
-        return Index(f"({other} + {self.text})")
-
-    def __sub__(self, other: Any) -> Index:
-        return Index(f"({self.text} - {other})")
-
-    def __mul__(self, other: Any) -> Index:
-        return Index(f"{self.text} * {other}")
-
-    def __rmul__(self, other: Any) -> Index:
-        return Index(f"{other} * {self.text}")
-
-    def __str__(self) -> str:
-        return self.text
-
-
-class Looping(Graph):
-    """Numbers and loops of `kreisel.graph.project.Projection` as statements, each at its place of recording."""
-
-    def __init__(self, writer: Writer):
-        super().__init__()
-        self.writer, self._said = writer, dict[int, Any]()
-
-    def node(self, operation: str, *operands: Operand) -> int:
-        at = len(self.nodes)
-        self.nodes.append((operation, *operands))
-        said = operands[0] if operation == IN else None
-        expression = said or self.writer.expression(operation, [self.value(x) for x in operands])
-        self._said[at] = self.writer.once(str(expression))
-        return at
-
-    def value(self, x: Operand) -> str:
-        """The expression of a number."""
-        return self.writer.operand(x, self._said)
-
-    def number(self, expression: str) -> Number:
-        """A number given by an expression."""
-        return Number(self, self.node(IN, expression))
-
-    def each(self, first: Any, last: Any, step: int = 1) -> Iterator[Index]:
-        """The variable of a loop, whose body is run once, to be written."""
-        d, name = self.writer.dialect, self.writer.fresh("i")
-        self.writer.say(d.local[1].format(name))
-        with self.writer.block((d.up if step > 0 else d.down).format(var=name, start=first, stop=last)):
-            yield Index(name)
-
-    def only(self, kind: Any, place: int) -> Iterator[None]:
-        with self.writer.block(self.writer.dialect.condition.format(f"{kind} == {place}")):
-            yield
-
-    def cell(self, x: Operand) -> Entries:
-        name = self.writer.fresh("v")
-        self.writer.say(self.writer.dialect.starts.format(name, self.value(x)))
-        return Entries(self, name, scalar=True)
-
-
-class Entries:
-    """The entries of an array, also of an array that loops change."""
-
-    def __init__(self, flow: Looping, name: str, scalar: bool = False):
-        self._flow, self._name, self._scalar = flow, name, scalar
-
-    def _at(self, i: Any) -> str:
-        first = self._flow.writer.dialect.first
-        return self._name if self._scalar else f"{self._name}[{i}{f' + {first}' if first else ''}]"
-
-    def __getitem__(self, i: Any) -> Number:
-        return self._flow.number(self._at(i))
-
-    def __setitem__(self, i: Any, x: Operand) -> None:
-        self._flow.writer.assign(self._at(i), self._flow.value(x))
-
-
-class Integers:
-    """Integers of a table."""
-
-    def __init__(self, dialect: Dialect, name: str):
-        self._dialect, self._name = dialect, name
-
-    def __getitem__(self, i: Any) -> Index:
-        first = self._dialect.first
-        return Index(f"{self._name}[{i}{f' + {first}' if first else ''}]")

@@ -19,9 +19,9 @@ from kreisel.graph.machine import Kernel, kernel
 from kreisel.graph.recording import recorded_function
 from kreisel.rebound import interaction
 
-ROTOR = {"inverse": (3,), "rates": (3,), "gaps": (3,), "curvatures": (3,)}
+ROTOR = {"inverse": (3,), "rates": (3,), "curvatures": (3,)}
 FIGURE = {"I": (3,), "D": (3,), "tide": (), "fluid": (), "lag": ()}
-COLUMNS, OF_FIGURE, LAG = 21, 12, 20
+COLUMNS, OF_FIGURE, LAG = 18, 9, 17
 BALL = 1e-12  # of the moments: rounding of a ball
 MOST_PARTS = 100_000  # of a rotation: a step with more parts is meaningless
 

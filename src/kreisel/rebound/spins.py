@@ -282,7 +282,7 @@ class Spins:
         total = float(self.sim.energy())
         for i, row, columns in zip(index, z, c, strict=True):
             R = algebra.rotation_matrix(row[3:])
-            M, D, (tide, fluid, _) = row[:3] @ R, columns[15:18], columns[18:]
+            M, D, (tide, fluid, _) = row[:3] @ R, columns[12:15], columns[15:]
             total += M @ (M * columns[:3]) / 2
             for j in range(self._count):
                 if j != i and masses[j]:

@@ -10,6 +10,7 @@ from kreisel import algebra
 from kreisel.errors import InputError
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model, State
+from kreisel.record.quantities import Scales
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
@@ -36,6 +37,14 @@ class Body:
 
     def state(self, *args: Any, **kwargs: Any) -> State:
         """The initial state from quantities in SI."""
+        raise NotImplementedError
+
+    def dt(self, duration: Any) -> float:
+        """A duration, s, in the unit of time of the scaled system."""
+        raise NotImplementedError
+
+    def scales(self) -> Scales:
+        """The units of the variables of the scaled system."""
         raise NotImplementedError
 
     @property

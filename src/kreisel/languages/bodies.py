@@ -1,0 +1,134 @@
+"""The free body in closed form as the functions of a file: moments, dt, state are arguments."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.algebra.iteration import times
+from kreisel.exact import rotor_step
+from kreisel.graph.graph import where_less
+from kreisel.languages.parts import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values
+
+SWEEPS = 6
+CLOSE = 1 + 1e-6  # I_i <= I_j + I_k, up to the rounding of measured moments
+MOMENTS = "principal moments of inertia"
+MESSAGES = (
+    "moments of inertia are positive and finite, and none is larger than the sum of the two others",
+    "the time step dt is finite and not 0",
+)
+HEAD = """The free rigid body in closed form: no time step is too long for its energy, momentum and flips.
+
+prepare: constants from the principal moments of inertia I and the time step dt, after `check` has returned 0.
+step: momentum M along the principal axes (M_i = I_i w_i) and orientation g after the time dt; -dt steps back.
+Between steps you may change M and g, by `kick` with the impulse of a torque K in space, and the constants.  A step is
+accurate to rounding if `reach` is at most 1, {reach} radians at the most.  Else prepare with dt/n and step n times.
+principal: moments I and principal axes of an inertia tensor T = (xx, yy, zz, yz, zx, xy) in other axes of the body;
+set_motion and get_motion: orientation q of those axes and angular velocity w in space, from and to the state."""
+
+
+def check(I: Array, dt: Any, most: float = CLOSE) -> Any:  # noqa: E741
+    """The status: 0, or the place of a message, from 1; NaN fails each comparison."""
+    square = dt * dt
+    status = where_less(0.0, square, where_less(square, HUGE, 0.0, 2.0), 2.0)
+    for k in range(3):
+        possible = where_less(I[k], most * (I[k - 1] + I[k - 2]), status, 1.0)
+        status = where_less(0.0, I[k], where_less(I[k], HUGE, possible, 1.0), 1.0)
+    return status
+
+
+def prepare(I: Array, dt: Any) -> dict[str, Any]:  # noqa: E741
+    """The constants."""
+    return {**{f"c.{name}": value for name, value in rotor_step.constants(I).items()}, "c.h": dt}
+
+
+def step(c: Values, s: Values) -> dict[str, Any]:
+    """M and g after the time h."""
+    M, g = rotor_step.step(s["M"], s["g"], **c)
+    return {"s.M": M, "s.g": g}
+
+
+def reach(c: Values, s: Values) -> Any:
+    """The measure of the length of a step."""
+    return rotor_step.reach(s["M"], **c)
+
+
+def energy(c: Values, s: Values) -> Any:
+    """M . I^-1 M/2."""
+    return algebra.dot(s["M"], c["inverse"] * s["M"]) / 2
+
+
+def principal(T: Array) -> dict[str, Any]:
+    """I and axes of the tensor (xx, yy, zz, yz, zx, xy), by Jacobi's rotations in a fixed number; nearest to its axes.
+
+    Rotation about axis r by phi: tan phi = t, the quaternion (1 + cos phi, -sin phi e_r) of any length.
+    """
+
+    def swept(x: list[Any]) -> list[Any]:
+        d, o, q = x[:3], x[3:6], algebra.objects(x[6:])
+        for r, p, s in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            gap = d[s] - d[p]
+            size = abs(gap) + (gap * gap + 4 * o[r] * o[r] + rotor_step.TINY).sqrt()
+            t = where_less(gap, 0.0, -2.0, 2.0) * o[r] / size
+            cos = 1 / (1 + t * t).sqrt()
+            sin = t * cos
+            d[p], d[s] = d[p] - t * o[r], d[s] + t * o[r]
+            o[r], o[s], o[p] = 0.0 * o[r], cos * o[s] - sin * o[p], sin * o[s] + cos * o[p]
+            turn = [1 + cos, *(-sin if k == r else 0.0 for k in range(3))]
+            q = algebra.quaternion_product(q, algebra.objects(turn)) * 0.5
+        return [*d, *o, *q]
+
+    x = times(swept, [*T, 1.0, 0.0, 0.0, 0.0], SWEEPS)
+    return {"I": algebra.objects(x[:3]), "axes": algebra.unit(algebra.objects(x[6:]))}
+
+
+def set_motion(c: Values, s: Values, axes: Array, q: Array, w: Array) -> dict[str, Any]:
+    """The state from the orientation of other axes of the body and the angular velocity in space."""
+    g = algebra.quaternion_product(q, axes)
+    return {"s.M": algebra.conjugated(algebra.inverse_turn(g), w) / c["inverse"], "s.g": g}
+
+
+def get_motion(c: Values, s: Values, axes: Array) -> dict[str, Any]:
+    """Orientation of those axes, and angular velocity in space."""
+    q = algebra.quaternion_product(s["g"], algebra.inverse_turn(axes))
+    return {"q": q, "w": algebra.conjugated(s["g"], c["inverse"] * s["M"])}
+
+
+def kick(s: Values, K: Array) -> dict[str, Any]:
+    """M after the impulse K of a torque, in space."""
+    return {"s.M": s["M"] + algebra.conjugated(algebra.inverse_turn(s["g"]), K)}
+
+
+def free_body(moments: Any, dt: float, M: Any, g: Any, units: str) -> Body:
+    """The contents of its file, with these default values; `units`: "" for any consistent ones."""
+    four = ("array", 4)
+    arguments = {"I": ("array", 3), "dt": ("number", 0)}
+    constants = {name: 0 if name == "h" else 3 for name in ("inverse", "rates", "curvatures", "h")}
+    return Body(
+        head=[*HEAD.format(reach=rotor_step.MOST_TURN).splitlines(), f"Units: {units or 'any consistent ones'}."],
+        parameters={
+            "I": Field(3, MOMENTS, np.asarray(moments)),
+            "dt": Field(0, "time step", dt),
+        },
+        constants={name: Field(count) for name, count in constants.items()},
+        state={
+            "M": Field(3, "angular momentum along the principal axes"),
+            "g": Field(4, "orientation, body to space: unit quaternion (w, x, y, z)"),
+        },
+        start={"M": np.asarray(M), "g": np.array([1.0, 0, 0, 0]) if g is None else np.asarray(g)},
+        functions=[
+            Function("check", check, arguments, "status"),
+            Function("prepare", prepare, {**NEW, **arguments}),
+            Function("step", step, CHANGED),
+            Function("reach", reach, READ, "number"),
+            Function("energy", energy, READ, "number"),
+            Function("kick", kick, {"s": ("changed", 0), "K": ("array", 3)}),
+            Function("principal", principal, {"T": ("array", 6), "I": ("out", 3), "axes": ("out", 4)}),
+            Function("set_motion", set_motion, {**CHANGED, "axes": four, "q": four, "w": ("array", 3)}),
+            Function("get_motion", get_motion, {**READ, "axes": four, "q": ("out", 4), "w": ("out", 3)}),
+        ],
+        messages=MESSAGES,
+    )
