@@ -42,7 +42,7 @@ def shown(value: object) -> str:
 
 
 def brief(text: object, most: int = LONGEST) -> str:
-    """Printable text, shortened in the middle if it is longer; fractions and NumPy's numbers in their usual form."""
+    """Printable text, shortened in the middle if it is longer; fractions and NumPy's values in their usual form."""
     readable, end = FRACTION.sub(_written, NUMPY.sub(r"\1", printable(text))), most // 3
     return readable if len(readable) <= most else f"{readable[: most - end - 5]} ... {readable[-end:]}"
 

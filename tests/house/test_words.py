@@ -27,10 +27,10 @@ PATTERNS = {  # what is counted: what to write in its place
     r"\b(stands?|stood)\b": "is, is stored",
     r"\bbeside\b": "next to, in addition to",
     r"\b(alone|by itself|on its own)\b": "only, separately",
-    r"\bis no \w": "is not a",
+    r"(?<!there )\bis no \w": "is not a",
     r"\b(put back|goes on|go on|so many|as it is)\b": "projected, resumes, n, unchanged",
 }
-CEILINGS = {"docs": 92, "messages": 125, "docstrings": 860}
+CEILINGS = {"docs": 90, "messages": 121, "docstrings": 350}
 
 
 def prose_of_page(text: str) -> list[str]:

@@ -9,7 +9,7 @@
 | batch axes | in front: skew matrices are (..., n, n), vectors (..., n), scalars (...)          |
 
 Every function works on NumPy and JAX arrays and on NumPy object arrays of any field (fractions,
-python-flint rationals, SymPy expressions, the recorded numbers of `kreisel.graph`).
+python-flint rationals, SymPy expressions, the recorded values of `kreisel.graph`).
 Only `backend` distinguishes the kinds.  [Suris 2001, sections 2 and 4]
 """
 

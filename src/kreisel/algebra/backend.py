@@ -19,7 +19,7 @@ LINEAR_ALGEBRA: dict[str, Any] = {}  # name of an array library -> replacements 
 
 
 def is_exact(x: Array) -> bool:
-    """True for numbers without round-off (an object array of a field), False for floats and their records.
+    """True for values without round-off (an object array of a field), False for floats and their records.
 
     One recorded number anywhere makes an array inexact: its zeros, as on the diagonal of a skew matrix, are plain.
     """
@@ -40,7 +40,7 @@ def objects(numbers: Iterable[Any], shape: tuple[int, ...] | None = None) -> Arr
 
 
 def is_known_zero(x: Array) -> bool:
-    """True if every entry is certainly 0; never for tracers of JAX and recorded numbers."""
+    """True if every entry is certainly 0; never for tracers of JAX and recorded values."""
     return isinstance(x, np.ndarray) and all(not isinstance(v, Recorded) and v == 0 for v in x.flat)
 
 
@@ -162,7 +162,7 @@ def joined(*parts: Array) -> Array:
 
 
 def log(x: Array) -> Array:
-    """Natural logarithm of a scalar or a batch; dual numbers define it themselves.
+    """Natural logarithm of a scalar or a batch; dual values define it themselves.
 
     An exact number has no logarithm in its field: 0 replaces it, so derivatives can be exact.
     """
@@ -176,14 +176,14 @@ def log(x: Array) -> Array:
 
 
 def where_less(x: Array, y: Array, yes: Array, no: Array) -> Array:
-    """`yes` if x < y, else `no`, of real x and y; recorded numbers define it themselves."""
+    """`yes` if x < y, else `no`, of real x and y; recorded values define it themselves."""
     if isinstance(yes, Complex):
         return Complex(*(where_less(x, y, a, b) for a, b in zip(parts(yes), parts(no), strict=True)))
     return recorded.where_less(x, y, yes, no)
 
 
 def nearest(x: Array) -> Array:
-    """The integer next to x, of two the even one; recorded numbers define it themselves."""
+    """The integer next to x, of two the even one; recorded values define it themselves."""
     return x.nearest() if hasattr(x, "nearest") else np.rint(x)
 
 
@@ -202,7 +202,7 @@ def sqrt(x: Array) -> Array:
         less = x.im / (2 * larger)
         upright = where_less(x.im, 0, Complex(-less, -larger), Complex(less, larger))
         return where_less(x.re, 0, upright, Complex(larger, less))
-    if holds_objects(x):  # plain numbers may be among others
+    if holds_objects(x):  # plain values may be among others
         return objects((v.sqrt() if hasattr(v, "sqrt") else np.sqrt(v) for v in x.flat), x.shape)
     if hasattr(x, "sqrt"):
         return x.sqrt()
@@ -210,12 +210,12 @@ def sqrt(x: Array) -> Array:
 
 
 def maximum(x: Array, y: Array) -> Array:
-    """The larger of two scalars or of each entry of a batch; recorded numbers define it themselves."""
+    """The larger of two scalars or of each entry of a batch; recorded values define it themselves."""
     return x.maximum(y) if hasattr(x, "maximum") else np.maximum(x, y)
 
 
 def sign(x: Array) -> Array:
-    """-1 for negative entries, else 1; recorded numbers define it themselves."""
+    """-1 for negative entries, else 1; recorded values define it themselves."""
     if hasattr(x, "sign"):
         return x.sign()
     if holds_objects(x):
@@ -242,11 +242,11 @@ def trace_log(A: Array) -> Array:
     return sum(log(pivot[..., 0]) for pivot in _eliminate(A, A[..., :1])[0])
 
 
-# -- real numbers of any origin as doubles -------------------------------------------------------------
+# -- real values of any origin as doubles -------------------------------------------------------------
 
 
 def floats(value: Any) -> Array:
-    """Doubles (...) of real numbers: lists, arrays of NumPy, xarray or JAX, fractions; a copy unless they are doubles.
+    """Doubles (...) of real values: lists, arrays of NumPy, xarray or JAX, fractions; a copy unless they are doubles.
 
     NaN, without axes, for everything else: text, dates, complex and truth values, ragged lists, values beyond the range
     of doubles, and values whose meaning would be lost: masked entries, quantities with units.

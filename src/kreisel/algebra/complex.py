@@ -1,4 +1,4 @@
-"""Rings, and complex numbers over any kind of real number without a complex type."""
+"""Rings, and complex values over any kind of real number without a complex type."""
 
 from __future__ import annotations
 

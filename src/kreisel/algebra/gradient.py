@@ -1,7 +1,7 @@
 """Values and gradients of scalar functions, by a reverse sweep, over any kind of number.
 
 The function is run once on values that record their operations; the values may be floats, arrays of lanes, fractions or
-recorded numbers, so a gradient can be compiled like any other formula.
+recorded values, so a gradient can be compiled like any other formula.
 """
 
 from __future__ import annotations

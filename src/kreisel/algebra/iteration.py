@@ -15,7 +15,7 @@ def repeat(
 ) -> tuple[State, Array]:
     """X, defect = improve(*X) from matrices X of the given kinds until defect <= small, at most `most` times.
 
-    Recorded numbers give a loop.  Dual numbers continue, for their slopes, twice as long as their values need.
+    Recorded values give a loop.  Dual values continue, for their slopes, twice as long as their values need.
     Numbers without an order use all `most` iterations.
     """
     X, first = start, start[0]

@@ -21,7 +21,7 @@ from kreisel.algebra.gradient import cos, sin
 M1, M2 = 4294967087.0, 4294944443.0
 NORM = 1 / (M1 + 1)
 GENERATOR = "generator"  # the letter of a state that has one
-STREAM = 127  # binary logarithm of the numbers in a stream
+STREAM = 127  # binary logarithm of the values in a stream
 FIRST = [[0, 1, 0], [0, 0, 1], [-810728, 1403580, 0]]  # (x_(n-3), x_(n-2), x_(n-1)) -> one later
 SECOND = [[0, 1, 0], [0, 0, 1], [-1370589, 0, 527612]]
 

@@ -266,7 +266,7 @@ class Recorded(Dispatched):
 def run(function: Callable[..., Any], *values: Any, **named: Any) -> Any:
     """The value of a function of a record.
 
-    User-defined functions get arrays of recorded numbers as `RecordedArray`.  Raises `NotRecorded`, with the place, for
+    User-defined functions get arrays of recorded values as `RecordedArray`.  Raises `NotRecorded`, with the place, for
     a nonarithmetic error in a user-defined function.
     """
     try:

@@ -32,7 +32,7 @@ from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top import block
 from kreisel.record.contract import Baecklund
 
-CLOSE = 1e-10  # relative: the next step of Newton's method changes the last places of wider numbers alone
+CLOSE = 1e-10  # relative: the next step of Newton's method changes the last places of wider values alone
 
 
 def shifted_diagonal(*, b):
@@ -87,7 +87,7 @@ def pair(M, P, Q, *, c, mu):
 
 
 def kick_and_turn(M, P, Q, *, c, mu):
-    """M += sum K_ij Q_i ^ CQ_j, K the inverse of <Q_i, Q_j>/(rho_i + rho_j); P turns in the plane of the Q_i.
+    """M += sum K_ij Q_i ^ CQ_j, K the inverse of <Q_i, Q_j>/(rho_i + rho_j); P rotates in the plane of the Q_i.
 
     Multiples of the Q_i do as well: mu Q = u + i w has u near P and w = Im (rho C - M) Q small for short steps.
     """

@@ -1,7 +1,7 @@
 """Bäcklund transformations of a body of revolution in a fluid, state (M, P).
 
-(a1 M, P) moves as in Clebsch's case with B = diag(0, ..., 0, beta), and turns about the axis besides, by `spin`, which
-commutes with that.  So the maps are those of Clebsch's case for (a1 M, P).
+(a1 M, P) moves as in Clebsch's case with B = diag(0, ..., 0, beta), and rotates about the axis besides, by `spin`,
+which commutes with that.  So the maps are those of Clebsch's case for (a1 M, P).
 """
 
 from kreisel.algebra import act, mat, project_out

@@ -6,8 +6,8 @@ q = u + iw, the matrix V(s), which has V^T C V = C and poles at the two points, 
     P' = R^T P R,   M0' = R^T (M0 + Z^T P + P Z) R,   R = cay(X),  X = (2x/g) u ^ w,  g = z r - <q, Bq>,  r = |q|^2,
     Z = (4x/D) Re[x conj(q.q) q y^T - (x r - ig) q y^+],  y = C(s) q,  D = g^2 + x^2 (r^2 - |q.q|^2):
 
-the identity for x = 0.  Near there the body turns with Omega = 2i (Pi - Pi^T), Pi = q p^T, p the left eigenvector with
-<p, Cq> = 1, and M0' = [M0, Omega] + P Omega C - C Omega P.  lam is i s here, so that its real part is -x.
+the identity for x = 0.  Near there the body rotates with Omega = 2i (Pi - Pi^T), Pi = q p^T, p the left eigenvector
+with <p, Cq> = 1, and M0' = [M0, Omega] + P Omega C - C Omega P.  lam is i s here, so that its real part is -x.
 With a rotor h, n = 3, X(s) has (s - B)^-1 h in addition, which all of this leaves unchanged.
 [Lax matrix as in `steklov_lyapunov`; the pair is the product of two half-turns V = 1 - 2 q q^T C/(q.q (s - s_1))]
 """

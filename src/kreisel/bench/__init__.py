@@ -30,7 +30,7 @@ from kreisel.algebra import Array
 SEEDS = (1, 2, 3)
 DT, TURNS = 0.05, 5
 SINGLE_STEPS, ENSEMBLE_STEPS = 300_000, 5_000
-WHOLE = 96  # lanes that are whole blocks of 8 for every number of chains
+WHOLE = 96  # lanes that are complete blocks of 8 for every number of chains
 LANES, CHAINS = 64 * WHOLE, (1, 2, 3, 4)
 LONGER = 8  # times as many steps where the clock counts, against the start of the threads
 BY_THE_CLOCK = " by the clock"
@@ -64,7 +64,7 @@ def unit(v: Any) -> Array:
 def cases(n: int = 3, generic: bool = False) -> list[BenchCase]:
     """The five maps for n = 3, two of them beyond.
 
-    `generic` turns the constant vector away from the axes, so that no parameter is 0 or 1 and a kernel
+    `generic` rotates the constant vector away from the axes, so that no parameter is 0 or 1 and a kernel
     has nothing to fold; otherwise the standard top is among the states.
     """
     axis = unit([0.3, -0.2, 0.9]) if generic else np.eye(n)[-1]
@@ -218,7 +218,9 @@ class Contest:
         return max(apart.values())
 
     def timed(self, turns: int, steps: int) -> dict[str, Array]:
-        """Nanoseconds a step and lane, one for each turn: of the thread's processor time, of all cores by the clock."""
+        """Nanoseconds a step and lane, one for each rotation: of the thread's processor time, of all cores by the
+        clock.
+        """
         by_the_clock = {
             name + BY_THE_CLOCK: name
             for name in self.steppers
@@ -327,7 +329,7 @@ def saving_ratios(
 
 
 def bench(tell: Callable[[str], None] = lambda name: None) -> dict[str, Any]:
-    """The five maps for n = 3, each timed in turns with C++ of the same formula where g++ is installed.
+    """The five maps for n = 3, each timed in revolutions with C++ of the same formula where g++ is installed.
 
     ns a step of one trajectory, and of a lane of an ensemble, on one core; their ratios to C++; one core over all
     cores; time with a row saved every 100 steps over time without.  `tell` is called with the name of each map.

@@ -210,7 +210,7 @@ def casimirs(r, v, L1, q1, L2, q2, *third):
 
 
 def draw(third, n, numbers):
-    """A random state with unit quaternions, rational if the numbers are."""
+    """A random state with unit quaternions, rational if the values are."""
 
     def attitude():
         q = numbers((4,))

@@ -4,7 +4,7 @@
     case.reference([0, 10, 20, 30])                 # an xarray.Dataset, exact to the last digit of a double
     case.grade(times, angular_velocity=w)           # errors, drifts, order, and the likely mistake
 
-SI units.  Angular velocities are along the body axes unless their name says space; attitudes are unit quaternions
+SI units.  Angular velocities are along the body axes unless their name states space; attitudes are unit quaternions
 (w, x, y, z), body to space.
 """
 

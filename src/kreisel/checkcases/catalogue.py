@@ -1,4 +1,4 @@
-"""The check cases of catalogue.toml, and the formulas of the further numbers that they ask for."""
+"""The check cases of catalogue.toml, and the formulas of the further values that they ask for."""
 
 from __future__ import annotations
 

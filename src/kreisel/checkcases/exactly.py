@@ -1,4 +1,4 @@
-"""Rational numbers from printed quantities: "0.00189422 slug ft^2" to SI without rounding; pi to 100 digits."""
+"""Rational values from printed quantities: "0.00189422 slug ft^2" to SI without rounding; pi to 100 digits."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def exact(text: str) -> Any:
 
 
 def unit_of(text: str) -> str:
-    """The unit behind the numbers, "" if there is none."""
+    """The unit behind the values, "" if there is none."""
     words = text.split()
     return " ".join(words[next((k for k, word in enumerate(words) if not NUMBER.fullmatch(word)), len(words)) :])
 

@@ -34,7 +34,7 @@ UNNORMALISED = 1e-6
 RIGHT = 1e-3  # relative error below which a trajectory is called right
 SECOND = 1.5  # order measured above which no mistake is looked for
 ROUNDING = 1e-12  # relative: below it the order is not measured
-FEWEST, MOST = 4, 12  # digits of numbers that were printed with few
+FEWEST, MOST = 4, 12  # digits of values that were printed with few
 
 
 @dataclass(frozen=True)
@@ -268,7 +268,7 @@ def _drift(name: str, value: Array, rows: Array, unit: str, scale: float = 0.0) 
 
 
 def _notes(values: Mapping[str, Array], exact: Mapping[str, Array], error: float) -> list[str]:
-    """Sentences on the start, on the precision and on the digits of the numbers."""
+    """Sentences on the start, on the precision and on the digits of the values."""
     notes = []
     for name, value in values.items():
         off = float(differences(name, value[:1], exact[name][:1])[0]) / size(name, exact[name])

@@ -1,4 +1,4 @@
-"""Equations of motion of the check cases, on numbers of any kind: one line of torque each.
+"""Equations of motion of the check cases, on values of any kind: one line of torque each.
 
     I w' = torque - w x (I w),   q' = q (0, w)/2
 
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-Vector = Any  # three components, or a quaternion's four: numbers, recorded numbers, or arrays (...)
+Vector = Any  # three components, or a quaternion's four: values, recorded values, or arrays (...)
 
 
 def cross(a: Vector, b: Vector) -> list[Any]:
@@ -67,8 +67,8 @@ class Law(NamedTuple):
 
     torque     N m, along the body axes
     further    names and sizes of further variables x, with `rates` x'
-    potential  J, a function of the whole state; NaN-free only where `conserved` names the energy
-    stored     angular momentum beside I w, along the body axes
+    potential  J, a function of the complete state; NaN-free only where `conserved` names the energy
+    stored     angular momentum in addition to I w, along the body axes
     scaled     parameters to which the torque is proportional
     conserved  of "energy", "momentum" (a vector in space), "vertical momentum", "impulse"
     """

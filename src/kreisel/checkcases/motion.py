@@ -49,14 +49,14 @@ class Answer(NamedTuple):
 class Case:
     """A motion whose exact course is known.  `kreisel.checkcases.case(NAME)` returns it.
 
-    name, title, about, source   text: a word, a line, the physics, where the numbers come from
+    name, title, about, source   text: a word, a line, the physics, where the values come from
     law              the torque (`kreisel.checkcases.laws`)
     numbers          name -> printed value with its unit: what a simulator is given
     inertia          I about the fixed point or the centre of mass, along the body axes, 3 x 3 rational, kg m^2
     angular_velocity, attitude   the start: rad/s along the body axes; unit quaternion (w, x, y, z), body to space
     duration         s
     parameters, further   of the law, rational
-    answers          further numbers that the case asks for
+    answers          further values that the case asks for
     bits             of the Taylor series
     """
 
@@ -78,7 +78,7 @@ class Case:
 
     @cached_property
     def _motion(self) -> Solution:
-        unit = self.inertia[0][0]  # of the moments, so that the numbers of the series are moderate
+        unit = self.inertia[0][0]  # of the moments, so that the values of the series are moderate
         values = {"I": _over(self.inertia, unit), "inverse": _over(inverse(self.inertia), 1 / unit)}
         scale = {**dict.fromkeys(self.law.scaled, unit), "A inverse": 1 / unit}
         values.update({name: _over(v, scale.get(name, 1)) for name, v in self.parameters.items()})
@@ -111,7 +111,7 @@ class Case:
         return {name: _doubles(value) for name, value in values.items()}
 
     def exact(self, time: Fraction | float) -> tuple[list[Fraction], Array]:
-        """The state (w, q, further) at one time as rational numbers, and bounds of its errors.  Raises `InputError`."""
+        """The state (w, q, further) at one time as rationals, and bounds of its errors.  Raises `InputError`."""
         self._check_times(np.array([float(time)]))
         states, bounds = self._motion.at([Fraction(time)])
         return list(states[0]), bounds[0]
@@ -202,7 +202,7 @@ class Case:
         return grade(self, times, quantities, step, runs)
 
     def given(self) -> dict[str, Any]:
-        """The numbers that a simulator needs, as doubles in SI, for JSON."""
+        """The values that a simulator needs, as doubles in SI, for JSON."""
         return {
             "name": self.name,
             "inertia": _doubles(self.inertia),

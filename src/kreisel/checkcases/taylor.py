@@ -46,8 +46,8 @@ class Piece(NamedTuple):
 class Solution:
     """The solution of z' = f(z, p), z(0) = start, for 0 <= t <= end.
 
-    flow     f(z, p) on arrays of recorded numbers: sums, differences and products
-    start, parameters   rational numbers
+    flow     f(z, p) on arrays of recorded values: sums, differences and products
+    start, parameters   rationals
     bits     fixed-point bits of the coefficients; the order of the series is 0.35 bits
     bounds   (pieces, d): bounds of the error of each component within each piece
     """
@@ -263,7 +263,7 @@ class _Model(NamedTuple):
 class _Models:
     """Taylor models of one step, of polynomials below `order`.
 
-    They stand for the polynomials in integers: a product is rounded by one unit a coefficient, and the rest is cut off.
+    They represent the polynomials in integers: a product is rounded by one unit a coefficient, and the rest is cut off.
     """
 
     def __init__(self, parameters: list[float], coefficients: list[list[int]], order: int, unit: float):

@@ -136,7 +136,7 @@ def _in_si(text: str) -> str:
 
 
 def _texts(values: list[Fraction]) -> list[str]:
-    """Decimal digits of rational numbers."""
+    """Decimal digits of rationals."""
     from decimal import Context
 
     context = Context(prec=DIGITS)

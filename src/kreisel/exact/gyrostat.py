@@ -1,12 +1,13 @@
 """method="exact" of the gyrostat, n = 3, M' = M x (w M - b): the addition theorem of `kreisel.exact.quadrics`.
 
 A step is a few equal maps, whose coefficients are found once a trajectory in extended precision; long times are made
-shorter by whole periods.  The orientation rotates by g z(psi) p, p M(t) = M the shortest turn, z(psi) that about M by
+shorter by complete periods.  The orientation rotates by g z(psi) p, p M(t) = M the shortest rotation, z(psi) that
+about M by
 
     psi' = L Omega.(M + M(t))/(L^2 + M.M(t)),   Omega = w M(t) - b,
 
 which is integrated by Gauss's rule at points of the motion.  The turn of a map is linear in the state half-way; the
-matrix is fitted to those, and a step takes forms for it too.  Over a period it is a rotation about M, by a mean of psi'
+matrix is fitted to those, and a step needs forms for it too.  Over a period it is a rotation about M, by a mean of psi'
 in many digits, with any e L in place of the first M.
 """
 
@@ -47,7 +48,7 @@ FAR = 6  # maps in a step, beyond which complete periods are left out
 CORRECTIONS = 3
 NODES, SAMPLES = 8, 64  # of Gauss's rule; points of a motion, 0.4 e-foldings apart at most
 MOST_TURN, MOST_MAPS = 6.0, 4096  # radians of a map with orientation; maps of a step
-SETTLED = 22.0  # e-foldings, after which a motion without a period stands still
+SETTLED = 22.0  # e-foldings, after which a motion without a period is still
 DIGITS = 40  # of a period, beyond those that close roots and long times use up
 TWICE = 16 * np.arctan(np.longdouble(1))  # two rotations, after which a quaternion is the same
 FEWEST, TURN_DIGITS = 16, 22  # points of a period; digits of its rotation, beyond those that long times use up
@@ -114,7 +115,7 @@ class Body:
         self.inverse = 1 / (self.L + (self.L == 0))
 
     def numbers(self, time: Array) -> tuple[dict[str, Array], dict[str, Array], int]:
-        """What `step` takes for these times, constants of the motion and of a map, and the number of maps."""
+        """What `step` needs for these times, constants of the motion and of a map, and the number of maps."""
         most = float(np.max(self.speed * abs(time)))
         if most > MOST_MAPS:
             raise InputError(
@@ -210,7 +211,7 @@ class Body:
         return M
 
     def remainders(self, lane: tuple[int, ...], times: list[Fraction]) -> tuple[list[np.longdouble], Array, Array]:
-        """`remainders` of one lane, from the numbers as they are given."""
+        """`remainders` of one lane, from the values as they are given."""
         return remainders(rationals(self.M[lane]), *self._exactly(lane), times, self._oriented)
 
     def _exactly(self, lane: tuple[int, ...]) -> tuple[Array, Array]:
@@ -236,14 +237,14 @@ def remainders(
     """Times minus complete periods, at most half a period in size, from rationals; the rotation about M in these, if
     asked for; and where the motion has ended.
 
-    That is where there is no period: such times are made so short that the motion is just about to end.
+    That is if there is no period: such times are made so short that the motion is just about to end.
     """
     import mpmath
 
     ctx, never = mpmath.MPContext(), np.zeros(len(times), dtype=bool)
     square, Omega, none = algebra.dot(M, M), w * M - b, np.zeros(len(times), dtype=np.longdouble)
     longest = max(abs(t) for t in times)
-    if not algebra.cross(M, Omega).any():  # it stands still in the body, which rotates evenly
+    if not algebra.cross(M, Omega).any():  # it is still in the body, which rotates evenly
         spin = algebra.dot(Omega, Omega) if oriented else Fraction(0)
         ctx.dps = DIGITS + _figures(longest**2 * spin + 1)
         period = 4 * ctx.pi / ctx.sqrt(mp_number(ctx, spin)) if spin else None
@@ -339,7 +340,7 @@ def _without(ctx: Any, x: Any, period: Any) -> tuple[np.longdouble, int]:
 
 
 def _settled(M: Array, w: Array, b: Array, double: np.longdouble) -> np.longdouble:
-    """The time after which a motion on a separatrix stands still: SETTLED e-foldings, and those to leave the start."""
+    """The time after which a motion on a separatrix is still: SETTLED e-foldings, and those to leave the start."""
     growth = 2 * np.sqrt(3 * double)
     M, w, b = (_wides(x) for x in (M, w, b))
     away = algebra.magnitude(algebra.cross(M, w * M - b)) / (growth * algebra.magnitude(M))

@@ -9,8 +9,8 @@ is the paper's map (section 6.1) in the variables of the flow, r = |a|^2 a funct
 
     D_eps = Rot_p(theta(eps)) o Phi_tau(eps),   x0 = 4/eps^2,   tau = int_x0^inf dx / sqrt(C(x)),
 
-with Phi the flow and Rot_p the turn about p.  The integrals are exact rationals of the given doubles; everything else
-is a number of an mpmath context, which the caller gives the digits that it needs.  R_F and R_J are Carlson's.
+with Phi the flow and Rot_p the rotation about p.  The integrals are exact rationals of the given doubles; everything
+else is a number of an mpmath context, which the caller gives the digits that it needs.  R_F and R_J are Carlson's.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class Nutation:
         self.x = self._roots()
 
     def _roots(self) -> tuple[MpNumber, MpNumber, MpNumber]:
-        """x1 <= x2 <= x3, in twice the digits where they are close; exact where two or three coincide."""
+        """x1 <= x2 <= x3, in twice the digits if they are close; exact where two or three coincide."""
         ctx = self.ctx
         if self.integrals.coincident is not None:
             x1, x2, x3 = (mp_number(ctx, x) for x in self.integrals.coincident)
@@ -133,7 +133,7 @@ class Nutation:
         return self.ctx.inf if self.integrals.separatrix else 2 * self.ctx.elliprf(0, x3 - x1, x3 - x2)
 
     def tau(self, eps: MpNumber) -> MpNumber:
-        """The time that D_eps takes, odd in eps; |eps| <= 2/sqrt(x3) where x3 > 0, imaginary beyond infinity."""
+        """The time that D_eps needs, odd in eps; |eps| <= 2/sqrt(x3) where x3 > 0, imaginary beyond infinity."""
         eps = self.ctx.convert(eps)
         x0 = self.ctx.re(4 / eps**2)
         return self._direction(eps) * 2 * self.ctx.elliprf(*(x0 - x for x in self.x))
@@ -189,8 +189,8 @@ class Nutation:
     def epsilon(self, h: MpNumber) -> MpNumber:
         """The eps with tau(eps) = h, for |h| <= omega_1: 4/eps^2 = x3 + (x3 - x1) cs^2(u, k).
 
-        Imaginary where x0 = 4/eps^2 < 0: the map and the turn by theta are complex then, their product, the flow, is
-        real.  NaN where x0 <= 0 and theta has a pole on the way, x0 <= -c^2/P2 or x0 <= -J^2/A: take h in parts.
+        Imaginary where x0 = 4/eps^2 < 0: the map and the rotation by theta are complex then, their product, the flow,
+        is real.  NaN where x0 <= 0 and theta has a pole on the way, x0 <= -c^2/P2 or x0 <= -J^2/A: take h in parts.
         """
         ctx, (x1, x2, x3), h = self.ctx, self.x, self.ctx.convert(h)
         if h == 0:

@@ -1,6 +1,6 @@
 """A period in parts, each with polynomials in the time: orbits of the exact flows, n = 3.
 
-Phases that grow like the time are integers, mod one turn: no error grows with it.
+Phases that grow like the time are integers, mod one rotation: no error grows with it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from kreisel.record.contract import Orbit
 TERMS = 18  # of the polynomials: with 14, twice as many parts do not stay in the first cache
 ORDERS = 28  # of the Taylor series that they come from
 TAIL = 2e-17  # what they leave out, relative to m, b and q
-BINARY = 100  # places of the numbers in which the series are made
+BINARY = 100  # places of the values in which the series are made
 SETTLED = 50  # e-foldings after which a separatrix motion is taken for the steady one that it tends to
 PHASE_BITS = 64
 LEAST_PLACES = 3  # as a power of two
@@ -71,7 +71,7 @@ def from_middle(j: int, places: int) -> int:
 
 
 def polynomials(series: Array, binary: int, ctx: Any, units: Array | None = None) -> Array:
-    """Of a part, (TERMS, numbers), from power series (ORDERS, numbers): integers of `binary` places, in these units."""
+    """Of a part, (TERMS, values), from power series (ORDERS, values): integers of `binary` places, in these units."""
     units = np.ones(series.shape[1], dtype=object) if units is None else units
     out: Array = economised()[0] @ np.ldexp(series.astype(np.float64), -binary) * units.astype(np.float64)
     out[0] = [float(ctx.ldexp(ctx.mpf(int(v)), -binary) * unit) for v, unit in zip(series[0], units, strict=True)]
@@ -93,7 +93,7 @@ def orbit_in_parts(
     """The orbit of 2^places parts, `moving` of which, and `turns` of the other phases, are a unit of time, of `bits`.
 
     Without a period `settled` is the number of parts after which it is steady, and `asleep` what is then added to the
-    turns in a part.
+    rotates in a part.
     """
     rates = (moving >> places, *turns)
 

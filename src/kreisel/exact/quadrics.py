@@ -29,9 +29,9 @@ where only the weights depend on the time, by p and p', which follow from Lauren
 
     g(t) = g z(psi) p,   p M(t) = M,   psi' = L Omega(t).(M + M(t))/(L^2 + M.M(t)),   Omega = w M - b,
 
-p the shortest such turn, z(psi) the turn about M by psi, which is integrated by Gauss's rule.  To rounding (2e-14) for
-nutations and turns by up to 3 radians, in which M turns by less than a quarter in the body; at the limits of `reach`
-off by 1e-8 at most in the orientation and by 1e-10 in M.
+p the shortest such turn, z(psi) the rotation about M by psi, which is integrated by Gauss's rule.  To rounding
+(2e-14) for nutations and rotations by up to 3 radians, in which M rotates by less than a quarter in the body; at the
+limits of `reach` off by 1e-8 at most in the orientation and by 1e-10 in M.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ ORDERS = 16  # of Laurent's series of wp: its terms fall by 9 or more; of a step
 NEAR, WIDE = 0.8, 2.0  # of one map: t sqrt(max |e_i|) and the size of t K
 FORMS = {"squares": 2, "products": 2, "linear": 2, "fixed": 1}  # of the state, and the axes of each
 NODES = 12  # of Gauss's rule, of a step
-LONGEST, MOST_TURN = 1.75, 6.0  # of a step: t sqrt(max |e_i|), 0.41 of the angle of a nutation; radians of a turn
-TINY = 1e-140  # M = 0, where the body turns against its wheel: no 0/0
+LONGEST, MOST_TURN = 1.75, 6.0  # of a step: t sqrt(max |e_i|), 0.41 of the angle of a nutation; radians of a rotation
+TINY = 1e-140  # M = 0, where the body rotates against its wheel: no 0/0
 BELOW = {"below_squares": 1, "below_products": 1, "below_linear": 1}  # of the denominator
 
 Four = tuple[Array, Array]  # a vector (..., 3) and a last component
@@ -78,7 +78,7 @@ def quartic(K: Array) -> tuple[Array, Array, Array]:
 
 
 def invariants(s2: Array, s3: Array, s4: Array) -> tuple[Array, Array]:
-    """g2 and g3 in real time: those of the quartic belong to imaginary time, which turns the sign of g3."""
+    """g2 and g3 in real time: those of the quartic belong to imaginary time, which changes the sign of g3."""
     return s4 + s2 * s2 / 12, s3 * s3 / 16 + s2 * s2 * s2 / 216 - s2 * s4 / 6
 
 
@@ -155,7 +155,7 @@ def curve(M: Array, w: Array, b: Array) -> tuple[Array, Array]:
 
 
 def length(K: Array) -> Array:
-    """How many maps a unit of time takes, as a real number: t sqrt(max |e_i|)/NEAR or the size of t K over WIDE."""
+    """How many maps a unit of time needs, as a real number: t sqrt(max |e_i|)/NEAR or the size of t K over WIDE."""
     g2, g3 = invariants(*quartic(K))
     fastest = np.maximum(abs(g2 / 3) ** 0.25, abs(g3) ** (1 / 6))
     return np.maximum(fastest / NEAR, np.sqrt((K * K).sum((-2, -1))) / WIDE)
@@ -247,8 +247,8 @@ def lift(x: Array, y: Array) -> Array:
 
 
 def reach(M: Array, h: Array, *, w: Array, b: Array) -> Array:
-    """A measure of the length of a step, at most 1 up to t sqrt(max |e_i|) = 1.75, turns by 6 radians, and a quarter
-    turn of M in the body.
+    """A measure of the length of a step, at most 1 up to t sqrt(max |e_i|) = 1.75, rotations by 6 radians, and a
+    quarter turn of M in the body.
     """
     curve = _curve(M, h, w, b)
     at, (g2, g3), Omega = motion(curve), invariants(*curve.quartic), w * M - b

@@ -10,7 +10,7 @@ the third is turned so that M_3 > 0.  With D = 2T I_3 - L^2, E = L^2 - 2T I_1 an
 
 chi = -1 where the new axes are left-handed.  The shortest turn p(M) of M onto the third axis, e, leaves one angle:
 
-    g = g_0 p(M_0)^-1 z(psi) p(M),   p = (L + M_3, M x e)/sqrt(2 L (L + M_3)),   z a turn about e,
+    g = g_0 p(M_0)^-1 z(psi) p(M),   p = (L + M_3, M x e)/sqrt(2 L (L + M_3)),   z a rotation about e,
     psi' = (2T + L M_3/I_3)/(L + M_3) = L/I_3 + D/(I_3 (L + a_3 dn u)).
 
 By Gauss's transformation, u = (1 + k_1) v, k_1 = (1 - k')/(1 + k'), this is an integral without a difference:
@@ -52,7 +52,7 @@ from kreisel.exact.parts import (
 )
 from kreisel.record.contract import Orbit
 
-DIGITS = 32  # of the set-up, beyond those that turns, a small k' and a small a_3 use up
+DIGITS = 32  # of the set-up, beyond the digits that rotations, a small k' and a small a_3 use up
 STILL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -75,7 +75,7 @@ class Axes:
         return cls(tuple(i), side, side if i in ([0, 1, 2], [1, 2, 0], [2, 0, 1]) else -side)
 
     def back(self, N: Array, turns: bool = False) -> Array:
-        """Vectors (..., 3), or vector parts of turns, in the order of the body."""
+        """Vectors (..., 3), or vector parts of rotations, in the order of the body."""
         out = np.empty_like(N)
         out[..., self.i] = N * (np.array([1, 1, self.side]) * (self.chi if turns else 1))
         return out
@@ -208,7 +208,8 @@ class Rotor:
     # -- parts ---------------------------------------------------------------------------------------------
 
     def _series(self, u: MpNumber, h: MpNumber) -> Array:
-        """cn, sn, dn, and the quaternion z p of the closed form freed of the mean turn, as power series, (ORDERS, 7).
+        """cn, sn, dn, and the quaternion z p of the closed form freed of the mean rotation, as power series, (ORDERS,
+        7).
 
         In (u' - u)/h, integers of BINARY binary places; without an orientation the first three.
 
@@ -249,7 +250,7 @@ class Rotor:
         return q / self.ctx.sqrt(2 * self.L * (self.L + N[2]))
 
     def place(self, j: int) -> Array:
-        """The polynomials (TERMS, 7) of part j in x, -1 ... 1: M, and the orientation freed of the mean turn."""
+        """The polynomials (TERMS, 7) of part j in x, -1 ... 1: M, and the orientation freed of the mean rotation."""
         if self.steady:
             out = np.zeros((TERMS, 3 if self.start is None else 7))
             out[0, :3] = self.axes.back(np.array(self.N, dtype=object)).astype(np.float64)
@@ -284,7 +285,7 @@ class Rotor:
         )
 
     def _starts(self) -> dict[str, Array]:
-        """The orientation before the first turn, and the same times the axis of the mean turn."""
+        """The orientation before the first rotation, and the same times the axis of the mean rotation."""
         ctx, axis = self.ctx, np.zeros(4)
         start: Array = np.array([ctx.mpf(float(v)) for v in np.asarray(self.start)], dtype=object)
         if self.steady:

@@ -1,11 +1,11 @@
 """A step of the Lagrange top, n = 3, of moderate length in closed form: its integrals may change from step to step.
 
-m' = p x a, a' = m x a, axial vectors of the rest frame.  The flow over h is the map D_eps and turns about p and a:
+m' = p x a, a' = m x a, axial vectors of the rest frame.  The flow over h is the map D_eps and rotations about p and a:
 
     (mu - m x) e = 2 (a - rho p),     m1 = m + p x e,     a1 = a + (m + m1) x e/2,     <e, e> = 4 rho,
     (m, a) -> R_p(-theta) (m1, a1),     g -> R_p(-theta) H_e H_a R_a(psi + (1/alpha - 1) J h/A) g,
 
-R_v(x) the turn about v by x|v|, H_v the half-turn.  With A = |a|^2, P = |p|^2, J = m.a, c = m.p and the energy E,
+R_v(x) the rotation about v by x|v|, H_v the half-turn.  With A = |a|^2, P = |p|^2, J = m.a, c = m.p and the energy E,
 
     k = mu^2 = 4 wp(h) - 4E/3,     g2 = E^2/3 + AP - Jc,     g3 = E^3/27 - E (Jc + 2AP)/6 + (c^2 A + J^2 P)/4,
     rho^2 (kP + c^2) - rho (k^2 + 2Ek + 2Jc) + kA + J^2 = 0,   the smaller root,
@@ -35,8 +35,8 @@ from kreisel.exact.weierstrass import laurent
 NODES = 8  # of Gauss's rule, in the half of its interval
 ORDERS = 16  # of Laurent's series
 LONGEST = 1.25  # h max(|m|, sqrt(|a||p|)) of a step that is used: there it is off by 5e-11
-MOST_SPIN, TINY = 8.0, 1e-140  # radians of the turn about a in a step; a = 0: no 0/0
-LEAN = 0  # squarings of the turn about p, which is of third order in h: 0.04 at most
+MOST_SPIN, TINY = 8.0, 1e-140  # radians of the rotation about a in a step; a = 0: no 0/0
+LEAN = 0  # squarings of the rotation about p, which is of third order in h: 0.04 at most
 
 
 class Known(NamedTuple):
@@ -147,7 +147,7 @@ def _lean(levels: list[Level], f: Array, h: Array) -> Array:
 
 
 def _within(known: Known, a: Array, e: Array, levels: list[Level], alpha: Array) -> Array:
-    """H_e H_a and the turn about a before it, not of unit length."""
+    """H_e H_a and the rotation about a before it, not of unit length."""
     psi = (1 / alpha - 1) * known.J / known.A
     for (_, weight), (kappa, N, _, lever) in zip(_rule(NODES), levels, strict=True):
         psi = psi + (weight / 4) * (lever / (kappa * N))

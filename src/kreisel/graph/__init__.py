@@ -1,1 +1,1 @@
-"""Operations as data: what a definition does on numbers, kept as a graph that everything else reads."""
+"""Operations as data: what a definition does on scalars, kept as a graph that everything else reads."""

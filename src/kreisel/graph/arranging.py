@@ -192,9 +192,9 @@ def _with_reciprocals(steps: list[_Step]) -> list[_Step]:
 
 
 class Formula:
-    """A function of arrays of these shapes, recorded and arranged; called on numbers of any kind.
+    """A function of arrays of these shapes, recorded and arranged; called on scalars of any kind.
 
-    Its result is flat: `count` numbers.
+    Its result is flat: `count` scalars.
     """
 
     def __init__(self, function: Callable[..., Any], *shapes: tuple[int, ...]):
@@ -222,7 +222,7 @@ def latest(graph: Graph, nodes: Sequence[int]) -> list[int]:
     """The nodes in the order in which a processor that does `AT_ONCE` of them at a time would begin them at the latest.
 
     Compilers keep near to it.  What waits longest comes first, and no result lies about long before it is needed: two
-    steps on numbers of their own, one after the other, then overlap in the processor.
+    steps on scalars of their own, one after the other, then overlap in the processor.
     """
     places = {at: i for i, at in enumerate(nodes)}
     needs = [

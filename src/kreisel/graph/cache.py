@@ -1,4 +1,4 @@
-"""Machine code on disk: each kernel a file, whole by the seal at its head or made again.
+"""Machine code on disk: each kernel a file, complete by the seal at its head or made again.
 
 The files are in KREISEL_CACHE, else in kreisel/ in the cache folder of the platform.  The seal is the SHA-256 of the
 name and of all that follows; nothing of a file is used before it was compared: half a file of machine code would be
@@ -82,7 +82,7 @@ def _seal(file: Path, code: bytes) -> bytes:
 
 
 def _read(file: Path) -> bytes | None:
-    """The code of a whole file; None for all else, of which nothing is waited for or followed."""
+    """The code of a complete file; None for all else, of which nothing is waited for or followed."""
     try:
         handle = os.open(file, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0))
         with os.fdopen(handle, "rb") as opened:
@@ -94,7 +94,7 @@ def _read(file: Path) -> bytes | None:
 
 
 def _write(file: Path, code: bytes) -> None:
-    """Into a file beside, which takes the name when all is there: another process may do the same."""
+    """Into a temporary file, which gets the name at the end: another process may do the same."""
     for half in file.parent.glob(f"{HALF}*"):  # of writers that were killed
         with contextlib.suppress(OSError):
             if half.stat().st_mtime < time.time() - LONG:

@@ -1,4 +1,4 @@
-"""Double-doubles: unevaluated sums of two numbers, recorded ones or floats, about 31 digits.
+"""Double-doubles: unevaluated sums of two scalars, recorded ones or floats, about 31 digits.
 
 The operations are those of Dekker and Knuth with fused products.  The last one or two of 106 bits may be wrong, in a
 sum those of the larger term: half the operations of one that is as exact where terms cancel.
@@ -76,7 +76,7 @@ def double_double(x: Any) -> DoubleDouble:
 
 
 def upper(x: Any) -> Any:
-    """The number next to a double-double; other numbers as they are."""
+    """The number next to a double-double; other scalars as they are."""
     return x.upper if isinstance(x, DoubleDouble) else x
 
 
@@ -120,7 +120,7 @@ def pair_difference(x: Pair, y: Pair) -> Pair:
 
 
 def pair_product(x: Pair, y: Pair) -> Pair:
-    """x y; without the error of the upper numbers where one of them is a known power of 2."""
+    """x y; without the error of the upper scalars where one of them is a known power of 2."""
     (a, la), (b, lb) = x, y
     product = a * b
     exact = any(isinstance(v, float) and math.frexp(v)[0] in (0, 0.5, -0.5) for v in (a, b))

@@ -224,7 +224,7 @@ def operands_of(node: Node) -> list[Number]:
 
 
 def _key(operation: str, operands: Sequence[Operand]) -> tuple[Any, ...]:
-    """Equal for the same operation; numbers themselves cannot be compared."""
+    """Equal for the same operation; scalars themselves cannot be compared."""
     return (operation, *[(x.at, x.negative) if type(x) is Number else x for x in operands])
 
 
@@ -376,7 +376,7 @@ class Number(Ring, Recorded):
     def record_loop(
         self, body: Callable[..., tuple[Any, Any]], start: Any, small: float, most: int
     ) -> tuple[Any, Number]:
-        """`x, defect = body(x)`, repeated until defect <= small, for an array x (d,) of numbers."""
+        """`x, defect = body(x)`, repeated until defect <= small, for an array x (d,) of scalars."""
 
         def on_variables(variables: list[Number]) -> tuple[list[Any], Any]:
             new, defect = body(array_of(variables))
@@ -396,7 +396,7 @@ def is_number(x: Any) -> bool:
 
 
 def _age(x: Operand) -> float:
-    """The place of a node; numbers come last."""
+    """The place of a node; scalars come last."""
     return x.at if isinstance(x, Number) else math.inf
 
 
@@ -413,11 +413,11 @@ def integer_power(x: Any, exponent: Any) -> Any:
     return half * half
 
 
-# -- operations on numbers of any kind -----------------------------------------------------------------
+# -- operations on scalars of any kind -----------------------------------------------------------------
 
 
 def fma(x: Any, y: Any, z: Any) -> Any:
-    """x y + z, rounded once, of recorded numbers or floats."""
+    """x y + z, rounded once, of recorded scalars or floats."""
     if not isinstance(x, Number):
         x, y = y, x
     if isinstance(x, Number):
@@ -474,7 +474,7 @@ def looped(body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], sma
 
 
 def repeated(body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], count: int) -> Sequence[Any]:
-    """What `body` makes of its result, `count` times from `start`; of recorded numbers a loop."""
+    """What `body` makes of its result, `count` times from `start`; of recorded scalars a loop."""
     graph = next((x.graph for x in start if isinstance(x, Number)), None)
     if graph is not None:
         return graph.loop(lambda variables: (body(variables), 0.0), start, NEVER, count)[0]
@@ -514,7 +514,7 @@ def evaluated(
     inputs: Callable[[str, int], Any],
     operations: Mapping[str, Callable[..., Any]] = APPLIED,
 ) -> list[Any]:
-    """The outputs of a graph on numbers of any kind: inputs(letter, index), and functions by name.
+    """The outputs of a graph on scalars of any kind: inputs(letter, index), and functions by name.
 
     LOOP as `looped`, BRANCH as `if_positive`.
     """

@@ -23,9 +23,9 @@ from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Scheme
 
-MOST_N, MOST_NODES = 10, 120_000  # beyond, `kreisel.kernels.projection.arrays`: recording takes seconds
+MOST_N, MOST_NODES = 10, 120_000  # beyond, `kreisel.kernels.projection.arrays`: recording needs seconds
 MOST_STRAIGHT = 28_000  # instructions of a projection that is written out; it is then compiled in less than 2 s
-STRAIGHT = 0.3  # of the time of a multiplication that one of them takes
+STRAIGHT = 0.3  # of the time of a multiplication that one of them needs
 MOST_CHOSEN = 6000  # operations of all gradients, up to which redundant invariants are left out
 SAMPLES, INDEPENDENT = 256, 1e-7
 MOST_WEIGHT = 10.0  # of the gradients, of length 1, of the others, in that of an invariant that is left out
@@ -111,7 +111,7 @@ def written_out(programs: Sequence[Program]) -> bool:
 
 
 def cost_of(programs: Sequence[Program]) -> float:
-    """About how many multiplications the projection by these programs takes as long as."""
+    """About how many multiplications the projection by these programs needs as long as."""
     if written_out(programs):
         return STRAIGHT * sum(program.instructions for program in programs)
     return sum(program.cost for program in programs)
@@ -123,7 +123,7 @@ def _room(registers: int, invariants: int, size: int) -> int:
 
 
 def recordable(make: Callable[[], Result | None], numbers: str = "recorded numbers") -> Result | None:
-    """The result of `make`; None, with a warning, if a user-defined integral does not accept such numbers."""
+    """The result of `make`; None, with a warning, if a user-defined integral does not accept such scalars."""
     try:
         return make()
     except TooLong:

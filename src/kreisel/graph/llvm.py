@@ -173,7 +173,7 @@ class Memory:
 
 
 class Lanes:
-    """Columns of an array (lanes, stride) of doubles: of one lane as numbers, of several as vectors."""
+    """Columns of an array (lanes, stride) of doubles: of one lane as scalars, of several as vectors."""
 
     def __init__(self, numbers: Memory, lanes: Sequence[Any], stride: Any):
         self._rows = [numbers.beyond(lane * stride) for lane in lanes]
@@ -266,11 +266,11 @@ class Function:
     def vectors(self, width: int) -> None:
         """To be called by functions that work on vectors: else those that are spilled lie across cache lines."""
         if width > 1:
-            self.function.attributes.add("nounwind")  # llvmlite prints the other one only beside it
+            self.function.attributes.add("nounwind")  # llvmlite prints the other one only together with it
             self.function.attributes.alignstack = 8 * width
 
     def lanes(self, first: Any, width: int, end: Any) -> list[Any]:
-        """The lanes first, first + 1, ...; in place of those from `end` on stands the one before it."""
+        """The lanes first, first + 1, ...; in place of those from `end` on is the one before it."""
         if width == 1:
             return [first]
         last = self.integer(end) - 1
@@ -317,7 +317,7 @@ class Function:
             yield
 
     def largest(self, x: Value) -> Value:
-        """The largest of the places of a vector that are numbers; NaN if none is."""
+        """The largest of the places of a vector that are scalars; NaN if none is."""
         if not isinstance(x.type, ir.VectorType):
             return x
         places = [self.builder.extract_element(x, INDEX(k)) for k in range(x.type.count)]

@@ -61,7 +61,7 @@ def _ready() -> None:
 
 
 # Of 3.  Below 2 there is no second scheduling behind that of the registers, which took a quarter of the time from
-# operations to machine code.  The steps of 16 kernels take 0.96 to 1.04 of their time, the scatter of this measurement.
+# operations to machine code.  The steps of 16 kernels need 0.96 to 1.04 of their time, the scatter of this measurement.
 CODE_LEVEL = 1
 
 
@@ -77,8 +77,8 @@ def target_machine() -> Any:
 def optimized(machine: Any, text: str, level: int = 0) -> Any:
     """LLVM's module of a text, optimized for a machine: by LLVM's passes of a level, of 0 by four of them.
 
-    Graphs are arranged before they are written, so what is left is to keep variables in registers.  Level 3 takes ten
-    times as long; by it the steps of 20 kernels take 0.9 to 1.05 of their time, the scatter of this measurement.
+    Graphs are arranged before they are written, so what is left is to keep variables in registers.  Level 3 needs ten
+    times as long; by it the steps of 20 kernels need 0.9 to 1.05 of their time, the scatter of this measurement.
     """
     module = llvm.parse_assembly(text)
     module.data_layout = str(machine.target_data)
@@ -94,12 +94,12 @@ def optimized(machine: Any, text: str, level: int = 0) -> Any:
 
 
 def address_of(array: Any) -> int:
-    """Where the numbers of an array begin.  Raises `TypeError` for others than of 64 bits that lie in a row."""
+    """Where the scalars of an array begin.  Raises `TypeError` for others than of 64 bits that lie in a row."""
     if array.itemsize != 8 or not array.flags.c_contiguous:
         raise TypeError(f"expected a contiguous array of 64-bit values, got {array.dtype} {array.shape}")
     if not array.size:
         return 0
-    # its pointer by `array.ctypes.data` takes three times as long
+    # its pointer by `array.ctypes.data` needs three times as long
     return ctypes.addressof(ctypes.c_char.from_buffer(array)) if array.flags.writeable else int(array.ctypes.data)
 
 
@@ -148,7 +148,7 @@ def _texts(place: Any) -> Iterator[bytes]:
 def kernel(key: Sequence[Any], arguments: int, write: Callable[[Function], None]) -> Kernel:
     """The kernel that `write` writes, compiled once for this machine.
 
-    `key`: all that it depends on beside the code of Kreisel; digests of graphs, counts, widths, names.
+    `key`: all that it depends on in addition to the code of Kreisel; digests of graphs, counts, widths, names.
     """
     text = f"{_writers().hex()} {version()} {arguments} {tuple(key)!r}"
     name = hashlib.sha256(text.encode()).hexdigest()

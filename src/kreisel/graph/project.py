@@ -9,9 +9,9 @@ Rounding errors have a mean, and so I drifts.  By d/2 the mean of I over an inte
 the frequencies would be off by d/2, and the phase by that times N.  g = 1/16, 1/64 where K is short: a mean of few
 intervals is as uncertain as their random walks, which 7 ulp at n = 3 and K = 1250 showed.
 
-The operations stand here once, in loops: of a short program these are written out, and what is known before, numbers 0
+The operations stand here once, in loops: of a short program these are written out, and what is known before, scalars 0
 and 1 above all, is not computed; code for long ones goes through the tables of any program.  For one state or a vector
-of lanes the bits are the same, and those of a state on its own.  K counts from step 0 of a trajectory, so the bits do
+of lanes the bits are the same, and those of a single state.  K counts from step 0 of a trajectory, so the bits do
 not depend on `every`, nor on where a run was interrupted.
 
 A correction is of the size of rounding errors, or the map does not conserve what it claims: the largest one is kept.
@@ -36,10 +36,10 @@ from kreisel.graph.machine import Kernel, kernel
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.projection.corrections import EPS, GAIN, GAIN_STRAIGHT, TAU, Corrections
 
-FLAT = 2.0**-30  # a gradient so small beside the terms of its invariant tells no direction
+FLAT = 2.0**-30  # a gradient so small next to the terms of its invariant tells no direction
 HUGE = 1e300
 WIDE = 8  # lanes at once
-LINE = 64  # bytes of the cache; a vector that lies across two takes twice the time
+LINE = 64  # bytes of the cache; a vector that lies across two needs twice the time
 
 
 def gain_of(programs: Sequence[Program]) -> float:
@@ -51,7 +51,7 @@ def gain_of(programs: Sequence[Program]) -> float:
 
 
 class Projection:
-    """The operations of a projection, on numbers that are recorded or written into a function.
+    """The operations of a projection, on scalars that are recorded or written into a function.
 
     flow     loops, as of `Straight`
     tables   of a `Program`, and its `literals`
@@ -158,7 +158,7 @@ class Projection:
             self.z[i] = value[0]
 
     def _dot(self, a: Any, b: Any) -> Any:
-        """The product of d numbers from a and from b on."""
+        """The product of d scalars from a and from b on."""
         total = self.flow.cell(0.0)
         for i in self.flow.each(0, self.d):
             total[0] = fused(self.x[a + i], self.x[b + i], total[0])
@@ -290,7 +290,7 @@ def _straight(
 
 
 class _Looping(Graph):
-    """Loops of a function, and its numbers: operations go into it as they are recorded, each where it is."""
+    """Loops of a function, and its scalars: operations go into it as they are recorded, each if it is."""
 
     def __init__(self, f: Function, kind: ir.Type):
         super().__init__()
@@ -425,7 +425,7 @@ class CompiledProjection(Corrections):
 
     @property
     def arguments(self) -> tuple[int, ...]:
-        """Integers that a kernel takes for it before the address of `room`."""
+        """Integers that a kernel needs for it before the address of `room`."""
         return self.done, self.every, self._compiled.address, self._first
 
     def room(self, first: int) -> int:

@@ -1,4 +1,4 @@
-"""A scheme's functions on recorded numbers: the graphs that every engine reads.
+"""A scheme's functions on recorded scalars: the graphs that every engine reads.
 
 Inputs are called by a letter: z the state, c the constants of a scheme, s those of its stages, p those of a pair.
 """
@@ -20,12 +20,12 @@ from kreisel.method.scheme import Part, Scheme
 
 # A conjugate pair of Clebsch's system, n = 10, of 6700 operations: compiled in 35 s, run in 2.3 us; on arrays 180 us.
 STRAIGHT_LINE_N, STRAIGHT_LINES = 10, 7000
-OF_VECTORS = 15_000  # operations of a chain: of 200 sites, compiled in 7 s, where the definition on arrays takes 3.5 ms
+OF_VECTORS = 15_000  # operations of a chain: of 200 sites, compiled in 7 s, where the definition on arrays needs 3.5 ms
 MOST = 40_000  # nodes before they are arranged
 
 
 class Piece(NamedTuple):
-    """A part of a step, recorded: its graph, as it is to be compiled, and the new state."""
+    """A part of a step, recorded: its graph, unchanged to be compiled, and the new state."""
 
     part: Part
     graph: Graph
@@ -125,7 +125,7 @@ def count_of(columns: Mapping[str, slice]) -> int:
 def recorded_arguments(
     scheme: Scheme, graph: Graph, columns: Mapping[str, Mapping[str, slice]], more: tuple[str, ...] = ()
 ) -> tuple[tuple[Array, ...], dict[str, Array]]:
-    """Recorded numbers in place of the state and of the constants, which are called by their letter.
+    """Recorded scalars in place of the state and of the constants, which are called by their letter.
 
     `more`: the kinds of what follows the state.
     """
@@ -161,7 +161,7 @@ class Outputs(NamedTuple):
 def recorded_outputs(
     scheme: Scheme, function: Callable[..., Mapping[str, Array]], constants: Mapping[str, slice]
 ) -> Outputs:
-    """`function(parts, **constants)`, which returns variables by name, on recorded numbers."""
+    """`function(parts, **constants)`, which returns variables by name, on recorded scalars."""
     graph = Graph()
     parts, known = recorded_arguments(scheme, graph, {"c": constants})
     values: list[Any] = []
@@ -176,7 +176,7 @@ def recorded_outputs(
 def recorded_function(
     function: Callable[..., Array], inputs: Mapping[str, tuple[int, ...]], constants: Mapping[str, tuple[int, ...]]
 ) -> tuple[Graph, list[Operand], int]:
-    """A function of arrays on recorded numbers, z for the inputs, c for the constants, by their shapes.
+    """A function of arrays on recorded scalars, z for the inputs, c for the constants, by their shapes.
 
     Its graph, the entries of the result, and how many entries go in.
     """

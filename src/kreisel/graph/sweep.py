@@ -99,7 +99,7 @@ def _copy(graph: Graph, outputs: Sequence[Operand], fixed: str) -> tuple[Graph, 
 
 
 def _slopes(graph: Graph, at: int) -> list[tuple[Number, Operand]]:
-    """The operands of a node that are numbers, and its derivatives by them."""
+    """The operands of a node that are scalars, and its derivatives by them."""
     operation, *operands = graph.nodes[at]
     slopes = SLOPES[operation](Number(graph, at), *operands)
     return [(x, slope) for x, slope in zip(operands, slopes, strict=True) if isinstance(x, Number)]

@@ -92,7 +92,7 @@ def largest_step(M, J, P, enough=np.inf):
 
     1/eps is the largest over y of the real eigenvalues u of the pencil u^2 + u B - C, where, with D = J^2 + y^2,
     B = i y D^(-1/2) M D^(-1/2) and C = y^2 D^(-1/2) P D^(-1/2).  Where |B| + |C|^(1/2) <= |M|/(2 min J) + |P|^(1/2)
-    says that it is beyond `enough`, that bound does.
+    states that it is beyond `enough`, that bound does.
     """
     M, J, P = (np.asarray(v, dtype=np.float64) for v in (M, J, P))
     with np.errstate(divide="ignore"):

@@ -4,7 +4,7 @@ With X = hat(x), M = hat(mu), h = eps/2 and I the moments,
 
     (I - sigma) x + h x x mu = h mu,   sigma = h <x, mu>.
 
-Hence x as a function of sigma, and h <x, mu> = sigma says
+Hence x as a function of sigma, and h <x, mu> = sigma states
 
     0 = p(sigma) = sigma det(I - sigma) - m (m + sigma (2 sigma - tr I)) - b,   m = h^2 |mu|^2,
 
@@ -54,8 +54,8 @@ def root(M, J, eps, steps=ROOT_STEPS):
 def turn(M, J, eps, sigma=None):
     """X from the root, found here or known for the trajectory, and the square of its error, as estimated.
 
-    A known sigma that is off by delta gives the turn of a body with the moments I + delta, and delta is an integral of
-    that map: only its square counts.
+    A known sigma that is off by delta gives the rotation of a body with the moments I + delta, and delta is an
+    integral of that map: only its square counts.
     """
     moments, h = J[..., SECOND] + J[..., THIRD], eps / 2
     left = None

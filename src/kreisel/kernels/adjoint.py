@@ -38,7 +38,7 @@ class Part(NamedTuple):
 def recorded(
     function: Callable[..., Any], kinds: Sequence[str], n: int, constants: Mapping[str, Any], most: float = inf
 ) -> Part:
-    """A step on recorded numbers.  `constants` may have inputs of any graph, which become inputs of the new graph.
+    """A step on recorded scalars.  `constants` may have inputs of any graph, which become inputs of the new graph.
 
     Raises `TooLong` beyond `most` operations.
     """

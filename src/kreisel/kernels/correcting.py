@@ -1,4 +1,4 @@
-"""States taken through the corrector of a scheme, or back, by its own compiled step."""
+"""States taken through the corrector of a scheme, or back, by its compiled step."""
 
 from __future__ import annotations
 

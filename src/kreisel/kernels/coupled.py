@@ -34,7 +34,7 @@ from kreisel.kernels.steps import Constants, Split
 from kreisel.method.scheme import Coupling, Scheme, too_large_to_couple
 
 # The words of a frame: addresses of z (lanes, d), c (lanes, constants), s (lanes, stages, constants), the constants and
-# the lanes of pairs, and of room for forces (lanes, forces), for numbers of lanes and of stages; three counts.
+# the lanes of pairs, and of room for forces (lanes, forces), for counts of lanes and of stages; three counts.
 FRAME = ("z", "c", "s", "p", "pairs", "forces", "fixed", "staged", "lanes", "stages", "count")
 
 
@@ -184,7 +184,7 @@ class Pull(NamedTuple):
 def compiled_together(record: Recording, pull: Pull, lanes: int, stages: int) -> tuple[Kernel, tuple[int, int, int]]:
     """kernel(frame, out, rows, every): `every` steps of all lanes for each row of `out` (rows, lanes, d).
 
-    And the sizes of the room for forces, and for numbers of lanes and of stages.
+    And the sizes of the room for forces, and for counts of lanes and of stages.
     """
     width = register_width()
     splits = [Split.of(record, piece) for piece in record.pieces]

@@ -1,8 +1,8 @@
 """Compiled kernels for the CPU, made from a scheme's step by recording it.
 
-Up to n = 10, if it is not too long, the record is a graph of numbers; beyond, the definition runs on arrays, one lane
+Up to n = 10, if it is not too long, the record is a graph of scalars; beyond, the definition runs on arrays, one lane
 after the other, but for what has a form of `kreisel.kernels.large`.  An ensemble runs on vectors of lanes
-(`kreisel.kernels.steps`); lane i has the bits of a run on its own.  Shares of the lanes go to threads
+(`kreisel.kernels.steps`); lane i has the bits of a single run.  Shares of the lanes go to threads
 (`kreisel.kernels.threads`).
 """
 
@@ -44,10 +44,10 @@ from kreisel.method.scheme import Scheme
 if TYPE_CHECKING:
     from kreisel.kernels.large.kernel import Large
 
-WORK = 20_000  # operations that NumPy takes as long as for those of a step to begin
+WORK = 20_000  # operations that NumPy needs as long as for those of a step to begin
 OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many operations compile in a second
-MOST_LARGE_N = 500  # up to which kernels of O(n) are projected: recording takes a second
-# Invariants of a position and a momentum that are recorded beyond MOST_N too: those of Rosochatius take minutes.
+MOST_LARGE_N = 500  # up to which kernels of O(n) are projected: recording needs a second
+# Invariants of a position and a momentum that are recorded beyond MOST_N too: those of Rosochatius need minutes.
 FEW = 20
 
 
@@ -242,7 +242,7 @@ def compiled_step(
 ) -> Callable[[Floats, Floats, int], None]:
     """`advance(z, constants, count)` for any number of rows z (lanes, d), with constants that are like these.
 
-    One lane after the other: a kernel for vectors of lanes takes 4 s to compile where this one takes 0.6 s.
+    One lane after the other: a kernel for vectors of lanes needs 4 s to compile where this one needs 0.6 s.
     """
     stages, stage_columns = flat_stages(scheme, 1)
     one_lane = np.where((constants == constants[:1]).all(0), constants[:1], np.nan)  # what varies is not folded
@@ -291,7 +291,7 @@ def projection_between(engine: SteppedEngine, work: float, arrays_only: bool = F
 def _program_between(
     scheme: Scheme, columns: Mapping[str, slice], observed: arrays.Observed
 ) -> tuple[Program | None, bool]:
-    """The invariants on recorded numbers, None if there are none, and whether there would be too many lines."""
+    """The invariants on recorded scalars, None if there are none, and whether there would be too many lines."""
     members = tuple((name, tuple(chosen)) for name, chosen in observed.members.items())
     key = None if scheme.kernel_key is None else (_program_between, scheme.kernel_key, members)
 
@@ -384,8 +384,8 @@ def compiled_observe(
 ) -> RowFunction | None:
     """`function(parts, **constants)` for rows z (rows, lanes, d), compiled; None if that would be too slow.
 
-    `chosen`: names of what it gives beside the state, where that is not all that the scheme observes.
-    The definition itself, on NumPy arrays, takes 5 to 20 us a row, as long as hundreds of steps.
+    `chosen`: names of its results in addition to the state, where that is not all that the scheme observes.
+    The definition itself, on NumPy arrays, needs 5 to 20 us a row, as long as hundreds of steps.
     """
     return row_function(scheme, function, lanes, ("observe", chosen))
 

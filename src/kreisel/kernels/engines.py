@@ -1,6 +1,6 @@
 """The engines by name, and what each of them is: something that makes the steps of a scheme.
 
-A new engine is a class in a file of its own and an entry here.
+A new engine is a class in a separate file and an entry here.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Engine(Protocol):
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         """Make `every` steps for each row of `out` (rows, lanes, d) and store the state there.
 
-        Where one step may take seconds, `look` is called on the way; what it raises leaves the engine useless.
+        Where one step may need seconds, `look` is called on the way; what it raises leaves the engine useless.
         """
 
     @property
@@ -39,7 +39,7 @@ class Engine(Protocol):
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
         """Start again, for at most `steps` steps, from z, as many lanes, by a scheme of the same motion.
 
-        False where that takes a new engine.
+        False where that needs a new engine.
         """
 
     def snapshot(self) -> dict[str, Floats]:

@@ -44,7 +44,7 @@ class Device(Protocol):
 
 
 class Gpu:
-    """An NVIDIA GPU.  Raises `InputError` where there is none, or no CuPy."""
+    """An NVIDIA GPU.  Raises `InputError` if there is none, or no CuPy."""
 
     def __init__(self) -> None:
         try:
@@ -69,7 +69,7 @@ class Gpu:
 
     def compiled(self, key: Sequence[Any], arguments: int, body: Body) -> Any:
         text = ptx(arguments, body, self._cupy.cuda.Device().compute_capability)
-        with tempfile.TemporaryDirectory() as folder:  # CuPy takes PTX from files alone
+        with tempfile.TemporaryDirectory() as folder:  # CuPy needs PTX from files alone
             file = Path(folder) / "kernel.ptx"
             file.write_text(text)
             return self._cupy.RawModule(path=str(file)).get_function("kernel")
@@ -105,7 +105,7 @@ def device() -> Device:
 
 
 def recorded_for_gpu(scheme: Scheme, constants: Floats, columns: Any, stage_columns: Any) -> Recording:
-    """The record of a step.  Raises `InputError` where it is too long to be written out."""
+    """The record of a step.  Raises `InputError` if it is too long to be written out."""
     try:
         return Recording(scheme, constants, columns, stage_columns)
     except TooLong:

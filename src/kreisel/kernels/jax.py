@@ -21,7 +21,7 @@ from kreisel.reduction.double import double, jax
 jnp = jax.numpy
 lax = jax.lax
 ROWS = 256  # saved rows in one call of the compiled loop
-EVERY = 1000  # steps between two projections, of about 0.1 ms; steps take some microseconds
+EVERY = 1000  # steps between two projections, of about 0.1 ms; steps need some microseconds
 MOST_KEPT = 64
 
 

@@ -1,4 +1,4 @@
-"""Definitions on JAX: a number that stands in NumPy's object arrays, and the orbits of steps.
+"""Definitions on JAX: a number that is in NumPy's object arrays, and the orbits of steps.
 
 Exact zeros and ones fold away as they do in a graph; a step, which may have a loop, is recorded as one.
 """
@@ -90,7 +90,7 @@ def plain(x: Any) -> Any:
 
 
 def numbers(x: Array) -> Any:
-    """An array of JAX as an object array of its numbers; one number as itself."""
+    """An array of JAX as an object array of its scalars; one number as itself."""
     out = np.empty(x.shape, dtype=object)
     for place in np.ndindex(x.shape):
         out[place] = Number(x[place])
@@ -98,7 +98,7 @@ def numbers(x: Array) -> Any:
 
 
 def values(x: Any) -> Array:
-    """The inverse of `numbers`; plain numbers may be among them, and an array of JAX or NumPy may be there already."""
+    """The inverse of `numbers`; plain scalars may be among them, and an array of JAX or NumPy may be there already."""
     if isinstance(x, jax.Array):
         return jnp.asarray(x, dtype=jnp.float64)
     entries = np.asarray(x, dtype=object)
@@ -115,7 +115,7 @@ def is_traced(x: Any) -> bool:
 
 
 def array(value: Any, name: str) -> Array:
-    """An array in float64.  Raises `InputError` for single precision and for what is no array of real numbers."""
+    """An array in float64.  Raises `InputError` for single precision and for what is not an array of real values."""
     try:
         found = value if isinstance(value, jax.Array) else np.asarray(value)
     except ValueError:
@@ -129,12 +129,12 @@ def array(value: Any, name: str) -> Array:
 
 
 def mixed(x: Any) -> Any:
-    """Arrays of JAX as their numbers; others as they are."""
+    """Arrays of JAX as their scalars; others as they are."""
     return numbers(x) if isinstance(x, jax.Array) else x
 
 
 def first_of(first: Callable[[], Any], second: Callable[[], Any], what: str) -> Any:
-    """What the first can make of arrays of JAX, else the second of numbers.  Raises `InputError` where neither can."""
+    """What the first can make of arrays of JAX, else the second of scalars.  Raises `InputError` where neither can."""
     try:
         return first()
     except (TypeError, AttributeError):

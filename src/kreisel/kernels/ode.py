@@ -16,8 +16,8 @@ from kreisel.method.scheme import Scheme
 
 # all that the next step and the dense output of scipy.integrate.DOP853 depend on
 SOLVER = ("t", "y", "t_old", "y_old", "h_abs", "h_previous", "f", "K_extended")
-FIRST = ("h_abs", "f")  # what the first step depends on, beside the start: SciPy computes it
-# of the solver within one dt: a step of it is 0.4 radians of the fastest turn and takes 0.1 ms
+FIRST = ("h_abs", "f")  # of which, with the start, the first step depends: SciPy computes it
+# of the solver within one dt: a step of it is 0.4 radians of the fastest rotation and needs 0.1 ms
 MOST_STEPS = 10_000
 NO_NUMBER = "a force that is not a number there (log or sqrt of a negative number, a division by 0)"
 

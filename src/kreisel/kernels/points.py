@@ -70,7 +70,7 @@ def points(scheme: Scheme, x0: tuple[Array, ...], mus: Array) -> Array | None:
 def bound_points(scheme: Scheme, engine: SteppedEngine) -> Callable[[], bool] | None:
     """The call that puts the constants of an engine's only trajectory where its steps read them.
 
-    It tells whether they are finite.  None where other constants depend on the trajectory, for code into which a rho
+    It tells whether they are finite.  None if other constants depend on the trajectory, for code into which a rho
     is folded, and for what is not compiled.
     """
     rows = [(True, engine.stages[0])] if engine.stages.size else []

@@ -16,7 +16,7 @@ from kreisel.method.scheme import Scheme
 class SteppedEngine:
     """Rows of state `z` (lanes, d), the constants of a scheme and of its stages as rows, and a projection or None.
 
-    Kernels have the addresses of the arrays: their numbers may be changed, and no other array takes their place.
+    Kernels have the addresses of the arrays: their scalars may be changed, and no other array replaces them.
     """
 
     projection: Corrections | None = None

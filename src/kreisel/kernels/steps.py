@@ -1,8 +1,8 @@
-"""The kernel of a map: the step on numbers, or on vectors of lanes; the state stays in registers.
+"""The kernel of a map: the step on scalars, or on vectors of lanes; the state stays in registers.
 
-In an ensemble each number of the graph becomes a vector; lane i has the bits of a run on its own.  A short step takes
-two or four vectors, one after the other in the same loop: while one waits for a result, the others go on.  At a ragged
-end the last lane stands in the places that are left.
+In an ensemble each number of the graph becomes a vector; lane i has the bits of a single run.  A short step needs
+two or four vectors, one after the other in the same loop: while one waits for a result, the others continue.  At a
+ragged end the last lane is in the places that are left.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from kreisel.graph.recording import Piece, Recording
 # Nanoseconds a lane-step with 1, 2, 4, 8 vectors, AVX2, n = 3: lagrange-top (32 operations) 1.9, 0.94, 0.61, 0.66; its
 # moving frame (90) 2.5, 1.3, 0.89, -; clebsch (43) 3.9, 2.0, 1.4, 1.5; neumann (65) -, 3.2, 3.4, 3.6; baecklund of
 # order 2 (93) -, 3.3, 3.2, 3.8, of order 8 (233 a stage) 24, 18, 16, -; n = 5: lagrange-top (143) 9.0, 8.8, 7.5, -.
-# Each more takes longer to compile.
-FOUR_VECTORS, TWO_VECTORS = 100, 300  # operations of a step up to which it takes so many; beyond, in recorded order
+# Each more needs longer to compile.
+FOUR_VECTORS, TWO_VECTORS = 100, 300  # operations of a step up to which it needs so many; beyond, in recorded order
 
 # The words of a frame, which an engine keeps: addresses of the rows z (lanes, d), c (lanes, constants) and
-# s (lanes, stages, constants), and of room for numbers of the stages; how many lanes and stages; steps between two
+# s (lanes, stages, constants), and of room for scalars of the stages; how many lanes and stages; steps between two
 # projections, the address of the projection, of its table and of its room.
 FRAME = ("z", "c", "s", "room", "lanes", "stages", "interval", "project", "table", "project_room")
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-WIDTH = 64  # shares are whole multiples of it
+WIDTH = 64  # shares are integer multiples of it
 LEAST_WORK = 50_000  # lane-steps below which threads cost more than they give
 Result = TypeVar("Result")
 

@@ -53,7 +53,7 @@ from kreisel.lab.subject import Subject
 
 @dataclass(frozen=True)
 class Bivector:
-    """{x_i, x_j} for i < j, polynomials; `poisson` says whether Jacobi's identity holds."""
+    """{x_i, x_j} for i < j, polynomials; `poisson` states whether Jacobi's identity holds."""
 
     entries: dict[tuple[int, int], Polynomial]
     names: tuple[str, ...]
@@ -145,7 +145,7 @@ def volumes(subject: Subject, degree: int = 2, seed: int = 0) -> list[Volume]:
 
         for terms in _lifted_kernel(subject, rows, seed, exponents):
             rho = Polynomial(terms, subject.names)
-            if rho.degree or not inverse:  # the constant is its own inverse
+            if rho.degree or not inverse:  # the constant is its inverse
                 densities.append(Volume(rho, inverse))
     return densities
 
@@ -247,8 +247,8 @@ def lax(
 ) -> Lax:
     """Test the Lax pair of a record, or your own L(x, lam) and V(x, lam), with further integrals more(x).
 
-    They take the coordinates x (d,) and lam as numbers of any field, and by keyword the constants of the subject.
-    Raises `InputError` where there is no L, where its functions are not rational, and for shapes that do not fit.
+    They take the coordinates x (d,) and lam as values of any field, and by keyword the constants of the subject.
+    Raises `InputError` if there is no L, where its functions are not rational, and for shapes that do not fit.
     """
     subject = replace(
         subject,

@@ -5,7 +5,7 @@ rotations; so a set c + Q r is carried, Q a matrix close to orthogonal, r a box 
 
     phi(c + Q r)  is in  phi(c) + Dphi(X) Q r,   X a box around c + Q r        (mean-value form)
 
-c is mapped as a point, Dphi(X) comes from dual numbers over balls, and the new Q from a QR decomposition of the middle
+c is mapped as a point, Dphi(X) comes from dual values over balls, and the new Q from a QR decomposition of the middle
 of Dphi(X) Q, whose longest columns come first.
 [Lohner 1987; Neumaier, Reliable Computing 8 (2002); Arb: Johansson, IEEE Trans. Computers 66 (2017)]
 
@@ -116,7 +116,7 @@ def _working(flint: Any, precision: int) -> Iterator[None]:
 
 
 def _balls(v: Any) -> Any:
-    """Exact balls of a number or an array of numbers."""
+    """Exact balls of a number or an array of values."""
     return np.vectorize(require_flint().arb, otypes=[object])(rationals(v))[()]
 
 
@@ -155,7 +155,7 @@ def _lohner(
     X, done, stopped = c + Q @ r, 0, ""
     ranges: dict[str, tuple[float, float]] = {}
     while True:
-        # the mean value theorem needs the segments from c to the set; cut as it is, the box may have lost c itself
+        # the mean value theorem needs the segments from c to the set; cut unchanged, the box may have lost c itself
         X = np.array([a.union(b) for a, b in zip(X, c, strict=True)], dtype=object)
         for name, f in named.items():
             ranges[name] = _wider(ranges.get(name), _mean_value_form(f, c, X, Q, r))
@@ -255,7 +255,7 @@ class Proof:
 def prove(claimed: System | Model, names: tuple[str, ...] = ("casimir", "energy"), n: int = 3) -> list[Proof]:
     """For each name, "casimir", "energy" or an integral of the record: f(step(z)) = f(z) identically.
 
-    Of a system its parameters are unknowns too; of a model they are the numbers given.  Raises `InputError` without
+    Of a system its parameters are unknowns too; of a model they are the values given.  Raises `InputError` without
     python-flint, for implicit maps, for states that are not free, and for names that the record does not state.
     """
     system = claimed.system if isinstance(claimed, Model) else claimed

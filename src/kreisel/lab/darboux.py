@@ -1,6 +1,6 @@
 """Darboux polynomials of a rational map: P(f(x)) = C(x) P(x), and the integrals and measures that they give; bases.
 
-The cofactors C that are tried are numbers times powers of the factors of det f' and of the denominators of f; for
+The cofactors C that are tried are values times powers of the factors of det f' and of the denominators of f; for
 each the P of a degree are a null space.  Cofactors multiply as polynomials do: a product of powers of P with cofactor 1
 is an integral, one with the cofactor det f' is the inverse of an invariant density.
 [Celledoni, Evripidou, McLaren, Owren, Quispel, Tapley, arXiv 1902.04685]
@@ -106,7 +106,7 @@ class Darboux:
 def darboux(subject: Subject, degree: int = 2, seed: int = 0) -> Darboux:
     """Darboux polynomials up to a degree, with their integrals and measures; for maps of few coordinates.
 
-    Raises `InputError` for maps that are not rational, and where there are too many cofactors to try.
+    Raises `InputError` for maps that are not rational, and if there are too many cofactors to try.
     """
     factors, jacobian, most = _factors(subject)
     polynomials: list[Polynomial] = []

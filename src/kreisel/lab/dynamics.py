@@ -241,7 +241,7 @@ def dynamics(
         orbit.put(np.concatenate([Q.T, free]))
     for j in range(2, len(apart) + 1):
         gali[j - 2] = float(np.prod(np.linalg.svd(free[:j], compute_uv=False)))
-    logs_ = np.array(logs)[len(logs) // 10 :]  # the vectors turn into place first
+    logs_ = np.array(logs)[len(logs) // 10 :]  # the vectors rotate into place first
     rates = np.array([rows.sum(0) / (EVERY * len(rows)) for rows in np.array_split(logs_, PARTS)])
     exponents = logs_.sum(0) / (EVERY * len(logs_))
     order = np.argsort(-exponents, kind="stable")
@@ -288,8 +288,8 @@ def section(
     """Poincare's section f = 0 of the curve on which the iterates lie: times (in steps) and points (count, d).
 
     The curve is that of the interpolating flow of the map itself, not of the system that it discretizes: the
-    polynomial through 2 NEIGHBOURS iterates.  f takes points (..., d).  Near-identity maps only: where the iterates
-    are so far apart that two polynomials, of NEIGHBOURS and of one fewer on each side, differ, it says so.
+    polynomial through 2 NEIGHBOURS iterates.  f needs points (..., d).  Near-identity maps only: where the iterates
+    are so far apart that two polynomials, of NEIGHBOURS and of one fewer on each side, differ, it states so.
     """
     from scipy.optimize import brentq
 

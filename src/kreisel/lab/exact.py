@@ -1,4 +1,6 @@
-"""Numbers for exact experiments: rationals, dual numbers, jets, residues modulo primes; random points in them."""
+"""Kinds of numbers for exact experiments: rationals, dual numbers, jets, residues modulo primes; random points in
+them.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ try:
     import flint
 
     rational: Any = flint.fmpq
-except ImportError:  # the extra "exact" is not installed: the same numbers, more slowly
+except ImportError:  # the extra "exact" is not installed: the same values, more slowly
     rational = Fraction
 
 Random = Callable[[tuple[int, ...]], Array]
@@ -83,7 +85,7 @@ class Dual(Ring):
 
 
 def slopes(outputs: Array, count: int) -> Array:
-    """The slopes (..., count) of an array of dual numbers, complex ones too; plain entries have slope 0."""
+    """The slopes (..., count) of an array of dual values, complex ones too; plain entries have slope 0."""
     outputs, imaginary = algebra.parts(np.asarray(outputs, dtype=object))
     if imaginary is not None:
         return algebra.together(slopes(outputs, count), slopes(imaginary, count))
@@ -101,7 +103,7 @@ def along(values: Array, direction: Array) -> Array:
 
 
 def independent(values: Array) -> Array:
-    """A flat array as dual numbers, each with a separate infinitesimal."""
+    """A flat array as dual values, each with a separate infinitesimal."""
     units = (algebra.objects(0 * v + (i == j) for j in range(len(values))) for i, v in enumerate(values))
     return algebra.objects(map(Dual, values, units))
 
@@ -109,7 +111,7 @@ def independent(values: Array) -> Array:
 def jacobian(
     function: Callable[..., Any], state: tuple[Array, ...], kinds: tuple[str, ...], n: int
 ) -> tuple[Any, Array]:
-    """A function of state components at dual numbers: its output, and d output / d coordinate."""
+    """A function of state components at dual values: its output, and d output / d coordinate."""
     flat = algebra.flatten(state, kinds)
     output = function(*algebra.restore(independent(flat), kinds, n))
     if isinstance(output, tuple):
@@ -229,7 +231,7 @@ class Jet(Ring):
         return self._series(inverse, lambda k: inverse * (-1) ** k) * other
 
     def log(self) -> Jet:
-        """log; of an exact number the value is not in its field, and 0 stands for it."""
+        """log; of an exact number the value is not in its field, and 0 represents it."""
         value = math.log(self.value) if self.inexact else 0 * self.value
         unit = self.value * self._inverse()
         return self._series(self._inverse(), lambda k: value if k == 0 else unit * (-1) ** (k + 1) / k)
@@ -282,7 +284,7 @@ _MARKS: list[Any] = []
 
 @contextmanager
 def poles_marked(lanes: int) -> Iterator[Any]:
-    """Within, a division by 0 marks its lane in the array that this gives, and goes on with 1."""
+    """Within, a division by 0 marks its lane in the array that this gives, and continues with 1."""
     marks = np.zeros(lanes, dtype=bool)
     _MARKS.append(marks)
     try:
@@ -347,7 +349,7 @@ class Mod(Ring):
 
 
 def _operand(other: Any, p: int) -> Any:
-    """The residues of a number; NotImplemented for arrays and for numbers made of residues, which know what to do."""
+    """The residues of a number; NotImplemented for arrays and for values made of residues, which know what to do."""
     if isinstance(other, Mod):
         return other.v
     rational_number = isinstance(other, int | Fraction | np.integer) or (hasattr(other, "q") and hasattr(other, "p"))
@@ -365,7 +367,7 @@ def _power_modulo(base: Any, exponent: int, p: int) -> Any:
 
 
 def fraction(x: Any) -> Fraction:
-    """An integer, a fraction of any library or a float, as it is, as a Fraction.  Raises `InputError` for others."""
+    """An integer, a fraction of any library or a float, unchanged, as a Fraction.  Raises `InputError` for others."""
     if hasattr(x, "q") and hasattr(x, "p"):  # python-flint
         return Fraction(int(x.p), int(x.q))
     try:
@@ -375,12 +377,12 @@ def fraction(x: Any) -> Fraction:
 
 
 def fractions(v: Any) -> Any:
-    """A number or an array of numbers as `Fraction`; a number as itself, not as an array."""
+    """A number or an array of values as `Fraction`; a number as itself, not as an array."""
     return np.vectorize(fraction, otypes=[object])(v)[()]
 
 
 def rationals(v: Any) -> Any:
-    """A number or an array of numbers as rationals of python-flint, as `Fraction` without it."""
+    """A number or an array of values as rationals of python-flint, as `Fraction` without it."""
     return np.vectorize(lambda q: rational(q.numerator, q.denominator), otypes=[object])(fractions(v))[()]
 
 
@@ -393,12 +395,12 @@ def residue(x: Any, p: int) -> int:
 
 
 def residues(x: Array, p: int) -> Array:
-    """An array of rational numbers as residues, each one number."""
+    """An array of rationals as residues, each one number."""
     return objects((Mod(np.int64(residue(v, p)), p) for v in np.asarray(x).flat), np.shape(x))
 
 
 def residues_at(x: Array, points: int, p: int) -> Array:
-    """An array of numbers, each of residues at `points` points, as 64-bit integers (points, ...)."""
+    """An array of values, each of residues at `points` points, as 64-bit integers (points, ...)."""
     out = np.zeros((points, *x.shape), dtype=np.int64)
     for place in np.ndindex(x.shape):
         v = x[place]
@@ -407,7 +409,7 @@ def residues_at(x: Array, points: int, p: int) -> Array:
 
 
 def random_residues(rng: np.random.Generator, p: int, points: int, least: int = 1) -> Random:
-    """draw(shape): arrays of numbers, each at `points` points, from `least` on."""
+    """draw(shape): arrays of values, each at `points` points, from `least` on."""
 
     def draw(shape: tuple[int, ...]) -> Array:
         return objects((Mod(rng.integers(least, p, points), p) for _ in range(math.prod(shape))), shape)

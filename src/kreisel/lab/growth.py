@@ -201,7 +201,7 @@ def fitted_growth(d: tuple[int, ...]) -> Growth:
 def _polynomial(d: tuple[int, ...]) -> tuple[int, ...] | None:
     """The recurrence of a polynomial in k, (x - 1)^order, if three terms more than its coefficients confirm it.
 
-    Six degrees tell that they are 2k^2 + 1, where a recurrence of unknown coefficients takes nine.
+    Six degrees tell that they are 2k^2 + 1, where a recurrence of unknown coefficients needs nine.
     """
     for order in range(1, len(d) - 2):
         if not np.diff(np.array(d, dtype=object), order).any():

@@ -64,7 +64,7 @@ class Polynomial:
         return max((sum(e) for e in self.terms), default=0)
 
     def __call__(self, x: Array) -> Any:
-        """The value at coordinates x (d, ...) of any numbers that multiply with fractions, or floats."""
+        """The value at coordinates x (d, ...) of any values that multiply with fractions, or floats."""
         exact = np.asarray(x).dtype.kind == "O"
         total: Any = 0
         for exponents, c in self.terms.items():
@@ -278,7 +278,7 @@ def _reduced(rows: list[list[int]], p: int) -> tuple[list[list[int]], list[int]]
 
 
 def lift(terms: dict[Any, tuple[int, int]]) -> dict[Any, Fraction]:
-    """Rational numbers from residues modulo two primes, whole without a common factor; {} where they are too large."""
+    """Integers without a common factor from residues modulo two primes; {} if they are too large."""
     p, q = PRIMES[:2]
     out = {}
     for label, (a, b) in terms.items():
@@ -290,7 +290,7 @@ def lift(terms: dict[Any, tuple[int, int]]) -> dict[Any, Fraction]:
 
 
 def _primitive(terms: dict[Any, Fraction]) -> dict[Any, Fraction]:
-    """Scaled so that the coefficients are whole without a common factor, the largest label's positive."""
+    """Scaled so that the coefficients are integers without a common factor, the largest label's positive."""
     scale = Fraction(math.lcm(*(c.denominator for c in terms.values())), 1)
     scale /= math.gcd(*(int(c * scale) for c in terms.values()))
     leading = max(terms, key=_label_key)
@@ -370,7 +370,7 @@ def _cancelled(rows: list[dict[Exponents, Fraction]], names: tuple[str, ...]) ->
 def _decomposed(
     entries: dict[tuple[int, int], Fraction], exponents: list[Exponents], names: tuple[str, ...]
 ) -> Quotient | None:
-    """P and Q of a bivector P ^ Q, or None where it is a sum of several: two of its rows span P and Q."""
+    """P and Q of a bivector P ^ Q, or None if it is a sum of several: two of its rows span P and Q."""
     (i, j), _ = next(iter(entries.items()))
     rows = []
     for k in (i, j):

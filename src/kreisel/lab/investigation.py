@@ -84,13 +84,13 @@ def investigate(
                Lagrangian of your own (`kreisel.reduction.system`, with its parameters); or a function:
                step(M, P) on e*(n) with n given, in the frame "moving" or "rest", or step(x) with the names of its
                coordinates
-    eps        the step of the map, an integer or a fraction, by default 1/3; a function takes it if it names it
+    eps        the step of the map, an integer or a fraction, by default 1/3; a function gets it if it names it
     degree     of the integrals that are sought, by default 4 or as far as the number of monomials allows
     iterates   whose degrees are computed;  steps  of the orbits for Lyapunov's exponents
     options    constants of a function, by keyword; `flow`, `involution`, `lax`, `conjugator`, of a step(x) also
-               `tensor` and `start`: functions that take the state as the step does, see `kreisel.lab.subject`
+               `tensor` and `start`: functions that need the state as the step does, see `kreisel.lab.subject`
 
-    Raises `InputError` for what is no map, or not one of rational functions.
+    Raises `InputError` for what is not a map, or not one of rational functions.
     """
     for name, value in {"n": n, "degree": degree, "iterates": iterates, "steps": steps, "seed": seed}.items():
         if value is not None or name in ("steps", "seed"):
@@ -145,7 +145,7 @@ def investigate_file(file: Path, /, **options: Any) -> Investigation:
 
 
 def constants_of(constants: Any, place: str) -> Mapping[str, Any]:
-    """Constants of a map by name, none of which is a setting.  Raises `InputError` with the place where they are."""
+    """Constants of a map by name, none of which is a setting.  Raises `InputError` with the place if they are."""
     reserved = {*inspect.signature(investigate).parameters, *BESIDE} - {"eps"}
     if not isinstance(constants, Mapping) or not all(isinstance(k, str) for k in constants):
         raise InputError(f"{place}: expected names and values, such as {{'a': 2}}, got {shown(constants)}.")

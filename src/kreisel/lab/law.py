@@ -70,7 +70,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Law:
-    """A statement and the sides that it says are equal.  `needs` says to which records it applies."""
+    """A statement and the sides that it states are equal.  `needs` states to which records it applies."""
 
     name: str
     statement: str
@@ -88,7 +88,7 @@ class Law:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome of one law for one system, n, kind of numbers and seed."""
+    """The outcome of one law for one system, n, kind of number and seed."""
 
     system: str
     law: str
@@ -149,7 +149,7 @@ def has_map_with(*claims: str) -> Callable[[System], bool]:
 
 
 def functions_of(system: System) -> dict[str, Callable[..., Any]]:
-    """The energy, where it is known, and the integrals."""
+    """The energy, if it is known, and the integrals."""
     energy = {} if system.energy is None else {"energy": system.energy}
     return {**energy, **system.integrals}
 
@@ -278,7 +278,7 @@ def _truth(model: Model, state: tuple[Array, ...], time: float) -> Array:
 
 
 def _start(model: Model, state: tuple[Array, ...]) -> Array:
-    """A state with the orientation 1, as numbers."""
+    """A state with the orientation 1, as values."""
     flat = algebra.flatten((*state, np.eye(model.n)), (*model.system.space.kinds, "matrix"))
     return np.asarray(flat, dtype=np.float64)
 

@@ -5,7 +5,7 @@
     laws.LAWS["poisson"]               # one law: its statement and its test
 
 A law compares pairs of sides that must be equal.  In rational arithmetic they must be equal exactly, a
-randomized identity test; in floats up to round-off.  Derivatives come from dual numbers, so they are exact too.
+randomized identity test; in floats up to round-off.  Derivatives come from dual values, so they are exact too.
 """
 
 from __future__ import annotations
@@ -144,13 +144,13 @@ def separable(case: Case) -> Sides:
 
 
 def _has_turning_components(system: System) -> bool:
-    """Whether there are components that turn with the body, of kinds that this module knows."""
+    """Whether there are components that rotate with the body, of kinds that this module knows."""
     kinds = [system.space.kinds[i] for i in system.space.carried if i < len(system.space.kinds)]
     return bool(kinds) and all(kind in ("vector", "skew", "symmetric") for kind in kinds)
 
 
 def _carried(case: Case, state: tuple[Array, ...]) -> Array:
-    """The component that turns with the body: a, P or x."""
+    """The component that rotates with the body: a, P or x."""
     return state[case.system.space.carried[0]]
 
 
@@ -420,7 +420,7 @@ def _record(case: Case) -> Baecklund:
 
 
 def _point_on_curve(case: Case) -> _Curve:
-    """In exact numbers a random rational point; in floats the case's own state with eps = 2/7."""
+    """In exact values a random rational point; in floats the case's own state with eps = 2/7."""
     record = _record(case)
     if case.numbers == "exact":
         if record.case is None:
@@ -523,7 +523,7 @@ def conjugate_pair(case: Case) -> Sides:
 
 
 def _pairs(case: Case) -> list[_Curve]:
-    """Complex points: in exact numbers a random one over Q(i), in floats two of the case's own state."""
+    """Complex points: in exact arithmetic a random one over Q(i), in floats two of the case's own state."""
     record = _record(case)
     if case.numbers == "float":
         return [_point_on_curve(case).at(mu) for mu in (7 + 4j, 2 + 1.5j)]
@@ -558,7 +558,7 @@ def make_case(system: System | Model, n: int, numbers: str, seed: int) -> Case:
 
 
 def drawn_case(system: System | Model, n: int, numbers: str, draw: exact.Random) -> Case:
-    """A case with random numbers from `draw`."""
+    """A case with random values from `draw`."""
     record = system.system if isinstance(system, Model) else system
     model = system if isinstance(system, Model) else exact.random_model(system, n, draw)
     state = record.space.point(n, draw)
@@ -582,9 +582,9 @@ def check(
     numbers: Iterable[str] = ("exact", "float"),
     seeds: Iterable[int] = (0,),
 ) -> list[Verdict]:
-    """Every law that applies to a system, or to a system with its parameters, for each n, kind of numbers and seed.
+    """Every law that applies to a system, or to a system with its parameters, for each n, kind of number and seed.
 
-    A record of kreisel.reduction is tested in floats, in its own n.
+    A record of kreisel.reduction is tested in floats, in the n of the record.
     """
     record = system.system if isinstance(system, Model) else system
     kinds = tuple(kind for kind in numbers if kind == "float" or record.numbers == "any")

@@ -78,7 +78,7 @@ class Clues:
         self.clock = ""  # a coordinate that counts the steps
         self.lax: Lax | None = None
         self.ranks: Lax | None = None
-        self.numeric: Numerical | None = None  # of a map that is no rational function
+        self.numeric: Numerical | None = None  # of a map that is not a rational function
         self.in_floats = False
         self.orbits: list[dynamics.Dynamics] = []
 
@@ -167,7 +167,7 @@ def _counted(count: int, noun: str) -> str:
 def leaves_stay(c: Clues) -> bool:
     """Whether each leaf of the bracket is mapped to itself: its Casimirs are conserved, as many as it has.
 
-    A map may preserve a bracket and permute its leaves: z' = 2 z beside a turn of (x, y), with {x, y} = 1.
+    A map may preserve a bracket and permute its leaves: z' = 2 z next to a rotation of (x, y), with {x, y} = 1.
     """
     counts = [
         ranks.rank - ranks.on_leaf == ranks.dimension - ranks.leaf for ranks in (c.ranks, c.lax) if ranks is not None

@@ -7,7 +7,7 @@ explicit: with M' = d'_W Lambda = (2/eps) (W - I)(W + I)^-1 and W M' W^T = M',
 
 rational if grad U is.  Such members are judged exactly: degrees of the iterates over finite fields, and the
 integrals that the finder finds.  For -(1/eps) tr(WJ) the step is Moser and Veselov's root after the same kick; other
-kinetic parts are Lagrangians in JAX.  Those are judged in floats: by what stands still to round-off, and by chaos.
+kinetic parts are Lagrangians in JAX.  Those are judged in floats: by what is still to round-off, and by chaos.
 """
 
 from __future__ import annotations
@@ -199,7 +199,7 @@ def judge(
     steps: int = 4000,
     orbits: int = 2,
 ) -> Score:
-    """One member.  An error goes into the score, so that a search goes on."""
+    """One member.  An error goes into the score, so that a search continues."""
     try:
         member = family(**parameters)
         member = member if isinstance(member, Subject) else subject(member, eps=eps)
@@ -331,8 +331,9 @@ def spinning(s: Any = 0, tilt: Sequence[Any] = (1, 0, 0), kappa: Any = 0, b: Any
     """A body of revolution, Omega = M + s pi M pi, pi across e_n, with its centre of mass anywhere.
 
     A kick by U = -eps <P, tilt> + (2/eps) log(1 + (eps^2/4) b P_n^2), divided by 1 + kappa eps^2 <P, tilt>; the paper's
-    drift P -> cay(-(eps/2) M) P; and the turn of M and P by cay((eps s/2) pi M pi).  s = 1 and tilt across the axis:
-    Kovalevskaya's moments, integrable for kappa = -1/4; s = 3: Goryachev's and Chaplygin's; tilt = e_n: Lagrange's.
+    drift P -> cay(-(eps/2) M) P; and the rotation of M and P by cay((eps s/2) pi M pi).  s = 1 and tilt across the
+    axis: Kovalevskaya's moments, integrable for kappa = -1/4; s = 3: Goryachev's and Chaplygin's; tilt = e_n:
+    Lagrange's.
     """
     A, n = fractions(tilt), len(tilt)
     s, kappa, b = (fractions(v) for v in (s, kappa, b))
@@ -378,7 +379,7 @@ def kovalevskaya(c: Any = 4, coupling: Any = 1, n: int = 3, gamma: Any = 0, apar
 
     U = (c/eps) log(1 - (eps^2/4) (P_1 + Q_2) + coupling (eps^2/4)^2 (P_1 Q_2 - P_2 Q_1)): for c = 4 and coupling = 1 it
     is 4/eps times the logarithm of the determinant of 1 - (eps^2/4) (P, Q) in the plane (1, 2).  A rotor of momentum
-    gamma is subtracted from M_12 in the turn; with apart = 1 it turns the body by itself.
+    gamma is subtracted from M_12 in the rotation; with apart = 1 it rotates the body separately.
     """
     c, coupling, gamma, apart = (fractions(v) for v in (c, coupling, gamma, apart))
     first, second = np.eye(2, n, dtype=np.int8)
@@ -399,7 +400,7 @@ def kovalevskaya(c: Any = 4, coupling: Any = 1, n: int = 3, gamma: Any = 0, apar
 
 
 def kahan(flow: Any, names: Sequence[str], eps: Any = Fraction(1, 3), adjustment: Any = None) -> Subject:
-    """Kahan's map of a quadratic flow x' = flow(x) on numbers of any field; adjustment(x) adds to eps/2 flow'(x)."""
+    """Kahan's map of a quadratic flow x' = flow(x) on values of any field; adjustment(x) adds to eps/2 flow'(x)."""
     eps = fraction(eps)
 
     def step(x: Array) -> Array:

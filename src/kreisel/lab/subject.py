@@ -24,9 +24,9 @@ from kreisel.record.model import Model
 class Subject:
     """A map in coordinates, with rational constants.
 
-    step(x, **constants)   x an object array (d,) of numbers of any field -> the new x
+    step(x, **constants)   x an object array (d,) of values of any field -> the new x
     names                  of the d coordinates
-    start(draw)            a point, from draw(shape) of random numbers: where coordinates are not free
+    start(draw)            a point, from draw(shape) of random values: where coordinates are not free
     tensor(x)              the brackets {x_i, x_j} (d, d) that it is claimed to preserve
     casimirs(x)            of that bracket, whose common values are its leaves
     lax(x, lam, **constants), conjugator(x, lam, **constants)   L and V with V_k L_(k+1) = L_k V_k
@@ -35,7 +35,7 @@ class Subject:
     energy(x, **constants)   the one that the map conserves
     flow(x, **constants)   the right-hand side that it discretizes with the constant eps as its step
     allowed(x, **constants)   whether the step exists at x in floats
-    implicit               why the step cannot be made in exact numbers; "" where it can
+    implicit               why the step cannot be made in exact arithmetic; "" where it can
     """
 
     name: str
@@ -69,7 +69,7 @@ class Subject:
         return draw((self.dim,)) if self.start is None else self.start(draw)
 
     def over(self, p: int) -> Callable[[Array], Array]:
-        """The step over residues modulo p, or over numbers made of them.
+        """The step over residues modulo p, or over values made of them.
 
         Raises `InputError` if it is not a rational function.
         """
@@ -227,14 +227,14 @@ def coordinate_names(components: tuple[tuple[str, str], ...], n: int) -> tuple[s
 #
 # In coordinates, `names = ("x", "y")`, x an array (d,):
 #
-#     step(x), flow(x), involution(x) -> d numbers;  tensor(x) -> (d, d);  lax(x, lam), conjugator(x, lam) -> (k, k);
-#     start(draw) -> d numbers
+#     step(x), flow(x), involution(x) -> d values;  tensor(x) -> (d, d);  lax(x, lam), conjugator(x, lam) -> (k, k);
+#     start(draw) -> d values
 #
 # On e*(n), `n = 3`, M (n, n) skew, P (n,):
 #
 #     step(M, P), flow(M, P), involution(M, P) -> (M, P);  lax(M, P, lam), conjugator(M, P, lam) -> (k, k)
 #
-# Each of them takes, after that, the constants that it names, eps among them: flow(x, *, a).
+# Each of them needs, after that, the constants that it names, eps among them: flow(x, *, a).
 
 
 Function = Callable[..., Any]
@@ -305,7 +305,7 @@ def _parameters(function: Function) -> Mapping[str, inspect.Parameter]:
 
 
 def _taken(name: str, function: Function, state: Sequence[str], constants: Mapping[str, Any]) -> list[str]:
-    """The constants that a function takes after the state.  Raises `InputError` for one that takes no state."""
+    """The constants that a function needs after the state.  Raises `InputError` for one that needs no state."""
     parameters = [*_parameters(function).values()]
     places = [p for p in parameters if p.kind in POSITIONAL]
     many = any(p.kind is p.VAR_POSITIONAL for p in parameters)
@@ -326,7 +326,7 @@ def _taken(name: str, function: Function, state: Sequence[str], constants: Mappi
 
 
 def _of_coordinates(name: str, function: Function, constants: Mapping[str, Any], d: int) -> Function:
-    """A function of coordinates, called with the constants that it takes and with an array of the right shape."""
+    """A function of coordinates, called with the constants that it needs and with an array of the right shape."""
     state = ["draw" if name == "start" else "x", *(["lam"] if name in OF_LAMBDA else [])]
     takes = _taken(name, function, state, constants)
     shape = {"flow": (d,), "involution": (d,), "start": (d,), "tensor": (d, d)}.get(name)

@@ -19,7 +19,7 @@ __all__ = ["METHODS", "Method", "Outcome", "Scheme", "default_method", "find", "
 def default_method(model: Model, stepped: bool = False) -> str:
     """The name of the first of the methods that suit a model; `stepped`: of those that make steps."""
     fitting = (m.name for m in METHODS.values() if m.may_be_default(model) and (m.steps or not stepped))
-    return next(fitting, "dop853")  # which then says what it lacks
+    return next(fitting, "dop853")  # which then states what it lacks
 
 
 def find(name: Any) -> Method:
@@ -35,7 +35,7 @@ def find(name: Any) -> Method:
 
 
 def _turns(system: System) -> bool:
-    """Whether it is of bodies that turn, by an angular velocity or by the turn of a step."""
+    """Whether it is of bodies that rotate, by an angular velocity or by the rotation of a step."""
     return system.velocity is not None or (system.map is not None and system.map.generator is not None)
 
 

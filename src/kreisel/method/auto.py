@@ -3,12 +3,12 @@
 Nothing is adapted on the way.
 
 The maps of `method="baecklund"` keep the invariant tori, so the error of a state is one of phase and grows like the
-time.  A pilot from the initial state, some turns long, measures the error of each order at one step; since it goes
+time.  A pilot from the initial state, some rotations long, measures the error of each order at one step; since it goes
 like h^order, that tells the step for which the error at the end of the run is the tolerance.  The cost of a step is
 its number of stages.  What is measured of a lane does not depend on other lanes.
 
 For perturbed bodies the splitting is chosen too.  How an error depends on the step and on the size of the perturbation
-differs from order to order, so it is measured: a pilot from the initial state, some turns long, is run by every
+differs from order to order, so it is measured: a pilot from the initial state, some rotations long, is run by every
 splitting with a ladder of steps, and compared with a finer one.  Without friction the error of a state is one of phase
 and grows like the time; that is assumed, and checked in a longer run of what was chosen.
 """
@@ -34,8 +34,8 @@ from kreisel.record.calling import call
 from kreisel.record.contract import System
 from kreisel.record.model import Model
 
-ORDERS = (4, 8, 12, 16, 20, 24)  # an even number of stages: they take any step
-TURNS = 6.0  # radians that the pilot takes at most at the fastest rate, and more than half as many
+ORDERS = (4, 8, 12, 16, 20, 24)  # an even number of stages: any step is allowed
+TURNS = 6.0  # radians that the pilot needs at most at the fastest rate, and more than half as many
 FINEST = 12  # steps of the highest order in the reference of the pilot: half a radian each
 SMALL = 1e-4  # an error of a pilot that goes like h^order
 MOST_HALVINGS = 12
@@ -191,7 +191,7 @@ LATER = 10.0  # the error may grow faster later, where the motion is near to cha
 
 
 class Pilot(NamedTuple):
-    """The components at the end of some steps, (lanes, numbers) of each, the cost of a step, and of a saved row."""
+    """The components at the end of some steps, (lanes, values) of each, the cost of a step, and of a saved row."""
 
     state: State
     cost: float
@@ -274,7 +274,7 @@ def separates(one: Steps, other: Steps, choice: Choice, rate: float, spacing: fl
 def witnessed(
     steps: Steps, choice: Choice, rate: float, spacing: float, time: float, tol: Any, chaotic: bool = False
 ) -> Choice:
-    """The choice, with shorter steps where it is off by more than `tol` in a run of some pilots against half the step.
+    """The choice, with shorter steps if it is off by more than `tol` in a run of some pilots against half the step.
 
     A chaotic motion is run for longer, and with a margin: what rounding does to it grows too.
 

@@ -24,7 +24,7 @@ from kreisel.record.contract import Baecklund, Frame
 from kreisel.record.model import Model
 
 DIGITS = 60
-MANY = 4096  # numbers of a component: from here on one point after the other
+MANY = 4096  # values of a component: from here on one point after the other
 SPINS = ("spin0", "spin1")
 Points = Callable[[State, Array], Array | None]
 WHOLE_TURN = 2.0  # radians that one Cayley factor makes with tan(theta/2) of size about 1
@@ -41,7 +41,7 @@ def pade_denominator(k: int) -> list[Any]:
 
 @cache
 def pade_zeros(stages: int) -> tuple[Any, ...]:
-    """Zeros, Im >= 0, of the denominator of the diagonal Padé approximant of exp, as mpmath numbers.
+    """Zeros, Im >= 0, of the denominator of the diagonal Padé approximant of exp, as mpmath values.
 
     Raises `ArithmeticError` if the order conditions on their inverses do not hold to half the digits.
     """
@@ -62,7 +62,7 @@ def pade_zeros(stages: int) -> tuple[Any, ...]:
 
 
 def stage_points(order: int, dt: float) -> list[complex | float]:
-    """mu = zeta/dt of each stage, rounded once; a complex one stands for itself and its conjugate."""
+    """mu = zeta/dt of each stage, rounded once; a complex one represents itself and its conjugate."""
     import mpmath
 
     with mpmath.workdps(DIGITS):
@@ -71,7 +71,9 @@ def stage_points(order: int, dt: float) -> list[complex | float]:
 
 
 class Product:
-    """The maps of a step: conjugate pairs, the real one, and the turns by angles that are the same at every step."""
+    """The maps of a step: conjugate pairs, the real one, and the rotations by angles that are the same at every
+    step.
+    """
 
     def __init__(self, model: Model, dt: float, order: int, oriented: bool):
         self.model, self.dt, self.order, self.oriented = model, dt, order, oriented
@@ -113,7 +115,7 @@ class Product:
         return self._stage(z, {**constants, "mu": mu, "rho": rho}, True)
 
     def close(self, *z: Array, **constants: Array) -> State:
-        """The real map and the turns."""
+        """The real map and the rotations."""
         z = self._stage(z, constants, False) if self.single else z
         state, g = z[: self.count], z[self.count :]
         if self.spins:
@@ -144,7 +146,7 @@ class Product:
         with np.errstate(all="ignore"):
             try:
                 rho = call(self.record.point, wide_state, {**self.known, "mu": mus.astype(wide)})
-            except np.linalg.LinAlgError:  # beside numbers so large the others vanish
+            except np.linalg.LinAlgError:  # next to values so large the others vanish
                 rho = np.array(np.nan)
         if not np.isfinite(rho).all():
             self._explain(state, mus)
@@ -165,7 +167,9 @@ class Product:
         )
 
     def _orientation_turns(self, state: State, g: Array) -> dict[str, Array]:
-        """Constants of the turn of g on the other side than the state's: prod cay(eps/2 block), and the body's spin."""
+        """Constants of the rotation of g on the other side than the state's: prod cay(eps/2 block), and the body's
+        spin.
+        """
 
         def other(X: Array) -> Array:
             return g.mT @ X @ g if self.rest else g @ X @ g.mT
@@ -217,7 +221,7 @@ def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
 def one_stage(
     record: Baecklund, state: State, constants: dict[str, Array], paired: bool
 ) -> tuple[State, tuple[Array, Array]]:
-    """One map, or one conjugate pair, and the turn of the carried vector as (x, y)."""
+    """One map, or one conjugate pair, and the rotation of the carried vector as (x, y)."""
     e = call(record.vector, state, constants)
     move, arc = (record.pair, record.arc_of_pair) if paired else (record.step, record.arc)
     return tuple(call(move, (*state, e), constants)), call(arc, (*state, e), constants)
@@ -227,7 +231,9 @@ def one_stage(
 
 
 def constant_turns(name: str, K: Array, angle: Callable[[Array], Array]) -> dict[str, Array]:
-    """V0, V1 with cay(V0) cay(V1) the turn by angle(theta) in each plane where the skew matrix K turns by theta."""
+    """V0, V1 with cay(V0) cay(V1) the rotation by angle(theta) in each plane where the skew matrix K rotates by
+    theta.
+    """
     if not np.isfinite(K).all():
         raise InputError("expected a body whose angular velocity a double can hold, got one beyond. Use other units.")
     theta, U = np.linalg.eigh(-1j * K)

@@ -8,7 +8,7 @@ Commuting fields that agree at one state agree on its torus, so points with sum_
 f the field of the flow, make a step that is the flow over h.  These are the Abelian conditions, without the integrals.
 The heights y_j and the branches of mu are chosen where the x_j are smallest against the distance of the branch points,
 by linear programming; Newton's method finds x_j, the fields at its ends are the columns of the Jacobian.  The body
-turns by int Omega, and what is missing to the angular velocity of the flow commutes with all it carries: a constant.
+rotates by int Omega, and what is missing to the angular velocity of the flow commutes with all it carries: a constant.
 """
 
 from __future__ import annotations
@@ -87,7 +87,8 @@ def exact_by_pairs(model: Model, dt: float, oriented: bool) -> Scheme:
 
 
 def _require_like_fields(model: Model, state: State) -> None:
-    """Raises `InputError` for a field so small beside another that its rounding would turn the projected orientation.
+    """Raises `InputError` for a field so small next to another that its rounding would rotate the projected
+    orientation.
 
     A step mixes the fields; a projection keeps the direction in space of each (an error of 7e-4 at a ratio of 1e-12).
     """
@@ -158,7 +159,9 @@ def one_map(model: Model, state: State, params: dict[str, Array], dt: float) -> 
 
 
 def constants(model: Model, state: State, dt: float) -> tuple[Array, Array]:
-    """Points (..., 4, stages), `NUMBERS` of each, and what is left of the turn of the body in a step (..., n, n)."""
+    """Points (..., 4, stages), `NUMBERS` of each, and what is left of the rotation of the body in a step (..., n,
+    n).
+    """
     batch, lanes = _lanes(model, state)
     steps = [Torus(model, *lane).step(dt) for lane in lanes]
     count = max(numbers.shape[-1] for numbers, _, _ in steps)
@@ -213,7 +216,7 @@ class Torus:
             self.points = self._points()
 
     def _sizes(self, rates: State) -> list[Array]:
-        """Units of the components: sizes that they have or reach before the body turns by about a radian.
+        """Units of the components: sizes that they have or reach before the body rotates by about a radian.
 
         M may be far smaller than it soon becomes; Newton's method must not solve for its last places then.
         """
@@ -294,9 +297,9 @@ class Torus:
         return max(1, int(np.ceil(far)))
 
     def step(self, dt: float) -> tuple[Array, Array, Array]:
-        """`NUMBERS` (4, ...) of all pairs of a step, (4,) of the identity, and the rest of the turn.
+        """`NUMBERS` (4, ...) of all pairs of a step, (4,) of the identity, and the rest of the rotation.
 
-        Lanes have pairs of their own number, so that none depends on the others: the identity fills the shorter ones.
+        Each lane has its number of pairs, so that none depends on the others: the identity fills the shorter ones.
         Raises `InputError` where no points are found.
         """
         points = self.points
@@ -322,7 +325,7 @@ class Torus:
         return np.asarray(dt * Omega - copies * turn, float)
 
     def solved(self, dt: float, copies: int) -> tuple[Array, Array] | None:
-        """`NUMBERS` (4, count) of the pairs of a part of a step, and the rest of the turn in the step.
+        """`NUMBERS` (4, count) of the pairs of a part of a step, and the rest of the rotation in the step.
 
         None if Newton's method leaves the domain of these points.
         """

@@ -24,7 +24,7 @@ TOTAL = "total_"  # before the name of what bodies in pairs have together
 
 
 def require_orientation(model: Model, oriented: bool) -> None:
-    """Raises `InputError` where a force takes the orientation and there is none."""
+    """Raises `InputError` where a force needs the orientation and there is none."""
     record = model.system.perturbation
     if record is not None and record.names(ORIENTATION) and not oriented:
         raise InputError(
@@ -80,7 +80,7 @@ def coupling_of(
 ) -> Coupling | None:
     """Coupling of the bodies in pairs; None without pairs.
 
-    where(z, known) -> the body, from what a method steps; `at_rows`: what it takes of `known` at saved rows.  What acts
+    where(z, known) -> the body, from what a method steps; `at_rows`: what it needs of `known` at saved rows.  What acts
     on a body are the rates of its state and, if `driven`, of the work.
     """
     pairs = pairs_of(model)

@@ -33,9 +33,9 @@ def motion_of_top(model: Model, state: State, constants: Mapping[str, Array], re
 def iterated(model: Model, z0: State, constants: Mapping[str, Array], reach: float) -> Orbit:
     """The iterates of a map that is D_eps in other variables, n = 3.
 
-    The clock counts steps: k of them are the flow over k tau, then the turn k theta about p.  In the moving frame
+    The clock counts steps: k of them are the flow over k tau, then the rotation k theta about p.  In the moving frame
     (-M, P, A) is the (m, a, p) of the rest frame.  Both branches of rho as a function of the integrals occur; the state
-    says which.
+    states which.
     """
     (fixed,) = (p.letter for p in model.system.parameters if p.fixed)
     sign = -model.system.space.sign

@@ -5,7 +5,7 @@ For x' = f(x) = Q(x, x) + B x + c, Q symmetric and bilinear, the step is
     (x' - x)/dt = Q(x, x') + B (x + x')/2 + c,   so   x' = x + dt (1 - dt/2 f'(x))^-1 f(x):
 
 one linear equation.  It is birational and symmetric (the inverse is the step with -dt), of order 2.  Linear integrals
-of the flow are integrals of the map.  For the Euler top, x_i' = alpha_i x_j x_k, the ratios of the numbers
+of the flow are integrals of the map.  For the Euler top, x_i' = alpha_i x_j x_k, the ratios of the values
 1 - dt^2/4 alpha_j alpha_k x_i^2 are integrals too; they are below, in closed form and exact over Q, and those of
 Lagrange's top with equal moments, of Clebsch's case, of the Euler top in so(4) and of gyrostats.  The orientation turns
 by the Cayley transform of dt/2 Omega((x + x')/2).
@@ -143,7 +143,7 @@ def state_of(space: PhaseSpace, numbers: Sequence[Any], n: int) -> State:
     return tuple(parts)
 
 
-# -- properties of a flow, over the rational numbers ------------------------------------------------
+# -- properties of a flow, over the rationals ------------------------------------------------
 
 
 def is_quadratic(model: Model) -> bool:

@@ -5,7 +5,7 @@ method="veselov"     symmetric maps of Veselov, of Moser and Veselov, and of Sur
                      they conserve the integrals of the flow, and commute with the flow and with each other at other
                      steps, so that symmetric compositions of order 4, 6, 8 conserve the same integrals
 method="brickwork"   a lattice in discrete time: a step is the two-site maps of all odd bonds, then of all even ones;
-                     Poisson, of order 1, and conserves the traces of the monodromy matrix in which its step stands
+                     Poisson, of order 1, and conserves the traces of the monodromy matrix in which its step is
                      [Krajnik, Prosen 2020; Krajnik, Ilievski, Prosen, Pasquier 2021]
 method="map"         the map of a user-defined record, which need not be Poisson: a Runge-Kutta step, the midpoint rule
 method="lagrangian"  the map of a user-defined discrete Lagrangian (`kreisel.reduction`)

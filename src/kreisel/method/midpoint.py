@@ -5,9 +5,9 @@ For w_i' = X_i(w) with <X_i, w_i> = 0, spins or the momentum of a free body, r_i
     (w' - w)_i/dt = X_i(c),   c_i = r_i (w + w')_i/|w + w'|_i:
 
 symmetric, of order 2, symplectic on the product of the spheres.  It conserves each |w_i| and linear integrals, and is
-equivariant under turns.  With Omega = c x X/r^2 it says that w turns about Omega by 2 arctan(dt r |Omega|/|w + w'|): so
-it is repeated until it has settled, and every iterate is on the spheres.  The orientation of a body turns by the
-Cayley transform of dt/2 Omega(c).
+equivariant under turns.  With Omega = c x X/r^2 it states that w rotates about Omega by 2 arctan(dt r |Omega|/|w +
+w'|): so it is repeated until it has settled, and every iterate is on the spheres.  The orientation of a body rotates
+by the Cayley transform of dt/2 Omega(c).
 
 With w = s c - dt/2 X(c), w' = s c + dt/2 X(c) a quadratic form A on one sphere changes by 2 s dt <Ac, X(c)>: so the
 energy of the Euler top, and with it every integral, is conserved.  [McLachlan, Modin, Verdier 2014]

@@ -19,7 +19,7 @@ State = tuple[Array, ...]
 Observed = tuple[Callable[..., dict[str, Array]], dict[str, Outcome]]  # `observe`, and what its variables are
 Only = Collection[str] | None
 ORIENTATION = "g"
-COUNT, WORK, BALANCE = "count", "work", "balance"  # of driven bodies; count: of whole steps
+COUNT, WORK, BALANCE = "count", "work", "balance"  # of driven bodies; count: of complete steps
 
 
 def orientation_component(n: int) -> tuple[str, str]:
@@ -74,9 +74,9 @@ def functions(
     conserved: Collection[str] = (),
     meanings: Mapping[str, str] | None = None,
 ) -> dict[str, tuple[Outcome, Callable[..., Array], bool]]:
-    """Name -> (outcome, function, whether it takes the variables of the map).
+    """Name -> (outcome, function, whether it needs the variables of the map).
 
-    With `eps`, a step of the map, the integrals that its record names (`Map.conserves`) are conserved; those that take
+    With `eps`, a step of the map, the integrals that its record names (`Map.conserves`) are conserved; those that need
     `eps` deformed, under names ending in `_eps`, while the undeformed ones change by O(dt^order).
     Without `eps` the names in `conserved` are.  `meanings` replaces the meaning of some names.
     """
@@ -127,7 +127,7 @@ def observer(
     conserved: Collection[str] = (),
     meanings: Mapping[str, str] | None = None,
 ) -> Observed:
-    """`observe` and its outcomes, as `functions` has them; `to_user` takes the variables of the map to the user's.
+    """`observe` and its outcomes, as `functions` has them; `to_user` maps the variables of the map to the user's.
 
     `observe(z, only)`: if `only` is given, the state and the variables that it names.
     """
@@ -165,8 +165,8 @@ def held_by_orientation(
     """Functions that an orientation g leaves constant: its orthogonality, and what is carried, in the other frame.
 
     g^T a in the rest frame, g P in the moving frame; g M g^T where nothing is carried but the momentum.  None if the
-    method steps other variables than those of the system.  `bound`: whether the method turns g by the turn of what is
-    carried; else only its orthogonality stays.
+    method steps other variables than those of the system.  `bound`: whether the method turns g by the rotation of
+    what is carried; else only its orthogonality stays.
     """
     space = model.system.space
     count, rest = len(space.letters), model.system.frame is Frame.REST

@@ -1,9 +1,9 @@
 """method="exact" without a closed form, n = 3: the flow over dt as copies of one conjugate pair of Bäcklund maps.
 
-For n = 3 the commuting fields span two directions beside the symmetry of the state, so two parameters suffice: mu,
-complex, with D_eps D_conj(eps) = Phi_h, eps = 2/mu.  It is found once a trajectory by Newton's method in extended
-precision against a product of order 24; near h = 0 it is the zero of the Padé approximant of order 4 over h.  The
-integrals of the map are those of the flow.  A turn that commutes with the maps, `spin`, is made beside.
+For n = 3 the commuting fields span two directions in addition to the symmetry of the state, so two parameters
+suffice: mu, complex, with D_eps D_conj(eps) = Phi_h, eps = 2/mu.  It is found once a trajectory by Newton's method in
+extended precision against a product of order 24; near h = 0 it is the zero of the Padé approximant of order 4 over h.
+The integrals of the map are those of the flow.  A rotation that commutes with the maps, `spin`, is applied as well.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from kreisel.record.model import Model
 REACH = 6.0  # rate times time of a pair that is tried first: of 40 random bodies it was found for all
 MOST_TRIALS = 8  # each with more copies
 NEWTON_STEPS = 14
-SETTLED = 64  # residual in units of the last place of the extended numbers
+SETTLED = 64  # residual in units of the last place of the extended values
 BETWEEN = 20  # steps between projections at most: 1 % of the time; with 500 errors are four to twenty times as large
 LEAST_REAL = 0.5  # of mu h, which is 3 for short times
 MOST_COPIES = 1_000_000  # of a pair in a step: tens of megabytes a lane
@@ -181,7 +181,7 @@ def _wide_constants(model: Model) -> dict[str, Array]:
 
 
 def _pair(model: Model, z: State, mu: Array) -> State:
-    """The conjugate pair in extended precision; it turns an orientation too, but for a turn about P in space."""
+    """The conjugate pair in extended precision; it rotates an orientation too, but for a rotation about P in space."""
     record: Any = model.system.baecklund
     with np.errstate(all="ignore"):
         constants = {**_wide_constants(model), "mu": mu}
@@ -191,7 +191,7 @@ def _pair(model: Model, z: State, mu: Array) -> State:
 
 
 def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
-    """mu of each lane in extended precision, and where it is one of the near branch."""
+    """mu of each lane in extended precision, and if it is one of the near branch."""
     z = _wide(state)
     batch = np.broadcast_shapes(*(v.shape for v in model.constants.values() if v.ndim > 1), ())[:-1]
     batch = np.broadcast_shapes(batch, state[1].shape[:-1])
@@ -226,7 +226,7 @@ def _flown(model: Model, z: State, h: float, batch: tuple[int, ...]) -> tuple[St
 def _turn_in_space(model: Model, state: State, g: Array, dt: float, copies: int, mu: Array) -> dict[str, Array]:
     """The turn about p = g P that a step of the flow makes beyond the pairs: with them it commutes, so it is constant.
 
-    In the product of order 24 each pair turns by prod cay(eps/2 block) about p; the exact pair by what is missing.
+    In the product of order 24 each pair rotates by prod cay(eps/2 block) about p; the exact pair by what is missing.
     """
     record: Any = model.system.baecklund
     one = np.zeros((*mu.shape, 4), dtype=np.longdouble)

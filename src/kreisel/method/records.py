@@ -79,9 +79,9 @@ class Method:
                  `words` for them, where `make` knows which there are
     poisson      whether its map is Poisson for the bracket of the system
     conserves    what stays constant up to rounding errors
-    default_for  the models of which it may be the default, as `cases`, which None stands for
-    steps        whether it makes steps: if not, it is no default where an order or an engine is asked for
-    sources      keys of refs.bib; `composed` of single orders beside
+    default_for  the models of which it may be the default, as `cases`, which None represents
+    steps        whether it makes steps: if not, it is not a default where an order or an engine is asked for
+    sources      keys of refs.bib; `composed`: further keys of single orders
     maker        name of the function (model, dt, order, oriented) -> Scheme, such as "kreisel.method.maps:suris",
                  which is imported when the method is first used
     """
@@ -98,7 +98,7 @@ class Method:
     maker: str
     default_for: tuple[Suits, ...] | None = None
     steps: bool = True
-    words: str = ""  # for the orders, where no list says it
+    words: str = ""  # for the orders, where no list states it
     composed: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     of_map: bool = False  # whether it steps the map of the system, which is cited then
 

@@ -20,7 +20,7 @@ Components = tuple[tuple[str, str], ...]  # (letter, kind): "skew", "vector", "m
 class Outcome:
     """One variable that `observe` returns: its kind and what it means.
 
-    kind: "state", "orientation", "casimir", "integral" or "relation"; `conserved` says of the last three that this
+    kind: "state", "orientation", "casimir", "integral" or "relation"; `conserved` states of the last three that this
     method keeps them constant up to round-off.
     """
 
@@ -35,7 +35,7 @@ class Jump:
     """A flow of the form of a Lagrange top, n = 3, at rest: m' = p x b, b' = m x b, with axial vectors.
 
     begin(*z, **constants) -> m, b, p, and two alphas: the state rotates about p by (1/alpha - 1) (m.p)/|p| in a unit of
-                              time beside, the body about b by (1/other - 1) (m.b)/|b|
+                              time as well, the body about b by (1/other - 1) (m.b)/|b|
     orientation(g)         -> q, the rotation of the body: q' = m q/2 but for what alpha adds
     finish(m, b, q)        -> z; without q if there is no orientation
 
@@ -98,7 +98,7 @@ def too_large_to_couple(name: str, n: int) -> InputError:
 class Coupling:
     """Lanes that act on each other in pairs: the sum of `pull` over pairs acts on each lane.
 
-    A flow adds it to its rates: to the first numbers, in order.  `CoupledSteps` hand it to their `kick`.
+    A flow adds it to its rates: to the first values, in order.  `CoupledSteps` hand it to their `kick`.
 
     pairs      (count, 2), lanes
     constants  of the pairs (count, ...), and `axes` of each without that of pairs
@@ -206,13 +206,13 @@ Motion = Steps | CoupledSteps | JaxSteps | Flow | Orbits
 
 @dataclass(frozen=True)
 class Scheme:
-    """A method for one model: numbers, functions around its motion, and the motion, which says what kind it is.
+    """A method for one model: values, functions around its motion, and the motion, which states what kind it is.
 
     prepare(x0)             -> z0        once
-    observe(z, **constants) -> outputs   at saved steps; batch axes (time, lane) in front; also takes `basis`;
+    observe(z, **constants) -> outputs   at saved steps; batch axes (time, lane) in front; also needs `basis`;
                                names behind z: only these of what is not the state
     reopen(x)               -> z         from an observed state back to the method's own variables
-    trajectory(x0)          -> constants of the trajectory, and those of its stages, beside `constants` and `stages`;
+    trajectory(x0)          -> constants of the trajectory and of its stages, in addition to `constants` and `stages`;
                                their axes stand in `axes`.  `on(x0)` puts them in
     point(*z0, mu=...)      -> rho, a constant of the trajectory, which engines compile for double-doubles: then it is
                                trajectory(x0, points) with points(x0, mus) -> rho (..., points), or None
@@ -265,7 +265,7 @@ class Scheme:
 
     @property
     def known(self) -> dict[str, Array]:
-        """All that `observe` takes by keyword."""
+        """All that `observe` needs by keyword."""
         return {**self.constants, **self.basis}
 
     @property

@@ -1,15 +1,15 @@
-"""method="splitting": perturbed bodies, by flows of the integrable part and of the perturbation in turn.
+"""method="splitting": perturbed bodies, by flows of the integrable part and of the perturbation one after the other.
 
 A step is A for a_1 h, B for b_1 h, A for a_2 h, ..., symmetric (`splitting_coefficients`).  A is the integrable motion,
-in closed form where it is known as one short step, else by a map of high order; B is the flow of the perturbation with
+in closed form if it is known as one short step, else by a map of high order; B is the flow of the perturbation with
 the state of A standing still (`kreisel.forces.kicks`): the flows of its kinds in symmetric order,
 
-    damping, turns in order | kick | turns backwards, damping,
+    damping, rotates in order | kick | turns backwards, damping,
 
 which is exact for one kind, else off by O(eps^3 h^3); three times in a row it is off by O(eps^5 h^5), where the order
 asks for that.
 
-A corrector is a step of the same parts by other numbers, which ends at the time where it began: its inverse prepares
+A corrector is a step of the same parts by other values, which ends at the time where it began: its inverse prepares
 the start, and rows are taken through it when they are observed.
 
 The momentum of a wheel is a coordinate that B moves, with the torque of its motor; in A it is constant.
@@ -74,7 +74,7 @@ NEAR_SAMPLE = 1e-6  # of the time between two samples
 TICKS = 1024  # in dt: a constant of 1 has a kernel of its own, and dt = 1 is common
 
 Constants = Mapping[str, Array]
-ORDER = 8  # of a map, composed, where none is asked for
+ORDER = 8  # of a map, composed, if none is asked for
 
 
 class Splitting:
@@ -104,17 +104,17 @@ class Splitting:
                     "order: expected one without a corrector for a body with control, such as (2, 2), 4, (8, 2) or "
                     f"(8, 6, 4), got {order}. Samples change the motion at once."
                 )
-        # turns change what a pair potential takes, so each part of a kick is a stage, which the sum over pairs divides
+        # turns change what a pair potential needs, so each part of a kick is a stage, which the sum over pairs divides
         self.divided = self.record.pair is not None and bool(self.turns)
 
     @property
     def extra(self) -> tuple[str, ...]:
-        """The numbers that are carried beside state and orientation."""
+        """The values that are carried with state and orientation."""
         names = {COUNT: self.timed, WORK: self.driven, REACH: self.part.reach is not None}
         return tuple(name for name, there in names.items() if there)
 
     def apart(self, z: State) -> tuple[State, State, dict[str, Array]]:
-        """The state, the orientation if there is one, the other numbers by name."""
+        """The state, the orientation if there is one, the other values by name."""
         end = self.count + self.oriented
         return z[: self.count], z[self.count : end], dict(zip(self.extra, z[end:], strict=True))
 
@@ -252,7 +252,7 @@ class Splitting:
         return kicks.decayed(system, state, h, constants, self.model.axes) if self.record.damping else (state, 0)
 
     def begin(self, x: State) -> State:
-        """The state and the orientation with the other numbers at time 0."""
+        """The state and the orientation with the other values at time 0."""
         return (*x, *(zero(self.model.system, x) for _ in self.extra))
 
 
@@ -268,7 +268,7 @@ def _require_a_symmetric_kick(model: Model, order: Any) -> None:
 def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = False) -> Scheme:
     """The splitting with step dt of that order; `all_turns`: those too that have no effect with these parameters.
 
-    Raises `InputError` where a force takes an orientation and none is, and for pairs of large bodies.
+    Raises `InputError` where a force needs an orientation and none is, and for pairs of large bodies.
     """
     if pairs_of(model) is not None and model.n > COUPLED_N:
         raise too_large_to_couple("splitting", model.n)
@@ -496,7 +496,7 @@ def _with_wheel(base: System) -> Integrable:
 
 
 def _gyrostat(numbers: Callable[[Constants], tuple[Array, Array]], beside: Callable[[Constants], Any]) -> Integrable:
-    """M' = M x (w M - b), with w and b by `numbers`, of M less what `beside` says."""
+    """M' = M x (w M - b), with w and b by `numbers`, of M less the term of `beside`."""
 
     def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
         M, (w, b) = algebra.axial(state[0]) + beside(constants), numbers(constants)
@@ -534,7 +534,7 @@ def _top(base: System) -> Integrable:
 
 
 def separable(base: System, n: int) -> bool:
-    """Whether H = T(M) + V(vectors), of a body in its frame with n = 3: turns of a free body, and kicks."""
+    """Whether H = T(M) + V(vectors), of a body in its frame with n = 3: rotations of a free body, and kicks."""
     turning = base.frame is Frame.MOVING and base.inverse_inertia is not None and base.spin is None
     return n == 3 and turning and set(base.space.kinds) == {"skew", "vector"}
 

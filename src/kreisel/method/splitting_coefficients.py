@@ -11,7 +11,7 @@ all further powers too: its error is O(eps h^(p_1) + eps^2 h^(p_2) + ...).
 
 A corrector C, of the same parts, makes of the step K the step C K C^-1, which is K in other variables: many steps are
 C K^N C^-1, so that C^-1 is needed at the start and C where the state is seen.  It is A and B at the times +-h/2, +-h,
-... +-m h/2 around that where it stands, with weights of B that are odd in the time, and then A back to that time.  The
+... +-m h/2 around that time, with weights of B that are odd in the time, and then A back to that time.  The
 conditions are those of the sequence C^-1, K, C; those of eps^1 are linear in the m weights.
 [Laskar, Robutel 2001; Blanes et al. 2013; Wisdom, Holman, Touma 1996]
 """

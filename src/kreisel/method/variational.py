@@ -6,7 +6,7 @@ discrete Lagrangian is
     L(g_k, g_(k+1)) = h T~(Omega) - (h/2) (V(P_k) + V(P_(k+1))).
 
 Its map is half a kick by V, a free step, half a kick.  With d'_W X: delta X = (I + X) eta (I - X) / 2, the free step
-takes N = dT~/dOmega from
+needs N = dT~/dOmega from
 
     M = (I + X) N (I - X),   X = (h/2) I^-1 N,   and then   M' = W^T M W = (I - X) N (I + X),   P' = W^T P.
 

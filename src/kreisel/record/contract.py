@@ -42,7 +42,7 @@ class PhaseSpace:
     in so(n) that generates the rotations of the state.  `carried` are the places of the components that rotate with the
     body, such as a, P or x, on which potentials depend; the others are momenta.  `constraints` names functions that
     vanish on the phase space when it is a submanifold of its coordinate space.  `draw(n, draw)` returns a random point
-    from random numbers draw(shape), if not every point of the coordinate space is allowed.  `sites`: whether the n
+    from random values draw(shape), if not every point of the coordinate space is allowed.  `sites`: whether the n
     entries of a vector belong to n sites.
     """
 
@@ -78,7 +78,7 @@ class PhaseSpace:
         return self.kinds[0] == "skew"
 
     def point(self, n: int, draw: Function) -> tuple[Array, ...]:
-        """Random point, from random numbers draw(shape)."""
+        """Random point, from random values draw(shape)."""
         if self.draw is not None:
             return tuple(self.draw(n, draw))
         return restore(draw((coordinate_count(self.kinds, n),)), self.kinds, n)
@@ -191,7 +191,7 @@ class Map:
     conserves                 names of the integrals that the map conserves; None: all of the record
     darboux                  (*state, eps) -> (*state, rho): variables in which the step is the Bäcklund transformation
                              D_eps at the point (2/eps, rho) of the spectral curve of the flow
-    rational                 whether the step is a rational function; else it does not accept exact numbers
+    rational                 whether the step is a rational function; else it does not accept exact values
     """
 
     step: Function
@@ -314,7 +314,7 @@ class ConjugatePairs:
 
 @dataclass(frozen=True)
 class ExactMap:
-    """A map that is the flow over a time, for constants of the trajectory: the complex numbers lam and mu.
+    """A map that is the flow over a time, for constants of the trajectory: the complex values lam and mu.
 
     point(*state, dt)                          {name: number}: lam_re, lam_im, mu_re, mu_im for the flow over dt, of one
                                                state in extended precision; None if dt is too long
@@ -348,7 +348,7 @@ class Orbit:
     phases(M, e)  -> (times, 3) unsigned integers, at times M 2^e: Python integers in an object array, small integers
     rates         of the phases if they grow like the time, revolutions per unit of time as integers of `bits` binary
                   places; else None
-    place(j)      -> (terms, numbers), for part j of the 2^places parts of the first phase: values that are polynomials
+    place(j)      -> (terms, values), for part j of the 2^places parts of the first phase: values that are polynomials
                   in x, from -1 at the start of the part to 1 at its end; the lowest power first
     row(place, left, right, **constants) -> z, from these values at one x; `left` and `right` are 2 pi times the other
                   phases, as (cos, sin, rest of the angle, at most pi/512): half the angles of rotation, so that a
@@ -418,7 +418,7 @@ class System:
     body_frame(params)       the `BodyFrame` of a system that is a body in SI units, from parameters and constants
     checks                   of parameters and states, beyond the checks of each `Parameter`
     n                        the dimension, if the parameters do not determine it
-    numbers                  "any": the functions accept any kind of number; "real": any with square roots; "jax":
+    numbers                 "any": the functions accept any kind of number; "real": any with square roots; "jax":
                              floats and JAX arrays (`kreisel.reduction`), and steps are compiled by JAX
     perturbation             the integrable system of which this is a perturbation, and the forces (`kr.perturbed`);
                              then flow and energy may have the keywords g, the orientation as a matrix, and t, the time

@@ -34,7 +34,7 @@ def whole_dimension(value: Array, letter: str, system: str) -> int:
 
 
 def numbers(value: Any, name: str) -> Array:
-    """An array of finite real numbers, or of others that can be multiplied.  Raises `InputError`."""
+    """An array of finite real values, or of others that can be multiplied.  Raises `InputError`."""
     if algebra.loses(value):
         raise InputError(f"{name} must be plain values, got a masked entry or a unit: {shown(value)}.")
     try:

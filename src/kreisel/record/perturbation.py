@@ -56,9 +56,9 @@ class Controller:
 
     law        a function of sensors, memory and parameters by name, which returns commands and memory by name; None
                for wheels alone
-    arguments  the names that it takes
+    arguments  the names that it needs
     every      time between two samples
-    memory     the numbers that it keeps: the shape of each, () or (k,)
+    memory     the values that it keeps: the shape of each, () or (k,)
     commands   the length of each command, in order
     wheels     the number of wheels, whose momenta are a part of the state
     delay      samples until a command is applied

@@ -366,7 +366,7 @@ def _null_space(A: np.ndarray, tolerance: float = 1e-9) -> np.ndarray:
 
 
 def standard(group: Group) -> Representation:
-    """Phi(g) v = g v on R^N; on C^N, as 2N real numbers (real parts, then imaginary parts), for complex matrices."""
+    """Phi(g) v = g v on R^N; on C^N, as 2N real values (real parts, then imaginary parts), for complex matrices."""
     N, E = group.size, group.basis
     if not np.iscomplexobj(E):
         return Representation("standard", group, numbers(N, group.n), lambda g, v: g @ v, E)

@@ -1,4 +1,4 @@
-"""Functions of JAX arrays in the form of a record: NumPy in and out, any batch axes, dual numbers of the laws."""
+"""Functions of JAX arrays in the form of a record: NumPy in and out, any batch axes, dual values of the laws."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def _as_lanes(a: Array, axes: Any, batch: tuple[int, ...]) -> Array:
 
 
 def _on_duals(run: _Batched, args: Sequence[Any], constants: Mapping[str, Any]) -> Any:
-    """The chain rule: values and derivatives by JAX, slopes from the dual numbers."""
+    """The chain rule: values and derivatives by JAX, slopes from the dual values."""
     flat = np.concatenate([np.asarray(a, dtype=object).ravel() for a in args])
     some = next((v for v in flat if hasattr(v, "slope")), None)
     if not all(isinstance(getattr(v, "value", v), int | float | np.number) for v in flat):

@@ -3,8 +3,8 @@
 An implicit map is multivalued; the branch with the continuous limit is followed.  The root of r(x) = (1 - s) r(0) is
 followed from x = 0 at s = 0 to s = 1, in one stretch if possible.  A stretch is accepted if Newton's method converged
 to the root next to its start: the distance is at most twice the first step, as in Kantorovich's theorem, and the
-determinant of the Jacobian has kept its sign.  Otherwise it is cut.  If the path reaches a fold there is no root on the
-branch, and x is NaN.
+determinant of the Jacobian has kept its sign.  Otherwise it is cut.  If the path reaches a fold there is no root
+on the branch, and x is NaN.
 
 Derivatives of the root, of any order, come from the implicit function theorem.
 """

@@ -490,7 +490,7 @@ def _scales_of(values: Array, samples: int, n: int, single: int) -> tuple[Array,
     up, down, a_bit_up, a_bit_down = values[:-1].reshape(4, samples, *values.shape[1:])
     here = values[-1]
     squares = np.square((up - down) / (2 * NUDGE)).reshape(-1, values.shape[-1])
-    # `mean` and `max` of arrays are in Python, and take longer than these
+    # `mean` and `max` of arrays are in Python, and need longer than these
     sums = np.add.reduce(np.ascontiguousarray(squares[:, :single].T), 1), np.add.reduce(squares[:, single:], 0)
     felt = np.sqrt(np.concatenate(sums) / len(squares))
     noise = abs(a_bit_up + a_bit_down - 2 * here) / (2 * MACHINE_EPSILON)

@@ -63,7 +63,7 @@ def names_of_state(run: xr.Dataset) -> list[str]:
 
 
 def in_cf(model: Model, name: str) -> dict[str, Any]:
-    """The attributes by which programs that know CF read SI from the numbers of a kernel: units and scale_factor.
+    """The attributes by which programs that know CF read SI from the values of a kernel: units and scale_factor.
 
     The energy of a symmetric top has none: a constant is missing in its Hamiltonian.
     """

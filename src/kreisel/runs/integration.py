@@ -92,7 +92,7 @@ class Integration:
         self.inside: Callable[[], None] = lambda: None
         self._scratch = np.empty((1, *plan.engine.z.shape))
         short = isinstance(plan.scheme.motion, Steps) and plan.model.n < LARGE
-        self._burst = max(1, SHORT_STEPS // plan.lanes) if short else 1  # a single step may take seconds
+        self._burst = max(1, SHORT_STEPS // plan.lanes) if short else 1  # a single step may need seconds
         by_itself = plan.settings.times is None or isinstance(plan.scheme.motion, Flow | Orbits)
         self._breaks: Breaks | None = None
         if not by_itself or plan.broken:

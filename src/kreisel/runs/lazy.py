@@ -14,11 +14,11 @@ from kreisel.algebra import Array
 if TYPE_CHECKING:
     import xarray as xr
 
-LEAD = ("time", "lane", "event")  # axes of rows: other axes of a variable are read whole
+LEAD = ("time", "lane", "event")  # axes of rows: other axes of a variable are read complete
 
 
 class _Computed(BackendArray):
-    """Rows computed from the rows of other variables; axes of components are read whole."""
+    """Rows computed from the rows of other variables; axes of components are read complete."""
 
     def __init__(
         self, shape: tuple[int, ...], lead: int, sources: Sequence[xr.Variable], function: Callable[..., Array]

@@ -1,6 +1,6 @@
 """SHA-256 of the operations of user-defined functions, to which an archive, which holds no code, is bound.
 
-A function is run once on recorded numbers.  The digest covers the operations on which its values depend: values in
+A function is run once on recorded values.  The digest covers the operations on which its values depend: values in
 closures and globals, but neither comments nor names nor dead code.  A function that cannot be recorded has the digest
 of its code, with the plain values, arrays and functions that it refers to.  So has an action of an event, which may
 have side effects; lists and dicts, to which it may append, are left out.
@@ -177,7 +177,7 @@ def _of_force(force: Force, model: Model) -> Any:
 
 
 def _of_law(control: Controller, model: Model) -> Any:
-    """The law of a controller, and all that is said about it."""
+    """The law of a controller, and all that is stated about it."""
     from kreisel.forces.control import SENSORS
     from kreisel.forces.kicks import WHEELS
 
@@ -201,7 +201,7 @@ def _shape(model: Model, name: str) -> tuple[int, ...]:
 
 
 def _component(kind: str, n: int, numbers: Iterator[Number], axial: bool) -> Any:
-    """A component of a state, made of recorded numbers."""
+    """A component of a state, made of recorded values."""
     form = algebra.KINDS[kind].shown(n) if axial else algebra.KINDS[kind]
     return form.unpack(_filled(numbers, (form.count(n),)), n)
 
@@ -218,12 +218,12 @@ def _filled(numbers: Iterator[Number], shape: tuple[int, ...]) -> Any:
 
 
 def _recorded(function: Callable[..., Any], arguments: Callable[[Graph], Any]) -> Any:
-    """The digest of the operations of a function of recorded numbers, or else of its code."""
+    """The digest of the operations of a function of recorded values, or else of its code."""
     graph = Graph(most=MOST_NODES)
     try:
         given, known = arguments(graph)
         return graph.digest(list(_numbers_in(call(function, given, known))))
-    except Exception:  # any exception of a function that does not accept recorded numbers
+    except Exception:  # any exception of a function that does not accept recorded values
         return _code(function)
 
 

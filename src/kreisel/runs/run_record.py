@@ -226,7 +226,7 @@ class RunRecord(Course, Numerics, Subject, Heading):
 
     @classmethod
     def made(cls, **values: Any) -> RunRecord:
-        """The record with these attributes, each of its type; the constructor takes ten times as long."""
+        """The record with these attributes, each of its type; the constructor needs ten times as long."""
         record = object.__new__(cls)
         record.__dict__.update(DEFAULTS | values)
         return record

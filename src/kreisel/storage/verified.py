@@ -34,7 +34,7 @@ class Verified(LocalStore):
     """A store for reading: a file that is changed, missing or added raises `InputError`.
 
     partial   chunks that are not listed are not read: their blocks are missing, or being written
-    files     files that take precedence: the rows of an interrupted run after its last block
+    files     files that need precedence: the rows of an interrupted run after its last block
     """
 
     def __init__(self, root: Path | str, known: Listed, partial: bool = False, files: dict[str, Buffer] | None = None):

@@ -40,7 +40,7 @@ def involution(M, P, *, b, eps):
     return -(M + kick(P, b=b, eps=eps)), P
 
 
-def half_kick(M, P, *, b, eps):  # K^(1/2), with the denominator of the whole step
+def half_kick(M, P, *, b, eps):  # K^(1/2), with the denominator of the complete step
     return M + kick(P, b=b, eps=eps) / 2, P
 
 

@@ -60,7 +60,7 @@ def turn(M, *, J, c, eps, sigma=None):
 
 
 def trajectory(M, *, J, eps):
-    """What `turn` takes beside, once for all steps: for n = 3 the root of its quartic equation."""
+    """What `turn` needs in addition, once for all steps: for n = 3 the root of its quartic equation."""
     return {"sigma": quartic.root(M, J, eps)[0]} if M.shape[-1] == 3 else {}
 
 

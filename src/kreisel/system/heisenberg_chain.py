@@ -1,6 +1,6 @@
 """Classical Heisenberg chain, isotropic: `spin-chain` with Jx = Jy = Jz = J, without a field.
 
-The total spin is conserved.  A field B only turns all spins about it.  [Heisenberg; McLachlan, Modin, Verdier 2014]
+The total spin is conserved.  A field B only rotates all spins about it.  [Heisenberg; McLachlan, Modin, Verdier 2014]
 """
 
 from dataclasses import replace

@@ -4,7 +4,8 @@ H = (a_1 (M_1^2 + M_2^2) + a_3 M_3^2)/2 + b_1 (M_1 P_1 + M_2 P_2) + b_3 M_3 P_3 
 M_3 is conserved.  Plus bracket, F' = {H, F}.  [Kirchhoff 1870; named in Suris 2001, Introduction]
 
 For b_1 = b_3 the mixed terms are a Casimir.  The flow over t is then that of Clebsch's case with b = (0, 0, b),
-b = (c_1 - c_3)/a_1, over a_1 t, followed by the turn of M and P about the axis by (a_1 - a_3) M_3 t, in the body frame.
+b = (c_1 - c_3)/a_1, over a_1 t, followed by the rotation of M and P about the axis by (a_1 - a_3) M_3 t, in the body
+frame.
 
 The formulas hold for any diagonal matrices, as in `steklov` and `lyapunov`:
 H = (1/2) sum [x_i M_i^2 + 2 y_i M_i P_i + z_i P_i^2];  M' = M x dH/dM + P x dH/dP,  P' = P x dH/dM.

@@ -2,9 +2,9 @@
 
 H = (a_1 <M, M> + (a_3 - a_1) <N, N> + c_1 <P, P> + (c_3 - c_1) P_n^2)/2,  N = Pi M Pi,  Pi = I - e_n e_n^T; for n = 3
     H = (a_1 (M_1^2 + M_2^2) + a_3 M_3^2 + c_1 (P_1^2 + P_2^2) + c_3 P_3^2)/2.
-N is conserved.  (a_1 M, P) moves as in Clebsch's case with B = diag(0, ..., 0, beta), beta = a_1 (c_1 - c_3), and turns
-besides by exp(t (a_3 - a_1) N), which commutes with that.  So the map is that of Clebsch's case for (a_1 M, P), then
-the turn by cay(eps/2 (a_3 - a_1) N).  Plus bracket, F' = {H, F}.
+N is conserved.  (a_1 M, P) moves as in Clebsch's case with B = diag(0, ..., 0, beta), beta = a_1 (c_1 - c_3), and
+rotates besides by exp(t (a_3 - a_1) N), which commutes with that.  So the map is that of Clebsch's case for (a_1 M,
+P), then the rotation by cay(eps/2 (a_3 - a_1) N).  Plus bracket, F' = {H, F}.
 [Kirchhoff 1870; the map: Suris 2001, section 7; another by Bäcklund transformations: Ragnisco, Zullo 2011]
 """
 
@@ -88,7 +88,7 @@ def carried(M, P, a1, eps):
     return cayley_act(mat(-a1 * eps / 2) * M, P)
 
 
-def step(M, P, *, a1, a3, b, e, eps):  # (dClebsch spec) for (a1 M, P), then the turn
+def step(M, P, *, a1, a3, b, e, eps):  # (dClebsch spec) for (a1 M, P), then the rotation
     M = M + kick(P, a1, b, eps)
     return turned(M, carried(M, P, a1, eps), a1, a3, e, eps)
 

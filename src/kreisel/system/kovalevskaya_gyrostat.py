@@ -43,7 +43,7 @@ def flow(M, P, Q, *, gamma, c, e, h):  # M' = [M, Omega] + E F^T - F E^T,   F' =
     return M @ Omega - Omega @ M + torque(P, Q, e, h), -act(Omega, P), -act(Omega, Q)
 
 
-def noether(M, P, Q):  # M_22, for the turns of the other directions
+def noether(M, P, Q):  # M_22, for the rotations of the other directions
     ends = np.diag([0, 0] + [1] * (M.shape[-1] - 2))
     return ends @ M @ ends
 

@@ -1,7 +1,7 @@
 """Kovalevskaya top, n = 3, in two fields, with its map.  State (M, P, Q) in (so(3) <x 2 R^3)*, body frame.
 
 The map is that of `kovalevskaya_gyrostat` for gamma = 0: a kick by the potential (4/eps) log det(1 - (eps^2/4) F_11),
-F_11 the components of P and Q in the plane (1, 2), and the turn cay((eps/2) M) cay((eps/2) M_11).
+F_11 the components of P and Q in the plane (1, 2), and the rotation cay((eps/2) M) cay((eps/2) M_11).
 
 Below M, P, Q are axial, z = M_3, F = (P, Q), N = P x Q, l = F^T M, d = F^T e_3; of 2-vectors a x b = a_1 b_2 - a_2 b_1.
 H, K and G of the flow: K = |(M_1 + i M_2)^2/2 - (P_1 - Q_2) - i (P_2 + Q_1)|^2 and

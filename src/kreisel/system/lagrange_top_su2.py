@@ -1,12 +1,12 @@
 """Lagrange top, rest frame, n = 3, on SU(2): the map of 1999.  State (m, a) as in `lagrange_top`.
 
-Vectors stand for 2 x 2 matrices x = sum x_i e_i, e_i = sigma_i/(2i): [x, y] is the cross product, <x, y> = -2 tr xy
+Vectors represent 2 x 2 matrices x = sum x_i e_i, e_i = sigma_i/(2i): [x, y] is the cross product, <x, y> = -2 tr xy
 and x^2 = -|x|^2/4.  With w = g_(k+1) g_k^-1 in SU(2), on the branch tr w > 0 where w is near 1,
 
     m_(k+1) = m_k + eps [p, a_k],   a_(k+1) = (1 + eps m_(k+1)) a_k (1 + eps m_(k+1))^-1,
     L = -(4 alpha/eps) log tr w - (2 (1 - alpha)/eps) log(|a|^2 + <a_k, a_(k+1)>) - eps <p, a_k>.
 
-It is the case n = 3 of the map of 2001: there tr log(2 + R + R^T) = 4 log |tr w| + log 4 stands for log tr w, which
+It is the case n = 3 of the map of 2001: there tr log(2 + R + R^T) = 4 log |tr w| + log 4 represents log tr w, which
 has no meaning in SO(n); and (1 + x) y (1 + x)^-1 is cay(x/2) y, so that the steps are those of `lagrange_top`
 (`kreisel verify su2`).  [Bobenko, Suris, Comm. Math. Phys. 204 (1999).  Its text was not at hand: the attribution of
 the formulas is open, the formulas themselves are tested]

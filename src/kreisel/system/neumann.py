@@ -1,6 +1,6 @@
 """Neumann's system, a particle on the sphere in a quadratic potential, and its discretization.
 
-State (x, q): x (..., n) with |x| = 1, q (..., n) with <x, q> = 0, in the frame that turns with the body of
+State (x, q): x (..., n) with |x| = 1, q (..., n) with <x, q> = 0, in the frame that rotates with the body of
 which it is the smallest leaf: M = x ^ q, P = x in `clebsch`.  The potential energy is -<x, Bx>/2, B = diag(b).
 Dirac bracket of T*S^(n-1), F' = {H, F}.  [Suris 2001, section 7, end; dimension 2(n-1) and the sign of the
 potential by errata E6 and E7; the map is Adler's]

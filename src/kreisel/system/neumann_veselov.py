@@ -26,7 +26,7 @@ def stretched(b, eps, *vectors):
     return [v + k * v for v in vectors]
 
 
-def root(yy, uy, uu, eps):  # tau > 0 with |eps u + tau y| = 1; under the root stands <x1, J^-1 x>^2
+def root(yy, uy, uu, eps):  # tau > 0 with |eps u + tau y| = 1; under the root is <x1, J^-1 x>^2
     return (sqrt(yy - eps * eps * (yy * uu - uy * uy)) - eps * uy) / yy
 
 

@@ -49,7 +49,7 @@ def pencil_of(M, P, R, B, *, lam, mu, eps):
 
 
 def factors_of(P, R, B, *, lam, eps):
-    """U, V = 1 - (2/lambda) N with N^2 = 0, of rank r: U L_(k+1) = L_k V but for the turns of the two blocks."""
+    """U, V = 1 - (2/lambda) N with N^2 = 0, of rank r: U L_(k+1) = L_k V but for the rotations of the two blocks."""
     k, one = eps / 2, identity(P.shape[-1])
     G = k * (R.mT @ P)
     E, minus = one + k * k * (R.mT @ B @ P), -one + 0 * G
@@ -59,7 +59,7 @@ def factors_of(P, R, B, *, lam, eps):
 
 
 def turned(factors, first, second):
-    """The factors times diag(first, -second), the inverse turns of the two blocks of L."""
+    """The factors times diag(first, -second), the inverse rotations of the two blocks of L."""
     zero = 0 * (first[..., :, :1] * second[..., :1, :])
     both = blocks([[first, zero], [zero.mT, -second]])
     return tuple(factor @ both for factor in factors)

@@ -1,7 +1,7 @@
 """Ratiu's Lagrange top, on so(n) <x so(n), with an explicit map.  State (M, G), body frame: M, G (..., n, n) skew.
 
-J = diag(a, a, b, ..., b), M = J Omega + Omega J, chi = chi_12 e_1 ^ e_2, H = <M, Omega>/2 + <G, chi>; G turns with the
-body.  For n = 3 it is the Lagrange top.  Plus bracket, F' = {H, F}.  The map, with h = 1/(a + b) and k = h eps/2,
+J = diag(a, a, b, ..., b), M = J Omega + Omega J, chi = chi_12 e_1 ^ e_2, H = <M, Omega>/2 + <G, chi>; G rotates with
+the body.  For n = 3 it is the Lagrange top.  Plus bracket, F' = {H, F}.  The map, with h = 1/(a + b) and k = h eps/2,
 
     N = M + eps [Y, chi],   Y = G (1 + (k eps/2) chi G)^-1,   W = cay(k N),   R = cay(eps/2 (u N_12 E_12 + v N_33)),
     M_(k+1) = R^T N R,   G_(k+1) = R^T W^T G W R,   u = 1/(2a) - h,   v = 1/(2b) - h,

@@ -1,8 +1,8 @@
 """Rosochatius's system: Neumann's particle with walls, potential sum mu_i^2/(2 x_i^2).  State (x, q) as in `neumann`.
 
-It is Neumann's system on S^(2n-1), each b_i twice, modulo the turns of the planes (y_i, z_i): x_i^2 = y_i^2 + z_i^2,
-and mu_i = y_i z_i' - z_i y_i' is conserved.  At z = 0 a state lifts to X = (x, 0), Q = (q, mu/x).  The Lax pair and the
-map are those of `neumann_veselov` there; this reduction of Veselov's map was made here.
+It is Neumann's system on S^(2n-1), each b_i twice, modulo the rotations of the planes (y_i, z_i): x_i^2 = y_i^2 +
+z_i^2, and mu_i = y_i z_i' - z_i y_i' is conserved.  At z = 0 a state lifts to X = (x, 0), Q = (q, mu/x).  The Lax
+pair and the map are those of `neumann_veselov` there; this reduction of Veselov's map was made here.
 [Rosochatius 1877; the system is named in Suris 2001 with Neumann's]
 """
 
@@ -60,13 +60,13 @@ def doubled(b):
 
 
 def turns(c, s):
-    """The turns of the planes: [[c, -s], [s, c]] of diagonal matrices, of size 2n."""
+    """The rotations of the planes: [[c, -s], [s, c]] of diagonal matrices, of size 2n."""
     c, s = diagonal(c), diagonal(s)
     return np.concatenate([np.concatenate([c, -s], -1), np.concatenate([s, c], -1)], -2)
 
 
 def lax(x, q, *, b, mu, lam):
-    """Neumann's L' = [L, U], from which the turns of the planes at the rates mu/x^2 are taken."""
+    """Neumann's L' = [L, U], from which the rotations of the planes at the rates mu/x^2 are taken."""
     L, U = neumann.lax(*lifted(x, q, mu), b=doubled(b), lam=lam)
     return L, U + turns(0 * x, mu / (x * x))
 

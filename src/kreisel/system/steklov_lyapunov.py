@@ -47,7 +47,7 @@ def pencil(M, P, b, lam):  # X = M - (BP + PB)/2 + lambda P
 
 
 def constants(*, b, s, l):
-    beyond = abs(b).sum(-1, keepdims=True)[..., 0]  # an array of exact numbers too
+    beyond = abs(b).sum(-1, keepdims=True)[..., 0]  # an array of exact values too
     return coefficients(b=b, s=s, l=l) | {"beyond": beyond}
 
 

@@ -5,7 +5,7 @@ body axes.  With axial vectors and the principal moments I_i of the body, the wh
 
     M' = M x Omega,   Omega_i = (M_i - h_i)/I_i,   H = sum (M_i - h_i)^2/(2 I_i).
 
-A wheel that turns freely has its momentum in space along its axis in h, and is without moment about that axis in I_i.
+A wheel that rotates freely has its momentum in space along its axis in h, and is without moment about that axis in I_i.
 H and the Casimir |M|^2 are complete.  Plus bracket, F' = {H, F}.  The Lax pair, with S = lambda - diag(1/I_i), is
 
     L = S (lambda M - Omega),   U = S M,   -tr L^2/2 = det S sum (lambda M_i - Omega_i)^2/S_i.

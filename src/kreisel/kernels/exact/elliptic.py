@@ -1,4 +1,4 @@
-"""Elliptic integrals and functions by a fixed number of operations, on numbers of any kind: to be recorded.
+"""Elliptic integrals and functions by a fixed number of operations, on scalars of any kind: to be recorded.
 
 Those of which a large multiple is taken are in double-doubles.  Arguments that need more iterations than are made
 give a result with its error, or no number.

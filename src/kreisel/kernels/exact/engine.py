@@ -34,7 +34,7 @@ WORD = (1 << 64) - 1
 WIDTH = 16  # rows in a block, a multiple of LANES: with 64 the table of polynomials does not stay in the first cache
 CIRCLE_BITS = 9  # angles in a table, as a power of two
 SIZE = 1 << CIRCLE_BITS
-LINE = 8  # numbers in a line of the cache
+LINE = 8  # scalars in a line of the cache
 VECTOR = ir.VectorType(DOUBLE, LANES)
 WORDS = 12  # in front of the arguments
 ARGUMENTS = (
@@ -55,7 +55,7 @@ def orbits(scheme: Scheme, z0: Floats, reach: float, which: Iterable[int]) -> li
     """The orbits of these lanes of z0 (lanes, d), up to |time| = reach.  Raises `InputError` for what has none."""
     orbit = closed_form_of(scheme).orbit
     kinds = [kind for _, kind in scheme.components]
-    starts = algebra.restore(z0.copy(), kinds, scheme.n)  # an engine goes on changing its rows
+    starts = algebra.restore(z0.copy(), kinds, scheme.n)  # an engine keeps changing its rows
     lanes = len(z0)
     constants = {}
     for name, value in scheme.constants.items():
@@ -111,7 +111,7 @@ class ClosedForm:
         return {lane: self._known[lane] for lane in which}
 
     def _kernel(self, orbit: Orbit, kinds: list[str]) -> tuple[list[int], Kernel]:
-        """The numbers of a place that are used, and the kernel of all lanes."""
+        """The scalars of a place that are used, and the kernel of all lanes."""
         if self._compiled is None:
             rows = RowKernel(orbit, kinds)
             self._compiled = rows.used, rows.kernel()
@@ -222,9 +222,9 @@ class OrbitRows:
         self._constants = np.concatenate([np.empty(0), *(v.ravel() for v in values)])
         dense = orbit.places <= MOST_PLACES
         self._table = _in_lines((1 << orbit.places if dense else 0, *self._numbers(0).shape))
-        self._known = np.zeros(len(self._table), dtype=np.int64)  # 1 where it is
+        self._known = np.zeros(len(self._table), dtype=np.int64)  # 1 if it is
         self._sparse: dict[int, Array] = {}
-        self._one_at_a_time = Lock()  # numbers in many digits change their context
+        self._one_at_a_time = Lock()  # scalars in many digits change their context
         self._kernel = kernel
 
     def fill_evenly(self, out: Floats, lane: int, before: list[int], step: list[int]) -> None:
@@ -301,13 +301,13 @@ class OrbitRows:
 
 
 class RowKernel:
-    """The kernel of an orbit and of others like it, made of its `row`: there are no numbers of a lane in it.
+    """The kernel of an orbit and of others like it, made of its `row`: there are no scalars of a lane in it.
 
     It gets the words of a frame: three phases, their upper and their lower words; the same of their steps; then
-    `ARGUMENTS`.  Each row has the phases before it and a step, or those at `phases` (rows, 3) if that is no null; its
-    place is then in `where`.  It stops before a row whose place is not in the table, and sets `done`.
+    `ARGUMENTS`.  Each row has the phases before it and a step, or those at `phases` (rows, 3) if that is not a null;
+    its place is then in `where`.  It stops before a row whose place is not in the table, and sets `done`.
 
-    used  the numbers of a place that it needs
+    used  the scalars of a place that it needs
     """
 
     def __init__(self, orbit: Orbit, kinds: Sequence[str]):
@@ -334,7 +334,7 @@ class RowKernel:
 
 
 class _Rows:
-    """The function under construction; `room` has the numbers of a block of rows."""
+    """The function under construction; `room` has the scalars of a block of rows."""
 
     def __init__(self, f: Function, terms: int, numbers: int):
         self._f, self._builder, self._terms, self._numbers = f, f.builder, terms, numbers
@@ -448,7 +448,7 @@ class _Rows:
             for d in range(size):
                 self._out[self._row(start + i, size) + d] = room[i + (record._begin + d * WIDTH)]
 
-    # -- LANES rows at once: one array in numbers first, the other in rows ------------------------------
+    # -- LANES rows at once: one array in scalars first, the other in rows ------------------------------
 
     def _row(self, row: Integer, size: int) -> Integer:
         """Where a row of the lane begins."""
@@ -465,7 +465,7 @@ class _Rows:
                 builder.call(fetch, [self._out.beyond(at).pointer, INDEX(1), INDEX(3), INDEX(1)])
 
     def _polynomials(self, i: Integer) -> None:
-        """Of the numbers of the places of rows i, i + 1, ..., by Horner's rule with fused products."""
+        """Of the scalars of the places of rows i, i + 1, ..., by Horner's rule with fused products."""
         groups = -(-self._numbers // LANES)
         starts = [self._part[i + r] * (self._terms * groups * LANES) for r in range(LANES)]
         arguments = [self._f.spread(self._x[i + r], VECTOR) for r in range(LANES)]

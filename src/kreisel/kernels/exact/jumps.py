@@ -1,7 +1,7 @@
 """Flows, n = 3, from time 0 to any time at once: kernels that set up and jump, for many tops or free bodies.
 
-Of the free body: `kreisel.kernels.exact.rotating`.  Over the period of nutation the flow of the Lagrange top is a turn
-about p; over what is left of the time it is `count` times D_eps, less the turn of D_eps: `leap` of
+Of the free body: `kreisel.kernels.exact.rotating`.  Over the period of nutation the flow of the Lagrange top is a
+rotation about p; over what is left of the time it is `count` times D_eps, less the rotation of D_eps: `leap` of
 `kreisel.kernels.exact.nutating`.  Each lane tells what it may be off; some need more digits.
 """
 
@@ -32,9 +32,9 @@ from kreisel.kernels.layout import Floats
 from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import Jump, Scheme, Spin
 
-TOLERANCE = 1e-16  # of a turn and of a period: more that a jump may be off, and more digits are taken
-FEW = 10_000  # times that are jumps: the set-up of a motion in many digits takes as long as 10^5 of them
-ROWS = 10**6  # of a run of a free body that are jumps: its set-up takes as long, 50 ms
+TOLERANCE = 1e-16  # of a rotation and of a period: more that a jump may be off, and more digits are taken
+FEW = 10_000  # times that are jumps: the set-up of a motion in many digits needs as long as 10^5 of them
+ROWS = 10**6  # of a run of a free body that are jumps: its set-up needs as long, 50 ms
 WORK = 200  # a jump is worth this number of steps of a map in an ensemble
 MOST = 64  # maps in a jump
 
@@ -75,7 +75,7 @@ class _Jumping:
         self._state = algebra.coordinate_count(self._kinds, scheme.n)
         self._columns = columns
         self._constants, self._width = count_of(self._columns), register_width()
-        self._single = isinstance(jump, Spin)  # a number takes 1.1 us, a vector of eight 1.7 us
+        self._single = isinstance(jump, Spin)  # a number needs 1.1 us, a vector of eight 1.7 us
         self._write = self._top(jump) if isinstance(jump, Jump) else self._body(jump)
 
     def kernel(self) -> Kernel:
@@ -150,7 +150,7 @@ class _Jumping:
             *new, off = rotated(moments, begin(z), t)
             return [off, *finish(z, new[:3], new[3:])]
 
-        recorded = cache(partial(self._recorded, program))  # once for numbers and for vectors
+        recorded = cache(partial(self._recorded, program))  # once for scalars and for vectors
 
         def write(f: Function, rows: Rows) -> None:
             off, *state = f.outputs(*recorded(), rows.input, rows.states.kind)
@@ -167,7 +167,7 @@ class _Jumping:
             return [*m, *b, *p, *alphas]
 
         def carry(z: Array, b: Array, cos: Any, sin: Any) -> Array:
-            """The orientation begins with a turn about b."""
+            """The orientation begins with a rotation about b."""
             spin = array_of([cos, *(sin / algebra.sqrt(algebra.dot(b, b)) * b)])
             return algebra.quaternion_product(spin, jump.orientation(self._parts(z)[-1]))
 
@@ -202,7 +202,7 @@ class _Jumping:
 
 
 def _d_eps(m: Array, b: Array, *more: Any) -> list[Any]:
-    """D_eps, with the orientation, which it turns by R_a R_b."""
+    """D_eps, with the orientation, which it rotates by R_a R_b."""
     q, (p, eps, r) = more[:-3], more[-3:]
     hat, new, a = darboux(algebra.hat(m), b, p, eps, r)
     turned = (algebra.unit(algebra.quaternion_product(half_turns(a, b), x)) for x in q)
@@ -284,7 +284,7 @@ class Jumps:
         self._jump = reused(key, lambda: _Jumping(scheme, columns).kernel())
 
     def single(self, d: int) -> Leap:
-        """A jump of one state of d numbers."""
+        """A jump of one state of d scalars."""
         return Leap(self._jump, self._constants, d)
 
     def at(self, z: Floats, times: Floats, unit: float = 1.0) -> tuple[Floats, Array]:

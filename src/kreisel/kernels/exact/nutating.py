@@ -28,16 +28,16 @@ SMALLEST, LARGEST = 1e-60, 1e60  # of the energies: outside, products of them le
 LEAST_SQUARE = 1e-200  # of |p|^2 and |b|^2 other than 0: the lower half of smaller ones loses places
 LEAST_ANGLE = 1e-100  # of the nutation within its period, in place of 0
 STEEP = 200.0  # energy/(x3 - x2): beyond, doubles lose more than a digit and a half near the steady motion
-LEAN = 0.25  # (eps |m|/2)^2 is at most 1/LEAN: D_eps then turns by no more than it can without loss
+LEAN = 0.25  # (eps |m|/2)^2 is at most 1/LEAN: D_eps then rotates by no more than it can without loss
 
 
 def leap(integrals: Integrals, alphas: Any, t: Any) -> Any:
-    """The flow over t as `count` times D_eps with the constant r, then a turn about p; and what it may be off.
+    """The flow over t as `count` times D_eps with the constant r, then a rotation about p; and what it may be off.
 
     t and the integrals are double-doubles.  Returns count, eps, r, 1/|p| or 0, the
-    turn about p, and two errors: of the state, and of the orientation too.  Between the turn about p and one about b
-    before, which come last, the maps carry the orientation.  The turns are angles in turns; with `alphas`, they grow
-    by (1/alpha - 1) c/|p| and (1/alpha - 1) J/|b| in a unit of time beside.
+    turn about p, and two errors: of the state, and of the orientation too.  Between the rotation about p and one
+    about b before, which come last, the maps carry the orientation.  The turns are angles in revolutions; with
+    `alphas`, they grow by (1/alpha - 1) c/|p| and (1/alpha - 1) J/|b| in a unit of time as well.
     """
     A, P2, J, c, E = integrals.A, integrals.P2, integrals.J, integrals.c, integrals.E
     u, v = integrals.depressed
@@ -86,8 +86,10 @@ def _length() -> Formula:
 
 
 def axis_of(P2: Any, c: Any, K: Any, shape: Any) -> Any:
-    """What turns about p take: 0 or 1, |p|, c and K, and what `period_of` returns; 0 where p = 0: they do not count."""
-    heavy = where_less(0.0, upper(P2), 1.0, 0.0)  # 0 where p = 0: then K = c = 0, and no turn about p counts
+    """What rotations about p take: 0 or 1, |p|, c and K, and what `period_of` returns; 0 where p = 0: they do not
+    count.
+    """
+    heavy = where_less(0.0, upper(P2), 1.0, 0.0)  # 0 where p = 0: then K = c = 0, and no rotation about p counts
     lower = upper(K - upper(K))
     K = DoubleDouble(where_less(0.0, heavy, upper(K), 0.0), where_less(0.0, heavy, lower, 0.0))
     p = sqrt(P2 + (1.0 - heavy))
@@ -96,7 +98,7 @@ def axis_of(P2: Any, c: Any, K: Any, shape: Any) -> Any:
 
 
 def turned_by(axis: Any, maps: Any, alpha: Any, t: Any) -> Any:
-    """The turn about an axis in turns, and the size of that by `alpha`."""
+    """The turn about an axis in revolutions, and the size of that by `alpha`."""
     heavy, p, c, K, _, period, _, _ = axis
     periods, count, direction, h, (gap, d1, d2, x0) = maps
     inverse_turn = DoubleDouble(TURN[0], TURN[1])
@@ -111,7 +113,7 @@ def turned_by(axis: Any, maps: Any, alpha: Any, t: Any) -> Any:
 
 
 def blurred(axis: Any, E: Any, J: Any, P2: Any, shape: Any, energy: Any) -> Any:
-    """What a rounding of double-doubles does to the turn of a period."""
+    """What a rounding of double-doubles does to the rotation of a period."""
     heavy, p, c, K, mean, _, n, _ = axis
     lean, kappa, scale = upper(c / p), upper(K / p), shape[3]
     blur = abs(2.0 * upper(J) * upper(p)) + abs(2.0 * upper(E) * lean) + abs(lean * lean * lean)
@@ -128,7 +130,7 @@ def period_of(p: Any, c: Any, K: Any, shape: Any) -> Any:
     w = sqrt(square)
     n = x3 + c * c / (p * p)  # in [0, x3 - x2]
     flat = where_less(0.0, abs(upper(K)), 0.0, 1.0)
-    over = where_less(abs(upper(n)), 1e-20 * scale, flat, 0.0)  # -c^2/P2 = x3, K = 0: a pendulum that turns over
+    over = where_less(abs(upper(n)), 1e-20 * scale, flat, 0.0)  # -c^2/P2 = x3, K = 0: a pendulum that goes over the top
     n = n + over * scale
     mean, total, last = complete(sqrt(3 * y + 2 * w) / 2, sqrt(w), (n + w) / (2 * sqrt(n)))
     total = 1 + (n - w) / (n + w) / 2 * total

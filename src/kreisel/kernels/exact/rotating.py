@@ -1,6 +1,6 @@
 """One motion of the free body, n = 3, over a time, by operations to be recorded; in mpmath: `kreisel.exact.rotor`.
 
-Double-doubles carry what the number of turns multiplies.  The
+Double-doubles carry what the number of rotations multiplies.  The
 moments enter by rho = (I_3 - I_2)/(I_3 - I_1) and 1 - rho, so that none of the quotients is 0/0 for a ball, and
 D, E and L^2 - 2T I_2 by D/(I_3 - I_1) = f_1 + rho f_2, f_i = M_i^2/I_i, and the like.
 """
@@ -26,8 +26,8 @@ from kreisel.kernels.exact.elliptic import (
 
 PLACE = 2.0**-102  # a rounding of double-doubles, some together
 SMALLEST, LARGEST = 1e-60, 1e60  # of momenta and moments: outside, products of them leave the range
-LEAST_PART = 1e-100  # of a turn, in place of 0
-SMALL_MODULUS = 1e-3  # k' below which means, Landen's transformations and duplications take more steps
+LEAST_PART = 1e-100  # of a rotation, in place of 0
+SMALL_MODULUS = 1e-3  # k' below which means, Landen's transformations and duplications need more steps
 LEAST_MODULUS = 1e-23  # and below which a motion is one on the separatrix, for so many e-foldings from both ends:
 FOLDINGS, LEAST_START = 18.0, 1e-7  # k'^2 e^(2 u) is at most 1e-14 of cn and dn
 CLOSE = 1e-3  # of L^2 - 2T I_2 to its terms: nearer, it is a sum of triples of doubles
@@ -35,7 +35,7 @@ TRIPLE = 2.0**-155  # a rounding of these, some together
 
 
 def in_order(test: Any, x: Any, y: Any) -> Any:
-    """(y, x) where test < 0, else (x, y): numbers."""
+    """(y, x) where test < 0, else (x, y): scalars."""
     return where_less(test, 0.0, y, x), where_less(test, 0.0, x, y)
 
 
@@ -49,13 +49,13 @@ def _two_product(x: Any, y: Any) -> Any:
 
 
 def _halves(x: Any) -> Any:
-    """The two numbers of a double-double."""
+    """The two scalars of a double-double."""
     first = upper(x)
     return first, upper(x - first)
 
 
 def _apart(x: Any, y: Any) -> Any:
-    """x - y, double-doubles whose difference is one, exactly: two numbers."""
+    """x - y, double-doubles whose difference is one, exactly: two scalars."""
     (x0, x1), (y0, y1) = _halves(x), _halves(y)
     s, r = two_sum(x0, -y0)
     s1, r1 = two_sum(x1, -y1)
@@ -65,7 +65,7 @@ def _apart(x: Any, y: Any) -> Any:
 
 
 def _triple(x: Any, y: Any) -> Any:
-    """The product of three and of two numbers that stand for their sums, as three: 159 bits but for some."""
+    """The product of three and of two scalars that represent their sums, as three: 159 bits but for some."""
     (x0, x1, x2), (y0, y1) = x, y
     p0, e0 = _two_product(x0, y0)
     p1, e1 = _two_product(x0, y1)
@@ -90,9 +90,9 @@ def _gap(I1: Any, I2: Any, I3: Any, N1: Any, N3: Any) -> Any:
 
 
 def rotated(moments: Any, momentum: Any, t: Any) -> Any:
-    """The momentum after t, the turn g(0)^-1 g(t) as a quaternion, and what the phases may be off, in turns.
+    """The momentum after t, the rotation g(0)^-1 g(t) as a quaternion, and what the phases may be off, in revolutions.
 
-    `moments`: three double-doubles; `momentum`: three numbers; t: a double-double.
+    `moments`: three double-doubles; `momentum`: three scalars; t: a double-double.
     """
     I, N, swaps = list(moments), list(momentum), list[Any]()  # noqa: E741
     for i in (0, 1, 0):
@@ -110,7 +110,7 @@ def rotated(moments: Any, momentum: Any, t: Any) -> Any:
     close = where_less(abs(upper(gap)), CLOSE * upper(terms), 1.0 - ball, 0.0)
     gap = either(-close, _gap(I1, I2, I3, N1, N3) / (I1 * I3 * width + ball), gap)
     last = upper(gap)
-    still = where_less(0.0, abs(N1) + abs(N3), 0.0, 1.0)  # a turn about the second axis
+    still = where_less(0.0, abs(N1) + abs(N3), 0.0, 1.0)  # a rotation about the second axis
     middle = t * (DoubleDouble(N2) / I2) * (0.5 * DoubleDouble(TURN[0], TURN[1]))
     swaps.append((0, 2, last))
     I1, I3, N1, N3 = _sorted(last, I1, I3, N1, N3)
@@ -126,7 +126,7 @@ def rotated(moments: Any, momentum: Any, t: Any) -> Any:
     resting = [0.0, N2, 0.0, cos, 0.0, sin, 0.0, PLACE * (1.0 + abs(upper(middle)))]
     result = [where_less(0.0, still, u, v) for u, v in zip(resting, moving, strict=True)]
     for i, j, test in reversed(swaps):
-        for k in (0, 4):  # of the momentum and of the turn's vector
+        for k in (0, 4):  # of the momentum and of the rotation's vector
             result[i + k], result[j + k] = in_order(test, result[i + k], result[j + k])
     return tuple(result)
 
@@ -153,7 +153,7 @@ def about_the_third_kind(constants: Any, chi: Any, t: Any) -> Any:
     halves = t * breadth * mean * (2 * inverse_turn)  # of lambda t, in 2 K
     whole = nearest(upper(halves))
     part = upper(halves - whole)
-    left = upper(halves - whole - part)  # 30 roundings of u beside the separatrix
+    left = upper(halves - whole - part)  # 30 roundings of u next to the separatrix
     slope = width * d / (I3 * total) * (1 + a3 * k1 * sum_ / (total * both))
     turns = t * (L / I3 + slope) * (0.5 * inverse_turn)  # of a quarter of psi
     turns = upper(turns - nearest(upper(turns)))
@@ -198,7 +198,7 @@ def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any)
     """
     amplitudes, L, a, g, G, k1, both = known
     part, late = time
-    flat = where_less(0.0, amplitudes[0], 0.0, 1.0)  # a turn about the axis: cn = 1
+    flat = where_less(0.0, amplitudes[0], 0.0, 1.0)  # a rotation about the axis: cn = 1
     cn0, sn0, dn0 = (N[0] + flat) / (amplitudes[0] + flat), N[1] / (amplitudes[1] + flat), N[2] / amplitudes[2]
     k2, rest = 4.0 * k1 / ((1.0 + k1) * (1.0 + k1)), G / a
 
@@ -223,7 +223,7 @@ def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any)
     dn = sqrt(k_prime * k_prime + k2 * (cn * cn))
 
     here = sign(cn0)
-    there = sign(cn * here)  # -1 in the cell beside
+    there = sign(cn * here)  # -1 in the cell next to
     cell = 0.5 * (1.0 - there) * sign(part)
     before, after = (sn0 * here, cn0 * here, dn0), (sn * here * there, cn * here * there, dn)
     beta = both - 1.0

@@ -2,8 +2,8 @@
 
 Three forms are known.  About an axis: one momentum m that changes by s ^ p alone, p a constant, and vectors, for steps
 that mean the same in every orthonormal basis.  The part of m that does not touch p is then constant; in its real
-Schur form (2 x 2 blocks theta) a product and a solve with m cost O(n).  Plain: vectors alone, as they stand.
-Dense: one momentum M of n^2 numbers that changes by a few pairs s ^ t; each solve has an inverse of its own, which is
+Schur form (2 x 2 blocks theta) a product and a solve with m cost O(n).  Plain: vectors alone, as they are.
+Dense: one momentum M of n^2 scalars that changes by a few pairs s ^ t; each solve has an inverse of its own, which is
 part of the state and follows the changes by Woodbury's formula.  It starts as 0; where the residual of a solve is too
 large, it is made anew and the step done again.
 Which form a step has, if any, is found by recording it (`kreisel.kernels.large.structured`).
@@ -37,7 +37,7 @@ from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Part, Scheme, Steps
 
 AXIS_NAME, TURN_NAME = "axis", "turn"
-IN_PLANES = 1e-10  # how far a constant matrix may be from a turn in the planes of T, relative
+IN_PLANES = 1e-10  # how far a constant matrix may be from a rotation in the planes of T, relative
 BASIS = "basis_"
 BASIS_AXES = {f"{BASIS}{letter}": count for letter, count in {"x": 2, "y": 2, "p": 1, "length": 0, "T": 2}.items()}
 SHORTEST = 1e-100  # of an axis
@@ -50,14 +50,14 @@ LEAST_N = 4  # for n = 3 the definitions have closed forms of their own
 
 @dataclass(frozen=True)
 class LargeForm:
-    """How the state and the constants of a scheme are laid out: blocks of h entries, and numbers.
+    """How the state and the constants of a scheme are laid out: blocks of h entries, and scalars.
 
     axis     the letter of the constant p, or "" for the other forms
     inverses kept ones of the dense form, 0 for the other forms
     kinds    of the components
     by_rows  whether an orientation is known by its rows, not by its columns
     roles    of each constant whether it belongs to the trajectory (c) or to the stage (s), and what it is: a number,
-             the axis, a turn in the planes of T, or a vector
+             the axis, a rotation in the planes of T, or a vector
     """
 
     n: int
@@ -112,7 +112,7 @@ class LargeForm:
         return StructuredVector(self.n, (0.0, 0.0), graph.input(AXIS, 0), axis=True)
 
     def constants(self, graph: Graph, letters: str) -> dict[str, Any]:
-        """The recorded constants that a function takes: c those of the trajectory, s those that vary with the stage."""
+        """The recorded constants that a function needs: c those of the trajectory, s those that vary with the stage."""
         makers: dict[str, Callable[[Graph, str], Any]] = {
             "number": self._number,
             "axis": self._p,
@@ -135,7 +135,7 @@ class LargeForm:
         return StructuredVector(self.n, (graph.input(name, 0),))
 
     def outputs(self, new: tuple[Any, ...], kinds: list[str]) -> list[Any]:
-        """The new state in the order of `names`; TypeError where it has left the form."""
+        """The new state in the order of `names`; TypeError if it has left the form."""
         out: list[Any] = []
         for value, kind in zip(new, kinds, strict=True):
             if kind == "skew" and not self.axis:
@@ -149,10 +149,10 @@ class LargeForm:
         return out
 
     def names(self, kinds: list[str]) -> list[str]:
-        """The recorded numbers of the state."""
+        """The recorded scalars of the state."""
         return [f"z{i}{block}" for i, kind in enumerate(kinds) for block in self.blocks(kind)]
 
-    # -- numbers ---------------------------------------------------------------------------------
+    # -- scalars ---------------------------------------------------------------------------------
 
     def on(self, scheme: Scheme, x0: tuple[Array, ...]) -> Scheme:
         """The scheme in this form for the trajectories from x0, whose constants it has."""
@@ -311,7 +311,7 @@ class Upkeep(NamedTuple):
 
     @property
     def operands(self) -> list[Operand]:
-        """All numbers and entries that this needs, in order."""
+        """All scalars and entries that this needs, in order."""
         out = [x for change in self.pairs for x in change]
         for diagonal, turn, check, changes in self.inverses:
             out += [diagonal, turn, *check, *(x for change in changes for x in change)]
@@ -348,7 +348,7 @@ class LargeFunction(NamedTuple):
 
 
 def recorded_large(form: LargeForm, kinds: list[str], part: Part) -> LargeFunction:
-    """A step or `close` on recorded numbers; TypeError where the form does not hold."""
+    """A step or `close` on recorded scalars; TypeError where the form does not hold."""
     graph = Graph()
     values = part.function(*form.state(graph, kinds), **form.constants(graph, part.letters))
     new = form.outputs(values, kinds)
@@ -403,7 +403,7 @@ def _axis_lengths(p: Array) -> Array:
 class Basis:
     """An orthonormal basis for each trajectory, ([lane,] n, h) twice and p/|p|, in which T has blocks theta.
 
-    T = pi m pi, pi = I - p p^T/|p|^2, takes x_k to theta_k y_k and y_k to -theta_k x_k.  Where n - 1 is odd the last
+    T = pi m pi, pi = I - p p^T/|p|^2, maps x_k to theta_k y_k and y_k to -theta_k x_k.  Where n - 1 is odd the last
     y is 0.  m = T + s ^ p with s = m p/|p|^2.
     """
 
@@ -418,7 +418,7 @@ class Basis:
 
     @property
     def arrays(self) -> dict[str, Array]:
-        """What `back` takes, by name."""
+        """What `back` needs, by name."""
         return {name: getattr(self, name.removeprefix(BASIS)) for name in BASIS_AXES}
 
     @staticmethod
@@ -436,7 +436,7 @@ class Basis:
         return Basis(x, y, p, _axis_lengths(p), theta, T, kinds, form.by_rows)
 
     def constants(self, form: LargeForm, scheme: Scheme) -> dict[str, Array]:
-        """The constants in this basis.  Raises `InputError` for a turn that is not in the planes of T."""
+        """The constants in this basis.  Raises `InputError` for a rotation that is not in the planes of T."""
         out: dict[str, Array] = {AXIS_NAME: self.length, TURN_NAME: self.theta}
         for name, value in scheme.constants.items():
             role = form.roles[name][1]
@@ -468,7 +468,7 @@ class Basis:
         return tuple(out)
 
     def observer(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
-        """`observe` of blocks, which also takes the `arrays` of this basis or of one to take its place."""
+        """`observe` of blocks, which also needs the `arrays` of this basis or of its replacement."""
 
         def of_blocks(z: tuple[Array, ...], only: Collection[str] | None = None, /, **known: Array) -> dict[str, Array]:
             given = {name: known.pop(name) for name in self.arrays if name in known}

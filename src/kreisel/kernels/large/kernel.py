@@ -1,6 +1,6 @@
 """The kernel of a step in a form of `kreisel.kernels.large.forms`, written level by level.
 
-Entries lie in rows of a workspace, in complete vectors.  A loop over them stands for each stretch between two sums over
+Entries lie in rows of a workspace, in complete vectors.  A loop over them represents each stretch between two sums over
 all entries, or products with a dense matrix.  Vectors have the same width on every processor, and so sums the same
 bits.
 """
@@ -51,7 +51,7 @@ def compiled_large(large: Large, columns: Mapping[str, slice], stage_columns: Ma
 
 
 class _Code:
-    """What is written, and where the state is: blocks of entries in rows of the workspace, numbers, matrices in z."""
+    """What is written, and where the state is: blocks of entries in rows of the workspace, scalars, matrices in z."""
 
     def __init__(
         self, form: LargeForm, kinds: Sequence[str], pieces: Sequence[LargeFunction], place: Mapping[str, Any]
@@ -112,7 +112,7 @@ class _Code:
 
 
 class _Step:
-    """The code of one lane: its rows, the numbers of its state, and what waits to be done to its matrices."""
+    """The code of one lane: its rows, the scalars of its state, and what waits to be done to its matrices."""
 
     def __init__(self, f: Function, code: _Code, z: Memory, room: Memory):
         self.f, self.code, self.z, self._room, self._count = f, code, z, room, 0

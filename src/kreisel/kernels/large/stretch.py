@@ -1,4 +1,4 @@
-"""Nodes of a graph of entries, written level by level: loops over the entries, and what stands between them."""
+"""Nodes of a graph of entries, written level by level: loops over the entries, and what is between them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def along(f: Function, count: Integer, body: Callable[[Integer, ir.Type], None])
 
 
 class Sum:
-    """A sum of vectors and of numbers, which begins where it is made."""
+    """A sum of vectors and of scalars, which begins where it is made."""
 
     def __init__(self, f: Function):
         self._f, self._parts = f, [*f.variables(1, VECTOR), *f.variables(1)]
@@ -46,7 +46,7 @@ class Sum:
 
 
 class Stretch:
-    """Nodes of a graph: numbers, and entries in rows; what is there before is in `rows` and `values`."""
+    """Nodes of a graph: scalars, and entries in rows; what is there before is in `rows` and `values`."""
 
     def __init__(
         self, step: Any, graph: Graph, nodes: Sequence[int], rows: Mapping[int, Memory], values: Mapping[int, Value]
@@ -76,7 +76,7 @@ class Stretch:
         return row
 
     def _ends(self, at: int) -> bool:
-        """A sum or a product, which needs all entries of what it takes."""
+        """A sum or a product, which needs all entries of what it needs."""
         return self._graph.nodes[at][0] in (TOTAL, MOMENTUM, KEPT, TURNED)
 
     def _matrix(self, at: int) -> Any:

@@ -1,15 +1,15 @@
-"""Recorded vectors and matrices of O(n) numbers, on which the definition of a step runs as it is written.
+"""Recorded vectors and matrices of O(n) scalars, on which the definition of a step runs as it is written.
 
 A vector is a few blocks of h entries and, about an axis p, a number for its part along p.  A matrix is D + T + sum
 c_i s_i ^ t_i with D a number or a diagonal, T skew and the same for the complete step, and few pairs s_i, t_i.  The
-entries are recorded numbers that stand for the entry at any place k; `total` adds up over k.
+entries are recorded scalars that represent the entry at any place k; `total` adds up over k.
 
 About an axis, T turns block x into block y by theta and the axis is (0, 0, |p|): the canonical form of a constant skew
 matrix with T p = 0.  A basis of that kind may be chosen only for steps that mean the same in every orthonormal basis.
 Those are the steps that can be recorded: products entry by entry are known there only as a part of <x, y>.
 An unknown operation raises `TypeError`: the step has no such form.  [Woodbury's formula; real Schur form]
 
-Else T is a multiple of the momentum M as the step found it, `Dense`, of n^2 numbers: products with it and with kept
+Else T is a multiple of the momentum M as the step found it, `Dense`, of n^2 scalars: products with it and with kept
 inverses of D + T are O(n^2).
 """
 
@@ -27,8 +27,8 @@ from kreisel.graph.graph import Number
 
 Entry = Any  # a recorded number, complex of recorded, or plain
 
-# Operations beside those of numbers: the sum of an entry over all places, (total, x), and entries of a product with the
-# momentum, (momentum, M, x), with a kept inverse, (kept, M, k, x), or its transpose.
+# Operations in addition to the operations of scalars: the sum of an entry over all places, (total, x), and entries of
+# a product with the momentum, (momentum, M, x), with a kept inverse, (kept, M, k, x), or its transpose.
 TOTAL, MOMENTUM, KEPT, TURNED = "total", "momentum", "kept", "turned"
 
 
@@ -51,7 +51,7 @@ def is_number(x: Any) -> bool:
 
 
 def key_of(x: Any) -> Any:
-    """Equal for what is the same in a graph: numbers and vectors, by their `key`, and arrays of them."""
+    """Equal for what is the same in a graph: scalars and vectors, by their `key`, and arrays of them."""
     if hasattr(x, "key"):
         return x.key
     if isinstance(x, np.ndarray):
@@ -224,7 +224,7 @@ class StructuredVector:
         return self.map(lambda x: x / other) if is_number(other) else NotImplemented
 
     def sum(self, axis: int) -> Entry:
-        """The sum of all entries, which means something in a basis of its own only."""
+        """The sum of all entries, which has a meaning only in its basis."""
         if self.canonical:
             raise TypeError("a sum of entries depends on the basis")
         return Products(self).sum(axis)
@@ -244,7 +244,7 @@ class StructuredVector:
 
 @dataclass(frozen=True, eq=False)
 class StructuredColumns(StructuredVector):
-    """Any one column of a matrix of n x n numbers, for what is done to each column alike."""
+    """Any one column of a matrix of n x n scalars, for what is done to each column alike."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -432,14 +432,14 @@ class StructuredMatrix:
         return StructuredMatrix(self.n, turn=self.turn * algebra.dot(p, p), kept=self.kept)
 
     def record_conjugate(self, X: StructuredMatrix) -> StructuredMatrix:
-        """cay(X) Y cay(X)^-1 for a turn X in the planes of T."""
+        """cay(X) Y cay(X)^-1 for a rotation X in the planes of T."""
         if X.pairs or key_of(X.diagonal) != 0.0 or self.dense:
             raise TypeError("a rotation that changes the axis")
         pairs = {key: (c, algebra.cayley_act(X, s), t) for key, (c, s, t) in self.pairs.items()}
         return replace(self, pairs=pairs)
 
     def _own_pairs(self) -> list[tuple[Entry, StructuredVector, StructuredVector]]:
-        """The pairs, the numbers in s unless products with s are what costs.
+        """The pairs, the scalars in s unless products with s are what costs.
 
         In a million steps Neumann's |x|^2 drifts by 3.7 widths of a random walk with <s, y> multiplied afterwards, by
         0.2 like this.

@@ -21,12 +21,12 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Scheme
 
 FLAT = 2.0**-4  # as in `kreisel.graph.project`, where values have more digits
-MOST_N = 100  # beyond, an evaluation takes a second; from 82 on BLAS may give other bits for other numbers of threads
+MOST_N = 100  # beyond, an evaluation needs a second; from 82 on BLAS may give other bits for other counts of threads
 STEPS = 2  # of Newton: one leaves what is nearly redundant, 160 ulp after 8e6 steps of a top with n = 100
 VECTORS = 3  # operations of a step are counted as n^2 a line, also of vectors: 4 % of the time, n = 20, where it was 11
 SAMPLES = 8  # states that give the size of an invariant's terms
 NONE = 1e-300  # instead of a length of 0
-MOVED, CHANGED = 1e-3, 1e-11  # relative: how far a state is moved, and less than what then changes stays by itself
+MOVED, CHANGED = 1e-3, 1e-11  # relative: how far a state is moved, and a change below this is not moved
 
 
 def scales(z: Array, J: Array, size: Array) -> tuple[Array, Array]:
@@ -105,9 +105,9 @@ class InDoubles(Corrections):
 class Observed:
     """What is conserved of rows z (lanes, d) of a kernel, by the definitions on arrays of any kind.
 
-    own      how many entries of a row are the state's, without orientation and what the kernel keeps beside
-    function the definitions: on what is left in the form of the kernel, where they are known there
-    members  of each family those that change with these numbers; others stay by the form of the kernel
+    own      how many entries of a row are the state's, without orientation and what else the kernel keeps
+    function the definitions: on what is left in the form of the kernel, if they are known there
+    members  of each family those that change with these scalars; others stay by the form of the kernel
     """
 
     def __init__(self, scheme: Scheme, z: Floats):
@@ -132,7 +132,7 @@ class Observed:
         return False, self._changing()
 
     def _constants(self, lane: int) -> dict[str, Array]:
-        """All that `observe` takes, of one lane."""
+        """All that `observe` needs, of one lane."""
         axes = self.scheme.axes
         return {
             name: np.asarray(value)[lane] if np.ndim(value) > axes[name] else value
@@ -152,7 +152,7 @@ class Observed:
         return {name: value for name, value in found.items() if self.scheme.outcomes[name].conserved}
 
     def _changing(self) -> dict[str, Array]:
-        """By random numbers in place of state and constants, so that lanes do not depend on each other."""
+        """By random scalars in place of state and constants, so that lanes do not depend on each other."""
         if self.function is self.scheme.observe:
             return {name: np.arange(np.size(value)) for name, value in self.at(self.z[0, : self.own], 0).items()}
         draw, out = np.random.default_rng(0), {}
@@ -166,7 +166,7 @@ class Observed:
         return out
 
     def together(self, z: Floats) -> dict[str, Floats]:
-        """`at` of all lanes, with the first numbers of `z`, by the definitions on arrays of all lanes."""
+        """`at` of all lanes, with the first scalars of `z`, by the definitions on arrays of all lanes."""
         rows = np.concatenate([z[:, : self.own], self.z[:, self.own :]], -1)
         known = self.scheme.known
         found = self.scheme.observe(algebra.restore(rows, self._kinds, self.scheme.n), **known)
@@ -192,7 +192,7 @@ class ArrayProjection(InDoubles):
         self._begin(self._z[:, :d], interval(STEPS * (cost(first) + k * k * d + k**3 / 3), work))
 
     def _recorded(self, row: Floats, lane: int) -> tuple[Traced, Traced]:
-        """The invariants (k,) at z[lane] with the first numbers of `row`, and these numbers, traced."""
+        """The invariants (k,) at z[lane] with the first scalars of `row`, and these scalars, traced."""
         z = Traced(row[: self._observed.own])
         found = self._observed.at(z, lane)
         members = self._observed.members.items()

@@ -10,11 +10,11 @@ from kreisel.algebra import Array
 from kreisel.kernels.layout import Floats
 
 EPS = float(np.finfo(np.float64).eps)
-TAU = 1e-6  # of a row of length 1: what depends on the others to less is left as it is
+TAU = 1e-6  # of a row of length 1: what depends less on the others is left unchanged
 GAIN = 0.0625  # of the mean that is found of what an invariant drifts by from one projection to the next
 GAIN_STRAIGHT = 0.015625  # the same where projections are written out, and K is 5 to 8 times shorter
-FAR = 1e3  # times what a random walk of rounding errors makes of a state that turns by a radian in a step
-# K: parts of 10^k, from 10 on.  With SHARE projections of vectors of lanes take 2 to 4 % of the time, n = 3 to 5; those
+FAR = 1e3  # times what a random walk of rounding errors makes of a state that rotates by a radian in a step
+# K: parts of 10^k, from 10 on.  With SHARE projections of vectors of lanes need 2 to 4 % of the time, n = 3 to 5; those
 # of a single trajectory, whose steps wait for each other, 1 %.
 INTERVALS = tuple(
     m * 10**e // 100 for e in range(1, 12) for m in (100, 125, 200, 250, 400, 500, 800) if e > 1 or m != 125
@@ -62,7 +62,7 @@ class Corrections:
     def in_parts(
         self, out: Floats, every: int, advance: Callable[[Floats, int], None], project: Callable[[], Floats]
     ) -> None:
-        """`every` steps for each row of `out`, by calls of `advance(rows, steps)`, and a projection where it is due.
+        """`every` steps for each row of `out`, by calls of `advance(rows, steps)`, and a projection if it is due.
 
         `project` returns the state, which a row that ends there has.
         """
@@ -81,7 +81,9 @@ class Corrections:
                     out[row - 1] = state
 
     def beyond(self, angle: Array) -> Array:
-        """Which corrections (lanes, invariants) roundings of `every` steps, each a turn by `angle`, cannot explain."""
+        """Which corrections (lanes, invariants) roundings of `every` steps, each a rotation by `angle`, cannot
+        explain.
+        """
         return self.worst > FAR * np.sqrt(self.every) * (1 + angle[:, None] ** 2)
 
     def largest(self, z: Floats) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """Gradients of functions of arrays, by a reverse sweep.
 
 A `Traced` array has its value and how slopes go back through the operation that made it.  A definition runs on it as it
-is written: operators, comparisons, which see the values, and the functions of NumPy below.  Slopes of k numbers go back
+is written: operators, comparisons, which see the values, and the functions of NumPy below.  Slopes of k scalars go back
 at once: they are (k, ...) for an array (...).
 """
 
@@ -19,7 +19,7 @@ from kreisel.algebra.recorded import POWER, NotRecorded, Recorded
 from kreisel.kernels.layout import Floats
 
 Back = Callable[[Floats], Floats]
-CALL = 1e4  # operations of a kernel that take as long as NumPy takes to begin one
+CALL = 1e4  # operations of a kernel that need as long as NumPy needs to begin one
 TOGETHER = 64  # slopes that go back at once
 
 # Functions of one number, as slopes go back: (g, x, y) with y the value.
@@ -39,7 +39,7 @@ SLOPES: dict[Any, Callable[[Floats, Floats, Floats], Any]] = {
     np.negative: lambda g, x, y: -g,
     np.positive: lambda g, x, y: g,
 }
-# Functions of two numbers: the operator of the first, and of the second where the first is an array of NumPy.
+# Functions of two scalars: the operator of the first, and of the second where the first is an array of NumPy.
 OPERATORS = {
     np.add: ("add", "radd"),
     np.subtract: ("sub", "rsub"),
@@ -68,7 +68,7 @@ _creation_order = count()
 
 
 class Namespace:
-    """Functions of NumPy for such arrays, by name; `kreisel.algebra` takes it for a library of arrays."""
+    """Functions of NumPy for such arrays, by name; `kreisel.algebra` accepts it as a library of arrays."""
 
     @staticmethod
     def concatenate(parts: Sequence[Any], axis: int = 0) -> Traced:
@@ -125,7 +125,7 @@ class Namespace:
 
     @staticmethod
     def dot(x: Any, y: Any) -> Traced:
-        """The product of vectors, matrices or numbers."""
+        """The product of vectors, matrices or scalars."""
         return x * y if 0 in (np.ndim(x), np.ndim(y)) else _product(x, y)
 
     @staticmethod
@@ -444,7 +444,7 @@ def gradient(y: Traced, z: Traced) -> Floats:
 
 
 def cost(y: Traced) -> float:
-    """About how many operations of a kernel take as long as y and its gradient."""
+    """About how many operations of a kernel need as long as y and its gradient."""
     rows = len(y.value)
     calls = 1 + 2 * -(-rows // TOGETHER)
     return sum(CALL * calls + node.cost * (1 + 2 * rows) for node in _reached(y))

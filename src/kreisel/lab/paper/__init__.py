@@ -4,7 +4,7 @@
     list(paper.verify("theorem-6.1"))  # one statement, or all whose names begin so
     list(paper.verify())               # all, n = 3, 4, 5, 6, exactly over Q and in floats
 
-A statement has a place in the paper, a text, and pairs of sides that it says are equal at random points.  In rational
+A statement has a place in the paper, a text, and pairs of sides that it states are equal at random points.  In rational
 arithmetic they must be equal exactly, a randomized identity test; in floats up to round-off.  A statement with an erratum
 also has the printed form, which must fail.
 """

@@ -296,7 +296,7 @@ def aux5(s: Setting) -> Sides:
 
 @stated("clebsch-aux6", "Section 7, (dClebsch spec aux6)", "E5")
 def aux6(s: Setting) -> Sides:
-    """R_k (P_(k+1) - P_k) Q_k = 0; it stands at lambda^-3 of (aux1), aux3 to aux5 at 0, -1, -2 (printed lambda^-2, E5)"""
+    """R_k (P_(k+1) - P_k) Q_k = 0; it is at lambda^-3 of (aux1), aux3 to aux5 at 0, -1, -2 (printed lambda^-2, E5)"""
     k = Step(s)
     value = k.R @ (k.script1 - k.script) @ k.Q
     yield value, 0 * value

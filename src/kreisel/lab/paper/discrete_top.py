@@ -288,7 +288,7 @@ MOVING = lagrange_top_moving.SYSTEM
 
 @stated("moving-lagrangian", "Section 6.2, (dmLT Lagr body)")
 def moving_lagrangian(s: Setting) -> Sides:
-    """<p, a_(k+1)> for <p, a_k> leaves the variation of the sum over k as it is; in P_k, W_k it is (dmLT Lagr body)"""
+    """<p, a_(k+1)> for <p, a_k> leaves the variation of the sum over k unchanged; in P_k, W_k it is (dmLT Lagr body)"""
     A, p, alpha, e = s.unit(), s.vector(), s.scalar(), s.eps
     g0, g1, g2 = (s.rotation() for _ in range(3))
 

@@ -378,7 +378,7 @@ def record_lagrangians(s: Setting) -> Sides:
 
 
 def _near(h: Array) -> Array:
-    """A rotation by less than a half turn."""
+    """A rotation by less than half a revolution."""
     X = half(h) / 4
     one = identity(len(h))
     return np.linalg.solve(one - X, one + X)

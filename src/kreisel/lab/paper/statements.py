@@ -42,7 +42,7 @@ class Setting:
         return self.draw((self.n,))
 
     def unit(self) -> Array:
-        """A random vector of length 1, rational when the numbers are: a column of a rotation."""
+        """A random vector of length 1, rational when the values are: a column of a rotation."""
         return self.rotation()[:, 0]
 
     def skew(self) -> Array:
@@ -127,7 +127,7 @@ STATEMENTS: dict[str, Statement] = {}
 def stated(
     name: str, place: str, erratum: str = "", printed: Mapping[str, Any] | None = None, **more: Any
 ) -> Decorator:
-    """Register the decorated function as a statement, which its docstring says.
+    """Register the decorated function as a statement, which its docstring states.
 
     `printed` are the arguments with which the function gives the printed form instead: it must fail.
     """

@@ -239,7 +239,7 @@ class Stepper:
         return z
 
     def _steps_at(self, time: Any) -> float:
-        """A time in steps of dt.  Raises `InputError` if samples of a controller would not be at whole steps."""
+        """A time in steps of dt.  Raises `InputError` if samples of a controller would not be at complete steps."""
         finite = type(time) is float and math.isfinite(time)
         steps: float = (time if finite else finite_number(time, "time")) / self.dt
         if self._sampled and abs(steps - round(steps)) > WHOLE_STEPS * max(1.0, abs(steps)):
@@ -339,7 +339,7 @@ class Stepper:
         return self.stepped(z, time, gap / count, count, count, given)[-1]
 
     def whole_steps(self, time: float, end: float) -> int | None:
-        """The number of steps of dt between two times, up to their rounding; None if it is no integer."""
+        """The number of steps of dt between two times, up to their rounding; None if it is not an integer."""
         steps = (end - time) / self.dt
         rounding = WHOLE * steps + EXACT * (abs(time) + abs(end)) / self.dt
         return round(steps) if 0.5 <= steps <= MOST_STEPS and abs(steps - round(steps)) <= rounding else None
