@@ -279,7 +279,7 @@ def _azimuth(run: xr.Dataset, model: Model) -> Array | None:
 
     carried = np.asarray(run[model.system.space.letters[model.system.space.leading]].values)
     if model.system.frame is Frame.REST:
-        up: Any = fixed_vector(model, "space")  # there is one, or `vertical_and_axis` would have raised
+        up: Any = fixed_vector(model, "space")  # one exists, or `vertical_and_axis` would have raised
         axis = carried
     else:
         if ORIENTATION not in run:

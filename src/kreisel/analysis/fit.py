@@ -153,7 +153,7 @@ def fit(
     method, order  as for `kr.differentiable`, whose function is fitted: without projections
 
     Least squares by `scipy.optimize.least_squares` (trust region reflective), which finds the minimum next to the
-    start: if phases may be off by pi, fit a short time first.  The covariance is that of the linear problem at the
+    start: if phases may be off by pi, fit a short time first.  The covariance is the linear problem's at the
     minimum.  Needs the extra `reduction` (JAX).  Raises `InputError` for bad input, and if the observations leave a
     combination of the unknowns undetermined, which it names; `RunError` if the motion fails at the start.
     """

@@ -188,7 +188,7 @@ def _drift(run: xr.Dataset) -> tuple[Array, Array, str]:
 
 
 def _order(steps: list[float], errors: list[float]) -> float:
-    """The slope of log error against log step over the errors above those of rounding; NaN with fewer than two."""
+    """The slope of log error against log step over the errors above rounding; NaN with fewer than two."""
     use = [(h, e) for h, e in zip(steps, errors, strict=True) if PLATEAU < e < 0.1]
     if len(use) < 2:
         return float("nan")

@@ -32,7 +32,7 @@ from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top import block
 from kreisel.record.contract import Baecklund
 
-CLOSE = 1e-10  # relative: the next step of Newton's method changes the last places of wider values alone
+CLOSE = 1e-10  # relative: the next step of Newton's method changes only the last places of wider values
 
 
 def shifted_diagonal(*, b):
@@ -56,7 +56,7 @@ def curve(M, P, *, c, mu):
         d = vec(mu) - vec(rho) * c
         Q, Y = diagonal_resolvent(d, M, P), diagonal_resolvent(d, -M, P)
         change = (dot(P, Q) - rho) / (dot(Y, c * Q) - 1)
-        rho = np.where(converged, rho, rho - change)  # each lane as if it were alone
+        rho = np.where(converged, rho, rho - change)  # each lane as if it were a separate run
         converged = converged | (abs(change) <= CLOSE * abs(rho))
         if converged.all():
             break

@@ -88,7 +88,7 @@ def eigenvector_of_pencil(M, F, a, lam, mu):
 
 
 def kick_and_turn(u, w, lam):
-    """B and the generator X of the body's turn."""
+    """B and the generator X of the body's rotation."""
     x, y = parts(lam)
     uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
     r, p, size = uu + ww, uu - ww, x * x + y * y  # p + 2i uw = <q, q>

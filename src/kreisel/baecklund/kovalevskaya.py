@@ -8,7 +8,7 @@ at -l.  The matrix K of the four vectors is then known in closed form.  With r =
     F' = V_a F V_b^T,   V_a = cay(-4xy/(r y^2 - t x^2) Re a ^ Im a),   V_b = cay(-4xy/(r y^2 + t x^2) Re b ^ Im b),
     D = r^2 - 4 |x a.a/l|^2 + (t x/y)^2,
 
-and a rotation R = V_b^-1 of the first two axes of the body makes V_a F V_b^T a rotation of the body alone.  [the Lax
+and a rotation R = V_b^-1 of the first two axes of the body makes V_a F V_b^T a rotation of only the body.  [the Lax
 matrix: Reyman, Semenov-Tian-Shansky 1987, Bobenko, Reyman, Semenov-Tian-Shansky 1989]
 """
 

@@ -39,7 +39,7 @@ UNITS = {
 
 
 def exact(text: str) -> Any:
-    """The value in SI of "3 kg", or the list of those of "10 20 30 deg/s"."""
+    """The value in SI of "3 kg", or the list of the values of "10 20 30 deg/s"."""
     unit = unit_of(text)
     values = [Fraction(word) * UNITS[unit] for word in text.removesuffix(unit).split()]
     return values if len(values) > 1 else values[0]

@@ -234,7 +234,7 @@ class _Trials:
 
 @cache
 def _wrong(case: Case) -> dict[str, tuple[Flow, list[float]]]:
-    """Sentence -> equations and start; the empty sentence is that of the right ones."""
+    """Sentence -> equations and start; the empty sentence has the right ones."""
     p, start = case.numeric(), [float(v) for v in (*case.angular_velocity, *case.attitude, *case.further)]
 
     def torque(sign: float) -> Any:

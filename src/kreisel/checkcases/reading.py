@@ -351,7 +351,7 @@ def _role(words: set[str], components: tuple[str, ...]) -> str:
 
 
 def _specified(columns: Mapping[str, Any], table: _Table) -> list[Group]:
-    """The columns that are specified by name, and that of the time."""
+    """The columns that are specified by name, and the column of the time."""
     groups, counts = [group for group in _groups(table) if group.role == "time" and "time" not in columns], {
         **dict.fromkeys(("time", "energy"), (1,)), "attitude": (4, 9),
         **dict.fromkeys(("rates", "euler", "momentum", "position", "velocity"), (3,)),

@@ -311,7 +311,7 @@ def _growth(of: Mapping[tuple[int, int], _Model], scale: Array, powers: Array) -
 
 
 def _jacobian(graph: Graph, outputs: list[Operand]) -> tuple[Graph, dict[tuple[int, int], Operand]]:
-    """The entries (i, j) of the Jacobian of a function of z that are not 0, in a graph of their own."""
+    """The entries (i, j) of the Jacobian of a function of z that are not 0, in a separate graph."""
     tangent, both = pushed(graph, outputs, "p")
     joined, entries, d = Graph(), dict[tuple[int, int], Operand](), len(outputs)
     for column in range(d):

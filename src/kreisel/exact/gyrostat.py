@@ -6,7 +6,7 @@ about M by
 
     psi' = L Omega.(M + M(t))/(L^2 + M.M(t)),   Omega = w M(t) - b,
 
-which is integrated by Gauss's rule at points of the motion.  The turn of a map is linear in the state half-way; the
+which is integrated by Gauss's rule at points of the motion.  The rotation of a map is linear in the state half-way; the
 matrix is fitted to those, and a step needs forms for it too.  Over a period it is a rotation about M, by a mean of psi'
 in many digits, with any e L in place of the first M.
 """
@@ -136,7 +136,7 @@ class Body:
     def _turn(self, K: Array, part: Array) -> Array:
         """Forms of the quaternion of a map: those of the state at half the time, taken to it by a matrix.
 
-        |matrix X|^2 is the form of the denominator; the matrix is fitted to turns along the motion.
+        |matrix X|^2 is the form of the denominator; the matrix is fitted to rotations along the motion.
         """
         spaced = forms(self._K / algebra.mat(self.speed + (self.speed == 0)))
         x = [self.x * algebra.vec(self.inverse)]
@@ -150,7 +150,7 @@ class Body:
         want = self._turns(start, K, part) * algebra.vec(np.sqrt(square))
         inverse = np.linalg.pinv(middle.astype(float), rcond=1e-14)
         matrix = np.zeros((*K.shape[:-2], 4, 4), dtype=K.dtype)
-        for _ in range(CORRECTIONS):  # corrected by what is left, in more digits than those of the inverse
+        for _ in range(CORRECTIONS):  # corrected by what is left, in more digits than the inverse has
             matrix = matrix + inverse @ (want - middle @ matrix)
         return (matrix.mT[..., None, None] * half[..., None, :, :, :]).sum(-3)
 
@@ -227,7 +227,7 @@ def _nodes(K: Array) -> list[dict[str, Array]]:
 
 
 def _spread(known: Mapping[str, Array]) -> dict[str, Array]:
-    """The same for the samples of a motion."""
+    """Remainders for the samples of a motion."""
     return {k: np.expand_dims(v, v.ndim - FORMS.get(k, 1)) for k, v in known.items()}
 
 

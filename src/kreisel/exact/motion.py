@@ -186,7 +186,7 @@ class TopMotion:
         return float(ctx.log(mp_number(ctx, 4 * (x3 - x1) / gap)) / 2) if gap else math.inf
 
     def _clock(self, reach: float, spin_factor: Fraction) -> float:
-        """Parts of the period and mean rotations; on the separatrix, without a period, parts up to where it is steady.
+        """Parts of the period and mean rotations; on the separatrix, without a period, parts up to if it is steady.
 
         Returns a bound of the rates of the equations.
         """

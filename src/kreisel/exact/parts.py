@@ -42,7 +42,7 @@ def economised() -> tuple[Array, Array]:
 
 
 def left_out(bounds: Array, h: float) -> float:
-    """What the polynomials leave out at most where half a part lasts h."""
+    """The largest remainder of the polynomials if half a part lasts h."""
     return float((bounds * economised()[1]) @ h ** np.arange(ORDERS))
 
 

@@ -29,7 +29,7 @@ where only the weights depend on the time, by p and p', which follow from Lauren
 
     g(t) = g z(psi) p,   p M(t) = M,   psi' = L Omega(t).(M + M(t))/(L^2 + M.M(t)),   Omega = w M - b,
 
-p the shortest such turn, z(psi) the rotation about M by psi, which is integrated by Gauss's rule.  To rounding
+p the shortest such rotation, z(psi) the rotation about M by psi, which is integrated by Gauss's rule.  To rounding
 (2e-14) for nutations and rotations by up to 3 radians, in which M rotates by less than a quarter in the body; at the
 limits of `reach` off by 1e-8 at most in the orientation and by 1e-10 in M.
 """
@@ -242,13 +242,13 @@ def rate(e: Array, x: Array, size: Array, w: Array, b: Array) -> Array:
 
 
 def lift(x: Array, y: Array) -> Array:
-    """The shortest turn q that carries y to x, q y q^-1 = x, of unit vectors; not of unit length."""
+    """The shortest rotation q that carries y to x, q y q^-1 = x, of unit vectors; not of unit length."""
     return algebra.quaternion(1 + algebra.dot(x, y), algebra.cross(y, x))
 
 
 def reach(M: Array, h: Array, *, w: Array, b: Array) -> Array:
     """A measure of the length of a step, at most 1 up to t sqrt(max |e_i|) = 1.75, rotations by 6 radians, and a
-    quarter turn of M in the body.
+    quarter of a revolution of M in the body.
     """
     curve = _curve(M, h, w, b)
     at, (g2, g3), Omega = motion(curve), invariants(*curve.quartic), w * M - b

@@ -8,7 +8,7 @@ the third is turned so that M_3 > 0.  With D = 2T I_3 - L^2, E = L^2 - 2T I_1 an
     a_1^2 = I_1 D/(I_3 - I_1),  a_2^2 = I_2 D/(I_3 - I_2),  a_3^2 = I_3 E/(I_3 - I_1),
     lambda^2 = (I_3 - I_2) E/(I_1 I_2 I_3),
 
-chi = -1 where the new axes are left-handed.  The shortest turn p(M) of M onto the third axis, e, leaves one angle:
+chi = -1 where the new axes are left-handed.  The shortest rotation p(M) of M onto the third axis, e, leaves one angle:
 
     g = g_0 p(M_0)^-1 z(psi) p(M),   p = (L + M_3, M x e)/sqrt(2 L (L + M_3)),   z a rotation about e,
     psi' = (2T + L M_3/I_3)/(L + M_3) = L/I_3 + D/(I_3 (L + a_3 dn u)).
@@ -19,7 +19,7 @@ By Gauss's transformation, u = (1 + k_1) v, k_1 = (1 - k')/(1 + k'), this is an 
     Q = (1/3) sn^3 R_J(cn^2, dn^2, 1, 1 + beta sn^2) of (v, k_1),   beta = k_1 (L - a_3)/(L + a_3).
 
 [Jacobi 1849; Whittaker, Analytical Dynamics, section 69; van Zon and Schofield, J. Comput. Phys. 225 (2007) 145 for the
-shortest turn; Carlson 1995 for R_F and R_J]
+shortest rotation; Carlson 1995 for R_F and R_J]
 """
 
 from __future__ import annotations
@@ -245,7 +245,7 @@ class Rotor:
         return np.array(X if self.start is None else [*X, *q], dtype=object).T
 
     def _lift(self, N: list[MpNumber]) -> Array:
-        """The turn p of M onto the third axis, in right-handed axes."""
+        """The rotation p of M onto the third axis, in right-handed axes."""
         q = np.array([self.L + N[2], N[1], -N[0], self.ctx.zero], dtype=object)
         return q / self.ctx.sqrt(2 * self.L * (self.L + N[2]))
 

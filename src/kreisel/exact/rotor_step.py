@@ -10,8 +10,9 @@ and no case is set apart.  t P_i is regular at t = 0; P_i(t) follows from P_i(t/
 
     g(t) = g z(psi) p,   p M(t) = M,   psi' = L (2T + Omega.M(t))/(L^2 + M.M(t)),
 
-p the shortest such turn, z(psi) the turn about M by psi, which is integrated by Gauss's rule.  M and g on the right are
-those in the middle of the step: P is odd, so times t and -t from the middle share it.  [DLMF 22.8, 23.9, 23.10]
+p the shortest such rotation, z(psi) the rotation about M by psi, which is integrated by Gauss's rule.  M and g on the
+right are those in the middle of the step: P is odd, so times t and -t from the middle share it.  [DLMF 22.8, 23.9,
+23.10]
 """
 
 from __future__ import annotations
@@ -89,12 +90,12 @@ def _total(terms: list[Array]) -> Array:
 
 
 def _shortest(M: Array, N: Array, inverse: Array) -> Array:
-    """The quaternion q of the shortest turn with q N = M, of any length; `inverse`: 1/L^2."""
+    """The quaternion q of the shortest rotation with q N = M, of any length; `inverse`: 1/L^2."""
     return algebra.quaternion(1 + algebra.dot(M, N) * inverse, algebra.vec(inverse) * algebra.cross(N, M))
 
 
 def reach(M: Array, h: Array, *, inverse: Array, curvatures: Array, **_: Array) -> Array:
-    """A measure of the length of a step, at most 1 up to lambda h = 2.5 and turns by 8 radians."""
+    """A measure of the length of a step, at most 1 up to lambda h = 2.5 and rotates by 8 radians."""
     e = _roots(M, h, curvatures)  # 2 e.e >= (lambda h)^4
     angle = algebra.dot(M, M) * algebra.dot(inverse, inverse) * (h * h)
     return algebra.maximum(2 / LONGEST**4 * algebra.dot(e, e), angle / MOST_TURN**2)

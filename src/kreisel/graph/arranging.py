@@ -52,8 +52,8 @@ def arranged(
 ) -> tuple[Graph, list[Operand]]:
     """The graph recorded once more, with `values` in place of some inputs (letter, index); and its outputs.
 
-    A product that one sum alone needs is fused into it, of two the one whose node is older.  Several quotients by one
-    number take its reciprocal.
+    A product that only one sum needs is fused into it, of two the one whose node is older.  Several quotients by one
+    number use its reciprocal.
     """
     try:
         return _Arranging(graph, values or {}).outputs(outputs)
@@ -62,7 +62,7 @@ def arranged(
 
 
 def length(graph: Graph, outputs: Sequence[Operand]) -> int:
-    """How many operations the outputs take when they are arranged; a body a few more."""
+    """How many operations the outputs need when they are arranged; a body a few more."""
     count = 0
     for _, operation, operands in _fused(graph, graph.needed(outputs), outputs):
         if operation in (LOOP, BRANCH):
@@ -222,7 +222,7 @@ def latest(graph: Graph, nodes: Sequence[int]) -> list[int]:
     """The nodes in the order in which a processor that does `AT_ONCE` of them at a time would begin them at the latest.
 
     Compilers keep near to it.  What waits longest comes first, and no result lies about long before it is needed: two
-    steps on scalars of their own, one after the other, then overlap in the processor.
+    steps on separate scalars, one after the other, then overlap in the processor.
     """
     places = {at: i for i, at in enumerate(nodes)}
     needs = [

@@ -38,7 +38,7 @@ def cache_folder() -> Path | None:
         status = folder.stat()
     except (OSError, RuntimeError, ValueError):  # a name that cannot be
         return None
-    if not hasattr(os, "geteuid"):  # Windows, where the folder is in the user's own
+    if not hasattr(os, "geteuid"):  # Windows, where the folder is the user's
         return folder
     if status.st_uid != os.geteuid() or status.st_mode & OTHERS_MAY_WRITE:
         _refused(str(folder), status.st_uid, status.st_mode & 0o777)

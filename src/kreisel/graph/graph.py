@@ -1,6 +1,6 @@
 """Graphs of operations: a definition is run once on `Number`s, and each operation becomes a node.
 
-A node is (operation, operands); an operand is a `Number`, which is a node with a sign, or a float.  Numbers stand in
+A node is (operation, operands); an operand is a `Number`, which is a node with a sign, or a float.  Numbers are in
 NumPy's object arrays, so formulas run on them as they are.  Foldings are exact in floating point (0, 1, signs, x - x),
 so a graph with values put in for some inputs computes the same as one without.
 """

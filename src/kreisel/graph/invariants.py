@@ -42,7 +42,7 @@ class Program:
 
     labels   of the invariants as a user knows them
     size     of the state; `first`: the first number of it that may change
-    ops      (L, 4): the registers of both operands, and where the slopes of the result in each of them stand
+    ops      (L, 4): the registers of both operands, and where the slopes of the result in each of them are
     runs     (R, 3): an operation, and from which place to which it is done: the same as many times on end as possible
     outs     the registers of the invariants
     cones    the operations that each invariant depends on and that depend on z, the last one first
@@ -139,7 +139,7 @@ def recordable(make: Callable[[], Result | None], numbers: str = "recorded numbe
 
 
 def program_of_orientation(scheme: Scheme) -> Program | None:
-    """Bonds of an orientation to the state, of which the orientation alone gives way; None if there are none."""
+    """Bonds of an orientation to the state, of which only the orientation changes; None if there are none."""
     if scheme.held is None:
         return None
     graph = Graph()

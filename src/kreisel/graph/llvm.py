@@ -57,7 +57,9 @@ def constant(kind: ir.Type, number: float) -> Value:
 
 
 class Integer:
-    """An integer of 64 bits at run time, with Python's operators; + - * and comparisons take Python's integers too."""
+    """An integer of 64 bits at run time, with Python's operators; + - * and comparisons accept Python's integers "
+    "too.
+    """
 
     __slots__ = ("builder", "value")
 
@@ -204,7 +206,7 @@ class Lanes:
 
 
 class Operation:
-    """An operation as LLVM's text, as an operand of others: llvmlite's instructions take three times as long."""
+    """An operation as LLVM's text, as an operand of others: llvmlite's instructions need three times as long."""
 
     __slots__ = ("_reference", "_text", "type")
 
@@ -462,7 +464,7 @@ class Function:
         values[at] = [room[0] for room in memory]
 
     def _loop(self, graph: Graph, at: int, operands: list[Any], values: dict[int, Value], kind: ir.Type) -> None:
-        """Lanes of a vector, which would end at different times, only take loops of a fixed length."""
+        """Lanes of a vector, which would end at different times, only allow loops of a fixed length."""
         loop = graph.loops[operands[0]]
         memory = self.variables(len(loop.variables) + 1, kind)
         for room, x in zip(memory, operands[1:], strict=False):

@@ -1,6 +1,6 @@
 """Machine code of functions, for this processor: compiled by LLVM, kept on disk, called with integers.
 
-The processor is that of the machine, or what KREISEL_CPU_NAME and KREISEL_CPU_FEATURES say.
+The processor is the machine's, or the one in KREISEL_CPU_NAME and KREISEL_CPU_FEATURES.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def processor() -> tuple[str, str, str]:
 
 @cache
 def version() -> str:
-    """What the same operations are compiled by, and for."""
+    """Compiler and processor of compiled operations."""
     return repr((llvmlite.__version__, llvm.llvm_version_info, processor()))
 
 
@@ -165,7 +165,7 @@ def object_code(arguments: int, write: Callable[[Function], None]) -> bytes:
 
 
 def assembly(arguments: int, write: Callable[[Function], None]) -> str:
-    """The same to be read."""
+    """A view to be read."""
     machine = target_machine()
     return str(machine.emit_assembly(optimized(machine, _text(arguments, write))))
 

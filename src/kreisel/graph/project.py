@@ -9,7 +9,7 @@ Rounding errors have a mean, and so I drifts.  By d/2 the mean of I over an inte
 the frequencies would be off by d/2, and the phase by that times N.  g = 1/16, 1/64 where K is short: a mean of few
 intervals is as uncertain as their random walks, which 7 ulp at n = 3 and K = 1250 showed.
 
-The operations stand here once, in loops: of a short program these are written out, and what is known before, scalars 0
+The operations are here once, in loops: of a short program these are written out, and what is known before, scalars 0
 and 1 above all, is not computed; code for long ones goes through the tables of any program.  For one state or a vector
 of lanes the bits are the same, and those of a single state.  K counts from step 0 of a trajectory, so the bits do
 not depend on `every`, nor on where a run was interrupted.

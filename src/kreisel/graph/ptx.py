@@ -111,7 +111,7 @@ def ptx(arguments: int, body: Body, capability: str) -> str:
 
 
 def here(key: Sequence[Any], arguments: int, body: Body) -> Kernel:
-    """The same kernel for this processor, one lane after the other."""
+    """The kernel for this processor, one lane after the other."""
 
     def write(f: Function) -> None:
         with f.loop(0, f.arguments[-1]) as lane:

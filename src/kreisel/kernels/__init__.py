@@ -1,1 +1,1 @@
-"""What runs a scheme: its functions recorded, printed, and compiled."""
+"""Engines of a scheme: its functions recorded, printed, and compiled."""

@@ -97,7 +97,7 @@ class Code:
         return found
 
     def _forward(self, f: Function, _: Sequence[Part]) -> None:
-        """(z, c, s, stages, marks, count, every, part): the state at the ends of parts of every so many steps."""
+        """(z, c, s, stages, marks, count, every, part): the state at the ends of parts of every `every` steps."""
         *start, marks, count, every, part = f.arguments
         motion, parts = _Motion(f, self, *start), (every + (part - 1)) // part
         with f.loop(0, count) as mark:
@@ -184,7 +184,7 @@ class Code:
     # -- rows of lanes -----------------------------------------------------------------------------
 
     def marks(self, z: Floats, c: Floats, s: Floats, rows: int, every: int, part: int) -> Floats:
-        """The states (lanes, rows * parts, d) at the ends of parts of every so many steps."""
+        """The states (lanes, rows * parts, d) at the ends of parts of every `every` steps."""
         call = self._kernel(self._forward, 8, None)
         out = np.empty((len(z), rows * -(-every // part), self.dim))
 

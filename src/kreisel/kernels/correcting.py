@@ -17,7 +17,7 @@ AT_REST = 16  # engines that are kept for the next call
 
 
 class Correction:
-    """C or its inverse, of rows (rows, lanes, d); a lane and a row have the bits that they have alone."""
+    """C or its inverse, of rows (rows, lanes, d); a lane and a row have the bits of a separate run."""
 
     def __init__(self, scheme: Scheme, numbers: Numbers):
         self._scheme, self._at_rest = scheme.by(numbers), deque[Engine](maxlen=AT_REST)

@@ -86,7 +86,7 @@ class CoupledEngine(SteppedEngine):
 
 
 def of(scheme: Scheme) -> Coupling:
-    """What the lanes of a scheme do to each other.  Raises `TypeError` where that is nothing."""
+    """Interactions of the lanes of a scheme.  Raises `TypeError` where that is nothing."""
     if scheme.coupling is None:
         raise TypeError(f"the lanes of {scheme.name} are independent")
     return scheme.coupling

@@ -34,7 +34,7 @@ class Engine(Protocol):
 
     @property
     def projection(self) -> Corrections | None:
-        """What puts the state back on its invariants, if anything does."""
+        """The projection onto the invariants; None without one."""
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
         """Start again, for at most `steps` steps, from z, as many lanes, by a scheme of the same motion.

@@ -50,7 +50,7 @@ class Gpu:
         try:
             self._cupy: Any = importlib.import_module("cupy")
             there = self._cupy.cuda.runtime.getDeviceCount() > 0
-        except Exception:  # no package, no driver, no device: CuPy raises errors of its own
+        except Exception:  # no package, no driver, no device: CuPy raises various errors
             there = False
         if not there:
             raise InputError(
@@ -69,7 +69,7 @@ class Gpu:
 
     def compiled(self, key: Sequence[Any], arguments: int, body: Body) -> Any:
         text = ptx(arguments, body, self._cupy.cuda.Device().compute_capability)
-        with tempfile.TemporaryDirectory() as folder:  # CuPy needs PTX from files alone
+        with tempfile.TemporaryDirectory() as folder:  # CuPy reads PTX only from files
             file = Path(folder) / "kernel.ptx"
             file.write_text(text)
             return self._cupy.RawModule(path=str(file)).get_function("kernel")
@@ -232,7 +232,7 @@ class GpuProjection(Corrections):
         self._write()
 
     def _write(self) -> None:
-        """What the device has becomes what the host has."""
+        """Copy the arrays of the host to the device."""
         for array, value in zip((*self._known, self._bound), (self.targets, self.worst, self.bound), strict=True):
             self._device.fill(array, value)
 

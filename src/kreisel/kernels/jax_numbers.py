@@ -179,7 +179,7 @@ def orbit(
     rows: int,
     every: int,
 ) -> Array:
-    """States (rows + 1, d) at every so many steps: `take` once for each stage, then `close`.
+    """States (rows + 1, d) at every `every` steps: `take` once for each stage, then `close`.
 
     By compiled kernels; by XLA where the step has a loop or is too long for them, or JAX not on the CPU.
     The reverse sweep keeps the states at the ends of about sqrt(every) parts, and those of one part, made again.

@@ -31,7 +31,7 @@ lax = jax.lax
 
 
 def orbit(code: Code, z: Any, c: Any, s: Any, rows: int, every: int) -> Any:
-    """Rows (rows + 1, d) at every so many steps from z (d,), with constants c (count,) and s (stages, count)."""
+    """Rows (rows + 1, d) at every `every` steps from z (d,), with constants c (count,) and s (stages, count)."""
     found, _ = orbit_p.bind(z[None], c[None], s[None], code=code, rows=rows, every=every, part=every)
     return jnp.concatenate([z[None], found[0]])
 
@@ -291,7 +291,7 @@ batching.primitive_batchers[pull_p] = _batched(pull_p, 4)
 
 
 def with_jacobian(function: Callable[..., tuple[Array, ...]]) -> Callable[..., tuple[Array, ...]]:
-    """The same function of scalars, differentiated by columns of its Jacobian, forward, scalar by scalar.
+    """The function of scalars, differentiated by columns of its Jacobian, forward, scalar by scalar.
 
     XLA makes one kernel of that and twenty of the reverse sweep: 0.13 and 3.6 us a step of the Lagrange top's gradient.
     """

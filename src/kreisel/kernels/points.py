@@ -53,7 +53,7 @@ def compiled_point(scheme: Scheme, columns: Mapping[str, slice], pair: bool) -> 
 
 
 def points(scheme: Scheme, x0: tuple[Array, ...], mus: Array) -> Array | None:
-    """rho (..., points) from states and orientations x0, not finite where there is none; None if it is not compiled."""
+    """rho (..., points) from states and orientations x0, not finite if there is none; None if it is not compiled."""
     z = np.ascontiguousarray(algebra.flatten(x0, scheme.kinds), dtype=np.float64)
     lead, lanes = z.shape[:-1], math.prod(z.shape[:-1])
     c, columns = flat_constants(scheme, lanes)

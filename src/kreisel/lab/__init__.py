@@ -1,7 +1,7 @@
 """kr.lab: the laws, and instruments that tell whether a map is integrable.
 
 kr.lab.investigate(kr.Clebsch(b=(1, 2, 4)))          # one page: every instrument, its evidence, a verdict
-kr.lab.investigate(step, names=("x", "y"))           # a rational map of your own
+kr.lab.investigate(step, names=("x", "y"))           # a user-defined rational map
 kr.lab.search                                        # families of discrete Lagrangians, ranked
 """
 

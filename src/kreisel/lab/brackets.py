@@ -217,7 +217,7 @@ class Lax:
 
     @property
     def complete(self) -> bool:
-        """Whether the spectrum alone makes the map integrable in Liouville's sense."""
+        """Whether the spectrum is enough to make the map integrable in Liouville's sense."""
         return self.isospectral is True and self.involution is True and self.on_leaf == self.needed
 
     @property
@@ -245,7 +245,7 @@ def lax(
     more: Callable[..., Array] | None = None,
     seed: int = 0,
 ) -> Lax:
-    """Test the Lax pair of a record, or your own L(x, lam) and V(x, lam), with further integrals more(x).
+    """Test the Lax pair of a record, or a user-defined L(x, lam) and V(x, lam), with further integrals more(x).
 
     They take the coordinates x (d,) and lam as values of any field, and by keyword the constants of the subject.
     Raises `InputError` if there is no L, where its functions are not rational, and for shapes that do not fit.

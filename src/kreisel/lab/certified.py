@@ -44,7 +44,7 @@ class Certified:
     middle     its middle (d,) as floats
     enclosure  the last enclosure, a ball (python-flint's arb) for each coordinate
     integrals  name -> (lowest, highest) over the complete orbit, as floats rounded outwards
-    plain      how many steps balls alone last, mapped without any cure of wrapping
+    plain      how many steps balls last, mapped without any cure of wrapping
     """
 
     name: str
@@ -82,7 +82,7 @@ def certify(
 
     functions  name -> f(x) of coordinates, polynomial or rational, to be enclosed along the orbit; by default the
                energy of the record, as the map deforms it
-    plain      also try the step on balls alone, for comparison
+    plain      also try the step only on balls, for comparison
 
     Ends where an enclosure is larger than `tolerance` or meets a pole.  Raises `InputError` without python-flint, for
     implicit maps and for a start that does not fit.

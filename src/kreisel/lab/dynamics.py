@@ -30,7 +30,7 @@ from kreisel.lab.subject import Subject
 EVERY = 10  # steps between two orthogonalizations
 PARTS = 10  # of an orbit, for the uncertainty of an exponent
 ALIGNED = 1e-12  # SALI below which two vectors are one, but for rounding
-CLEAR = 5.0  # exponents above CLEAR log(T)/T are not those of a regular orbit
+CLEAR = 5.0  # exponents above CLEAR log(T)/T do not belong to a regular orbit
 FURTHEST = 1e8  # an orbit beyond it has escaped
 STARTS = 50
 MOST_NODES = 20_000  # of a step
@@ -67,7 +67,7 @@ class Dynamics:
 
     @property
     def regular(self) -> bool:
-        """The largest exponent is as small as that of a regular orbit, and the tangent vectors stay apart."""
+        """The largest exponent is as small as for a regular orbit, and the tangent vectors stay apart."""
         return self.sali > ALIGNED and float(self.exponents[0]) < self.threshold
 
     def __str__(self) -> str:

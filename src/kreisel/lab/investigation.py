@@ -81,7 +81,7 @@ def investigate(
     """Look at a map from every side.
 
     candidate       a model with a map, `kr.Clebsch(b=(1, 2, 4))`; a system or its name, with parameters chosen here; a
-               Lagrangian of your own (`kreisel.reduction.system`, with its parameters); or a function:
+               user-defined Lagrangian (`kreisel.reduction.system`, with its parameters); or a function:
                step(M, P) on e*(n) with n given, in the frame "moving" or "rest", or step(x) with the names of its
                coordinates
     eps        the step of the map, an integer or a fraction, by default 1/3; a function gets it if it names it
@@ -120,7 +120,7 @@ def _rational_text(v: Any) -> str:
 
 
 def investigate_file(file: Path, /, **options: Any) -> Investigation:
-    """Look at what a Python file defines: a function step, or a system or model of your own; see the docs.
+    """Look at what a Python file defines: a function step, or a user-defined system or model; see the docs.
 
     Of a function `step` the file's own names, n, frame, eps, constants, tensor, lax, conjugator, involution, flow and
     start are taken.  The file is run.  Raises `InputError` where it defines nothing to look at.

@@ -175,7 +175,7 @@ COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)  # steps 
 TIMES = (1, 2, 4, 8)
 RATE, LONGEST = 3.0, 8.0  # of a unit of time
 WINDOW, LARGEST = 4, 1e-1  # successive steps; beyond such errors there is no order
-PLATEAU, FAR = 3e-13, 3  # errors of rounding; how far above those that are measured an error is one of the method
+PLATEAU, FAR = 3e-13, 3  # errors of rounding; how far above the measured ones an error is the method's
 NEARBY = (7.5, 7, 6.5, 6, 5.5, 5)  # times the finest count: ends that differ from the method's own by rounding
 SOLVER_ERROR = 1e-11
 
@@ -199,7 +199,7 @@ def scheme_orders(model: Model, state: tuple[Array, ...], method: str, order: in
 
     Errors at several times and for many steps are taken against the method's own end with an eighth of the finest
     step, whose distance from the solver's end is added unless the solver may be to blame.  At each time the finest
-    WINDOW successive steps are taken whose errors are FAR above those of rounding, which a motion that is not regular
+    WINDOW successive steps are taken whose errors are FAR above rounding, which a motion that is not regular
     amplifies, and below LARGEST; of these the one counts whose first and last ones have the closest slopes, for the
     state and for the orientation each: high orders set in late.
     The unit of time is that of the fastest motion near the start, from the flow's Jacobian, and at most LONGEST.
@@ -285,7 +285,7 @@ def _start(model: Model, state: tuple[Array, ...]) -> Array:
 
 @lru_cache(4)  # the orders of a method are measured on one motion
 def _truths(model: Model, start: bytes, times: tuple[float, ...]) -> list[Array]:
-    """The same at times in order, each from the one before."""
+    """Solutions at times in order, each from the one before."""
     from scipy.integrate import solve_ivp
 
     n, system = model.n, model.system

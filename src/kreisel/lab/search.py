@@ -351,7 +351,7 @@ def spinning(s: Any = 0, tilt: Sequence[Any] = (1, 0, 0), kappa: Any = 0, b: Any
 
 
 def _turn(M: Array, t: Any) -> Array:
-    """cay(t M) of the block of the plane (1, 2) alone: without a linear solve."""
+    """cay(t M) of only the block of the plane (1, 2): without a linear solve."""
     n = M.shape[-1]
     flat = np.arange(n) < 2
     q, plane = t * t * (M[..., 0, 1] * M[..., 0, 1]), identity(n) * flat

@@ -208,7 +208,7 @@ def _of_model(model: Model, eps: Any) -> Subject:
 
 
 def _beyond_the_spectrum(system: System, mapped: Map) -> list[Callable[..., Any]]:
-    """The integrals of the map that are not among those of its Lax matrix."""
+    """The integrals of the map that its Lax matrix does not give."""
     by_lax = system.commuting if mapped.lax is not None else ()
     keeps = mapped.conserves
     extra = [f for name, f in system.integrals.items() if name not in by_lax and (keeps is None or name in keeps)]
@@ -223,7 +223,7 @@ def coordinate_names(components: tuple[tuple[str, str], ...], n: int) -> tuple[s
 
 
 # -- user-defined maps -----------------------------------------------------------------------------
-# A map of your own: a function step, and flow, lax and the like, which all take the state as the step does.
+# A user-defined map: a function step, and flow, lax and the like, which all get the state as the step does.
 #
 # In coordinates, `names = ("x", "y")`, x an array (d,):
 #

@@ -94,7 +94,7 @@ class Product:
         return call(self.record.point, z[: self.count], constants)
 
     def trajectory(self, x0: State, points: Points | None = None) -> tuple[dict[str, Array], dict[str, Array]]:
-        """The constants of the trajectory from x0, and those of its stages."""
+        """The constants of the trajectory from x0 and of its stages."""
         state = x0[: self.count]
         constants, stages = {**self.constants}, {**self.stages}
         if self.single:
@@ -135,7 +135,7 @@ class Product:
         return wide if rho is None else np.where(np.isfinite(rho), rho, wide)
 
     def _wide_rho(self, state: State, mus: Array) -> Array:
-        """The same in extended precision where the platform has it.
+        """The constants in extended precision if the platform has it.
 
         NumPy's complex doubles are no choice: their last bits depend on how they lie in an array, and so on the lanes.
         """
@@ -227,7 +227,7 @@ def one_stage(
     return tuple(call(move, (*state, e), constants)), call(arc, (*state, e), constants)
 
 
-# -- turns that are the same at every step ----------------------------------------------------------
+# -- rotations that are the same at every step ----------------------------------------------------------
 
 
 def constant_turns(name: str, K: Array, angle: Callable[[Array], Array]) -> dict[str, Array]:
@@ -254,7 +254,7 @@ def _turned_by_constants(g: Array, constants: dict[str, Array], rest: bool, spin
 
 
 def spin_turns(model: Model, state: State, dt: float) -> dict[str, Array]:
-    """The turns `SPINS` of the state in a moving frame by the constant rest of the angular velocity."""
+    """The rotations `SPINS` of the state in a moving frame by the constant rest of the angular velocity."""
     record = cast("Baecklund", model.system.baecklund)
     return constant_turns("spin", model.call(record.spin, *state), lambda theta: dt * theta)
 

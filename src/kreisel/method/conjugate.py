@@ -318,7 +318,7 @@ class Torus:
         )
 
     def _rest(self, dt: float, copies: int, turn: Array) -> Array:
-        """The turn of the body in a step less those of the pairs."""
+        """The rotation of the body in a step without the rotations of the pairs."""
         if self.system.velocity is None:
             return np.zeros((self.state[0].shape[-1],) * 2)
         Omega = call(self.system.velocity, self.state, self.constants)

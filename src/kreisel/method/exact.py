@@ -156,7 +156,7 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """The exact flow, at any dt and any time, for the Lagrange top with n = 3 in either frame, and for free bodies.
 
     The states are those at the exact times k dt, each from the closed form: errors do not grow with time, and
-    all integrals are conserved.  Systems with Bäcklund transformations alone go by `exact_pair`, whose error grows.
+    all integrals are conserved.  Systems with only Bäcklund transformations use `exact_pair`, whose error grows.
     """
     known = model.system.closed_form
     if known.gyrostat is not None:

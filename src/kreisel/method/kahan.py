@@ -7,8 +7,8 @@ For x' = f(x) = Q(x, x) + B x + c, Q symmetric and bilinear, the step is
 one linear equation.  It is birational and symmetric (the inverse is the step with -dt), of order 2.  Linear integrals
 of the flow are integrals of the map.  For the Euler top, x_i' = alpha_i x_j x_k, the ratios of the values
 1 - dt^2/4 alpha_j alpha_k x_i^2 are integrals too; they are below, in closed form and exact over Q, and those of
-Lagrange's top with equal moments, of Clebsch's case, of the Euler top in so(4) and of gyrostats.  The orientation turns
-by the Cayley transform of dt/2 Omega((x + x')/2).
+Lagrange's top with equal moments, of Clebsch's case, of the Euler top in so(4) and of gyrostats.  The orientation
+rotates by the Cayley transform of dt/2 Omega((x + x')/2).
 [Kahan, unpublished notes, 1993; Hirota, Kimura 2000; Petrera, Pfadler, Suris 2011]
 """
 

@@ -118,7 +118,7 @@ def user_map(model: Model, dt: float, order: int | None, oriented: bool) -> Sche
 
 
 def has_a_plain_map(model: Model) -> bool:
-    """Whether the map is for no method of its own, as that of a lattice is."""
+    """Whether the map has no special method, unlike the map of a lattice."""
     return model.system.space.name != "(S^2)^(2n)"
 
 

@@ -5,7 +5,7 @@ For w_i' = X_i(w) with <X_i, w_i> = 0, spins or the momentum of a free body, r_i
     (w' - w)_i/dt = X_i(c),   c_i = r_i (w + w')_i/|w + w'|_i:
 
 symmetric, of order 2, symplectic on the product of the spheres.  It conserves each |w_i| and linear integrals, and is
-equivariant under turns.  With Omega = c x X/r^2 it states that w rotates about Omega by 2 arctan(dt r |Omega|/|w +
+equivariant under rotations.  With Omega = c x X/r^2 it states that w rotates about Omega by 2 arctan(dt r |Omega|/|w +
 w'|): so it is repeated until it has settled, and every iterate is on the spheres.  The orientation of a body rotates
 by the Cayley transform of dt/2 Omega(c).
 

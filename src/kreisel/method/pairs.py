@@ -224,7 +224,8 @@ def _flown(model: Model, z: State, h: float, batch: tuple[int, ...]) -> tuple[St
 
 
 def _turn_in_space(model: Model, state: State, g: Array, dt: float, copies: int, mu: Array) -> dict[str, Array]:
-    """The turn about p = g P that a step of the flow makes beyond the pairs: with them it commutes, so it is constant.
+    """The rotation about p = g P that a step of the flow makes beyond the pairs: with them it commutes, so it is
+    constant.
 
     In the product of order 24 each pair rotates by prod cay(eps/2 block) about p; the exact pair by what is missing.
     """

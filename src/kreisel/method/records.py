@@ -157,7 +157,7 @@ class Method:
         return (*self.sources, *self.composed.get(order or 0, ()))
 
     def references(self, system: System) -> str:
-        """The sources of a system, and those of its map where this method steps it."""
+        """The sources of a system, and of its map if this method steps it."""
         return system.source + (f"; {system.map.source}" if self.of_map and system.map is not None else "")
 
     def summary(self) -> dict[str, Any]:

@@ -219,7 +219,7 @@ class Scheme:
     conserved(z, **consts)  -> outputs   as `observe`, in the form of an engine, of what it does not conserve itself
     held(z)                 -> arrays    constant along a trajectory, which bind an orientation to the state; or None
     between                              the most steps between two projections; 0: what their cost allows
-    coupling                             what lanes do to each other; None for lanes on their own
+    coupling                             interactions of the lanes; None for separate lanes
     guard                                why steps may fail; None if nothing is known of it
     corrector                            between `prepare` and the steps, and between these and `observe`; None without
     """

@@ -4,7 +4,7 @@ A step is A for a_1 h, B for b_1 h, A for a_2 h, ..., symmetric (`splitting_coef
 in closed form if it is known as one short step, else by a map of high order; B is the flow of the perturbation with
 the state of A standing still (`kreisel.forces.kicks`): the flows of its kinds in symmetric order,
 
-    damping, rotates in order | kick | turns backwards, damping,
+    damping, rotations in order | kick | rotations backwards, damping,
 
 which is exact for one kind, else off by O(eps^3 h^3); three times in a row it is off by O(eps^5 h^5), where the order
 asks for that.
@@ -71,7 +71,7 @@ from kreisel.record.perturbation import TIME, Perturbation, pairs_of
 FOURTH = (1 / (2 - 2 ** (1 / 3)), 1 - 2 / (2 - 2 ** (1 / 3)), 1 / (2 - 2 ** (1 / 3)))  # Yoshida 1990
 REACH = "reach"
 NEAR_SAMPLE = 1e-6  # of the time between two samples
-TICKS = 1024  # in dt: a constant of 1 has a kernel of its own, and dt = 1 is common
+TICKS = 1024  # in dt: a constant of 1 has a separate kernel, and dt = 1 is common
 
 Constants = Mapping[str, Array]
 ORDER = 8  # of a map, composed, if none is asked for
@@ -104,7 +104,8 @@ class Splitting:
                     "order: expected one without a corrector for a body with control, such as (2, 2), 4, (8, 2) or "
                     f"(8, 6, 4), got {order}. Samples change the motion at once."
                 )
-        # turns change what a pair potential needs, so each part of a kick is a stage, which the sum over pairs divides
+        # rotations change what a pair potential needs, so each part of a kick is a stage, which the sum over pairs
+        # divides
         self.divided = self.record.pair is not None and bool(self.turns)
 
     @property
@@ -114,7 +115,7 @@ class Splitting:
         return tuple(name for name, there in names.items() if there)
 
     def apart(self, z: State) -> tuple[State, State, dict[str, Array]]:
-        """The state, the orientation if there is one, the other values by name."""
+        """The state, the orientation, if any, the other values by name."""
         end = self.count + self.oriented
         return z[: self.count], z[self.count : end], dict(zip(self.extra, z[end:], strict=True))
 

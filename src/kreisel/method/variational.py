@@ -159,7 +159,7 @@ def _square(X: Array) -> Array:
 
 
 def _turned_as_carried(system: System, state: State, X: Array, g: Array, eps: Array, constants: Constants) -> Array:
-    """The orientation, turned like the vector; first by the spin, if any, which leaves the vector alone."""
+    """The orientation, turned like the vector; first by the spin, if any, which does not change the vector."""
     turns = [] if system.spin is None else [eps / 2 * call(system.spin, state, constants)]
     for Y in (*turns, system.space.sign * X):
         g = turned(system.frame, Y, g)

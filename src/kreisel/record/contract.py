@@ -418,7 +418,7 @@ class System:
     body_frame(params)       the `BodyFrame` of a system that is a body in SI units, from parameters and constants
     checks                   of parameters and states, beyond the checks of each `Parameter`
     n                        the dimension, if the parameters do not determine it
-    numbers                 "any": the functions accept any kind of number; "real": any with square roots; "jax":
+    values                 "any": the functions accept any kind of number; "real": any with square roots; "jax":
                              floats and JAX arrays (`kreisel.reduction`), and steps are compiled by JAX
     perturbation             the integrable system of which this is a perturbation, and the forces (`kr.perturbed`);
                              then flow and energy may have the keywords g, the orientation as a matrix, and t, the time

@@ -55,7 +55,7 @@ class Controller:
     """A user-defined law, called at samples; its commands are held from one sample to the next.
 
     law        a function of sensors, memory and parameters by name, which returns commands and memory by name; None
-               for wheels alone
+               for wheels only
     arguments  the names that it needs
     every      time between two samples
     memory     the values that it keeps: the shape of each, () or (k,)

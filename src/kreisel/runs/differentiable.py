@@ -47,7 +47,7 @@ Parts = tuple[Array, ...]
 class Step(NamedTuple):
     """A step in the form that JAX needs.
 
-    components       of z, with their kinds: the state, the orientation g if there is one, further variables
+    components       of z, with their kinds: the state, the orientation g, if any, further variables
     begin, end       the method's variables from the state, and back: (*state, **constants) -> state
     take             (*z, **constants) -> z, once for each stage; close(*z, **constants) after them, or None
     constants(own, known, dt)  -> constants of the trajectory, and of the stages (stage, ...)
@@ -341,7 +341,7 @@ def constants_of(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
 
 
 def _given(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, begin: Array | None) -> Parts:
-    """The components, and the orientation if there is one, as arrays.  Raises `InputError`."""
+    """The components, and the orientation, if any, as arrays.  Raises `InputError`."""
     space, out = model.system.space, []
     if oriented and ORIENTATION not in state and begin is not None:
         state = {**state, ORIENTATION: begin}

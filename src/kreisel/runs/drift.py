@@ -484,8 +484,8 @@ def _of_columns(plan: Plan, values: Array, samples: int) -> dict[str, dict[str, 
 def _scales_of(values: Array, samples: int, n: int, single: int) -> tuple[Array, Array]:
     """Both scales of integrals (states, rows, integrals) from states moved up, down, both by a hair, and not.
 
-    The sums are bitwise equal to those of each integral: pairs of values that are contiguous for the first integrals,
-    `single` of them, each of which is one value.
+    The sums are bitwise equal to the sums of each integral: pairs of values that are contiguous for the first
+    integrals, `single` of them, each of which is one value.
     """
     up, down, a_bit_up, a_bit_down = values[:-1].reshape(4, samples, *values.shape[1:])
     here = values[-1]

@@ -1,7 +1,7 @@
 """Runs of bodies in SI, with names in words, and the form of the state that kernels, archives and laws have.
 
-A body of `kr.physical` is simulated by a scaled system along axes of its own.  `in_si` presents such a run in SI, along
-the axes in which the body was given; `in_state_form` is its inverse.  Both read archives lazily.
+A body of `kr.physical` is simulated by a scaled system along its principal axes.  `in_si` presents such a run in SI,
+along the axes in which the body was given; `in_state_form` is its inverse.  Both read archives lazily.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ def change_of(frame: BodyFrame, letter: str, factor: float, forward: bool) -> Ca
 
 
 def _turned(quaternion: Array, forward: bool, g: Array) -> Array:
-    """Orientations of the body's axes from those of the state's axes, or the reverse."""
+    """Orientations of the body's axes from the orientations of the state's axes, or the reverse."""
     return algebra.quaternion_product(g, algebra.inverse_turn(quaternion) if forward else quaternion)
 
 
@@ -318,7 +318,7 @@ TIMES = re.compile(r"\b(dt|time|t_end) (= )?\d")
 
 @contextmanager
 def unit_of_times(model: Any) -> Iterator[None]:
-    """Errors of a run of a body state the unit of their times, which is that of the model."""
+    """Errors of a run of a body state the unit of their times, which is the model's."""
     frame = getattr(model, "body_frame", None)
     try:
         yield
@@ -329,7 +329,7 @@ def unit_of_times(model: Any) -> Iterator[None]:
 
 
 def of_body(body: Body, x0: Any, orientation: Any, asked: Mapping[str, Any]) -> tuple[Model, Any, Any, dict[str, Any]]:
-    """Model, start, orientation and settings of a run, in the form of the state, from those of a body in SI."""
+    """Model, start, orientation and settings of a run, in the form of the state, from a body's in SI."""
     model = body.in_si()
     start, first = state_of(body, model, x0)
     if orientation is False:
@@ -341,7 +341,7 @@ def of_body(body: Body, x0: Any, orientation: Any, asked: Mapping[str, Any]) -> 
 
 
 def _require_attitude_of_state(body: Body, model: Model, start: Any, before: Any, g: Array) -> None:
-    """Raises `InputError` for an attitude that differs from that of the state, if the state depends on it."""
+    """Raises `InputError` for an attitude that differs from the state's, if the state depends on it."""
     names = (model.body_frame or BodyFrame()).names
     R, far = algebra.rotation_matrix(g), 0.0
     for letter, row in (("P", R[..., 2, :]), ("a", R[..., :, 2])):

@@ -63,7 +63,7 @@ def lazy(
 ) -> xr.Variable:
     """A variable whose rows are `function` of the rows of `sources`, when they are read.
 
-    lead   the number of axes of rows; default: those of time, lane and event
+    lead   the number of axes of rows; default: the axes of time, lane and event
     """
     import xarray as xr
 

@@ -234,7 +234,7 @@ def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, 
 
 
 def initial_parts(model: Model, state: State, orientation: OrientationLike | None) -> tuple[Array, ...]:
-    """The components of the initial state, and the checked orientation if there is one."""
+    """The components of the initial state, and the checked orientation, if any."""
     parts: tuple[Array, ...] = tuple(state[letter] for letter in model.system.space.letters)
     return parts if orientation is None else (*parts, initial_orientation(orientation, model))
 

@@ -279,7 +279,7 @@ def _warn_of_clock(model: Model, row: Any) -> None:
 
 
 def _require_units_of_state(model: Model, x0: Mapping[str, Any]) -> None:
-    """Raises `InputError` for a row of `units.measured`, whose axes or units are not those of the state."""
+    """Raises `InputError` for a row of `units.measured`, whose axes or units are not the state's."""
     frame = model.body_frame or BodyFrame()
     for letter, value in x0.items():
         given, turned = value.attrs.get("units", "1"), frame.turned and value.attrs.get(AXES) == BODY

@@ -229,8 +229,8 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
 def _number_faults(run: xr.Dataset) -> list[str]:
     """The faults in the values of a run, read block by block.
 
-    Values must be finite, times must equal those of the steps, integrals must fit the states, and some rows must follow
-    from the row before.
+    Values must be finite, times must equal the times of the steps, integrals must fit the states, and some rows must
+    follow from the row before.
     """
     missing: list[str] = []
     record = RunRecord.from_attrs(run.attrs)

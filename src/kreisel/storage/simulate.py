@@ -64,7 +64,7 @@ def simulate(
     dt           step in the system's unit of time, > 0
     t_end        the time at the end, in place of `steps`: in equal steps of dt or a little less: attribute asked_dt
     times        of the rows, in order, in place of `steps` and `every`; rows between steps do not change the steps
-    method       one of `kr.methods()`; default: the first that applies, "exact" for free bodies with n = 3 alone
+    method       one of `kr.methods()`; default: the first that applies, "exact" only for free bodies with n = 3
     order        one of the orders of the method; for splittings also a tuple, (8, 2).  "auto" (baecklund, splitting):
                  the order and the step that reach `tol` at the least cost (attributes dt, steps, options)
     tol          error at the end relative to the largest entry (order="auto"); relative tolerance ("dop853")

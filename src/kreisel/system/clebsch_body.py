@@ -2,7 +2,7 @@
 
 J = diag(J_i) > 0 is the mass tensor; the potential energy is -<P, JP>/2.  It is `quadratic_potential` with P P^T for P
 (Brun's remark), where (1 - eps^2 P P^T)^(1/2) = 1 - eps^2 r P P^T, r = 1/(1 + (1 - eps^2 |P|^2)^(1/2)).  The
-integrals are conserved as they are; those of the explicit map of `clebsch`, another flow, are deformed.
+integrals are conserved exactly; the integrals of the explicit map of `clebsch`, another flow, are deformed.
 [Suris 2000; named in Suris 2001, section 7 and Conclusions]
 """
 

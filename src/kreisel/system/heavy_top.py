@@ -16,7 +16,7 @@ def principal(*, J):
     """W, the inverse of Omega -> J Omega + Omega J on the entries j < k, or R and c; the rest is 0.
 
     W is large for n > 3.  There floats have R and c with J = R diag(d) R^T and c_jk = 1/(d_j + d_k) off the diagonal;
-    principal axes have no derivative where two moments are equal, and are not rational: JAX and exact values take W.
+    principal axes have no derivative where two moments are equal, and are not rational: JAX and exact values use W.
     """
     n = J.shape[-1]
     one, zero = identity(n), 0 * J

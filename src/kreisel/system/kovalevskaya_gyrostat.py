@@ -5,7 +5,7 @@ block and E = (e_1, e_2), H = <M, M>/2 + <M_11, M_11>/2 - gamma M_12 + P_1 + Q_2
 field P; for n = 3 it has the moments of inertia (1, 1, 1/2).  Plus bracket, F' = {H, F}.
 
 The map is that of `quadratic_field` on so(n) x so(2), M (+) N with N = gamma e_1 ^ e_2 - M_11, B = [[0, E], [E^T, 0]]
-and the field -[[0, F], [F^T, 0]], which SO(2) turns so that E stays: with k = eps/2 and F~ = F (1 - k^2 F_11)^-1
+and the field -[[0, F], [F^T, 0]], which SO(2) rotates so that E stays: with k = eps/2 and F~ = F (1 - k^2 F_11)^-1
 
     M~ = M + eps (E F~^T - F~ E^T),   M_(k+1) = R M~ R^T,   F_(k+1) = R cay(-k M~) F,   R = cay(k N~) on the plane of E.
 

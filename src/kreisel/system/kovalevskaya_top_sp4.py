@@ -1,7 +1,7 @@
 """Kovalevskaya's top of 1889 with a second explicit map.  State (M, P) in e(3)*, body frame.
 
 The flow is that of `kovalevskaya_top_e3`; plus bracket, F' = {H, F}.  The map is that of `quadratic_field` on u(2) in
-sp(4, R) = so(3, 2), as real 4 x 4 matrices, which U(1) turns so that B = diag(-1, 1, 0, 0) stays.  With the axial M,
+sp(4, R) = so(3, 2), as real 4 x 4 matrices, which U(1) rotates so that B = diag(-1, 1, 0, 0) stays.  With the axial M,
 k = eps/2, s = k^2 and C = Re (1, i, 0)/(1 - (s/2) (P_1 + i P_2)),
 
     M~ = M + eps P x C,   D = M~_1^2 + M~_2^2,   R = cay of -k M~_3/(1 + s D/4) about e_3,

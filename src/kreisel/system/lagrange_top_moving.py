@@ -50,7 +50,7 @@ def legendre(M, P, *, A, alpha, eps):  # X with W = cay(X), the inverse of (dmLT
 
 
 def turn(M, P, *, A, alpha, eps):  # W^T M W and W^T P with W = cay(U) cay(-V) cay(V / alpha) = cay(legendre)
-    """The turn cay(U) leaves M alone, those with V leave A alone: one for n = 3, where V^3 = -<V, V> V."""
+    """The rotation cay(U) leaves M unchanged, cay of V leaves A unchanged: one for n = 3, where V^3 = -<V, V> V."""
     U = eps / 2 * M
     V, P = project_out(U, A) / mat(dot(A, A)), cayley_act(-U, P)
     spins = [mat((1 - alpha) / (alpha + pairing(V, V))) * V] if M.shape[-1] == 3 else [-V, V / mat(alpha)]

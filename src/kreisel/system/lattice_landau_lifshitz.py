@@ -1,6 +1,6 @@
 """Lattice Landau-Lifshitz model with one axis, and its discrete time.  Unit spins S_i, T_i, i = 1...n, on a ring.
 
-The 2n sites stand in the order S_1, T_1, S_2, T_2, ...; Sx, Sy, ..., Tz are (..., n).  With W = (1 + D z^2)^(1/2) of a
+The 2n sites are in the order S_1, T_1, S_2, T_2, ...; Sx, Sy, ..., Tz are (..., n).  With W = (1 + D z^2)^(1/2) of a
 spin N = (x, y, z) the bracket is {x, y} = -W z and cyclic.  The angle about z and z~, sinh(h z~) = z sinh h with
 D = sinh(h)^2, are canonical up to a factor.  D > 0: easy axis; -1 < D < 0: easy plane; D = 0: isotropic.
 
@@ -12,7 +12,7 @@ the monodromy is their product in order.  A step has gates (S_i, T_i), then (T_i
     q(u + t; N) q(u - t; N') = q(u - t; A) q(u + t; B),   tan t = eps s:
 
 B = unit(N boosted by N'), A = unit(N' boosted by N), where the null vector p = (W, x, y, (1 + D)^(1/2) z) goes to
-m* p m, m the Lax matrix of the other one at the zero of det q.  For D = 0 both spins turn about N + N'.
+m* p m, m the Lax matrix of the other one at the zero of det q.  For D = 0 both spins rotate about N + N'.
 [Krajnik, Ilievski, Prosen, Pasquier 2021; Krajnik, Prosen 2020; Sklyanin 1982; Faddeev, Takhtajan 1987]
 """
 

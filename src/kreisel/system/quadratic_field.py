@@ -168,7 +168,7 @@ def lagrangian(g, h, A, *, B, eps):  # -(1/eps) tr log(2 + W + W^T) + (2/eps) tr
 
 
 def largest_step(M, F, *, b):
-    """det(1 + s B F) stays positive for smaller |eps| as F turns: s b_i f_j > -1 for all eigenvalues f of F."""
+    """det(1 + s B F) stays positive for smaller |eps| as F rotates: s b_i f_j > -1 for all eigenvalues f of F."""
     f = np.linalg.eigvalsh(F)
     (up, above), (down, below) = ((np.maximum((sign * x).max(-1), 0) for x in (b, f)) for sign in (1, -1))
     mixed = (up * down > 0) & (above * below > 0)

@@ -7,7 +7,7 @@ the body.  For n = 3 it is the Lagrange top.  Plus bracket, F' = {H, F}.  The ma
     M_(k+1) = R^T N R,   G_(k+1) = R^T W^T G W R,   u = 1/(2a) - h,   v = 1/(2b) - h,
 
 with N_33 the block N_ij, i, j >= 3, is that of `quadratic_field` for the field iG and B = i chi and of equal moments;
-then the blocks, which are conserved, turn it about chi.  [Ratiu, Amer. J. Math. 104 (1982); named in Suris 2001,
+then the blocks, which are conserved, rotate it about chi.  [Ratiu, Amer. J. Math. 104 (1982); named in Suris 2001,
 Conclusions; the map was made here]
 """
 
@@ -130,7 +130,7 @@ def factors(M, G, *, X, C, h, spins, lam, eps):
 
 
 def largest_step(M, G, *, X, h):
-    """det(1 + (k eps/2) chi G) stays positive as G turns, by its largest singular value, for smaller |eps|."""
+    """det(1 + (k eps/2) chi G) stays positive as G rotates, by its largest singular value, for smaller |eps|."""
     with np.errstate(divide="ignore"):
         return 2 / np.sqrt(h * np.sqrt(pairing(X, X)) * np.linalg.norm(G, 2, axis=(-2, -1)))
 

@@ -92,7 +92,7 @@ def cs(a: Any, g: Any, angle: Any) -> Any:
 
 
 def cs_of(a: Any, g: Any, cos: Any, sin: Any) -> Any:
-    """The same from cos and sin of the angle, 0 < angle <= pi/2.  By descending Landen transformations."""
+    """The integral from cos and sin of the angle, 0 < angle <= pi/2.  By descending Landen transformations."""
     return _level(a, g, cos, sin)[0]
 
 
@@ -133,7 +133,7 @@ def third_kind(x: Any, y: Any, z: Any, p: Any, delta: Any) -> Any:
 
 
 def third_kind_beyond(x: Any, y: Any, z: Any, p: Any, delta: Any) -> Any:
-    """The same for arguments far apart."""
+    """The integral for arguments far apart."""
     return _duplicated(x, y, z, p, delta, DUPLICATIONS + BEYOND)
 
 

@@ -42,7 +42,7 @@ Recorded = tuple[Graph, list[Operand]]
 
 
 class Rows(NamedTuple):
-    """What a kernel reads and writes for rows first, first + 1, ...: state, constants and time; new state, error.
+    """Arguments of a kernel for rows first, first + 1, ...: state, constants and time; new state, error.
 
     unit  of the times
     """

@@ -36,7 +36,7 @@ def leap(integrals: Integrals, alphas: Any, t: Any) -> Any:
 
     t and the integrals are double-doubles.  Returns count, eps, r, 1/|p| or 0, the
     turn about p, and two errors: of the state, and of the orientation too.  Between the rotation about p and one
-    about b before, which come last, the maps carry the orientation.  The turns are angles in revolutions; with
+    about b before, which come last, the maps carry the orientation.  The rotations are angles in revolutions; with
     `alphas`, they grow by (1/alpha - 1) c/|p| and (1/alpha - 1) J/|b| in a unit of time as well.
     """
     A, P2, J, c, E = integrals.A, integrals.P2, integrals.J, integrals.c, integrals.E
@@ -98,7 +98,7 @@ def axis_of(P2: Any, c: Any, K: Any, shape: Any) -> Any:
 
 
 def turned_by(axis: Any, maps: Any, alpha: Any, t: Any) -> Any:
-    """The turn about an axis in revolutions, and the size of that by `alpha`."""
+    """The rotation about an axis in revolutions, and the size of that by `alpha`."""
     heavy, p, c, K, _, period, _, _ = axis
     periods, count, direction, h, (gap, d1, d2, x0) = maps
     inverse_turn = DoubleDouble(TURN[0], TURN[1])
@@ -113,7 +113,7 @@ def turned_by(axis: Any, maps: Any, alpha: Any, t: Any) -> Any:
 
 
 def blurred(axis: Any, E: Any, J: Any, P2: Any, shape: Any, energy: Any) -> Any:
-    """What a rounding of double-doubles does to the rotation of a period."""
+    """The effect of rounding double-doubles on the rotation of a period."""
     heavy, p, c, K, mean, _, n, _ = axis
     lean, kappa, scale = upper(c / p), upper(K / p), shape[3]
     blur = abs(2.0 * upper(J) * upper(p)) + abs(2.0 * upper(E) * lean) + abs(lean * lean * lean)

@@ -1,9 +1,9 @@
 """Large n: kernels of O(n) or O(n^2) a step, from the definition run on vectors and matrices with structure.
 
-Three forms are known.  About an axis: one momentum m that changes by s ^ p alone, p a constant, and vectors, for steps
+Three forms are known.  About an axis: one momentum m that changes only by s ^ p, p a constant, and vectors, for steps
 that mean the same in every orthonormal basis.  The part of m that does not touch p is then constant; in its real
-Schur form (2 x 2 blocks theta) a product and a solve with m cost O(n).  Plain: vectors alone, as they are.
-Dense: one momentum M of n^2 scalars that changes by a few pairs s ^ t; each solve has an inverse of its own, which is
+Schur form (2 x 2 blocks theta) a product and a solve with m cost O(n).  Plain: only vectors, as they are.
+Dense: one momentum M of n^2 scalars that changes by a few pairs s ^ t; each solve has a separate inverse, which is
 part of the state and follows the changes by Woodbury's formula.  It starts as 0; where the residual of a solve is too
 large, it is made anew and the step done again.
 Which form a step has, if any, is found by recording it (`kreisel.kernels.large.structured`).
@@ -45,7 +45,7 @@ SHORTEST = 1e-100  # of an axis
 
 AXIS, TURN = f"c_{AXIS_NAME}", f"c_{TURN_NAME}"  # letters of inputs
 INVERSE = "inverse"
-LEAST_N = 4  # for n = 3 the definitions have closed forms of their own
+LEAST_N = 4  # for n = 3 the definitions have separate closed forms
 
 
 @dataclass(frozen=True)
@@ -304,7 +304,7 @@ class Inverse(NamedTuple):
 
 
 class Upkeep(NamedTuple):
-    """What is done to M, by pairs, and to the inverses before the new vectors are stored."""
+    """Changes of M, by pairs, and of the inverses before the new vectors are stored."""
 
     pairs: tuple[Change, ...]
     inverses: tuple[Inverse, ...]
@@ -318,7 +318,7 @@ class Upkeep(NamedTuple):
         return out
 
     def of(self, operands: Iterator[Operand]) -> Upkeep:
-        """The same with other operands in their place."""
+        """The node with other operands."""
 
         def change(_: Change) -> Change:
             scale, x, y = (next(operands) for _ in range(3))

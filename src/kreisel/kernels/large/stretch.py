@@ -25,7 +25,7 @@ def along(f: Function, count: Integer, body: Callable[[Integer, ir.Type], None])
 
 
 class Sum:
-    """A sum of vectors and of scalars, which begins where it is made."""
+    """A sum of vectors and of scalars, which begins if it is made."""
 
     def __init__(self, f: Function):
         self._f, self._parts = f, [*f.variables(1, VECTOR), *f.variables(1)]

@@ -371,7 +371,7 @@ def neumann_flow(s: Setting, sign: int = 1) -> Sides:
     M, (M_rate, P_rate) = wedge(x, q), clebsch.flow(wedge(x, q), x, b=b)
     yield P_rate, x_rate
     yield M_rate, wedge(x_rate, q) + wedge(x, q_rate)
-    yield -act(M_rate, x) - act(M, P_rate), q_rate  # q = -M x; wedged with x alone the multiplier is free
+    yield -act(M_rate, x) - act(M, P_rate), q_rate  # q = -M x; wedged only with x the multiplier is free
     if sign > 0:
         yield from zip(neumann.flow(x, q, b=b), (x_rate, q_rate), strict=True)
 

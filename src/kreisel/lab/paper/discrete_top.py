@@ -398,7 +398,7 @@ def moving_energy_chain(s: Setting) -> Sides:
 
 @stated("moving-energy-limit", "Section 6.2, Theorem 6.3, Hbar_eps", "E16", printed={"spins": 0})
 def moving_energy_limit(s: Setting, spins: int = 1) -> Sides:
-    """Hbar_0 + (1/alpha - 1)<M_perp, M_perp>/2 = H of the alpha top, |A| = 1 (E16: Hbar_0 alone is H at alpha = 1)"""
+    """Hbar_0 + (1/alpha - 1)<M_perp, M_perp>/2 = H of the alpha top, |A| = 1 (E16: only Hbar_0 is H at alpha = 1)"""
     M, P, A, alpha = s.skew(), s.vector(), s.unit(), s.scalar()
     Omega = lagrange_top_moving.velocity(M, P, A=A, alpha=alpha)
     Pi = identity(s.n) - outer(A)

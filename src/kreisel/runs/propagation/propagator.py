@@ -107,7 +107,7 @@ class Propagator:
         """The state after n steps of dt; with `every`, rows along a first axis: the steps 0, every, 2 every, ... and n.
 
         `time` at the start, for bodies with forces that depend on it (`kr.perturbed`); `work` counts from the start.
-        `parameters` of this call alone, by name, such as the torque of a motor.
+        `parameters` only of this call, by name, such as the torque of a motor.
 
         Raises `InputError` for a bad state or number of steps, `RunError` if the state is no longer finite or an
         invariant of the method is lost.
