@@ -12,7 +12,7 @@ from astropy import units as u
 from sgp4.propagation import getgravconst
 
 from kreisel.physical import EARTH, SATURN, SOLAR_PRESSURE, STANDARD_GRAVITY, SUN
-from kreisel.physical.satellite import ASTRONOMICAL_UNIT
+from kreisel.physical.orbit import ASTRONOMICAL_UNIT
 from kreisel.units import registry, si
 
 

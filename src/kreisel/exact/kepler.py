@@ -19,9 +19,9 @@ from kreisel.algebra import Array, dot, vec
 from kreisel.algebra.invariants import stack
 from kreisel.algebra.iteration import repeat
 
-HALVINGS, TERMS = 4, 9  # of s, and of the series: to rounding for beta s^2 from -500 to 500
+FAST, FULL = (3, 7), (4, 9)  # halvings of s and terms of the series: to rounding for |beta| s^2 up to 30, 500
 SMALL = 1e-12  # (the last change of s)^2 relative to s^2: the next one would be below rounding
-MOST = 60  # iterations; 2 to 4 are usual, 10 at e = 0.9999
+FEW, MOST = 3, 16  # iterations: for steps that are a small part of a nearly circular orbit, and for all others
 TINY = 1e-290
 ALMOST_PARABOLIC = 1e-10  # beta |r|/mu: its period has no meaning
 ROOTS = 4  # Newton's steps to a bound above a cube root
@@ -34,22 +34,38 @@ def step(r: Array, v: Array, *, mu: Any, h: Any) -> tuple[Array, Array]:
     h = _within_half_a_period(h + 0 * distance, beta, distance, mu)
     sign = algebra.where_less(h, 0 * h, -1 + 0 * h, 1 + 0 * h)
     span, ahead = sign * h, sign * radial
-    first, most = _bounds(span, distance, ahead, beta, dot(v, v), mu)
 
-    def improve(X: Array) -> tuple[tuple[Array], Array]:
-        s, low, high = X[..., 0], X[..., 1], X[..., 2]
-        g0, g1, g2, g3 = series(beta, s)
+    def improved(s: Any, size: tuple[int, int]) -> tuple[Any, Any]:
+        """What s lacks, and a better one."""
+        g0, g1, g2, g3 = series(beta, s, *size)
         miss = distance * g1 + ahead * g2 + mu * g3 - span
         slope = distance * g0 + ahead * g1 + mu * g2
         curvature = ahead * g0 + (mu - beta * distance) * g1
-        low, high = algebra.where_less(miss, 0 * miss, s, low), algebra.where_less(miss, 0 * miss, high, s)
         square = 16 * slope * slope - 20 * miss * curvature
-        new = s - 5 * miss / (slope + algebra.sqrt(algebra.maximum(square, -square)) + TINY)
-        new = algebra.where_less((new - low) * (high - new), 0 * new, (low + high) / 2, new)
-        return (stack([new, low, high]),), (new - s) * (new - s) / (new * new + TINY)
+        return miss, s - 5 * miss / (slope + algebra.sqrt(algebra.maximum(square, -square)) + TINY)
 
-    (X,), _ = repeat(improve, (stack([first, 0 * first, most]),), SMALL, MOST, ("R^3",))
-    g0, g1, g2, g3 = series(beta, sign * X[..., 0])
+    def bracketed(X: Array) -> tuple[tuple[Array], Array]:
+        s, low, high, open_ = X[..., 0], X[..., 1], X[..., 2], X[..., 3]
+        miss, new = improved(s, FULL)
+        low, high = algebra.where_less(miss, 0 * miss, s, low), algebra.where_less(miss, 0 * miss, high, s)
+        new = algebra.where_less((new - low) * (high - new), 0 * new, (low + high) / 2, new)
+        new = algebra.where_less(0 * open_, open_, new, s)
+        left = _unsettled(new, s) * open_
+        return (stack([new, low, high, left]),), left
+
+    s = before = span * algebra.maximum(beta, 0.1 * mu / distance) / mu
+    for _ in range(FEW):
+        before, (_, s) = s, improved(s, FAST)
+    unsettled = _unsettled(s, before)
+
+    def slowly() -> Array:
+        first, most = _bounds(span, distance, ahead, beta, dot(v, v), mu)
+        start = algebra.where_less(0 * unsettled, unsettled, first, s)
+        (X,), _ = repeat(bracketed, (stack([start, 0 * first, most, unsettled]),), -1.0, MOST, ("R^4",))
+        return X[..., :1]
+
+    s = algebra.if_positive(unsettled, slowly, stack([s]))[..., 0]
+    g0, g1, g2, g3 = series(beta, sign * s, *FULL)
     moved = distance * g0 + radial * g1 + mu * g2
     return (
         r + (vec(-mu * g2 / distance) * r + vec(h - mu * g3) * v),
@@ -57,15 +73,21 @@ def step(r: Array, v: Array, *, mu: Any, h: Any) -> tuple[Array, Array]:
     )
 
 
-def series(beta: Any, s: Any) -> tuple[Any, Any, Any, Any]:
+def _unsettled(new: Any, old: Any) -> Any:
+    """1 where the last change of s was large, or not a number, else 0."""
+    change = (new - old) * (new - old)
+    return algebra.where_less(change, SMALL * (new * new) + TINY, 0.0, 1.0)
+
+
+def series(beta: Any, s: Any, halvings: int, terms: int) -> tuple[Any, Any, Any, Any]:
     """G_0, G_1, G_2 and G_3."""
-    u = s / 2**HALVINGS
+    u = s / 2**halvings
     x, c2, c3 = beta * u * u, 0 * s, 0 * s
-    for k in range(TERMS - 1, -1, -1):
+    for k in range(terms - 1, -1, -1):
         c2, c3 = 1 / factorial(2 * k + 2) - x * c2, 1 / factorial(2 * k + 3) - x * c3
     g2, g3 = u * u * c2, u * u * u * c3
     g1, g0 = u - beta * g3, 1 - beta * g2
-    for _ in range(HALVINGS):
+    for _ in range(halvings):
         g1, g2, g3 = 2 * g0 * g1, 2 * g1 * g1, 2 * (g3 + g1 * g2)
         g0 = 1 - beta * g2
     return g0, g1, g2, g3

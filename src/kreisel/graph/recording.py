@@ -14,7 +14,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.graph.arranging import arranged, independent, length
-from kreisel.graph.graph import IN, LOOP, Graph, Number, Operand, TooLong
+from kreisel.graph.graph import IN, LOOP, NEVER, Graph, Number, Operand, TooLong
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Part, Scheme
 
@@ -85,8 +85,9 @@ class Recording:
 
     @property
     def straight(self) -> bool:
-        """Whether there is no loop, so that it can run on many lanes at once."""
-        return not any(piece.graph.nodes[at][0] == LOOP for piece in self.pieces for at in piece.nodes)
+        """Whether no loop ends earlier in some lanes, so that it can run on many lanes at once."""
+        loops = ((piece.graph, piece.graph.nodes[at]) for piece in self.pieces for at in piece.nodes)
+        return all(node[0] != LOOP or graph.loops[node[1]].small == NEVER for graph, node in loops)
 
     @property
     def stages(self) -> bool:

@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.gradient import value_and_gradient
 from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES
+from kreisel.bodies import binary as formulas_of_pairs
 from kreisel.bodies.binary import G
-from kreisel.errors import InputError, explained, shown
+from kreisel.errors import InputError, explained, hint, shown
 from kreisel.physical.gravity_body import GravityBody
 from kreisel.physical.measures import RATE, attitude_quaternion, si_number, si_numbers
-from kreisel.physical.orbit import Orbit, Primary
+from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SUN, Orbit, Primary
 from kreisel.record.body import Body
 from kreisel.record.model import Model, State
 from kreisel.runs.in_si import in_state_form
 
 if TYPE_CHECKING:
     import xarray as xr
+
+formulas = cast("Any", formulas_of_pairs)  # of a page, without types
 
 
 @explained
@@ -45,6 +50,8 @@ class Binary(Body):
     primary, secondary   `GravityBody`s; their tides lag if they have `love` and `lag`
     third                None; an `Orbit` of the barycentre around the Sun or a planet; or a `PointMass` that flies by
 
+    start                what `state()` has by default: separation and spin1 of a ready pair
+
     A run has position and velocity of the secondary relative to the primary, the angular momentum and the attitude of
     each body, all in space, with a third body also its position and velocity.  The mutual potential has all terms of
     the fourth degree in size over distance.  The equations: `kreisel.bodies.binary`.  Raises `InputError`.
@@ -53,6 +60,7 @@ class Binary(Body):
     primary: GravityBody
     secondary: GravityBody
     third: Any = None
+    start: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("primary", "secondary"):
@@ -112,23 +120,37 @@ class Binary(Body):
         spin2: Any = None,
         attitude1: Any = None,
         attitude2: Any = None,
-        orbit: Orbit | None = None,
+        separation: Any = None,
         unbound: bool = False,
+        **elements: Any,
     ) -> State:
         """The initial state.
 
         position, velocity     of the secondary relative to the primary, m and m/s, (..., 3)
-        orbit                  instead of these the mutual orbit, an `Orbit` whose `primary` is `pair.centre`
         spin1, spin2           angular velocities along the body axes, rad/s, (..., 3); default: that of the orbit
         attitude1, attitude2   unit quaternions (..., 4), body to space; default: the first axis along the line between
                                the bodies, the third along the normal of the orbit
+        separation             instead of a position the distance in a circular orbit in the plane of the first two
+                               axes, m
         unbound                whether the orbit may be a flyby
+        elements               instead of a position the osculating mutual orbit, in words of `Orbit`: semi_major_axis,
+                               eccentricity, inclination, node, perigee, mean_anomaly
 
-        Raises `InputError` for bodies that touch at the pericentre, and for an orbit that is not bound.
+        Ready pairs have values for all of these.  Raises `InputError` for bodies that touch at the pericentre, and for
+        orbits that are not bound.
         """
-        if (orbit is None) == (position is None) or (position is None) != (velocity is None):
-            raise InputError("state: expected position and velocity, or orbit=Orbit(...), got both or neither.")
-        r, v = self._from_orbit(orbit) if orbit is not None else (position, velocity)
+        if position is None and separation is None and not elements:
+            separation = self.start.get("separation")
+        spin1 = self.start.get("spin1") if spin1 is None else spin1
+        ways = (position is not None) + (separation is not None) + bool(elements)
+        if (position is None) != (velocity is None) or ways != 1:
+            raise InputError(
+                "state: expected position and velocity, or separation=..., or elements such as semi_major_axis=..., "
+                "got none or several of these."
+            )
+        if separation is not None:
+            position, velocity = self._circular(si_number(separation, "m", "separation", positive=True))
+        r, v = self._on(elements).at(0.0) if elements else (position, velocity)
         r, v = np.broadcast_arrays(si_numbers(r, "m", "position"), si_numbers(v, "m/s", "velocity"))
         self._require_apart(r, v, unbound)
         normal = np.cross(r, v)
@@ -147,17 +169,23 @@ class Binary(Body):
         batch = np.broadcast_shapes(*(x.shape[:-1] for x in parts.values()))
         return self.model().state(**{k: np.broadcast_to(x, (*batch, x.shape[-1])) for k, x in parts.items()})
 
-    @property
-    def centre(self) -> Primary:
-        """The central body of mutual orbits: mu = G (m1 + m2), and as radius the distance at which the bodies touch."""
-        return Primary("binary", self.mu, self.primary.size + self.secondary.size)
+    def _circular(self, distance: float) -> tuple[Array, Array]:
+        """Position and velocity with which both bodies in their default attitudes stay at this distance."""
+        r, known = np.array([distance, 0.0, 0.0]), self.model().constants
+        upright = np.array([1.0, 0.0, 0.0, 0.0])
+        values = {name: known[name] for name in formulas.LOADED}
+        _, (slope,) = value_and_gradient(lambda x: formulas.potential(x, upright, upright, **values), [(r, 1)])
+        inward = self.mu / distance**2 + slope[0] / float(known["reduced"])
+        return r, np.array([0.0, math.sqrt(max(inward * distance, 0.0)), 0.0])
 
-    def _from_orbit(self, orbit: Any) -> tuple[Array, Array]:
-        if not isinstance(orbit, Orbit) or not math.isclose(orbit.primary.mu, self.mu, rel_tol=1e-9):
-            raise InputError(
-                f"orbit: expected Orbit(..., primary=pair.centre), whose mu is {self.mu:g} m^3/s^2, got {shown(orbit)}."
-            )
-        return orbit.at(0.0)
+    def _on(self, elements: Mapping[str, Any]) -> Orbit:
+        known = ("semi_major_axis", "eccentricity", "inclination", "node", "perigee", "mean_anomaly")
+        for name in elements:
+            if name not in known:
+                raise InputError(
+                    f"state: expected elements among {', '.join(known)}, got {shown(name)}.{hint(name, known)}"
+                )
+        return Orbit(**elements, primary=Primary("binary", self.mu, 0.0))
 
     def _require_apart(self, r: Array, v: Array, unbound: bool) -> None:
         """Raises `InputError` for orbits that the expansion or the caller excludes."""
@@ -178,6 +206,48 @@ class Binary(Body):
                 f"state: expected bodies apart, {touch:g} m or more between their centres, got a pericentre of "
                 f"{least:g} m: they touch. Usual cause: a diameter for a radius, or km for m."
             )
+
+    # -- ready pairs ---------------------------------------------------------------------------------------
+
+    @classmethod
+    def didymos(cls, sun: bool = False, secondary: Any = (177.0, 174.0, 116.0), **tides: Any) -> Binary:
+        """(65803) Didymos and Dimorphos before the impact; `sun`: with the Sun, on the orbit around it.
+
+        secondary   diameters of Dimorphos, m, of 4.3e9 kg;  tides: love and lag of both bodies
+        Sizes, masses of equal density, 1206 m, 2.26 h [Daly et al. 2023]; the period is 11.9215 h [Scheirich, Pravec
+        2024].  The third axis of space is the pole of the mutual orbit, at 169 degrees to the heliocentric orbit.
+        """
+        orbit = Orbit(1.6443 * ASTRONOMICAL_UNIT, 0.3839, math.radians(169.0), primary=SUN) if sun else None
+        first = GravityBody.ellipsoid(5.6e11 - 4.3e9, (849.0, 851.0, 620.0), **tides)
+        return cls(first, GravityBody.ellipsoid(4.3e9, secondary, **tides), orbit, _spinning(1206.0, 2.26))
+
+    @classmethod
+    def moshup(cls) -> Binary:
+        """(66391) 1999 KW4, Moshup and Squannit: 2548 m, 17.42 h, the first rotates in 2.7645 h [Ostro et al. 2006]."""
+        first = GravityBody.ellipsoid(2.353e12, (1532.0, 1495.0, 1347.0))
+        second = GravityBody.ellipsoid(0.135e12, (571.0, 463.0, 349.0))
+        return cls(first, second, start=_spinning(2548.0, 2.7645))
+
+    @classmethod
+    def patroclus(cls) -> Binary:
+        """(617) Patroclus and Menoetius, of equal density and both synchronous.
+
+        G m = 0.0950 km^3/s^2, 692.5 km, 4.282753 days [Brozovic et al. 2024]; diameters [Buie et al. 2015]
+        """
+        diameters, mass = ((127e3, 117e3, 98e3), (117e3, 108e3, 90e3)), 0.0950e9 / G
+        share = math.prod(diameters[1]) / (math.prod(diameters[0]) + math.prod(diameters[1]))
+        first, second = (GravityBody.ellipsoid(m * mass, d) for m, d in zip((1 - share, share), diameters, strict=True))
+        return cls(first, second, start=_spinning(692.5e3))
+
+    @classmethod
+    def pluto(cls) -> Binary:
+        """Pluto and Charon, balls, both synchronous: 19596 km, 6.3872 days.
+
+        G m = 869.3 and 106.1 km^3/s^2 [Brozovic, Jacobson 2024], radii 1188.3 and 606.0 km [Nimmo et al. 2017]
+        """
+        masses, radii = (869.3e9 / G, 106.1e9 / G), (1188.3e3, 606.0e3)
+        first, second = (GravityBody.ellipsoid(m, (2 * R,) * 3) for m, R in zip(masses, radii, strict=True))
+        return cls(first, second, start=_spinning(19_596e3))
 
     # -- what a run shows ----------------------------------------------------------------------------------
 
@@ -202,6 +272,11 @@ class Binary(Body):
             np.arcsin(np.clip(-C[..., 2, 0], -1, 1)),
             np.arctan2(C[..., 1, 0], C[..., 0, 0]),
         )
+
+
+def _spinning(distance: float, hours: float | None = None) -> dict[str, Any]:
+    """A circular orbit of this radius, and the spin of the primary."""
+    return {"separation": distance} | ({} if hours is None else {"spin1": (0.0, 0.0, 2 * math.pi / 3600 / hours)})
 
 
 def _towards(r: Array, normal: Array) -> Array:

@@ -91,6 +91,11 @@ class Ensemble(Body):
         return started(self._model, None if starts[0] is None else np.stack(starts), **parts)
 
     @property
+    def words(self) -> dict[str, str]:
+        """The names of the variables of a run in SI, by the letters of the state."""
+        return self.bodies[0].words
+
+    @property
     def title(self) -> str:
         """The name of the bodies in the title of their runs."""
         return f"{len(self.bodies)} of {self.bodies[0].title}"

@@ -59,6 +59,7 @@ EARTH = Primary(
     earth.ENVIRONMENT,
 )
 SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7, 21_136.0e-9 * 60_268_000.0**3, 16_290.57e-6 * (60_330 / 60_268) ** 2)
+ASTRONOMICAL_UNIT = 149_597_870_700.0  # m, IAU 2012
 SUN = Primary("Sun", 1.3271244e20, 6.957e8)
 
 
@@ -75,6 +76,7 @@ def _checked(primary: Any) -> Primary:
 
 DAY, MOST_DEGREE, MOST_ROWS = 86_400.0, 5, 2_000_000
 TLE = (r"1 .{67}", r"2 .{67}")
+AHEAD_OF_UTC = {"TDB": 69.184, "TT": 69.184, "TAI": 37.0, "GPS": 18.0}  # s
 J2000 = dt.datetime(2000, 1, 1, 12, tzinfo=dt.UTC)
 
 
@@ -82,6 +84,7 @@ def _date(epoch: Any) -> dt.datetime | None:
     """A date in UTC, from ISO text, a date of Python, NumPy or pandas; None for None.  Raises `InputError`."""
     if epoch is None:
         return None
+    epoch = _in_utc(epoch) if isinstance(epoch, str) else epoch
     try:
         day = epoch.item() if isinstance(epoch, np.datetime64) else epoch
         if isinstance(day, int):  # of nanoseconds
@@ -92,6 +95,18 @@ def _date(epoch: Any) -> dt.datetime | None:
         raise InputError(
             f"epoch: expected a date in UTC such as '2026-03-20T14:46:00', or a datetime, got {shown(epoch)}."
         ) from None
+
+
+def _in_utc(epoch: str) -> str:
+    """The text of a date without "UTC" behind it.  Raises `InputError` for other scales of time."""
+    day, scale = re.fullmatch(r"(.*?)\s*([A-Za-z]{2,}\d?)?\s*", epoch, re.DOTALL).groups()  # type: ignore[union-attr]
+    ahead = AHEAD_OF_UTC.get((scale or "").upper())
+    if ahead is not None:
+        raise InputError(
+            f"epoch: expected a date in UTC, got {scale.upper()}, which is {ahead:g} s ahead since 2017. Subtract "
+            "these seconds, and leave the scale out."
+        )
+    return day if (scale or "").upper() == "UTC" else epoch
 
 
 class Rates(NamedTuple):

@@ -30,7 +30,7 @@ from kreisel.physical.measures import (
     si_numbers,
     three,
 )
-from kreisel.physical.orbit import SATURN, SUN, Orbit
+from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SATURN, SUN, Orbit
 from kreisel.record.body import UPRIGHT, started
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales
@@ -40,7 +40,6 @@ from kreisel.runs.orbits import Angles, angles_of, environment_of
 if TYPE_CHECKING:
     import xarray as xr
 
-ASTRONOMICAL_UNIT = 149_597_870_700.0  # m, IAU 2012
 SOLAR_PRESSURE = 1361.0 / 299_792_458.0  # N/m^2 on an absorbing surface at 1 au: flux (IAU 2015 B3) over speed of light
 
 

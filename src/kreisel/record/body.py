@@ -76,8 +76,9 @@ class Body:
 
 
 def started(model: Model, orientation: Any, /, **components: Any) -> State:
-    """The state of a body with these components and the orientation with which its run begins."""
-    return model.state(**components).started(algebra.floats(orientation), model.body_frame)
+    """The state of a body with these components and the orientation with which its run begins, or None."""
+    first = None if orientation is None else algebra.floats(orientation)
+    return model.state(**components).started(first, model.body_frame)
 
 
 def as_body(subject: Any) -> Body | None:
