@@ -151,7 +151,9 @@ class Binary(Body):
         if separation is not None:
             position, velocity = self._circular(si_number(separation, "m", "separation", positive=True))
         r, v = self._on(elements).at(0.0) if elements else (position, velocity)
-        r, v = np.broadcast_arrays(si_numbers(r, "m", "position"), si_numbers(v, "m/s", "velocity"))
+        r, v = si_numbers(r, "m", "position"), si_numbers(v, "m/s", "velocity")
+        if not r.size or r.shape != v.shape:
+            raise InputError(f"state: expected as many positions as velocities, got shapes {r.shape} and {v.shape}.")
         self._require_apart(r, v, unbound)
         normal = np.cross(r, v)
         rate = np.linalg.norm(normal, axis=-1, keepdims=True) / (r * r).sum(-1, keepdims=True)
@@ -253,7 +255,7 @@ class Binary(Body):
 
     def spins(self, run: xr.Dataset) -> tuple[Array, Array]:
         """Angular velocities of the two bodies along their axes, rad/s, (..., 3), at each row of a run."""
-        run, out = in_state_form(run), []
+        run, out = _of_binary(run), []
         for i, body in ((1, self.primary), (2, self.secondary)):
             Q = algebra.rotation_matrix(run[f"q{i}"].values)
             out.append(algebra.act(Q.mT, run[f"L{i}"].values) / body.inertia)
@@ -264,7 +266,9 @@ class Binary(Body):
 
         The frame has its first axis along the line between the bodies and the third along the normal of the orbit.
         """
-        run = in_state_form(run)
+        if body not in (1, 2):
+            raise InputError(f"body: expected 1, the primary, or 2, the secondary, got {shown(body)}.")
+        run = _of_binary(run)
         frame = _towards(run["r"].values, np.cross(run["r"].values, run["v"].values))
         C = frame.mT @ algebra.rotation_matrix(run[f"q{body}"].values)
         return (
@@ -272,6 +276,14 @@ class Binary(Body):
             np.arcsin(np.clip(-C[..., 2, 0], -1, 1)),
             np.arctan2(C[..., 1, 0], C[..., 0, 0]),
         )
+
+
+def _of_binary(run: Any) -> Any:
+    """A run with the letters of the state.  Raises `InputError` for anything but a run of a binary."""
+    rows = in_state_form(run)
+    if not all(name in getattr(rows, "data_vars", ()) for name in ("r", "v", "L1", "q1", "L2", "q2")):
+        raise InputError(f"run: expected a run of a Binary, or rows of it, got {shown(type(run).__name__)} of another.")
+    return rows
 
 
 def _spinning(distance: float, hours: float | None = None) -> dict[str, Any]:
