@@ -130,7 +130,7 @@ class Stopped(RunError):
         RunError.__init__(
             self,
             f"stopped by {signal.Signals(number).name} after {steps:,} steps. All of them are kept in {part}; "
-            f"`kreisel resume {name}` goes on.",
+            f"`kreisel resume {name}` resumes it.",
         )
 
 

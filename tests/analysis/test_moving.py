@@ -217,7 +217,7 @@ def test_attitude_message_from_the_command_line(tmp_path: Path) -> None:
 
 
 BAD = {
-    "top": (lambda: kr.analysis.path(run_of(kr.EulerTop(J=(1, 2, 3)), {"M": (1, 2, 3)})), "only turns"),
+    "top": (lambda: kr.analysis.path(run_of(kr.EulerTop(J=(1, 2, 3)), {"M": (1, 2, 3)})), "only rotates"),
     "no orientation": (lambda: kr.analysis.path(run_of(ELLIPSOID, orientation=None)), "no orientation"),
     "start": (lambda: kr.analysis.path(run_of(ELLIPSOID), start=(1, 2)), "start: expected 3 numbers"),
     "nan": (lambda: kr.analysis.path(run_of(ELLIPSOID), start=(1, 2, np.nan)), "finite"),

@@ -257,7 +257,7 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
     "inertia at rest": (lambda: kr.perturbed(REST, inertia=I), "LagrangeTopMoving"),
     "ragged inertia": (lambda: kr.perturbed(MOVING, inertia=(1, 1, [0.5, 0.7])), "ragged"),
     "inertia below 0": (lambda: kr.perturbed(MOVING, inertia=(1, 1, -1)), "> 0"),
-    "no numbers": (lambda: kr.perturbed(MOVING, damping="much"), "real numbers"),
+    "no numbers": (lambda: kr.perturbed(MOVING, damping="much"), "real values"),
     "params of no dict": (lambda: kr.perturbed(REST, potential=lambda a: a[0], params=3), "a dict"),
     "a taken name": (lambda: kr.perturbed(REST, potential=lambda a: a[0], params={"p": 1}), "other than"),
     "an own name": (lambda: kr.perturbed(REST, damping=0.1, name=""), "a name"),
@@ -291,8 +291,8 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
     "damping across the axis": (lambda: kr.perturbed(REST, damping=(0.1, 0.2, 0.3)), "are alike"),
     "an equality": (lambda: kr.perturbed(REST, potential=lambda a: a[0] if a[0] == 0.5 else a[1]), "no `if`"),
     "nothing": (lambda: kr.perturbed(REST, potential=lambda a: None), "expected one number"),
-    "a complex potential": (lambda: kr.perturbed(REST, potential=lambda a: 1j * a[0]), "real numbers"),
-    "a complex torque": (lambda: kr.perturbed(FREE, torque=lambda M: 1j * M), "real numbers"),
+    "a complex potential": (lambda: kr.perturbed(REST, potential=lambda a: 1j * a[0]), "real values"),
+    "a complex torque": (lambda: kr.perturbed(FREE, torque=lambda M: 1j * M), "real values"),
     "no momentum": (lambda: kr.perturbed(kr.Neumann(b=(1, 2, 3)), damping=0.1), "a potential alone"),
 }
 

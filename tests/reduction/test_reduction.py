@@ -600,7 +600,7 @@ def test_more_bad_input() -> None:
         red.system("top", group=red.SO(3), lagrangian=heavy)(J=J3)
     with pytest.raises(kr.InputError, match="conserved: expected names of energy, got 'noether'"):
         red.system("top", group=red.SO(3), lagrangian=heavy, conserved=("noether",))
-    with pytest.raises(kr.InputError, match="takes the parameter"):
+    with pytest.raises(kr.InputError, match="has the parameter"):
         red.system("top", group=red.SO(3), lagrangian=heavy, parameters=[red.Parameter("B", "vector", "")])
     with pytest.raises(kr.InputError, match="method='suris': expected a system with an explicit map"):
         kr.simulate(heavy_top(), {"M": (1, 0, 2), "P": (0, 0, 1)}, dt=0.1, steps=2, method="suris")

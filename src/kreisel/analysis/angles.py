@@ -378,7 +378,7 @@ def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | Non
     if model.system.translation is None:
         raise InputError(
             f"{model.system.name}: expected a body that moves through space, such as kr.Kirchhoff or kr.Clebsch, got "
-            "one that only turns."
+            "one that only rotates."
         )
     lanes = "lane" in run.dims
     rows = rows_of(run, model, _matrices(run, model))

@@ -96,6 +96,6 @@ def _function_values(function: Callable[..., Any], values: list[Array], shape: t
         ) from error
     if out.shape != shape or out.dtype.kind not in "iufc":
         raise InputError(
-            f"A quantity is one value for each state, here {shape}, got {out.shape}. Index from the right: a[..., 2]."
+            f"A quantity has one value for each state, here {shape}, got {out.shape}. Index from the right: a[..., 2]."
         )
     return out

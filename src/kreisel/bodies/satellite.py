@@ -129,7 +129,7 @@ def doubtful_field(mu, field):
     """A sentence on the sign of the Earth's field."""
     if np.all(abs(mu / EARTH - 1) < 1e-2) and np.any(field > 0):
         yield (
-            f"field = {np.max(field):g} T m^3 points south over the equator, that of the Earth points north: expected "
+            f"field = {np.max(field):g} T m^3 points south over the equator; the Earth's points north: expected "
             "R^3 g_1^0, here -7.59e15. Usual cause: the strength of the dipole for its signed coefficient."
         )
 

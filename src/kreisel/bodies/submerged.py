@@ -93,7 +93,7 @@ def check_mass_matrix(value, name):
     if not least > 0:
         raise InputError(
             f"{name}: expected a positive matrix, got the least eigenvalue {least:.3g}. Usual cause: an inertia about "
-            "another point than the centre of mass, or added masses without those of the body."
+            "another point than the centre of mass, or added masses without the body's."
         )
 
 

@@ -272,7 +272,9 @@ BODY = kr.perturbed(
 """
 POTENTIAL = "    potential=lambda {0}, t, *, strength: strength * {0}[0] * np.cos(t),  # V, of {0}, g, the time t"
 DAMPING = "\n    damping={0!r},  # M' = ... - damping M"
-TORQUE = "    torque=lambda M, *, strength: -strength * M * np.sqrt(M @ M),  # the rate of M beside: quadratic friction"
+TORQUE = (
+    "    torque=lambda M, *, strength: -strength * M * np.sqrt(M @ M),  # added to the rate of M: quadratic friction"
+)
 
 
 def forced(sample: Example, name: str, target: Path, code: Path) -> dict[Path, str]:

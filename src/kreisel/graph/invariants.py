@@ -131,7 +131,8 @@ def recordable(make: Callable[[], Result | None], numbers: str = "recorded numbe
     except Exception as error:  # whatever a function that expects arrays of NumPy makes of others
         warnings.warn(
             "Round-off adds up in this run, which is not projected: expected integrals of +, -, *, /, square roots and "
-            f"products of arrays, got one that takes no {numbers} ({error}). project=False says so.",
+            f"products of arrays, got one that does not accept {numbers} ({error}). project=False leaves the "
+            f"projection out.",
             ConservationWarning,
             stacklevel=2,
         )

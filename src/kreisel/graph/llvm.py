@@ -57,8 +57,8 @@ def constant(kind: ir.Type, number: float) -> Value:
 
 
 class Integer:
-    """An integer of 64 bits at run time, with Python's operators; + - * and comparisons accept Python's integers "
-    "too.
+    """An integer of 64 bits at run time, with Python's operators; + - * and comparisons accept Python's integers
+    too.
     """
 
     __slots__ = ("builder", "value")

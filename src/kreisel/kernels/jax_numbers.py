@@ -121,7 +121,7 @@ def array(value: Any, name: str) -> Array:
     except ValueError:
         found = np.asarray(None)
     if found.dtype == np.float32:
-        raise InputError(f"{name}: expected float64, got an array in float32. Convert it where it is made.")
+        raise InputError(f"{name}: expected float64, got an array in float32. Convert it at its source.")
     if found.dtype.kind not in "iuf":
         raise InputError(f"{name}: expected an array of real values, got {found.dtype}.")
     require_double(found)

@@ -312,7 +312,8 @@ def _matrix(subject: Subject, function: Any, x: Array, lam: Any, constants: dict
         out = np.asarray(function(x, lam, **constants), dtype=object)
     except (TypeError, AttributeError) as error:
         raise InputError(
-            f"The Lax pair of {subject.name} failed on exact numbers: {error}. It must be rational in the coordinates "
+            f"The Lax pair of {subject.name} failed in exact arithmetic: {error}. It must be rational in the "
+            f"coordinates "
             "and in lam, and accept the constants of the map by keyword."
         ) from error
     out = _without_complex(out, lam.p if isinstance(lam, Mod) else 0)

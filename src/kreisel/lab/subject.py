@@ -318,7 +318,7 @@ def _taken(name: str, function: Function, state: Sequence[str], constants: Mappi
         )
     if missing:
         raise InputError(
-            f"{name}{inspect.signature(function)} takes {', '.join(missing)} by keyword: give their values. "
+            f"{name}{inspect.signature(function)} needs {', '.join(missing)} by keyword: give their values. "
             f"The state is {', '.join(state)}."
         )
     every = any(p.kind is p.VAR_KEYWORD for p in parameters)

@@ -49,9 +49,7 @@ def numbers(value: Any, name: str) -> Array:
     if array.dtype == object and all(map(algebra.is_number, array.flat)):
         return array
     if array.dtype.kind not in "iuf":
-        hint = (
-            " Units are left out here: `kreisel systems NAME` says which they are." if array.dtype.kind == "U" else ""
-        )
+        hint = " Units are left out here: `kreisel systems NAME` states them." if array.dtype.kind == "U" else ""
         raise InputError(f"{name} must be real values, got {shown(value)}.{hint}")
     array = array.astype(np.promote_types(array.dtype, np.float64))
     if not np.isfinite(array).all():
@@ -82,7 +80,7 @@ def require_one_reading(p: Parameter, value: Any, system: str, sites: Any = None
         raise InputError(
             f"{name}: {n} values for {n} sites may be one for each lane, or one for each site. For {n} lanes give the "
             f"shape ({n}, 1). No parameter here differs from site to site: for that write the flow yourself, as "
-            "kr.simulate takes it."
+            "kr.simulate accepts it."
         )
     if p.diagonal and array.shape == (n, n) and n > 2 and (array == array.T).all():
         raise InputError(

@@ -156,8 +156,10 @@ def converted(value: Any, unit: str, name: str) -> Any:
     target = parsed_unit(unit, name)
     if str(value.dimensionality) == str(target.dimensionality) == "1 / [time]" and _turns(value) != _turns(target):
         raise InputError(
-            f"{name} must be in {unit}, got {value:~}, which may count turns or radians. Usual cause: a frequency for "
-            f"an angular velocity. Three turns a second are '3 turn/s' or '180 rpm', 3 * 2 pi = 18.85 rad/s; three "
+            f"{name} must be in {unit}, got {value:~}, which may count revolutions or radians. Usual cause: a "
+            f"frequency for "
+            f"an angular velocity. Three revolutions a second are '3 turn/s' or '180 rpm', 3 * 2 pi = 18.85 rad/s; "
+            f"three "
             "radians a second are '3 rad/s'."
         )
     try:

@@ -123,7 +123,7 @@ def _on_duals(run: _Batched, args: Sequence[Any], constants: Mapping[str, Any]) 
     some = next((v for v in flat if hasattr(v, "slope")), None)
     if not all(isinstance(getattr(v, "value", v), int | float | np.number) for v in flat):
         raise InputError(
-            "Functions of kreisel.reduction take floats, got exact numbers. Use numbers=('float',) in the laws."
+            "Functions of kreisel.reduction accept floats, got rationals. Use numbers=('float',) in the laws."
         )
     values = [np.vectorize(_plain_number, otypes=[float])(a) for a in args]
     if some is None:

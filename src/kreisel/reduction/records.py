@@ -119,7 +119,7 @@ def system(
     conserved: Sequence[str] = (),
     order: int | None = None,
     title: str = "",
-    source: str = "a Lagrangian of your own",
+    source: str = "a user-defined Lagrangian",
 ) -> System:
     """A system from a continuous Lagrangian, a discrete one, or both.
 
@@ -203,7 +203,8 @@ class _Record:
         for letter in stated:
             if letter not in defaults:
                 raise InputError(
-                    f"No Lagrangian takes the parameter {shown(letter)}; they take {', '.join(defaults) or 'none'}."
+                    f"No Lagrangian has the parameter {shown(letter)}; their parameters are "
+                    f"{', '.join(defaults) or 'none'}."
                 )
         self.axes = [algebra.KINDS[s.kind].axes for s in self.spaces]
         self.keywords = {p.letter: p.axes for p in self.parameters}
@@ -381,7 +382,7 @@ class _Record:
         mine = lagrangian_constants(function)
         unknown = [k for k in mine if k not in self.keywords]
         if unknown:
-            raise InputError(f"An integral takes {shown(unknown[0])}, which no Lagrangian takes.")
+            raise InputError(f"An integral names {shown(unknown[0])}, which is not a parameter of any Lagrangian.")
         return lambda *state, **constants: function(*state, **{k: constants[k] for k in mine})
 
     def _named(self, function: Callable[..., Any]) -> Callable[..., Any]:

@@ -212,7 +212,7 @@ def nutation(system: Model, x0: StateLike) -> Figures:
         raise InputError(f"kr.nutation is for Lagrange tops with n = 3, got {system.system.name}, n = {system.n}.")
     parts = tuple(checked_state(system, x0).values())
     if system.batch or parts[0].ndim > 2 or parts[1].ndim > 1:
-        raise InputError("kr.nutation takes one motion, got an ensemble. Take one lane at a time.")
+        raise InputError("kr.nutation needs one motion, got an ensemble. Pass one lane at a time.")
     try:
         return _figures(system, parts)
     except ZeroDivisionError:

@@ -285,7 +285,7 @@ def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> t
         raise InputError(
             f"No kernel of O(n) or O(n^2) a step of method={shown(plan.name)} is known for this system, n = {plan.n}. "
             f"engine='large' needs n >= {LEAST_N}, and one of these: momenta that change along one constant vector "
-            "other than 0; vectors alone; one momentum and a single real stage. It carries an orientation in the "
+            "other than 0; only vectors; one momentum and a single real stage. It carries an orientation in the "
             "first case only, with method='suris'. Leave engine out."
         )
     return (plan, None) if form is None else (form.on(plan, spread), Large(form, plan))

@@ -80,7 +80,7 @@ def metadata(store: Path) -> dict[str, Any]:
     """The metadata of an archive and all its arrays, as JSON.  Raises `InputError` if there are none, or damaged."""
     if not stands(store):
         there = bool(store.name) and store.suffix != ".part" and stands(part_of(store))
-        left = f" {part_of(store)} is there: `kreisel resume {store}` goes on." if there else ""
+        left = f" {part_of(store)} is there: `kreisel resume {store}` resumes it." if there else ""
         raise InputError(f"No archive {store}. Run `kreisel run` first, or check the name.{left}")
     path = store / "zarr.json"
     try:
@@ -162,7 +162,7 @@ def _pairs(path: Path) -> set[tuple[str, str]]:
             raise InputError(f"{path} is damaged: expected a text file of checksums, got something else.")
         lines = path.read_bytes().decode().splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} cannot be read: {error}. `kreisel check` says what is whole.") from error
+        raise InputError(f"{path} cannot be read: {error}. `kreisel check` reports what is intact.") from error
     found = [LINE.fullmatch(line) for line in lines]
     if None in found:
         line = lines[found.index(None)]

@@ -82,7 +82,7 @@ def check_rows(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     """The check of a run."""
     record = run_record(path)
     archive.require_plain(path)
-    cut = ["the run was interrupted before its end: `kreisel resume` goes on with it"] if is_cut(path, record) else []
+    cut = ["the run was interrupted before its end: `kreisel resume` resumes it"] if is_cut(path, record) else []
     try:
         known = archive.listed(path)
         changed = _file_faults(path, record, known)

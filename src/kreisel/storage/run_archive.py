@@ -82,7 +82,7 @@ class RunArchive:
             )
         if not self._overwrite and (self.part / CHECKPOINT).exists():
             raise InputError(
-                f"{self.part} was left by a run that was interrupted. `kreisel resume {self.path}` goes on, "
+                f"{self.part} was left by a run that was interrupted. `kreisel resume {self.path}` resumes it, "
                 f"`kreisel plot {self.part}` shows it; or start over with --overwrite (overwrite=True)."
             )
 
@@ -277,6 +277,6 @@ def _same(model: Model, record: RunRecord) -> Model:
 def _disk(path: Path, action: str) -> AbstractContextManager[None]:
     def kept() -> str:
         there = (part_of(path) / CHECKPOINT).exists()
-        return f" What was done until the last checkpoint is kept: `kreisel resume {path}` goes on." if there else ""
+        return f" What was done until the last checkpoint is kept: `kreisel resume {path}` resumes it." if there else ""
 
     return on_disk(path, action, kept)

@@ -21,7 +21,7 @@ from kreisel.storage.archive import Listed
 if TYPE_CHECKING:
     import xarray as xr
 
-REMEDY = "`kreisel check` says what else is; --recover saves the intact rows."
+REMEDY = "`kreisel check` reports the other damage; --recover saves the intact rows."
 
 
 class Damaged(InputError):

@@ -373,13 +373,13 @@ def _upkeep(M: Any) -> Upkeep:
 
     def number(x: Any) -> Operand:
         if not isinstance(x, Number | float | int):
-            raise TypeError("a dense momentum changed by complex numbers")
+            raise TypeError("a dense momentum changed by complex values")
         return x
 
     def change(scale: Any, x: StructuredVector, y: StructuredVector) -> Change:
         (a,), (b,) = x.blocks, y.blocks
         if not isinstance(a, Number) or not isinstance(b, Number):
-            raise TypeError("a dense momentum changed by plain numbers")
+            raise TypeError("a dense momentum changed by plain values")
         return Change(number(scale), a, b)
 
     moved = tuple(change(*pair) for pair in pairs)

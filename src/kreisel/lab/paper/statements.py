@@ -311,15 +311,15 @@ PAGE_HEAD = """# The paper, verified
 
 Every numbered theorem, proposition and lemma, and the displayed identities, of Yu. B. Suris, *Integrable
 discretizations of some cases of the rigid body dynamics* (2001), tested at random points: exactly over the rationals,
-where the residual must be 0, and in floats. Labels in brackets are those of the source text. Statements with errata
-([list](errata.md)) also test the printed form, which must fail; the number says by how much, in the n where it fails least.
+where the residual must be 0, and in floats. Labels in brackets come from the source text. Statements with errata
+([list](errata.md)) also test the printed form, which must fail; the number states by how much, in the n where it fails least.
 A random point is not a proof for all n: it makes an identity of rational functions that is false very unlikely to pass.
 Another `--seed` tests every statement at other points; steps and parameters have both signs where the formulas allow it.
-The last statements are those of further maps, beyond the paper.
+The last statements concern further maps, beyond the paper.
 
-The column *computed* says what is compared: the two sides of the formulas; ranks of differentials with the numbers of the
+The column *computed* states what is compared: the two sides of the formulas; ranks of differentials with the counts of the
 statement; or the [laws](laboratory.md) of the record. That a wrong statement fails is tested too (`tests/lab/test_statements_fail.py`):
-signs, numbers and transposes of its formulas are changed one at a time until it fails, or the flow and the step of the
+signs, coefficients and transposes of its formulas are changed one at a time until it fails, or the flow and the step of the
 record are spoiled; of errata the printed form must fail.
 
 Made by `make verify` (`kreisel verify --markdown`); one statement: `kreisel verify theorem-6.1`.

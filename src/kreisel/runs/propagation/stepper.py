@@ -499,5 +499,5 @@ def number_of(quantity: Any, state: Any, name: str) -> float:
             f"{type(error).__name__}: {error}."
         ) from error
     if value.size != 1 or value.dtype.kind not in "iuf":
-        raise InputError(f"{name}: expected a quantity that is one value, got {shown(value)}.")
+        raise InputError(f"{name}: expected a quantity with one value, got {shown(value)}.")
     return finite_number(value.item(), f"{name}: the quantity")
