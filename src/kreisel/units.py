@@ -19,7 +19,7 @@ from kreisel.record.contract import Frame
 from kreisel.record.quantities import Scale, Scales, converted, parsed_unit, registry, si
 from kreisel.runs.geometry import in_body_axes, model_for, velocity_of
 from kreisel.runs.in_si import SUMMARIES, is_in_si
-from kreisel.runs.run_record import RunRecord
+from kreisel.runs.run_record import RunRecord, frame_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -64,7 +64,9 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
     longer be resumed.  Raises `InputError` for variables that have no scale or do not exist, and units of another
     dimension.
     """
-    frame = None if is_in_si(run) else RunRecord.from_attrs(getattr(run, "attrs", {})).body_frame
+    frame = None if is_in_si(run) or not hasattr(run, "attrs") else frame_of(run)
+    if frame is not None and frame.differs:
+        raise InputError("expected a run in SI, got one of bodies in different units: simulate the ensemble itself.")
     if is_in_si(run):
         units = {str(name): variable.attrs.get("units", "1") for name, variable in run.variables.items()}
         scales = {name: Scale(unit, 1.0) for name, unit in units.items() if unit != "1"}

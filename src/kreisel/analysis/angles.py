@@ -27,7 +27,7 @@ from kreisel.runs.geometry import (
     vertical_and_axis,
 )
 from kreisel.runs.in_si import in_state_form, is_in_si, time_unit
-from kreisel.runs.run_record import RunRecord, a_run
+from kreisel.runs.run_record import RunRecord, a_run, frame_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -150,7 +150,7 @@ def rates(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     import xarray as xr
 
     model = model_for(run, system)
-    values, frame = _rates(model, components(run, model)), RunRecord.from_attrs(run.attrs).body_frame
+    values, frame = _rates(model, components(run, model)), frame_of(run)
     unit, size = ("1", 1.0) if frame is None else ("rad/s", frame.time_unit)
     data = {k: (v, "rad") if k == "tilt" else (v / size, unit) for k, v in values.items()}
     lead = _lead(run)
@@ -343,7 +343,7 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
         raise InputError(f"frame: expected 'body' or 'space', got {shown(frame)}.")
     if model.system.velocity is None:
         raise InputError(f"{model.system.name}: expected a system of a body that rotates, got one without.")
-    omega, body_frame = velocity_of(run, model), model.body_frame or RunRecord.from_attrs(run.attrs).body_frame
+    omega, body_frame = velocity_of(run, model), model.body_frame or frame_of(run)
     if (model.system.frame is Frame.REST) == (frame == BODY):
         g = _matrices(run, model)
         omega = g.mT @ omega @ g if frame == BODY else g @ omega @ g.mT

@@ -201,15 +201,27 @@ PARAMETERS = (
     Parameter("moments", "vector", "principal moments of inertia, kg m^2", check_moments, diagonal=True),
     *ORBIT,
     Parameter(
-        "degree_3", "array", "body's mass times R^3 (C_30, C_31, S_31, ... S_33), kg m^3", check_degree_3, np.zeros(7)
+        "degree_3",
+        "array",
+        "body's mass times R^3 (C_30, C_31, S_31, ... S_33), kg m^3",
+        check_degree_3,
+        np.zeros(7),
+        rank=1,
     ),
     Parameter(
-        "degree_4", "array", "body's mass times R^4 (C_40, C_41, S_41, ... S_44), kg m^4", check_degree_4, np.zeros(9)
+        "degree_4",
+        "array",
+        "body's mass times R^4 (C_40, C_41, S_41, ... S_44), kg m^4",
+        check_degree_4,
+        np.zeros(9),
+        rank=1,
     ),
     Parameter("dipole", "vector", "magnetic moment, A m^2, along the principal axes", default=np.zeros(3)),
     Parameter("field", "scalar", "of the primary's dipole, R^3 g_1^0, T m^3; -7.59e15 for the Earth", default=0.0),
     Parameter("torque", "vector", "steady torque, N m, along the principal axes", default=np.zeros(3)),
-    Parameter("plates", "array", "rows of normal (3), centre (3, m), area (m^2)", check_plates, np.zeros((1, 7))),
+    Parameter(
+        "plates", "array", "rows of normal (3), centre (3, m), area (m^2)", check_plates, np.zeros((1, 7)), rank=2
+    ),
     Parameter("drag", "scalar", "drag coefficient of the plates", check_not_negative, 2.2),
     Parameter("pressure", "scalar", "of sunlight, N/m^2; 4.54e-6 at the Earth's distance", check_not_negative, 0.0),
     Parameter("mirror", "scalar", "part of the light that plates reflect like a mirror", check_part, 0.0),
@@ -234,7 +246,7 @@ def body_frame():
 
 def body(name, title, *wheel):
     parameters = (*PARAMETERS, *wheel)
-    axes = {p.letter: {"scalar": 0, "vector": 1, "array": 2, "table": 1}[p.kind] for p in parameters}
+    axes = {p.letter: p.axes for p in parameters}
     constants, tables = ("J", "orbit", "path", "mu", "field", "dipole", "degree_3", "degree_4"), {"path": PATH}
     return perturbed_record(
         Perturbation(

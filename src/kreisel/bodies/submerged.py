@@ -21,7 +21,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.algebra import act, axial, cross, hat, identity, principal_axes, solve, sqrt
+from kreisel.algebra import act, axial, cross, hat, identity, mat, principal_axes, solve, sqrt, vec
 from kreisel.algebra.invariants import trace
 from kreisel.errors import InputError, shown
 from kreisel.forces.records import perturbed_record
@@ -60,25 +60,29 @@ def torque(M, P, *, turn, shift, **constants):
 
 def derive(*, mass_matrix, weight, buoyancy, center_of_mass, center_of_buoyancy):
     """C, B and the coupling of `kirchhoff` at the place of the state; the place and the axes of the state."""
-    inverse = solve(mass_matrix.reshape(-1, 6, 6)[0], identity(6))  # equal in all lanes
-    D, K, A = inverse[:3, :3], inverse[3:, :3], inverse[3:, 3:]
-    shift = -act(solve(trace(A) * identity(3) - A, identity(3)), axial(K - K.T))
+    inverse = solve(mass_matrix, identity(6))
+    D, K, A = inverse[..., :3, :3], inverse[..., 3:, :3], inverse[..., 3:, 3:]
+    shift = -act(solve(mat(trace(A)) * identity(3) - A, identity(3)), axial(K - K.mT))
     S = hat(shift)
-    D, K = D + S.T @ A @ S + S.T @ K + K.T @ S, K + A @ S
-    rates, turn = principal_axes((A + A.T) / 2)
-    D, K = (turn.T @ (X + X.T) @ turn / 2 for X in (D, K))
-    lever = weight[..., None] * (center_of_mass - shift) - buoyancy[..., None] * (center_of_buoyancy - shift)
-    planes = (1 - identity(3)) * rates[OTHER]
-    values = {"C": planes, "B": -D, "D": D, "coupling": K, "inverse": rates, "turn": turn, "shift": shift}
-    return {name: value + 0 * weight.reshape(*weight.shape, *[1] * value.ndim) for name, value in values.items()} | {
-        "lever": lever @ turn
+    D, K = D + S.mT @ A @ S + S.mT @ K + K.mT @ S, K + A @ S
+    A = (A + A.mT) / 2
+    each = [principal_axes(a) for a in A.reshape(-1, 3, 3)]
+    rates, turn = (np.stack(parts).reshape(*A.shape[:-2], *parts[0].shape) for parts in zip(*each, strict=True))
+    D, K = (turn.mT @ (X + X.mT) @ turn / 2 for X in (D, K))
+    lever = vec(weight) * (center_of_mass - shift) - vec(buoyancy) * (center_of_buoyancy - shift)
+    planes = (1 - identity(3)) * rates[..., OTHER]
+    return {"C": planes, "B": -D, "D": D, "coupling": K, "inverse": rates, "turn": turn, "shift": shift} | {
+        "lever": act(turn.mT, lever)
     }
 
 
 def body_frame(*, turn):
     """SI units; the mass matrix is given in any axes of the body."""
     units = {"time": "s", "M": "kg m^2/s", "P": "kg m/s", "energy": "J", "work": "J", "balance": "J"}
-    return BodyFrame(turn.reshape(-1, 3, 3)[0], {name: (unit, 1.0) for name, unit in units.items()}, ("M", "P"))
+    first = turn.reshape(-1, 3, 3)[0]
+    return BodyFrame(
+        turn if (turn != first).any() else first, {name: (unit, 1.0) for name, unit in units.items()}, ("M", "P")
+    )
 
 
 def check_mass_matrix(value, name):
@@ -108,14 +112,19 @@ def check_force(value, name):
 
 
 PARAMETERS = (
-    Parameter("mass_matrix", "array", "of mass and added mass about O, of (U, Omega), SI", check_mass_matrix),
+    Parameter("mass_matrix", "array", "of mass and added mass about O, of (U, Omega), SI", check_mass_matrix, rank=2),
     Parameter("weight", "scalar", "N", check_force, 0.0),
     Parameter("buoyancy", "scalar", "weight of the fluid displaced, N", check_force, 0.0),
     Parameter("center_of_mass", "vector", "from O, m", default=np.zeros(3)),
     Parameter("center_of_buoyancy", "vector", "from O, m", default=np.zeros(3)),
-    Parameter("linear_drag", "array", "drag, N s/m three times and N m s three times", check_drag, np.zeros(6)),
+    Parameter("linear_drag", "array", "drag, N s/m three times and N m s three times", check_drag, np.zeros(6), rank=1),
     Parameter(
-        "quadratic_drag", "array", "drag, N s^2/m^2 three times and N m s^2 three times", check_drag, np.zeros(6)
+        "quadratic_drag",
+        "array",
+        "drag, N s^2/m^2 three times and N m s^2 three times",
+        check_drag,
+        np.zeros(6),
+        rank=1,
     ),
 )
 MATRICES = ("inverse", "coupling", "D", "turn", "shift", "linear_drag", "quadratic_drag")

@@ -26,6 +26,8 @@ PLACE = {
     "r": "position", "v": "velocity", "B": "field", "B_rate": "field_rate", "sun": "sun",
     "light": "light", "density": "density",
 }  # fmt: skip
+AXES_OF_LANES = ("body_axis_1", "body_axis_2", "body_axis_3")  # parameters: the columns of `turn`, if lanes differ
+UNIT_OF_LANES = "unit_of_momentum"
 NEAR = 1.0  # s: a difference over twice this time has the rate of the field to 1e-7
 SCALARS = ("light", "density")
 
@@ -35,7 +37,7 @@ class InBody:
     """A torque, N m, or a potential, J, as a user-defined function of quantities of a body in SI.
 
     names      arguments of the function: quantities and parameters
-    turn       (3, 3), v_body = turn v_state
+    turn       (3, 3), v_body = turn v_state; None if it differs from lane to lane, as the unit of momentum then does
     time, momentum   units of the model, s and N m s
     """
 
@@ -43,9 +45,9 @@ class InBody:
     function: Portable
     names: tuple[str, ...]
     params: tuple[str, ...]
-    turn: Array
+    turn: Array | None
     time: float
-    momentum: float
+    momentum: float | None
 
     def of(self, model: Model) -> Force:
         """The force of a model."""
@@ -59,19 +61,22 @@ class InBody:
         arguments = (*letters, *(ORIENTATION,) * bool(turned), *(TIME,) * bool(timed))
         constants = place.parameters if place is not None and by_place else ()
         constants = (*constants, *(_of_velocity(system) if "Omega" in quantities else ()))
+        constants = (*constants, *((*AXES_OF_LANES, UNIT_OF_LANES) if self.turn is None else ()))
 
         def force(*values: Any, **known: Any) -> Any:
             there = dict(zip(arguments, values, strict=True))
-            g = there[ORIENTATION] @ self.turn.T if turned else None
+            turn = np.stack([known[k] for k in AXES_OF_LANES], -1) if self.turn is None else self.turn
+            momentum = known[UNIT_OF_LANES] if self.momentum is None else self.momentum
+            g = there[ORIENTATION] @ turn.T if turned else None
             state = tuple(_skew(there[letter], kind) for letter, kind in system.space.components if letters)
             body: dict[str, Any] = {"g": g}
             if timed:
                 body["t"] = there[TIME] * self.time
             if letters:
-                body["M"] = self.momentum * (self.turn @ there[letters[0]] if moving else there[letters[0]] @ g)
+                body["M"] = momentum * (turn @ there[letters[0]] if moving else there[letters[0]] @ g)
             if "Omega" in quantities:
                 Omega = algebra.axial(_velocity(system, state, known))
-                body["Omega"] = (self.turn @ Omega if moving else Omega @ g) / self.time
+                body["Omega"] = (turn @ Omega if moving else Omega @ g) / self.time
             if place is not None and by_place:
                 at = partial(run, place.function, **place.named(known[name] for name in place.parameters))
                 found = at(body["t"])
@@ -80,19 +85,19 @@ class InBody:
                     found["field_rate"] = (later - earlier) / (2 * NEAR)
                 body |= {name: found[PLACE[name]] if name in SCALARS else found[PLACE[name]] @ g for name in by_place}
             out = run(self.function.function, **{name: {**known, **body}[name] for name in self.names})
-            return self._value(out, g, moving)
+            return self._value(out, g, turn if moving else None, momentum)
 
         return Force(force, arguments, tuple(dict.fromkeys((*constants, *self.params))))
 
-    def _value(self, out: Any, g: Any, moving: bool) -> Any:
-        """The value along the axes of the state, in the unit of energy of the model."""
-        size = self.momentum / self.time
+    def _value(self, out: Any, g: Any, turn: Any, momentum: Any) -> Any:
+        """The value along the axes of the state, in the unit of energy of the model; turn: None in the rest frame."""
+        size = momentum / self.time
         if self.what == "potential":
             return out / size
         tau = np.asarray(out, dtype=object)
         if tau.shape != (3,):
             raise InputError(f"torque: expected a vector (3,) along the body axes, N m, got shape {tau.shape}.")
-        return (tau @ self.turn if moving else g @ tau) / size
+        return (g @ tau if turn is None else tau @ turn) / size
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained
+from kreisel.physical.ensemble import OfLanes
 from kreisel.physical.measures import (
     RATE,
     SI,
@@ -37,7 +38,7 @@ def _cyclic(v: Any) -> tuple[Array, Array, Array]:
 
 @explained
 @dataclass(frozen=True)
-class Ellipsoid(Body):
+class Ellipsoid(Body, metaclass=OfLanes):
     """Homogeneous ellipsoid in an ideal fluid at rest at infinity, in SI units.
 
     semi_axes (a, b, c) along the body axes, m;  mass, kg;  fluid_density, kg/m^3 (0 is a vacuum).  No gravity: the
@@ -114,7 +115,7 @@ class Ellipsoid(Body):
         """
         x, y, z = units.mass * units.length**2 / self._inertia
         inverse_masses = units.mass / (self.mass + self.added_masses)
-        if self.semi_axes[0] == self.semi_axes[1]:
+        if self.semi_axes[0] == self.semi_axes[1] and not self._lanes:
             made = REGISTRY["kirchhoff-revolution"](a1=x, a3=z, c1=inverse_masses[0], c3=inverse_masses[2])
         else:
             made = REGISTRY["kirchhoff"](C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-inverse_masses)

@@ -2,62 +2,136 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import functools
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from kreisel.algebra.reuse import cached_property
+from kreisel.algebra.random import GENERATOR, streams_from
 from kreisel.errors import InputError, explained, shown
-from kreisel.physical.forced import Forced, by_functions
+from kreisel.physical.inertia import are_diagonals
 from kreisel.record.body import Body, started
-from kreisel.record.given import axes_of
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model, State
+from kreisel.record.quantities import one_unit
 from kreisel.runs.operations import operations_of
+
+VECTORS = (
+    "angular_velocity", "arm", "attitude", "axis", "center_of_buoyancy", "center_of_mass", "current", "diameters",
+    "harmonics", "linear_drag", "magnetic_moment", "potential", "quadratic_drag", "semi_axes", "sides", "spin", "sun",
+    "torque", "up", "velocity", "wheel", "wheel_torque",
+)  # fmt: skip
+MATRICES = {"inertia": 3, "added_mass": 6}  # or their diagonals
+PLATES = 3  # axes: plates, a plate, a vector
+Arguments = Mapping[str, Any]
+
+
+class OfLanes(type):
+    """The type of bodies: a constructor with an axis of lanes in front of an argument returns an `Ensemble`."""
+
+    def __init__(cls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]):
+        super().__init__(name, bases, namespace)
+        for key, value in namespace.items():
+            if isinstance(value, classmethod):
+                setattr(cls, key, classmethod(_of_lanes(value.__func__)))
+
+    def __call__(cls, *values: Any, **named: Any) -> Any:  # noqa: D102 - of the class
+        return _created(super().__call__, getattr(cls, "__match_args__", ()), values, named)
+
+
+def _of_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
+    names = list(inspect.signature(function).parameters)[1:]
+
+    @functools.wraps(function)
+    def constructor(cls: Any, *values: Any, **named: Any) -> Any:
+        return _created(functools.partial(function, cls), names, values, named)
+
+    return constructor
+
+
+def _created(call: Callable[..., Any], names: Sequence[str], values: tuple[Any, ...], named: Arguments) -> Any:
+    """call(*values, **named), or the ensemble of its bodies."""
+    arguments = {**dict(zip(names, values, strict=False)), **named}
+    lanes = _lanes(arguments) if len(arguments) == len(values) + len(named) else []
+    return Ensemble(_each(call, lanes)) if lanes else call(*values, **named)
 
 
 @explained
 class Ensemble(Body):
-    """Bodies of one kind, each with numbers, orbit and forces' parameters of its own: the lanes of a run.
+    """Bodies of one kind, each with its own values, orbit and parameters of forces: the lanes of a run.
 
-        many = Ensemble([Satellite(inertia, orbit, magnetic_moment=m) for m in moments])
+        many = Satellite(inertia, orbit, magnetic_moment=moments)  # moments (lanes, 3)
         run = kr.simulate(many, many.state(spin), dt="10 s", t_end="1 day")
 
-    `Ensemble.of(Satellite, count, inertia=..., orbit=...)` creates them from arguments, each one value for all or a
-    list with a value for each lane.  Raises `InputError` with the lane for a body that cannot be, and for bodies whose
-    systems, plates, principal axes or units differ.
+    A body with an axis of lanes in front of any of its arguments is an ensemble; `Ensemble(bodies)` joins a list.
+    `many[lane]` is a body; values of the bodies, such as `many.mass`, are arrays (lanes, ...).  The unit of time of the
+    scaled system is that of lane 0.
+
+    names   of the lanes, the coordinate `lane` of a run
+
+    Raises `InputError` with the lane for a body that cannot be, and for bodies whose systems or functions differ.
     """
 
-    def __init__(self, bodies: Sequence[Any]):
+    def __init__(self, bodies: Sequence[Any], names: Sequence[str] | None = None):
         self.bodies = tuple(bodies)
         if not self.bodies or not all(isinstance(body, Body) for body in self.bodies):
             raise InputError(f"Ensemble: expected a list of bodies of kr.physical, got {shown(bodies)}.")
-        self.model()
+        first = type(self.bodies[0])
+        for lane, body in enumerate(self.bodies):
+            if not isinstance(body, first) and not issubclass(first, type(body)):
+                raise InputError(f"Lane {lane}: expected a {first.__name__} as in lane 0, got a {type(body).__name__}.")
+        self.names = () if names is None else tuple(names)
+        texts = {name for name in self.names if isinstance(name, str) and name}
+        if self.names and not len(texts) == len(self.names) == len(self.bodies):
+            raise InputError(f"names: expected {len(self.bodies)} different names, one a lane, got {shown(names)}.")
+        self._joined()
 
-    @classmethod
-    def of(cls, kind: Callable[..., Any], count: int, **arguments: Any) -> Ensemble:
-        """The ensemble of kind(**arguments) in `count` lanes; an argument with that many entries has one for each."""
-        if not arguments or not any(_by_lane(name, value, count) for name, value in arguments.items()):
-            raise InputError(f"Ensemble: expected an argument with {count} entries, got none.")
-        return cls(_each(count, lambda **each: kind(**each), arguments))
+    def __len__(self) -> int:
+        return len(self.bodies)
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.bodies)
+
+    def __getitem__(self, lane: int) -> Any:
+        return self.bodies[lane]
+
+    def __repr__(self) -> str:
+        return f"Ensemble of {len(self.bodies)}, the first {self.bodies[0]!r}"
+
+    def __getattr__(self, name: str) -> Any:
+        bodies = () if name.startswith("_") else self.__dict__.get("bodies", ())
+        if not bodies or not hasattr(bodies[0], name):
+            raise AttributeError(f"an ensemble has no {name!r}")
+        values = [getattr(body, name) for body in bodies]
+        if callable(values[0]) and not isinstance(values[0], Body):
+            raise AttributeError(f"{name} belongs to one body: many[lane].{name}(...)")  # noqa: TRY004
+        return np.stack(values) if isinstance(values[0], float | int | np.ndarray) else values
 
     def model(self) -> Model:
         """The common system, with the parameters of each lane."""
         return self._model
 
-    @cached_property
-    def _model(self) -> Model:
-        models = _each(len(self.bodies), lambda body: body.model(), {"body": list(self.bodies)})
-        first = models[0]
+    def _joined(self) -> None:
+        """The bodies as lanes, with a common unit of time, and their model."""
+        for differ in (False, True):
+            self._members = [body.as_lane(self.bodies, differ) for body in self.bodies]
+            models = _each(lambda body: body.model(), [{"body": body} for body in self._members])
+            first, frames = models[0], [model.body_frame or BodyFrame() for model in models]
+            wrong = next((k for k, model in enumerate(models) if model.system.name != first.system.name), None)
+            shapes = [[value.shape for value in model.params.values()] for model in models]
+            if (
+                wrong is None
+                and all(frame.is_like(frames[0]) for frame in frames)
+                and shapes.count(shapes[0]) == len(models)
+            ):
+                break
+        if wrong is not None:
+            raise InputError(f"Lane {wrong}: expected the system {first.system.name}, got {models[wrong].system.name}.")
         for lane, model in enumerate(models):
-            if model.system.name != first.system.name:
-                raise InputError(f"Lane {lane}: expected the system {first.system.name}, got {model.system.name}.")
-            if _frame(model) != _frame(first):
-                raise InputError(
-                    f"Lane {lane}: expected the principal axes and units of lane 0, {shown(_frame(first))}, got "
-                    f"{shown(_frame(model))}. Give diagonal tensors, and bodies in SI, such as Satellite."
-                )
-            same = _functions(self.bodies[lane]) == _functions(self.bodies[0])
+            same = _functions(self._members[lane]) == _functions(self._members[0])
             if not same and operations_of(model) != operations_of(first):
                 raise InputError(
                     f"Lane {lane}: expected the functions of lane 0, which act in all lanes, got others. Numbers that "
@@ -66,27 +140,29 @@ class Ensemble(Body):
         params = {}
         for p in first.system.parameters:
             values = [model.params[p.letter] for model in models]
-            same = all(np.array_equal(value, values[0]) for value in values)
-            if not same and p.kind == "array":
-                lane = next(i for i, value in enumerate(values) if not np.array_equal(value, values[0]))
-                raise InputError(f"Lane {lane}: expected the {p.letter} of lane 0, which all lanes share, got others.")
-            params[p.letter] = values[0] if same else np.stack(values).reshape(len(values), *np.shape(values[0]))
-            if not same and axes_of(p, values[0]) == 0:
-                params[p.letter] = np.reshape(values, len(values))
-        return Model(first.system, params, first.body_frame)
+            unequal = next((k for k, value in enumerate(values) if not np.array_equal(value, values[0])), None)
+            if unequal is not None and (p.axes is None or values[unequal].shape != values[0].shape):
+                raise InputError(
+                    f"Lane {unequal}: expected {p.letter} as in lane 0, of shape {values[0].shape}, got others."
+                )
+            params[p.letter] = values[0] if unequal is None else np.stack(values)
+        self._model = Model(first.system, params, _joined_frame(frames, first.system.space.letters, self.names))
 
     def state(self, *args: Any, **kwargs: Any) -> State:
-        """The states of the bodies; an argument that has one entry for each lane, with axes of its own, is spread."""
-        count = len(self.bodies)
-        names = {**{str(i): value for i, value in enumerate(args)}, **kwargs, "body": list(self.bodies)}
-
-        def of_lane(body: Any, **each: Any) -> State:
-            places = [each.pop(str(i)) for i in range(len(args))]
-            state: State = body.state(*places, **each)
-            return state
-
-        states = _each(count, of_lane, names)
+        """The states of the bodies; an argument with an axis of lanes in front has a value for each."""
+        names = list(inspect.signature(self.bodies[0].state).parameters)
+        arguments = dict(zip(names, args, strict=False)) | kwargs
+        scalars = ("spin",) if "tilt" in names or arguments.get("axis") is not None else ()
+        lanes = _lanes(arguments, scalars) or [arguments] * len(self)
+        if len(lanes) != len(self) or len(arguments) < len(args) + len(kwargs):
+            raise InputError(
+                f"state: expected one value for all, or one for each of {len(self)} lanes, got {len(lanes)}."
+            )
+        states = _each(lambda body, each: body.state(**each), [
+            {"body": body, "each": each} for body, each in zip(self._members, lanes, strict=True)])  # fmt: skip
         parts = {letter: np.stack([state[letter] for state in states]) for letter in states[0]}
+        if GENERATOR in parts and (parts[GENERATOR] == parts[GENERATOR][0]).all():  # of the noise: numbers of its own
+            parts[GENERATOR] = streams_from([int(v) for v in parts[GENERATOR][0]], len(self), 0)
         starts = [state.orientation for state in states]
         return started(self._model, None if starts[0] is None else np.stack(starts), **parts)
 
@@ -98,36 +174,88 @@ class Ensemble(Body):
     @property
     def title(self) -> str:
         """The name of the bodies in the title of their runs."""
-        return f"{len(self.bodies)} of {self.bodies[0].title}"
+        return f"{len(self)} of {self.bodies[0].title}"
 
 
-def _frame(model: Model) -> dict[str, Any]:
-    return {} if model.body_frame is None else model.body_frame.table
+def _joined_frame(frames: Sequence[BodyFrame], letters: Sequence[str], names: tuple[str, ...]) -> BodyFrame:
+    """The frame of all lanes: sizes of vectors have the shape (lanes, 1)."""
+    first = frames[0]
+    units, axes = dict(first.units), np.stack([frame.axes for frame in frames])
+    for name, (unit, size) in first.units.items():
+        sizes = np.array([frame.size(name) for frame in frames])
+        if (sizes != size).any():
+            units[name] = unit, sizes[:, None] if name in letters else sizes
+    axes = axes if (axes != first.axes).any() else first.axes
+    epoch = first.epoch if all(frame.epoch == first.epoch for frame in frames) else ""
+    return replace(first, axes=axes, units=units, epoch=epoch, lanes=names)
 
 
 def _functions(body: Any) -> tuple[Any, ...]:
     """The functions of a body and what else is said about them: bodies with equal ones share their operations."""
-    control = getattr(body, "control", None)
+    control, torque = getattr(body, "control", None), getattr(body, "torque", None)
     out = () if control is None else (control.law, control.every, control.delay, *control.noise, *control.limits)
-    if isinstance(body, Forced):
-        out += (body.torque if by_functions(body.torque) else None, body.potential, body.damping is None)
+    steady = None if isinstance(torque, np.ndarray) else torque
+    return (*out, steady, getattr(body, "potential", None), getattr(body, "damping", None) is None)
+
+
+def _each(call: Callable[..., Any], lanes: Sequence[Arguments]) -> list[Any]:
+    """call(**arguments) of each lane.  Raises `InputError` with the lane."""
+    out = []
+    for lane, arguments in enumerate(lanes):
+        try:
+            out.append(call(**arguments))
+        except InputError as error:
+            raise InputError(f"Lane {lane}: {error}") from error
     return out
 
 
-def _by_lane(name: str, value: Any, count: int) -> bool:
-    """Whether a value has an entry for each lane: a list, unless it is a vector (3,) or an attitude (4,)."""
-    if isinstance(value, str | Mapping) or not hasattr(value, "__len__") or len(value) != count:
-        return False
-    flat = isinstance(value[0], float | int | str | np.generic)
-    return not flat or count != (4 if name == "attitude" else 3)
+def _lanes(arguments: Arguments, scalars: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """The arguments of each lane; none if no argument has an axis of lanes.  Raises `InputError`."""
+    counts = {name: _count(name, value, scalars) for name, value in arguments.items()}
+    counts = {name: count for name, count in counts.items() if count}
+    if len(set(counts.values())) > 1:
+        each = ", ".join(f"{count} of {name}" for name, count in counts.items())
+        raise InputError(f"expected one value for all lanes, or one for each, got values for different lanes: {each}.")
+    return [
+        {name: _at(value, lane, count, name in counts) for name, value in arguments.items()}
+        for count in set(counts.values())
+        for lane in range(count)
+    ]
 
 
-def _each(count: int, made: Callable[..., Any], arguments: Mapping[str, Any]) -> list[Any]:
-    """made(**arguments) of each lane.  Raises `InputError` with the lane."""
-    out = []
-    for lane in range(count):
-        try:
-            out.append(made(**{k: v[lane] if _by_lane(k, v, count) else v for k, v in arguments.items()}))
-        except InputError as error:
-            raise InputError(f"Lane {lane}: {error}") from error
+def _count(name: str, value: Any, scalars: Sequence[str]) -> int:
+    """The number of lanes of an argument; 0 for a value without such an axis."""
+    axes, single = _axes(value), int(name in VECTORS and name not in scalars)
+    if not axes:
+        return 0
+    count = len(value[0] if one_unit(value) else value)
+    if name in MATRICES:
+        single = 2 if axes > 2 or (count == MATRICES[name] and not (name == "inertia" and are_diagonals(value))) else 1
+    elif name == "plates":
+        single = PLATES
+    elif name == "damping":
+        single = int(count == 3)
+    return count if axes > single else 0
+
+
+def _axes(value: Any) -> int:
+    """The axes of a value with or without units."""
+    if isinstance(value, str | Mapping):
+        return 0
+    if isinstance(value, list | tuple):
+        return _axes(value[0]) if one_unit(value) else 1 + max(map(_axes, value), default=0)
+    return int(np.ndim(getattr(value, "magnitude", value)))
+
+
+def _at(value: Any, lane: int, count: int, has_lanes: bool) -> Any:
+    """The value of an argument in a lane: of `params`, each that has lanes."""
+    if has_lanes:
+        return (value[0][lane], value[1]) if one_unit(value) else value[lane]
+    if not isinstance(value, Mapping):
+        return value
+    out = dict(value)
+    for name, each in value.items():
+        shape = () if callable(each) else np.shape(each)
+        if shape[:1] == (count,) and (len(shape) > 1 or count != 3):  # three numbers are a vector
+            out[name] = np.reshape(each, (count, *(() if shape[1:] == (1,) else shape[1:])))[lane]
     return out

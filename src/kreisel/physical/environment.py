@@ -8,7 +8,7 @@ Dates are days of UTC after 2000-01-01 12:00; UTC is used for UT1 and TT, which 
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -246,9 +246,9 @@ class Choice:
     sun: Any
     eclipse: bool | None
 
-    def parameters(self, orbit: Orbit) -> dict[str, Any]:
-        """Parameters of `kreisel.bodies.environment` for an orbit.  Raises `InputError`."""
-        return self._field(orbit) | self._sun(orbit) | self._air(orbit)
+    def parameters(self, orbit: Orbit, orbits: Sequence[Orbit] = ()) -> dict[str, Any]:
+        """Parameters of `kreisel.bodies.environment` for an orbit among others.  Raises `InputError`."""
+        return self._field(orbit) | self._sun(orbit) | self._air(orbit, orbits or [orbit])
 
     def _models(self, orbit: Orbit, wish: str) -> Environment:
         """The models of the primary at the epoch."""
@@ -287,7 +287,7 @@ class Choice:
             raise InputError(f"sun: expected 'ephemeris' or a direction in space, got {shown(self.sun)}.")
         return self._models(orbit, "sun='ephemeris'").sun(orbit.days) | {"eclipse": eclipse}
 
-    def _air(self, orbit: Orbit) -> dict[str, Any]:
+    def _air(self, orbit: Orbit, orbits: Sequence[Orbit]) -> dict[str, Any]:
         if self.air is None:
             return {"density": self.density}
         if orbit.primary.environment is None:
@@ -300,8 +300,9 @@ class Choice:
         bulges = self.air == "harris-priester"
         if bulges and self.sun is None:
             self._models(orbit, "air='harris-priester'")  # the Sun by its date
-        e, R, f = orbit.eccentricity, orbit.primary.radius, orbit.primary.flattening
-        low, high = orbit.semi_major_axis * (1 - e) - R, orbit.semi_major_axis * (1 + e) - R * (1 - f)
+        R, f = orbit.primary.radius, orbit.primary.flattening
+        low = min(each.semi_major_axis * (1 - each.eccentricity) for each in orbits) - R
+        high = max(each.semi_major_axis * (1 + each.eccentricity) for each in orbits) - R * (1 - f)
         return {
             "density": 1.0,
             "air": rows_between(tables[self.air], low, high),

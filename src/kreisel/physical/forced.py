@@ -11,7 +11,8 @@ import numpy as np
 from kreisel.algebra import Array, cross
 from kreisel.errors import InputError, explained, shown
 from kreisel.forces.body import perturbed
-from kreisel.forces.in_body import MOTION, in_body
+from kreisel.forces.in_body import AXES_OF_LANES, MOTION, UNIT_OF_LANES, in_body
+from kreisel.physical.ensemble import OfLanes
 from kreisel.physical.measures import finite_floats, si_numbers
 from kreisel.record.body import Body
 from kreisel.record.body_frame import BodyFrame
@@ -20,7 +21,7 @@ from kreisel.record.model import Model
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Forced(Body):
+class Forced(Body, metaclass=OfLanes):
     """User-defined forces on a body, in SI, along the axes in which it was given.
 
     torque      a function, N m (3,), of quantities by name: momentum M, angular velocity Omega, orientation g (a
@@ -63,6 +64,9 @@ class Forced(Body):
             raise InputError(f"params: expected a dict of names and values, got {shown(params)}.")
         turn, own = np.eye(3) if turn is None else turn, model.body_frame or BodyFrame()
         frame: dict[str, Any] = {"turn": turn, "time": time, "momentum": momentum}
+        if self._lanes:
+            params = {**params, **dict(zip(AXES_OF_LANES, turn.T, strict=True)), UNIT_OF_LANES: momentum}
+            frame |= {"turn": None, "momentum": None}
         still = tuple(name for name in quantities if name not in ("M", "Omega"))
         damping = None if self.damping is None else finite_floats(self.damping, "1/s", "damping") * time
         if damping is not None and damping.shape[-1:] == (3,) and (turn != np.eye(3)).any():

@@ -89,22 +89,23 @@ class Gyroscope(Forced):
 
     @property
     def weight_torque(self) -> float:
-        """m g l, the largest torque of gravity, N m; also the unit of energy, J."""
+        """m g l, the largest torque of gravity, N m."""
         return self.mass * self.gravity * self.lever
 
     @property
     def time_unit(self) -> float:
-        """sqrt(I1/(m g l)), s."""
-        return math.sqrt(self.transverse_moment / self.weight_torque)
+        """sqrt(I1/(m g l)), s; in an ensemble that of lane 0."""
+        return self._time or math.sqrt(self.transverse_moment / self.weight_torque)
 
     @property
     def momentum_unit(self) -> float:
-        """sqrt(I1 m g l), kg m^2/s."""
-        return math.sqrt(self.transverse_moment * self.weight_torque)
+        """sqrt(I1 m g l), kg m^2/s; in an ensemble I1 over the unit of time."""
+        return self.transverse_moment / self.time_unit
 
     def model(self) -> Model:
         """The scaled system: `LagrangeTop(p=(0, 0, 1), alpha=I3/I1)`."""
-        top = REGISTRY["lagrange-top"](p=(0.0, 0.0, 1.0), alpha=self.alpha).of_body(body_frame(self.scales()))
+        weight = self.weight_torque * self._time**2 / self.transverse_moment if self._time else 1.0
+        top = REGISTRY["lagrange-top"](p=(0.0, 0.0, weight), alpha=self.alpha).of_body(body_frame(self.scales()))
         return self.forced(top, self.time_unit, self.momentum_unit)
 
     def dt(self, duration: float) -> float:
@@ -114,7 +115,9 @@ class Gyroscope(Forced):
 
     def scales(self) -> Scales:
         """The units of the variables of a run, for `kreisel.units.measured`."""
-        return scales_of(self.time_unit, m=("kg m^2/s", self.momentum_unit), energy=("J", self.weight_torque))
+        return scales_of(
+            self.time_unit, m=("kg m^2/s", self.momentum_unit), energy=("J", self.momentum_unit / self.time_unit)
+        )
 
     def state(self, tilt: float, spin: float, precession: float = 0.0, nutation: float = 0.0) -> State:
         """The scaled state at azimuth 0: a = (sin theta, 0, cos theta), m = I1 a x a' + I3 w3 a.
@@ -186,4 +189,4 @@ class Gyroscope(Forced):
     @property
     def sleeping_spin(self) -> float:
         """The upright top is stable (it sleeps) above this spin, 2 sqrt(I1 m g l)/I3, rad/s."""
-        return 2 * self.momentum_unit / self.axial_moment
+        return 2 * math.sqrt(self.transverse_moment * self.weight_torque) / self.axial_moment

@@ -94,7 +94,9 @@ class HeavyBody(Forced):
 
     @property
     def time_unit(self) -> float:
-        """sqrt(I0/(m g l)), or 1, s."""
+        """sqrt(I0/(m g l)), or 1, s; in an ensemble that of lane 0."""
+        if self._time:
+            return self._time
         return math.sqrt(self.unit_moment / self.weight_torque) if self.weight_torque else 1.0
 
     @property
@@ -106,6 +108,7 @@ class HeavyBody(Forced):
         """The scaled system: `HeavyTop(J, A)`."""
         turn, J = self._turn, self.mass_tensor / self.unit_moment
         A = self.arm / np.linalg.norm(self.arm) if self.weight_torque else np.zeros(3)
+        A = A * self.weight_torque * self._time**2 / self.unit_moment if self._time else A
         top = REGISTRY["heavy-top"](J=turn.T @ J @ turn, A=A @ turn).of_body(body_frame(self.scales(), turn))
         return self.forced(top, self.time_unit, self.momentum_unit, turn)
 

@@ -26,6 +26,19 @@ def inertia_tensor(value: Any, name: str = "inertia", *cause: str) -> Array:
     return inertia
 
 
+def are_diagonals(value: Any) -> bool:
+    """Whether the rows of (3, 3) are moments of three bodies; then it is not a tensor.
+
+    Rows with I_j <= I_jk + I_jl in a symmetric matrix have a trace <= 2 S, S the sum of the products of inertia, and in
+    a tensor (1, 1, 1) I (1, 1, 1)^T/3 = (tr I + 2 S)/3 is at most the largest moment, which is at most tr(I)/2.
+    """
+    try:
+        rows = si_numbers(value, MOMENT, "inertia", ((3, 3),))
+    except InputError:
+        return False
+    return bool((rows >= 0).all() and (2 * rows.max(-1) <= rows.sum(-1) * (1 + CLOSE)).all())
+
+
 def steiner(mass: float, arm: Array) -> Array:
     """m (|l|^2 - l l^T), (3, 3), kg m^2: the part of an inertia tensor about a point at l from the centre of mass."""
     return np.asarray(in_range("m l^2", lambda: mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))))

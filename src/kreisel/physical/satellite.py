@@ -188,7 +188,7 @@ class Satellite(Forced):
     def _surroundings(self) -> dict[str, Any]:
         """Parameters of the environment."""
         choice = earth.Choice(self.field, self.degree, self.air, self.density, self.sun, self.eclipse)
-        return choice.parameters(self.orbit)
+        return choice.parameters(self.orbit, [body.orbit for body in self._lanes])
 
     def environment(self, run: xr.Dataset) -> xr.Dataset:
         """Environment of the satellite along a run, in space: vectors (time, [lane,] axis), scalars (time, [lane]).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, ClassVar, Self
 
 from kreisel import algebra
@@ -25,6 +25,21 @@ class Body:
     vectors: ClassVar[tuple[str, ...]] = ()  # parameters of the model along the axes of the body
 
     _shape: tuple[Any, ...] = ()
+    _time: float | None = None  # the unit of time of an ensemble, s
+    _lanes: tuple[Any, ...] = ()  # the bodies of an ensemble whose lanes differ in axes, units or forms of their system
+
+    def as_lane(self, lanes: tuple[Any, ...], differs: bool) -> Self:
+        """The body as one of the lanes, in the first one's unit of time; `differs`: in axes, units or systems."""
+        natural = getattr(self, "time_unit", None)
+        time = getattr(lanes[0], "time_unit", natural)
+        if time == natural and not differs:
+            return self
+        out, declared = object.__new__(type(self)), {each.name for each in fields(self)}  # type: ignore[arg-type]
+        out.__dict__.update({k: v for k, v in self.__dict__.items() if k in declared or k == "_shape"})
+        out.__dict__.update(
+            {"time_unit" if "time_unit" in declared else "_time": time, "_lanes": lanes if differs else ()}
+        )
+        return out
 
     def shaped(self, kind: str, half: Any) -> Self:
         """The body itself, with a shape that figures draw: `BodyFrame.shape`."""

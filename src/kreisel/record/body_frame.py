@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,86 +15,152 @@ from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
 
 ORTHOGONAL = 1e-9
+ORIENTATION = "g"
 AXES, STATE, BODY = "axes", "state", "body"  # the attribute of variables with components in the body, its values
 
 
 @dataclass(frozen=True, eq=False)
 class BodyFrame:
-    """Axes and units of a body.
+    """Axes and units of a body, or of a body in each lane.
 
-    axes    (3, 3), v_body = axes v_state: the columns are the axes of the state along the user's axes
-    units   name -> (unit, size): the unit of the time and of variables of a run is `size` times this unit of SI
+    axes    (3, 3), v_body = axes v_state: the columns are the axes of the state along the user's axes; (lanes, 3, 3)
+    units   name -> (unit, size): the unit of the time and of variables of a run is `size` times this unit of SI; the
+            size may be (lanes,), of vectors (lanes, 1), except that of the time
     along   letters of the state whose components are along the axes of the state: axial or polar vectors
     names   of the variables of a run in SI, by the letters of the state; none for a run in units of the state
     title   of the body, for a run in SI
     epoch   the date of time 0 in UTC, ISO text; "" for none
     shape   "box", "ellipsoid" or "cylinder" (along its first axis) and its half lengths, m; () if it is not known
+    lanes   names of the lanes; () for numbers
     """
 
     axes: Array = field(default_factory=lambda: np.eye(3))
-    units: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    units: Mapping[str, tuple[str, Any]] = field(default_factory=dict)
     along: Sequence[str] = ()
     names: Mapping[str, str] = field(default_factory=dict)
     title: str = ""
     epoch: str = ""
     shape: tuple[Any, ...] = ()
+    lanes: tuple[str, ...] = ()
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> BodyFrame:
         """The frame that `table` describes.  Raises `InputError` for a damaged description."""
         try:
             axes = np.array(table["axes"], dtype=np.float64)
-            units = {str(k): (str(unit), float(size)) for k, (unit, size) in table["units"].items()}
-            along = [str(k) for k in table["along"]]
+            units = {str(k): (str(unit), _size(size)) for k, (unit, size) in table["units"].items()}
+            along, lanes = ([str(k) for k in table.get(name, ())] for name in ("along", "lanes"))
             names = {str(k): str(name) for k, name in table.get("names", {}).items()}
-            good = axes.shape == (3, 3) and abs(axes.T @ axes - np.eye(3)).max() < ORTHOGONAL
+            good = axes.shape[-2:] == (3, 3) and abs(axes.mT @ axes - np.eye(3)).max() < ORTHOGONAL
+            good = good and bool((np.linalg.det(axes) > 0).all()) and "along" in table
+            good = good and all(
+                np.all((np.asarray(size) > 0) & (np.asarray(size) < np.inf)) for _, size in units.values()
+            )
         except (TypeError, ValueError, KeyError, AttributeError, OverflowError):
             good = False
-        if not good or not np.linalg.det(axes) > 0 or not all(0 < size < np.inf for _, size in units.values()):
+        if not good:
             raise InputError(f"The attribute body is damaged: expected axes, units and along, got {shown(table)}.")
         title, epoch = (str(table.get(k, "")) for k in ("title", "epoch"))
-        return cls(axes, units, along, names, title, epoch, _shape(table.get("shape")))
+        return cls(axes, units, along, names, title, epoch, _shape(table.get("shape")), tuple(lanes))
 
     @property
     def table(self) -> dict[str, Any]:
         """The frame as plain data."""
-        units = {k: [unit, size] for k, (unit, size) in self.units.items()}
+        units = {k: [unit, np.asarray(size).tolist()] for k, (unit, size) in self.units.items()}
         table = {"axes": self.axes.tolist(), "along": [*self.along], "units": units}
-        table |= {k: v for k, v in (("epoch", self.epoch), ("shape", list(self.shape))) if v}
+        more = {"epoch": self.epoch, "shape": list(self.shape), "lanes": list(self.lanes)}
+        table |= {k: v for k, v in more.items() if v}
         return table | ({"names": dict(self.names), "title": self.title} if self.names else {})
+
+    @property
+    def differs(self) -> bool:
+        """Whether lanes have different axes or units."""
+        return self.axes.ndim > 2 or any(np.ndim(size) for _, size in self.units.values())
+
+    def of_lanes(self, ids: Any) -> BodyFrame:
+        """The frame of some lanes."""
+        if not self.differs:
+            return self
+        sizes = {k: size[ids] if np.ndim(size) else size for k, (_, size) in self.units.items()}
+        units = {
+            k: (unit, sizes[k] if np.ndim(ids) else float(np.max(sizes[k]))) for k, (unit, _) in self.units.items()
+        }
+        return replace(self, axes=self.axes[ids] if self.axes.ndim > 2 else self.axes, units=units)
+
+    def is_like(self, frame: BodyFrame, names: Iterable[str] | None = None) -> bool:
+        """Whether axes and units are equal; `names`: units of these variables only."""
+        names = {*self.units, *frame.units} if names is None else names
+        same = np.array_equal(self.axes, frame.axes)
+        return same and all(np.array_equal(self.size(name), frame.size(name)) for name in names)
+
+    @property
+    def letters(self) -> dict[str, str]:
+        """The letters of the state by the names of a run in SI."""
+        return {name: letter for letter, name in self.names.items()}
+
+    def size(self, name: str) -> Any:
+        """The unit of a variable in SI; 1 without a unit."""
+        return self.units.get(name, ("1", 1.0))[1]
 
     @property
     def turned(self) -> bool:
         """Whether the axes of the state differ from the user's axes."""
-        return not np.array_equal(self.axes, np.eye(3))
+        return bool((self.axes != np.eye(3)).any())
 
     @cached_property
     def quaternion(self) -> Array:
-        """The axes as a unit quaternion (4,) = (w, x, y, z)."""
+        """The axes as a unit quaternion (..., 4) = (w, x, y, z)."""
         return algebra.unit_quaternion(self.axes)
 
     def attributes(self, name: str) -> dict[str, str]:
         """The attributes `units` and `axes` of a variable of a run: the latter if it has components in the body."""
         unit, size = self.units.get(name, ("1", 1.0))
-        inside = {AXES: STATE if self.turned else BODY} if name in (*self.along, "g") else {}
-        return {"units": unit if size == 1 else "1", **inside}
+        inside = {AXES: STATE if self.turned else BODY} if name in (*self.along, ORIENTATION) else {}
+        return {"units": unit if np.all(size == 1) else "1", **inside}
 
     @property
     def time_unit(self) -> float:
         """The unit of time of a run, s."""
-        return self.units.get("time", ("s", 1.0))[1]
+        return float(self.size("time"))
 
     def time_text(self, time: float, digits: str = "g") -> str:
         """A time of the state in words: in s for a run in SI, else in the unit of the state."""
         return f"{time * self.time_unit:{digits}} s" if self.names else f"{time:{digits}}"
 
     def vectors(self, v: Array) -> Array:
-        """Vectors (..., 3) along the user's axes, from vectors along the axes of the state."""
-        return np.asarray(v @ self.axes.T) if self.turned else v
+        """Vectors ([lanes,] 3) along the user's axes, from vectors along the axes of the state."""
+        return self._along(v, self.axes.mT) if self.turned else v
+
+    def inside(self, v: Array) -> Array:
+        """The inverse of `vectors`."""
+        return self._along(v, self.axes) if self.turned else v
+
+    def _along(self, v: Array, matrix: Array) -> Array:
+        return np.asarray(v @ matrix if matrix.ndim < 3 else (v[..., None, :] @ matrix)[..., 0, :])
 
     def attitude(self, g: Array) -> Array:
         """Orientations (..., 4) of the user's axes, from orientations of the axes of the state."""
         return algebra.quaternion_product(g, algebra.inverse_turn(self.quaternion)) if self.turned else g
+
+    def change(self, letter: str, forward: bool) -> Callable[[Array], Array] | None:
+        """The change of the values of a variable to SI and the user's axes (forward), or back; None for none."""
+        if letter == ORIENTATION:
+            turn = algebra.inverse_turn(self.quaternion) if forward else self.quaternion
+            return (lambda g: algebra.quaternion_product(g, turn)) if self.turned else None
+        size = self.size(letter) if forward else 1 / self.size(letter)
+        if letter not in self.along or not self.turned:
+            return scaling(size)
+        matrix = (self.axes.mT if forward else self.axes) * (size[..., None] if np.ndim(size) else size)
+        return partial(self._along, matrix=matrix)
+
+
+def scaling(factor: Any) -> Callable[[Array], Array] | None:
+    """Multiplication by a factor; None for 1."""
+    return None if np.all(factor == 1) else lambda v: v * factor
+
+
+def _size(value: Any) -> Any:
+    return np.array(value, dtype=np.float64) if isinstance(value, list) else float(value)
 
 
 def _shape(value: Any) -> tuple[Any, ...]:

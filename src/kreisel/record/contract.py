@@ -142,9 +142,9 @@ class Parameter:
     Kinds are "scalar", "vector", "symmetric", "array", "dimension" and "table".
 
     A dimension is n itself, for systems whose other parameters do not determine it.  A symmetric matrix may be given by
-    its diagonal; an array has any shape, and no batch axes.  `check(value, name)` raises `InputError`.  `fixed` is the
-    frame in which a vector of a top with a fixed point rests: "space" (the vertical, against gravity) or "body" (its
-    axis, from the fixed point to the centre of mass).
+    its diagonal; an array has any shape, and no batch axes unless it states its `rank`, the number of its axes.
+    `check(value, name)` raises `InputError`.  `fixed` is the frame in which a vector of a top with a fixed point rests:
+    "space" (the vertical, against gravity) or "body" (its axis, from the fixed point to the centre of mass).
     """
 
     letter: str
@@ -156,11 +156,12 @@ class Parameter:
     distinct: bool = False  # the entries must be distinct
     positive: bool = False  # the entries must be positive
     fixed: str = ""
+    rank: int | None = None
 
     @property
     def axes(self) -> int | None:
-        """Axes without axes of lanes; None for an array, which has any shape."""
-        return None if self.kind == "array" else 1 if self.kind == "table" else KINDS[self.kind].axes
+        """Axes without axes of lanes; None for an array of any shape."""
+        return self.rank if self.kind == "array" else 1 if self.kind == "table" else KINDS[self.kind].axes
 
 
 @dataclass(frozen=True)

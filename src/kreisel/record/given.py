@@ -113,6 +113,7 @@ def parameter(p: Parameter, system: str, value: Any) -> Array:
             "vector": "n numbers",
             "symmetric": "an n x n matrix or its diagonal",
             "table": "kr.Table(times, values)",
+            "array": f"an array with {axes} axes",
         }
         raise InputError(f"{name} must be {shapes[p.kind]} (with batch axes in front), got shape {array.shape}.")
     if p.kind == "symmetric":

@@ -45,7 +45,8 @@ if TYPE_CHECKING:
 def _check(p: Parameter, value: Array) -> None:
     if p.check is not None:
         with np.errstate(all="ignore"):
-            p.check(value, p.letter)
+            for each in value if p.rank is not None and value.ndim > p.rank else (value,):
+                p.check(each, p.letter)
 
 
 def _single(p: Parameter, value: Array) -> int:
@@ -170,7 +171,7 @@ class Model:
         self.axes = {k: v.ndim - len(self.batch) for k, v in self.constants.items()}
         self._rows = []  # of tables, whose addresses are constants
         for p in system.parameters:
-            if p.kind == "array":  # the same in every lane
+            if p.kind == "array" and self.params[p.letter].ndim == axes_of(p, self.params[p.letter]):  # of all lanes
                 self.constants[p.letter] = self.params[p.letter]
                 self.axes[p.letter] = self.params[p.letter].ndim
             elif p.kind == "table":
@@ -222,7 +223,7 @@ class Model:
             return self
         own = {p.letter: axes_of(p, self.params[p.letter]) for p in self.system.parameters}
         params = {k: v if v.ndim == own[k] else v[ids] for k, v in self.params.items()}
-        return Model(self.system, params, self.body_frame)
+        return Model(self.system, params, None if self.body_frame is None else self.body_frame.of_lanes(ids))
 
     def of_body(self, frame: BodyFrame) -> Model:
         """The model, marked as belonging to a body with these axes and units."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -77,7 +77,7 @@ def si(value: Any, unit: str, name: str) -> Any:
     value = value.tolist() if isinstance(value, np.ndarray) and value.dtype.kind in "OU" else value
     if isinstance(value, str):
         value = _parsed(value, unit, name)
-    elif isinstance(value, list | tuple) and _one_unit(value):
+    elif one_unit(value):
         value = _floats(value[0], unit, name) * parsed_unit(value[1], name)
     elif isinstance(value, list | tuple) and _has_units(value):
         parts = [si(v, unit, name) for v in value]
@@ -102,9 +102,15 @@ def size_in_si(attribute: str | None, unit: str, size: float, name: str) -> floa
     return 1.0 if attribute == unit else float(si(([1.0], attribute), unit, name)[0])
 
 
-def _one_unit(value: Sequence[Any]) -> bool:
+def one_unit(value: Any) -> bool:
     """Whether it is (values, unit), such as ([1, 2, 3], "cm") or (3, "cm"); "3 cm" is a single quantity."""
-    if len(value) != 2 or not isinstance(value[1], str) or isinstance(value[0], str) or _is_quantity(value[0]):
+    if (
+        not isinstance(value, list | tuple)
+        or len(value) != 2
+        or not isinstance(value[1], str)
+        or isinstance(value[0], str)
+        or _is_quantity(value[0])
+    ):
         return False
     return isinstance(value[0], list | tuple | np.ndarray) or value[1].strip()[:1].isalpha()
 

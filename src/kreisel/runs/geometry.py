@@ -18,7 +18,7 @@ from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 from kreisel.runs.in_si import in_state_form
 from kreisel.runs.operations import require_operations
-from kreisel.runs.run_record import RunRecord, a_run
+from kreisel.runs.run_record import RunRecord, a_run, frame_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -180,7 +180,7 @@ def attitude_of(run: xr.Dataset) -> Array:
     For a run of a body of `kr.physical`; for other systems, and `kr.units.measured`, the orientation itself.
     """
     run = in_state_form(run)
-    q, frame = orientation_of(run), RunRecord.from_attrs(run.attrs).body_frame
+    q, frame = orientation_of(run), frame_of(run)
     if frame is None:
         return q
     q = frame.attitude(q)
@@ -194,7 +194,7 @@ def continued(q: Array) -> Array:
 
 def axes_of_state(run: xr.Dataset) -> Array:
     """The axes (3, 3) of the state along the user's axes of the body, as columns; 1 for other systems."""
-    frame = RunRecord.from_attrs(run.attrs).body_frame
+    frame = frame_of(run)
     return np.eye(3) if frame is None else frame.axes
 
 
@@ -204,7 +204,7 @@ def in_body_axes(run: xr.Dataset) -> xr.Dataset:
     The result is for reading: it has neither parameters nor the attribute `body`, so no function rotates it again.
     """
     run = in_state_form(run)
-    frame = RunRecord.from_attrs(run.attrs).body_frame
+    frame = frame_of(run)
     out = run.copy(deep=False)
     for name in ("body", "parameters", "components", "start_sha256"):
         out.attrs.pop(name, None)

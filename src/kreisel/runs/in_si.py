@@ -10,7 +10,7 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import partial, wraps
+from functools import wraps
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,11 +21,11 @@ from kreisel.errors import InputError, RunError, shown
 from kreisel.files import parsed
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
-from kreisel.record.body_frame import AXES, BODY, STATE, BodyFrame
+from kreisel.record.body_frame import AXES, BODY, STATE, BodyFrame, scaling
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scale
-from kreisel.runs.run_record import FORM, SI, RunRecord
+from kreisel.runs.run_record import FORM, SI, RunRecord, frame_of, lanes_of
 from kreisel.runs.settings import Event, initial_orientation
 
 if TYPE_CHECKING:
@@ -73,23 +73,25 @@ def in_cf(model: Model, name: str) -> dict[str, Any]:
     if name in ENERGIES and model.system.spin is not None:
         return {}
     unit, size = frame.units[name]
+    if np.ndim(size):
+        return {}  # CF knows one factor
     return {"units": unit} | ({} if size == 1 else {"scale_factor": size})
 
 
-def unit_of(run: xr.Dataset, letter: str) -> float:
+def unit_of(run: xr.Dataset, letter: str) -> Any:
     """The unit of the state in which a run in SI was computed, for a variable, in SI; 1 for other runs."""
-    frame = RunRecord.from_attrs(run.attrs).body_frame if is_in_si(run) else None
-    return 1.0 if frame is None else frame.units.get(letter, ("1", 1.0))[1]
+    frame = frame_of(run) if is_in_si(run) else None
+    return 1.0 if frame is None else frame.size(letter)
 
 
 def time_unit(run: xr.Dataset) -> float:
     """The unit of time in which a run in SI was computed, s; 1 for other runs."""
-    return unit_of(run, "time")
+    return float(unit_of(run, "time"))
 
 
 def in_si(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     """A run of a body in SI; `model`: of a user-defined system, else that of the attributes."""
-    frame = RunRecord.from_attrs(run.attrs).body_frame
+    frame = frame_of(run)
     if frame is None or is_in_si(run):
         return run
     out = _converted(run, frame, forward=True)
@@ -115,13 +117,18 @@ def _times_of_attributes(run: xr.Dataset, frame: BodyFrame, forward: bool) -> di
 
 def _impulse(frame: BodyFrame, impulse: Mapping[str, Any], forward: bool) -> dict[str, Any]:
     """An impulse as an attribute describes it, in SI (forward) or in the units of the state."""
-    names = frame.names if forward else {name: letter for letter, name in frame.names.items()}
+    return _mapped(frame, impulse, forward, lambda change, value: np.asarray(change(np.asarray(value))).tolist())
+
+
+def _mapped(
+    frame: BodyFrame, values: Mapping[str, Any], forward: bool, apply: Callable[[Any, Any], Any]
+) -> dict[str, Any]:
+    """Components by name, in SI by words (forward) or by letters in the units of the state."""
     out = {}
-    for name, value in impulse.items():
-        letter = name if forward else names.get(name, name)
-        size = frame.units.get(letter, ("1", 1.0))[1]
-        change = change_of(frame, letter, size if forward else 1 / size, forward)
-        out[names.get(name, name)] = value if change is None else np.asarray(change(np.asarray(value))).tolist()
+    for name, value in values.items():
+        new = (frame.names if forward else frame.letters).get(str(name), str(name))
+        change = frame.change(str(name) if forward else new, forward)
+        out[new] = value if change is None else apply(change, value)
     return out
 
 
@@ -133,7 +140,7 @@ def in_state_form(run: Any) -> Any:
     """A run with the letters, units and axes of the state; anything but a run in SI is returned unchanged."""
     if not is_in_si(run):
         return run
-    frame = RunRecord.from_attrs(run.attrs).body_frame
+    frame = frame_of(run)
     if frame is None:
         raise InputError("The run is damaged: it is in SI, and lacks the attribute body that describes its units.")
     out = _converted(run, frame, forward=False).drop_vars(ADDED, errors="ignore")
@@ -147,19 +154,19 @@ def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
     """The run in SI (forward), or in the form of its state."""
     import xarray as xr
 
-    names = frame.names if forward else {name: letter for letter, name in frame.names.items()}
+    names = frame.names if forward else frame.letters
     axes = {"axis": COMPONENT} if forward else {COMPONENT: "axis"}
     data: dict[str, xr.Variable] = {}
     coords: dict[str, xr.Variable] = {}
     for name, variable in run.variables.items():
         base, _, suffix = str(name).rpartition("_") if variable.attrs.get("kind") in SUMMARIES else (str(name), "", "")
         letter = base if forward else names.get(base, base)
-        rate = suffix == "frequency"
-        unit, size = ("rad/s", 1 / frame.time_unit) if rate else frame.units.get(letter, ("1", 1.0))
-        factor = size if forward else 1 / size
-        change = _scaling(factor) if suffix else change_of(frame, letter, factor, forward)
+        unit, size = frame.units.get(letter, ("1", 1.0))
+        if suffix == "frequency":
+            unit, size = "rad/s", 1 / frame.time_unit
+        change = scaling(size if forward else 1 / size) if suffix else frame.change(letter, forward)
         new = names.get(base, base) + (f"_{suffix}" if suffix else "")
-        out = variable if change is None else _applied(variable, change)
+        out = variable if change is None else _applied(variable, change, frame.differs)
         attrs = _attributes(variable.attrs, frame, letter, new, unit, size, forward)
         if suffix and letter in frame.along and frame.turned:
             attrs[AXES] = STATE  # minima and maxima along the axes given do not follow from those along others
@@ -167,6 +174,9 @@ def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
             out = variable.copy(deep=False)
         out.attrs = attrs
         out.dims = tuple(axes.get(str(d), d) for d in out.dims)
+        if name == "lane" and frame.lanes:
+            ids = lanes_of(run, frame)
+            out = xr.Variable(variable.dims, np.array(frame.lanes)[ids] if forward else ids, attrs)
         (coords if name in run.coords else data)[new] = out
     indexed = {k: v for k, v in coords.items() if k in run.xindexes}
     made = xr.Dataset(data, indexed, dict(run.attrs))
@@ -176,34 +186,14 @@ def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
     return made
 
 
-def _scaling(factor: float) -> Callable[[Array], Array] | None:
-    return None if factor == 1 else lambda v: v * factor
-
-
-def change_of(frame: BodyFrame, letter: str, factor: float, forward: bool) -> Callable[[Array], Array] | None:
-    """The change of the values of a variable, or None."""
-    if letter == ORIENTATION:
-        return partial(_turned, frame.quaternion, forward) if frame.turned else None
-    axes = frame.axes if letter in frame.along and frame.turned else None
-    if axes is None:
-        return _scaling(factor)
-    matrix = (axes.T if forward else axes) * factor
-    return lambda v: v @ matrix
-
-
-def _turned(quaternion: Array, forward: bool, g: Array) -> Array:
-    """Orientations of the body's axes from the orientations of the state's axes, or the reverse."""
-    return algebra.quaternion_product(g, algebra.inverse_turn(quaternion) if forward else quaternion)
-
-
 def _attributes(
-    attrs: Mapping[str, Any], frame: BodyFrame, letter: str, name: str, unit: str, size: float, forward: bool
+    attrs: Mapping[str, Any], frame: BodyFrame, letter: str, name: str, unit: str, size: Any, forward: bool
 ) -> dict[str, Any]:
     """The attributes of a variable in its new form."""
     out = {k: v for k, v in attrs.items() if k not in (AXES, "scale_factor")}
     factor = size if forward else 1 / size
     for key in SIZED:
-        if key in out and factor != 1:
+        if key in out and np.any(factor != 1):
             out[key] = (np.asarray(out[key], dtype=np.float64) * factor).tolist()
     if not forward:
         if "letter_name" in out:
@@ -216,7 +206,7 @@ def _attributes(
     return out | {"units": unit} | ({AXES: BODY} if inside or letter == ORIENTATION else {})
 
 
-def _applied(variable: xr.Variable, change: Callable[[Array], Array]) -> xr.Variable:
+def _applied(variable: xr.Variable, change: Callable[[Array], Array], by_lane: bool) -> xr.Variable:
     """The variable with changed values: at once if it is in memory, else when it is read."""
     import xarray as xr
 
@@ -224,7 +214,7 @@ def _applied(variable: xr.Variable, change: Callable[[Array], Array]) -> xr.Vari
         return xr.Variable(variable.dims, change(np.asarray(variable.values)), encoding=variable.encoding)
     from kreisel.runs.lazy import lazy
 
-    return lazy(variable.dims, variable.shape, [variable], lambda values: change(values))
+    return lazy(variable.dims, variable.shape, [variable], lambda values: change(values), by_lane=by_lane)
 
 
 def _is_lazy(variable: xr.Variable) -> bool:
@@ -239,8 +229,7 @@ def _model_of(run: xr.Dataset, model: Model | None) -> Model | None:
         model = record.model
     if model is None or record.missing_from(run) or "time" not in run.coords:
         return None
-    lanes = model.batch and "lane" in run.coords
-    return model.lanes(np.asarray(run["lane"].values)) if lanes else model
+    return model.lanes(lanes_of(run, record.body_frame)) if model.batch and "lane" in run.coords else model
 
 
 def _of_rows(
@@ -260,7 +249,7 @@ def _of_rows(
     if any(map(_is_lazy, parts)):
         from kreisel.runs.lazy import lazy
 
-        return lazy(dims, shape, parts, values)
+        return lazy(dims, shape, parts, values, by_lane=bool(model.batch))
     with np.errstate(all="ignore"):
         return xr.Variable(dims, values(*(np.asarray(v.values) for v in parts)))
 
@@ -288,7 +277,7 @@ def _with_axial_energy(
     """Energies with <M, spin>/2, which the Hamiltonian of a symmetric top leaves out: it is constant on its orbits."""
     if model.system.spin is None:
         return {}
-    size = frame.units.get("energy", ("J", 1.0))[1]
+    size = frame.size("energy")
 
     def values(state: list[Array], energy: Array) -> Array:
         spin = algebra.axial(model.call(model.system.spin, *state))
@@ -360,7 +349,8 @@ def oriented(model: Model, attitude: Any) -> Array:
     """The orientation of the axes of the state from the attitude of the body's axes.  Raises `InputError`."""
     g = initial_orientation(attitude, model)
     frame = model.body_frame or BodyFrame()
-    return _turned(frame.quaternion, False, g) if frame.turned else g
+    change = frame.change(ORIENTATION, False)
+    return g if change is None else change(g)
 
 
 def state_of(body: Body, model: Model, x0: Any) -> tuple[Any, Any]:
@@ -382,11 +372,9 @@ def state_of(body: Body, model: Model, x0: Any) -> tuple[Any, Any]:
 
 def _require_row_of(model: Model, row: xr.Dataset) -> None:
     """Raises `InputError` for a row of a body whose state has other axes or units."""
-    frame, expected = RunRecord.from_attrs(row.attrs).body_frame if is_in_si(row) else None, model.body_frame
-    if frame is None or expected is None:
-        return
-    same = all(frame.units.get(k) == expected.units.get(k) for k in model.system.space.letters)
-    if not same or not np.array_equal(frame.axes, expected.axes):
+    frame = frame_of(row) if is_in_si(row) else None
+    expected = model.body_frame
+    if frame is not None and expected is not None and not frame.is_like(expected, model.system.space.letters):
         raise InputError(
             "x0: expected a row of a run of this body, got one of a body whose state has other axes or units. Usual "
             "cause: other moments of inertia. Give body.state(...) with the angular velocity and attitude of the row."
@@ -447,23 +435,19 @@ def _impulses(frame: BodyFrame, asked: Any) -> Any:
     """Impulses {"time": "2 s", "momentum": (0, 0, 1)} in the units and along the axes of the state."""
     if not isinstance(asked, Mapping | list | tuple):
         return asked  # the settings report the fault
-    letters = {name: letter for letter, name in frame.names.items()}
-    out = []
-    for impulse in [asked] if isinstance(asked, Mapping) else asked:
-        if not isinstance(impulse, Mapping):
-            out.append(impulse)
-            continue
-        scaled = {}
-        for name, value in impulse.items():
-            letter = letters.get(str(name), str(name))
-            if letter == "time":
-                scaled[letter] = duration(frame, value, "impulses: the time")
-                continue
-            unit, size = frame.units.get(letter, ("1", 1.0))
-            vector = Scale(unit, size).scaled(value, f"impulses: {name}")
-            scaled[letter] = vector @ frame.axes if letter in frame.along and frame.turned else vector
-        out.append(scaled)
-    return out
+    several = [asked] if isinstance(asked, Mapping) else asked
+    return [_scaled_impulse(frame, impulse) if isinstance(impulse, Mapping) else impulse for impulse in several]
+
+
+def _scaled_impulse(frame: BodyFrame, impulse: Mapping[str, Any]) -> dict[str, Any]:
+    measured = {}
+    for name, value in impulse.items():
+        unit = frame.units.get(frame.letters.get(str(name), str(name)), ("1", 1.0))[0]
+        measured[str(name)] = Scale(unit, 1.0).scaled(value, f"impulses: {name}")
+    scaled = _mapped(frame, measured, False, lambda change, value: change(value))
+    if "time" in impulse:
+        scaled["time"] = duration(frame, impulse["time"], "impulses: the time")
+    return scaled
 
 
 def scaled_events(frame: BodyFrame, events: Any) -> Any:
@@ -483,17 +467,9 @@ def scaled_events(frame: BodyFrame, events: Any) -> Any:
 
 def _of_si_state(frame: BodyFrame, function: Callable[[Any], Any], changes: bool) -> Callable[[Any], Any]:
     """A function of a state in SI as a function of the state; `changes`: its result is a state too."""
-    letters = {name: letter for letter, name in frame.names.items()}
 
     def each(state: Mapping[str, Any], forward: bool) -> dict[str, Any]:
-        names = frame.names if forward else letters
-        out = {}
-        for name, value in state.items():
-            letter = str(name) if forward else letters.get(str(name), str(name))
-            size = frame.units.get(letter, ("1", 1.0))[1]
-            change = change_of(frame, letter, size if forward else 1 / size, forward)
-            out[names.get(str(name), str(name))] = value if change is None else change(np.asarray(value))
-        return out
+        return _mapped(frame, state, forward, lambda change, value: change(np.asarray(value)))
 
     @wraps(function)
     def of_state(state: Mapping[str, Any]) -> Any:
@@ -505,8 +481,7 @@ def _of_si_state(frame: BodyFrame, function: Callable[[Any], Any], changes: bool
 
 def letters_of(model: Model, names: Any) -> Any:
     """Names of unknowns, a list or a mapping, such as "momentum[0]", with the letters of the state."""
-    frame = model.body_frame or BodyFrame()
-    words = {name: letter for letter, name in frame.names.items()}
+    words = (model.body_frame or BodyFrame()).letters
 
     def letter(name: Any) -> Any:
         match = QUANTITY.fullmatch(name) if isinstance(name, str) else None
@@ -518,10 +493,10 @@ def letters_of(model: Model, names: Any) -> Any:
 
 
 def matrix_of(frame: BodyFrame, letter: str, width: int, forward: bool) -> Array:
-    """The matrix A (width, width) with v_SI = v_state A (forward) or back, of a component of the state."""
-    size = frame.units.get(letter, ("1", 1.0))[1]
-    change = change_of(frame, letter, size if forward else 1 / size, forward)
-    return np.eye(width) if change is None else np.asarray(change(np.eye(width)))
+    """The matrix A (width, width) with v_SI = v_state A (forward) or back, of a component; of lanes (lanes, ...)."""
+    change = frame.change(letter, forward)
+    out = np.eye(width)[:, None] if change is None else np.asarray(change(np.eye(width)[:, None]))
+    return np.moveaxis(out, 1, 0) if frame.differs else out[:, 0]
 
 
 def observations_of(model: Model, data: Any) -> Any:
@@ -532,7 +507,7 @@ def observations_of(model: Model, data: Any) -> Any:
     if is_in_si(data) or not hasattr(data, "data_vars"):
         return in_state_form(data)
     frame = model.body_frame or BodyFrame()
-    words = {name: letter for letter, name in frame.names.items()} | {VELOCITY: "Omega"}
+    words = frame.letters | {VELOCITY: "Omega"}
     renamed = {}
     for name, variable in data.variables.items():
         prefix = "sigma_" if str(name).startswith("sigma_") else ""
@@ -549,11 +524,11 @@ def observations_of(model: Model, data: Any) -> Any:
 
 def state_quantity(run: xr.Dataset, quantity: Any) -> Any:
     """A quantity of a run in SI, "momentum[2]" or a function in SI, as a function of the components of its state."""
-    frame = RunRecord.from_attrs(run.attrs).body_frame if is_in_si(run) else None
+    frame = frame_of(run) if is_in_si(run) else None
     if frame is None or not (isinstance(quantity, str) or callable(quantity)):
         return quantity
     letters = list(RunRecord.from_attrs(run.attrs).kinds)
-    changes = [change_of(frame, letter, frame.units.get(letter, ("1", 1.0))[1], True) for letter in letters]
+    changes = [frame.change(letter, True) for letter in letters]
 
     def values(state: Sequence[Array]) -> list[Array]:
         return [v if f is None else f(np.asarray(v)) for f, v in zip(changes, state, strict=False)]

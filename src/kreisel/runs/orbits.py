@@ -16,7 +16,7 @@ from kreisel.errors import InputError, hint, shown
 from kreisel.files import parsed
 from kreisel.record.model import Model
 from kreisel.runs.geometry import attitude_of, axes_of_state
-from kreisel.runs.run_record import RunRecord
+from kreisel.runs.run_record import RunRecord, lanes_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -69,7 +69,7 @@ def satellite_model(run: xr.Dataset) -> Model:
     system = find("satellite")
     letters = [p.letter for p in system.parameters]
     model = Model(system, {k: v for k, v in known.items() if k in letters}, record.body_frame)
-    return model.lanes(np.asarray(run["lane"].values)) if model.batch and "lane" in run.coords else model
+    return model.lanes(lanes_of(run, record.body_frame)) if model.batch and "lane" in run.coords else model
 
 
 def surroundings(run: xr.Dataset) -> Surroundings:

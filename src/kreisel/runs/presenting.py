@@ -12,7 +12,7 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs.in_si import COMPONENT, in_si
 from kreisel.runs.orbits import VARIABLES, angles_of, environment_of, of_satellite, pointing_error
-from kreisel.runs.run_record import RunRecord
+from kreisel.runs.run_record import frame_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,7 +27,7 @@ POINTING = "angle of the axis that points down at zero angles to the nadir"
 
 def presented(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     """A run as its user receives it: in SI if its subject was a body, else unchanged."""
-    frame = RunRecord.from_attrs(run.attrs).body_frame
+    frame = frame_of(run)
     if frame is None or not frame.names:
         return run
     out = in_si(run, model)

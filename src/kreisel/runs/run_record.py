@@ -8,6 +8,8 @@ from dataclasses import MISSING, dataclass, fields
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
 from kreisel.files import parsed
@@ -301,3 +303,35 @@ def a_run(run: Any, *attributes: str, rows: bool = True) -> Any:
     if rows and not all(math.isfinite(t) for t in run["time"][[0, -1]].values):
         raise InputError("expected a run with finite times, got others.")
     return run
+
+
+def lanes_of(run: xr.Dataset, frame: BodyFrame | None) -> Any:
+    """The numbers of the lanes of a run, (lanes,), or of its lane; the coordinate may have their names instead."""
+    lanes = np.asarray(run["lane"].values)
+    if lanes.dtype.kind in "iu" or frame is None or not frame.lanes:
+        return lanes
+    numbers = {name: number for number, name in enumerate(frame.lanes)}
+    missing = next((name for name in lanes.flat if name not in numbers), None)
+    if missing is not None:
+        raise InputError(f"lane: expected names among {shown(frame.lanes)}, got {shown(missing)}.")
+    return np.vectorize(numbers.__getitem__, otypes=[np.int64])(lanes)
+
+
+def lane_names(run: xr.Dataset) -> list[str]:
+    """Names of the lanes of a run; "lane 3" without others."""
+    frame = RunRecord.from_attrs(run.attrs).body_frame
+    lanes = lanes_of(run, frame).tolist() if "lane" in run.coords else range(run.sizes["lane"])
+    return [frame.lanes[k] if frame is not None and frame.lanes else f"lane {k}" for k in lanes]
+
+
+def frame_of(run: xr.Dataset) -> BodyFrame | None:
+    """Axes and units of the body of a run, of its lanes; None for another run.  Raises `InputError`."""
+    frame = RunRecord.from_attrs(run.attrs).body_frame
+    if frame is None or not frame.differs:
+        return frame
+    if "lane" not in run.coords:
+        raise InputError(
+            "expected a run with the coordinate lane, since its bodies differ in axes or units, got one without. Usual "
+            "cause: isel(lane=..., drop=True) or reset_coords. run.isel(lane=0) keeps it."
+        )
+    return frame.of_lanes(lanes_of(run, frame))

@@ -260,7 +260,7 @@ def _require_same_body(model: Model, frame: BodyFrame) -> None:
     """Raises `InputError` for a state of a body with other axes or units."""
     if frame is model.body_frame or (expected := model.body_frame) is None:
         return
-    if dict(frame.units) != dict(expected.units) or not np.array_equal(frame.axes, expected.axes):
+    if not frame.is_like(expected):
         raise InputError(
             "x0: expected a state of this body, got one of a body with other axes or units. Usual cause: a state that "
             "was made before the body was changed; make it again by body.state(...)."

@@ -33,7 +33,7 @@ from kreisel.record.contract import Frame
 from kreisel.runs.geometry import attitude_of, model_for, orientation_of, velocity_of
 from kreisel.runs.in_si import VELOCITY, is_in_si
 from kreisel.runs.orbits import parameters_of, surroundings
-from kreisel.runs.run_record import RunRecord
+from kreisel.runs.run_record import RunRecord, frame_of
 from kreisel.runs.settings import positive_number
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def write_message(run: xr.Dataset, out: Path, epoch: Any, labels: Mapping[str, A
             raise InputError(f"{key}: expected a word, got {shown(value)}.")
     if "lane" in run.dims:
         raise InputError("expected the run of one body, got several lanes. Give run.isel(lane=0).")
-    body = RunRecord.from_attrs(run.attrs).body_frame
+    body = frame_of(run)
     unit = chosen["time_unit"]
     unit = (
         (1.0 if body is None or is_in_si(run) else body.time_unit)

@@ -12,7 +12,7 @@ from kreisel.errors import brief, shown
 from kreisel.forces.kicks import WHEELS
 from kreisel.runs.geometry import components
 from kreisel.runs.orbits import angles_of, parameters_of, pointing_error, satellite_model, surroundings
-from kreisel.runs.run_record import RunRecord
+from kreisel.runs.run_record import frame_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,7 +40,7 @@ class Clock(NamedTuple):
 
 def clock_of(run: xr.Dataset) -> Clock:
     """The unit that suits the length of a run of a body: at most 600 s, 180 min, 72 h."""
-    frame, unit = RunRecord.from_attrs(run.attrs).body_frame, run["time"].attrs.get("units")
+    frame, unit = frame_of(run), run["time"].attrs.get("units")
     if unit != "s" and frame is None:
         return Clock("", 1.0)
     second = 1.0 if unit == "s" else 1 / frame.time_unit if frame is not None else 1.0
@@ -87,7 +87,7 @@ def panels_of(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> list[
 
 def _along(run: xr.Dataset, vectors: Array) -> Array:
     """Vectors along the axes in which the body was given."""
-    frame = RunRecord.from_attrs(run.attrs).body_frame
+    frame = frame_of(run)
     return vectors if frame is None else frame.vectors(vectors)
 
 

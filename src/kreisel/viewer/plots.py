@@ -16,7 +16,7 @@ from kreisel.runs.drift import all_series
 from kreisel.runs.geometry import axes_of_state, fixed_vector, model_for, require_unchanged
 from kreisel.runs.in_si import in_state_form
 from kreisel.runs.orbits import of_satellite
-from kreisel.runs.run_record import RunRecord
+from kreisel.runs.run_record import RunRecord, frame_of, lane_names
 from kreisel.viewer.frames import evenly, extremes, mixed, stretches
 from kreisel.viewer.motion import clock_of, panels_of, shadows_of
 from kreisel.viewer.style import Theme, figure
@@ -101,8 +101,8 @@ def _lanes(run: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
     if "lane" not in run.dims:
         return [("", run)]
     chosen = evenly(run.sizes["lane"], MOST_LANES)
-    names = run["lane"].values if "lane" in run.coords else np.arange(run.sizes["lane"])
-    return [(f"lane {names[i]}", run.isel(lane=int(i))) for i in chosen]
+    names = lane_names(run)
+    return [(names[i], run.isel(lane=int(i))) for i in chosen]
 
 
 def _title(run: xr.Dataset, record: RunRecord, *others: RunRecord) -> str:
@@ -167,7 +167,7 @@ def _seen(run: xr.Dataset, letter: str, rows: int) -> np.ndarray:
     values = read_values(run[letter][:rows])
     if not (abs(values) < LARGEST).all():
         raise InputError(f"expected a run whose {letter} is finite and below {LARGEST:g}, got one beyond.")
-    frame = RunRecord.from_attrs(run.attrs).body_frame
+    frame = frame_of(run)
     if frame is None:
         return values
     values = frame.vectors(values) if letter in frame.along else values
@@ -189,7 +189,7 @@ class Words(NamedTuple):
 
 
 def _words(run: xr.Dataset, letter: str) -> Words:
-    frame = RunRecord.from_attrs(run.attrs).body_frame
+    frame = frame_of(run)
     if frame is None or letter not in frame.names:
         return Words(f"${letter}$")
     unit, size = frame.units.get(letter, ("", 1.0))

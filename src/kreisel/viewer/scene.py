@@ -52,7 +52,7 @@ from kreisel.runs.orbits import (
     surroundings,
     target_of,
 )
-from kreisel.runs.run_record import RunRecord
+from kreisel.runs.run_record import RunRecord, lane_names
 from kreisel.runs.settings import within
 from kreisel.viewer import bodies
 from kreisel.viewer.bodies import Body
@@ -399,7 +399,8 @@ def _lanes(run: xr.Dataset, lane: Any) -> tuple[xr.Dataset, list[str]]:
         chosen = [within(lane, "lane", 0, count - 1)]
     if not 1 <= len(chosen) <= MOST_LANES or len(set(chosen)) < len(chosen):
         raise InputError(f"lane: expected one lane, or up to {MOST_LANES} different ones, got {shown(lane)}.")
-    names = [f"lane {int(run['lane'].values[i]) if 'lane' in run.coords else i}" for i in chosen]
+    each = lane_names(run)
+    names = [each[i] for i in chosen]
     return (run.isel(lane=chosen) if len(chosen) > 1 else run.isel(lane=chosen[0])), names
 
 

@@ -61,7 +61,7 @@ class BodyPropagator:
 
     def __init__(self, body: Body, motion: Propagator):
         self._body, self._motion, self._frame = body, motion, motion.model.body_frame or BodyFrame()
-        self._unit, self._turned = self._frame.time_unit, self._frame.turned
+        self._unit = self._frame.time_unit
         self.model, self.size, self.dt = motion.model, motion.size, motion.dt * self._frame.time_unit
         self._places = {self._frame.names.get(k, k): (k, place) for k, place in motion.places.items()}
         self.names = tuple(self._places)
@@ -83,11 +83,15 @@ class BodyPropagator:
         return scaled if scaled.ndim else float(scaled)
 
     def _map(self, forward: bool) -> Array:
-        """The linear map of states (..., size), from the right, to SI (forward) or back; (size,) if it is diagonal."""
-        out = np.eye(self.size)
+        """The linear map of states ([lanes,] size), from the right, to SI (forward) or back.
+
+        (size,) if it is diagonal; if lanes differ ([lanes,] size, size).
+        """
+        matrices = {k: matrix_of(self._frame, k, p.stop - p.start, forward) for k, p in self._places.values()}
+        out = np.zeros((*next(iter(matrices.values())).shape[:-2], self.size, self.size))
         for letter, place in self._places.values():
-            out[place, place] = matrix_of(self._frame, letter, place.stop - place.start, forward)
-        return np.diagonal(out).copy() if np.array_equal(out, np.diag(np.diagonal(out))) else out
+            out[..., place, place] = matrices[letter]
+        return np.diagonal(out).copy() if out.ndim < 3 and np.array_equal(out, np.diag(np.diagonal(out))) else out
 
     def _given(self, state: Any) -> Any:
         """A state in the units and along the axes of the model.  Raises `InputError`."""
@@ -110,7 +114,7 @@ class BodyPropagator:
                 f"The state: expected a mapping of {', '.join(self.names)}, or an array of these {self.size} values, "
                 f"({self.size},) or (lanes, {self.size}), got {shown(x)}."
             )
-        return x * by if by.ndim == 1 else x @ by
+        return x * by if by.ndim == 1 else x @ by if by.ndim == 2 else (x[..., None, :] @ by)[..., 0, :]
 
     def _parameters(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Parameters of a call, with vectors of the body along the axes of the model."""
@@ -126,7 +130,7 @@ class BodyPropagator:
             raise InputError(
                 f"{name}: expected a vector (3,) of values in SI units along the axes of the body, got {shown(vector)}."
             )
-        return v @ self._frame.axes if self._turned else v
+        return self._frame.inside(v)
 
     def _returned(self, x: Array, state: Any) -> Any:
         """Entries of the model (..., size + observed) in the form in which a state was given."""
@@ -152,7 +156,8 @@ class BodyPropagator:
         for name, place in self._motion.beside.items():
             where = slice(place, place + 1) if isinstance(place, int) else place
             cut = slice(where.start - self.size, where.stop - self.size)
-            out[..., cut] *= self._frame.units.get(name, ("1", 1.0))[1]
+            size = self._frame.size(name)
+            out[..., cut] *= size[:, None] if np.ndim(size) == 1 else size
         return out
 
     @explained
