@@ -332,6 +332,19 @@ def test_a_sweep_begins_from_a_body() -> None:
     text = text_of_body("free-body", Path("x.toml"), "#").replace("# figure", "#")
     description, _, _ = parse_sweep(tomllib.loads(f'{text}\n[sweep.grid]\n"state.M[0]" = [0.1, 0.2]'))
     assert description["system"]["name"] == "euler-top" and description["run"]["dt"] == 0.002
-    with pytest.raises(kr.InputError, match=r"\[sweep.grid\]: expected parameters and states of the system"):
-        parse_sweep(tomllib.loads(f"{text}\n[sweep.grid]\nbody.mass = [1, 2]"))
     assert description["body"]["units"]["time"][1] == 1.0 and len(description["state"]["orientation"]) == 4
+
+
+def test_a_sweep_over_values_of_a_body() -> None:
+    text = text_of_body("free-body", Path("x.toml"), "#").replace("# figure", "#")
+    table = 'body.mass = ["900 g", "1.8 kg"]\n"state.spin[1]" = ["60 rpm", "120 rpm", "180 rpm"]'
+    description, _, _ = parse_sweep(tomllib.loads(f"{text}\n[sweep]\n{table}"))
+    spec = description["sweep"]
+    assert [axis[:2] for axis in spec["axes"]] == [["body.mass", 2], ["state.spin[1]", 3]]
+    assert np.allclose(spec["shown"]["body.mass"], np.repeat([0.9, 1.8], 3))
+    assert np.allclose(spec["shown"]["state.spin[1]"], np.tile([2, 4, 6], 2) * np.pi)
+    momenta = np.array(spec["list"]["state.M"])[:, 1] * np.ravel(description["body"]["units"]["M"][1])
+    middle = 0.9 * (0.03**2 + 0.24**2) / 12 * np.repeat([1, 2], 3) * np.tile([2, 4, 6], 2) * np.pi
+    assert np.allclose(momenta, np.ravel(middle))
+    with pytest.raises(kr.InputError, match=r"Lane 1: .*mass"):
+        parse_sweep(tomllib.loads(f"{text}\n[sweep.grid]\nbody.mass = [1, -2]"))

@@ -242,11 +242,11 @@ def test_the_propagator_of_a_body_is_in_si() -> None:
 
 def test_a_sweep_of_a_body_is_in_si(tmp_path: Path) -> None:
     body, x0 = BODIES["free"], state("free")
-    design = kr.Design(grid={"run.dt": [0.1, 0.2]}) if False else kr.Design(grid={"state.M[0]": [0.001, 0.002]})
+    begun = TENSOR @ RATE
     found = kr.sweep(
         body,
         x0,
-        design,
+        kr.Design(grid={"state.momentum[0]": begun[0] + np.array([0.001, 0.002])}),
         dt="0.1 s",
         steps=50,
         every="1 s",
@@ -259,6 +259,42 @@ def test_a_sweep_of_a_body_is_in_si(tmp_path: Path) -> None:
     assert found.momentum_max.attrs == {**found.momentum_max.attrs, "units": "kg m^2/s", "axes": "state"}
     size = np.linalg.norm(found.momentum.values, axis=-1)
     assert np.ptp(size, axis=found.momentum.dims.index("time")).max() < 1e-15
+    assert same(found.momentum.isel(time=0), begun + np.array([[0.001, 0.0, 0.0], [0.002, 0.0, 0.0]]), 1e-12)
+
+
+def test_a_sweep_over_values_of_a_body(tmp_path: Path) -> None:
+    """Precession of fast tops in a grid of levers and rates, m g l/(I3 w3); a body of another lane is refused."""
+    settings: dict[str, Any] = {"dt": "1 ms", "t_end": "0.5 s", "workers": 0, "save": ["trajectories"]}
+    path, start = tmp_path / "tops.zarr", {"tilt": "20 deg"}
+    over = {"lever": ["10 cm", "20 cm"], "spin": [600.0, 900.0, 1200.0]}
+    found = kr.sweep(WHEEL, start, over=over, path=path, **settings)
+    azimuth = np.unwrap(np.arctan2(found.axis[..., 1], found.axis[..., 0]), axis=0)
+    rates = 3 * 9.80665 * np.array([[0.1], [0.2]]) / (0.17 * np.array([600.0, 900.0, 1200.0]))
+    assert np.allclose(azimuth[-1] / 0.5, rates, rtol=0.03)
+    assert found["body.lever"].values.tolist() == [0.1, 0.2] and found.axis.sizes["state.spin"] == 3
+    one = Gyroscope.flat("3 kg", "0.17 kg m^2", "20 cm")
+    alone = kr.simulate(one, one.state("20 deg", 900.0), dt="1 ms", t_end="0.5 s")
+    assert np.allclose(found.momentum[:, 1, 1], alone.momentum, atol=1e-9 * float(abs(alone.momentum).max()))
+    again = kr.open_run(path).isel(lane=4)
+    assert np.array_equal(again.momentum, found.momentum[:, 1, 1]) and float(again["body.lever"]) == 0.2
+    orbit = Satellite.cubesat(ORBIT)._varied([{"units": 1, "orbit.inclination": "90 deg"}])[0]
+    assert orbit.inertia[0, 0] == pytest.approx(1.33 * 0.02 / 12) and orbit.orbit.inclination == np.pi / 2
+
+
+BAD_SWEEPS: dict[str, tuple[Any, Any, str]] = {
+    "a name": ({}, {"masss": [1.0]}, "Lane 0: .*Did you mean 'mass'"),
+    "a body": ({"spin": RATE}, {"mass": [1.0, -1.0]}, "Lane 1: mass"),
+    "an entry": ({"spin": RATE}, {"momentum[7]": [1.0]}, "none at"),
+    "a state": (state("free"), {"mass": [1.0, 2.0]}, "arguments of body.state"),
+    "no dict": ({"spin": RATE}, [1.0], "over: expected"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_SWEEPS)
+def test_a_sweep_that_cannot_be(case: str, tmp_path: Path) -> None:
+    x0, over, message = BAD_SWEEPS[case]
+    with pytest.raises(kr.InputError, match=message):
+        kr.sweep(BODIES["free"], x0, over=over, dt=1, steps=1, path=tmp_path / "s.zarr", workers=0)
 
 
 def test_a_body_is_fitted_and_differentiated_in_si() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,14 +13,17 @@ import msgspec
 
 from kreisel.errors import Faults, InputError, hint, shown
 from kreisel.files import place, shallow
-from kreisel.physical import FreeBody
+from kreisel.physical import Ensemble, FreeBody
 from kreisel.physical.tables import Reader
+from kreisel.record.body import Body
 from kreisel.record.model import Model, State
 from kreisel.runs.in_si import scaled_settings
 from kreisel.runs.settings import Settings
 from kreisel.runs.user_defined import executed, load_system
+from kreisel.sweeps.bodies import by_lane, of_scaled_system
 
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
+VARIED = ("body", "state", "system", "run")
 SECTIONS = ("system", "body", "state", "run", "output")
 SETTINGS = tuple(field.name for field in msgspec.structs.fields(Settings) if field.name != "asked_dt")
 DEPTHS = {"sweep": 3, "body": -1, "state": -1}  # of the tables in a section, for --set; -1: any
@@ -115,6 +119,11 @@ def parse_sweep(
     """The sweep of a configuration that is already a dict, as by `read_sweep`."""
     faults = Faults()
     tables = _tables(shallow(data, source), (*SECTIONS, "sweep"), faults)
+    spec = dict(tables["sweep"])
+    varied = {name: spec.pop(name) for name in [*spec] if name.partition(".")[0] in VARIED}
+    if varied:  # [sweep] body.mass = [...] is a grid
+        spec["grid"] = {**spec.get("grid", {}), **varied}
+    tables["sweep"] = spec
     _check_keys(tables["sweep"], SWEEP, "sweep", faults)
     _check_keys(tables["run"], SETTINGS, "run", faults)
     _check_keys(tables["output"], OUTPUT, "output", faults)
@@ -124,31 +133,43 @@ def parse_sweep(
     description, file = {k: dict(tables[k]) for k in ("state", "run", "sweep")}, None
     if "body" in tables:
         subject = _body(tables, folder, faults)
-        for kind in ("grid", "list", "random"):
-            names = tables["sweep"].get(kind)
-            for name in names if isinstance(names, Mapping) else ():
-                if str(name).partition(".")[0] == "body":
-                    faults.add(
-                        f"[sweep.{kind}]: expected parameters and states of the system of the body, such as "
-                        "system.semi_major_axis and state.M (`kreisel systems NAME`), got body. Or write a loop over "
-                        "bodies in Python."
-                    )
         if subject.model is not None and not faults.messages:
-            description |= _described(subject, tables["run"])
+            description |= _described(subject, tables, folder)
     else:
         _, file, description["system"] = _system(tables["system"], folder, faults)
     faults.report(source)
     return description, file, path
 
 
-def _described(subject: Subject, run: Mapping[str, Any]) -> dict[str, Any]:
+def _described(subject: Subject, tables: Mapping[str, Mapping[str, Any]], folder: Path) -> dict[str, Any]:
     """The sections of a sweep that begins from a body, in the form of its system."""
-    model, state = subject.model, subject.state
-    assert model is not None and state is not None
+    model, state, run = subject.model, subject.state, tables["run"]
+    assert model is not None and state is not None and subject.body is not None
+    if not of_scaled_system(model, tables["sweep"]):
+
+        def bodies(changes: list[dict[str, Any]]) -> Body:
+            return Ensemble([_changed_body(lane, tables, change, folder) for lane, change in enumerate(changes)])
+
+        return by_lane(subject.body, tables["state"], run, tables["sweep"], bodies)
     frame = {} if model.body_frame is None else {"body": model.body_frame.table}
     start = {**state.axial, **({} if state.orientation is None else {"orientation": state.orientation})}
     system = {"name": model.system.name, **model.params}
     return {**frame, "system": system, "state": start, "run": scaled_settings(model, run)}
+
+
+def _changed_body(lane: int, tables: Mapping[str, Mapping[str, Any]], changes: Mapping[str, Any], folder: Path) -> Body:
+    """The body of a lane of a sweep.  Raises `InputError`."""
+    table, faults = copy.deepcopy(dict(tables["body"])), Faults()
+    for name, value in changes.items():
+        *sections, key = name.split(".")
+        inner = table
+        for section in sections:
+            inner = inner.setdefault(section, {})
+        inner[key] = value
+    body = _body({**tables, "body": table}, folder, faults).body
+    faults.report(f"Lane {lane}")
+    assert body is not None
+    return body
 
 
 def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()) -> Config:
@@ -184,6 +205,7 @@ class Subject:
     model: Model | None = None
     state: State | None = None
     orientation: Any = None
+    body: Body | None = None
 
 
 def _body(tables: Mapping[str, Mapping[str, Any]], folder: Path, faults: Faults) -> Subject:
@@ -203,7 +225,7 @@ def _body(tables: Mapping[str, Mapping[str, Any]], folder: Path, faults: Faults)
     if body is None or state is None:
         return Subject(name)
     with faults.noted("[body]"):
-        return Subject(name, body.in_si(), state, state.orientation)
+        return Subject(name, body.in_si(), state, state.orientation, body)
     return Subject(name)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained
-from kreisel.physical.ensemble import OfLanes
+from kreisel.physical.ensemble import Varied
 from kreisel.physical.measures import (
     RATE,
     SI,
@@ -25,7 +25,7 @@ from kreisel.physical.measures import (
     si_numbers,
     three,
 )
-from kreisel.record.body import UPRIGHT, Body, started
+from kreisel.record.body import UPRIGHT, started
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales
 from kreisel.system import REGISTRY
@@ -38,7 +38,7 @@ def _cyclic(v: Any) -> tuple[Array, Array, Array]:
 
 @explained
 @dataclass(frozen=True)
-class Ellipsoid(Body, metaclass=OfLanes):
+class Ellipsoid(Varied):
     """Homogeneous ellipsoid in an ideal fluid at rest at infinity, in SI units.
 
     semi_axes (a, b, c) along the body axes, m;  mass, kg;  fluid_density, kg/m^3 (0 is a vacuum).  No gravity: the

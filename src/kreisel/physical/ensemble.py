@@ -5,15 +5,14 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from kreisel.algebra.random import GENERATOR, streams_from
-from kreisel.errors import InputError, explained, shown
+from kreisel.errors import InputError, explained, hint, shown
 from kreisel.physical.inertia import are_diagonals
-from kreisel.record.body import Body, started
+from kreisel.record.body import Body, joined
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import one_unit
@@ -38,6 +37,12 @@ class OfLanes(type):
             if isinstance(value, classmethod):
                 setattr(cls, key, classmethod(_of_lanes(value.__func__)))
 
+    @property
+    def __signature__(cls) -> inspect.Signature:
+        """The arguments of the class, which would be those of `__call__`."""
+        full = inspect.signature(cls.__init__)  # type: ignore[misc]
+        return full.replace(parameters=list(full.parameters.values())[1:], return_annotation=inspect.Signature.empty)
+
     def __call__(cls, *values: Any, **named: Any) -> Any:  # noqa: D102 - of the class
         return _created(super().__call__, getattr(cls, "__match_args__", ()), values, named)
 
@@ -47,7 +52,11 @@ def _of_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(function)
     def constructor(cls: Any, *values: Any, **named: Any) -> Any:
-        return _created(functools.partial(function, cls), names, values, named)
+        body = _created(functools.partial(function, cls), names, values, named)
+        if isinstance(body, cls):
+            arguments = {**dict(zip(names, values, strict=False)), **named}
+            object.__setattr__(body, "_made", (functools.partial(constructor, cls), arguments))
+        return body
 
     return constructor
 
@@ -57,6 +66,38 @@ def _created(call: Callable[..., Any], names: Sequence[str], values: tuple[Any, 
     arguments = {**dict(zip(names, values, strict=False)), **named}
     lanes = _lanes(arguments) if len(arguments) == len(values) + len(named) else []
     return Ensemble(_each(call, lanes)) if lanes else call(*values, **named)
+
+
+class Varied(Body, metaclass=OfLanes):
+    """Bodies that are records: their values can vary from lane to lane."""
+
+    _made: tuple[Any, ...] = ()  # a class method and its arguments, from which the body was created
+
+    def _varied(self, changes: Sequence[Mapping[str, Any]]) -> Body:
+        """The bodies with other arguments, such as "mass" or "orbit.inclination", as lanes.  Raises `InputError`."""
+        call, arguments = self._made or (type(self), _table(self))
+        return Ensemble(_each(lambda each: call(**_replaced(arguments, each, "body")), [{"each": c} for c in changes]))
+
+
+def _replaced(record: Any, changes: Mapping[str, Any], path: str) -> Any:
+    """A record, or a dict, with other values by name."""
+    inner: dict[str, dict[str, Any]] = {}
+    for name, value in changes.items():
+        first, _, rest = name.partition(".")
+        inner.setdefault(first, {})[rest] = value
+    table = dict(record) if isinstance(record, Mapping) else _table(record)
+    for name, each in inner.items():
+        if name not in table and (path != "body" or "" not in each):
+            raise InputError(f"{path}.{name}: expected one of {', '.join(table)}.{hint(name, table)}")
+        table[name] = each[""] if "" in each else _replaced(table[name], each, f"{path}.{name}")
+    return table if isinstance(record, Mapping) else type(record)(**table)
+
+
+def _table(record: Any) -> dict[str, Any]:
+    """The arguments of a record."""
+    return (
+        {each.name: getattr(record, each.name) for each in fields(record) if each.init} if is_dataclass(record) else {}
+    )
 
 
 @explained
@@ -117,8 +158,8 @@ class Ensemble(Body):
     def _joined(self) -> None:
         """The bodies as lanes, with a common unit of time, and their model."""
         for differ in (False, True):
-            self._members = [body.as_lane(self.bodies, differ) for body in self.bodies]
-            models = _each(lambda body: body.model(), [{"body": body} for body in self._members])
+            self.members = [body._as_lane(self.bodies, differ) for body in self.bodies]
+            models = _each(lambda body: body.model(), [{"body": body} for body in self.members])
             first, frames = models[0], [model.body_frame or BodyFrame() for model in models]
             wrong = next((k for k, model in enumerate(models) if model.system.name != first.system.name), None)
             shapes = [[value.shape for value in model.params.values()] for model in models]
@@ -131,7 +172,7 @@ class Ensemble(Body):
         if wrong is not None:
             raise InputError(f"Lane {wrong}: expected the system {first.system.name}, got {models[wrong].system.name}.")
         for lane, model in enumerate(models):
-            same = _functions(self._members[lane]) == _functions(self._members[0])
+            same = _functions(self.members[lane]) == _functions(self.members[0])
             if not same and operations_of(model) != operations_of(first):
                 raise InputError(
                     f"Lane {lane}: expected the functions of lane 0, which act in all lanes, got others. Numbers that "
@@ -159,12 +200,8 @@ class Ensemble(Body):
                 f"state: expected one value for all, or one for each of {len(self)} lanes, got {len(lanes)}."
             )
         states = _each(lambda body, each: body.state(**each), [
-            {"body": body, "each": each} for body, each in zip(self._members, lanes, strict=True)])  # fmt: skip
-        parts = {letter: np.stack([state[letter] for state in states]) for letter in states[0]}
-        if GENERATOR in parts and (parts[GENERATOR] == parts[GENERATOR][0]).all():  # of the noise: numbers of its own
-            parts[GENERATOR] = streams_from([int(v) for v in parts[GENERATOR][0]], len(self), 0)
-        starts = [state.orientation for state in states]
-        return started(self._model, None if starts[0] is None else np.stack(starts), **parts)
+            {"body": body, "each": each} for body, each in zip(self.members, lanes, strict=True)])  # fmt: skip
+        return joined(self._model, states)
 
     @property
     def words(self) -> dict[str, str]:
@@ -225,11 +262,11 @@ def _lanes(arguments: Arguments, scalars: Sequence[str] = ()) -> list[dict[str, 
 
 def _count(name: str, value: Any, scalars: Sequence[str]) -> int:
     """The number of lanes of an argument; 0 for a value without such an axis."""
-    axes, single = _axes(value), int(name in VECTORS and name not in scalars)
+    axes, single = _axes(value), int(name in (*VECTORS, *MATRICES) and name not in scalars)
     if not axes:
         return 0
     count = len(value[0] if one_unit(value) else value)
-    if name in MATRICES:
+    if name in MATRICES and axes > 1:
         single = 2 if axes > 2 or (count == MATRICES[name] and not (name == "inertia" and are_diagonals(value))) else 1
     elif name == "plates":
         single = PLATES

@@ -12,16 +12,15 @@ from kreisel.algebra import Array, cross
 from kreisel.errors import InputError, explained, shown
 from kreisel.forces.body import perturbed
 from kreisel.forces.in_body import AXES_OF_LANES, MOTION, UNIT_OF_LANES, in_body
-from kreisel.physical.ensemble import OfLanes
+from kreisel.physical.ensemble import Varied
 from kreisel.physical.measures import finite_floats, si_numbers
-from kreisel.record.body import Body
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.checks import CLOSE
 from kreisel.record.model import Model
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Forced(Body, metaclass=OfLanes):
+class Forced(Varied):
     """User-defined forces on a body, in SI, along the axes in which it was given.
 
     torque      a function, N m (3,), of quantities by name: momentum M, angular velocity Omega, orientation g (a

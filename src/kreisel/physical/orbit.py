@@ -337,6 +337,11 @@ class Orbit:
         """The axes of the orbit at times (...), as columns (..., 3, 3): up, ahead, and the normal of the orbit."""
         return orbit_frame(*self.at(time))
 
+    @cached_property
+    def first_frame(self) -> Array:
+        """The axes of the orbit at t = 0."""
+        return self.frame(0.0)
+
     def rate(self, time: Any = 0.0) -> Any:
         """The rate at which that frame rotates about the normal, |r x v|/r^2, rad/s."""
         r, v = self.at(time)

@@ -235,14 +235,15 @@ class Satellite(Forced):
 
         spin   (..., 3), rad/s along the body axes; or a rate, with `axis`; default: the rate of the frame of the orbit
                at t = 0, for a body at rest in it
-        attitude   of the body axes at t = 0, a unit quaternion (..., 4); default: `pointing()`.  A run of the satellite
-                   begins with it
+        attitude   of the body axes at t = 0, a unit quaternion (..., 4), or the angles of `pointing(...)` as a dict;
+                   default: `pointing()`.  A run of the satellite begins with it
         """
+        attitude = self.pointing(**attitude) if isinstance(attitude, Mapping) else attitude
         if spin is None and attitude is None:
             Omega = self.orbit.rate() * self._axes_of_orbit[:, 2]
         elif spin is None:
             R = algebra.rotation_matrix(attitude_quaternion(attitude, "attitude"))
-            Omega = self.orbit.rate() * self.orbit.frame(0.0)[:, 2] @ R
+            Omega = self.orbit.rate() * self.orbit.first_frame[:, 2] @ R
         else:
             Omega = angular_velocity_of(spin, axis)
         M = in_range("The momentum", lambda: Omega @ self.inertia @ self._principal_axes)
@@ -270,7 +271,7 @@ class Satellite(Forced):
         (4,).  Without rotation, the attitude is stable on a circular orbit.
         """
         angles = [si_number(v, "rad", name) for v, name in ((pitch, "pitch"), (roll, "roll"), (yaw, "yaw"))]
-        R = self.orbit.frame(0.0)
+        R = self.orbit.first_frame
         for angle, axis in zip(angles, (2, 1, 0), strict=True):
             R = R @ algebra.cayley(np.tan(angle / 2) * algebra.hat(np.eye(3)[axis]))
         return algebra.unit_quaternion(R @ self._axes_of_orbit.T)

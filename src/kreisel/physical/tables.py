@@ -24,11 +24,10 @@ from kreisel import physical
 from kreisel.errors import Faults, InputError, hint, shown
 from kreisel.record.body import Body
 from kreisel.record.model import State
-from kreisel.record.quantities import si
+from kreisel.record.quantities import QUANTITY, si
 
 READERS = (physical.read_mesh, physical.read_robot)
 ABOUT_CENTRE = "about_centre"
-QUANTITY = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?\s*(?P<unit>[A-Za-zµ°%].*)", re.IGNORECASE)
 Table = Mapping[str, Any]
 
 
@@ -82,9 +81,6 @@ class Reader:
         if body is None or len(self.faults.messages) > before:
             return None
         with self.faults.noted(f"[{where}]"):
-            for key, value in values.items():
-                if isinstance(value, Mapping) and key == "attitude" and isinstance(body, physical.Satellite):
-                    values[key] = body.pointing(**value)
             return body.state(**values)
         return None
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, ClassVar, Self
 
+import numpy as np
+
 from kreisel import algebra
+from kreisel.algebra.random import GENERATOR, streams_from
 from kreisel.errors import InputError
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model, State
@@ -28,7 +32,7 @@ class Body:
     _time: float | None = None  # the unit of time of an ensemble, s
     _lanes: tuple[Any, ...] = ()  # the bodies of an ensemble whose lanes differ in axes, units or forms of their system
 
-    def as_lane(self, lanes: tuple[Any, ...], differs: bool) -> Self:
+    def _as_lane(self, lanes: tuple[Any, ...], differs: bool) -> Self:
         """The body as one of the lanes, in the first one's unit of time; `differs`: in axes, units or systems."""
         natural = getattr(self, "time_unit", None)
         time = getattr(lanes[0], "time_unit", natural)
@@ -45,6 +49,10 @@ class Body:
         """The body itself, with a shape that figures draw: `BodyFrame.shape`."""
         object.__setattr__(self, "_shape", (kind, *(float(v) for v in half)))
         return self
+
+    def _varied(self, changes: Sequence[Mapping[str, Any]]) -> Body:
+        """The bodies with changed values by name, such as "orbit.inclination", as lanes.  Raises `InputError`."""
+        raise InputError(f"expected a body whose values can vary, got {type(self).__name__}.")
 
     def model(self) -> Model:
         """The scaled system, with the axes and units of the body."""
@@ -94,6 +102,15 @@ def started(model: Model, orientation: Any, /, **components: Any) -> State:
     """The state of a body with these components and the orientation with which its run begins, or None."""
     first = None if orientation is None else algebra.floats(orientation)
     return model.state(**components).started(first, model.body_frame)
+
+
+def joined(model: Model, states: Sequence[State]) -> State:
+    """The states of bodies as lanes; equal generators of noise get streams of their own."""
+    parts = {letter: np.stack([state[letter] for state in states]) for letter in states[0]}
+    if GENERATOR in parts and (parts[GENERATOR] == parts[GENERATOR][0]).all():
+        parts[GENERATOR] = streams_from([int(v) for v in parts[GENERATOR][0]], len(states), 0)
+    starts = [state.orientation for state in states if state.orientation is not None]
+    return started(model, np.stack(starts) if starts else None, **parts)
 
 
 def as_body(subject: Any) -> Body | None:

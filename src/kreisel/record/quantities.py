@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     import pint
 
 MOST_AXES = 4  # lists within lists
+QUANTITY = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?\s*(?P<unit>[A-Za-zµ°%].*)", re.IGNORECASE)
 
 
 @explained
@@ -90,6 +92,14 @@ def si(value: Any, unit: str, name: str) -> Any:
         return converted(value, unit, name).magnitude * 1.0
     except OverflowError:
         raise InputError(f"{name}: expected a number that a double can hold, got {shown(value)}.") from None
+
+
+def in_base_units(values: Any) -> Any:
+    """Texts of quantities, "3 rpm", as floats in units of SI; other values unchanged."""
+    texts = np.asarray(values)
+    if texts.dtype.kind != "U" or not all(QUANTITY.fullmatch(text) for text in texts.flat):
+        return values
+    return np.reshape([registry().Quantity(text).to_base_units().magnitude for text in texts.flat], texts.shape)
 
 
 def size_in_si(attribute: str | None, unit: str, size: float, name: str) -> float:

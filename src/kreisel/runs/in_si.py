@@ -527,6 +527,8 @@ def state_quantity(run: xr.Dataset, quantity: Any) -> Any:
     frame = frame_of(run) if is_in_si(run) else None
     if frame is None or not (isinstance(quantity, str) or callable(quantity)):
         return quantity
+    if frame.differs and "lane" in run.dims:
+        raise InputError("expected the run of one body, got lanes that differ in axes or units: run.isel(lane=0).")
     letters = list(RunRecord.from_attrs(run.attrs).kinds)
     changes = [frame.change(letter, True) for letter in letters]
 

@@ -12,7 +12,7 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs.in_si import COMPONENT, in_si
 from kreisel.runs.orbits import VARIABLES, angles_of, environment_of, of_satellite, pointing_error
-from kreisel.runs.run_record import frame_of
+from kreisel.runs.run_record import RunRecord
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,9 +27,11 @@ POINTING = "angle of the axis that points down at zero angles to the nadir"
 
 def presented(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     """A run as its user receives it: in SI if its subject was a body, else unchanged."""
-    frame = frame_of(run)
+    frame = RunRecord.from_attrs(run.attrs).body_frame
     if frame is None or not frame.names:
         return run
+    if frame.differs and "lane" not in run.coords:  # of a sweep
+        run = run.assign_coords(lane=np.arange(run.sizes["lane"]))
     out = in_si(run, model)
     known = of_satellite(run) and "kreisel_sweep" not in run.attrs and "time" in run.dims and ORIENTATION in run
     return out.assign(_of_satellite(run)) if known else out

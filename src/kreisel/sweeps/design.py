@@ -10,7 +10,7 @@ import json
 import math
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,11 +24,12 @@ MOST_LANES = 10**7
 LARGEST_DESCRIPTION = 32 << 20  # bytes of JSON
 DRAWN_AT_ONCE = 1024  # lanes that share a generator
 SECTIONS = ("system", "state", "run")
+GRIDS = ("grid", "list", "random", "draws", "rng")
 RANGES = {
     "linear": lambda a, b, count: np.linspace(a, b, count),
     "log": lambda a, b, count: np.geomspace(a, b, count),
 }
-KEY = re.compile(r"([A-Za-z_][A-Za-z_0-9]*)(?:\[([0-9]+(?:\s*,\s*[0-9]+)*)\])?")
+KEY = re.compile(r"([A-Za-z_][A-Za-z_0-9]*(?:\.[A-Za-z_][A-Za-z_0-9]*)*)(?:\[([0-9]+(?:\s*,\s*[0-9]+)*)\])?")
 
 
 @explained
@@ -115,17 +116,24 @@ class Lanes:
     base    the sections system, state and run that every lane starts from
     spec    the section sweep: grid, list, random, draws, rng
     noisy   whether the state has the generator of the noise of a controller
+    words   whether quantities are values of a body, as by `kreisel.sweeps.bodies`; then `base` is not needed
+
+    A sweep of a body has in `spec` what it shows: `shown`, values of each lane, and `axes`, as `folded` has them.
 
     The lanes are the product of the grid, the list and the draws, the last varying fastest; every lane draws separate
     random values.  Raises `InputError`.
     """
 
-    def __init__(self, base: Mapping[str, Mapping[str, Any]], spec: Mapping[str, Any], noisy: bool = False):
-        self.noisy = noisy
+    def __init__(
+        self, base: Mapping[str, Mapping[str, Any]], spec: Mapping[str, Any], noisy: bool = False, words: bool = False
+    ):
+        self.noisy, self._words = noisy, words
+        self._shown = {_varied(k, "shown", True): np.asarray(v) for k, v in spec.get("shown", {}).items()}
+        self._axes = spec.get("axes")
         self.base = {section: dict(base.get(section, {})) for section in SECTIONS}
-        grid = {k: _values(k, v) for k, v in _quantities(spec.get("grid", {}), "grid")}
-        self.listed = {k: _values(k, v) for k, v in _quantities(spec.get("list", {}), "list")}
-        self.draws = {k: self._draw(k, v) for k, v in _quantities(spec.get("random", {}), "random")}
+        grid = {k: _values(k, v, words) for k, v in _quantities(spec.get("grid", {}), "grid", words)}
+        self.listed = {k: _values(k, v, words) for k, v in _quantities(spec.get("list", {}), "list", words)}
+        self.draws = {k: self._draw(k, v) for k, v in _quantities(spec.get("random", {}), "random", words)}
         self.grid = grid
         self._check_names(spec)
         lengths = {k.name: len(v) for k, v in self.listed.items()}
@@ -152,6 +160,26 @@ class Lanes:
         stated = (*self.grid, *self.listed, *self.draws)
         return (*stated, NOISE) if self.noisy and stated and NOISE not in stated else stated
 
+    def inputs(self, first: int, stop: int) -> dict[Varied, Array]:
+        """The values of lanes first to stop - 1 that a sweep shows."""
+        shown = {quantity: value[first:stop] for quantity, value in self._shown.items()}
+        return shown or self.values(first, stop)
+
+    @property
+    def folded(self) -> list[tuple[str, int, dict[Varied, Array]]]:
+        """Name and size of each axis of the result, with the values of its quantities; no axis for a single draw."""
+        if self._axes is not None:
+            named = {quantity.name: quantity for quantity in self._shown}
+            return [(axis, size, {named[k]: np.asarray(v) for k, v in each.items()}) for axis, size, each in self._axes]
+        out = []
+        for quantities, size in self.axes:
+            axis = "draw" if not quantities else "list" if quantities[0] in self.listed else quantities[0].name
+            if quantities and axis != "list" and self.tables[quantities[0]].ndim > 1:
+                axis = f"{axis}_index"
+            if quantities or self.draws:
+                out.append((axis, size, {quantity: self.tables[quantity] for quantity in quantities}))
+        return out
+
     @property
     def tables(self) -> dict[Varied, Array]:
         """The values of the grid and of the list."""
@@ -163,7 +191,7 @@ class Lanes:
         if twice:
             raise InputError(f"{', '.join(sorted(twice))} varies twice; name each quantity once in [sweep].")
         for quantity in self.quantities:
-            if quantity.index:
+            if quantity.index and not self._words:
                 shape = np.shape(self._base(quantity))
                 if len(quantity.index) != len(shape) or any(i >= k for i, k in zip(quantity.index, shape, strict=True)):
                     raise InputError(
@@ -253,23 +281,26 @@ class Lanes:
         return out
 
 
-def _quantities(spec: Any, where: str) -> list[tuple[Varied, Any]]:
+def _quantities(spec: Any, where: str, words: bool) -> list[tuple[Varied, Any]]:
     """Pairs of [sweep.grid] and the others; `system.p`, `[sweep.grid.system]` and `"system.p"` are equivalent."""
     if not isinstance(spec, Mapping):
         raise InputError(f"[sweep.{where}] must be a table of quantities and their values, got {shown(spec)}.")
-    flat: list[tuple[str, Any]] = []
-    for key, value in spec.items():
-        if "." not in key and isinstance(value, Mapping) and key in SECTIONS:
-            flat += [(f"{key}.{letter}", v) for letter, v in value.items()]
+    return [(_varied(key, where, words), value) for key, value in _flat(spec, "")]
+
+
+def _flat(table: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        if isinstance(value, Mapping) and not value.keys() & {"from", *DRAWS} and "[" not in key:
+            yield from _flat(value, f"{prefix}{key}.")
         else:
-            flat.append((key, value))
-    return [(_varied(key, where), value) for key, value in flat]
+            yield prefix + key, value
 
 
-def _varied(key: str, where: str) -> Varied:
+def _varied(key: str, where: str, words: bool) -> Varied:
     section, _, rest = key.partition(".")
     match = KEY.fullmatch(rest)
-    if section not in SECTIONS or match is None:
+    nested = match is not None and "." in match[1] and section != "body"
+    if section not in (*SECTIONS, *("body",) * words) or match is None or nested:
         raise InputError(
             f"[sweep.{where}] names {shown(key)}; expected are names such as system.alpha, state.m, state.m[2] or "
             f"run.dt.{hint(section, SECTIONS)}"
@@ -278,7 +309,7 @@ def _varied(key: str, where: str) -> Varied:
     return Varied(section, match[1], index)
 
 
-def _values(quantity: Varied, spec: Any) -> Array:
+def _values(quantity: Varied, spec: Any, words: bool) -> Array:
     """The values of a grid axis or a list (count, ...)."""
     if isinstance(spec, Mapping):
         return _range(quantity, spec)
@@ -286,6 +317,8 @@ def _values(quantity: Varied, spec: Any) -> Array:
         raise InputError(
             f"{quantity.name} needs a list of values or {{ from = a, to = b, count = k }}, got {shown(spec)}."
         )
+    if words and np.asarray(spec).dtype.kind == "U":
+        return np.asarray(spec)
     if all(isinstance(v, str) for v in spec):
         if quantity.section != "run" or quantity.index:
             raise InputError(f"{quantity.name} must be numbers, got {shown(spec)}.")

@@ -49,7 +49,8 @@ class Sweep:
         self.save: tuple[str, ...] = tuple(spec["save"])
         self.kinds = {p.letter: p.kind for p in self.system.parameters}
         body = description.get("body")
-        self._body_frame = None if body is None else BodyFrame.from_table(body)
+        self._body_frame = None if body is None else BodyFrame.from_table(body).of_lanes(0)
+        self.shared = {p.letter for p in self.system.parameters if p.axes is None}  # by all lanes of a run
 
     def plan(
         self,
@@ -113,8 +114,8 @@ class Sweep:
         params = {
             k: _ready(chosen("system", k), self.kinds.get(k), ("system", k) in varied) for k in sections["system"]
         }
-        for letter, kind in self.kinds.items():
-            if kind == "array" and ("system", letter) in varied:
+        for letter in self.shared:
+            if ("system", letter) in varied:
                 params[letter] = params[letter][0]
         state = {k: chosen("state", k) for k in sections["state"]}
         orientation = state.pop("orientation", None)
@@ -137,9 +138,7 @@ class Sweep:
     def groups(self, values: Mapping[Varied, Array], count: int) -> list[Array]:
         """Lanes that can be stepped together: lanes with equal run settings."""
         apart = [
-            v
-            for q, v in values.items()
-            if q.section == "run" or (q.section == "system" and self.kinds.get(q.letter) == "array")
+            v for q, v in values.items() if q.section == "run" or (q.section == "system" and q.letter in self.shared)
         ]
         if not apart:
             return [np.arange(count)]

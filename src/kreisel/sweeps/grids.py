@@ -18,7 +18,7 @@ from kreisel.storage.archive import target
 from kreisel.storage.opening import open_archive
 from kreisel.sweeps.design import SECTIONS, Lanes
 
-LIST, DRAW, LANE = "list", "draw", "lane"
+LANE = "lane"
 
 
 class _Folded(BackendArray):
@@ -53,19 +53,14 @@ def gridded(run: xr.Dataset) -> xr.Dataset:
     """
     description = parsed(run.attrs["sweep"], "The attribute sweep")
     lanes = Lanes({section: description[section] for section in SECTIONS}, description["sweep"])
-    if not lanes.grid:
+    if all(axis in ("list", "draw") for axis, _, _ in lanes.folded):
         return run
     names, sizes, coords = [], [], {}
-    for quantities, size in lanes.axes:
-        axis = DRAW if not quantities else LIST if quantities[0] in lanes.listed else quantities[0].name
-        if quantities and axis != LIST and lanes.tables[quantities[0]].ndim > 1:
-            axis = f"{axis}_index"
-        if not quantities and not lanes.draws:  # a single draw without random quantities has no axis
-            continue
+    for axis, size, tables in lanes.folded:
         names.append(axis)
         sizes.append(size)
-        for quantity in quantities:
-            old, values = run.variables[quantity.name], lanes.tables[quantity]
+        for quantity, values in tables.items():
+            old = run.variables[quantity.name]
             attrs = {k: v for k, v in old.attrs.items() if not k.startswith("flag_")}
             coords[quantity.name] = xr.Variable((axis, *old.dims[1:]), values, attrs)
     numbers = np.arange(math.prod(sizes)).reshape(sizes)

@@ -117,8 +117,8 @@ class Store:
             layout = {"shape": (total, *rest), "chunks": (width, *rest), "dtype": np.dtype("f8"), "fill_value": np.nan}
             out[name] = {**layout, "dimension_names": ("lane", *dims), "attributes": dict(attrs), **more}
 
-        example = self.sweep.lanes.values(0, 1)
-        for quantity in self.sweep.lanes.quantities:
+        example = self.sweep.lanes.inputs(0, 1)
+        for quantity in example:
             add(quantity.name, *_input(quantity, example[quantity], self.sweep))
             if example[quantity].dtype.kind in "iuU":
                 kind = np.dtype("u1") if example[quantity].dtype.kind == "U" else np.dtype("i8")
@@ -166,10 +166,10 @@ class Store:
 
     def _body(self) -> str | None:
         """Axes and units of the body of all lanes; None if they differ."""
+        if "body" in self.sweep.description:
+            return json.dumps(self.sweep.description["body"])
         found = {body_of(plan.model) for plan in self._plans}
-        varied = "body" not in self.sweep.description and any(
-            self.sweep.kinds.get(q.letter) == "array" for q in self.sweep.lanes.quantities
-        )
+        varied = any(q.letter in self.sweep.shared for q in self.sweep.lanes.quantities)
         return None if varied or len(found) > 1 else found.pop()
 
     def finish(self) -> None:
@@ -373,7 +373,7 @@ def results_of(
         if array.attrs.get("kind") != "input" and name not in ("failed", "message")
     }
     out, faults = sweep.results(first, stop, known)
-    out |= {q.name: _numbered(v, arrays[q.name]) for q, v in sweep.lanes.values(first, stop).items()}
+    out |= {q.name: _numbered(v, arrays[q.name]) for q, v in sweep.lanes.inputs(first, stop).items()}
     state = np.full(stop - first, COMPUTED, dtype=np.uint8)
     state[list(faults)] = FAILED
     return out | {"message": _messages(faults, stop - first), "failed": state}

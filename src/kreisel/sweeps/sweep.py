@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import os
 import time
 from collections.abc import Mapping, Sequence
@@ -13,15 +14,16 @@ from typing import TYPE_CHECKING, Any
 from kreisel.errors import InputError, Interrupted, explained, shown
 from kreisel.files import shallow
 from kreisel.process import signals_wait
-from kreisel.record.body import Body
+from kreisel.record.body import Body, as_body
 from kreisel.record.model import Model
 from kreisel.runs.in_si import scaled
 from kreisel.runs.presenting import presented
 from kreisel.runs.progress import Progress
-from kreisel.runs.settings import check_model, checked_state, flag
+from kreisel.runs.settings import check_model, checked_state, flag, with_steps
 from kreisel.storage.archive import one_writer, target
 from kreisel.storage.opening import open_lanes
-from kreisel.sweeps.design import Design, described
+from kreisel.sweeps.bodies import by_lane, of_scaled_system
+from kreisel.sweeps.design import Design, Lanes, described
 from kreisel.sweeps.ensemble import TRAJECTORIES, Sweep
 from kreisel.sweeps.grids import gridded
 from kreisel.sweeps.lanes import watched_lanes
@@ -60,11 +62,13 @@ class Report:
 @explained
 def sweep(
     system: Model | Body,
-    x0: StateLike,
-    design: Design,
+    x0: StateLike | None = None,
+    design: Design | None = None,
     *,
+    over: Mapping[str, Any] | None = None,
     dt: Any,
-    steps: int,
+    steps: int | None = None,
+    t_end: Any = None,
     path: str | os.PathLike[str],
     every: Any = 1,
     method: str | None = None,
@@ -88,6 +92,8 @@ def sweep(
 
     system, x0   the common start of all lanes; as in `kr.simulate`, whose arguments dt to impulses are the same
     design       the varied quantities, a `kr.Design`
+    over         of a body of `kr.physical`: values by name, {"mass": ["1 kg", "2 kg"], "spin": [...]}, whose grid is
+                 computed: values of the body, arguments of `body.state`, variables of a run such as "momentum[0]"
     path         the Zarr store; the same call resumes an interrupted sweep
     save         any of "drift", "extremes", "frequencies" and "trajectories"
     block        lanes in a block; by default from the memory, the steps and the lanes
@@ -98,26 +104,54 @@ def sweep(
     A lane that fails has failed = 1, a message, and NaN.  The store is bit for bit the same for any number of workers.
     Raises `InputError` for bad input, `RunError` if the sweep has to stop: finished blocks are kept.
     """
-    when = {"dt": dt, "every": every, "impulses": impulses}
-    model, x0, orientation, when, _ = scaled(system, x0, orientation, when)
-    check_model(model)
     flag(overwrite, "overwrite")
-    _only_known(model)
+    body = as_body(system)
+    design = design if over is None else _grid(body, over, design)
     if not isinstance(design, Design):
         raise InputError(f"design: expected a kr.Design, such as kr.Design(grid={{...}}), got {shown(design)}.")
-    state = checked_state(model, x0).axial
-    run = dict(**when, steps=steps, method=method, order=order, tol=tol, project=project)
-    description = {
-        **_of_body(model),
-        "system": {"name": model.system.name, **model.params},
-        "state": {**state, **({} if orientation is None else {"orientation": orientation})},
-        "run": run,
-        "sweep": {**design.table, "save": save, "block": block, "memory": memory},
-    }
+    spec = {**design.table, "save": save, "block": block, "memory": memory}
+    run = {"dt": dt, "every": every, "impulses": impulses, "steps": steps, "method": method, "order": order, "tol": tol}
+    run |= {"project": project, **({} if t_end is None else {"t_end": t_end})}
+    if body is not None and not of_scaled_system(body.model(), spec):
+        description = by_lane(body, x0, {**run, "orientation": orientation}, spec, body._varied)
+    else:
+        description = _of_system(system, x0, orientation, run, spec)
     report = carry_out(
         description, target(path), workers=workers, scheduler=scheduler, overwrite=overwrite, progress=progress
     )
     return gridded(presented(watched_lanes(open_lanes(report.path))))
+
+
+def _grid(body: Body | None, over: Any, design: Any) -> Design:
+    """The grid of values of a body by name.  Raises `InputError`."""
+    if body is None or design is not None or not isinstance(over, Mapping) or not all(isinstance(k, str) for k in over):
+        raise InputError(
+            f"over: expected a body of kr.physical, and a dict of names and values without a design, got {shown(over)}."
+        )
+    sections = {name: "state" for name in (*inspect.signature(body.state).parameters, *body.words.values())}
+    sections |= dict.fromkeys(("dt", "steps", "t_end", "method", "order"), "run")
+    return Design(grid={f"{sections.get(k.partition('[')[0], 'body')}.{k}": v for k, v in over.items()})
+
+
+def _of_system(system: Any, x0: Any, orientation: Any, run: dict[str, Any], spec: dict[str, Any]) -> dict[str, Any]:
+    """The description of a sweep over parameters and letters of a system.  Raises `InputError`."""
+    from kreisel.bodies import KNOWN
+
+    model, x0, orientation, run, _ = scaled(system, x0, orientation, run)
+    check_model(model)
+    if KNOWN.get(model.system.name) is not model.system:
+        raise InputError(
+            f"{model.system.name} is a system of your own: workers need its Python file. Write a TOML file with "
+            'file = "..." in [system], and run `kreisel sweep`.'
+        )
+    state = checked_state(model, x0).axial
+    return {
+        **_of_body(model),
+        "system": {"name": model.system.name, **model.params},
+        "state": {**state, **({} if orientation is None else {"orientation": orientation})},
+        "run": run,
+        "sweep": spec,
+    }
 
 
 def _of_body(model: Model) -> dict[str, Any]:
@@ -125,16 +159,6 @@ def _of_body(model: Model) -> dict[str, Any]:
     frame, derived = model.body_frame, Model(model.system, model.params).body_frame
     known = frame is None or (derived is not None and derived.table == frame.table)
     return {} if frame is None or known else {"body": frame.table}
-
-
-def _only_known(model: Model) -> None:
-    from kreisel.bodies import KNOWN
-
-    if KNOWN.get(model.system.name) is not model.system:
-        raise InputError(
-            f"{model.system.name} is a system of your own: workers need its Python file. Write a TOML file with "
-            'file = "..." in [system], and run `kreisel sweep`.'
-        )
 
 
 def carry_out(
@@ -186,6 +210,10 @@ def _checked_description(description: dict[str, Any], file: Path | None) -> dict
         if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 10**7:
             raise InputError(f"{name} in [sweep] must be an integer, 1 or more, got {shown(value)}.")
     run = {k: v for k, v in description["run"].items() if v is not None}
+    if "t_end" in run:
+        if any(q.name in ("run.dt", "run.steps", "run.t_end") for q in Lanes(description, spec).quantities):
+            raise InputError("t_end: expected the same steps in all lanes, got a dt or steps that varies. Give steps.")
+        run = {k: v for k, v in with_steps(run).items() if k not in ("asked_dt", "t_end")}
     out = {**description, "run": run, "sweep": spec}
     if file is not None:
         out["file"] = hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else ""
