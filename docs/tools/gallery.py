@@ -18,8 +18,8 @@ from pathlib import Path
 
 INTRODUCTION = """# Gallery
 
-Each picture is made by one script of `examples/gallery`, which runs as it stands. The
-pictures come from `make gallery`, which runs every script in full."""
+Each picture comes from one script of `examples/gallery`, which you can run without changes.
+`make gallery` runs them all."""
 
 SUBJECTS = {
     "Tops and gyroscopes": (

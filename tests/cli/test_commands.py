@@ -124,7 +124,7 @@ def test_the_time_is_said_apart(command: Commands) -> None:
     parts = summary["seconds_of_kernels"], summary["seconds_of_steps"]
     assert code == 0 and all(part >= 0 for part in parts) and sum(parts) <= summary["seconds"] + 0.01
     _, out, _ = command("run", "run.toml", "--no-figure", "--overwrite")
-    assert "kernels loaded or compiled" in out and "100 steps of 0.05 -> run.zarr" in out
+    assert "compile or load" in out and "100 steps of 0.05 -> run.zarr" in out
 
 
 def test_a_step_that_does_not_divide_the_time_is_said(command: Commands) -> None:

@@ -123,10 +123,9 @@ def _say_what_was_done(summary: dict[str, Any], pace: str) -> None:
         say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in summary["options"].items()))
     say(f"{pace} -> {summary['archive']} ({summary['rows']:,} rows)")
     seconds, kernels, steps = summary["seconds"], summary["seconds_of_kernels"], summary["seconds_of_steps"]
-    say(
-        f"{seconds:.2f} s: kernels loaded or compiled {kernels:.2f}, steps {steps:.2f}, integrals and archive "
-        f"{seconds - kernels - steps:.2f}"
-    )
+    parts = {"compile or load": kernels, "stepping": steps, "integrals and output": seconds - kernels - steps}
+    shares = (f"{name} {f'{part:.2f}' if part >= 0.01 else '< 0.01'} s" for name, part in parts.items())
+    say(f"Took {seconds:.2f} s: {', '.join(shares)}")
 
 
 def _say_how_long(settings: dict[str, Any], asked: Config) -> None:
