@@ -37,7 +37,7 @@ CLOSE = 1e-10  # relative: the next step of Newton's method changes only the las
 
 def shifted_diagonal(*, b):
     """c = b - max b: the same flow and the same maps, labelled so that they exist for every eps."""
-    return {"c": b - vec(reduce(maximum, [b[..., i] for i in range(b.shape[-1])]))}
+    return {"c": b - vec(reduce(maximum, [b[..., i][()] for i in range(b.shape[-1])]))}
 
 
 def eigenvector(M, P, *, c, mu, rho):

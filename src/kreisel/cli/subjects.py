@@ -227,6 +227,7 @@ def code(
         bool, typer.Option("--orientation/--no-orientation", help="Carry the orientation, for a system by name.")
     ] = True,
     name: Annotated[str | None, typer.Option(help="Of the body, which names in C begin with.")] = None,
+    single: Annotated[bool, typer.Option("--single", help="In numbers of 32 bits.")] = False,
 ) -> None:
     """Print one short file, without dependencies, with the step of a body: kreisel code free-body --name rock > rock.h.
 
@@ -252,5 +253,5 @@ def code(
         if orientation and model.system.velocity is not None:
             g = [1.0, 0.0, 0.0, 0.0] if model.n == 3 else [[float(i == j) for j in range(n)] for i in range(n)]
         dt = 1 / 60 if dt is None else dt
-    settings: dict[str, Any] = {"method": method, "order": order, "orientation": g, "name": name}
+    settings: dict[str, Any] = {"method": method, "order": order, "orientation": g, "name": name, "single": single}
     print(text_of(model, body, dt=dt, language=language, **settings), end="")

@@ -47,7 +47,15 @@ def constants(I: Array) -> dict[str, Array]:  # noqa: E741
 
 
 def step(
-    M: Array, g: Array, *, h: Array, nodes: int = NODES, orders: int = ORDERS, **known: Array
+    M: Array,
+    g: Array,
+    *,
+    h: Array,
+    nodes: int = NODES,
+    orders: int = ORDERS,
+    restore: bool = True,
+    tiny: float = TINY,
+    **known: Array,
 ) -> tuple[Array, Array]:
     """(M, g) after the time h, M (..., 3) axial, g (..., 4) a unit quaternion; `known`: of `constants`.
 
@@ -57,29 +65,29 @@ def step(
     e, c = _series(M, h, orders, **known)
     half, inverse = (*_ratios(0.25, 0.0625, e, c), 0.5 * h), known["inverse"]
     middle = _moved(M, *half, **known)
-    end = restored(_moved(middle, *half, **known), M, inverse)
-    L2, Omega, rate = algebra.dot(middle, middle) + TINY, inverse * middle, _rate(middle, **known)
+    end = _moved(middle, *half, **known)
+    end = restored(end, M, inverse) if restore else end
+    Omega, rate, share = inverse * middle, _rate(middle, **known), 1 / (algebra.dot(M, M) + tiny)
     energy, bend = algebra.dot(Omega, middle), algebra.dot(middle * middle, known["curvatures"])
-    even, odd = 3 * middle, 3 * rate
+    even, odd, along = 3 * middle, 3 * rate, algebra.vec(share) * middle
 
     def mean(quarter: Array, square: Array, time: Array) -> Array:
-        """psi'/L, the mean of the times -t and t from the middle; `time` and `quarter` t and t/2 in units of h."""
+        """L psi', the mean of the times -t and t from the middle; `time` and `quarter` t and t/2 in units of h."""
         y, root2, root = _ratios(quarter, square, e, c)
         t = time * h
         below, t = algebra.dot(y, y) + bend * root2 * (t * t), t * root
         U, V = even * y[..., SECOND] * y[..., THIRD], odd * y * algebra.vec(t)
-        u, v = L2 * below + algebra.dot(middle, U), algebra.dot(middle, V)
+        u, v = below + algebra.dot(along, U), algebra.dot(along, V)
         p, q = energy * below + algebra.dot(Omega, U), algebra.dot(Omega, V)
         return (p * u - q * v) / ((u - v) * (u + v))
 
     places, weights = (values[nodes // 2 :] for values in np.polynomial.legendre.leggauss(nodes))
     means = each(mean, [(x / 4, (x / 4) ** 2, x / 2) for x in places], M)
     psi = _total([float(w) * x for w, x in zip(weights, means, strict=True)])
-    share = 1 / (algebra.dot(M, M) + TINY)
     before, after = (_shortest(*pair, share) for pair in ((M, middle), (middle, end)))
     first = algebra.quaternion_product(g, before)
     first = first / algebra.sqrt(algebra.vec(algebra.dot(first, first) * algebra.dot(after, after)))
-    z = algebra.turn(algebra.vec(psi * h) * middle)
+    z = algebra.turn(algebra.vec(psi * h) * along)
     return end, algebra.quaternion_product(algebra.quaternion_product(first, z), after)
 
 
@@ -116,13 +124,28 @@ def _roots(M: Array, h: Array, curvatures: Array) -> Array:
 
 def restored(N: Array, M: Array, inverse: Array, b: Any = 0) -> Array:
     """N with the integrals of M, |M| and M.(inverse M/2 - b): else rounding, alike in all steps, lets them drift."""
-    L2, Omega = algebra.dot(M, M), inverse * N - b
-    share, energy, size = 1 / (L2 + TINY), algebra.dot(N, Omega), algebra.dot(Omega, Omega)
-    longer = 0.5 * share * (L2 - algebra.dot(N, N))
-    sine = size - energy * energy * share  # |Omega|^2 sin^2 of the angle from M to Omega
-    missing = 0.5 * (algebra.dot(M, inverse * M - 2 * b) - algebra.dot(N, Omega - b)) - longer * energy
-    shift = missing * sine / (sine * sine + NEAR**2 * (size * size) + TINY)
-    return N + algebra.vec(longer - shift * energy * share) * N + algebra.vec(shift) * Omega
+    L2, energy, other = algebra.dot(M, M), algebra.dot(M, inverse * M - 2 * b), algebra.dot(N, inverse * N - 2 * b)
+    return corrected(N, L2, L2 - algebra.dot(N, N), energy - other, inverse, b)
+
+
+def corrected(
+    N: Array,
+    L2: Array,
+    square: Array,
+    energy: Array,
+    inverse: Array,
+    b: Any = 0,
+    near: float = NEAR,
+    tiny: float = TINY,
+) -> Array:
+    """N with |N|^2 = L2 larger by `square`, and N.(inverse N - 2 b) by `energy`, to first order."""
+    share, Omega = 1 / (L2 + tiny), inverse * N - b
+    rate, size = algebra.dot(N, Omega) * share, algebra.dot(Omega, Omega)
+    across = Omega - algebra.vec(rate) * N
+    sine = algebra.dot(across, across)  # |Omega|^2 sin^2 of the angle from M to Omega
+    missing = 0.5 * (energy - rate * square)
+    shift = missing * sine / (sine * sine + near**2 * (size * size) + tiny)
+    return N + algebra.vec(0.5 * square * share) * N + algebra.vec(shift) * across
 
 
 def _ratios(quarter: Array, square: Array, e: Array, c: list[Array]) -> tuple[Array, Array, Array]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,10 +12,13 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.iteration import times
 from kreisel.exact import rotor_step
+from kreisel.graph.double import DoubleDouble, upper
 from kreisel.graph.graph import where_less
 from kreisel.languages.parts import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values
 
 SWEEPS = 6
+HELD = {"was": Field(3, "written by `step`"), "kept": Field(4, "written by `step`")}
+NEAR, TINY = 1e-6, 1e-36  # of `rotor_step`, for 32 bits
 CLOSE = 1 + 1e-6  # I_i <= I_j + I_k, up to the rounding of measured moments
 MOMENTS = "principal moments of inertia"
 MESSAGES = (
@@ -51,6 +56,39 @@ def step(c: Values, s: Values) -> dict[str, Any]:
     return {"s.M": M, "s.g": g}
 
 
+def integrals(M: Array, inverse: Array) -> list[Any]:
+    """|M|^2 and M . I^-1 M of numbers taken as exact, as sums of two numbers."""
+    squares = [DoubleDouble(x) * x for x in M]
+    return [squares[0] + squares[1] + squares[2], sum((x * v for x, v in zip(squares, inverse, strict=True)), 0.0)]
+
+
+def holding(step: Callable[[Values, Values], dict[str, Any]], c: Values, s: Values, inverse: Array) -> dict[str, Any]:
+    """A step in numbers of 32 bits that keeps |M|^2 and the energy of the state that was last changed from outside.
+
+    was: the M that the last step wrote; kept: the two integrals, each a sum of two numbers.
+    """
+    changed = algebra.dot(abs(s["M"] - s["was"]), np.ones(3))
+    kept = [
+        DoubleDouble.where_less(0.0, changed, now, DoubleDouble(*pair))
+        for now, pair in zip(integrals(s["M"], inverse), (s["kept"][:2], s["kept"][2:]), strict=True)
+    ]
+    new = step(c, s)
+    N = new["s.M"]
+    lack = [upper(before - now) for before, now in zip(kept, integrals(N, inverse), strict=True)]
+    N = rotor_step.corrected(N, upper(kept[0]), *lack, inverse, near=NEAR, tiny=TINY)
+    return {**new, "s.M": N, "s.was": N, "s.kept": [x for pair in kept for x in (pair.upper, pair.lower)]}
+
+
+def held_step(c: Values, s: Values) -> dict[str, Any]:
+    """M and g after the time h, in numbers of 32 bits."""
+
+    def step(c: Values, s: Values) -> dict[str, Any]:
+        M, g = rotor_step.step(s["M"], s["g"], **c, nodes=6, orders=6, tiny=TINY, restore=False)
+        return {"s.M": M, "s.g": g}
+
+    return holding(step, c, s, c["inverse"])
+
+
 def reach(c: Values, s: Values) -> Any:
     """The measure of the length of a step."""
     return rotor_step.reach(s["M"], **c)
@@ -61,7 +99,7 @@ def energy(c: Values, s: Values) -> Any:
     return algebra.dot(s["M"], c["inverse"] * s["M"]) / 2
 
 
-def principal(T: Array) -> dict[str, Any]:
+def principal(T: Array, tiny: float = rotor_step.TINY) -> dict[str, Any]:
     """I and axes of the tensor (xx, yy, zz, yz, zx, xy), by Jacobi's rotations in a fixed number; nearest to its axes.
 
     Rotation about axis r by phi: tan phi = t, the quaternion (1 + cos phi, -sin phi e_r) of any length.
@@ -71,7 +109,7 @@ def principal(T: Array) -> dict[str, Any]:
         d, o, q = x[:3], x[3:6], algebra.objects(x[6:])
         for r, p, s in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             gap = d[s] - d[p]
-            size = abs(gap) + (gap * gap + 4 * o[r] * o[r] + rotor_step.TINY).sqrt()
+            size = abs(gap) + (gap * gap + 4 * o[r] * o[r] + tiny).sqrt()
             t = where_less(gap, 0.0, -2.0, 2.0) * o[r] / size
             cos = 1 / (1 + t * t).sqrt()
             sin = t * cos
@@ -88,7 +126,8 @@ def principal(T: Array) -> dict[str, Any]:
 def set_motion(c: Values, s: Values, axes: Array, q: Array, w: Array) -> dict[str, Any]:
     """The state from the orientation of other axes of the body and the angular velocity in space."""
     g = algebra.quaternion_product(q, axes)
-    return {"s.M": algebra.conjugated(algebra.inverse_turn(g), w) / c["inverse"], "s.g": g}
+    first = {f"s.{name}": [0.0] * f.count for name, f in HELD.items() if name in s}
+    return {"s.M": algebra.conjugated(algebra.inverse_turn(g), w) / c["inverse"], "s.g": g, **first}
 
 
 def get_motion(c: Values, s: Values, axes: Array) -> dict[str, Any]:
@@ -102,7 +141,7 @@ def kick(s: Values, K: Array) -> dict[str, Any]:
     return {"s.M": s["M"] + algebra.conjugated(algebra.inverse_turn(s["g"]), K)}
 
 
-def free_body(moments: Any, dt: float, M: Any, g: Any, units: str) -> Body:
+def free_body(moments: Any, dt: float, M: Any, g: Any, units: str, single: bool = False) -> Body:
     """The contents of its file, with these default values; `units`: "" for any consistent ones."""
     four = ("array", 4)
     arguments = {"I": ("array", 3), "dt": ("number", 0)}
@@ -117,16 +156,21 @@ def free_body(moments: Any, dt: float, M: Any, g: Any, units: str) -> Body:
         state={
             "M": Field(3, "angular momentum along the principal axes"),
             "g": Field(4, "orientation, body to space: unit quaternion (w, x, y, z)"),
+            **(HELD if single else {}),
         },
         start={"M": np.asarray(M), "g": np.array([1.0, 0, 0, 0]) if g is None else np.asarray(g)},
         functions=[
             Function("check", check, arguments, "status"),
             Function("prepare", prepare, {**NEW, **arguments}),
-            Function("step", step, CHANGED),
+            Function("step", held_step if single else step, CHANGED),
             Function("reach", reach, READ, "number"),
             Function("energy", energy, READ, "number"),
             Function("kick", kick, {"s": ("changed", 0), "K": ("array", 3)}),
-            Function("principal", principal, {"T": ("array", 6), "I": ("out", 3), "axes": ("out", 4)}),
+            Function(
+                "principal",
+                partial(principal, tiny=TINY) if single else principal,
+                {"T": ("array", 6), "I": ("out", 3), "axes": ("out", 4)},
+            ),
             Function("set_motion", set_motion, {**CHANGED, "axes": four, "q": four, "w": ("array", 3)}),
             Function("get_motion", get_motion, {**READ, "axes": four, "q": ("out", 4), "w": ("out", 3)}),
         ],

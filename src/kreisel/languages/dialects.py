@@ -9,8 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from dataclasses import fields as dataclass_fields
+from typing import Any
 
 import numpy as np
+
+from kreisel.errors import InputError
+
+KEPT = ("name", "suffix", "words", "reserved", "special", "single", "number", "number32", "first")
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,8 @@ class Dialect:
     case, message  of {cases}: a text for each status of `check`
     joint          between declarations on one line, without `end` of the first and the beginning of the second
     note           a comment behind a declaration
-    letter         behind each number
+    number         a number with its digits {}
+    words          replaced for numbers of 32 bits, whose `number` is `number32`
     unused         a statement that uses an argument, if compilers warn of those that nothing uses
     """
 
@@ -66,7 +73,9 @@ class Dialect:
     end: str = ";"
     close: str = "}"
     special: tuple[str, str] = ("NAN", "INFINITY")
-    letter: str = ""
+    number: str = "{}"
+    number32: str = "{}"
+    words: Mapping[str, str] = field(default_factory=dict)
     unused: str = ""
     single: bool = False
     first: int = 0
@@ -77,7 +86,28 @@ class Dialect:
         nan, infinity = self.special
         if not math.isfinite(value):
             return nan if math.isnan(value) else f"{'-' * (value < 0)}{infinity}"
-        return (str(np.float32(value)) if self.single else repr(float(value))) + self.letter
+        return self.number.format(str(np.float32(value)) if self.single else repr(float(value)))
+
+    def spelled(self, words: Mapping[str, str], **fields: Any) -> Dialect:
+        """The language with words replaced in all templates."""
+
+        def changed(x: Any) -> Any:
+            if isinstance(x, str):
+                for old, new in words.items():
+                    x = x.replace(old, new)
+                return x
+            return {k: changed(v) for k, v in x.items()} if isinstance(x, Mapping) else tuple(map(changed, x))
+
+        names = [f.name for f in dataclass_fields(self) if f.name not in KEPT]
+        return replace(self, **({name: changed(getattr(self, name)) for name in names} | fields))
+
+    def in_single(self) -> Dialect:
+        """The language in numbers of 32 bits.  Raises `InputError` if it has none."""
+        if self.single:
+            return self
+        if not self.words:
+            raise InputError(f"single: expected a language that has numbers of 32 bits, got {self.name}.")
+        return self.spelled(self.words, single=True, number=self.number32)
 
 
 SELECTS = {
@@ -140,6 +170,8 @@ C99, and C++.  Compile with -ffp-contract=off, which keeps the bits, and -march=
 }}
 """,
     unused="(void){};",
+    number32="{}f",
+    words={"double": "float", **{f"{name}(": f"{name}f(" for name in ("fma", "sqrt", "fabs", "rint")}},
     default=("static const double {type}_{name} = {body};", "static const double {type}_{name}[{count}] = {{{body}}};"),
     case='status == {status} ? "{text}" :\n        ',
     message="""static inline const char *{type}_message(int status) {{
@@ -152,58 +184,15 @@ C99, and C++.  Compile with -ffp-contract=off, which keeps the bits, and -march=
         "fma fabs sqrt sin cos exp log".split()
     ),
 )
-CPP = replace(
-    C,
-    name="cpp",
-    suffix=".hpp",
-    begin="""/*
-{head}
-
-C++11 and later.  Compile with -ffp-contract=off, which keeps the bits, and -march=native -fno-math-errno for speed.
-*/
-#pragma once
-#include <cmath>
-
-namespace {type} {{
-
-""",
-    finish="}}\n",
-    types=("struct {name} {{", "    double {name};{comment}", "    double {name}[{count}];{comment}", "}};"),
-    function="inline {result} {name}({arguments}) {{",
-    arguments={
-        "number": "double {name}",
-        "array": "const double (&{name})[{count}]",
-        "out": "double (&{name})[{count}]",
-        "constants": "const constants &{name}",
-        "new": "constants &{name}",
-        "state": "const state &{name}",
-        "changed": "state &{name}",
-        "index": "int {name}",
+CPP = replace(C, name="cpp", suffix=".hpp")
+CUDA = C.spelled(
+    {
+        "static inline": "static __host__ __device__ inline",
+        "static const double {name}": "const double {name}",
+        "C99, and C++.  Compile with": "CUDA and HIP.  Compile with --fmad=false or",
     },
-    members=("{object}.{name}", "{object}.{name}[{i}]"),
-    calls={name: text if name in SELECTS else f"std::{text}" for name, text in C.calls.items()},
-    staged=C.staged.replace("static inline", "inline")
-    .replace("{type}_constants *c, {type}_state *s", "constants &c, state &s")
-    .replace("{type}_", ""),
-    closing="\n    close(c, s);",
-    more="""inline void advance(const constants &c, state &s, long steps) {{
-    for (long i = 0; i < steps; i++) step(c, s);
-}}
-""",
-    default=("const double default_{name} = {body};", "const double default_{name}[{count}] = {{{body}}};"),
-    message=C.message.replace("static inline", "inline").replace("{type}_", ""),
-)
-CUDA = replace(
-    C,
     name="cuda",
     suffix=".cuh",
-    begin=C.begin.replace(
-        "C99, and C++.  Compile with -ffp-contract=off", "CUDA and HIP.  Compile with --fmad=false or -ffp-contract=off"
-    ).replace(", and -march=native -fno-math-errno for speed", ""),
-    function="static __host__ __device__ inline {result} {type}_{name}({arguments}) {{",
-    table="const double {name}[{count}] = {{{body}}};",
-    staged=C.staged.replace("static inline", "static __host__ __device__ inline"),
-    more=C.more.replace("static inline", "static __host__ __device__ inline"),
 )
 JAVASCRIPT = Dialect(
     name="js",
@@ -309,6 +298,8 @@ end
     end="",
     close="end",
     special=("NaN", "Inf"),
+    number32="Float32({})",
+    words={"Float64": "Float32"},
     first=1,
     reserved=frozenset("begin end local function module quote let Base Core Main".split()),
 )

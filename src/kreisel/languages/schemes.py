@@ -14,10 +14,10 @@ from kreisel.algebra import SECOND, THIRD, Array
 from kreisel.algebra.recorded import NotRecorded
 from kreisel.errors import InputError
 from kreisel.graph.graph import Graph, where_less
-from kreisel.languages.bodies import MESSAGES, MOMENTS, check
+from kreisel.languages.bodies import HELD, MESSAGES, MOMENTS, check, holding
 from kreisel.languages.parts import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values, numbers_of
 from kreisel.method import find
-from kreisel.method.observing import ORIENTATION, turned
+from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Orbits, Scheme, Steps
 from kreisel.method.splitting import closed_form
 from kreisel.record.calling import call
@@ -57,11 +57,12 @@ class Stepped:
     orbit  constants of the trajectory that a function of the file computes from the state: name -> count
     """
 
-    def __init__(self, plan: Plan):
+    def __init__(self, plan: Plan, single: bool = False):
         _require_steps(plan)
         self.model, self.fixed = plan.model, plan.scheme
         self.dt, self.plan = plan.dt, plan
         self.by_moments = self.model.system.name == "euler-top" and self.model.n == 3
+        self.held = single and self.by_moments and self.fixed.stage_count == 1
         self.letters = [name for name, o in self.fixed.outcomes.items() if o.kind in ("state", "orientation")]
         self.components = [Component(*each, self.model.n) for each in self.fixed.components]
         self.made = self._recorded(Graph().input("dt", 0))
@@ -168,6 +169,7 @@ class Stepped:
         outcomes = self.fixed.outcomes
         own = {x.name: outcomes[x.name].meaning if x.name in outcomes else "" for x in self.components}
         fields = {x.name: Field(x.size, own[x.name]) for x in self.components if x.name != DEFECT}
+        fields |= HELD if self.held else {}
         return {**fields, **{name: Field(self.stages, stage=1) for name in self.orbit}}
 
     def _inside(self, s: Values) -> tuple[Any, ...]:
@@ -179,6 +181,10 @@ class Stepped:
 
     def step(self, c: Values, s: Values) -> dict[str, Any]:
         """A step, or a stage of one."""
+        return holding(self.moved, c, s, c["c"][[5, 2, 1]]) if self.held else self.moved(c, s)
+
+    def moved(self, c: Values, s: Values) -> dict[str, Any]:
+        """The step of the method."""
         known = {**self._known(c, True), **{name: s[name][0] for name in self.orbit}}
         if isinstance(self.fixed.motion, Orbits):
             count, closed = len(self.model.system.space.letters), closed_form(self.model.system, self.model.n)
@@ -198,14 +204,6 @@ class Stepped:
         close: Any = self._steps(c).close
         return self._outside(close(*self._inside(s), **self._known(c)))
 
-    def back(self, c: Values, s: Values) -> dict[str, Any]:
-        """The map backwards, with the orientation."""
-        phi, known, z = self.model.map, self._known(c), self._inside(s)
-        count = len(self.model.system.space.letters)
-        old = call(phi.inverse, z[:count], known)
-        turn = -call(phi.generator, (*old, *z[:count]), known)
-        return self._outside((*old, *(turned(self.model.system.frame, turn, g) for g in z[count:])))
-
     def begin(self, c: Values, s: Values) -> dict[str, Any]:
         """The variables of the method from a user's state, and the constants of the trajectory."""
         x = tuple(z for z, each in zip(self._inside(s), self.components, strict=True) if each.name in self.letters)
@@ -217,11 +215,11 @@ class Stepped:
         return out
 
     def observe(self, c: Values, s: Values) -> dict[str, Any]:
-        """The state of the user, Casimirs and integrals."""
+        """The state of the user, if the method steps other variables, and energies."""
         found = self.scheme(c).observe(self._inside(s), None, **self._known(c))
-        own = {x.name: x for x in self.components}
+        own = {x.name: x for x in self.components if self.begins}
         values = {k: own[k].outside(v) if k in own else np.ravel(np.asarray(v, dtype=object)) for k, v in found.items()}
-        return {name: values[name] for name in dict.fromkeys([*self.letters, *values]) if name in values}
+        return {k: values[k] for k in (*own, *values) if k in values and (k in own or k.startswith("energy"))}
 
     # -- the file ------------------------------------------------------------------------------------------
 
@@ -234,11 +232,10 @@ class Stepped:
         functions = [
             *([Function("check", self.check, arguments, "status")] if arguments else []),
             Function("prepare", self.prepare, {**NEW, **arguments}),
-            *([Function("begin", self.begin, CHANGED)] if self._begins() else []),
+            *([Function("begin", self.begin, CHANGED)] if self.begins or self.orbit else []),
             Function("stage" if staged else "step", self.step, CHANGED | ({"k": ("index", 0)} if staged else {})),
             *([Function("close", self.close, CHANGED)] if steps and steps.close is not None else []),
-            *([Function("back", self.back, CHANGED)] if self.fixed.name == "suris" and self.made is not None else []),
-            Function("observe", self._observed, {**READ, "out": ("out", len(names))}),
+            *([Function("observe", self._observed, {**READ, "out": ("out", len(names))})] if names else []),
         ]
         return Body(
             head=_head(self, names),
@@ -271,12 +268,13 @@ class Stepped:
         sizes = {name: len(value) for name, value in self.observe(c, s).items()}
         return [f"{name}[{i}]" if size > 1 else name for name, size in sizes.items() for i in range(size)]
 
-    def _begins(self) -> bool:
+    @cached_property
+    def begins(self) -> bool:
         """Whether the variables of the method are others than those of the user."""
         graph = Graph()
         c, s = (numbers_of(graph, letter, fields) for letter, fields in (("c", self.constants), ("s", self.state)))
         new = self.begin(c, s)
-        pairs = ((x, y) for k in s for x, y in zip(np.ravel(s[k]), np.ravel(new[f"s.{k}"]), strict=True))
+        pairs = ((x, y) for k in self.letters for x, y in zip(np.ravel(s[k]), np.ravel(new[f"s.{k}"]), strict=True))
         return any(getattr(y, "key", None) != x.key for x, y in pairs)
 
 

@@ -42,6 +42,7 @@ def code(
     order: int | None = None,
     orientation: OrientationLike | None = None,
     name: str | None = None,
+    single: bool = False,
 ) -> str:
     """The text of one short file, without dependencies, with the step of a body.
 
@@ -62,6 +63,7 @@ def code(
             f"{hint(language, LANGUAGES) if isinstance(language, str) else ''}"
         )
     dialect, body = LANGUAGES[language], as_body(system)
+    dialect = dialect.in_single() if single else dialect
     _require_name(name, dialect)
     model: Any = system if body is None else body.model()
     if body is not None:
@@ -71,7 +73,7 @@ def code(
     if method is None and order is None and closed and model.system.perturbation is None:
         method = "exact"
     plan = make_plan(model, start, orientation=orientation, dt=dt, steps=1, method=method, order=order)
-    made = contents(plan, body)
+    made = contents(plan, body, dialect.single)
     licence = LICENCE.format(importlib.metadata.version("kreisel"))
     return assembled(replace(made, head=[*made.head, licence]), dialect, name or _default(plan))
 
@@ -85,7 +87,7 @@ def _is_free(plan: Plan) -> bool:
     return isinstance(plan.scheme.motion, Orbits) and plan.model.system.closed_form.moments is not None
 
 
-def contents(plan: Plan, body: PhysicalBody | None = None) -> Body:
+def contents(plan: Plan, body: PhysicalBody | None = None, single: bool = False) -> Body:
     """The contents of the file for a plan; of a body in SI units, with them.  Raises `InputError`."""
     model = plan.model
     require_none(model, "kr.code")
@@ -101,8 +103,8 @@ def contents(plan: Plan, body: PhysicalBody | None = None) -> Body:
         if body is not None:
             unit, time = scales["M"].size, scales["time"].size
             moments = moments * (unit * time)
-        return free_body(moments, dt * time, M * unit, plan.start.get("g"), "SI" if body is not None else "")
-    made = Stepped(plan).body()
+        return free_body(moments, dt * time, M * unit, plan.start.get("g"), "SI" if body is not None else "", single)
+    made = Stepped(plan, single).body()
     units = [f"One unit of {name} is {scale.size!r} {scale.unit}." for name, scale in scales.items()]
     return replace(made, head=[*made.head, *units])
 
