@@ -127,7 +127,7 @@ def test_the_closed_form_has_the_bits_of_the_kernel(tmp_path: Path) -> None:
 
 # -- the free body: against the check cases, whose motion has many digits --------------------------------
 
-GRADED = ("tumbling-brick", "thin-body", "on-the-separatrix", "prolate", "tilted-box")
+GRADED = ("tilted-box", "on-the-separatrix", "prolate", "oblate", "pole")
 C_ENGINE = """#include "rock.h"
 #include <stdio.h>
 int main(void) {
