@@ -42,7 +42,7 @@ INTERNAL = {"Propagator.prepared", "Propagator.returned", "Propagator.stepped", 
             "kr.Control.on", "kr.Control.start", "physical.Control.on", "physical.Control.start",
             *(f"physical.{body}.{name}" for body in BODIES for name in ("forced", "shaped", "in_si"))}  # fmt: skip
 RESULTS = {"Comparison", "MethodComparison", "Lines", "Course", "Motion", "AxisStability", "FreeRotation", "Plate",
-           "Primary", "Harmonics", "Part", "PointMass"}  # fmt: skip
+           "Primary", "Harmonics", "Part", "PointMass", "TumblerFit"}  # fmt: skip
 SLOW = {"kr.fit": 0.2, "kr.differentiable": 0.2, "kr.tangent": 0.4, "kr.view": 0.5, "kr.plot": 0.2, "kr.code": 0.4,
         "analysis.megno": 0.5, "lab.investigate": 0.1, "View.movie": 0.05, "Lines.plot": 0.1,
         "Comparison.plot": 0.1, "kr.compare": 0.02}  # fmt: skip
@@ -195,6 +195,10 @@ KIND_OF = {
     "attitude1": "quaternion",
     "attitude2": "quaternion",
     "unbound": "flag",
+    "rotation": "anything",
+    "modes": "anything",
+    "delta": "level",
+    "alias": "count",
 }  # fmt: skip
 BY_CALL = {
     "kr.compare(start)": "state",
@@ -225,6 +229,7 @@ BY_CALL = {
     "kr.nutation(system)": "model",
     "kr.simulate(path)": "path",
     "analysis.angular_velocity(frame)": "frame",
+    "analysis.fit_light_curve(observations)": "anything",
     "analysis.path(start)": "vector",
     "units.si(value)": "mass",
     "units.si(name)": "text",

@@ -18,16 +18,19 @@ from kreisel.analysis.comparison import Comparison, compare
 from kreisel.analysis.events import events, return_map, section
 from kreisel.analysis.frequencies import Lines, frequencies, megno, power_spectrum
 from kreisel.analysis.light import brightness, light_curve
+from kreisel.analysis.photometry import TumblerFit, fit_light_curve
 from kreisel.analysis.pointing import pointing
 
 __all__ = [
     "Comparison",
     "Lines",
+    "TumblerFit",
     "angular_velocity",
     "brightness",
     "compare",
     "euler_angles",
     "events",
+    "fit_light_curve",
     "frequencies",
     "light_curve",
     "mean_rates",

@@ -107,7 +107,7 @@ def brightness(shape: Any, *, law: Any = "lommel-seeliger", phase: Any = None) -
     The function works on arrays of NumPy and of JAX, with derivatives: with the orientation g of an observable of
     `kr.fit` it is f(g.T @ sun, g.T @ observer).  Raises `InputError`.
     """
-    weights = _weights(law)
+    weights = weights_of(law)
     if isinstance(shape, Facets):
         body: Callable[[Array, Array], Array] = _of_facets(shape, weights)
     else:
@@ -119,21 +119,30 @@ def brightness(shape: Any, *, law: Any = "lommel-seeliger", phase: Any = None) -
                 f"law: expected one of lommel-seeliger and geometric for an ellipsoid, got {shown(law)}, which has no "
                 "closed form. Give shape=kr.physical.Facets.ellipsoid(half_axes)."
             )
-        body = _of_ellipsoid(axes, weights)
-    fit = None if phase is None else si_numbers(phase, "1", "phase", ((3,),))
-    if fit is not None and fit[1] == 0:
-        raise InputError(f"phase: expected (A, D, k) with D other than 0, got {shown(phase)}.")
+        body = of_ellipsoid(axes, weights)
+    of_phase = phase_function(phase)
 
     def flux(sun: Array, observer: Array) -> Array:
         ways = (np.asarray(v, np.float64) if isinstance(v, list | tuple) else v for v in (sun, observer))
         s, o = (v / algebra.vec(algebra.sqrt(dot(v, v))) for v in ways)
-        out = body(s, o)
-        if fit is None:
-            return out
-        alpha = _angle(s, o)
-        return out * (fit[0] * _namespace(alpha).exp(-alpha / fit[1]) + fit[2] * alpha + 1)
+        return body(s, o) * of_phase(s, o)
 
     return flux
+
+
+def phase_function(phase: Any) -> Callable[[Array, Array], Any]:
+    """f(alpha) of unit vectors, by its (A, D, k), or 1 for None.  Raises `InputError`."""
+    if phase is None:
+        return lambda s, o: 1.0
+    A, D, k = si_numbers(phase, "1", "phase", ((3,),))
+    if D == 0:
+        raise InputError(f"phase: expected (A, D, k) with D other than 0, got {shown(phase)}.")
+
+    def factor(s: Array, o: Array) -> Array:
+        alpha = _angle(s, o)
+        return A * _namespace(alpha).exp(-alpha / D) + k * alpha + 1
+
+    return factor
 
 
 def _of_facets(shape: Facets, weights: Mapping[str, float]) -> Callable[[Array, Array], Array]:
@@ -152,36 +161,40 @@ def _of_facets(shape: Facets, weights: Mapping[str, float]) -> Callable[[Array, 
     return flux
 
 
-def _of_ellipsoid(axes: Array, weights: Mapping[str, float]) -> Callable[[Array, Array], Array]:
-    inverse, size = 1 / axes, np.pi / 2 * axes.prod()
+def of_ellipsoid(axes: Array, weights: Mapping[str, float]) -> Callable[[Array, Array], Array]:
+    """The flux of ellipsoids with half axes (..., 3), as a function of unit vectors (..., 3)."""
+    inverse, size = 1 / axes, np.pi / 2 * axes.prod(-1)
 
     def flux(s: Array, o: Array) -> Array:
         p, q = s * inverse, o * inverse
-        w, x = p + q, algebra.cross(p, q)
-        P, Q, W, X = (algebra.sqrt(dot(v, v) + TINY) for v in (p, q, w, x))
-        cosines = dot(p, w) / (P * W), dot(q, w) / (Q * W)
-        sines = X / (P * W), X / (Q * W)
-        logarithm = algebra.log(sines[0] / (1 + cosines[0]) * (sines[1] / (1 + cosines[1])))
-        laws = {
-            "lommel-seeliger": P * Q / W * (sum(cosines) + sines[0] * sines[1] * logarithm),
-            "geometric": Q + dot(p, q) / P,
-        }
-        return size * sum(weight * laws[name] for name, weight in weights.items())
+        P, Q, pq, X = dot(p, p), dot(q, q), dot(p, q), algebra.sqrt(_cross_squared(p, q) + TINY)
+        W = algebra.sqrt(P + 2 * pq + Q + TINY)
+        P, Q = algebra.sqrt(P), algebra.sqrt(Q)
+        if set(weights) == {"geometric"}:
+            return size * weights["geometric"] * (Q + pq / P)
+        one, two = P * W + P * P + pq, Q * W + Q * Q + pq  # |p||w| + p.w
+        logarithm = algebra.log(X / one * (X / two))
+        bracket = one / (P * W) + two / (Q * W) - 2 + X * X / (P * Q * W * W) * logarithm
+        return size * (weights["lommel-seeliger"] * P * Q / W * bracket + weights.get("geometric", 0) * (Q + pq / P))
 
     return flux
 
 
+def _cross_squared(p: Array, q: Array) -> Array:
+    """|p x q|^2."""
+    return sum((p[..., i] * q[..., j] - p[..., j] * q[..., i]) ** 2 for i, j in ((1, 2), (2, 0), (0, 1)))
+
+
 def _angle(s: Array, o: Array) -> Array:
     """The angle between unit vectors, precise if it is small."""
-    x = algebra.cross(s, o)
-    return _namespace(x).atan2(algebra.sqrt(dot(x, x) + TINY), dot(s, o))
+    return _namespace(s).atan2(algebra.sqrt(_cross_squared(s, o) + TINY), dot(s, o))
 
 
 def _namespace(x: Array) -> Any:
     return x.__array_namespace__()
 
 
-def _weights(law: Any) -> dict[str, float]:
+def weights_of(law: Any) -> dict[str, float]:
     """The weights of the laws, by name.  Raises `InputError`."""
     if isinstance(law, Mapping):
         weights = {name: si_number(w, "1", f"law, {shown(name)}") for name, w in law.items()}

@@ -179,7 +179,7 @@ class FreeRotation:
         moments, kinds = self.principal.moments, ["skew", "quaternion"]
         moments = np.ldexp(moments, -math.frexp(moments.max())[1])
         z = algebra.flatten((algebra.hat(moments * (self.spin @ self.principal.axes)), g), kinds)
-        form = ClosedForm(_scheme(moments), z[None], 1.0, float(abs(times).max(initial=0.0)))
+        form = ClosedForm(rotation_scheme(moments), z[None], 1.0, float(abs(times).max(initial=0.0)))
         M, g = algebra.restore(form.at(times.ravel())[:, 0], kinds, 3)
         return (algebra.axial(M) / moments).reshape((*times.shape, 3)), g.reshape((*times.shape, 4))
 
@@ -210,8 +210,8 @@ class FreeRotation:
         return algebra.act(algebra.rotation_matrix(attitude), velocity)
 
 
-def _scheme(moments: Array) -> Scheme:
-    """The flow of a body with these moments."""
+def rotation_scheme(moments: Array) -> Scheme:
+    """The flow of bodies with these moments (..., 3)."""
 
     def orbit(z0: tuple[Array, ...], constants: Mapping[str, Array], reach: float) -> Orbit:
         return Rotor(algebra.axial(z0[0]), constants["moments"], reach, z0[1]).orbit()

@@ -1,0 +1,97 @@
+"""The fit of a tumbler to synthetic light, of bodies whose periods the exact motion states."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import kreisel as kr
+from kreisel.analysis import fit_light_curve, light_curve, photometry
+from kreisel.errors import InputError
+from kreisel.physical import FreeBody
+from sizes import FULL
+
+HOUR, DAY = 3600.0, 86400.0
+DIAMETERS = (400.0, 260.0, 220.0)
+
+
+def observations(body, state, days, seed=0):
+    """Magnitudes with errors of 2 %, 20 within 10 hours of each day, on paths of the Sun and the Earth that bend."""
+    draw = np.random.default_rng(seed)
+    t = np.sort(np.asarray(days)[:, None] + draw.uniform(0, 10 / 24, (len(days), 20)), axis=None) * DAY
+    a, b = t / DAY / 50, 1 + t / DAY / 20
+    sun = np.stack([np.cos(a), np.sin(a), 0.1 + 0 * a], -1)
+    observer = np.stack([np.cos(b), np.sin(b), 0.3 * np.sin(a)], -1)
+    light = light_curve(kr.at(body, state, t), sun=sun, observer=observer)
+    magnitude = 20 + light.magnitude.values + 0.02 * draw.normal(size=len(t))
+    ways = {"sun": (("time", "xyz"), sun), "observer": (("time", "xyz"), observer)}
+    return xr.Dataset({"magnitude": ("time", magnitude), "sigma_magnitude": 0.02, **ways}, {"time": t})
+
+
+def tumbler(tilt, rate, long_axis):
+    body = FreeBody.ellipsoid(1e9, DIAMETERS)
+    x, y, z = np.sin(tilt) * np.cos(0.7), np.sin(tilt) * np.sin(0.7), np.cos(tilt)
+    spin = rate * (np.array([z, x, y]) if long_axis else np.array([x, y, z]))
+    return body, body.state(spin, attitude=(0.5, 0.1, -0.7, 0.5)), body.rotation(spin)
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """A search with fewer starts, for narrow ranges."""
+    if not FULL:
+        for name, value in (("POINTS", 60), ("POLES", 8), ("PHASES", 4), ("FIRST", 12), ("BEST", 2), ("MOST", 6)):
+            monkeypatch.setattr(photometry, name, value)
+
+
+SHORT = pytest.param("short-axis", marks=pytest.mark.skipif(not FULL, reason="`make test-full` runs it"))
+
+
+@pytest.mark.parametrize("mode", [SHORT, "long-axis"])
+def test_both_periods_of_a_tumbler(mode, small):
+    body, state, rotation = tumbler(0.4, 2 * np.pi / (9 * HOUR), mode == "long-axis")
+    assert rotation.kind == f"{mode} mode"
+    data = observations(body, state, np.arange(6))
+    truth = {"rotation": rotation.period, "precession": rotation.precession_period}
+    ranges = {name: (0.95 * p, 1.04 * p) for name, p in truth.items()}
+    fit = fit_light_curve(data, modes=mode, **ranges)
+    row = fit.table.iloc[0]
+    assert 0.7 < row["chi2"] / fit.dof < 1.4 and str(len(fit.table)) in repr(fit)
+    for name, period in truth.items():
+        assert abs(row[f"{name}_period"] - period) < 4 * row[f"error_{name}_period"] < 0.04 * period
+    moments = np.sort(body.principal.moments)
+    assert abs(row["moment_a"] - moments[0] / moments[2]) < 4 * row["error_moment_a"]
+    states = kr.at(fit.body(), fit.state(), data.time.values - fit.epoch)
+    light = light_curve(states, sun=data.sun.values, observer=data.observer.values)
+    off = data.magnitude.values - light.magnitude.values
+    assert np.std(off) < 0.024
+    if FULL:
+        wrong = fit_light_curve(data.assign(sun=-data.sun), modes=mode, **ranges)
+        assert wrong.table["chi2"].iloc[0] > 10 * row["chi2"]
+
+
+def test_aliases_are_cycles_miscounted_between_apparitions(small):
+    body, state, rotation = tumbler(0.4, 2 * np.pi / (9 * HOUR), False)
+    data = observations(body, state, [0, 1, 2, 3, 4, 150])
+    truth = {"rotation": rotation.period, "precession": rotation.precession_period}
+    ranges = {name: (0.98 * p, 1.02 * p) for name, p in truth.items()}
+    fit = fit_light_curve(data, modes="short-axis", **ranges)
+    off = [abs(fit.table[f"{k}_period"] - p) / fit.table[f"error_{k}_period"] for k, p in truth.items()]
+    assert len(fit.table) > 1 and np.maximum(*off).min() < 4
+    for name in truth:  # between the apparitions; half a turn of an ellipsoid looks alike
+        halves = 2 * 148 * DAY * (1 / fit.table[f"{name}_period"] - 1 / fit.table[f"{name}_period"][0])
+        assert abs(halves - halves.round()).max() < 0.2 and np.ptp(halves) > 0.8
+
+
+def test_bad_input():
+    body, state, _ = tumbler(0.4, 2 * np.pi / (9 * HOUR), False)
+    data, good = observations(body, state, [0, 1]), {"rotation": (1e5, 2e5), "precession": (3e4, 4e4)}
+    for change, arguments, message in (
+        (lambda d: d.drop_vars("sun"), {}, "none of sun"),
+        (lambda d: d.isel(time=slice(20)), {}, "at least 32"),
+        (lambda d: d.assign(sun=d.sun * 0), {}, "not 0"),
+        (lambda d: d.assign(magnitude=d.magnitude * np.nan), {}, "finite"),
+        (lambda d: d, {"rotation": (2e5, 1e5)}, "low < high"),
+        (lambda d: d, {"rotation": (1.0, 2e5), "precession": (10.0, 4e4)}, "cells"),
+        (lambda d: d, {"modes": "middle"}, "modes"),
+    ):
+        with pytest.raises(InputError, match=message):
+            fit_light_curve(change(data), **good | arguments)
