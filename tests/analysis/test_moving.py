@@ -219,7 +219,7 @@ def test_attitude_message_from_the_command_line(tmp_path: Path) -> None:
 BAD = {
     "top": (lambda: kr.analysis.path(run_of(kr.EulerTop(J=(1, 2, 3)), {"M": (1, 2, 3)})), "only rotates"),
     "no orientation": (lambda: kr.analysis.path(run_of(ELLIPSOID, orientation=None)), "no orientation"),
-    "start": (lambda: kr.analysis.path(run_of(ELLIPSOID), start=(1, 2)), "start: expected 3 numbers"),
+    "start": (lambda: kr.analysis.path(run_of(ELLIPSOID), start=(1, 2)), "start: expected 3 values"),
     "nan": (lambda: kr.analysis.path(run_of(ELLIPSOID), start=(1, 2, np.nan)), "finite"),
     "frame": (lambda: kr.analysis.angular_velocity(run_of(ELLIPSOID), frame="orbit"), "'body' or 'space'"),
     "other frame": (

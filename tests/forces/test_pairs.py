@@ -229,7 +229,7 @@ def test_the_kernel_does_not_grow_with_the_bodies() -> None:
         ({"pairs": [(0, 1), (0,)]}, "pairs of integers"),
         ({"pairs": "chain"}, "pairs of integers"),
         ({"params": {"k": [0.1, 0.2, 0.3, 0.4]}}, "one for each pair"),
-        ({"pairs": [(0, 1), (1, 2), (2, 0)], "params": {"k": [0.1, 0.2, 0.3]}}, "numbers for one of each"),
+        ({"pairs": [(0, 1), (1, 2), (2, 0)], "params": {"k": [0.1, 0.2, 0.3]}}, "values for one of each"),
         ({"pair_potential": lambda a1, b2: 0 * a1[0]}, "b2"),
         ({"pair_potential": lambda a, a2: a @ a2}, "'a'"),
         ({"pair_potential": lambda m1, a2: m1 @ a2}, "momentum"),

@@ -253,7 +253,7 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
     "a list": (lambda: kr.perturbed(REST, potential=lambda a: [1, 2]), "expected one number"),
     "a branch": (lambda: kr.perturbed(REST, potential=lambda a: max(a[0], 0)), "np.maximum"),
     "an error": (lambda: kr.perturbed(REST, potential=lambda a: a[7]), "IndexError"),
-    "a torque of two": (lambda: kr.perturbed(REST, torque=lambda a: a[:2]), "3 numbers"),
+    "a torque of two": (lambda: kr.perturbed(REST, torque=lambda a: a[:2]), "3 values"),
     "inertia at rest": (lambda: kr.perturbed(REST, inertia=I), "LagrangeTopMoving"),
     "ragged inertia": (lambda: kr.perturbed(MOVING, inertia=(1, 1, [0.5, 0.7])), "ragged"),
     "inertia below 0": (lambda: kr.perturbed(MOVING, inertia=(1, 1, -1)), "> 0"),
@@ -276,7 +276,7 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
     "a force on a top": (lambda: kr.perturbed(MOVING, force=lambda P: P), "moves through space"),
     "a coupling of a top": (lambda: kr.perturbed(MOVING, coupling=(1, 2, 3)), "moves through space"),
     "a coupling that is not symmetric": (lambda: kr.perturbed(ELLIPSOID, coupling=np.eye(3, k=1)), "symmetric"),
-    "a force of two numbers": (lambda: kr.perturbed(ELLIPSOID, force=lambda P: P[:2]), "force: expected 3 numbers"),
+    "a force of two numbers": (lambda: kr.perturbed(ELLIPSOID, force=lambda P: P[:2]), "force: expected 3 values"),
     "axes that are not principal": (
         lambda: kr.simulate(
             kr.perturbed(kr.HeavyTop(J=[[2, 0.5, 0], [0.5, 2, 0], [0, 0, 1]], A=(0, 0, 1)), torque=lambda M: -M),
@@ -293,7 +293,7 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
     "nothing": (lambda: kr.perturbed(REST, potential=lambda a: None), "expected one number"),
     "a complex potential": (lambda: kr.perturbed(REST, potential=lambda a: 1j * a[0]), "real values"),
     "a complex torque": (lambda: kr.perturbed(FREE, torque=lambda M: 1j * M), "real values"),
-    "no momentum": (lambda: kr.perturbed(kr.Neumann(b=(1, 2, 3)), damping=0.1), "a potential alone"),
+    "no momentum": (lambda: kr.perturbed(kr.Neumann(b=(1, 2, 3)), damping=0.1), "only a potential"),
 }
 
 

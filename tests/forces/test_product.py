@@ -76,7 +76,7 @@ def test_a_top_and_a_heavy_body_move_as_by_vectors() -> None:
         ([TOP, TOP], {}, "expected several bodies with one potential, of a1, a2, t"),
         ([TOP, TOP], {"damping": 0.1}, "expected several bodies with one potential"),
         ([TOP, TOP], {"potential": lambda a1: a1[0], "damping": 0.1}, "got none, or other forces"),
-        ([TOP, TOP], {"potential": lambda a1, g: a1[0]}, "Forces that take g"),
+        ([TOP, TOP], {"potential": lambda a1, g: a1[0]}, "Forces that depend on g"),
         ([TOP, TOP], {"potential": lambda a: a[0]}, "potential: expected arguments among m1, a1, m2, a2"),
         ([TOP, TOP], {"potential": lambda m1: m1[0]}, "got one of the momentum m1, m2"),
         ([TOP, TOP], {"potential": magnets, "params": {"k": 1.0, "p1": 2.0}}, "params: expected names"),

@@ -240,7 +240,7 @@ def test_maps_that_are_not_rational_are_named() -> None:
     for step in (lambda x: array(np.sqrt(x[0]), x[1]), lambda x: array(x[0] if x[0] > 1 else x[1], x[1])):
         with pytest.raises(kr.InputError, match="rational"):
             growth.growth(plane(step), 2)
-    with pytest.raises(kr.InputError, match="must return 2 numbers"):
+    with pytest.raises(kr.InputError, match="must return 2 values"):
         growth.growth(plane(lambda x: x[:1]), 2)
     with pytest.raises(kr.InputError, match="names of its coordinates"):
         subject(lambda x: x)

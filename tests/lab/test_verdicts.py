@@ -151,7 +151,7 @@ def test_the_page_needs_nothing_else(tmp_path: Path) -> None:
     assert "integrable" in html and html.count("<circle") == len(found.degrees) - 1
     odd = replace(found, name="<b>&", about="<i>")
     assert "<b>" not in odd.html and "&lt;b&gt;&amp;" in odd.html
-    with pytest.raises(kr.InputError, match="left as it is"):
+    with pytest.raises(kr.InputError, match="unchanged"):
         found.save(tmp_path)
 
 
@@ -187,7 +187,7 @@ def test_the_command(tmp_path: Path) -> None:
     [
         (["lagrange-tap"], "Did you mean 'lagrange-top'"),
         (["heavy-top"], "no map to investigate"),
-        (["nowhere.py"], "no file nowhere.py"),
+        (["nowhere.py"], "No file nowhere.py"),
         ([], "Name a system"),
         (["clebsch", "--set", "b"], "--set needs"),
         (["clebsch", "--set", "q=3"], "got 'q'"),
@@ -258,7 +258,7 @@ def test_all_functions_of_a_file_take_the_state_as_the_step(text, order, reversi
         (ON_GROUP + "def flow(x):\n    return x\n", "expected flow(M, P)"),
         (ON_GROUP + "def flow(m, a):\n    return m\n", "flow: expected M and P, of the shapes (3, 3), (3,)"),
         (ON_GROUP + "def flow(m, a):\n    return oops\n", "flow failed: NameError"),
-        (ON_GROUP + "def flow(m, a, *, q):\n    return m, a\n", "takes q by keyword"),
+        (ON_GROUP + "def flow(m, a, *, q):\n    return m, a\n", "needs q by keyword"),
         (ON_GROUP + "def lax(m, lam):\n    return m\n", "expected lax(M, P, lam)"),
         (ON_GROUP + "def tensor(m, a):\n    return 0\n", "tensor: expected none on e*(3)"),
         (ON_GROUP + "def step(m, a):\n    return m\n", "step: expected M and P"),
@@ -267,7 +267,7 @@ def test_all_functions_of_a_file_take_the_state_as_the_step(text, order, reversi
         (IN_PLANE + "def flow(x):\n    return 1 / 0, x[0]\n", "flow failed: ZeroDivisionError"),
         (IN_PLANE + "flow = 3\n", "flow: expected a function of the state"),
         (IN_PLANE + "def tensor(x):\n    return 0, 1\n", "tensor: expected an array of the shape (2, 2)"),
-        (IN_PLANE + "def step(x, y):\n    return x\n", "takes y by keyword"),
+        (IN_PLANE + "def step(x, y):\n    return x\n", "needs y by keyword"),
         (IN_PLANE + "def step(x):\n    return oops\n", "step failed: NameError"),
         (IN_PLANE + "constants = 3\n", "constants: expected names and values"),
         (IN_PLANE + "constants = {'n': 3}\n", "expected parameters, got n"),

@@ -23,9 +23,7 @@ def of_lanes(values: Any) -> xr.DataArray:
 
 def test_numbers_for_sites_are_asked_for() -> None:
     for field in ([1, 2, 3], np.arange(3.0), [0, 0, 0]):
-        with pytest.raises(
-            kr.InputError, match=r"3 numbers for 3 sites may be one for each lane, or one for each site"
-        ):
+        with pytest.raises(kr.InputError, match=r"3 values for 3 sites may be one for each lane, or one for each site"):
             kr.SpinChain(n=3, Bz=field)
     for given in (
         {"Bz": [[1], [2], [3]]},

@@ -359,7 +359,7 @@ BAD = [
     (lambda: kr.differentiable(kr.Clebsch(b=(1, 2, 3)), method="exact"), "method='exact', got clebsch"),
     (lambda: kr.differentiable(TOP)({"m": START["m"]}, dt=0.1, steps=1), "expected the components m, a"),
     (lambda: kr.differentiable(TOP)({**START, "m": np.eye(3)}, dt=0.1, steps=1), "x0.axial"),
-    (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1.5), "whole number"),
+    (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1.5), "an integer"),
     (lambda: kr.differentiable(HEAVY, method="kahan")(MOVING, dt=0.1, steps=1, J=(1, 2, -1.5)), "J"),
     (lambda: kr.differentiable(TOP, orientation=np.eye(3)), "another method for an orientation"),
     (lambda: kr.differentiable(HEAVY, orientation=True, method="kahan")(MOVING, dt=0.1, steps=1), "M, P, g, got"),

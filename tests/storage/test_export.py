@@ -53,7 +53,7 @@ def test_csv_has_the_rows_of_parquet(archive: Path, tmp_path: Path) -> None:
     assert set(text.columns) == set(table.columns)
     for name in table.columns:
         assert np.allclose(text[name], table[name], rtol=1e-15, atol=0)  # pandas reads the last place as it likes
-    with pytest.raises(kr.InputError, match="left as it is"):
+    with pytest.raises(kr.InputError, match="unchanged"):
         kr.export(archive, tmp_path / "run.csv", overwrite=True)
 
 
@@ -220,7 +220,7 @@ def test_arrays_for_learning(archive: Path, tmp_path: Path) -> None:
         for name in arrays:
             assert back[name].tobytes() == np.ascontiguousarray(run[name].values).tobytes()
     np.savez(tmp_path / "mine.npz", a=np.ones(3))
-    with pytest.raises(kr.InputError, match="left as it is"):
+    with pytest.raises(kr.InputError, match="unchanged"):
         kr.export(archive, tmp_path / "mine.npz", overwrite=True)
     with pytest.raises(kr.InputError, match="variables of values or text"):
         kr.export(run.assign(odd=("time", np.array([object()] * 35))), tmp_path / "odd.npz")

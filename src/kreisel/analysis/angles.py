@@ -68,7 +68,7 @@ def euler_angles(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
 
     For a top the third axis of space is the vertical (against gravity), and the third axis of the body is its axis; if
     needed, the least rotation maps them there.  theta is the tilt, phi the precession, psi the proper rotation of the
-    body.  For other bodies the axes are those of the state, for bodies of `kr.physical` the user's axes.  phi and psi
+    body.  For other bodies the axes are the state's, for bodies of `kr.physical` the user's axes.  phi and psi
     are continued without jumps, which is correct if they change by less than pi between two saved rows.  On the
     vertical only phi +- psi has a meaning, and psi = 0.
 

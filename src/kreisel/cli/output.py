@@ -155,7 +155,7 @@ def save_figure(
     style: str = "house",
     overwrite: bool = True,
 ) -> None:
-    """Draw a run, next to a second run if there is one, into a file."""
+    """Draw a run, and a second run if given, into a file."""
     from kreisel.viewer.plots import plot as draw
 
     require_figure(target, overwrite)

@@ -186,7 +186,7 @@ def _force(function: Any, what: str, letters: tuple[str, ...], model: Model, par
         signature = inspect.signature(function)
     except (TypeError, ValueError):
         raise InputError(
-            f"{what}: expected a Python function that says its arguments, got {shown(function)}."
+            f"{what}: expected a Python function that names its arguments, got {shown(function)}."
         ) from None
     known = (*params, *(p.letter for p in model.system.parameters))
     arguments: list[str] = []
@@ -197,14 +197,14 @@ def _force(function: Any, what: str, letters: tuple[str, ...], model: Model, par
         if parameter.kind not in (PLACE, inspect.Parameter.KEYWORD_ONLY) or parameter.name not in names:
             raise InputError(
                 f"{what}: expected {kind} among {', '.join(names) or 'none'}, got {shown(parameter.name)}."
-                f"{hint(parameter.name, names)} Parameters stand after * and in params={{...}}."
+                f"{hint(parameter.name, names)} Parameters follow * and are in params={{...}}."
             )
         (arguments if place else parameters).append(parameter.name)
     return Force(function, tuple(arguments), tuple(parameters), tables=_tables(params, parameters))
 
 
 def _tables(params: Mapping[str, Parameter], names: Sequence[str]) -> dict[str, Form]:
-    """The forms of those of the named parameters that are tables."""
+    """The forms of the named parameters that are tables."""
     return {name: form_of(params[name].default) for name in names if name in params and params[name].kind == "table"}
 
 
@@ -312,17 +312,17 @@ UNSUITABLE: tuple[tuple[Callable[[System, Perturbation, int], Any], str], ...] =
             system.product and (record.potential is None or record.names(ORIENTATION) or record.beside)
         ),
         "{name}: expected several bodies with one potential, of {carried}t, got none, or other forces. Forces that "
-        "take g are those of a body alone, or of bodies in pairs.",
+        "depend on g need a single body, or bodies in pairs.",
     ),
     (
         lambda system, record, n: (
             (record.beside or record.names(ORIENTATION)) and (not system.space.of_body or system.velocity is None)
         ),
-        "{name}: expected a potential alone, since it is not a body that rotates.",
+        "{name}: expected only a potential, since it is not a body that rotates.",
     ),
     (
         lambda system, record, n: record.force and record.pair,
-        "force: expected bodies in pairs without one, since the pair potential may take P.",
+        "force: expected bodies in pairs without one, since the pair potential may depend on P.",
     ),
     (
         lambda system, record, n: (
@@ -334,7 +334,7 @@ UNSUITABLE: tuple[tuple[Callable[[System, Perturbation, int], Any], str], ...] =
         lambda system, record, n: (
             record.inertia and (n != 3 or system.frame is not Frame.MOVING or system.inverse_inertia is None)
         ),
-        "inertia: expected a body in its own frame, n = 3, such as kr.LagrangeTopMoving or kr.EulerTop, got {name}, "
+        "inertia: expected a body in its moving frame, n = 3, such as kr.LagrangeTopMoving or kr.EulerTop, got {name}, "
         "n = {n}.",
     ),
     (
@@ -435,7 +435,7 @@ def _try(model: Model) -> set[str]:
     except Exception as error:
         raise InputError(
             f"{model.system.name}: a force cannot be computed: {type(error).__name__}: {error}. Usual cause: a "
-            "function that does not take numbers of every kind; use NumPy's operations, np.where for `if`, no math."
+            "function that does not accept values of every kind; use NumPy's operations, np.where for `if`, no math."
         ) from error
     if tau is not None and algebra.magnitude(tau + tau.mT) > SKEW_TOLERANCE * max(1.0, algebra.magnitude(tau)):
         raise InputError(

@@ -102,7 +102,8 @@ def require_whole_samples(model: Model, dt: float) -> None:
     if round(steps) < 1 or abs(steps - round(steps)) > WHOLE_SAMPLES * steps:
         raise InputError(
             f"dt: expected a step that divides the time between two samples of the controller, every = {every:g} s, "
-            f"got dt = {dt:g} s. Usual cause: a t_end that is no multiple of dt, for which steps are a little shorter. "
+            f"got dt = {dt:g} s. Usual cause: a t_end that is not a multiple of dt, for which steps are a little "
+            f"shorter. "
             f"Use dt = {every / max(1, round(steps)):g} s."
         )
 
@@ -115,7 +116,7 @@ def require_no_sample(model: Model, time: float, end: float) -> None:
     every = record.control.every
     if np.floor(time / every * (1 + WHOLE_SAMPLES)) + 1 < end / every * (1 - WHOLE_SAMPLES):
         raise InputError(
-            f"times: expected times at whole steps of dt, since the controller is sampled every {every:g} s, got "
+            f"times: expected times at complete steps of dt, since the controller is sampled every {every:g} s, got "
             f"{end:g} s after {time:g} s. Stop at the samples, or use a shorter dt."
         )
 
@@ -202,7 +203,7 @@ def _spread(x: Array, axes: int) -> Array:
 def _results(
     control: Controller, given: Mapping[str, Any], body: Body, known: Constants, axes: Mapping[str, int]
 ) -> dict[str, Array]:
-    """Results of the law, as numbers of the kind of the state.  Raises `InputError`."""
+    """Results of the law, of the kind of number of the state.  Raises `InputError`."""
     tape: list[Any] = []
     shapes = {**SENSORS, **control.memory}
     arguments = {
@@ -227,7 +228,7 @@ def called(
     if not isinstance(found, Mapping) or not set(needed) <= set(found) <= set(shapes):
         lacking = [name for name in needed if name not in found] if isinstance(found, Mapping) else []
         raise InputError(
-            f"law: expected a dict of commands ({', '.join(commands)}) and of the whole memory "
+            f"law: expected a dict of commands ({', '.join(commands)}) and of the complete memory "
             f"({', '.join(memory) or 'none'}), got {shown([*found] if isinstance(found, Mapping) else found)}"
             f"{f' without {lacking[0]}' if lacking else ''}. Memory that does not change is returned too."
         )
@@ -266,7 +267,7 @@ def _record_again(model: Model, control: Controller, law: Portable, parameters: 
 
 
 def _in_units(model: Model, control: Controller) -> BodyFrame | None:
-    """The axes and units of the body, with those of commands and wheels."""
+    """The axes and units of the body, of commands and of wheels."""
     if model.body_frame is None:
         return None
     more = {HELD + name: (unit, 1.0) for name, unit in COMMANDS.items() if name in control.commands}

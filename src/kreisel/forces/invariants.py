@@ -1,6 +1,6 @@
 """Casimirs and integrals that survive a perturbation: their derivative along it vanishes.
 
-Tested at random points, in rational numbers if the functions accept them, else in doubles; at the actual parameters, in
+Tested at random points, in rationals if the functions accept them, else in doubles; at the actual parameters, in
 all lanes.
 """
 
@@ -122,7 +122,7 @@ def _in_sum(bodies: list[Slopes]) -> list[Slopes]:
 
 
 def _survives(models: list[Model], function: Function, of: Callable[[list[Slopes]], list[Slopes]]) -> list[bool]:
-    """The surviving parts of a function, in rational numbers if possible, else in doubles; of one body or of two."""
+    """The surviving parts of a function, in rationals if possible, else in doubles; of one body or of two."""
     try:
         exactly = [Model(model.system, {k: _rationals(v) for k, v in model.params.items()}) for model in models]
         with np.errstate(all="ignore"):

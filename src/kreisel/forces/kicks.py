@@ -135,7 +135,7 @@ def _load(
     if found.shape not in shapes:
         n = shapes[0][0]
         wanted = (
-            f"{n} numbers, a{'n axial' * (what == 'torque')} vector"
+            f"{n} values, a{'n axial' * (what == 'torque')} vector"
             if len(shapes[0]) == 1
             else f"a skew {n} x {n} matrix"
         )
@@ -199,7 +199,7 @@ def _back(system: System, name: str, slope: Array, body: Body) -> Array:
 
 
 def values_of(found: Array, body: Body) -> Array:
-    """The values of traced numbers, as the kind of number of the state."""
+    """Traced values, as the kind of number of the state."""
     flat = [getattr(v, "value", v) for v in found.flat]
     if algebra.holds_objects(body.state[0]):
         return algebra.objects(flat, found.shape)
@@ -272,7 +272,7 @@ def to_body(known: Constants) -> Array:
 
 
 def along_state(wheels: Array, known: Constants) -> Array:
-    """The sum (..., 3) of numbers of wheels (..., k) times their axes, along the axes of the state."""
+    """The sum (..., 3) of values of wheels (..., k) times their axes, along the axes of the state."""
     return algebra.act(to_body(known).mT, (wheels[..., None, :] @ known[WHEEL_AXES])[..., 0, :])
 
 

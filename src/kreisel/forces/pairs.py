@@ -31,7 +31,7 @@ def parameters_of_pairs(record: Perturbation, pairs: Any, own: Mapping[str, Para
     for name in record.pair.parameters:
         if name not in own:
             raise InputError(
-                f"pair_potential: expected parameters of params={{...}}, got {name}, which is one of a body. Give its "
+                f"pair_potential: expected parameters of params={{...}}, got {name}, which belongs to a body. Give its "
                 "value as a parameter of another name."
             )
         value, vector = np.asarray(own[name].default), own[name].kind == "vector"
@@ -39,13 +39,13 @@ def parameters_of_pairs(record: Perturbation, pairs: Any, own: Mapping[str, Para
             if vector and len(value) == len(found):
                 raise InputError(
                     f"params: expected one {name}, or one for each pair, got {len(value)} values, where n is "
-                    f"{len(value)} and there are {len(found)} pairs. Give ({len(found)}, 1) numbers for one of each, "
+                    f"{len(value)} and there are {len(found)} pairs. Give ({len(found)}, 1) values for one of each, "
                     f"or ({len(found)}, {len(value)}) for vectors."
                 )
             continue
         if name in of_one:
             raise InputError(
-                f"params: expected one {name} for all, since forces on one body and on pairs take it, got "
+                f"params: expected one {name} for all, since forces on one body and on pairs use it, got "
                 f"{shown(own[name].default)}."
             )
         if len(value) != len(found):

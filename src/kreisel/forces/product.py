@@ -1,6 +1,6 @@
 """Bodies of different systems as one system, whose letters and parameters end in the index of the body.
 
-Phase space and equations are products; integrals and Casimirs are those of each body; the interaction of the bodies is
+Phase space and equations are products; integrals and Casimirs belong to each body; the interaction of the bodies is
 a potential of `kr.perturbed`.
 """
 
@@ -21,7 +21,7 @@ from kreisel.record.contract import Checks, PhaseSpace, System
 from kreisel.record.model import Model
 
 TOTAL = "total_"  # prefix of the integrals of all bodies together
-MOST_BODIES = 8  # their step is one piece of straight-line code
+MOST_BODIES = 8  # their step is a piece of straight-line code
 
 State = tuple[Array, ...]
 
@@ -56,7 +56,7 @@ def product(models: Sequence[Any]) -> Model:
     if forced := [m.system.name for m in models if m.system.perturbation is not None]:
         raise InputError(
             f"perturbed: expected an integrable system for each of several bodies, got {forced[0]}, which has forces. "
-            "Give its forces as those of all bodies."
+            "Give its forces for all bodies."
         )
     factors, first = [], 0
     for i, m in enumerate(models, 1):

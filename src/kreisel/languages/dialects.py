@@ -31,7 +31,7 @@ class Dialect:
     members        a field of a type that is a number, and an entry of one that is an array
     once, starts   a number with its final value, one that is assigned to later
     up             a loop over {count} integers {var}, {first} to {last}
-    table, room    an array of constant numbers, one that is written later; without, loops over tables are written out
+    table, room    an array of constants, an array that is written later; without, loops over tables are written out
     give           the end of a function with a result, by its kind
     calls          operations that have no sign
     staged         the function of a step of several {stages}; `closing` in it calls its end

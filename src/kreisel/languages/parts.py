@@ -1,4 +1,4 @@
-"""The contents of a file: a body as functions of arrays of numbers, which are recorded and written.
+"""The contents of a file: a body as functions of arrays, which are recorded and written.
 
 A `Body` has parameters (moments, dt), constants that `prepare` computes from them, and a state that `step` changes.
 """
@@ -26,7 +26,7 @@ NEW = {"c": ("new", 0)}
 
 @dataclass(frozen=True)
 class Field:
-    """A number (count 0) or an array of numbers: its meaning, default values, how many are of one stage."""
+    """A scalar (count 0) or an array: its meaning, default values, how many are of one stage."""
 
     count: int
     meaning: str = ""

@@ -127,7 +127,7 @@ class Binary(Body):
         """The initial state.
 
         position, velocity     of the secondary relative to the primary, m and m/s, (..., 3)
-        spin1, spin2           angular velocities along the body axes, rad/s, (..., 3); default: that of the orbit
+        spin1, spin2           angular velocities along the body axes, rad/s, (..., 3); default: the rate of the orbit
         attitude1, attitude2   unit quaternions (..., 4), body to space; default: the first axis along the line between
                                the bodies, the third along the normal of the orbit
         separation             instead of a position the distance in a circular orbit in the plane of the first two

@@ -37,7 +37,7 @@ NOISY = {"rates": "rad/s", "attitude": "rad", "field": "T", "sun": "1", "positio
 @explained
 @dataclass(frozen=True, eq=False)
 class Wheels:
-    """Reaction wheels, whose motion with the body is that of a gyrostat in closed form.
+    """Reaction wheels, which with the body are a gyrostat, in closed form.
 
     axes      (k, 3), of length 1, along the body axes
     momenta   (k,) or one, N m s, of the wheels about their axes at t = 0
@@ -52,7 +52,7 @@ class Wheels:
         axes = algebra.floats(self.axes)
         if axes.ndim != 2 or axes.shape[1:] != (3,) or not (abs((axes * axes).sum(-1) - 1) < 1e-9).all():
             raise InputError(
-                f"axes: expected rows of 3 numbers and length 1, one for each wheel, got {shown(self.axes)}."
+                f"axes: expected rows of 3 values and length 1, one for each wheel, got {shown(self.axes)}."
             )
         object.__setattr__(self, "axes", axes)
         for name in ("momenta", "limit"):
@@ -79,10 +79,10 @@ class Control:
                shadow), time, wheels (their momenta), position, velocity.  Commands: dipole (A m^2), torque (N m),
                wheel_torque (N m, of the motor on each wheel), impulse (N m s, at once)
     every      s between two samples: a multiple of dt
-    memory     what the law keeps, with the values at the start: numbers, or arrays (k,)
-    parameters what it names else: numbers, vectors (3,), or either with an axis of lanes in front
+    memory     memory of the law, with the values at the start: scalars, or arrays (k,)
+    parameters its further arguments: scalars, vectors (3,), or either with an axis of lanes in front
     noise      of sensors: the standard deviation of each entry in SI, or {"std": ..., "bias": ...}
-    seed       of the noise: every lane has numbers of its own, the same for all blocks and workers
+    seed       of the noise: every lane has a separate stream, the same for all blocks and workers
     delay      samples until a command is applied
     limits     the largest size of each entry of a command, in SI
 
@@ -107,7 +107,7 @@ class Control:
             _names(getattr(self, name), name, known)
         memory = {name: finite_floats(value, "1", name) for name, value in self.memory.items()}
         if any(value.ndim > 1 or not value.size for value in memory.values()):
-            raise InputError(f"memory: expected numbers or arrays (k,), got {shown(dict(self.memory))}.")
+            raise InputError(f"memory: expected values or arrays (k,), got {shown(dict(self.memory))}.")
         object.__setattr__(self, "memory", memory)
         object.__setattr__(self, "noise", {name: _noise(name, value) for name, value in self.noise.items()})
         limits = {name: finite_floats(value, COMMANDS[name], f"limit of {name}") for name, value in self.limits.items()}
@@ -165,7 +165,7 @@ class Control:
             signature = inspect.signature(self.law)
         except (TypeError, ValueError):
             raise InputError(
-                f"law: expected a Python function that says its arguments, got {shown(self.law)}."
+                f"law: expected a Python function that names its arguments, got {shown(self.law)}."
             ) from None
         known = [*(name for name in SENSORS if wheels or name != WHEELS), *self.memory, *self.parameters]
         if perturbation_of(model.system).environment is None:
@@ -174,7 +174,7 @@ class Control:
             if p.kind not in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) or p.name not in known:
                 raise InputError(
                     f"law: expected arguments among {', '.join(known)}, got {shown(p.name)}.{hint(p.name, known)} What "
-                    "the law keeps is in memory={...}, other numbers in parameters={...}."
+                    "the law keeps is in memory={...}, other values in parameters={...}."
                 )
         return tuple(signature.parameters)
 
@@ -192,7 +192,7 @@ class Control:
                 runs.append(called(self.law, given, lengths, {name: shapes[name] for name in self.memory}))
         if any(_plain(runs[0][name]) != _plain(value) for name, value in runs[1].items()):
             raise InputError(
-                "law: expected the same result from the same values, got two. Usual cause: random numbers, or a list "
+                "law: expected the same result from the same values, got two. Usual cause: random values, or a list "
                 "or a global that the law changes. Noise is noise={...}, and what the law keeps is memory={...}."
             )
         return {name: lengths[name] for name in COMMANDS if name in runs[0]}
@@ -239,7 +239,7 @@ def _names(given: Any, what: str, known: Mapping[str, Any] | None) -> None:
     good = isinstance(given, Mapping) and all(isinstance(name, str) and name.isidentifier() for name in given)
     wrong = [name for name in given if known is not None and name not in known] if good else []
     if not good or wrong:
-        names = "names of your own" if known is None else ", ".join(known)
+        names = "user-defined names" if known is None else ", ".join(known)
         near = hint(wrong[0], known) if wrong and known else ""
         raise InputError(f"{what}: expected a dict with {names}, got {shown(wrong[0] if wrong else given)}.{near}")
 

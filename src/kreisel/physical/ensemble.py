@@ -39,7 +39,7 @@ class OfLanes(type):
 
     @property
     def __signature__(cls) -> inspect.Signature:
-        """The arguments of the class, which would be those of `__call__`."""
+        """The arguments of the class, as for `__call__`."""
         full = inspect.signature(cls.__init__)  # type: ignore[misc]
         return full.replace(parameters=list(full.parameters.values())[1:], return_annotation=inspect.Signature.empty)
 
@@ -102,14 +102,14 @@ def _table(record: Any) -> dict[str, Any]:
 
 @explained
 class Ensemble(Body):
-    """Bodies of one kind, each with its own values, orbit and parameters of forces: the lanes of a run.
+    """Bodies of one kind, each with separate values, orbit and parameters of forces: the lanes of a run.
 
         many = Satellite(inertia, orbit, magnetic_moment=moments)  # moments (lanes, 3)
         run = kr.simulate(many, many.state(spin), dt="10 s", t_end="1 day")
 
     A body with an axis of lanes in front of any of its arguments is an ensemble; `Ensemble(bodies)` joins a list.
     `many[lane]` is a body; values of the bodies, such as `many.mass`, are arrays (lanes, ...).  The unit of time of the
-    scaled system is that of lane 0.
+    scaled system is lane 0's.
 
     names   of the lanes, the coordinate `lane` of a run
 
@@ -228,7 +228,7 @@ def _joined_frame(frames: Sequence[BodyFrame], letters: Sequence[str], names: tu
 
 
 def _functions(body: Any) -> tuple[Any, ...]:
-    """The functions of a body and what else is said about them: bodies with equal ones share their operations."""
+    """The functions of a body and their attributes: bodies with equal ones share their operations."""
     control, torque = getattr(body, "control", None), getattr(body, "torque", None)
     out = () if control is None else (control.law, control.every, control.delay, *control.noise, *control.limits)
     steady = None if isinstance(torque, np.ndarray) else torque

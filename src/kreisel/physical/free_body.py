@@ -43,7 +43,7 @@ class AxisStability(NamedTuple):
 
     axis: Array  # (3,), along the body axes
     moment: float  # kg m^2
-    kind: str  # "stable", "unstable", or "neutral": its moment equals that of another axis
+    kind: str  # "stable", "unstable", or "neutral": its moment equals another axis's
     growth: float  # rad/s: the disturbance grows as exp(growth t); 0 unless unstable
     period: float  # s, of the disturbance in the body; inf unless stable
 
@@ -186,7 +186,7 @@ class FreeBody(Forced):
         if Omega.shape != (3,) or not Omega.any():
             raise InputError(
                 f"spin: expected one angular velocity that is not zero, got {shown(spin)}. Usual cause: several at a "
-                "time; take them one by one."
+                "time; pass them one by one."
             )
         in_range("The square of the spin", lambda: 1 / (Omega @ Omega))
         motion = FreeRotation(self.inertia, self.principal, Omega)

@@ -68,7 +68,7 @@ class GravityBody:
         """The homogeneous ellipsoid with these principal diameters, m, the body axes along them; `more`: love, lag."""
         halves = np.array(three(diameters, "m", "diameters")) / 2
         if not (halves > 0).all():
-            raise InputError(f"diameters: expected three numbers > 0, got {shown(diameters)}.")
+            raise InputError(f"diameters: expected three values > 0, got {shown(diameters)}.")
         directions, weights = _sphere()
         radii, of_radii = np.polynomial.legendre.leggauss(NODES)
         radii, of_radii = (radii + 1) / 2, of_radii / 2 * 3 * ((radii + 1) / 2) ** 2

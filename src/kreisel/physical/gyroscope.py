@@ -94,7 +94,7 @@ class Gyroscope(Forced):
 
     @property
     def time_unit(self) -> float:
-        """sqrt(I1/(m g l)), s; in an ensemble that of lane 0."""
+        """sqrt(I1/(m g l)), s; in an ensemble the value of lane 0."""
         return self._time or math.sqrt(self.transverse_moment / self.weight_torque)
 
     @property

@@ -94,7 +94,7 @@ class HeavyBody(Forced):
 
     @property
     def time_unit(self) -> float:
-        """sqrt(I0/(m g l)), or 1, s; in an ensemble that of lane 0."""
+        """sqrt(I0/(m g l)), or 1, s; in an ensemble the value of lane 0."""
         if self._time:
             return self._time
         return math.sqrt(self.unit_moment / self.weight_torque) if self.weight_torque else 1.0

@@ -34,8 +34,8 @@ def bdot(gain: Any, every: Any = 1.0, **more: Any) -> Control:
 
     gain     N m s: the torque is about -gain (w - b (b.w)).  Advised: 2 n (1 + sin i) I, n the mean motion, i the
              inclination of the orbit to the magnetic equator, I the least moment of inertia
-    every    s, between two samples, whose difference is dB/dt; the satellite turns by less than half a turn in it
-    more     arguments of `kr.Control`: limits={"dipole": 0.2}, noise={"field": 1e-7}
+    every    s, between two samples, whose difference is dB/dt; the satellite rotates by less than half a revolution
+    in it more     arguments of `kr.Control`: limits={"dipole": 0.2}, noise={"field": 1e-7}
 
     [Stickler, Alfriend, J. Spacecraft Rockets 13 (1976) 282; gain: Avanzini, Giulietti, J. Guid. Control Dyn. 35
     (2012) 1326; Markley, Crassidis, Fundamentals of Spacecraft Attitude Determination and Control, 2014, section 7.5]

@@ -56,7 +56,7 @@ def _si_numbers(unit: str, name: str, shapes: tuple[tuple[int, ...], ...], value
     if not fits or not np.isfinite(array).all():
         expected = " or ".join(map(str, shapes)) or "(..., 3)"
         raise InputError(
-            f"{name} must be finite numbers of shape {expected} in SI units ({unit}), or with units, '1 {unit}' for "
+            f"{name} must be finite values of shape {expected} in SI units ({unit}), or with units, '1 {unit}' for "
             f"each or (values, '{unit}') for all, got {shown(value)}."
         )
     return array
@@ -66,7 +66,7 @@ def three(value: Any, unit: str, name: str) -> tuple[float, float, float]:
     """Three floats, in SI or with units.  Raises `InputError`."""
     array = floats(si(value, unit, name))
     if array.shape != (3,):
-        raise InputError(f"{name} must be three numbers in SI units ({unit}), got {shown(value)}.")
+        raise InputError(f"{name} must be three values in SI units ({unit}), got {shown(value)}.")
     a, b, c = array.tolist()
     return a, b, c
 

@@ -407,7 +407,7 @@ def _moments(given: Harmonics, along: Array) -> dict[str, Array]:
 
 
 def _times(run: xr.Dataset, ndim: int) -> Array:
-    """The times of the rows of a run, with so many axes."""
+    """The times of the rows of a run, with `ndim` axes."""
     return np.asarray(run.time).reshape(-1, *[1] * (ndim - 1))
 
 

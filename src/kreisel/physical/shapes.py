@@ -349,7 +349,7 @@ class Facets:
 
     @classmethod
     def ellipsoid(cls, semi_axes: Any, points: int = POINTS) -> Facets:
-        """An inscribed polyhedron of an ellipsoid, with so many vertices.  Raises `InputError`."""
+        """An inscribed polyhedron of an ellipsoid with that number of vertices.  Raises `InputError`."""
         k = np.arange(int(si_number(points, "1", "points", positive=True))) + 0.5
         z, turn = 1 - 2 * k / len(k), np.pi * (1 + 5**0.5) * k
         sphere = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], -1)
@@ -372,7 +372,7 @@ class Facets:
             values = np.empty(0)
         if min(count, facets) < 0 or len(values) != 3 * (count + facets):
             raise InputError(
-                f"{file.name}: expected two counts, then as many vertices and triangles of three numbers each, got "
+                f"{file.name}: expected two counts, then as many vertices and triangles of three values each, got "
                 f"{len(words)} words. Usual cause: a file with facets of more corners; split them into triangles."
             )
         faces = values[3 * count :].reshape(-1, 3)

@@ -233,7 +233,7 @@ def read_added_mass(path: str | os.PathLike[str], density: Any = 1.0, length: An
         rows = [row for row in rows if row and row[0][0] not in "#%!"]
         numbers = [[_finite(v) for v in row] for row in rows]
     except (OSError, ValueError) as error:
-        raise InputError(f"{source}: expected a text file of numbers, got {error}.") from None
+        raise InputError(f"{source}: expected a text file of values, got {error}.") from None
     if [len(row) for row in numbers] == [6] * 6:
         return np.array(numbers)
     rho, L = si_number(density, "kg/m^3", "density"), si_number(length, "m", "length", positive=True)
@@ -242,7 +242,7 @@ def read_added_mass(path: str | os.PathLike[str], density: Any = 1.0, length: An
     for row in numbers:
         if len(row) < 4 or row[1] not in range(1, 7) or row[2] not in range(1, 7):
             raise InputError(
-                f"{source}: expected six rows of six numbers, or rows PERIOD I J A with I and J from 1 to 6, got "
+                f"{source}: expected six rows of six values, or rows PERIOD I J A with I and J from 1 to 6, got "
                 f"{shown(row)}."
             )
         if row[0] == period or (period < 0 and row[0] < 0):

@@ -110,7 +110,7 @@ def parameter(p: Parameter, system: str, value: Any) -> Array:
         shapes = {
             "scalar": "a number",
             "dimension": "an integer",
-            "vector": "n numbers",
+            "vector": "n values",
             "symmetric": "an n x n matrix or its diagonal",
             "table": "kr.Table(times, values)",
             "array": f"an array with {axes} axes",

@@ -218,7 +218,7 @@ class Lanes:
         ((kind, values),) = spec.items()
         listed = list(values) if isinstance(values, Sequence) and not isinstance(values, str) else [values]
         if len(listed) != DRAWS[kind]:
-            raise InputError(f"{quantity.name}: {kind} takes {DRAWS[kind]} values, got {shown(values)}.")
+            raise InputError(f"{quantity.name}: {kind} needs {DRAWS[kind]} values, got {shown(values)}.")
         bounds = tuple(_number_array(v, quantity.name) for v in listed)
         given = self.base[quantity.section].get(quantity.letter)
         try:
@@ -249,7 +249,7 @@ class Lanes:
         return out | ({NOISE: self._streams(first, stop)} if self.noisy and NOISE not in out else {})
 
     def _streams(self, first: int, stop: int) -> Array:
-        """The generators of the noise of controllers, each with a stream of its own, the first that of [state]."""
+        """The generators of the noise of controllers, each with a separate stream, the first for [state]."""
         begin = [int(v) for v in _number_array(self.base[NOISE.section][NOISE.letter], NOISE.name)]
         return streams_from(begin, stop - first, first)
 
@@ -321,7 +321,7 @@ def _values(quantity: Varied, spec: Any, words: bool) -> Array:
         return np.asarray(spec)
     if all(isinstance(v, str) for v in spec):
         if quantity.section != "run" or quantity.index:
-            raise InputError(f"{quantity.name} must be numbers, got {shown(spec)}.")
+            raise InputError(f"{quantity.name} must be numeric, got {shown(spec)}.")
         return np.array(spec)
     table = _number_array(spec, quantity.name)
     if quantity.index and table.ndim != 1:
@@ -343,7 +343,7 @@ def _range(quantity: Varied, spec: Mapping[str, Any]) -> Array:
         raise InputError(f"{quantity.name}: a logarithmic range needs positive ends, got {shown(spec)}.")
     if low.shape != high.shape or low.size * count > 8 * MOST_LANES:
         raise InputError(
-            f"{quantity.name}: expected from and to of the same shape and at most {8 * MOST_LANES:,} numbers."
+            f"{quantity.name}: expected from and to of the same shape and at most {8 * MOST_LANES:,} values."
         )
     return np.asarray(RANGES[spacing](low, high, count))
 
@@ -354,7 +354,7 @@ def _number_array(value: Any, name: str) -> Array:
     except (ValueError, OverflowError):
         raise InputError(f"{name}: all values need the same shape, got {shown(value)}.") from None
     if array.dtype.kind not in "iuf":
-        raise InputError(f"{name} must be numbers, got {shown(value)}.")
+        raise InputError(f"{name} must be numeric, got {shown(value)}.")
     if not np.isfinite(array).all():
         raise InputError(f"{name} must be finite, got {shown(value)}.")
     return array if array.dtype.kind != "f" else array.astype(np.float64)
@@ -393,7 +393,7 @@ def described(value: Any) -> Any:
         return list(value)
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    raise InputError(f"A sweep is described by numbers, words and lists, got {shown(value)}.")
+    raise InputError(f"A sweep is described by values, words and lists, got {shown(value)}.")
 
 
 def as_json(description: Mapping[str, Any]) -> str:

@@ -134,7 +134,7 @@ def one_lane(path: Path, lane: int) -> xr.Dataset:
     description = record.description
     if description.get("file"):
         raise InputError(
-            f"{path} is a sweep of a system of your own, {record.system}, whose Python file no archive holds. Write "
+            f"{path} is a sweep of a user-defined system, {record.system}, whose Python file no archive holds. Write "
             "the lane as a TOML file, `kreisel run` it, and view that."
         )
     plan = Sweep(description, None).plan_of_lane(lane)

@@ -93,7 +93,7 @@ class Store:
         archive.require_plain(where)
         if record.sweep != self._text or record.block_lanes != self.width:
             raise InputError(
-                f"{where} holds another sweep{_difference(record.sweep, self._text)} and is left as it is. Choose "
+                f"{where} holds another sweep{_difference(record.sweep, self._text)} and is unchanged. Choose "
                 "another path, or replace it with --overwrite (overwrite=True)."
             )
 

@@ -141,7 +141,7 @@ def _of_system(system: Any, x0: Any, orientation: Any, run: dict[str, Any], spec
     check_model(model)
     if KNOWN.get(model.system.name) is not model.system:
         raise InputError(
-            f"{model.system.name} is a system of your own: workers need its Python file. Write a TOML file with "
+            f"{model.system.name} is a user-defined system: workers need its Python file. Write a TOML file with "
             'file = "..." in [system], and run `kreisel sweep`.'
         )
     state = checked_state(model, x0).axial
@@ -226,7 +226,7 @@ def failures(run: xr.Dataset) -> pd.DataFrame:
     import pandas as pd
 
     if "failed" not in getattr(run, "variables", ()):
-        raise InputError("kr.failures takes what kr.sweep returns; these are no lanes of a sweep.")
+        raise InputError("kr.failures needs the result of kr.sweep; these are not lanes of a sweep.")
     from kreisel.sweeps.grids import by_lane
 
     run = by_lane(run)

@@ -191,7 +191,7 @@ def check_workers(workers: Any, scheduler: str | None) -> None:
     if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or not 0 <= workers <= 4096):
         raise InputError(f"workers must be a number of processes, 0 or more, got {shown(workers)}.")
     if scheduler is not None and workers is not None:
-        raise InputError("A scheduler has its own workers: give either scheduler or workers.")
+        raise InputError("A scheduler has workers: give either scheduler or workers.")
 
 
 @contextlib.contextmanager
