@@ -99,7 +99,7 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: kr.export(run), "Write export(run, out)"),
     (lambda run: kr.failures(run), "the result of kr.sweep"),
     (lambda run: kr.sweep(TOP, X0, {"system.alpha": [1, 2]}, **GRID), "expected a kr.Design"),
-    (lambda run: kr.sweep(TOP, X0, **GRID), "expected design"),
+    (lambda run: kr.sweep(TOP, X0, **GRID), "design: expected a kr.Design"),
     (lambda run: kr.sweep(TOP, X0, DESIGN, dt=0.1, steps=3), "path=..."),
     (lambda run: kr.sweep(TOP, X0, kr.Design(grid={"alpha": [1, 2]}), **GRID), "such as system.alpha"),
     (lambda run: kr.sweep(TOP, X0, kr.Design(grid={"system.alfa": [1, 2]}), **GRID), "Did you mean 'alpha'"),
