@@ -36,12 +36,12 @@ def find() -> str | None:
 class Browser:
     """One page in a browser; what it complains of is in `complaints`, what it asks the network for in `requests`."""
 
-    def __init__(self) -> None:
+    def __init__(self, *flags: str) -> None:
         self.folder = tempfile.mkdtemp(prefix="kreisel-browser-")
         ours, theirs = os.pipe(), os.pipe()  # we write ours[1], it writes theirs[1]
         command = f'exec "$0" "$@" 3<&{ours[0]} 4>&{theirs[1]}'
         self.process = subprocess.Popen(
-            ["bash", "-c", command, str(find()), *FLAGS, f"--user-data-dir={self.folder}", "about:blank"],
+            ["bash", "-c", command, str(find()), *FLAGS, *flags, f"--user-data-dir={self.folder}", "about:blank"],
             pass_fds=(ours[0], theirs[1]),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

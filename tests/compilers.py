@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 STRICT = ["-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
-COMMANDS = {  # {} is the source; what is run then, unless the first command runs it
-    "gcc": (["gcc", "-std=c99", *STRICT, "{}", "-o", "main", "-lm"], ["./main"]),
-    "clang": (["clang", "-std=c99", *STRICT, "{}", "-o", "main", "-lm"], ["./main"]),
-    "g++": (["g++", "-std=c++17", *STRICT, "{}", "-o", "main"], ["./main"]),
-    "rustc": (["rustc", "--edition=2021", "-O", "-D", "warnings", "{}", "-o", "main"], ["./main"]),
-    "mcs": (["mcs", "-warnaserror", "-optimize+", "-out:main.exe", "{}"], ["mono", "main.exe"]),
-    "node": (["node", "{}"], []),
+COMMANDS = {  # what is run then, unless it runs the source itself
+    "gcc": (["gcc", "-std=c99", *STRICT, "-o", "main"], ["-lm"], ["./main"]),
+    "clang": (["clang", "-std=c99", *STRICT, "-o", "main"], ["-lm"], ["./main"]),
+    "g++": (["g++", "-std=c++17", *STRICT, "-o", "main"], [], ["./main"]),
+    "rustc": (["rustc", "--edition=2021", "-O", "-D", "warnings", "-o", "main"], [], ["./main"]),
+    "mcs": (["mcs", "-warnaserror", "-optimize+", "-out:main.exe"], [], ["mono", "main.exe"]),
+    "node": (["node"], [], []),
 }
 
 
@@ -29,14 +30,28 @@ def program(name: str) -> str:
     return found
 
 
-def output(compiler: str, folder: Path, source: str, *arguments: str) -> str:
-    """What the program of a source file in a folder prints."""
-    text = ""
-    compiling, running = COMMANDS[compiler]
-    for command in (compiling, [*running, *arguments]) if running else ([*compiling, *arguments],):
-        words = [word.replace("{}", source) for word in command]
-        words[0] = words[0] if words[0].startswith("./") else program(words[0])
-        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr
-        text = done.stdout
-    return text
+def run(folder: Path, words: Sequence[str]) -> str:
+    """What a program prints in a folder, which it has to leave with the status 0."""
+    first = words[0] if words[0].startswith("./") else program(words[0])
+    done = subprocess.run([first, *words[1:]], cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def output(compiler: str, folder: Path, *sources: str) -> str:
+    """What the program of source files in a folder prints."""
+    before, behind, then = COMMANDS[compiler]
+    printed = run(folder, [*before, *sources, *behind])
+    return run(folder, then) if then else printed
+
+
+def gdscript_errors(source: str) -> list[int]:
+    """The lines that the grammar of GDScript does not read."""
+    tree_sitter, grammar = pytest.importorskip("tree_sitter"), pytest.importorskip("tree_sitter_gdscript")
+    tree = tree_sitter.Parser(tree_sitter.Language(grammar.language())).parse(source.encode())
+    found, todo = [], [tree.root_node]
+    while todo:
+        node = todo.pop()
+        todo += node.children
+        found += [node.start_point[0]] if node.type == "ERROR" or node.is_missing else []
+    return found

@@ -201,6 +201,46 @@ def picture(catalogue: dict[str, Any], result: dict[str, Any], file: Path) -> No
     plt.close(figure)
 
 
+def after_an_hour(file: Path) -> None:
+    """The momentum of the wing nut along its middle axis in the last minute of an hour, in engines and exactly."""
+    import matplotlib as mpl
+
+    mpl.use("agg")
+    import matplotlib.pyplot as plt
+
+    import kreisel as kr
+
+    records = json.loads((BENCHMARKS / "results" / "hour.json").read_text(encoding="utf-8"))
+    case = kr.checkcases.case("wing-nut").given()
+    body = kr.physical.FreeBody(case["inertia"])
+    times = np.linspace(3540.0, 3600.0, 1201)
+    M = kr.at(body.model(), body.state(case["angular_velocity"]), body.dt(1.0) * times).M.values
+    figure, axes = plt.subplots(len(records), 1, figsize=(9, 1.15 * len(records)), sharex=True)
+    for panel, record in zip(axes, records.values(), strict=True):
+        panel.plot(times, M[:, 1] / np.linalg.norm(M, axis=1), color="black", lw=1.0, ls=(0, (3, 2)))
+        rows = np.array(record["middle"], float)
+        panel.plot(3600.0 - 0.1 * np.arange(len(rows))[::-1], rows, color="#c0392b", lw=1.6)
+        drift = [change(record[name][-1]) for name in ("energy", "momentum")]
+        label = f"{record['title']}, {record['setting']}: energy {drift[0]}, momentum {drift[1]}"
+        panel.set_title(label, fontsize=9, loc="left", pad=3)
+        panel.set_ylim(-1.15, 1.15), panel.set_yticks([-1, 0, 1]), panel.tick_params(labelsize=8)
+        panel.set_xlim(3540, 3600)
+    axes[-1].set_xlabel("time, s", fontsize=9)
+    figure.tight_layout(h_pad=0.3)
+    figure.savefig(file, dpi=110)
+    plt.close(figure)
+
+
+def change(ratio: float) -> str:
+    """The change of a quantity, from its value relative to that at the start."""
+    if ratio > 10:
+        return f"times {ratio:.0e}".replace("e+", "e").replace("e0", "e")
+    size = abs(ratio - 1)
+    return (
+        f"{100 * (ratio - 1):+.2g} %" if size > 1e-6 else f"kept to {math.floor(-math.log10(max(size, 1e-12)))} digits"
+    )
+
+
 def write(docs: Path) -> None:
     """generated/engines.md, engines-CASE.md, engines-list.md, and the picture."""
     catalogue, result = read()
@@ -215,6 +255,7 @@ def write(docs: Path) -> None:
     for name, text in pages.items():
         (folder / f"engines-{name}.md").write_text(text, encoding="utf-8")
     picture(catalogue, result, folder / "figures" / "engines.png")
+    after_an_hour(folder / "figures" / "hour.png")
 
 
 if __name__ == "__main__":

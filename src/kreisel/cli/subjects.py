@@ -22,7 +22,7 @@ from kreisel.cli.output import (
     system_names,
     width,
 )
-from kreisel.errors import InputError
+from kreisel.errors import InputError, shown
 
 
 @app.command()
@@ -213,9 +213,15 @@ def investigate(
 def code(
     subject: Annotated[
         str,
-        typer.Argument(help="free-body, a system by name, or the TOML file of a run.", autocompletion=system_names),
+        typer.Argument(
+            help="free-body, a URDF, SDF, STL, OBJ, PLY or glTF file of one, a system, the TOML file of a run.",
+            autocompletion=system_names,
+        ),
     ],
-    language: Annotated[str, typer.Option(help="c, cpp, cuda, js, julia, ...")] = "c",
+    language: Annotated[
+        str, typer.Option(help="c, cpp, cuda, rust, csharp, js, julia, gdscript, python, wgsl or fmu.")
+    ] = "c",
+    convention: Annotated[str | None, typer.Option(help="ros, unity, unreal, godot, bevy or three.")] = None,
     method: Annotated[str | None, typer.Option(help=r"As in \[run]; one that makes steps, or exact.")] = None,
     order: Annotated[int | None, typer.Option(help=r"As in \[run].")] = None,
     dt: Annotated[float | None, typer.Option(help="Default value of the step.")] = None,
@@ -226,32 +232,79 @@ def code(
     orientation: Annotated[
         bool, typer.Option("--orientation/--no-orientation", help="Carry the orientation, for a system by name.")
     ] = True,
-    name: Annotated[str | None, typer.Option(help="Of the body, which names in C begin with.")] = None,
-    single: Annotated[bool, typer.Option("--single", help="In numbers of 32 bits.")] = False,
+    single: Annotated[bool, typer.Option("--single", help="Single precision, 32 bits.")] = False,
+    name: Annotated[str | None, typer.Option(help="Name of the body, with which names in C begin.")] = None,
+    link: Annotated[str | None, typer.Option(help="The link of a robot.")] = None,
+    length: Annotated[str | None, typer.Option(help="The unit of the coordinates of a mesh: mm.")] = None,
+    density: Annotated[str | None, typer.Option(help="Density of a mesh, kg/m^3.")] = None,
+    mass: Annotated[str | None, typer.Option(help="Mass of a mesh, kg, instead of the density.")] = None,
 ) -> None:
     """Print one short file, without dependencies, with the step of a body: kreisel code free-body --name rock > rock.h.
 
     Parameters, step and state are arguments of its functions; a TOML file or --set give default values.
     """
+    from kreisel.languages.source import code as text_of
+
+    given = dict(parameter_of(text) for text in values or ())
+    shape = {"link": link, "length": length, "density": density, "mass": mass}
+    free = _free_body(subject, given, {k: v for k, v in shape.items() if v is not None})
+    asked: dict[str, Any] = {"dt": dt, "method": method, "order": order, "name": name, "single": single}
+    if free is None:
+        free, asked["x0"] = _example_or_run(subject, given, asked, n, orientation)
+    asked["dt"] = 1 / 60 if asked["dt"] is None else asked["dt"]
+    if language != "fmu":
+        print(text_of(free, language=language, convention=convention, **asked), end="")
+        return
+    if "x0" in asked or convention or method or order or single:
+        raise InputError("--language fmu: expected a free body in SI units, and of the options --set, --dt, --name.")
+    if sys.stdout.isatty():
+        raise InputError("--language fmu: expected a file for the archive: kreisel code ... > rock.fmu")
+    from kreisel.languages.fmu import fmu
+
+    sys.stdout.buffer.write(fmu(name or "free_body", text_of(free, **asked), free.inertia, asked["dt"]))
+
+
+def _example_or_run(subject: str, values: dict[str, Any], asked: dict[str, Any], n: int, oriented: bool) -> Any:
+    """The model and the state of a system by name, or of a TOML file, whose settings complete `asked`."""
     from kreisel.bodies import find
     from kreisel.cli.configuration import read
-    from kreisel.languages.source import code as text_of
     from kreisel.runs.examples import example
 
-    g: Any = None
-    if subject.endswith(".toml"):
-        if values:
-            raise InputError("--set: expected a system by name, got a TOML file, which has its parameters itself.")
-        asked = read(Path(subject).expanduser())
-        model, body, g, run = asked.model, asked.state, asked.orientation, asked.run
-        method, dt = method or run.method, run.dt if dt is None else dt
-        order = order if order is not None or not isinstance(run.order, int) else run.order
-    else:
-        given = dict(parameter_of(text) for text in values or ())
-        sample = example(find("euler-top" if subject == "free-body" else subject), n, given)
-        model, body = sample.model, sample.model.state(**sample.state)
-        if orientation and model.system.velocity is not None:
-            g = [1.0, 0.0, 0.0, 0.0] if model.n == 3 else [[float(i == j) for j in range(n)] for i in range(n)]
-        dt = 1 / 60 if dt is None else dt
-    settings: dict[str, Any] = {"method": method, "order": order, "orientation": g, "name": name, "single": single}
-    print(text_of(model, body, dt=dt, language=language, **settings), end="")
+    if not subject.endswith(".toml"):
+        sample = example(find(subject), n, values)
+        if oriented and sample.model.system.velocity is not None:
+            asked["orientation"] = (
+                [1.0, 0.0, 0.0, 0.0] if n == 3 else [[float(i == j) for j in range(n)] for i in range(n)]
+            )
+        return sample.model, sample.model.state(**sample.state)
+    if values:
+        raise InputError("--set: expected a system by name, got a TOML file, which has its parameters itself.")
+    file = read(Path(subject).expanduser())
+    asked |= {"orientation": file.orientation, "method": asked["method"] or file.run.method}
+    asked["order"] = file.run.order if asked["order"] is None and isinstance(file.run.order, int) else asked["order"]
+    asked["dt"] = file.run.dt if asked["dt"] is None else asked["dt"]
+    return file.model, file.state
+
+
+def _free_body(subject: str, values: dict[str, Any], shape: dict[str, str]) -> Any:
+    """The free body of a name with moments I, or of a file with a shape or a robot; None for another subject."""
+    from kreisel.physical import FreeBody
+    from kreisel.physical.shapes import SUFFIXES, read_mesh, read_robot
+
+    suffix, file = Path(subject).suffix.lower(), str(Path(subject).expanduser())
+    kinds = {"link": (".urdf", ".sdf"), **dict.fromkeys(("length", "density", "mass"), SUFFIXES)}
+    wrong = [f"--{k}" for k in shape if suffix not in kinds[k]] + ["--set"] * bool(
+        values and suffix in (*SUFFIXES, ".urdf", ".sdf")
+    )
+    if wrong:
+        raise InputError(f"{wrong[0]}: not for {shown(subject)}; see kreisel code --help.")
+    if suffix in kinds["link"]:
+        return FreeBody(read_robot(file, **shape).inertia)
+    if suffix in SUFFIXES:
+        return FreeBody(read_mesh(file, **shape).inertia)
+    if subject != "free-body":
+        return None
+    if values.keys() - {"I"}:
+        raise InputError(f"--set: expected I=1,2,2.5, the principal moments of a free body, got {', '.join(values)}.")
+    moments = values.get("I", (1, 2, 2.5))
+    return FreeBody([float(x) for x in moments] if isinstance(moments, list | tuple) else moments)

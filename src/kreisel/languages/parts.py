@@ -157,4 +157,4 @@ def assembled(body: Body, dialect: Dialect, name: str) -> str:
     inner = "\n\n".join(section.rstrip("\n") for section in sections)
     digest = hashlib.sha256(inner.encode()).hexdigest()[:8]
     begin = dialect.begin.format(head=head, digest=digest, **words)
-    return f"{begin}{inner}\n\n{dialect.finish.format(**words)}"
+    return f"{begin}{inner}\n\n{dialect.finish.format(**words)}".rstrip() + "\n"

@@ -5,15 +5,17 @@ from __future__ import annotations
 import importlib.metadata
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.errors import InputError, explained, hint, shown
+from kreisel.languages import dialects, engine_languages
 from kreisel.languages.bodies import free_body
-from kreisel.languages.dialects import LANGUAGES, Dialect
-from kreisel.languages.parts import Body, assembled
+from kreisel.languages.conventions import convention as convention_of
+from kreisel.languages.dialects import Dialect
+from kreisel.languages.parts import Body, Field, assembled
 from kreisel.languages.schemes import Stepped
 from kreisel.method.scheme import Orbits
 from kreisel.record.body import as_body
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from kreisel.record.model import Model, OrientationLike, StateLike
     from kreisel.runs.plan import Plan
 
+LANGUAGES = {**dialects.LANGUAGES, **engine_languages.LANGUAGES}
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 LICENCE = "BSD-3-Clause, as Kreisel; made by `kreisel code`, Kreisel {}."
 
@@ -43,18 +46,23 @@ def code(
     orientation: OrientationLike | None = None,
     name: str | None = None,
     single: bool = False,
+    convention: str | None = None,
 ) -> str:
     """The text of one short file, without dependencies, with the step of a body.
 
-    language      "c" (C99), "cpp" (C++11), "cuda" (also HIP), "js" (an ES module) or "julia" (a module)
+    language      "c" (C99), "cpp" (C++11), "cuda" (also HIP), "rust", "csharp", "js" (an ES module), "julia",
+                  "gdscript" (Godot), "python" or "wgsl" (single precision)
     system, x0    a system with parameters or a body of `kr.physical`, and a state; without x0 an example.  Parameters,
                   dt and state are arguments in the file, these their default values; only with "baecklund" and
                   "splitting" the constants of the step belong to x0
     method, order, orientation  as in `kr.simulate`; methods that make steps, n <= 10, and "exact", n = 3.  A body of
                   `kr.physical` carries its orientation
+    convention    of a free body of `kr.physical`: axes, units and order of the quaternion of "ros", "unity", "unreal",
+                  "godot", "bevy" or "three"
     name          of the body: prefix of names in C, the module in Julia; letters, digits and _.  Default: the system's
 
-    In C, C++ and CUDA the step is bitwise equal to the kernel without projection; JavaScript has no fused multiply-add.
+    In C, C++, CUDA and Rust the step is bitwise equal to the kernel without projection; the others have no fused
+    multiply-add.
     Raises `InputError`.
     """
     if language not in LANGUAGES:
@@ -65,6 +73,14 @@ def code(
     dialect, body = LANGUAGES[language], as_body(system)
     dialect = dialect.in_single() if single else dialect
     _require_name(name, dialect)
+    engine = None if convention is None else convention_of(convention)
+    if engine is not None:
+        if x0 is not None or body is None or not hasattr(body, "inertia"):
+            raise InputError(
+                f"convention: expected a free body of kr.physical without a state, got {shown(system)}"
+                f"{'' if x0 is None else ' with one'}. Write kr.physical.FreeBody(inertia); the engine sets the state."
+            )
+        body = cast("PhysicalBody", replace(cast("Any", body), inertia=engine.tensor(body.inertia)))
     model: Any = system if body is None else body.model()
     if body is not None:
         dt, orientation = body.dt(dt), (1.0, 0.0, 0.0, 0.0) if orientation is None else orientation
@@ -74,6 +90,10 @@ def code(
         method = "exact"
     plan = make_plan(model, start, orientation=orientation, dt=dt, steps=1, method=method, order=order)
     made = contents(plan, body, dialect.single)
+    if engine is not None:
+        if not _is_free(plan):
+            raise InputError(f"convention: expected a free body, got {plan.model.system.name}.")
+        made = engine.body(made)
     licence = LICENCE.format(importlib.metadata.version("kreisel"))
     return assembled(replace(made, head=[*made.head, licence]), dialect, name or _default(plan))
 
@@ -103,7 +123,10 @@ def contents(plan: Plan, body: PhysicalBody | None = None, single: bool = False)
         if body is not None:
             unit, time = scales["M"].size, scales["time"].size
             moments = moments * (unit * time)
-        return free_body(moments, dt * time, M * unit, plan.start.get("g"), "SI" if body is not None else "", single)
+        made = free_body(moments, dt * time, M * unit, plan.start.get("g"), "SI" if body is not None else "", single)
+        tensor = np.asarray(getattr(body, "inertia", np.zeros((3, 3))))[[0, 1, 2, 1, 2, 0], [0, 1, 2, 2, 0, 1]]
+        field = {"T": Field(6, "inertia tensor", tensor)} if tensor[3:].any() else {}
+        return replace(made, parameters={**made.parameters, **field})
     made = Stepped(plan, single).body()
     units = [f"One unit of {name} is {scale.size!r} {scale.unit}." for name, scale in scales.items()]
     return replace(made, head=[*made.head, *units])

@@ -1,0 +1,128 @@
+"""Conventions of engines against their documentation, and as maps of one physical motion."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import kreisel as kr
+from kreisel.languages.conventions import CONVENTIONS, Convention, convention
+
+# Facts as the engines document them: handedness; up, and forward, along their axes; how their own bridges write the
+# components of forward, left, up: Unity ROS-TCP-Connector, `FLU.ConvertToRUF`: (-y, z, x), a quaternion (-y, z, x, -w);
+# MathWorks and Epic for Unreal: (x, -y, z) in cm; Godot and Bevy: Vector3.UP = (0, 1, 0), FORWARD = (0, 0, -1).
+FACTS = {
+    "ros": (1, (0, 0, 1), (1, 0, 0), lambda x, y, z: (x, y, z)),
+    "unity": (-1, (0, 1, 0), (0, 0, 1), lambda x, y, z: (-y, z, x)),
+    "unreal": (-1, (0, 0, 1), (1, 0, 0), lambda x, y, z: (x, -y, z)),
+    "godot": (1, (0, 1, 0), (0, 0, -1), lambda x, y, z: (-y, z, -x)),
+    "bevy": (1, (0, 1, 0), (0, 0, -1), lambda x, y, z: (-y, z, -x)),
+    "three": (1, (0, 1, 0), (0, 0, -1), lambda x, y, z: (-y, z, -x)),
+}
+TENSOR = np.array([[2.0, 0.3, -0.2], [0.3, 3.0, 0.4], [-0.2, 0.4, 4.0]])  # kg m^2
+START = np.array([0.5, 0.5, -0.1, 0.7])
+SPIN = np.array([0.3, 2.0, 0.5])  # rad/s along the body axes
+FORCE, AT = np.array([1.0, -0.5, 0.3]), np.array([0.2, 0.1, -0.4])  # N along the body axes, at a point of it, m
+POINTS = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0.3, -0.4, 0.8]])  # m, fixed in the body
+TIME = 3.0  # s
+
+
+@pytest.mark.parametrize("name", CONVENTIONS)
+def test_axes_are_those_of_the_documentation(name: str) -> None:
+    handed, up, forward, written = FACTS[name]
+    engine = convention(name)
+    assert engine.handed == handed
+    assert tuple(engine.matrix @ (0, 0, 1)) == up and tuple(engine.matrix @ (1, 0, 0)) == forward
+    assert np.allclose(engine.matrix @ (1, 2, 3), written(1, 2, 3))
+
+
+def test_a_quaternion_of_unity_is_that_of_its_bridge_to_ros() -> None:
+    """FLU.ConvertToRUF of ROSGeometry makes (-y, z, x, -w) of (x, y, z, w): -q, the same rotation."""
+    w, x, y, z = START
+    assert np.allclose(convention("unity").quaternion(START), -np.array([-y, z, x, -w]))
+
+
+def rotated(q: Any, v: Any) -> Any:
+    """Vectors (k, 3) rotated by (x, y, z, w), with the components that every engine computes."""
+    t = 2 * np.cross(q[:3], v)
+    return v + q[3] * t + np.cross(q[:3], t)
+
+
+def points_in_engine(engine: Convention) -> Any:
+    """The points at the end, m: the engine integrates the equations with its own components of everything."""
+    inertia, S = engine.tensor(TENSOR), engine.matrix / engine.length
+    torque = np.cross(S @ AT, S @ FORCE)  # as a user of the engine computes it
+
+    def rates(t: float, y: Any) -> Any:
+        q, w = y[:4], y[4:]
+        turned = np.append(q[3] * w + np.cross(q[:3], w), -q[:3] @ w) / 2
+        return np.append(turned, np.linalg.solve(inertia, torque - np.cross(w, inertia @ w)))
+
+    first = np.append(engine.quaternion(START), engine.axial(SPIN))
+    last = solve_ivp(rates, (0, TIME), first, method="DOP853", rtol=1e-11, atol=1e-11).y[:, -1]
+    return rotated(last[:4], POINTS @ S.T) * engine.length
+
+
+def points_in_space() -> Any:
+    """The points at the end, m, in right-handed axes: L' = R (r x F), R' = (R I^-1 R^T L) x R."""
+
+    def rates(t: float, y: Any) -> Any:
+        R, L = y[:9].reshape(3, 3), y[9:]
+        w = R @ np.linalg.solve(TENSOR, R.T @ L)
+        return np.append(np.cross(w, R.T).T.ravel(), R @ np.cross(AT, FORCE))
+
+    R = Rotation.from_quat(START, scalar_first=True).as_matrix()
+    first = np.append(R.ravel(), R @ TENSOR @ SPIN)
+    last = solve_ivp(rates, (0, TIME), first, method="DOP853", rtol=1e-11, atol=1e-11).y[:, -1]
+    return POINTS @ last[:9].reshape(3, 3).T
+
+
+@pytest.mark.parametrize("name", CONVENTIONS)
+def test_the_motion_is_one_physical_motion(name: str) -> None:
+    engine = convention(name)
+    wanted = points_in_space() @ engine.matrix.T
+    assert np.abs(points_in_engine(engine) - wanted).max() < 1e-8
+
+
+class Unmirrored(Convention):
+    """A mutant: axial vectors as if the axes were right-handed."""
+
+    handed = 1
+
+
+class Conjugate(Convention):
+    """A mutant: the quaternion from space to body."""
+
+    def quaternion(self, q: Any) -> Any:
+        return super().quaternion(q * (1, -1, -1, -1))
+
+
+@pytest.mark.parametrize(
+    "mutant",
+    [
+        Unmirrored(CONVENTIONS["unity"].axes, ""),
+        Conjugate(CONVENTIONS["unity"].axes, ""),
+        Conjugate(CONVENTIONS["godot"].axes, ""),
+    ],
+)
+def test_a_wrong_hand_and_a_conjugate_are_seen(mutant: Convention) -> None:
+    wanted = points_in_space() @ mutant.matrix.T
+    assert np.abs(points_in_engine(mutant) - wanted).max() > 0.1
+
+
+def test_centimetres_are_seen() -> None:
+    """The torque of a force in kg cm/s^2 at a point in cm moves a tensor in kg cm^2, and no other."""
+    unreal = CONVENTIONS["unreal"]
+    assert np.allclose(unreal.tensor(TENSOR), unreal.matrix @ TENSOR @ unreal.matrix.T * 1e4)
+    assert np.allclose(
+        unreal.axial(np.cross(AT, FORCE), power=2), np.cross(*(100 * unreal.matrix @ v for v in (AT, FORCE)))
+    )
+
+
+def test_an_engine_without_a_convention_is_named() -> None:
+    with pytest.raises(kr.InputError, match=r"expected one of ros, unity.*Did you mean 'godot'"):
+        convention("godott")
