@@ -19,7 +19,17 @@ from kreisel.system import REGISTRY
 from support import ROOT
 
 DOCS = ROOT / "docs"
-PARTS = ["Tutorials", "Satellites", "Other bodies", "Runs", "Your own system", "Concepts", "Reference", "Notes"]
+PARTS = [
+    "Tutorials",
+    "Satellites",
+    "Other bodies",
+    "Runs",
+    "Other programs",
+    "Your own system",
+    "Concepts",
+    "Reference",
+    "Notes",
+]
 
 PAGE = """# A page
 
