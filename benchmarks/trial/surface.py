@@ -138,6 +138,7 @@ KIND_OF = {
     "t": "reach",
     "area": "part",
     "field": "part",
+    "magnetic_field": "part",
     "law": "law",
     "memory": "memory",
     "parameters": "memory",

@@ -17,7 +17,7 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 
 import kreisel as kr
-from kreisel.physical import Ellipsoid, FreeBody, Gyroscope, HeavyBody, Satellite, SubmergedBody
+from kreisel.physical import Ellipsoid, FreeBody, Gyroscope, HeavyBody, Orbit, Satellite, SubmergedBody
 from kreisel.storage.checking import check_archive
 
 from .test_given_axes import ADDED, CENTRE, LONG, ORBIT, RATE, ROWS, SHORT, TENSOR, TYPED, case, same
@@ -353,3 +353,36 @@ def test_a_body_in_water_moves_at_its_speed(tmp_path: Path) -> None:
     run.to_netcdf(tmp_path / "run.nc")
     again = xr.open_dataset(tmp_path / "run.nc")
     assert same(kr.analysis.path(again)[-1], [1, 0, 0], 1e-12) and not kr.drift(again).broken.any()
+
+
+def test_the_nutation_and_the_chaos_of_a_body_are_in_si() -> None:
+    """A fast top nods at I3 w3/I1 and begins highest; lyapunov is in 1/s, times in s."""
+    figures = kr.nutation(WHEEL, {"tilt": "70 deg", "spin": "1800 rpm"})
+    assert figures.period == pytest.approx(2 * np.pi / WHEEL.nutation_rate("1800 rpm"), rel=1e-3)
+    assert figures.highest == pytest.approx(np.cos(np.radians(70))) and figures.spin == pytest.approx(60 * np.pi)
+    body = FreeBody(TENSOR, time_unit=2.0)
+    found = kr.analysis.megno(body, body.state(RATE), dt="0.1 s", steps=20, every="0.5 s")
+    scaled = kr.analysis.megno(body.model(), body.state(RATE), dt=0.05, steps=20, every=5)
+    assert found.time.values.tolist() == [0.5, 1.0, 1.5, 2.0]
+    assert np.allclose(found.lyapunov, scaled.lyapunov / 2) and np.allclose(found.megno, scaled.megno)
+
+
+def test_a_body_with_forces_has_its_angular_velocity_in_an_archive(tmp_path: Path) -> None:
+    body = FreeBody(TENSOR, torque=lambda Omega: -1e-3 * Omega)
+    kr.simulate(body, body.state(RATE), dt="0.1 s", steps=10, path=tmp_path / "run.zarr", progress=False)
+    run = kr.open_run(tmp_path / "run.zarr")
+    assert same(run.angular_velocity, np.linalg.solve(TENSOR, run.momentum.values[..., None])[..., 0], 1e-12)
+
+
+def test_bodies_show_the_arguments_that_were_given() -> None:
+    assert repr(FreeBody((1, 2, 2.5), mass="2 kg")) == (
+        "FreeBody(inertia=[[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.5]], mass=2.0)"
+    )
+    assert repr(WHEEL).startswith("Gyroscope(mass=3.0, axial_moment=0.17, ")
+
+
+def test_a_run_beyond_igrf_warns() -> None:
+    body = Satellite((0.05, 0.04, 0.01), Orbit.circular("500 km", epoch="2029-12-31"), degree=1)
+    with pytest.warns(kr.InputWarning, match="holds until 2030-01-01, 1 days after the epoch, and the run takes 2"):
+        run = kr.simulate(body, body.state(), dt="10 min", t_end="2 day", progress=False)
+    assert np.array_equal(body.field(run), run.field) and body.field(run).attrs["units"] == "T"

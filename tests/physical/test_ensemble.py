@@ -116,7 +116,9 @@ def test_dates_air_and_plates_in_lanes() -> None:
     sides = [Plate(sign * axis, (0.01, 0, 0), 0.01 * (1 + sign / 2)) for axis in np.eye(3) for sign in (1, -1)]
     dates = ["2020-06-01", "2025-03-01", "2028-05-06"]
     orbits = [Orbit.circular(f"{300 + 100 * k} km", "97 deg", epoch=date) for k, date in enumerate(dates)]
-    many = Satellite(MOMENTS[0], orbits, air="exponential", field="tilted-dipole", plates=[sides, sides[::-1], sides])
+    many = Satellite(
+        MOMENTS[0], orbits, air="exponential", magnetic_field="tilted-dipole", plates=[sides, sides[::-1], sides]
+    )
     run, worst = each_alone(many, SETTINGS, ("momentum", "field", "sun", "density"), spin=SPINS[0])
     assert worst < 1e-10 and (run.sun[0, 0] @ run.sun[0, 1]) < 0.5
 

@@ -217,7 +217,7 @@ def test_air_turns_with_the_earth() -> None:
     ("call", "said"),
     [
         (lambda: earth.igrf(days("2030-01-02")), "IGRF-14 holds from 1900-01-01 to 2030-01-01, got 2030-01-02"),
-        (lambda: earth.igrf(days("1899-12-31")), "got 1899-12-31. For other dates use field='dipole'"),
+        (lambda: earth.igrf(days("1899-12-31")), "got 1899-12-31. For other dates use magnetic_field='dipole'"),
         (lambda: earth.igrf(0.0, 14), "integer from 1 to 13, got 14"),
         (
             lambda: earth.rows_between(earth.EXPONENTIAL, 90e3, 2e5),
@@ -267,9 +267,9 @@ def test_a_satellite_with_a_date_has_the_field_of_igrf() -> None:
         return torque_on(loaded, g, t) - torque_on(free, g, t)
 
     assert abs(torque() - want).max() < 4e-9
-    for other in ({"degree": 4}, {"field": "tilted-dipole"}, {"field": "dipole"}):
+    for other in ({"degree": 4}, {"magnetic_field": "tilted-dipole"}, {"magnetic_field": "dipole"}):
         assert abs(torque(**other) - want).max() > 4e-9
-    assert torque(field="tilted-dipole") == pytest.approx(torque(degree=1), abs=0)
+    assert torque(magnetic_field="tilted-dipole") == pytest.approx(torque(degree=1), abs=0)
 
 
 def test_the_environment_along_a_run() -> None:
@@ -360,10 +360,16 @@ NAMED = Orbit.circular("500 km", "97 deg")
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: Satellite(MOMENTS, NAMED, field="igrf"), "field='igrf': expected a date, Orbit(..., epoch="),
+        (
+            lambda: Satellite(MOMENTS, NAMED, magnetic_field="igrf"),
+            "magnetic_field='igrf': expected a date, Orbit(..., epoch=",
+        ),
         (lambda: Satellite(MOMENTS, NAMED, sun="ephemeris"), "sun='ephemeris': expected a date"),
         (lambda: Satellite(MOMENTS, NAMED, air="harris-priester"), "air='harris-priester': expected a date"),
-        (lambda: Satellite(MOMENTS, DATED, field="wmm"), "field: expected igrf, dipole, tilted-dipole, got 'wmm'"),
+        (
+            lambda: Satellite(MOMENTS, DATED, magnetic_field="wmm"),
+            "magnetic_field: expected igrf, dipole, tilted-dipole, got 'wmm'",
+        ),
         (
             lambda: Satellite(MOMENTS, DATED, sun="moon"),
             "sun: expected 'ephemeris' or a direction in space, got 'moon'",
@@ -372,8 +378,8 @@ NAMED = Orbit.circular("500 km", "97 deg")
         (lambda: Satellite(MOMENTS, DATED, air="exponential", density=1e-12), "no density with it, got both"),
         (lambda: Satellite(MOMENTS, DATED, eclipse=2), "eclipse: expected True or False, got 2"),
         (
-            lambda: Satellite(MOMENTS, Orbit(1e8, primary=SATURN, epoch=DATE), field="igrf"),
-            "field='igrf': expected an orbit of the Earth, got one of the primary Saturn",
+            lambda: Satellite(MOMENTS, Orbit(1e8, primary=SATURN, epoch=DATE), magnetic_field="igrf"),
+            "magnetic_field='igrf': expected an orbit of the Earth, got one of the primary Saturn",
         ),
         (
             lambda: Satellite(MOMENTS, Orbit.circular("500 km", epoch="2031-05-06")),

@@ -19,7 +19,7 @@ RODS: dict[str, Any] = {"volume": 3e-7, "coercivity": HC, "remanence": BR, "satu
 
 def loop(H: np.ndarray) -> np.ndarray:
     """B of one rod at each H, T."""
-    law, memory = hysteresis_rods((0, 0, 1), **RODS).law, {"inner": np.zeros(1), "before": np.zeros(1), "known": 0.0}
+    law, memory = hysteresis_rods((0, 0, 1), **RODS).law, {"inner": np.zeros(1), "before": np.zeros(1), "begun": 0.0}
     out = []
     for h in H:
         new = law(field=np.array([0, 0, MU_0 * h]), **memory)

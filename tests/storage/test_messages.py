@@ -126,7 +126,7 @@ def test_an_orbit_with_a_date_is_written_in_the_frame_of_j2000(tmp_path: Path) -
     from ccsds_ndm.ndm_io import NdmIo
 
     orbit = Orbit.circular("500 km", inclination="51.6 deg", epoch=EPOCH)
-    satellite = Satellite((1.0, 2.0, 2.5), orbit, field="dipole")
+    satellite = Satellite((1.0, 2.0, 2.5), orbit, magnetic_field="dipole")
     run = kr.simulate(satellite, satellite.state(), dt=60.0, steps=2, progress=False)
     for end, more in (("oem", {}), ("aem", {}), ("bc", {}) if spice else ("aem", {"overwrite": True})):
         kr.export(run, tmp_path / f"a.{end}", **more)

@@ -16,16 +16,20 @@ motions, and grows like lambda t/2 for chaotic motions, lambda Lyapunov's expone
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from kreisel.algebra import Array, dot, unit
 from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError, explained, shown
+from kreisel.method.observing import ORIENTATION
+from kreisel.record.body import Body, as_body
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.runs import harmonics
+from kreisel.runs.in_si import of_body
 from kreisel.runs.propagation.of_body import propagator
 from kreisel.runs.run_record import a_run
 from kreisel.runs.settings import check_model, checked_state, initial_orientation, whole_number, within
@@ -237,12 +241,12 @@ TINY = 1e-300
 
 @explained
 def megno(
-    system: Model,
+    system: Model | Body,
     x0: StateLike,
     *,
-    dt: float,
+    dt: Any,
     steps: int,
-    every: int = 10,
+    every: Any = 10,
     orientation: OrientationLike | None = None,
     method: str | None = None,
     order: int | None = None,
@@ -254,20 +258,27 @@ def megno(
     every    steps after which the neighbour is brought back to a distance of 1e-8
     seed     of the direction of the neighbour, whose momentum differs
 
+    For a body of `kr.physical`, dt and times are in s and lyapunov in 1/s.
+
     Returns a Dataset with megno Y, its mean over time, and lyapunov, ln(d(t)/d(0))/t, each (time,) or (time, lane).
     The system may come from `kr.perturbed`, whose forces may depend on the orientation and on time; n = 3.  Raises
     `InputError` as `kr.simulate` does.
     """
     import xarray as xr
 
-    check_model(system)
+    body, frame, model = as_body(system), BodyFrame(), cast("Model", system)
+    if body is not None:
+        model, x0, begun, when = of_body(body, x0, orientation, {"dt": dt, "every": every})
+        dt, every, frame, forces = when["dt"], when["every"], model.body_frame or frame, model.system.perturbation
+        orientation = begun if orientation is not None or (forces and forces.names(ORIENTATION)) else None
+    check_model(model)
     rows = -(-within(steps, "steps", 1, MOST) // within(every, "every", 1, MOST))
-    if system.n != 3 or not system.system.space.of_body:
-        raise InputError(f"megno: expected a body with n = 3 and its momentum, got {system.system.name}.")
-    first, lanes, single = _rows(system, x0, orientation)
-    both = system.lanes(np.tile(np.arange(lanes), 2)) if system.batch else system
+    if model.n != 3 or not model.system.space.of_body:
+        raise InputError(f"megno: expected a body with n = 3 and its momentum, got {model.system.name}.")
+    first, lanes, single = _rows(model, x0, orientation)
+    both = model.lanes(np.tile(np.arange(lanes), 2)) if model.batch else model
     p = propagator(both, method=method, order=order, dt=dt, orientation=orientation is not None)
-    record = system.system.perturbation
+    record = model.system.perturbation
     timed = record is not None and record.names(TIME)
     scale = np.ones_like(first)
     scale[:, :3] = np.maximum(_length(first[:, :3]), TINY)
@@ -286,7 +297,7 @@ def megno(
         if orientation is not None:
             neighbour[:, -4:] = unit(neighbour[:, -4:])
     number = np.arange(1, rows + 1)[:, None]
-    value, time = 2 / number * np.cumsum(number * growth, 0), number * every * p.dt
+    value, time = 2 / number * np.cumsum(number * growth, 0), number * every * p.dt * frame.time_unit
     results = {"megno": value, "mean": np.cumsum(value, 0) / number, "lyapunov": np.cumsum(growth, 0) / time}
     dims = ("time",) if single else ("time", "lane")
     return xr.Dataset({k: (dims, v[:, 0] if single else v) for k, v in results.items()}, {"time": time[:, 0]})

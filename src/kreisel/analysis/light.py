@@ -30,7 +30,7 @@ from kreisel.physical.measures import finite_floats, si_number, si_numbers
 from kreisel.physical.shapes import Facets
 from kreisel.record.table import Table
 from kreisel.runs.geometry import attitude_of
-from kreisel.runs.run_record import RunRecord, a_run
+from kreisel.runs.run_record import a_run, frame_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -210,7 +210,7 @@ def weights_of(law: Any) -> dict[str, float]:
 
 def _shape_of(run: xr.Dataset) -> Any:
     """The half axes of the ellipsoid, or the box, that a body was made as.  Raises `InputError`."""
-    frame = RunRecord.from_attrs(run.attrs).body_frame
+    frame = frame_of(run)
     kind, *half = frame.shape if frame is not None and frame.shape else ("",)
     if kind == "ellipsoid":
         return np.array(half)

@@ -37,7 +37,7 @@ def _cyclic(v: Any) -> tuple[Array, Array, Array]:
 
 
 @explained
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Ellipsoid(Varied):
     """Homogeneous ellipsoid in an ideal fluid at rest at infinity, in SI units.
 

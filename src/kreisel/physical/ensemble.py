@@ -71,6 +71,15 @@ def _created(call: Callable[..., Any], names: Sequence[str], values: tuple[Any, 
 class Varied(Body, metaclass=OfLanes):
     """Bodies that are records: their values can vary from lane to lane."""
 
+    def __repr__(self) -> str:
+        """The arguments that differ from their defaults, in order."""
+        shown_values = [
+            f"{name}={value.tolist() if isinstance(value, np.ndarray) else value!r}"
+            for name, p in inspect.signature(type(self)).parameters.items()
+            if (value := getattr(self, name)) is not p.default and not np.array_equal(value, p.default)
+        ]
+        return f"{type(self).__name__}({', '.join(shown_values)})"
+
     _made: tuple[Any, ...] = ()  # a class method and its arguments, from which the body was created
 
     def _varied(self, changes: Sequence[Mapping[str, Any]]) -> Body:

@@ -77,12 +77,17 @@ def igrf(days: float, degree: int = DEGREE) -> Array:
         date = dt.datetime(2000, 1, 1, 12) + dt.timedelta(days=days)
         raise InputError(
             f"epoch: IGRF-14 holds from 1900-01-01 to 2030-01-01, got {date:%Y-%m-%d}. For other dates use "
-            "field='dipole'."
+            "magnetic_field='dipole'."
         )
     at = min(int(np.searchsorted(epochs, days, side="right")), len(epochs) - 1)
     low, high = values[: degree * (degree + 2), at - 1 : at + 1].T
     rate = (high - low) / (epochs[at] - epochs[at - 1])
     return np.stack([low + (days - epochs[at - 1]) * rate, rate / DAY], -1)
+
+
+def igrf_until() -> float:
+    """The last day of IGRF-14, after 2000-01-01 12:00."""
+    return float(_igrf()[0][-1])
 
 
 def meridian(days: float) -> Array:
@@ -264,10 +269,10 @@ class Choice:
     def _field(self, orbit: Orbit) -> dict[str, Any]:
         field = self.field or ("igrf" if self._dated(orbit) else "dipole")
         if not isinstance(field, str) or field not in FIELDS:
-            raise InputError(f"field: expected {', '.join(FIELDS)}, got {shown(field)}.{hint(field, FIELDS)}")
+            raise InputError(f"magnetic_field: expected {', '.join(FIELDS)}, got {shown(field)}.{hint(field, FIELDS)}")
         if field == "dipole":
             return {"field": orbit.primary.field}
-        models = self._models(orbit, f"field={field!r}")
+        models = self._models(orbit, f"magnetic_field={field!r}")
         gauss = models.field(orbit.days, self.degree if field == "igrf" else 1)
         return {"field": 0.0, "gauss": gauss, "meridian": models.meridian(orbit.days)}
 

@@ -19,7 +19,7 @@ from kreisel.record.checks import CLOSE
 from kreisel.record.model import Model
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Forced(Varied):
     """User-defined forces on a body, in SI, along the axes in which it was given.
 

@@ -49,7 +49,7 @@ class AxisStability(NamedTuple):
 
 
 @explained
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FreeBody(Forced):
     """A rigid body without torque, or under user-defined forces (`Forced`), in SI units.
 

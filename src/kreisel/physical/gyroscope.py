@@ -42,7 +42,7 @@ class Motion(NamedTuple):
 
 
 @explained
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Gyroscope(Forced):
     """Heavy symmetric top on a fixed point, in SI units.
 

@@ -36,7 +36,7 @@ PIVOT = "inertia not about the pivot: HeavyBody.about_centre adds m l^2"
 
 
 @explained
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HeavyBody(Forced):
     """Any rigid body on a fixed point in gravity, in SI units.
 

@@ -23,9 +23,9 @@ ORBIT = "orbit"
 MU_0 = 1.25663706127e-6  # N/A^2, CODATA 2022
 
 
-def _along_rate(field: Array, before: Array, known: Array, *, gain: Any, every: Any) -> dict[str, Array]:
+def _along_rate(field: Array, before: Array, begun: Array, *, gain: Any, every: Any) -> dict[str, Array]:
     square = algebra.dot(field, field)
-    return {"dipole": -gain * known / every * (field - before) / square, "before": field, "known": known * 0 + 1.0}
+    return {"dipole": -gain * begun / every * (field - before) / square, "before": field, "begun": begun * 0 + 1.0}
 
 
 @explained
@@ -42,7 +42,7 @@ def bdot(gain: Any, every: Any = 1.0, **more: Any) -> Control:
     """
     seconds = si_number(every, "s", "every", positive=True)
     parameters = {"gain": si_number(gain, "N m s", "gain"), "every": seconds}
-    return Control(_along_rate, seconds, {"before": np.zeros(3), "known": 0.0}, parameters, **more)
+    return Control(_along_rate, seconds, {"before": np.zeros(3), "begun": 0.0}, parameters, **more)
 
 
 def _against_rates(field: Array, rates: Array, *, gain: Any) -> dict[str, Array]:
@@ -183,7 +183,7 @@ def hysteresis_rods(
     for name, value in {**sizes, "saturation - remanence": sizes["saturation"] - sizes["remanence"]}.items():
         if not (value > 0).all() or not np.isfinite(directions).all():
             raise InputError(f"hysteresis_rods: expected {name} > 0 and axes with directions, got {shown(value)}.")
-    memory = {"inner": np.zeros(count), "before": np.zeros(count), "known": 0.0}
+    memory = {"inner": np.zeros(count), "before": np.zeros(count), "begun": 0.0}
     return Control(_Rods(directions, *sizes.values()), every, memory)
 
 
@@ -197,9 +197,9 @@ class _Rods:
     remanence: Array
     saturation: Array
 
-    def __call__(self, field: Array, inner: Array, before: Array, known: Any) -> dict[str, Any]:
+    def __call__(self, field: Array, inner: Array, before: Array, begun: Any) -> dict[str, Any]:
         H, Hc, Bs = self.axes @ field / MU_0, self.coercivity, self.saturation
-        before, y = (known * value + (1 - known) * H for value in (before, inner))
+        before, y = (begun * value + (1 - begun) * H for value in (before, inner))
         s = algebra.where_less(H - before, 0 * H, -1.0 + 0 * H, 1.0 + 0 * H)
         u = (s * (before - y) + Hc) / (2 * Hc)
         E = exp(-s * (H - before) / Hc)
@@ -208,4 +208,4 @@ class _Rods:
         x = np.tan(np.pi * self.remanence / (2 * Bs)) / Hc * y
         r = algebra.sqrt(1 + x * x)
         B = 2 * Bs / np.pi * arcsine(x / r, 1 / r)
-        return {"dipole": (self.volume * B / MU_0) @ self.axes, "inner": y, "before": H, "known": known * 0 + 1.0}
+        return {"dipole": (self.volume * B / MU_0) @ self.axes, "inner": y, "before": H, "begun": begun * 0 + 1.0}

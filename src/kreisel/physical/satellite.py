@@ -73,7 +73,7 @@ class Frequencies(NamedTuple):
 
 
 @explained
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Satellite(Forced):
     """A rigid satellite on a Kepler orbit, in SI units: a run of it is in SI units too.
 
@@ -90,7 +90,7 @@ class Satellite(Forced):
     sun            "ephemeris", the Sun at its date; or its direction in space.  Default: the Sun at its date if the
                    orbit of the Earth has an epoch, else the first axis of space
     eclipse        whether the primary shades the light; default: if the Sun moves
-    field          "igrf", IGRF-14 to that `degree`; "tilted-dipole", its first degree; "dipole", of the primary along
+    magnetic_field   "igrf", IGRF-14 to that `degree`; "tilted-dipole", its first degree; "dipole", of the primary along
                    its axis.  Default: "igrf" if the orbit of the Earth has an epoch, else "dipole"
     mirror, diffuse   fractions of the light that are reflected and scattered
     harmonics      `Harmonics` of the body's gravity field
@@ -116,7 +116,7 @@ class Satellite(Forced):
     mirror: float = 0.0
     diffuse: float = 0.0
     harmonics: Harmonics | None = None
-    field: str | None = None
+    magnetic_field: str | None = None
     degree: int = earth.DEGREE
     air: str | None = None
     eclipse: bool | None = None
@@ -187,7 +187,7 @@ class Satellite(Forced):
     @cached_property
     def _surroundings(self) -> dict[str, Any]:
         """Parameters of the environment."""
-        choice = earth.Choice(self.field, self.degree, self.air, self.density, self.sun, self.eclipse)
+        choice = earth.Choice(self.magnetic_field, self.degree, self.air, self.density, self.sun, self.eclipse)
         return choice.parameters(self.orbit, [body.orbit for body in self._lanes])
 
     def environment(self, run: xr.Dataset) -> xr.Dataset:
@@ -198,6 +198,19 @@ class Satellite(Forced):
         """
         require_of_body(run, self.orbit.elements)
         return environment_of(run)
+
+    def _doubts(self, seconds: float) -> list[str]:
+        until = earth.igrf_until() - self.orbit.days if "gauss" in self._surroundings else np.inf
+        if seconds / earth.DAY <= until:
+            return []
+        return [
+            f"IGRF-14 holds until 2030-01-01, {until:.0f} days after the epoch, and the run takes "
+            f"{seconds / earth.DAY:.0f} days: from then on its last rates are continued."
+        ]
+
+    def field(self, run: xr.Dataset) -> xr.DataArray:
+        """The magnetic field at the satellite along a run, in space, T, (time, [lane,] axis)."""
+        return self.environment(run)["field"]
 
     def model(self) -> Model:
         """The system "satellite", or "satellite-with-wheel", with these parameters, in SI units and principal axes."""

@@ -54,7 +54,7 @@ class Course(NamedTuple):
 
 
 @explained
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SubmergedBody(Forced):
     """A rigid body deep in a fluid: a run of it is in SI units.
 
@@ -150,6 +150,14 @@ class SubmergedBody(Forced):
         """The axes of the state as columns, and its point from O, in the body."""
         constants = self.model().constants
         return constants["turn"], constants["shift"]
+
+    @property
+    def reference(self) -> Array:
+        """The point of the body to which the angular momentum of a run refers, (3,), m, from O along the body axes.
+
+        There the rates depend on the momenta by a symmetric matrix: `kreisel.bodies.submerged`.
+        """
+        return self._place[1]
 
     def state(self, velocity: Any = NONE, angular_velocity: Any = NONE, attitude: Any = UPRIGHT) -> State:
         """The momenta of a motion: the velocity of O, m/s, and the angular velocity, rad/s, (..., 3), in body axes.

@@ -54,6 +54,10 @@ class Body:
         """The bodies with changed values by name, such as "orbit.inclination", as lanes.  Raises `InputError`."""
         raise InputError(f"expected a body whose values can vary, got {type(self).__name__}.")
 
+    def _doubts(self, seconds: float) -> Sequence[str]:
+        """Sentences on models of the body that do not hold for so long."""
+        return ()
+
     def model(self) -> Model:
         """The scaled system, with the axes and units of the body."""
         raise NotImplementedError

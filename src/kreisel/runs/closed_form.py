@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -19,10 +19,11 @@ from kreisel.method.conjugate import has_pairs
 from kreisel.method.exact import motion_of_top
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Jump
-from kreisel.record.body import Body
+from kreisel.record.body import Body, as_body
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.given import in_lane
 from kreisel.runs.describing import in_memory
-from kreisel.runs.in_si import scaled, times_of
+from kreisel.runs.in_si import scaled, state_of, times_of
 from kreisel.runs.plan import Plan, initial_parts, planned
 from kreisel.runs.presenting import presented
 from kreisel.runs.settings import (
@@ -201,20 +202,28 @@ class Figures:
 
 
 @explained
-def nutation(system: Model, x0: StateLike) -> Figures:
+def nutation(system: Model | Body, x0: StateLike) -> Figures:
     """The figures of the motion through x0, for `kr.LagrangeTop`, `kr.LagrangeTopMoving`, `kr.SymmetricTop`, n = 3.
+
+    For `kr.physical.Gyroscope` the period is in s, the spin in rad/s, lowest and highest are cosines of the tilt.
 
     From the closed form in extended digits.  The given doubles count as exact: a motion is steady or on a separatrix if
     they make it exactly so.  Raises `InputError` for other systems, n > 3 and ensembles.
     """
-    check_model(system)
-    if system.system.closed_form.top is None or system.n != 3:
-        raise InputError(f"kr.nutation is for Lagrange tops with n = 3, got {system.system.name}, n = {system.n}.")
-    parts = tuple(checked_state(system, x0).values())
-    if system.batch or parts[0].ndim > 2 or parts[1].ndim > 1:
+    body, unit, model = as_body(system), 1.0, cast("Model", system)
+    if body is not None:
+        model = body.in_si()
+        x0 = state_of(body, model, x0)[0]
+        unit = (model.body_frame or BodyFrame()).time_unit
+    check_model(model)
+    if model.system.closed_form.top is None or model.n != 3:
+        raise InputError(f"kr.nutation is for Lagrange tops with n = 3, got {model.system.name}, n = {model.n}.")
+    parts = tuple(checked_state(model, x0).values())
+    if model.batch or parts[0].ndim > 2 or parts[1].ndim > 1:
         raise InputError("kr.nutation needs one motion, got an ensemble. Pass one lane at a time.")
     try:
-        return _figures(system, parts)
+        figures = _figures(model, parts)
+        return replace(figures, period=figures.period * unit, spin=figures.spin / unit)
     except ZeroDivisionError:
         raise InputError(
             "expected a motion whose period a double can hold, got a slower one. Use other units."

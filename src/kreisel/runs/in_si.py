@@ -17,8 +17,10 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError, shown
+from kreisel.algebra.random import GENERATOR
+from kreisel.errors import InputError, RunError, doubt, shown
 from kreisel.files import parsed
+from kreisel.forces.kicks import COUPLING, INERTIA
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
 from kreisel.record.body_frame import AXES, BODY, STATE, BodyFrame, scaling
@@ -35,6 +37,7 @@ COMPONENT = "xyz"  # the axis of the components of vectors, which a variable may
 VELOCITY = "angular_velocity"
 OF_SATELLITES = ("position", "velocity", "field", "sun", "light", "density", "pitch", "roll", "yaw", "pointing")
 ADDED = (VELOCITY, *OF_SATELLITES)  # variables of a run in SI that follow from others
+INTERNAL = (GENERATOR, "begun")  # of controllers: coordinates of a run in SI, since nobody looks at them
 SUMMARIES = ("drift", "extremes", "frequencies")  # kinds of variables of a sweep, such as M_max
 SAME_ATTITUDE = 1e-6  # entries of a rotation matrix
 SIZED = ("roundoff_scale", "evaluation_scale")  # attributes in the unit of their variable
@@ -42,7 +45,7 @@ QUANTITY = re.compile(r"\s*(\w+)(.*)", re.DOTALL)
 COMPONENT_OF = re.compile(r"\s*(\w+)\s*\[\s*([012])\s*\]\s*")
 MEANINGS = {
     "momentum": "angular momentum",
-    "angular_momentum": "angular momentum",
+    "angular_momentum": "angular momentum of body and fluid about the reference point",
     "linear_momentum": "linear momentum of body and fluid",
     "axis": "axis of the body",
     "up": "upward vertical",
@@ -177,7 +180,8 @@ def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
         if name == "lane" and frame.lanes:
             ids = lanes_of(run, frame)
             out = xr.Variable(variable.dims, np.array(frame.lanes)[ids] if forward else ids, attrs)
-        (coords if name in run.coords else data)[new] = out
+        hidden = name in INTERNAL
+        (coords if (forward if hidden else name in run.coords) else data)[new] = out
     indexed = {k: v for k, v in coords.items() if k in run.xindexes}
     made = xr.Dataset(data, indexed, dict(run.attrs))
     rest = {k: v for k, v in coords.items() if k not in indexed}
@@ -223,13 +227,27 @@ def _is_lazy(variable: xr.Variable) -> bool:
 
 
 def _model_of(run: xr.Dataset, model: Model | None) -> Model | None:
-    """The model of the rows of a run; None if an archive does not hold it, or the run lacks a part of its state."""
+    """The model of the rows of a run, of user-defined forces its integrable part, which has the angular velocity.
+
+    None if an archive does not hold it, or the run lacks a part of its state.
+    """
     record = RunRecord.from_attrs(run.attrs)
-    if model is None and not record.is_own and "parameters" in run.attrs:
-        model = record.model
+    if model is None and "parameters" in run.attrs:
+        model = _integrable_part(record) if record.is_own else record.model
     if model is None or record.missing_from(run) or "time" not in run.coords:
         return None
     return model.lanes(lanes_of(run, record.body_frame)) if model.batch and "lane" in run.coords else model
+
+
+def _integrable_part(record: RunRecord) -> Model | None:
+    """The model of a known system with user-defined forces that leave its angular velocity unchanged, else None."""
+    from kreisel.bodies import KNOWN
+
+    system = KNOWN.get(re.sub("^((perturbed|controlled)-)*", "", record.system))
+    values = parsed(record.parameters, "The attribute parameters")
+    if system is None or not {*system.space.components} <= {*record.kinds.items()} or {INERTIA, COUPLING} & {*values}:
+        return None
+    return Model(system, {p.letter: values[p.letter] for p in system.parameters}, record.body_frame)
 
 
 def _of_rows(
@@ -275,7 +293,7 @@ def _with_axial_energy(
     run: xr.Dataset, out: xr.Dataset, frame: BodyFrame, model: Model, sign: float
 ) -> dict[str, xr.Variable]:
     """Energies with <M, spin>/2, which the Hamiltonian of a symmetric top leaves out: it is constant on its orbits."""
-    if model.system.spin is None:
+    if model.system.spin is None or model.system.name != run.attrs["system"]:  # forces may change the spin
         return {}
     size = frame.size("energy")
 
@@ -326,7 +344,11 @@ def of_body(body: Body, x0: Any, orientation: Any, asked: Mapping[str, Any]) -> 
     elif orientation is not None:
         before, first = first, oriented(model, orientation)
         _require_attitude_of_state(body, model, start, before, first)
-    return model, start, first, scaled_settings(model, asked)
+    settings = scaled_settings(model, asked)
+    end = settings.get("t_end") or settings["dt"] * (settings.get("steps") or 0)
+    for sentence in body._doubts(end * (model.body_frame or BodyFrame()).time_unit) if isinstance(end, float) else ():
+        doubt(sentence)
+    return model, start, first, settings
 
 
 def _require_attitude_of_state(body: Body, model: Model, start: Any, before: Any, g: Array) -> None:
@@ -481,10 +503,16 @@ def _of_si_state(frame: BodyFrame, function: Callable[[Any], Any], changes: bool
 
 def letters_of(model: Model, names: Any) -> Any:
     """Names of unknowns, a list or a mapping, such as "momentum[0]", with the letters of the state."""
-    words = (model.body_frame or BodyFrame()).letters
+    frame = model.body_frame or BodyFrame()
+    words = frame.letters
 
     def letter(name: Any) -> Any:
         match = QUANTITY.fullmatch(name) if isinstance(name, str) else None
+        if match is not None and match[2] and frame.turned and words.get(match[1]) in frame.along:
+            raise InputError(
+                f"free: expected all of {match[1]}, got {name}: the axes of the state are the principal axes, in which "
+                f"an entry along your axes is not an unknown. Give free=['{match[1]}'], or a diagonal inertia tensor."
+            )
         return name if match is None else words.get(match[1], match[1]) + match[2]
 
     if isinstance(names, Mapping):

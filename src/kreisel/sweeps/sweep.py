@@ -139,7 +139,7 @@ def _of_system(system: Any, x0: Any, orientation: Any, run: dict[str, Any], spec
 
     model, x0, orientation, run, _ = scaled(system, x0, orientation, run)
     check_model(model)
-    if KNOWN.get(model.system.name) is not model.system:
+    if KNOWN.get(model.system.name) != model.system:
         raise InputError(
             f"{model.system.name} is a user-defined system: workers need its Python file. Write a TOML file with "
             'file = "..." in [system], and run `kreisel sweep`.'

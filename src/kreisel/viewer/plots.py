@@ -193,7 +193,8 @@ def _words(run: xr.Dataset, letter: str) -> Words:
     if frame is None or letter not in frame.names:
         return Words(f"${letter}$")
     unit, size = frame.units.get(letter, ("", 1.0))
-    return Words(f"the {frame.names[letter].replace('_', ' ')}", unit, size, "xyz")
+    word = frame.names[letter].replace("_", " ")
+    return Words(f"the {'upward vertical' if word == 'up' else word}", unit, size, "xyz")
 
 
 def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: Theme) -> None:
