@@ -22,6 +22,7 @@ from kreisel.record.contract import Map, System
 from kreisel.runs import drift, integration
 from kreisel.sweeps import lanes as broken_lanes
 from kreisel.system import REGISTRY
+from sizes import FULL
 from support import configuration
 
 # A step of order 8 that loses the Casimirs, by 6e-12 in a thousand steps.  With 1e4, runs from 34 of 40 starts that
@@ -119,7 +120,7 @@ def test_a_mutant_shouts(name: str, x0: object) -> None:
         kr.simulate(mutant, x0, dt=0.1, steps=20_000, every=20_000, method="suris", order=1)
 
 
-LARGER = {4: ("lagrange-top-moving", "clebsch", "euler-top"), 5: ("symmetric-top", "neumann")}
+LARGER = {4: ("lagrange-top-moving", *["clebsch", "euler-top"] * FULL), 5: ["symmetric-top", "neumann"] * FULL}
 
 
 def by_its_map(phi: Map | None) -> str:
