@@ -74,8 +74,8 @@ def holding(step: Callable[[Values, Values], dict[str, Any]], c: Values, s: Valu
     ]
     new = step(c, s)
     N = new["s.M"]
-    lack = [upper(before - now) for before, now in zip(kept, integrals(N, inverse), strict=True)]
-    N = rotor_step.corrected(N, upper(kept[0]), *lack, inverse, near=NEAR, tiny=TINY)
+    square, rest = [upper(before - now) for before, now in zip(kept, integrals(N, inverse), strict=True)]
+    N = rotor_step.corrected(N, upper(kept[0]), square, rest, inverse, near=NEAR, tiny=TINY)
     return {**new, "s.M": N, "s.was": N, "s.kept": [x for pair in kept for x in (pair.upper, pair.lower)]}
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import textwrap
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,23 +74,28 @@ class Stepped:
         new = {*self.fixed.stages} - {*self.made.stages} if self.made is not None else {}
         self.orbit = {name: self.stages for name in sorted(new)} if self.turning is not None else {}
 
-    def _recorded(self, dt: Any) -> Scheme | None:
-        fixed = self.fixed
+    def _recorded(self, dt: Any, constants: Values = MappingProxyType({})) -> Scheme | None:
+        """The scheme with recorded numbers, or None."""
+        fixed, model = self.fixed, copy.copy(self.model)
+        model.constants = {**model.constants, **constants}
         if isinstance(fixed.motion, Orbits):
             return fixed
         oriented = ORIENTATION in dict(fixed.components)
         graph, shapes = Graph(), {k: np.shape(v) for k, v in self.model.params.items()}
         try:
             self._derived({k: np.reshape(graph.inputs(k, math.prod(shape)), shape)[()] for k, shape in shapes.items()})
-            made = find(fixed.name).make(self.model, dt, fixed.options.get("order"), oriented)
+            made = find(fixed.name).make(model, dt, fixed.options.get("order"), oriented)
         except (TypeError, AttributeError, NotRecorded, InputError):
             return None
         own = made.trajectory is None or (fixed.name == "veselov" and isinstance(made.motion, Steps))
         return made if own else None
 
     def scheme(self, c: Values) -> Scheme:
-        """With the dt of the constants of the file."""
-        return self.fixed if self.made is None else self._recorded(c["dt"]) or self.fixed
+        """With dt and parameters among the constants of the file."""
+        if self.made is None:
+            return self.fixed
+        known = self._known(c)
+        return self._recorded(c["dt"], {k: known[k] for k in self.model.constants if k in known}) or self.fixed
 
     # -- constants -----------------------------------------------------------------------------------------
 
