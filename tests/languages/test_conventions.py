@@ -126,3 +126,40 @@ def test_centimetres_are_seen() -> None:
 def test_an_engine_without_a_convention_is_named() -> None:
     with pytest.raises(kr.InputError, match=r"expected one of ros, unity.*Did you mean 'godot'"):
         convention("godott")
+
+
+def points_by_file(name: str) -> Any:
+    """The points at the end, m, by the file of the engine: a blow in the middle, of a force in the axes of space."""
+    engine, rock = convention(name), dict[str, Any]()
+    exec(kr.code(kr.physical.FreeBody(TENSOR), language="python", convention=name, name="rock"), rock)
+    S, c, s = engine.matrix / engine.length, rock["Constants"](), rock["State"]()
+    moments, axes, q, w = [0.0] * 3, [0.0] * 4, engine.quaternion(START).tolist(), [0.0] * 3
+    rock["principal"](rock["default_T"], moments, axes)
+    rock["prepare"](c, moments, 0.05)
+    rock["set_motion"](c, s, axes, q, rotated(np.array(q), engine.axial(SPIN)).tolist())
+    rock["advance"](c, s, 30)
+    rock["kick"](s, np.cross(S @ AT, S @ FORCE).tolist())
+    rock["advance"](c, s, 30)
+    rock["get_motion"](c, s, axes, q, w)
+    return rotated(np.array(q), POINTS @ S.T) * engine.length
+
+
+def test_files_for_engines_make_one_physical_motion() -> None:
+    """Their default tensors, units, quaternions and kicks; the first is right-handed and judged by Kreisel's bodies."""
+    body = kr.physical.FreeBody(TENSOR)
+    half = body.dt(30 * 0.05)
+    middle = kr.at(body.model(), body.state(SPIN), [half], orientation=body.orientation(START))
+    attitude = body.attitude(middle.g.values[0])
+    R = Rotation.from_quat(attitude, scalar_first=True)
+    spin = body.angular_velocity(middle.M.values[0]) + np.linalg.solve(TENSOR, R.inv().apply(np.cross(AT, FORCE)))
+    last = kr.at(body.model(), body.state(spin), [half], orientation=body.orientation(attitude))
+    points = Rotation.from_quat(body.attitude(last.g.values[0]), scalar_first=True).apply(POINTS)
+    for name, engine in CONVENTIONS.items():
+        assert np.abs(points_by_file(name) - points @ engine.matrix.T).max() < 1e-11, name
+
+
+def test_what_has_no_convention_is_refused() -> None:
+    top = kr.physical.Gyroscope(0.5, 1e-4, 5e-3, 0.03)
+    for body in (top, kr.EulerTop(J=(1, 2, 3.5))):
+        with pytest.raises(kr.InputError, match="expected a free body"):
+            kr.code(body, convention="unity")
