@@ -270,7 +270,7 @@ MISTAKES = {
         lambda: Satellite(TENSOR, orbit(), wheel=(0, 0, 1), wheels=Wheels(AXES)),
         "wheel: expected none with wheels",
     ),
-    "axes of wheels": (lambda: Wheels([[1, 1, 0]]), "rows of 3 numbers and length 1"),
+    "axes of wheels": (lambda: Wheels([[1, 1, 0]]), "rows of 3 values and length 1"),
     "a step that does not divide": (lambda: stepped(noisy(), 0.3), "a step that divides the time"),
     "a time between samples": (lambda: stepped(noisy(), 2.0).steps(started(noisy()), 1, time=0.5), "a multiple of dt"),
     "steps beyond a sample": (lambda: stepped(noisy(), 2.0).to(started(noisy()), 6.5), "at complete steps of dt"),

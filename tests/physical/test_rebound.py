@@ -611,7 +611,7 @@ BAD: dict[str, tuple[Callable[[Any, Path], Any], str]] = {
     "backwards": (lambda sim, path: attach(sim, {0: BALL}).integrate(-1.0), "the sign of dt"),
     "no time": (lambda sim, path: attach(sim, {0: BALL}).integrate(np.nan), "expected a time"),
     "words for t": (lambda sim, path: attach(sim, {0: BALL}).integrate("later"), "got 'later'"),
-    "half a step": (lambda sim, path: attach(sim, {0: BALL}).steps(0.5), "an integer of steps"),
+    "half a step": (lambda sim, path: attach(sim, {0: BALL}).steps(0.5), "an integer from"),
     "other body": (lambda sim, path: attach(sim, {"star": BALL}).spin("stat"), "Did you mean 'star'"),
     "no simulation or bodies": (lambda sim, path: attach(), "attach: expected sim, bodies, got none"),
     "a misspelt body": (

@@ -81,7 +81,7 @@ def metadata(store: Path) -> dict[str, Any]:
     if not stands(store):
         there = bool(store.name) and store.suffix != ".part" and stands(part_of(store))
         left = f" {part_of(store)} is there: `kreisel resume {store}` resumes it." if there else ""
-        raise InputError(f"No archive {store}. Run `kreisel run` first, or check the name.{left}")
+        raise InputError(f"There is no archive {store}. Run `kreisel run` first, or check the name.{left}")
     path = store / "zarr.json"
     try:
         size = path.stat().st_size
