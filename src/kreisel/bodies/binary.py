@@ -1,7 +1,8 @@
 """Two rigid bodies that attract each other, in SI units, with a third point mass or without.
 
 State: r from body 1 to body 2 and r' = v; the angular momentum L and the attitude q (body to space) of each; with a
-third body its position R and velocity V relative to the barycentre of the two.  All vectors are in space.
+third body its position R, in units of 2^23 m, and velocity V relative to the barycentre of the two.  All vectors are
+in space.
 
     H = m v^2/2 - mu m/|r| + sum L.Omega/2 + V_12                m = m1 m2/(m1 + m2),  mu = G (m1 + m2)
     m v' = -mu m r/|r|^3 - dV/dr,  L' = torque of V,  q' = Omega q/2,  Omega = Q I^-1 Q^T L
@@ -52,6 +53,7 @@ from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import ClosedForm, Parameter, PhaseSpace, System
 from kreisel.record.perturbation import Force, Perturbation
 
+FAR = 2.0**23  # m, the unit of R: R and V are then alike in size, as corrections of rounding errors assume
 G = 6.67430e-11  # m^3/(kg s^2), CODATA 2022
 PAIR = (
     ("r", "vector"),
@@ -86,13 +88,13 @@ def _falling(r, mu):
 def flow(r, v, L1, q1, L2, q2, *third, mu, rotor1, rotor2, mu3=None):
     turning = _turning(spin(L1, q1, rotor1), q1), _turning(spin(L2, q2, rotor2), q2)
     pair = v, _falling(r, mu), 0 * L1, turning[0], 0 * L2, turning[1]
-    return (*pair, third[1], _falling(third[0], mu3)) if third else pair
+    return (*pair, third[1] / FAR, _falling(FAR * third[0], mu3)) if third else pair
 
 
 def energy(r, v, L1, q1, L2, q2, *third, mu, reduced, rotor1, rotor2, mu3=None, reduced3=None):
     spins = dot(L1, spin(L1, q1, rotor1)) + dot(L2, spin(L2, q2, rotor2))
     pair = spins / 2 + _energy_of_orbit(r, v, mu, reduced)
-    return pair + _energy_of_orbit(third[0], third[1], mu3, reduced3) if third else pair
+    return pair + _energy_of_orbit(FAR * third[0], third[1], mu3, reduced3) if third else pair
 
 
 def _energy_of_orbit(r, v, mu, reduced):
@@ -101,13 +103,16 @@ def _energy_of_orbit(r, v, mu, reduced):
 
 def angular_momentum(r, v, L1, q1, L2, q2, *third, reduced, reduced3=None):
     pair = vec(reduced) * cross(r, v) + L1 + L2
-    return pair + vec(reduced3) * cross(*third) if third else pair
+    return pair + vec(reduced3) * cross(FAR * third[0], third[1]) if third else pair
 
 
 def step(r, v, L1, q1, L2, q2, *third, h, mu, rotor1, rotor2, mu3=None):
     """The free motion for the time h."""
     pair = *kepler.step(r, v, mu=mu, h=h), L1, _rotated(L1, q1, h, rotor1), L2, _rotated(L2, q2, h, rotor2)
-    return (*pair, *kepler.step(*third, mu=mu3, h=h)) if third else pair
+    if not third:
+        return pair
+    R, V = kepler.step(FAR * third[0], third[1], mu=mu3, h=h)
+    return (*pair, R / FAR, V)
 
 
 def _rotated(L, q, h, rotor):
@@ -145,6 +150,7 @@ def potential(
 
 
 def potential_of_three(r, q1, q2, R, *, m1, m2, m3, D1, D2, **known):
+    R = FAR * R
     mass, square = m1 + m2, R @ R
     distance = sqrt(square)
     inner = m1 * m2 / mass * (r @ r) / (2 * square)  # the linear terms of both masses cancel
@@ -180,7 +186,7 @@ def friction(r, v, L1, q1, L2, q2, *third, m1, m2, reduced, rotor1, rotor2, tide
 def tensor(r, v, L1, q1, L2, q2, *third, reduced, reduced3=None):
     """{x_i, x_j} of coordinates: {v, r} = 1/m, {L, q} = (dq/dt of a unit rotation)^T, {L, L} = hat(L)."""
     blocks = [_canonical(r, reduced), _of_rotor(L1, q1), _of_rotor(L2, q2)]
-    blocks += [_canonical(third[0], reduced3)] if third else []
+    blocks += [_canonical(third[0], FAR * reduced3)] if third else []
     return _diagonal(blocks)
 
 
@@ -255,8 +261,9 @@ LOADED = ("m1", "m2", "D1", "D2", "degree_3_1", "degree_3_2", "degree_4_1", "deg
 
 def body_frame():
     units = {"r": "m", "v": "m/s", "R": "m", "V": "m/s", "L1": "kg m^2/s", "L2": "kg m^2/s", "time": "s"}
+    sizes = {"R": FAR}
     units |= {"energy": "J", "work": "J", "balance": "J", "angular_momentum": "kg m^2/s"}
-    return BodyFrame(units={name: (unit, 1.0) for name, unit in units.items()})
+    return BodyFrame(units={name: (unit, sizes.get(name, 1.0)) for name, unit in units.items()})
 
 
 def body(name, title, third):

@@ -167,7 +167,7 @@ class Binary(Body):
             Omega = rate * np.array([0.0, 0.0, 1.0]) if spin is None else si_numbers(spin, RATE, f"spin{i}")
             parts[f"L{i}"], parts[f"q{i}"] = algebra.act(algebra.rotation_matrix(q), body.inertia * Omega), q
         if self.third is not None:
-            parts |= {"R": self._point_mass.position, "V": self._point_mass.velocity}
+            parts |= {"R": self._point_mass.position / formulas.FAR, "V": self._point_mass.velocity}
         batch = np.broadcast_shapes(*(x.shape[:-1] for x in parts.values()))
         return self.model().state(**{k: np.broadcast_to(x, (*batch, x.shape[-1])) for k, x in parts.items()})
 

@@ -86,8 +86,8 @@ OF_BODIES: dict[str, dict[str, Any]] = {
     "binary": PAIR,
     "binary-with-third-body": {
         "parameters": {**PAIR["parameters"], "m3": 1.98841e30},
-        "state": {**PAIR["state"], "R": [-2.46e11, 0.0, 0.0], "V": [0.0, -2.3e4, 0.0]},
-        "meanings": {**PAIR["meanings"], "R": "from the barycentre to the third body, m", "V": "its velocity, m/s"},
+        "state": {**PAIR["state"], "R": [-29325.0, 0.0, 0.0], "V": [0.0, -2.3e4, 0.0]},
+        "meanings": {**PAIR["meanings"], "R": "from the barycentre to the third body, 2^23 m", "V": "its velocity, m/s"},
         "dt": 1800.0,
     },
 }  # fmt: skip
