@@ -87,7 +87,7 @@ OF_BODIES: dict[str, dict[str, Any]] = {
     "binary-with-third-body": {
         "parameters": {**PAIR["parameters"], "m3": 1.98841e30},
         "state": {**PAIR["state"], "R": [-29325.0, 0.0, 0.0], "V": [0.0, -2.3e4, 0.0]},
-        "meanings": {**PAIR["meanings"], "R": "from the barycentre to the third body, 2^23 m", "V": "its velocity, m/s"},
+        "meanings": {**PAIR["meanings"], "R": "from the barycentre, 2^23 m", "V": "its velocity, m/s"},
         "dt": 1800.0,
     },
 }  # fmt: skip
