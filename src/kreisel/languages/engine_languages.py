@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from kreisel.languages.dialects import SELECTS, Dialect
+from dataclasses import replace
+
+from kreisel.languages.dialects import JAVASCRIPT, SELECTS, C, Dialect
 
 PYTHONIC = {
     "max": "({1} if {1} > {0} else {0})",
@@ -12,6 +14,7 @@ PYTHONIC = {
 }
 HALF = "6755399441055744.0"  # 1.5 * 2^52: the last place is 1
 FUNCTIONS = ("sin", "cos", "exp", "log")
+ROUNDED = "Where C rounds x y + z once, it rounds twice."
 RUST = Dialect(
     name="rust",
     suffix=".rs",
@@ -97,18 +100,19 @@ fn fma(x: f64, y: f64, z: f64) -> f64 {{
     reserved=frozenset("crate self super mod fn let mut pub use impl struct enum type match loop move ref".split()),
     words={"f64": "f32"},
 )
-CSHARP = Dialect(
+CSHARP = replace(
+    JAVASCRIPT,
     name="csharp",
     suffix=".cs",
-    begin="""/*
-{head}
+    begin=f"""/*
+{{head}}
 
-    var c = new {module}.Constants();
-    var s = new {module}.State();
+    var c = new {{module}}.Constants();
+    var s = new {{module}}.State();
 
-C# 6 and later, without unsafe code; a step allocates nothing.  Where C rounds x y + z once, it rounds twice.
+C# 6 and later, without unsafe code; a step allocates nothing.  {ROUNDED}
 */
-public static class {module} {{
+public static class {{module}} {{{{
 
 """,
     finish="}}\n",
@@ -119,7 +123,7 @@ public static class {module} {{
         "}}",
     ),
     function="public static {result} {name}({arguments}) {{",
-    results={"": "void", "number": "double", "status": "int"},
+    results=C.results,
     arguments={
         **dict.fromkeys(("array", "out"), "double[] {name}"),
         **dict.fromkeys(("constants", "new"), "Constants {name}"),
@@ -127,26 +131,20 @@ public static class {module} {{
         "number": "double {name}",
         "index": "int {name}",
     },
-    members=("{object}.{name}", "{object}.{name}[{i}]"),
     once="double {} = {};",
     starts="double {} = {};",
-    up="for (int {var} = 0; {var} < {count}; {var}++) {{",
-    table="",
-    room="",
-    give={"number": "return {};", "status": "return (int)({});"},
+    up=C.up,
+    give=C.give,
     calls={
         **SELECTS,
         "fma": "(({0}) * ({1}) + ({2}))",
-        "sqrt": "System.Math.Sqrt({0})",
         "size": "System.Math.Abs({0})",
         "nearest": "System.Math.Round({0})",
-    }
-    | {name: f"System.Math.{name.capitalize()}({{0}})" for name in FUNCTIONS},
-    staged="""public static void step(Constants c, State s) {{
-    for (int k = 0; k < {stages}; k++) stage(c, s, k);{close}
-}}
-""",
-    closing="\n    close(c, s);",
+        **{name: f"System.Math.{name.capitalize()}({{0}})" for name in ("sqrt", *FUNCTIONS)},
+    },
+    staged=JAVASCRIPT.staged.replace(
+        "export function step(c, s)", "public static void step(Constants c, State s)"
+    ).replace("let k", "int k"),
     more="""public static void advance(Constants c, State s, long steps) {{
     for (long i = 0; i < steps; i++) step(c, s);
 }}
@@ -155,93 +153,26 @@ public static class {module} {{
         "public const double default_{name} = {body};",
         "public static readonly double[] default_{name} = {{ {body} }};",
     ),
-    case='status == {status} ? "{text}" :\n        ',
-    message="""public static string message(int status) {{
-    return {cases}"";
-}}
-""",
+    message=JAVASCRIPT.message.replace("export function message(status)", "public static string message(int status)"),
     special=("double.NaN", "double.PositiveInfinity"),
+    words={},
     reserved=frozenset("base checked class decimal event fixed lock namespace object params string unsafe".split()),
 )
-GDSCRIPT = Dialect(
-    name="gdscript",
-    suffix=".gd",
-    mark="# ",
-    begin="""{head}
-#
-#     var c := {module}.Constants.new()
-#     var s := {module}.State.new()
-#
-# GDScript of Godot 4, whose floats have 64 bits.  Where C rounds x y + z once, it rounds twice.
-class_name {module}
-
-""",
-    finish="",
-    types=(
-        "class {Name}:",
-        "    var {name} := 0.0{comment}",
-        "    var {name}: PackedFloat64Array = zeros({count}){comment}",
-        """
-    static func zeros(count: int) -> PackedFloat64Array:
-        var out := PackedFloat64Array()
-        out.resize(count)
-        return out
-""",
-    ),
-    function="static func {name}({arguments}) -> {result}:",
-    results={"": "void", "number": "float", "status": "int"},
-    arguments={
-        **dict.fromkeys(("array", "out"), "{name}: PackedFloat64Array"),
-        **dict.fromkeys(("constants", "new"), "{name}: Constants"),
-        **dict.fromkeys(("state", "changed"), "{name}: State"),
-        "number": "{name}: float",
-        "index": "{name}: int",
-    },
-    members=("{object}.{name}", "{object}.{name}[{i}]"),
-    once="var {} := {}",
-    starts="var {} := {}",
-    joint="; var ",
-    up="for {var} in {count}:",
-    table="",
-    room="",
-    give={"number": "return {}", "status": "return int({})"},
-    calls={**PYTHONIC, "sqrt": "sqrt({0})", "size": "absf({0})", "nearest": f"(({{0}}) + {HALF} - {HALF})"}
-    | {name: f"{name}({{0}})" for name in FUNCTIONS},
-    staged="""static func step(c: Constants, s: State) -> void:
-    for k in {stages}:
-        stage(c, s, k){close}
-""",
-    closing="\n    close(c, s)",
-    more="""static func advance(c: Constants, s: State, steps: int) -> void:
-    for i in steps:
-        step(c, s)
-""",
-    default=("const default_{name} := {body}", "const default_{name}: Array[float] = [{body}]"),
-    case='    if status == {status}:\n        return "{text}"\n',
-    message="""static func message(status: int) -> String:
-{cases}    return ""
-""",
-    note="  # {}",
-    end="",
-    close="",
-    special=("NAN", "INF"),
-    reserved=frozenset("and as class extends func in is not or pass self signal static super var".split()),
-)
-PYTHON = Dialect(
+PYTHON = replace(
+    JAVASCRIPT,
     name="python",
     suffix=".py",
-    begin='''"""{head}
+    begin=f'''"""{{head}}
 
-    import {type}
-    c, s = {type}.Constants(), {type}.State()
+    import {{type}}
+    c, s = {{type}}.Constants(), {{type}}.State()
 
-Python without packages.  Where C rounds x y + z once, it rounds twice.
+Python without packages.  {ROUNDED}
 """
 
 from math import cos, exp, log, sin, sqrt
 
 ''',
-    finish="",
     types=(
         "class {Name}:\n    def __init__(self):",
         "        self.{name} = 0.0{comment}",
@@ -249,14 +180,9 @@ from math import cos, exp, log, sin, sqrt
         "",
     ),
     function="def {name}({arguments}):",
-    results={"": "", "number": "", "status": ""},
-    arguments=dict.fromkeys(RUST.arguments, "{name}"),
-    members=("{object}.{name}", "{object}.{name}[{i}]"),
     once="{} = {}",
     starts="{} = {}",
     up="for {var} in range({count}):",
-    table="",
-    room="",
     give={"number": "return {}", "status": "return int({})"},
     calls={**PYTHONIC, "sqrt": "sqrt({0})", "size": "abs({0})", "nearest": "round({0})"}
     | {name: f"{name}({{0}})" for name in FUNCTIONS},
@@ -279,7 +205,63 @@ from math import cos, exp, log, sin, sqrt
     end="",
     close="",
     special=("float('nan')", "float('inf')"),
+    words={},
     reserved=frozenset("and as class def del from global import in is lambda not or pass with yield".split()),
+)
+GDSCRIPT = replace(
+    PYTHON,
+    name="gdscript",
+    suffix=".gd",
+    mark="# ",
+    begin="""{head}
+#
+#     var c := {module}.Constants.new()
+#     var s := {module}.State.new()
+#
+# GDScript of Godot 4, whose floats have 64 bits.  Where C rounds x y + z once, it rounds twice.
+class_name {module}
+
+""",
+    types=(
+        "class {Name}:",
+        "    var {name} := 0.0{comment}",
+        "    var {name}: PackedFloat64Array = zeros({count}){comment}",
+        """
+    static func zeros(count: int) -> PackedFloat64Array:
+        var out := PackedFloat64Array()
+        out.resize(count)
+        return out
+""",
+    ),
+    function="static func {name}({arguments}) -> {result}:",
+    results={"": "void", "number": "float", "status": "int"},
+    arguments={
+        **dict.fromkeys(("array", "out"), "{name}: PackedFloat64Array"),
+        **dict.fromkeys(("constants", "new"), "{name}: Constants"),
+        **dict.fromkeys(("state", "changed"), "{name}: State"),
+        "number": "{name}: float",
+        "index": "{name}: int",
+    },
+    once="var {} := {}",
+    starts="var {} := {}",
+    joint="; var ",
+    up="for {var} in {count}:",
+    calls={**PYTHONIC, "sqrt": "sqrt({0})", "size": "absf({0})", "nearest": f"(({{0}}) + {HALF} - {HALF})"}
+    | {name: f"{name}({{0}})" for name in FUNCTIONS},
+    staged="""static func step(c: Constants, s: State) -> void:
+    for k in {stages}:
+        stage(c, s, k){close}
+""",
+    more="""static func advance(c: Constants, s: State, steps: int) -> void:
+    for i in steps:
+        step(c, s)
+""",
+    default=("const default_{name} := {body}", "const default_{name}: Array[float] = [{body}]"),
+    message="""static func message(status: int) -> String:
+{cases}    return ""
+""",
+    special=("NAN", "INF"),
+    reserved=frozenset("and as class extends func in is not or pass self signal static super var".split()),
 )
 WGSL = Dialect(
     name="wgsl",
