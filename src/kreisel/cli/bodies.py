@@ -123,15 +123,15 @@ def text_of_body(name: str, target: Path, head: str) -> str:
     from kreisel.physical.tables import kinds
 
     sample, kind = SAMPLES[name], kinds()[name]
-    lines = [f"{head} {name}; run it by: kreisel run {target}", *_wrapped(sample.about)]
-    lines += _wrapped(
+    lines = [f"{head} {name}; run it by: kreisel run {target}", *comments(sample.about)]
+    lines += comments(
         f"Keys of [body] and [state] are arguments of kr.physical.{kind.__name__} and of its state; values without a "
         "unit are in SI, vectors along the body axes."
     )
     lines += ["", "[body]", f'kind = "{name}"', *_section(sample.body, "body", sample.comments)]
     used = {*sample.body, "self"}
     more = [k for k in inspect.signature(kind).parameters if k not in used]
-    lines[lines.index("[body]") + 2 : lines.index("[body]") + 2] = _wrapped(f"more: {', '.join(more)}")
+    lines[lines.index("[body]") + 2 : lines.index("[body]") + 2] = comments(f"more: {', '.join(more)}")
     lines += ["", "[state]", *_section(sample.state, "state", sample.comments)]
     lines += ["", "[run]", *_section(sample.run, "run", sample.comments)]
     lines += ["", "[output]", f'path = "{target.stem}.zarr"', f'# figure = "{target.stem}.png"   # or .pdf, .svg']
@@ -143,21 +143,19 @@ def _section(table: Mapping[str, Any], section: str, comments: Mapping[str, str]
     inner = {k: v for k, v in table.items() if isinstance(v, dict)}
     for key, value in table.items():
         if key not in inner:
-            yield from _line(f"{key} = {json.dumps(value)}", comments.get(f"{section}.{key}"))
+            yield from commented(f"{key} = {json.dumps(value)}", comments.get(f"{section}.{key}"))
     for key, value in inner.items():
         yield ""
         yield f"[{section}.{key}]"
         yield from _section(value, f"{section}.{key}", comments)
 
 
-def _line(setting: str, comment: str | None) -> Iterator[str]:
-    """A setting and its comment, after it or above."""
-    line = setting if comment is None else f"{setting:<27}  # {comment}"
-    if comment is not None and len(line) > WIDTH:
-        yield from _wrapped(comment)
-        line = setting
-    yield line
+def commented(setting: str, meaning: str | None) -> list[str]:
+    """A setting and its meaning, after it or above."""
+    line = setting if meaning is None else f"{setting:<27}  # {' '.join(meaning.split())}"
+    return [line] if meaning is None or len(line) <= WIDTH else [*comments(meaning), setting]
 
 
-def _wrapped(text: str) -> list[str]:
-    return [f"# {line}" for line in textwrap.wrap(text, WIDTH - 2)]
+def comments(*paragraphs: str) -> list[str]:
+    """Lines of comment."""
+    return [f"# {line}" for text in paragraphs for line in textwrap.wrap(" ".join(text.split()), WIDTH - 2)]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kreisel.cli.bodies import SAMPLES, text_of_body
+from kreisel.cli.bodies import SAMPLES, commented, comments, text_of_body
 from kreisel.cli.checkcases import files_of
 from kreisel.cli.output import OverwriteFile, a_path, app, say, system_names
 from kreisel.errors import InputError
@@ -23,7 +23,6 @@ HEAD = "# Written by `kreisel new`"  # the mark by which --overwrite recognises 
 STEPS, EVERY = 10_000, 5
 SWEEP_STEPS, SWEEP_EVERY = 2048, 4
 VARIED = 10  # values of a varied quantity
-WIDTH = 118
 GYROSTATS = ("zhukovsky-volterra", "kovalevskaya-gyrostat")
 
 
@@ -117,7 +116,7 @@ def _text(
     lines = [*about, "", "[system]", *system, "", "[state]", *_state(sample), "", "[run]"]
     lines += _run(sample, *((SWEEP_STEPS, SWEEP_EVERY) if swept else (STEPS, EVERY)))
     lines += _methods(sample) if chosen is None else chosen
-    lines += _with('# observe = ["energy"]', "which Casimirs and integrals to save; default: all")
+    lines += commented('# observe = ["energy"]', "which Casimirs and integrals to save; default: all")
     if swept:
         lines += ["", *_sweep(sample)]
     stem = Path(target.name).with_suffix("")
@@ -128,19 +127,7 @@ def _text(
 def _about(system: System, target: Path, command: str) -> list[str]:
     words = f"{system.title}: {system.equations}.  {system.frame.value.capitalize()} frame.  [{system.source}]"
     scaling = [f"Units: {system.scaling}", *([system.notes] if system.notes else [])]
-    return [f"{HEAD} {system.name}; run it by: kreisel {command} {target}", *_comments(words, *scaling)]
-
-
-def _comments(*paragraphs: str) -> list[str]:
-    import textwrap
-
-    return [f"# {line}" for text in paragraphs for line in textwrap.wrap(" ".join(text.split()), WIDTH - 2)]
-
-
-def _with(setting: str, meaning: str) -> list[str]:
-    """A setting and its meaning, after it or above."""
-    line = f"{setting:<27}  # {' '.join(meaning.split())}"
-    return [line] if len(line) <= WIDTH else [*_comments(meaning), setting]
+    return [f"{HEAD} {system.name}; run it by: kreisel {command} {target}", *comments(words, *scaling)]
 
 
 def _parameters(system: System, values: Mapping[str, Any]) -> list[str]:
@@ -148,9 +135,9 @@ def _parameters(system: System, values: Mapping[str, Any]) -> list[str]:
     for p in system.parameters:
         meaning = f"{p.kind}: {p.meaning}"
         if p.letter in values:
-            lines += _with(f"{p.letter} = {_toml(values[p.letter])}", meaning)
+            lines += commented(f"{p.letter} = {_toml(values[p.letter])}", meaning)
         elif (value := _default(p)) is not None:
-            lines += _with(f"# {p.letter} = {_toml(value)}", f"{meaning}; this is the default")
+            lines += commented(f"# {p.letter} = {_toml(value)}", f"{meaning}; this is the default")
     return lines
 
 
@@ -169,17 +156,17 @@ def _state(sample: Example) -> list[str]:
         if letter in ("m", "M"):
             parts = ", of body and wheel" if system.name in GYROSTATS else ""
             meaning = f"angular momentum{parts}, {system.frame.value} frame: {meaning}, in the units named above"
-        lines += _with(f"{letter} = {_toml(value)}", sample.meanings.get(letter, meaning))
+        lines += commented(f"{letter} = {_toml(value)}", sample.meanings.get(letter, meaning))
     if sample.orientation is not None:
-        lines += _with(f"orientation = {_toml(sample.orientation)}", "g, body to space, as w, x, y, z; carried along")
+        lines += commented(f"orientation = {_toml(sample.orientation)}", "g, body to space: w, x, y, z; carried along")
     return lines
 
 
 def _run(sample: Example, steps: int, every: int) -> list[str]:
     return [
-        *_with(f"dt = {sample.dt!r}", "step, in the unit of time"),
-        *_with(f"steps = {steps:_}", f"or t_end = {steps * sample.dt:g}"),
-        *_with(f"every = {every}", f"save every {every}th state"),
+        *commented(f"dt = {sample.dt!r}", "step, in the unit of time"),
+        *commented(f"steps = {steps:_}", f"or t_end = {steps * sample.dt:g}"),
+        *commented(f"every = {every}", f"save every {every}th state"),
     ]
 
 
@@ -190,11 +177,11 @@ def _methods(sample: Example) -> list[str]:
     orders, default = METHODS[sample.method].order_text, METHODS[sample.method].default
     beside = f"; also {', '.join(others)}: `kreisel methods`" if others else ""
     return [
-        *_with(f'# method = "{sample.method}"', f"the default here{beside}"),
+        *commented(f'# method = "{sample.method}"', f"the default here{beside}"),
         *(
             []
             if default is None
-            else _with(f"# order = {_toml(default)}", f"the default; {sample.method} has {orders}")
+            else commented(f"# order = {_toml(default)}", f"the default; {sample.method} has {orders}")
         ),
     ]
 
@@ -205,7 +192,7 @@ def _sweep(sample: Example) -> list[str]:
     low, high = _ends(value)
     return [
         "[sweep]",
-        *_with('save = ["drift", "extremes", "frequencies"]', 'of each lane; also "trajectories"'),
+        *commented('save = ["drift", "extremes", "frequencies"]', 'of each lane; also "trajectories"'),
         "# rng = 1                      # the seed of what is drawn in [sweep.random]",
         "# draws = 50",
         "",
@@ -328,14 +315,14 @@ def _of_forces(sample: Example, name: str, target: Path, code: Path, method: str
     system = sample.model.system
     about = [
         f"{HEAD} {system.name} --perturbed; run it by: kreisel run {target}",
-        *_comments(f"{system.title} under the forces of {code.name}, which is run, because this file names it."),
+        *comments(f"{system.title} under the forces of {code.name}, which is run, because this file names it."),
     ]
     lines = [
         f'file = "{code.name}"',
         f'name = "{name}"',
-        *_with(f"# strength = {_size(sample)!r}", "the forces' own parameter"),
+        *commented(f"# strength = {_size(sample)!r}", "the forces' own parameter"),
     ]
-    chosen = _with(f'method = "{method}"', "the forces and the integrable motion alternate; or dop853")
+    chosen = commented(f'method = "{method}"', "the forces and the integrable motion alternate; or dop853")
     return _text(sample, about, lines, target, chosen=chosen)
 
 

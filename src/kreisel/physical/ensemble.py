@@ -10,10 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
+from kreisel.algebra import Array
+from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, explained, hint, shown
 from kreisel.physical.inertia import are_diagonals
-from kreisel.record.body import Body, joined
-from kreisel.record.body_frame import BodyFrame
+from kreisel.physical.measures import attitude_quaternion, in_range, si_number
+from kreisel.record.body import UPRIGHT, Body, joined
+from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import one_unit
 from kreisel.runs.operations import operations_of
@@ -79,6 +83,30 @@ class Varied(Body, metaclass=OfLanes):
             if (value := getattr(self, name)) is not p.default and not np.array_equal(value, p.default)
         ]
         return f"{type(self).__name__}({', '.join(shown_values)})"
+
+    def dt(self, duration: Any) -> float:
+        """A duration, s, in the unit of time of the scaled system.  Raises `InputError`."""
+        seconds = si_number(duration, "s", "dt")
+        return float(in_range("dt", lambda: seconds / self._body_frame.time_unit))
+
+    def orientation(self, attitude: Any = UPRIGHT) -> Array:
+        """The `orientation` of the axes of the scaled system for `kr.simulate`, from the attitude of the body axes.
+
+        Both are unit quaternions (..., 4) = (w, x, y, z), body to space.  Raises `InputError`.
+        """
+        return algebra.quaternion_product(attitude_quaternion(attitude, "attitude"), self._body_frame.quaternion)
+
+    def attitude(self, g: Any) -> Array:
+        """The inverse of `orientation`: the attitude of the body axes (..., 4) from the orientation g of a run.
+
+        An array is read as g of a state; results of `kreisel.analysis` already refer to the body axes.
+        """
+        q = attitude_quaternion(g, "g")
+        return q if getattr(g, "attrs", {}).get(AXES) == BODY else self._body_frame.attitude(q)
+
+    @cached_property
+    def _body_frame(self) -> BodyFrame:
+        return self.model().body_frame or BodyFrame()
 
     _made: tuple[Any, ...] = ()  # a class method and its arguments, from which the body was created
 

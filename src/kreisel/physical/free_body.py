@@ -18,8 +18,6 @@ from kreisel.physical.free_rotation import FreeRotation
 from kreisel.physical.inertia import Principal, inertia_tensor, principal
 from kreisel.physical.measures import (
     RATE,
-    attitude_in_space,
-    attitude_quaternion,
     body_frame,
     convert_fields,
     in_range,
@@ -141,20 +139,6 @@ class FreeBody(Forced):
         M = in_range("The momentum", lambda: Omega @ self.inertia @ self.principal.axes / self.momentum_unit)
         return started(self.model(), self.orientation(attitude), M=algebra.hat(M))
 
-    def orientation(self, attitude: Any = UPRIGHT) -> Array:
-        """The `orientation` of the principal axes for `kr.simulate`, from the attitude of the body axes.
-
-        Both are unit quaternions (..., 4) = (w, x, y, z), body to space.  Raises `InputError`.
-        """
-        return algebra.quaternion_product(attitude_quaternion(attitude, "attitude"), self._frame.quaternion)
-
-    def attitude(self, g: Any) -> Array:
-        """The inverse of `orientation`: the attitude of the body axes (..., 4) from the orientation g of a run.
-
-        An array is read as g of a state; results of `kreisel.analysis` already refer to the body axes.
-        """
-        return attitude_in_space(g, self._frame)
-
     @cached_property
     def _frame(self) -> BodyFrame:
         return body_frame(self.scales(), self.principal.axes)
@@ -210,11 +194,6 @@ class FreeBody(Forced):
             period = 2 * math.pi / s if kind == "stable" and s else math.inf
             found.append(AxisStability(axes[:, i].copy(), float(a), kind, s if kind == "unstable" else 0.0, period))
         return tuple(found)
-
-    def dt(self, duration: float) -> float:
-        """A duration, s, in the system's unit of time.  Raises `InputError`."""
-        seconds = si_number(duration, "s", "dt")
-        return float(in_range("dt", lambda: self.scales()["time"].scaled(seconds, "dt")))
 
     def scales(self) -> Scales:
         """The units of the variables of a run, for `kreisel.units.measured`; M is along the principal axes."""

@@ -108,11 +108,6 @@ class Gyroscope(Forced):
         top = REGISTRY["lagrange-top"](p=(0.0, 0.0, weight), alpha=self.alpha).of_body(body_frame(self.scales()))
         return self.forced(top, self.time_unit, self.momentum_unit)
 
-    def dt(self, duration: float) -> float:
-        """A duration, s, in the system's unit of time.  Raises `InputError`."""
-        seconds = si_number(duration, "s", "dt")
-        return float(in_range("dt", lambda: self.scales()["time"].scaled(seconds, "dt")))
-
     def scales(self) -> Scales:
         """The units of the variables of a run, for `kreisel.units.measured`."""
         return scales_of(

@@ -156,11 +156,6 @@ class HeavyBody(Forced):
                 "The angular velocity is not determined by the momentum: expected three moments > 0, got one of 0."
             ) from None
 
-    def dt(self, duration: float) -> float:
-        """A duration, s, in the system's unit of time.  Raises `InputError`."""
-        seconds = si_number(duration, "s", "dt")
-        return float(in_range("dt", lambda: self.scales()["time"].scaled(seconds, "dt")))
-
     def scales(self) -> Scales:
         """The units of the variables of a run, for `kreisel.units.measured`."""
         momentum = self.momentum_unit

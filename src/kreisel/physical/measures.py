@@ -133,15 +133,6 @@ def momentum_in_body(M: Any, frame: BodyFrame) -> Array:
     return momentum if attrs.get(AXES) == BODY else frame.vectors(momentum)
 
 
-def attitude_in_space(g: Any, frame: BodyFrame) -> Array:
-    """Attitudes (..., 4) of the axes of the body from attitudes of the axes of the state.
-
-    A variable of `kreisel.units.measured` already has the former, and states this in its attributes.
-    """
-    q = attitude_quaternion(g, "g")
-    return q if getattr(g, "attrs", {}).get(AXES) == BODY else frame.attitude(q)
-
-
 def attitude_quaternion(value: Any, name: str) -> Array:
     """Unit quaternions (..., 4).  Raises `InputError`."""
     return by_lane(partial(_attitude, name), value, single=lambda a: 1)

@@ -31,7 +31,7 @@ from kreisel.physical.measures import (
     three,
 )
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SATURN, SUN, Orbit
-from kreisel.record.body import UPRIGHT, started
+from kreisel.record.body import started
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales
 from kreisel.runs.geometry import orientation_of, require_of_body
@@ -289,17 +289,6 @@ class Satellite(Forced):
             R = R @ algebra.cayley(np.tan(angle / 2) * algebra.hat(np.eye(3)[axis]))
         return algebra.unit_quaternion(R @ self._axes_of_orbit.T)
 
-    def orientation(self, attitude: Any = UPRIGHT) -> Array:
-        """The `orientation` for `kr.simulate`, of the principal axes, from the attitude of the body axes (..., 4)."""
-        return self.body.orientation(attitude)
-
-    def attitude(self, g: Any) -> Array:
-        """The inverse of `orientation`: the attitude of the body axes (..., 4) from the orientation g of a run.
-
-        An array is read as g of a state; results of `kreisel.analysis` already refer to the body axes.
-        """
-        return self.body.attitude(g)
-
     def angular_velocity(self, M: Any) -> Array:
         """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial, kg m^2/s.
 
@@ -354,10 +343,6 @@ class Satellite(Forced):
             root = np.sqrt(middle * middle - 16 * k1 * k3)
             found = self.orbit.mean_motion * np.sqrt([3 * k, (middle - root) / 2, (middle + root) / 2])
         return Frequencies(*found.tolist())
-
-    def dt(self, duration: Any) -> float:
-        """A duration in seconds."""
-        return si_number(duration, "s", "dt")
 
     def scales(self) -> Scales:
         """The units of the variables of a run, for `kreisel.units.measured`."""

@@ -21,9 +21,7 @@ from kreisel.physical.forced import Forced
 from kreisel.physical.free_body import FreeBody
 from kreisel.physical.measures import (
     STANDARD_GRAVITY,
-    attitude_in_space,
     attitude_quaternion,
-    body_frame,
     convert_fields,
     in_range,
     scales_of,
@@ -172,18 +170,6 @@ class SubmergedBody(Forced):
         momenta = {"P": P @ turn, "M": algebra.hat((M - np.cross(shift, P)) @ turn)}
         return started(self.model(), self.orientation(attitude), **momenta)
 
-    def orientation(self, attitude: Any = UPRIGHT) -> Array:
-        """The `orientation` for `kr.simulate`, of the axes of the state, from the attitude of the body axes."""
-        turn = algebra.unit_quaternion(self._place[0])
-        return np.asarray(algebra.quaternion_product(attitude_quaternion(attitude, "attitude"), turn))
-
-    def attitude(self, g: Any) -> Array:
-        """The inverse of `orientation`: the attitude of the body axes (..., 4) from the orientation g of a run.
-
-        An array is read as g of a state; results of `kreisel.analysis` already refer to the body axes.
-        """
-        return attitude_in_space(g, body_frame(self.scales(), self._place[0]))
-
     def course(self, run: xr.Dataset, start: Any = NONE) -> Course:
         """The position of O in space at each row of a run, from `start`, and its motion."""
         run, (turn, shift) = in_state_form(run), self._place
@@ -198,10 +184,6 @@ class SubmergedBody(Forced):
         nu = np.linalg.solve(self.mass_matrix, np.concatenate([P, M], -1)[..., None])[..., 0]
         inside = algebra.act(g.mT, self.current + 0 * x)
         return Course(x + si_numbers(start, "m", "start"), nu[..., :3] + inside, nu[..., 3:])
-
-    def dt(self, duration: Any) -> float:
-        """A duration in seconds."""
-        return si_number(duration, "s", "dt")
 
     def scales(self) -> Scales:
         """The units of the variables of a run, for `kreisel.units.measured`."""
