@@ -8,7 +8,7 @@ BEGINS, ENDS = "<!-- the trial -->\n", "<!-- that was the trial -->\n"
 WORDS = {
     "kills": "runs and sweeps killed, at named moments and at random ones; opened, checked, drawn, resumed, every byte "
     "compared",
-    "clusters": "sweeps on worker processes and on a scheduler of its own; client, worker or scheduler killed",
+    "clusters": "sweeps on worker processes and on a separate scheduler; client, worker or scheduler killed",
     "modes": "archives of which a file or folder may not be read or written",
     "corruptions": "archives damaged once, in {ways} ways; checked, opened, read",
     "configurations": "configurations and commands from a grammar, through the command line",

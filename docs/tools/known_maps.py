@@ -250,7 +250,7 @@ MAPS = (
         "xy",
         lambda x: column(x[0] + x[1] + x[1] * x[1], x[1] + x[1] * x[1]),
         NO,
-        "y -> y + y^2 alone has entropy log 2",
+        "already y -> y + y^2 has entropy log 2",
     ),
     Known(
         "coupled McMillan",
