@@ -7,6 +7,9 @@ CORE := $(VENV)/.core
 STAMP := $(VENV)/.installed
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
+# Bytecode is written whatever the environment says: each of some hundred processes would compile the package again.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo stubs test test-full test-machines lint bench bench-gpu gpu-code work-precision engines examples picture roundoff verify known soak docs article gallery investigate trial trial-short dist release-check clean help
 
 help:
