@@ -169,3 +169,17 @@ def test_the_picture_shows_the_sides_that_are_seen(page) -> None:
     assert [colour for _, colour, _ in seen] == list(page.FACES) and [side for _, _, side in seen] == [1, -1, 1]
     flipped = page.faces(np.array([0.0, 0, 0, 1]))  # half a turn about the third axis
     assert [side for _, _, side in flipped] == [-1, 1, 1]
+
+
+def test_the_hour_of_the_page_is_the_one_measured() -> None:
+    """Five engines and the file in C: what docs/engines.md states; the file flips within 10 ms of the exact motion."""
+    records = json.loads((RESULT.parent / "hour.json").read_text(encoding="utf-8"))
+    text = (ROOT / "docs" / "engines.md").read_text(encoding="utf-8")
+    assert len(records) == 6 and f"after {records['mujoco']['default_not_finite_s']:g} s" in text
+    case = kr.checkcases.case("wing-nut").given()
+    body = kr.physical.FreeBody(case["inertia"])
+    times = 3600 - 0.1 * np.arange(600)[::-1]
+    M = kr.at(body.model(), body.state(case["angular_velocity"]), body.dt(1.0) * times).M.values
+    exact = M[:, 1] / np.linalg.norm(M, axis=1)
+    off = {name: np.abs(np.array(record["middle"], float) - exact).max() for name, record in records.items()}
+    assert off["kreisel"] < 0.05 < 1 < off["jolt"] and abs(records["kreisel"]["energy"][-1] - 1) < 1e-11
