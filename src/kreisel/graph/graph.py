@@ -131,7 +131,7 @@ class Graph:
         results = [Number(self, self._added((RESULT, loop, i))) for i in range(len(new))]
         return results[:-1], results[-1]
 
-    def each(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
+    def for_rows(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
         """body(*row) for rows of constants, written out."""
         return [body(*map(float, row)) for row in rows]
 
@@ -352,7 +352,7 @@ class Number(Ring, Recorded):
 
     def record_each(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
         """body(*row) for rows of constants, as the graph keeps them."""
-        return self.graph.each(body, rows)
+        return self.graph.for_rows(body, rows)
 
     def record_times(
         self, body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], count: int

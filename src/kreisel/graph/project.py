@@ -77,11 +77,11 @@ class Projection:
 
     def _operations(self) -> Iterator[tuple[int, Any, Any, Any, Any]]:
         """All operations of the program: the kind, the place, the registers of the result and of both operands."""
-        for r in self.flow.counted(0, self.run_count):
+        for r in self.flow.each(0, self.run_count):
             kind, first, last = (self.runs[3 * r + i] for i in range(3))
             for place in range(len(OPERATIONS)):
                 for _ in self.flow.only(kind, place):
-                    for i in self.flow.counted(first, last):
+                    for i in self.flow.each(first, last):
                         yield place, i, self.base + i, self.ops[4 * i], self.ops[4 * i + 1]
 
     def values(self) -> None:
@@ -109,7 +109,7 @@ class Projection:
     def begin(self) -> None:
         """The values of the invariants and the sizes of their terms: each sum with all its terms of one sign."""
         x, size = self.x, self.slopes
-        for i in self.flow.counted(0, self.base):
+        for i in self.flow.each(0, self.base):
             x[size + i] = abs(x[i])
         for kind, _, result, a, b in self._operations():
             left, right = x[size + a], x[size + b]
@@ -119,7 +119,7 @@ class Projection:
                 x[size + result] = left * right
             else:
                 x[size + result] = left / right if kind == DIVIDE else root(left)
-        for j in self.flow.counted(0, self.k):
+        for j in self.flow.each(0, self.k):
             for i, row in enumerate((0, self.low, size)):
                 self.targets[4 * j + i] = x[row + self.outs[j]]
 
@@ -148,19 +148,19 @@ class Projection:
     def correct(self) -> None:
         """One step of Gauss and Newton, and the lead and the farthest correction of each invariant."""
         unit = 1.0 / root(self._dot(0, 0))
-        for j in self.flow.counted(0, self.k):
+        for j in self.flow.each(0, self.k):
             self._lack(j, unit)
         self._solve()
-        for i in self.flow.counted(self.first, self.d):
+        for i in self.flow.each(self.first, self.d):
             value = self.flow.cell(self.x[i])
-            for j in self.flow.counted(0, self.k):
+            for j in self.flow.each(0, self.k):
                 value[0] = fused(-self.x[self.J + j * self.d + i], self.x[self.R + j], value[0])
             self.z[i] = value[0]
 
     def _dot(self, a: Any, b: Any) -> Any:
         """The product of d scalars from a and from b on."""
         total = self.flow.cell(0.0)
-        for i in self.flow.counted(0, self.d):
+        for i in self.flow.each(0, self.d):
             total[0] = fused(self.x[a + i], self.x[b + i], total[0])
         return total[0]
 
@@ -171,7 +171,7 @@ class Projection:
         total = root(fused(flat, flat, self._dot(row, row)))
         scale = where_less(0.0, total, 1.0 / total, 0.0)
         scale = where_less(total, HUGE, scale, 0.0)  # of what is not finite here too
-        for i in self.flow.counted(row, row + self.d):
+        for i in self.flow.each(row, row + self.d):
             slope = x[i]
             if isinstance(slope, Number) or slope:
                 x[i] = where_less(0.0, scale, scale * slope, 0.0)
@@ -312,7 +312,7 @@ class _Looping(Graph):
         """And back."""
         return self._f.value(x, self._values, self._kind)
 
-    def counted(self, first: Any, last: Any, step: int = 1) -> Iterator[Integer]:
+    def each(self, first: Any, last: Any, step: int = 1) -> Iterator[Integer]:
         """The variable of a loop: the body is run once, to be written."""
         with self._f.loop(first, last, step) as i:
             yield i

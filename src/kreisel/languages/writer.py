@@ -33,10 +33,10 @@ class Rolled(Graph):
         self._tables = tables
         self.maps: list[tuple[Sequence[Sequence[float]], list[Operand]]] = []
 
-    def each(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
+    def for_rows(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
         """body(*row), recorded once."""
         if not self._tables:
-            return super().each(body, rows)
+            return super().for_rows(body, rows)
         place = len(self.maps)
         columns = [self.input(f"{ROW}{place}", j) for j in range(len(rows[0]))]
         self.maps.append((rows, [body(*columns)]))
