@@ -86,7 +86,7 @@ class Projection:
 
     def values(self) -> None:
         """All registers, and the slopes of quotients and roots."""
-        x, low, each = self.x, self.low, self.flow.counted
+        x, low, each = self.x, self.low, self.flow.each
         for i in each(0, self.d):
             x[i] = self.z[i]
         for i in each(self.d, self.literal):
@@ -125,7 +125,7 @@ class Projection:
 
     def gradients(self) -> None:
         """J, by a reverse sweep for each invariant."""
-        x, ops, slopes, each = self.x, self.ops, self.slopes, self.flow.counted
+        x, ops, slopes, each = self.x, self.ops, self.slopes, self.flow.each
         for i in each(slopes, slopes + self.low):
             x[i] = 0.0
         for j in each(0, self.k):
@@ -191,7 +191,7 @@ class Projection:
 
     def _solve(self) -> None:
         """(J J^T + tau) R = lack, by elimination."""
-        x, k, G, R, each = self.x, self.k, self.G, self.R, self.flow.counted
+        x, k, G, R, each = self.x, self.k, self.G, self.R, self.flow.each
         for j in each(0, k):
             for q in each(j, k):
                 x[G + j * k + q] = self._dot(self.J + j * self.d, self.J + q * self.d)
@@ -217,7 +217,7 @@ class Projection:
 class Straight:
     """Loops that are run while operations are recorded."""
 
-    counted = range
+    each = range
 
     @staticmethod
     def only(kind: int, place: int) -> range:
