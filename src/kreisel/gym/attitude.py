@@ -76,8 +76,8 @@ class Attitude(VectorEnv[Array, Array, Array]):
         self.num_envs, self.reward, self.target = int(num_envs), reward, attitude_quaternion(target, "target")
         self.limit = si_number(limit, COMMANDS[actuator], "limit", positive=True)
         self.rates = si_number(rates, "rad/s", "rates", positive=True)
-        period = si_number(every, "s", "every", positive=True)
-        step, end = (si_number(v, "s", k, positive=True) for v, k in ((dt or period, "dt"), (duration, "duration")))
+        times = {"every": every, "dt": dt or every, "duration": duration}
+        period, step, end = (si_number(value, "s", name, positive=True) for name, value in times.items())
         self._substeps, self._steps, self._period = round(period / step), round(end / period), period
         if abs(self._substeps * step - period) > 1e-9 * period or self._steps < 1:
             raise InputError(
@@ -85,11 +85,11 @@ class Attitude(VectorEnv[Array, Array, Array]):
             )
         wheels = 0 if satellite.wheels is None else len(satellite.wheels.axes)
         self._size = size = wheels if actuator == "wheel_torque" else 3
-        self._body = replace(satellite, control=_control(actuator, size, period))
+        control = _control(actuator, size, period)
+        self._body, self._memory = replace(satellite, control=control), control.memory
         self._motion = propagator(self._body, dt=step, orientation=True)
         self._stored = self.limit * end  # N m s
-        width = 7 + wheels + 3 * (actuator == "dipole")
-        self.single_observation_space = Box(-np.inf, np.inf, (width,), np.float64)
+        self.single_observation_space = Box(-np.inf, np.inf, (7 + wheels + 3 * (actuator == "dipole"),), np.float64)
         self.single_action_space = Box(-1.0, 1.0, (size,), np.float64)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -107,14 +107,15 @@ class Attitude(VectorEnv[Array, Array, Array]):
         spin = asked.pop("spin", self.np_random.normal(size=(self.num_envs, 3)) * self.rates)
         if asked:
             raise InputError(f"options: expected attitude and spin, got {', '.join(map(str, asked))}.")
-        lanes, self._count = np.zeros((self.num_envs, 1)), 0
         start = {
             "momentum": si_numbers(spin, "rad/s", "spin") @ self._body.inertia,
             "attitude": attitude_quaternion(attitude, "attitude"),
+            **self._memory,
             **({} if self._body.wheels is None else {WHEELS: self._body.wheels.momenta}),
         }
-        sizes = {"seen": 3}
-        self._state = {k: lanes + start.get(k, np.zeros(sizes.get(k, self._size))) for k in self._motion.names}
+        self._count, lanes = 0, np.zeros((self.num_envs, 1))
+        command = np.zeros(self._size)  # as it is held at the start
+        self._state = {name: lanes + start.get(name, command) for name in self._motion.names}
         return self._observed(), {}
 
     def _observed(self) -> Array:
@@ -151,15 +152,12 @@ class Attitude(VectorEnv[Array, Array, Array]):
 
 def _control(actuator: str, size: int, period: float) -> Control:
     """A controller whose commands are in its memory, where the environment writes them."""
-    zero = np.zeros(size)
-    if actuator == "dipole":  # the field of the sample is kept, to be observed
 
-        def law(field: Any, command: Any, seen: Any) -> dict[str, Any]:
-            return {actuator: command, "command": command, "seen": field}
-
-        return Control(law, every=period, memory={"command": zero, "seen": zero})
-
-    def held(command: Any) -> dict[str, Any]:
+    def law(command: Any) -> dict[str, Any]:
         return {actuator: command, "command": command}
 
-    return Control(held, every=period, memory={"command": zero})
+    def seeing(field: Any, command: Any, seen: Any) -> dict[str, Any]:  # the field of the sample is kept
+        return {**law(command), "seen": field}
+
+    memory = {"command": np.zeros(size), **({"seen": np.zeros(3)} if actuator == "dipole" else {})}
+    return Control(seeing if "seen" in memory else law, every=period, memory=memory)

@@ -58,8 +58,8 @@ class Wheels:
         for name in ("momenta", "limit"):
             value = getattr(self, name)
             if value is not None:
-                found = si_numbers(value, "N m s", name, ((), (len(axes),)))
-                object.__setattr__(self, name, np.broadcast_to(found, (len(axes),)))
+                entries = si_numbers(value, "N m s", name, ((), (len(axes),)))
+                object.__setattr__(self, name, np.broadcast_to(entries, (len(axes),)))
         if self.limit is not None and not (self.limit >= abs(self.momenta)).all():
             raise InputError(f"limit: expected at least |momenta|, got {shown(self.limit.tolist())}.")
 
@@ -122,14 +122,14 @@ class Control:
     def on(self, model: Model, axes: Array, wheels: Wheels | None) -> Model:
         """The model with this controller; axes: of its state along the body axes, as columns.  Raises `InputError`."""
         count = 0 if wheels is None else len(wheels.axes)
-        own = [_parameter(name, value, "of the law") for name, value in self.parameters.items()]
+        parameters = [_parameter(name, value, "of the law") for name, value in self.parameters.items()]
         taken = {*model.params, *model.system.space.letters, *SENSORS, *self.memory} & {*self.parameters}
         taken |= {*model.params, *model.system.space.letters, *SENSORS} & {*self.memory}
         if taken:
             raise InputError(f"Control: expected names that neither sensors nor the body have, got {', '.join(taken)}.")
         arguments = self._arguments(model, count)
         shapes = {**SENSORS, WHEELS: (count,), **{name: value.shape for name, value in self.memory.items()}}
-        shapes |= {p.letter: (3,) if p.kind == "vector" else () for p in own}
+        shapes |= {p.letter: (3,) if p.kind == "vector" else () for p in parameters}
         commands = self._tried(arguments, shapes, count)
         control = Controller(
             law=self.law,
@@ -147,17 +147,17 @@ class Control:
             raise InputError(f"noise: expected sensors of the law, {', '.join(arguments)}, got {shown(deaf[0])}.")
         for name, values in self.noise.items():
             for word, what in ((DEVIATION, "standard deviation"), (BIAS, "bias")):
-                own.append(_parameter(word + name, values[word], f"{what} of the sensor {name}, {NOISY[name]}"))
+                parameters.append(_parameter(word + name, values[word], f"{what} of the sensor {name}, {NOISY[name]}"))
         for name, value in self.limits.items():
             if name not in commands or value.shape not in ((), (commands[name],)):
                 raise InputError(
                     f"limits: expected a number or one for each entry of {', '.join(commands) or 'a command'}, got "
                     f"{name}: {shown(value.tolist())}."
                 )
-            own.append(
+            parameters.append(
                 Parameter(LIMIT + name, "array", f"largest {name}", None, np.broadcast_to(value, commands[name]))
             )
-        return controlled(model, control, [*own, *_of_wheels(axes, wheels)])
+        return controlled(model, control, [*parameters, *_of_wheels(axes, wheels)])
 
     def _arguments(self, model: Model, wheels: int) -> tuple[str, ...]:
         """The arguments of the law by name.  Raises `InputError` for others than it may have."""

@@ -55,13 +55,12 @@ class Forced(Varied):
         """The model with these forces; units of time and momentum, and axes, as in `InBody`."""
         if not self.forced_by:
             return model
-        known: Model | None = self.__dict__.get("_forced")
-        if known is not None:
-            return known
+        if "_forced" in self.__dict__:
+            return self.__dict__["_forced"]
         params = {} if self.params is None else self.params
         if not isinstance(params, Mapping):
             raise InputError(f"params: expected a dict of names and values, got {shown(params)}.")
-        turn, own = np.eye(3) if turn is None else turn, model.body_frame or BodyFrame()
+        turn, axes = np.eye(3) if turn is None else turn, model.body_frame or BodyFrame()
         frame: dict[str, Any] = {"turn": turn, "time": time, "momentum": momentum}
         if self._lanes:
             params = {**params, **dict(zip(AXES_OF_LANES, turn.T, strict=True)), UNIT_OF_LANES: momentum}
@@ -74,16 +73,16 @@ class Forced(Varied):
                 "as torque=lambda Omega: -D @ Omega."
             )
         function = None if isinstance(self.torque, np.ndarray) else self.torque
-        units = {**own.units, **dict.fromkeys(("work", "balance"), own.units["energy"])}
-        made = perturbed(
-            model.of_body(replace(own, units=units)),
+        units = {**axes.units, **dict.fromkeys(("work", "balance"), axes.units["energy"])}
+        model = perturbed(
+            model.of_body(replace(axes, units=units)),
             torque=in_body("torque", function, params, quantities, **frame),
             potential=in_body("potential", self.potential, params, still, **frame),
             damping=damping,
             params=params,
         )
-        object.__setattr__(self, "_forced", made)
-        return made
+        object.__setattr__(self, "_forced", model)
+        return model
 
 
 def by_functions(torque: Any) -> bool:

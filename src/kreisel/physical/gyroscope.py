@@ -128,7 +128,7 @@ class Gyroscope(Forced):
         return started(self.model(), self.orientation(tilt), m=m, a=a)
 
     @staticmethod
-    def orientation(tilt: float) -> Array:
+    def orientation(tilt: float) -> Array:  # type: ignore[override]  # by its tilt
         """The unit quaternion (w, x, y, z) that maps the third body axis to the `a` of `state(tilt, ...)`."""
         tilt = si_number(tilt, "rad", "tilt")
         return np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])

@@ -220,7 +220,7 @@ class Satellite(Forced):
     def _built(self) -> Model:
         along = self._principal_axes
         rows = [[*(p.normal @ along), *(p.centre @ along), p.area] for p in self.plates]
-        given = {
+        parameters = {
             "moments": self.body.principal.moments,
             **self.orbit.elements,
             "dipole": self.magnetic_moment @ along,
@@ -234,14 +234,14 @@ class Satellite(Forced):
             **({} if self.harmonics is None else _moments(self.harmonics, along)),
         }
         wheel = {} if self.wheel is None else {"wheel": self.wheel @ along, "wheel_torque": self.wheel_torque @ along}
-        made = BODIES["satellite-with-wheel" if wheel else "satellite"](**given, **wheel)
+        model = BODIES["satellite-with-wheel" if wheel else "satellite"](**parameters, **wheel)
         date = self.orbit.epoch
         epoch = "" if date is None else date.replace(tzinfo=None).isoformat()
-        made = made.of_body(replace(body_frame(self.scales(), along), epoch=epoch))
-        made = self.forced(made, turn=along, quantities=(*MOTION, *PLACE))
+        model = model.of_body(replace(body_frame(self.scales(), along), epoch=epoch))
+        model = self.forced(model, turn=along, quantities=(*MOTION, *PLACE))
         if self.control is not None:
-            return self.control.on(made, along, self.wheels)
-        return made if self.wheels is None else with_wheels(made, along, self.wheels)
+            return self.control.on(model, along, self.wheels)
+        return model if self.wheels is None else with_wheels(model, along, self.wheels)
 
     def state(self, spin: Any = None, axis: Any = None, attitude: Any = None) -> State:
         """The state M = I Omega, kg m^2/s, along the principal axes, for an angular velocity in the body.
@@ -341,8 +341,8 @@ class Satellite(Forced):
         middle = 1 + 3 * k1 + k1 * k3
         with np.errstate(invalid="ignore"):
             root = np.sqrt(middle * middle - 16 * k1 * k3)
-            found = self.orbit.mean_motion * np.sqrt([3 * k, (middle - root) / 2, (middle + root) / 2])
-        return Frequencies(*found.tolist())
+            frequencies = self.orbit.mean_motion * np.sqrt([3 * k, (middle - root) / 2, (middle + root) / 2])
+        return Frequencies(*frequencies.tolist())
 
     def scales(self) -> Scales:
         """The units of the variables of a run, for `kreisel.units.measured`."""
@@ -388,19 +388,19 @@ def _moments(given: Harmonics, along: Array) -> dict[str, Array]:
         raise InputError(f"harmonics: expected Harmonics(mass, radius, {{(3, 0): (C, S)}}), got {shown(given)}.")
     size = si_number(given.mass, "kg", "mass", positive=True)
     R = si_number(given.radius, "m", "radius", positive=True)
-    found = {3: np.zeros((4, 2)), 4: np.zeros((5, 2))}
+    coefficients = {3: np.zeros((4, 2)), 4: np.zeros((5, 2))}
     for key, value in given.coefficients.items():
         degree, order = key if isinstance(key, tuple) and len(key) == 2 else (None, None)
-        if degree not in found or order not in range(degree + 1):
+        if degree not in coefficients or order not in range(degree + 1):
             raise InputError(f"harmonics: expected (l, m) with l = 3 or 4 and 0 <= m <= l, got {shown(key)}.")
-        found[degree][order] = size * R**degree * si_numbers(value, "1", f"harmonics {key}", ((2,),))
+        coefficients[degree][order] = size * R**degree * si_numbers(value, "1", f"harmonics {key}", ((2,),))
     formulas = cast("Any", satellite)  # of a page, without types
     w = np.random.default_rng(0).normal(size=(64, 3))
     w /= np.linalg.norm(w, axis=-1, keepdims=True)
     out = {}
     for degree, basis in ((3, formulas.harmonics_3), (4, formulas.harmonics_4)):
-        there, here = (np.array([basis(v) for v in x]) for x in (w @ along.T, w))
-        out[f"degree_{degree}"] = np.linalg.lstsq(here, there @ np.delete(found[degree].ravel(), 1))[0]
+        values, basis_values = (np.array([basis(v) for v in x]) for x in (w @ along.T, w))
+        out[f"degree_{degree}"] = np.linalg.lstsq(basis_values, values @ np.delete(coefficients[degree].ravel(), 1))[0]
     return out
 
 

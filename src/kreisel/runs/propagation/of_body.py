@@ -95,6 +95,8 @@ class BodyPropagator:
 
     def _given(self, state: Any) -> Any:
         """A state in the units and along the axes of the model.  Raises `InputError`."""
+        if type(state) is np.ndarray and state.dtype == np.float64:
+            return self._changed(state, self._into)
         if isinstance(state, State):
             parts = [self._entries(letter, part) for letter, part in state.axial.items()]
             if ORIENTATION in self._motion.letters:
@@ -105,8 +107,7 @@ class BodyPropagator:
                 raise InputError(f"The state: expected {', '.join(self.names)}, got none for {', '.join(missing)}.")
             parts = [self._entries(letter, state[name]) for name, (letter, _) in self._places.items()]
             state = np.concatenate(parts, -1)
-        x = state if type(state) is np.ndarray and state.dtype == np.float64 else algebra.floats(state)
-        return self._changed(x, self._into)
+        return self._changed(algebra.floats(state), self._into)
 
     def _changed(self, x: Array, by: Array) -> Array:
         if x.shape[-1:] != (self.size,):
@@ -138,7 +139,7 @@ class BodyPropagator:
             out = self._changed(x, self._out)
         else:
             out = np.concatenate([self._changed(x[..., : self.size], self._out), self._observed(x)], -1)
-        if not isinstance(state, Mapping):
+        if type(state) is np.ndarray or not isinstance(state, Mapping):
             return out
         beside = {name: out[..., place] for name, place in self._motion.beside.items()}
         return {name: self._component(k, out[..., place]) for name, (k, place) in self._places.items()} | beside
