@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import replace
 from itertools import combinations
@@ -244,6 +245,46 @@ def test_published_periods(name: str, hours: float, spread: float) -> None:
     assert abs(2 * np.pi * run.time.values[-1] / (turned[-1] - turned[0]) / (hours * 3600) - 1) < spread
     assert abs(pair.angles(run)[2]).max() < 0.35
     assert abs(pair.spins(run)[1][:, 2] * hours * 3600 / (2 * np.pi) - 1).max() < 0.5
+
+
+def test_the_field_of_a_mesh(tmp_path: Path) -> None:
+    """A skew block of stone from a file: the integrals are those of Gauss's points; a surface with a hole."""
+    trimesh = pytest.importorskip("trimesh")
+    block = trimesh.creation.box((200.0, 140.0, 90.0))
+    shear = np.array([[1, 0.3, 0.1], [0, 1, 0.2], [0.1, 0, 1]])
+    block.vertices = block.vertices @ shear.T + np.array([30.0, -20.0, 10.0])
+    block.export(tmp_path / "block.stl")
+    body = GravityBody.mesh(tmp_path / "block.stl", length="m", mass=5e9)
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    x = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), -1).reshape(-1, 3) * (100.0, 70.0, 45.0) @ shear.T
+    m = 5e9 * np.einsum("i,j,k->ijk", weights, weights, weights).ravel() / 8
+    second = np.einsum("k,ki,kj->ij", m, x, x)
+    moments = np.trace(second) - np.linalg.eigvalsh(second)
+    assert np.allclose(np.sort(body.inertia), np.sort(moments), rtol=1e-6)
+    points = GravityBody.points(m, x)
+    for degree, mine in ((3, body.degree_3), (4, body.degree_4)):  # power per degree does not depend on axes
+        norms = [
+            (2 - (k == 0)) * math.factorial(degree - k) / math.factorial(degree + k) * (2 * degree + 1)
+            for k in range(degree + 1) for _ in range(1 + (k > 0))
+        ]  # fmt: skip
+        of_points = (points.degree_3, points.degree_4)[degree - 3]
+        assert np.isclose((mine**2 / norms).sum(), (of_points**2 / norms).sum(), rtol=1e-5)
+    assert abs(body.size - np.linalg.norm(block.vertices - block.center_mass, axis=1).max()) < 1e-3
+    open_block = trimesh.Trimesh(block.vertices, block.faces[:-1], process=False)
+    open_block.export(tmp_path / "open.stl")
+    with pytest.raises(kr.InputError, match="closed surface"):
+        GravityBody.mesh(tmp_path / "open.stl", length="m", mass=5e9)
+
+
+def test_an_ellipsoid_has_the_published_field() -> None:
+    """C_20, C_22 and the fourth degree of a homogeneous ellipsoid.  [Balmino, Celest. Mech. 60 (1994) 331]"""
+    a, b, c = 100.0, 80.0, 50.0
+    body = GravityBody.ellipsoid(3.0, (2 * a, 2 * b, 2 * c))
+    C20, C22 = (c * c - (a * a + b * b) / 2) / 5, (a * a - b * b) / 20
+    expected = [15 / 7 * (C20**2 + 2 * C22**2), 0, 0, 5 / 7 * C20 * C22, 0, 0, 0, 5 / 28 * C22**2, 0]
+    assert np.allclose(body.degree_4, 3.0 * np.array(expected), rtol=1e-12, atol=1e-6)
+    assert not body.degree_3.any()
+    assert np.allclose(body.inertia, 3.0 / 5 * np.array([b * b + c * c, a * a + c * c, a * a + b * b]))
 
 
 def test_bad_input() -> None:

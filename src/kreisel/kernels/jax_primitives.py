@@ -19,7 +19,20 @@ from jax.interpreters import batching, mlir
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.graph.graph import APPLIED, ENTRY, FMA, LOOP, MAX, NEAREST, SIGN, SQRT, TRANSCENDENTAL, WHERE, evaluated
+from kreisel.graph.graph import (
+    APPLIED,
+    BRANCH,
+    ENTRY,
+    FMA,
+    LOOP,
+    MAX,
+    NEAREST,
+    SIGN,
+    SQRT,
+    TRANSCENDENTAL,
+    WHERE,
+    evaluated,
+)
 from kreisel.kernels.adjoint import Code, Part
 from kreisel.reduction import linear
 from kreisel.reduction.double import jax, on_host
@@ -113,6 +126,13 @@ def _entry(*_: Any) -> Any:
     )
 
 
+def _branch(*_: Any) -> Any:
+    raise InputError(
+        "Derivatives: expected a step without branches, got one with them, such as that of a Binary. Compare runs from "
+        "neighbouring starts."
+    )
+
+
 OPERATIONS: dict[str, Any] = APPLIED | {
     **{name: getattr(jnp, name) for name in (SQRT, *TRANSCENDENTAL)},
     FMA: lambda x, y, z: x * y + z,
@@ -122,6 +142,7 @@ OPERATIONS: dict[str, Any] = APPLIED | {
     NEAREST: jnp.round,
     ENTRY: _entry,
     LOOP: _looped,
+    BRANCH: _branch,
 }
 
 

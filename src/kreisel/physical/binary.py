@@ -22,6 +22,7 @@ from kreisel.physical.measures import RATE, attitude_quaternion, si_number, si_n
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SUN, Orbit, Primary
 from kreisel.record.body import Body
 from kreisel.record.model import Model, State
+from kreisel.record.quantities import Scale, Scales
 from kreisel.runs.in_si import in_state_form
 
 if TYPE_CHECKING:
@@ -208,6 +209,15 @@ class Binary(Body):
                 f"state: expected bodies apart, {touch:g} m or more between their centres, got a pericentre of "
                 f"{least:g} m: they touch. Usual cause: a diameter for a radius, or km for m."
             )
+
+    def dt(self, duration: Any) -> float:
+        """A duration in seconds."""
+        return si_number(duration, "s", "dt")
+
+    def scales(self) -> Scales:
+        """The units of the variables of a run, for `kreisel.units.measured`."""
+        frame = self.model().body_frame
+        return {} if frame is None else {name: Scale(unit, size) for name, (unit, size) in frame.units.items()}
 
     # -- ready pairs ---------------------------------------------------------------------------------------
 

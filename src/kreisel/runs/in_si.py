@@ -50,6 +50,14 @@ MEANINGS = {
     "axis": "axis of the body",
     "up": "upward vertical",
     "attitude": "attitude of the body, a unit quaternion (w, x, y, z), body to space",
+    "position": "position of body 2 relative to body 1",
+    "velocity": "velocity of body 2 relative to body 1",
+    "third_position": "position of the third body relative to the barycentre of the others",
+    "third_velocity": "velocity of the third body relative to the barycentre of the others",
+} | {
+    f"{name}_{i}": f"{text} of body {i}"
+    for i in (1, 2)
+    for name, text in (("momentum", "angular momentum"), ("attitude", "unit quaternion (w, x, y, z), body to space,"))
 }
 
 
@@ -204,8 +212,8 @@ def _attributes(
             out["long_name"] = out.pop("letter_name")
         return out | ({"units": "1"} | frame.attributes(letter) if letter in (*frame.units, *frame.along) else {})
     inside = letter in frame.along
-    if name in MEANINGS:
-        where = "" if name == "attitude" else f", along the axes of {'the body' if inside else 'space'}"
+    if name in MEANINGS and letter in frame.names:
+        where = "" if name.startswith("attitude") else f", along the axes of {'the body' if inside else 'space'}"
         out |= {"letter_name": out.get("long_name", letter), "long_name": MEANINGS[name] + where}
     return out | {"units": unit} | ({AXES: BODY} if inside or letter == ORIENTATION else {})
 
