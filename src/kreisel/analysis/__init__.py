@@ -7,6 +7,7 @@
     kr.analysis.pointing(run, target="sun")            # of a satellite: pitch, roll, yaw, angle to the Sun
     kr.analysis.section(run, "a[1]", rising=True)      # Poincare's section a_2 = 0, located to round-off
     kr.analysis.frequencies(run, "a[0]")               # to 1e-10 and better
+    kr.analysis.error(run)                             # its error at each row, by a run with half the step
 
 Every function accepts a run of `kr.simulate`, `kr.open_run` or `kr.resume`.  A quantity is a name such as "a[2]",
 counted from 0 as in `kr.drift`, or a function of the components of the state.  The result is an `xarray.Dataset`, a
@@ -14,7 +15,7 @@ table of pandas, or a small record with a `plot()`; `kreisel.viewer.charts` draw
 """
 
 from kreisel.analysis.angles import angular_velocity, euler_angles, mean_rates, path, quaternions, rates, rotations
-from kreisel.analysis.comparison import Comparison, compare
+from kreisel.analysis.comparison import Comparison, compare, error
 from kreisel.analysis.events import events, return_map, section
 from kreisel.analysis.frequencies import Lines, frequencies, megno, power_spectrum
 from kreisel.analysis.light import brightness, light_curve
@@ -28,6 +29,7 @@ __all__ = [
     "angular_velocity",
     "brightness",
     "compare",
+    "error",
     "euler_angles",
     "events",
     "fit_light_curve",
