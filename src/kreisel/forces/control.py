@@ -9,7 +9,8 @@ and between two samples, with B the field and W the axes of the wheels as rows, 
 
     M' = ... + dipole x B + torque - W^T wheel_torque + (W^T wheels) x Omega,   wheels' = wheel_torque
 
-Sensors and commands are along the body axes, v_body = R v_state, R that of the quaternion `body_axes`.
+Sensors and commands are in SI along the body axes, v_body = R v_state, R that of the quaternion `body_axes`; of a state
+in the rest frame v_body = R g^T v_state.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import Portable
 from kreisel.record.contract import Parameter, PhaseSpace, System
 from kreisel.record.model import Model
-from kreisel.record.perturbation import TIME, Controller
+from kreisel.record.perturbation import TIME, Controller, Perturbation
 
 QUEUE, WHEEL_LIMIT = "queue", "wheel_limit"
 DEVIATION, BIAS, LIMIT = "noise_", "bias_", "limit_"
@@ -97,7 +98,8 @@ def require_whole_samples(model: Model, dt: float) -> None:
     record = model.system.perturbation
     if record is None or record.control is None or not record.sampled:
         return
-    every = record.control.every
+    unit = record.control.time
+    every, dt = record.control.every * unit, dt * unit
     steps = every / dt
     if round(steps) < 1 or abs(steps - round(steps)) > WHOLE_SAMPLES * steps:
         raise InputError(
@@ -113,11 +115,11 @@ def require_no_sample(model: Model, time: float, end: float) -> None:
     record = model.system.perturbation
     if record is None or record.control is None or not record.sampled:
         return
-    every = record.control.every
+    every, unit = record.control.every, record.control.time
     if np.floor(time / every * (1 + WHOLE_SAMPLES)) + 1 < end / every * (1 - WHOLE_SAMPLES):
         raise InputError(
-            f"times: expected times at complete steps of dt, since the controller is sampled every {every:g} s, got "
-            f"{end:g} s after {time:g} s. Stop at the samples, or use a shorter dt."
+            f"times: expected times at complete steps of dt, since the controller is sampled every {every * unit:g} s, "
+            f"got {end * unit:g} s after {time * unit:g} s. Stop at the samples, or use a shorter dt."
         )
 
 
@@ -145,14 +147,16 @@ def sampled(system: System, body: Body, q: Array, known: Constants, axes: Mappin
     applied = dict(zip(control.commands, commands, strict=True))
     if "wheel_torque" in applied and WHEEL_LIMIT in known:
         h, most = new[WHEELS], known[WHEEL_LIMIT]  # which motors do not leave before the next sample
-        bounds = (-most - h) / control.every, (most - h) / control.every
+        seconds = control.every * control.time
+        bounds = (-most - h) / seconds, (most - h) / seconds
         applied["wheel_torque"] = _clipped(applied["wheel_torque"], *bounds)
     new |= {HELD + name: value for name, value in applied.items()}
     if generator is not None:
         new[GENERATOR] = generator
     work: Any = 0
     if "impulse" in control.commands:
-        M, J = body.state[0], algebra.hat(algebra.act(to_body(known).mT, new[HELD + "impulse"]))
+        J = algebra.act(kicks.from_body(system, body, known), new[HELD + "impulse"]) / control.momentum
+        M, J = body.state[0], algebra.hat(J)
         new[system.space.letters[0]] = M + J
         work = algebra.pairing(J, kicks.velocity(system, (M + J / 2, *body.state[1:]), known))
     return tuple(new.values()), work
@@ -169,17 +173,18 @@ def _seen(
     system: System, body: Body, q: Array, known: Constants, axes: Mapping[str, int]
 ) -> tuple[dict[str, Any], Array | None]:
     """Values of the sensors by name, and the generator after the draws of the noise."""
-    control, R, own = _control(system), to_body(known), of(system, body.state)
+    control, own = _control(system), of(system, body.state)
+    R, inside = to_body(known), kicks.from_body(system, body, known).mT
     wanted = [name for name in SENSORS if name in control.arguments]
     fields = surroundings(system, body, known, axes) if any(name in OF_PLACE for name in wanted) else {}
 
     def exactly(name: str) -> Any:
         if name == "rates":
-            return algebra.act(R, algebra.axial(kicks.velocity(system, body.state, known)))
+            return algebra.act(inside, algebra.axial(kicks.velocity(system, body.state, known))) / control.time
         if name == "attitude":
             return algebra.quaternion_product(q, algebra.inverse_turn(known[BODY_AXES]))
         if name in (TIME, "time", WHEELS, "light"):
-            return {"time": body.t, WHEELS: own.get(WHEELS), "light": fields.get("light")}[name]
+            return {"time": body.t * control.time, WHEELS: own.get(WHEELS), "light": fields.get("light")}[name]
         return algebra.act(R, algebra.act(body.g.mT, fields[name]))  # type: ignore[union-attr]
 
     seen = {name: exactly(name) for name in wanted}
@@ -272,11 +277,17 @@ def _in_units(model: Model, control: Controller) -> BodyFrame | None:
         return None
     more = {HELD + name: (unit, 1.0) for name, unit in COMMANDS.items() if name in control.commands}
     more |= {WHEELS: ("N m s", 1.0)} if control.wheels else {}
-    return replace(model.body_frame, units={**model.body_frame.units, **more})
+    units = model.body_frame.units
+    more |= dict.fromkeys(("work", "balance"), units["energy"]) if "energy" in units else {}
+    return replace(model.body_frame, units={**units, **more})
 
 
 def _record(model: Model, control: Controller, parameters: list[Parameter]) -> System:
     system = model.system
+    if control.wheels and (system.perturbation.base if system.perturbation else system).closed_form.moments is None:
+        raise InputError(
+            f"wheels: expected a free body or a satellite, whose motion with wheels is known, got {system.name}."
+        )
     space, more = system.space, components(control)
 
     def tensor(*state: Array) -> Array:
@@ -295,12 +306,12 @@ def _record(model: Model, control: Controller, parameters: list[Parameter]) -> S
     kept = ("source", "scaling", "derive", "body_frame", "checks", "n")
     axes = {**model.axes, **{p.letter: np.ndim(p.default) if p.axes is None else p.axes for p in parameters}}
     return perturbed_record(
-        replace(perturbation_of(system), control=control),
+        replace(system.perturbation or Perturbation(system), control=control),
         axes,
         **{name: getattr(system, name) for name in kept},
         name=f"controlled-{system.name}",
         title=f"{system.title}, controlled",
-        equations=f"{system.equations}; controlled every {control.every:g} s",
+        equations=f"{system.equations}; controlled every {control.every * control.time:g} s",
         space=wide,
         integrals={},
         parameters=(*(replace(p, default=model.params[p.letter]) for p in system.parameters), *parameters),

@@ -262,13 +262,19 @@ def momentum_of_wheels(system: System, state: tuple[Array, ...], t: Any, known: 
     """h (..., 3) at the time t, along the axes of the state; None without wheels."""
     record = perturbation_of(system)
     if record.control is not None and record.control.wheels:
-        return along_state(state[system.space.letters.index(WHEELS)], known)
+        return along_state(state[system.space.letters.index(WHEELS)], known) / record.control.momentum
     return known[WHEEL] + algebra.vec(t) * known[WHEEL_TORQUE] if record.wheel else None
 
 
 def to_body(known: Constants) -> Array:
     """R (..., 3, 3) of a body with control: v_body = R v_state."""
     return algebra.rotation_matrix(known[BODY_AXES])
+
+
+def from_body(system: System, body: Body, known: Constants) -> Array:
+    """The matrix (..., 3, 3) that maps vectors along the body axes to those along the axes of the state."""
+    back = to_body(known).mT
+    return back if system.frame is Frame.MOVING or body.g is None else body.g @ back
 
 
 def along_state(wheels: Array, known: Constants) -> Array:
@@ -292,7 +298,8 @@ def surroundings(system: System, body: Body, known: Constants, axes: Mapping[str
 
 def actuated(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> list[Any]:
     """The rates of the state by the commands that are held."""
-    held, back = dict(zip(system.space.letters, body.state, strict=True)), to_body(known).mT
+    control = perturbation_of(system).control
+    held, back = dict(zip(system.space.letters, body.state, strict=True)), from_body(system, body, known)
     rates: list[Any] = [0 * z for z in body.state]
     tau: Any = 0 * algebra.axial(body.state[0])
     if HELD + "dipole" in held:
@@ -303,15 +310,15 @@ def actuated(system: System, body: Body, known: Constants, axes: Mapping[str, in
     if HELD + "wheel_torque" in held:
         motors = held[HELD + "wheel_torque"]
         tau = tau - along_state(motors, known)
-        rates[system.space.letters.index(WHEELS)] = motors
-    rates[0] = algebra.hat(tau)
+        rates[system.space.letters.index(WHEELS)] = motors * control.time  # type: ignore[union-attr]
+    rates[0] = algebra.hat(tau * (control.time / control.momentum))  # type: ignore[union-attr]
     return rates
 
 
 def translation(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array:
     """U = dH/dP, including a potential of P and a coupling."""
     record = perturbation_of(system)
-    out = call(record.base.translation, body.state, known)
+    out = call(record.base.translation, body.state[: len(record.base.space.letters)], known)
     if record.coupling:
         out = out + algebra.act(known[COUPLING], algebra.axial(body.state[0]))
     return out + potential(system, body, known, axes)[1].get(system.space.letters[1], 0)
@@ -467,6 +474,7 @@ def kinetic(system: System, state: tuple[Array, ...], known: Constants) -> Any:
 def energy_of_spin(system: System, state: tuple[Array, ...], known: Constants) -> Any:
     """The energy of the spin, which the Hamiltonian of the rest frame omits as a function of Casimirs."""
     base = perturbation_of(system).base
+    state = state[: len(base.space.letters)]
     at_rest = (0 * state[0], *state[1:])
     in_hamiltonian = call(base.energy, state, known) - call(base.energy, at_rest, known)
     return algebra.pairing(state[0], call(base.velocity, state, known)) / 2 - in_hamiltonian

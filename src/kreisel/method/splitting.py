@@ -92,6 +92,7 @@ class Splitting:
         _require_a_symmetric_kick(model, order)
         record = self.record
         self.kicked = bool(record.functions) or record.wheel or record.pair is not None or self.part.left is not None
+        self.kicked = self.kicked or record.control is not None
         kinds = len(self.turns) + self.kicked + record.rubbed
         self.rubs = bool(record.rubbing) and (all_turns or record.rubs(model.constants))
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
@@ -200,9 +201,9 @@ class Splitting:
         if self.wheels:
             t = self.time(more, constants["_kicked"], constants) if self.record.wheel else None
             constants = {**constants, kicks.WHEEL: kicks.momentum_of_wheels(self.model.system, state, t, constants)}
-        if self.part.reach is not None:
-            more = {**more, REACH: algebra.maximum(more[REACH], self.part.reach(state, h, constants))}
         own = len(self.record.base.space.letters)
+        if self.part.reach is not None:
+            more = {**more, REACH: algebra.maximum(more[REACH], self.part.reach(state[:own], h, constants))}
         moved, g = self.part.move(state[:own], g, h, constants)
         return (*moved, *state[own:]), g, more
 
@@ -244,7 +245,13 @@ class Splitting:
         if left is None:
             return None if pulled is None else lambda state: pulled
         rest, power = pulled or ((0.0,) * self.count, 0.0)
-        return lambda state: (tuple(x + y for x, y in zip(left(state, constants), rest, strict=True)), power)
+        own = len(self.record.base.space.letters)
+
+        def rates(state: State) -> tuple[State, Any]:
+            inner = (*left(state[:own], constants), *(0 * z for z in state[own:]))
+            return tuple(x + y for x, y in zip(inner, rest, strict=True)), power
+
+        return rates
 
     def _damped(self, state: State, h: Array, constants: Constants) -> tuple[State, Any]:
         system = self.model.system

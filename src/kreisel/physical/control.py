@@ -119,8 +119,11 @@ class Control:
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
                 raise InputError(f"{name}: expected an integer >= 0, got {shown(value)}.")
 
-    def on(self, model: Model, axes: Array, wheels: Wheels | None) -> Model:
-        """The model with this controller; axes: of its state along the body axes, as columns.  Raises `InputError`."""
+    def on(self, model: Model, axes: Array, wheels: Wheels | None, time: float = 1.0, momentum: float = 1.0) -> Model:
+        """The model with this controller; its units, and the axes of its state along the body axes, as columns.
+
+        Raises `InputError`.
+        """
         count = 0 if wheels is None else len(wheels.axes)
         parameters = [_parameter(name, value, "of the law") for name, value in self.parameters.items()]
         taken = {*model.params, *model.system.space.letters, *SENSORS, *self.memory} & {*self.parameters}
@@ -130,17 +133,21 @@ class Control:
         arguments = self._arguments(model, count)
         shapes = {**SENSORS, WHEELS: (count,), **{name: value.shape for name, value in self.memory.items()}}
         shapes |= {p.letter: (3,) if p.kind == "vector" else () for p in parameters}
-        commands = self._tried(arguments, shapes, count)
+        lengths = {name: count if name == "wheel_torque" else 3 for name in COMMANDS}
+        lengths = {k: v for k, v in lengths.items() if v and (k != "dipole" or _has_place(model))}
+        commands = self._tried(arguments, shapes, lengths)
         control = Controller(
             law=self.law,
             arguments=arguments,
-            every=self.every,
+            every=self.every / time,
             memory={name: shapes[name] for name in self.memory},
             commands=commands,
             wheels=count,
             delay=int(self.delay),
             noise=tuple(self.noise),
             limits=tuple(self.limits),
+            time=time,
+            momentum=momentum,
         )
         deaf = [name for name in self.noise if name not in arguments]
         if deaf:
@@ -168,7 +175,7 @@ class Control:
                 f"law: expected a Python function that names its arguments, got {shown(self.law)}."
             ) from None
         known = [*(name for name in SENSORS if wheels or name != WHEELS), *self.memory, *self.parameters]
-        if perturbation_of(model.system).environment is None:
+        if not _has_place(model):
             known = [name for name in known if name not in OF_PLACE]
         for p in signature.parameters.values():
             if p.kind not in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) or p.name not in known:
@@ -178,16 +185,15 @@ class Control:
                 )
         return tuple(signature.parameters)
 
-    def _tried(self, arguments: Sequence[str], shapes: Mapping[str, tuple[int, ...]], wheels: int) -> dict[str, int]:
+    def _tried(
+        self, arguments: Sequence[str], shapes: Mapping[str, tuple[int, ...]], lengths: Mapping[str, int]
+    ) -> dict[str, int]:
         """The lengths of the commands that the law returns, run twice on random values.  Raises `InputError`."""
         rng, runs = np.random.default_rng(0), []
         values = {name: np.asarray(rng.normal(size=shapes[name])) for name in arguments}
         for _ in range(2):
             tape: list[Any] = []
             given = {name: traced(tape, value, value.ndim) for name, value in values.items()}
-            lengths = {
-                name: wheels if name == "wheel_torque" else 3 for name in COMMANDS if name != "wheel_torque" or wheels
-            }
             with np.errstate(all="ignore"):
                 runs.append(called(self.law, given, lengths, {name: shapes[name] for name in self.memory}))
         if any(_plain(runs[0][name]) != _plain(value) for name, value in runs[1].items()):
@@ -206,9 +212,15 @@ class Control:
         return made
 
 
-def with_wheels(model: Model, axes: Array, wheels: Wheels) -> Model:
-    """The model with wheels and no controller."""
-    return controlled(model, Controller(wheels=len(wheels.axes)), _of_wheels(axes, wheels))
+def with_wheels(model: Model, axes: Array, wheels: Wheels, time: float = 1.0, momentum: float = 1.0) -> Model:
+    """The model with wheels and no controller; units and axes as in `Control.on`."""
+    control = Controller(wheels=len(wheels.axes), time=time, momentum=momentum)
+    return controlled(model, control, _of_wheels(axes, wheels))
+
+
+def _has_place(model: Model) -> bool:
+    """Whether it is a body on an orbit, in a field."""
+    return model.system.perturbation is not None and model.system.perturbation.environment is not None
 
 
 def start_of_wheels(model: Model, wheels: Wheels | None) -> dict[str, Array]:

@@ -268,6 +268,8 @@ def _functions(body: Any) -> tuple[Any, ...]:
     """The functions of a body and their attributes: bodies with equal ones share their operations."""
     control, torque = getattr(body, "control", None), getattr(body, "torque", None)
     out = () if control is None else (control.law, control.every, control.delay, *control.noise, *control.limits)
+    if control is not None or getattr(body, "wheels", None) is not None:  # whose units are those of all lanes
+        out += (getattr(body, "time_unit", 1.0), getattr(body, "momentum_unit", 1.0))
     steady = None if isinstance(torque, np.ndarray) else torque
     return (*out, steady, getattr(body, "potential", None), getattr(body, "damping", None) is None)
 

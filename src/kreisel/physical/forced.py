@@ -8,15 +8,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array, cross
 from kreisel.errors import InputError, explained, shown
 from kreisel.forces.body import perturbed
 from kreisel.forces.in_body import AXES_OF_LANES, MOTION, UNIT_OF_LANES, in_body
+from kreisel.physical.control import Control, Wheels, start_of_wheels, with_wheels
 from kreisel.physical.ensemble import Varied
 from kreisel.physical.measures import finite_floats, si_numbers
+from kreisel.record.body import started
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.checks import CLOSE
-from kreisel.record.model import Model
+from kreisel.record.model import Model, State
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -30,17 +33,25 @@ class Forced(Varied):
     potential   a function, J, of the same without M and Omega; its torque is derived from it
     damping     gamma in M' = -gamma M, 1/s: one value, or one for each axis
     params      further arguments of the functions by name, each with or without an axis of lanes
+    wheels      `Wheels`, whose momenta are a part of the state; of a `FreeBody` or a satellite
+    control     a `kr.Control`, compiled with the steps; its memory and its commands are a part of the state
     """
 
     torque: Any = None
     potential: Any = None
     damping: Any = None
     params: Mapping[str, Any] | None = None
+    wheels: Wheels | None = None
+    control: Control | None = None
     steady: ClassVar[bool] = False  # whether `torque` may be a vector
 
     @property
     def forced_by(self) -> bool:
-        """Whether there are user-defined forces."""
+        """Whether there are user-defined forces, wheels or a controller."""
+        return self._by_functions or self.wheels is not None or self.control is not None
+
+    @property
+    def _by_functions(self) -> bool:
         by_torque = by_functions(self.torque) if self.steady else self.torque is not None
         return by_torque or self.potential is not None or self.damping is not None
 
@@ -55,12 +66,38 @@ class Forced(Varied):
         """The model with these forces; units of time and momentum, and axes, as in `InBody`."""
         if not self.forced_by:
             return model
-        if "_forced" in self.__dict__:
-            return self.__dict__["_forced"]
+        if "_forced" not in self.__dict__:
+            turn = np.eye(3) if turn is None else turn
+            forced = self._with_functions(model, time, momentum, turn, quantities) if self._by_functions else model
+            object.__setattr__(self, "_forced", self._controlled(forced, turn, time, momentum))
+        return self.__dict__["_forced"]
+
+    def _controlled(self, model: Model, axes: Array, time: float, momentum: float) -> Model:
+        """The model with wheels and a controller.  Raises `InputError`."""
+        for name, kind in (("wheels", Wheels), ("control", Control)):
+            if not isinstance(getattr(self, name), kind | None):
+                raise InputError(
+                    f"{name}: expected kr.physical.{kind.__name__}(...), got {shown(getattr(self, name))}."
+                )
+        if self.control is not None:
+            return self.control.on(model, axes, self.wheels, time, momentum)
+        return model if self.wheels is None else with_wheels(model, axes, self.wheels, time, momentum)
+
+    def _started(self, orientation: Array, M: Array, **components: Any) -> State:
+        """The state with the momentum M (..., 3), and with wheels, memory and commands at the start."""
+        model = self.model()
+        more = start_of_wheels(model, self.wheels) if self.wheels is not None else {}
+        more = more if self.control is None else self.control.start(model, self.wheels, M.size // 3)
+        return started(model, orientation, **{model.system.space.letters[0]: algebra.hat(M)}, **components, **more)
+
+    def _with_functions(
+        self, model: Model, time: float, momentum: float, turn: Array, quantities: tuple[str, ...]
+    ) -> Model:
+        """The model with forces by functions."""
         params = {} if self.params is None else self.params
         if not isinstance(params, Mapping):
             raise InputError(f"params: expected a dict of names and values, got {shown(params)}.")
-        turn, axes = np.eye(3) if turn is None else turn, model.body_frame or BodyFrame()
+        axes = model.body_frame or BodyFrame()
         frame: dict[str, Any] = {"turn": turn, "time": time, "momentum": momentum}
         if self._lanes:
             params = {**params, **dict(zip(AXES_OF_LANES, turn.T, strict=True)), UNIT_OF_LANES: momentum}
@@ -74,15 +111,13 @@ class Forced(Varied):
             )
         function = None if isinstance(self.torque, np.ndarray) else self.torque
         units = {**axes.units, **dict.fromkeys(("work", "balance"), axes.units["energy"])}
-        model = perturbed(
+        return perturbed(
             model.of_body(replace(axes, units=units)),
             torque=in_body("torque", function, params, quantities, **frame),
             potential=in_body("potential", self.potential, params, still, **frame),
             damping=damping,
             params=params,
         )
-        object.__setattr__(self, "_forced", model)
-        return model
 
 
 def by_functions(torque: Any) -> bool:

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, explained, shown
@@ -28,7 +27,7 @@ from kreisel.physical.measures import (
     three,
 )
 from kreisel.physical.shapes import read_mesh
-from kreisel.record.body import UPRIGHT, started
+from kreisel.record.body import UPRIGHT
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.checks import CLOSE
 from kreisel.record.model import Model, State
@@ -137,7 +136,7 @@ class FreeBody(Forced):
         """
         Omega = angular_velocity_of(spin, axis)
         M = in_range("The momentum", lambda: Omega @ self.inertia @ self.principal.axes / self.momentum_unit)
-        return started(self.model(), self.orientation(attitude), M=algebra.hat(M))
+        return self._started(self.orientation(attitude), M=M)
 
     @cached_property
     def _frame(self) -> BodyFrame:

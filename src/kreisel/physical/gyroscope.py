@@ -22,7 +22,6 @@ from kreisel.physical.measures import (
     si_number,
     si_numbers,
 )
-from kreisel.record.body import started
 from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales, size_in_si
@@ -50,7 +49,8 @@ class Gyroscope(Forced):
     axial_moment        I3, about the axis of symmetry, kg m^2
     transverse_moment   I1, about a transverse axis through the PIVOT, kg m^2 (Steiner: I1 = I_c + m l^2)
 
-    torque, potential, damping, params   user-defined forces (`Forced`); the third body axis is the axis of symmetry
+    torque, potential, damping, params, control   user-defined forces (`Forced`); the third body axis is the axis of
+                symmetry
 
     Scaled as `LagrangeTop`: time in sqrt(I1/(m g l)), momentum in sqrt(I1 m g l), |a| = |p| = 1, alpha = I3/I1.
     Raises `InputError` unless all are > 0 and I3 <= 2 I_c.  [Goldstein, Classical Mechanics, 3rd ed., section 5.7]
@@ -125,7 +125,7 @@ class Gyroscope(Forced):
         sin, cos = math.sin(tilt), math.cos(tilt)
         a, swing = np.array([sin, 0.0, cos]), np.array([-precession * sin * cos, nutation, precession * sin**2])
         m = in_range("The momentum", lambda: self.time_unit * (swing + self.alpha * spin * a))
-        return started(self.model(), self.orientation(tilt), m=m, a=a)
+        return self._started(self.orientation(tilt), M=m, a=a)
 
     @staticmethod
     def orientation(tilt: float) -> Array:  # type: ignore[override]  # by its tilt

@@ -25,7 +25,6 @@ from kreisel.physical.measures import (
     si_number,
     si_numbers,
 )
-from kreisel.record.body import started
 from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales
@@ -43,7 +42,8 @@ class HeavyBody(Forced):
     mass, kg;  arm (3,), from the pivot to the centre of mass in the body, m;  gravity g, m/s^2
     inertia     classical inertia tensor I about the PIVOT, (3, 3), or its diagonal (3,), kg m^2
 
-    torque, potential, damping, params   user-defined forces (`Forced`); a run then has M and P along principal axes
+    torque, potential, damping, params, control   user-defined forces (`Forced`); a run then has M and P along principal
+                axes
 
     Scaled as `HeavyTop`: J = (tr(I)/2 - I)/I0 with I0 = tr(I)/3, A = arm/|arm|, |P| = 1, time in sqrt(I0/(m g l)),
     momentum in sqrt(I0 m g l), l = |arm|; without torque (arm = 0 or g = 0) time in s and A = 0.  For a symmetric body
@@ -139,8 +139,7 @@ class HeavyBody(Forced):
         M = in_range("The momentum", lambda: Omega @ self.inertia @ self._turn / self.momentum_unit)
         up = up / length
         q, turn = _least(up) if attitude is None else attitude, algebra.unit_quaternion(self._turn)
-        momenta = {"M": algebra.hat(M), "P": up @ self._turn}
-        return started(self.model(), algebra.quaternion_product(q, turn), **momenta)
+        return self._started(algebra.quaternion_product(q, turn), M=M, P=up @ self._turn)
 
     def angular_velocity(self, M: Any) -> Array:
         """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial.

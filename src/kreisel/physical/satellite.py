@@ -16,7 +16,6 @@ from kreisel.bodies import BODIES, satellite
 from kreisel.errors import InputError, explained, shown
 from kreisel.forces.in_body import MOTION, PLACE
 from kreisel.physical import environment as earth
-from kreisel.physical.control import Control, Wheels, start_of_wheels, with_wheels
 from kreisel.physical.forced import Forced, by_functions
 from kreisel.physical.free_body import FreeBody, angular_velocity_of
 from kreisel.physical.inertia import inertia_tensor
@@ -31,7 +30,6 @@ from kreisel.physical.measures import (
     three,
 )
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SATURN, SUN, Orbit
-from kreisel.record.body import started
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales
 from kreisel.runs.geometry import orientation_of, require_of_body
@@ -94,8 +92,7 @@ class Satellite(Forced):
                    its axis.  Default: "igrf" if the orbit of the Earth has an epoch, else "dipole"
     mirror, diffuse   fractions of the light that are reflected and scattered
     harmonics      `Harmonics` of the body's gravity field
-    wheels         `Wheels`, whose momenta are a part of the state
-    control        a `kr.Control`, compiled with the steps; its memory and its commands are a part of the state
+    wheels, control   reaction wheels and a controller (`Forced`)
 
     Vectors are along the body axes; a run has the momentum M along the principal axes.  Raises `InputError` for moments
     that are impossible for a body.  The equations: `kreisel.bodies.satellite`.
@@ -120,8 +117,6 @@ class Satellite(Forced):
     degree: int = earth.DEGREE
     air: str | None = None
     eclipse: bool | None = None
-    wheels: Wheels | None = None
-    control: Control | None = None
     torque: Any = stored(default=(0.0, 0.0, 0.0), kw_only=True)
     steady: ClassVar[bool] = True
     body: FreeBody = stored(init=False, repr=False)
@@ -150,11 +145,6 @@ class Satellite(Forced):
         if not isinstance(self.plates, list | tuple):
             raise InputError(f"plates: expected a list of Plate(normal, centre, area), got {shown(self.plates)}.")
         object.__setattr__(self, "plates", tuple(_plate(p) for p in self.plates))
-        for name, kind in (("wheels", Wheels), ("control", Control)):
-            if not isinstance(getattr(self, name), kind | None):
-                raise InputError(
-                    f"{name}: expected kr.physical.{kind.__name__}(...), got {shown(getattr(self, name))}."
-                )
         if self.wheels is not None and self.wheel is not None:
             raise InputError("wheel: expected none with wheels=kr.physical.Wheels(...), which may be any number.")
         self.model()
@@ -238,10 +228,7 @@ class Satellite(Forced):
         date = self.orbit.epoch
         epoch = "" if date is None else date.replace(tzinfo=None).isoformat()
         model = model.of_body(replace(body_frame(self.scales(), along), epoch=epoch))
-        model = self.forced(model, turn=along, quantities=(*MOTION, *PLACE))
-        if self.control is not None:
-            return self.control.on(model, along, self.wheels)
-        return model if self.wheels is None else with_wheels(model, along, self.wheels)
+        return self.forced(model, turn=along, quantities=(*MOTION, *PLACE))
 
     def state(self, spin: Any = None, axis: Any = None, attitude: Any = None) -> State:
         """The state M = I Omega, kg m^2/s, along the principal axes, for an angular velocity in the body.
@@ -260,11 +247,7 @@ class Satellite(Forced):
         else:
             Omega = angular_velocity_of(spin, axis)
         M = in_range("The momentum", lambda: Omega @ self.inertia @ self._principal_axes)
-        model = self.model()
-        more = start_of_wheels(model, self.wheels)
-        more = more if self.control is None else self.control.start(model, self.wheels, M.size // 3)
-        first = self.pointing() if attitude is None else attitude
-        return started(model, self.orientation(first), M=algebra.hat(M), **more)
+        return self._started(self.orientation(self.pointing() if attitude is None else attitude), M=M)
 
     @cached_property
     def _order(self) -> Array:

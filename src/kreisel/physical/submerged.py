@@ -29,7 +29,7 @@ from kreisel.physical.measures import (
     si_numbers,
     three,
 )
-from kreisel.record.body import UPRIGHT, started
+from kreisel.record.body import UPRIGHT
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales
 from kreisel.runs.geometry import orientation_of, require_of_body
@@ -63,7 +63,7 @@ class SubmergedBody(Forced):
     linear_drag    (6,), N s/m and N m s;  quadratic_drag (6,), N s^2/m^2 and N m s^2: -(l + q |v|) v of each
     current        (3,), m/s, the uniform velocity of the fluid in space, whose third axis points up
     gravity        m/s^2
-    torque, potential, damping, params   user-defined forces of Omega, g, t (`Forced`)
+    torque, potential, damping, params, control   user-defined forces of Omega, g, t (`Forced`)
 
     Nothing bounds the added mass by the mass: the matrices are inverted together.  The equations:
     `kreisel.bodies.submerged`.  Raises `InputError` for impossible matrices.
@@ -167,8 +167,7 @@ class SubmergedBody(Forced):
         nu = np.concatenate(np.broadcast_arrays(U - current, Omega), -1)
         momenta, (turn, shift) = nu @ self.mass_matrix, self._place
         P, M = momenta[..., :3], momenta[..., 3:]
-        momenta = {"P": P @ turn, "M": algebra.hat((M - np.cross(shift, P)) @ turn)}
-        return started(self.model(), self.orientation(attitude), **momenta)
+        return self._started(self.orientation(attitude), M=(M - np.cross(shift, P)) @ turn, P=P @ turn)
 
     def course(self, run: xr.Dataset, start: Any = NONE) -> Course:
         """The position of O in space at each row of a run, from `start`, and its motion."""

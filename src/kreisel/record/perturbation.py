@@ -57,13 +57,14 @@ class Controller:
     law        a function of sensors, memory and parameters by name, which returns commands and memory by name; None
                for wheels only
     arguments  the names that it needs
-    every      time between two samples
+    every      time between two samples, in the unit of time of the model
     memory     the values that it keeps: the shape of each, () or (k,)
     commands   the length of each command, in order
     wheels     the number of wheels, whose momenta are a part of the state
     delay      samples until a command is applied
     noise      the sensors that have noise, in order
     limits     the commands that have a limit
+    time, momentum   units of the model, s and N m s: sensors, commands and the momenta of wheels are in SI
     """
 
     law: Callable[..., Any] | None = None
@@ -75,6 +76,8 @@ class Controller:
     delay: int = 0
     noise: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
+    time: float = 1.0
+    momentum: float = 1.0
 
 
 def together(*forces: Force | None) -> Force | None:

@@ -1,0 +1,121 @@
+"""Controllers of bodies that are not on an orbit, against Euler's equations in the body axes; wheels; mistakes."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import kreisel as kr
+from kreisel.physical import FreeBody, Gyroscope, HeavyBody, SubmergedBody, Wheels
+
+TENSOR = np.array([[0.03, 0.002, -0.001], [0.002, 0.028, 0.0015], [-0.001, 0.0015, 0.012]])
+ARM, MASS = np.array([0.01, 0.02, 0.1]), 0.1
+EVERY, GAIN = 0.1, 1e-3
+
+
+def law(rates, attitude, time, count, *, gain):
+    drive = 1e-3 * attitude[1:] * np.cos(time)
+    return {"torque": drive - gain * rates * np.array([1, 2, 3]), "count": count + 1.0, "impulse": push(count)}
+
+
+def push(count):
+    return 1e-4 * np.array([1.0, 0.0, -1.0]) * count
+
+
+def control(**more):
+    return kr.Control(law, every=EVERY, memory={"count": 0.0}, parameters={"gain": GAIN}, **more)
+
+
+def by_scipy(inertia, weight, q, rates, samples):
+    """Attitudes at the samples; weight: arm times m g, along the body axes."""
+    L, out = inertia @ rates, []
+    for k in range(samples):
+        held = law(np.linalg.solve(inertia, L), q, k * EVERY, float(k), gain=GAIN)
+
+        def slope(t, y, held=held):
+            W, C = np.linalg.solve(inertia, y[:3]), Rotation.from_quat(y[3:], scalar_first=True).as_matrix()
+            tau = np.cross(y[:3], W) + held["torque"] + np.cross(weight, C.T @ [0, 0, -1])
+            return [*tau, -y[4:] @ W / 2, *((y[3] * W + np.cross(y[4:], W)) / 2)]
+
+        start = [*(L + held["impulse"]), *q]
+        y = solve_ivp(slope, (0, EVERY), start, method="DOP853", rtol=1e-12, atol=1e-15).y[:, -1]
+        L, q = y[:3], y[3:] / np.linalg.norm(y[3:])
+        out.append(q)
+    return np.array(out)
+
+
+PIVOT = TENSOR + MASS * (ARM @ ARM * np.eye(3) - np.outer(ARM, ARM))
+TILTED = tuple(Rotation.from_rotvec([0.3, 0.1, 0]).as_quat(scalar_first=True))
+BODIES = {
+    "free": (
+        FreeBody(TENSOR, time_unit=3.0, control=control()),
+        {"spin": (1, 2, -1), "attitude": TILTED},
+        TENSOR,
+        np.zeros(3),
+        (1, 2, -1),
+    ),
+    "heavy": (
+        HeavyBody(MASS, PIVOT, ARM, control=control()),
+        {"angular_velocity": (1, 2, -1), "attitude": TILTED},
+        PIVOT,
+        9.80665 * MASS * ARM,
+        (1, 2, -1),
+    ),
+    "submerged": (
+        SubmergedBody(2.0, TENSOR, control=control()),  # without added mass and drag a free body
+        {"angular_velocity": (1, 2, -1), "attitude": TILTED},
+        TENSOR,
+        np.zeros(3),
+        (1, 2, -1),
+    ),
+    "gyroscope": (
+        Gyroscope(0.5, 1e-3, 5e-3, 0.05, control=control()),
+        {"tilt": "20 deg", "spin": 30.0},
+        np.diag([5e-3, 5e-3, 1e-3]),
+        np.array([0, 0, 0.5 * 9.80665 * 0.05]),
+        (0, 0, 30),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_a_controller_is_that_of_an_independent_loop(name):
+    body, start, inertia, weight, rates = BODIES[name]
+    run = kr.simulate(body, body.state(**start), dt=0.005, every=20, steps=200)
+    found, truth = run.attitude.values, by_scipy(inertia, weight, run.attitude.values[0], np.array(rates), 10)
+    sign = np.sign((found[1:] * truth).sum(-1, keepdims=True))
+    assert found[1:] * sign == pytest.approx(truth, abs=1e-9)
+    assert run["count"].values.tolist() == [*range(11)]
+    assert run.commanded_impulse.values[5] == pytest.approx(push(4.0), rel=1e-12)
+    assert abs(run.balance - run.balance[0]).max() < 1e-8 * abs(run.energy).max()
+
+
+def test_wheels_of_a_free_body_and_their_motors_keep_the_momentum_in_space():
+    corners = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+    brake = kr.Control(lambda rates: {"wheel_torque": 1e-3 * corners @ rates}, every=0.1)
+    body = FreeBody(TENSOR, time_unit=3.0, wheels=Wheels(corners, (1e-3, 0, -2e-3, 1e-3)), control=brake)
+    run = kr.simulate(body, body.state((1, 2, -1)), dt=0.1, t_end=10.0, every=10)
+    total = (run.momentum + run.wheels.values @ corners).values
+    total = Rotation.from_quat(run.attitude.values, scalar_first=True).apply(total)
+    assert total == pytest.approx(np.tile(total[0], (11, 1)), abs=1e-14)
+    assert total[0] == pytest.approx(TENSOR @ (1, 2, -1) + corners.T @ (1e-3, 0, -2e-3, 1e-3), abs=1e-15)
+    rate = np.linalg.norm(run.angular_velocity, axis=-1)
+    assert (np.diff(rate) < 0).all() and rate[-1] < 0.7 * rate[0]
+
+
+MISTAKES = {
+    "a dipole": (
+        lambda: FreeBody(TENSOR, control=kr.Control(lambda rates: {"dipole": rates})),
+        r"commands \(torque, i",
+    ),
+    "a field": (lambda: FreeBody(TENSOR, control=kr.Control(lambda field: {"torque": field})), "among rates, attitude"),
+    "wheels": (lambda: HeavyBody(MASS, PIVOT, ARM, wheels=Wheels(np.eye(3))), "wheels: expected a free body or a"),
+    "no controller": (lambda: FreeBody(TENSOR, control=3), "control: expected kr.physical.Control"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistakes_are_named(mistake):
+    made, message = MISTAKES[mistake]
+    with pytest.raises(kr.InputError, match=message):
+        made().model()
