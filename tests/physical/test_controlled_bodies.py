@@ -110,6 +110,10 @@ MISTAKES = {
     ),
     "a field": (lambda: FreeBody(TENSOR, control=kr.Control(lambda field: {"torque": field})), "among rates, attitude"),
     "wheels": (lambda: HeavyBody(MASS, PIVOT, ARM, wheels=Wheels(np.eye(3))), "wheels: expected a free body or a"),
+    "lanes of other units": (
+        lambda: FreeBody([TENSOR, 2 * TENSOR], control=control()),
+        "Lane 1: expected the functions",
+    ),
     "no controller": (lambda: FreeBody(TENSOR, control=3), "control: expected kr.physical.Control"),
 }
 

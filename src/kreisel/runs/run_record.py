@@ -78,8 +78,8 @@ class Subject:
 
         if self.is_own:
             raise InputError(
-                f"{self.system} is none of Kreisel's systems, and a run holds no code. For a user-defined system, give it "
-                "as system=... to kr.resume or kr.analysis.error, or run it again with more steps."
+                f"{self.system} is none of Kreisel's systems, and a run holds no code. For a user-defined system, give "
+                "it as system=... to kr.resume or kr.analysis.error, or run it again with more steps."
             )
         return Model(find(self.system), _an_object(self.parameters, "parameters"), self.body_frame)
 
