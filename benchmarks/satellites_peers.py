@@ -208,7 +208,7 @@ def cases() -> dict[str, dict[str, Any]]:
             "parameters": {},
             "body": {},
             "moment": [0, 0, 1e-4],
-            "dt": 60.0,
+            "dt": 15.0,
             "every": 60.0,
         },
     }
