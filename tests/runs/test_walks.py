@@ -187,7 +187,7 @@ def test_what_is_wrong_is_said() -> None:
         (lambda: p.to(x, 1.0, time=2.0), "in order"),
         (lambda: p.to(x, np.nan), "finite"),
         (lambda: p.until(x, 3, 1.0), "function"),
-        (lambda: p.until(x, lambda x: x, 1.0), "one number"),
+        (lambda: p.until(x, lambda x: x, 1.0), "one value"),
         (lambda: p.until(x, lambda x: np.nan, 1.0), "finite"),
         (lambda: p.until(x, lambda x: 1.0, -1.0), "end"),
         (lambda: p.until(np.tile(x, (2, 1)), lambda x: 1.0, 1.0), "one state"),
