@@ -46,6 +46,17 @@ def test_a_quaternion_of_unity_is_that_of_its_bridge_to_ros() -> None:
     assert np.allclose(convention("unity").quaternion(START), -np.array([-y, z, x, -w]))
 
 
+@pytest.mark.parametrize(
+    ("name", "axis"), [("ros", (0, 0, -1)), ("unity", (0, 1, 0)), ("unreal", (0, 0, 1)), ("godot", (0, -1, 0))]
+)
+def test_a_right_turn_is_as_documented(name: str, axis: Any) -> None:
+    """Unity: Euler(0, 90, 0) turns forward to the right, as a yaw of 90 in Unreal; in Godot and ROS it is negative."""
+    engine, half = convention(name), np.sqrt(0.5)
+    q = engine.quaternion(np.array([half, 0, 0, -half]))
+    assert np.allclose(q, [*(half * np.array(axis)), half])
+    assert np.allclose(rotated(q, engine.matrix @ (1, 0, 0)), engine.matrix @ (0, -1, 0))
+
+
 def rotated(q: Any, v: Any) -> Any:
     """Vectors (k, 3) rotated by (x, y, z, w), with the components that every engine computes."""
     t = 2 * np.cross(q[:3], v)
