@@ -13,6 +13,7 @@ from kreisel import algebra
 from kreisel.errors import InputError, explained, hint, shown
 from kreisel.languages import dialects, engine_languages
 from kreisel.languages.bodies import free_body
+from kreisel.languages.conventions import Convention
 from kreisel.languages.conventions import convention as convention_of
 from kreisel.languages.dialects import Dialect
 from kreisel.languages.parts import Body, Field, assembled
@@ -57,6 +58,7 @@ def code(
                   "splitting" the constants of the step belong to x0
     method, order, orientation  as in `kr.simulate`; methods that make steps, n <= 10, and "exact", n = 3.  A body of
                   `kr.physical` carries its orientation
+    single        32-bit values, in "c", "cpp", "cuda", "rust" and "julia"
     convention    of a free body of `kr.physical`: axes, units and order of the quaternion of "ros", "unity", "unreal",
                   "godot", "bevy" or "three"
     name          of the body: prefix of names in C, the module in Julia; letters, digits and _.  Default: the system's
@@ -74,13 +76,7 @@ def code(
     dialect = dialect.in_single() if single else dialect
     _require_name(name, dialect)
     engine = None if convention is None else convention_of(convention)
-    if engine is not None:
-        if x0 is not None or body is None or not hasattr(body, "inertia"):
-            raise InputError(
-                f"convention: expected a free body of kr.physical without a state, got {shown(system)}"
-                f"{'' if x0 is None else ' with one'}. Write kr.physical.FreeBody(inertia); the engine sets the state."
-            )
-        body = cast("PhysicalBody", replace(cast("Any", body), inertia=engine.tensor(body.inertia)))
+    body = body if engine is None else _along(engine, system, body, x0)
     model: Any = system if body is None else body.model()
     if body is not None:
         dt, orientation = body.dt(dt), (1.0, 0.0, 0.0, 0.0) if orientation is None else orientation
@@ -96,6 +92,16 @@ def code(
         made = engine.body(made)
     licence = LICENCE.format(importlib.metadata.version("kreisel"))
     return assembled(replace(made, head=[*made.head, licence]), dialect, name or _default(plan))
+
+
+def _along(engine: Convention, system: Any, body: PhysicalBody | None, x0: Any) -> PhysicalBody:
+    """A free body along the axes and in the units of an engine.  Raises `InputError`."""
+    if x0 is not None or body is None or not hasattr(body, "inertia"):
+        raise InputError(
+            f"convention: expected a free body of kr.physical without a state, got {shown(system)}"
+            f"{'' if x0 is None else ' with one'}. Write kr.physical.FreeBody(inertia); the engine sets the state."
+        )
+    return cast("PhysicalBody", replace(cast("Any", body), inertia=engine.tensor(body.inertia)))
 
 
 def _default(plan: Plan) -> str:
