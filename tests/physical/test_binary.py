@@ -74,23 +74,17 @@ def as_rows(run: Any, i: int, masses: Any) -> Any:
     return np.array(rows)
 
 
-def integrated(run: Any, clouds: Any) -> Any:
-    """The last rows by Newton's law from the first rows of a run."""
+BY_NEWTON: dict[Any, Any] = {}  # last rows, by size and third body
+
+
+def integrated(first: Any, seconds: float, clouds: Any) -> Any:
+    """The last rows by Newton's law from these first rows."""
     masses = np.array([m.sum() for m, _ in clouds])
-    first = as_rows(run, 0, masses)
-    scale = np.maximum(abs(first).max(0), abs(first).max() * 1e-300 + 1e-3) * np.ones((len(clouds), 1))
-    path = solve_ivp(
-        newton,
-        (0, float(run.time[-1])),
-        first.ravel(),
-        "DOP853",
-        rtol=1e-12,
-        atol=1e-13 * scale.ravel(),
-        args=(clouds,),
-    )
+    scale = 1e-13 * np.tile(np.maximum(abs(first).max(0), 1e-3), len(clouds))
+    path = solve_ivp(newton, (0, seconds), first.ravel(), "DOP853", rtol=1e-12, atol=scale, args=(clouds,))
     rows = path.y[:, -1].reshape(first.shape)
     rows[:, :6] -= masses[:2] @ rows[:2, :6] / masses[:2].sum()  # the third body moves the barycentre
-    return rows, as_rows(run, -1, masses)
+    return rows
 
 
 def both(size: float, third: Any = None, **without: Any) -> tuple[Any, Any]:
@@ -105,7 +99,11 @@ def both(size: float, third: Any = None, **without: Any) -> tuple[Any, Any]:
         np.array([4, 1, -2, 2]) / 5, np.array([1, 5, 3, 1]) / 6,
     )  # fmt: skip
     run = kr.simulate(pair, x0, dt="6 min", t_end="6 h", every=60)
-    return integrated(run, clouds if third is None else [*clouds, (np.array([third.mass]), np.zeros((1, 3)))])
+    clouds += [] if third is None else [(np.array([third.mass]), np.zeros((1, 3)))]
+    masses = np.array([m.sum() for m, _ in clouds])
+    if (size, third) not in BY_NEWTON:
+        BY_NEWTON[size, third] = integrated(as_rows(run, 0, masses), float(run.time[-1]), clouds)
+    return BY_NEWTON[size, third], as_rows(run, -1, masses)
 
 
 def slope(**without: Any) -> float:
