@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -348,6 +350,29 @@ def test_what_is_kept_is_bounded() -> None:
     assert reuse.reused(("number", reuse.MOST), lambda: -1) == reuse.MOST
     assert reuse.reused(("number", 0), lambda: -1) == -1
     assert reuse.reused(None, lambda: 5) == 5
+
+
+@pytest.mark.parametrize("key", [None, ("collecting", 1)])
+def test_garbage_is_collected_after_a_recording_and_not_during_it(key: Any) -> None:
+    assert reuse.reused(key, gc.isenabled) is False and gc.isenabled()
+    with pytest.raises(ZeroDivisionError):
+        reuse.reused(key and (*key, "error"), lambda: 1 // 0)
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        assert reuse.reused(key and (*key, "off"), lambda: 1) == 1 and not gc.isenabled()
+    finally:
+        gc.enable()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork and no flock")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning", "ignore:.*fork.*:RuntimeWarning")
+def test_garbage_is_collected_in_a_child_of_a_recording() -> None:
+    """As of a thread that is not in the child, and would never let it collect again."""
+    child, collecting = reuse.reused(None, lambda: (os.fork(), gc.isenabled()))
+    if child == 0:
+        os._exit(3 * collecting)
+    assert not collecting and os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
 
 
 def test_a_model_of_many_bodies() -> None:
