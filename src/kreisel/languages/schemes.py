@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 import textwrap
-from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -14,6 +13,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import SECOND, THIRD, Array
 from kreisel.algebra.recorded import NotRecorded
+from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError
 from kreisel.graph.graph import Graph, where_less
 from kreisel.languages.bodies import HELD, MESSAGES, MOMENTS, check, holding
