@@ -259,7 +259,6 @@ def megno(
     seed     of the direction of the neighbour, whose momentum differs
 
     For a body of `kr.physical`, dt and times are in s and lyapunov in 1/s.
-
     Returns a Dataset with megno Y, its mean over time, and lyapunov, ln(d(t)/d(0))/t, each (time,) or (time, lane).
     The system may come from `kr.perturbed`, whose forces may depend on the orientation and on time; n = 3.  Raises
     `InputError` as `kr.simulate` does.

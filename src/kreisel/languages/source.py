@@ -64,8 +64,7 @@ def code(
     name          of the body: prefix of names in C, the module in Julia; letters, digits and _.  Default: the system's
 
     In C, C++, CUDA and Rust the step is bitwise equal to the kernel without projection; the others have no fused
-    multiply-add.
-    Raises `InputError`.
+    multiply-add.  Raises `InputError`.
     """
     if language not in LANGUAGES:
         raise InputError(
