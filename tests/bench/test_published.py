@@ -32,6 +32,16 @@ def test_published_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not agrees({**rows[0], "found": 1.0})
 
 
+def test_the_pages_have_the_figures_of_binaries() -> None:
+    result = json.loads((ROOT / "benchmarks" / "results" / "binary.json").read_text(encoding="utf-8"))
+    guide, page = ((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("guide-dimorphos.md", "binaries.md"))
+    long, shapes = result["with_sun_and_tides"], result["map"]
+    assert f"{round(100 * shapes['tumbling'])} % of them tumble" in guide and shapes["starts"] == 10_000
+    assert shapes["minutes_on_two_cores_for_100_years"] < 30.5 and long["years"] == 1000
+    assert f"take {round(long['seconds'])} s on one core" in page and long["angular_momentum"] < 2e-15
+    assert result["with_tides"]["energy_spread"] < 1e-6
+
+
 def test_the_guide_has_the_figures_of_hyperion() -> None:
     rows = json.loads((ROOT / "benchmarks" / "results" / "hyperion.json").read_text(encoding="utf-8"))["rows"]
     guide = (ROOT / "docs" / "guide-asteroid.md").read_text(encoding="utf-8")
