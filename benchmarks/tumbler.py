@@ -58,10 +58,10 @@ def observed(draw: np.random.Generator) -> xr.Dataset:
     return xr.Dataset({**data, "sun": (("time", "xyz"), sun), "observer": (("time", "xyz"), observer)}, {"time": t})
 
 
-def searched(seed: int) -> dict[str, Any]:
+def searched(seed: int, modes: list[str]) -> dict[str, Any]:
     data = observed(np.random.default_rng(seed))
     begin = time.perf_counter(), time.process_time()
-    fit = fit_light_curve(data, **RANGES)
+    fit = fit_light_curve(data, modes=modes, **RANGES)
     seconds, processor = time.perf_counter() - begin[0], time.process_time() - begin[1]
     print(f"seed {seed}, {seconds:.0f} s, of the processor {processor:.0f} s\n{fit}", flush=True)
     names = UNKNOWNS[4:6]
@@ -99,11 +99,14 @@ def main() -> None:
     options = parser(__doc__, "tumbler")
     options.add_argument("--searches", type=int, default=4)
     options.add_argument("--first", type=int, default=0)
+    options.add_argument("--modes", nargs="+", default=["short-axis", "long-axis"])
     options.add_argument("--fits", type=int, default=100)
     args = options.parse_args()
     fits = fitted(args.fits, 1000)
-    searches = [searched(args.first + k) for k in range(args.searches)]
-    write({"machine": machine(), "fits": fits, "searches": searches}, args.output)
+    searches = []
+    for k in range(args.searches):
+        searches.append(searched(args.first + k, args.modes))
+        write({"machine": machine(), "fits": fits, "modes": args.modes, "searches": searches}, args.output)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from scipy.integrate import quad
 import kreisel as kr
 from kreisel import units
 from kreisel.algebra import act, rotation_matrix
+from kreisel.errors import InputError
 from kreisel.exact.rotor import Rotor
 from kreisel.physical import FreeBody, HeavyBody, free_rotation
 
@@ -395,3 +396,16 @@ def test_a_spin_of_many_axes_is_refused() -> None:
         spin = [spin]
     with pytest.raises(kr.InputError, match="spin"):
         FreeBody((1.0, 2.0, 2.5)).rotation(spin)
+
+
+def test_both_periods_of_many_motions_are_those_of_each():
+    body = FreeBody([[2.0, 0.1, 0], [0.1, 3, 0.2], [0, 0.2, 2.6]])
+    spins = np.random.default_rng(0).normal(size=(20, 3))
+    periods = body.periods(spins)
+    for k, motion in enumerate(map(body.rotation, spins)):
+        assert periods.rotation[k] == pytest.approx(motion.period, rel=1e-11)
+        assert periods.precession[k] == pytest.approx(motion.precession_period, rel=1e-11)
+        assert periods.short_axis[k] == (motion.kind == "short-axis mode")
+    assert 0 < periods.short_axis.sum() < 20 and np.isnan(FreeBody((1, 2, 2.5)).periods((0, 0, 1)).rotation)
+    with pytest.raises(InputError, match="three different moments"):
+        FreeBody((1, 1, 1.5)).periods(spins)

@@ -100,8 +100,8 @@ def brightness(shape: Any, *, law: Any = "lommel-seeliger", phase: Any = None) -
     """The flux as a function f(sun, observer) of vectors (..., 3) along the axes of the body, from it: of any length.
 
     shape   half axes (3,) of an ellipsoid, or `kr.physical.Facets`
-    law     "lommel-seeliger", "lambert", "geometric", "damit" or weights {"lommel-seeliger": 1, "lambert": 0.1}, which
-            are those of "damit".  Of an ellipsoid Lambert's law has no closed form: `Facets.ellipsoid`
+    law     "lommel-seeliger", "lambert", "geometric", "damit", or weights: {"lommel-seeliger": 1, "lambert": 0.1} is
+            "damit".  Lambert's law has no closed form for ellipsoids: `Facets.ellipsoid`
     phase   (A, D, k) of f(alpha) = A exp(-alpha/D) + k alpha + 1, alpha in rad; default: f = 1
 
     The function works on arrays of NumPy and of JAX, with derivatives: with the orientation g of an observable of

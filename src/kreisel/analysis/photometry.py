@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +33,7 @@ from kreisel.analysis.tumbling import (
     refined,
     turns,
 )
-from kreisel.errors import InputError, RunError, explained, shown
+from kreisel.errors import InputError, RunError, doubt, explained, shown
 from kreisel.physical.free_body import FreeBody
 from kreisel.physical.measures import finite_floats, si_number, si_numbers
 from kreisel.physical.shapes import Facets
@@ -50,9 +51,11 @@ POLES, PHASES = 16, 6  # directions of the momentum, phases of precession and of
 MOMENTS_A, PARTS_B = (0.35, 0.55, 0.75), (0.3, 0.8)  # I_a over the largest; I_b between its bounds
 PER_CELL, FIRST, BEST = 2, 60, 12  # starts that are refined in a cell, by all observations, with mirrored poles
 WORTH = 40.0  # chi^2 above the least, in units of chi^2 per degree of freedom, of solutions that are continued
-MOST = 40  # of them
+MOST, ALL = 40, 1e6  # of them; chi^2 above the least of solutions whose neighbours are tried
+SLACK = 5.0  # chi^2 by which further steps may lower a solution in a flat valley
 SIGMAS, FINE = 3.5, 4  # of a lattice of cycles: its extent in errors, points to a cycle
 ALIKE = 4.0  # chi^2 by which a solution differs from a second one
+OFF = 4.0  # chi^2 per degree of freedom, beyond it the motion is a different one
 BLOCK = 60_000  # observations times motions at a time
 
 
@@ -143,7 +146,8 @@ def fit_light_curve(
     for k in _by_distance(seen, first):
         found, now = _pruned(seen.some(now), found, half_turn), now | (seen.apparition == k)
         found = [_continued(seen, now, k, *each) for each in found if len(each[1])]
-    found = _pruned(seen, found, half_turn, delta)
+    found = _pruned(seen, found, half_turn, delta + SLACK)
+    found = _pruned(seen, [(mode, *_in_blocks(seen, x, mode, 100)) for mode, x, _ in found], half_turn, delta)
     if not any(len(x) for _, x, _ in found):
         raise RunError("fit_light_curve: no motion was found. Widen the ranges of the periods, or see the sigmas.")
     return _as_fit(seen, found, epoch, shape)
@@ -241,7 +245,7 @@ def _scanned(seen: Photometry, mode: str, bounds: Sequence[Array], half_turn: bo
     if not motions:
         return mode, np.empty((0, 8)), np.empty(0)
     cells, x = (np.array(v) for v in zip(*motions, strict=True))
-    chi2 = np.empty((len(x), len(views)))
+    chi2: Array = np.empty((len(x), len(views)))
     step = max(1, BLOCK // len(few.time))
     for i in range(0, len(x), step):
         M, attitude, moments = by_periods(x[i : i + step], mode)
@@ -252,9 +256,12 @@ def _scanned(seen: Photometry, mode: str, bounds: Sequence[Array], half_turn: bo
     starts = x[chosen[0]]
     starts[:, :3] = views[chosen[1]]
     starts, chi2 = _in_blocks(seen, _narrowed(few, starts, mode, FIRST), mode, 30)
-    more = _narrowed(few, _relatives(starts[np.argsort(chi2)[:BEST]]), mode, FIRST)
-    more, second = _in_blocks(seen, more, mode, 30)
-    return mode, np.concatenate([starts, more]), np.append(chi2, second)
+    for relatives in (_mirrored, partial(_neighbours, span=float(np.ptp(seen.time))), _mirrored):
+        more = _narrowed(few, relatives(starts[np.argsort(chi2)[:BEST]]), mode, FIRST)
+        more, second = _in_blocks(seen, more, mode, 30)
+        starts, chi2 = np.concatenate([starts, more]), np.append(chi2, second)
+        _, starts, chi2 = _pruned(seen, [(mode, starts, chi2)], half_turn, ALL)[0]
+    return mode, starts, chi2
 
 
 def _narrowed(seen: Photometry, x: Array, mode: str, count: int) -> Array:
@@ -265,7 +272,19 @@ def _narrowed(seen: Photometry, x: Array, mode: str, count: int) -> Array:
     return x
 
 
-def _relatives(x: Array) -> Array:
+def _neighbours(x: Array, span: float) -> Array:
+    """Unknowns (k, 8) with frequencies some half cycles of the apparition away, and two sets of moments."""
+    steps = np.arange(-2, 3) / (2 * span)
+    changes = [c for c in product(steps, steps, (1.0, 1.15)) if any(c[:2])]
+    out = np.tile(x, (len(changes), 1, 1))
+    for new, (of_precession, of_rotation, part) in zip(out, changes, strict=True):
+        new[:, PRECESSION] = 1 / abs(1 / new[:, PRECESSION] + of_precession)
+        new[:, ROTATION] = 1 / abs(1 / new[:, ROTATION] + of_rotation)
+        new[:, 7] = 1 - part * (1 - new[:, 7])
+    return out.reshape(-1, len(UNKNOWNS))
+
+
+def _mirrored(x: Array) -> Array:
     """Unknowns (k, 8) with the pole mirrored, where other minima of nearly the same light are, and other phases."""
     changes = list(product((0, np.pi), (1, -1), np.arange(4) * np.pi / 2, (1, -1)))
     out = np.tile(x, (len(changes), 1, 1))
@@ -376,6 +395,11 @@ def _as_fit(seen: Photometry, found: list[tuple[str, Array, Array]], epoch: floa
     order = np.argsort([row["chi2"] for row in rows])
     table = pd.DataFrame([rows[i] for i in order])
     dof = len(seen.time) - len(UNKNOWNS) - len(np.unique(seen.apparition))
+    if table["chi2"].iloc[0] > OFF * dof:
+        doubt(
+            f"fit_light_curve: expected a chi^2 of about {dof}, got {table['chi2'].iloc[0]:.4g}: no motion found fits. "
+            "Widen the ranges of the periods, or see the sigmas, the shape, and the directions of Sun and observer."
+        )
     return TumblerFit(table, np.array(covariances)[order], dof, epoch, shape)
 
 

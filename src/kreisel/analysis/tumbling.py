@@ -1,13 +1,9 @@
 """Free bodies by the two periods of their motion, in lanes: states, light and residuals for `fit_light_curve`.
 
 The axes are in the order of `kreisel.exact.rotor`: the motion goes round the third, I_3 is the largest moment in a
-short-axis mode and the smallest in a long-axis mode.  With |M| = 1, D = 2T I_3 - 1 between 0 and I_3/I_2 - 1,
-E = 1 - 2T I_1, and Pi of n = -I_3 (I_2 - I_1)/(I_1 (I_3 - I_2)) and k^2,
-
-    P_psi = 4 K/lambda,   2 pi/P_phi = (1 + (I_3 - I_1)/I_1 Pi/K)/I_3.
-
-P_psi is the period of the momentum around the third axis in the body, P_phi the mean period of this axis around the
-momentum in space.  [Landau, Lifshitz, Mechanics, section 37; Kaasalainen, A&A 376 (2001) 302]
+short-axis mode and the smallest in a long-axis mode.  With |M| = 1, D = 2T I_3 - 1 is between 0 and I_3/I_2 - 1, and
+E = 1 - 2T I_1.  P_psi is the period of the momentum around the third axis in the body, P_phi the mean period of this
+axis around the momentum in space.  [Kaasalainen, A&A 376 (2001) 302]
 """
 
 from __future__ import annotations
@@ -21,7 +17,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.kernels.exact.jumps import jumps_of
-from kreisel.physical.free_rotation import rotation_scheme
+from kreisel.physical.free_rotation import periods_of, rotation_scheme
 
 ORDERS = {"short-axis": [0, 1, 2], "long-axis": [2, 1, 0]}
 UNKNOWNS = (
@@ -36,21 +32,17 @@ FAR = 35.0  # -log of the distance to the separatrix
 
 def energies(moments: Array, q: Array) -> tuple[Array, ...]:
     """P_psi |M|, 2 pi/(P_phi |M|), amplitudes (..., 3) of M/|M|, and k'^2, at D = (1 - e^-q)(I_3/I_2 - 1)."""
-    from scipy.special import ellipkm1, elliprf, elliprj
-
     I1, I2, I3 = (moments[..., i] for i in range(3))
     edge = I3 / I2 - 1
     D = -edge * np.expm1(-q)
     E = (I3 - I1 - D * I1) / I3
     rest = (I3 - I1) * (I2 / I3 * edge * np.exp(-q)) / ((I3 - I2) * E)
-    rate, K, n = np.sqrt((I3 - I2) * E / (I1 * I2 * I3)), ellipkm1(rest), -I3 * (I2 - I1) / (I1 * (I3 - I2))
-    third = elliprf(0, rest, 1) + n / 3 * elliprj(0, rest, 1, 1 - n)
     squares = I1 * D / (I3 - I1), I2 * D / (I3 - I2), I3 * E / (I3 - I1)
-    return 4 * K / rate, (1 + (I3 - I1) / I1 * third / K) / I3, np.sqrt(np.stack(squares, -1)), rest
+    return *periods_of(moments, E, rest), np.sqrt(np.stack(squares, -1)), rest
 
 
 def _separation(moments: Array, ratio: Array) -> tuple[Array, Array]:
-    """The q (...) with this ratio of the periods, and whether there is one: by the Illinois rule of false position."""
+    """The q (...) with this ratio of the periods, and whether it exists: by the Illinois rule of false position."""
 
     def off(q: Array) -> Array:
         period, rate = energies(moments, q)[:2]
@@ -71,7 +63,7 @@ def _separation(moments: Array, ratio: Array) -> tuple[Array, Array]:
 
 
 def possible(moments: Array) -> Array:
-    """Whether moments (..., 2) over the largest are those of a body, I_a < I_b < 1, in a certain distance."""
+    """Whether a body can have the moments (..., 2) over the largest, with I_a < I_b < 1, some distance apart."""
     a, b = moments[..., 0], moments[..., 1]
     return (a > 1e-3) & (a < b - 1e-6) & (b < 1 - 1e-6) & (a + b > 1 + 1e-3)
 
@@ -168,7 +160,7 @@ class Photometry:
         return self.without_constants((self.magnitude[:, None] - magnitude) / self.sigma[:, None])
 
     def residuals(self, x: Array, mode: str) -> Array:
-        """Residuals (times, lanes) of unknowns x (lanes, 8); NaN where there is no such motion."""
+        """Residuals (times, lanes) of unknowns x (lanes, 8); NaN if no motion has these periods."""
         M, attitude, moments = by_periods(x, mode)
         return self.differences(turns(M, moments, self.time), attitude.mT @ poles(x), moments)
 
@@ -199,18 +191,15 @@ def refined(seen: Photometry, x: Array, mode: str, iterations: int = 30) -> tupl
         diagonal = np.einsum("lii->li", A)
         lowered = np.zeros(len(live))
         for _ in range(3):
-            damped = (
-                A
-                + np.eye(8)
-                * (damping[live, None] * diagonal + 1e-12 * diagonal.max(-1, keepdims=True) + 1e-300)[..., None]
-            )
+            floor = 1e-12 * diagonal.max(-1, keepdims=True) + 1e-300
+            damped = A + np.eye(8) * (damping[live, None] * diagonal + floor)[..., None]
             trial = x[live] - np.linalg.solve(damped, np.nan_to_num(b)[..., None])[..., 0]
             open_ = lowered == 0
             new = np.full(len(live), np.inf)
             s = seen.residuals(trial[open_], mode)
             new[open_] = np.nan_to_num((s * s).sum(0), nan=np.inf)
             better = open_ & (new < chi2[live])
-            lowered[better] = (chi2[live] - new)[better]
+            lowered[better] = chi2[live[better]] - new[better]
             x[live[better]], chi2[live[better]] = trial[better], new[better]
             damping[live] *= np.where(better, 0.1, np.where(open_, 8.0, 1.0))
             if (lowered > 0).all():

@@ -13,7 +13,7 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.forced import Forced
-from kreisel.physical.free_rotation import FreeRotation
+from kreisel.physical.free_rotation import FreeRotation, Periods, periods_of
 from kreisel.physical.inertia import Principal, inertia_tensor, principal
 from kreisel.physical.measures import (
     RATE,
@@ -175,6 +175,32 @@ class FreeBody(Forced):
         motion = FreeRotation(self.inertia, self.principal, Omega)
         in_range("The precession", lambda: motion.precession)
         return motion
+
+    def periods(self, spin: Any, axis: Any = None) -> Periods:
+        """Both periods of motions that begin with the spins (..., 3), in doubles, for three different moments.
+
+        NaN for steady rotations; near the separatrix digits are lost, which `rotation` keeps.  Raises `InputError`.
+        """
+        Omega = angular_velocity_of(spin, axis) @ self.principal.axes
+        order = np.argsort(self._moments("The periods"))
+        I = self.principal.moments[order]  # noqa: E741
+        if not I[0] < I[1] < I[2]:
+            raise InputError(f"periods: expected three different moments, got {I.tolist()}. rotation(spin) has both.")
+        with np.errstate(all="ignore"):
+            M = Omega[..., order] * I
+            L = np.sqrt(algebra.dot(M, M))
+            N = M / algebra.vec(L)
+            short = N[..., 2] ** 2 * I[0] * (I[2] - I[1]) > N[..., 0] ** 2 * I[2] * (I[1] - I[0])
+            N = np.where(short[..., None], N, N[..., ::-1])
+            I = np.where(short[..., None], I, I[::-1])  # noqa: E741
+            I1, I2, I3 = (I[..., i] for i in range(3))
+            E = (1 - I1 / I2) * N[..., 1] ** 2 + (1 - I1 / I3) * N[..., 2] ** 2
+            gap = (1 - I2 / I1) * N[..., 0] ** 2 + (1 - I2 / I3) * N[..., 2] ** 2
+            period, rate = periods_of(I, E, (I3 - I1) * gap / ((I3 - I2) * E))
+        tumbling = (N[..., :2] ** 2).sum(-1) > 0
+        return Periods(
+            np.where(tumbling, period / L, np.nan), np.where(tumbling, 2 * np.pi / (rate * L), np.nan), short
+        )
 
     def stability(self, spin: float) -> tuple[AxisStability, ...]:
         """The rotation at this rate, rad/s, about each principal axis, in the order of `principal`.

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -208,6 +208,30 @@ class FreeRotation:
         upright = np.array([length + z, y, -x, 0.0] if z > -length / 2 else [y, length - z, 0.0, x])
         velocity, attitude = self.at(np.linspace(0.0, reach, _points(points)), algebra.unit(upright))
         return algebra.act(algebra.rotation_matrix(attitude), velocity)
+
+
+class Periods(NamedTuple):
+    """The two periods of motions, s, and whether M goes round the axis of the largest moment: short-axis modes."""
+
+    rotation: Array  # of M round an axis in the body: `FreeRotation.period`
+    precession: Array  # of this axis round M in space, on average: `FreeRotation.precession_period`
+    short_axis: Array
+
+
+def periods_of(moments: Array, E: Array, rest: Array) -> tuple[Array, Array]:
+    """P_psi |M| and 2 pi/(P_phi |M|) by moments (..., 3) in the order of the closed form, E/L^2 and k'^2, in doubles.
+
+        P_psi = 4 K/lambda,   2 pi/P_phi = (L/I_3) (1 + (I_3 - I_1)/I_1 Pi(n, k)/K),
+        n = -I_3 (I_2 - I_1)/(I_1 (I_3 - I_2))
+
+    [Landau, Lifshitz, Mechanics, section 37; DLMF 19.25.2]
+    """
+    from scipy.special import ellipkm1, elliprf, elliprj
+
+    I1, I2, I3 = (moments[..., i] for i in range(3))
+    K, n = ellipkm1(rest), -I3 * (I2 - I1) / (I1 * (I3 - I2))
+    third = elliprf(0, rest, 1) + n / 3 * elliprj(0, rest, 1, 1 - n)
+    return 4 * K * np.sqrt(I1 * I2 * I3 / ((I3 - I2) * E)), (1 + (I3 - I1) / I1 * third / K) / I3
 
 
 def rotation_scheme(moments: Array) -> Scheme:
