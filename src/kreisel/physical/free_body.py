@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kreisel.algebra import Array
+from kreisel.algebra import Array, dot, vec
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.forced import Forced
@@ -188,8 +188,8 @@ class FreeBody(Forced):
             raise InputError(f"periods: expected three different moments, got {I.tolist()}. rotation(spin) has both.")
         with np.errstate(all="ignore"):
             M = Omega[..., order] * I
-            L = np.sqrt(algebra.dot(M, M))
-            N = M / algebra.vec(L)
+            L = np.sqrt(dot(M, M))
+            N = M / vec(L)
             short = N[..., 2] ** 2 * I[0] * (I[2] - I[1]) > N[..., 0] ** 2 * I[2] * (I[1] - I[0])
             N = np.where(short[..., None], N, N[..., ::-1])
             I = np.where(short[..., None], I, I[::-1])  # noqa: E741
