@@ -16,7 +16,7 @@ motions, and grows like lambda t/2 for chaotic motions, lambda Lyapunov's expone
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -265,11 +265,7 @@ def megno(
     """
     import xarray as xr
 
-    body, frame, model = as_body(system), BodyFrame(), cast("Model", system)
-    if body is not None:
-        model, x0, begun, when = of_body(body, x0, orientation, {"dt": dt, "every": every})
-        dt, every, frame, forces = when["dt"], when["every"], model.body_frame or frame, model.system.perturbation
-        orientation = begun if orientation is not None or (forces and forces.names(ORIENTATION)) else None
+    model, x0, orientation, dt, every, frame = _in_form_of_state(system, x0, orientation, dt, every)
     check_model(model)
     rows = -(-within(steps, "steps", 1, MOST) // within(every, "every", 1, MOST))
     if model.n != 3 or not model.system.space.of_body:
@@ -300,6 +296,16 @@ def megno(
     results = {"megno": value, "mean": np.cumsum(value, 0) / number, "lyapunov": np.cumsum(growth, 0) / time}
     dims = ("time",) if single else ("time", "lane")
     return xr.Dataset({k: (dims, v[:, 0] if single else v) for k, v in results.items()}, {"time": time[:, 0]})
+
+
+def _in_form_of_state(system: Any, x0: Any, orientation: Any, dt: Any, every: Any) -> tuple[Any, ...]:
+    """Model, start, orientation, step, steps between rows, and units; `system` may be a body."""
+    if (body := as_body(system)) is None:
+        return system, x0, orientation, dt, every, BodyFrame()
+    model, x0, begun, when = of_body(body, x0, orientation, {"dt": dt, "every": every})
+    forces = model.system.perturbation
+    oriented = orientation is not None or (forces is not None and bool(forces.names(ORIENTATION)))
+    return model, x0, begun if oriented else None, when["dt"], when["every"], model.body_frame or BodyFrame()
 
 
 def _rows(system: Model, x0: StateLike, orientation: OrientationLike | None) -> tuple[Array, int, bool]:

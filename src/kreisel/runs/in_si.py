@@ -20,7 +20,6 @@ from kreisel.algebra import Array
 from kreisel.algebra.random import GENERATOR
 from kreisel.errors import InputError, RunError, doubt, shown
 from kreisel.files import parsed
-from kreisel.forces.kicks import COUPLING, INERTIA
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
 from kreisel.record.body_frame import AXES, BODY, STATE, BodyFrame, scaling
@@ -250,6 +249,7 @@ def _model_of(run: xr.Dataset, model: Model | None) -> Model | None:
 def _integrable_part(record: RunRecord) -> Model | None:
     """The model of a known system with user-defined forces that leave its angular velocity unchanged, else None."""
     from kreisel.bodies import KNOWN
+    from kreisel.forces.kicks import COUPLING, INERTIA
 
     system = KNOWN.get(re.sub("^((perturbed|controlled)-)*", "", record.system))
     values = parsed(record.parameters, "The attribute parameters")
