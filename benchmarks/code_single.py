@@ -1,4 +1,4 @@
-"""What a file of `kreisel code --single` keeps over 10^9 frames at 60 Hz, against the file in 64 bits.
+"""What a file of `kreisel code --single` keeps over 10^9 frames at 60 Hz (10^8 of some), against the file in 64 bits.
 
 Both files are in one program of C with the same moments, step and state.  In units of the last place, 2^-23: the
 largest change of |M| and of the energy; the angle between the two orientations, and between g M and its first value.
@@ -83,7 +83,7 @@ if __name__ == "__main__":
     frames = int(float(sys.argv[1])) if len(sys.argv) > 1 else 10**9
     found = {}
     for case, start in CASES.items():
-        found[case] = measured(start, frames)
+        found[case] = measured(start, frames if case == "tumbling" else frames // 10)
         print(case, *found[case], sep="\n  ")
     columns = ["frames", "momentum", "energy", "attitude", "momentum in space"]
     text = json.dumps({"flags": FLAGS, "columns": columns, **found}, indent=1)

@@ -16,7 +16,7 @@ int main(int count, char **words) {
     const long pictures = count > 1 ? atol(words[1]) : 100000000L;
     const double moments[3] = {5.5, 4.5, 3.0}, dt = 1.0 / 30.0;
     rock_constants c;
-    rock_state s = {{0.02, 4.5, 0.01}, {1.0, 0.0, 0.0, 0.0}};
+    rock_state s = {.M = {0.02, 4.5, 0.01}, .g = {1.0}};
 
     const int status = rock_check(moments, dt);
     if (status) {
@@ -27,6 +27,7 @@ int main(int count, char **words) {
     const double first = rock_energy(&c, &s);
     for (int k = 1; k <= 5; k++) {
         rock_advance(&c, &s, pictures / 5); /* in a game: one rock_step a picture */
+        rock_hold(&c, &s);
         const double *q = s.g; /* the third axis of the body in space */
         printf("after %11ld steps: axis %6.3f %6.3f %6.3f, energy changed by %.1e\n", k * (pictures / 5),
                2.0 * (q[1] * q[3] + q[0] * q[2]), 2.0 * (q[2] * q[3] - q[0] * q[1]),

@@ -17,8 +17,10 @@ from kreisel.graph.graph import where_less
 from kreisel.languages.parts import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values
 
 SWEEPS = 6
-HELD = {"was": Field(3, "written by `step`"), "kept": Field(4, "written by `step`")}
 NEAR, TINY = 1e-6, 1e-36  # of `rotor_step`, for 32 bits
+FEW: dict[str, Any] = {"nodes": 6, "orders": 6, "tiny": TINY, "restore": False}
+HELD = {"was": Field(3, "written by step and hold"), "kept": Field(4, "written by step and hold")}
+Step = Callable[[Values, Values], dict[str, Any]]
 CLOSE = 1 + 1e-6  # I_i <= I_j + I_k, up to the rounding of measured moments
 MOMENTS = "principal moments of inertia"
 MESSAGES = (
@@ -31,6 +33,8 @@ prepare: constants from the principal moments of inertia I and the time step dt,
 step: momentum M along the principal axes (M_i = I_i w_i) and orientation g after the time dt; -dt steps back.
 Between steps you may change M and g, by `kick` with the impulse of a torque K in space, and the constants.  A step is
 accurate to rounding if `reach` is at most 1, {reach} radians at the most.  Else prepare with dt/n and step n times.
+hold: rounding changes energy and |M| by 1e-17 of them a step; called now and then, hold puts them back to what they
+were after your last change of M.{hold}
 principal: moments I and principal axes of an inertia tensor T = (xx, yy, zz, yz, zx, xy) in other axes of the body;
 set_motion and get_motion: orientation q of those axes and angular velocity w in space, from and to the state."""
 
@@ -50,43 +54,44 @@ def prepare(I: Array, dt: Any) -> dict[str, Any]:  # noqa: E741
     return {**{f"c.{name}": value for name, value in rotor_step.constants(I).items()}, "c.h": dt}
 
 
-def step(c: Values, s: Values) -> dict[str, Any]:
-    """M and g after the time h."""
-    M, g = rotor_step.step(s["M"], s["g"], **c)
-    return {"s.M": M, "s.g": g}
-
-
 def integrals(M: Array, inverse: Array) -> list[Any]:
     """|M|^2 and M . I^-1 M of numbers taken as exact, as sums of two numbers."""
     squares = [DoubleDouble(x) * x for x in M]
     return [squares[0] + squares[1] + squares[2], sum((x * v for x, v in zip(squares, inverse, strict=True)), 0.0)]
 
 
-def holding(step: Callable[[Values, Values], dict[str, Any]], c: Values, s: Values, inverse: Array) -> dict[str, Any]:
-    """A step in numbers of 32 bits that keeps |M|^2 and the energy of the state that was last changed from outside.
+def hold(c: Values, s: Values, near: float = rotor_step.NEAR, tiny: float = rotor_step.TINY) -> dict[str, Any]:
+    """M with the integrals kept: those after the first step since M was changed from outside.
 
-    was: the M that the last step wrote; kept: the two integrals, each a sum of two numbers.
+    was: the M of the last step; kept: the two integrals, each a sum of two numbers, the first negative after a change.
     """
-    changed = algebra.dot(abs(s["M"] - s["was"]), np.ones(3))
+    M, inverse, first = s["M"], c["inverse"] if "inverse" in c else c["c"][[5, 2, 1]], _noted(s)
+    here = integrals(M, inverse)
     kept = [
-        DoubleDouble.where_less(0.0, changed, now, DoubleDouble(*pair))
-        for now, pair in zip(integrals(s["M"], inverse), (s["kept"][:2], s["kept"][2:]), strict=True)
+        DoubleDouble.where_less(first, 0.0, now, DoubleDouble(*pair))
+        for now, pair in zip(here, (s["kept"][:2], s["kept"][2:]), strict=True)
     ]
-    new = step(c, s)
-    N = new["s.M"]
-    square, rest = [upper(before - now) for before, now in zip(kept, integrals(N, inverse), strict=True)]
-    N = rotor_step.corrected(N, upper(kept[0]), square, rest, inverse, near=NEAR, tiny=TINY)
-    return {**new, "s.M": N, "s.was": N, "s.kept": [x for pair in kept for x in (pair.upper, pair.lower)]}
+    square, rest = (upper(before - now) for before, now in zip(kept, here, strict=True))
+    M = rotor_step.corrected(M, upper(kept[0]), square, rest, inverse, near=near, tiny=tiny)
+    return {"s.M": M, "s.was": M, "s.kept": [x for pair in kept for x in (pair.upper, pair.lower)]}
 
 
-def held_step(c: Values, s: Values) -> dict[str, Any]:
-    """M and g after the time h, in numbers of 32 bits."""
+def _noted(s: Values) -> Any:
+    """The first number kept, or -1 if M was changed since the last step."""
+    return where_less(0.0, algebra.dot(abs(s["M"] - s["was"]), np.ones(3)), -1.0, s["kept"][0])
 
-    def step(c: Values, s: Values) -> dict[str, Any]:
-        M, g = rotor_step.step(s["M"], s["g"], **c, nodes=6, orders=6, tiny=TINY, restore=False)
-        return {"s.M": M, "s.g": g}
 
-    return holding(step, c, s, c["inverse"])
+def watched(step: Step, single: bool, c: Values, s: Values) -> dict[str, Any]:
+    """A step that notes changes of M for `hold`, and in numbers of 32 bits holds the integrals itself."""
+    new = {**step(c, s), "s.kept": [_noted(s), *s["kept"][1:]]}
+    new["s.was"] = new["s.M"]
+    return new | hold(c, {name[2:]: v for name, v in new.items()}, NEAR, TINY) if single else new
+
+
+def step(c: Values, s: Values, **options: Any) -> dict[str, Any]:
+    """M and g after the time h."""
+    M, g = rotor_step.step(s["M"], s["g"], **c, **options)
+    return {"s.M": M, "s.g": g}
 
 
 def reach(c: Values, s: Values) -> Any:
@@ -146,8 +151,9 @@ def free_body(moments: Any, dt: float, M: Any, g: Any, units: str, single: bool 
     four = ("array", 4)
     arguments = {"I": ("array", 3), "dt": ("number", 0)}
     constants = {name: 0 if name == "h" else 3 for name in ("inverse", "rates", "curvatures", "h")}
+    head = HEAD.format(reach=rotor_step.MOST_TURN, hold="  In numbers of 32 bits step does it." if single else "")
     return Body(
-        head=[*HEAD.format(reach=rotor_step.MOST_TURN).splitlines(), f"Units: {units or 'any consistent ones'}."],
+        head=[*head.splitlines(), f"Units: {units or 'any consistent ones'}."],
         parameters={
             "I": Field(3, MOMENTS, np.asarray(moments)),
             "dt": Field(0, "time step", dt),
@@ -156,13 +162,14 @@ def free_body(moments: Any, dt: float, M: Any, g: Any, units: str, single: bool 
         state={
             "M": Field(3, "angular momentum along the principal axes"),
             "g": Field(4, "orientation, body to space: unit quaternion (w, x, y, z)"),
-            **(HELD if single else {}),
+            **HELD,
         },
         start={"M": np.asarray(M), "g": np.array([1.0, 0, 0, 0]) if g is None else np.asarray(g)},
         functions=[
             Function("check", check, arguments, "status"),
             Function("prepare", prepare, {**NEW, **arguments}),
-            Function("step", held_step if single else step, CHANGED),
+            Function("step", partial(watched, partial(step, **FEW) if single else step, single), CHANGED),
+            *([] if single else [Function("hold", hold, CHANGED)]),
             Function("reach", reach, READ, "number"),
             Function("energy", energy, READ, "number"),
             Function("kick", kick, {"s": ("changed", 0), "K": ("array", 3)}),

@@ -16,7 +16,7 @@ from kreisel.algebra.recorded import NotRecorded
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError
 from kreisel.graph.graph import Graph, where_less
-from kreisel.languages.bodies import HELD, MESSAGES, MOMENTS, check, holding
+from kreisel.languages.bodies import HELD, MESSAGES, MOMENTS, check, watched
 from kreisel.languages.parts import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values, numbers_of
 from kreisel.method import find
 from kreisel.method.observing import ORIENTATION
@@ -188,7 +188,7 @@ class Stepped:
 
     def step(self, c: Values, s: Values) -> dict[str, Any]:
         """A step, or a stage of one."""
-        return holding(self.moved, c, s, c["c"][[5, 2, 1]]) if self.held else self.moved(c, s)
+        return watched(self.moved, True, c, s) if self.held else self.moved(c, s)
 
     def moved(self, c: Values, s: Values) -> dict[str, Any]:
         """The step of the method."""

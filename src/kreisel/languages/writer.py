@@ -192,7 +192,7 @@ class Block:
     def compute(self, nodes: Sequence[int], outputs: Sequence[Operand], hoisted: bool = False) -> None:
         """Write the nodes that are used twice; `hoisted`: the outputs too."""
         uses = Counter(x.at for at in nodes for x in operands_of(self.graph.nodes[at]))
-        uses.update({x.at: 2 if hoisted else 1 for x in outputs if isinstance(x, Number)})
+        uses.update(x.at for x in outputs for _ in range(1 + hoisted) if isinstance(x, Number))
         uses.update(
             {x.at: 2 for at in nodes if self.graph.nodes[at][0] == LOOP for x in operands_of(self.graph.nodes[at])}
         )
