@@ -131,15 +131,30 @@ _CALLS = ("one step us", "a state at a time us")
 def code() -> str:
     """Files of `kreisel code` beside the kernel."""
     found = _result("code")["ns_a_step"].items()
-    times = {
-        name: [*(f"{row[k]:.0f}" for k in ("kernel", "c", "js")), f"{row['c'] / row['kernel']:.2f}"]
+    rows = [
+        [
+            f"`{name.replace(', ', '`, `')}`",
+            *(f"{row[k]:.0f}" if k in row else "" for k in ("kernel", "c", "js", "lines")),
+        ]
         for name, row in found
-    }
-    rows = [[f"`{name.replace(', ', '`, `')}`", *row] for name, row in times.items()]
-    return _table(["map, order", "kernel", "C", "JavaScript", "C to kernel"], rows)
+    ]
+    return _table(["method, order", "kernel, ns", "C, ns", "JavaScript, ns", "lines of C"], rows)
 
 
-TABLES = (speed_and_stillness, ensembles, saving_cost, dimensions, startup, gpu_code, calls, code)
+def code_single() -> str:
+    """Files in numbers of 32 bits, after many frames."""
+    found = _result("code-single")
+    rows = [
+        [name, f"{row[0]:.0e}", *(f"{v:.2g}" for v in row[1:])]
+        for name, frames in found.items()
+        if name not in ("flags", "columns")
+        for row in (frames[0], frames[3], frames[-1])
+    ]
+    head = ["motion", "frames", "momentum, units", "energy, units", "attitude, rad", "momentum in space, rad"]
+    return _table(head, rows)
+
+
+TABLES = (speed_and_stillness, ensembles, saving_cost, dimensions, startup, gpu_code, calls, code, code_single)
 
 if __name__ == "__main__":
     for table in TABLES:

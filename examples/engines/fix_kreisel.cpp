@@ -29,7 +29,7 @@ public:
             const double *r = bonus.shape, *q = bonus.quat, m = atom->rmass[i] / 5.0;
             const double I[3] = {m * (r[1] * r[1] + r[2] * r[2]), m * (r[0] * r[0] + r[2] * r[2]), m * (r[0] * r[0] + r[1] * r[1])};
             rock_constants c;
-            rock_state s = {{0, 0, 0}, {q[0], q[1], q[2], q[3]}};
+            rock_state s = {{0, 0, 0}, {q[0], q[1], q[2], q[3]}, {}, {}};
             rock_prepare(&c, I, update->dt);
             rotate(q, atom->angmom[i], s.M);
             rock_step(&c, &s); /* the momentum in space is constant */
