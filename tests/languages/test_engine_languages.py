@@ -303,7 +303,7 @@ def test_a_method_of_stages_has_the_bits_of_c_in_rust(case: str, tmp_path: Path)
 #include <string.h>
 int main(void) {{
     rock_constants c;
-    rock_state s;
+    static rock_state s;
     rock_prepare(&c{"".join(f", rock_{name}" for name in arguments.split())});
     {" ".join(f"memcpy(s.{name}, rock_start_{name}, sizeof s.{name});" for name in names)}
     {"rock_begin(&c, &s);" * begins}
