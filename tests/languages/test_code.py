@@ -75,11 +75,9 @@ def by_c(folder: Path, text: str, name: str, calls: str, compiler: str = "gcc", 
     start = " ".join(f"memcpy(&s.{field}, &{name}_start_{field}, sizeof s.{field});" for field in state)
     begin = f" {name}_begin(&c, &s);" if f" {name}_begin(" in text else ""
     given = "".join(f", {dt}" if x == "dt" and dt else f", {name}_{x}" for x in arguments)
-    observe = (
-        f"double out[100]; {name}_observe(&c, &s, out);"
-        if f" {name}_observe(" in text
-        else "double *out = (double *)&s;"
-    )
+    written = re.search(rf" {name}_observe\(.* out\[(\d+)\]", text)  # energies; the state too if it is not in s
+    observed = written is not None and int(written[1]) >= size
+    observe = f"double out[100]; {name}_observe(&c, &s, out);" if observed else "double *out = (double *)&s;"
     words = {"name": name, "arguments": given, "start": start + begin, "calls": calls, "size": size, "observe": observe}
     program = C_PROGRAM.format(**words)
     (folder / f"{name}.h").write_text(text)
