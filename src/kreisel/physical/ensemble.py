@@ -19,7 +19,7 @@ from kreisel.physical.measures import attitude_quaternion, in_range, si_number
 from kreisel.record.body import UPRIGHT, Body, joined
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.model import Model, State
-from kreisel.record.quantities import one_unit
+from kreisel.record.quantities import Scales, one_unit
 from kreisel.runs.operations import operations_of
 
 VECTORS = (
@@ -72,6 +72,7 @@ def _created(call: Callable[..., Any], names: Sequence[str], values: tuple[Any, 
     return Ensemble(_each(call, lanes)) if lanes else call(*values, **named)
 
 
+@explained
 class Varied(Body, metaclass=OfLanes):
     """Bodies that are records: their values can vary from lane to lane."""
 
@@ -191,6 +192,16 @@ class Ensemble(Body):
     def model(self) -> Model:
         """The common system, with the parameters of each lane."""
         return self._model
+
+    def dt(self, duration: Any) -> float:
+        """A duration, s, in the common unit of time of the scaled systems.  Raises `InputError`."""
+        return float(self.members[0].dt(duration))
+
+    def scales(self) -> Scales:
+        """The units of the variables of the scaled systems.  Raises `InputError` if they differ."""
+        if self._model.body_frame is not None and self._model.body_frame.differs:
+            raise InputError("scales: expected bodies with equal units, got others: many[lane].scales().")
+        return self.members[0].scales()  # type: ignore[no-any-return]
 
     def _joined(self) -> None:
         """The bodies as lanes, with a common unit of time, and their model."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra.random import GENERATOR, streams_from
-from kreisel.errors import InputError
+from kreisel.errors import InputError, explained
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales
@@ -19,6 +19,7 @@ from kreisel.record.quantities import Scales
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
+@explained
 class Body:
     """A body of `kr.physical`, in SI units.
 
