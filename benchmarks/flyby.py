@@ -1,4 +1,4 @@
-"""Time of a million clones of Apophis through the approach of April 2029.
+"""Time of many clones of Apophis through the approach of April 2029.
 
     python benchmarks/flyby.py [--clones 1000000]
 
@@ -26,7 +26,7 @@ def main() -> None:
     options.add_argument("--clones", type=int, default=1_000_000)
     args = options.parse_args()
     code = "\n".join(re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL))
-    names: dict[str, Any] = {}
+    names: dict[str, Any] = {"__name__": "guide"}
     exec(code[: code.index("run = kr.simulate")].replace("5000)", f"{args.clones})"), names)
     rows = []
     for dt in ("10 min", "5 min"):
