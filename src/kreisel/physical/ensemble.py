@@ -201,7 +201,7 @@ class Ensemble(Body):
         """The units of the variables of the scaled systems.  Raises `InputError` if they differ."""
         if self._model.body_frame is not None and self._model.body_frame.differs:
             raise InputError("scales: expected bodies with equal units, got others: many[lane].scales().")
-        return self.members[0].scales()  # type: ignore[no-any-return]
+        return self.members[0].scales()
 
     def _joined(self) -> None:
         """The bodies as lanes, with a common unit of time, and their model."""
