@@ -45,10 +45,11 @@ def module(name: str, text: str, flow: str) -> str:
     if name == "top":
         (names,) = re.findall(r"^Outputs: (.*?)\.$", text.replace(",\n", ", "), re.MULTILINE | re.DOTALL)
         parts = {
-            "names": names.split(", "),
+            "names": [*(f"{letter}[{i}]" for letter in "ma" for i in range(3)), *names.split(", ")],
             "prepare": "prepare(this.c, CONSTANTS.slice(0, 3), CONSTANTS[3], CONSTANTS[4]);",
             "set": "this.s.m.set(x.slice(0, 3)); this.s.a.set(x.slice(3));",
-            "observe": "observe(this.c, this.s, out);",
+            "observe": "const e = []; observe(this.c, this.s, e); "
+            "[...this.s.m, ...this.s.a, ...e].forEach((v, i) => { out[i] = v; });",
         }
     else:
         parts = {
