@@ -48,7 +48,8 @@ SLOW = {"kr.fit": 0.2, "kr.differentiable": 0.2, "kr.tangent": 0.4, "kr.view": 0
         "Comparison.plot": 0.1, "kr.compare": 0.02}  # fmt: skip
 OFTEN = ("kr.", "analysis.", "Propagator.")
 INFINITE = {"physical.Gyroscope.motion", "physical.Gyroscope.steady_precession",
-            "physical.FreeBody.stability", "Comparison.apart", "Comparison.growth", "physical.Units", "units.measured",
+            "physical.FreeBody.stability", "physical.FreeBody.periods", "analysis.light_curve",
+            "Comparison.apart", "Comparison.growth", "physical.Units", "units.measured",
             "units.si", "analysis.rates", "analysis.mean_rates", "kr.drift",
             "analysis.angular_velocity", "analysis.compare", "kr.nutation", "kr.to_numpy"}  # fmt: skip
 KIND_OF = {
