@@ -106,7 +106,7 @@ class Dialect:
         if self.single:
             return self
         if not self.words:
-            raise InputError(f"single: expected a language that has numbers of 32 bits, got {self.name}.")
+            raise InputError(f"single: expected a language with 32-bit floats, got {self.name}.")
         return self.spelled(self.words, single=True, number=self.number32)
 
 
