@@ -19,7 +19,7 @@ from pathlib import Path
 DEVICES = {"null": (1, 3), "zero": (1, 5), "full": (1, 7), "urandom": (1, 9)}
 LARGEST = "3g"  # of the file system in memory
 NOT_PERMITTED = "a temporary folder; no namespace of mounts was permitted, and paths of devices were not tried"
-PRIVATE = "a namespace of its own: all file systems read-only but one in memory, private devices"
+PRIVATE = "a separate namespace: all file systems read-only but one in memory, private devices"
 MOMENT = 2.0  # seconds
 CAPABILITY_VERSION = 0x20080522  # of Linux
 

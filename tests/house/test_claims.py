@@ -23,6 +23,10 @@ ROWS = {
         "runs/test_breaks.py::an_event_stops_the_run_where_it_happens",
     ],
     "bodies that attract each other": ["forces/test_pairs.py::a_chain_of_tops_is_that_of_its_equations"],
+    "two bodies that rotate each other": [
+        "binaries.md",
+        "physical/test_binary.py::the_potential_has_all_terms_of_the_fourth_degree",
+    ],
     "spins and tides of bodies on orbits": ["physical/test_rebound.py::the_moon_recedes_and_the_day_gets_longer"],
     "a body in water or air": ["water.md", "physical/test_submerged.py::against_equations_about_another_point"],
     "chains of classical spins": ["spin-chains.md", "system/test_spin_chains.py::runs_and_archives"],

@@ -22,6 +22,7 @@ DOCS = ROOT / "docs"
 PARTS = [
     "Tutorials",
     "Satellites",
+    "Asteroids and moons",
     "Other bodies",
     "Runs",
     "Other programs",
