@@ -204,13 +204,24 @@ def explained(call: F) -> F:
         except (InputError, RunError):
             raise
         except Exception as error:
-            if isinstance(error, TypeError) and error.__traceback__ and error.__traceback__.tb_next is None:
+            if isinstance(error, TypeError) and not _fits(call, values, named):
                 raise InputError(_misfit(call, values, named)) from None
             if fault := _mistyped(call, values, named):
                 raise InputError(fault) from error
             raise
 
     return checked  # type: ignore[return-value]
+
+
+def _fits(call: Callable[..., Any], values: tuple[Any, ...], named: Mapping[str, Any]) -> bool:
+    """Whether the signature has these arguments."""
+    import inspect
+
+    try:
+        inspect.signature(call).bind(*values, **named)
+    except TypeError:
+        return False
+    return True
 
 
 def _mistyped(call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[str, Any]) -> str:

@@ -22,6 +22,7 @@ from typing import Any
 
 from kreisel import physical
 from kreisel.errors import Faults, InputError, hint, shown
+from kreisel.physical.ensemble import Varied
 from kreisel.record.body import Body
 from kreisel.record.model import State
 from kreisel.record.quantities import QUANTITY, si
@@ -33,8 +34,8 @@ Table = Mapping[str, Any]
 
 def kinds() -> dict[str, type[Body]]:
     """The classes of bodies by their names in a file."""
-    bodies = {name: each for name, each in parts().items() if isinstance(each, type) and issubclass(each, Body)}
-    return {name: each for name, each in bodies.items() if is_dataclass(each) and each.model is not Body.model}
+    bodies = {name: each for name, each in parts().items() if isinstance(each, type) and issubclass(each, Varied)}
+    return {name: each for name, each in bodies.items() if is_dataclass(each)}
 
 
 def parts() -> dict[str, Callable[..., Any]]:
