@@ -123,11 +123,21 @@ def test_derivatives():
     light = brightness(AXES, phase=(0.5, 0.1, -0.5))
     slope = [(light(s + h * e, o) - light(s - h * e, o)) / (2 * h) for e in np.eye(3)]
     with double():
-        slopes = jax.jit(jax.vmap(jax.grad(light), (0, None)))(jax.numpy.stack([s, o]), o)
-    assert np.allclose(slopes[0], slope, rtol=1e-6) and np.isfinite(slopes[1]).all()  # finite at opposition
+        slopes = jax.jit(jax.vmap(jax.grad(light), (0, None)))(jax.numpy.stack([s, o, -o]), o)
+    assert np.allclose(slopes[0], slope, rtol=1e-6) and np.isfinite(slopes).all()  # at opposition, behind the body
     facets = brightness(Facets.ellipsoid(AXES, 300), law="damit")
     with double():
         assert np.allclose(jax.jit(facets)(s, o), facets(s, o))
+
+
+def test_the_flux_of_a_thin_crescent_falls_with_its_square():  # [Lester et al.], near 180 degrees
+    crescent = np.array([0.03, 2.1e-3, 1.9e-3, 1e-4, 1e-7, 1e-12])  # 180 degrees - phase angle, rad
+    turn = np.linalg.qr(np.ones((3, 3)) + np.eye(3))[0]
+    o = np.stack([-np.cos(crescent), np.sin(crescent), 0 * crescent], -1) @ turn
+    assert brightness((1, 1, 1))(turn[0], o) / crescent**2 == pytest.approx(np.pi / 12 * np.ones(6), rel=1e-3)
+    flux = brightness(AXES)(turn[0], o) / crescent**2
+    assert flux[1] == pytest.approx(flux[2], rel=1e-3) and np.ptp(flux[2:]) < 1e-3 * flux[2]
+    assert 0 <= brightness(AXES)(turn[0], -turn[0]) < 1e-100
 
 
 def test_bad_input():

@@ -40,6 +40,7 @@ DAMIT = {"lommel-seeliger": 1.0, "lambert": 0.1}
 SPEED_OF_LIGHT = 299_792_458.0  # m/s
 BLOCK = 4_000_000  # facets times rows at a time
 TINY = 1e-200  # 0 ln 0 = 0, and derivatives at opposition
+NEW = 2e-3  # rad: of a thinner crescent the flux is (pi/2) a b c |p x q|^2/(6 (|p||q|)^(3/2)), to 1e-5
 
 
 @explained
@@ -167,15 +168,16 @@ def of_ellipsoid(axes: Array, weights: Mapping[str, float]) -> Callable[[Array, 
 
     def flux(s: Array, o: Array) -> Array:
         p, q = s * inverse, o * inverse
-        P, Q, pq, X = dot(p, p), dot(q, q), dot(p, q), algebra.sqrt(_cross_squared(p, q) + TINY)
-        W = algebra.sqrt(P + 2 * pq + Q + TINY)
-        P, Q = algebra.sqrt(P), algebra.sqrt(Q)
+        w, pq, X = p + q, dot(p, q), algebra.sqrt(_cross_squared(p, q) + TINY)
+        P, Q, W = algebra.sqrt(dot(p, p)), algebra.sqrt(dot(q, q)), algebra.sqrt(dot(w, w) + TINY)
         if set(weights) == {"geometric"}:
             return size * weights["geometric"] * (Q + pq / P)
-        one, two = P * W + P * P + pq, Q * W + Q * Q + pq  # |p||w| + p.w
+        where, new = _namespace(pq).where, (pq < 0) & (X < NEW * P * Q)
+        one, two = (where(new, W, u * W + dot(v, w)) for u, v in ((P, p), (Q, q)))  # |p||w| + p.w
         logarithm = algebra.log(X / one * (X / two))
         bracket = one / (P * W) + two / (Q * W) - 2 + X * X / (P * Q * W * W) * logarithm
-        return size * (weights["lommel-seeliger"] * P * Q / W * bracket + weights.get("geometric", 0) * (Q + pq / P))
+        lommel = where(new, X * X / (6 * (P * Q) ** 1.5), P * Q / W * bracket)
+        return size * (weights["lommel-seeliger"] * lommel + weights.get("geometric", 0) * (Q + pq / P))
 
     return flux
 
