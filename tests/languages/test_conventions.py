@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -174,3 +176,24 @@ def test_what_has_no_convention_is_refused() -> None:
     for body in (top, kr.EulerTop(J=(1, 2, 3.5))):
         with pytest.raises(kr.InputError, match="expected a free body"):
             kr.code(body, convention="unity")
+
+
+def test_the_lines_of_the_page_for_unreal_compile(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "engines.md").read_text()
+    lines = page.split("C++, Unreal:\n\n")[1].split("\n\n")[0]
+    rock = kr.code(kr.physical.FreeBody((1, 2, 2.5)), language="cpp", convention="unreal", name="rock")
+    (tmp_path / "rock.hpp").write_text(rock)
+    program = f"""#include "rock.hpp"
+    #include <cstdio>
+    struct FQuat {{
+        FQuat(double a, double b, double c, double d) {{ printf("%.15g %.15g %.15g %.15g", a, b, c, d); }}
+    }};
+    void SetActorRotation(FQuat) {{}}
+    int main() {{ {lines}
+    }}"""
+    (tmp_path / "main.cpp").write_text(program)
+    subprocess.run(
+        ["g++", "-std=c++11", "-ffp-contract=off", "main.cpp", "-o", "main"], cwd=tmp_path, check=True, timeout=60
+    )
+    got = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=True, timeout=60).stdout.split()
+    assert [float(x) for x in got] == pytest.approx([0, np.sin(1.5 / 60), 0, np.cos(1.5 / 60)], abs=1e-14)

@@ -69,3 +69,8 @@ def test_a_mesh_gives_moments_of_its_homogeneous_body(folder: Path) -> None:
 def test_bad_input_is_named(words: tuple[str, ...], part: str, folder: Path) -> None:
     (folder / "arm.urdf").write_text(ROBOT)
     assert part in code(*words)
+
+
+def test_a_name_instead_of_a_body_is_named() -> None:
+    with pytest.raises(kr.InputError, match="A system with its parameters was expected"):
+        kr.code("free-body")  # type: ignore[arg-type]

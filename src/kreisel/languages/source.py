@@ -24,6 +24,7 @@ from kreisel.record.calling import call
 from kreisel.record.table import require_none
 from kreisel.runs.examples import example
 from kreisel.runs.planning import make_plan
+from kreisel.runs.settings import check_model
 
 if TYPE_CHECKING:
     from kreisel.record.body import Body as PhysicalBody
@@ -77,6 +78,7 @@ def code(
     engine = None if convention is None else convention_of(convention)
     body = body if engine is None else _along(engine, system, body, x0)
     model: Any = system if body is None else body.model()
+    check_model(model)
     if body is not None:
         dt, orientation = body.dt(dt), (1.0, 0.0, 0.0, 0.0) if orientation is None else orientation
     start = model.state(**example(model.system, model.n, dict(model.params)).state) if x0 is None else x0
