@@ -90,6 +90,16 @@ def test_a_controller_is_that_of_an_independent_loop(name):
     assert abs(run.balance - run.balance[0]).max() < 1e-8 * abs(run.energy).max()
 
 
+def test_three_lanes_of_a_law_begin_with_one_state():
+    gains = np.array([[0.01], [0.02], [0.05]])
+    brake = kr.Control(lambda rates, *, gain: {"torque": -gain * rates}, every=0.1, parameters={"gain": gains})
+    body = FreeBody((1, 1, 1), control=brake)
+    run = kr.simulate(body, body.state((1, 2, -1)), dt=0.1, t_end=2.0, every=20)
+    for lane, gain in enumerate(gains[:, 0]):  # of a ball, the rates at the samples are a geometric sequence
+        expected = np.array([1, 2, -1]) * (1 - 0.1 * gain) ** 20
+        assert run.angular_velocity.values[-1, lane] == pytest.approx(expected, rel=1e-10)
+
+
 def test_wheels_of_a_free_body_and_their_motors_keep_the_momentum_in_space():
     corners = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
     brake = kr.Control(lambda rates: {"wheel_torque": 1e-3 * corners @ rates}, every=0.1)

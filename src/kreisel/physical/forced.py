@@ -88,7 +88,8 @@ class Forced(Varied):
         model = self.model()
         more = start_of_wheels(model, self.wheels) if self.wheels is not None else {}
         more = more if self.control is None else self.control.start(model, self.wheels, M.size // 3)
-        return started(model, orientation, **{model.system.space.letters[0]: algebra.hat(M)}, **components, **more)
+        M = M if M.ndim == 1 else algebra.hat(M)  # 3 x 3 values may be one matrix or three vectors
+        return started(model, orientation, **{model.system.space.letters[0]: M}, **components, **more)
 
     def _with_functions(
         self, model: Model, time: float, momentum: float, turn: Array, quantities: tuple[str, ...]
