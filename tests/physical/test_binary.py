@@ -297,6 +297,8 @@ def test_bad_input() -> None:
         (lambda: STRONG.state((1500, 0, 0), (0, 0.5, 0)), "escape.*unbound=True"),
         (lambda: STRONG.state((1500, 0, 0), (0, 0.01, 0)), "they touch"),
         (lambda: STRONG.state((500, 0, 0), (0, 0.2, 0), unbound=True), "they touch"),
+        (lambda: STRONG.state((5000, 0, 0), (-1, 0.01, 0), unbound=True), "they touch"),
+        (lambda: STRONG.state((5000, 0, 0), (1, 0, 0), unbound=True), "no normal"),
         (lambda: STRONG.state((1500, 0, 0)), "got none or several"),
         (lambda: STRONG.state(semi_major_axis=1500.0, attitude1=(1, 1, 0, 0)), "attitude1: expected unit"),
         (lambda: GravityBody(1e9, (1.0, 1.0, 3.0)), "inertia"),

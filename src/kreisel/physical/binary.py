@@ -158,6 +158,11 @@ class Binary(Body):
         self._require_apart(r, v, unbound)
         normal = np.cross(r, v)
         rate = np.linalg.norm(normal, axis=-1, keepdims=True) / (r * r).sum(-1, keepdims=True)
+        if (attitude1 is None or attitude2 is None) and not normal.any(-1).all():
+            raise InputError(
+                "state: expected attitude1 and attitude2 for bodies that move along the line between them, got none: "
+                "their orbit has no normal."
+            )
         parts = {"r": r, "v": v}
         bodies = (self.primary, spin1, attitude1), (self.secondary, spin2, attitude2)
         for i, (body, spin, attitude) in enumerate(bodies, 1):
@@ -196,7 +201,8 @@ class Binary(Body):
         energy = square / 2 - self.mu / distance
         momentum = (np.cross(r, v) ** 2).sum(-1) / self.mu
         e = np.sqrt(np.maximum(1 + 2 * energy * momentum / self.mu, 0))
-        least = np.min(np.where(e < 1, momentum / (1 + e), distance) if unbound else momentum / (1 + e))
+        leaves = unbound & (energy >= 0) & ((r * v).sum(-1) > 0)
+        least = np.min(np.where(leaves, distance, momentum / (1 + e)))
         touch = self.primary.size + self.secondary.size
         if not unbound and not (energy < 0).all():
             raise InputError(
