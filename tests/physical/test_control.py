@@ -283,6 +283,7 @@ MISTAKES = {
         lambda: kr.code(noisy().model(), noisy().state(), dt=2.0, language="c", orientation=(1, 0, 0, 0)),
         "expected a body without control",
     ),
+    "code without a state": (lambda: kr.code(noisy()), "expected a body without control"),
     "an order with a corrector": (lambda: stepped(noisy(), 1.0, order=(10, 2)), "without a corrector"),
 }
 

@@ -78,7 +78,7 @@ def code(
     engine = None if convention is None else convention_of(convention)
     body = body if engine is None else _along(engine, system, body, x0)
     model: Any = system if body is None else body.model()
-    check_model(model)
+    _require_code(model)
     if body is not None:
         dt, orientation = body.dt(dt), (1.0, 0.0, 0.0, 0.0) if orientation is None else orientation
     start = model.state(**example(model.system, model.n, dict(model.params)).state) if x0 is None else x0
@@ -93,6 +93,17 @@ def code(
         made = engine.body(made)
     licence = LICENCE.format(importlib.metadata.version("kreisel"))
     return assembled(replace(made, head=[*made.head, licence]), dialect, name or _default(plan))
+
+
+def _require_code(model: Any) -> None:
+    """Raises `InputError` for anything but a model without a controller and tables."""
+    check_model(model)
+    require_none(model, "kr.code")
+    if model.system.perturbation is not None and model.system.perturbation.control is not None:
+        raise InputError(
+            f"code: expected a body without control and `wheels`, got {model.system.name}. Call the law in your "
+            "program, between steps of the body with its commands as parameters."
+        )
 
 
 def _along(engine: Convention, system: Any, body: PhysicalBody | None, x0: Any) -> PhysicalBody:
@@ -117,12 +128,6 @@ def _is_free(plan: Plan) -> bool:
 def contents(plan: Plan, body: PhysicalBody | None = None, single: bool = False) -> Body:
     """The contents of the file for a plan; of a body in SI units, with them.  Raises `InputError`."""
     model = plan.model
-    require_none(model, "kr.code")
-    if model.system.perturbation is not None and model.system.perturbation.control is not None:
-        raise InputError(
-            f"code: expected a body without control and `wheels`, got {model.system.name}. Call the law in your "
-            "program, between steps of the body with its commands as parameters."
-        )
     scales = {} if body is None else body.scales()
     if _is_free(plan):
         moments = np.asarray(call(model.system.closed_form.moments, (), model.constants))
