@@ -197,7 +197,12 @@ def test_events_of_a_free_particle_on_the_sphere():
 
 
 def test_events_complain(mapped):
-    for bad, message in (("b[0]", "not a component"), ("a", "one number"), ("a[7]", "one number"), ("a[", "name such as")):
+    for bad, message in (
+        ("b[0]", "not a component"),
+        ("a", "one number"),
+        ("a[7]", "one number"),
+        ("a[", "name such as"),
+    ):
         with pytest.raises(kr.InputError, match=message):
             analysis.events(mapped, bad)
     with pytest.raises(kr.InputError, match="one value for each state"):
