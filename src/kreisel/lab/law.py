@@ -190,8 +190,8 @@ def measured_orders(
     """Slopes of log error against log dt for the state and, if the map has a generator, the orientation."""
     g0, kinds = np.eye(model.n), (*model.system.space.kinds, "matrix")
     ends = [algebra.flatten(_iterate(model, state, g0, time / k, k, conjugate), kinds) for k in counts]
-    slopes = fitted_orders(time / np.array(counts), _errors(model, _truth(model, state, time), ends))
-    return slopes if model.map.generator is not None else slopes[:1]
+    errors = _errors(model, _truth(model, state, time), ends)
+    return fitted_orders(time / np.array(counts), errors if model.map.generator is not None else errors[:, :1])
 
 
 def scheme_orders(model: Model, state: tuple[Array, ...], method: str, order: int) -> list[float]:

@@ -59,7 +59,7 @@ def _of_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
         body = _created(functools.partial(function, cls), names, values, named)
         if isinstance(body, cls):
             arguments = {**dict(zip(names, values, strict=False)), **named}
-            object.__setattr__(body, "_made", (functools.partial(constructor, cls), arguments))
+            object.__setattr__(body, "_made", (cls, function.__name__, arguments))
         return body
 
     return constructor
@@ -109,11 +109,12 @@ class Varied(Body, metaclass=OfLanes):
     def _body_frame(self) -> BodyFrame:
         return self.model().body_frame or BodyFrame()
 
-    _made: tuple[Any, ...] = ()  # a class method and its arguments, from which the body was created
+    _made: tuple[Any, ...] = ()  # a class, its method and the arguments, from which the body was created
 
     def _varied(self, changes: Sequence[Mapping[str, Any]]) -> Body:
         """The bodies with other arguments, such as "mass" or "orbit.inclination", as lanes.  Raises `InputError`."""
-        call, arguments = self._made or (type(self), _table(self))
+        owner, method, arguments = self._made or (type(self), "", _table(self))
+        call = getattr(owner, method) if method else owner
         return Ensemble(_each(lambda each: call(**_replaced(arguments, each, "body")), [{"each": c} for c in changes]))
 
 
