@@ -148,6 +148,12 @@ def has_map_with(*claims: str) -> Callable[[System], bool]:
     return lambda s: s.map is not None and all(getattr(s.map, claim) is not None for claim in claims)
 
 
+def has_order(system: System) -> bool:
+    """Whether there are a map and a flow of the state, and of the orientation if the map rotates it."""
+    stated = system.map is not None and (system.velocity is not None or system.map.generator is None)
+    return stated and has_flow(system)
+
+
 def functions_of(system: System) -> dict[str, Callable[..., Any]]:
     """The energy, if it is known, and the integrals."""
     energy = {} if system.energy is None else {"energy": system.energy}

@@ -37,6 +37,7 @@ from kreisel.lab.law import (
     has_flow,
     has_map,
     has_map_with,
+    has_order,
     integral_gradients,
     law,
     measured_orders,
@@ -353,15 +354,9 @@ def commuting_maps(case: Case) -> Sides:
     )
 
 
-def _has_order(system: System) -> bool:
-    """Whether random states show it: the rates of lattices are unbounded there, so their tests choose states."""
-    stated = system.map is not None and (system.velocity is not None or system.map.generator is None)
-    return has_flow(system) and stated and not system.space.sites
-
-
 @law(
     "the error at a fixed time is O(dt^order), and O(dt^2) after half a kick, in the state and in g",
-    _has_order,
+    lambda s: has_order(s) and not s.space.sites,  # rates of lattices at random states are unbounded
     exact=False,
 )
 def order(case: Case) -> Sides:
