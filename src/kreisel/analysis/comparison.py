@@ -114,6 +114,8 @@ def error(run: xr.Dataset, system: Model | Body | None = None) -> xr.Dataset:
             "error: expected a run in equal steps from t = 0 without events, got another. A closed form has only "
             "rounding errors; the method 'dop853' has a tolerance; keep the first row."
         )
+    if missing := [letter for letter in record.kinds if letter not in rows]:
+        raise InputError(f"error: expected a run with its state, got one without {', '.join(missing)}.")
     model = record.model if system is None else model_of(system)
     x0, times = rows.isel(time=0), rows["time"].values
     every = {"steps": 2 * record.steps, "every": 2 * record.every}

@@ -126,7 +126,7 @@ def investigate_file(file: Path, /, **options: Any) -> Investigation:
     start are taken.  The file is run.  Raises `InputError` where it defines nothing to look at.
     """
     if not file.is_file():
-        raise InputError(f"No file {file}.")
+        raise InputError(f"No file {file}: expected a Python file with a function step, or the name of a system.")
     defined = executed(file)
     options = {k: v for k, v in options.items() if v is not None}
     if callable(defined.get("step")):
