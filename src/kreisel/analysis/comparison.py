@@ -115,7 +115,7 @@ def error(run: xr.Dataset, system: Model | Body | None = None) -> xr.Dataset:
             "rounding errors; the method 'dop853' has a tolerance; keep the first row."
         )
     if missing := [letter for letter in record.kinds if letter not in rows]:
-        raise InputError(f"error: expected a run with its state, got one without {', '.join(missing)}.")
+        raise InputError(f"error: expected a run with the state, got no {', '.join(missing)}.")
     model = record.model if system is None else model_of(system)
     x0, times = rows.isel(time=0), rows["time"].values
     every = {"steps": 2 * record.steps, "every": 2 * record.every}
