@@ -120,7 +120,7 @@ class Body:
         Raises `InputError`.
         """
         if not isinstance(radius, int | float | np.number):
-            raise InputError(f"radius: expected the radius of the particle, got {shown(radius)}.")
+            raise InputError(f"radius: expected a number, got {shown(radius)}.")
         love, lag = (self._not_negative(name) for name in ("love", "lag"))
         if lag and not love:
             raise InputError(
