@@ -6,6 +6,8 @@ import html
 import importlib.metadata
 import itertools
 import re
+import shutil
+import subprocess
 import sys
 import textwrap
 from pathlib import Path
@@ -34,8 +36,22 @@ html_show_search_summary = False  # summaries are requested from a server: the s
 html_copy_source = html_show_sourcelink = False
 html_show_sphinx = False
 links = dict(line.split(", ", 1) for line in importlib.metadata.metadata("kreisel").get_all("Project-URL", []))
-if "Repository" in links:
-    html_theme_options = {"footer_icons": [{"name": "Repository", "url": links["Repository"], "html": "repository"}]}
+
+
+def address_of_repository():
+    """The address that pyproject.toml states, else the https address that the clone came from, else None."""
+    if "Repository" in links:
+        return links["Repository"]
+    command = ["git", "-C", Path(__file__).parent, "config", "--get", "remote.origin.url"]
+    if shutil.which("git") is None:
+        return None
+    address = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+    return address.removesuffix(".git") if re.fullmatch(r"https://[^@\s]+", address) else None
+
+
+repository = address_of_repository()
+if repository:
+    html_theme_options = {"footer_icons": [{"name": "Repository", "url": repository, "html": "repository"}]}
 pygments_style, pygments_dark_style = "friendly", "github-dark"
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"

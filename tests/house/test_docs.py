@@ -6,6 +6,9 @@ import fnmatch
 import importlib
 import inspect
 import re
+import runpy
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -288,3 +291,24 @@ def test_every_public_name_is_in_the_api_or_has_a_page() -> None:
         whole = re.search(rf"automodule:: kreisel\.{part}\n   :members:\n", api)  # all that is in __all__
         for name in [] if whole else getattr(module, "__all__", []):
             assert re.search(rf"\b{name}\b", api), f"kreisel.{part}.{name}"
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="git is not installed")
+@pytest.mark.parametrize(
+    ("origin", "address"),
+    [
+        ("https://example.org/kreisel.git", "https://example.org/kreisel"),
+        ("https://name:secret@example.org/kreisel.git", None),  # a token never gets onto a page
+        ("/somewhere/kreisel", None),
+    ],
+)
+def test_the_site_links_to_the_repository_that_its_clone_came_from(
+    tmp_path: Path, origin: str, address: str | None
+) -> None:
+    subprocess.run(["git", "init", "-q", tmp_path], check=True)
+    subprocess.run(["git", "-C", tmp_path, "remote", "add", "origin", origin], check=True)
+    (tmp_path / "docs").mkdir()
+    shutil.copy(ROOT / "docs" / "conf.py", tmp_path / "docs")
+    settings = runpy.run_path(str(tmp_path / "docs" / "conf.py"))
+    icons = settings.get("html_theme_options", {}).get("footer_icons", [{"url": None}])
+    assert [icon["url"] for icon in icons] == [address]
