@@ -64,7 +64,7 @@ def pair_energy(pair: Binary) -> float:
 def after_impact(ab: float, bc: float, mean: float = 150.0) -> tuple[Binary, Any]:
     """Dimorphos with these ratios of its axes and this mean diameter, m, after the impact."""
     b = mean * (bc / ab) ** (1 / 3)
-    pair = Binary.didymos(secondary=(ab * b, b, b / bc))
+    pair = Binary.didymos(diameters=(ab * b, b, b / bc))
     x = pair.state()
     speed = float(np.linalg.norm(x.v))
     rate = (0.0, 0.0, speed / float(np.linalg.norm(x.r)))

@@ -218,7 +218,7 @@ BY_CALL = {
     "physical.Binary(primary)": "gravity body",
     "physical.Binary(start)": "memory",
     "physical.Binary.didymos(sun)": "flag",
-    "physical.Binary.didymos(secondary)": "vector",
+    "physical.Binary.didymos(diameters)": "vector",
     "physical.Binary.angles(run)": "run of a body",
     "physical.Binary.angles(body)": "count",
     "physical.Binary.spins(run)": "run of a body",

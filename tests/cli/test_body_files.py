@@ -16,7 +16,19 @@ from kreisel import cli
 from kreisel.cli.bodies import SAMPLES, text_of_body
 from kreisel.cli.configuration import parse, parse_sweep, read
 from kreisel.errors import Faults
-from kreisel.physical import SATURN, Asteroid, FreeBody, Gyroscope, HeavyBody, Orbit, Satellite, SubmergedBody
+from kreisel.physical import (
+    SATURN,
+    Asteroid,
+    Binary,
+    FreeBody,
+    GravityBody,
+    Gyroscope,
+    HeavyBody,
+    Orbit,
+    PointMass,
+    Satellite,
+    SubmergedBody,
+)
 from kreisel.physical.tables import Reader, kinds
 from kreisel.runs.planning import make_plan
 from support import EXAMPLES
@@ -45,7 +57,7 @@ def test_every_body_has_a_file_that_plans() -> None:
         asked = parse(tomllib.loads(text))
         settings = {"dt": asked.run.dt, "steps": asked.run.steps, "every": asked.run.every, "order": asked.run.order}
         plan = make_plan(asked.model, asked.state, **settings, orientation=asked.orientation)
-        assert 500 < plan.rows < 3001 and asked.orientation is not None
+        assert 500 < plan.rows < 3001 and (asked.orientation is not None or "q1" in asked.state)
 
 
 def test_the_states_are_those_that_their_comments_say() -> None:
@@ -120,6 +132,17 @@ def alike(one: Any, other: Any) -> bool:
             lambda: Satellite((2, 3, 4), Orbit(7e6), harmonics=kr.physical.Harmonics(3, 1, {(3, 1): (1e-3, 2e-3)})),
         ),
         ('kind = "asteroid"\nshape = "hyperion"', Asteroid.hyperion),
+        (
+            'kind = "binary"\n[primary]\nmass = 3e11\ndiameters = ["0.8 km", 700, 600]\nlove = 1e-5\nlag = "2 min"\n'
+            "[secondary]\nmass = 2e9\ninertia = [2e12, 3e12, 4e12]\n"
+            "[third]\nmass = 1e13\nposition = [1e5, 0, 0]\nvelocity = [0, 5, 0]",
+            lambda: Binary(
+                GravityBody.ellipsoid(3e11, (800, 700, 600), 1e-5, 120.0),
+                GravityBody(2e9, (2e12, 3e12, 4e12)),
+                PointMass(1e13, (1e5, 0, 0), (0, 5, 0)),
+            ),
+        ),
+        ('kind = "binary"\nshape = "didymos"\nsun = true\nlove = 1e-5', lambda: Binary.didymos(sun=True, love=1e-5)),
         (
             'kind = "submerged-body"\nshape = "cylinder"\nradius = 0.1\nlength = 2\nmass = 60\nfluid_density = 1000\n'
             "gravity = 9.8",
@@ -287,6 +310,40 @@ def test_all_mistakes_in_one_message() -> None:
     assert len(found) == 12 and "got 11" in found[0]
 
 
+def test_all_mistakes_of_a_binary() -> None:
+    found = mistakes("""
+        [body]
+        kind = "binary"
+        [body.primary]
+        mass = "5.6e11 kgg"
+        diameters = [849, 851, 620]
+        [body.secondary]
+        mas = 3
+        diameters = [177, 174, 116]
+        [body.third]
+        mass = 3
+        positon = [1, 2, 3]
+        velocity = [1, 2, 3]
+        [state]
+        semi_major_axs = 4
+        [run]
+        dt = "1 hour"
+        steps = 3
+        [output]
+        path = "x.zarr"
+    """)
+    for place, words in (
+        ("primary.mass", "its unit is not known"),
+        ("secondary", "Did you mean 'mass'"),
+        ("secondary", "expected mass too"),
+        ("third", "Did you mean 'position'"),
+        ("third", "expected position too"),
+        ("[state]", "Did you mean 'semi_major_axis'"),
+    ):
+        assert sum(place in line and words in line for line in found) == 1, words
+    assert len(found) == 7
+
+
 def test_without_pint(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pint", None)
     kr.units.registry.cache_clear()
@@ -311,7 +368,7 @@ def test_mistakes_in_a_system_too() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("mass = 3", "kind: expected one of asteroid, ellipsoid, free-body"),
+        ("mass = 3", "kind: expected one of asteroid, binary, ellipsoid, free-body"),
         ('kind = "freebody"', "Did you mean 'free-body'"),
         ('kind = "gyroscope"\nmass = 3\nlever = 1', "expected axial_moment, transverse_moment too"),
         ('kind = "gyroscope"\nmass = 3\nlever = 1\naxial_moment = 1', "one of these needs: shape = flat"),
@@ -348,3 +405,19 @@ def test_a_sweep_over_values_of_a_body() -> None:
     assert np.allclose(momenta, np.ravel(middle))
     with pytest.raises(kr.InputError, match=r"Lane 1: .*mass"):
         parse_sweep(tomllib.loads(f"{text}\n[sweep.grid]\nbody.mass = [1, -2]"))
+    with pytest.raises(kr.InputError, match=r"body.sides\[3\]: expected an entry"):
+        parse_sweep(tomllib.loads(f'{text}\n[sweep.grid]\n"body.sides[3]" = [1, 2]'))
+
+
+def test_a_map_over_the_shape_of_a_moon() -> None:
+    text = text_of_body("binary", Path("x.toml"), "#").replace("# figure", "#")
+    table = '"body.secondary.diameters[0]" = ["180 m", "190 m"]\n'
+    table += '"body.secondary.diameters[2]" = ["100 m", "110 m", "120 m"]'
+    description, _, _ = parse_sweep(tomllib.loads(f"{text}\n[sweep]\n{table}\nstate.eccentricity = [0, 0.1]"))
+    moments = np.array(description["sweep"]["list"]["system.moments2"]).reshape(2, 3, 2, 3)
+    a, b, c = np.array([180.0, 190.0])[:, None], 174.0, np.array([100.0, 110.0, 120.0])
+    assert np.allclose(
+        moments[:, :, 0], 4.3e9 / 20 * np.stack(np.broadcast_arrays(b**2 + c**2, a**2 + c**2, a**2 + b**2), -1)
+    )
+    speeds = np.array(description["sweep"]["list"]["state.v"]).reshape(2, 3, 2, 3)[..., 1]
+    assert np.allclose(speeds[..., 1] / speeds[..., 0], np.sqrt(1.1 / 0.9))  # at the pericentre

@@ -214,7 +214,7 @@ def test_tides_move_the_orbit_as_hut_says() -> None:
 
 def test_an_ensemble_has_shapes_of_its_own() -> None:
     """Lanes of other shapes, one of them on an orbit that the closed form of short steps does not settle."""
-    pairs = [Binary.didymos(secondary=(177.0 * k, 174.0, 116.0)) for k in (1.0, 1.2)]
+    pairs = [Binary.didymos(diameters=(177.0 * k, 174.0, 116.0)) for k in (1.0, 1.2)]
     eccentric = {"semi_major_axis": 5000.0, "eccentricity": 0.8}
     many = Ensemble(pairs)
     starts = [pairs[0].state(), pairs[1].state(**eccentric)]

@@ -89,6 +89,20 @@ SAMPLES = {
             "body.quadratic_drag": "N s^2/m^2 and N m s^2",
         },
     ),
+    "binary": Sample(
+        "Didymos and its moon Dimorphos, on a slightly eccentric orbit: the moon librates.",
+        {
+            "primary": {"mass": "5.557e11 kg", "diameters": ["849 m", "851 m", "620 m"]},
+            "secondary": {"mass": "4.3e9 kg", "diameters": ["177 m", "174 m", "116 m"]},
+        },
+        {"semi_major_axis": "1206 m", "eccentricity": 0.03, "spin1": ["0 rad/s", "0 rad/s", "7.722e-4 rad/s"]},
+        {"dt": "1 hour", "t_end": "30 days"},
+        {
+            "body.primary.diameters": 'or mesh = "shape.obj", length = "km"; love and lag for tides',
+            "state.semi_major_axis": "of the secondary relative to the primary; or separation of a circular orbit",
+            "state.spin1": "of the primary, along its axes; without spin2 the secondary rotates with the orbit",
+        },
+    ),
     "satellite": Sample(
         "A CubeSat of three units at 500 km, tumbling at 5 degrees a second, with a weak magnet.",
         {"units": 3, "magnetic_moment": ["0 A m^2", "0 A m^2", "0.01 A m^2"], "orbit": ORBIT},

@@ -160,12 +160,12 @@ def _described(subject: Subject, tables: Mapping[str, Mapping[str, Any]], folder
 def _changed_body(lane: int, tables: Mapping[str, Mapping[str, Any]], changes: Mapping[str, Any], folder: Path) -> Body:
     """The body of a lane of a sweep.  Raises `InputError`."""
     table, faults = copy.deepcopy(dict(tables["body"])), Faults()
-    for name, value in changes.items():
+    for name, change in changes.items():
         *sections, key = name.split(".")
         inner = table
         for section in sections:
             inner = inner.setdefault(section, {})
-        inner[key] = value
+        inner[key] = change(inner.get(key))
     body = _body({**tables, "body": table}, folder, faults).body
     faults.report(f"Lane {lane}")
     assert body is not None

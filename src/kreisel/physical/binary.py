@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -16,11 +16,11 @@ from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES
 from kreisel.bodies import binary as formulas_of_pairs
 from kreisel.bodies.binary import G
-from kreisel.errors import InputError, explained, hint, shown
+from kreisel.errors import InputError, explained, shown
+from kreisel.physical.ensemble import Varied
 from kreisel.physical.gravity_body import GravityBody
-from kreisel.physical.measures import RATE, attitude_quaternion, si_number, si_numbers
+from kreisel.physical.measures import RATE, attitude_quaternion, convert_fields, si_number, si_numbers
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SUN, Orbit, Primary
-from kreisel.record.body import Body
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scale, Scales
 from kreisel.runs.in_si import in_state_form
@@ -28,21 +28,29 @@ from kreisel.runs.in_si import in_state_form
 if TYPE_CHECKING:
     import xarray as xr
 
+ELEMENTS = ("semi_major_axis", "eccentricity", "inclination", "node", "perigee", "mean_anomaly")
 formulas = cast("Any", formulas_of_pairs)  # of a page, without types
 
 
 @explained
-class PointMass(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class PointMass:
     """A third body: mass, kg; position, m, and velocity, m/s, (3,), relative to the barycentre of a binary at t = 0."""
 
     mass: Any
     position: Any
     velocity: Any
 
+    def __post_init__(self) -> None:
+        convert_fields(self, positive=True, mass="kg")
+        for name, unit in (("position", "m"), ("velocity", "m/s")):
+            value = si_numbers(getattr(self, name), unit, f"{name} of the third body", ((3,),))
+            object.__setattr__(self, name, value)
+
 
 @explained
 @dataclass(frozen=True, eq=False)
-class Binary(Body):
+class Binary(Varied):
     """Two rigid bodies of any shape: the full two-body problem, with a third point mass and tides.
 
         pair = Binary.didymos()
@@ -60,7 +68,7 @@ class Binary(Body):
 
     primary: GravityBody
     secondary: GravityBody
-    third: Any = None
+    third: Orbit | PointMass | None = None
     start: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -100,12 +108,7 @@ class Binary(Body):
         if isinstance(self.third, Orbit):
             position, velocity = self.third.at(0.0)
             return PointMass(self.third.primary.mu / G, -np.asarray(position), -np.asarray(velocity))
-        mass, position, velocity = self.third
-        return PointMass(
-            si_number(mass, "kg", "mass of the third body", positive=True),
-            si_numbers(position, "m", "position of the third body", ((3,),)),
-            si_numbers(velocity, "m/s", "velocity of the third body", ((3,),)),
-        )
+        return cast("PointMass", self.third)
 
     @property
     def words(self) -> dict[str, str]:
@@ -123,7 +126,12 @@ class Binary(Body):
         attitude2: Any = None,
         separation: Any = None,
         unbound: bool = False,
-        **elements: Any,
+        semi_major_axis: Any = None,
+        eccentricity: Any = None,
+        inclination: Any = None,
+        node: Any = None,
+        perigee: Any = None,
+        mean_anomaly: Any = None,
     ) -> State:
         """The initial state.
 
@@ -134,12 +142,13 @@ class Binary(Body):
         separation             instead of a position the distance in a circular orbit in the plane of the first two
                                axes, m
         unbound                whether the orbit may be a flyby
-        elements               instead of a position the osculating mutual orbit, in words of `Orbit`: semi_major_axis,
-                               eccentricity, inclination, node, perigee, mean_anomaly
+        semi_major_axis, ...   instead of a position the osculating mutual orbit, in words of `Orbit`
 
         Ready pairs have values for all of these.  Raises `InputError` for bodies that touch at the pericentre, and for
         orbits that are not bound.
         """
+        values = semi_major_axis, eccentricity, inclination, node, perigee, mean_anomaly
+        elements = {name: value for name, value in zip(ELEMENTS, values, strict=True) if value is not None}
         if position is None and separation is None and not elements:
             separation = self.start.get("separation")
         spin1 = self.start.get("spin1") if spin1 is None else spin1
@@ -149,10 +158,11 @@ class Binary(Body):
                 "state: expected position and velocity, or separation=..., or elements such as semi_major_axis=..., "
                 "got none or several of these."
             )
+        if elements:
+            position, velocity = Orbit(**elements, primary=Primary("binary", self.mu, 0.0)).at(0.0)
         if separation is not None:
             position, velocity = self._circular(si_number(separation, "m", "separation", positive=True))
-        r, v = self._on(elements).at(0.0) if elements else (position, velocity)
-        r, v = si_numbers(r, "m", "position"), si_numbers(v, "m/s", "velocity")
+        r, v = si_numbers(position, "m", "position"), si_numbers(velocity, "m/s", "velocity")
         if not r.size or r.shape != v.shape:
             raise InputError(f"state: expected as many positions as velocities, got shapes {r.shape} and {v.shape}.")
         self._require_apart(r, v, unbound)
@@ -186,15 +196,6 @@ class Binary(Body):
         inward = self.mu / distance**2 + slope[0] / float(known["reduced"])
         return r, np.array([0.0, math.sqrt(max(inward * distance, 0.0)), 0.0])
 
-    def _on(self, elements: Mapping[str, Any]) -> Orbit:
-        known = ("semi_major_axis", "eccentricity", "inclination", "node", "perigee", "mean_anomaly")
-        for name in elements:
-            if name not in known:
-                raise InputError(
-                    f"state: expected elements among {', '.join(known)}, got {shown(name)}.{hint(name, known)}"
-                )
-        return Orbit(**elements, primary=Primary("binary", self.mu, 0.0))
-
     def _require_apart(self, r: Array, v: Array, unbound: bool) -> None:
         """Raises `InputError` for orbits that the expansion or the caller excludes."""
         distance, square = np.linalg.norm(r, axis=-1), (v * v).sum(-1)
@@ -216,10 +217,6 @@ class Binary(Body):
                 f"{least:g} m: they touch. Usual cause: a diameter for a radius, or km for m."
             )
 
-    def dt(self, duration: Any) -> float:
-        """A duration in seconds."""
-        return si_number(duration, "s", "dt")
-
     def scales(self) -> Scales:
         """The units of the variables of a run, for `kreisel.units.measured`."""
         frame = self.model().body_frame
@@ -228,16 +225,18 @@ class Binary(Body):
     # -- ready pairs ---------------------------------------------------------------------------------------
 
     @classmethod
-    def didymos(cls, sun: bool = False, secondary: Any = (177.0, 174.0, 116.0), **tides: Any) -> Binary:
+    def didymos(
+        cls, sun: bool = False, diameters: Any = (177.0, 174.0, 116.0), love: Any = 0.0, lag: Any = 0.0
+    ) -> Binary:
         """(65803) Didymos and Dimorphos before the impact; `sun`: with the Sun, on the orbit around it.
 
-        secondary   diameters of Dimorphos, m, of 4.3e9 kg;  tides: love and lag of both bodies
+        diameters   of Dimorphos, m, of 4.3e9 kg;  love and lag: of the tides of both bodies
         Sizes, masses of equal density, 1206 m, 2.26 h [Daly et al. 2023]; the period is 11.9215 h [Scheirich, Pravec
         2024].  The third axis of space is the pole of the mutual orbit, at 169 degrees to the heliocentric orbit.
         """
         orbit = Orbit(1.6443 * ASTRONOMICAL_UNIT, 0.3839, math.radians(169.0), primary=SUN) if sun else None
-        first = GravityBody.ellipsoid(5.6e11 - 4.3e9, (849.0, 851.0, 620.0), **tides)
-        return cls(first, GravityBody.ellipsoid(4.3e9, secondary, **tides), orbit, _spinning(1206.0, 2.26))
+        first = GravityBody.ellipsoid(5.6e11 - 4.3e9, (849.0, 851.0, 620.0), love, lag)
+        return cls(first, GravityBody.ellipsoid(4.3e9, diameters, love, lag), orbit, _spinning(1206.0, 2.26))
 
     @classmethod
     def moshup(cls) -> Binary:

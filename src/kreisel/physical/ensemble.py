@@ -23,9 +23,9 @@ from kreisel.record.quantities import Scales, one_unit
 from kreisel.runs.operations import operations_of
 
 VECTORS = (
-    "angular_velocity", "arm", "attitude", "axis", "center_of_buoyancy", "center_of_mass", "current", "diameters",
-    "harmonics", "linear_drag", "magnetic_moment", "potential", "quadratic_drag", "semi_axes", "sides", "spin", "sun",
-    "torque", "up", "velocity", "wheel", "wheel_torque",
+    "angular_velocity", "arm", "attitude", "attitude1", "attitude2", "axis", "center_of_buoyancy", "center_of_mass",
+    "current", "diameters", "harmonics", "linear_drag", "magnetic_moment", "position", "potential", "quadratic_drag",
+    "semi_axes", "sides", "spin", "spin1", "spin2", "sun", "torque", "up", "velocity", "wheel", "wheel_torque",
 )  # fmt: skip
 MATRICES = {"inertia": 3, "added_mass": 6}  # or their diagonals
 PLATES = 3  # axes: plates, a plate, a vector
@@ -112,14 +112,16 @@ class Varied(Body, metaclass=OfLanes):
     _made: tuple[Any, ...] = ()  # a class, its method and the arguments, from which the body was created
 
     def _varied(self, changes: Sequence[Mapping[str, Any]]) -> Body:
-        """The bodies with other arguments, such as "mass" or "orbit.inclination", as lanes.  Raises `InputError`."""
+        """The bodies with changed arguments, such as "mass" or "orbit.inclination", as lanes.  Raises `InputError`."""
         owner, method, arguments = self._made or (type(self), "", _table(self))
         call = getattr(owner, method) if method else owner
+        usual = {name: p.default for name, p in inspect.signature(call).parameters.items() if p.default is not p.empty}
+        arguments = usual | arguments
         return Ensemble(_each(lambda each: call(**_replaced(arguments, each, "body")), [{"each": c} for c in changes]))
 
 
 def _replaced(record: Any, changes: Mapping[str, Any], path: str) -> Any:
-    """A record, or a dict, with other values by name."""
+    """A record, or a dict, with values changed by functions of them, by name."""
     inner: dict[str, dict[str, Any]] = {}
     for name, value in changes.items():
         first, _, rest = name.partition(".")
@@ -128,7 +130,7 @@ def _replaced(record: Any, changes: Mapping[str, Any], path: str) -> Any:
     for name, each in inner.items():
         if name not in table and (path != "body" or "" not in each):
             raise InputError(f"{path}.{name}: expected one of {', '.join(table)}.{hint(name, table)}")
-        table[name] = each[""] if "" in each else _replaced(table[name], each, f"{path}.{name}")
+        table[name] = each[""](table.get(name)) if "" in each else _replaced(table[name], each, f"{path}.{name}")
     return table if isinstance(record, Mapping) else type(record)(**table)
 
 

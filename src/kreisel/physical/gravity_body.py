@@ -64,8 +64,8 @@ class GravityBody:
             raise InputError("love: expected size=... too, the radius of the body that tides deform, got none.")
 
     @classmethod
-    def ellipsoid(cls, mass: Any, diameters: Any, **more: Any) -> GravityBody:
-        """The homogeneous ellipsoid with these principal diameters, m, the body axes along them; `more`: love, lag."""
+    def ellipsoid(cls, mass: Any, diameters: Any, love: Any = 0.0, lag: Any = 0.0) -> GravityBody:
+        """The homogeneous ellipsoid with these principal diameters, m, the body axes along them."""
         halves = np.array(three(diameters, "m", "diameters")) / 2
         if not (halves > 0).all():
             raise InputError(f"diameters: expected three values > 0, got {shown(diameters)}.")
@@ -74,11 +74,17 @@ class GravityBody:
         radii, of_radii = (radii + 1) / 2, of_radii / 2 * 3 * ((radii + 1) / 2) ** 2
         points = radii[:, None, None] * directions * halves
         masses = si_number(mass, "kg", "mass", positive=True) * of_radii[:, None] * weights
-        return cls._of(points.reshape(-1, 3), masses.ravel(), float(halves.max()), more)
+        return cls._of(points.reshape(-1, 3), masses.ravel(), float(halves.max()), love, lag)
 
     @classmethod
     def mesh(
-        cls, mesh: str | os.PathLike[str], length: Any = None, density: Any = None, mass: Any = None, **more: Any
+        cls,
+        mesh: str | os.PathLike[str],
+        length: Any = None,
+        density: Any = None,
+        mass: Any = None,
+        love: Any = 0.0,
+        lag: Any = 0.0,
     ) -> GravityBody:
         """The homogeneous body whose closed surface is in a mesh file, as `read_mesh` has it, in its principal axes."""
         part, triangles = solid(mesh, length, density, mass)
@@ -88,10 +94,10 @@ class GravityBody:
         points = nodes @ centred
         masses = weights * (part.mass / volumes.sum() * volumes)[:, None]
         size = float(np.sqrt((centred**2).sum(-1).max()))
-        return cls._of(points.reshape(-1, 3), masses.ravel(), size, more)
+        return cls._of(points.reshape(-1, 3), masses.ravel(), size, love, lag)
 
     @classmethod
-    def points(cls, masses: Any, positions: Any, **more: Any) -> GravityBody:
+    def points(cls, masses: Any, positions: Any, love: Any = 0.0, lag: Any = 0.0) -> GravityBody:
         """The body of point masses (k,), kg, at positions (k, 3), m, such as grains, in principal axes."""
         m, x = finite_floats(masses, "kg", "masses"), finite_floats(positions, "m", "positions")
         if m.ndim != 1 or x.shape != (len(m), 3) or not (m > 0).all():
@@ -99,17 +105,17 @@ class GravityBody:
                 f"points: expected masses (k,) > 0 and positions (k, 3), got shapes {m.shape} and {x.shape}."
             )
         x = x - m @ x / m.sum()
-        return cls._of(x, m, float(np.sqrt((x**2).sum(-1).max())), more)
+        return cls._of(x, m, float(np.sqrt((x**2).sum(-1).max())), love, lag)
 
     @classmethod
-    def _of(cls, x: Array, m: Array, size: float, more: Any) -> GravityBody:
+    def _of(cls, x: Array, m: Array, size: float, love: Any, lag: Any) -> GravityBody:
         """The body with the integrals of masses m at x about their centre, along the principal axes."""
         second = np.einsum("k,ki,kj->ij", m, x, x)
         if abs(second - np.diag(np.diag(second))).max() < 1e-13 * abs(second).max():
             second = np.diag(np.diag(second))
         moments, axes = principal(in_range("The inertia", lambda: np.trace(second) * np.eye(3) - second))
         third, fourth = in_range("The inertia integrals", lambda: tuple(_field(x @ axes, m, k) for k in (3, 4)))
-        return cls(float(m.sum()), moments, third, fourth, size, **more)
+        return cls(float(m.sum()), moments, third, fourth, size, love, lag)
 
 
 def _field(x: Array, m: Array, degree: int) -> Array:

@@ -52,7 +52,7 @@ class Body:
         return self
 
     def _varied(self, changes: Sequence[Mapping[str, Any]]) -> Body:
-        """The bodies with changed values by name, such as "orbit.inclination", as lanes.  Raises `InputError`."""
+        """The bodies with values changed by functions of them, such as of "orbit.inclination", as lanes."""
         raise InputError(f"expected a body whose values can vary, got {type(self).__name__}.")
 
     def _doubts(self, seconds: float) -> Sequence[str]:

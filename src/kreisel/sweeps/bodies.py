@@ -6,6 +6,7 @@ variable of its runs, along the axes in which the body was given; and `run.dt`.
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -24,7 +25,7 @@ from kreisel.runs.settings import with_steps
 from kreisel.sweeps.design import GRIDS, Lanes, Varied
 
 Changes = Mapping[Varied, Any]
-Bodies = Callable[[list[dict[str, Any]]], Body]  # the bodies with changed values, from these by name
+Bodies = Callable[[list[dict[str, Any]]], Body]  # the bodies with changed values: functions of the values by name
 
 
 def of_scaled_system(model: Model, spec: Mapping[str, Any]) -> bool:
@@ -42,7 +43,7 @@ def by_lane(body: Body, x0: Any, run: Mapping[str, Any], spec: Mapping[str, Any]
     if system := next((q.name for q in values if q.section == "system"), None):
         raise InputError(f"{system}: expected body.NAME, state.NAME or run.NAME next to values of a body in SI.")
     each = [{q: v[lane].tolist() for q, v in values.items()} for lane in range(lanes.total)]
-    changes = [{q.letter: v for q, v in lane.items() if q.section == "body"} for lane in each]
+    changes = [_of_body({q: v for q, v in lane.items() if q.section == "body"}) for lane in each]
     many = bodies(changes) if any(changes) else body
     if any(changes) and isinstance(x0, State):
         raise InputError(
@@ -121,6 +122,15 @@ def _started(body: Body, x0: Any, changes: Changes) -> State:
         else:
             parts[letter] = into(np.asarray(entries, dtype=np.float64))
     return model.state(**parts).started(orientation, state.frame)
+
+
+def _of_body(changes: Changes) -> dict[str, Any]:
+    """Functions that change values of a body, by their names."""
+    names = {q.letter: [(each, v) for each, v in changes.items() if each.letter == q.letter] for q in changes}
+    return {
+        name: lambda value, of=of: functools.reduce(lambda old, change: _with_entry(old, *change), of, value)
+        for name, of in names.items()
+    }
 
 
 def _with_entry(whole: Any, q: Varied, value: Any) -> Any:
