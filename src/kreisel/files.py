@@ -98,7 +98,7 @@ def read_values(variable: xr.DataArray | xr.Variable, name: object = None) -> np
         raise
     except Exception as error:  # any exception of the libraries for a damaged chunk
         name, why = name or getattr(variable, "name", "time"), error or type(error).__name__
-        raise InputError(f"{name} cannot be read: {why}. `kreisel check` reports what is damaged.") from error
+        raise InputError(f"{name} cannot be read: {why}. `kreisel check` lists the damage.") from error
 
 
 def place(path: Any, needed: str) -> Path:

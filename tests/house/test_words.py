@@ -30,7 +30,8 @@ PATTERNS = {  # what is counted: what to write in its place
     r"(?<!there )\bis no (?!longer|more)\w": "is not a",
     r"\b(put back|goes on|go on|so many|as it is)\b": "projected, resumes, n, unchanged",
 }
-CEILINGS = {"docs": 74, "messages": 26, "docstrings": 212}
+NOUNS = {r"\b[wW]hat (is|are|was|it|they|a|an|the|each|has)\b": "the noun: values, results, terms"}  # in code only
+CEILINGS = {"docs": 74, "messages": 26, "docstrings": 206}
 
 
 def prose_of_page(text: str) -> list[str]:
@@ -54,9 +55,9 @@ def words_of_code(text: str) -> tuple[list[str], list[str]]:
     return prose, messages
 
 
-def counts(texts: list[str]) -> dict[str, int]:
+def counts(texts: list[str], patterns: dict[str, str] = PATTERNS) -> dict[str, int]:
     joined = "\n".join(texts)
-    return {pattern: len(re.findall(pattern, joined, re.MULTILINE)) for pattern in PATTERNS}
+    return {pattern: len(re.findall(pattern, joined, re.MULTILINE)) for pattern in patterns}
 
 
 def collected() -> dict[str, list[str]]:
@@ -71,9 +72,10 @@ def collected() -> dict[str, list[str]]:
 
 @pytest.mark.parametrize("kind", CEILINGS)
 def test_constructions_that_need_a_second_reading_only_fall(kind: str) -> None:
-    found = counts(collected()[kind])
-    total = sum(found.values())
-    listed = "\n".join(f"{count:5} {pattern}  ->  {PATTERNS[pattern]}" for pattern, count in found.items())
+    patterns = PATTERNS if kind == "docs" else PATTERNS | NOUNS
+    number = counts(collected()[kind], patterns)
+    total = sum(number.values())
+    listed = "\n".join(f"{count:5} {pattern}  ->  {patterns[pattern]}" for pattern, count in number.items())
     assert total <= CEILINGS[kind], f"{kind}: {total}, {CEILINGS[kind]} allowed. Rewrite some of\n{listed}"
     assert total > 0.9 * CEILINGS[kind] - 10, f"{kind}: lower the ceiling to {total}"
 

@@ -254,7 +254,7 @@ def test_archives_do_not_depend_on_the_clock(
         ({"steps": 9, "impulses": {"time": 1.5, "M": (0, 0, 1)}}, "up to the end of the run, 0.9"),
         ({"steps": 9, "impulses": {"M": (0, 0, 1)}}, "impulses: expected a dict such as"),
         ({"steps": 9, "impulses": "kick"}, "impulses: expected a dict such as"),
-        ({"steps": 9, "impulses": {"time": 0.5, "P": (0, 0, 1)}}, "impulses: expected what is added to M"),
+        ({"steps": 9, "impulses": {"time": 0.5, "P": (0, 0, 1)}}, "impulses: expected an increment of M"),
         ({"steps": 9, "impulses": {"time": 0.5, "M": (0, 0)}}, "impulses: expected 3 finite values"),
         ({"steps": 9, "impulses": {"time": 0.5, "M": "x"}}, "impulses: expected finite values for M"),
         ({"steps": 9, "impulses": {"time": 0.5, "M": (0, 0, 1)}, "method": "dop853"}, "whose steps may differ"),

@@ -1,6 +1,6 @@
 """Random values by MRG32k3a, for any kind of number: integers in doubles, so every kernel draws the same ones.
 
-The state (..., 6) of a generator is carried with what draws from it.  Two recurrences of order 3,
+The state (..., 6) of a generator is part of the state of a run.  Two recurrences of order 3,
 
     x_n = (1403580 x_(n-2) - 810728 x_(n-3)) mod m_1,   y_n = (527612 y_(n-1) - 1370589 y_(n-3)) mod m_2
     u_n = ((x_n - y_n) mod m_1)/(m_1 + 1), in (0, 1)

@@ -92,7 +92,7 @@ def unknowns(
             at = float(begin if np.ndim(begin) == 0 else begin[place])
             out[entry] = Unknown(entry, letter, pattern, at, -np.inf, np.inf)
     if not out:
-        raise InputError("free: expected names of what is unknown, such as ['p', 'm[2]'], got none.")
+        raise InputError("free: expected names of unknown quantities, such as ['p', 'm[2]'], got none.")
     return [_bounded(u, bounds, out) for u in out.values()], starts
 
 

@@ -5,7 +5,7 @@ On the spectral curve (mu - m) e = 2 (a - rho p), <e, e> = 4 rho, with rho = 1/l
     m_1 = m + e ^ p,   a_1 = a + (m + m_1) e / 2 = 2 e <e, a>/<e, e> - a.
 
 The rho of the start is that of all states, but maps with it fixed are unstable across the level sets: for long steps
-what rounding adds grows up to three times a step.  So e belongs to the rho of the very state, by a step of Newton's
+rounding errors grow up to three times a step.  So e belongs to the rho of the current state, by a step of Newton's
 method from that of the start.
 [the Lax matrix of Suris 2001, section 5; derivation in docs/baecklund.md; n = 3 by 2 x 2 matrices: Kuznetsov, Petrera,
 Ragnisco 2004]

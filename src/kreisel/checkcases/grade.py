@@ -1,4 +1,4 @@
-"""The grade of a trajectory: its errors against the exact motion, the drift of what is conserved, a mistake."""
+"""The grade of a trajectory: its errors against the exact motion, the drift of the integrals, a mistake."""
 
 from __future__ import annotations
 
@@ -237,7 +237,7 @@ def _unnormalised(values: Mapping[str, Array], error: float) -> Mistake | None:
 
 
 def _drifts(case: Case, rows: Array, values: Mapping[str, Array], units: Mapping[str, str]) -> Iterator[Row]:
-    """The drifts of what the case conserves, as far as the trajectory determines them."""
+    """The drifts of the integrals of the case, as far as the trajectory determines them."""
     w, q, law = body_rates(values), values.get("attitude"), case.law
     if w is None or not law.conserved or (q is None and "momentum" not in law.conserved):
         return

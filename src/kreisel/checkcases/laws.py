@@ -63,7 +63,7 @@ def _no_potential(w: Vector, q: Vector, x: Vector, p: Any) -> Any:
 
 
 class Law(NamedTuple):
-    """A torque, further variables, and what is conserved.
+    """A torque, further variables, and the conserved quantities.
 
     torque     N m, along the body axes
     further    names and sizes of further variables x, with `rates` x'

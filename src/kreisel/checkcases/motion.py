@@ -51,7 +51,7 @@ class Case:
 
     name, title, about, source   text: a word, a line, the physics, where the values come from
     law              the torque (`kreisel.checkcases.laws`)
-    numbers          name -> printed value with its unit: what a simulator is given
+    numbers          name -> printed value with its unit: the input of a simulator
     inertia          I about the fixed point or the centre of mass, along the body axes, 3 x 3 rational, kg m^2
     angular_velocity, attitude   the start: rad/s along the body axes; unit quaternion (w, x, y, z), body to space
     duration         s

@@ -65,7 +65,7 @@ CLOSE, FAR = 1e-3, 0.2  # relative: the start matches; it does not
 
 
 class Trajectory(NamedTuple):
-    """Times (rows,), s; the quantities of `Case.grade`; what was recognised or left out, in sentences; the step, s."""
+    """Times (rows,), s; the quantities of `Case.grade`; sentences on columns recognised or left out; the step, s."""
 
     times: Array
     quantities: dict[str, Array]
@@ -113,7 +113,7 @@ def read(
                matrix by rows), "euler" (roll, pitch, yaw of the sequence 3-2-1), "momentum", "position", "energy"
     step       of the simulator, s, if it saves fewer rows
 
-    What is not specified is recognised by the names of the columns, then by the exact motion.  Raises `InputError`.
+    Anything not specified is recognised by the names of columns, then by the exact motion.  Raises `InputError`.
     """
     specified = {"units": units, "quaternion": quaternion, "direction": direction, "frame": frame, "time": time}
     allowed = (FACTORS, ("wxyz", "xyzw"), ("body to space", "space to body"), ("body", "space"), TIMES)

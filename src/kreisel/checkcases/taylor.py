@@ -8,7 +8,7 @@ error e of u, in a norm |D^-1 e|, obeys
     |e(t + h)| <= exp(h mean mu) |e(t)| + exp(h mean max(mu, 0)) h max |r|,
     mu = the largest eigenvalue of (B + B^T)/2,  B = D^-1 J D,
 
-with the Jacobian J of f along u, its eigenvalues at 128 points of a step and a bound of what lies between them.  The
+with the Jacobian J of f along u, its eigenvalues at 128 points of a step and a bound between them.  The
 diagonal D balances the mean of |J|: any D is right, a good one makes the bound small.
 [Moore, Interval Analysis, 1966; Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section I.10]
 """

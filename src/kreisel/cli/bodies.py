@@ -1,4 +1,4 @@
-"""Files of `kreisel new` for bodies in SI units: what a person would begin with."""
+"""Files of `kreisel new` for bodies in SI units, with data that a person would begin with."""
 
 from __future__ import annotations
 

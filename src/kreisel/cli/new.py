@@ -193,7 +193,7 @@ def _sweep(sample: Example) -> list[str]:
     return [
         "[sweep]",
         *commented('save = ["drift", "extremes", "frequencies"]', 'of each lane; also "trajectories"'),
-        "# rng = 1                      # the seed of what is drawn in [sweep.random]",
+        "# rng = 1                      # the seed of the draws in [sweep.random]",
         "# draws = 50",
         "",
         "[sweep.grid]                   # every combination of these; a list of values, or a range",
@@ -253,7 +253,7 @@ import kreisel as kr
 BODY = kr.perturbed(
     kr.{sample},
 {forces}
-    params={{"strength": {strength!r}}},  # what the function names after *; the TOML file may give it anew
+    params={{"strength": {strength!r}}},  # the arguments after *; the TOML file may override them
     name="{name}",
 )
 """

@@ -66,7 +66,7 @@ def run(
     as_json: AsJson = False,
     figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the figure.")] = True,
     project: Annotated[
-        bool, typer.Option("--project/--no-project", help="Put the state back on what is conserved.")
+        bool, typer.Option("--project/--no-project", help="Project the state back onto its integrals.")
     ] = True,
 ) -> None:
     """Simulate: write the archive, print the drift of every integral, save a figure.

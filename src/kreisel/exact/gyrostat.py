@@ -150,7 +150,7 @@ class Body:
         want = self._turns(start, K, part) * algebra.vec(np.sqrt(square))
         inverse = np.linalg.pinv(middle.astype(float), rcond=1e-14)
         matrix = np.zeros((*K.shape[:-2], 4, 4), dtype=K.dtype)
-        for _ in range(CORRECTIONS):  # corrected by what is left, in more digits than the inverse has
+        for _ in range(CORRECTIONS):  # corrected by the residual, in more digits than the inverse has
             matrix = matrix + inverse @ (want - middle @ matrix)
         return (matrix.mT[..., None, None] * half[..., None, :, :, :]).sum(-3)
 

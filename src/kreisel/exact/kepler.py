@@ -36,7 +36,7 @@ def step(r: Array, v: Array, *, mu: Any, h: Any) -> tuple[Array, Array]:
     span, ahead = sign * h, sign * radial
 
     def improved(s: Any, size: tuple[int, int]) -> tuple[Any, Any]:
-        """What s lacks, and a better one."""
+        """The correction of s, and the corrected s."""
         g0, g1, g2, g3 = series(beta, s, *size)
         miss = distance * g1 + ahead * g2 + mu * g3 - span
         slope = distance * g0 + ahead * g1 + mu * g2

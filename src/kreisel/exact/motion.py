@@ -11,7 +11,7 @@ about its axis at rates
     phi' = (c - J z)/(1 - z^2),   psi' = (J - c z)/(1 - z^2)
 
 (|p| = |b| = 1, z = b.p).  Freed of all these rotations, not only of their fractions, the state changes as slowly as z.
-Series of what is slow, made of fast equations, lose digits: as many more are taken.
+Series of slow variables in fast equations lose digits: as many more are computed.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ class TopMotion:
         self._leaps: dict[int, Leap] = {}
 
     def refine(self, halvings: int) -> None:
-        """Halve all parts so often; what is known of them stays."""
+        """Halve all parts so often; their data are kept."""
         self._places = {j << halvings: state for j, state in self._places.items()}
         self._leaps = {j << halvings: leap for j, leap in self._leaps.items()}
         self.places, self.part = self.places + halvings, self.part / (1 << halvings)
@@ -429,7 +429,7 @@ def turned(
 ) -> tuple[Array, Array, Array]:
     """The m, b and q of a place, (..., 10), turned: about `up` from the left, and q about `axis` from the right.
 
-    `left` and `right`, (..., 3), are half-angles: cos, sin and what is left of the angle.  q follows on `start`.
+    `left` and `right`, (..., 3), are half-angles: cos, sin and the remainder of the angle.  q follows on `start`.
     """
     (cos, sin), (c, s), H = cos_sin(left), cos_sin(right), algebra.hat(up)
     R = algebra.identity(3) + algebra.mat(2 * sin * cos) * H + algebra.mat(2 * sin * sin) * (H @ H)

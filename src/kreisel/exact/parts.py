@@ -17,7 +17,7 @@ from kreisel.record.contract import Orbit
 
 TERMS = 18  # of the polynomials: with 14, twice as many parts do not stay in the first cache
 ORDERS = 28  # of the Taylor series that they come from
-TAIL = 2e-17  # what they leave out, relative to m, b and q
+TAIL = 2e-17  # their truncation error, relative to m, b and q
 BINARY = 100  # places of the values in which the series are made
 SETTLED = 50  # e-foldings after which a separatrix motion is taken for the steady one that it tends to
 PHASE_BITS = 64
@@ -26,7 +26,7 @@ LEAST_PLACES = 3  # as a power of two
 
 @cache
 def economised() -> tuple[Array, Array]:
-    """The powers 0, ..., ORDERS - 1 on [-1, 1] as polynomials of TERMS terms, and what that costs.
+    """The powers 0, ..., ORDERS - 1 on [-1, 1] as polynomials of TERMS terms, and the errors of that.
 
     By cutting off their Chebyshev series.
     """
@@ -36,8 +36,8 @@ def economised() -> tuple[Array, Array]:
         kept = chebyshev.cheb2poly(series[:TERMS])
         out[: len(kept), k], cost[k] = kept, abs(series[TERMS:]).sum()
     cost[1:] += abs(out[0, 1:])
-    out[0, 1:] = 0  # what is known in the middle stays
-    cost[-1] = 1.0  # and what the Taylor series leaves out
+    out[0, 1:] = 0  # the value in the middle stays
+    cost[-1] = 1.0  # and the remainder of the Taylor series
     return out, cost
 
 

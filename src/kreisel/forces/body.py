@@ -267,7 +267,7 @@ def _matrices(model: Model, damping: Any, inertia: Any, coupling: Any) -> dict[s
         check = _moments if model.system.translation is None else _positive
         out[INERTIA] = Parameter(INERTIA, "vector", "principal moments of the body", check, inertia, diagonal=True)
     if coupling is not None:
-        out[COUPLING] = Parameter(COUPLING, "symmetric", "K in M.KP, what H has beside", None, coupling)
+        out[COUPLING] = Parameter(COUPLING, "symmetric", "K in the term M.KP of H", None, coupling)
     for p in out.values():
         require_one_reading(p, p.default, "kr.perturbed")
     return out

@@ -59,7 +59,7 @@ State = tuple[Array, ...]
 
 
 def components(control: Controller) -> tuple[tuple[str, str], ...]:
-    """Letters and kinds of what the state has in addition to the body's, in order."""
+    """Letters and kinds of the state's variables beyond the body's, in order."""
     held = sum(control.commands.values())
     sizes = {
         **({WHEELS: (control.wheels,)} if control.wheels else {}),

@@ -1,1 +1,1 @@
-"""Operations as data: what a definition does on scalars, kept as a graph that everything else reads."""
+"""Operations as data: the scalar operations of a definition, kept as a graph that everything else reads."""

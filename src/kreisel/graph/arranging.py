@@ -1,4 +1,4 @@
-"""Graphs made ready for a compiler: what it may do or leave is decided here, once.
+"""Graphs made ready for a compiler: fusing, order and reuse are decided here, once.
 
 Kernels are compiled without leave to fuse or to reorder, so all that are made from one step, for one trajectory, for
 an ensemble or with some constants folded in, give the same bits.
@@ -221,7 +221,7 @@ class Formula:
 def latest(graph: Graph, nodes: Sequence[int]) -> list[int]:
     """The nodes in the order in which a processor that does `AT_ONCE` of them at a time would begin them at the latest.
 
-    Compilers keep near to it.  What waits longest comes first, and no result lies about long before it is needed: two
+    Compilers keep near to it.  The oldest node comes first, and no result is computed long before it is needed: two
     steps on separate scalars, one after the other, then overlap in the processor.
     """
     places = {at: i for i, at in enumerate(nodes)}

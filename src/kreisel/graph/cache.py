@@ -2,7 +2,7 @@
 
 The files are in KREISEL_CACHE, else in kreisel/ in the cache folder of the platform.  The seal is the SHA-256 of the
 name and of all that follows; nothing of a file is used before it was compared: half a file of machine code would be
-run.  What cannot be kept there is compiled in memory.
+run.  Code that cannot be kept there is compiled in memory.
 """
 
 from __future__ import annotations

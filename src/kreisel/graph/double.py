@@ -95,7 +95,7 @@ def ordered_sum(x: Any, y: Any) -> DoubleDouble:
 
 # -- pairs that are not made ordered -------------------------------------------------------------------
 # The second number is of the size of the rounding errors of the terms of the first; to make it less would gain nothing
-# for a projection.  Quotients and roots give what their derivatives need too.
+# for a projection.  Quotients and roots also return the values that their derivatives need.
 
 
 def fused(x: Any, y: Any, z: Any) -> Any:

@@ -153,7 +153,7 @@ class Graph:
         return [Number(self, self._added((RESULT, branch, i))) for i in range(len(new))]
 
     def _outer(self, members: Iterable[int], new: Iterable[Operand], inside: Container[int]) -> list[Number]:
-        """The nodes outside that those of a body, or what it makes, read."""
+        """Outer nodes that the nodes of a body, or its results, read."""
         reads = [x for at in members for x in operands_of(self.nodes[at])] + [x for x in new if isinstance(x, Number)]
         return list({x.at: x.positive for x in reads if x.at not in inside}.values())
 
@@ -173,7 +173,7 @@ class Graph:
         return self._reached(outputs, len(self.nodes), lambda at: True)
 
     def needed_inside(self, loop: Loop | Branch) -> list[int]:
-        """The nodes of a body that what it makes depends on, in order."""
+        """The nodes of a body that its results depend on, in order."""
         members = frozenset(loop.body)
         return self._reached(loop.new, len(self.nodes), members.__contains__)
 
@@ -474,7 +474,7 @@ def looped(body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], sma
 
 
 def repeated(body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], count: int) -> Sequence[Any]:
-    """What `body` makes of its result, `count` times from `start`; of recorded scalars a loop."""
+    """`body` applied `count` times, from `start`; a loop for recorded scalars."""
     graph = next((x.graph for x in start if isinstance(x, Number)), None)
     if graph is not None:
         return graph.loop(lambda variables: (body(variables), 0.0), start, NEVER, count)[0]

@@ -1,7 +1,7 @@
 """Invariants that a scheme conserves, recorded as operations on registers, and which of them are enough.
 
 They are the Casimirs, integrals and momenta of symmetries by their definitions in the record; some are redundant.
-They are recorded once for a system and n; `kreisel.graph.project` has what is done with them.
+They are recorded once for a system and n; `kreisel.graph.project` corrects states by them.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ _loaded: WeakValueDictionary[str, Kernel] = WeakValueDictionary()  # the kernels
 
 @cache
 def processor() -> tuple[str, str, str]:
-    """Triple, name and features of what is compiled for."""
+    """Triple, name and features of the processor that code is compiled for."""
     name, features = (os.environ.get(f"KREISEL_CPU_{what}") for what in ("NAME", "FEATURES"))
     wrong = [each for each in (features or "").split(",") if each and each[0] not in "+-"]
     if wrong:  # LLVM would end the process
@@ -77,7 +77,7 @@ def target_machine() -> Any:
 def optimized(machine: Any, text: str, level: int = 0) -> Any:
     """LLVM's module of a text, optimized for a machine: by LLVM's passes of a level, of 0 by four of them.
 
-    Graphs are arranged before they are written, so what is left is to keep variables in registers.  Level 3 needs ten
+    Graphs are arranged before they are written, so only registers are left to choose.  Level 3 needs ten
     times as long; by it the steps of 20 kernels need 0.9 to 1.05 of their time, the scatter of this measurement.
     """
     module = llvm.parse_assembly(text)

@@ -9,12 +9,12 @@ Rounding errors have a mean, and so I drifts.  By d/2 the mean of I over an inte
 the frequencies would be off by d/2, and the phase by that times N.  g = 1/16, 1/64 where K is short: a mean of few
 intervals is as uncertain as their random walks, which 7 ulp at n = 3 and K = 1250 showed.
 
-The operations are here once, in loops: of a short program these are written out, and what is known before, scalars 0
-and 1 above all, is not computed; code for long ones goes through the tables of any program.  For one state or a vector
+The operations are here once, in loops: of a short program these are written out, and constants, scalars 0
+and 1 above all, are folded; code for long ones goes through the tables of any program.  For one state or a vector
 of lanes the bits are the same, and those of a single state.  K counts from step 0 of a trajectory, so the bits do
 not depend on `every`, nor on where a run was interrupted.
 
-A correction is of the size of rounding errors, or the map does not conserve what it claims: the largest one is kept.
+A correction is of the size of rounding errors, or a claim of the map is false: the largest one is kept.
 [Hairer, Lubich, Wanner, Geometric Numerical Integration, section IV.4]
 """
 
@@ -56,7 +56,7 @@ class Projection:
     flow     loops, as of `Straight`
     tables   of a `Program`, and its `literals`
     bound    whether the program binds an orientation
-    x        room: of each register its two doubles, then its slope; J (k, d), J J^T (k, k), what is to be solved (k,)
+    x        room: of each register its two doubles, then its slope; J (k, d), J J^T (k, k), right-hand sides (k,)
     rows     z, constants, targets and worst as of `Corrections`
     """
 
@@ -170,7 +170,7 @@ class Projection:
         flat = targets[4 * j + 2] * (unit * FLAT)
         total = root(fused(flat, flat, self._dot(row, row)))
         scale = where_less(0.0, total, 1.0 / total, 0.0)
-        scale = where_less(total, HUGE, scale, 0.0)  # of what is not finite here too
+        scale = where_less(total, HUGE, scale, 0.0)  # a step that is not finite is zero, too
         for i in self.flow.each(row, row + self.d):
             slope = x[i]
             if isinstance(slope, Number) or slope:
@@ -182,7 +182,7 @@ class Projection:
         distance = scale * (unit * (1.0 / EPS))
         farthest, off = self.worst[j], abs(lack) * distance
         farthest = where_less(farthest, off, off, farthest)
-        if self.bound:  # what binds an orientation has no frequency
+        if self.bound:  # the constraints of an orientation have no frequency
             lead = 0.0
         else:
             lead = targets[4 * j + 3] = where_less(farthest, abs(lead) * distance, 0.0, lead)
@@ -401,7 +401,7 @@ def _compiled(programs: Sequence[Program], width: int) -> Kernel:
 class CompiledProjection(Corrections):
     """The compiled projection of rows z (lanes, d), which kernels call by its address.
 
-    programs  of the invariants, and of what binds an orientation to the state
+    programs  of the invariants, and of the constraints between an orientation and the state
     project   `compiled` of them, `width` lanes at once
     """
 

@@ -1,6 +1,6 @@
 """Functions for NVIDIA GPUs: the operations of a graph as PTX, one thread a lane; or one lane after the other here.
 
-LLVM writes PTX from the same operations: each product is rounded separately, and what the graph fuses is fused.  sin,
+LLVM writes PTX from the same operations: each product is rounded separately, unless the graph fuses it.  sin,
 cos, exp and log come from NVIDIA's libdevice, in the package nvidia-cuda-nvcc.
 """
 

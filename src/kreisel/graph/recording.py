@@ -128,7 +128,7 @@ def recorded_arguments(
 ) -> tuple[tuple[Array, ...], dict[str, Array]]:
     """Recorded scalars in place of the state and of the constants, which are called by their letter.
 
-    `more`: the kinds of what follows the state.
+    `more`: the kinds of the arguments after the state.
     """
     kinds = [*(kind for _, kind in scheme.components), *more]
     count = algebra.coordinate_count(kinds, scheme.n)

@@ -22,7 +22,7 @@ from kreisel.algebra.iteration import repeat
 from kreisel.algebra.matrices import diagonal
 
 DOUBLINGS, MOST_DOUBLINGS = 10, 20  # straight-line for n = 3, else at most
-SMALL = 1e-18  # of |A|^2 over the 4th power of gamma: what is left of Y is of the order of A^T Y^-1 A
+SMALL = 1e-18  # of |A|^2 over the 4th power of gamma: the remainder of Y is of the order of A^T Y^-1 A
 YS = 48
 
 
@@ -57,7 +57,7 @@ def turn(M, J, Q, square, eps):
 def through_inverse(S: Array, A: Array) -> tuple[Array, Array, Array]:
     """A^T S^-1 A, A S^-1 A^T and A S^-1 A for S (..., n, n) symmetric and positive.
 
-    Numbers without a LAPACK go by S = L D L^T: of the symmetric products a record then keeps what is asked for.
+    Numbers without a LAPACK go by S = L D L^T: a record then keeps only the needed half of the symmetric products.
     """
     if not holds_objects(S):
         B = solve(S, A)

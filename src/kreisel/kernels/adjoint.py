@@ -60,7 +60,7 @@ class Code:
     """Kernels of a step: `stage` for each row of s, then `close`, compiled when they are first used.
 
     constants, of_stage   how many entries c and a row of s have
-    Codes of the same operations are equal, so that JAX compiles what calls them once.
+    Codes of the same operations are equal, so JAX compiles their callers once.
     """
 
     def __init__(self, stage: Part, close: Part | None, constants: int, of_stage: int):
@@ -266,7 +266,7 @@ class _Motion:
         self.state = self.outputs(self._parts[k], stage)
 
     def through(self, write: Callable[[int, Integer], None], reverse: bool = False) -> None:
-        """write(part, place) for the parts of a step, in order: 0 for each stage, 1 for what closes it."""
+        """write(part, place) for the parts of a step, in order: 0 for each stage, 1 for its end."""
         closes = len(self._parts) > 1
         if reverse and closes:
             write(1, self._stages)

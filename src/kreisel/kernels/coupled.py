@@ -1,7 +1,7 @@
 """Bodies that act on each other in pairs: lanes that meet between the parts of a step.
 
-A stage is `drift` of all lanes, in vectors of lanes; a loop over the pairs, which sums what acts on each lane; `kick`
-of all lanes.  The record is of one lane and of one pair, so what is compiled does not grow with their number.
+A stage is `drift` of all lanes, in vectors of lanes; a loop over the pairs, which sums the forces on each lane; `kick`
+of all lanes.  The record is of one lane and of one pair, so the code does not grow with their number.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def constants_of(coupling: Coupling) -> tuple[Floats, dict[str, slice]]:
 
 
 def compiled_pulls(scheme: Scheme, lanes: int) -> Callable[[Floats], Floats]:
-    """z (lanes, d) -> what acts on each lane (lanes, forces), for a flow."""
+    """z (lanes, d) -> the forces on each lane (lanes, forces), for a flow."""
     coupling = of(scheme)
     (constants, columns), (of_pairs, pair_columns) = flat_constants(scheme, lanes), constants_of(coupling)
     pull = Pull.of(scheme, {"c": columns, "s": {}, "p": pair_columns})
@@ -122,9 +122,9 @@ def compiled_pulls(scheme: Scheme, lanes: int) -> Callable[[Floats], Floats]:
 
 
 class Pull(NamedTuple):
-    """The function of a pair, recorded: what acts on both.
+    """The function of a pair, recorded: the forces on both.
 
-    size, forces  how many entries a state has, and what acts on a lane
+    size, forces  how many entries a state has, and the forces on a lane
     counts        of the constants c, s and p
     """
 
@@ -154,7 +154,7 @@ class Pull(NamedTuple):
         return self.graph.digest(self.outputs), self.size, self.forces, tuple(self.counts.items())
 
     def write(self, f: Function, words: Mapping[str, Integer], stage: Any) -> None:
-        """Sum what acts on each lane, over the pairs in order."""
+        """Sum the forces on each lane, over the pairs in order."""
         z, forces, pairs = f.doubles(words["z"]), f.doubles(words["forces"]), f.integers(words["pairs"])
         arrays = {letter: f.doubles(words[letter]) for letter in "csp"}
         with f.loop(0, words["lanes"] * self.forces) as k:
@@ -241,7 +241,7 @@ def _write(f: Function, record: Recording, splits: list[Split], pull: Pull, widt
 def _begin(
     f: Function, record: Recording, splits: list[Split], words: Mapping[str, Integer], rooms: list[Memory], width: int
 ) -> None:
-    """Compute what does not vary with the step, of each block of lanes."""
+    """Compute the values that do not vary with the step, for each block of lanes."""
     lanes, stages, kind = words["lanes"], words["stages"], kind_of(width)
     c, s, of_stages = f.doubles(words["c"]), f.doubles(words["s"]), record.count("s")
     with f.loop(0, (lanes + (width - 1)) // width) as block:

@@ -1,7 +1,7 @@
 """Compiled kernels for the CPU, made from a scheme's step by recording it.
 
 Up to n = 10, if it is not too long, the record is a graph of scalars; beyond, the definition runs on arrays, one lane
-after the other, but for what has a form of `kreisel.kernels.large`.  An ensemble runs on vectors of lanes
+after the other, except for the forms of `kreisel.kernels.large`.  An ensemble runs on vectors of lanes
 (`kreisel.kernels.steps`); lane i has the bits of a single run.  Shares of the lanes go to threads
 (`kreisel.kernels.threads`).
 """
@@ -204,7 +204,7 @@ class CpuEngine(SteppedEngine):
 def frame_of(
     code: Code, z: Floats, constants: Floats, stages: Floats, projection: CompiledProjection | None, first: int
 ) -> tuple[Any, Any]:
-    """The words that a kernel of straight-line code works on, and what must live as long as they do."""
+    """The words that a kernel of straight-line code works on, and the arrays that must live as long as they do."""
     steps = code.steps
     room = np.zeros(max(1, steps.room * (stages.shape[1] if steps.by_stage else 1)) if steps else 1)
     words = [address_of(array) for array in (z, constants, stages, room)] + [len(z), stages.shape[1]]
@@ -245,7 +245,7 @@ def compiled_step(
     One lane after the other: a kernel for vectors of lanes needs 4 s to compile where this one needs 0.6 s.
     """
     stages, stage_columns = flat_stages(scheme, 1)
-    one_lane = np.where((constants == constants[:1]).all(0), constants[:1], np.nan)  # what varies is not folded
+    one_lane = np.where((constants == constants[:1]).all(0), constants[:1], np.nan)  # varying ones are not folded
     code = code_of(scheme, one_lane, columns, stage_columns, False)
 
     def advance(z: Floats, c: Floats, steps: int) -> None:

@@ -1,4 +1,4 @@
-"""The engines by name, and what each of them is: something that makes the steps of a scheme.
+"""The engines by name.  An engine makes the steps of a scheme.
 
 A new engine is a class in a separate file and an entry here.
 """
@@ -29,7 +29,7 @@ class Engine(Protocol):
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         """Make `every` steps for each row of `out` (rows, lanes, d) and store the state there.
 
-        Where one step may need seconds, `look` is called on the way; what it raises leaves the engine useless.
+        If one step may need seconds, `look` is called meanwhile; after an exception from it the engine is useless.
         """
 
     @property

@@ -240,7 +240,7 @@ class GpuProjection(Corrections):
 class GpuEngine:
     """The step on a GPU; `advance` as in `kreisel.kernels.cpu.CpuEngine`.  One number of all lanes lies in one row.
 
-    float32 is not projected: what rounding does to it is far more.
+    float32 is not projected: its rounding errors are far larger.
     """
 
     def __init__(self, scheme: Scheme, z0: Floats, engine: str, project: bool = False):

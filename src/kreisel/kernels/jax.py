@@ -60,7 +60,7 @@ _projections: dict[Any, tuple[Callable[..., Any], Callable[..., Any]]] = {}
 def _projection(
     scheme: Scheme, constants: Mapping[str, Floats], lanes: frozenset[str]
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Compiled: the values of the invariants by name, and a corrected state with what it lacked; kept for further runs.
+    """Compiled: the values of the invariants by name, and a corrected state with its correction; kept for further runs.
 
     They depend on the record, whose step is one function, and on eps.
     """
@@ -106,7 +106,7 @@ class JaxProjection(InDoubles):
             with double():
                 jax.eval_shape(
                     self._correct, z, constants, self.targets, self.worst
-                )  # what has no derivative fails here
+                )  # operations without a derivative fail here
 
     def _values(self, z: Floats) -> dict[str, Floats]:
         with double():

@@ -115,7 +115,7 @@ def is_traced(x: Any) -> bool:
 
 
 def array(value: Any, name: str) -> Array:
-    """An array in float64.  Raises `InputError` for single precision and for what is not an array of real values."""
+    """An array in float64.  Raises `InputError` for single precision and for anything but an array of real values."""
     try:
         found = value if isinstance(value, jax.Array) else np.asarray(value)
     except ValueError:
@@ -134,7 +134,7 @@ def mixed(x: Any) -> Any:
 
 
 def first_of(first: Callable[[], Any], second: Callable[[], Any], what: str) -> Any:
-    """What the first can make of arrays of JAX, else the second of scalars.  Raises `InputError` where neither can."""
+    """The result of the first, on arrays of JAX, else of the second, on scalars.  Raises `InputError` if both fail."""
     try:
         return first()
     except (TypeError, AttributeError):

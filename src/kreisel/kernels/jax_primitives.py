@@ -1,6 +1,6 @@
 """Compiled motions as primitives of JAX: an orbit, its tangent map (`push`) and the transpose of that (`pull`).
 
-Each is linear in what it is differentiated by, so that JAX makes jvp, grad, vmap and scan of them; derivatives of the
+Each is linear in the arguments of its derivative, so JAX makes jvp, grad, vmap and scan of them; derivatives of the
 second order are those of the same record by XLA.  All arguments are rows of lanes: z (l, d), c (l, constants),
 s (l, stages, of a stage); tangents and slopes have a second axis of columns.
 """
@@ -53,7 +53,7 @@ def _array(*shape: int) -> ShapedArray:
     return ShapedArray(shape, np.dtype(np.float64))
 
 
-# -- what they compute, on the host ------------------------------------------------------------------
+# -- their values, on the host -----------------------------------------------------------------------
 
 
 def _orbit(z: Any, c: Any, s: Any, *, code: Code, rows: int, every: int, part: int) -> list[Any]:

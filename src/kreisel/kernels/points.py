@@ -71,7 +71,7 @@ def bound_points(scheme: Scheme, engine: SteppedEngine) -> Callable[[], bool] | 
     """The call that puts the constants of an engine's only trajectory where its steps read them.
 
     It tells whether they are finite.  None if other constants depend on the trajectory, for code into which a rho
-    is folded, and for what is not compiled.
+    is folded, and for code that is not compiled.
     """
     rows = [(True, engine.stages[0])] if engine.stages.size else []
     if "mu" in engine.columns:

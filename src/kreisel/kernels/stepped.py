@@ -1,4 +1,4 @@
-"""What the engines of compiled steps on the CPU have in common."""
+"""Base of the engines of compiled steps on the CPU."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class SteppedEngine:
         return True
 
     def _takes(self, changed: Mapping[str, Array]) -> bool:
-        """Go on with these constants; whether the kernel is made for them: it leaves out what is 0, 1 or -1."""
+        """Continue with these constants; returns whether the kernel fits them: it is specialised to 0, 1 and -1."""
         if changed:
             constants = self.constants.copy()
             fill(constants, self.columns, changed, self.scheme.axes)

@@ -31,7 +31,7 @@ FRAME = ("z", "c", "s", "room", "lanes", "stages", "interval", "project", "table
 
 
 class Split(NamedTuple):
-    """The nodes of a piece by what they vary with: nothing, the stage alone, the step.
+    """The nodes of a piece in three groups: constant, varying with the stage, varying with the step.
 
     kept_fixed, kept   of the first two those that varying ones read
     """
@@ -89,7 +89,7 @@ class Split(NamedTuple):
 
 
 class Constants:
-    """What of the pieces does not vary with the step, for one vector of lanes.
+    """The values of the pieces that do not vary with the step, for one vector of lanes.
 
     Numbers of a stage are kept in `room`, the first vector of them for each stage.
     """
@@ -141,7 +141,7 @@ class Steps(NamedTuple):
 
 
 class Writing(NamedTuple):
-    """A kernel of 7 arguments to be compiled: its key, what writes it, how many lanes it steps at once, its room."""
+    """A kernel of 7 arguments to be compiled: its key, its writer, the lanes that it steps at once, its memory."""
 
     key: tuple[Any, ...]
     write: Callable[[Function], None]

@@ -34,7 +34,7 @@ def shares(count: int, work: int) -> Iterator[tuple[int, int]]:
 
 
 def on_threads(count: int, work: int, do: Callable[[int, int], Result]) -> list[Result]:
-    """What `do(first, last)` gives for each share, in order; by this thread if there is one share."""
+    """The results of `do(first, last)` for each share, in order; by this thread if there is one share."""
     parts = list(shares(count, work))
     if len(parts) < 2:
         return [do(0, count)]

@@ -200,7 +200,7 @@ def _all_finite(values: Array) -> bool:
 
 
 def _orthogonal(flint: Any, A: Array, r: Array) -> Array:
-    """Q of the QR decomposition of the middle of A, its columns sorted by what they contribute; entries are exact."""
+    """Q of the QR decomposition of the middle of A, its columns sorted by their contribution; entries are exact."""
     middle = np.array([[float(v.mid()) for v in row] for row in A])
     sizes = np.linalg.norm(middle, axis=0) * np.array([float(abs(v).upper()) for v in r])
     Q = np.linalg.qr(middle[:, np.argsort(-sizes, kind="stable")])[0]

@@ -349,7 +349,7 @@ class Mod(Ring):
 
 
 def _operand(other: Any, p: int) -> Any:
-    """The residues of a number; NotImplemented for arrays and for values made of residues, which know what to do."""
+    """The residues of a number; NotImplemented for arrays and for values made of residues."""
     if isinstance(other, Mod):
         return other.v
     rational_number = isinstance(other, int | Fraction | np.integer) or (hasattr(other, "q") and hasattr(other, "p"))

@@ -57,7 +57,7 @@ ENTROPY = 0.1  # the least estimate without a recurrence that counts
 
 @dataclass(frozen=True)
 class Growth:
-    """Degrees of the iterates 0, 1, 2, ... and what they say.
+    """Degrees of the iterates 0, 1, 2, ... and the verdict on them.
 
     degrees      d_0 = 1 for a line in the space itself, d_1, ...
     recurrence   integers c with sum_j c_j d_(k+j) = 0 for k >= `after`, found from some and checked on further degrees
@@ -182,7 +182,7 @@ def _degree(flint: Any, values: Array, coset: int, p: int) -> int | None:
     return degree if largest >= CERTAIN else None
 
 
-# -- what the degrees say ---------------------------------------------------------------------------
+# -- the verdict on degrees -------------------------------------------------------------------------
 
 
 def fitted_growth(d: tuple[int, ...]) -> Growth:

@@ -4,7 +4,7 @@ Polynomials.  Monomials up to a degree, evaluated along orbits over F_p: those c
 are the null space of a matrix.  Lifted to the rationals, and checked on fresh orbits modulo another prime.
 
 Quotients P/Q.  P(x') Q(x) - P(x) Q(x') = 0 is linear in the bivector P ^ Q.  Its null space contains I ^ J for all
-polynomial integrals I, J; what is more are quotients.
+polynomial integrals I, J; further integrals are quotients.
 
 Integrals that are polynomials in others, or functionally dependent on them, are left out.  Integrals that a record
 states are tested exactly.

@@ -1,4 +1,4 @@
-"""kr.lab.investigate: every instrument of the laboratory on one map, and the page of what their evidence carries."""
+"""kr.lab.investigate: every instrument of the laboratory on one map, and the page of the verdict."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def investigate(
     options    constants of a function, by keyword; `flow`, `involution`, `lax`, `conjugator`, of a step(x) also
                `tensor` and `start`: functions that need the state as the step does, see `kreisel.lab.subject`
 
-    Raises `InputError` for what is not a map, or not one of rational functions.
+    Raises `InputError` for anything but a map of rational functions.
     """
     for name, value in {"n": n, "degree": degree, "iterates": iterates, "steps": steps, "seed": seed}.items():
         if value is not None or name in ("steps", "seed"):
@@ -120,7 +120,7 @@ def _rational_text(v: Any) -> str:
 
 
 def investigate_file(file: Path, /, **options: Any) -> Investigation:
-    """Look at what a Python file defines: a function step, or a user-defined system or model; see the docs.
+    """Look at the definitions of a Python file: a function step, or a user-defined system or model; see the docs.
 
     Of a function `step` the file's own names, n, frame, eps, constants, tensor, lax, conjugator, involution, flow and
     start are taken.  The file is run.  Raises `InputError` where it defines nothing to look at.
@@ -157,7 +157,7 @@ def constants_of(constants: Any, place: str) -> Mapping[str, Any]:
     return constants
 
 
-# -- what is looked at ------------------------------------------------------------------------------
+# -- the subject ------------------------------------------------------------------------------------
 
 
 def _subject(
@@ -410,7 +410,7 @@ HEAD = """# Every map, investigated
 `kreisel investigate` on every map of the registry, n = 3 (the bitop: 4), eps = 1/3, small values for other parameters,
 and on three negative controls (`kreisel.lab.investigation`): the equations of a heavy top of equal moments by
 Euler's method; the map of the Lagrange top in a field that grows with height and breaks its symmetry; and the symmetric
-variational step of a heavy top with three unequal moments. What the columns mean and the rule of the verdict:
+variational step of a heavy top with three unequal moments. The meaning of the columns and the rule of the verdict:
 [the laboratory](integrability.md).
 
 Made by `make investigate` (`kreisel investigate --markdown`).

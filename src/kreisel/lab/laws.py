@@ -1,4 +1,4 @@
-"""The laws: what a record claims, tested at random points, exactly over Q and in floats.
+"""The laws: the claims of a record, tested at random points, exactly over Q and in floats.
 
     from kreisel.lab import laws
     laws.check(my_system)              # every law that applies, n = 3 and 4, exact and in floats

@@ -1,4 +1,4 @@
-"""The questions of an investigation, and what their evidence carries.
+"""The questions of an investigation, and the weight of their evidence.
 
 The rule of the verdict.
 

@@ -7,7 +7,7 @@ explicit: with M' = d'_W Lambda = (2/eps) (W - I)(W + I)^-1 and W M' W^T = M',
 
 rational if grad U is.  Such members are judged exactly: degrees of the iterates over finite fields, and the
 integrals that the finder finds.  For -(1/eps) tr(WJ) the step is Moser and Veselov's root after the same kick; other
-kinetic parts are Lagrangians in JAX.  Those are judged in floats: by what is still to round-off, and by chaos.
+kinetic parts are Lagrangians in JAX.  Those are judged in floats: by quantities constant to round-off, and by chaos.
 """
 
 from __future__ import annotations
@@ -418,7 +418,7 @@ def kahan(flow: Any, names: Sequence[str], eps: Any = Fraction(1, 3), adjustment
 
 def kahan_map(model: Model, eps: Any = Fraction(1, 3)) -> Subject:
     """Kahan's map of a model whose flow is quadratic in the state."""
-    model = Model(model.system, {k: fractions(v) for k, v in model.params.items()})  # what is derived is exact too
+    model = Model(model.system, {k: fractions(v) for k, v in model.params.items()})  # derived parameters are exact too
     space, n = model.system.space, model.n
     letters = {f"parameter_{k}": fractions(v) for k, v in model.constants.items()}
 

@@ -240,7 +240,7 @@ def coordinate_names(components: tuple[tuple[str, str], ...], n: int) -> tuple[s
 Function = Callable[..., Any]
 OF_POINTS = ("flow", "involution")
 OF_LAMBDA = ("lax", "conjugator")
-BESIDE = (*OF_POINTS, "tensor", *OF_LAMBDA, "start")  # what may be known of a step
+BESIDE = (*OF_POINTS, "tensor", *OF_LAMBDA, "start")  # optional data of a step
 EXPECTED: dict[str, tuple[type[Exception], ...]] = {  # errors with which the instruments deal
     "step": (TypeError, AttributeError, ArithmeticError),
     **dict.fromkeys(OF_LAMBDA, (ArithmeticError,)),

@@ -1,4 +1,4 @@
-"""Methods by name: `records` has what each states about itself; its file is imported when it is first used."""
+"""Methods by name: `records` has the claims of each; its file is imported when it is first used."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["METHODS", "Method", "Outcome", "Scheme", "default_method", "find", "
 def default_method(model: Model, stepped: bool = False) -> str:
     """The name of the first of the methods that suit a model; `stepped`: of those that make steps."""
     fitting = (m.name for m in METHODS.values() if m.may_be_default(model) and (m.steps or not stepped))
-    return next(fitting, "dop853")  # which then states what it lacks
+    return next(fitting, "dop853")  # which then states the data that it lacks
 
 
 def find(name: Any) -> Method:
@@ -29,7 +29,7 @@ def find(name: Any) -> Method:
     if name not in METHODS:
         raise InputError(
             f"method: expected one of {', '.join(METHODS)}, got {shown(name)}.{hint(name, METHODS)} "
-            "kr.methods() has what each is for."
+            "kr.methods() states the use of each."
         )
     return METHODS[name]
 

@@ -5,12 +5,12 @@ Nothing is adapted on the way.
 The maps of `method="baecklund"` keep the invariant tori, so the error of a state is one of phase and grows like the
 time.  A pilot from the initial state, some rotations long, measures the error of each order at one step; since it goes
 like h^order, that tells the step for which the error at the end of the run is the tolerance.  The cost of a step is
-its number of stages.  What is measured of a lane does not depend on other lanes.
+its number of stages.  Measurements of a lane do not depend on other lanes.
 
 For perturbed bodies the splitting is chosen too.  How an error depends on the step and on the size of the perturbation
 differs from order to order, so it is measured: a pilot from the initial state, some rotations long, is run by every
 splitting with a ladder of steps, and compared with a finer one.  Without friction the error of a state is one of phase
-and grows like the time; that is assumed, and checked in a longer run of what was chosen.
+and grows like the time; that is assumed, and checked in a longer run with the chosen step.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def choose_each(model: Model, state: State, spacing: float, time: float, tol: An
 
 
 def _cheapest(h: Array, error: Array, spacing: float, tolerance: float) -> Choice:
-    """By the step (orders, lanes) of the pilots and what error that step would make at the end of the run."""
+    """The cheapest order, from the steps (orders, lanes) of the pilots and the error of each at the end of the run."""
     best: tuple[float, Choice] | None = None
     for order, length, growth in zip(ORDERS, h, error, strict=True):
         step = (length * (tolerance / growth) ** (1 / order)).min()
@@ -276,9 +276,9 @@ def witnessed(
 ) -> Choice:
     """The choice, with shorter steps if it is off by more than `tol` in a run of some pilots against half the step.
 
-    A chaotic motion is run for longer, and with a margin: what rounding does to it grows too.
+    A chaotic motion is run for longer, and with a margin: rounding errors grow, too.
 
-    A pilot does not see what is slow, such as the beats of coupled bodies, by which errors grow faster than the time.
+    A pilot does not see slow motions, such as the beats of coupled bodies, by which errors grow faster than the time.
     """
     tolerance, tried, best = checked_tolerance(tol), list[Choice](), np.inf
     pilots, margin = (CHAOTIC, MARGIN) if chaotic else (WITNESS, 1.0)

@@ -102,7 +102,7 @@ class Product:
         if self.pairs:
             rho = self._rho(x0, np.array(self.pairs), points)
             stages |= {"rho_re": rho.real, "rho_im": rho.imag}
-        with np.errstate(all="ignore"):  # what overflows is refused
+        with np.errstate(all="ignore"):  # overflow is refused
             if self.spins:
                 constants |= spin_turns(self.model, state, self.dt)
             if self.oriented:

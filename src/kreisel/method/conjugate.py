@@ -8,7 +8,7 @@ Commuting fields that agree at one state agree on its torus, so points with sum_
 f the field of the flow, make a step that is the flow over h.  These are the Abelian conditions, without the integrals.
 The heights y_j and the branches of mu are chosen where the x_j are smallest against the distance of the branch points,
 by linear programming; Newton's method finds x_j, the fields at its ends are the columns of the Jacobian.  The body
-rotates by int Omega, and what is missing to the angular velocity of the flow commutes with all it carries: a constant.
+rotates by int Omega; the difference to the angular velocity of the flow commutes with all it carries: a constant.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ def one_map(model: Model, state: State, params: dict[str, Array], dt: float) -> 
 
 
 def constants(model: Model, state: State, dt: float) -> tuple[Array, Array]:
-    """Points (..., 4, stages), `NUMBERS` of each, and what is left of the rotation of the body in a step (..., n,
+    """Points (..., 4, stages), `NUMBERS` of each, and the missing rotation of the body in a step (..., n,
     n).
     """
     batch, lanes = _lanes(model, state)

@@ -1,4 +1,4 @@
-"""Parts that methods for perturbed bodies share: the work of forces, and what is carried in addition to the state."""
+"""Parts that methods for perturbed bodies share: the work of forces, and values carried in addition to the state."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME, pairs_of
 
-TOTAL = "total_"  # before the name of what bodies in pairs have together
+TOTAL = "total_"  # prefix of quantities that are sums over coupled bodies
 
 
 def require_orientation(model: Model, oriented: bool) -> None:

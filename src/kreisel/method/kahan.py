@@ -204,7 +204,7 @@ def _exactly(model: Model, count: int) -> tuple[dict[str, Any], list[Array]]:
 
 
 def one_lane(value: Array, axes: int, rng: np.random.Generator) -> Any:
-    """A constant of one lane, or a random mean over lanes: what holds for it holds for each."""
+    """A constant of one lane, or a random mean over lanes: a statement true of it is true of each."""
     flat = np.asarray(value)
     exact = np.vectorize(Fraction, otypes=[object])(flat) if flat.dtype != object else flat
     if flat.ndim == axes:
@@ -432,7 +432,7 @@ def gyrostat_integrals(model: Model, seen: Values, dt: Any, constants: Values) -
 
 @dataclass(frozen=True)
 class Deformed:
-    """Integrals of the map of order 2: what they are, and their values from what a run shows."""
+    """Integrals of the map of order 2: their definitions, and their values on the rows of a run."""
 
     applies: Callable[[Model], bool]
     values: Callable[[Model, Values, Any, Values], dict[str, Array]]

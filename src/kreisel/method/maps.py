@@ -187,7 +187,7 @@ def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         return new, (turned_by_map(phi, frame, state, new, constants, g) for g in gs), ()
 
     def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
-        with np.errstate(all="ignore"):  # `prepare` refuses what lies beyond the domain
+        with np.errstate(all="ignore"):  # `prepare` refuses states outside the domain
             each = [model.call(phi.trajectory, *x0[:count], eps=eps) for eps in gamma * dt]
         return {}, {name: np.stack([constants[name] for constants in each], -1) for name in each[0]}
 

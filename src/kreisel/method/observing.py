@@ -16,7 +16,7 @@ from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 
 State = tuple[Array, ...]
-Observed = tuple[Callable[..., dict[str, Array]], dict[str, Outcome]]  # `observe`, and what its variables are
+Observed = tuple[Callable[..., dict[str, Array]], dict[str, Outcome]]  # `observe`, and its variables
 Only = Collection[str] | None
 ORIENTATION = "g"
 COUNT, WORK, BALANCE = "count", "work", "balance"  # of driven bodies; count: of complete steps
@@ -162,11 +162,11 @@ def _entries(X: Array) -> Array:
 def held_by_orientation(
     model: Model, components: Components, bound: bool = True
 ) -> Callable[[tuple[Array, ...]], list[Array]] | None:
-    """Functions that an orientation g leaves constant: its orthogonality, and what is carried, in the other frame.
+    """Functions that an orientation g leaves constant: its orthogonality, and carried vectors in the other frame.
 
     g^T a in the rest frame, g P in the moving frame; g M g^T where nothing is carried but the momentum.  None if the
     method steps other variables than those of the system.  `bound`: whether the method turns g by the rotation of
-    what is carried; else only its orthogonality stays.
+    the carried vectors; else only its orthogonality stays.
     """
     space = model.system.space
     count, rest = len(space.letters), model.system.frame is Frame.REST

@@ -227,7 +227,7 @@ def _turn_in_space(model: Model, state: State, g: Array, dt: float, copies: int,
     """The rotation about p = g P that a step of the flow makes beyond the pairs: with them it commutes, so it is
     constant.
 
-    In the product of order 24 each pair rotates by prod cay(eps/2 block) about p; the exact pair by what is missing.
+    In the product of order 24 each pair rotates by prod cay(eps/2 block) about p; the exact pair by the difference.
     """
     record: Any = model.system.baecklund
     one = np.zeros((*mu.shape, 4), dtype=np.longdouble)

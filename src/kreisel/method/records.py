@@ -31,7 +31,7 @@ class Suits:
     space    the name of the phase space
     kinds    the kinds of the components
     numbers  for which the record is written: one of these
-    test     name of a function of the model, for what no attribute tells; imported if everything else holds
+    test     name of a function of the model, for conditions without an attribute; imported if everything else holds
     """
 
     states: tuple[str, ...] = ()
@@ -73,12 +73,12 @@ class Method:
     """A method.
 
     name, title  of it, in a word and in a line
-    needs        what a system must state for it, in words
-    cases        what a system must state for it: one of these conditions
+    needs        the data that a system must state for it, in words
+    cases        conditions on a system, one of which must hold
     orders       that it has, rising; none for the flow itself; tuples for splittings.  `default` if none is asked for;
                  `words` for them, where `make` knows which there are
     poisson      whether its map is Poisson for the bracket of the system
-    conserves    what stays constant up to rounding errors
+    conserves    the quantities that are constant up to rounding errors
     default_for  the models of which it may be the default, as `cases`, which None represents
     steps        whether it makes steps: if not, it is not a default where an order or an engine is asked for
     sources      keys of refs.bib; `composed`: further keys of single orders
@@ -111,11 +111,11 @@ class Method:
         return scheme
 
     def applies(self, model: Model) -> bool:
-        """Whether a model states what the method needs."""
+        """Whether a model states the data that the method needs."""
         return any(suits(model) for suits in self.cases)
 
     def check(self, model: Model) -> None:
-        """Raises `InputError` for a system that does not state what the method needs."""
+        """Raises `InputError` for a system that does not state the data that the method needs."""
         if not self.applies(model):
             raise InputError(
                 f"method={self.name!r}: expected {self.needs}, got {model.system.name} with n = {model.n}. "

@@ -1,4 +1,4 @@
-"""Schemes, which methods hand to the engines: pure functions, and the layout of what they work on."""
+"""Schemes, which methods hand to the engines: pure functions, and the layout of their arguments."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Components = tuple[tuple[str, str], ...]  # (letter, kind): "skew", "vector", "m
 
 @dataclass(frozen=True)
 class Outcome:
-    """One variable that `observe` returns: its kind and what it means.
+    """One variable that `observe` returns: its kind and its meaning.
 
     kind: "state", "orientation", "casimir", "integral" or "relation"; `conserved` states of the last three that this
     method keeps them constant up to round-off.
@@ -102,9 +102,9 @@ class Coupling:
 
     pairs      (count, 2), lanes
     constants  of the pairs (count, ...), and `axes` of each without that of pairs
-    forces     the kinds of what acts on a lane
+    forces     the kinds of the forces on a lane
     pull(*z1, *z2, **known)  -> forces on the first, forces on the second; known: those of the pair, and scalars
-    together(outputs, z)     -> outputs of rows (rows, lanes, ...), with what is of all lanes together
+    together(outputs, z)     -> outputs of rows (rows, lanes, ...), with sums over all lanes
     """
 
     pairs: Array
@@ -184,7 +184,7 @@ class CoupledSteps:
     """A map of lanes that act on each other: a stage is `drift` of each lane, the sum over pairs, `kick` of each lane.
 
     drift(*z, **constants)         -> z
-    kick(*z, *forces, **constants) -> z  forces, of these kinds, are what acts on the lane
+    kick(*z, *forces, **constants) -> z  forces on the lane, of these kinds
     close(*z, **constants)         -> z  as that of `Steps`
     """
 
@@ -206,17 +206,17 @@ Motion = Steps | CoupledSteps | JaxSteps | Flow | Orbits
 
 @dataclass(frozen=True)
 class Scheme:
-    """A method for one model: values, functions around its motion, and the motion, which states what kind it is.
+    """A method for one model: values, functions around its motion, and the motion, which states its kind.
 
     prepare(x0)             -> z0        once
     observe(z, **constants) -> outputs   at saved steps; batch axes (time, lane) in front; also needs `basis`;
-                               names behind z: only these of what is not the state
+                               names behind z: only these of the variables beyond the state
     reopen(x)               -> z         from an observed state back to the method's own variables
     trajectory(x0)          -> constants of the trajectory and of its stages, in addition to `constants` and `stages`;
                                their axes stand in `axes`.  `on(x0)` puts them in
     point(*z0, mu=...)      -> rho, a constant of the trajectory, which engines compile for double-doubles: then it is
                                trajectory(x0, points) with points(x0, mus) -> rho (..., points), or None
-    conserved(z, **consts)  -> outputs   as `observe`, in the form of an engine, of what it does not conserve itself
+    conserved(z, **consts)  -> outputs   as `observe`, in the form of an engine, for quantities that it lets drift
     held(z)                 -> arrays    constant along a trajectory, which bind an orientation to the state; or None
     between                              the most steps between two projections; 0: what their cost allows
     coupling                             interactions of the lanes; None for separate lanes

@@ -15,7 +15,7 @@ the start, and rows are taken through it when they are observed.
 The momentum of a wheel is a coordinate that B moves, with the torque of its motor; in A it is constant.
 
 Time is a coordinate that A moves, so forces that depend on time keep the order and the symmetry; it is (k + c_i) dt
-with a count k of complete steps, which is exact.  `work` is what the energy gains by forces without a potential and by
+with a count k of complete steps, which is exact.  `work` is the energy gained by forces without a potential and by
 those that depend on time.
 """
 
@@ -78,7 +78,7 @@ ORDER = 8  # of a map, composed, if none is asked for
 
 
 class Splitting:
-    """The step of a perturbed body, and what is observed of it."""
+    """The step of a perturbed body, and its observed variables."""
 
     def __init__(self, model: Model, dt: float, order: Any, oriented: bool, all_turns: bool):
         self.model, self.dt, self.record = model, dt, perturbation_of(model.system)
@@ -105,7 +105,7 @@ class Splitting:
                     "order: expected one without a corrector for a body with control, such as (2, 2), 4, (8, 2) or "
                     f"(8, 6, 4), got {order}. Samples change the motion at once."
                 )
-        # rotations change what a pair potential needs, so each part of a kick is a stage, which the sum over pairs
+        # rotations change the arguments of a pair potential, so each part of a kick is a stage that the sum over pairs
         # divides
         self.divided = self.record.pair is not None and bool(self.turns)
 
@@ -151,7 +151,7 @@ class Splitting:
         return (*new.values(), *g, *(more | {WORK: work}).values())
 
     def drift(self, *z: Array, _drift: Array, **constants: Array) -> State:
-        """A; and what comes before the kick where the sum over pairs divides B."""
+        """A, and the part of B before the sum over pairs, if there is one."""
         state, g, more = self.moved(*self.apart(z), _drift, constants)
         if self.divided:
             state, g, work = self._before(state, g, constants["_kick"], constants)
@@ -160,7 +160,7 @@ class Splitting:
         return (*state, *g, *more.values())
 
     def kick(self, *z: Array, _kick: Array, _node: Array, **constants: Array) -> State:
-        """B, or the rest of it, with what other bodies do to this one behind its state."""
+        """B, or the rest of it, with the forces of other bodies on this one behind its state."""
         size = self.count + self.oriented + len(self.extra)
         state, g, more = self.apart(z[:size])
         pulled = (z[size : size + self.count], z[-1] if self.driven else 0) if len(z) > size else None
@@ -376,7 +376,7 @@ def _observer(body: Splitting, order: Any) -> Observed:
 class Integrable:
     """name; move(state, orientation, h, constants) -> both after the time h; reach(state, h, constants): at most 1
     where the step is precise to rounding, None if there is no bound; left(state, constants): the rates of the state
-    by what the motion leaves to the kicks, None for nothing.
+    by the forces left to the kicks, None if there are none.
     """
 
     name: str

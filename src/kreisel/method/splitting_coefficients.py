@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 from kreisel.method.composition import FIRST_HALVES
 
 DIGITS = 40
-HOLDS = 1e-14  # what a condition may lack: published digits have 16 and more
+HOLDS = 1e-14  # tolerance of a condition: published digits have 16 and more
 
 # a_1 ... and b_1 ... up to the middle one; Blanes, Casas, Farres, Laskar, Makazaga, Murua 2013
 PUBLISHED = {

@@ -34,7 +34,7 @@ from kreisel.record.contract import System
 from kreisel.record.model import Model
 
 NEWTON_STEPS = 4
-NEWTON_LIMIT = 1e-8  # of the last correction of X: what is left is of the order of its square
+NEWTON_LIMIT = 1e-8  # of the last correction of X: the error is of the order of its square
 MOST_SWEEPS = 100
 SWEEP_LIMIT = 1e-15
 
@@ -75,7 +75,7 @@ def stage(
 
 
 def kick(system: System, state: State, time: Array, constants: Constants) -> State:
-    """The flow of V: the momenta grow at the rate that they have at rest, what is carried stays."""
+    """The flow of V: the momenta grow at the rate that they have at rest, carried vectors are constant."""
     carried = system.space.carried
     if not carried:
         return state

@@ -199,7 +199,7 @@ class Control:
         if any(_plain(runs[0][name]) != _plain(value) for name, value in runs[1].items()):
             raise InputError(
                 "law: expected the same result from the same values, got two. Usual cause: random values, or a list "
-                "or a global that the law changes. Noise is noise={...}, and what the law keeps is memory={...}."
+                "or a global that the law changes. Noise is noise={...}, values kept between samples are memory={...}."
             )
         return {name: lengths[name] for name in COMMANDS if name in runs[0]}
 

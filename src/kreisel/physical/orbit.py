@@ -129,7 +129,7 @@ class Orbit:
     true_anomaly      rad, at t = 0, instead of the mean anomaly
     epoch             the date of t = 0, UTC: ISO text such as "2026-03-20T14:46:00", or a datetime; None for no date
     J2                whether node, perigee and mean anomaly drift by the oblateness of the primary
-    path              a `kr.Table` of what is added to positions on this ellipse, m: see `from_table`
+    path              a `kr.Table` of displacements added to positions on this ellipse, m: see `from_table`
 
     Space is the frame of these angles; its third axis is the primary's.  Raises `InputError` unless the orbit is
     an ellipse outside the primary.  Warns with `InputWarning` of plain angles beyond 2 pi and of orbits in the air.

@@ -46,7 +46,7 @@ def call(function: Function | None, state: tuple[Array, ...], available: Mapping
     Raises `InputError` if the record lacks the function, and if an operation of a user-defined function fails.
     """
     if function is None:
-        raise InputError("The record of this system does not state what is needed here; see `kreisel systems NAME`.")
+        raise InputError("The record of this system lacks a function that is needed here; see `kreisel systems NAME`.")
     names = keywords(function)
     return run(function, *state, **{k: v for k, v in available.items() if k in names})
 

@@ -27,7 +27,9 @@ class Kreisel:
 
     def __init__(self, run: xr.Dataset):
         if "kreisel_format" not in run.attrs:
-            raise InputError("This Dataset is not a run of Kreisel: it lacks the attributes that say what was run.")
+            raise InputError(
+                "This Dataset is not a run of Kreisel: it lacks the attributes of one, such as its system."
+            )
         self._run = run
 
     @property

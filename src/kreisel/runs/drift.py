@@ -501,7 +501,7 @@ def _scales_of(values: Array, samples: int, n: int, single: int) -> tuple[Array,
 
 @lru_cache(4)
 def _nudges(samples: int, shape: tuple[int, ...]) -> Floats:
-    """Random signs, the same in every run, by what a state is moved up, down, both by a hair, and not."""
+    """Random signs, the same in every run, by which a state is moved up, down, both by a hair, and not."""
     signs = np.random.default_rng(0).choice([-1.0, 1.0], (samples, *shape))
     return np.concatenate([factor * signs for factor in (NUDGE, -NUDGE, HAIR, -HAIR)] + [0 * signs[:1]])
 

@@ -162,7 +162,7 @@ def _pairs(path: Path) -> set[tuple[str, str]]:
             raise InputError(f"{path} is damaged: expected a text file of checksums, got something else.")
         lines = path.read_bytes().decode().splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} cannot be read: {error}. `kreisel check` reports what is intact.") from error
+        raise InputError(f"{path} cannot be read: {error}. `kreisel check` lists its intact parts.") from error
     found = [LINE.fullmatch(line) for line in lines]
     if None in found:
         line = lines[found.index(None)]

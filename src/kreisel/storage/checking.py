@@ -200,7 +200,7 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     `out` exists.
     """
     if stands(out):
-        raise InputError(f"{out} exists already and is unchanged. Choose another path for what is recovered.")
+        raise InputError(f"{out} exists already and is unchanged. Choose another path for the recovered rows.")
     require_file(out)
     record = run_record(path)
     archive.require_plain(path)

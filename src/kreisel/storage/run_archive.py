@@ -277,6 +277,6 @@ def _same(model: Model, record: RunRecord) -> Model:
 def _disk(path: Path, action: str) -> AbstractContextManager[None]:
     def kept() -> str:
         there = (part_of(path) / CHECKPOINT).exists()
-        return f" What was done until the last checkpoint is kept: `kreisel resume {path}` resumes it." if there else ""
+        return f" All rows until the last checkpoint are kept: `kreisel resume {path}` resumes it." if there else ""
 
     return on_disk(path, action, kept)

@@ -174,5 +174,5 @@ def lanes_again(run: xr.Dataset) -> list[str]:
             variable = run[name]
             saved = variable.isel(lane=slice(lane, lane + 1)).values
             if not np.array_equal(saved, value, equal_nan=value.dtype.kind == "f"):
-                return [f"{name} of lane {lane} is not what the lane gives when it is computed again"]
+                return [f"{name} of lane {lane} differs from the lane computed again"]
     return []

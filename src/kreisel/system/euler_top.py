@@ -55,12 +55,12 @@ def lax(M, *, J, c, lam):  # L = lambda J^2 + M,   U = lambda J + Omega
 
 
 def turn(M, *, J, c, eps, sigma=None):
-    """X with W = cay(X), and the square of what is left of its error, as estimated."""
+    """X with W = cay(X), and the square of its estimated error."""
     return quartic.turn(M, J, eps, sigma) if M.shape[-1] == 3 else turn_by_doubling(M, J, c, eps)
 
 
 def trajectory(M, *, J, eps):
-    """What `turn` needs in addition, once for all steps: for n = 3 the root of its quartic equation."""
+    """Further arguments of `turn`, the same for all steps: for n = 3 the root of its quartic equation."""
     return {"sigma": quartic.root(M, J, eps)[0]} if M.shape[-1] == 3 else {}
 
 

@@ -21,7 +21,7 @@ from kreisel.system import kovalevskaya_top as top
 
 
 def shifted(M, P, eps):
-    """(1 + (eps/2) M_11) (1 + (eps/2) M) P: what turns into the old P, but for a factor."""
+    """(1 + (eps/2) M_11) (1 + (eps/2) M) P, which rotates into the old P, but for a factor."""
     R = gyrostat.shifted(M, P, eps)
     return R - eps * act(gyrostat.rotor(M, 0), R) / 2
 

@@ -61,7 +61,7 @@ def deviation(P, eps):
 
 
 def solved(M, P, R, *, J, c, eps):
-    """X with W = cay(X), and the square of what is left of its error, as estimated; from R."""
+    """X with W = cay(X), and the square of its estimated error; from R."""
     D, one, square = diagonal(J), identity(M.shape[-1]), eps * eps
     Q = one - square * R
     tilt = square * bracket(R, D) + eps * M  # Q J - J Q = -eps^2 [R, J]

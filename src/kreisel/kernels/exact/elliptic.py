@@ -12,7 +12,7 @@ from kreisel.algebra import sqrt
 from kreisel.graph.double import DoubleDouble, upper
 from kreisel.graph.graph import fma, if_positive, maximum, nearest, repeated, where_less
 
-PI = 3.141592653589793, 1.2246467991473532e-16  # and what is left of it
+PI = 3.141592653589793, 1.2246467991473532e-16  # and its remainder
 MEANS = 5  # enough for a/g = 100, if the first step of the mean was made
 DUPLICATIONS = 6  # of the arguments of R_J, whose ratios are at most 1e4
 LEVELS = 6  # of Landen's transformation

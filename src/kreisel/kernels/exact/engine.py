@@ -52,7 +52,7 @@ def closed_form_of(scheme: Scheme) -> Orbits:
 
 
 def orbits(scheme: Scheme, z0: Floats, reach: float, which: Iterable[int]) -> list[Orbit | States]:
-    """The orbits of these lanes of z0 (lanes, d), up to |time| = reach.  Raises `InputError` for what has none."""
+    """The orbits of these lanes of z0 (lanes, d), up to |time| = reach.  Raises `InputError` if there is none."""
     orbit = closed_form_of(scheme).orbit
     kinds = [kind for _, kind in scheme.components]
     starts = algebra.restore(z0.copy(), kinds, scheme.n)  # an engine keeps changing its rows
@@ -99,7 +99,7 @@ class ClosedForm:
         return jumps_of(self._scheme, len(self._start))
 
     def _lanes(self, which: Iterable[int]) -> dict[int, OrbitRows | Samples]:
-        """These lanes, set up in many digits.  Raises `InputError` for what has no closed form."""
+        """These lanes, set up in many digits.  Raises `InputError` if there is no closed form."""
         which = list(which)
         new = [lane for lane in which if lane not in self._known]
         kinds = [kind for _, kind in self._scheme.components]
@@ -324,7 +324,7 @@ class RowKernel:
         self.used = [k for k in inputs if k < numbers]
         places = [*self.used, *range(numbers, count)]
         self._at = {k: place * WIDTH for place, k in enumerate(places)}  # of each input, in the room of a block
-        self._begin = len(places) * WIDTH  # of what comes out
+        self._begin = len(places) * WIDTH  # of the results
         self._turns = {1 + side: self._at[k] for side, k in enumerate((numbers, numbers + 3)) if k in inputs}
 
     def kernel(self) -> Kernel:
@@ -418,7 +418,7 @@ class _Rows:
         graph: Graph,
         record: RowKernel,
     ) -> None:
-        """So many rows: polynomials, turns, what the graph makes of them, and the store."""
+        """`count` rows: polynomials, turns, the results of the graph, and the store."""
         f, room, multiply = self._f, self._room, self._builder.fmul
         with f.loop(0, count) as i:
             self._x[i] = multiply((self._u[i] << self._words["places"]).double(), DOUBLE(2.0**-63))

@@ -1,8 +1,8 @@
 """Flows, n = 3, from time 0 to any time at once: kernels that set up and jump, for many tops or free bodies.
 
 Of the free body: `kreisel.kernels.exact.rotating`.  Over the period of nutation the flow of the Lagrange top is a
-rotation about p; over what is left of the time it is `count` times D_eps, less the rotation of D_eps: `leap` of
-`kreisel.kernels.exact.nutating`.  Each lane tells what it may be off; some need more digits.
+rotation about p; over the remaining time it is `count` times D_eps, minus the rotation of D_eps: `leap` of
+`kreisel.kernels.exact.nutating`.  Each lane has an estimate of its error; some need more digits.
 """
 
 from __future__ import annotations
@@ -210,7 +210,7 @@ def _d_eps(m: Array, b: Array, *more: Any) -> list[Any]:
 
 
 def _write_maps(f: Function, rows: Rows, start: Recorded, mapped: Formula, finish: Formula) -> None:
-    """Maps from what `start` makes: error, count of the maps, state, p, eps, r, and what `finish` needs."""
+    """Maps from the results of `start`: error, count of the maps, state, p, eps, r, and the arguments of `finish`."""
     kind, count = rows.states.kind, mapped.count
     error, maps, *values = f.outputs(*start, rows.input, kind)
     rows.errors[0] = error

@@ -1,6 +1,6 @@
 """One motion of the Lagrange top, n = 3, over a time, by operations to be recorded; in mpmath: `kreisel.exact.motion`.
 
-Double-doubles carry what the number of periods multiplies.
+Double-doubles carry the quantities that the number of periods multiplies.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ LEAN = 0.25  # (eps |m|/2)^2 is at most 1/LEAN: D_eps then rotates by no more th
 
 
 def leap(integrals: Integrals, alphas: Any, t: Any) -> Any:
-    """The flow over t as `count` times D_eps with the constant r, then a rotation about p; and what it may be off.
+    """The flow over t as `count` times D_eps with the constant r, then a rotation about p; and its possible error.
 
     t and the integrals are double-doubles.  Returns count, eps, r, 1/|p| or 0, the
     turn about p, and two errors: of the state, and of the orientation too.  Between the rotation about p and one
@@ -68,7 +68,7 @@ def leap(integrals: Integrals, alphas: Any, t: Any) -> Any:
 
     # `energy` is the effect of a rounding of double-doubles on close roots
     energy = scale * scale / upper(square)
-    root = change * change * (energy / scale) * (energy / scale)  # what the iterations leave
+    root = change * change * (energy / scale) * (energy / scale)  # the error left by the iterations
     lost, last = (1.0 + abs(periods)) * PLACE, (1.0 + abs(periods)) * root
     far = where_less(scale, SMALLEST, 1.0, where_less(LARGEST, scale, 1.0, 0.0)) + steep + last
     far = far + where_less(0.0, upper(P2), where_less(upper(P2), LEAST_SQUARE, 1.0, 0.0), 0.0)

@@ -1,6 +1,6 @@
 """One motion of the free body, n = 3, over a time, by operations to be recorded; in mpmath: `kreisel.exact.rotor`.
 
-Double-doubles carry what the number of rotations multiplies.  The
+Double-doubles carry the quantities that the number of rotations multiplies.  The
 moments enter by rho = (I_3 - I_2)/(I_3 - I_1) and 1 - rho, so that none of the quotients is 0/0 for a ball, and
 D, E and L^2 - 2T I_2 by D/(I_3 - I_1) = f_1 + rho f_2, f_i = M_i^2/I_i, and the like.
 """
@@ -90,9 +90,9 @@ def _gap(I1: Any, I2: Any, I3: Any, N1: Any, N3: Any) -> Any:
 
 
 def rotated(moments: Any, momentum: Any, t: Any) -> Any:
-    """The momentum after t, the rotation g(0)^-1 g(t) as a quaternion, and what the phases may be off, in revolutions.
+    """The momentum after t, the rotation g(0)^-1 g(t) as a quaternion, and the possible error of the phases.
 
-    `moments`: three double-doubles; `momentum`: three scalars; t: a double-double.
+    `moments`: three double-doubles; `momentum`: three scalars; t: a double-double.  The error is in revolutions.
     """
     I, N, swaps = list(moments), list(momentum), list[Any]()  # noqa: E741
     for i in (0, 1, 0):

@@ -22,7 +22,7 @@ from kreisel.method.scheme import Scheme
 
 FLAT = 2.0**-4  # as in `kreisel.graph.project`, where values have more digits
 MOST_N = 100  # beyond, an evaluation needs a second; from 82 on BLAS may give other bits for other counts of threads
-STEPS = 2  # of Newton: one leaves what is nearly redundant, 160 ulp after 8e6 steps of a top with n = 100
+STEPS = 2  # of Newton: after one, nearly redundant invariants drift, by 160 ulp after 8e6 steps of a top with n = 100
 VECTORS = 3  # operations of a step are counted as n^2 a line, also of vectors: 4 % of the time, n = 20, where it was 11
 SAMPLES = 8  # states that give the size of an invariant's terms
 NONE = 1e-300  # instead of a length of 0
@@ -30,7 +30,7 @@ MOVED, CHANGED = 1e-3, 1e-11  # relative: how far a state is moved, and a change
 
 
 def scales(z: Array, J: Array, size: Array) -> tuple[Array, Array]:
-    """What makes rows of J = dI/dz about 1, and the distance that 1 of each invariant then is, in eps |z|.
+    """Factors that scale rows of J = dI/dz to about 1, and the distance that 1 of each invariant then is, in eps |z|.
 
     z is the state (d,), size that of the terms of I.
     """
@@ -49,7 +49,7 @@ def gauss_newton(z: Array, J: Array, lack: Array, scale: Array) -> Array:
 def led(lack: Array, lead: Array, unit: Array, worst: Array) -> tuple[Array, Array]:
     """The farthest that each invariant was off yet, as a distance, and by how much it is to lead.
 
-    No farther than that: where the gradient of an invariant vanishes, what it led by elsewhere is a long way.
+    No farther than that: where the gradient of an invariant vanishes, a step along it would be far too long.
     """
     lead = lead + GAIN * ((lack + lead) / 2 - lead)
     distance, ahead = unit * abs(lack), unit * abs(lead)
@@ -87,7 +87,7 @@ class InDoubles(Corrections):
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, z.shape[-1]))
         for sign in signs:
             size = largest(size, at(rms * sign))
-        for sign in signs[: SAMPLES // 2]:  # what a second difference shows is rounding in the values themselves
+        for sign in signs[: SAMPLES // 2]:  # a second difference shows the rounding of the values themselves
             close = 8 * EPS * rms * sign
             size = largest(size, (at(z + close) + at(z - close) - 2 * here) / EPS)
         self.targets[..., 0], self.targets[..., 2] = here, size
@@ -103,10 +103,10 @@ class InDoubles(Corrections):
 
 
 class Observed:
-    """What is conserved of rows z (lanes, d) of a kernel, by the definitions on arrays of any kind.
+    """Conserved quantities of rows z (lanes, d) of a kernel, by the definitions on arrays of any kind.
 
-    own      how many entries of a row are the state's, without orientation and what else the kernel keeps
-    function the definitions: on what is left in the form of the kernel, if they are known there
+    own      how many entries of a row are the state's, without orientation and other variables of the kernel
+    function the definitions: on the form of the kernel, if there are any
     members  of each family those that change with these scalars; others stay by the form of the kernel
     """
 
@@ -186,7 +186,7 @@ class ArrayProjection(InDoubles):
             super().__init__((), 1, len(self._z))
             return
         (first, own), d = self._recorded(self._z[0], 0), observed.own
-        gradient(first, own)  # what cannot be traced back fails here
+        gradient(first, own)  # operations without an adjoint fail here
         k = first.shape[0]
         work *= min(1.0, VECTORS * d / observed.scheme.n**2)
         self._begin(self._z[:, :d], interval(STEPS * (cost(first) + k * k * d + k**3 / 3), work))

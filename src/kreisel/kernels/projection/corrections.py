@@ -1,4 +1,4 @@
-"""What a projection knows of a run, whatever makes it, and how often it is made."""
+"""The data of a projection in a run, for every kind of projection, and how often it is made."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from kreisel.algebra import Array
 from kreisel.kernels.layout import Floats
 
 EPS = float(np.finfo(np.float64).eps)
-TAU = 1e-6  # of a row of length 1: what depends less on the others is left unchanged
-GAIN = 0.0625  # of the mean that is found of what an invariant drifts by from one projection to the next
+TAU = 1e-6  # of a row of length 1: a row that depends less on the others is left unchanged
+GAIN = 0.0625  # of the measured mean of an invariant's drift from one projection to the next
 GAIN_STRAIGHT = 0.015625  # the same where projections are written out, and K is 5 to 8 times shorter
-FAR = 1e3  # times what a random walk of rounding errors makes of a state that rotates by a radian in a step
+FAR = 1e3  # times the random walk of rounding errors of a state that rotates by a radian in a step
 # K: parts of 10^k, from 10 on.  With SHARE projections of vectors of lanes need 2 to 4 % of the time, n = 3 to 5; those
 # of a single trajectory, whose steps wait for each other, 1 %.
 INTERVALS = tuple(
@@ -32,14 +32,14 @@ def interval(cost: float, work: float, most: int = 0) -> int:
 
 
 class Corrections:
-    """What a projection knows of a run: the values of the invariants at the start, and how much it had to correct.
+    """The data of a projection in a run: the values of the invariants at the start, and the size of its corrections.
 
     labels   of the invariants
     every    steps between two projections; `done` of them were made since the last one
     targets  the values at the start, in two doubles each, the size of their terms, and by how much a projection goes
              beyond them (lanes, invariants, 4)
     worst    the largest correction of each yet, as a distance in state space in units of eps_machine |z|
-    bound    as `targets`, of what binds an orientation to the state
+    bound    as `targets`, of the constraints between an orientation and the state
     """
 
     def __init__(self, labels: tuple[str, ...], every: int, lanes: int, bonds: int = 0):
@@ -48,7 +48,7 @@ class Corrections:
         self.bound = np.zeros((lanes, bonds, 4))
 
     def peek(self, z: Floats) -> Floats:
-        """`worst` with what the state z lacks now (lanes, invariants), NaN where that is not known; nothing changes."""
+        """`worst` with the corrections of the state z (lanes, invariants), NaN where unknown; nothing changes."""
         raise NotImplementedError
 
     def apply(self) -> None:

@@ -23,7 +23,7 @@ CERTAIN_FAILURE = 1e-6  # of a printed form: four orders above the tolerance
 
 
 class Setting:
-    """Random data of one kind of number in R^n: what the statements are tested with."""
+    """Random data of one kind of number in R^n, on which the statements are tested."""
 
     def __init__(self, n: int, numbers: str, seed: int = 0):
         rng = np.random.default_rng([seed, n])
@@ -317,7 +317,7 @@ A random point is not a proof for all n: it makes an identity of rational functi
 Another `--seed` tests every statement at other points; steps and parameters have both signs where the formulas allow it.
 The last statements concern further maps, beyond the paper.
 
-The column *computed* states what is compared: the two sides of the formulas; ranks of differentials with the counts of the
+The column *computed* names the comparison: the two sides of the formulas; ranks of differentials with the counts of the
 statement; or the [laws](laboratory.md) of the record. That a wrong statement fails is tested too (`tests/lab/test_statements_fail.py`):
 signs, coefficients and transposes of its formulas are changed one at a time until it fails, or the flow and the step of the
 record are spoiled; of errata the printed form must fail.

@@ -291,7 +291,7 @@ def _jump(stepper: Stepper, impulse: Mapping[str, Any], lanes: int) -> Floats:
     letters = [letter for letter in impulse if letter != "time"]
     if not letters or not set(letters) <= set(momenta):
         raise InputError(
-            f"impulses: expected what is added to {' or '.join(momenta) or 'a momentum, which this system lacks'}, got "
+            f"impulses: expected an increment of {' or '.join(momenta) or 'a momentum, which this system lacks'}, got "
             f"{shown({k: v for k, v in impulse.items() if k != 'time'})}."
         )
     for letter in letters:
