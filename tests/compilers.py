@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,9 +15,14 @@ COMMANDS = {  # what is run then, unless it runs the source itself
     "gcc": (["gcc", "-std=c99", *STRICT, "-o", "main"], ["-lm"], ["./main"]),
     "clang": (["clang", "-std=c99", *STRICT, "-o", "main"], ["-lm"], ["./main"]),
     "g++": (["g++", "-std=c++17", *STRICT, "-o", "main"], [], ["./main"]),
+    "clang++": (["clang++", "-std=c++17", *STRICT, "-o", "main"], [], ["./main"]),
+    "g++ for CUDA": (["g++", "-std=c++17", *STRICT, "-D__host__=", "-D__device__=", "-o", "main"], [], ["./main"]),
     "rustc": (["rustc", "--edition=2021", "-O", "-D", "warnings", "-o", "main"], [], ["./main"]),
     "mcs": (["mcs", "-warnaserror", "-optimize+", "-out:main.exe"], [], ["mono", "main.exe"]),
     "node": (["node"], [], []),
+    "python": ([sys.executable], [], []),
+    "julia": (["julia", "--startup-file=no"], [], []),
+    "godot": (["godot", "--headless", "--no-header", "--quit-after", "1", "--script"], [], []),
 }
 
 
@@ -45,9 +51,9 @@ def output(compiler: str, folder: Path, *sources: str) -> str:
     return run(folder, then) if then else printed
 
 
-def gdscript_errors(source: str) -> list[int]:
-    """The lines that the grammar of GDScript does not read."""
-    tree_sitter, grammar = pytest.importorskip("tree_sitter"), pytest.importorskip("tree_sitter_gdscript")
+def syntax_errors(language: str, source: str) -> list[int]:
+    """The lines that the grammar of a language does not read."""
+    tree_sitter, grammar = pytest.importorskip("tree_sitter"), pytest.importorskip(f"tree_sitter_{language}")
     tree = tree_sitter.Parser(tree_sitter.Language(grammar.language())).parse(source.encode())
     found, todo = [], [tree.root_node]
     while todo:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 import subprocess
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
+from compilers import syntax_errors
 from kreisel.runs.planning import make_plan
 from support import EXAMPLES
 
@@ -123,122 +123,7 @@ def test_the_closed_form_has_the_bits_of_the_kernel(tmp_path: Path) -> None:
     assert by_c(tmp_path, text, "rock", "rock_advance(&c, &s, 1000);", dt=repr(DT * (1 + 1e-15))) != state(run)
 
 
-# -- the free body: against the check cases, whose motion has many digits --------------------------------
-
-GRADED = ("tilted-box", "on-the-separatrix", "prolate", "oblate", "pole")
-C_ENGINE = """#include "rock.h"
-#include <stdio.h>
-int main(void) {
-    rock_constants c;
-    rock_state s;
-    NUMBER T[6], q[4], w[3], I[3], axes[4];
-    double x[15];
-    int status;
-    for (;;) {
-        for (int i = 0; i < 15; i++)
-            if (scanf("%lf", x + i) != 1) return 0;
-        for (int i = 0; i < 6; i++) T[i] = (NUMBER)x[i];
-        for (int i = 0; i < 4; i++) q[i] = (NUMBER)x[6 + i];
-        for (int i = 0; i < 3; i++) w[i] = (NUMBER)x[10 + i];
-        rock_principal(T, I, axes);
-        if ((status = rock_check(I, (NUMBER)x[13]))) return status;
-        rock_prepare(&c, I, (NUMBER)x[13]);
-        rock_set_motion(&c, &s, axes, q, w);
-        for (int row = 0; row <= ROWS; row++) {
-            if (row) rock_advance(&c, &s, (long)x[14]);
-            if (rock_reach(&c, &s) > 1) return 9;
-            rock_get_motion(&c, &s, axes, q, w);
-            printf("%.17g %.17g %.17g %.17g %.17g %.17g %.17g\\n", q[0], q[1], q[2], q[3], w[0], w[1], w[2]);
-        }
-    }
-}
-"""
-JS_ENGINE = """
-const c = new Constants(), s = new State(), T = INPUT, out = [];
-for (const x of T) {
-  const I = [0, 0, 0], axes = [0, 0, 0, 0], q = x.slice(6, 10), w = x.slice(10, 13);
-  principal(x.slice(0, 6), I, axes);
-  if (check(I, x[13])) throw new Error(message(check(I, x[13])));
-  prepare(c, I, x[13]);
-  set_motion(c, s, axes, q, w);
-  for (let row = 0; row <= ROWS; row++) {
-    if (row) advance(c, s, x[14]);
-    get_motion(c, s, axes, q, w);
-    out.push([...q, ...w]);
-  }
-}
-console.log(JSON.stringify(out));
-"""
-ROWS = 12
-
-
-def inputs() -> list[list[float]]:
-    """For each case: the tensor (xx, yy, zz, yz, zx, xy), attitude, angular velocity in space, step, steps a row."""
-    rows = []
-    for name in GRADED:
-        case = kr.checkcases.case(name)
-        I, w = (np.array(v, dtype=float) for v in (case.inertia, case.angular_velocity))  # noqa: E741
-        between = float(case.duration) / ROWS
-        count = int(np.ceil(between * np.linalg.norm(w) / 0.5))
-        q = np.array(case.attitude, dtype=float)
-        in_space = case.reference([0.0]).angular_velocity_space.values[0]
-        entries = [I[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))]
-        rows.append([*entries, *q, *in_space, between / count, count])
-    return rows
-
-
-def errors(table: np.ndarray) -> list[float]:
-    """The largest relative errors of the cases, by their reference; the grader agrees."""
-    out = []
-    for name, rows in zip(GRADED, table.reshape(len(GRADED), ROWS + 1, 7), strict=True):
-        case = kr.checkcases.case(name)
-        times = np.arange(ROWS + 1) * (float(case.duration) / ROWS)
-        q, w = (case.reference(times)[v].values for v in ("attitude", "angular_velocity_space"))
-        turned = np.minimum(abs(rows[:, :4] - q).max(-1), abs(rows[:, :4] + q).max(-1)).max()
-        out.append(max(turned, abs(rows[:, 4:] - w).max() / np.linalg.norm(w[0])))
-        if out[-1] < 1e-11:
-            assert case.grade(times, attitude=rows[:, :4], angular_velocity_space=rows[:, 4:]).relative < 2e-11
-    return out
-
-
-def engine_in_c(folder: Path, language: str, single: bool, mutant: tuple[str, str] = ("", "")) -> np.ndarray:
-    text = kr.code(BODY, language=language, single=single, name="rock").replace(*mutant)
-    (folder / "rock.h").write_text(text)
-    program = C_ENGINE.replace("NUMBER", "float" if single else "double").replace("ROWS", str(ROWS))
-    (folder / "main.c").write_text(program)
-    compiler = (
-        ["gcc", "-std=c99"] if language == "c" else ["g++", "-std=c++17", "-x", "c++", "-D__host__=", "-D__device__="]
-    )
-    subprocess.run([*compiler, *FLAGS, "main.c", "-o", "main", "-lm"], cwd=folder, check=True, timeout=120)
-    given = "\n".join(" ".join(map(repr, map(float, row))) for row in inputs())
-    out = subprocess.run(["./main"], cwd=folder, check=True, input=given, capture_output=True, text=True, timeout=120)
-    return np.array([line.split() for line in out.stdout.splitlines()], dtype=float)
-
-
-def test_a_free_body_passes_the_check_cases(tmp_path: Path) -> None:
-    """At moments, steps and tensors that the file was not made with; C++ and CUDA, on the CPU, have the bits of C."""
-    found = engine_in_c(tmp_path, "c", False)
-    assert max(errors(found)) < 1e-11
-    for language in ("cpp", "cuda"):
-        assert (engine_in_c(tmp_path, language, False) == found).all()
-    assert max(errors(engine_in_c(tmp_path, "c", False, ("0.3333333333333333", "0.3333343333333333")))) > 1e-11
-
-
-def test_numbers_of_32_bits_pass_the_check_cases(tmp_path: Path) -> None:
-    found = engine_in_c(tmp_path, "c", True)
-    assert 1e-9 < max(errors(found)) < 1e-3
-    assert (engine_in_c(tmp_path, "cuda", True) == found).all()
-
-
-def test_javascript_passes_the_check_cases(tmp_path: Path) -> None:
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("no Node")
-    script = JS_ENGINE.replace("INPUT", json.dumps(inputs())).replace("ROWS", str(ROWS))
-    (tmp_path / "main.mjs").write_text(kr.code(BODY, language="js", name="rock") + script)
-    out = subprocess.run([node, "main.mjs"], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=120)
-    assert max(errors(np.array(json.loads(out.stdout)))) < 1e-11
-
+# -- the free body --------------------------------------------------------------------------------------
 
 HELD = """#include "rock.h"
 #include <stdio.h>
@@ -371,23 +256,12 @@ def test_files_are_short_and_their_functions_have_no_number_of_the_body(name: st
         )
 
 
-def julia_errors(text: str) -> list[int]:
-    tree_sitter, grammar = pytest.importorskip("tree_sitter"), pytest.importorskip("tree_sitter_julia")
-    tree = tree_sitter.Parser(tree_sitter.Language(grammar.language())).parse(text.encode())
-    found, todo = [], [tree.root_node]
-    while todo:
-        node = todo.pop()
-        todo += node.children
-        found += [node.start_point[0]] if node.type == "ERROR" or node.is_missing else []
-    return found
-
-
 @pytest.mark.parametrize("case", ["suris 1", "veselov 4", "a motor with limits"])
 def test_julia_is_well_formed(case: str) -> None:
     (model, start), asked = CASES[case]
     text = kr.code(model, start, dt=DT, language="julia", **asked)
-    assert julia_errors(text) == []
-    assert julia_errors(text.replace("\nend\n", "\n", 1)) != []
+    assert syntax_errors("julia", text) == []
+    assert syntax_errors("julia", text.replace("\nend\n", "\n", 1)) != []
 
 
 # -- the examples ------------------------------------------------------------------------------------
