@@ -8,7 +8,6 @@ import inspect
 import re
 import runpy
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -293,7 +292,6 @@ def test_every_public_name_is_in_the_api_or_has_a_page() -> None:
             assert re.search(rf"\b{name}\b", api), f"kreisel.{part}.{name}"
 
 
-@pytest.mark.skipif(shutil.which("git") is None, reason="git is not installed")
 @pytest.mark.parametrize(
     ("origin", "address"),
     [
@@ -303,10 +301,11 @@ def test_every_public_name_is_in_the_api_or_has_a_page() -> None:
     ],
 )
 def test_the_site_links_to_the_repository_that_its_clone_came_from(
-    tmp_path: Path, origin: str, address: str | None
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, origin: str, address: str | None
 ) -> None:
-    subprocess.run(["git", "init", "-q", tmp_path], check=True)
-    subprocess.run(["git", "-C", tmp_path, "remote", "add", "origin", origin], check=True)
+    (tmp_path / "git").write_text(f"#!/bin/sh\necho {origin}\n")  # in place of git, which may not be installed
+    (tmp_path / "git").chmod(0o700)
+    monkeypatch.setenv("PATH", str(tmp_path))
     (tmp_path / "docs").mkdir()
     shutil.copy(ROOT / "docs" / "conf.py", tmp_path / "docs")
     settings = runpy.run_path(str(tmp_path / "docs" / "conf.py"))
