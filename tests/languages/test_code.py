@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from compilers import syntax_errors
+from compilers import run, syntax_errors
 from kreisel.runs.planning import make_plan
 from support import EXAMPLES
 
@@ -293,3 +293,10 @@ def test_the_game_in_javascript(tmp_path: Path) -> None:
     out = subprocess.run([node, "gyroscope.mjs", "200000"], cwd=tmp_path, check=True, capture_output=True, text=True)
     assert len(energies(out.stdout)) == 5
     assert max(energies(out.stdout)) < 1e-11
+
+
+def test_the_game_in_julia(tmp_path: Path) -> None:
+    example(tmp_path, "julia", ".jl")
+    out = run(tmp_path, ["julia", "--startup-file=no", "gyroscope.jl", "200000"])
+    assert len(energies(out)) == 5
+    assert max(energies(out)) < 1e-11
