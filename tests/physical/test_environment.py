@@ -272,6 +272,20 @@ def test_a_satellite_with_a_date_has_the_field_of_igrf() -> None:
     assert torque(magnetic_field="tilted-dipole") == pytest.approx(torque(degree=1), abs=0)
 
 
+def test_a_controller_sees_the_field_of_igrf() -> None:
+    """Along an orbit that changes its height by 20,000 km the interpolated field is off by less than 1e-4 nT."""
+
+    def law(field: np.ndarray) -> dict[str, Any]:
+        return {"dipole": 0 * field, "seen": field}
+
+    far = Orbit(13_400e3, 0.5, 1.1, mean_anomaly=-0.5, epoch=DATE)
+    body = Satellite.cubesat(far, control=kr.Control(law, every="5 s", memory={"seen": np.zeros(3)}))
+    run = kr.simulate(body, body.state(), dt="5 s", t_end="1 h", order=(2, 2), progress=False)
+    turned = np.einsum("tji,tj->ti", algebra.rotation_matrix(run.attitude.values), run.field.values)
+    off = abs(run.seen.values[1:] - turned[:-1]).max()  # the sample at a row is seen in the next
+    assert 1e-16 < off < 1e-13  # T; exactly the field would be off by 1e-20
+
+
 def test_the_environment_along_a_run() -> None:
     """At the equinox the Sun is along the first axis of space, and the field points north over the equator."""
     equator = Orbit.circular("500 km", epoch=DATE)

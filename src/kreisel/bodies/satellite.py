@@ -107,6 +107,12 @@ def surroundings(t, *, orbit, path, field, **known):
     return {"position": r, "velocity": v, "field": B, "sun": there.sun, "light": there.light, "density": there.density}
 
 
+def smooth(*, orbit):
+    """A hundredth of a revolution at the rate of the pericentre."""
+    rate, e = orbit[..., 0], orbit[..., 2]
+    return 2 * np.pi / 100 * (1 - e) ** 2 / (np.sqrt(1 - e * e) * rate)
+
+
 def corners(*, plates, density, pressure):
     """Whether plates come into the air or the light and leave it."""
     return bool((plates[..., 6] > 0).any() and ((density > 0) | (pressure > 0)).any())
@@ -255,6 +261,7 @@ def body(name, title, *wheel):
             torque=Force(torque, ("g", "t"), LOADS, tables=tables),
             wheel=bool(wheel),
             environment=Force(surroundings, ("t",), ("orbit", "path", "field", *NAMES), tables=tables),
+            smooth=smooth,
             corners=corners,
         ),
         axes | DERIVED,

@@ -176,7 +176,9 @@ def _seen(
     control, own = _control(system), of(system, body.state)
     R, inside = to_body(known), kicks.from_body(system, body, known).mT
     wanted = [name for name in SENSORS if name in control.arguments]
-    fields = surroundings(system, body, known, axes) if any(name in OF_PLACE for name in wanted) else {}
+    placed = any(name in OF_PLACE for name in wanted if name != "field" or body.field is None)
+    fields = surroundings(system, body, known, axes) if placed else {}
+    fields |= {} if body.field is None else {"field": body.field}
 
     def exactly(name: str) -> Any:
         if name == "rates":

@@ -38,11 +38,14 @@ Constants = Mapping[str, Any]
 
 
 class Body(NamedTuple):
-    """Configuration of a body: the components of the state, the orientation (a matrix) or None, the time or None."""
+    """Configuration of a body: the components of the state, the orientation (a matrix) or None, the time or None; the
+    field in space, if it is known.
+    """
 
     state: tuple[Array, ...]
     g: Array | None = None
     t: Any = None
+    field: Array | None = None
 
 
 def perturbation_of(system: System) -> Perturbation:
@@ -296,6 +299,11 @@ def surroundings(system: System, body: Body, known: Constants, axes: Mapping[str
     return {name: values_of(np.asarray(value, dtype=object), body) for name, value in found.items()}
 
 
+def field_of(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array:
+    """The magnetic field at the place of the body, in space.  Raises `InputError` for a body without a place."""
+    return surroundings(system, body, known, axes)["field"] if body.field is None else body.field
+
+
 def actuated(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> list[Any]:
     """The rates of the state by the commands that are held."""
     control = perturbation_of(system).control
@@ -303,7 +311,7 @@ def actuated(system: System, body: Body, known: Constants, axes: Mapping[str, in
     rates: list[Any] = [0 * z for z in body.state]
     tau: Any = 0 * algebra.axial(body.state[0])
     if HELD + "dipole" in held:
-        B = algebra.act(body.g.mT, surroundings(system, body, known, axes)["field"])  # type: ignore[union-attr]
+        B = algebra.act(body.g.mT, field_of(system, body, known, axes))  # type: ignore[union-attr]
         tau = tau + algebra.cross(algebra.act(back, held[HELD + "dipole"]), B)
     if HELD + "torque" in held:
         tau = tau + algebra.act(back, held[HELD + "torque"])

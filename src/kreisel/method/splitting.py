@@ -32,7 +32,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.exact import quadrics, rotor_step, top_step
-from kreisel.forces import control, kicks
+from kreisel.forces import control, kicks, windows
 from kreisel.forces.invariants import conserved
 from kreisel.forces.kicks import Body, inverse_inertia_columns, perturbation_of, require_principal
 from kreisel.forces.pairs import of_bodies
@@ -97,6 +97,7 @@ class Splitting:
         self.rubs = bool(record.rubbing) and (all_turns or record.rubs(model.constants))
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
         self.wheels, self.everything = with_wheels(record), all_turns
+        self.span = None if all_turns else windows.span_of(model)  # derivatives are those of the field
         self.changed: tuple[int, ...] = ()
         if record.sampled:
             self.changed = control.changed_by_samples(model.system)
@@ -105,15 +106,15 @@ class Splitting:
                     "order: expected one without a corrector for a body with control, such as (2, 2), 4, (8, 2) or "
                     f"(8, 6, 4), got {order}. Samples change the motion at once."
                 )
-        # rotations change the arguments of a pair potential, so each part of a kick is a stage that the sum over pairs
-        # divides
+        # rotations change the arguments of a pair potential, so the sum over pairs divides a kick into stages
         self.divided = self.record.pair is not None and bool(self.turns)
 
     @property
-    def extra(self) -> tuple[str, ...]:
-        """The values that are carried with state and orientation."""
-        names = {COUNT: self.timed, WORK: self.driven, REACH: self.part.reach is not None}
-        return tuple(name for name, there in names.items() if there)
+    def extra(self) -> dict[str, str]:
+        """The values that are carried with state and orientation, and their kinds."""
+        there = {COUNT: self.timed, WORK: self.driven, REACH: self.part.reach is not None}
+        names = {name: "scalar" for name, needed in there.items() if needed}
+        return names if self.span is None else {**names, windows.WINDOW: windows.KIND}
 
     def apart(self, z: State) -> tuple[State, State, dict[str, Array]]:
         """The state, the orientation, if any, the other values by name."""
@@ -122,11 +123,22 @@ class Splitting:
 
     def step(self, *z: Array, _drift: Array, _kick: Array, _node: Array, **constants: Array) -> State:
         """A, then B."""
+        if self.span is not None:
+            state, g, more = self.apart(z)
+            body = Body(state, None, self.time(more, _node, constants))
+            more[windows.WINDOW] = windows.renewed(more[windows.WINDOW], body, self.model, constants)
+            z = (*state, *g, *more.values())
         if self.record.sampled:
             z = self.sampled(z, constants)
         return self.kick(
             *self.drift(*z, _drift=_drift, _kick=_kick, **constants), _kick=_kick, _node=_node, **constants
         )
+
+    def body(self, state: State, g: State, more: Mapping[str, Array], node: Any, constants: Constants) -> Body:
+        """The body at a node of the step."""
+        t = self.time(more, node, constants)
+        field = None if self.span is None else windows.field(more[windows.WINDOW], t, constants)
+        return Body(state, self.turn(g), t, field)
 
     def sampled(self, z: State, constants: Constants) -> State:
         """The variables after a sample, if one is due."""
@@ -135,7 +147,7 @@ class Splitting:
         axes, n = self.model.axes, self.model.n
 
         def after() -> Array:
-            body = Body(state, self.turn(g), self.time(more, 0, constants))
+            body = self.body(state, g, more, 0, constants)
             new, work = control.sampled(self.model.system, body, g[0], constants, axes)
             return algebra.flatten((*(new[i] for i in places), more[WORK] + work), (*kinds, "scalar"))
 
@@ -164,11 +176,9 @@ class Splitting:
         size = self.count + self.oriented + len(self.extra)
         state, g, more = self.apart(z[:size])
         pulled = (z[size : size + self.count], z[-1] if self.driven else 0) if len(z) > size else None
-        body = Body(state, None, self.time(more, _node, constants))
-        if self.divided:
-            state, g, work = self._rest(body, g, _kick, constants, pulled)
-        else:
-            state, g, work = self.perturbed(body, g, _kick, constants, pulled)
+        body = self.body(state, (), more, _node, constants)
+        flow = self._rest if self.divided else self.perturbed
+        state, g, work = flow(body, g, _kick, constants, pulled)
         if self.driven:
             more[WORK] = more[WORK] + work
         return (*state, *g, *more.values())
@@ -176,7 +186,7 @@ class Splitting:
     def where(self, z: State, constants: Constants) -> Body:
         """The body at a node of the step."""
         state, g, more = self.apart(z)
-        return Body(state, self.turn(g), self.time(more, constants["_node"], constants) if self.timed else None)
+        return Body(state, self.turn(g), self.time(more, constants["_node"], constants))
 
     def turn(self, g: State) -> Array | None:
         """The orientation as a matrix."""
@@ -229,7 +239,7 @@ class Splitting:
     ) -> tuple[State, State, Any]:
         state, gained = body.state, 0.0
         if self.kicked:
-            there = Body(state, self.turn(g), body.t)
+            there = body._replace(g=self.turn(g))
             others = self._others(constants, pulled)
             state, gained = kicks.kicked(self.model.system, there, h, constants, self.model.axes, others)
         for turn in self.turns[::-1]:
@@ -261,7 +271,9 @@ class Splitting:
 
     def begin(self, x: State) -> State:
         """The state and the orientation with the other values at time 0."""
-        return (*x, *(zero(self.model.system, x) for _ in self.extra))
+        nothing = zero(self.model.system, x)
+        empty = algebra.vec(nothing) + np.zeros(windows.SIZE)
+        return (*x, *(empty if name == windows.WINDOW else nothing for name in self.extra))
 
 
 def _require_a_symmetric_kick(model: Model, order: Any) -> None:
@@ -291,7 +303,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
         if coupling is None
         else CoupledSteps(body.drift, body.kick, coupling.forces, body.close),
         _observer(body, order),
-        components=(*with_orientation(model, oriented), *((name, "scalar") for name in body.extra)),
+        components=(*with_orientation(model, oriented), *body.extra.items()),
         constants={**of_bodies(model), **constants},
         axes={**model.axes, **dict.fromkeys((*stages, *constants), 0)},
         stages=stages,
@@ -322,6 +334,8 @@ def _numbers(body: Splitting, parts: Fractions, whole: float) -> Numbers:
     constants = {"_last": np.array(a[-1] * dt), "_whole": np.array(whole), "_dt": np.array(dt / TICKS)}
     if body.record.sampled and body.record.control is not None:
         constants["_sample"] = np.array(dt / body.record.control.every)
+    if body.span is not None:
+        constants[windows.SPAN] = np.asarray(body.span)
     return Numbers(constants, stages)
 
 

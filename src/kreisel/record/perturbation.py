@@ -119,6 +119,7 @@ class Perturbation:
     pair        V of two bodies, for each row (i, j) of the parameter `pairs`: lanes are bodies that act on each other.
                 Letters of body i end in 1, those of body j in 2
     environment the fields at the place of a satellite, in space, as a function of t by name; None for no place
+    smooth      constants -> the time in which a polynomial of degree 5 follows these fields
     control     the law that commands actuators; the state then has its memory, its commands and the wheels' momenta
     inner       the order to which the map of `base` is composed for its motion in a splitting; None for the best known
     """
@@ -136,6 +137,7 @@ class Perturbation:
     corners: Callable[..., bool] | None = None
     pair: Force | None = None
     environment: Force | None = None
+    smooth: Callable[..., Any] | None = None
     control: Controller | None = None
     inner: int | None = None
 
