@@ -102,7 +102,7 @@ class BodyFrame:
         """The unit of a variable in SI; 1 without a unit."""
         return self.units.get(name, ("1", 1.0))[1]
 
-    @property
+    @cached_property
     def turned(self) -> bool:
         """Whether the axes of the state differ from the user's axes."""
         return bool((self.axes != np.eye(3)).any())

@@ -326,7 +326,7 @@ def _read(handle: Sequence[Any], t: Any, form: Form, order: int) -> list[Any]:
 # -- of models ---------------------------------------------------------------------------------------------------
 
 
-def _of_time(model: Model) -> Iterator[tuple[str, Array, float]]:
+def tables_of_time(model: Model) -> Iterator[tuple[str, Array, float]]:
     """The tables of forces that depend on time: the name, the tables packed, (..., size), their times over t."""
     record = model.system.perturbation
     forces = [] if record is None else [*record.functions.values(), *([record.pair] if record.pair else [])]
@@ -345,7 +345,7 @@ def require_none(model: Model, what: str) -> None:
 
 def require_within(model: Model, begin: float, end: float) -> None:
     """Raises `InputError` for a table that does not hold its ends and starts or ends within a time."""
-    for name, packed, unit in _of_time(model):
+    for name, packed, unit in tables_of_time(model):
         for one in packed.reshape(-1, packed.shape[-1]):
             t = _parts(one)[0]
             first, last = begin * unit, end * unit

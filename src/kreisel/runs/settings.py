@@ -365,6 +365,8 @@ def within(value: Any, name: str, least: int, most: int) -> int:
 
 def finite_number(value: Any, name: str) -> float:
     """A finite float.  Raises `InputError`."""
+    if type(value) is float and math.isfinite(value):
+        return value
     found = algebra.floats(value)
     if found.ndim or not np.isfinite(found):
         raise InputError(f"{name}: expected a finite number, got {shown(value)}.")

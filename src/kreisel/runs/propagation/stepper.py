@@ -32,7 +32,7 @@ from kreisel.method.scheme import Flow, Jump, Orbits, Scheme, Steps
 from kreisel.record.given import in_lane
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
-from kreisel.record.table import require_within
+from kreisel.record.table import require_within, tables_of_time
 from kreisel.runs.plan import planned
 from kreisel.runs.propagation.forms import StateForms, is_finite
 from kreisel.runs.settings import MOST_STEPS, SHORTEST_STEP, WHOLE, Settings, finite_number, of_forces
@@ -64,7 +64,7 @@ class Stepper:
         record = model.system.perturbation
         self.timed = record is not None and record.names(TIME)
         self._sampled = record is not None and record.sampled
-        self._tabled = any(p.kind == "table" for p in model.system.parameters)
+        self._tabled = any(tables_of_time(model))
         self.is_flow = isinstance(scheme.motion, Orbits)
         self._set_up = isinstance(scheme.motion, Flow | Orbits)  # by the state
         self._back, self._out = corrections(scheme)
