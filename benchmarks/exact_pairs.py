@@ -3,7 +3,7 @@
 error     of the state at T = 50, relative to its largest coordinate, in 160 steps, against Taylor series in 24 digits
 ulps      the largest change of an integral at 20 rows of 10^6 steps of 1/4
 a step    of the error between steps of 1/4 and 5/16 after that time, relative
-set_up    processor time of the points of a trajectory, in ms
+set_up    processor time of the points of a trajectory, in ms: the least of several
 ns, lane  processor time of a step of a single trajectory, and of one of 64: the least of several runs
 heyoka    where it is installed (peers.txt): to T = 1000 in steps of 1 by a propagator, one trajectory and a lane of 64,
           against heyoka at a tolerance of 1e-12, single and in its batch: processor time in ms, the points of the
@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import kreisel as kr
 from kreisel import algebra
+from kreisel.method import scheme
 from kreisel.record.calling import call
 from kreisel.runs.planning import make_plan
 from taylor import flow_of
@@ -41,7 +42,13 @@ CASES = (
     (kr.QuadraticPotential(J=(1, 1.6, 2.3)), {"M": M, "P": F}),
     (kr.KovalevskayaTopE3(), {"M": M, "P": P}),
     (kr.KovalevskayaGyrostat(n=3, gamma=0.7), {"M": M, "P": P, "Q": (0.2, 0.7, -0.3)}),
+    (kr.ClebschBody(J=(1, 1.6, 2.3)), {"M": M, "P": P}),
+    (kr.KovalevskayaTop(n=3), {"M": M, "P": P, "Q": (0.2, 0.7, -0.3)}),
     (kr.Komarov(kappa=-0.4, beta=0.6, gamma=0.3), {"M": M, "P": P}),
+    (kr.Komarov(kappa=0.4), {"M": M, "P": P}),
+    (kr.Komarov(kappa=0, beta=0.8, c=0), {"M": M, "P": P}),
+    (kr.Steklov(b=(0.3, 0.7, 1.9), nu=0.4), {"M": M, "P": P}),
+    (kr.Lyapunov(b=(0.3, 0.7, 1.9), nu=0.4), {"M": M, "P": P}),
     (kr.Rubanovskii(b=(0.3, 0.7, 1.9), s=0.4, l=0.7, h=(0.4, -0.3, 0.5)), {"M": M, "P": P}),
     (kr.SteklovLyapunov(b=(0.3, 0.7, 1.9), s=0.4, l=0.7), {"M": M, "P": P}),
     (kr.GoryachevChaplygin(gamma=0.3), {"M": (0.8, 0.5, -0.6), "P": P}),
@@ -67,11 +74,11 @@ def measured(model: Any, state: dict[str, Any]) -> dict[str, Any]:
     ]
     ends = [end(model, run) for run in runs]
     several = {k: np.stack([np.asarray(z[k])] * LANES) for k in z}
-    begun = time.process_time()
-    plan = make_plan(model, several, dt=0.1, steps=1, every=1, method="exact", order=None, orientation=None)
-    set_up = (time.process_time() - begun) / LANES * 1e3
+    plan = make_plan(model, state, dt=0.1, steps=1, every=1, method="exact", order=None, orientation=None)
+    made = scheme(model, "exact", 0.1, None, False)
+    set_up = min(least(lambda: made.on(tuple(z[k] for k in model.system.space.letters))) for _ in range(TURNS)) * 1e3
     return {
-        "system": model.system.name,
+        "system": repr(model),
         "pairs": plan.scheme.stage_count,
         "error": short(error),
         "ulps": short(float(kr.drift(runs[0]).ulps.max())),

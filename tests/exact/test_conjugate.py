@@ -14,7 +14,7 @@ from kreisel import algebra
 from kreisel.algebra.complex import Complex
 from kreisel.baecklund import conjugate as pairs
 from kreisel.lab import exact
-from kreisel.method import conjugate
+from kreisel.method import conjugate, scheme
 from sizes import FULL
 from taylor import flow_of, free_body, taylor_solution
 
@@ -242,14 +242,14 @@ def _faster(*arguments: Any) -> Any:
 F = np.array([[1.0, 0.3, -0.2], [0.3, -0.5, 0.4], [-0.2, 0.4, 0.9]])
 
 
-@pytest.mark.parametrize("which", ["lam_re", "lam_im"])
-def test_a_wrong_point_of_the_one_map_is_caught(which: str) -> None:
+@pytest.mark.parametrize("change", [1e-10, 1e-10j])
+def test_a_wrong_point_of_the_one_map_is_caught(change: complex) -> None:
     model, state = case("goryachev")
     record = model.system.exact_map
 
     def point(M: Any, P: Any, *, gamma: Any, dt: Any) -> Any:
-        numbers = record.point(M, P, gamma=gamma, dt=dt)
-        return numbers and numbers | {which: numbers[which] + 1e-10}
+        lam = record.point(M, P, gamma=gamma, dt=dt)
+        return lam if lam is None else lam + change
 
     changed = replace(model.system, exact_map=replace(record, point=point))(**model.params)
     run = kr.simulate(changed, state, dt=0.25, steps=6, every=6, method="exact")
@@ -434,3 +434,33 @@ def test_a_field_of_rounding_size_does_not_turn_the_orientation(ratio: float) ->
         result = run()
         space = np.einsum("tij,tj->ti", algebra.rotation_matrix(result.g.values), result.P.values)
         assert abs(space - space[0]).max() < 1e-11
+
+
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("order", [2, 6])
+def test_orders_without_solving(name: str, order: int) -> None:
+    """method="baecklund": the integrals of the flow at any dt, and the error of the state falls with its order."""
+    model, state = case(name, 1)
+    z, span, errors = parts(model, state), 0.4, []
+    want = flow_of(model, z, span, digits=20).astype(float)
+    for count in (4, 8):
+        plan, end = scheme(model, "baecklund", span / count, order, False).on(z), z
+        for _ in range(count):
+            end = plan.advance(*end)
+        errors.append(abs(algebra.flatten(end, model.system.space.kinds) - want).max() / abs(want).max())
+    assert errors[1] < 1e-14 or abs(np.log2(errors[0] / errors[1]) - order) < 0.15
+    far = scheme(model, "baecklund", 0.7, order, False).on(z).advance(*z)
+    functions = (model.system.energy, *model.system.integrals.values())
+    before, after = (np.concatenate([np.ravel(model.call(f, *x)) for f in functions]) for x in (z, far))
+    assert abs(after - before).max() < 1e-13 * max(1, abs(before).max())
+
+
+def test_orders_that_need_another_branch_are_caught() -> None:
+    """The order needs the pairs at all zeros: with one missing, it is 0; a branch of another height is no step."""
+    model, state = case("clebsch", 1)
+    z = parts(model, state)
+    plan = scheme(model, "baecklund", 0.1, 4, False).on(z)
+    fewer = replace(plan, stages={k: v[..., :-1] for k, v in plan.stages.items()})
+    ends = [algebra.flatten(p.advance(*z), model.system.space.kinds) for p in (plan, fewer)]
+    want = flow_of(model, z, 0.1, digits=20).astype(float)
+    assert abs(ends[0] - want).max() < 1e-4 < 1e-2 < abs(ends[1] - want).max()

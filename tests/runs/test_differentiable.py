@@ -359,6 +359,7 @@ BAD = [
     (lambda: kr.differentiable(kr.LagrangeTop(p=np.ones(11)), method="suris"), "n of at most 10"),
     (lambda: kr.differentiable(kr.LagrangeTop(p=np.ones((2, 3)))), "jax.vmap"),
     (lambda: kr.differentiable(kr.Clebsch(b=(1, 2, 3)), method="exact"), "method='exact', got clebsch"),
+    (lambda: kr.differentiable(kr.Komarov(), method="baecklund"), "no search for branches"),
     (lambda: kr.differentiable(TOP)({"m": START["m"]}, dt=0.1, steps=1), "expected the components m, a"),
     (lambda: kr.differentiable(TOP)({**START, "m": np.eye(3)}, dt=0.1, steps=1), "x0.axial"),
     (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1.5), "an integer"),

@@ -63,7 +63,7 @@ def step(M, P, *, gamma, lam_re, lam_im, mu_re, mu_im):
 
 
 def point(M, P, *, gamma, dt):
-    """The point 1/lam = z and w for one state in extended precision; None if z lies too near a branch point.
+    """lam for one state in extended precision, z = 1/lam; None if z lies too near a branch point.
 
     For dt = 0 a real lam, a power of 2: the map is the identity without rounding errors.
     """
@@ -73,7 +73,7 @@ def point(M, P, *, gamma, dt):
     largest = max(abs(roots).max(), np.finfo(float).tiny)
     far = REACH / largest
     if dt == 0:
-        return _with_eigenvalue(np.longdouble(2) ** np.ceil(np.log2(BEYOND * largest)) + 0j, H, G, square, gamma)
+        return np.longdouble(2) ** np.ceil(np.log2(BEYOND * largest)) + 0j
     z, change, miss = -0.5j * dt, np.inf, np.inf
     for _ in range(STEPS):
         if not abs(z) < far or abs(change) <= np.finfo(np.longdouble).eps * abs(z):
@@ -82,14 +82,14 @@ def point(M, P, *, gamma, dt):
         z = z + change
     if not abs(z) < far or miss > ENOUGH * abs(dt):
         return None
-    return _with_eigenvalue(1 / z, H, G, square, gamma)
+    return 1 / z
 
 
-def _with_eigenvalue(lam, H, G, square, gamma):
-    """A point and the large eigenvalue w there."""
+def level(M, P, *, gamma, lam):
+    """The large eigenvalue w at a point."""
+    H, G, square = integrals(M, P, gamma)
     half = ((lam + gamma) * lam / 2 - H) * lam - G
-    w = half * (1 + np.sqrt(1 - square * lam * lam / (half * half)))
-    return {"lam_re": lam.real, "lam_im": lam.imag, "mu_re": w.real, "mu_im": w.imag}
+    return half * (1 + np.sqrt(1 - square * lam * lam / (half * half)))
 
 
 def _newton(z, dt, trace, ends):
@@ -107,4 +107,4 @@ def _newton(z, dt, trace, ends):
     return (x + 1j * y) / det, max(abs(miss[0]), abs(miss[1]))
 
 
-EXACT = ExactMap(point=point, step=step)
+EXACT = ExactMap(point=point, level=level, step=step)

@@ -153,7 +153,7 @@ def bounds(M, P, energy, *, kappa, beta, c, gamma):
     square, u = beta * beta, axial(M)
     if kappa * square >= 1:
         raise InputError(
-            f"method='exact' of komarov: expected kappa beta^2 < 1, got {float(kappa * square):.3g}, for which the "
+            f"maps of komarov: expected kappa beta^2 < 1, got {float(kappa * square):.3g}, for which the "
             "motion may be unbounded. Use method='dop853'."
         )
     size, unit = np.sqrt(dot(P, P)), max(abs(c), square) or 1.0

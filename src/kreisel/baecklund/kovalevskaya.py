@@ -45,8 +45,10 @@ def heights(M, P, Q, *, gamma):
     energy = pairing(M, M) / 2 + M[0, 1] * M[0, 1] / 2 - gamma * M[0, 1] + P[0] + Q[1]
     largest = np.sqrt(float(2 * (energy + np.sqrt(dot(P, P)) + np.sqrt(dot(Q, Q))) + gamma * gamma)) or 1.0
     y = np.geomspace(LOW, HIGH, 4 * HEIGHTS) * largest
-    mu = np.linalg.eigvals(matrix(M, P, Q, gamma=gamma, lam=1j * y).astype(complex))
-    y = y[np.sort(abs(mu), -1)[:, 1] > CLEAR * largest]
+    L = matrix(M, P, Q, gamma=gamma, lam=1j * y).astype(complex)
+    square = L @ L  # its eigenvalues are 0, two -alpha^2, two -beta^2
+    half, fourth = -np.trace(square, 0, -2, -1).real / 4, (square * square.mT).sum((-2, -1)).real / 4
+    y = y[half - np.sqrt(np.maximum(fourth - half * half, 0)) > (CLEAR * largest) ** 2]
     y = y[:: max(1, len(y) // HEIGHTS)]
     return y, y
 

@@ -1,4 +1,4 @@
-"""method="exact" as a product of conjugate pairs of Bäcklund maps near the imaginary axis of lam.
+"""method="exact" and "baecklund" as products of conjugate pairs of Bäcklund maps near the imaginary axis of lam.
 
 A pair at lam = x + iy is the flow of a function of the integrals whose field at the state of the start is
 
@@ -9,57 +9,81 @@ f the field of the flow, make a step that is the flow over h.  These are the Abe
 The heights y_j and the branches of mu are chosen where the x_j are smallest against the distance of the branch points,
 by linear programming; Newton's method finds x_j, the fields at its ends are the columns of the Jacobian.  The body
 rotates by int Omega; the difference to the angular velocity of the flow commutes with all it carries: a constant.
+
+Without Newton's method, x_j = c_j h with sum c_j Re v(iy_j) = f is a step of order 2, since the pair is odd in x.  The
+maps commute, and the pair at iy + x is defined for complex x too: with x_j = c_j eps_i, eps_i = 2 h/zeta_i for the
+zeros of `kreisel.method.baecklund`, the order is 2 K.
 """
 
 from __future__ import annotations
 
-from functools import reduce
-from typing import NamedTuple, cast
+from functools import cache, reduce
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.baecklund.conjugate import legendre
 from kreisel.errors import InputError
-from kreisel.method.baecklund import constant_turns
+from kreisel.method.baecklund import constant_turns, stage_points
 from kreisel.method.observing import State, as_matrix, observer, scheme_of
 from kreisel.method.scheme import Scheme, Steps
-from kreisel.record.calling import call
+from kreisel.record.calling import Function, call
 from kreisel.record.contract import ConjugatePairs, ExactMap
 from kreisel.record.model import Model
 
 REACH, FARTHEST = 0.4, 0.6  # of the distance of a branch point: of an x at the start of Newton's method, and later
-NODES = 20  # half of them on each side of 0: the error of the integrals is about 3^-40 at FARTHEST
+DIGITS = 44.0  # natural logarithm of the relative error of the polynomials: 20 nodes at FARTHEST
 RANK = 1e-10  # relative: fields that depend on others
 SPAN = 1e-8  # relative: the distance of the flow from the other fields
 SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
-STEPS = 12  # of Newton's method; in extended precision after a miss, relative to the move, below CLOSE
-CLOSE, ENOUGH, SMALL = 1e-6, 1e-12, 1e-5  # SMALL: a move, relative to the state
+STEPS, CLOSE = 12, 1e-10  # of Newton's method; a change, relative to the interval, whose square is rounding
+ENOUGH, SMALL = 1e-12, 1e-5  # a miss, relative to the move; a move, relative to the state
 TRIALS = 8  # each with more copies of the pairs
 MOST_COPIES = 1_000_000
 BETWEEN = 10  # steps between projections: the least interval, so that more pairs in other lanes change nothing
 BETWEEN_MAPS = 4  # of a single map, whose rounding errors in |P|^2 are 3 last places a step
 LIKE = 1e-6  # the orientation is off by 1e-16 over this ratio of two fields
+WIDE = np.dtype(np.clongdouble)
+PATH = 8  # points on the way to the branch of a complex x
 NUMBERS = ("lam_re", "lam_im", "mu_re", "mu_im")
 
 
-def has_pairs(model: Model) -> bool:
-    """Whether pairs are known for the dimension of the body."""
-    return model.system.pairs is not None and model.n in model.system.pairs.dimensions
+def has_points(model: Model) -> bool:
+    """Whether pairs, or a map that is the flow, are known for the dimension of the body."""
+    pairs = model.system.pairs
+    return model.system.exact_map is not None or (pairs is not None and model.n in pairs.dimensions)
 
 
-def exact_by_pairs(model: Model, dt: float, oriented: bool) -> Scheme:
-    """The exact flow.  Raises `InputError` where no points are found."""
-    record = model.system.pairs
-    if record is None:
-        raise TypeError(f"{model.system.name} states no conjugate pairs")
+def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
+    """Products of Bäcklund maps of an order.  Raises `InputError` for an orientation, and where no points are found."""
+    if oriented:
+        raise InputError(
+            f"orientation: expected none for method='baecklund' of {model.system.name}, whose maps determine the "
+            f"rotation of the body only to the order of the step. Use another method, such as 'dop853'."
+        )
+    return by_pairs(model, dt, False, order) if model.system.exact_map is None else by_map(model, dt, order)
+
+
+def exact(model: Model, dt: float, order: None, oriented: bool) -> Scheme:
+    """The exact flow.  Raises `InputError` for an orientation that the map lacks, and where no points are found."""
+    if oriented and model.system.exact_map is not None:
+        raise InputError(
+            f"orientation: expected none for method='exact' of {model.system.name}, whose map has no rotation of "
+            "the body. Use method='dop853'."
+        )
+    return by_pairs(model, dt, oriented) if model.system.exact_map is None else by_map(model, dt)
+
+
+def by_pairs(model: Model, dt: float, oriented: bool, order: int | None = None) -> Scheme:
+    """The exact flow, or a step of an order, by conjugate pairs."""
+    record = cast("ConjugatePairs", model.system.pairs)
     count = len(model.system.space.letters)
 
     def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
         if oriented:
             _require_like_fields(model, x0[:count])
-        points, turn = constants(model, x0[:count], dt)
+        points, turn = constants(model, x0[:count], dt, order)
         stages = {name: points[..., i, :] for i, name in enumerate(NUMBERS)}
         if not oriented:
             return {}, stages
@@ -74,8 +98,9 @@ def exact_by_pairs(model: Model, dt: float, oriented: bool) -> Scheme:
     def close(*z: Array, turn0: Array, turn1: Array, **known: Array) -> State:
         return (*z[:count], algebra.turn_left(turn1, algebra.turn_left(turn0, z[count])))
 
+    name, options = _named(order)
     return scheme_of(
-        "exact",
+        name,
         model,
         Steps(step, close if oriented else None),
         observer(model, oriented, conserved=("casimir", "energy", *model.system.integrals)),
@@ -83,6 +108,7 @@ def exact_by_pairs(model: Model, dt: float, oriented: bool) -> Scheme:
         axes={**model.axes, **dict.fromkeys(NUMBERS, 0), "turn0": 2, "turn1": 2},
         trajectory=trajectory,
         between=BETWEEN,
+        **options,
     )
 
 
@@ -105,69 +131,86 @@ def _require_like_fields(model: Model, state: State) -> None:
         )
 
 
-def exact_by_map(model: Model, dt: float, oriented: bool) -> Scheme:
-    """The exact flow by copies of one map.  Raises `InputError` for an orientation, and where no point is found."""
+def by_map(model: Model, dt: float, order: int | None = None) -> Scheme:
+    """The exact flow by copies of one map, or a step of an order by several."""
     record = cast("ExactMap", model.system.exact_map)
-    if oriented:
-        raise InputError(
-            f"orientation: expected none for method='exact' of {model.system.name}, whose map has no rotation of "
-            f"the body. "
-            "Use method='dop853'."
-        )
 
     def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
         batch, lanes = _lanes(model, x0)
-        steps = [one_map(model, *lane, dt) for lane in lanes]
-        count = max(copies for copies, _, _ in steps)
-        points = np.stack([np.stack([a] * n + [b] * (count - n), -1) for n, a, b in steps])
-        return {}, {k: points[:, i].reshape(*batch, count) for i, k in enumerate(NUMBERS)}
+        points = _stacked(batch, [maps(model, *lane, dt, order) for lane in lanes])
+        return {}, {name: points[..., i, :] for i, name in enumerate(NUMBERS)}
 
+    name, options = _named(order)
     return scheme_of(
-        "exact",
+        name,
         model,
         Steps(record.step),
         observer(model, conserved=("casimir", "energy", *model.system.integrals)),
         axes={**model.axes, **dict.fromkeys(NUMBERS, 0)},
         trajectory=trajectory,
         between=BETWEEN_MAPS,
+        **options,
     )
 
 
-def one_map(model: Model, state: State, params: dict[str, Array], dt: float) -> tuple[int, Array, Array]:
-    """How many maps make a step, and `NUMBERS` of these and of the identity, which fills shorter lanes."""
+def maps(
+    model: Model, state: State, params: dict[str, Array], dt: float, order: int | None = None
+) -> tuple[Array, Array]:
+    """`NUMBERS` (4, count) of the maps of a step, and (4,) of the identity, which fills shorter lanes."""
     record = cast("ExactMap", model.system.exact_map)
     state = tuple(np.asarray(z, np.longdouble) for z in state)
     wide = {k: np.longdouble(v) for k, v in params.items()}
 
-    def numbers(time: Array) -> Array | None:
-        with np.errstate(all="ignore"):
-            point = call(record.point, state, {**wide, "dt": time})
-        return None if point is None else np.array([float(point[k]) for k in NUMBERS])
+    def numbers(lam: Array) -> Array:
+        return _numbers(lam, call(record.level, state, {**wide, "lam": lam}))
 
-    copies = 1
-    while copies <= MOST_COPIES:
-        if (found := numbers(np.longdouble(dt) / copies)) is not None:
-            return copies, found, cast("Array", numbers(np.longdouble(0)))
-        copies *= 2
+    with np.errstate(all="ignore"):
+        identity = numbers(call(record.point, state, {**wide, "dt": np.longdouble(0)}))
+        if order is not None:
+            return numbers(2j / _fractions(dt, order)), identity
+        copies = 1
+        while copies <= MOST_COPIES:
+            if (lam := call(record.point, state, {**wide, "dt": np.longdouble(dt) / copies})) is not None:
+                return numbers(lam)[:, None].repeat(copies, 1), identity
+            copies *= 2
     raise InputError(
         f"No map was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it. Usual cause: a "
         "step far too long, or a state that is not finite. Use a smaller dt."
     )
 
 
+def _numbers(lam: Array, mu: Array) -> Array:
+    return np.stack([lam.real, lam.imag, mu.real, mu.imag]).astype(float)
+
+
+def _fractions(dt: float, order: int) -> Array:
+    """eps (order/2,), complex, whose maps make a step of the order."""
+    eps = [2 / mu for mu in stage_points(order, dt)]
+    return np.array([*eps, *(e.conjugate() for e in eps if isinstance(e, complex))], complex)
+
+
+def _named(order: int | None) -> tuple[str, dict[str, Any]]:
+    return ("exact", {}) if order is None else ("baecklund", {"options": {"order": order}})
+
+
 # -- the points of a trajectory -----------------------------------------------------------------------
 
 
-def constants(model: Model, state: State, dt: float) -> tuple[Array, Array]:
+def constants(model: Model, state: State, dt: float, order: int | None = None) -> tuple[Array, Array]:
     """Points (..., 4, stages), `NUMBERS` of each, and the missing rotation of the body in a step (..., n,
     n).
     """
     batch, lanes = _lanes(model, state)
-    steps = [Torus(model, *lane).step(dt) for lane in lanes]
-    count = max(numbers.shape[-1] for numbers, _, _ in steps)
-    points = np.stack([np.append(a, b[:, None].repeat(count - a.shape[-1], -1), -1) for a, b, _ in steps])
+    steps = [Torus(model, *lane).step(dt, order) for lane in lanes]
     turns = np.stack([turn for _, _, turn in steps])
-    return points.reshape(batch + points.shape[1:]), turns.reshape(batch + turns.shape[1:])
+    return _stacked(batch, [step[:2] for step in steps]), turns.reshape(batch + turns.shape[1:])
+
+
+def _stacked(batch: tuple[int, ...], steps: list[tuple[Array, Array]]) -> Array:
+    """Points (..., 4, stages), the shorter lanes filled with their identities."""
+    count = max(numbers.shape[-1] for numbers, _ in steps)
+    points = np.stack([np.append(a, b[:, None].repeat(count - a.shape[-1], -1), -1) for a, b in steps])
+    return points.reshape(batch + points.shape[1:])
 
 
 def _lanes(model: Model, state: State) -> tuple[tuple[int, ...], list[tuple[State, dict[str, Array]]]]:
@@ -191,13 +234,20 @@ class Points(NamedTuple):
     radius: Array
 
 
-class Moves(NamedTuple):
-    """Pairs: the sums of the integrals of their fields and of Omega, the fields at their ends as columns, mu there."""
+@cache
+def chebyshev(count: int) -> tuple[Array, Array]:
+    """Positive nodes (count,), rising, for even functions on [-1, 1], and their coefficients by T_0, T_2, ..."""
+    theta = (2 * np.arange(count)[::-1] + 1) * np.arccos(np.longdouble(-1)) / (4 * count)
+    coefficients = 2 * np.cos(2 * np.arange(count)[:, None] * theta) / count
+    coefficients[0] /= 2
+    return np.cos(theta), coefficients
 
-    state: Array
-    turn: Array
-    ends: Array
-    mu: Array
+
+def series(at: Array, count: int) -> tuple[Array, Array]:
+    """T_2j (..., count) at points of [-1, 1], and their integrals from 0."""
+    theta, j = np.arccos(at)[..., None], np.arange(count)
+    odd = np.cos((2 * j + 1) * theta) / (2 * j + 1)
+    return np.cos(2 * j * theta), (odd + np.concatenate([odd[..., :1], -odd[..., :-1]], -1)) / 2
 
 
 class Torus:
@@ -210,6 +260,8 @@ class Torus:
         constants = {k: np.asarray(v, np.longdouble) for k, v in params.items()}
         with np.errstate(all="ignore"):
             self.constants = constants | (call(system.derive, (), constants) if system.derive is not None else {})
+            self.doubles = tuple(z.astype(float) for z in self.state)
+            self.known = {k: np.asarray(v, float) for k, v in self.constants.items()}
             rates = call(system.flow, self.state, self.constants)
             self.sizes = self._sizes(rates)
             self.flow = self._flat(rates)
@@ -232,35 +284,36 @@ class Torus:
         scaled = [rate / size for rate, size in zip(rates, self.sizes, strict=True)]
         return algebra.flatten(scaled, self.system.space.kinds)
 
-    def _matrix(self, lam: Array) -> Array:
-        return call(self.record.matrix, self.state, {**self.constants, "lam": lam})
+    def _of_record(self, function: Function, lam: Array, **vectors: Array) -> Any:
+        """A function of the record, in the precision of lam."""
+        state, constants = (self.state, self.constants) if lam.dtype == WIDE else (self.doubles, self.known)
+        return call(function, state, {**constants, "lam": lam, **vectors})
 
-    def _levels(self, lam: Array) -> tuple[Array, Array, Array]:
+    def _levels(self, lam: Array, L: Array) -> tuple[Array, Array, Array]:
         """mu (..., k), left and right vectors (..., k, m), in the precision of lam if the record states them."""
         if self.record.levels is not None:
-            return call(self.record.levels, self.state, {**self.constants, "lam": lam})
-        values, vectors = np.linalg.eig(self._matrix(lam).astype(complex))
+            return cast("tuple[Array, Array, Array]", self._of_record(self.record.levels, lam))
+        values, vectors = np.linalg.eig(L.astype(complex))
         return values, np.linalg.inv(vectors), vectors.mT
 
     def _fields(self, lam: Array, left: Array, right: Array) -> tuple[Array, Array]:
-        vectors = {"left": left / algebra.vec((left * right).sum(-1)), "right": right}
-        rates, Omega = call(self.record.rates, self.state, {**self.constants, "lam": lam, **vectors})
+        left = left / algebra.vec((left * right).sum(-1))
+        rates, Omega = self._of_record(self.record.rates, lam, left=left, right=right)
         return self._flat(rates), Omega
 
     def _points(self) -> Points:
         """The points with the least sum of |x|/radius."""
-        y, pole = (np.asarray(v, np.float64) for v in call(self.record.heights, self.state, self.constants))
+        y, pole = (np.asarray(v, np.float64) for v in call(self.record.heights, self.doubles, self.known))
         lam, near = 1j * y, 1e-5 * pole
-        L = self._matrix(lam).astype(complex)
+        L, after, before = self._of_record(self.record.matrix, np.stack([lam, lam + near, lam - near]))
         if not (np.isfinite(L).all() and np.isfinite(self.flow.astype(float)).all()):
             raise InputError(
-                f"{self.system.name}: expected products of the state and the parameters that a double can hold, for "
-                "method='exact', got larger ones. Usual cause: units. Use method='dop853'."
+                f"{self.system.name}: expected products of the state and the parameters that a double can hold, got "
+                "larger ones. Usual cause: units. Use method='dop853'."
             )
-        mu, left, right = (v.astype(complex) for v in self._levels(lam))
+        mu, left, right = self._levels(lam, L)
         count = mu.shape[-1]
-        slope = (self._matrix(lam + near) - self._matrix(lam - near)) / (2 * near[:, None, None])
-        change = left @ slope.astype(complex) @ right.mT
+        change = left @ ((after - before) / (2 * near[:, None, None])) @ right.mT
         gap, ends = mu[:, :, None] - mu[:, None, :], np.diagonal(change, 0, -2, -1)
         # Two levels meet where (gap + t (a - b))^2 + 4 t^2 c d = 0.
         meet = abs(gap) / np.sqrt(abs((ends[:, :, None] - ends[:, None, :]) ** 2 + 4 * change * change.mT))
@@ -296,14 +349,19 @@ class Torus:
             )
         return max(1, int(np.ceil(far)))
 
-    def step(self, dt: float) -> tuple[Array, Array, Array]:
-        """`NUMBERS` (4, ...) of all pairs of a step, (4,) of the identity, and the rest of the rotation.
+    def step(self, dt: float, order: int | None = None) -> tuple[Array, Array, Array]:
+        """`NUMBERS` (4, ...) of all pairs of a step, (4,) of the identity, and the rest of the rotation, if exact.
 
         Each lane has its number of pairs, so that none depends on the others: the identity fills the shorter ones.
         Raises `InputError` where no points are found.
         """
         points = self.points
-        identity = np.stack([0 * points.y, points.y, points.mu.real, points.mu.imag])[:, 0]
+        identity = _numbers(1j * points.y[0], points.mu[0])
+        if order is not None:
+            x, end = points.x[:, None] * _fractions(dt, order), np.arange(1, PATH + 1) / PATH
+            lam = (1j * points.y[:, None] + 0 * x).reshape(-1, 1) + x.reshape(-1, 1) * end
+            _, mu, _, _ = self._followed(lam, points.mu.repeat(x.shape[1]))
+            return _numbers(lam[:, -1], mu[:, -1]), identity, np.zeros(0)
         if not points.x.any():
             return identity[:, None], identity, self._rest(dt, 0, np.longdouble(0))
         copies = self.copies(dt)
@@ -327,57 +385,71 @@ class Torus:
     def solved(self, dt: float, copies: int) -> tuple[Array, Array] | None:
         """`NUMBERS` (4, count) of the pairs of a part of a step, and the rest of the rotation in the step.
 
-        None if Newton's method leaves the domain of these points.
+        Even polynomials in x of the fields, by Chebyshev's nodes, are integrated.  None if Newton's method leaves them.
         """
-        h, points, least, moves = np.longdouble(dt) / copies, self.points, np.inf, None
-        x = following = points.x * h
+        h, points = np.longdouble(dt) / copies, self.points
+        x = points.x * h
+        share = FARTHEST / REACH * (abs(x) / points.radius).max()
+        reach = share * points.radius
+        nodes, coefficients = chebyshev(int(np.ceil(DIGITS / 2 / np.arccosh(float(1 / share)))))
+        values, size, count = self._nodes(reach, nodes), len(self.flow), len(nodes)
+        c, f = coefficients @ values, h * self.flow
+        inverse = np.linalg.pinv(values[:, 0, :size].astype(float))
+        reduced, goal = c[..., :size] @ inverse, f @ inverse
+        last = np.inf
         for _ in range(STEPS):
-            trial = self._moved(following, least < np.inf)
-            rest = h * self.flow - trial.state
-            miss = abs(rest).max() / max(abs(h * self.flow).max(), SMALL)
-            if moves is not None and not miss < least / 2:  # rounding
-                break
-            if least < np.inf:
-                x, moves = following, trial
-            least = miss if miss < CLOSE else np.inf
-            following = following + np.linalg.lstsq(trial.ends.astype(float), rest.astype(float))[0]
-            if not (abs(following) < FARTHEST * points.radius).all():
+            if not (abs(x) < reach).all():
                 return None
-        if moves is None or least > ENOUGH:
+            ends, moves = series(x / reach, count)
+            if last < CLOSE:
+                break
+            miss = goal - np.einsum("p,pj,pjd->d", reach, moves, reduced)
+            change = np.linalg.solve(np.einsum("pj,pjd->dp", ends, reduced).astype(float), miss.astype(float))
+            if not (step := abs(change / reach).max()) < last / 2:  # rounding
+                break
+            x, last = x + change, step
+        total = np.einsum("p,pj,pjd->d", reach, moves, c)
+        if not abs(f - total[:size]).max() <= ENOUGH * max(abs(f).max(), SMALL):
             return None
-        return np.stack([x.astype(float), points.y, moves.mu.real, moves.mu.imag]), self._rest(dt, copies, moves.turn)
+        re, im = np.einsum("pj,pjd->dp", ends, c[..., -2:])
+        turn = total[size:-2].reshape((self.state[0].shape[-1],) * 2)
+        return np.stack([x, points.y, re * x / reach, im]).astype(float), self._rest(dt, copies, turn)
 
-    def _moved(self, x: Array, wide: bool) -> Moves:
-        nodes, weights = legendre(NODES)
-        lam = 1j * self.points.y[:, None] + x[:, None] * np.append(nodes, 1)
-        lam = lam if wide else lam.astype(complex)
-        values, inverse, vectors = self._levels(lam)
-        last, branch = self.points.mu, list[Array]()
-        for row in values.swapaxes(0, 1):
-            branch.append(abs(row - last[:, None]).argmin(-1))
-            last = np.take_along_axis(row, branch[-1][:, None], -1)[:, 0]
-        at = (*np.ogrid[: len(x), : len(nodes) + 1], np.stack(branch, -1))
-        mu, right, left = values[at], vectors[at], inverse[at]
-        if wide and self.record.levels is None:
-            L = self._matrix(lam)
-            (_, left), (mu, right) = refined(L.mT, mu, left), refined(L, mu, right)
+    def _followed(self, lam: Array, mu: Array) -> tuple[Array, Array, Array, Array]:
+        """L, mu, left and right vectors along paths lam (paths, nodes), from mu at the start of each, in doubles."""
+        L = self._of_record(self.record.matrix, lam)
+        values, inverse, vectors = self._levels(lam, L)
+        branch, every = np.empty(lam.shape, int), np.arange(len(lam))
+        for k, row in enumerate(values.swapaxes(0, 1)):
+            branch[:, k] = abs(row - mu[:, None]).argmin(-1)
+            mu = row[every, branch[:, k]]
+        at = (*np.ogrid[: lam.shape[0], : lam.shape[1]], branch)
+        return L, values[at], inverse[at], vectors[at]
+
+    def _nodes(self, reach: Array, nodes: Array) -> Array:
+        """Even functions (pairs, nodes, ...) of x = reach nodes: the fields, Omega, Re mu/nodes and Im mu."""
+        lam = 1j * self.points.y[:, None] + reach[:, None] * nodes
+        L, mu, left, right = self._followed(lam, self.points.mu)
+        if self.record.levels is None:
+            mu, left, right = refined(L, mu, left, right)
         fields, Omega = self._fields(lam, left, right)
-        weights = x[:, None] * weights
-        turn = (weights[..., None, None] * Omega[:, :-1].real).sum((0, 1))
-        state = (weights[..., None] * fields[:, :-1].real).sum((0, 1))
-        return Moves(state, turn, fields[:, -1].real.T, mu[:, -1].astype(complex))
+        levels = np.stack([mu.real / nodes, mu.imag], -1)
+        return np.concatenate([fields.real, Omega.real.reshape(*lam.shape, -1), levels], -1)
 
 
-def refined(L: Array, mu: Array, q: Array) -> tuple[Array, Array]:
-    """An eigenvalue (...) and its vector (..., m) of L in extended precision, by Newton's method from doubles."""
-    corner, bordered = np.zeros((*mu.shape, 1, 1)), L.astype(complex) - algebra.mat(mu) * np.eye(L.shape[-1])
-    ends = np.concatenate([q.conj()[..., None, :], corner], -1)
-    inverse = np.linalg.inv(np.concatenate([np.concatenate([bordered, -q[..., None]], -1), ends], -2))
+def refined(L: Array, mu: Array, left: Array, right: Array) -> tuple[Array, Array, Array]:
+    """An eigenvalue (...) and its vectors (..., m) of L in extended precision, by Newton's method from doubles."""
+    size = L.shape[-1]
+    bordered = np.zeros((*mu.shape, size + 1, size + 1), complex)
+    bordered[..., :-1, :-1] = L - algebra.mat(mu) * np.eye(size)
+    bordered[..., :-1, -1], bordered[..., -1, :-1] = -right, left
+    inverse = np.linalg.inv(bordered)[..., :-1]
     for _ in range(2):
-        miss = (algebra.vec(mu) * q - algebra.act(L, q)).astype(complex)
-        change = algebra.act(inverse[..., :-1], miss)
-        q, mu = q + change[..., :-1], mu + change[..., -1]
-    return mu, q
+        misses = [(algebra.vec(mu) * q - algebra.act(A, q)).astype(complex) for A, q in ((L, right), (L.mT, left))]
+        change = algebra.act(inverse, misses[0])
+        left = left + algebra.act(inverse[..., :-1, :].mT, misses[1])
+        right, mu = right + change[..., :-1], mu + change[..., -1]
+    return mu, left, right
 
 
 def least(C: Array, f: Array, most: int) -> tuple[list[int], Array]:
@@ -395,14 +467,14 @@ def least(C: Array, f: Array, most: int) -> tuple[list[int], Array]:
         unit = rest[:, chosen[-1]] / np.linalg.norm(rest[:, chosen[-1]])
         rest = rest - np.outer(unit, unit @ rest)
     for _ in range(100 * rank):
-        basis = C[:, chosen]
-        x = np.linalg.solve(basis, f)
+        inverse = np.linalg.inv(C[:, chosen])
+        x = inverse @ f
         signs = np.where(x < 0, -1.0, 1.0)
-        price = np.linalg.solve(basis.T, signs) @ C
+        price = signs @ inverse @ C
         entering = int(abs(price).argmax())
         if abs(price[entering]) <= 1 + SLACK:
             break
-        slope = np.linalg.solve(basis, C[:, entering] * np.sign(price[entering]))
+        slope = inverse @ C[:, entering] * np.sign(price[entering])
         reach = np.where(slope * signs > 0, x / slope, np.inf)
         chosen[int(reach.argmin())] = entering
     return chosen, x

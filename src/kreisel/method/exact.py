@@ -14,7 +14,6 @@ from kreisel.exact import gyrostat
 from kreisel.exact.motion import UNTURNED, TopMotion
 from kreisel.exact.nutation import MpNumber, mp_number, rationals
 from kreisel.exact.rotor import Rotor
-from kreisel.method.conjugate import exact_by_map, exact_by_pairs, has_pairs
 from kreisel.method.observing import State, observer, scheme_of
 from kreisel.method.pairs import exact_pair
 from kreisel.method.scheme import Jump, Orbits, Scheme, Spin, Steps
@@ -161,10 +160,8 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     known = model.system.closed_form
     if known.gyrostat is not None:
         return _gyrostat(model, dt, oriented)
-    if model.system.exact_map is not None:
-        return exact_by_map(model, dt, oriented)
-    if model.n > 3 or (known.moments is None and known.top is None):
-        return (exact_by_pairs if has_pairs(model) else exact_pair)(model, dt, oriented)
+    if known.moments is None and known.top is None:
+        return exact_pair(model, dt, oriented)
     observe, outcomes = observer(model, oriented)
     outcomes = {k: replace(o, conserved=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
     top = Orbits(_orbit_of_top(model, oriented), _jump(model))

@@ -7,7 +7,7 @@ which names the maker.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Integral
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
@@ -32,6 +32,7 @@ class Suits:
     kinds    the kinds of the components
     numbers  for which the record is written: one of these
     test     name of a function of the model, for conditions without an attribute; imported if everything else holds
+    maker    name of the maker for these models, if it is not the method's
     """
 
     states: tuple[str, ...] = ()
@@ -42,6 +43,7 @@ class Suits:
     kinds: tuple[str, ...] | None = None
     numbers: tuple[str, ...] = ()
     test: str = ""
+    maker: str = ""
 
     def __call__(self, model: Model) -> bool:
         """Whether the condition holds."""
@@ -107,7 +109,8 @@ class Method:
 
     def make(self, model: Model, dt: float, order: Any, oriented: bool) -> Scheme:
         """The scheme for a model."""
-        scheme: Scheme = resolve_name(self.maker)(model, dt, order, oriented)
+        maker = next((suits.maker for suits in self.cases if suits(model)), "") or self.maker
+        scheme: Scheme = resolve_name(maker)(model, dt, order, oriented)
         return scheme
 
     def applies(self, model: Model) -> bool:
@@ -173,6 +176,7 @@ class Method:
 COMPOSED = {4: ("suzuki1990", "hairer2006"), 6: ("kahan1997", "hairer2006"), 8: ("kahan1997", "hairer2006")}
 COMPOSITIONS = (2, *COMPOSED)
 SPINS = "(so(3)*)^n"
+POINTS = Suits(either=("pairs", "exact_map"), test="kreisel.method.conjugate:has_points")
 
 _RECORDS = (
     Method(
@@ -184,8 +188,7 @@ _RECORDS = (
         "clebsch-general, clebsch-body, quadratic-potential, quadratic-field, steklov-lyapunov",
         cases=(
             Suits(n=3, either=("baecklund", "closed_form.top", "closed_form.moments", "closed_form.gyrostat")),
-            Suits(states=("exact_map",)),
-            Suits(states=("pairs",), test="kreisel.method.conjugate:has_pairs"),
+            replace(POINTS, maker="kreisel.method.conjugate:exact"),
         ),
         orders=(),
         default=None,
@@ -212,7 +215,11 @@ _RECORDS = (
         name="baecklund",
         title="products of commuting Bäcklund transformations",
         needs="a system whose Bäcklund transformations are known",
-        cases=(Suits(states=("baecklund",)),),
+        cases=(
+            Suits(states=("baecklund",)),
+            replace(POINTS, maker="kreisel.method.conjugate:baecklund"),
+        ),
+        default_for=(Suits(states=("baecklund",)),),
         orders=tuple(range(2, 26, 2)),
         default=2,
         poisson="yes",

@@ -317,12 +317,16 @@ class ConjugatePairs:
 class ExactMap:
     """A map that is the flow over a time, for constants of the trajectory: the complex values lam and mu.
 
-    point(*state, dt)                          {name: number}: lam_re, lam_im, mu_re, mu_im for the flow over dt, of one
-                                               state in extended precision; None if dt is too long
+    For short times h, lam is nearly 2i/h; the logarithm of the map at such a lam is odd in 1/lam.
+
+    point(*state, dt)                          lam for the flow over dt, of one state in extended precision; None if dt
+                                               is too long
+    level(*state, lam)                         mu
     step(*state, lam_re, lam_im, mu_re, mu_im) -> state
     """
 
     point: Function
+    level: Function
     step: Function
 
 

@@ -15,7 +15,7 @@ from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.exact.motion import TopMotion
 from kreisel.exact.nutation import Integrals, MpNumber, Nutation, mp_number
 from kreisel.method import default_method, find, scheme
-from kreisel.method.conjugate import has_pairs
+from kreisel.method.conjugate import has_points
 from kreisel.method.exact import motion_of_top
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Jump
@@ -159,7 +159,7 @@ def _without(model: Model, method: str, oriented: bool) -> str:
     if method != "exact" and known:
         way = "method='exact' knows its flow: kr.at(system, x0, times)."
     else:
-        exactly = has_pairs(model) or (model.system.exact_map is not None and not oriented)
+        exactly = has_points(model) and not (oriented and model.system.exact_map is not None)
         steps = "exact" if exactly else default_method(model, stepped=True)
         named = f"method={steps!r}, " * (steps == "exact")
         way = (

@@ -170,6 +170,11 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
         return Step(made.components, _same, _same, made.motion.step, None, _linear(model, made, oriented), None, True)
     if made.name == "exact":
         return _closed(model, made, oriented)
+    if made.name == "baecklund" and model.system.baecklund is None:
+        raise InputError(
+            "differentiable: expected a method whose steps need no search for branches of a spectral curve, got "
+            f"method='baecklund' of {model.system.name}. Use another method: kr.methods() lists them."
+        )
     if model.n > MOST_N or not isinstance(made.motion, Steps) or made.coupling is not None:
         raise InputError(
             f"differentiable: expected a method that makes steps and n of at most {MOST_N}, of a single body, got "

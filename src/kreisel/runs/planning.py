@@ -122,6 +122,11 @@ def choice_of(
             "(2, 2) or (8, 6, 4), with a dt that divides the time between two samples."
         )
     if method == "baecklund":
+        if model.system.baecklund is None:
+            raise InputError(
+                f"order='auto': expected a system whose maps have no constants to solve for, got {model.system.name}. "
+                "Use method='exact', the flow itself, or an order from 2 to 24."
+            )
         return auto.choose_each(model, parts, *when) if each else [auto.choose(model, parts, *when)]
     lanes = auto.with_lanes(model, parts)
     if not each or len(lanes[0]) == 1:
