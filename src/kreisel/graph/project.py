@@ -32,7 +32,7 @@ from kreisel.graph.double import fused, pair_difference, pair_product, pair_quot
 from kreisel.graph.graph import IN, Graph, Number, Operand, where_less
 from kreisel.graph.invariants import ADD, DIVIDE, MULTIPLY, OPERATIONS, SUBTRACT, Program, written_out
 from kreisel.graph.llvm import Function, Integer, Lanes, Memory, kind_of
-from kreisel.graph.machine import Kernel, kernel
+from kreisel.graph.machine import Kernel, address_of, kernel
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.projection.corrections import EPS, GAIN, GAIN_STRAIGHT, TAU, Corrections
 
@@ -418,9 +418,9 @@ class CompiledProjection(Corrections):
             first = program is programs[0]
             targets, worst = (self.targets, self.worst) if first else (self.bound, np.zeros(self.bound.shape[:2]))
             arrays = targets, worst, z, constants, program.literals, *program.tables
-            table = [*(array.ctypes.data for array in arrays), constants.shape[1], self._first]
+            table = [*map(address_of, arrays), constants.shape[1], self._first]
             self._held += [*arrays, np.array(table, dtype=np.int64)]
-            self._first = self._held[-1].ctypes.data
+            self._first = address_of(self._held[-1])
         self._call(1)
 
     @property

@@ -16,7 +16,7 @@ from functools import cache, partial
 from typing import TYPE_CHECKING, Any, SupportsIndex
 
 from kreisel.algebra import KINDS, Array, coordinate_count, invariants, restore
-from kreisel.algebra.reuse import KEPT
+from kreisel.algebra.reuse import KEPT, cached_property
 from kreisel.display import show
 from kreisel.record.calling import Function, require_names
 from kreisel.record.given import require_one_reading
@@ -57,12 +57,12 @@ class PhaseSpace:
     draw: Function | None = None
     sites: bool = False
 
-    @property
+    @cached_property
     def letters(self) -> tuple[str, ...]:
         """The letters of the components, in order."""
         return tuple(letter for letter, _ in self.components)
 
-    @property
+    @cached_property
     def kinds(self) -> tuple[str, ...]:
         """The kinds of the components: "skew", "symmetric", "vector", or "R^k" for k entries independent of n."""
         return tuple(kind for _, kind in self.components)

@@ -35,6 +35,8 @@ def whole_dimension(value: Array, letter: str, system: str) -> int:
 
 def numbers(value: Any, name: str) -> Array:
     """An array of finite real values, or of others that can be multiplied.  Raises `InputError`."""
+    if type(value) is np.ndarray and value.dtype == np.float64 and np.isfinite(value).all():
+        return value.copy()
     if algebra.loses(value):
         raise InputError(f"{name} must be plain values, got a masked entry or a unit: {shown(value)}.")
     try:

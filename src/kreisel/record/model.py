@@ -282,7 +282,7 @@ class Model:
 
         def state(*unnamed: Any, **components: Any) -> State:
             require_names(unnamed, f"A state of {self.system.name}", self.system.space.letters)
-            return self._state(components)
+            return self.checked(components)
 
         keyword = inspect.Parameter.KEYWORD_ONLY
         letters = [inspect.Parameter(letter, keyword) for letter in self.system.space.letters]
@@ -296,7 +296,8 @@ class Model:
         record = self.system.perturbation
         return record is not None and record.pair is not None
 
-    def _state(self, components: Mapping[str, Any]) -> State:
+    def checked(self, components: Mapping[str, Any]) -> State:
+        """The state with these components, as `state` returns it."""
         space = self.system.space
         for letter in components:
             if letter not in space.letters:

@@ -36,6 +36,7 @@ from kreisel.runs.settings import (
     wanted_times,
     whole_order,
 )
+from kreisel.runs.soundness import is_finite
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -109,7 +110,7 @@ def at(
 def _require_finite(plan: Plan, states: dict[str, Array]) -> None:
     """Raises `RunError` for states beyond the range of doubles."""
     for name, value in states.items():
-        if not np.isfinite(value).all():
+        if not is_finite(value):
             lanes = value.shape[1] if plan.batched else 1
             where = in_lane(~np.isfinite(value.reshape(len(value), lanes, -1)).all((0, 2)))
             raise RunError(f"{name} is not finite{where}: its powers leave the range of doubles. Use other units.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -156,7 +157,9 @@ def _warn_of_a_long_step(run: xr.Dataset) -> None:
     """Warns with `AccuracyWarning` if the energy, minus the work, oscillates by a large part of its terms."""
     kept = ["balance"] if "work" in run.variables else ["total_energy", "energy"]
     name = next((name for name in kept if name in run.variables), None)
-    if name is None or run.attrs.get("impulses") or run.attrs.get("events") or run[name].attrs.get("conserved"):
+    if name is None or run.attrs.get("impulses") or run.attrs.get("events"):
+        return
+    if run.variables[name].attrs.get("conserved"):
         return
     ((_, row),) = _rows(run, [name], sloping=False).items()
     if row["max_change"] > LOOSE * lane_scales(run[name], "evaluation_scale").max():
@@ -462,23 +465,18 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
 
 def _of_columns(plan: Plan, values: Array, samples: int) -> dict[str, dict[str, list[float]]]:
     """`roundoff_scales` of a single lane, from its observed variables as columns (states, rows, columns)."""
-    places = {
-        name: place
-        for name, (place, _) in plan.compiled.places.items()  # type: ignore[union-attr]
-        if plan.outcomes[name].kind in KINDS
-    }
-    if not places:
+    places = plan.compiled.places.items()  # type: ignore[union-attr]
+    own = [(k, place.start, place.stop) for k, (place, _) in places if plan.outcomes[k].kind in KINDS]
+    if not own:
         return {}
-    order = sorted(places, key=lambda name: places[name].stop - places[name].start > 1)
-    columns = np.concatenate([np.arange(places[name].start, places[name].stop) for name in order])
-    single = sum(place.stop - place.start == 1 for place in places.values())
+    order = sorted(own, key=lambda each: each[2] - each[1] > 1)
+    columns = [column for _, first, last in order for column in range(first, last)]
+    single = sum(last - first == 1 for _, first, last in own)
     felt, computed = (scale.tolist() for scale in _scales_of(values.take(columns, -1), samples, plan.model.n, single))
-    scales, first = {}, 0
-    for name in order:
-        last = first + places[name].stop - places[name].start
+    scales, ends = {}, itertools.accumulate((last - first for _, first, last in order), initial=0)
+    for (name, _, _), (first, last) in zip(order, itertools.pairwise(ends), strict=True):
         scales[name] = {"roundoff_scale": felt[first:last], "evaluation_scale": computed[first:last]}
-        first = last
-    return {name: scales[name] for name in plan.outcomes if name in scales}
+    return {name: scales[name] for name, _, _ in own}
 
 
 def _scales_of(values: Array, samples: int, n: int, single: int) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ from kreisel.record.given import in_lane
 from kreisel.runs.plan import BREAKS, Plan
 from kreisel.runs.planning import cause_of_no_numbers
 from kreisel.runs.settings import LARGE, of_forces
-from kreisel.runs.soundness import Fault, faults
+from kreisel.runs.soundness import Fault, faults, is_finite
 from kreisel.stopwatch import SPENT
 
 if TYPE_CHECKING:
@@ -292,7 +292,7 @@ class Integration:
             rows = np.where(lost[..., None], self._first, rows)
         block = self._observed(rows)
         for name, value in block.items():
-            if not np.isfinite(value).all():
+            if not is_finite(value):
                 finite = np.isfinite(value).reshape((self.filled, self.plan.lanes, -1)).all(-1)
                 self._lose(
                     finite,

@@ -27,7 +27,7 @@ POINTING = "angle of the axis that points down at zero angles to the nadir"
 
 def presented(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     """A run as its user receives it: in SI if its subject was a body, else unchanged."""
-    frame = RunRecord.from_attrs(run.attrs).body_frame
+    frame = model.body_frame if model is not None else RunRecord.from_attrs(run.attrs).body_frame
     if frame is None or not frame.names:
         return run
     if frame.differs and "lane" not in run.coords:  # of a sweep

@@ -253,7 +253,7 @@ def checked_state(model: Model, x0: Any) -> State:
         _warn_of_clock(model, row)
     if isinstance(x0, State):  # its 3 x 3 matrix belongs to one state, for any number of lanes in the parameters
         x0 = {letter: v if x0.axial[letter].ndim > 1 else x0.axial[letter] for letter, v in x0.items()}
-    return model.state(**{str(letter): value for letter, value in x0.items()})
+    return model.checked({str(letter): value for letter, value in x0.items()})
 
 
 def _require_same_body(model: Model, frame: BodyFrame) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
@@ -12,6 +13,8 @@ from kreisel.algebra import Array
 from kreisel.kernels.engines import Engine
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Scheme
+
+FEW = 64  # entries
 
 
 class Fault(NamedTuple):
@@ -31,7 +34,7 @@ class Fault(NamedTuple):
 
 def faults(scheme: Scheme, engine: Engine, rows: Floats, dt: float) -> Iterator[Fault]:
     """The faults of rows (rows, lanes, d) and of the state of the engine, in this order: see `Fault`."""
-    good = _good(rows, engine.z, np.isfinite)
+    good = None if is_finite(rows) and is_finite(engine.z) else _good(rows, engine.z, np.isfinite)
     if good is not None:
         yield Fault(good, "The state is no longer finite", "")
     guard, projection = scheme.guard, engine.projection
@@ -51,6 +54,13 @@ def faults(scheme: Scheme, engine: Engine, rows: Floats, dt: float) -> Iterator[
                 "smaller dt; project=False (--no-project) shows the map without projection.",
                 seen=False,
             )
+
+
+def is_finite(x: Floats) -> bool:
+    """Whether all entries are finite."""
+    if x.size < FEW and math.isfinite(sum(x.ravel().tolist())):  # a tenth of the time of NumPy's sum
+        return True
+    return math.isfinite(np.add.reduce(x, None)) or bool(np.isfinite(x).all())  # the sum of finite entries may overflow
 
 
 def _good(rows: Floats, z: Floats, holds: Callable[[Floats], Array]) -> Array | None:

@@ -34,9 +34,9 @@ from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.record.table import require_within, tables_of_time
 from kreisel.runs.plan import planned
-from kreisel.runs.propagation.forms import StateForms, is_finite
+from kreisel.runs.propagation.forms import StateForms
 from kreisel.runs.settings import MOST_STEPS, SHORTEST_STEP, WHOLE, Settings, finite_number, of_forces
-from kreisel.runs.soundness import faults
+from kreisel.runs.soundness import faults, is_finite
 
 if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
