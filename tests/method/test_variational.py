@@ -14,10 +14,10 @@ import kreisel as kr
 import walks
 from kreisel import algebra
 from kreisel.lab import exact
-from kreisel.lab.law import scheme_orders
 from kreisel.method import composition, scheme
 from kreisel.record.model import Model
 from kreisel.system import REGISTRY
+from orders import scheme_orders
 from sizes import FULL
 from support import cpu_engine
 

@@ -13,23 +13,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from kreisel.lab.investigation import investigate
 
-_MODULES = (
-    "brackets",
-    "certified",
-    "confinement",
-    "darboux",
-    "dynamics",
-    "families",
-    "growth",
-    "hirota_kimura",
-    "integrals",
-    "laws",
-    "lax",
-    "numerical",
-    "orbits",
-    "proofs",
-    "search",
-    "subject",
+_MODULES = tuple(
+    "brackets certified darboux dynamics exact growth integrals laws paper questions search subject".split()
 )
 
 __all__ = ["investigate"]

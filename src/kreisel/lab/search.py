@@ -6,8 +6,8 @@ explicit: with M' = d'_W Lambda = (2/eps) (W - I)(W + I)^-1 and W M' W^T = M',
     M' = M + P ^ grad U(P),   P' = cay(-(eps/2) M') P,
 
 rational if grad U is.  Such members are judged exactly: degrees of the iterates over finite fields, and the
-integrals that the finder finds.  For -(1/eps) tr(WJ) the step is Moser and Veselov's root after the same kick; other
-kinetic parts are Lagrangians in JAX.  Those are judged in floats: by quantities constant to round-off, and by chaos.
+integrals that the finder finds.  Members whose step is a root, as of other kinetic parts, and Lagrangians in JAX are
+judged in floats: by quantities constant to round-off, and by chaos.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel import algebra
-from kreisel.algebra import Array, act, cayley, cayley_act, dot, identity, mat, objects, trace_log, vec, wedge
+from kreisel.algebra import Array, act, cayley, cayley_act, dot, identity, mat, objects, vec, wedge
 from kreisel.errors import InputError, RunError
 from kreisel.lab import dynamics
 from kreisel.lab.exact import fraction, fractions
@@ -34,7 +34,6 @@ from kreisel.method.kahan import advance, eliminate
 from kreisel.record.contract import FIELD_SPACE, MOVING_SPACE, TWO_FIELDS_SPACE, Map, PhaseSpace, System
 from kreisel.record.model import Model
 from kreisel.sweeps.workers import check_workers, pool
-from kreisel.system import euler_top
 from kreisel.system.quadratic_field import potential
 
 if TYPE_CHECKING:
@@ -54,19 +53,6 @@ def explicit(gradient: Gradient, name: str = "explicit", n: int = 3) -> Model:
         return M, cayley_act(-eps / 2 * M, P)
 
     return model_of(name, n, Map(step=step))
-
-
-def veselov(gradient: Gradient, J: Sequence[Any], name: str = "veselov") -> Model:
-    """The map of -(1/eps) tr(WJ) + U(P), n = 3, on the branch W -> 1 as eps -> 0."""
-    body = np.array([float(v) for v in J])
-    c = euler_top.sums(J=body)["c"]
-
-    def step(M: Array, P: Array, *, eps: Any) -> tuple[Array, Array]:
-        N = M + wedge(P, gradient(P, eps))
-        X = euler_top.turn(N, J=body, c=c, eps=eps)[0]
-        return euler_top.move(N, X)[0], cayley_act(-X, P)
-
-    return model_of(name, len(J), Map(step=step, rational=False))
 
 
 def model_of(name: str, n: int, mapped: Map, space: PhaseSpace = MOVING_SPACE) -> Model:
@@ -103,55 +89,6 @@ def quadratic(c: Any = Fraction(1, 2), b: Sequence[Any] = (1, 2, 4)) -> Model:
     """U = c eps <P, BP>: the potential of the flow itself."""
     B, c = fractions(b), fractions(c)
     return explicit(lambda P, eps: 2 * c * eps * (B * P), "quadratic", len(b))
-
-
-def axial_potential(beta: Any = 0, kappa: Any = 0, mu: Any = 0) -> Model:
-    """The potential U = -eps V(<P, e_3>), V' = (1 + beta u + mu u^2)/(1 + kappa eps^2 u).  The paper's: all 0."""
-    axis = fractions([0, 0, 1])
-    beta, kappa, mu = (fractions(v) for v in (beta, kappa, mu))
-
-    def gradient(P: Array, eps: Any) -> Array:
-        u = P[..., 2]
-        slope = (1 + beta * u + mu * (u * u)) / (1 + kappa * (eps * eps) * u)
-        return vec(-eps * slope) * axis + 0 * P
-
-    return explicit(gradient, "axial")
-
-
-def veselov_with_potential(gravity: Any = 0, quadratic: Any = 0, J: Sequence[Any] = (1, 2, 4)) -> Model:
-    """-(1/eps) tr(WJ) - eps gravity <P, e_3> + eps quadratic <P, JP>/2.  Veselov's: both 0."""
-    axis, B, g, q = np.array([0.0, 0.0, 1.0]), np.array([float(v) for v in J]), float(gravity), float(quadratic)
-    return veselov(lambda P, eps: -g * eps * axis + q * eps * (B * P), J)
-
-
-def modified_kinetic(sigma: float = 2.0, alpha: float = 0.5) -> Model:
-    """-(alpha/eps) tr log(2I + W + W^T) - (sigma (1 - alpha)/eps) log(1 + <A, WA>) - eps <P, WA>, A = e_3.
-
-    A Lagrangian in JAX.  The paper's (section 6.2): sigma = 2, for any alpha.
-    """
-    import jax.numpy as jnp
-
-    from kreisel import reduction as red
-
-    def discrete(W: Array, P: Array, *, sigma: float, alpha: float, eps: float) -> Any:
-        kinetic = alpha / eps * trace_log(2 * jnp.eye(3) + W + W.T)
-        return -kinetic - sigma * (1 - alpha) / eps * jnp.log(1 + W[2, 2]) - eps * (P @ W)[2]
-
-    system = red.system("modified-kinetic", group=red.SO(3), discrete=discrete)
-    return system(sigma=float(sigma), alpha=float(alpha))
-
-
-def mixed_kinetic(theta: float = 1.0, J: Sequence[float] = (0.4, 1.0, 1.7)) -> Model:
-    """-(1/eps) (tr(WJ) + (1 - theta) tr(WJWJ)/4), no potential; in JAX.  Veselov's: theta = 1."""
-    import jax.numpy as jnp
-
-    from kreisel import reduction as red
-
-    def discrete(W: Array, P: Array, *, theta: float, eps: float) -> Any:
-        WJ = W * jnp.array(J)
-        return -(jnp.trace(WJ) + (1 - theta) * jnp.trace(WJ @ WJ) / 4) / eps
-
-    return red.system("mixed-kinetic", group=red.SO(3), discrete=discrete)(theta=float(theta))
 
 
 # -- judging ----------------------------------------------------------------------------------------
@@ -268,7 +205,7 @@ def search(
 ) -> Ranking:
     """Judge every member of a family and rank them.
 
-    family     parameters -> a model, or a `Subject`: `logarithmic`, `axial_potential`, ... of this module, or a
+    family     parameters -> a model, or a `Subject`: `logarithmic`, `spinning`, ... of this module, or a
                function of yours
     grid       name -> values; all combinations
     workers    processes of Dask, as in `kr.sweep`; 0: this one.  `scheduler`: the address of one
