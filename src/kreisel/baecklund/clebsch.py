@@ -30,7 +30,7 @@ from kreisel.algebra import (
 )
 from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top import block
-from kreisel.record.contract import Baecklund
+from kreisel.record.contract import Baecklund, named
 
 CLOSE = 1e-10  # relative: the next step of Newton's method changes only the last places of wider values
 
@@ -161,11 +161,7 @@ BAECKLUND = Baecklund(
     point=curve,
     vector=eigenvector,
     defect=lambda M, P, Q, *, rho: dot(P, Q) - rho,
-    step=step,
-    pair=pair,
-    arc=arc,
-    arc_of_pair=arc_of_pair,
-    darboux=darboux,
+    **named(step, pair, arc, arc_of_pair, darboux),
     block=block,
     case=rational_case,
     pair_case=gaussian_case,

@@ -6,7 +6,7 @@ which commutes with that.  So the maps are those of Clebsch's case for (a1 M, P)
 
 from kreisel.algebra import act, mat, project_out
 from kreisel.baecklund import clebsch, lagrange_top
-from kreisel.record.contract import Baecklund
+from kreisel.record.contract import Baecklund, named
 
 
 def eigenvector(M, P, *, c, a1, mu, rho):
@@ -63,13 +63,9 @@ BAECKLUND = Baecklund(
     point=curve,
     vector=eigenvector,
     defect=clebsch.BAECKLUND.defect,
-    step=step,
-    pair=pair,
+    **named(step, pair, arc_of_pair, block, spin),
     arc=clebsch.arc,
-    arc_of_pair=arc_of_pair,
     darboux=clebsch.darboux,
-    block=block,
-    spin=spin,
     axis="e",
     case=rational_case,
     pair_case=gaussian_case,

@@ -30,7 +30,7 @@ from kreisel.algebra import (
     where_less,
 )
 from kreisel.algebra.matrices import border
-from kreisel.record.contract import Baecklund
+from kreisel.record.contract import Baecklund, named
 
 
 def eigenvector(m, a, *, p, mu, rho):
@@ -124,14 +124,7 @@ BAECKLUND = Baecklund(
     point=curve,
     vector=eigenvector,
     defect=lambda m, a, e, *, rho: dot(e, e) - 4 * rho,
-    step=step,
-    pair=pair,
-    arc=arc,
-    arc_of_pair=arc_of_pair,
-    darboux=darboux,
-    block=block,
-    spin=spin,
-    largest_step=largest_step,
+    **named(step, pair, arc, arc_of_pair, darboux, block, spin, largest_step),
     case=rational_case,
     pair_case=gaussian_case,
     source="the Lax matrix of Suris 2001, section 5; derivation in docs/baecklund.md",

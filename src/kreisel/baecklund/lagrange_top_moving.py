@@ -5,7 +5,7 @@ Those of the rest frame under (m, a, p) = (-M, P, A); L(lambda) = -l(1/lambda).
 
 from kreisel.algebra import dot, mat, project_out
 from kreisel.baecklund import lagrange_top as rest_frame
-from kreisel.record.contract import Baecklund
+from kreisel.record.contract import Baecklund, named
 
 
 def eigenvector(M, P, *, A, mu, rho):
@@ -44,13 +44,11 @@ BAECKLUND = Baecklund(
     point=curve,
     vector=eigenvector,
     defect=lambda M, P, e, *, rho: dot(e, e) - 4 * rho,
-    step=step,
-    pair=pair,
+    **named(step, pair, spin),
     arc=rest_frame.arc,
     arc_of_pair=rest_frame.arc_of_pair,
     darboux=lambda M, P, e, *, rho, lam: rest_frame.darboux(M, P, e, rho=rho, lam=1 / lam),
     block=rest_frame.block,
-    spin=spin,
     axis="A",
     largest_step=lambda M, P, *, A: rest_frame.largest_step(-M, P, p=A),
     case=rational_case,

@@ -26,6 +26,11 @@ if TYPE_CHECKING:
     from kreisel.record.perturbation import Perturbation
 
 
+def named(*functions: Function) -> dict[str, Any]:
+    """Entries of a record whose functions have their names."""
+    return {function.__name__: function for function in functions}
+
+
 class Frame(enum.Enum):
     """The frame of the state, and the evolution of the orientation g (body to space)."""
 

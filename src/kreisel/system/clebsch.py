@@ -11,7 +11,7 @@ from kreisel.algebra.invariants import pencil_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.clebsch import BAECKLUND, shifted_diagonal
 from kreisel.baecklund.conjugate import CLEBSCH, in_letter
-from kreisel.record.contract import MOVING_SPACE, Map, Parameter, Relation, System
+from kreisel.record.contract import MOVING_SPACE, Map, Parameter, Relation, System, named
 
 
 def flow(M, P, *, b):  # (Clebsch spec)   M' = P ^ BP,   P' = -M P
@@ -119,25 +119,14 @@ SYSTEM = System(
             diagonal=True,
         ),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    translation=translation,
-    inverse_inertia=inverse_inertia,
+    **named(flow, energy, velocity, translation, inverse_inertia, lax),
     scaling="The one moment of inertia is 1.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
-    lax=lax,
     map=Map(
-        step=step,
-        inverse=inverse,
-        involution=involution,
+        **named(step, inverse, involution, generator, lagrangian, conjugator, largest_step),
         to_symmetric=half_kick,
-        generator=generator,
-        lagrangian=lagrangian,
         lax=lax_matrix,
-        conjugator=conjugator,
-        largest_step=largest_step,
         source="Suris 2001, section 7, (dClebsch spec)",
     ),
     baecklund=BAECKLUND,

@@ -9,7 +9,7 @@ from kreisel.algebra.invariants import pencil_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.conjugate import CLEBSCH
 from kreisel.record.checks import distinct
-from kreisel.record.contract import MOVING_SPACE, Parameter, Relation, System
+from kreisel.record.contract import MOVING_SPACE, Parameter, Relation, System, named
 
 
 def quotients(*, a, b):
@@ -57,15 +57,10 @@ SYSTEM = System(
         Parameter("a", "vector", "diagonal of A, distinct entries", distinct, distinct=True, diagonal=True),
         Parameter("b", "vector", "diagonal of B: H has -<P, BP>/2", diagonal=True),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    translation=translation,
-    inverse_inertia=inverse_inertia,
+    **named(flow, energy, velocity, translation, inverse_inertia, lax),
     derive=quotients,
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
-    lax=lax,
     pairs=CLEBSCH,
     relations=(
         Relation("kirchhoff", lambda M, P, g, *, b, c: ((M, P), {"C": c, "B": diagonal(b)}), meaning="a special case"),

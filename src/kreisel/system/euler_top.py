@@ -19,7 +19,7 @@ from kreisel.baecklund.conjugate import MANAKOV, of_body
 from kreisel.errors import InputError
 from kreisel.implicit import branch, quartic
 from kreisel.record.checks import check_diagonal
-from kreisel.record.contract import FREE_SPACE, ClosedForm, Map, Parameter, Relation, System
+from kreisel.record.contract import FREE_SPACE, ClosedForm, Map, Parameter, Relation, System, named
 
 
 def sums(*, J):
@@ -117,18 +117,9 @@ def largest_step(M, *, J, enough=inf):
 
 
 MAP = Map(
-    step=step,
-    inverse=inverse,
+    **named(step, inverse, involution, generator, lagrangian, conjugator, turn, trajectory, move, largest_step),
     symmetric=True,
-    involution=involution,
-    generator=generator,
-    lagrangian=lagrangian,
     lax=lax_matrix,
-    conjugator=conjugator,
-    turn=turn,
-    trajectory=trajectory,
-    move=move,
-    largest_step=largest_step,
     rational=False,
     commutes=True,
     order=2,
@@ -151,13 +142,9 @@ SYSTEM = System(
             positive=True,
         ),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    inverse_inertia=inverse_inertia,
+    **named(flow, energy, velocity, inverse_inertia, lax),
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
-    lax=lax,
     map=MAP,
     pairs=of_body(MANAKOV),
     closed_form=ClosedForm(moments=lambda *, J: np.stack([J[1] + J[2], J[2] + J[0], J[0] + J[1]])),

@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel.algebra import act, axial, cross, dot, hat, identity, vec, wedge
 from kreisel.baecklund.goryachev_chaplygin import EXACT
-from kreisel.record.contract import MOVING_SPACE, Parameter, System
+from kreisel.record.contract import MOVING_SPACE, Parameter, System, named
 
 INVERSE_MOMENTS = np.array([1, 1, 4], dtype=np.int8)
 
@@ -53,9 +53,7 @@ SYSTEM = System(
         draw=on_leaf,
     ),
     parameters=(Parameter("gamma", "scalar", "the momentum of a rotor along the third axis", None, 0.0),),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
+    **named(flow, energy, velocity),
     scaling="The transverse moment of inertia and m g l are 1; the axial moment is 1/4.",
     integrals={"chaplygin": chaplygin},
     commuting=("chaplygin",),

@@ -9,7 +9,7 @@ import numpy as np
 
 from kreisel.algebra import act, coordinates, dot, identity, is_known_zero, pairing, skew, solve, wedge
 from kreisel.record.checks import check_mass_tensor
-from kreisel.record.contract import MOVING_SPACE, Parameter, System
+from kreisel.record.contract import MOVING_SPACE, Parameter, System, named
 
 
 def principal(*, J):
@@ -64,10 +64,7 @@ SYSTEM = System(
         ),
         Parameter("A", "vector", "from the fixed point to the centre of mass, in the body", fixed="body"),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    inverse_inertia=inverse_inertia,
+    **named(flow, energy, velocity, inverse_inertia),
     derive=principal,
     scaling="Any consistent units: <P, A> is the potential energy, so |A| |P| = M g l.",
     notes="Not integrable for general J and A: no map conserves more than the energy and the Casimirs.",

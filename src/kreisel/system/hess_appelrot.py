@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.algebra import act, axial, dot, hat, wedge
 from kreisel.errors import InputError
-from kreisel.record.contract import MOVING_SPACE, Parameter, System
+from kreisel.record.contract import MOVING_SPACE, Parameter, System, named
 
 
 def positive(a, letter):
@@ -63,10 +63,7 @@ SYSTEM = System(
         Parameter("x", "scalar", "first coordinate of the centre of mass (x, 0, z)"),
         Parameter("z", "scalar", "third coordinate of the centre of mass"),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    inverse_inertia=inverse_inertia,
+    **named(flow, energy, velocity, inverse_inertia),
     derive=body,
     scaling="Any consistent units: <P, A> is the potential energy.",
     invariant={"hess": (hess, rate)},

@@ -6,7 +6,7 @@ for a body in a fluid B = -diag(1/(mass + added mass)).  Plus bracket, F' = {H, 
 
 from kreisel.algebra import act, dot, pairing, wedge
 from kreisel.record.checks import off_diagonal
-from kreisel.record.contract import MOVING_SPACE, Parameter, System
+from kreisel.record.contract import MOVING_SPACE, Parameter, System, named
 
 
 def inverse_inertia(M, *, C):  # Omega_jk = c_jk M_jk
@@ -42,11 +42,7 @@ SYSTEM = System(
         ),
         Parameter("B", "symmetric", "H has -<P, BP>/2: minus the inverse masses; a matrix or its diagonal"),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    translation=translation,
-    inverse_inertia=inverse_inertia,
+    **named(flow, energy, velocity, translation, inverse_inertia),
     scaling="Any consistent units. `kreisel.physical.Ellipsoid` gives C and B of an ellipsoid from SI data.",
     notes="Integrable only for special C and B: Clebsch's case is clebsch-general.",
 )

@@ -14,7 +14,7 @@ H = (1/2) sum [x_i M_i^2 + 2 y_i M_i P_i + z_i P_i^2];  M' = M x dH/dM + P x dH/
 import numpy as np
 
 from kreisel.algebra import axial, cross, dot, hat
-from kreisel.record.contract import MOVING_SPACE, Parameter, System
+from kreisel.record.contract import MOVING_SPACE, Parameter, System, named
 
 
 def velocity(M, P, *, x, y):  # Omega = dH/dM
@@ -62,10 +62,7 @@ SYSTEM = System(
         )
         for i, term in (("1", both), ("3", third))
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    translation=translation,
+    **named(flow, energy, velocity, translation),
     derive=coefficients,
     integrals={"noether": noether},
     commuting=("noether",),

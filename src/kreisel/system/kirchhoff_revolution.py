@@ -26,7 +26,7 @@ from kreisel.algebra import (
 )
 from kreisel.baecklund.kirchhoff_revolution import BAECKLUND
 from kreisel.errors import InputError, shown
-from kreisel.record.contract import MOVING_SPACE, Map, Parameter, Relation, System
+from kreisel.record.contract import MOVING_SPACE, Map, Parameter, Relation, System, named
 from kreisel.system import clebsch
 
 
@@ -149,24 +149,13 @@ SYSTEM = System(
         Parameter("c3", "scalar", "inverse mass along the axis, with the added mass"),
         Parameter("n", "dimension", "the dimension of the space", default=3),
     ),
-    derive=derive,
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    translation=translation,
-    inverse_inertia=inverse_inertia,
+    **named(derive, flow, energy, velocity, translation, inverse_inertia, lax),
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
-    lax=lax,
     map=Map(
-        step=step,
-        inverse=inverse,
-        involution=involution,
+        **named(step, inverse, involution, generator, conjugator, largest_step),
         to_symmetric=half_kick,
-        generator=generator,
         lax=lax_matrix,
-        conjugator=conjugator,
-        largest_step=largest_step,
         source="Suris 2001, section 7, and a rotation about the axis",
     ),
     baecklund=BAECKLUND,

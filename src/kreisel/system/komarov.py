@@ -26,7 +26,7 @@ from kreisel.algebra import axial, cross, dot, hat, identity, mat, vec
 from kreisel.algebra.invariants import lie_poisson, stack
 from kreisel.algebra.matrices import blocks
 from kreisel.baecklund.komarov import pairs_of
-from kreisel.record.contract import MOVING_SPACE, Parameter, PhaseSpace, System
+from kreisel.record.contract import MOVING_SPACE, Parameter, PhaseSpace, System, named
 
 
 def tensor(M, P, *, kappa):
@@ -161,11 +161,9 @@ SYSTEM = System(
         Parameter("c", "scalar", "strength of the linear potential", None, 1.0),
         Parameter("gamma", "scalar", "the momentum of a rotor along the third axis", None, 0.0),
     ),
-    flow=flow,
-    energy=energy,
+    **named(flow, energy, lax),
     integrals={"komarov": komarov},
     commuting=("komarov",),
-    lax=lax,
     pairs=pairs_of(curve, energy, skew_of),
     n=3,
     notes="Without Sokolov's terms it is Kovalevskaya's top on e(3), Komarov's on so(4) and so(3,1); without the "

@@ -18,7 +18,7 @@ import numpy as np
 from kreisel.algebra import act, cayley, cayley_columns, dot, identity, mat, pairing, solve, vec, wedge
 from kreisel.algebra.matrices import blocks
 from kreisel.baecklund.kovalevskaya import TWO_FIELDS
-from kreisel.record.contract import TWO_FIELDS_SPACE, Map, Parameter, System
+from kreisel.record.contract import TWO_FIELDS_SPACE, Map, Parameter, System, named
 from kreisel.system import quadratic_field as general
 
 
@@ -174,14 +174,8 @@ def factors(M, P, Q, *, gamma, e, h, lam, eps, columns=2):
 
 
 MAP = Map(
-    step=step,
-    inverse=inverse,
-    involution=involution,
+    **named(step, inverse, involution, generator, pencil, factors, largest_step),
     to_symmetric=half_kick,
-    generator=generator,
-    pencil=pencil,
-    factors=factors,
-    largest_step=largest_step,
     source="Kreisel",
 )
 
@@ -195,14 +189,11 @@ SYSTEM = System(
         Parameter("n", "dimension", "the dimension of the space"),
         Parameter("gamma", "scalar", "the momentum of the rotor, in the plane of e_1 and e_2"),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
+    **named(flow, energy, velocity, lax),
     derive=shape,
     scaling="The moments of inertia of all planes are 1, except for 1/2 in the plane (1, 2).",
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
-    lax=lax,
     map=MAP,
     pairs=TWO_FIELDS,
     notes="Q = 0 is the gyrostat in one field.",

@@ -12,7 +12,7 @@ import numpy as np
 
 from kreisel.algebra import act, axial, cayley_act, dot, vec, wedge
 from kreisel.baecklund.kovalevskaya import ONE_FIELD
-from kreisel.record.contract import MOVING_SPACE, Relation, System
+from kreisel.record.contract import MOVING_SPACE, Relation, System, named
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 from kreisel.system import kovalevskaya_top as top
 from kreisel.system import kovalevskaya_top_so3 as two
@@ -113,16 +113,13 @@ SYSTEM = System(
     source="Kovalevskaya 1889; Suris 2001, Introduction",
     space=MOVING_SPACE,
     parameters=(),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
+    **named(flow, energy, velocity, lax),
     inverse_inertia=top.inverse_inertia,
     derive=lambda: gyrostat.shape(n=np.asarray(3)),
     scaling="Omega = (M_1, M_2, 2 M_3): the moments of inertia are 1, 1, 1/2. With the body values I, I, I/2 and M g l "
     "the unit of time is sqrt(I/(M g l)), and |P| = 1.",
     integrals={"kovalevskaya": kovalevskaya},
     commuting=("kovalevskaya",),
-    lax=lax,
     map=MAP,
     pairs=ONE_FIELD,
     relations=(

@@ -23,7 +23,7 @@ from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top import BAECKLUND, spin
 from kreisel.record.checks import nonzero_alpha, nonzero_vector
-from kreisel.record.contract import REST_SPACE, Checks, ClosedForm, Map, Parameter, Relation, System
+from kreisel.record.contract import REST_SPACE, Checks, ClosedForm, Map, Parameter, Relation, System, named
 
 
 def flow(m, a, *, p):  # (mLT right)   m' = a ^ p,   a' = m a
@@ -103,14 +103,9 @@ def to_moving_frame(m, a, g, *, p, alpha):
 
 
 MAP = Map(
-    step=step,
-    inverse=inverse,
-    involution=involution,
+    **named(step, inverse, involution, generator, lagrangian, conjugator),
     to_symmetric=half_kick,
-    generator=generator,
-    lagrangian=lagrangian,
     lax=lax_matrix,
-    conjugator=conjugator,
     darboux=darboux_variables,
     source="Suris 2001, section 6.1, (dLT rest frame)",
 )
@@ -131,17 +126,13 @@ SYSTEM = System(
             1.0,
         ),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    inverse_inertia=inverse_inertia,
+    **named(flow, energy, velocity, inverse_inertia, lax),
     spin=spin,
     scaling="The transverse moment of inertia is 1: with body values I1, M g l use the time unit sqrt(I1/(M g l)), "
     "momenta in sqrt(I1 M g l), |a| = |p| = 1.",
     checks=Checks(state={"a": nonzero_vector}),
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
-    lax=lax,
     map=MAP,
     baecklund=BAECKLUND,
     closed_form=ClosedForm(top=lambda m, a, *, p: (m, a, p)),

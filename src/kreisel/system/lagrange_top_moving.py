@@ -27,7 +27,7 @@ from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top_moving import BAECKLUND
 from kreisel.record.checks import nonzero_alpha, nonzero_vector
-from kreisel.record.contract import MOVING_SPACE, ClosedForm, Map, Parameter, Relation, System
+from kreisel.record.contract import MOVING_SPACE, ClosedForm, Map, Parameter, Relation, System, named
 
 
 def inverse_inertia(M, *, A, alpha):  # Omega, (mLT operator inv)
@@ -120,14 +120,9 @@ def lagrangian(g, h, p, *, A, alpha, eps):  # (dmLT Lagr body), with |A|^2 for 1
 
 
 MAP = Map(
-    step=step,
-    inverse=inverse,
-    involution=involution,
+    **named(step, inverse, involution, generator, lagrangian, conjugator),
     to_symmetric=lambda M, P, *, A, eps: half_kick(M, P, A=A, eps=-eps),
-    generator=generator,
-    lagrangian=lagrangian,
     lax=lax_matrix,
-    conjugator=conjugator,
     source="Suris 2001, section 6.2, (dmLT body) and (dmLT W thru M) with the explicit inverse",
 )
 
@@ -143,14 +138,10 @@ SYSTEM = System(
         ),
         Parameter("alpha", "scalar", "axial over transverse moment of inertia, not 0", nonzero_alpha, 1.0),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    inverse_inertia=inverse_inertia,
+    **named(flow, energy, velocity, inverse_inertia, lax),
     scaling="The transverse moment of inertia is 1; |A| |P| is M g l in that unit. See lagrange-top.",
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
-    lax=lax,
     map=MAP,
     baecklund=BAECKLUND,
     closed_form=ClosedForm(top=lambda M, P, *, A: (M, A, P)),

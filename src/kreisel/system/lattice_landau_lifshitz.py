@@ -22,7 +22,7 @@ from kreisel.algebra import log, sqrt, vec
 from kreisel.algebra.invariants import stack
 from kreisel.algebra.spins import cross, inner, shifted
 from kreisel.errors import InputError
-from kreisel.record.contract import Map, Parameter, System
+from kreisel.record.contract import Map, Parameter, System, named
 from kreisel.record.spheres import LATTICE_SPACE
 
 MOST_VALUES = 8  # of the spectral parameter
@@ -190,9 +190,7 @@ SYSTEM = System(
     integrals={"transfer": transfer, "magnetization": magnetization},
     commuting=("transfer", "magnetization"),
     map=Map(
-        step=step,
-        inverse=inverse,
-        largest_step=largest_step,
+        **named(step, inverse, largest_step),
         rational=False,
         source="Krajnik, Ilievski, Prosen, Pasquier 2021",
     ),

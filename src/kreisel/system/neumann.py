@@ -10,7 +10,7 @@ from kreisel.algebra import dot, log, mat, vec, wedge
 from kreisel.algebra.invariants import plane_spectrum
 from kreisel.baecklund.clebsch import shifted_diagonal
 from kreisel.baecklund.neumann import BAECKLUND, on_sphere
-from kreisel.record.contract import Map, Parameter, Relation, System
+from kreisel.record.contract import Map, Parameter, Relation, System, named
 from kreisel.record.spheres import SPHERE_SPACE
 from kreisel.system import clebsch
 
@@ -110,25 +110,14 @@ SYSTEM = System(
     source="Suris 2001, section 7, end",
     space=SPHERE_SPACE,
     parameters=(Parameter("b", "vector", "diagonal of B: the potential energy is -<x, Bx>/2", diagonal=True),),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    inverse_inertia=inverse_inertia,
+    **named(flow, energy, velocity, inverse_inertia, lax),
     scaling="The mass and the radius of the sphere are 1.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
-    lax=lax,
     map=Map(
-        step=step,
-        inverse=inverse,
-        involution=involution,
+        **named(step, inverse, involution, generator, lagrangian, conjugator, largest_step, second_order),
         to_symmetric=half_kick,
-        generator=generator,
-        lagrangian=lagrangian,
         lax=lax_matrix,
-        conjugator=conjugator,
-        largest_step=largest_step,
-        second_order=second_order,
         source="Suris 2001, section 7, end (Adler's discretization)",
     ),
     baecklund=BAECKLUND,

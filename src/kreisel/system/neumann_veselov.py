@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel.algebra import dot, identity, sqrt, vec, wedge
 from kreisel.algebra.matrices import diagonal
-from kreisel.record.contract import Map, Relation
+from kreisel.record.contract import Map, Relation, named
 from kreisel.system import neumann
 
 
@@ -98,16 +98,10 @@ SYSTEM = replace(
     energy=energy,
     integrals={"spectrum": spectrum},
     map=Map(
-        step=step,
-        inverse=inverse,
+        **named(step, inverse, involution, lagrangian, conjugator, largest_step, second_order),
         symmetric=True,
-        involution=involution,
         generator=neumann.generator,
-        lagrangian=lagrangian,
         lax=lax_matrix,
-        conjugator=conjugator,
-        largest_step=largest_step,
-        second_order=second_order,
         rational=False,
         commutes=True,
         order=2,

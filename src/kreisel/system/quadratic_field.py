@@ -32,7 +32,7 @@ from kreisel.algebra import (
 from kreisel.algebra.invariants import determinant, stack
 from kreisel.algebra.matrices import blocks, diagonal
 from kreisel.baecklund.conjugate import QUADRATIC, in_letter
-from kreisel.record.contract import FIELD_SPACE, Map, Parameter, System
+from kreisel.record.contract import FIELD_SPACE, Map, Parameter, System, named
 
 AXES = np.arange(3)
 
@@ -178,15 +178,8 @@ def largest_step(M, F, *, b):
 
 
 MAP = Map(
-    step=step,
-    inverse=inverse,
-    involution=involution,
+    **named(step, inverse, involution, generator, lagrangian, pencil, factors, largest_step),
     to_symmetric=half_kick,
-    generator=generator,
-    lagrangian=lagrangian,
-    pencil=pencil,
-    factors=factors,
-    largest_step=largest_step,
     source="Kreisel",
 )
 
@@ -197,15 +190,10 @@ SYSTEM = System(
     source="Suris 2001, Introduction; Bogoyavlensky 1985, Reyman 1980",
     space=FIELD_SPACE,
     parameters=(Parameter("b", "vector", "diagonal of B: the potential energy is -tr(B F)/2", diagonal=True),),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    inverse_inertia=inverse_inertia,
-    derive=derive,
+    **named(flow, energy, velocity, inverse_inertia, derive, lax),
     scaling="The one moment of inertia is 1. Every symmetric B is diagonal along axes of the body.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
-    lax=lax,
     map=MAP,
     pairs=in_letter(QUADRATIC, "b"),
 )

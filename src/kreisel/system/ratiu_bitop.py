@@ -32,7 +32,7 @@ from kreisel.algebra import (
     wedge,
 )
 from kreisel.algebra.invariants import stack
-from kreisel.record.contract import Map, Parameter
+from kreisel.record.contract import Map, Parameter, named
 from kreisel.system import ratiu_top
 
 DUAL, SIGNS = np.array([5, 4, 3, 2, 1, 0]), np.array([-1, 1, -1, -1, 1, -1], dtype=np.int8)
@@ -155,13 +155,9 @@ SYSTEM = replace(
     integrals={"spectrum": spectrum},
     n=4,
     map=Map(
-        step=step,
-        inverse=inverse,
-        involution=involution,
+        **named(step, inverse, involution, generator, conjugator),
         to_symmetric=half_kick,
-        generator=generator,
         lax=lax_matrix,
-        conjugator=conjugator,
         rational=False,
         source="Made here from so(4) = su(2) + su(2) and the map of Suris 2001",
     ),

@@ -16,7 +16,7 @@ import numpy as np
 from kreisel.algebra import KINDS, bracket, cayley, cayley_conjugate, identity, mat, pairing, solve, wedge
 from kreisel.algebra.invariants import trace_of_product
 from kreisel.errors import InputError
-from kreisel.record.contract import ADJOINT_SPACE, Map, Parameter, System
+from kreisel.record.contract import ADJOINT_SPACE, Map, Parameter, System, named
 from kreisel.system import quadratic_field as general
 
 
@@ -136,14 +136,8 @@ def largest_step(M, G, *, X, h):
 
 
 MAP = Map(
-    step=step,
-    inverse=inverse,
-    involution=involution,
+    **named(step, inverse, involution, generator, pencil, factors, largest_step),
     to_symmetric=half_kick,
-    generator=generator,
-    pencil=pencil,
-    factors=factors,
-    largest_step=largest_step,
     source="Kreisel",
 )
 
@@ -159,15 +153,11 @@ SYSTEM = System(
         Parameter("b", "scalar", "J_3 = ... = J_n, positive", positive, positive=True),
         Parameter("chi", "scalar", "chi_12, the strength of the field"),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    inverse_inertia=inverse_inertia,
+    **named(flow, energy, velocity, inverse_inertia, lax),
     derive=planes,
     scaling="Any consistent units: <G, chi> is the potential energy.",
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
-    lax=lax,
     map=MAP,
     notes="The block M_ij, i, j >= 3, is conserved too.",
 )

@@ -15,7 +15,7 @@ from kreisel.algebra.invariants import stack
 from kreisel.algebra.matrices import diagonal
 from kreisel.errors import InputError
 from kreisel.record.checks import distinct
-from kreisel.record.contract import Checks, Map, Parameter, System
+from kreisel.record.contract import Checks, Map, Parameter, System, named
 from kreisel.record.spheres import SPHERE_SPACE, random_on_sphere
 from kreisel.system import neumann, neumann_veselov
 
@@ -118,24 +118,19 @@ SYSTEM = System(
         ),
         Parameter("mu", "vector", "strengths of the walls x_i = 0: H has mu_i^2/(2 x_i^2)", nonzero),
     ),
-    flow=flow,
-    energy=energy,
+    **named(flow, energy, lax),
     velocity=neumann.velocity,
     inverse_inertia=neumann.inverse_inertia,
     scaling="The mass and the radius of the sphere are 1.",
     checks=Checks(state={"x": off_the_walls}),
     integrals={"squares": squares},
     commuting=("squares",),
-    lax=lax,
     map=Map(
-        step=step,
-        inverse=inverse,
+        **named(step, inverse, conjugator, largest_step),
         symmetric=True,
         involution=neumann_veselov.involution,
         generator=neumann.generator,
         lax=lax_matrix,
-        conjugator=conjugator,
-        largest_step=largest_step,
         rational=False,
         commutes=True,
         order=2,

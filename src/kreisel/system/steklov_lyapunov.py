@@ -14,7 +14,7 @@ from kreisel.algebra import bracket, identity, mat, pairing, vec
 from kreisel.algebra.invariants import stack, trace
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.steklov import STEKLOV_LYAPUNOV
-from kreisel.record.contract import ADJOINT_PAIR_SPACE, Parameter, System
+from kreisel.record.contract import ADJOINT_PAIR_SPACE, Parameter, System, named
 
 
 def coefficients(*, b, s, l):
@@ -85,13 +85,10 @@ SYSTEM = System(
         Parameter("s", "scalar", "how much of Steklov's H"),
         Parameter("l", "scalar", "how much of Lyapunov's H"),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
+    **named(flow, energy, velocity, lax),
     derive=constants,
     integrals={"traces": traces},
     commuting=("traces",),
-    lax=lax,
     pairs=STEKLOV_LYAPUNOV,
     notes="No explicit map is known; method='exact' for n = 3 and 4.",
 )

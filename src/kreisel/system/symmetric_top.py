@@ -23,7 +23,7 @@ from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund import lagrange_top, lagrange_top_moving
 from kreisel.record.checks import nonzero_vector
-from kreisel.record.contract import MOVING_SPACE, ClosedForm, Map, Parameter, Relation, System
+from kreisel.record.contract import MOVING_SPACE, ClosedForm, Map, Parameter, Relation, System, named
 
 
 def flow(M, P, *, A):  # M' = A ^ P,   P' = -M P
@@ -112,14 +112,9 @@ def one(A):
 
 
 MAP = Map(
-    step=step,
-    inverse=inverse,
-    involution=involution,
+    **named(step, inverse, involution, generator, lagrangian, conjugator),
     to_symmetric=half_kick,
-    generator=generator,
-    lagrangian=lagrangian,
     lax=lax_matrix,
-    conjugator=conjugator,
     darboux=darboux_variables,
     source="Suris 2001, section 1 (Introduction)",
 )
@@ -135,14 +130,10 @@ SYSTEM = System(
             "A", "vector", "from the fixed point to the centre of mass, in the body", nonzero_vector, fixed="body"
         ),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    inverse_inertia=inverse_inertia,
+    **named(flow, energy, velocity, inverse_inertia, lax),
     scaling="The one moment of inertia is 1; |A| |P| is M g l in that unit.",
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),
-    lax=lax,
     map=MAP,
     baecklund=replace(
         lagrange_top_moving.BAECKLUND,

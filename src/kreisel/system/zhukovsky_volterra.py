@@ -16,7 +16,7 @@ H and the Casimir |M|^2 are complete.  Plus bracket, F' = {H, F}.  The Lax pair,
 from kreisel.algebra import SECOND, THIRD, axial, dot, hat, identity
 from kreisel.algebra.matrices import diagonal
 from kreisel.record.checks import check_positive_diagonal
-from kreisel.record.contract import FREE_SPACE, ClosedForm, Parameter, System
+from kreisel.record.contract import FREE_SPACE, ClosedForm, Parameter, System, named
 
 
 def inverse_moments(*, J):
@@ -65,12 +65,9 @@ SYSTEM = System(
         ),
         Parameter("h", "vector", "momentum of the wheel relative to the body"),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
+    **named(flow, energy, velocity, lax),
     derive=inverse_moments,
     closed_form=ClosedForm(gyrostat=gyrostat),
-    lax=lax,
     n=3,
     notes="Its flow is known in elliptic functions [Volterra 1899]; method='exact' makes it a quotient of "
     "quadratic forms in M. h = 0 is the Euler top.",
