@@ -149,3 +149,26 @@ def test_a_sweep_is_written_by_xarray(tmp_path: Path) -> None:
     design = kr.Design(grid={"state.m[2]": [1.0, 1.5]})
     swept = kr.sweep(TOP, STATE, design, path=tmp_path / "s.zarr", workers=0, dt=0.1, steps=4)
     assert np.array_equal(as_netcdf(tmp_path, "h5netcdf")(swept)["energy_drift"].values, swept["energy_drift"].values)
+
+
+def of_xarray(run: xr.Dataset) -> xr.Dataset:
+    """The Dataset of the same variables by the constructor of xarray."""
+    data = {name: (v.dims, v.values, v.attrs) for name, v in run.data_vars.items()}
+    coords = {name: (v.dims, v.values, v.attrs) for name, v in run.coords.items()}
+    return xr.Dataset(data, coords, run.attrs)
+
+
+def test_a_run_is_the_dataset_that_xarray_makes(any_run: xr.Dataset) -> None:
+    """Kreisel puts it together without the checks of xarray, which cost as much as a hundred steps."""
+    moment = kr.at(TOP, STATE, 3.7)
+    lanes = kr.at(TOP, {"m": [(0.1, 0.2, 1.5), (0.2, 0, 1)], "a": (0.6, 0, 0.8)}, [1.0, 2.0])
+    for made in (any_run, moment, kr.at(TOP, STATE, [1.0, 3.7]), lanes):
+        again = of_xarray(made)
+        xr.testing.assert_identical(made, again)
+        assert [*made.xindexes] == [*again.xindexes] and made.sizes == again.sizes
+        assert all(isinstance(v.data, np.ndarray) for v in made.load().variables.values() if v.dims != ("time",))
+    moment.energy.values[()] = 2.0
+    assert moment.energy == 2.0 and lanes.sel(time=2.0, lane=1).m.shape == (3,)
+    first, second = (kr.at(TOP, STATE, [1.0, 3.7]) for _ in range(2))
+    first.time.attrs["units"] = "h"
+    assert second.time.attrs["units"] == "1"

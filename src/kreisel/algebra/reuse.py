@@ -9,7 +9,7 @@ from __future__ import annotations
 import gc
 import os
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable
 from threading import Lock
 from types import FunctionType
 from typing import Any, Generic, TypeVar, overload
@@ -70,17 +70,18 @@ def forget() -> None:
             table.clear()
 
 
-def _identities(key: Hashable) -> Iterator[Identity]:
-    for part in key if isinstance(key, tuple) else ():
-        if isinstance(part, Identity):
-            yield part
-        elif isinstance(part, tuple):
-            yield from _identities(part)
+def _place(key: Hashable) -> dict[str, Any] | None:
+    """The dictionary of the first object in a key that has one."""
+    for part in key if type(key) is tuple else ():
+        place = part.place if type(part) is Identity else _place(part)
+        if place is not None:
+            return place
+    return None
 
 
 def _table(key: Hashable) -> Table:
     """The table of the first object in a key, or the common table."""
-    place = next((each.place for each in _identities(key) if each.place is not None), None)
+    place = _place(key)
     if place is None:
         return _of_none
     if KEPT not in place:

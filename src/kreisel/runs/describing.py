@@ -158,29 +158,24 @@ def time_attributes(plan: Plan) -> dict[str, str]:
 
 def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None = None) -> xr.Dataset:
     """Blocks of outputs as a Dataset, at times of saved steps, at other times, or at one time without an axis."""
+    import xarray as xr
+
     import kreisel.runs.accessor  # noqa: F401 - run.kreisel
 
     attrs = attributes(plan, blocks[0])
     for name, largest in _corrections(plan).items():
         attrs[name][CORRECTION] = largest
     when = saved_times(plan) if times is None else times
-    data, shapes = {}, []
+    variables = {}
     for name in plan.outcomes:
         value = np.concatenate([block.pop(name) for block in blocks]) if blocks[1:] else _owned(blocks[0].pop(name))
         dims = dimensions(plan, name, value.shape)
-        data[name] = value if when.ndim else value[0]
-        shapes.append((name, dims if when.ndim else dims[1:], data[name].shape))
-    lanes = plan.lanes if plan.batched else None
-    if when.size <= FEW_TIMES:
-        run = _empty(tuple(shapes), when.tobytes() if when.ndim else None, lanes).copy(data=data)
-    else:
-        run = _dataset({name: (dims, data[name]) for name, dims, _ in shapes}, when, lanes)
-    for name in data:
-        run.variables[name].attrs = attrs[name]
-    time = run.variables["time"]
-    time.attrs = time_attributes(plan)
-    if not when.ndim:
-        time.values = when
+        dims, value = (dims, value) if when.ndim else (dims[1:], value[0, ...])
+        variables[name] = xr.Variable(dims, value, attrs[name], fastpath=True)
+    known = _known_coordinates if when.size <= FEW_TIMES else _known_coordinates.__wrapped__
+    coords = known(when.tobytes() if when.ndim else None, plan.lanes if plan.batched else None)
+    run = _assembled(variables, None if when.ndim else xr.Variable((), when), coords)
+    run.variables["time"].attrs = time_attributes(plan)
     run.attrs = describe(plan).to_attrs()
     return run
 
@@ -191,21 +186,24 @@ def _owned(value: Array) -> Array:
     return value if flags.c_contiguous and flags.writeable and flags.owndata else value.copy()
 
 
-def _dataset(data: Mapping[str, tuple[tuple[str, ...], Array]], times: Floats, lanes: int | None) -> xr.Dataset:
-    """Arrays with their dimensions as a Dataset, at several times, or at one time without an axis."""
+@lru_cache(16)
+def _known_coordinates(times: bytes | None, lanes: int | None) -> xr.Dataset:
+    """The coordinates of a run, without its time if it has only one."""
     import xarray as xr
 
-    coords: dict[str, Any] = {"time": (("time",)[: times.ndim], times)}
-    if lanes is not None:
-        coords["lane"] = ("lane", np.arange(lanes))
-    return xr.Dataset(data, coords)
+    coords = {} if times is None else {"time": np.frombuffer(times).copy()}
+    return xr.Dataset(coords=coords if lanes is None else coords | {"lane": np.arange(lanes)})
 
 
-@lru_cache(16)
-def _empty(variables: tuple[tuple[str, tuple[str, ...], tuple[int, ...]], ...], times: bytes | None, lanes: Any) -> Any:
-    """A Dataset of zeros of these names, dimensions and shapes: xarray needs 0.2 ms to create one, 0.04 to copy it."""
-    data = {name: (dims, np.broadcast_to(0.0, shape)) for name, dims, shape in variables}
-    return _dataset(data, np.array(0.0) if times is None else np.frombuffer(times).copy(), lanes)
+def _assembled(variables: dict[str, xr.Variable], time: xr.Variable | None, coords: xr.Dataset) -> xr.Dataset:
+    """A Dataset with these variables and coordinates, without copies: xarray's `assign` needs 0.15 ms, this 0.01."""
+    import xarray as xr
+
+    known = {str(name): v.copy(deep=False) for name, v in coords.variables.items()}
+    known |= {} if time is None else {"time": time}
+    every = variables | known
+    sizes = {d: size for v in every.values() for d, size in zip(v.dims, v.shape, strict=True)}
+    return xr.Dataset._construct_direct(every, {*known}, sizes, {}, dict(coords.xindexes))
 
 
 CORRECTION = "largest_correction"  # correction of the state by the projection, in units of eps_machine |state|
