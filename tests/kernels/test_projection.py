@@ -450,6 +450,17 @@ def test_mutants_of_slopes(function: Any, monkeypatch: pytest.MonkeyPatch) -> No
         test_gradients_of_functions_of_numpy("functions")
 
 
+@pytest.mark.parametrize("place", [0, 1])
+@pytest.mark.parametrize("function", [*traced.SLOPES_OF_TWO])
+def test_mutants_of_slopes_of_two(function: Any, place: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    slopes = [*traced.SLOPES_OF_TWO[function]]
+    right = slopes[place]
+    slopes[place] = lambda *values: 1.01 * right(*values)
+    monkeypatch.setitem(traced.SLOPES_OF_TWO, function, tuple(slopes))
+    with pytest.raises(AssertionError):
+        test_gradients_of_arrays(0)
+
+
 @pytest.mark.parametrize(
     ("function", "message"),
     [

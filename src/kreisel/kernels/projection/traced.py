@@ -14,6 +14,7 @@ from itertools import count
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from kreisel.algebra.recorded import POWER, NotRecorded, Recorded
 from kreisel.kernels.layout import Floats
@@ -39,21 +40,14 @@ SLOPES: dict[Any, Callable[[Floats, Floats, Floats], Any]] = {
     np.negative: lambda g, x, y: -g,
     np.positive: lambda g, x, y: g,
 }
-# Functions of two scalars: the operator of the first, and of the second where the first is an array of NumPy.
-OPERATORS = {
-    np.add: ("add", "radd"),
-    np.subtract: ("sub", "rsub"),
-    np.multiply: ("mul", "rmul"),
-    np.true_divide: ("truediv", "rtruediv"),
-    np.matmul: ("matmul", "rmatmul"),
-    np.power: ("pow", "rpow"),
-    np.less: ("lt", "gt"),
-    np.less_equal: ("le", "ge"),
-    np.greater: ("gt", "lt"),
-    np.greater_equal: ("ge", "le"),
-    np.equal: ("eq", "eq"),
-    np.not_equal: ("ne", "ne"),
+# Functions of two numbers, as slopes go back to each of them.
+SLOPES_OF_TWO: dict[Any, tuple[Callable[..., Any], Callable[..., Any]]] = {
+    np.add: (lambda g, x, y, value: g, lambda g, x, y, value: g),
+    np.subtract: (lambda g, x, y, value: g, lambda g, x, y, value: -g),
+    np.multiply: (lambda g, x, y, value: g * y, lambda g, x, y, value: g * x),
+    np.true_divide: (lambda g, x, y, value: g / y, lambda g, x, y, value: -g * (value / y)),
 }
+COMPARISONS = (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal)
 # Functions of one array whose result has entries of it.
 REARRANGING = frozenset(
     "roll transpose flip ravel swapaxes moveaxis diagonal squeeze expand_dims repeat tile take rot90 matrix_transpose "
@@ -188,7 +182,7 @@ class Namespace:
         return x.gathered(lambda places: getattr(np, name)(places, *arguments, **named))
 
 
-class Traced(Recorded):
+class Traced(NDArrayOperatorsMixin, Recorded):
     """A recorded array of doubles: `value`, and the arrays that it was made of with the way of slopes back to them.
 
     Comparisons compare values; a conversion to a float, which would lose the slopes, raises `NotRecorded`.
@@ -243,10 +237,12 @@ class Traced(Recorded):
         if method == "__call__" and not kwargs:
             if ufunc in SLOPES:
                 return self.by(ufunc)
-            if ufunc in OPERATORS:
-                name, reflected = OPERATORS[ufunc]
-                x, y = inputs
-                return getattr(x, f"__{name}__")(y) if isinstance(x, Traced) else getattr(y, f"__{reflected}__")(x)
+            if ufunc in SLOPES_OF_TWO:
+                return _entrywise(ufunc, *inputs)
+            if ufunc in COMPARISONS:
+                return ufunc(*map(_value, inputs))
+            if ufunc in (np.matmul, np.power):
+                return (_product if ufunc is np.matmul else _power)(*inputs)
         raise NotRecorded(f"np.{ufunc.__name__}", USABLE)
 
     def by(self, function: Any) -> Traced:
@@ -259,82 +255,8 @@ class Traced(Recorded):
         """The entries as a function that only rearranges an array puts them."""
         return self.reshape((-1,))[rearrange(np.arange(self.size).reshape(self.shape))]
 
-    def _with(self, value: Floats, other: Any, mine: Back, its: Back) -> Traced:
-        """An entrywise result; slopes are added up over axes along which an array was repeated."""
-        parents = [(self, lambda g: _unrepeated(mine(g), self.shape))]
-        if isinstance(other, Traced):
-            parents.append((other, lambda g: _unrepeated(its(g), other.shape)))
-        return Traced(value, *parents)
-
-    def __eq__(self, other: object) -> Any:
-        return self.value == _value(other)
-
-    def __ne__(self, other: object) -> Any:
-        return self.value != _value(other)
-
-    def __lt__(self, other: Any) -> Any:
-        return self.value < _value(other)
-
-    def __le__(self, other: Any) -> Any:
-        return self.value <= _value(other)
-
-    def __gt__(self, other: Any) -> Any:
-        return self.value > _value(other)
-
-    def __ge__(self, other: Any) -> Any:
-        return self.value >= _value(other)
-
     def __bool__(self) -> bool:
         return bool(self.value)
-
-    def __pos__(self) -> Traced:
-        return self
-
-    def __abs__(self) -> Traced:
-        return self.by(np.absolute)
-
-    def __neg__(self) -> Traced:
-        return Traced(-self.value, (self, np.negative))
-
-    def __add__(self, other: Any) -> Traced:
-        return self._with(self.value + _value(other), other, lambda g: g, lambda g: g)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> Traced:
-        return self._with(self.value - _value(other), other, lambda g: g, np.negative)
-
-    def __rsub__(self, other: Any) -> Traced:
-        return self._with(_value(other) - self.value, other, np.negative, lambda g: g)
-
-    def __mul__(self, other: Any) -> Traced:
-        y = _value(other)
-        return self._with(self.value * y, other, lambda g: g * y, lambda g: g * self.value)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> Traced:
-        y = _value(other)
-        value = self.value / y
-        return self._with(value, other, lambda g: g / y, lambda g: -g * (value / y))
-
-    def __rtruediv__(self, other: Any) -> Traced:
-        value = _value(other) / self.value
-        return Traced(value, (self, lambda g: _unrepeated(-g * (value / self.value), self.shape)))
-
-    def __pow__(self, exponent: Any) -> Traced:
-        if isinstance(exponent, Traced):
-            raise NotRecorded("the power x**y", POWER)
-        return Traced(self.value**exponent, (self, lambda g: g * (exponent * self.value ** (exponent - 1))))
-
-    def __rpow__(self, base: Any) -> Traced:
-        return (self * np.log(base)).by(np.exp)
-
-    def __matmul__(self, other: Any) -> Traced:
-        return _product(self, other)
-
-    def __rmatmul__(self, other: Any) -> Traced:
-        return _product(other, self)
 
     def __getitem__(self, index: Any) -> Traced:
         places = index if isinstance(index, tuple) else (index,)
@@ -390,6 +312,27 @@ def _traced(x: Any) -> Traced:
 
 def _einsum(names: str, target: str) -> Callable[[Any], Any]:
     return lambda places: np.einsum(f"{names}->{target}", places)
+
+
+def _entrywise(ufunc: Any, x: Any, y: Any) -> Traced:
+    """An entrywise result; slopes are added up over axes along which an array was repeated."""
+    a, b = _value(x), _value(y)
+    value = ufunc(a, b)
+
+    def way(z: Traced, slope: Callable[..., Any]) -> tuple[Traced, Back]:
+        return z, lambda g: _unrepeated(slope(g, a, b, value), z.shape)
+
+    ways = zip((x, y), SLOPES_OF_TWO[ufunc], strict=True)
+    return Traced(value, *(way(z, slope) for z, slope in ways if isinstance(z, Traced)))
+
+
+def _power(base: Any, exponent: Any) -> Traced:
+    if not isinstance(base, Traced):
+        return (exponent * np.log(base)).by(np.exp)
+    if isinstance(exponent, Traced):
+        raise NotRecorded("the power x**y", POWER)
+    x = base.value
+    return Traced(x**exponent, (base, lambda g: g * (exponent * x ** (exponent - 1))))
 
 
 def _unrepeated(g: Floats, shape: tuple[int, ...]) -> Floats:
