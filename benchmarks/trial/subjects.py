@@ -37,7 +37,7 @@ def example(name: str) -> Any:
         "Satellite": lambda: physical.Satellite((0.05, 0.04, 0.01), orbit),
         "GravityBody": lambda: physical.GravityBody.ellipsoid(4e11, (700.0, 600.0, 450.0)),
         "Binary": lambda: physical.Binary(example("GravityBody"), example("GravityBody")),
-        "PointMass": lambda: physical.PointMass(1e12, (9000.0, 0.0, 0.0), (0.1, 0.2, 0.0)),
+        "ThirdBody": lambda: physical.ThirdBody(1e12, (9000.0, 0.0, 0.0), (0.1, 0.2, 0.0)),
         "Asteroid": lambda: physical.Asteroid((1.0, 2.0, 2.5), orbit),
         "Control": lambda: kr.Control(_brake),
         "Table": lambda: kr.Table([0.0, 1.0, 2.0], [0.0, 1.0, 0.0]),

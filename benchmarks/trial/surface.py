@@ -42,7 +42,7 @@ INTERNAL = {"Propagator.prepared", "Propagator.returned", "Propagator.stepped", 
             "kr.Control.on", "kr.Control.start", "physical.Control.on", "physical.Control.start",
             *(f"physical.{body}.{name}" for body in BODIES for name in ("forced", "shaped", "in_si"))}  # fmt: skip
 RESULTS = {"Comparison", "MethodComparison", "Lines", "Course", "Motion", "AxisStability", "FreeRotation", "Plate",
-           "Primary", "Harmonics", "Part", "PointMass", "TumblerFit"}  # fmt: skip
+           "Primary", "Harmonics", "Part", "ThirdBody", "TumblerFit"}  # fmt: skip
 SLOW = {"kr.fit": 0.2, "kr.differentiable": 0.2, "kr.tangent": 0.4, "kr.view": 0.5, "kr.plot": 0.2, "kr.code": 0.4,
         "analysis.megno": 0.5, "lab.investigate": 0.1, "View.movie": 0.05, "Lines.plot": 0.1,
         "Comparison.plot": 0.1, "kr.compare": 0.02}  # fmt: skip
@@ -192,9 +192,11 @@ KIND_OF = {
     "masses": "vector",
     "position": "vector",
     "spin1": "spin",
+    "spin3": "spin",
     "spin2": "spin",
     "separation": "distance",
     "attitude1": "quaternion",
+    "attitude3": "quaternion",
     "attitude2": "quaternion",
     "unbound": "flag",
     "rotation": "anything",

@@ -25,9 +25,9 @@ from kreisel.physical import (
     Gyroscope,
     HeavyBody,
     Orbit,
-    PointMass,
     Satellite,
     SubmergedBody,
+    ThirdBody,
 )
 from kreisel.physical.tables import Reader, kinds
 from kreisel.runs.planning import make_plan
@@ -139,7 +139,7 @@ def alike(one: Any, other: Any) -> bool:
             lambda: Binary(
                 GravityBody.ellipsoid(3e11, (800, 700, 600), 1e-5, 120.0),
                 GravityBody(2e9, (2e12, 3e12, 4e12)),
-                PointMass(1e13, (1e5, 0, 0), (0, 5, 0)),
+                ThirdBody(1e13, (1e5, 0, 0), (0, 5, 0)),
             ),
         ),
         ('kind = "binary"\nshape = "didymos"\nsun = true\nlove = 1e-5', lambda: Binary.didymos(sun=True, love=1e-5)),

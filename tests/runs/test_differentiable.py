@@ -128,7 +128,7 @@ OFF_ITS_BOUNDS: dict[str, dict[str, Any]] = {  # where differences have room
     "submerged-body": {"mass_matrix": SPREAD @ SPREAD.T + np.diag([30.0, 40, 50, 10, 20, 35]),
                        "linear_drag": np.ones(6), "quadratic_drag": np.ones(6), "center_of_buoyancy": (0.1, 0.2, 0.3)},
 }  # fmt: skip
-for _name in ("binary", "binary-with-third-body"):
+for _name in ("binary", "binary-with-third-body", "binary-with-moon"):
     OFF_ITS_BOUNDS[_name] = {"tide1": 1e10, "tide2": 1e9, "lag1": 10.0, "lag2": 20.0}
 OFF_ITS_BOUNDS["satellite-with-wheel"] = {**OFF_ITS_BOUNDS["satellite"], "wheel_torque": (1e-7, 1e-7, -1e-7)}
 

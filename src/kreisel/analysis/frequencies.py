@@ -15,6 +15,7 @@ motions, and grows like lambda t/2 for chaotic motions, lambda Lyapunov's expone
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -256,7 +257,7 @@ def megno(
 
     system, x0, dt, steps, orientation, method, order   as for `kr.simulate`
     every    steps after which the neighbour is brought back to a distance of 1e-8
-    seed     of the direction of the neighbour, whose momentum differs
+    seed     of the direction of the neighbour, whose momentum differs; of several bodies, the momentum of each
 
     For a body of `kr.physical`, dt and times are in s and lyapunov in 1/s.
     Returns a Dataset with megno Y, its mean over time, and lyapunov, ln(d(t)/d(0))/t, each (time,) or (time, lane).
@@ -268,34 +269,50 @@ def megno(
     model, x0, orientation, dt, every, frame = _in_form_of_state(system, x0, orientation, dt, every)
     check_model(model)
     rows = -(-within(steps, "steps", 1, MOST) // within(every, "every", 1, MOST))
-    if model.n != 3 or not model.system.space.of_body:
+    momenta, vectors, attitudes = _places(model)
+    if model.n != 3 or not momenta:
         raise InputError(f"megno: expected a body with n = 3 and its momentum, got {model.system.name}.")
+    attitudes += [] if orientation is None else [slice(-4, None)]
     first, lanes, single = _rows(model, x0, orientation)
     both = model.lanes(np.tile(np.arange(lanes), 2)) if model.batch else model
     p = propagator(both, method=method, order=order, dt=dt, orientation=orientation is not None)
     record = model.system.perturbation
     timed = record is not None and record.names(TIME)
     scale = np.ones_like(first)
-    scale[:, :3] = np.maximum(_length(first[:, :3]), TINY)
-    change = np.zeros_like(first)
-    change[:, :3] = np.random.default_rng(within(seed, "seed", 0, MOST_SEED)).normal(size=(lanes, 3))
+    change, rng = np.zeros_like(first), np.random.default_rng(within(seed, "seed", 0, MOST_SEED))
+    for place in vectors:
+        scale[:, place] = np.maximum(_length(first[:, place]), TINY)
+    for place in momenta:
+        change[:, place] = rng.normal(size=(lanes, 3))
     neighbour = first + APART * scale * change / _length(change)
     growth = np.empty((rows, lanes))
     for row in range(rows):
         moved = p.steps(np.concatenate([first, neighbour]), every, time=row * every * p.dt if timed else None)
         first, neighbour = moved[:lanes, : p.size], moved[lanes:, : p.size]
-        if orientation is not None:  # q and -q are the same rotation
-            neighbour[:, -4:] *= np.where(dot(first[:, -4:], neighbour[:, -4:]) < 0, -1, 1)[:, None]
+        for q in attitudes:  # q and -q are the same rotation
+            neighbour[:, q] *= np.where(dot(first[:, q], neighbour[:, q]) < 0, -1, 1)[:, None]
         distance = _length((neighbour - first) / scale)
         growth[row] = np.log(distance[:, 0] / APART)
         neighbour = first + (neighbour - first) * APART / distance
-        if orientation is not None:
-            neighbour[:, -4:] = unit(neighbour[:, -4:])
+        for q in attitudes:
+            neighbour[:, q] = unit(neighbour[:, q])
     number = np.arange(1, rows + 1)[:, None]
     value, time = 2 / number * np.cumsum(number * growth, 0), number * every * p.dt * frame.time_unit
     results = {"megno": value, "mean": np.cumsum(value, 0) / number, "lyapunov": np.cumsum(growth, 0) / time}
     dims = ("time",) if single else ("time", "lane")
     return xr.Dataset({k: (dims, v[:, 0] if single else v) for k, v in results.items()}, {"time": time[:, 0]})
+
+
+def _places(system: Model) -> tuple[list[slice], list[slice], list[slice]]:
+    """The places in a row of momenta, of vectors that are compared with their length, and of attitudes."""
+    space = system.system.space
+    sizes = [4 if kind == "quaternion" else 3 for _, kind in space.components]
+    places = [slice(end - size, end) for size, end in zip(sizes, itertools.accumulate(sizes), strict=True)]
+    if space.of_body:
+        return places[:1], places[:1], []
+    attitudes = [place for place, size in zip(places, sizes, strict=True) if size == 4]
+    before = {place.start for place in attitudes}  # of several bodies: L, then q
+    return [p for p in places if p.stop in before], [p for p in places if p not in attitudes], attitudes
 
 
 def _in_form_of_state(system: Any, x0: Any, orientation: Any, dt: Any, every: Any) -> tuple[Any, ...]:

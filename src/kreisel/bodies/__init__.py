@@ -22,6 +22,7 @@ _PAGES = {
     "submerged-body": "submerged",
     "binary": "binary",
     "binary-with-third-body": "binary",
+    "binary-with-moon": "binary",
 }
 
 

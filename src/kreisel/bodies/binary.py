@@ -1,8 +1,8 @@
-"""Two rigid bodies that attract each other, in SI units, with a third point mass or without.
+"""Two rigid bodies that attract each other, in SI units, with a third body or without.
 
 State: r from body 1 to body 2 and r' = v; the angular momentum L and the attitude q (body to space) of each; with a
-third body its position R, in units of 2^23 m, and velocity V relative to the barycentre of the two.  All vectors are
-in space.
+third body its position R, in units of 2^23 m, and velocity V relative to the barycentre of the two, and L and q unless
+it is a point.  All vectors are in space.
 
     H = m v^2/2 - mu m/|r| + sum L.Omega/2 + V_12                m = m1 m2/(m1 + m2),  mu = G (m1 + m2)
     m v' = -mu m r/|r|^3 - dV/dr,  L' = torque of V,  q' = Omega q/2,  Omega = Q I^-1 Q^T L
@@ -14,8 +14,9 @@ moments D = tr I/3 - I over the mass, w1 = Q1^T n and w2 = -Q2^T n,
            - mu m (105/4 (n.D1 n)(n.D2 n) - 15 (D1 n).(D2 n) + 3/2 tr D1 D2)/|r|^5
            - G (m2^2 tide1 + m1^2 tide2)/(2 |r|^6)               tide = k_2 R^5
 
-with Y_l of `kreisel.bodies.satellite`.  The third body acts on the two masses exactly and on their D.  Tides lag by a
-constant time: the force on body 2 by the bulge of body 1, and -r x it on the spin of body 1, is [Hut 1981]
+with Y_l of `kreisel.bodies.satellite`.  The masses of the third body and of these act on each other exactly, and on
+the D of all.  Tides lag by a constant time: the force on body 2 by the bulge of body 1, and -r x it on the spin of body
+1, is [Hut 1981]
 
     F = -3 G m2^2 tide1 lag1/|r|^8 (3 v_r + v_t - Omega1 x r)    v_r, v_t: along and across r
 
@@ -25,7 +26,8 @@ The free motion, two points on a conic section and two free bodies, has a closed
 
 from __future__ import annotations
 
-from functools import partial
+from dataclasses import replace
+from functools import partial, reduce
 
 import numpy as np
 
@@ -43,7 +45,6 @@ from kreisel.algebra import (
     sqrt,
     vec,
 )
-from kreisel.algebra.invariants import stack
 from kreisel.bodies.orbit import check_not_negative, check_positive
 from kreisel.bodies.satellite import check_moments, harmonics_3, harmonics_4
 from kreisel.errors import InputError, shown
@@ -63,7 +64,8 @@ PAIR = (
     ("L2", "vector"),
     ("q2", "quaternion"),
 )
-THIRD = (("R", "vector"), ("V", "vector"))
+POINT = (("R", "vector"), ("V", "vector"))
+ROTATING = (("L3", "vector"), ("q3", "quaternion"))
 ROTOR = ("inverse", "rates", "curvatures")  # of `rotor_step.constants`, one after the other
 
 # -- free motion -----------------------------------------------------------------------------------
@@ -85,16 +87,25 @@ def _falling(r, mu):
     return vec(-mu / (square * sqrt(square))) * r
 
 
-def flow(r, v, L1, q1, L2, q2, *third, mu, rotor1, rotor2, mu3=None):
-    turning = _turning(spin(L1, q1, rotor1), q1), _turning(spin(L2, q2, rotor2), q2)
-    pair = v, _falling(r, mu), 0 * L1, turning[0], 0 * L2, turning[1]
-    return (*pair, third[1] / FAR, _falling(FAR * third[0], mu3)) if third else pair
+def flow(r, v, L1, q1, L2, q2, *third, mu, rotor1, rotor2, mu3=None, rotor3=None):
+    def rotating(L, q, rotor):
+        return 0 * L, _turning(spin(L, q, rotor), q)
+
+    pair = v, _falling(r, mu), *rotating(L1, q1, rotor1), *rotating(L2, q2, rotor2)
+    if not third:
+        return pair
+    R, V, *own = third
+    return (*pair, V / FAR, _falling(FAR * R, mu3), *(rotating(own[0], own[1], rotor3) if own else ()))
 
 
-def energy(r, v, L1, q1, L2, q2, *third, mu, reduced, rotor1, rotor2, mu3=None, reduced3=None):
+def energy(r, v, L1, q1, L2, q2, *third, mu, reduced, rotor1, rotor2, mu3=None, reduced3=None, rotor3=None):
     spins = dot(L1, spin(L1, q1, rotor1)) + dot(L2, spin(L2, q2, rotor2))
-    pair = spins / 2 + _energy_of_orbit(r, v, mu, reduced)
-    return pair + _energy_of_orbit(FAR * third[0], third[1], mu3, reduced3) if third else pair
+    total = spins / 2 + _energy_of_orbit(r, v, mu, reduced)
+    if third:
+        R, V, *own = third
+        total = total + _energy_of_orbit(FAR * R, V, mu3, reduced3)
+        total = total + dot(own[0], spin(own[0], own[1], rotor3)) / 2 if own else total
+    return total
 
 
 def _energy_of_orbit(r, v, mu, reduced):
@@ -102,17 +113,22 @@ def _energy_of_orbit(r, v, mu, reduced):
 
 
 def angular_momentum(r, v, L1, q1, L2, q2, *third, reduced, reduced3=None):
-    pair = vec(reduced) * cross(r, v) + L1 + L2
-    return pair + vec(reduced3) * cross(FAR * third[0], third[1]) if third else pair
+    total = vec(reduced) * cross(r, v) + L1 + L2
+    if third:
+        R, V, *own = third
+        total = total + vec(reduced3) * cross(FAR * R, V)
+        total = total + own[0] if own else total
+    return total
 
 
-def step(r, v, L1, q1, L2, q2, *third, h, mu, rotor1, rotor2, mu3=None):
+def step(r, v, L1, q1, L2, q2, *third, h, mu, rotor1, rotor2, mu3=None, rotor3=None):
     """The free motion for the time h."""
     pair = *kepler.step(r, v, mu=mu, h=h), L1, _rotated(L1, q1, h, rotor1), L2, _rotated(L2, q2, h, rotor2)
     if not third:
         return pair
-    R, V = kepler.step(FAR * third[0], third[1], mu=mu3, h=h)
-    return (*pair, R / FAR, V)
+    R, V, *own = third
+    R, V = kepler.step(FAR * R, V, mu=mu3, h=h)
+    return (*pair, R / FAR, V, *((own[0], _rotated(own[0], own[1], h, rotor3)) if own else ()))
 
 
 def _rotated(L, q, h, rotor):
@@ -123,10 +139,10 @@ def _rotor(rotor):
     return {name: rotor[..., 3 * i : 3 * i + 3] for i, name in enumerate(ROTOR)}
 
 
-def reach(r, v, L1, q1, L2, q2, *third, h, rotor1, rotor2):
+def reach(r, v, L1, q1, L2, q2, *third, h, rotor1, rotor2, rotor3=None):
     """A measure of the length of that step, as in `rotor_step`."""
-    first = rotor_step.reach(act(rotation_matrix(q1).mT, L1), h, **_rotor(rotor1))
-    return maximum(first, rotor_step.reach(act(rotation_matrix(q2).mT, L2), h, **_rotor(rotor2)))
+    rotors = [(L1, q1, rotor1), (L2, q2, rotor2)] + ([(*third[2:], rotor3)] if third[2:] else [])
+    return reduce(maximum, [rotor_step.reach(act(rotation_matrix(q).mT, L), h, **_rotor(c)) for L, q, c in rotors])
 
 
 # -- interaction -----------------------------------------------------------------------------------
@@ -149,7 +165,7 @@ def potential(
     return -G * m1 * m2 * (1.5 * (a1 + a2) + higher) / (square * distance)
 
 
-def potential_of_three(r, q1, q2, R, *, m1, m2, m3, D1, D2, **known):
+def potential_of_three(r, q1, q2, R, q3=None, *, m1, m2, m3, D1, D2, D3=None, **known):
     R = FAR * R
     mass, square = m1 + m2, R @ R
     distance = sqrt(square)
@@ -161,7 +177,9 @@ def potential_of_three(r, q1, q2, R, *, m1, m2, m3, D1, D2, **known):
         root = sqrt(1 + ratio)
         w = away @ rotation_matrix(q)
         V = V - m * ratio * ratio * (root + 2) / (2 * root * (1 + root) * (1 + root))
-        V = V - m * 1.5 * (D @ (w * w)) / (square * square * root**5)
+        w3 = None if q3 is None else away @ rotation_matrix(q3)
+        moments = D @ (w * w) + (0 if w3 is None else D3 @ (w3 * w3))
+        V = V - m * 1.5 * moments / (square * square * root**5)
     return potential(r, q1, q2, m1=m1, m2=m2, D1=D1, D2=D2, **known) + G * m3 * V / distance
 
 
@@ -187,6 +205,7 @@ def tensor(r, v, L1, q1, L2, q2, *third, reduced, reduced3=None):
     """{x_i, x_j} of coordinates: {v, r} = 1/m, {L, q} = (dq/dt of a unit rotation)^T, {L, L} = hat(L)."""
     blocks = [_canonical(r, reduced), _of_rotor(L1, q1), _of_rotor(L2, q2)]
     blocks += [_canonical(third[0], FAR * reduced3)] if third else []
+    blocks += [_of_rotor(*third[2:])] if third[2:] else []
     return _diagonal(blocks)
 
 
@@ -211,10 +230,6 @@ def _diagonal(blocks):
     return np.concatenate(rows, -2)
 
 
-def casimirs(r, v, L1, q1, L2, q2, *third):
-    return stack([dot(q1, q1), dot(q2, q2)])
-
-
 def draw(third, n, numbers):
     """A random state with unit quaternions, rational if the values are."""
 
@@ -225,13 +240,16 @@ def draw(third, n, numbers):
     def vectors(count):
         return [numbers((n,)) for _ in range(count)]
 
-    return (*vectors(3), attitude(), *vectors(1), attitude(), *vectors(2 if third else 0))
+    pair = (*vectors(3), attitude(), *vectors(1), attitude())
+    return (*pair, *vectors(min(third, 2)), *((*vectors(1), attitude()) if third > 2 else ()))
 
 
-def derive(*, m1, m2, moments1, moments2, m3=None):
+def derive(*, m1, m2, moments1, moments2, m3=None, moments3=None):
     mass = m1 + m2
     out = {"mu": G * mass, "reduced": m1 * m2 / mass}
-    for i, m, moments in ((1, m1, moments1), (2, m2, moments2)):
+    for i, m, moments in ((1, m1, moments1), (2, m2, moments2), (3, m3, moments3)):
+        if moments is None:
+            continue
         known = rotor_step.constants(moments)
         out[f"rotor{i}"] = np.concatenate([known[name] for name in ROTOR], -1)
         out[f"D{i}"] = (moments.sum(-1, keepdims=True) / 3 - moments) / vec(m)
@@ -255,29 +273,31 @@ def _of_body(i):
 
 
 AXES = {"mu": 0, "reduced": 0, "rotor1": 1, "rotor2": 1, "D1": 1, "D2": 1}
-OF_THIRD = {"mu3": 0, "reduced3": 0}
+OF_THIRD = {"mu3": 0, "reduced3": 0, "rotor3": 1, "D3": 1}
 LOADED = ("m1", "m2", "D1", "D2", "degree_3_1", "degree_3_2", "degree_4_1", "degree_4_2", "tide1", "tide2")
 
 
 def body_frame():
-    units = {"r": "m", "v": "m/s", "R": "m", "V": "m/s", "L1": "kg m^2/s", "L2": "kg m^2/s", "time": "s"}
+    units = {"r": "m", "v": "m/s", "R": "m", "V": "m/s", "time": "s"}
+    units |= dict.fromkeys(("L1", "L2", "L3"), "kg m^2/s")
     sizes = {"R": FAR}
     units |= {"energy": "J", "work": "J", "balance": "J", "angular_momentum": "kg m^2/s"}
     return BodyFrame(units={name: (unit, sizes.get(name, 1.0)) for name, unit in units.items()})
 
 
-def body(name, title, third):
+def body(name, title, third=()):
     space = PhaseSpace(
         name=f"{name} phase space",
-        components=PAIR + (THIRD if third else ()),
+        components=PAIR + third,
         tensor=tensor,
-        casimirs=casimirs,
+        casimirs=None,  # q.q: 1 after each step, whatever it was, so not to be projected
         sign=-1,
         carried=(),
-        draw=partial(draw, third),
+        draw=partial(draw, len(third)),
     )
     parameters = (*_of_body(1), *_of_body(2))
     parameters += (Parameter("m3", "scalar", "mass of the third body, kg", check_positive),) if third else ()
+    parameters += (replace(parameters[1], letter="moments3"),) if len(third) > 2 else ()
     stated = {
         "title": title,
         "equations": "r'' = -mu r/|r|^3 - dV/dr/m,  L' = torque of V,  q' = Omega q/2",
@@ -298,8 +318,8 @@ def body(name, title, third):
     )
     force = Force(
         potential_of_three if third else potential,
-        ("r", "q1", "q2", "R") if third else ("r", "q1", "q2"),
-        (*LOADED, "m3") if third else LOADED,
+        ("r", "q1", "q2", *(letter for letter, _ in third if letter in ("R", "q3"))),
+        (*LOADED, *("m3", "D3")[: len(third) // 2]),
     )
     axes = AXES | (OF_THIRD if third else {}) | {p.letter: p.axes for p in parameters}
     record = Perturbation(base=base, potential=force, friction=friction, rubbing=("lag1", "lag2"))
@@ -310,6 +330,7 @@ def body(name, title, third):
 
 
 BODIES = (
-    body("binary", "Two rigid bodies", third=False),
-    body("binary-with-third-body", "Two rigid bodies and a point mass", third=True),
+    body("binary", "Two rigid bodies"),
+    body("binary-with-third-body", "Two rigid bodies and a point mass", POINT),
+    body("binary-with-moon", "Two rigid bodies and a moon", POINT + ROTATING),
 )

@@ -15,7 +15,7 @@ Arguments are floats in SI units, or quantities: mass="3 kg", spin="180 rpm" (`k
 
 from __future__ import annotations
 
-from kreisel.physical.binary import Binary, PointMass
+from kreisel.physical.binary import Binary, ThirdBody
 from kreisel.physical.control import Control, Wheels
 from kreisel.physical.ellipsoid import Ellipsoid
 from kreisel.physical.ensemble import Ensemble
@@ -58,10 +58,10 @@ __all__ = [
     "Orbit",
     "Part",
     "Plate",
-    "PointMass",
     "Primary",
     "Satellite",
     "SubmergedBody",
+    "ThirdBody",
     "Units",
     "Wheels",
     "bdot",

@@ -18,7 +18,7 @@ from kreisel.bodies import binary as formulas_of_pairs
 from kreisel.bodies.binary import G
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.ensemble import Varied
-from kreisel.physical.gravity_body import GravityBody
+from kreisel.physical.gravity_body import GravityBody, diagonal_inertia
 from kreisel.physical.measures import RATE, attitude_quaternion, convert_fields, si_number, si_numbers
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SUN, Orbit, Primary
 from kreisel.record.model import Model, State
@@ -34,14 +34,21 @@ formulas = cast("Any", formulas_of_pairs)  # of a page, without types
 
 @explained
 @dataclass(frozen=True, eq=False)
-class PointMass:
-    """A third body: mass, kg; position, m, and velocity, m/s, (3,), relative to the barycentre of a binary at t = 0."""
+class ThirdBody:
+    """A third body of a binary.
+
+    mass, inertia        kg; kg m^2, its classical inertia tensor in principal axes, or the diagonal, None for a point
+    position, velocity   relative to the barycentre of the two at t = 0, (3,), m and m/s
+    """
 
     mass: Any
     position: Any
     velocity: Any
+    inertia: Any = None
 
     def __post_init__(self) -> None:
+        if self.inertia is not None:
+            object.__setattr__(self, "inertia", diagonal_inertia(self.inertia))
         convert_fields(self, positive=True, mass="kg")
         for name, unit in (("position", "m"), ("velocity", "m/s")):
             value = si_numbers(getattr(self, name), unit, f"{name} of the third body", ((3,),))
@@ -57,18 +64,19 @@ class Binary(Varied):
         run = kr.simulate(pair, pair.state(), dt="1 h", t_end="1 year")
 
     primary, secondary   `GravityBody`s; their tides lag if they have `love` and `lag`
-    third                None; an `Orbit` of the barycentre around the Sun or a planet; or a `PointMass` that flies by
+    third                None; an `Orbit` of the barycentre around the Sun or a planet; or a `ThirdBody`: a point or a
+                         body that rotates
 
     start                what `state()` has by default: separation and spin1 of a ready pair
 
     A run has position and velocity of the secondary relative to the primary, the angular momentum and the attitude of
-    each body, all in space, with a third body also its position and velocity.  The mutual potential has all terms of
+    each body, all in space, with a third body also its variables.  The mutual potential has all terms of
     the fourth degree in size over distance.  The equations: `kreisel.bodies.binary`.  Raises `InputError`.
     """
 
     primary: GravityBody
     secondary: GravityBody
-    third: Orbit | PointMass | None = None
+    third: Orbit | ThirdBody | None = None
     start: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -78,8 +86,8 @@ class Binary(Varied):
                     f"{name}: expected kr.physical.GravityBody(...), such as GravityBody.ellipsoid(mass, diameters), "
                     f"got {shown(getattr(self, name))}."
                 )
-        if not isinstance(self.third, Orbit | PointMass | None):
-            raise InputError(f"third: expected an Orbit around the Sun, a PointMass or None, got {shown(self.third)}.")
+        if not isinstance(self.third, Orbit | ThirdBody | None):
+            raise InputError(f"third: expected an Orbit around the Sun, a ThirdBody or None, got {shown(self.third)}.")
         self.model()
 
     @property
@@ -88,7 +96,7 @@ class Binary(Varied):
         return G * (self.primary.mass + self.secondary.mass)
 
     def model(self) -> Model:
-        """The system "binary", or "binary-with-third-body", in SI units and principal axes."""
+        """The system "binary", "binary-with-third-body" or "binary-with-moon", in SI units and principal axes."""
         return self._built
 
     @cached_property
@@ -100,21 +108,24 @@ class Binary(Varied):
             values[f"tide{i}"] = body.love * body.size**5
         if self.third is None:
             return BODIES["binary"](**values)
-        return BODIES["binary-with-third-body"](**values, m3=self._point_mass.mass)
+        third = self._third_body
+        if third.inertia is None:
+            return BODIES["binary-with-third-body"](**values, m3=third.mass)
+        return BODIES["binary-with-moon"](**values, m3=third.mass, moments3=third.inertia)
 
     @cached_property
-    def _point_mass(self) -> PointMass:
+    def _third_body(self) -> ThirdBody:
         """The third body at t = 0."""
         if isinstance(self.third, Orbit):
             position, velocity = self.third.at(0.0)
-            return PointMass(self.third.primary.mu / G, -np.asarray(position), -np.asarray(velocity))
-        return cast("PointMass", self.third)
+            return ThirdBody(self.third.primary.mu / G, -np.asarray(position), -np.asarray(velocity))
+        return cast("ThirdBody", self.third)
 
     @property
     def words(self) -> dict[str, str]:
         """The names of the variables of a run in SI, by the letters of the state."""
         names = {"r": "position", "v": "velocity", "R": "third_position", "V": "third_velocity"}
-        return names | {f"{k}{i}": f"{word}_{i}" for i in "12" for k, word in (("L", "momentum"), ("q", "attitude"))}
+        return names | {f"{k}{i}": f"{word}_{i}" for i in "123" for k, word in (("L", "momentum"), ("q", "attitude"))}
 
     def state(
         self,
@@ -132,13 +143,16 @@ class Binary(Varied):
         node: Any = None,
         perigee: Any = None,
         mean_anomaly: Any = None,
+        spin3: Any = None,
+        attitude3: Any = None,
     ) -> State:
         """The initial state.
 
         position, velocity     of the secondary relative to the primary, m and m/s, (..., 3)
-        spin1, spin2           angular velocities along the body axes, rad/s, (..., 3); default: the rate of the orbit
-        attitude1, attitude2   unit quaternions (..., 4), body to space; default: the first axis along the line between
-                               the bodies, the third along the normal of the orbit
+        spin1, spin2, spin3    angular velocities along the body axes, rad/s, (..., 3); default: the rate of the orbit,
+                               of the third body: around the barycentre
+        attitude1, ...         unit quaternions (..., 4), body to space; default: the first axis along the line between
+                               the bodies, or to the barycentre, the third along the normal of the orbit
         separation             instead of a position the distance in a circular orbit in the plane of the first two
                                axes, m
         unbound                whether the orbit may be a flyby
@@ -152,6 +166,8 @@ class Binary(Varied):
         if position is None and separation is None and not elements:
             separation = self.start.get("separation")
         spin1 = self.start.get("spin1") if spin1 is None else spin1
+        if spin3 is None and attitude3 is None:
+            spin3, attitude3 = self.start.get("spin3"), self.start.get("attitude3")
         ways = (position is not None) + (separation is not None) + bool(elements)
         if (position is None) != (velocity is None) or ways != 1:
             raise InputError(
@@ -166,24 +182,15 @@ class Binary(Varied):
         if not r.size or r.shape != v.shape:
             raise InputError(f"state: expected as many positions as velocities, got shapes {r.shape} and {v.shape}.")
         self._require_apart(r, v, unbound)
-        normal = np.cross(r, v)
-        rate = np.linalg.norm(normal, axis=-1, keepdims=True) / (r * r).sum(-1, keepdims=True)
-        if (attitude1 is None or attitude2 is None) and not normal.any(-1).all():
-            raise InputError(
-                "state: expected attitude1 and attitude2 for bodies that move along the line between them, got none: "
-                "their orbit has no normal."
-            )
         parts = {"r": r, "v": v}
-        bodies = (self.primary, spin1, attitude1), (self.secondary, spin2, attitude2)
-        for i, (body, spin, attitude) in enumerate(bodies, 1):
-            if attitude is None:
-                q = algebra.unit_quaternion(_towards(r, normal))
-            else:
-                q = attitude_quaternion(attitude, f"attitude{i}")
-            Omega = rate * np.array([0.0, 0.0, 1.0]) if spin is None else si_numbers(spin, RATE, f"spin{i}")
-            parts[f"L{i}"], parts[f"q{i}"] = algebra.act(algebra.rotation_matrix(q), body.inertia * Omega), q
+        parts |= _rotation(1, self.primary.inertia, spin1, attitude1, r, v)
+        parts |= _rotation(2, self.secondary.inertia, spin2, attitude2, r, v)
         if self.third is not None:
-            parts |= {"R": self._point_mass.position / formulas.FAR, "V": self._point_mass.velocity}
+            R, V, inertia = self._third_body.position, self._third_body.velocity, self._third_body.inertia
+            parts |= {"R": R / formulas.FAR, "V": V}
+            parts |= {} if inertia is None else _rotation(3, inertia, spin3, attitude3, R, V)
+        if not (spin3 is attitude3 is None or "L3" in parts):
+            raise InputError("state: expected spin3 and attitude3 for a third body with inertia, got one without.")
         batch = np.broadcast_shapes(*(x.shape[:-1] for x in parts.values()))
         return self.model().state(**{k: np.broadcast_to(x, (*batch, x.shape[-1])) for k, x in parts.items()})
 
@@ -266,25 +273,47 @@ class Binary(Varied):
         first, second = (GravityBody.ellipsoid(m, (2 * R,) * 3) for m, R in zip(masses, radii, strict=True))
         return cls(first, second, start=_spinning(19_596e3))
 
+    @classmethod
+    def nix(cls) -> Binary:
+        """Pluto and Charon with their moon Nix, an ellipsoid, which by default rotates as in 2015.
+
+        G m = 1.50e-3 km^3/s^2 [Brozovic, Jacobson 2024]; axes of 50, 35 and 33 km, rotation in 1.829 days at an
+        obliquity of 132 degrees [Weaver et al. 2016].  A nearly circular orbit, of 48 694 km and 24.8546 days on
+        average [Showalter, Hamilton 2015], begins farther out and slower in line with Charon.
+        """
+        pair, mass, (a, b, c) = cls.pluto(), 1.50e6 / G, (25e3, 17.5e3, 16.5e3)
+        inertia = mass / 5 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
+        third = ThirdBody(mass, (48_836e3, 0.0, 0.0), (0.0, 141.10, 0.0), inertia)
+        tilt = math.radians(132.0) / 2
+        spin = {
+            "spin3": (0.0, 0.0, 2 * math.pi / (1.829 * 86_400)),
+            "attitude3": (math.cos(tilt), math.sin(tilt), 0, 0),
+        }
+        return cls(pair.primary, pair.secondary, third, {**pair.start, **spin})
+
     # -- what a run shows ----------------------------------------------------------------------------------
 
-    def spins(self, run: xr.Dataset) -> tuple[Array, Array]:
-        """Angular velocities of the two bodies along their axes, rad/s, (..., 3), at each row of a run."""
-        run, out = _of_binary(run), []
-        for i, body in ((1, self.primary), (2, self.secondary)):
-            Q = algebra.rotation_matrix(run[f"q{i}"].values)
-            out.append(algebra.act(Q.mT, run[f"L{i}"].values) / body.inertia)
-        return out[0], out[1]
+    def spins(self, run: xr.Dataset) -> tuple[Array, ...]:
+        """Angular velocities of the bodies along their axes, rad/s, (..., 3), at each row of a run."""
+        run, moments = _of_binary(run), self.model().params
+        return tuple(
+            algebra.act(algebra.rotation_matrix(run[f"q{i}"].values).mT, run[f"L{i}"].values) / moments[f"moments{i}"]
+            for i in "123"
+            if f"L{i}" in run
+        )
 
     def angles(self, run: xr.Dataset, body: int = 2) -> tuple[Array, Array, Array]:
         """Roll, pitch and yaw of a body relative to the orbit, rad, at each row: rotations R_z R_y R_x of its axes.
 
-        The frame has its first axis along the line between the bodies and the third along the normal of the orbit.
+        The frame has its first axis along the line between the bodies, or from the barycentre to the third body, and
+        its third axis along the normal of the orbit.
         """
-        if body not in (1, 2):
-            raise InputError(f"body: expected 1, the primary, or 2, the secondary, got {shown(body)}.")
         run = _of_binary(run)
-        frame = _towards(run["r"].values, np.cross(run["r"].values, run["v"].values))
+        if body not in (1, 2, 3) or f"q{body}" not in run:
+            raise InputError(
+                f"body: expected 1, the primary, 2, the secondary, or 3, a third body with inertia, got {shown(body)}."
+            )
+        frame = _towards(*(run[letter].values for letter in ("RV" if body == 3 else "rv")))
         C = frame.mT @ algebra.rotation_matrix(run[f"q{body}"].values)
         return (
             np.arctan2(C[..., 2, 1], C[..., 2, 2]),
@@ -306,7 +335,20 @@ def _spinning(distance: float, hours: float | None = None) -> dict[str, Any]:
     return {"separation": distance} | ({} if hours is None else {"spin1": (0.0, 0.0, 2 * math.pi / 3600 / hours)})
 
 
-def _towards(r: Array, normal: Array) -> Array:
-    """The axes along r, ahead and along the normal, as columns (..., 3, 3)."""
-    x, z = (u / np.linalg.norm(u, axis=-1, keepdims=True) for u in (r, normal))
+def _rotation(i: int, inertia: Array, spin: Any, attitude: Any, r: Array, v: Array) -> dict[str, Array]:
+    """L and q of body i on an orbit.  Raises `InputError`."""
+    normal = np.cross(r, v)
+    if attitude is None and not normal.any(-1).all():
+        raise InputError(
+            f"state: expected attitude{i} for a body that moves along a line, got none: its orbit has no normal."
+        )
+    q = algebra.unit_quaternion(_towards(r, v)) if attitude is None else attitude_quaternion(attitude, f"attitude{i}")
+    rate = np.linalg.norm(normal, axis=-1, keepdims=True) / (r * r).sum(-1, keepdims=True)
+    Omega = rate * np.array([0.0, 0.0, 1.0]) if spin is None else si_numbers(spin, RATE, f"spin{i}")
+    return {f"L{i}": algebra.act(algebra.rotation_matrix(q), inertia * Omega), f"q{i}": q}
+
+
+def _towards(r: Array, v: Array) -> Array:
+    """The axes along r, ahead and along the normal r x v, as columns (..., 3, 3)."""
+    x, z = (u / np.linalg.norm(u, axis=-1, keepdims=True) for u in (r, np.cross(r, v)))
     return np.stack([x, np.cross(z, x), z], -1)

@@ -48,13 +48,7 @@ class GravityBody:
     def __post_init__(self) -> None:
         convert_fields(self, positive=True, mass="kg")
         convert_fields(self, size="m", love="1", lag="s")
-        inertia = inertia_tensor(self.inertia)
-        if (inertia - np.diag(np.diag(inertia))).any():
-            raise InputError(
-                f"inertia: expected a diagonal tensor, along the principal axes, got {inertia.tolist()}. Rotate the "
-                "body to them, or use GravityBody.points or GravityBody.mesh, which do so."
-            )
-        object.__setattr__(self, "inertia", np.diag(inertia).copy())
+        object.__setattr__(self, "inertia", diagonal_inertia(self.inertia))
         for name, count in (("degree_3", 7), ("degree_4", 9)):
             object.__setattr__(self, name, si_numbers(getattr(self, name), f"kg m^{name[-1]}", name, ((count,),)))
         for name in ("size", "love", "lag"):
@@ -116,6 +110,17 @@ class GravityBody:
         moments, axes = principal(in_range("The inertia", lambda: np.trace(second) * np.eye(3) - second))
         third, fourth = in_range("The inertia integrals", lambda: tuple(_field(x @ axes, m, k) for k in (3, 4)))
         return cls(float(m.sum()), moments, third, fourth, size, love, lag)
+
+
+def diagonal_inertia(inertia: Any) -> Array:
+    """The diagonal of an inertia tensor in principal axes, kg m^2, (3,).  Raises `InputError`."""
+    tensor = inertia_tensor(inertia)
+    if (tensor - np.diag(np.diag(tensor))).any():
+        raise InputError(
+            f"inertia: expected a diagonal tensor, along the principal axes, got {tensor.tolist()}. Rotate the "
+            "body to them, or use GravityBody.points or GravityBody.mesh, which do so."
+        )
+    return np.diag(tensor).copy()
 
 
 def _field(x: Array, m: Array, degree: int) -> Array:

@@ -165,7 +165,7 @@ class Reader:
             return self._named(value, where)
         if isinstance(value, str) and "PathLike" in str(kind):
             return self.folder / value
-        if records and isinstance(value, Mapping):  # of Orbit | PointMass, the one with most of these arguments
+        if records and isinstance(value, Mapping):  # of Orbit | ThirdBody, the one with most of these arguments
             return self.record(max(records, key=lambda each: len(types_of(each).keys() & value)), value, where)
         for record in records:
             if isinstance(value, list):

@@ -90,6 +90,18 @@ OF_BODIES: dict[str, dict[str, Any]] = {
         "meanings": {**PAIR["meanings"], "R": "from the barycentre, 2^23 m", "V": "its velocity, m/s"},
         "dt": 1800.0,
     },
+    "binary-with-moon": {
+        "parameters": {**PAIR["parameters"], "m3": 1e8, "moments3": [3e10, 4e10, 5e10]},
+        "state": {**PAIR["state"], "R": [6e-4, 0.0, 0.0], "V": [0.0, 0.085, 0.0], "L3": [0.0, 3e5, 5e6], "q3": UPRIGHT},
+        "meanings": {
+            **PAIR["meanings"],
+            "R": "of body 3 from the barycentre of the others, 2^23 m",
+            "V": "its velocity, m/s",
+            "L3": PAIR["meanings"]["L1"].replace("1", "3"),
+            "q3": PAIR["meanings"]["q1"].replace("1", "3"),
+        },
+        "dt": 1800.0,
+    },
 }  # fmt: skip
 
 
