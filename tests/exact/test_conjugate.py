@@ -464,3 +464,14 @@ def test_orders_that_need_another_branch_are_caught() -> None:
     ends = [algebra.flatten(p.advance(*z), model.system.space.kinds) for p in (plan, fewer)]
     want = flow_of(model, z, 0.1, digits=20).astype(float)
     assert abs(ends[0] - want).max() < 1e-4 < 1e-2 < abs(ends[1] - want).max()
+
+
+def test_levels_that_run_in_parallel_are_not_exchanged() -> None:
+    """K is small, and alpha - beta 1/300 of alpha along the way: with branches followed by mu, 12 pairs were needed."""
+    model = kr.KovalevskayaTop(n=3)
+    state = {k: np.array(v) for k, v in {"M": (0.3, 0.5, 1.1), "P": (0.6, 0, 0.8), "Q": (0.2, 0.7, -0.3)}.items()}
+    z = parts(model, state)
+    plan = scheme(model, "exact", 0.3, None, False).on(z)
+    assert plan.stage_count <= 6
+    end = algebra.flatten(plan.advance(*z), model.system.space.kinds)
+    assert abs(end - flow_of(model, z, 0.3, digits=20).astype(float)).max() < 1e-13

@@ -184,7 +184,7 @@ def pairs_of(curve, energy, matrix):
         right, left = (
             np.concatenate(vector(s * M, s * P, s * n, (s * e[0], s * e[1]), kappa, beta, lam, mu), -1) for s in (1, -1)
         )
-        return mu, left / vec((left * S * right).sum(-1)), right
+        return mu, left / vec((left * S * right).sum(-1)), right, S
 
     def heights(M, P, *, kappa, beta, c, gamma):
         constants = {"kappa": kappa, "beta": beta, "c": c, "gamma": gamma}

@@ -226,12 +226,14 @@ def _lanes(model: Model, state: State) -> tuple[tuple[int, ...], list[tuple[Stat
 
 
 class Points(NamedTuple):
-    """Points lam = iy, mu of their branches, x of their pairs in a unit of small times, distances of branch points."""
+    """Points lam = iy, x of their pairs in a unit of small times, distances of branch points; mu and vectors there."""
 
     y: Array
-    mu: Array
     x: Array
     radius: Array
+    mu: Array
+    left: Array
+    right: Array
 
 
 @cache
@@ -289,12 +291,12 @@ class Torus:
         state, constants = (self.state, self.constants) if lam.dtype == WIDE else (self.doubles, self.known)
         return call(function, state, {**constants, "lam": lam, **vectors})
 
-    def _levels(self, lam: Array, L: Array) -> tuple[Array, Array, Array]:
-        """mu (..., k), left and right vectors (..., k, m), in the precision of lam if the record states them."""
+    def _levels(self, lam: Array, L: Array) -> tuple[Array, Array, Array, Array]:
+        """mu (..., k), left and right vectors (..., k, m), S; in the precision of lam if the record states them."""
         if self.record.levels is not None:
-            return cast("tuple[Array, Array, Array]", self._of_record(self.record.levels, lam))
+            return cast("tuple[Array, Array, Array, Array]", self._of_record(self.record.levels, lam))
         values, vectors = np.linalg.eig(L.astype(complex))
-        return values, np.linalg.inv(vectors), vectors.mT
+        return values, np.linalg.inv(vectors), vectors.mT, np.ones(1)
 
     def _fields(self, lam: Array, left: Array, right: Array) -> tuple[Array, Array]:
         left = left / algebra.vec((left * right).sum(-1))
@@ -311,17 +313,18 @@ class Torus:
                 f"{self.system.name}: expected products of the state and the parameters that a double can hold, got "
                 "larger ones. Usual cause: units. Use method='dop853'."
             )
-        mu, left, right = self._levels(lam, L)
+        mu, left, right, _ = self._levels(lam, L)
         count = mu.shape[-1]
         change = left @ ((after - before) / (2 * near[:, None, None])) @ right.mT
         gap, ends = mu[:, :, None] - mu[:, None, :], np.diagonal(change, 0, -2, -1)
         # Two levels meet where (gap + t (a - b))^2 + 4 t^2 c d = 0.
         meet = abs(gap) / np.sqrt(abs((ends[:, :, None] - ends[:, None, :]) ** 2 + 4 * change * change.mT))
         radius = np.minimum(np.where(np.eye(count) > 0, np.inf, meet).min(-1), pole[:, None]).ravel()
-        fields, _ = self._fields(lam.repeat(count), *(v.reshape(-1, v.shape[-1]) for v in (left, right)))
+        mu, (left, right) = mu.ravel(), (v.reshape(-1, v.shape[-1]) for v in (left, right))
+        fields, _ = self._fields(lam.repeat(count), left, right)
         C, f = (fields.real.astype(float) * radius[:, None]).T, self.flow.astype(float)
         if not f.any():  # at rest: the pair of any mu but an eigenvalue is the identity for x = 0
-            return Points(y[:1], 2 * abs(mu).max(keepdims=True).reshape(1) + pole[:1], np.zeros(1), pole[:1])
+            return Points(y[:1], np.zeros(1), pole[:1], 2 * abs(mu).max(keepdims=True) + pole[:1], left[:1], right[:1])
         chosen, x = least(C, f, self._rank() // 2)
         if not abs(C[:, chosen] @ x - f).max() <= SPAN * abs(f).max():
             raise InputError(
@@ -329,7 +332,8 @@ class Torus:
                 "cause: parameters that are equal, or components of the state of very different sizes. Use another "
                 "method, such as 'dop853'."
             )
-        return Points(y.repeat(count)[chosen], mu.ravel()[chosen], x * radius[chosen], radius[chosen])
+        levels = (v[chosen] for v in (mu, left, right))
+        return Points(y.repeat(count)[chosen], x * radius[chosen], radius[chosen], *levels)
 
     def _rank(self) -> int:
         """The rank of the bracket in units of each component: small fields count as large ones do."""
@@ -338,9 +342,13 @@ class Torus:
         units = algebra.flatten(full, self.system.space.kinds)
         return int(np.linalg.matrix_rank((tensor / units[:, None] / units).astype(float), rtol=RANK))
 
+    def far(self, dt: float) -> float:
+        """Largest x of a step, relative to the distance of a branch point."""
+        return float((abs(self.points.x * dt) / self.points.radius).max())
+
     def copies(self, dt: float) -> int:
         """How many copies of the pairs a step needs.  Raises `InputError` for too many."""
-        far = float((abs(self.points.x * dt) / (REACH * self.points.radius)).max())
+        far = self.far(dt) / REACH
         if not far < MOST_COPIES:
             raise InputError(
                 f"dt: expected at most {abs(dt) * MOST_COPIES / far:.3g}, {MOST_COPIES:,} pairs of maps of "
@@ -357,18 +365,19 @@ class Torus:
         """
         points = self.points
         identity = _numbers(1j * points.y[0], points.mu[0])
+        if not points.x.any():
+            return identity[:, None], identity, self._rest(dt, 0, np.longdouble(0))
         if order is not None:
             x, end = points.x[:, None] * _fractions(dt, order), np.arange(1, PATH + 1) / PATH
             lam = (1j * points.y[:, None] + 0 * x).reshape(-1, 1) + x.reshape(-1, 1) * end
-            _, mu, _, _ = self._followed(lam, points.mu.repeat(x.shape[1]))
-            return _numbers(lam[:, -1], mu[:, -1]), identity, np.zeros(0)
-        if not points.x.any():
-            return identity[:, None], identity, self._rest(dt, 0, np.longdouble(0))
+            mu = self._followed(lam, *(v.repeat(x.shape[1], 0) for v in (points.left, points.right)))[1]
+            return _numbers(lam[:, -1], mu[:, -1]), identity, self._rest(dt, 0, np.longdouble(0))
         copies = self.copies(dt)
         for _ in range(TRIALS):
-            if (done := self.solved(dt, copies)) is not None:
-                numbers, turn = done
-                return np.tile(numbers, copies), identity, turn
+            for share in (FARTHEST / REACH * self.far(dt) / copies, FARTHEST):
+                if (done := self.solved(dt, copies, share)) is not None:
+                    numbers, turn = done
+                    return np.tile(numbers, copies), identity, turn
             copies += max(1, copies // 2)
         raise InputError(
             f"No conjugate pairs were found that are the flow of {self.system.name} over dt = {dt:g} or parts of it. "
@@ -382,16 +391,15 @@ class Torus:
         Omega = call(self.system.velocity, self.state, self.constants)
         return np.asarray(dt * Omega - copies * turn, float)
 
-    def solved(self, dt: float, copies: int) -> tuple[Array, Array] | None:
+    def solved(self, dt: float, copies: int, share: float) -> tuple[Array, Array] | None:
         """`NUMBERS` (4, count) of the pairs of a part of a step, and the rest of the rotation in the step.
 
-        Even polynomials in x of the fields, by Chebyshev's nodes, are integrated.  None if Newton's method leaves them.
+        Even polynomials of the fields, by Chebyshev's nodes on a share of the way to the branch points, are integrated.
+        None if Newton's method leaves it.
         """
         h, points = np.longdouble(dt) / copies, self.points
-        x = points.x * h
-        share = FARTHEST / REACH * (abs(x) / points.radius).max()
-        reach = share * points.radius
-        nodes, coefficients = chebyshev(int(np.ceil(DIGITS / 2 / np.arccosh(float(1 / share)))))
+        x, reach = points.x * h, share * points.radius
+        nodes, coefficients = chebyshev(int(np.ceil(DIGITS / 2 / np.arccosh(1 / share))))
         values, size, count = self._nodes(reach, nodes), len(self.flow), len(nodes)
         c, f = coefficients @ values, h * self.flow
         inverse = np.linalg.pinv(values[:, 0, :size].astype(float))
@@ -415,21 +423,26 @@ class Torus:
         turn = total[size:-2].reshape((self.state[0].shape[-1],) * 2)
         return np.stack([x, points.y, re * x / reach, im]).astype(float), self._rest(dt, copies, turn)
 
-    def _followed(self, lam: Array, mu: Array) -> tuple[Array, Array, Array, Array]:
-        """L, mu, left and right vectors along paths lam (paths, nodes), from mu at the start of each, in doubles."""
+    def _followed(self, lam: Array, left: Array, right: Array) -> tuple[Array, Array, Array, Array]:
+        """L, mu and vectors along paths lam (paths, nodes), from the vectors at the start of each, in doubles.
+
+        tr Pi Pi' of projectors tells which branches are one, however near another level runs.
+        """
         L = self._of_record(self.record.matrix, lam)
-        values, inverse, vectors = self._levels(lam, L)
+        mu, inverse, vectors, S = self._levels(lam, L)
         branch, every = np.empty(lam.shape, int), np.arange(len(lam))
-        for k, row in enumerate(values.swapaxes(0, 1)):
-            branch[:, k] = abs(row - mu[:, None]).argmin(-1)
-            mu = row[every, branch[:, k]]
+        for k in range(lam.shape[1]):
+            rows, columns = inverse[:, k], vectors[:, k]
+            same = (rows @ (S * right)[..., None])[..., 0] * (columns @ (S * left)[..., None])[..., 0]
+            branch[:, k] = abs(same).argmax(-1)
+            left, right = rows[every, branch[:, k]], columns[every, branch[:, k]]
         at = (*np.ogrid[: lam.shape[0], : lam.shape[1]], branch)
-        return L, values[at], inverse[at], vectors[at]
+        return L, mu[at], inverse[at], vectors[at]
 
     def _nodes(self, reach: Array, nodes: Array) -> Array:
         """Even functions (pairs, nodes, ...) of x = reach nodes: the fields, Omega, Re mu/nodes and Im mu."""
         lam = 1j * self.points.y[:, None] + reach[:, None] * nodes
-        L, mu, left, right = self._followed(lam, self.points.mu)
+        L, mu, left, right = self._followed(lam, self.points.left, self.points.right)
         if self.record.levels is None:
             mu, left, right = refined(L, mu, left, right)
         fields, Omega = self._fields(lam, left, right)

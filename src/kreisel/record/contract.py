@@ -305,8 +305,9 @@ class ConjugatePairs:
                                      body, analytic in lam; for left and right eigenvectors with <left, right> = 1
     pair(*state, lam, mu)            (state, turns): the state, and rotations g cay(X) of the body, one after another,
                                      except one that commutes with all it carries; mu: nearest eigenvalue of this state
-    levels(*state, lam)              (mu (..., k), left, right (..., k, m)): some of the branches and their vectors, in
-                                     the precision of the state, if L q = mu S q with an S that may be singular
+    levels(*state, lam)              (mu (..., k), left, right (..., k, m), S (m,)): some of the branches and their
+                                     vectors, in the precision of the state, if L q = mu S q with a diagonal S that may
+                                     be singular
     dimensions                       n
     """
 
