@@ -3,8 +3,8 @@
     python benchmarks/engines/hour.py
 
 Each engine has the setting that its documentation calls the more accurate, and the step of its users.  Writes
-results/hour.json: for each the part of the momentum along the middle axis over the last minute, and the energy and the
-momentum, relative to those of the start, once a minute.
+results/hour.json: for each the part of the momentum along the middle axis over the last minute, the attitude in the
+last seconds, and the energy and the momentum, relative to those of the start, once a minute.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import kreisel as kr
 RESULT = Path(__file__).parent.parent / "results" / "hour.json"
 ENGINES = {"mujoco": "RK4", "jolt": "gyroscopic", "physx": "gyroscopic", "ammo": "2", "rapier": "default"}
 DEFAULT = ("mujoco", "Euler")  # its default setting, of which only the end is kept
-HOUR, LAST, ROWS = 3600.0, 60.0, 10  # s; s; rows a second
+HOUR, LAST, FILM, ROWS = 3600.0, 60.0, 9.0, 20  # s; s; s; rows a second
 LIMIT = 1200.0  # s
 BODY = next(body for body in scorecard.BODIES if body.name == "wing-nut")
 
@@ -43,18 +43,19 @@ def measured(text: str) -> dict[str, Any]:
     """The numbers for the picture from an adapter's answer."""
     answered = scorecard.answer(text)
     inertia = np.diag(scorecard.job(BODY, 0.01, "", "")["inertia"])
-    return numbers(answered.rates, inertia) | {"version": answered.about["version"]}
+    return numbers(answered.attitude, answered.rates, inertia) | {"version": answered.about["version"]}
 
 
-def numbers(rates: Any, inertia: Any) -> dict[str, Any]:
-    """Energy and momentum once a minute, relative, and the middle component of the momentum in the last minute."""
+def numbers(attitude: Any, rates: Any, inertia: Any) -> dict[str, Any]:
+    """Energy and momentum once a minute, relative; near the end the middle momentum, attitudes."""
     momentum = rates * inertia
     energy, length = (rates * momentum).sum(1), np.linalg.norm(momentum, axis=1)
-    last = slice(-round(LAST * ROWS), None)
+    last = slice(-round(LAST * ROWS), None, 2)
     return {
         "energy": [float(f"{e:.12g}") for e in energy[:: 60 * ROWS] / energy[0]],
         "momentum": [float(f"{e:.12g}") for e in length[:: 60 * ROWS] / length[0]],
         "middle": [float(f"{e:.3g}") for e in (momentum[:, 1] / length)[last]],
+        "attitude": np.round(attitude[-round(FILM * ROWS) :], 3).tolist(),
     }
 
 
@@ -67,7 +68,8 @@ int main(void) {{
     rock_prepare(&c, I, 1.0 / 60);
     for (int i = 0; i < 3; i++) s.M[i] = I[i] * w[i];
     for (int k = 0; k <= {rows}; k++) {{
-        printf("%.17g,%.17g,%.17g,%.17g\\n", s.g[0], s.M[0] / I[0], s.M[1] / I[1], s.M[2] / I[2]);
+        for (int i = 0; i < 4; i++) printf("%.17g,", s.g[i]);
+        printf("%.17g,%.17g,%.17g\\n", s.M[0] / I[0], s.M[1] / I[1], s.M[2] / I[2]);
         rock_advance(&c, &s, {steps});
     }}
     return 0;
@@ -88,7 +90,7 @@ def by_file() -> dict[str, Any]:
         subprocess.run(["gcc", *flags, "main.c", "-o", "main", "-lm"], cwd=folder, check=True)
         text = subprocess.run(["./main"], cwd=folder, check=True, capture_output=True, text=True).stdout
     rows = np.array([line.split(",") for line in text.split()], float)
-    return numbers(rows[:, 1:], np.array(inertia)) | {"version": kr.__version__}
+    return numbers(rows[:, :4], rows[:, 4:], np.array(inertia)) | {"version": kr.__version__}
 
 
 if __name__ == "__main__":

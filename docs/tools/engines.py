@@ -140,8 +140,8 @@ def turned(q: Any, v: Any) -> Any:
     return v + w * once + np.cross(axis, once)
 
 
-def faces(q: Any) -> list[tuple[Any, str, float]]:
-    """The faces of the brick that are seen: corners in the picture (4, 2), colour, depth."""
+def faces(q: Any, sides: Any = SIDES) -> list[tuple[Any, str, float]]:
+    """The faces of a brick that are seen: corners in the picture (4, 2), colour, depth."""
     forward = VIEW / np.linalg.norm(VIEW)
     right = np.cross([0, 0, 1], forward)
     right = right / np.linalg.norm(right)
@@ -153,7 +153,7 @@ def faces(q: Any) -> list[tuple[Any, str, float]]:
             if turned(q, normal) @ forward <= 0:
                 continue
             u, v = np.roll(np.eye(3), -axis, 0)[1:]
-            corners = np.array([normal + a * u + b * v for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]) * SIDES / 2
+            corners = np.array([normal + a * u + b * v for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]) * sides / 2
             found.append((turned(q, corners) @ plane.T, FACES[axis], side))
     return found
 
@@ -231,6 +231,81 @@ def after_an_hour(file: Path) -> None:
     plt.close(figure)
 
 
+PANEL, COLUMNS, LARGER, RATE = (
+    (164, 158),
+    4,
+    2,
+    20,
+)  # pixels; panels in a row; drawn larger, then reduced; pictures a second
+NUT = np.array([1.87, 1.22, 0.71]) * 0.48  # sides of a box with the moments of the wing nut
+UPRIGHT = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)  # the axis of rotation at the start is vertical in the picture
+
+
+def after_an_hour_moving(file: Path) -> None:
+    """The last seconds of the hour: the wing nut exactly, by the file and in five engines, as a WebP that repeats."""
+    from PIL import Image, ImageColor, ImageDraw
+
+    panels = moving()
+    size = PANEL[0] * COLUMNS, PANEL[1] * -(-(len(panels) + 1) // COLUMNS)
+    still = Image.new("RGB", (size[0] * LARGER, size[1] * LARGER), "white")
+    corners = [np.array([k % COLUMNS * PANEL[0], k // COLUMNS * PANEL[1]]) * LARGER for k in range(len(panels) + 1)]
+    write, pictures = labels(ImageDraw.Draw(still)), []
+    for corner, (title, note, _) in zip(corners, panels, strict=False):
+        write(corner, (PANEL[0] / 2, 11), title, "mm", "-Bold")
+        write(corner, (PANEL[0] / 2, PANEL[1] - 10), note, "mm")
+    shades = {1: 1.0, -1: 0.55}
+    for row in range(len(panels[0][2])):
+        picture = still.copy()
+        draw = ImageDraw.Draw(picture)
+        for corner, (_, _, attitudes) in zip(corners, panels, strict=False):
+            for points, colour, side in faces(product(UPRIGHT, attitudes[row]), NUT):
+                mixed = 255 + (np.array(ImageColor.getrgb(colour)) - 255) * shades[int(side)]
+                places = corner + (np.array(PANEL) / 2 + points * (104, -104)) * LARGER
+                draw.polygon([*map(tuple, places)], tuple(mixed.astype(int)), "black", LARGER)
+        time = 3600 - (len(panels[0][2]) - 1 - row) / RATE
+        labels(draw)(corners[-1], (14, 70), f"{time // 60:.0f} min {time % 60:04.1f} s", "la")
+        pictures.append(picture.reduce(LARGER))
+    timing = {"duration": round(1000 / RATE), "loop": 0}
+    pictures[0].save(file, save_all=True, append_images=pictures[1:], quality=30, method=2, **timing)
+
+
+def moving() -> list[tuple[str, str, Any]]:
+    """Of each panel the title, a note and attitudes."""
+    import kreisel as kr
+
+    records = json.loads((BENCHMARKS / "results" / "hour.json").read_text(encoding="utf-8"))
+    case = kr.checkcases.case("wing-nut").given()
+    body = kr.physical.FreeBody(case["inertia"])
+    times = 3600.0 - np.arange(len(records["kreisel"]["attitude"]))[::-1] / RATE
+    start = body.state(case["angular_velocity"])
+    exact = kr.at(body.model(), start, body.dt(1.0) * times, orientation=body.orientation())
+    panels = [("exact", "", [body.attitude(g) for g in exact.g.values])]
+    for record in (records["kreisel"], *(r for name, r in records.items() if name != "kreisel")):
+        title = "the file" if record["title"] == "Kreisel" else record["title"].split(" (")[0]
+        panels.append((title, f"energy {change(record['energy'][-1])}", record["attitude"]))
+    return panels
+
+
+def labels(draw: Any) -> Any:
+    """The function that writes a text in a panel."""
+    import matplotlib as mpl
+    from PIL import ImageFont
+
+    fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
+
+    def write(corner: Any, place: tuple[float, float], text: str, anchor: str, weight: str = "") -> None:
+        font = ImageFont.truetype(fonts / f"DejaVuSans{weight}.ttf", 11 * LARGER)
+        draw.text(tuple(corner + np.array(place) * LARGER), text, "black", font, anchor)
+
+    return write
+
+
+def product(p: Any, q: Any) -> Any:
+    """The product of two quaternions w, x, y, z."""
+    (a, u), (b, v) = (p[0], np.array(p[1:])), (q[0], np.array(q[1:]))
+    return np.array([a * b - u @ v, *(a * v + b * u + np.cross(u, v))])
+
+
 def change(ratio: float) -> str:
     """The change of a quantity, from its value relative to that at the start."""
     if ratio > 10:
@@ -256,6 +331,7 @@ def write(docs: Path) -> None:
         (folder / f"engines-{name}.md").write_text(text, encoding="utf-8")
     picture(catalogue, result, folder / "figures" / "engines.png")
     after_an_hour(folder / "figures" / "hour.png")
+    after_an_hour_moving(folder / "figures" / "hour.webp")
 
 
 if __name__ == "__main__":
