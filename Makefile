@@ -88,13 +88,13 @@ picture: $(STAMP)
 	$(BIN)/python examples/compare.py docs
 
 verify: $(STAMP)
-	$(BIN)/kreisel verify --markdown > docs/verified.md.part && mv docs/verified.md.part docs/verified.md
+	$(BIN)/python docs/tools/verified.py
 
 known: $(STAMP)
 	$(BIN)/python docs/tools/known_maps.py
 
 investigate: $(STAMP)
-	$(BIN)/kreisel investigate --markdown > docs/integrability-registry.md.part && mv docs/integrability-registry.md.part docs/integrability-registry.md
+	$(BIN)/python docs/tools/investigated.py
 
 stubs: $(STAMP)
 	$(BIN)/python docs/tools/stubs.py

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import subprocess
 import sys
@@ -22,6 +23,15 @@ START = {  # name -> parameters, state
     "clebsch": ("b = [1.0, 2.0, 3.5]", "M = [0.1, 0.2, 0.3]\nP = [0.6, 0.0, 0.8]"),
     "neumann": ("b = [1.0, 2.0, 3.5]", "x = [1.0, 0.0, 0.0]\nq = [0.0, 0.3, 0.1]"),
 }
+
+
+def docs_tool(name: str) -> Any:
+    """A module of docs/tools."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "tools" / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def configuration(run: str, output: str, name: str = "lagrange-top", more: str = "") -> str:

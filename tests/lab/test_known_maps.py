@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from fractions import Fraction as F
 
@@ -15,11 +14,9 @@ from kreisel.lab.darboux import darboux
 from kreisel.lab.exact import independent, slopes
 from kreisel.lab.growth import singularities
 from kreisel.lab.subject import Subject, subject
-from support import ROOT
+from support import ROOT, docs_tool
 
-SPEC = importlib.util.spec_from_file_location("known_maps", ROOT / "docs" / "tools" / "known_maps.py")
-known_maps = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(known_maps)
+known_maps = docs_tool("known_maps")
 SLOWER = ("Lyness, a = 2", "asymmetric QRT", "QRT, multiplicative", "Kahan, Lotka and Volterra", "Kahan, Lorenz")
 QUICK = [known for known in known_maps.MAPS if known.name not in SLOWER]
 

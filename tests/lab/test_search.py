@@ -12,13 +12,14 @@ import pytest
 
 import kreisel as kr
 from kreisel.algebra import Array, cayley_act, trace_log, vec, wedge
-from kreisel.lab import brackets, dynamics, exact, growth, integrals, investigation, search
+from kreisel.lab import brackets, dynamics, exact, growth, integrals, search
 from kreisel.lab.integrals import integrals_in_floats
 from kreisel.lab.questions import liouville
 from kreisel.lab.subject import subject
 from kreisel.record.contract import Map
 from kreisel.record.model import Model
 from kreisel.system import clebsch, euler_top, kovalevskaya_top_e3, symmetric_top
+from support import docs_tool
 
 F = Fraction
 EXACT = {"steps": 0, "iterates": 5}
@@ -147,7 +148,7 @@ def test_integrals_in_floats() -> None:
     good = integrals_in_floats(subject(kr.LagrangeTop(p=(0, 0, 1)), eps=F(1, 3)))
     assert (good.count, good.on_leaf, good.leaf, good.enough) == (4, 2, 4, True)
     assert good.largest < 1e-14 and good.next > 1e-3
-    _, perturbed, options = investigation.controls()[1]
+    _, perturbed, options = docs_tool("investigated").controls()[1]
     from kreisel.lab.investigation import _subject
 
     bad = integrals_in_floats(_subject(perturbed, 3, "rest", F(1, 3), None, {}))

@@ -18,6 +18,7 @@ from kreisel.lab import growth, integrals, investigation, questions
 from kreisel.lab.investigation import investigate, typical
 from kreisel.lab.subject import subject
 from kreisel.system import REGISTRY
+from support import docs_tool
 
 F = Fraction
 SHORT = {"steps": 2000}
@@ -58,7 +59,7 @@ def test_an_implicit_map_in_floats() -> None:
     assert found["degree growth"].answer == "does not apply"
 
 
-@pytest.mark.parametrize("control", investigation.controls(), ids=lambda control: control[0])
+@pytest.mark.parametrize("control", docs_tool("investigated").controls(), ids=lambda control: control[0])
 def test_negative_controls(control) -> None:
     _, what, options = control
     found = investigate(what, **options, steps=4000)

@@ -73,7 +73,6 @@ def verify(
     name: Annotated[str | None, typer.Argument(help="A statement, or the beginning of names, such as theorem.")] = None,
     listed: Annotated[bool, typer.Option("--list", help="Name the statements without testing them.")] = False,
     as_json: AsJson = False,
-    markdown: Annotated[bool, typer.Option("--markdown", help="Print the page of the docs.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Of the random points, steps and parameters.")] = 0,
 ) -> None:
     """Every theorem and displayed identity of the paper, exactly over Q and in floats, n = 3 to 6."""
@@ -93,14 +92,12 @@ def verify(
         for statement in asked:
             status.update(f"{statement.name} ({len(findings) + 1} of {len(asked)})")
             findings.append(paper.tested(statement, seed=seed))
-            if not (as_json or markdown):
+            if not as_json:
                 print_finding(findings[-1])
     if as_json:
         print_json([finding_data(finding) for finding in findings])
-    elif markdown:
-        print(statements.markdown(findings), end="")
     failing = [finding.statement.name for finding in findings if not finding.holds]
-    if not (as_json or markdown):
+    if not as_json:
         errata = sum(finding.statement.printed is not None for finding in findings)
         holding = len(findings) - len(failing)
         say(f"{len(findings)} statements, {holding} hold; {errata} printed forms fail, as they should")
@@ -168,7 +165,6 @@ def investigate(
     seed: Annotated[int, typer.Option("--seed", help="Of the random points.")] = 0,
     html: Annotated[Path | None, a_path("Write the page to this file.", "--html")] = None,
     as_json: AsJson = False,
-    markdown: Annotated[bool, typer.Option("--markdown", help="Every map of the registry, as a table.")] = False,
 ) -> None:
     """Is this map integrable?  Poisson, reversible, order, degrees, integrals, Lax pair, chaos; with a verdict."""
     from kreisel.files import require_file
@@ -182,9 +178,6 @@ def investigate(
         "steps": steps,
         "seed": seed,
     }
-    if markdown:
-        print(investigation.registry_table(), end="")
-        return
     if subject is None:
         raise InputError("Name a system (kreisel systems) or a Python file: kreisel investigate clebsch.")
     if html is not None:

@@ -294,40 +294,6 @@ def cells(finding: StatementResult) -> tuple[str, str, str, str]:
     return spread, over_q, floats, finding.verdict + by
 
 
-def markdown(findings: Iterable[StatementResult]) -> str:
-    """The docs page: one line for each statement."""
-    lines = [PAGE_HEAD]
-    for finding in findings:
-        statement = finding.statement
-        n, over_q, floats, verdict = cells(finding)
-        text, place = (words.replace("|", "\\|") for words in (statement.text, statement.place))
-        lines.append(
-            f"| `{statement.name}` | {place} | {text} | {finding.computed} | {n} | {over_q} | {floats} | {verdict} |"
-        )
-    return "\n".join(lines) + "\n"
-
-
-PAGE_HEAD = """# The paper, verified
-
-Every numbered theorem, proposition and lemma, and the displayed identities, of Yu. B. Suris, *Integrable
-discretizations of some cases of the rigid body dynamics* (2001), tested at random points: exactly over the rationals,
-where the residual must be 0, and in floats. Labels in brackets come from the source text. Statements with errata
-([list](errata.md)) also test the printed form, which must fail; the number states by how much, in the n where it fails least.
-A random point is not a proof for all n: it makes an identity of rational functions that is false very unlikely to pass.
-Another `--seed` tests every statement at other points; steps and parameters have both signs where the formulas allow it.
-The last statements concern further maps, beyond the paper.
-
-The column *computed* names the comparison: the two sides of the formulas; ranks of differentials with the counts of the
-statement; or the [laws](laboratory.md) of the record. That a wrong statement fails is tested too (`tests/lab/test_statements_fail.py`):
-signs, coefficients and transposes of its formulas are changed one at a time until it fails, or the flow and the step of the
-record are spoiled; of errata the printed form must fail.
-
-Made by `make verify` (`kreisel verify --markdown`); one statement: `kreisel verify theorem-6.1`.
-
-| name | where | statement | computed | n | over Q | floats | verdict |
-|---|---|---|---|---|---|---|---|"""
-
-
 # -- matrices of the proofs, ranks on a leaf ---------------------------------------------------------
 
 
