@@ -17,7 +17,7 @@ from dataclasses import replace
 from kreisel.algebra import act, axial, dot, identity, log
 from kreisel.algebra.invariants import stack, trace
 from kreisel.algebra.matrices import su2
-from kreisel.record.contract import Relation
+from kreisel.record.contract import Relation, named
 from kreisel.system import lagrange_top
 
 
@@ -45,30 +45,28 @@ def lagrangian(g, h, A, *, p, alpha, eps):  # (tr w)^2 = 1 + tr R for the rotati
     return -kinetic - 2 * (1 - alpha) / eps * log(dot(A, A) + dot(a, a1)) - eps * dot(p, a)
 
 
-SYSTEM = replace(
-    lagrange_top.SYSTEM,
-    name="lagrange-top-su2",
-    title="Lagrange top on SU(2), rest frame",
-    source="Bobenko, Suris 1999",
-    n=3,
-    integrals={"squares": squares},
-    commuting=("squares",),
-    lax=lax,
-    map=replace(
-        lagrange_top.MAP,
-        lagrangian=lagrangian,
-        lax=lax_matrix,
-        conjugator=conjugator,
+def of_1999(top, same, *formulas):
+    """The record of a top on SU(2), from that of 2001 in the same frame; `same` are its state and parameters."""
+    squares, lax, lax_matrix, *of_map = formulas
+    name, frame = top.SYSTEM.name, top.SYSTEM.frame.value
+    return replace(
+        top.SYSTEM,
+        name=name.replace("lagrange-top", "lagrange-top-su2"),
+        title=f"Lagrange top on SU(2), {frame} frame",
         source="Bobenko, Suris 1999",
-    ),
-    baecklund=None,
-    relations=(
-        Relation(
-            "lagrange-top",
-            lambda m, a, g, *, p, alpha: ((m, a), {"p": p, "alpha": alpha}),
-            "step",
-            "the map is the case n = 3 of the map of 2001",
-        ),
-    ),
-    notes="The 1999 paper was not at hand: whether it has these very formulas is open. All else is in lagrange-top.",
-)
+        n=3,
+        integrals={"squares": squares},
+        commuting=("squares",),
+        lax=lax,
+        map=replace(top.MAP, **named(*of_map), lax=lax_matrix, source="Bobenko, Suris 1999"),
+        baecklund=None,
+        relations=(Relation(name, same, "step", "the map is the case n = 3 of the map of 2001"),),
+        notes=f"The 1999 paper was not at hand: whether it has these very formulas is open. All else is in {name}.",
+    )
+
+
+def same(m, a, g, *, p, alpha):
+    return (m, a), {"p": p, "alpha": alpha}
+
+
+SYSTEM = of_1999(lagrange_top, same, squares, lax, lax_matrix, conjugator, lagrangian)

@@ -6,13 +6,11 @@ Notation and source as in `lagrange_top_su2`.  With W = g_k^-1 g_(k+1) in SU(2) 
     P_(k+1) = W^-1 P_k W,   M_(k+1) = W^-1 M_k W + eps [P_(k+1), A].
 """
 
-from dataclasses import replace
-
 from kreisel.algebra import act, axial, dot, identity, log
 from kreisel.algebra.invariants import stack, trace
 from kreisel.algebra.matrices import su2
-from kreisel.record.contract import Relation
 from kreisel.system import lagrange_top_moving as moving
+from kreisel.system.lagrange_top_su2 import of_1999
 
 
 def squares(M, P, *, A, eps=0):
@@ -41,31 +39,8 @@ def lagrangian(g, h, p, *, A, alpha, eps):  # (tr W)^2 = 1 + tr R for the rotati
     return -kinetic - 2 * (1 - alpha) / eps * log(dot(A, A) + dot(A, act(R, A))) - eps * dot(p, act(h, A))
 
 
-SYSTEM = replace(
-    moving.SYSTEM,
-    name="lagrange-top-su2-moving",
-    title="Lagrange top on SU(2), moving frame",
-    source="Bobenko, Suris 1999",
-    n=3,
-    integrals={"squares": squares},
-    commuting=("squares",),
-    lax=lax,
-    map=replace(
-        moving.MAP,
-        lagrangian=lagrangian,
-        lax=lax_matrix,
-        conjugator=conjugator,
-        source="Bobenko, Suris 1999",
-    ),
-    baecklund=None,
-    relations=(
-        Relation(
-            "lagrange-top-moving",
-            lambda M, P, g, *, A, alpha: ((M, P), {"A": A, "alpha": alpha}),
-            "step",
-            "the map is the case n = 3 of the map of 2001",
-        ),
-    ),
-    notes="The 1999 paper was not at hand: whether it has these very formulas is open. All else is in "
-    "lagrange-top-moving.",
-)
+def same(M, P, g, *, A, alpha):
+    return (M, P), {"A": A, "alpha": alpha}
+
+
+SYSTEM = of_1999(moving, same, squares, lax, lax_matrix, conjugator, lagrangian)
