@@ -167,7 +167,7 @@ def written_steps(record: Recording, lanes: int, projected: bool) -> Writing:
 
 
 def compiled_steps(record: Recording, lanes: int, projected: bool) -> Steps:
-    """The same, compiled."""
+    """The compiled function of `written_steps`."""
     writing = written_steps(record, lanes, projected)
     return Steps(kernel(writing.key, 7, writing.write), writing.room)
 

@@ -81,7 +81,7 @@ class Plan:
 
     @cached_property
     def timetable(self) -> Timetable:
-        """Which rows are saved."""
+        """The saved rows."""
         return Timetable(self.settings)
 
     @property

@@ -418,7 +418,7 @@ class Basis:
 
     @property
     def arrays(self) -> dict[str, Array]:
-        """What `back` needs, by name."""
+        """Arrays for `back`, by name."""
         return {name: getattr(self, name.removeprefix(BASIS)) for name in BASIS_AXES}
 
     @staticmethod

@@ -51,7 +51,7 @@ def compiled_large(large: Large, columns: Mapping[str, slice], stage_columns: Ma
 
 
 class _Code:
-    """What is written, and where the state is: blocks of entries in rows of the workspace, scalars, matrices in z."""
+    """The written code, and the places of the state: blocks of entries in rows of the workspace, matrices in z."""
 
     def __init__(
         self, form: LargeForm, kinds: Sequence[str], pieces: Sequence[LargeFunction], place: Mapping[str, Any]

@@ -257,7 +257,7 @@ class StructuredColumns(StructuredVector):
 
 @dataclass(frozen=True, eq=False)
 class StructuredRows:
-    """The same for the rows: the transposed matrix is known by its columns."""
+    """Any one row of a matrix, whose transposed matrix is known by its columns."""
 
     vector: StructuredVector
 
