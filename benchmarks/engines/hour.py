@@ -50,7 +50,7 @@ def numbers(attitude: Any, rates: Any, inertia: Any) -> dict[str, Any]:
     """Energy and momentum once a minute, relative; near the end the middle momentum, attitudes."""
     momentum = rates * inertia
     energy, length = (rates * momentum).sum(1), np.linalg.norm(momentum, axis=1)
-    last = slice(-round(LAST * ROWS), None, 2)
+    last = slice(1 - round(LAST * ROWS), None, 2)
     return {
         "energy": [float(f"{e:.12g}") for e in energy[:: 60 * ROWS] / energy[0]],
         "momentum": [float(f"{e:.12g}") for e in length[:: 60 * ROWS] / length[0]],

@@ -175,7 +175,7 @@ def test_the_hour_of_the_page_is_the_one_measured() -> None:
     """Five engines and the file in C: what docs/engines.md states; the file flips within 5 ms of the exact motion."""
     records = json.loads((RESULT.parent / "hour.json").read_text(encoding="utf-8"))
     text = (ROOT / "docs" / "engines.md").read_text(encoding="utf-8")
-    assert len(records) == 6 and f"after {records['mujoco']['default_not_finite_s']:g} s" in text
+    assert len(records) == 6 and f"after {records['mujoco']['default_not_finite_s']:.0f} s" in text
     case = kr.checkcases.case("wing-nut").given()
     body = kr.physical.FreeBody(case["inertia"])
     times = 3600 - 0.1 * np.arange(600)[::-1]
