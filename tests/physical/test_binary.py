@@ -5,61 +5,21 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import kreisel as kr
+from clouds import G, cloud, integrated
 from kreisel.analysis import megno
 from kreisel.physical import Binary, Ensemble, GravityBody, Orbit, ThirdBody
 
-G = 6.67430e-11  # CODATA
 HOUR, DISTANCE = 3600.0, 1000.0
 
 
-# -- Newton's law for clouds of point masses that are rigid ------------------------------------------
-
-
-def cloud(seed: int, mass: float, size: float) -> tuple[Any, Any]:
-    """Masses and positions of a cloud about its centre of mass, along its principal axes."""
-    draw = np.random.default_rng(seed)
-    m = draw.uniform(0.5, 1.5, 7)
-    x = draw.normal(size=(7, 3)) * (1.4, 1.0, 0.7)
-    x -= m @ x / m.sum()
-    x = x @ np.linalg.eigh(np.einsum("k,ki,kj->ij", m, x, x))[1]
-    return m * mass / m.sum(), x * size
-
-
-def matrix(q: Any) -> Any:
-    w, x, y, z = q / np.linalg.norm(q)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
-
-
-def newton(t: float, z: Any, clouds: Any) -> Any:
-    """The rates of place, velocity, angular momentum and quaternion of each cloud, in an inertial frame."""
-    rows = z.reshape(len(clouds), 13)
-    arms = [x @ matrix(row[9:]).T for (_, x), row in zip(clouds, rows, strict=True)]
-    pulls = [np.zeros_like(x) for x in arms]  # on each point
-    for i, j in combinations(range(len(clouds)), 2):
-        d = (rows[j, :3] + arms[j])[None] - (rows[i, :3] + arms[i])[:, None]
-        pull = G * clouds[i][0][:, None, None] * clouds[j][0][:, None] * d / (d * d).sum(-1, keepdims=True) ** 1.5
-        pulls[i] += pull.sum(1)
-        pulls[j] -= pull.sum(0)
-    rates = []
-    for (m, _), y, row, pull in zip(clouds, arms, rows, pulls, strict=True):
-        inertia, q = (m @ (y * y).sum(-1)) * np.eye(3) - np.einsum("k,ki,kj->ij", m, y, y), row[9:]
-        w = np.linalg.lstsq(inertia, row[6:9])[0]
-        turning = 0.5 * np.array([-w @ q[1:], *(q[0] * w + np.cross(w, q[1:]))])
-        rates += [row[3:6], pull.sum(0) / m.sum(), np.cross(y, pull).sum(0), turning]
-    return np.concatenate(rates)
+# -- against clouds of point masses that are rigid ----------------------------------------------------
 
 
 def as_rows(run: Any, i: int, masses: Any) -> Any:
@@ -79,16 +39,6 @@ def as_rows(run: Any, i: int, masses: Any) -> Any:
 
 
 BY_NEWTON: dict[Any, Any] = {}  # last rows, by size and third body
-
-
-def integrated(first: Any, seconds: float, clouds: Any) -> Any:
-    """The last rows by Newton's law from these first rows."""
-    masses = np.array([m.sum() for m, _ in clouds])
-    scale = 1e-13 * np.tile(np.maximum(abs(first).max(0), 1e-3), len(clouds))
-    path = solve_ivp(newton, (0, seconds), first.ravel(), "DOP853", rtol=1e-12, atol=scale, args=(clouds,))
-    rows = path.y[:, -1].reshape(first.shape)
-    rows[:, :6] -= masses[:2] @ rows[:2, :6] / masses[:2].sum()  # the third body moves the barycentre
-    return rows
 
 
 def both(size: float, third: Any = None, points: Any = None, **without: Any) -> tuple[Any, Any]:

@@ -1,306 +1,297 @@
-"""The parts of a step on all bodies and particles, compiled: `kreisel.rebound.interaction` recorded.
+"""Kernels of spins: the interaction of pairs, `kreisel.rebound.interaction` recorded, inside REBOUND's steps.
 
-p (N, ...) are REBOUND's particles in their memory, rows of x, v, a, m and more; `masses` (N,) are the active masses.  A
-body is a particle `index`, a row L, g of `z` and a row of `c`: the entries that `ROTOR` and `FIGURE` list.
+p (N, ...) are REBOUND's particles in their memory, rows of x, v, a, m and more.  A body is a row L, q of `z` and a row
+of `c`, the entries of `ROTOR`.  A pair is a row of `pairs`, its kind and the places of both particles and bodies, and a
+row of `factors`, the entries of `PAIR` for the time of a kick.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
 from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from kreisel.exact import rotor_step
 from kreisel.graph.graph import Graph, Operand
 from kreisel.graph.llvm import DOUBLE, INDEX, INTEGER, Function, Integer, Memory, Value, constant
-from kreisel.graph.machine import Kernel, kernel
+from kreisel.graph.machine import Kernel, kernel, object_code
 from kreisel.graph.recording import recorded_function
 from kreisel.rebound import interaction
+from kreisel.rebound.interaction import FIGURES, FLUID, LAG, LEAST
 
+Recording = tuple[Graph, list[Operand]]
 ROTOR = {"inverse": (3,), "rates": (3,), "curvatures": (3,)}
-FIGURE = {"I": (3,), "D": (3,), "tide": (), "fluid": (), "lag": ()}
-COLUMNS, OF_FIGURE, LAG = 18, 9, 17
-BALL = 1e-12  # of the moments: rounding of a ball
+STATE = {"r": (3,), "v": (3,), "L1": (3,), "q1": (4,), "L2": (3,), "q2": (4,)}
+PAIR: dict[str, tuple[int, ...]] = {"strength": (), "raised": (), **FIGURES, **FLUID, **LAG}
+ENDS = np.cumsum([math.prod(shape) for shape in PAIR.values()]).tolist()
+PLACES = {name: slice(end - math.prod(shape), end) for (name, shape), end in zip(PAIR.items(), ENDS, strict=True)}
 MOST_PARTS = 100_000  # of a rotation: a step with more parts is meaningless
+LOST, TURNED_OFTEN = 1, 2  # `fault`: particles, or a body that rotates too often
 
-# The words of a frame: addresses, then counts: values per particle, active particles, bodies, particles, rows of q (0
-# unless coordinates are Jacobi's) and their values, steps; and whether pairs are in reverse order.
-ADDRESSES = (
-    "p",
-    "masses",
-    "index",
-    "z",
-    "c",
-    "dv",
-    "times",
-    "done",
-    "q",
-    "simulation",
-    "step",
-    "N",
-    "modified",
-    "status",
-)
-FRAME = (*ADDRESSES, "width", "active", "bodies", "particles", "jacobi", "jacobi_width", "steps", "backwards")
-TURNED_OFTEN = -1  # `done` if a body rotates too often
+# The words of a frame: addresses of arrays, and of REBOUND's data and functions; counts.
+ARRAYS = "p", "z", "c", "pairs", "factors", "dv", "v", "times", "fault"
+OF_REBOUND = "simulation", "N", "steps_done", "modified", "status", "advance", "forces", "before", "after"
+COUNTS = "width", "particles", "active", "bodies", "count", "bursts", "burst"
+FRAME = (*ARRAYS, *OF_REBOUND, *COUNTS)
+TIMES = "dt", "rotation", "trailing", "G"  # a step; the rotation before the next kick, and after all steps
 
 
-class Recorded(NamedTuple):
-    """A function of `interaction`, recorded; its constants begin at `first` in a row of c."""
+class Kind(NamedTuple):
+    """A kind of interaction of two bodies; of what it lacks it computes nothing.
 
-    graph: Graph
-    outputs: list[Operand]
+    first, second   the degrees of their figures, 0 of a ball or a point, 2 or 4
+    fluids          balls that their rotation flattens: 0, 1 if it is the first, else 2
+    lags            bodies with tides that lag: 0, 1 if it is the first, or 2: friction, and nothing else
+    """
+
     first: int
+    second: int
+    fluids: int = 0
+    lags: int = 0
 
-    @classmethod
-    def of(
-        cls,
-        function: Callable[..., Any],
-        inputs: Mapping[str, tuple[int, ...]],
-        constants: Mapping[str, tuple[int, ...]],
-        without: tuple[str, ...] = (),
-        first: int = 0,
-    ) -> Recorded:
-        """A function of inputs, one after the other, and of constants, `without` some that it does not need."""
-
-        def called(**arguments: Any) -> list[Any]:
-            return list(function(**{name: value for name, value in arguments.items() if name not in without}))
-
-        graph, outputs, _ = recorded_function(called, inputs, constants)
-        return cls(graph, outputs, first)
-
-    def __call__(self, code: Code, body: Integer, values: Sequence[Value]) -> list[Value]:
-        """The outputs of the function for a body."""
-        c = code.doubles["c"].beyond(body * COLUMNS + self.first)
-        return code.f.outputs(self.graph, self.outputs, lambda letter, i: values[i] if letter == "z" else c[i])
+    def changes(self, r: Any, v: Any, L1: Any, q1: Any, L2: Any, q2: Any, **factors: Any) -> list[Any]:
+        """p, T1 and T2 in a row."""
+        none, upright, degrees = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), (self.first, self.second)
+        q1, q2 = q1 if self.first else upright, q2 if self.second else upright
+        if self.lags:
+            constants = {name: factors[name] for name in LAG}
+            if self.lags == 1:
+                L2, constants = none, constants | {"lag2": 0.0, "on2": 0.0, "inverse2": none}
+            return [*np.concatenate(interaction.friction(r, v, L1, q1, L2, q2, **constants))]
+        figures = {
+            f"{name}{i}": factors[f"{name}{i}"] if degree >= least else np.zeros(FIGURES[f"{name}{i}"])
+            for name, least in LEAST.items()
+            for i, degree in zip((1, 2), degrees, strict=True)
+        }
+        p, T1, T2 = interaction.kick(r, q1, q2, strength=factors["strength"], raised=factors["raised"], **figures)
+        T1 = T1 if self.first else none
+        if self.fluids:
+            constants = {name: factors[name] for name in FLUID}
+            if self.fluids == 1:
+                L2, constants = none, constants | {"fluid2": 0.0, "on2": 0.0, "inverse2": none}
+            more = interaction.flatten(r, L1, L2, **constants)
+            p, T1, T2 = (x + y for x, y in zip((p, T1, T2), more, strict=True))
+        return [*np.concatenate([p, T1, T2])]
 
 
 @cache
-def _recorded() -> dict[str, Recorded]:
-    L, g, one = (3,), (4,), ()
-    of_turn = {"L": L, "g": g, "h": one}
-    of_pair = {"L": L, "g": g, "h": one, "m": one}
-    kick = {"r": L, **of_pair, "G": one}
-    friction = {"r": L, "v": L, **of_pair, "own": one, "G": one}
-    return {
-        "kick": Recorded.of(interaction.kick, kick, FIGURE, ("lag",), OF_FIGURE),
-        "friction": Recorded.of(interaction.friction, friction, FIGURE, ("D", "fluid"), OF_FIGURE),
-        "turn": Recorded.of(interaction.turn, of_turn, ROTOR),
-        "turn_of_ball": Recorded.of(interaction.turn_of_ball, of_turn, {"I": (3,)}, first=OF_FIGURE),
-        "reach": Recorded.of(interaction.reach, of_turn, ROTOR),
+def recorded(kind: Kind) -> Recording:
+    """The changes of a kind of pair."""
+    return recorded_function(kind.changes, STATE, PAIR)[:2]
+
+
+@cache
+def rotations() -> dict[str, Recording]:
+    """The rotation of a body and of a ball, and their length."""
+    state = {"L": (3,), "q": (4,), "h": ()}
+
+    def of_ball(function: Any) -> Any:
+        return lambda **values: function(**{name: values[name] for name in (*state, "inverse")})
+
+    functions = {
+        "turn": interaction.turn,
+        "reach": interaction.reach,
+        "turn_of_ball": of_ball(interaction.turn_of_ball),
+        "reach_of_ball": of_ball(interaction.reach_of_ball),
     }
+    return {name: recorded_function(function, state, ROTOR)[:2] for name, function in functions.items()}
 
 
 class Code:
-    """Code that the kernels share: the words of the frame, the actions of particles and bodies in a part of a step."""
+    """Code that the kernels share: the words of the frame, and actions on particles and bodies."""
 
-    def __init__(self, f: Function, react: Reaction):
-        self.f, self.react = f, react
+    def __init__(self, f: Function, kinds: tuple[Kind, ...]):
+        self.f, self.kinds = f, kinds
         self.words = dict(zip(FRAME, f.integers(f.arguments[0]).get(len(FRAME)), strict=True))
-        self.doubles = {name: f.doubles(self.words[name]) for name in ("p", "masses", "z", "c", "dv", "times", "q")}
-        self.index, self.done = f.integers(self.words["index"]), f.integers(self.words["done"])
-        self.dt, self.G = self.doubles["times"].get(2)
+        self.doubles = {name: f.doubles(self.words[name]) for name in ("p", "z", "c", "factors", "dv", "v")}
+        self.fault = f.integers(self.words["fault"])
+        times = f.doubles(self.words["times"])
+        self.times = {name: times.beyond(k) for k, name in enumerate(TIMES)}
 
-    def particle(self, i: Integer) -> Memory:
-        """The values of a particle: x, v, a, m and more."""
-        return self.doubles["p"].beyond(i * self.words["width"])
+    def act(self, backwards: Any, inside: bool) -> None:
+        """Interaction of all pairs, one after the other or in reverse order.
 
-    def act_on_all(self, h: Value, backwards: Any) -> None:
-        """Interaction of particles and bodies over a time h, pair after pair; or in reverse order."""
-        f, words = self.f, self.words
+        inside  whether accelerations receive it, in a step of WHFast, else velocities
+        """
+        f, builder, words = self.f, self.f.builder, self.words
+        lags, dv, p = any(kind.lags for kind in self.kinds), self.doubles["dv"], self.doubles["p"]
         with f.loop(0, words["particles"] * 3) as k:
-            self.doubles["dv"][k] = 0.0
-        pairs = words["bodies"] * words["active"]
-        zero = constant(DOUBLE, 0.0)
-        with f.loop(0, pairs) as number:
-            place = backwards * (pairs - 1 - number * 2) + number
-            body, j = place // words["active"], place % words["active"]
-            i = self.index[body]
-            lag = self.doubles["c"][body * COLUMNS + LAG]
-            lagging = Integer(f.builder, f.builder.zext(f.builder.fcmp_ordered("!=", lag, zero), INTEGER))
-            with f.where(i.compared("!=", j)):
-                with f.where((lagging * (1 - backwards)).compared("==", 1)):
-                    self._act(i, j, body, h, lagging=True)
-                self._act(i, j, body, h, lagging=False)
-                with f.where((lagging * backwards).compared("==", 1)):
-                    self._act(i, j, body, h, lagging=True)
+            dv[k] = 0.0
+        if lags:
+            self._velocities(inside)
+        with f.loop(0, words["count"]) as number:
+            place = backwards * (words["count"] - 1 - number * 2) + number
+            kind, *pair = f.integers(words["pairs"]).get(5, place * 5)
+            for k, each in enumerate(self.kinds):
+                with f.where(kind.compared("==", k)):
+                    self._act(each, pair, self.doubles["factors"].beyond(place * ENDS[-1]))
+        share = builder.fdiv(constant(DOUBLE, 1.0), self.times["dt"][0]) if inside else constant(DOUBLE, 1.0)
+        with f.loop(0, words["particles"]) as i, f.loop(0, 3) as k:
+            target = p.beyond(i * words["width"] + (6 if inside else 3) + k)
+            target[0] = builder.fadd(target[0], builder.fmul(share, dv[i * 3 + k]))
 
-    def _act(self, i: Integer, j: Integer, body: Integer, h: Value, lagging: bool) -> None:
+    def _act(self, kind: Kind, pair: list[Integer], factors: Memory) -> None:
+        """The changes of a pair, whose kind is known."""
         f, builder = self.f, self.f.builder
-        first, second = self.particle(i), self.particle(j)
-        r = [builder.fsub(x, y) for x, y in zip(second.get(3), first.get(3), strict=True)]
-        z, m = self.doubles["z"].beyond(body * 7), self.doubles["masses"][j]
-        if lagging:
-            v = [builder.fsub(x, y) for x, y in zip(second.get(3, 3), first.get(3, 3), strict=True)]
-            change = _recorded()["friction"](self, body, [*r, *v, *z.get(7), h, m, first[9], self.G])
-        else:
-            change = _recorded()["kick"](self, body, [*r, *z.get(7), h, m, self.G])
-        dv = self.doubles["dv"]
-        self.react(f, (first, dv.beyond(i * 3), first[9]), (second, dv.beyond(j * 3), m), z, r, change)
+        i, j, *bodies = pair
+        places = [self.doubles["p"].beyond(x * self.words["width"]).get(3) for x in (i, j)]
+        r = [builder.fsub(y, x) for x, y in zip(*places, strict=True)]
+        rows, dv = [self.doubles["z"].beyond(x * 7) for x in bodies], [self.doubles["dv"].beyond(x * 3) for x in (i, j)]
 
-    def turn_all(self, h: Value) -> None:
-        """Rotate the bodies freely over a time h; `done` is `TURNED_OFTEN` if one rotates too often in it."""
-        f, builder, functions = self.f, self.f.builder, _recorded()
-        one, two, most = (constant(DOUBLE, x) for x in (1.0, 2.0, float(MOST_PARTS)))
+        def of_state(at: int) -> Value:
+            if at < 3:
+                return r[at]
+            if at >= 6:
+                return rows[(at - 6) // 7][(at - 6) % 7]
+            first, second = (
+                builder.fadd(self.doubles["v"][x * 3 + (at - 3)], dv[n][at - 3]) for n, x in enumerate((i, j))
+            )
+            return builder.fsub(second, first)
+
+        changes = f.outputs(*recorded(kind), lambda letter, at: of_state(at) if letter == "z" else factors[at])
+        into = {name: factors[PLACES[name].start] for name in ("into1", "into2", "on1", "on2")}
+        for k in range(3):
+            dv[0][k] = builder.fsub(dv[0][k], builder.fmul(into["into1"], changes[k]))
+            dv[1][k] = builder.fadd(dv[1][k], builder.fmul(into["into2"], changes[k]))
+        for number, row in enumerate(rows):
+            for k, (x, output) in enumerate(
+                zip(changes[3 * number + 3 :], recorded(kind)[1][3 * number + 3 :], strict=True)
+            ):
+                if k < 3 and not (isinstance(output, float) and output == 0):
+                    row[k] = builder.fadd(row[k], builder.fmul(into[f"on{number + 1}"], x))
+
+    def _velocities(self, inside: bool) -> None:
+        """Velocities that tides meet: inside WHFast those in the middle of its kick, Jacobi's terms included."""
+        f, builder, words = self.f, self.f.builder, self.words
+        p, v, width = self.doubles["p"], self.doubles["v"], words["width"]
+        half = builder.fmul(constant(DOUBLE, 0.5 if inside else 0.0), self.times["dt"][0])
+        with f.loop(0, words["particles"]) as i, f.loop(0, 3) as k:
+            row = p.beyond(i * width + k)
+            v[i * 3 + k] = builder.fadd(row[3], builder.fmul(half, row[6]))
+        if not inside:
+            return
+        sums = f.variables(4)  # of mass times place, and of mass, of the particles further in
+        for each in sums:
+            each[0] = 0.0
+        scale = builder.fmul(half, self.times["G"][0])
+        with f.loop(0, words["particles"]) as i:
+            row = p.beyond(i * width)
+            m = row[9]
+            with f.where(i.compared(">", 1)):
+                q = [builder.fsub(x, builder.fdiv(s[0], sums[3][0])) for x, s in zip(row.get(3), sums, strict=False)]
+                self._undo_attraction(i, q, m, sums[3][0], scale)
+            with f.where(i.compared("<", words["active"])):
+                for x, each in zip([*row.get(3), constant(DOUBLE, 1.0)], sums, strict=True):
+                    each[0] = builder.fadd(each[0], builder.fmul(m, x))
+
+    def _undo_attraction(self, i: Integer, q: list[Value], m: Value, inner: Value, scale: Value) -> None:
+        """Changes of v without the attraction of particle i, at q from the centre, and the mass further in."""
+        f, builder, v = self.f, self.f.builder, self.doubles["v"]
+        square = builder.fadd(builder.fadd(*(builder.fmul(x, x) for x in q[:2])), builder.fmul(q[2], q[2]))
+        share = builder.fdiv(scale, builder.fmul(square, f.intrinsic("sqrt", square)))
+        passive = builder.icmp_signed(">=", i.value, self.words["active"].value)
+        m = builder.select(passive, constant(DOUBLE, 0.0), m)
+        for k, x in enumerate(q):
+            change = builder.fmul(share, x)
+            own = v.beyond(i * 3 + k)
+            own[0] = builder.fadd(own[0], builder.fmul(inner, change))
+            with f.loop(0, i) as j, f.where(j.compared("<", self.words["active"])):
+                v[j * 3 + k] = builder.fsub(v[j * 3 + k], builder.fmul(m, change))
+
+    def turn(self, h: Value) -> None:
+        """Rotate the bodies freely over a time h."""
+        f, builder = self.f, self.f.builder
+        zero = constant(DOUBLE, 0.0)
         with f.loop(0, self.words["bodies"]) as body:
-            z = self.doubles["z"].beyond(body * 7)
-            L, c = z.get(3), self.doubles["c"].beyond(body * COLUMNS + OF_FIGURE)
-            (reach,) = functions["reach"](self, body, [*z.get(7), h])
-            parts = builder.fadd(one, builder.fmul(two, f.intrinsic("sqrt", reach)))  # rotations by up to 4 radians
-            few = builder.fcmp_ordered("<", parts, most)
-            with f.otherwise(few) as (turns, refused):
-                with turns:
-                    count = Integer(builder, builder.fptosi(parts, INTEGER))
-                    share, g = builder.fdiv(h, count.double()), z.beyond(3)
-                    zero = constant(DOUBLE, 0.0)
-                    ball = builder.and_(*(builder.fcmp_ordered("==", c[k], zero) for k in (3, 4)))
-                    with f.loop(0, count), f.otherwise(ball) as (of_ball, of_body):
-                        with of_ball:
-                            g.put(functions["turn_of_ball"](self, body, [*L, *g.get(4), share]))
-                        with of_body:
-                            g.put(functions["turn"](self, body, [*L, *g.get(4), share]))
-                with refused:
-                    self.done[0] = TURNED_OFTEN
+            z, c = self.doubles["z"].beyond(body * 7), self.doubles["c"].beyond(body * 9)
+            ball = builder.and_(*(builder.fcmp_ordered("==", c[k], zero) for k in (3, 4)))
+            with f.otherwise(ball) as (of_ball, of_body):
+                with of_ball:
+                    self._turn("_of_ball", z, c, h)
+                with of_body:
+                    self._turn("", z, c, h)
 
-    def change_jacobi(self) -> None:
-        """Velocities of Jacobi's coordinates, by the changes dv of the others."""
-        f, builder, masses = self.f, self.f.builder, self.doubles["masses"]
-        dv, rows = self.doubles["dv"], self.words["jacobi"]
-        momentum, mass = f.variables(2)
-        with f.where(rows.compared(">", 0)), f.loop(0, 3) as k:
-            momentum[0], mass[0] = builder.fmul(masses[0], dv[k]), masses[0]
-            with f.loop(1, rows) as i:
-                v = self.doubles["q"].beyond(i * self.words["jacobi_width"] + 3 + k)
-                change = dv[i * 3 + k]
-                v[0] = builder.fadd(v[0], builder.fsub(change, builder.fdiv(momentum[0], mass[0])))
-                momentum[0] = builder.fadd(momentum[0], builder.fmul(masses[i], change))
-                mass[0] = builder.fadd(mass[0], masses[i])
+    def _turn(self, which: str, z: Memory, c: Memory, h: Value) -> None:
+        """Rotate a body, in parts of up to 4 radians."""
+        f, builder = self.f, self.f.builder
+        one, two, most = (constant(DOUBLE, x) for x in (1.0, 2.0, float(MOST_PARTS)))
+
+        def outputs(name: str, share: Value) -> list[Value]:
+            values = *z.get(7), share
+            return f.outputs(*rotations()[name + which], lambda letter, at: values[at] if letter == "z" else c[at])
+
+        (reach,) = outputs("reach", h)
+        parts = builder.fadd(one, builder.fmul(two, f.intrinsic("sqrt", reach)))
+        with f.otherwise(builder.fcmp_ordered("<", parts, most)) as (few, many):
+            with few:
+                count = Integer(builder, builder.fptosi(parts, INTEGER))
+                share = builder.fdiv(h, count.double())
+                with f.loop(0, count):
+                    z.put(outputs("turn", share), 3)
+            with many:
+                self.fault[0] = TURNED_OFTEN
+
+    def forces(self) -> None:
+        """Forces of WHFast's kick in the middle of its step: the rotation since the last one, and the interaction."""
+        with self._unless_lost("forces"):
+            self.turn(self.times["rotation"][0])
+            self.times["rotation"][0] = self.times["dt"][0]
+            self.act(self.f.integers(self.words["steps_done"])[0] % 2, inside=True)
+
+    def before(self) -> None:
+        """What precedes a step of REBOUND: half a kick and the rotation."""
+        with self._unless_lost("before"):
+            self.f.builder.store(INDEX(1), self._small("modified"))
+            self.act(self.f.integer(0), inside=False)
+            self.turn(self.times["dt"][0])
+
+    def after(self) -> None:
+        """What follows a step of REBOUND: half a kick."""
+        with self._unless_lost(""):
+            self.act(self.f.integer(1), inside=False)
+        self._call("after")
 
     def advance(self) -> None:
-        """Steps of bodies and particles, by REBOUND's step between the halves of their interaction."""
+        """Steps of REBOUND, which calls the other kernels, and the rest of the rotation."""
         f, words, builder = self.f, self.words, self.f.builder
-        half, present, status = (
-            builder.fdiv(self.dt, constant(DOUBLE, 2.0)),
-            f.integers(words["N"]),
-            self._small("status"),
-        )
-        count, ended = present[0], f.integers(words["done"]).beyond(1)
-        ended[0] = 0
-        with f.loop(0, words["steps"]):
-            with f.where(ended[0].compared("==", 0)):
-                self.act_on_all(half, f.integer(0))
-                self.change_jacobi()
-                self.turn_all(self.dt)
-                with f.where(self.done[0].compared("<", 0)):
-                    ended[0] = 1
-                with f.where(ended[0].compared("==", 0)):
-                    with f.where(words["jacobi"].compared("==", 0)):
-                        builder.store(INDEX(1), self._small("modified"))
-                    f.call(words["step"], words["simulation"], 1)
-                    stopped = builder.icmp_signed(">", builder.load(status), INDEX(0))
-                    with f.otherwise(builder.or_(present[0].compared("!=", count), stopped)) as (stop, go_on):
-                        with stop:
-                            ended[0] = 1
-                        with go_on:
-                            self.act_on_all(half, f.integer(1))
-                            self.change_jacobi()
+        with f.loop(0, words["bursts"]), f.where(self.fault[0].compared("==", 0)):
+            f.call(words["advance"], words["simulation"], words["burst"])
+            stopped = builder.icmp_signed(">", builder.load(self._small("status")), INDEX(0))
+            with f.where(builder.or_(f.integers(words["N"])[0].compared("!=", words["particles"]), stopped)):
+                self.fault[0] = LOST
+        with f.where(self.fault[0].compared("==", 0)):
+            self.turn(self.times["trailing"][0])
+
+    def _unless_lost(self, user: str) -> Any:
+        """A block that is run if the particles are those of the frame; calls the function of the user first."""
+        if user:
+            self._call(user)
+        count = self.f.integers(self.words["N"])[0]
+        with self.f.where(count.compared("!=", self.words["particles"])):
+            self.fault[0] = LOST
+        return self.f.where(count.compared("==", self.words["particles"]))
+
+    def _call(self, user: str) -> None:
+        with self.f.where(self.words[user].compared("!=", 0)):
+            self.f.call(self.words[user], self.words["simulation"])
 
     def _small(self, name: str) -> Value:
         """A pointer to an integer of 32 bits."""
         return self.f.builder.inttoptr(self.words[name].value, INDEX.as_pointer())
 
 
-Side = tuple[Memory, Memory, Value]  # of a pair: a particle, the sum of changes of its velocity, its mass
-Reaction = Callable[[Function, Side, Side, Memory, Sequence[Value], Sequence[Value]], None]
+@cache
+def compiled(name: str, kinds: tuple[Kind, ...]) -> Kernel:
+    """A kernel, a method of `Code`: a function of the address of a frame."""
+    digests = [graph.digest(outputs) for graph, outputs in (*map(recorded, kinds), *rotations().values())]
+    return kernel(("rebound", name, kinds, *digests), 1, lambda f: getattr(Code(f, kinds), name)())
 
 
-def react(f: Function, first: Side, second: Side, z: Memory, r: Sequence[Value], change: Sequence[Value]) -> None:
-    """Change of the velocity of the second particle, with its reaction on the first and on the spin z of the body."""
-    builder, (particle, dv, own), (others, other_dv, m) = f.builder, first, second
-    ratio = builder.fdiv(m, own)
-    for k, x in enumerate(change):
-        back = builder.fmul(ratio, x)
-        for memory in (others.beyond(3 + k), other_dv.beyond(k)):
-            memory[0] = builder.fadd(memory[0], x)
-        for memory in (particle.beyond(3 + k), dv.beyond(k)):
-            memory[0] = builder.fsub(memory[0], back)
-    impulse = [builder.fmul(x, m) for x in change]
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        torque = builder.fsub(builder.fmul(r[i], impulse[j]), builder.fmul(r[j], impulse[i]))
-        z[k] = builder.fsub(z[k], torque)
-
-
-def compiled(part: str, reaction: Reaction = react) -> Kernel:
-    """The kernel of a part: "act", "turn" or "advance", a function of the address of a frame."""
-    digests = tuple(each.graph.digest(each.outputs) for each in _recorded().values())
+def hook(function: Kernel, frame: Any) -> Kernel:
+    """A function that REBOUND calls with its simulation: the kernel with that frame, which has to live as long."""
 
     def write(f: Function) -> None:
-        code = Code(f, reaction)
-        if part == "act":
-            code.act_on_all(code.dt, code.words["backwards"])
-        elif part == "turn":
-            code.turn_all(code.dt)
-        else:
-            code.advance()
+        f.call(f.integer(function.address), f.integer(int(frame.ctypes.data)))
 
-    return kernel(("rebound", part, reaction.__name__, digests), 1, write)
-
-
-_kernels = cache(compiled)
-
-
-def _run(part: str, arrays: Mapping[str, Any], **more: int) -> bool:
-    """Run a kernel on arrays, and on addresses and counts; False if a body rotates too often."""
-    done = np.zeros(2, dtype=np.int64)
-    words = dict.fromkeys(FRAME, 0) | {name: int(array.ctypes.data) for name, array in arrays.items()}
-    words |= {"done": done.ctypes.data, **more}
-    frame = np.array([words[name] for name in FRAME], dtype=np.int64)
-    _kernels(part)(frame.ctypes.data)
-    return bool(done[0] == 0)
-
-
-def _rows(
-    p: Any, masses: Any, index: Any, z: Any, c: Any, dv: Any, h: float, G: float
-) -> tuple[dict[str, Any], dict[str, int]]:
-    arrays = {"p": p, "masses": masses, "index": index, "z": z, "c": c, "dv": dv, "times": np.array([h, G])}
-    return arrays, {"width": p.shape[1], "active": len(masses), "bodies": len(index), "particles": len(dv)}
-
-
-def act_on_all(p: Any, masses: Any, index: Any, z: Any, c: Any, dv: Any, h: float, G: float, backwards: bool) -> None:
-    """Interaction of particles and bodies over a time h, pair after pair; `backwards`: in reverse order."""
-    arrays, counts = _rows(p, masses, index, z, c, dv, h, G)
-    _run("act", arrays, **counts, backwards=int(backwards))
-
-
-def turn_all(z: Any, c: Any, h: float) -> bool:
-    """Rotate the bodies freely over a time h; False if one rotates too often in it."""
-    return _run("turn", {"z": z, "c": c, "times": np.array([h, 0.0])}, bodies=len(z))
-
-
-def advance(
-    p: Any, masses: Any, index: Any, z: Any, c: Any, dv: Any, h: float, G: float, q: Any, step: int, simulation: int,
-    counts: Any, modified: int, status: int, steps: int,
-) -> bool:  # fmt: skip
-    """Steps of bodies and particles; False as for `turn_all`.
-
-    step, simulation, modified, status  addresses of REBOUND's step and of its data; q: Jacobi's coordinates
-    """
-    arrays, sizes = _rows(p, masses, index, z, c, dv, h, G)
-    of_rebound = {"step": step, "simulation": simulation, "modified": modified, "status": status, "steps": steps}
-    jacobi = {"jacobi": len(q), "jacobi_width": q.shape[1]}
-    return _run("advance", {**arrays, "q": q, "N": counts}, **sizes, **of_rebound, **jacobi)
-
-
-def columns(moments: Any, tide: float, fluid: float, lag: float) -> Any:
-    """The row c of a body."""
-    rotor = rotor_step.constants(moments)
-    D = np.zeros(3) if is_ball(moments) else moments - moments.sum() / 3
-    return np.concatenate([*(rotor[name] for name in ROTOR), moments, D, [tide, fluid, lag]])
-
-
-def is_ball(moments: Any) -> bool:
-    """Whether moments are equal up to rounding."""
-    return bool(np.ptp(moments) <= BALL * np.max(moments))
+    return Kernel(object_code(1, write), 1)

@@ -1,90 +1,125 @@
-"""An extended body and a point mass: the potential to second order, tides of constant time lag, the free body.
+"""Interaction of two particles in a short time, as changes of momentum and spin: figures, tides, their lag.
 
-r goes from the body to the mass m; L is the spin angular momentum of the body and g its orientation, both in the frame
-of the simulation; I are its principal moments, D = I - tr I/3, Omega its angular velocity.  The mass has the energy
-m U,
+r and v go from body 1 to body 2; L is the spin angular momentum of a body and q its orientation, both in the frame of
+the simulation.  The mutual potential to the fourth degree and the force of tides that lag are those of
+`kreisel.bodies.binary`, with masses 1 and with factors that have time, masses and constant of gravity.  A fluid ball
+flattened by its rotation Omega adds for the mass m of the other body
 
-    U = -(G/2) (tr I - 3 u.I u)/r^3 = (3 G/2) u.D u/r^3      u = r/|r|, I and D as tensors   [MacCullagh]
-        + fluid (3 (Omega.u)^2 - Omega^2)/(6 r^3)                 a fluid ball flattened by its rotation
-        - G m tide/(2 r^6)                                       the tide that m raises on the body
+    m k_2 R^5 (3 (Omega.u)^2 - Omega^2)/(6 r^3)                u = r/|r|   [Eggleton 1998]
 
-with tide = fluid = k_2 R^5.  m a = -m grad U acts on the mass, -m a on the body, and -r x m a is the torque on its
-spin: both sums are conserved.  A tide that lags by the time tau behind m adds the force [Hut 1981]
-
-    -3 G m^2 tide tau/r^8 (3 v_r + v_t - Omega x r)              v_r, v_t: along and across r
-
-on the mass.  [Murray Dermott 1999, chapters 4 and 5; Eggleton 1998]
+The changes are p, which body 2 receives and body 1 loses, and the torques T1, T2 with T1 + T2 + r x p = 0.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 from kreisel import algebra
 from kreisel.algebra import Array, cross, dot
 from kreisel.algebra.gradient import value_and_gradient
+from kreisel.bodies import binary
 from kreisel.exact import rotor_step
 
-
-def potential(b: Array, W: Array, *, D: Array, tide: Any, fluid: Any, G: Any, m: Any) -> Any:
-    """U at b (3,), along the principal axes as the angular velocity W (3,)."""
-    square = dot(b, b)
-    cube = square * algebra.sqrt(square)
-    flattening = 3 * dot(W, b) * dot(W, b) / square - dot(W, W)
-    return (
-        1.5 * G * dot(b * b, D) / (square * cube) + fluid * flattening / (6 * cube) - G * m * tide / (2 * cube * cube)
-    )
+formulas = cast("Any", binary)  # of a page, without types
+Changes = tuple[Array, Array, Array]
+LEAST = {"D": 2, "degree_3_": 4, "degree_4_": 4}  # degree of the figures that have it; all over the mass of the body
+FIGURES = {f"{name}{i}": (count,) for name, count in zip(LEAST, (3, 7, 9), strict=True) for i in (1, 2)}
+BODIES = {"inverse1": (3,), "inverse2": (3,), "on1": (), "on2": ()}
+FLUID = {"fluid1": (), "fluid2": (), **BODIES}
+LAG = {"lag1": (), "lag2": (), "into1": (), "into2": (), **BODIES}
 
 
-def kick(r: Array, L: Array, g: Array, h: Any, m: Any, G: Any, *, I: Array, D: Array, tide: Any, fluid: Any) -> Array:
-    """a h (3,): the change of the velocity of the mass in the time h, while positions and orientation stay.
+def potential(r: Array, q1: Array, q2: Array, *, raised: Any, **figures: Array) -> Any:
+    """V_12 of masses 1, in SI; `raised`: (m2 tide1/m1 + m1 tide2/m2)."""
+    return formulas.potential(r, q1, q2, m1=1.0, m2=1.0, tide1=raised, tide2=0.0, **figures)
 
-    The spin of a fluid ball meanwhile rotates about r by 2 arctan |y|: midpoint rule.
+
+def flattening(r: Array, W: Array) -> Any:
+    """The energy of a fluid ball with the angular velocity W for m k_2 R^5 = 1."""
+    square = dot(r, r)
+    return (3 * dot(W, r) * dot(W, r) / square - dot(W, W)) / (6 * square * algebra.sqrt(square))
+
+
+def kick(r: Array, q1: Array, q2: Array, *, strength: Any, raised: Any, **figures: Array) -> Changes:
+    """Changes by the mutual potential while positions and orientations stay; `strength`: of V_12."""
+
+    def energy(r: Array, turn: Array) -> Any:
+        turned = algebra.quaternion_product(algebra.quaternion(1 + 0 * turn[0], 0.5 * turn), q2)
+        return potential(r, q1, turned, raised=raised, **figures)
+
+    _, (slope, torque) = value_and_gradient(energy, [(r, 1), (0 * r, 1)])
+    p, T2 = -strength * slope, -strength * torque
+    return p, -cross(r, p) - T2, T2
+
+
+def flatten(
+    r: Array, L1: Array, L2: Array, *, fluid1: Any, fluid2: Any, inverse1: Array, inverse2: Array, on1: Any, on2: Any
+) -> Changes:
+    """Changes by two fluid balls; `fluid`: m k_2 R^5 times the time.
+
+    Each spin meanwhile rotates about r by 2 arctan |y|: midpoint rule.
     """
-    R = algebra.rotation_matrix(g)
-    b, W = r @ R, 3 * (L @ R) / I.sum()
-    square = dot(b, b)
-    y = h * m * fluid * 3 / (2 * I.sum()) * dot(W, b) / (square * square * algebra.sqrt(square)) * b
-    across = cross(y, W)
-    W = W + (across + cross(y, across)) / (1 + dot(y, y))
-    slope = value_and_gradient(lambda x: potential(x, W, D=D, tide=tide, fluid=fluid, G=G, m=m), [(b, 1)])[1][0]
-    return R @ (-h * slope)
+    square, changes = dot(r, r), []
+    for L, fluid, inverse, on in ((L1, fluid1, inverse1, on1), (L2, fluid2, inverse2, on2)):
+        W = L * inverse
+        y = 0.5 * on * fluid * inverse[0] * dot(W, r) / (square * square * algebra.sqrt(square)) * r
+        across = cross(y, W)
+        W = W + (across + cross(y, across)) / (1 + dot(y, y))
+        changes.append(-fluid * value_and_gradient(lambda x, W=W: flattening(x, W), [(r, 1)])[1][0])
+    p1, p2 = changes
+    return p1 + p2, -cross(r, p1), -cross(r, p2)
+
+
+def energy(r: Array, state1: Array, state2: Array, *, strength: Any, raised: Any, **factors: Any) -> Any:
+    """The energy of a kick of the time 1, `state`: L and q."""
+    figures = {name: factors[name] for name in FIGURES}
+    total = strength * potential(r, state1[3:], state2[3:], raised=raised, **figures)
+    for n, state in ((1, state1), (2, state2)):
+        total = total + factors[f"fluid{n}"] * flattening(r, state[:3] * factors[f"inverse{n}"])
+    return total
 
 
 def friction(
-    r: Array, v: Array, L: Array, g: Array, h: Any, m: Any, own: Any, G: Any, *, I: Array, tide: Any, lag: Any
-) -> Array:
-    """The change of the velocity of the mass by the lag of the tide in the time h: midpoint rule.
+    r: Array, v: Array, L1: Array, q1: Array, L2: Array, q2: Array, *, inverse1: Array, inverse2: Array, into1: Any,
+    into2: Any, on1: Any, on2: Any, **lags: Any,
+) -> Changes:  # fmt: skip
+    """Changes by tides that lag, by the midpoint rule; `lag`: m^2 k_2 R^5 times the lag and the time.
 
-    v (3,) is its velocity relative to the body, whose mass is `own`.  The mean s of the slip v_t - Omega x r solves
-
-        (1 + q (1 + m/own)) s - q m r x (I^-1 (r x s)) = slip      q = 3 G m tide tau h/(2 r^8)
-
-    which is, along the principal axes, a diagonal system and a term of rank 1 for y = r x s.
+    into   the change of the velocity of a body by p: 1/m; on   1, or 0 for a body that does not react
     """
-    R = algebra.rotation_matrix(g)
-    b, square = r @ R, dot(r, r)
-    rate = 3 * G * m * tide * lag * h / (square * square) ** 2
-    along = dot(v, r) / square * r
-    ratio = 1 + m / own
-    slip = (v - along) @ R - cross((L @ R) / I, b)
-    loss, weight = 1 + rate / 2 * ratio, rate / 2 * m / I
-    divisor = loss + weight * square
-    y = cross(b, slip) / divisor
-    y = y + dot(weight * b, y) * square / (loss * dot(b, b / divisor)) * b / divisor
-    return -rate * (3 / (1 + 1.5 * rate * ratio) * along + R @ cross(y, b) / square)
+    constants = {
+        "m1": 1.0,
+        "m2": 1.0,
+        "reduced": 1.0,
+        "rotor1": inverse1,
+        "rotor2": inverse2,
+        "tide1": 1.0,
+        "tide2": 1.0,
+    }
+
+    def changes(v: Array, L1: Array, L2: Array) -> Changes:
+        _, p, T1, _, T2, _ = formulas.friction(r, v, L1, q1, L2, q2, **constants, **lags)[0]
+        return p, T1, T2
+
+    p, T1, T2 = changes(v, L1, L2)
+    return changes(v + 0.5 * (into1 + into2) * p, L1 + 0.5 * on1 * T1, L2 + 0.5 * on2 * T2)
 
 
-def turn(L: Array, g: Array, h: Any, **constants: Array) -> Array:
+def turn(L: Array, q: Array, h: Any, **constants: Array) -> Array:
     """The orientation after the free motion over the time h, exactly; `constants`: of `rotor_step.constants`."""
-    return rotor_step.step(L @ algebra.rotation_matrix(g), g, h=h, **constants)[1]
+    return rotor_step.step(L @ algebra.rotation_matrix(q), q, h=h, **constants)[1]
 
 
-def turn_of_ball(L: Array, g: Array, h: Any, *, I: Array) -> Array:
+def turn_of_ball(L: Array, q: Array, h: Any, *, inverse: Array) -> Array:
     """The orientation after the free motion of a ball over the time h, for rotations up to 8 radians."""
-    return algebra.quaternion_product(algebra.turn(3 * h / I.sum() * L), g)
+    return algebra.quaternion_product(algebra.turn(h * inverse[0] * L), q)
 
 
-def reach(L: Array, g: Array, h: Any, **constants: Array) -> list[Any]:
+def reach(L: Array, q: Array, h: Any, **constants: Array) -> list[Any]:
     """A measure of the length of that step, as in `rotor_step`."""
-    return [rotor_step.reach(L @ algebra.rotation_matrix(g), h, **constants)]
+    return [rotor_step.reach(L @ algebra.rotation_matrix(q), h, **constants)]
+
+
+def reach_of_ball(L: Array, q: Array, h: Any, *, inverse: Array) -> list[Any]:
+    """`reach` of a ball."""
+    return [rotor_step.reach(L, h, inverse=inverse, curvatures=0 * q[:3])]

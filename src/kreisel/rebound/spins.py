@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -29,8 +29,8 @@ from kreisel.physical.free_body import FreeBody
 from kreisel.physical.measures import RATE, si_numbers
 from kreisel.process import scratch
 from kreisel.rebound import compiled
-from kreisel.rebound.compiled import COLUMNS, is_ball
-from kreisel.rebound.interaction import potential
+from kreisel.rebound.interaction import energy
+from kreisel.rebound.pairs import ENDS, Row, Side, interactions, rotor
 from kreisel.record.body import UPRIGHT
 from kreisel.runs.settings import MOST_STEPS
 
@@ -82,11 +82,14 @@ class Body:
     love: float = 0.0
     radius: float | None = None
     lag: float = 0.0
+    degree_3: Any = None
+    degree_4: Any = None
 
     def __post_init__(self) -> None:
         self.state()
         for name in ("love", "lag"):
             self._not_negative(name)
+        self._higher()
 
     def principal(self) -> tuple[Array, Array]:
         """The moments (3,), and the orientation of the principal axes.  Raises `InputError`."""
@@ -114,8 +117,8 @@ class Body:
         R = algebra.rotation_matrix(g)
         return np.concatenate([R @ (moments * (R.T @ self.angular_velocity())), g])
 
-    def tides(self, radius: float) -> tuple[float, float, float]:
-        """k_2 R^5, again k_2 R^5 for a fluid ball, else 0, and the lag; `radius`: of the particle.
+    def row(self, radius: float) -> Array:
+        """The constants of the body: moments, integrals of degrees 3 and 4, k_2 R^5, lag; `radius`: of the particle.
 
         Raises `InputError`.
         """
@@ -127,16 +130,29 @@ class Body:
                 f"lag: expected 0 for a body without tides, got {shown(self.lag)}. Usual cause: no love=, the Love "
                 "number k_2 of the tides."
             )
-        if not love:
-            return 0.0, 0.0, 0.0
         size = radius if self.radius is None else self._not_negative("radius")
-        if not size > 0:
+        if love and not size > 0:
             raise InputError(
                 f"radius: expected a number > 0 for a body with tides, got {shown(self.radius)} and a particle of "
                 f"radius {radius}. Usual cause: sim.add(..., r=...) is missing."
             )
-        tide = love * size**5
-        return tide, tide if is_ball(self.principal()[0]) else 0.0, lag
+        tide = love * size**5 if love else 0.0
+        return np.concatenate([self.principal()[0], *self._higher(), [tide, lag]])
+
+    def _higher(self) -> list[Array]:
+        """The inertia integrals of degrees 3 and 4.  Raises `InputError` unless they are along the principal axes."""
+        out = []
+        for name, count in (("degree_3", 7), ("degree_4", 9)):
+            value = getattr(self, name)
+            value = getattr(self.inertia, name, np.zeros(count)) if value is None else value
+            out.append(si_numbers(value, f"kg m^{name[-1]}", name, ((count,),)))
+        inertia = np.asarray(getattr(self.inertia, "inertia", self.inertia))
+        if any(x.any() for x in out) and inertia.ndim == 2 and (inertia - np.diag(np.diag(inertia))).any():
+            raise InputError(
+                f"degree_3, degree_4: expected principal axes, got inertia={shown(inertia.tolist())}. Usual cause: a "
+                "tensor in other axes; kr.physical.GravityBody.points and mesh compute all of them in principal axes."
+            )
+        return out
 
     def _not_negative(self, name: str) -> float:
         value = getattr(self, name)
@@ -152,6 +168,25 @@ FIXED = ("whfast", "leapfrog", "saba", "mercurius", "trace")  # a step is dt
 ADAPTIVE = ("ias15", "bs")
 CHUNK = 50_000  # steps between two checks of the result
 LATE = 1e-9  # of a step: rounding of the time
+INSIDE = {"forces": "_additional_forces"}  # kernels, by the functions that REBOUND calls
+SPECIAL = (
+    "coordinates",
+    "kernel",
+    "corrector",
+    "corrector2",
+)  # options of WHFast, 0 for one kick in Jacobi's coordinates
+AROUND = {"before": "_pre_timestep_modifications", "after": "_post_timestep_modifications"}
+FIELDS = {"N": "N", "steps_done": "steps_done", "modified": "did_modify_particles", "status": "_status"}
+
+
+class Rows(NamedTuple):
+    """The interactions of a simulation, and the arrays of the kernels."""
+
+    key: Any
+    kinds: tuple[compiled.Kind, ...]
+    rows: list[Row]
+    places: Array
+    factors: Array
 
 
 @explained
@@ -169,16 +204,18 @@ class Spins:
         except TypeError:
             raise InputError(f"Spins: expected names of particles in a list, got {shown(names)}.") from None
         z, c = algebra.floats(z), algebra.floats(c)
-        shapes = (len(self.names), 7), (len(self.names), compiled.COLUMNS)
+        shapes = tuple((len(self.names), width) for width in SHAPES.values())
         if (z.shape, c.shape) != shapes or not (np.isfinite(z).all() and np.isfinite(c).all()):
             raise InputError(
                 f"Spins: expected finite rows z {shapes[0]} and c {shapes[1]} of the bodies, got {shown(z)}, "
                 f"{shown(c)}. kreisel.rebound.attach(sim, bodies) makes them."
             )
         self._index = np.array([index_of(sim, name) for name in self.names], dtype=np.int64)
-        self._z, self._c, self._kick = z, c, kick
-        self._count = int(sim.N)
-        self._dv, self._seen = np.zeros((self._count, 3)), np.full((self._count, 7), np.nan)
+        self._state = np.concatenate([z, [[0, 0, 0, *UPRIGHT]]])  # the last one of points
+        self._z, self._c, self._kick, self._count = self._state[:-1], c, kick, int(sim.N)
+        self._rotors = np.array([rotor(row) for row in c])
+        self._frame, self._hooks = np.zeros(len(compiled.FRAME), dtype=np.int64), dict[Any, Any]()
+        self._rows, self._arrays = Rows(None, (), [], np.empty((0, 5)), np.empty((0, 0))), dict[str, Array]()
         self._check()
 
     @property
@@ -219,52 +256,76 @@ class Spins:
         if not isinstance(count, int | np.integer) or isinstance(count, bool) or not 0 <= count <= MOST_STEPS:
             raise InputError(f"count: expected an integer from 0 to {MOST_STEPS:,}, got {shown(count)}.")
         self._check()
-        advance = self._by_calls if self._kick is not None else self._compiled
+        self.sim.synchronize()
         for first in range(0, count, CHUNK):
-            advance(dt, min(CHUNK, count - first))
+            self._advance(dt, min(CHUNK, count - first))
             self.sim.process_messages()
             self._check_finite()
 
-    def _compiled(self, dt: float, count: int) -> None:
-        sim, library = self.sim, rebound().clibrebound
-        count_now, modified = self._field("N", np.int64), self._field("did_modify_particles", np.uint32)
+    def _advance(self, dt: float, count: int) -> None:
+        """Steps, in WHFast's loop if it can be; `fault` and REBOUND's status tell whether all were made."""
+        inside = self._kick is None and is_plain(self.sim)
         status = self._field("_status", np.int32)
         status[0] = -1  # running
-        step = ctypes.cast(library.reb_simulation_steps, ctypes.c_void_p).value
-        where = ctypes.addressof(sim)
-        with self._jacobi() as q:
-            self._seen[:] = np.nan
-            fields = count_now, modified.ctypes.data, status.ctypes.data
-            rows: Any = *self._arguments(), self._dv, dt, float(sim.G), q, step, where, *fields, count
-            turned = compiled.advance(*rows)
-        if not turned:
+        self._field("did_modify_particles", np.uint32)[0] = 1
+        kinds, fault = self._prepare(dt, count, inside), self._arrays["fault"]
+        if self._kick is not None:
+            self._by_calls(dt, count, kinds, fault)
+        else:
+            with self._hooked(INSIDE if inside else AROUND, kinds):
+                compiled.compiled("advance", kinds)(self._frame.ctypes.data)
+        if fault[0] == compiled.TURNED_OFTEN:
             self._refuse_turns(dt)
         self._check_count()
         if status[0] > 0:
-            sim.process_messages()
+            self.sim.process_messages()
             raise RunError(
-                f"REBOUND stopped at t = {sim.t}: expected to run on, got its status {status[0]}. Usual cause: a "
+                f"REBOUND stopped at t = {self.sim.t}: expected to run on, got its status {status[0]}. Usual cause: a "
                 "collision, or exit_min_distance or exit_max_distance of the simulation."
             )
-        self._seen = self._state()
 
-    def _by_calls(self, dt: float, count: int) -> None:
-        G = float(self.sim.G)
+    def _by_calls(self, dt: float, count: int, kinds: Any, fault: Array) -> None:
+        before, after = (compiled.compiled(name, kinds) for name in ("before", "after"))
         for _ in range(count):
-            rows = self._arguments()
-            compiled.act_on_all(*rows, self._dv, dt / 2, G, False)
-            if not compiled.turn_all(self._z, self._c, dt):
-                self._refuse_turns(dt)
-            self.sim.did_modify_particles = 1
-            self.sim.integrate(self.sim.t + dt)
-            self._check_count()
-            compiled.act_on_all(*self._arguments(), self._dv, dt / 2, G, True)
+            before(self._frame.ctypes.data)
+            if not fault[0]:
+                self.sim.integrate(self.sim.t + dt)
+                self._check_count()
+                after(self._frame.ctypes.data)
+
+    @contextlib.contextmanager
+    def _hooked(self, fields: Mapping[str, str], kinds: tuple[compiled.Kind, ...]) -> Iterator[None]:
+        """REBOUND with kernels in its steps, which call the functions of the user; outside its safe mode inside them.
+
+        Safe mode recomputes WHFast's coordinates in each step, which rounds the angular momentum of a hierarchy by up
+        to 1.4e-16 a step, always in one direction, and computes its drift twice.
+        """
+        sim, changes = self.sim, []
+        for name, field in fields.items():
+            if (name, kinds) not in self._hooks:
+                self._hooks[name, kinds] = compiled.hook(compiled.compiled(name, kinds), self._frame)
+            changes.append((self._field(field, np.uint64), self._hooks[name, kinds].address))
+            self._frame[compiled.FRAME.index(name)] = changes[-1][0][0]
+        if "forces" in fields:
+            velocities = sim.force_is_velocity_dependent or any(kind.lags for kind in kinds)
+            changes += [
+                (option(sim, "safe_mode"), 0),
+                (self._field("force_is_velocity_dependent", np.int32), velocities),
+            ]
+        before = [int(word[0]) for word, _ in changes]
+        try:
+            for word, value in changes:
+                word[0] = value
+            yield
+        finally:
+            for (word, _), value in zip(changes, before, strict=True):
+                word[0] = value
 
     def spin(self, which: int | str) -> Array:
         """The angular velocity (3,) of a body in the frame of the simulation.  Raises `InputError`."""
         k = self._number(which)
         R = algebra.rotation_matrix(self._z[k, 3:])
-        return R @ ((self._z[k, :3] @ R) * self._c[k, :3])
+        return R @ ((self._z[k, :3] @ R) / self._c[k, :3])
 
     def orientation(self, which: int | str) -> Array:
         """The unit quaternion (4,) of the principal axes of a body, body to the frame of the simulation."""
@@ -275,71 +336,82 @@ class Spins:
         return self._z[self._number(which), :3].copy()
 
     def angular_momentum(self) -> Array:
-        """The angular momentum (3,) of all orbits and spins."""
-        return np.array([*self.sim.angular_momentum()]) + self._z[:, :3].sum(0)
+        """The angular momentum (3,) of all orbits and spins, without those of bodies without mass."""
+        massive = self._particles()[self._index, 9] > 0
+        return np.array([*self.sim.angular_momentum()]) + self._z[massive, :3].sum(0)
 
     def energy(self) -> float:
-        """The energy of particles, rotation and interaction; tides with a lag dissipate it."""
-        p, masses, index, z, c = self._arguments()
-        total = float(self.sim.energy())
-        for i, row, columns in zip(index, z, c, strict=True):
-            R = algebra.rotation_matrix(row[3:])
-            M, D, (tide, fluid, _) = row[:3] @ R, columns[12:15], columns[15:]
-            total += M @ (M * columns[:3]) / 2
-            for j in range(self._count):
-                if j != i and masses[j]:
-                    b = (p[j, :3] - p[i, :3]) @ R
-                    constants = {"D": D, "tide": tide, "fluid": fluid, "G": self.sim.G, "m": masses[j]}
-                    total += masses[j] * potential(b, M * columns[:3], **constants)
+        """The energy of particles, rotation and interaction; tides with a lag dissipate it.
+
+        Bodies without mass, and what acts only on test particles, do not count.
+        """
+        p, total = self._particles(), float(self.sim.energy())
+        for row, constants, i in zip(self._z, self._c, self._index, strict=True):
+            M = row[:3] @ algebra.rotation_matrix(row[3:])
+            total += M @ (M / constants[:3]) / 2 if p[i, 9] > 0 else 0.0
+        for kind, (i, j, *bodies), factors in self._pairs(1.0).rows:
+            if not kind.lags and factors["on1"] * factors["on2"]:
+                total += energy(p[j, :3] - p[i, :3], *(self._state[k] for k in bodies), **factors)
         return float(total)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one file with the simulation, as REBOUND's data, and the bodies; `kreisel.rebound.load` reads it."""
         names = [("#" if isinstance(name, str) else "") + str(name) for name in self.names]
         kick = np.nan if self._kick is None else self._kick
-        parts = {"z": self._z, "c": self._c, "names": np.array(names), "dt": np.array(kick), "seen": self._seen}
+        parts = {"z": self._z, "c": self._c, "names": np.array(names), "dt": np.array(kick)}
         write_file(path, self.sim, parts)
 
     # -- data of the kernels --------------------------------------------------------------------------------
 
-    def _arguments(self) -> tuple[Array, Array, Array, Array, Array]:
-        """Particles in their memory, the active masses, and the bodies."""
-        sim, size = self.sim, ctypes.sizeof(rebound().Particle) // 8
-        rows = (ctypes.c_double * size * self._count).from_address(ctypes.addressof(sim._particles.contents))
-        p: Array = np.ctypeslib.as_array(rows)
-        masses = p[:, 9].copy()
-        if not sim.testparticle_type and sim.N_active < self._count:
-            masses[sim.N_active :] = 0
-        return p, masses, self._index, self._z, self._c
+    def _particles(self) -> Array:
+        """Particles in their memory."""
+        size = ctypes.sizeof(rebound().Particle) // 8
+        rows = (ctypes.c_double * size * self._count).from_address(ctypes.addressof(self.sim._particles.contents))
+        return np.ctypeslib.as_array(rows)
 
-    @contextlib.contextmanager
-    def _jacobi(self) -> Iterator[Array]:
-        """WHFast's Jacobi coordinates in their memory, no rows for other integrators: they change with the particles.
+    @property
+    def _active(self) -> int:
+        return int(min(self._count, self.sim.N_active))
 
-        In REBOUND's safe mode each step computes them from the particles, which rounds the angular momentum of a
-        hierarchy by up to 1.4e-16 a step, always in one direction.
-        """
-        sim, size = self.sim, ctypes.sizeof(rebound().Particle) // 8
-        if str(sim.integrator) != "whfast" or sim.integrator.coordinates != "JACOBI":
-            yield np.empty((0, size))
-            return
-        safe, sim.integrator.safe_mode = sim.integrator.safe_mode, 0
-        rebound().clibrebound.reb_simulation_steps(ctypes.byref(sim), ctypes.c_size_t(0))  # allocates them
-        if not np.array_equal(self._state(), self._seen):
-            sim.did_modify_particles = 1
-        state = sim.integrator
-        offset = state.callbacks.field_descriptor_list.field_descriptor_for_name("p_jh").offset
-        where = ctypes.c_uint64.from_address(state.state + offset).value
-        rows = (ctypes.c_double * size * self._count).from_address(where)
-        try:
-            yield np.ctypeslib.as_array(rows)
-        finally:
-            sim.integrator.safe_mode = safe
+    def _prepare(self, dt: float, count: int, inside: bool) -> tuple[compiled.Kind, ...]:
+        """Write the frame for `count` steps; the kinds of interaction."""
+        sim, rows = self.sim, self._pairs(dt if inside else dt / 2)
+        times = np.array([dt, dt / 2, dt / 2 if inside else 0.0, sim.G])
+        self._arrays = {"p": self._particles(), "z": self._state, "c": self._rotors, "pairs": rows.places}
+        self._arrays |= {"factors": rows.factors, "times": times, "fault": np.zeros(1, dtype=np.int64)}
+        self._arrays |= {name: np.zeros((self._count, 3)) for name in ("dv", "v")}
+        words = dict.fromkeys(compiled.FRAME, 0) | {name: x.ctypes.data for name, x in self._arrays.items()}
+        words |= {word: self._field(name, np.uint8).ctypes.data for word, name in FIELDS.items()}
+        words |= {"simulation": ctypes.addressof(sim), "active": self._active, "bodies": len(self._index)}
+        words |= {"width": self._arrays["p"].shape[1], "particles": self._count, "count": len(rows.rows)}
+        words |= {"bursts": 1, "burst": count} if inside else {"bursts": count, "burst": 1}
+        words["advance"] = ctypes.cast(rebound().clibrebound.reb_simulation_steps, ctypes.c_void_p).value or 0
+        self._frame[:] = [words[name] for name in compiled.FRAME]
+        return rows.kinds
 
-    def _state(self) -> Array:
-        """Positions, velocities and the active masses, (N, 7)."""
-        p, masses, *_ = self._arguments()
-        return np.column_stack([p[:, :6], masses])
+    def _pairs(self, h: float) -> Rows:
+        """The interactions of all pairs for kicks of the time h."""
+        sim, m = self.sim, self._particles()[:, 9]
+        key = h, sim.G, sim.N_active, sim.testparticle_type, m.tobytes(), self._c.tobytes()
+        if self._rows.key != key:
+            bodies = {int(i): k for k, i in enumerate(self._index)}
+            pairs = [(i, j) for i in sorted(bodies) for j in range(self._count) if j not in bodies or i < j]
+            sides = [(self._side(i, j, bodies), self._side(j, i, bodies)) for i, j in pairs]
+            rows = [row for pair in sides for row in interactions(*pair, h, sim.G)]
+            kinds = tuple(sorted({row.kind for row in rows}))
+            places = np.array([[kinds.index(row.kind), *row.places] for row in rows], dtype=np.int64)
+            self._rows = Rows(key, kinds, rows, places, np.array([row.values() for row in rows]))
+        return self._rows
+
+    def _side(self, i: int, j: int, bodies: Mapping[int, int]) -> Side:
+        """Particle i in its pair with j."""
+        m = self._particles()[:, 9]
+
+        def acts(i: int, j: int) -> bool:
+            return bool(m[i] > 0 and (i < self._active or (self.sim.testparticle_type and j < self._active)))
+
+        row = self._c[bodies[i]] if i in bodies else np.zeros(self._c.shape[1])
+        return Side(i, bodies.get(i, len(bodies)), m[i] or 1.0, acts(i, j) * m[i], float(acts(j, i)), row)
 
     def _field(self, name: str, kind: Any) -> Array:
         """A scalar of the simulation in its memory."""
@@ -359,12 +431,11 @@ class Spins:
         self._check_count()
         check_simulation(self.sim)
         _ = self.dt
-        _, masses, index, *_ = self._arguments()
-        for name, i in zip(self.names, index, strict=True):
-            if not masses[i] > 0:
+        for name, m, row in zip(self.names, self._particles()[self._index, 9], self._c, strict=True):
+            if row[-2] and not m > 0:
                 raise InputError(
-                    f"particle {name!r}: expected a mass > 0 that acts on others, got {self.sim.particles[int(i)].m}. "
-                    "Usual cause: a test particle; give it a mass, and N_active room for it."
+                    f"particle {name!r}: expected a mass > 0 for a body with tides, got {m}. Usual cause: a test "
+                    "particle; its tides would accelerate it infinitely. Give it a mass, or no love=."
                 )
 
     def _check_count(self) -> None:
@@ -375,7 +446,7 @@ class Spins:
             )
 
     def _check_finite(self) -> None:
-        p = self._arguments()[0]
+        p = self._particles()
         if not (np.isfinite(self._z).all() and np.isfinite(p[:, :6]).all()):
             raise RunError(
                 f"t = {self.sim.t}: expected finite positions, velocities and spins, got others. Usual cause: a body "
@@ -395,6 +466,29 @@ def is_finite(value: Any) -> bool:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
+@cache
+def offset(integrator: str, name: str) -> int:
+    """Where an option is in the state of an integrator, whose attributes look for it anew each time, in 70 us."""
+    sim = rebound().Simulation()
+    sim.integrator = integrator
+    return int(sim.integrator.callbacks.field_descriptor_list.field_descriptor_for_name(name).offset)
+
+
+def option(sim: Any, name: str) -> Array:
+    """An option of the integrator, in its memory."""
+    where = sim.integrator.state + offset(str(sim.integrator), name)
+    return np.frombuffer((ctypes.c_char * 4).from_address(where), dtype=np.uint32)
+
+
+def is_plain(sim: Any) -> bool:
+    """Whether a kick of WHFast can have spins: one kick a step, and nothing that needs synchronized particles."""
+    if str(sim.integrator) != "whfast" or sim.gravity == "custom":
+        return False
+    functions = any(getattr(sim, name) for name in ("_heartbeat", *AROUND.values()))
+    alone = str(sim.boundary) == str(sim.collision) == "none" and not (sim.exit_max_distance or sim.exit_min_distance)
+    return alone and not functions and not any(option(sim, name)[0] for name in SPECIAL)
+
+
 def check_simulation(sim: Any) -> None:
     """Raises `InputError` for simulations unsuitable for the splitting."""
     if not isinstance(sim, rebound().Simulation):
@@ -408,7 +502,7 @@ def check_simulation(sim: Any) -> None:
         )
     if str(sim.boundary) not in ("none", "open"):
         raise InputError(f"sim.boundary: expected 'none' or 'open', got {sim.boundary!r}.")
-    if str(sim.integrator) in ("whfast", "saba") and sim.integrator.keep_unsynchronized:
+    if str(sim.integrator) in ("whfast", "saba") and option(sim, "keep_unsynchronized")[0]:
         raise InputError(
             "sim.integrator.keep_unsynchronized: expected 0, got 1. The bodies act on synchronized particles."
         )
@@ -450,11 +544,9 @@ def attach(sim: Any, bodies: Mapping[int | str, Body], dt: float | None = None) 
     index = [index_of(sim, name) for name in bodies]
     if len(set(index)) < len(index):
         raise InputError(f"bodies: expected each particle once, got {shown(list(bodies))}.")
-    rows = [
-        (b.state(), b.principal()[0], b.tides(sim.particles[i].r)) for b, i in zip(bodies.values(), index, strict=True)
-    ]
-    z = np.array([state for state, _, _ in rows])
-    c = np.array([compiled.columns(moments, *tides) for _, moments, tides in rows])
+    particles = [sim.particles[i] for i in index]
+    z = np.array([body.state() for body in bodies.values()])
+    c = np.array([body.row(particle.r) for body, particle in zip(bodies.values(), particles, strict=True)])
     return Spins(sim, bodies, z, c, dt)
 
 
@@ -468,9 +560,7 @@ def load(path: str | os.PathLike[str]) -> Spins:
     sim, arrays = read_file(path)
     names = [name[1:] if name.startswith("#") else int(name) for name in arrays["names"].tolist()]
     kick = None if np.isnan(arrays["dt"]) else float(arrays["dt"])
-    spins = Spins(sim, names, arrays["z"], arrays["c"], kick)
-    spins._seen = arrays["seen"]
-    return spins
+    return Spins(sim, names, arrays["z"], arrays["c"], kick)
 
 
 # -- files: NumPy's archive of plain arrays, one of them the bytes of REBOUND's simulation ---------
@@ -479,7 +569,7 @@ def load(path: str | os.PathLike[str]) -> Spins:
 FORMAT = 1
 NEEDED = "The simulation and its bodies need a file name such as spins.npz"
 FILES = "simulation", "whole.npz"
-SHAPES = {"z": 7, "c": COLUMNS}
+SHAPES = {"z": 7, "c": int(ENDS[-1])}
 
 
 def write_file(path: str | os.PathLike[str], sim: Any, parts: Mapping[str, Any]) -> None:
@@ -504,14 +594,14 @@ def read_file(path: str | os.PathLike[str]) -> tuple[Any, dict[str, np.ndarray]]
     source = place(path, NEEDED)
     try:
         with on_disk(path, "be read"), source.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in ("format", "simulation", "z", "c", "names", "dt", "seen")}
+            arrays = {name: file[name] for name in ("format", "simulation", "z", "c", "names", "dt")}
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: expected a file that spins.save wrote, got {shown(error)}.") from error
     names = arrays["names"] if arrays["names"].ndim == 1 and arrays["names"].dtype.kind == "U" else np.empty(0, str)
     fits = [arrays[name].shape == (len(names), width) for name, width in SHAPES.items()]
     fits += [name.startswith("#") or name.isdecimal() for name in names.tolist()]
     fits += [arrays[name].shape == () and arrays[name].dtype.kind in "if" for name in ("format", "dt")]
-    fits += [arrays["seen"].dtype == np.float64, arrays["simulation"].dtype == np.uint8]
+    fits += [arrays["simulation"].dtype == np.uint8]
     if not all(fits) or arrays["format"] != FORMAT:
         raise InputError(f"{path}: expected format {FORMAT} of kreisel.rebound, got {shown(arrays['format'])}.")
     try:

@@ -1,0 +1,107 @@
+"""Pairs of particles, of which one at least is a body: their kinds and the factors of their interaction.
+
+A particle without mass feels others and does not act: in its pairs it has mass 1, and only its own changes are made.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from kreisel.algebra import Array
+from kreisel.bodies.binary import G
+from kreisel.exact import rotor_step
+from kreisel.rebound.compiled import PAIR, ROTOR, Kind
+
+CONSTANTS = {"moments": 3, "degree_3": 7, "degree_4": 9, "tide": 1, "lag": 1}  # of a body, in a row
+ENDS = np.cumsum([*CONSTANTS.values()])
+
+
+def is_ball(moments: Array) -> bool:
+    """Whether moments are equal up to rounding."""
+    return bool(np.ptp(moments) <= 1e-12 * np.max(moments))
+
+
+def rotor(row: Array) -> Array:
+    """The constants of the free rotation of a body."""
+    moments = row[:3]
+    constants = rotor_step.constants(np.full(3, moments.mean()) if is_ball(moments) else moments)
+    return np.concatenate([constants[name] for name in ROTOR])
+
+
+class Side(NamedTuple):
+    """A particle in a pair.
+
+    particle, body   its places
+    mass             1 for particles without mass
+    source           the mass that acts on the other particle, or 0
+    on               1, or 0 if the other does not act on it
+    row              `CONSTANTS` of a body, 0 of a point
+    """
+
+    particle: int
+    body: int
+    mass: float
+    source: float
+    on: float
+    row: Array
+
+    @property
+    def degree(self) -> int:
+        """The degree of its figure."""
+        moments, *higher = np.split(self.row, ENDS[:3])[:3]
+        return 4 if any(x.any() for x in higher) else 0 if is_ball(moments) else 2
+
+    @property
+    def fluid(self) -> bool:
+        """Whether rotation flattens it: a ball with tides."""
+        return bool(self.row[-2] and not self.degree)
+
+    def factors(self, n: str, other: Side, h: float, scale: float) -> dict[str, Any]:
+        """The factors of this side, which is number `n` of the pair."""
+        moments, third, fourth, tide, lag = np.split(self.row, ENDS[:-1])
+        inverse = 1 / moments if moments.any() else moments
+        return {
+            f"D{n}": (moments.mean() - moments) / self.mass if self.degree else 0 * moments,
+            f"degree_3_{n}": third / self.mass,
+            f"degree_4_{n}": fourth / self.mass,
+            f"fluid{n}": h * other.mass * tide[0] if self.fluid else 0.0,
+            f"inverse{n}": inverse,
+            f"lag{n}": scale * other.source**2 * tide[0] * lag[0],
+            f"into{n}": self.on / self.mass,
+            f"on{n}": self.on,
+        }
+
+
+class Row(NamedTuple):
+    """An interaction: its kind, the places of both particles and bodies, its factors."""
+
+    kind: Kind
+    places: tuple[int, int, int, int]
+    factors: dict[str, Any]
+
+    def values(self) -> Array:
+        """The factors in a row, in the order of `PAIR`."""
+        return np.concatenate([np.ravel(self.factors[name]) for name in PAIR])
+
+
+def interactions(one: Side, two: Side, h: float, gravity: float) -> list[Row]:
+    """The kick of a pair for a time h, and the friction of its tides, as far as there are any."""
+    scale, rows = h * gravity / G, []
+    tides = [(x, other.source**2 * x.row[ENDS[2]]) for x, other in ((one, two), (two, one))]
+    for lags in (False, True):
+        active = [bool(x.row[-1] and tide) if lags else x.fluid for x, tide in tides]
+        order = [(x.degree if not lags else active[k], active[k], x.row[0] > 0) for k, x in enumerate((one, two))]
+        first, second = (one, two) if order[0] >= order[1] else (two, one)
+        count = 0 if not any(active) else 2 if all(active) or active != [first is one, first is two] else 1
+        raised = sum(tide for _, tide in tides) / (one.mass * two.mass)
+        factors = {"strength": scale * one.mass * two.mass, "raised": raised}
+        factors |= first.factors("1", second, h, scale) | second.factors("2", first, h, scale)
+        places = first.particle, second.particle, first.body, second.body
+        if lags and count:
+            degrees = [min(x.degree, 2) * on for x, on in ((first, 1), (second, count == 2))]
+            rows.append(Row(Kind(*degrees, lags=count), places, factors))
+        elif not lags and any((first.degree, count, raised)):
+            rows.append(Row(Kind(first.degree, second.degree, fluids=count), places, factors))
+    return rows
