@@ -30,18 +30,16 @@ def matrix(q: Any) -> Any:
     ])  # fmt: skip
 
 
-def newton(t: float, z: Any, clouds: Any, constant: float) -> Any:
+def newton(t: float, z: Any, clouds: Any) -> Any:
     """The rates of place, velocity, angular momentum and quaternion of each cloud, in an inertial frame."""
     rows = z.reshape(len(clouds), 13)
     arms = [x @ matrix(row[9:]).T for (_, x), row in zip(clouds, rows, strict=True)]
     pulls = [np.zeros_like(x) for x in arms]  # on each point
     for i, j in combinations(range(len(clouds)), 2):
         d = (rows[j, :3] + arms[j])[None] - (rows[i, :3] + arms[i])[:, None]
-        pull = (
-            constant * clouds[i][0][:, None, None] * clouds[j][0][:, None] * d / (d * d).sum(-1, keepdims=True) ** 1.5
-        )
-        pulls[i] += constant * pull.sum(1)
-        pulls[j] -= constant * pull.sum(0)
+        pull = G * clouds[i][0][:, None, None] * clouds[j][0][:, None] * d / (d * d).sum(-1, keepdims=True) ** 1.5
+        pulls[i] += pull.sum(1)
+        pulls[j] -= pull.sum(0)
     rates = []
     for (m, _), y, row, pull in zip(clouds, arms, rows, pulls, strict=True):
         inertia, q = (m @ (y * y).sum(-1)) * np.eye(3) - np.einsum("k,ki,kj->ij", m, y, y), row[9:]
@@ -51,11 +49,11 @@ def newton(t: float, z: Any, clouds: Any, constant: float) -> Any:
     return np.concatenate(rates)
 
 
-def integrated(first: Any, seconds: float, clouds: Any, constant: float = G) -> Any:
-    """The last rows by Newton's law from these first rows, G in SI or another `constant`."""
+def integrated(first: Any, seconds: float, clouds: Any) -> Any:
+    """The last rows by Newton's law from these first rows."""
     masses = np.array([m.sum() for m, _ in clouds])
     scale = 1e-13 * np.tile(np.maximum(abs(first).max(0), 1e-3), len(clouds))
-    path = solve_ivp(newton, (0, seconds), first.ravel(), "DOP853", rtol=1e-12, atol=scale, args=(clouds, constant))
+    path = solve_ivp(newton, (0, seconds), first.ravel(), "DOP853", rtol=1e-12, atol=scale, args=(clouds,))
     rows = path.y[:, -1].reshape(first.shape)
     rows[:, :6] -= masses[:2] @ rows[:2, :6] / masses[:2].sum()  # the third body moves the barycentre
     return rows

@@ -14,7 +14,8 @@ import pytest
 import rebound
 
 import kreisel as kr
-from clouds import cloud
+from clouds import G as CODATA
+from clouds import cloud, integrated
 from kreisel import algebra
 from kreisel.kernels.layout import MACHINE_EPSILON as EPS
 from kreisel.physical import GravityBody
@@ -120,6 +121,40 @@ def test_mutants_of_the_force_are_seen(mutant: str) -> None:
     assert slope < 2.3
 
 
+def on_orbit(size: float, mutant: bool, hours: float = 3.0) -> float:
+    """The distance after some hours, m, of the first of two clouds from its place by Newton's law; a third is near."""
+    clouds = [cloud(1, 3e11, size), cloud(2, 1e11, 0.8 * size), (np.array([1e11]), np.zeros((1, 3)))]
+    speed = 0.9 * np.sqrt(CODATA * 4e11 / 1000.0)
+    x = np.array([[0, 0, 0], [1000.0, 0, 0], [2000.0, 5000.0, 1000.0]])
+    v = np.array([[0, 0, 0], [0, 0.8, 0.6], [-0.4, 0, 0.1]]) * speed
+    sim = rebound.Simulation()
+    sim.units = ("m", "s", "kg")
+    sim.G, sim.integrator, sim.dt = CODATA, "whfast", 4.0
+    for (m, _), place, motion in zip(clouds, x, v, strict=True):
+        sim.add(m=m.sum(), **dict(zip(("x", "y", "z", "vx", "vy", "vz"), [*place, *motion], strict=True)))
+    turns = np.array([4, 1, -2, 2]) / 5, np.array([1, 5, 3, 1]) / 6
+    spins = attach(sim, {
+        k: Body(GravityBody.points(*clouds[k]), (1e-4, 2e-4, -3e-4), g, degree_4=np.zeros(9) if mutant else None)
+        for k, g in enumerate(turns)
+    })  # fmt: skip
+    first = np.zeros((3, 13))
+    for k, row in enumerate(first):
+        row[:6], row[9] = [*x[k], *v[k]], 1.0
+        if k < 2:
+            row[6:] = spins._state[k]
+    spins.steps(round(hours * 900))
+    apart = np.subtract(sim.particles[0].xyz, sim.particles[1].xyz)
+    rows = integrated(first, hours * 3600, clouds)
+    return float(np.linalg.norm(apart - rows[0, :3] + rows[1, :3]))
+
+
+def test_orbits_are_those_of_clouds_of_points_to_degree_four() -> None:
+    """Against 63 attractions of points, by DOP853; without the terms of degree four the mutant."""
+    assert on_orbit(8.0, mutant=False) < 1e-6
+    errors, worse = ([on_orbit(size, mutant) for size in (16.0, 32.0)] for mutant in (False, True))
+    assert np.log2(errors[1] / errors[0]) > 4.6 > 4.3 > np.log2(worse[1] / worse[0])
+
+
 def test_moments_alone_are_the_second_degree() -> None:
     """J_2 and C_22 of six points at +- three arms; what is missing is of degree four."""
     arms = np.array([1.0, 0.6, 0.3])
@@ -168,8 +203,8 @@ def test_kernels_are_the_formulas() -> None:
     spins = attached("leapfrog", lag=0.3)
     p, before, h = spins._particles(), spins._particles().copy(), spins.dt / 2
     states = spins._state.copy()
-    rows = spins._pairs(h)
-    for kind, (i, j, *bodies), factors in rows.rows:
+    pairs = spins._pairs(h)
+    for kind, (i, j, *bodies), factors in pairs.rows:
         r, v = (before[j, k] - before[i, k] for k in (slice(3), slice(3, 6)))
         (L1, q1), (L2, q2) = ((states[k, :3], states[k, 3:]) for k in bodies)
         changes = np.reshape(kind.changes(r, v, L1, q1, L2, q2, **factors), (3, 3)).astype(float)
@@ -177,10 +212,9 @@ def test_kernels_are_the_formulas() -> None:
         before[j, 3:6] += factors["into2"] * changes[0]
         for k, n, torque in zip(bodies, "12", changes[1:], strict=True):
             states[k, :3] += factors[f"on{n}"] * torque
-    spins.sim.heartbeat = lambda sim: None  # not inside the step
     start = p[:, 3:6].copy()
     spins._prepare(spins.dt, 1, False)
-    compiled.compiled("before", rows.kinds)(spins._frame.ctypes.data)
+    compiled.compiled("before", pairs.kinds)(spins._frame.ctypes.data)
     assert np.allclose(p[:, 3:6], before[:, 3:6], rtol=1e-13, atol=1e-15) and abs(p[:, 3:6] - start).max() > 1e-9
     assert np.allclose(spins._state[:, :3], states[:, :3], rtol=1e-13)
 
@@ -232,9 +266,8 @@ def test_momentum_and_angular_momentum(integrator: str, lag: float) -> None:
 def test_each_interaction_has_its_reaction(name: str, factor: float) -> None:
     """Mutants: a reaction that is a thousandth too small, one on the spin that is not there, one with another sign."""
     spins = attached("leapfrog", lag=0.3)
-    rows = spins._pairs(spins.dt / 2)
     if name:
-        rows.factors[:, compiled.PLACES[name]] *= factor
+        spins._pairs(spins.dt / 2).factors[:, compiled.PLACES[name]] *= factor
     before = np.concatenate([momentum(spins), spins.angular_momentum()])
     spins.steps(1)
     change = abs(np.concatenate([momentum(spins), spins.angular_momentum()]) - before).max()
@@ -307,6 +340,43 @@ def test_late_tides_on_unequal_moments_are_of_order_two() -> None:
     assert np.linalg.norm(wanted - before[0]) > 0.1
     slopes = np.log2(np.array(errors[:-1]) / errors[1:])
     assert abs(slopes[1:] - 2).max() < 0.15, (slopes, errors)
+
+
+def of_a_hierarchy(per: int) -> np.ndarray:
+    """Spins of a planet and its moon, both with late tides, near to a star, where Jacobi's coordinates matter."""
+    sim = rebound.Simulation()
+    sim.add(m=1.0)
+    sim.add(m=0.05, a=1.0, e=0.1, r=0.05)
+    sim.add(m=0.02, a=0.12, e=0.2, inc=0.3, r=0.04, primary=sim.particles[1])
+    sim.integrator, sim.dt = "whfast", 0.5 / per
+    turned = {"spin": (0.5, 5, 9), "orientation": (0.8, 0.2, 0.4, 0.4)}
+    bodies = {1: Body((2e-5, 5e-5, 6e-5), **turned, love=0.5, lag=0.03), 2: Body(2e-5, (3, -5, 14), love=0.9, lag=0.03)}
+    spins = attach(sim, bodies)
+    before = spins.angular_momentum()
+    spins.steps(per)
+    assert np.linalg.norm(spins.angular_momentum() - before) < 1e-14
+    return np.concatenate([spins.spin(1), spins.spin(2)])
+
+
+HIERARCHY: list[np.ndarray] = []  # in small steps
+
+
+@pytest.mark.parametrize("mutant", ["", "velocities before the kick", "no terms of Jacobi", "one order of pairs"])
+def test_late_tides_inside_a_step_are_of_order_two(mutant: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three mutants are of order one."""
+    if mutant:
+        code, velocities, act = compiled.Code, compiled.Code._velocities, compiled.Code.act
+        changes = {
+            "velocities before the kick": ("_velocities", lambda self, inside: velocities(self, False)),
+            "no terms of Jacobi": ("_undo_attraction", lambda *_: None),
+            "one order of pairs": ("act", lambda self, backwards, inside: act(self, self.f.integer(0), inside)),
+        }
+        monkeypatch.setattr(code, *changes[mutant])
+        monkeypatch.setattr(compiled, "compiled", lambda name, kinds: compiled.written(name, kinds, mutant))
+    HIERARCHY[:] = HIERARCHY or [of_a_hierarchy(5120)]
+    errors = [abs(of_a_hierarchy(per) - HIERARCHY[0])[3:].max() for per in (80, 160, 320)]
+    slope = np.log2(errors[1] / errors[2])
+    assert abs(slope - 2) < 0.1 if not mutant else slope < 1.5
 
 
 def test_the_moon_recedes_and_the_day_gets_longer() -> None:
@@ -552,6 +622,61 @@ def test_a_test_particle_feels_and_does_not_act() -> None:
     assert np.linalg.norm(paths[0][1] - paths[1][1]) < 1e-13
 
 
+def with_test_body(m: float, figure: Any = (0.3, 0.35, 0.4)) -> Spins:
+    """A small body about a star and a planet with tides; its moments are per mass if it has none."""
+    sim = triple("whfast")
+    sim.add(m=m, a=0.4, e=0.1, inc=0.2)
+    body = Body(1e-2 * np.array(figure) * (m or 1.0), spin=(1.0, 2.0, 5.0))
+    spins = attach(sim, {3: body, "star": Body((4e-3, 4e-3, 5e-3), spin=(0, 1, 3), radius=0.2, love=0.5)})
+    spins.steps(300)
+    return spins
+
+
+def test_a_test_particle_as_a_body_is_the_limit_of_a_small_one() -> None:
+    """It moves nothing: to the last bit."""
+    none, small, ball = with_test_body(0.0), with_test_body(1e-14), with_test_body(0.0, (0.3, 0.3, 0.3))
+    assert np.allclose(none.spin(3), small.spin(3), rtol=0, atol=1e-7)
+    assert np.allclose(none._particles()[:, :6], small._particles()[:, :6], rtol=0, atol=1e-9)
+    assert np.linalg.norm(none.spin(3) - ball.spin(3)) > 0.1  # torques
+    assert np.linalg.norm(none._particles()[3, :3] - ball._particles()[3, :3]) > 1e-3  # forces
+    assert (none._particles()[:3, :6] == ball._particles()[:3, :6]).all() and (
+        none.spin("star") == ball.spin("star")
+    ).all()
+    assert none.energy() == ball.energy() and (none.angular_momentum() == ball.angular_momentum()).all()
+
+
+def test_a_massless_moon_librates_in_its_resonance() -> None:
+    """At n sqrt(3 (B - A)/C) [Murray Dermott 1999, 5.53]."""
+    moments = np.array([1.0, 1.01, 1.015])
+    sim = rebound.Simulation()
+    sim.add(m=1.0)
+    sim.add(a=1.0)
+    sim.integrator, sim.dt = "whfast", 2 * np.pi / 60
+    spins = attach(sim, {1: Body(moments * 1e-6, spin=(0, 0, 1.0 + 1e-3))})
+    rate, found = np.sqrt(3 * (moments[1] - moments[0]) / moments[2]), []
+    for _ in range(400):
+        spins.steps(6)
+        w, _, _, z = spins.orientation(1)
+        found.append((2 * np.arctan2(z, w) - sim.t + np.pi / 2) % np.pi - np.pi / 2)
+    times = 6 * sim.dt * np.arange(1, 401)
+    assert np.allclose(found, 1e-3 / rate * np.sin(rate * times), atol=2e-5)
+
+
+@pytest.mark.parametrize("kind", [0, 1])
+def test_particles_that_act_only_on_active_ones(kind: int) -> None:
+    """With testparticle_type 1 all momentum is conserved; with 0 the active ones feel nothing of the others."""
+    states = []
+    for moments in ((1e-5, 2e-5, 2.5e-5), (1e-5, 1e-5, 1e-5)):
+        sim = changed(triple("whfast"), N_active=1, testparticle_type=kind, testparticle_hidewarnings=1)
+        spins = attach(sim, {i: Body(np.array(moments), spin=(0.2, 0.5, 1), love=0.3, radius=0.05) for i in (1, 2)})
+        before = momentum(spins), spins.angular_momentum()
+        spins.steps(100)
+        states.append(spins._particles()[0, :6].copy())
+        change = np.linalg.norm(momentum(spins) - before[0]), np.linalg.norm(spins.angular_momentum() - before[1])
+        assert max(change) < 1e-14 if kind else max(change) > 1e-7
+    assert (states[0] == states[1]).all() == (kind == 0)
+
+
 def test_a_flyby_on_a_hyperbola() -> None:
     sim = rebound.Simulation()
     sim.add(m=1.0)
@@ -714,12 +839,12 @@ def test_broken_files(tmp_path: Path) -> None:
 
 
 def test_without_rebound(monkeypatch: pytest.MonkeyPatch) -> None:
-    from kreisel.rebound import spins
+    from kreisel.rebound import simulation
 
-    spins.rebound.cache_clear()
+    simulation.rebound.cache_clear()
     monkeypatch.setitem(sys.modules, "rebound", None)
     try:
         with pytest.raises(kr.InputError, match=r"pip install 'kreisel\[rebound\]'"):
             kr.rebound.attach(None, {})
     finally:
-        spins.rebound.cache_clear()
+        simulation.rebound.cache_clear()

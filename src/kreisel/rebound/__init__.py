@@ -17,6 +17,7 @@ Lengths, times and masses are in the units of the simulation; vectors are in its
 
 from __future__ import annotations
 
-from kreisel.rebound.spins import Body, Spins, attach, load
+from kreisel.rebound.body import Body
+from kreisel.rebound.spins import Spins, attach, load
 
 __all__ = ["Body", "Spins", "attach", "load"]

@@ -123,8 +123,8 @@ class Code:
         with f.loop(0, words["count"]) as number:
             place = backwards * (words["count"] - 1 - number * 2) + number
             kind, *pair = f.integers(words["pairs"]).get(5, place * 5)
-            for k, each in enumerate(self.kinds):
-                with f.where(kind.compared("==", k)):
+            for at, each in enumerate(self.kinds):
+                with f.where(kind.compared("==", at)):
                     self._act(each, pair, self.doubles["factors"].beyond(place * ENDS[-1]))
         share = builder.fdiv(constant(DOUBLE, 1.0), self.times["dt"][0]) if inside else constant(DOUBLE, 1.0)
         with f.loop(0, words["particles"]) as i, f.loop(0, 3) as k:
@@ -154,12 +154,10 @@ class Code:
         for k in range(3):
             dv[0][k] = builder.fsub(dv[0][k], builder.fmul(into["into1"], changes[k]))
             dv[1][k] = builder.fadd(dv[1][k], builder.fmul(into["into2"], changes[k]))
-        for number, row in enumerate(rows):
-            for k, (x, output) in enumerate(
-                zip(changes[3 * number + 3 :], recorded(kind)[1][3 * number + 3 :], strict=True)
-            ):
-                if k < 3 and not (isinstance(output, float) and output == 0):
-                    row[k] = builder.fadd(row[k], builder.fmul(into[f"on{number + 1}"], x))
+        for at, (x, output) in enumerate(zip(changes[3:], recorded(kind)[1][3:], strict=True)):
+            body, k = divmod(at, 3)
+            if not (isinstance(output, float) and output == 0):
+                rows[body][k] = builder.fadd(rows[body][k], builder.fmul(into[f"on{body + 1}"], x))
 
     def _velocities(self, inside: bool) -> None:
         """Velocities that tides meet: inside WHFast those in the middle of its kick, Jacobi's terms included."""
@@ -281,15 +279,17 @@ class Code:
         return self.f.builder.inttoptr(self.words[name].value, INDEX.as_pointer())
 
 
-@cache
-def compiled(name: str, kinds: tuple[Kind, ...]) -> Kernel:
-    """A kernel, a method of `Code`: a function of the address of a frame."""
+def written(name: str, kinds: tuple[Kind, ...], mark: str = "") -> Kernel:
+    """A kernel, a method of `Code`: a function of the address of a frame; `mark`: of other code than that of here."""
     digests = [graph.digest(outputs) for graph, outputs in (*map(recorded, kinds), *rotations().values())]
-    return kernel(("rebound", name, kinds, *digests), 1, lambda f: getattr(Code(f, kinds), name)())
+    return kernel(("rebound", name, kinds, mark, *digests), 1, lambda f: getattr(Code(f, kinds), name)())
+
+
+compiled = cache(written)
 
 
 def hook(function: Kernel, frame: Any) -> Kernel:
-    """A function that REBOUND calls with its simulation: the kernel with that frame, which has to live as long."""
+    """A function that REBOUND calls with its simulation: a kernel with that frame; both have to live as long."""
 
     def write(f: Function) -> None:
         f.call(f.integer(function.address), f.integer(int(frame.ctypes.data)))

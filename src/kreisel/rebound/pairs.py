@@ -101,7 +101,36 @@ def interactions(one: Side, two: Side, h: float, gravity: float) -> list[Row]:
         places = first.particle, second.particle, first.body, second.body
         if lags and count:
             degrees = [min(x.degree, 2) * on for x, on in ((first, 1), (second, count == 2))]
-            rows.append(Row(Kind(*degrees, lags=count), places, factors))
+            rows.append(Row(Kind(degrees[0], degrees[1], lags=count), places, factors))
         elif not lags and any((first.degree, count, raised)):
             rows.append(Row(Kind(first.degree, second.degree, fluids=count), places, factors))
     return rows
+
+
+class Pairs(NamedTuple):
+    """The interactions of a simulation; what they depend on; and the arrays of the kernels."""
+
+    key: tuple[float, float, int, int, bytes]
+    kinds: tuple[Kind, ...]
+    rows: list[Row]
+    places: Array
+    factors: Array
+
+    @classmethod
+    def of(cls, key: Any, masses: Array, index: Array, constants: Array) -> Pairs:
+        """Interactions of particles, of which `index` are bodies; `key`: h, G, active, testparticle_type, masses."""
+        h, gravity, active, mutual, _ = key
+        bodies, points = {int(i): k for k, i in enumerate(index)}, np.zeros(constants.shape[1])
+
+        def acts(i: int, j: int) -> bool:
+            return bool(masses[i] > 0 and (i < active or (mutual and j < active)))
+
+        def side(i: int, j: int) -> Side:
+            row = constants[bodies[i]] if i in bodies else points
+            return Side(i, bodies.get(i, len(bodies)), masses[i] or 1.0, acts(i, j) * masses[i], acts(j, i) * 1.0, row)
+
+        pairs = [(i, j) for i in sorted(bodies) for j in range(len(masses)) if j not in bodies or i < j]
+        rows = [row for i, j in pairs for row in interactions(side(i, j), side(j, i), h, gravity)]
+        kinds = tuple(sorted({row.kind for row in rows}))
+        places = np.array([[kinds.index(row.kind), *row.places] for row in rows], dtype=np.int64)
+        return cls(key, kinds, rows, places, np.array([row.values() for row in rows]))

@@ -9,184 +9,39 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import math
 import os
-import warnings
-import zipfile
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import cache
-from types import ModuleType
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, RunError, explained, hint, on_disk, shown
-from kreisel.files import place
-from kreisel.physical.free_body import FreeBody
-from kreisel.physical.measures import RATE, si_numbers
-from kreisel.process import scratch
+from kreisel.errors import InputError, RunError, explained, hint, shown
 from kreisel.rebound import compiled
+from kreisel.rebound.body import Body
 from kreisel.rebound.interaction import energy
-from kreisel.rebound.pairs import ENDS, Row, Side, interactions, rotor
+from kreisel.rebound.pairs import Pairs, rotor
+from kreisel.rebound.simulation import (
+    SHAPES,
+    check_simulation,
+    index_of,
+    is_plain,
+    option,
+    read_file,
+    rebound,
+    write_file,
+)
 from kreisel.record.body import UPRIGHT
 from kreisel.runs.settings import MOST_STEPS
-
-# -- REBOUND, loaded when it is needed -------------------------------------------------------------
-
-
-OFFSETS = {"x": 0, "y": 8, "z": 16, "vx": 24, "vy": 32, "vz": 40, "m": 72}  # bytes, of a particle
-
-
-@cache
-def rebound() -> ModuleType:
-    """The module.  Raises `InputError` if it is not installed or stores its particles in another way."""
-    try:
-        import rebound as library
-    except ImportError as error:
-        raise InputError("expected REBOUND, got none. Install it: pip install 'kreisel[rebound]'.") from error
-    offsets = {name: getattr(library.Particle, name).offset for name in OFFSETS}
-    if offsets != OFFSETS:
-        raise InputError(
-            f"expected REBOUND 5, whose particles begin with x, v, a, m, got {library.__version__}. Usual cause: "
-            "another version than the one that kreisel[rebound] asks for."
-        )
-    return library
-
-
-# -- bodies ----------------------------------------------------------------------------------------
-
-
-@explained
-@dataclass(frozen=True, eq=False)
-class Body:
-    """An extended body, in the units of the simulation.
-
-    inertia      moments of inertia about the centre of mass: one value for a ball, (3,) along the principal axes, or a
-                 tensor (3, 3) in any body axes; or a body of `kreisel.physical` if the simulation is in SI units
-    spin         angular velocity (3,) in the frame of the simulation
-    orientation  unit quaternion (w, x, y, z), body axes to the frame of the simulation
-    love         potential Love number k_2 of the tides; a ball is a fluid that its rotation flattens with the same k_2
-    radius       R, for tides; default: the radius of the particle
-    lag          time lag of the tides
-
-    Bodies other than balls keep their figure, which the moments determine.  In REBOUNDx, `tau` of `tides_spin` is half
-    the lag.  Raises `InputError` for impossible moments of inertia.
-    """
-
-    inertia: Any
-    spin: Any = (0.0, 0.0, 0.0)
-    orientation: Any = UPRIGHT
-    love: float = 0.0
-    radius: float | None = None
-    lag: float = 0.0
-    degree_3: Any = None
-    degree_4: Any = None
-
-    def __post_init__(self) -> None:
-        self.state()
-        for name in ("love", "lag"):
-            self._not_negative(name)
-        self._higher()
-
-    def principal(self) -> tuple[Array, Array]:
-        """The moments (3,), and the orientation of the principal axes.  Raises `InputError`."""
-        inertia = getattr(self.inertia, "inertia", self.inertia)
-        number = isinstance(inertia, int | float | np.number)
-        body = FreeBody(np.full(3, inertia) if number else inertia)
-        moments = body.principal.moments
-        if moments.min() <= 0:
-            raise InputError(
-                f"inertia: expected three moments > 0, got {shown(moments.tolist())}. Usual cause: a rod without "
-                "thickness, or a point. Give it its thickness, or leave it a particle."
-            )
-        g = body.orientation(self.orientation)
-        if g.shape != (4,):
-            raise InputError(f"orientation: expected one unit quaternion (w, x, y, z), got {shown(self.orientation)}.")
-        return moments, g
-
-    def angular_velocity(self) -> Array:
-        """The angular velocity (3,).  Raises `InputError`."""
-        return si_numbers(self.spin, RATE, "spin, an angular velocity in the frame of the simulation,", ((3,),))
-
-    def state(self) -> Array:
-        """L and g, (7,)."""
-        moments, g = self.principal()
-        R = algebra.rotation_matrix(g)
-        return np.concatenate([R @ (moments * (R.T @ self.angular_velocity())), g])
-
-    def row(self, radius: float) -> Array:
-        """The constants of the body: moments, integrals of degrees 3 and 4, k_2 R^5, lag; `radius`: of the particle.
-
-        Raises `InputError`.
-        """
-        if not isinstance(radius, int | float | np.number):
-            raise InputError(f"radius: expected a number, got {shown(radius)}.")
-        love, lag = (self._not_negative(name) for name in ("love", "lag"))
-        if lag and not love:
-            raise InputError(
-                f"lag: expected 0 for a body without tides, got {shown(self.lag)}. Usual cause: no love=, the Love "
-                "number k_2 of the tides."
-            )
-        size = radius if self.radius is None else self._not_negative("radius")
-        if love and not size > 0:
-            raise InputError(
-                f"radius: expected a number > 0 for a body with tides, got {shown(self.radius)} and a particle of "
-                f"radius {radius}. Usual cause: sim.add(..., r=...) is missing."
-            )
-        tide = love * size**5 if love else 0.0
-        return np.concatenate([self.principal()[0], *self._higher(), [tide, lag]])
-
-    def _higher(self) -> list[Array]:
-        """The inertia integrals of degrees 3 and 4.  Raises `InputError` unless they are along the principal axes."""
-        out = []
-        for name, count in (("degree_3", 7), ("degree_4", 9)):
-            value = getattr(self, name)
-            value = getattr(self.inertia, name, np.zeros(count)) if value is None else value
-            out.append(si_numbers(value, f"kg m^{name[-1]}", name, ((count,),)))
-        inertia = np.asarray(getattr(self.inertia, "inertia", self.inertia))
-        if any(x.any() for x in out) and inertia.ndim == 2 and (inertia - np.diag(np.diag(inertia))).any():
-            raise InputError(
-                f"degree_3, degree_4: expected principal axes, got inertia={shown(inertia.tolist())}. Usual cause: a "
-                "tensor in other axes; kr.physical.GravityBody.points and mesh compute all of them in principal axes."
-            )
-        return out
-
-    def _not_negative(self, name: str) -> float:
-        value = getattr(self, name)
-        if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0 <= value < math.inf:
-            raise InputError(f"{name}: expected a finite number >= 0, got {shown(value)}.")
-        return float(value)
-
-
-# -- the bodies of a simulation --------------------------------------------------------------------
-
 
 FIXED = ("whfast", "leapfrog", "saba", "mercurius", "trace")  # a step is dt
 ADAPTIVE = ("ias15", "bs")
 CHUNK = 50_000  # steps between two checks of the result
 LATE = 1e-9  # of a step: rounding of the time
 INSIDE = {"forces": "_additional_forces"}  # kernels, by the functions that REBOUND calls
-SPECIAL = (
-    "coordinates",
-    "kernel",
-    "corrector",
-    "corrector2",
-)  # options of WHFast, 0 for one kick in Jacobi's coordinates
 AROUND = {"before": "_pre_timestep_modifications", "after": "_post_timestep_modifications"}
 FIELDS = {"N": "N", "steps_done": "steps_done", "modified": "did_modify_particles", "status": "_status"}
-
-
-class Rows(NamedTuple):
-    """The interactions of a simulation, and the arrays of the kernels."""
-
-    key: Any
-    kinds: tuple[compiled.Kind, ...]
-    rows: list[Row]
-    places: Array
-    factors: Array
 
 
 @explained
@@ -215,7 +70,8 @@ class Spins:
         self._z, self._c, self._kick, self._count = self._state[:-1], c, kick, int(sim.N)
         self._rotors = np.array([rotor(row) for row in c])
         self._frame, self._hooks = np.zeros(len(compiled.FRAME), dtype=np.int64), dict[Any, Any]()
-        self._rows, self._arrays = Rows(None, (), [], np.empty((0, 5)), np.empty((0, 0))), dict[str, Array]()
+        self._known: Pairs | None = None
+        self._arrays = dict[str, Array]()
         self._check()
 
     @property
@@ -303,8 +159,9 @@ class Spins:
         sim, changes = self.sim, []
         for name, field in fields.items():
             if (name, kinds) not in self._hooks:
-                self._hooks[name, kinds] = compiled.hook(compiled.compiled(name, kinds), self._frame)
-            changes.append((self._field(field, np.uint64), self._hooks[name, kinds].address))
+                function = compiled.compiled(name, kinds)
+                self._hooks[name, kinds] = compiled.hook(function, self._frame), function
+            changes.append((self._field(field, np.uint64), self._hooks[name, kinds][0].address))
             self._frame[compiled.FRAME.index(name)] = changes[-1][0][0]
         if "forces" in fields:
             velocities = sim.force_is_velocity_dependent or any(kind.lags for kind in kinds)
@@ -375,43 +232,28 @@ class Spins:
 
     def _prepare(self, dt: float, count: int, inside: bool) -> tuple[compiled.Kind, ...]:
         """Write the frame for `count` steps; the kinds of interaction."""
-        sim, rows = self.sim, self._pairs(dt if inside else dt / 2)
+        sim, pairs = self.sim, self._pairs(dt if inside else dt / 2)
         times = np.array([dt, dt / 2, dt / 2 if inside else 0.0, sim.G])
-        self._arrays = {"p": self._particles(), "z": self._state, "c": self._rotors, "pairs": rows.places}
-        self._arrays |= {"factors": rows.factors, "times": times, "fault": np.zeros(1, dtype=np.int64)}
+        self._arrays = {"p": self._particles(), "z": self._state, "c": self._rotors, "pairs": pairs.places}
+        self._arrays |= {"factors": pairs.factors, "times": times, "fault": np.zeros(1, dtype=np.int64)}
         self._arrays |= {name: np.zeros((self._count, 3)) for name in ("dv", "v")}
         words = dict.fromkeys(compiled.FRAME, 0) | {name: x.ctypes.data for name, x in self._arrays.items()}
         words |= {word: self._field(name, np.uint8).ctypes.data for word, name in FIELDS.items()}
-        words |= {"simulation": ctypes.addressof(sim), "active": self._active, "bodies": len(self._index)}
-        words |= {"width": self._arrays["p"].shape[1], "particles": self._count, "count": len(rows.rows)}
+        active = self._count if sim.testparticle_type else self._active  # of Jacobi's coordinates
+        words |= {"simulation": ctypes.addressof(sim), "active": active, "bodies": len(self._index)}
+        words |= {"width": self._arrays["p"].shape[1], "particles": self._count, "count": len(pairs.rows)}
         words |= {"bursts": 1, "burst": count} if inside else {"bursts": count, "burst": 1}
         words["advance"] = ctypes.cast(rebound().clibrebound.reb_simulation_steps, ctypes.c_void_p).value or 0
         self._frame[:] = [words[name] for name in compiled.FRAME]
-        return rows.kinds
+        return pairs.kinds
 
-    def _pairs(self, h: float) -> Rows:
+    def _pairs(self, h: float) -> Pairs:
         """The interactions of all pairs for kicks of the time h."""
-        sim, m = self.sim, self._particles()[:, 9]
-        key = h, sim.G, sim.N_active, sim.testparticle_type, m.tobytes(), self._c.tobytes()
-        if self._rows.key != key:
-            bodies = {int(i): k for k, i in enumerate(self._index)}
-            pairs = [(i, j) for i in sorted(bodies) for j in range(self._count) if j not in bodies or i < j]
-            sides = [(self._side(i, j, bodies), self._side(j, i, bodies)) for i, j in pairs]
-            rows = [row for pair in sides for row in interactions(*pair, h, sim.G)]
-            kinds = tuple(sorted({row.kind for row in rows}))
-            places = np.array([[kinds.index(row.kind), *row.places] for row in rows], dtype=np.int64)
-            self._rows = Rows(key, kinds, rows, places, np.array([row.values() for row in rows]))
-        return self._rows
-
-    def _side(self, i: int, j: int, bodies: Mapping[int, int]) -> Side:
-        """Particle i in its pair with j."""
-        m = self._particles()[:, 9]
-
-        def acts(i: int, j: int) -> bool:
-            return bool(m[i] > 0 and (i < self._active or (self.sim.testparticle_type and j < self._active)))
-
-        row = self._c[bodies[i]] if i in bodies else np.zeros(self._c.shape[1])
-        return Side(i, bodies.get(i, len(bodies)), m[i] or 1.0, acts(i, j) * m[i], float(acts(j, i)), row)
+        sim, masses = self.sim, self._particles()[:, 9]
+        key = h, sim.G, self._active, sim.testparticle_type, masses.tobytes()
+        if self._known is None or self._known.key != key:
+            self._known = Pairs.of(key, masses, self._index, self._c)
+        return self._known
 
     def _field(self, name: str, kind: Any) -> Array:
         """A scalar of the simulation in its memory."""
@@ -466,67 +308,6 @@ def is_finite(value: Any) -> bool:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
-@cache
-def offset(integrator: str, name: str) -> int:
-    """Where an option is in the state of an integrator, whose attributes look for it anew each time, in 70 us."""
-    sim = rebound().Simulation()
-    sim.integrator = integrator
-    return int(sim.integrator.callbacks.field_descriptor_list.field_descriptor_for_name(name).offset)
-
-
-def option(sim: Any, name: str) -> Array:
-    """An option of the integrator, in its memory."""
-    where = sim.integrator.state + offset(str(sim.integrator), name)
-    return np.frombuffer((ctypes.c_char * 4).from_address(where), dtype=np.uint32)
-
-
-def is_plain(sim: Any) -> bool:
-    """Whether a kick of WHFast can have spins: one kick a step, and nothing that needs synchronized particles."""
-    if str(sim.integrator) != "whfast" or sim.gravity == "custom":
-        return False
-    functions = any(getattr(sim, name) for name in ("_heartbeat", *AROUND.values()))
-    alone = str(sim.boundary) == str(sim.collision) == "none" and not (sim.exit_max_distance or sim.exit_min_distance)
-    return alone and not functions and not any(option(sim, name)[0] for name in SPECIAL)
-
-
-def check_simulation(sim: Any) -> None:
-    """Raises `InputError` for simulations unsuitable for the splitting."""
-    if not isinstance(sim, rebound().Simulation):
-        raise InputError(f"sim: expected a rebound.Simulation, got {shown(sim)}.")
-    if not (np.isfinite(sim.G) and sim.G > 0):
-        raise InputError(f"sim.G: expected a number > 0, got {sim.G}. Usual cause: units; say sim.units = (...).")
-    if sim.N_var:
-        raise InputError(
-            f"expected no variational particles, got {sim.N_var}. Usual cause: MEGNO. They do not know of the bodies; "
-            "compare two simulations that begin close to each other."
-        )
-    if str(sim.boundary) not in ("none", "open"):
-        raise InputError(f"sim.boundary: expected 'none' or 'open', got {sim.boundary!r}.")
-    if str(sim.integrator) in ("whfast", "saba") and option(sim, "keep_unsynchronized")[0]:
-        raise InputError(
-            "sim.integrator.keep_unsynchronized: expected 0, got 1. The bodies act on synchronized particles."
-        )
-    if sim.simulationarchive_filename:
-        raise InputError(
-            f"expected no archive that REBOUND writes, got {sim.simulationarchive_filename!r}. It has no "
-            "spins, and is written in the middle of a step. Use spins.save(path)."
-        )
-
-
-def index_of(sim: Any, name: int | str) -> int:
-    """The index of a particle.  Raises `InputError`."""
-    names = [p.name for p in sim.particles]
-    if isinstance(name, str) and name in names:
-        return names.index(name)
-    if isinstance(name, int | np.integer) and not isinstance(name, bool) and 0 <= name < sim.N:
-        return int(name)
-    named = [n for n in names if n]
-    raise InputError(
-        f"expected an index below {sim.N} or the name of a particle, one of {named}, got {shown(name)}."
-        + hint(name, named)
-    )
-
-
 @explained
 def attach(sim: Any, bodies: Mapping[int | str, Body], dt: float | None = None) -> Spins:
     """Make particles of a REBOUND simulation extended bodies, by index or name; the result moves `sim` itself.
@@ -561,59 +342,3 @@ def load(path: str | os.PathLike[str]) -> Spins:
     names = [name[1:] if name.startswith("#") else int(name) for name in arrays["names"].tolist()]
     kick = None if np.isnan(arrays["dt"]) else float(arrays["dt"])
     return Spins(sim, names, arrays["z"], arrays["c"], kick)
-
-
-# -- files: NumPy's archive of plain arrays, one of them the bytes of REBOUND's simulation ---------
-
-
-FORMAT = 1
-NEEDED = "The simulation and its bodies need a file name such as spins.npz"
-FILES = "simulation", "whole.npz"
-SHAPES = {"z": 7, "c": int(ENDS[-1])}
-
-
-def write_file(path: str | os.PathLike[str], sim: Any, parts: Mapping[str, Any]) -> None:
-    """Write `path` completely or not at all.  Raises `RunError` if the disk refuses."""
-    target = place(path, NEEDED)
-    with on_disk(path, "be written"), scratch(target.parent, ".kreisel-", files=FILES) as folder:
-        simulation_file, whole = (folder / name for name in FILES)
-        sim.save_to_file(str(simulation_file))
-        data = np.frombuffer(simulation_file.read_bytes(), dtype=np.uint8)
-        with whole.open("wb") as file:
-            np.savez(file, format=np.array(FORMAT), simulation=data, **parts)
-            file.flush()
-            os.fsync(file.fileno())
-        whole.replace(target)
-
-
-def read_file(path: str | os.PathLike[str]) -> tuple[Any, dict[str, np.ndarray]]:
-    """The simulation and the arrays of the file.
-
-    Raises `InputError` for any other file, `RunError` if it cannot be read.
-    """
-    source = place(path, NEEDED)
-    try:
-        with on_disk(path, "be read"), source.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in ("format", "simulation", "z", "c", "names", "dt")}
-    except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: expected a file that spins.save wrote, got {shown(error)}.") from error
-    names = arrays["names"] if arrays["names"].ndim == 1 and arrays["names"].dtype.kind == "U" else np.empty(0, str)
-    fits = [arrays[name].shape == (len(names), width) for name, width in SHAPES.items()]
-    fits += [name.startswith("#") or name.isdecimal() for name in names.tolist()]
-    fits += [arrays[name].shape == () and arrays[name].dtype.kind in "if" for name in ("format", "dt")]
-    fits += [arrays["simulation"].dtype == np.uint8]
-    if not all(fits) or arrays["format"] != FORMAT:
-        raise InputError(f"{path}: expected format {FORMAT} of kreisel.rebound, got {shown(arrays['format'])}.")
-    try:
-        with warnings.catch_warnings(record=True) as said:
-            warnings.simplefilter("always")
-            sim = rebound().Simulation(arrays["simulation"].tobytes())
-    except RuntimeError as error:
-        raise RunError(
-            f"{path}: REBOUND could not read its part: {error}. Usual cause: another version of it."
-        ) from error
-    for each in said:
-        if "corrupted" in str(each.message):
-            raise RunError(f"{path}: REBOUND could not read its part: {each.message}")
-        warnings.warn(str(each.message), RuntimeWarning, stacklevel=2)
-    return sim, arrays
