@@ -38,7 +38,7 @@ TIMES = "dt", "rotation", "trailing", "G"  # a step; the rotation before the nex
 
 
 class Kind(NamedTuple):
-    """A kind of interaction of two bodies; of what it lacks it computes nothing.
+    """A kind of interaction of two bodies; absent terms are not computed.
 
     first, second   the degrees of their figures, 0 of a ball or a point, 2 or 4
     fluids          balls that their rotation flattens: 0, 1 if it is the first, else 2
@@ -160,7 +160,7 @@ class Code:
                 rows[body][k] = builder.fadd(rows[body][k], builder.fmul(into[f"on{body + 1}"], x))
 
     def _velocities(self, inside: bool) -> None:
-        """Velocities that tides meet: inside WHFast those in the middle of its kick, Jacobi's terms included."""
+        """Velocities for friction: inside WHFast in the middle of its kick, with the terms of Jacobi's coordinates."""
         f, builder, words = self.f, self.f.builder, self.words
         p, v, width = self.doubles["p"], self.doubles["v"], words["width"]
         half = builder.fmul(constant(DOUBLE, 0.5 if inside else 0.0), self.times["dt"][0])
@@ -238,14 +238,14 @@ class Code:
             self.act(self.f.integers(self.words["steps_done"])[0] % 2, inside=True)
 
     def before(self) -> None:
-        """What precedes a step of REBOUND: half a kick and the rotation."""
+        """Half a kick and the rotation, before a step of REBOUND."""
         with self._unless_lost("before"):
             self.f.builder.store(INDEX(1), self._small("modified"))
             self.act(self.f.integer(0), inside=False)
             self.turn(self.times["dt"][0])
 
     def after(self) -> None:
-        """What follows a step of REBOUND: half a kick."""
+        """Half a kick, after a step of REBOUND."""
         with self._unless_lost(""):
             self.act(self.f.integer(1), inside=False)
         self._call("after")
@@ -262,7 +262,7 @@ class Code:
             self.turn(self.times["trailing"][0])
 
     def _unless_lost(self, user: str) -> Any:
-        """A block that is run if the particles are those of the frame; calls the function of the user first."""
+        """A block for the particles of the frame, none lost; calls the function of the user first."""
         if user:
             self._call(user)
         count = self.f.integers(self.words["N"])[0]
@@ -280,7 +280,7 @@ class Code:
 
 
 def written(name: str, kinds: tuple[Kind, ...], mark: str = "") -> Kernel:
-    """A kernel, a method of `Code`: a function of the address of a frame; `mark`: of other code than that of here."""
+    """A kernel, a method of `Code`: a function of the address of a frame; `mark`: of changed code."""
     digests = [graph.digest(outputs) for graph, outputs in (*map(recorded, kinds), *rotations().values())]
     return kernel(("rebound", name, kinds, mark, *digests), 1, lambda f: getattr(Code(f, kinds), name)())
 

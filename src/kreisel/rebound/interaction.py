@@ -1,7 +1,7 @@
 """Interaction of two particles in a short time, as changes of momentum and spin: figures, tides, their lag.
 
 r and v go from body 1 to body 2; L is the spin angular momentum of a body and q its orientation, both in the frame of
-the simulation.  The mutual potential to the fourth degree and the force of tides that lag are those of
+the simulation.  The mutual potential to the fourth degree and the force of tides that lag are taken from
 `kreisel.bodies.binary`, with masses 1 and with factors that have time, masses and constant of gravity.  A fluid ball
 flattened by its rotation Omega adds for the mass m of the other body
 

@@ -1,6 +1,6 @@
 """Pairs of particles, of which one at least is a body: their kinds and the factors of their interaction.
 
-A particle without mass feels others and does not act: in its pairs it has mass 1, and only its own changes are made.
+A particle without mass feels others and does not act: in its pairs it has mass 1, and the other stays unchanged.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def interactions(one: Side, two: Side, h: float, gravity: float) -> list[Row]:
 
 
 class Pairs(NamedTuple):
-    """The interactions of a simulation; what they depend on; and the arrays of the kernels."""
+    """The interactions of a simulation, the values that they depend on, and the arrays of the kernels."""
 
     key: tuple[float, float, int, int, bytes]
     kinds: tuple[Kind, ...]

@@ -193,7 +193,7 @@ class Spins:
         return self._z[self._number(which), :3].copy()
 
     def angular_momentum(self) -> Array:
-        """The angular momentum (3,) of all orbits and spins, without those of bodies without mass."""
+        """The angular momentum (3,) of all orbits and spins, except spins of bodies without mass."""
         massive = self._particles()[self._index, 9] > 0
         return np.array([*self.sim.angular_momentum()]) + self._z[massive, :3].sum(0)
 
