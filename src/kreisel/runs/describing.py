@@ -203,7 +203,8 @@ def _assembled(variables: dict[str, xr.Variable], time: xr.Variable | None, coor
     known |= {} if time is None else {"time": time}
     every = variables | known
     sizes = {d: size for v in every.values() for d, size in zip(v.dims, v.shape, strict=True)}
-    return xr.Dataset._construct_direct(every, {*known}, sizes, {}, dict(coords.xindexes))
+    indexes = dict(coords.xindexes)
+    return xr.Dataset._construct_direct(variables=every, coord_names={*known}, dims=sizes, attrs={}, indexes=indexes)
 
 
 CORRECTION = "largest_correction"  # correction of the state by the projection, in units of eps_machine |state|

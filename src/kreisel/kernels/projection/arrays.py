@@ -26,7 +26,7 @@ STEPS = 2  # of Newton: after one, nearly redundant invariants drift, by 160 ulp
 VECTORS = 3  # operations of a step are counted as n^2 a line, also of vectors: 4 % of the time, n = 20, where it was 11
 SAMPLES = 8  # states that give the size of an invariant's terms
 NONE = 1e-300  # instead of a length of 0
-MOVED, CHANGED = 1e-3, 1e-11  # relative: how far a state is moved, and a change below this is not moved
+CHANGED = 1e-11  # relative: a change below this is rounding
 
 
 def scales(z: Array, J: Array, size: Array) -> tuple[Array, Array]:
