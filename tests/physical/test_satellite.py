@@ -311,6 +311,36 @@ def test_corners_of_plates_limit_the_order() -> None:
     assert errors[False][0] < 1e-7 and errors[True][0] > 1e-5 and errors[True][1] > 1e-3 * errors[True][0]
 
 
+@pytest.mark.skipif(not FULL, reason="`make test-full` runs it")
+@pytest.mark.parametrize(
+    "cause", [{"light": SOLAR_PRESSURE, "sun": (1, 2, -0.5)}, {"density": 5e-13}], ids=["light", "air"]
+)
+def test_the_step_through_corners_is_found(cause: dict[str, Any]) -> None:
+    """An hour of tumbling, against the equations of the textbook by DOP853 at 1e-12; dt = 10 s is off by 4e-6."""
+    body = Satellite.cubesat(LOW, center_of_mass=("3 cm", "1 cm", "-1 cm"), **cause)
+    along, moments, spin = body.body.principal.axes, body.body.principal.moments, np.array([0.016, 0.017, 0.010])
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        w, q = y[:3], y[3:] / np.sqrt(y[3:] @ y[3:])
+        tau = by_hand(body, algebra.rotation_matrix(q), t, w) - np.cross(w, moments * w)
+        turning = np.array([-q[1:] @ w, *(q[0] * w + np.cross(q[1:], w))]) / 2
+        return np.concatenate([tau / moments, turning])
+
+    g = algebra.unit_quaternion(along)  # of the principal axes
+    start, times = np.concatenate([spin @ along, g]), [3600.0]
+    end = solve_ivp(rates, (0, 3600), start, method="DOP853", rtol=1e-12, atol=1e-15, t_eval=times).y[3:, 0]
+    truth = algebra.rotation_matrix(algebra.unit(end)) @ along.T
+
+    def off(**more: Any) -> tuple[float, Any]:
+        begun = body.state(spin=spin, attitude=(1.0, 0.0, 0.0, 0.0))
+        run = kr.simulate(body, begun, t_end=3600.0, progress=False, **more)
+        return abs(algebra.rotation_matrix(run.attitude.values[-1]) - truth).max(), run
+
+    assert off(dt=10.0)[0] > 4e-6
+    error, run = off(dt=1200.0, order="auto", tol=1e-6)
+    assert error < 1e-6 and error / 10 < kr.analysis.error(run).attitude.values.max() < 1e-6
+
+
 def test_light_turns_a_box_about_another_point_than_its_centre() -> None:
     """All of its force acts at the centre: the torque is -center_of_mass x F, and 0 for a homogeneous box."""
     draw, given = np.random.default_rng(5), {"light": SOLAR_PRESSURE, "sun": (1.0, 2.0, -0.5)}

@@ -179,6 +179,7 @@ def _relative_difference(one: State, other: State) -> Array:
 
 PILOT = 64.0  # radians of a pilot at the fastest rate
 LONGEST, RUNGS = 3.0, 15  # radians of the longest step; each of the others is shorter by sqrt(2)
+RUNGS_OF_CORNERS = 25  # if forces have corners, at which every order is 2
 TRUTHS = (8, (10, 6, 4))  # the first of which not every force has
 LEAST_ERROR = 4e-15
 AHEAD = 1e-4  # radians, over which the rate of Omega is taken
@@ -224,17 +225,18 @@ def _fastest(system: System, constants: Mapping[str, Array], state: State) -> fl
     return max(turning, float(np.sqrt(size(later - Omega).max() / ahead)))
 
 
-def choose_splitting(steps: Steps, rate: float, spacing: float, time: float, tol: Any) -> Choice:
-    """For states saved every `spacing` until `time`, of the worst lane.
+def choose_splitting(steps: Steps, rate: float, spacing: float, time: float, tol: Any, corners: bool = False) -> Choice:
+    """For states saved every `spacing` until `time`, of the worst lane; `corners`: whether forces may have some.
 
     Raises `InputError` for a tolerance that doubles cannot hold, and where no splitting reaches it.
     """
     tolerance = checked_tolerance(tol)
     span = min(time, PILOT / rate) if 0 < rate < np.inf else time
     longest = min(LONGEST / rate, span) if 0 < rate < np.inf else span
-    counts = sorted({max(1, round(span / longest * 2 ** (k / 2))) for k in range(RUNGS)})
+    rungs = RUNGS_OF_CORNERS if corners else RUNGS
+    counts = sorted({max(1, round(span / longest * 2 ** (k / 2))) for k in range(rungs)})
     truth, doubt = _truth(steps, span, counts)
-    grows = LATER * max(time / span, 1.0)
+    grows = (1.0 if corners else LATER) * max(time / span, 1.0)  # a motion through corners is run to its end later
     best: tuple[float, Choice] | None = None
     for order in METHODS["splitting"].orders:
         for count in counts:
@@ -249,8 +251,9 @@ def choose_splitting(steps: Steps, rate: float, spacing: float, time: float, tol
             break
     if best is None:
         raise InputError(
-            f"order='auto' finds no splitting that reaches tol = {tolerance:g} with steps of a hundredth of a radian: "
-            f"the error of the pilot grows to {grows * doubt:.1g} or more until the end of the run. Use a larger tol."
+            f"order='auto' finds no splitting that reaches tol = {tolerance:g} with steps of {span / counts[-1]:.1g} or"
+            f" more: the error of the pilot grows to {grows * doubt:.1g} or more until the end. Use a larger "
+            "tol."
         )
     return best[1]
 
@@ -272,16 +275,24 @@ def separates(one: Steps, other: Steps, choice: Choice, rate: float, spacing: fl
 
 
 def witnessed(
-    steps: Steps, choice: Choice, rate: float, spacing: float, time: float, tol: Any, chaotic: bool = False
+    steps: Steps,
+    choice: Choice,
+    rate: float,
+    spacing: float,
+    time: float,
+    tol: Any,
+    chaotic: bool = False,
+    corners: bool = False,
 ) -> Choice:
     """The choice, with shorter steps if it is off by more than `tol` in a run of some pilots against half the step.
 
-    A chaotic motion is run for longer, and with a margin: rounding errors grow, too.
+    A chaotic motion is run for longer, and with a margin: rounding errors grow, too.  So is a motion through corners,
+    whose errors scatter: a shorter step may be worse than a longer one.
 
     A pilot does not see slow motions, such as the beats of coupled bodies, by which errors grow faster than the time.
     """
     tolerance, tried, best = checked_tolerance(tol), list[Choice](), np.inf
-    pilots, margin = (CHAOTIC, MARGIN) if chaotic else (WITNESS, 1.0)
+    pilots, margin = (CHAOTIC, MARGIN) if chaotic or corners else (WITNESS, 1.0)
     for _ in range(REFINED):
         h = spacing / choice.steps
         count = int(min(time, pilots * PILOT / rate) / h + WHOLE) if 0 < rate < np.inf else 0
@@ -291,9 +302,9 @@ def witnessed(
             break
         found = margin * _apart(*ends) * max(time / (h * count), 1.0)
         tried.append(replace(choice, expected=found if tried else max(choice.expected, found)))
-        if found <= tolerance or found >= best:  # shorter steps do not help
+        if found <= tolerance or (found >= best and not corners):  # shorter steps do not help
             break
-        best = found
+        best = min(best, found)
         choice = replace(choice, steps=int(np.ceil(choice.steps * SHORTER)))
     return min(tried, key=lambda one: one.expected, default=choice)
 

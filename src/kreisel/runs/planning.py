@@ -131,7 +131,9 @@ def choice_of(
     lanes = auto.with_lanes(model, parts)
     if not each or len(lanes[0]) == 1:
         steps, rate = pilot(model, state, settings, orientation), auto.rate_of(model, parts)
-        choice = auto.witnessed(steps, auto.choose_splitting(steps, rate, *when), rate, *when)
+        corners = record is not None and record.has_corners(model.constants)
+        choice = auto.choose_splitting(steps, rate, *when, corners)
+        choice = auto.witnessed(steps, choice, rate, *when, corners=corners)
         beside = pilot(model, state, settings, orientation, auto.NUDGE)
         chaotic = auto.separates(steps, beside, choice, rate, *when[:2])
         if chaotic and auto.within_reach(rate, settings.time):

@@ -1,4 +1,12 @@
-"""kr.gym.Attitude: satellites that an agent points at a target, as a vector environment of gymnasium."""
+"""Environments of reinforcement learning: the extra `gym` (gymnasium).
+
+import kreisel as kr
+
+satellite = kr.physical.Satellite.cubesat(kr.physical.Orbit.circular("500 km"))
+envs = kr.gym.Attitude(512, satellite, limit="0.1 mN m", every="1 s", duration="2 min")
+seen, info = envs.reset(seed=1)
+seen, reward, terminated, truncated, info = envs.step(envs.action_space.sample())
+"""
 
 from __future__ import annotations
 
@@ -7,9 +15,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
 
 from kreisel import algebra
 from kreisel.algebra import Array
@@ -19,9 +24,18 @@ from kreisel.forces.kicks import WHEELS
 from kreisel.physical import Control, Satellite
 from kreisel.physical.measures import attitude_quaternion, si_number, si_numbers
 from kreisel.runs.propagation.of_body import propagator
+from kreisel.runs.settings import within
 
+try:
+    from gymnasium.spaces import Box
+    from gymnasium.vector import AutoresetMode, VectorEnv
+    from gymnasium.vector.utils import batch_space
+except ImportError as error:
+    raise InputError(f"kr.gym needs gymnasium: pip install 'kreisel[gym]'. {error}") from error
+
+__all__ = ["Attitude"]
 ACTUATORS = ("torque", "wheel_torque", "dipole")
-FIELD = 5e-5  # T, about the largest in a low orbit
+MOST, FIELD = 1_000_000, 5e-5  # lanes; T, about the largest field in a low orbit
 
 
 def quadratic(angle: Array, rates: Array, action: Array) -> Array:
@@ -64,33 +78,28 @@ class Attitude(VectorEnv[Array, Array, Array]):
         rates: Any = 0.02,
         reward: Callable[[Array, Array, Array], Array] = quadratic,
     ):
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
-            raise InputError(f"num_envs: expected a number of lanes, 1 or more, got {shown(num_envs)}.")
         if not isinstance(satellite, Satellite) or satellite.control is not None:
             raise InputError(f"satellite: expected a Satellite without a controller, got {shown(satellite)}.")
         if actuator not in ACTUATORS or (actuator == "wheel_torque") > (satellite.wheels is not None):
-            raise InputError(
-                f"actuator: expected one of {', '.join(ACTUATORS)}, the second for a satellite with wheels, got "
-                f"{shown(actuator)}."
-            )
-        self.num_envs, self.reward, self.target = int(num_envs), reward, attitude_quaternion(target, "target")
-        self.limit = si_number(limit, COMMANDS[actuator], "limit", positive=True)
-        self.rates = si_number(rates, "rad/s", "rates", positive=True)
-        times = {"every": every, "dt": dt or every, "duration": duration}
-        period, step, end = (si_number(value, "s", name, positive=True) for name, value in times.items())
-        self._substeps, self._steps, self._period = round(period / step), round(end / period), period
-        if abs(self._substeps * step - period) > 1e-9 * period or self._steps < 1:
-            raise InputError(
-                f"dt, duration: expected dt = every / integer, duration >= every, got {step:g}, {end:g} s."
-            )
-        wheels = 0 if satellite.wheels is None else len(satellite.wheels.axes)
-        self._size = size = wheels if actuator == "wheel_torque" else 3
-        control = _control(actuator, size, period)
-        self._body, self._memory = replace(satellite, control=control), control.memory
-        self._motion = propagator(self._body, dt=step, orientation=True)
-        self._stored = self.limit * end  # N m s
-        self.single_observation_space = Box(-np.inf, np.inf, (7 + wheels + 3 * (actuator == "dipole"),), np.float64)
-        self.single_action_space = Box(-1.0, 1.0, (size,), np.float64)
+            allowed = f"one of {', '.join(ACTUATORS)}, the second for a satellite with wheels"
+            raise InputError(f"actuator: expected {allowed}, got {shown(actuator)}.")
+        self.num_envs, self.reward, self.target = (
+            within(num_envs, "num_envs", 1, MOST),
+            reward,
+            attitude_quaternion(target, "target"),
+        )
+        asked = {"limit": COMMANDS[actuator], "rates": "rad/s", "every": "s", "duration": "s"}
+        values = zip((limit, rates, every, duration), asked.items(), strict=True)
+        self.limit, self.rates, self._period, end = (si_number(x, unit, k, positive=True) for x, (k, unit) in values)
+        self._steps, self._stored = round(end / self._period), self.limit * end  # N m s
+        if self._steps < 1:
+            raise InputError(f"duration: expected every = {self._period:g} s or more, got {end:g} s.")
+        wheels, sees = 0 if satellite.wheels is None else len(satellite.wheels.axes), actuator == "dipole"
+        self._size = wheels if actuator == "wheel_torque" else 3
+        self._body = replace(satellite, control=_control(actuator, self._size, self._period))
+        self._motion = propagator(self._body, dt=every if dt is None else dt, orientation=True)
+        self.single_observation_space = Box(-np.inf, np.inf, (7 + wheels + 3 * sees,), np.float64)
+        self.single_action_space = Box(-1.0, 1.0, (self._size,), np.float64)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._state: dict[str, Array] = {}
@@ -101,21 +110,19 @@ class Attitude(VectorEnv[Array, Array, Array]):
     ) -> tuple[Array, dict[str, Any]]:
         """New episodes in all lanes: the first observations, and an empty dict."""
         super().reset(seed=seed)
-        asked = dict(options or {})
-        turns = self.np_random.normal(size=(self.num_envs, 4))
-        attitude = asked.pop("attitude", turns / np.linalg.norm(turns, axis=-1, keepdims=True))
-        spin = asked.pop("spin", self.np_random.normal(size=(self.num_envs, 3)) * self.rates)
-        if asked:
-            raise InputError(f"options: expected attitude and spin, got {', '.join(map(str, asked))}.")
-        start = {
-            "momentum": si_numbers(spin, "rad/s", "spin") @ self._body.inertia,
-            "attitude": attitude_quaternion(attitude, "attitude"),
-            **self._memory,
+        turns, spins = (self.np_random.normal(size=(self.num_envs, count)) for count in (4, 3))
+        usual = {"attitude": algebra.unit(turns), "spin": spins * self.rates}
+        start = usual | dict(options or {})
+        if len(start) > len(usual):
+            raise InputError(f"options: expected attitude and spin, got {', '.join(map(str, options or ()))}.")
+        known = {
+            "momentum": si_numbers(start["spin"], "rad/s", "spin") @ self._body.inertia,
+            "attitude": attitude_quaternion(start["attitude"], "attitude"),
             **({} if self._body.wheels is None else {WHEELS: self._body.wheels.momenta}),
         }
         self._count, lanes = 0, np.zeros((self.num_envs, 1))
-        command = np.zeros(self._size)  # as it is held at the start
-        self._state = {name: lanes + start.get(name, command) for name in self._motion.names}
+        command = np.zeros(self._size)
+        self._state = {name: lanes + known.get(name, command) for name in self._motion.names}
         return self._observed(), {}
 
     def _observed(self) -> Array:
@@ -123,8 +130,7 @@ class Attitude(VectorEnv[Array, Array, Array]):
         state, inverse = self._state, np.linalg.inv(self._body.inertia)
         error = algebra.quaternion_product(algebra.inverse_turn(self.target), state["attitude"])
         parts = [np.where(error[:, :1] < 0, -error, error), state["momentum"] @ inverse / self.rates]
-        parts += [state[WHEELS] / self._stored] if WHEELS in state else []
-        parts += [state["seen"] / FIELD] if "seen" in state else []
+        parts += [state[name] / unit for name, unit in ((WHEELS, self._stored), ("seen", FIELD)) if name in state]
         return np.concatenate(parts, -1)
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
@@ -136,14 +142,11 @@ class Attitude(VectorEnv[Array, Array, Array]):
             return self.reset()[0], np.zeros(self.num_envs), none, none, {}
         action = algebra.floats(actions)
         if action.shape != self.action_space.shape or not np.isfinite(action).all():
-            raise InputError(
-                f"actions: expected finite values of shape {self.action_space.shape}, got {shown(actions)}."
-            )
+            expected = f"finite values of shape {self.action_space.shape}"
+            raise InputError(f"actions: expected {expected}, got {shown(actions)}.")
         action = np.clip(action, -1.0, 1.0)
-        time = self._count * self._period
-        self._state |= {"command": action * self.limit}
-        self._state = self._motion.steps(self._state, self._substeps, time=time)
-        self._count += 1
+        begun, self._count = self._count * self._period, self._count + 1
+        self._state = self._motion.to(self._state | {"command": action * self.limit}, self._count * self._period, begun)
         seen = self._observed()
         angle = 2 * np.arctan2(np.linalg.norm(seen[:, 1:4], axis=-1), seen[:, 0])
         reward = np.asarray(self.reward(angle, seen[:, 4:7], action), dtype=np.float64)
@@ -159,5 +162,6 @@ def _control(actuator: str, size: int, period: float) -> Control:
     def seeing(field: Any, command: Any, seen: Any) -> dict[str, Any]:  # the field of the sample is kept
         return {**law(command), "seen": field}
 
-    memory = {"command": np.zeros(size), **({"seen": np.zeros(3)} if actuator == "dipole" else {})}
-    return Control(seeing if "seen" in memory else law, every=period, memory=memory)
+    if actuator == "dipole":
+        return Control(seeing, every=period, memory={"command": np.zeros(3), "seen": np.zeros(3)})
+    return Control(law, every=period, memory={"command": np.zeros(size)})
