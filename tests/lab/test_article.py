@@ -11,9 +11,11 @@ import mpmath
 import numpy as np
 import pytest
 
+import kreisel as kr
 from kreisel import algebra
 from kreisel.lab import growth
 from kreisel.lab.subject import subject
+from kreisel.method import conjugate
 from support import ROOT
 
 TESTED = {  # label of a formula: the test below
@@ -28,6 +30,8 @@ TESTED = {  # label of a formula: the test below
     **dict.fromkeys(("S", "abel"), "test_exact_step"),
     "unequal": "test_unequal_moments",
     "steklov": "test_steklov",
+    **dict.fromkeys(("pairflow", "steklovflow"), "test_pairs_are_flows"),
+    "conditions": "test_step_condition",
     **dict.fromkeys(("komarov", "komarovcurve"), "test_komarov_curve"),
     "komarovpair": "test_komarov_pair",
     "gc": "test_goryachev_chaplygin",
@@ -542,6 +546,128 @@ def test_komarov_pair() -> None:
         column = turn @ kept[3:5, 6] - np.array([c, beta * kept[3, 4]], dtype=object)
         assert max(abs(column)) < mpmath.mpf(10) ** -30
         assert max(abs(kept[3:5, 6] - np.array([c, beta * kept[3, 4]], dtype=object))) > 1e-3
+
+
+PAIRS = ("clebsch-general", "quadratic-potential", "steklov-lyapunov", "rubanovskii", "kovalevskaya-gyrostat")
+
+
+def _body(name: str) -> tuple[Any, Any, Any]:
+    """A model, its state, and the factor of the Hamiltonian of `rates`: of alpha/lam, of mu for Steklov's case."""
+    rng = np.random.default_rng(43)
+    M, P, Q = rng.normal(size=(3, 3))
+    b = {"b": (0.3, 0.7, 1.9), "s": 0.4, "l": 0.7}
+    model, state, factor = {
+        "clebsch-general": (kr.ClebschGeneral(a=(1, 2, -0.7), b=(1, 4, 0.49)), {"M": M, "P": P}, 2),
+        "quadratic-potential": (kr.QuadraticPotential(J=(1, 1.6, 2.3)), {"M": M, "P": np.outer(P, P) + np.diag(Q)}, 2),
+        "steklov-lyapunov": (kr.SteklovLyapunov(**b), {"M": M, "P": P}, 2j),
+        "rubanovskii": (kr.Rubanovskii(h=Q, **b), {"M": M, "P": P}, 2j),
+        "kovalevskaya-gyrostat": (kr.KovalevskayaGyrostat(n=3, gamma=0.7), {"M": M, "P": P, "Q": Q}, 4),
+    }[name]
+    return model, tuple(model.state(**state)[k] for k in model.system.space.letters), factor
+
+
+def _at(model: Any, z: Any, lam: Any, near: Any) -> tuple[Any, Any]:
+    """The eigenvalue next to a value, and the field of the pairs there."""
+    values, vectors = np.linalg.eig(model.call(model.system.pairs.matrix, *z, lam=np.array([lam]))[0].astype(complex))
+    place = abs(values - near).argmin()
+    ends = {"left": np.linalg.inv(vectors)[place][None], "right": vectors[:, place][None]}
+    field, _ = model.call(model.system.pairs.rates, *z, lam=np.array([lam]), **ends)
+    return values[place], algebra.flatten(field, model.system.space.kinds)[0]
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_pairs_are_flows(name: str) -> None:
+    """The Hamiltonian of `rates`, by Poisson's tensor, at the start; and d/dx of a pair is that field at its end."""
+    model, z, factor = _body(name)
+    kinds, lam, h = model.system.space.kinds, 0.3 + 2.1j, 1e-5
+    x, mu = (
+        algebra.flatten(z, kinds),
+        np.linalg.eigvals(model.call(model.system.pairs.matrix, *z, lam=np.array([lam]))[0].astype(complex)),
+    )
+    near = mu[mu.imag.argmax()]
+    slope = np.array([
+        (_at(model, algebra.restore(x + h * e, kinds, 3), lam, near)[0]
+         - _at(model, algebra.restore(x - h * e, kinds, 3), lam, near)[0]) / (2 * h)
+        for e in np.eye(len(x))
+    ])  # fmt: skip
+    tensor = -np.asarray(model.call(model.system.space.tensor, *z), float)  # F' = {H, F}
+    energy = np.array([
+        (model.call(model.system.energy, *algebra.restore(x + h * e, kinds, 3))
+         - model.call(model.system.energy, *algebra.restore(x - h * e, kinds, 3))) / (2 * h)
+        for e in np.eye(len(x))
+    ])  # fmt: skip
+    flow = algebra.flatten(model.flow(*z), kinds)
+    assert abs(tensor @ energy - flow).max() < 1e-7 * abs(flow).max()  # the sign of the bracket
+    field = _at(model, z, lam, near)[1]
+    right = tensor @ slope * (factor if factor == 2j else factor / lam)
+    assert abs(field - right).max() < 1e-7 * abs(field).max()
+    assert abs(field - 1.001 * right).max() > 1e-4 * abs(field).max()
+
+    def moved(step: float) -> Any:
+        at = lam + step
+        return model.call(model.system.pairs.pair, *z, lam=np.complex128(at), mu=_at(model, z, at, near)[0])[0]
+
+    rate = (algebra.flatten(moved(h), kinds) - algebra.flatten(moved(-h), kinds)) / (2 * h)
+    expected = _at(model, moved(0.0), lam, near)[1].real
+    assert abs(rate - expected).max() < 1e-7 * abs(expected).max()
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_step_condition(name: str) -> None:
+    """The points of a step, by 40 nodes of Gauss and Legendre, which the software does not use."""
+    model, z, _ = _body(name)
+    points, _ = conjugate.constants(model, z, 0.2)
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    total = 0.0
+    for x, y, real, imaginary in points.T:
+        near = complex(real, imaginary)
+        for node, weight in zip(nodes[::-1], weights[::-1], strict=True):  # from the end of the path
+            near, field = _at(model, z, 1j * y + x * (node + 1) / 2, near)
+            total = total + x * weight / 2 * field.real
+    flow = 0.2 * algebra.flatten(model.flow(*z), model.system.space.kinds)
+    assert abs(total - flow).max() < 1e-12 * abs(flow).max()
+
+
+@pytest.mark.parametrize("case", ["unequal", "steklov"])
+def test_one_map_is_poisson(case: str) -> None:
+    """J Pi J^T = Pi for a single complex map, by differences in 40 digits; not for a stronger one."""
+    with mpmath.workdps(40):
+        rng = np.random.default_rng(47)
+        model = (
+            kr.QuadraticPotential(J=(1, 1.6, 2.3))
+            if case == "unequal"
+            else kr.Rubanovskii(b=(0.3, 0.7, 1.9), s=1, l=1, h=(0, 0, 0))
+        )
+        kinds, A, h = model.system.space.kinds, np.diag(_floats(rng, 3)), mpmath.mpf(10) ** -14
+        x, lam = _floats(rng, 9 if case == "unequal" else 6), mpmath.mpc("0.4", "1.3")
+        square = np.array([[mpmath.mpf(i == j) for j in range(3)] for i in range(3)], object)
+        C = square if case == "unequal" else lam * square - A
+        near: list[Any] = []
+
+        def image(x: Any, strength: int) -> Any:
+            M, F = algebra.restore(x, kinds, 3)
+            L = lam * A + M + F / lam if case == "unequal" else M - (A @ F + F @ A) / 2 + lam * F
+            ratio = mpmath.inverse(mpmath.matrix(C.tolist())) * mpmath.matrix(L.tolist())
+            values = mpmath.eig(ratio, left=False, right=False)
+            near.append(values[0] if not near else min(values, key=lambda v: abs(v - near[0])))
+            q = _vector(np.array(ratio.tolist(), dtype=object), near[-1])
+            P = np.outer(q, q) / sum(q * q)
+            R = square - 2 * P
+            if case == "unequal":
+                return algebra.flatten((M - 2 * strength * lam * (P @ A - A @ P), R @ F @ R), kinds)
+            W, F1 = -2 * strength * P @ C, R @ F @ R
+            M0 = R @ (M - (A @ F + F @ A) / 2) @ R + W.T @ F @ R + R @ F @ W
+            return algebra.flatten((M0 + (A @ F1 + F1 @ A) / 2, F1), kinds)
+
+        def tensor(x: Any) -> Any:
+            return model.call(model.system.space.tensor, *algebra.restore(x, kinds, 3))
+
+        for strength in (1, 2):
+            new = image(x, strength)
+            steps = [h * np.array([mpmath.mpf(i == j) for j in range(len(x))], object) for i in range(len(x))]
+            J = np.stack([(image(x + e, strength) - image(x - e, strength)) / (2 * h) for e in steps], -1)
+            miss = abs(J @ tensor(x) @ J.T - tensor(new)).max()
+            assert (miss < 1e-20) == (strength == 1)
 
 
 # -- the table of degrees: the maps as the article prints them, eps = 2, modulo primes ------------------------

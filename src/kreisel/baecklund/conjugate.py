@@ -13,9 +13,9 @@ A point lam = x + iy, q = u + iw, and its conjugate have, with r = |u|^2 + |w|^2
     B = (4 x/D) (r (u u^T + w w^T) - x Re[conj(s/lam) q q^T]),   V(0) = cay(-X),   X = (2 x/(y r)) u ^ w:
 
 the identity for x = 0.  Near there (d/dx) M = -2 [Pi + Pi^T, A] and the body rotates with Omega = -(2/lam)(Pi -
-Pi^T), Pi the projector of mu: the flow of -2 int mu dlam/lam between the points -x + iy and x + iy, which makes the
-flow of any Hamiltonian a product of pairs.  [the Darboux matrix of a Lax matrix: Suris 2001, section 7, and
-docs/baecklund.md]
+Pi^T), Pi the projector of mu: a pair is the flow of int mu dlam/lam from -x + iy to x + iy (proof: paper/maps.tex), so
+the flow of any function of the integrals is a product of pairs.  [the Darboux matrix of a Lax matrix: Suris 2001,
+section 7, and docs/baecklund.md]
 """
 
 import inspect

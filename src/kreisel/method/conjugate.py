@@ -426,7 +426,7 @@ class Torus:
     def _followed(self, lam: Array, left: Array, right: Array) -> tuple[Array, Array, Array, Array]:
         """L, mu and vectors along paths lam (paths, nodes), from the vectors at the start of each, in doubles.
 
-        tr Pi Pi' of projectors tells which branches are one, however near another level runs.
+        tr Pi Pi' of projectors identifies a branch, however near another level runs.
         """
         L = self._of_record(self.record.matrix, lam)
         mu, inverse, vectors, S = self._levels(lam, L)
