@@ -52,6 +52,7 @@ from kreisel.lab.integrals import (
     monomial_values,
     monomials,
     rational_kernel,
+    require_few_monomials,
 )
 from kreisel.lab.subject import Subject, stacked
 
@@ -358,12 +359,7 @@ def bases(subject: Subject, degree: int = 2, seed: int = 0) -> Bases:
 
     Raises `InputError` for maps that are not rational, and for degrees with more than MOST_MONOMIALS monomials.
     """
-    count = math.comb(subject.dim + degree, degree)
-    if count > MOST_MONOMIALS:
-        raise InputError(
-            f"Degree {degree} in {subject.dim} coordinates has {count} monomials; at most {MOST_MONOMIALS} are tried. "
-            "Use a lower degree."
-        )
+    require_few_monomials(subject, degree, MOST_MONOMIALS)
     exponents = list(monomials(subject.dim, degree))
     counts = {_at_a_point(subject, exponents, p, seed) for p in PRIMES[:2]}
     if len(counts) > 1:

@@ -130,18 +130,23 @@ class Quotient:
 Integral = Polynomial | Quotient
 
 
+def require_few_monomials(subject: Subject, degree: int, most: int) -> None:
+    """Raises `InputError` for a degree with more than `most` monomials."""
+    count = math.comb(subject.dim + degree, degree)
+    if count > most:
+        raise InputError(
+            f"Degree {degree} in {subject.dim} coordinates has {count} monomials; at most {most} are tried. "
+            "Use a lower degree."
+        )
+
+
 def integrals(subject: Subject, degree: int = 2, *, quotients: bool = False, seed: int = 0) -> list[Integral]:
     """Functionally independent polynomial integrals up to that degree; with `quotients`, also P/Q of that degree.
 
     They hold for the constants of the subject.  Raises `InputError` for maps that are not rational, and for degrees
     with more than MOST_MONOMIALS monomials.
     """
-    count = math.comb(subject.dim + degree, degree)
-    if count > MOST_MONOMIALS:
-        raise InputError(
-            f"Degree {degree} in {subject.dim} coordinates has {count} monomials; at most {MOST_MONOMIALS} are tried. "
-            "Use a lower degree."
-        )
+    require_few_monomials(subject, degree, MOST_MONOMIALS)
 
     def sought(attempt: int) -> list[Integral]:
         polynomials = _polynomials(subject, degree, [seed, attempt])
@@ -477,9 +482,7 @@ def integrals_in_floats(subject: Subject, degree: int = 2, seed: int = 0) -> Num
 
     Raises `InputError` for too many monomials, and `RunError` where all orbits escape.
     """
-    count = math.comb(subject.dim + degree, degree)
-    if count > MOST_IN_FLOATS:
-        raise InputError(f"Degree {degree} has {count} monomials; at most {MOST_IN_FLOATS} are tried. Use a lower one.")
+    require_few_monomials(subject, degree, MOST_IN_FLOATS)
     exponents = np.array(list(monomials(subject.dim, degree))[1:])
     rows, scale, k, trouble = [np.empty((0, len(exponents)))], np.zeros(len(exponents)), 0, ""
     wanted = 3 * len(exponents)
