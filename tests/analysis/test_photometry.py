@@ -7,7 +7,7 @@ import xarray as xr
 import kreisel as kr
 from kreisel.analysis import fit_light_curve, light_curve, photometry
 from kreisel.errors import InputError, InputWarning
-from kreisel.physical import FreeBody
+from kreisel.physical import Facets, FreeBody
 from sizes import FULL
 
 HOUR, DAY = 3600.0, 86400.0
@@ -38,7 +38,7 @@ def tumbler(tilt, rate, long_axis):
 def small(monkeypatch):
     """A search with fewer starts, for narrow ranges."""
     if not FULL:
-        for name, value in (("POINTS", 60), ("POLES", 8), ("PHASES", 4), ("FIRST", 12), ("BEST", 2), ("MOST", 6)):
+        for name, value in (("STARTS", 60), ("POLES", 16), ("FIRST", 12), ("BEST", 2), ("MOST", 6)):
             monkeypatch.setattr(photometry, name, value)
 
 
@@ -82,6 +82,38 @@ def test_aliases_are_cycles_miscounted_between_apparitions(small):
         assert abs(halves - halves.round()).max() < 0.2 and np.ptp(halves) > 0.8
 
 
+@pytest.mark.parametrize("mode", ["short-axis", "long-axis"])
+def test_derivatives_of_the_magnitudes(mode):
+    body, state, _ = tumbler(0.4, 2 * np.pi / (9 * HOUR), False)
+    data = observations(body, state, [0, 1, 2, 150])
+    for shape in (None, Facets.ellipsoid((1, 0.7, 0.6), 60)):
+        light = photometry._light(shape, "lommel-seeliger", (0.5, 0.1, -0.5))
+        seen, _ = photometry._seen(data, shape, *light)
+        x = np.array([[0.3, -0.6, 1.2, 0.7, 9 * HOUR, 31 * HOUR, 0.55, 0.5]])
+        r, J = seen.jacobian(x, mode)
+        steps = np.array([1, 1, 1, 1, x[0, 4] ** 2 / np.ptp(seen.time), x[0, 5] ** 2 / np.ptp(seen.time), 1, 1])
+        for k, h in enumerate(3e-6 * steps):
+            change = h * (np.arange(8) == k)
+            slope = (seen.residuals(x + change, mode) - seen.residuals(x - change, mode))[:, 0] / (2 * h)
+            scale = np.sqrt((slope**2).mean())
+            assert np.sqrt(((J[0, :, k] - slope) ** 2).mean()) < (1e-4 if shape is None else 0.05) * scale, (shape, k)
+        assert np.allclose(r[0], seen.residuals(x, mode)[:, 0])
+
+
+def test_a_small_tilt_and_the_ranges(small):
+    body, state, rotation = tumbler(0.12, 2 * np.pi / (9 * HOUR), False)
+    data = observations(body, state, np.arange(6))
+    fits = []
+    for low, high in ((0.96, 1.05), (0.9, 1.03)):
+        ranges = {"rotation": rotation.period, "precession": rotation.precession_period}
+        ranges = {name: (low * p, high * p) for name, p in ranges.items()}
+        fits.append(fit_light_curve(data, modes="short-axis", **ranges).table.iloc[0])
+    for name in ("precession_period", "rotation_period", "moment_a", "moment_b"):
+        assert abs(fits[0][name] - fits[1][name]) < 0.01 * fits[0][f"error_{name}"]
+    off = fits[0]["precession_period"] - rotation.precession_period
+    assert abs(off) < 4 * fits[0]["error_precession_period"]
+
+
 def test_bad_input():
     body, state, _ = tumbler(0.4, 2 * np.pi / (9 * HOUR), False)
     data, good = observations(body, state, [0, 1]), {"rotation": (1e5, 2e5), "precession": (3e4, 4e4)}
@@ -89,7 +121,11 @@ def test_bad_input():
         (lambda d: d.drop_vars("sun"), {}, "none of sun"),
         (lambda d: d.isel(time=slice(20)), {}, "at least 32"),
         (lambda d: d.assign(sun=d.sun * 0), {}, "not 0"),
-        (lambda d: d.assign(magnitude=d.magnitude * np.nan), {}, "finite"),
+        (lambda d: d.assign(magnitude=d.magnitude * np.nan), {}, "logarithm of a flux"),
+        (lambda d: d.assign(sun=d.sun.where(d.time < 9e4)), {}, "sun: expected finite"),
+        (lambda d: d.assign_coords(time=2.46e6 + d.time / DAY), {}, "days for seconds"),
+        (lambda d: d.assign_coords(time=d.time.assign_attrs(units="d")), {}, "TDB or TT, got d"),
+        (lambda d: d.assign_coords(time=d.time.astype("datetime64[s]")), {}, "TDB or TT, got dates"),
         (lambda d: d, {"rotation": (2e5, 1e5)}, "low < high"),
         (lambda d: d, {"rotation": (1.0, 2e5), "precession": (10.0, 4e4)}, "cells"),
         (lambda d: d, {"modes": "middle"}, "modes"),

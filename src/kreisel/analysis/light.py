@@ -7,10 +7,10 @@ With the cosines mu_0, mu of the angles of the Sun and of the observer above the
                                                S = mu                    geometric: the lit, visible cross-section
 
 Facets are summed.  For an ellipsoid with half axes a, b, c and p = (s_1/a, s_2/b, s_3/c), q in the same way of the
-observer's direction, w = p + q, the first and the last integral are, with lambda and mu the angles from w to p and q,
+observer's direction, the first and the last integral are
 
-    (pi/2) a b c |p||q|/|w| [cos lambda + cos mu + sin lambda sin mu ln(tan(lambda/2) tan(mu/2))],
-    (pi/2) a b c (|q| + p.q/|p|).
+    (pi/2) a b c (|p||q| + p.q) h(y)/(|p| + |q|),   h = (1 - (1 - y^2) artanh(y)/y)/y^2,  y = |p + q|/(|p| + |q|),
+    (pi/2) a b c (|p||q| + p.q)/|p|.
 
 [Muinonen, Lumme, A&A 584 (2015) A23; Kaasalainen, Torppa, Muinonen, Icarus 153 (2001) 37: f(alpha), and the sum of the
 first two laws with the weights 1 and 0.1]
@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel import algebra
-from kreisel.algebra import Array, dot
+from kreisel.algebra import Array, dot, vec
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.measures import finite_floats, si_number, si_numbers
 from kreisel.physical.shapes import Facets
@@ -40,7 +40,10 @@ DAMIT = {"lommel-seeliger": 1.0, "lambert": 0.1}
 SPEED_OF_LIGHT = 299_792_458.0  # m/s
 BLOCK = 4_000_000  # facets times rows at a time
 TINY = 1e-200  # 0 ln 0 = 0, and derivatives at opposition
-NEW = 2e-3  # rad: of a thinner crescent the flux is (pi/2) a b c |p x q|^2/(6 (|p||q|)^(3/2)), to 1e-5
+THIN, TERMS = 0.05, 12  # y^2, and terms of the series in it
+
+Light = Callable[[Array, Array], tuple[Array, Callable[[], tuple[Array, ...]]]]
+# the flux of unit vectors (..., 3) to Sun and observer, and a function for its derivatives with respect to them
 
 
 @explained
@@ -110,7 +113,7 @@ def brightness(shape: Any, *, law: Any = "lommel-seeliger", phase: Any = None) -
     """
     weights = weights_of(law)
     if isinstance(shape, Facets):
-        body: Callable[[Array, Array], Array] = _of_facets(shape, weights)
+        body = of_facets(shape, weights)
     else:
         axes = si_numbers(shape, "m", "shape", ((3,),))
         if axes.min() <= 0:
@@ -126,7 +129,7 @@ def brightness(shape: Any, *, law: Any = "lommel-seeliger", phase: Any = None) -
     def flux(sun: Array, observer: Array) -> Array:
         ways = (np.asarray(v, np.float64) if isinstance(v, list | tuple) else v for v in (sun, observer))
         s, o = (v / algebra.vec(algebra.sqrt(dot(v, v))) for v in ways)
-        return body(s, o) * of_phase(s, o)
+        return body(s, o)[0] * of_phase(s, o)
 
     return flux
 
@@ -146,40 +149,66 @@ def phase_function(phase: Any) -> Callable[[Array, Array], Any]:
     return factor
 
 
-def _of_facets(shape: Facets, weights: Mapping[str, float]) -> Callable[[Array, Array], Array]:
-    normals, areas = shape.normals.T.copy(), shape.areas
+def of_facets(shape: Facets, weights: Mapping[str, float]) -> Light:
+    """The flux of a convex shape and its slopes."""
+    normals, areas = shape.normals, shape.areas
 
-    def flux(s: Array, o: Array) -> Array:
-        mu0, mu = s @ normals, o @ normals
+    def light(s: Array, o: Array) -> tuple[Array, Callable[[], tuple[Array, ...]]]:
+        mu0, mu = s @ normals.T, o @ normals.T
         seen = (mu0 > 0) & (mu > 0)
-        laws = {
-            "lommel-seeliger": lambda: mu * mu0 / (mu + mu0 + (1 - seen) * 4),
-            "lambert": lambda: mu * mu0,
-            "geometric": lambda: mu,
-        }
-        return (sum(w * laws[name]() for name, w in weights.items()) * seen) @ areas
+        share = mu / (mu + mu0 + (1 - seen) * 4)
+        laws = {"lommel-seeliger": lambda: share * mu0, "lambert": lambda: mu * mu0, "geometric": lambda: mu}
 
-    return flux
+        def slopes() -> tuple[Array, ...]:
+            by_sun = {"lommel-seeliger": lambda: share * share, "lambert": lambda: mu, "geometric": lambda: 0 * mu}
+            by_view = {"lommel-seeliger": lambda: (1 - share) ** 2, "lambert": lambda: mu0, "geometric": lambda: 1.0}
+            ways = (sum(w * by[name]() for name, w in weights.items()) for by in (by_sun, by_view))
+            return tuple((way * seen * areas) @ normals for way in ways)
+
+        return (sum(w * laws[name]() for name, w in weights.items()) * seen) @ areas, slopes
+
+    return light
 
 
-def of_ellipsoid(axes: Array, weights: Mapping[str, float]) -> Callable[[Array, Array], Array]:
-    """The flux of ellipsoids with half axes (..., 3), as a function of unit vectors (..., 3)."""
+def of_ellipsoid(axes: Array, weights: Mapping[str, float]) -> Light:
+    """The flux of ellipsoids with half axes (..., 3) and its slopes, the third with respect to 1/axes^2."""
     inverse, size = 1 / axes, np.pi / 2 * axes.prod(-1)
+    lommel, geometric = weights.get("lommel-seeliger", 0), weights.get("geometric", 0)
 
-    def flux(s: Array, o: Array) -> Array:
+    def light(s: Array, o: Array) -> tuple[Array, Callable[[], tuple[Array, ...]]]:
         p, q = s * inverse, o * inverse
-        w, pq, X = p + q, dot(p, q), algebra.sqrt(_cross_squared(p, q) + TINY)
-        P, Q, W = algebra.sqrt(dot(p, p)), algebra.sqrt(dot(q, q)), algebra.sqrt(dot(w, w) + TINY)
-        if set(weights) == {"geometric"}:
-            return size * weights["geometric"] * (Q + pq / P)
-        where, new = _namespace(pq).where, (pq < 0) & (X < NEW * P * Q)
-        one, two = (where(new, W, u * W + dot(v, w)) for u, v in ((P, p), (Q, q)))  # |p||w| + p.w
-        logarithm = algebra.log(X / one * (X / two))
-        bracket = one / (P * W) + two / (Q * W) - 2 + X * X / (P * Q * W * W) * logarithm
-        lommel = where(new, X * X / (6 * (P * Q) ** 1.5), P * Q / W * bracket)
-        return size * (weights["lommel-seeliger"] * lommel + weights.get("geometric", 0) * (Q + pq / P))
+        P, Q, C, X2 = algebra.sqrt(dot(p, p)), algebra.sqrt(dot(q, q)), dot(p, q), _cross_squared(p, q) + TINY
+        where, S, near = _namespace(C).where, P + Q, P * Q + abs(C)
+        both, apart = where(C < 0, X2 / near, near), where(C < 0, near, X2 / near)  # |p||q| + p.q, |p||q| - p.q
+        W2 = (P - Q) ** 2 + 2 * both
+        h, A = _shares(W2 / (S * S), 2 * apart / (S * S), where)
+        flux = size * both * (lommel * h / S + geometric / P)
 
-    return flux
+        def slopes() -> tuple[Array, ...]:
+            k = lommel * both * (2 * A - 3 * h) / (2 * W2 * S)
+            along = lommel * h / S
+            by_sum = along * both / S + 2 * k * W2 / S
+            P2 = size * ((along * Q - by_sum) / (2 * P) + k - geometric * C / (2 * P**3))
+            Q2 = size * ((along * P - by_sum + geometric) / (2 * Q) + k)
+            by_C = size * (along + 2 * k + geometric / P)
+            u, v = p * inverse, q * inverse
+            by_sun, by_view = (2 * vec(x) * y + vec(by_C) * z for x, y, z in ((P2, u, v), (Q2, v, u)))
+            return by_sun, by_view, vec(P2) * s * s + vec(Q2) * o * o + vec(by_C) * s * o - vec(flux / 2) * axes * axes
+
+        return flux, slopes
+
+    return light
+
+
+def _shares(y2: Array, rest: Array, where: Any) -> tuple[Array, Array]:
+    """h = (1 - (1 - y^2) A)/y^2 and A = artanh(y)/y, by y^2 and 1 - y^2."""
+    thin = y2 < THIN
+    y = algebra.sqrt(where(thin, THIN, y2))
+    ratio = (algebra.log(1 + y) - algebra.log(where(thin, 1 - THIN, rest)) / 2) / y
+    h, A = 0 * y2, 0 * y2
+    for k in range(TERMS - 1, -1, -1):
+        h, A = h * y2 + 2 / ((2 * k + 1) * (2 * k + 3)), A * y2 + 1 / (2 * k + 1)
+    return where(thin, h, (1 - rest * ratio) / (y * y)), where(thin, A, ratio)
 
 
 def _cross_squared(p: Array, q: Array) -> Array:

@@ -1,7 +1,9 @@
 """kr.analysis.fit_light_curve: the two periods of a tumbler from its brightness, with all aliases.
 
 1. In the apparition with most observations, a grid of both frequencies, as fine as its length resolves; in each cell
-   poles, phases and moments; the best starts are refined by least squares.
+   moments, amplitudes and phases.  The square of the flux over that of a ball is nearly b.A^-2 b, with the bisector b
+   of the directions to Sun and observer along the axes of the body, so that the best attitude of the momentum follows
+   from 26 linear unknowns; the best starts are refined by least squares.
 2. Other apparitions, the nearest first: between them cycles may be miscounted, so that each solution continues as a
    lattice of solutions, all within its errors, that are refined by the observations so far.
 3. Solutions with chi^2 up to the least plus delta are the aliases.
@@ -19,19 +21,22 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.analysis.light import brightness, of_ellipsoid, phase_function, weights_of
+from kreisel.analysis.light import brightness, of_ellipsoid, of_facets, phase_function, weights_of
 from kreisel.analysis.tumbling import (
+    AMPLITUDE,
+    MOMENT,
     ORDERS,
+    PHASE,
     PRECESSION,
     ROTATION,
+    STEP,
     UNKNOWNS,
     Photometry,
+    Scan,
     by_periods,
-    energies,
+    moments_of,
     poles,
-    possible,
     refined,
-    turns,
 )
 from kreisel.errors import InputError, RunError, doubt, explained, shown
 from kreisel.physical.free_body import FreeBody
@@ -45,18 +50,19 @@ if TYPE_CHECKING:
     from kreisel.record.model import State
 
 GAP = 100 * 86_400.0  # s, between two apparitions
-POINTS = 80  # of an apparition in the scan
+POINTS = 64  # of an apparition in the scan
 CELLS = 20_000  # at most
-POLES, PHASES = 16, 6  # directions of the momentum, phases of precession and of rotation of the scan
-MOMENTS_A, PARTS_B = (0.35, 0.55, 0.75), (0.3, 0.8)  # I_a over the largest; I_b between its bounds
-PER_CELL, FIRST, BEST = 2, 60, 12  # starts that are refined in a cell, by all observations, with mirrored poles
+POLES, PHASES, TURNS = 32, 8, 4  # directions of the momentum, phases of precession and of rotation of the scan
+AMPLITUDES, PARTS = (0.2, 0.55, 0.85), (0.3, 0.7)  # and places of the moment among the possible ones
+MOTIONS, STARTS = 3, 300  # of a cell whose poles are tried; starts of all cells
+PER_CELL, FIRST, BEST = 2, 40, 8  # starts of a cell; minima of some observations, and those whose relatives are tried
 WORTH = 40.0  # chi^2 above the least, in units of chi^2 per degree of freedom, of solutions that are continued
 MOST, ALL = 40, 1e6  # of them; chi^2 above the least of solutions whose neighbours are tried
 SLACK = 5.0  # chi^2 by which further steps may lower a solution in a flat valley
 SIGMAS, FINE = 3.5, 4  # of a lattice of cycles: its extent in errors, points to a cycle
 ALIKE = 4.0  # chi^2 by which a solution differs from a second one
 OFF = 4.0  # chi^2 per degree of freedom, beyond it the motion is a different one
-BLOCK = 60_000  # observations times motions at a time
+BLOCK = 30_000  # observations times motions at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +72,8 @@ class TumblerFit:
     table        one row for each alias, by chi^2: the mode, the unknowns and their standard errors error_NAME.  Periods
                  in s, angles in rad: the pole of the momentum, the azimuth of the axis that the momentum goes round
                  (from the meridian, where the latitude decreases), and the phase of the momentum in the body; moments
-                 over the largest
+                 over the largest, where instead of moment_b the amplitude, from 0 to 1, is the unknown: it grows
+                 linearly with a small tilt of the axis
     covariance   of the unknowns, (aliases, 8, 8)
     dof          count of observations minus unknowns and constants
     epoch        the time of the phases, s
@@ -97,7 +104,8 @@ class TumblerFit:
 
     def __repr__(self) -> str:
         best = self.table["chi2"].iloc[0]
-        columns = ["mode", "chi2", *(c for n in UNKNOWNS[PRECESSION:6] for c in (n, f"error_{n}")), *UNKNOWNS[:2]]
+        periods = [c for n in UNKNOWNS[PRECESSION : ROTATION + 1] for c in (n, f"error_{n}")]
+        columns = ["mode", "chi2", *periods, *UNKNOWNS[:2]]
         return (
             f"Fit of a tumbler: {len(self.table)} aliases, least chi^2 = {best:.6g} for {self.dof} degrees of freedom\n"
             f"{self.table[columns].to_string(float_format='{:.7g}'.format)}"
@@ -119,7 +127,8 @@ def fit_light_curve(
     """The motions of a free body, within ranges of its two periods, whose light fits observed magnitudes.
 
     observations  a Dataset with `time` (s), `magnitude`, `sigma_magnitude`, and `sun`, `observer` (time, xyz): vectors
-                  from the body, in space.  Times are corrected for light time, magnitudes reduced to unit distances.
+                  from the body, in space.  Times are of a uniform scale, TDB or TT, in any order, corrected for light
+                  time; magnitudes are reduced to unit distances.
                   `apparition`, integers: each has an unknown constant; default: a new one after 100 days without light
     precession    (low, high), s: the mean period of the axis around the momentum, P_phi
     rotation      (low, high), s: the period of the momentum around the axis in the body, P_psi
@@ -131,11 +140,17 @@ def fit_light_curve(
 
     Raises `InputError` for bad input and ranges with too many cells, `RunError` if no motion is found.
     """
-    seen, epoch = _seen(observations, _light(shape, law, phase), shape)
+    seen, epoch = _seen(observations, shape, *_light(shape, law, phase))
     bounds = [si_numbers(v, "s", name, ((2,),)) for v, name in ((precession, "precession"), (rotation, "rotation"))]
     delta = si_number(delta, "1", "delta", positive=True)
     if not all(0 < low < high for low, high in bounds):
         raise InputError(f"expected periods 0 < low < high, got {shown(precession)} and {shown(rotation)}.")
+    span = float(np.ptp(seen.time[seen.apparition == np.argmax(np.bincount(seen.apparition))]))
+    if span < bounds[0][0]:
+        raise InputError(
+            f"time: expected observations over a period of the precession or more, {bounds[0][0]:g} s, got {span:g} s "
+            "in the apparition with most of them. Usual cause: days for seconds."
+        )
     modes = [modes] if isinstance(modes, str) else list(modes)
     if not modes or not set(modes) <= set(ORDERS):
         raise InputError(f"modes: expected some of {', '.join(ORDERS)}, got {shown(modes)}.")
@@ -145,30 +160,49 @@ def fit_light_curve(
     now = seen.apparition == first
     for k in _by_distance(seen, first):
         found, now = _pruned(seen.some(now), found, half_turn), now | (seen.apparition == k)
-        found = [_continued(seen, now, k, *each) for each in found if len(each[1])]
-    found = _pruned(seen, found, half_turn, delta + SLACK)
-    found = _pruned(seen, [(mode, *_in_blocks(seen, x, mode, 100)) for mode, x, _ in found], half_turn, delta)
+        found = [_continued(seen, now, k, half_turn, *each) for each in found if len(each[1])]
+    found = _pruned(seen, found, half_turn, delta + SLACK, 10 * MOST)
+    found = _pruned(
+        seen, [(mode, *_in_blocks(seen, x, mode, 100)) for mode, x, _ in found], half_turn, delta, 10 * MOST
+    )
     if not any(len(x) for _, x, _ in found):
         raise RunError("fit_light_curve: no motion was found. Widen the ranges of the periods, or see the sigmas.")
     return _as_fit(seen, found, epoch, shape)
 
 
-def _light(shape: Any, law: Any, phase: Any) -> Any:
-    """The flux (s, o, half axes).  Raises `InputError`."""
-    if shape is not None:
-        known = brightness(shape, law=law, phase=phase)
-        return lambda s, o, axes: known(s, o)
-    brightness((1, 1, 1), law=law, phase=phase)  # raises
+def _light(shape: Any, law: Any, phase: Any) -> tuple[Any, Any]:
+    """The flux and its slopes, of (s, o, half axes); about the flux of a ball, of (s, o).  Raises `InputError`."""
+    brightness((1, 1, 1) if shape is None else shape, law=law, phase=phase)  # raises
     weights, of_phase = weights_of(law), phase_function(phase)
-    return lambda s, o, axes: of_ellipsoid(axes, weights)(s, o) * of_phase(s, o)
+    facets = of_facets(shape, weights) if isinstance(shape, Facets) else None
+
+    def light(s: Array, o: Array, axes: Array) -> tuple[Array, Any]:
+        flux, slopes = (facets or of_ellipsoid(axes, weights))(s, o)
+        factor = of_phase(s, o)
+        return flux * factor, lambda: tuple(np.asarray(factor)[..., None] * v for v in slopes())
+
+    ball = of_ellipsoid(np.ones(3), {"lommel-seeliger": 1.0})
+    return light, lambda s, o: ball(s, o)[0] * of_phase(s, o)
 
 
-def _seen(data: Any, light: Any, shape: Any) -> tuple[Photometry, float]:
+def _seen(data: Any, shape: Any, light: Any, ball: Any) -> tuple[Photometry, float]:
     """The observations in the order of time, and their epoch.  Raises `InputError`."""
     names = ("time", "magnitude", "sigma_magnitude", "sun", "observer")
     missing = [n for n in names if n not in getattr(data, "variables", ())]
     if missing:
         raise InputError(f"observations: expected a Dataset with {', '.join(names)}, got none of {', '.join(missing)}.")
+    unit = data["time"].attrs.get("units", "s")
+    if data["time"].dtype.kind in "mM" or unit != "s":
+        raise InputError(
+            f"time: expected seconds of a uniform scale, TDB or TT, got {unit if unit != 's' else 'dates'}. From "
+            "Julian days: (jd - jd[0]) * 86400. UTC has leap seconds: TT - UTC is 69.184 s since 2017, 67.184 in 2013."
+        )
+    lost = int(np.count_nonzero(~np.isfinite(np.asarray(data["magnitude"].values, dtype=np.float64))))
+    if lost:
+        raise InputError(
+            f"magnitude: expected finite values, got {lost} others. Usual cause: the logarithm of a flux that is not "
+            "positive, or gaps. Drop these rows: observations.isel(time=np.isfinite(observations.magnitude.values))."
+        )
     time, magnitude, sigma, *ways = (finite_floats(data[n].values, "1", n) for n in names)
     if time.ndim != 1 or magnitude.shape != time.shape or any(v.shape != (len(time), 3) for v in ways):
         raise InputError(
@@ -192,7 +226,8 @@ def _seen(data: Any, light: Any, shape: Any) -> tuple[Photometry, float]:
     ways = [(v / np.linalg.norm(v, axis=-1, keepdims=True))[order] for v in ways]
     axes = None if shape is None or isinstance(shape, Facets) else np.asarray(shape, dtype=np.float64)
     sun, observer = ways
-    seen = Photometry(time - epoch, magnitude[order], sigma[order], sun, observer, apparition, light, axes)
+    flux = ball(sun, observer)
+    seen = Photometry(time - epoch, magnitude[order], sigma[order], sun, observer, apparition, flux, light, axes)
     return seen, epoch
 
 
@@ -211,18 +246,6 @@ def _grid(bounds: Sequence[Array], span: float) -> Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
 
 
-def _moments(ratio: float, mode: str) -> Array:
-    """Moments (k, 2) of bodies that can move with this ratio of the periods."""
-    out = []
-    for a in MOMENTS_A:
-        b = np.linspace(max(a, 1 - a), 1, 66)[1:-1]
-        I = np.stack([np.full_like(b, a), b, np.ones_like(b)], -1)  # noqa: E741
-        period, rate = energies(I[:, ORDERS[mode]], np.full_like(b, 1e-6))[:2]
-        b = b[possible(I[:, :2]) & (period * rate / (2 * np.pi) < ratio)]
-        out += [(a, b[int(part * (len(b) - 1))]) for part in PARTS_B if len(b)]
-    return np.array(sorted(set(out))).reshape(-1, 2)
-
-
 def _directions(count: int) -> Array:
     """Longitudes and latitudes (count, 2), spread over the sphere."""
     k = np.arange(count) + 0.5
@@ -232,55 +255,61 @@ def _directions(count: int) -> Array:
 def _scanned(seen: Photometry, mode: str, bounds: Sequence[Array], half_turn: bool) -> tuple[str, Array, Array]:
     """The mode, solutions (k, 8) and chi^2 of one apparition."""
     few = seen.some(np.unique(np.linspace(0, len(seen.time) - 1, POINTS).astype(int)))
-    phases = np.arange(PHASES) * 2 * np.pi / PHASES
-    views = np.array([(*p, phi) for p in _directions(POLES) for phi in phases])
-    to_views = poles(views)
-    psi = phases / 2 if half_turn else np.append(phases, phases + np.pi / PHASES)
-    motions = [
-        (cell, (0, 0, 0, turn, *periods, *pair))
-        for cell, periods in enumerate(_grid(bounds, np.ptp(seen.time)))
-        for pair in _moments(periods[1] / periods[0], mode)
-        for turn in psi
-    ]
-    if not motions:
-        return mode, np.empty((0, 8)), np.empty(0)
-    cells, x = (np.array(v) for v in zip(*motions, strict=True))
-    chi2: Array = np.empty((len(x), len(views)))
-    step = max(1, BLOCK // len(few.time))
-    for i in range(0, len(x), step):
-        M, attitude, moments = by_periods(x[i : i + step], mode)
-        turned = turns(M, moments, few.time)
-        for j, view in enumerate(to_views):
-            chi2[i : i + step, j] = np.square(few.differences(turned, attitude.mT @ view, moments)).sum(0)
-    chosen = _best_of_cells(cells, np.nan_to_num(chi2, nan=np.inf))
-    starts = x[chosen[0]]
-    starts[:, :3] = views[chosen[1]]
-    starts, chi2 = _in_blocks(seen, _narrowed(few, starts, mode, FIRST), mode, 30)
+    starts, chi2 = _minima((few, seen), _starts(few, mode, bounds, half_turn), mode, half_turn)
     for relatives in (_mirrored, partial(_neighbours, span=float(np.ptp(seen.time))), _mirrored):
-        more = _narrowed(few, relatives(starts[np.argsort(chi2)[:BEST]]), mode, FIRST)
-        more, second = _in_blocks(seen, more, mode, 30)
+        more, second = _minima((few, seen), relatives(starts[np.argsort(chi2)[:BEST]]), mode, half_turn)
         starts, chi2 = np.concatenate([starts, more]), np.append(chi2, second)
         _, starts, chi2 = _pruned(seen, [(mode, starts, chi2)], half_turn, ALL)[0]
     return mode, starts, chi2
 
 
-def _narrowed(seen: Photometry, x: Array, mode: str, count: int) -> Array:
-    """The best starts (count, 8) of x (k, 8), by some steps of least squares."""
-    for iterations, part in ((3, 0.2), (8, 0.0)):
-        x, chi2 = _in_blocks(seen, x, mode, iterations)
-        x = x[np.argsort(chi2)[: max(count, int(part * len(chi2)))]]
-    return x
+def _starts(seen: Photometry, mode: str, bounds: Sequence[Array], half_turn: bool) -> Array:
+    """Unknowns (k, 8) whose light is near, of the cells of a grid."""
+    periods, turns = _grid(bounds, np.ptp(seen.time)), np.arange(TURNS) * (np.pi if half_turn else 2 * np.pi) / TURNS
+    ratio, every = (periods[:, 1] / periods[:, 0])[:, None, None], np.linspace(0.05, 0.95, 37)
+    bodies = np.isfinite(moments_of(every, np.array(AMPLITUDES)[:, None], ratio, mode)[..., 1])  # one after another
+    places = np.multiply.outer(bodies.sum(-1) - 1, PARTS).astype(int) + bodies.argmax(-1)[..., None]
+    shape = (*places.shape, TURNS)
+    cells, amplitudes, parts, phases = np.nonzero(np.broadcast_to(bodies.any(-1)[..., None, None], shape))
+    x = np.zeros((len(cells), len(UNKNOWNS)))
+    x[:, MOMENT], x[:, AMPLITUDE] = every[places[cells, amplitudes, parts]], np.take(AMPLITUDES, amplitudes)
+    x[:, PHASE], x[:, PRECESSION : ROTATION + 1] = turns[phases], periods[cells]
+
+    scan, step = Scan(seen, mode), max(1, BLOCK // len(seen.time))
+    chi2 = np.concatenate([np.empty(0), *(scan.least(x[i : i + step]) for i in range(0, len(x), step))])
+    best = _best_of_cells(cells, chi2, MOTIONS)
+    x, cells = x[best], cells[best]
+    views = np.array([(*p, phi) for p in _directions(POLES) for phi in np.arange(PHASES) * 2 * np.pi / PHASES])
+    pairs = [scan.by_views(x[i : i + step], views) for i in range(0, len(x), step)]
+    chi2, chosen = (np.concatenate(v) for v in zip((np.empty(0), np.empty(0, int)), *pairs, strict=True))
+    x[:, :3] = views[chosen]
+    best = _best_of_cells(cells, chi2, PER_CELL)
+    return x[best[np.argsort(chi2[best])[:STARTS]]]
+
+
+def _minima(data: Sequence[Photometry], x: Array, mode: str, half_turn: bool, most: int = FIRST) -> tuple[Array, Array]:
+    """The best minima of all observations next to starts x (k, 8), which some of them select, and chi^2."""
+    few, seen = data
+    for iterations in (3, 8):
+        x, chi2 = _in_blocks(few, x, mode, iterations)
+        best = np.argsort(chi2)[: max(most, len(chi2) // 5)]
+        x, chi2 = x[best], chi2[best]
+    _, x, _ = _pruned(few, [(mode, x, chi2)], half_turn, ALL, most)[0]
+    x, chi2 = _in_blocks(seen, x, mode, 6)
+    close = chi2 <= chi2.min(initial=np.inf) + _worth(seen, chi2)
+    x[close], chi2[close] = _in_blocks(seen, x[close], mode, 24)
+    return x, chi2
 
 
 def _neighbours(x: Array, span: float) -> Array:
-    """Unknowns (k, 8) with frequencies some half cycles of the apparition away, and two sets of moments."""
+    """Unknowns (k, 8) with frequencies some half cycles of the apparition away, and two amplitudes."""
     steps = np.arange(-2, 3) / (2 * span)
-    changes = [c for c in product(steps, steps, (1.0, 1.15)) if any(c[:2])]
+    changes = [c for c in product(steps, steps, (1.0, 0.8)) if any(c[:2])]
     out = np.tile(x, (len(changes), 1, 1))
     for new, (of_precession, of_rotation, part) in zip(out, changes, strict=True):
         new[:, PRECESSION] = 1 / abs(1 / new[:, PRECESSION] + of_precession)
         new[:, ROTATION] = 1 / abs(1 / new[:, ROTATION] + of_rotation)
-        new[:, 7] = 1 - part * (1 - new[:, 7])
+        new[:, AMPLITUDE] *= part
     return out.reshape(-1, len(UNKNOWNS))
 
 
@@ -294,14 +323,11 @@ def _mirrored(x: Array) -> Array:
     return out.reshape(-1, len(UNKNOWNS))
 
 
-def _best_of_cells(cells: Array, chi2: Array) -> tuple[Array, Array]:
-    """The motions and views with the least chi^2 (motions, views) in each cell, one view of a motion."""
-    view = chi2.argmin(1)
-    least = chi2[np.arange(len(chi2)), view]
-    order = np.lexsort((least, cells))
+def _best_of_cells(cells: Array, chi2: Array, count: int) -> Array:
+    """The indices of the least chi^2 in each cell."""
+    order = np.lexsort((chi2, cells))
     rank = np.arange(len(order)) - np.searchsorted(cells[order], cells[order])
-    motion = order[(rank < PER_CELL) & np.isfinite(least[order])]
-    return motion, view[motion]
+    return np.asarray(order[(rank < count) & np.isfinite(chi2[order])])
 
 
 def _in_blocks(seen: Photometry, x: Array, mode: str, iterations: int) -> tuple[Array, Array]:
@@ -322,40 +348,50 @@ def _by_distance(seen: Photometry, first: Any) -> list[int]:
 
 
 def _pruned(
-    seen: Photometry, found: Sequence[tuple[str, Array, Array]], half_turn: bool, delta: float | None = None
+    seen: Photometry,
+    found: Sequence[tuple[str, Array, Array]],
+    half_turn: bool,
+    delta: float | None = None,
+    most: int = MOST,
 ) -> list[tuple[str, Array, Array]]:
     """Different solutions with chi^2 close to the least of all modes, in its order."""
-    least = min((chi2.min() for _, _, chi2 in found if len(chi2)), default=np.inf)
-    above = delta if delta is not None else WORTH * max(1.0, least / len(seen.time))
+    every = np.concatenate([chi2 for _, _, chi2 in found])
+    least, above = every.min(initial=np.inf), _worth(seen, every) if delta is None else delta
     out = []
     for mode, x, chi2 in found:
-        x, order = np.array([_usual(each) for each in x]).reshape(-1, len(UNKNOWNS)), np.argsort(chi2)
-        order = order[chi2[order] <= least + above]
-        kept, shapes = list[int](), list[Array]()
-        for i in order:
-            if len(kept) == (10 * MOST if delta else MOST):
-                break
-            if all(_apart(x[i] - x[k], A, half_turn) > ALIKE for k, A in zip(kept, shapes, strict=True)):
-                kept.append(int(i))
-                J = seen.jacobian(x[[i]], mode)[1][0]
-                shapes.append(J.T @ J)
+        order = np.argsort(chi2)[: np.count_nonzero(chi2 <= least + above)]
+        x, chi2 = np.array([_usual(each) for each in x[order]]).reshape(-1, len(UNKNOWNS)), chi2[order]
+        kept, step = np.ones(len(x), bool), max(1, BLOCK // len(seen.time))
+        for i in range(0, len(x), step):
+            J = seen.jacobian(x[i : i + step], mode)[1]
+            for k, A in enumerate(J.mT @ J, i):
+                if kept[k] and kept[:k].sum() < most:
+                    kept[k + 1 :] &= _apart(x[k + 1 :] - x[k], A, half_turn) > ALIKE
+        kept &= np.cumsum(kept) <= most
         out.append((mode, x[kept], chi2[kept]))
     return out
 
 
-def _apart(d: Array, A: Array, half_turn: bool) -> float:
-    """d A d, the angles of d in their least size."""
+def _worth(seen: Photometry, chi2: Array) -> float:
+    """The chi^2 above the least of solutions that are continued."""
+    return WORTH * float(max(1.0, chi2.min(initial=np.inf) / len(seen.time)))
+
+
+def _apart(d: Array, A: Array, half_turn: bool) -> Array:
+    """d A d of differences d (k, 8), the angles in their least size."""
     d = d.copy()
-    for i, period in ((0, 2 * np.pi), (2, 2 * np.pi), (3, np.pi if half_turn else 2 * np.pi)):
-        d[i] -= period * np.round(d[i] / period)
-    return float(d @ A @ d)
+    for i, period in ((0, 2 * np.pi), (2, 2 * np.pi), (PHASE, np.pi if half_turn else 2 * np.pi)):
+        d[:, i] -= period * np.round(d[:, i] / period)
+    return np.asarray(((d @ A) * d).sum(-1))
 
 
-def _continued(seen: Photometry, now: Array, k: int, mode: str, x: Array, _: Array) -> tuple[str, Array, Array]:
+def _continued(
+    seen: Photometry, now: Array, k: int, half_turn: bool, mode: str, x: Array, _: Array
+) -> tuple[str, Array, Array]:
     """Solutions of the observations `now`, apparition k among them, from solutions of the others."""
     before, after = seen.some(now & (seen.apparition != k)), seen.some(now)
     starts = [_lattice(before, each, mode, abs(seen.time[seen.apparition == k]).max()) for each in x]
-    return mode, *_in_blocks(after, _narrowed(after, np.concatenate(starts), mode, 4 * MOST), mode, 30)
+    return mode, *_minima((after, after), np.concatenate(starts), mode, half_turn, 4 * MOST)
 
 
 def _lattice(seen: Photometry, x: Array, mode: str, distance: float) -> Array:
@@ -363,7 +399,7 @@ def _lattice(seen: Photometry, x: Array, mode: str, distance: float) -> Array:
     J = seen.jacobian(x[None], mode)[1][0]
     C = _inverse(J)
     frequencies = np.zeros((2, 8))
-    frequencies[[0, 1], [PRECESSION, ROTATION]] = -1 / x[PRECESSION:6] ** 2
+    frequencies[[0, 1], [PRECESSION, ROTATION]] = -1 / x[PRECESSION : ROTATION + 1] ** 2
     mixed = C @ frequencies.T
     spread = frequencies @ mixed
     unit, sizes = 1 / (FINE * distance), np.sqrt(np.diag(spread))
@@ -372,13 +408,13 @@ def _lattice(seen: Photometry, x: Array, mode: str, distance: float) -> Array:
     inverse = np.linalg.inv(spread + np.eye(2) * unit**2)
     lattice = lattice[np.einsum("ki,ij,kj->k", lattice, inverse, lattice) <= SIGMAS**2]
     out = x + lattice @ np.linalg.solve(spread, mixed.T)
-    out[:, PRECESSION:6] = 1 / (1 / x[PRECESSION:6] + lattice)
+    out[:, PRECESSION : ROTATION + 1] = 1 / (1 / x[PRECESSION : ROTATION + 1] + lattice)
     return out
 
 
 def _inverse(J: Array) -> Array:
     """(J^T J)^(-1), also of a singular J."""
-    size = np.sqrt((J * J).sum(0)) + 1e-300
+    size = np.sqrt((J * J).sum(0)) + 1e-150
     return np.asarray(np.linalg.pinv((J / size).T @ (J / size), rcond=1e-13, hermitian=True) / np.outer(size, size))
 
 
@@ -390,7 +426,9 @@ def _as_fit(seen: Photometry, found: list[tuple[str, Array, Array]], epoch: floa
         for x, value in zip(xs, chi2, strict=True):
             C = _inverse(seen.jacobian(x[None], mode)[1][0])
             errors = {f"error_{n}": e for n, e in zip(UNKNOWNS, np.sqrt(np.diag(C)), strict=True)}
-            rows.append({"mode": mode, "chi2": value, **dict(zip(UNKNOWNS, x, strict=True)), **errors})
+            b, slope = _second_moment(x, mode)
+            errors["error_moment_b"] = float(np.sqrt(slope @ C @ slope))
+            rows.append({"mode": mode, "chi2": value, **dict(zip(UNKNOWNS, x, strict=True)), "moment_b": b, **errors})
             covariances.append(C)
     order = np.argsort([row["chi2"] for row in rows])
     table = pd.DataFrame([rows[i] for i in order])
@@ -401,6 +439,14 @@ def _as_fit(seen: Photometry, found: list[tuple[str, Array, Array]], epoch: floa
             "Widen the ranges of the periods, or see the sigmas, the shape, and the directions of Sun and observer."
         )
     return TumblerFit(table, np.array(covariances)[order], dof, epoch, shape)
+
+
+def _second_moment(x: Array, mode: str) -> tuple[float, Array]:
+    """I_b over the largest moment and its derivatives with respect to the unknowns, by differences."""
+    near = np.tile(x, (9, 1))
+    near[1:][np.diag_indices(8)] += STEP * x
+    b = moments_of(near[:, MOMENT], near[:, AMPLITUDE], near[:, ROTATION] / near[:, PRECESSION], mode)[:, 1]
+    return float(b[0]), np.nan_to_num((b[1:] - b[0]) / np.where(x, STEP * x, 1.0))
 
 
 def _usual(x: Array) -> Array:

@@ -22,12 +22,16 @@ from kreisel.physical.free_rotation import periods_of, rotation_scheme
 ORDERS = {"short-axis": [0, 1, 2], "long-axis": [2, 1, 0]}
 UNKNOWNS = (
     "longitude", "latitude", "precession_phase", "rotation_phase",
-    "precession_period", "rotation_period", "moment_a", "moment_b",
+    "precession_period", "rotation_period", "moment_a", "amplitude",
 )  # fmt: skip
-PRECESSION, ROTATION = 4, 5
-STEP = 1e-6  # of differences: of an angle, a moment, a phase
+PHASE, PRECESSION, ROTATION, MOMENT, AMPLITUDE = 3, 4, 5, 6, 7
+STEP = 1e-6  # of differences of the moment and the amplitude, and of the precession's rate, relative
 FAINTEST = 1e-12  # flux, where a magnitude would be infinite
 FAR = 35.0  # -log of the distance to the separatrix
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+COMPONENTS = np.zeros((5, 6))  # orthonormal, of a tensor without its trace
+COMPONENTS[:2, :3] = np.array([[1, -1, 0], [-1, -1, 2]]) / np.sqrt([[2], [6]])
+COMPONENTS[2:, 3:] = np.sqrt(2) * np.eye(3)
 
 
 def energies(moments: Array, q: Array) -> tuple[Array, ...]:
@@ -62,10 +66,19 @@ def _separation(moments: Array, ratio: Array) -> tuple[Array, Array]:
     return y, certain & (abs(v) < 1e-11)
 
 
-def possible(moments: Array) -> Array:
-    """Whether a body can have the moments (..., 2) over the largest, with I_a < I_b < 1, some distance apart."""
-    a, b = moments[..., 0], moments[..., 1]
-    return (a > 1e-3) & (a < b - 1e-6) & (b < 1 - 1e-6) & (a + b > 1 + 1e-3)
+def moments_of(a: Array, amplitude: Array, ratio: Array, mode: str) -> Array:
+    """The moments (..., 3) over the largest, NaN where a body or a motion with this ratio P_psi/P_phi cannot have them.
+
+    At a small tilt the ratio of a body is r_0 = sqrt(I_1 I_2/((I_3 - I_1)(I_3 - I_2))) + s, s = 1 in a short-axis mode,
+    -1 in a long-axis mode.  The amplitude A with (r_0 - s)^2 = (1 - A^2)(ratio - s)^2 grows linearly with the tilt.
+    """
+    short = mode == "short-axis"
+    with np.errstate(all="ignore"):
+        square = (1 - amplitude**2) * (ratio - (1 if short else -1)) ** 2 * (1 - a)
+        b = square / (a + square) if short else a * square / (square - 1)
+        known = (a > 1e-3) & (a < b - 1e-6) & (b < 1 - 1e-6) & (a + b > 1 + 1e-3) & (ratio > short)
+    I = np.stack(np.broadcast_arrays(a, b, 1.0), -1)  # noqa: E741
+    return np.where((known & (amplitude > 1e-4))[..., None], I, np.nan)
 
 
 def by_periods(x: Array, mode: str) -> tuple[Array, Array, Array]:
@@ -76,15 +89,14 @@ def by_periods(x: Array, mode: str) -> tuple[Array, Array, Array]:
     from scipy.special import ellipj, ellipkm1
 
     order, ratio = ORDERS[mode], x[:, ROTATION] / x[:, PRECESSION]
-    moments = np.concatenate([x[:, 6:], np.ones((len(x), 1))], -1)
-    good = possible(x[:, 6:]) & (ratio > 0)
-    safe = np.where(good[:, None], moments, (0.5, 0.8, 1.0))[:, order]
-
+    moments = moments_of(x[:, MOMENT], x[:, AMPLITUDE], ratio, mode)
+    good = np.isfinite(moments[:, 0])
+    moments = np.where(good[:, None], moments, (0.5, 0.8, 1.0))
     with np.errstate(all="ignore"):
-        q, certain = _separation(safe, np.where(good, ratio, 1.0))
+        q, certain = _separation(moments[:, order], np.where(good, ratio, 1.0))
         good &= certain
-        period, _, amplitudes, rest = energies(safe, np.where(good, q, 1.0))
-        sn, cn, dn, _ = ellipj(4 * ellipkm1(rest) * x[:, 3] / (2 * np.pi), 1 - rest)
+        period, _, amplitudes, rest = energies(moments[:, order], np.where(good, q, 1.0))
+        sn, cn, dn, _ = ellipj(4 * ellipkm1(rest) * x[:, PHASE] / (2 * np.pi), 1 - rest)
     N = amplitudes * np.stack([cn, sn, dn], -1)
     M = np.empty_like(N)
     M[:, order] = N
@@ -105,18 +117,34 @@ def poles(x: Array) -> Array:
     return np.stack([u, v, np.stack([cb * cl, cb * sl, sb], -1)], -2)
 
 
-def turns(M: Array, moments: Array, times: Array) -> Array:
-    """The rotations (times, lanes, 3, 3) of the body from time 0 on, along its axes at time 0."""
-    z = algebra.flatten((algebra.hat(M), np.tile((1.0, 0, 0, 0), (len(M), 1))), ["skew", "quaternion"])
+def motion(M: Array, attitude: Array, moments: Array, times: Array) -> tuple[Array, Array]:
+    """M (3, times, lanes) along the axes of the body and its quaternions (4, times, lanes), at times from time 0 on."""
+    z = algebra.flatten((algebra.hat(M), algebra.unit_quaternion(attitude)), ["skew", "quaternion"])
     out, _ = jumps_of(rotation_scheme(moments), len(M)).at(np.ascontiguousarray(z), times)
-    return algebra.rotation_matrix(out[..., 3:])
+    out = np.ascontiguousarray(np.moveaxis(out, -1, 0))
+    return out[2::-1] * np.array([-1.0, 1.0, -1.0])[:, None, None], out[3:]
+
+
+def _to_body(q: Array, v: Array) -> Array:
+    """Vectors (3, ...) along the axes of bodies with the quaternions q (4, ...)."""
+    t = 2 * _cross(v, q[1:])
+    return v + q[0] * t + _cross(t, q[1:])
+
+
+def _cross(x: Array, y: Array) -> Array:
+    return np.stack([x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]])
+
+
+def _dot(x: Array, y: Array) -> Array:
+    return np.asarray(x[0] * y[0] + x[1] * y[1] + x[2] * y[2])
 
 
 @dataclass(frozen=True, eq=False)
 class Photometry:
     """Magnitudes at times from the epoch on, with errors, vectors to Sun and observer (times, 3), and apparitions.
 
-    light     (s, o, half axes) -> flux, of unit vectors
+    ball      about the flux of a ball at these times
+    light     (s, o, half axes) -> flux and its slopes, of unit vectors
     axes      the half axes of the ellipsoid, or None: of constant density, by its moments
     """
 
@@ -126,20 +154,21 @@ class Photometry:
     sun: Array
     observer: Array
     apparition: Array
-    light: Callable[[Array, Array, Array | None], Array]
+    ball: Array
+    light: Callable[[Array, Array, Array], tuple[Array, Callable[[], tuple[Array, ...]]]]
     axes: Array | None = None
 
     def some(self, which: Any) -> Photometry:
         """The observations `which`."""
-        names = ("time", "magnitude", "sigma", "sun", "observer", "apparition")
+        names = ("time", "magnitude", "sigma", "sun", "observer", "apparition", "ball")
         return replace(self, **{name: getattr(self, name)[which] for name in names})
 
-    def half_axes(self, moments: Array) -> Array | None:
+    def half_axes(self, moments: Array) -> Array:
         """The half axes (..., 3) of the ellipsoid of constant density with these moments (..., 3), the longest 1."""
         if self.axes is not None:
             return self.axes
         squares = moments.sum(-1, keepdims=True) - 2 * moments
-        return np.sqrt(np.maximum(squares / squares[..., :1], 1e-6))
+        return np.sqrt(squares / squares[..., :1])
 
     def without_constants(self, r: Array) -> Array:
         """Residuals (times, ...) over sigma, less the best constant of each apparition."""
@@ -150,34 +179,76 @@ class Photometry:
             out[which] = r[which] - np.multiply.outer(w, np.tensordot(w, r[which], 1) / (w @ w))
         return out
 
-    def differences(self, turned: Array, first: Array, moments: Array) -> Array:
-        """Residuals (times, lanes) of motions: rotations from the epoch on, and from space to the body there."""
-        s, o = (
-            np.einsum("tlji,tlj->tli", turned, np.einsum("lij,tj->tli", first, v)) for v in (self.sun, self.observer)
-        )
-        flux = self.light(s, o, self.half_axes(moments))
+    def ways(self, x: Array, q: Array) -> tuple[Array, ...]:
+        """Unit vectors (3, times, lanes) to Sun and observer along the axes of bodies with quaternions q."""
+        P = poles(x)
+        return tuple(_to_body(q, np.ascontiguousarray((P @ v.T).transpose(1, 2, 0))) for v in (self.sun, self.observer))
+
+    def _magnitudes(self, flux: Array) -> Array:
+        """Residuals over sigma (times, lanes)."""
         magnitude = -2.5 * np.log10(np.maximum(flux, FAINTEST))
         return self.without_constants((self.magnitude[:, None] - magnitude) / self.sigma[:, None])
 
     def residuals(self, x: Array, mode: str) -> Array:
         """Residuals (times, lanes) of unknowns x (lanes, 8); NaN if no motion has these periods."""
         M, attitude, moments = by_periods(x, mode)
-        return self.differences(turns(M, moments, self.time), attitude.mT @ poles(x), moments)
+        s, o = self.ways(x, motion(M, attitude, moments, self.time)[1])
+        return self._magnitudes(self.light(np.moveaxis(s, 0, -1), np.moveaxis(o, 0, -1), self.half_axes(moments))[0])
 
     def jacobian(self, x: Array, mode: str) -> tuple[Array, Array]:
-        """Residuals (lanes, times) and their derivatives (lanes, times, 8), by differences."""
-        steps = np.full(x.shape, STEP)
-        steps[:, PRECESSION:6] *= x[:, PRECESSION:6] ** 2 / max(np.ptp(self.time), 1e-300)
-        out = np.empty((len(x), len(self.time), 8))
+        """Residuals (lanes, times) and their derivatives (lanes, times, 8)."""
         M, attitude, moments = by_periods(x, mode)
-        turned = turns(M, moments, self.time)
-        r = self.differences(turned, attitude.mT @ poles(x), moments)
-        for i in range(8):
-            y = x.copy()
-            y[:, i] += steps[:, i]
-            moved = self.differences(turned, attitude.mT @ poles(y), moments) if i < 3 else self.residuals(y, mode)
-            out[..., i] = ((moved - r) / steps[:, i]).T
-        return r.T, np.nan_to_num(out)
+        momentum, q = motion(M, attitude, moments, self.time)
+        s, o = self.ways(x, q)
+        flux, slopes = self.light(np.moveaxis(s, 0, -1), np.moveaxis(o, 0, -1), self.half_axes(moments))
+        by_sun, by_view, *by_shape = (np.moveaxis(v, -1, 0) for v in slopes())
+        lever = _cross(s, by_sun) + _cross(o, by_view)
+        rotations, changes = self._variations(x, mode, (M, attitude, moments), momentum, q)
+        rates = [-_dot(lever, w) for w in rotations]
+        if self.axes is None and by_shape:
+            squares = moments.sum(-1, keepdims=True) - 2 * moments
+            for k, change in changes.items():
+                of_squares = change.sum(-1, keepdims=True) - 2 * change
+                of_inverse = (of_squares[:, :1] - squares[:, :1] / squares * of_squares) / squares  # of 1/axes^2
+                rates[k] += _dot(by_shape[0], of_inverse.T[:, None])
+        share = 2.5 / np.log(10) / np.maximum(flux, FAINTEST) / self.sigma[:, None]
+        J = [self.without_constants(share * rate).T for rate in rates]
+        return self._magnitudes(flux).T, np.nan_to_num(np.stack(J, -1))
+
+    def _variations(
+        self, x: Array, mode: str, start: tuple[Array, ...], momentum: Array, q: Array
+    ) -> tuple[list[Array], dict[int, Array]]:
+        """Rotations (3, times, lanes) of the body along its axes by a change of each unknown; changes of the moments.
+
+        A phase of rotation is a time, less the precession; both periods together are a unit of time.  The shape of the
+        motion, by the ratio of the periods, the moment and the amplitude, is varied by differences.
+        """
+        (M, attitude, moments), P, t = start, poles(x), self.time[:, None]
+        along, Omega = momentum / np.sqrt(_dot(momentum, momentum)), momentum / moments.T[:, None]
+        east = np.stack([-np.sin(x[:, 0]), np.cos(x[:, 0]), 0 * x[:, 0]], -1)
+        out = [_to_body(q, v.T[:, None]) for v in (P[:, :, 2], -algebra.act(P, east))] + [along]
+        spin = algebra.act(attitude, M / moments)  # at the epoch, the third axis at the azimuth 0
+        axis = attitude[:, :, ORDERS[mode][2]]
+        rate = spin[:, 2] - spin[:, 0] * axis[:, 2] / axis[:, 0]
+        out.append((Omega - rate * along) * (x[:, ROTATION] / (2 * np.pi)))
+        changes = {}
+        for k in (PRECESSION, MOMENT, AMPLITUDE):
+            y, change = x.copy(), -STEP * x[:, k] if k == PRECESSION else np.full(len(x), STEP)
+            y[:, k] += change
+            N, first, varied = by_periods(y, mode)
+            new = motion(N, first, varied, self.time)[1]
+            secular = 2 * np.pi * t * (1 / y[:, PRECESSION] - 1 / x[:, PRECESSION])
+            w, z = np.cos(secular / 2), np.sin(secular / 2)
+            new = w * new + z * np.stack([new[3], new[2], -new[1], -new[0]])  # rotated back about M
+            turned = q[0] * new[1:] - new[0] * q[1:] + _cross(new[1:], q[1:])
+            side = np.where((q * new).sum(0) < 0, -2.0, 2.0)
+            out.append(side * turned / change)
+            changes[k] = (varied - moments) / change[:, None]
+        out[4] += (-2 * np.pi / x[:, PRECESSION] ** 2) * t * along
+        share = x[:, PRECESSION] / x[:, ROTATION]
+        out.insert(ROTATION, -t / x[:, ROTATION] * Omega - share * out[4])
+        changes[ROTATION] = -share[:, None] * changes[PRECESSION]
+        return out, changes
 
 
 def refined(seen: Photometry, x: Array, mode: str, iterations: int = 30) -> tuple[Array, Array]:
@@ -208,3 +279,65 @@ def refined(seen: Photometry, x: Array, mode: str, iterations: int = 30) -> tupl
         if not len(live):
             break
     return x, chi2
+
+
+def _tensor(R: Array, inverse: Array) -> Array:
+    """Five orthonormal components (5, ...) of R diag(inverse) R^T without its trace; R (3, 3, ...)."""
+    scaled = R * inverse
+    return np.tensordot(COMPONENTS, np.stack([_dot(scaled[i], R[j]) for i, j in PAIRS]), 1)
+
+
+class Scan:
+    """Approximate chi^2 of motions, of the best attitude of the momentum, by linear least squares.
+
+    (flux/flux of a ball)^2 = c + sum over a, b of W_ab B_a T_b: B the tensor b b of the bisector b in space, T the
+    tensor A^-2 of the body along axes of the momentum, without traces; W represents the rotation between the axes.
+    """
+
+    def __init__(self, seen: Photometry, mode: str):
+        self._seen, self._mode = seen, mode
+        b = (seen.sun + seen.observer).T
+        b = b / np.sqrt(_dot(b, b))
+        self._bisector = COMPONENTS @ np.stack([b[i] * b[j] for i, j in PAIRS])
+        reduced = seen.magnitude + 2.5 * np.log10(seen.ball)
+        square = 10 ** (-0.8 * (reduced - reduced.mean()))
+        self._weight = 1 / (0.8 * np.log(10) * seen.sigma * square)
+        self._value = self._weight * square
+
+    def _normal(self, x: Array) -> tuple[Array, Array]:
+        """The normal equations, (lanes, 26, 26) and (lanes, 26)."""
+        M, attitude, moments = by_periods(x, self._mode)
+        q = motion(M, attitude, moments, self._seen.time)[1]
+        R = np.stack([_to_body(q, e[:, None, None]) for e in np.eye(3)])
+        axes = np.broadcast_to(self._seen.half_axes(moments), moments.shape)
+        T = _tensor(R, (1 / axes**2).T[:, None])
+        D = np.empty((26, *T.shape[1:]))
+        weighted = self._bisector * self._weight
+        np.multiply(weighted[:, None, :, None], T, out=D[:25].reshape(5, 5, *T.shape[1:]))
+        D[25] = self._weight[:, None]
+        D = np.ascontiguousarray(D.transpose(2, 0, 1))
+        return D @ D.mT, D @ self._value
+
+    def least(self, x: Array) -> Array:
+        """The least chi^2 (lanes,), of any W."""
+        G, h = self._normal(x)
+        G += np.eye(26) * (1e-9 * np.trace(G, axis1=1, axis2=2))[:, None, None]
+        chi2 = self._value @ self._value - (h * np.linalg.solve(G, h[..., None])[..., 0]).sum(-1)
+        return np.nan_to_num(chi2, nan=np.inf)
+
+    def by_views(self, x: Array, views: Array) -> tuple[Array, Array]:
+        """The least chi^2 (lanes,) of W by the poles and phases of precession (views, 3), and which of them has it."""
+        G, h = self._normal(x)
+        basis, P = np.zeros((5, 3, 3)), poles(views)
+        for k, (i, j) in enumerate(PAIRS):
+            basis[:, i, j] = basis[:, j, i] = COMPONENTS[:, k] / (1 + (i != j))
+        W = np.einsum("aij,vki,vlj,bkl->vab", basis, P, P, basis, optimize=True).reshape(len(P), 25)
+        total, first = h[:, 25:], G[:, 25:, :25] @ W.T  # of the constant
+        share = first[:, 0] / G[:, 25:, 25]
+        slope = h[:, :25] @ W.T - share * total
+        curvature = ((W @ G[:, :25, :25]) * W).sum(-1) - share * first[:, 0]
+        with np.errstate(invalid="ignore"):
+            gain = np.nan_to_num(np.where(slope > 0, slope * slope / curvature, 0.0))
+        best = gain.argmax(1)
+        chi2 = self._value @ self._value - total[:, 0] ** 2 / G[:, 25, 25] - gain[np.arange(len(x)), best]
+        return np.nan_to_num(chi2, nan=np.inf), best
