@@ -32,6 +32,8 @@ TESTED = {  # label of a formula: the test below
     "steklov": "test_steklov",
     **dict.fromkeys(("pairflow", "steklovflow"), "test_pairs_are_flows"),
     "conditions": "test_step_condition",
+    "rmatrix": "test_r_matrix",
+    "gcflow": "test_goryachev_chaplygin_step",
     **dict.fromkeys(("komarov", "komarovcurve"), "test_komarov_curve"),
     "komarovpair": "test_komarov_pair",
     "gc": "test_goryachev_chaplygin",
@@ -548,7 +550,14 @@ def test_komarov_pair() -> None:
         assert max(abs(kept[3:5, 6] - np.array([c, beta * kept[3, 4]], dtype=object))) > 1e-3
 
 
-PAIRS = ("clebsch-general", "quadratic-potential", "steklov-lyapunov", "rubanovskii", "kovalevskaya-gyrostat")
+PAIRS = (
+    "clebsch-general",
+    "quadratic-potential",
+    "steklov-lyapunov",
+    "rubanovskii",
+    "kovalevskaya-gyrostat",
+    "komarov",
+)
 
 
 def _body(name: str) -> tuple[Any, Any, Any]:
@@ -561,16 +570,26 @@ def _body(name: str) -> tuple[Any, Any, Any]:
         "quadratic-potential": (kr.QuadraticPotential(J=(1, 1.6, 2.3)), {"M": M, "P": np.outer(P, P) + np.diag(Q)}, 2),
         "steklov-lyapunov": (kr.SteklovLyapunov(**b), {"M": M, "P": P}, 2j),
         "rubanovskii": (kr.Rubanovskii(h=Q, **b), {"M": M, "P": P}, 2j),
+        "komarov": (kr.Komarov(kappa=-0.4, beta=0.6, c=1.3, gamma=0.3), {"M": M, "P": P}, 4),
         "kovalevskaya-gyrostat": (kr.KovalevskayaGyrostat(n=3, gamma=0.7), {"M": M, "P": P, "Q": Q}, 4),
     }[name]
     return model, tuple(model.state(**state)[k] for k in model.system.space.letters), factor
 
 
+def _levels(model: Any, z: Any, lam: Any) -> tuple[Any, Any, Any]:
+    """Eigenvalues, left and right vectors as rows."""
+    record, at = model.system.pairs, np.array([lam], complex)
+    if record.levels is not None:
+        return tuple(v[0] for v in model.call(record.levels, *z, lam=at)[:3])
+    values, vectors = np.linalg.eig(model.call(record.matrix, *z, lam=at)[0].astype(complex))
+    return values, np.linalg.inv(vectors), vectors.T
+
+
 def _at(model: Any, z: Any, lam: Any, near: Any) -> tuple[Any, Any]:
     """The eigenvalue next to a value, and the field of the pairs there."""
-    values, vectors = np.linalg.eig(model.call(model.system.pairs.matrix, *z, lam=np.array([lam]))[0].astype(complex))
+    values, left, right = _levels(model, z, lam)
     place = abs(values - near).argmin()
-    ends = {"left": np.linalg.inv(vectors)[place][None], "right": vectors[:, place][None]}
+    ends = {"left": left[place][None], "right": right[place][None]}
     field, _ = model.call(model.system.pairs.rates, *z, lam=np.array([lam]), **ends)
     return values[place], algebra.flatten(field, model.system.space.kinds)[0]
 
@@ -580,10 +599,7 @@ def test_pairs_are_flows(name: str) -> None:
     """The Hamiltonian of `rates`, by Poisson's tensor, at the start; and d/dx of a pair is that field at its end."""
     model, z, factor = _body(name)
     kinds, lam, h = model.system.space.kinds, 0.3 + 2.1j, 1e-5
-    x, mu = (
-        algebra.flatten(z, kinds),
-        np.linalg.eigvals(model.call(model.system.pairs.matrix, *z, lam=np.array([lam]))[0].astype(complex)),
-    )
+    x, mu = algebra.flatten(z, kinds), _levels(model, z, lam)[0]
     near = mu[mu.imag.argmax()]
     slope = np.array([
         (_at(model, algebra.restore(x + h * e, kinds, 3), lam, near)[0]
@@ -668,6 +684,58 @@ def test_one_map_is_poisson(case: str) -> None:
             J = np.stack([(image(x + e, strength) - image(x - e, strength)) / (2 * h) for e in steps], -1)
             miss = abs(J @ tensor(x) @ J.T - tensor(new)).max()
             assert (miss < 1e-20) == (strength == 1)
+
+
+def test_r_matrix() -> None:
+    """Of both factors, by differences, for <M, P> = 0; not off that leaf, nor with the other sign of {p, b}."""
+    permutation = np.zeros((4, 4))
+    permutation[[0, 1, 2, 3], [0, 2, 1, 3]] = 1
+    rng, h = np.random.default_rng(53), 1e-5
+    M, P = rng.normal(size=(2, 3))
+    P = P - M * (M @ P) / (M @ M)
+
+    def top(x: Any, u: complex) -> Any:
+        plus, minus = (x[0] + s * 1j * x[1] for s in (1, -1))
+        corner = u * u - 2 * x[2] * u - plus * minus
+        upper, lower = u * (x[3] - 1j * x[4]) - x[5] * minus, u * (x[3] + 1j * x[4]) - x[5] * plus
+        return np.array([[corner, upper], [lower, -(x[5] ** 2)]])
+
+    def toda(x: Any, u: complex) -> Any:
+        return np.array([[u - x[0], -x[1]], [-1 / x[1], 0]])
+
+    def misses(T: Any, x: Any, bracket: Any, u: complex = 0.7 + 0.2j, v: complex = -1.1 + 0.5j) -> bool:
+        slopes = [np.array([(T(x + h * e, w) - T(x - h * e, w)) / (2 * h) for e in np.eye(len(x))]) for w in (u, v)]
+        both = np.einsum("iab,ij,jcd->acbd", slopes[0], bracket, slopes[1]).reshape(4, 4)
+        product = np.kron(T(x, u), T(x, v))
+        want = -2j / (u - v) * (permutation @ product - product @ permutation)
+        return bool(abs(both - want).max() > 1e-7 * abs(want).max())
+
+    def bracket(M: Any, P: Any) -> Any:  # {M_1, M_2} = M_3
+        return -np.block([[algebra.hat(M), algebra.hat(P)], [algebra.hat(P), np.zeros((3, 3))]])
+
+    assert not misses(top, np.append(M, P).astype(complex), bracket(M, P))
+    assert misses(top, np.append(M, P + M).astype(complex), bracket(M, P + M))
+    for sign in (1, -1):
+        site = np.array([0.3 + 0.1j, 0.8 - 0.4j])
+        assert misses(toda, site, sign * 2j * site[1] * np.array([[0, 1], [-1, 0]])) == (sign < 0)
+
+
+def test_goryachev_chaplygin_step() -> None:
+    """The point of a step solves (gcflow), by 60 nodes in 1/u; the point of another does not."""
+    model = kr.GoryachevChaplygin(gamma=0.3)
+    M, P = (0.8, 0.5, -0.6), (0.6, 0.0, 0.8)
+    z = tuple(model.state(M=M, P=P)[k] for k in model.system.space.letters)
+    H = (M[0] ** 2 + M[1] ** 2) / 2 + 2 * M[2] ** 2 + 0.3 * M[2] + P[0]
+    G = (M[2] + 0.15) * (M[0] ** 2 + M[1] ** 2) - M[0] * P[2]
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    for step, holds in ((0.1, True), (0.2, False)):
+        X = 1 / complex(model.call(model.system.exact_map.point, *map(np.longdouble, z), dt=np.longdouble(step)))
+        x = X * (nodes + 1) / 2
+        t = 1 + 0.3 * x - 2 * H * x**2 - 2 * G * x**3  # y u^-3 is the root of t^2 - 4 |P|^2 x^4
+        root = np.sqrt(t - 2 * x * x) * np.sqrt(t + 2 * x * x)
+        first, second = (-(X / 2 * (weights * f).sum()).imag for f in (2 / root, 2 * x / root))
+        assert (abs(first - 0.1) < 1e-14) == holds
+        assert abs(second) < 1e-14
 
 
 # -- the table of degrees: the maps as the article prints them, eps = 2, modulo primes ------------------------

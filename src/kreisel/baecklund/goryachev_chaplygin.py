@@ -14,7 +14,7 @@ T' = (u - X) T (u - X)^-1 for the X with these vectors and the eigenvalues l, l^
 where X_11 = l + d p, X_12 = -d, X_21 = d p (l^- + m), X_22 = l^- - d p, and |c l| = 1 with c in the direction of
 w (1 + n/l^-)/(l^3 l^-).  With y^2 = t^2 - 4 |P|^2 u^2 it is the flow over h if Im int_oo^l 2 u du/y = h and
 Im int_oo^l 2 du/y = 0.
-[T: Sklyanin; the map and its conditions are Kreisel's, verified and not proved]
+[T: Sklyanin; the map and its conditions are Kreisel's, proved in paper/maps.tex]
 """
 
 import numpy as np
