@@ -16,6 +16,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 import pytest
 
+import gpus
 import kreisel as kr
 from kreisel import algebra
 from kreisel.graph import graph as operations
@@ -246,7 +247,7 @@ def check_the_mean() -> None:
 
 def of_gpu(plan: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, **options: Any) -> tuple[Any, Any]:
     """Plans for the CPU, and for the code of a GPU on this processor."""
-    monkeypatch.setattr(gpu, "device", gpu.Here)
+    monkeypatch.setattr(gpu, "device", gpus.Here)
     return plan(**options), plan(engine="cuda", **options)
 
 
@@ -414,7 +415,6 @@ MUTANTS = [
     # GPUs
     Mutant("gpu", "graph.ptx:Column.__getitem__", "self._lanes * i + self._lane", "self._lane * i + self._lanes"),
     Mutant("gpu", "graph.ptx:Column.beyond", "self._lanes * i", "i"),
-    Mutant("gpu", "graph.ptx:here", "f.loop(0,", "f.loop(1,"),
     Mutant("gpu", "kernels.gpu:steps_of_a_lane", 's.beyond(stage * record.count("s"))', "s"),
     Mutant("ptx", "graph.ptx:_Thread.lane", "block * size + thread", "block * thread + size"),
     Mutant("ptx", "graph.ptx:ptx", 'lane.compared("<", f.arguments[-1])', 'lane.compared("==", lane)'),

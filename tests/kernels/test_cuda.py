@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import kreisel as kr
+from gpus import Here, here
 from kreisel.graph.graph import Graph
 from kreisel.graph.llvm import Function, Integer
-from kreisel.graph.ptx import Body, Column, here, ptx
+from kreisel.graph.ptx import Body, Column, ptx
 from kreisel.graph.recording import flat_constants, flat_stages
 from kreisel.kernels import gpu
 from kreisel.method import scheme
@@ -23,7 +24,7 @@ LANES = 5
 
 @pytest.fixture
 def on_this_processor(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gpu, "device", gpu.Here)
+    monkeypatch.setattr(gpu, "device", Here)
 
 
 def starts() -> tuple[Any, Any, Any, Any]:

@@ -1,4 +1,4 @@
-"""Functions for NVIDIA GPUs: the operations of a graph as PTX, one thread a lane; or one lane after the other here.
+"""Functions for NVIDIA GPUs: the operations of a graph as PTX, one thread a lane.
 
 LLVM writes PTX from the same operations: each product is rounded separately, unless the graph fuses it.  sin,
 cos, exp and log come from NVIDIA's libdevice, in the package nvidia-cuda-nvcc.
@@ -18,7 +18,7 @@ from llvmlite import ir
 from kreisel.errors import InputError
 from kreisel.graph.graph import TRANSCENDENTAL
 from kreisel.graph.llvm import INTEGER, Function, Integer, Memory, Value
-from kreisel.graph.machine import Kernel, kernel, optimized
+from kreisel.graph.machine import optimized
 
 TRIPLE = "nvptx64-nvidia-cuda"
 FLOAT = ir.FloatType()
@@ -108,13 +108,3 @@ def ptx(arguments: int, body: Body, capability: str) -> str:
         if not function.is_declaration and function.name != "kernel":
             function.linkage = "internal"
     return str(machine.emit_assembly(optimized(machine, str(module), 3)))
-
-
-def here(key: Sequence[Any], arguments: int, body: Body) -> Kernel:
-    """The kernel for this processor, one lane after the other."""
-
-    def write(f: Function) -> None:
-        with f.loop(0, f.arguments[-1]) as lane:
-            body(f, lane, f.arguments)
-
-    return kernel(("gpu", *key), arguments, write)

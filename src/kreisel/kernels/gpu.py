@@ -1,7 +1,7 @@
 """Ensembles on an NVIDIA GPU: the kernel of `kreisel.kernels.steps`, one thread a trajectory, the time loop inside.
 
 It is written from the same graph, so in float64 each operation is that of the CPU; float32 is for those who ask for it.
-A `Device` holds arrays and runs kernels: `Gpu` by CuPy, `Here` one thread after the other on this processor, for tests.
+Arrays and kernels of the GPU are CuPy's; tests run the same code on this processor, one thread after the other.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
@@ -21,7 +21,7 @@ from kreisel.graph.graph import TooLong
 from kreisel.graph.invariants import Program, program_of, program_of_orientation, recordable
 from kreisel.graph.llvm import DOUBLE, Function, Integer
 from kreisel.graph.project import in_loops
-from kreisel.graph.ptx import FLOAT, Body, Column, here, ptx
+from kreisel.graph.ptx import FLOAT, Body, Column, ptx
 from kreisel.graph.recording import Recording, flat_constants, flat_stages
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection.corrections import GAIN, Corrections, interval
@@ -33,18 +33,11 @@ PRECISIONS = {"cuda": "float64", "cuda-float32": "float32"}
 ROOM = 1 << 30  # bytes on the GPU for projections
 
 
-class Device(Protocol):
-    """Arrays and kernels of a device: `launch` runs a kernel on lanes, with addresses and integers."""
-
-    def array(self, values: Any) -> Any: ...
-    def host(self, array: Any) -> Any: ...
-    def fill(self, array: Any, values: Any) -> None: ...
-    def compiled(self, key: Sequence[Any], arguments: int, body: Body) -> Any: ...
-    def launch(self, kernel: Any, lanes: int, *arguments: Any) -> None: ...
-
-
 class Gpu:
-    """An NVIDIA GPU.  Raises `InputError` if there is none, or no CuPy."""
+    """Arrays and kernels of an NVIDIA GPU: `launch` runs a kernel on lanes, with addresses and integers.
+
+    Raises `InputError` if there is none, or no CuPy.
+    """
 
     def __init__(self) -> None:
         try:
@@ -79,27 +72,8 @@ class Gpu:
         kernel((-(-lanes // THREADS),), (THREADS,), tuple(words))
 
 
-class Here:
-    """The processor at work, which runs the code of a GPU one thread after the other."""
-
-    def array(self, values: Any) -> Any:
-        return np.array(values)
-
-    def host(self, array: Any) -> Any:
-        return array.copy()
-
-    def fill(self, array: Any, values: Any) -> None:
-        array[...] = values
-
-    def compiled(self, key: Sequence[Any], arguments: int, body: Body) -> Any:
-        return here(key, arguments, body)
-
-    def launch(self, kernel: Any, lanes: int, *arguments: Any) -> None:
-        kernel(*(x if isinstance(x, int) else x.ctypes.data for x in (*arguments, lanes)))
-
-
 @cache
-def device() -> Device:
+def device() -> Gpu:
     """The GPU."""
     return Gpu()
 
@@ -181,7 +155,7 @@ def projection_of_a_lane(bound: bool) -> Body:
 class GpuProjection(Corrections):
     """The projection on a device, one thread a state, of z (d, lanes) and constants (count, lanes) that lie there."""
 
-    def __init__(self, program: Program, also: Program | None, every: int, device: Device, z: Any, constants: Any):
+    def __init__(self, program: Program, also: Program | None, every: int, device: Gpu, z: Any, constants: Any):
         super().__init__(program.labels, every, z.shape[1], len(also.outs) if also else 0)
         self._device, self._z, self._constants = device, z, constants
         self._known = device.array(self.targets), device.array(self.worst)
