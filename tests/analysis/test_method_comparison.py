@@ -99,3 +99,17 @@ def test_a_figure_compares_systems_with_the_same_variables() -> None:
     with pytest.raises(kr.InputError, match="with the variables M, P"):
         free = kr.simulate(kr.EulerTop(J=(1, 2, 3)), {"M": (0.3, 0.1, 0.9)}, dt=0.1, steps=50, progress=False)
         kr.plot(runs[1], compare=free)
+
+
+def test_bodies_are_compared_in_seconds() -> None:
+    """As its system in units of its time."""
+    body = kr.physical.FreeBody((1.0, 2.0, 3.0))
+    start, unit = body.state((0.3, 0.1, 0.9)), body.model().body_frame.time_unit
+    found = kr.compare([body, (body, {"method": "dop853"})], start, dt="0.1 s", t_end="2 s", halvings=1)
+    scaled = kr.compare([body.model()], start, dt=0.1 / unit, t_end=2.0 / unit, halvings=1)
+    assert found.errors.dt.values.tolist() == pytest.approx([0.1, 0.05]) and found.drifts.time.values[
+        -1
+    ] == pytest.approx(2.0)
+    assert found.table.error.iloc[0] == scaled.table.error.iloc[0]
+    with pytest.raises(kr.InputError, match="either bodies or systems"):
+        kr.compare([body, body.model()], start, dt="0.1 s", t_end="2 s")

@@ -92,7 +92,9 @@ def test_the_archive_the_row_and_the_resumed_run_say_the_same(tmp_path: Path) ->
     assert same(plain.energy, whole.energy[: len(plain.time)], 1e-15)
     assert abs(np.linalg.norm(plain.M.values, axis=-1) - np.linalg.norm(TENSOR @ RATE)).max() < 1e-15
     assert check_archive(tmp_path / "run.zarr")[1] == []
-    longer = kr.resume(tmp_path / "run.zarr", extend=60)
+    with pytest.raises(kr.InputError, match=r"extend: expected a number of steps, or a multiple of dt = 0\.1 s"):
+        kr.resume(tmp_path / "run.zarr", extend="6.05 s")
+    longer = kr.resume(tmp_path / "run.zarr", extend="6 s")
     assert np.array_equal(longer.momentum.values, whole.momentum.values)
     assert same(longer.isel(time=[3]).angular_velocity.values, whole.angular_velocity.values[[3]], 0.0 + 1e-15)
     follow = kr.simulate(body, stored.isel(time=-1) if False else whole.isel(time=6), t_end="3 s", **options)

@@ -364,7 +364,7 @@ BAD = [
     (lambda: kr.differentiable(TOP)({**START, "m": np.eye(3)}, dt=0.1, steps=1), "x0.axial"),
     (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1.5), "an integer"),
     (lambda: kr.differentiable(HEAVY, method="kahan")(MOVING, dt=0.1, steps=1, J=(1, 2, -1.5)), "J"),
-    (lambda: kr.differentiable(TOP, orientation=np.eye(3)), "another method for an orientation"),
+    (lambda: kr.differentiable(TOP, orientation=np.eye(3)), "Derivatives of the orientation: expected another method"),
     (lambda: kr.differentiable(HEAVY, orientation=True, method="kahan")(MOVING, dt=0.1, steps=1), "M, P, g, got"),
     (
         lambda: kr.differentiable(HEAVY, method="kahan")({**MOVING, "g": [1.0, 0, 0, 0]}, dt=0.1, steps=1),

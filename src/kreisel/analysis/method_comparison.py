@@ -11,8 +11,12 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, shown
+from kreisel.method.observing import ORIENTATION
+from kreisel.record.body import as_body
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model
 from kreisel.runs.drift import all_series
+from kreisel.runs.in_si import duration
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import finite_number, within
 from kreisel.stopwatch import SPENT
@@ -31,10 +35,11 @@ SAME_FLOW = 1e-9
 
 
 class Subject(NamedTuple):
-    """A system and the options of `kr.simulate` that choose its method."""
+    """A system and the options of `kr.simulate` that choose its method; its frame, if it is a body's."""
 
     model: Model
     options: Mapping[str, Any]
+    frame: BodyFrame | None = None  # of a body
 
 
 @explained
@@ -66,13 +71,13 @@ class MethodComparison:
 
 @explained
 def compare(
-    subjects: Sequence[Any] | Mapping[str, Any], start: Any, *, dt: float, t_end: float, halvings: int = 3
+    subjects: Sequence[Any] | Mapping[str, Any], start: Any, *, dt: Any, t_end: Any, halvings: int = 3
 ) -> MethodComparison:
     """Several methods at one problem: order, cost, drift of the integrals and Poisson defect.
 
     subjects  systems with their parameters, or pairs (system, {"method": ..., "order": ...}); a dict names them.  All
               have the same variables and the same flow; a user-defined system may have any map, also one that is not
-              Poisson
+              Poisson.  Bodies of `kr.physical` without forces that need the orientation: times are in s
     start     the state, as for `kr.simulate`
     dt        the longest step;  halvings: times that it is halved to measure the order
     t_end     duration of the run whose drift is measured
@@ -95,7 +100,14 @@ def compare(
     listed = [_subject(each) for each in (subjects.values() if isinstance(subjects, Mapping) else subjects)]
     if not listed:
         raise InputError("subjects: expected one system or more, got none.")
-    dt, t_end = finite_number(dt, "dt"), finite_number(t_end, "t_end")
+    frame = listed[0].frame
+    if any((each.frame is None) != (frame is None) for each in listed):
+        raise InputError("subjects: expected either bodies or systems, got both. Use body.model() and its units.")
+    dt, t_end = (
+        finite_number(value, name) if frame is None else duration(frame, value, name)
+        for name, value in (("dt", dt), ("t_end", t_end))
+    )
+    unit = 1.0 if frame is None else frame.time_unit  # s
     halvings = within(halvings, "halvings", 1, 10)
     state = _common_state([each.model for each in listed], start)
     if not (dt > 0 and t_end >= dt):
@@ -118,18 +130,27 @@ def compare(
     names = list(map(str, subjects)) if isinstance(subjects, Mapping) else names
     return MethodComparison(
         pd.DataFrame(rows, index=pd.Index(names, name="method")),
-        xr.DataArray(np.array(errors), {"method": names, "dt": steps}, ("method", "dt"), "error"),
-        xr.DataArray(np.stack(drifts), {"method": names, "time": time}, ("method", "time"), "drift"),
+        xr.DataArray(
+            np.array(errors), {"method": names, "dt": [unit * step for step in steps]}, ("method", "dt"), "error"
+        ),
+        xr.DataArray(np.stack(drifts), {"method": names, "time": unit * time}, ("method", "time"), "drift"),
     )
 
 
 def _subject(given: Any) -> Subject:
-    model, options = given if isinstance(given, tuple) and len(given) == 2 else (given, {})
+    subject, options = given if isinstance(given, tuple) and len(given) == 2 else (given, {})
+    body = as_body(subject)
+    model = subject if body is None else body.model()
     if not isinstance(model, Model) or not isinstance(options, Mapping):
         raise InputError(
             f"subjects: expected a system with its parameters, or (system, {{'method': ...}}), got {shown(given)}."
         )
-    return Subject(model, options)
+    if model.system.perturbation is not None and model.system.perturbation.names(ORIENTATION):
+        raise InputError(
+            f"subjects: expected bodies without forces that need the orientation, got {model.system.name}. Compare "
+            "runs with kr.analysis.compare(run, second_run)."
+        )
+    return Subject(model, options, None if body is None else model.body_frame or BodyFrame())
 
 
 def _common_state(models: list[Model], start: Any) -> dict[str, Array]:

@@ -143,7 +143,9 @@ def _say_how_long(settings: dict[str, Any], asked: Config) -> None:
 @app.command()
 def resume(
     archive: Annotated[Path, a_path("The archive, NAME.zarr or NAME.zarr.part.")],
-    extend: Annotated[int | None, typer.Option("--extend", help="Lengthen the run to this number of steps.")] = None,
+    extend: Annotated[
+        str | None, typer.Option("--extend", help="Lengthen the run to this number of steps; of a body also to '2 h'.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Resume an interrupted run, bit for bit as if it had not been interrupted; or extend a finished run."""
@@ -152,7 +154,7 @@ def resume(
     from kreisel.storage.simulate import resume as go_on
 
     with warnings_in_the_table():
-        result = go_on(archive, extend=extend)
+        result = go_on(archive, extend=_count_or_text(extend))
     table, record = table_of(result), RunRecord.from_attrs(result.attrs)
     if as_json:
         summary = {"archive": str(archive), "steps": record.steps, "drift": records(table)}
@@ -161,6 +163,13 @@ def resume(
     say(f"{record.title}: {record.steps:,} steps, {result.sizes['time']:,} rows")
     print_drift(table)
     return shout(broken(table))
+
+
+def _count_or_text(text: str | None) -> int | str | None:
+    try:
+        return text if text is None else int(text)
+    except ValueError:
+        return text
 
 
 @app.command(help=SWEEP_HELP)

@@ -197,8 +197,9 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
         return Step(made.components, begin, end, motion.step, motion.close, constants, made.guard)
     if oriented:
         raise InputError(
-            "differentiable: expected another method for an orientation, such as 'exact' or 'suris', got "
-            "method='baecklund', whose rotations about the axis are constants of the trajectory."
+            "Derivatives of the orientation: expected another method, such as 'exact' or 'suris', got "
+            "method='baecklund', whose rotations about the axis are constants of the trajectory. Use such a method, in "
+            "kr.simulate for kr.tangent, or orientation=False."
         )
     constants = _of_baecklund(model, made)
     close = motion.close and _spun(model, motion.close)

@@ -427,18 +427,18 @@ def times_of(model: Model, values: Any, name: str = "times") -> Array:
 NEAR = 1e-9  # relative: a duration that is a multiple of the step
 
 
-def rows_every(frame: BodyFrame, every: Any, dt: float) -> Any:
-    """The number of steps between rows: a number of steps, or a duration, a multiple of dt.  Raises `InputError`."""
-    if isinstance(every, float) and not every.is_integer():
-        raise InputError(f"every: expected a number of steps, or a duration with units, '{every:g} s', got {every!r}.")
-    if not (isinstance(every, str) or hasattr(every, "units") or hasattr(every, "to_value")):
-        return every
-    ratio = duration(frame, every, "every") / dt
+def steps_in(frame: BodyFrame, value: Any, dt: float, name: str) -> Any:
+    """A number of steps: such a number, or a duration with units, a multiple of dt.  Raises `InputError`."""
+    if isinstance(value, float) and not value.is_integer():
+        raise InputError(f"{name}: expected a number of steps, or a duration with units, '{value:g} s', got {value!r}.")
+    if not (isinstance(value, str) or hasattr(value, "units") or hasattr(value, "to_value")):
+        return value
+    ratio = duration(frame, value, name) / dt
     count = round(ratio)
     if count < 1 or abs(ratio - count) > NEAR * ratio:
         raise InputError(
-            f"every: expected a number of steps, or a multiple of dt = {dt * frame.time_unit:g} s, got {shown(every)}, "
-            f"which is {ratio:g} dt."
+            f"{name}: expected a number of steps, or a multiple of dt = {dt * frame.time_unit:g} s, got "
+            f"{shown(value)}, which is {ratio:g} dt."
         )
     return count
 
@@ -455,7 +455,7 @@ def scaled_settings(model: Model, asked: Mapping[str, Any]) -> dict[str, Any]:
     if "times" in out:
         out["times"] = times_of(model, out["times"])
     if "every" in out:
-        out["every"] = rows_every(frame, out["every"], out["dt"])
+        out["every"] = steps_in(frame, out["every"], out["dt"], "every")
     if out.get("impulses"):
         out["impulses"] = _impulses(frame, out["impulses"])
     return {**asked, **out}

@@ -13,7 +13,7 @@ from kreisel.files import stands
 from kreisel.process import signals_wait
 from kreisel.record.body import Body, model_of
 from kreisel.runs.drift import watched
-from kreisel.runs.in_si import scaled, scaled_events, unit_of_times
+from kreisel.runs.in_si import scaled, scaled_events, steps_in, unit_of_times
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import broken_by, make_plan, warn_of, warn_of_arrays
@@ -120,7 +120,7 @@ def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress
 def resume(
     path: str | os.PathLike[str],
     *,
-    extend: int | None = None,
+    extend: Any = None,
     progress: bool | None = None,
     system: Model | Body | None = None,
     events: Event | Sequence[Event] = (),
@@ -128,7 +128,8 @@ def resume(
     """Resume an interrupted run, bit for bit as if it had not been interrupted; or extend a finished run.
 
     path      the archive, NAME or NAME.part
-    extend    the run's new number of steps, more than before: a finished run continues to it
+    extend    the run's new number of steps, more than before: a finished run continues to it; of a body also the new
+              end, "2 h"
     progress  as in `simulate`
     system    a user-defined system (`kr.perturbed`), or a body with user-defined forces or a controller, which no
               archive holds: with the functions of the run
@@ -147,8 +148,10 @@ def resume(
     with one_writer(where) as settled:
         if settled and extend is None:  # nothing else remained to be done
             return presented(open_rows(where))
-        frame = run_record(where if stands(where) else part_of(where)).body_frame
-        events = scaled_events(frame, events) if frame is not None and frame.names else events
+        record = run_record(where if stands(where) else part_of(where))
+        frame = record.body_frame
+        if frame is not None and frame.names:
+            events, extend = scaled_events(frame, events), steps_in(frame, extend, record.dt, "extend")
         archive, integration = reopen(where, None if extend is None else whole_number(extend, "extend"), model, events)
         return presented(watched(_write(archive, integration, progress)), integration.plan.model)
 
