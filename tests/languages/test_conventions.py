@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import kreisel as kr
+from compilers import output
 from kreisel.languages.conventions import CONVENTIONS, Convention, convention
 
 # Facts as the engines document them: handedness; up, and forward, along their axes; how their own bridges write the
@@ -197,3 +199,35 @@ def test_the_lines_of_the_page_for_unreal_compile(tmp_path: Path) -> None:
     )
     got = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=True, timeout=60).stdout.split()
     assert [float(x) for x in got] == pytest.approx([0, np.sin(1.5 / 60), 0, np.cos(1.5 / 60)], abs=1e-14)
+
+
+OWN = """
+#include <stdio.h>
+int main(void) {
+    Body b = {0};
+    const double T[6] = {2, 3, 4, 0.4, -0.2, 0.3}, still[6] = {0}, torque[3] = {0.1, -0.2, 0.3};
+    b.q[0] = 1, b.w[0] = 0.3, b.w[1] = 2, b.w[2] = 0.5;
+    if (!body_set(&b, still, 0.01) || body_set(&b, T, 0.01)) return 1;
+    for (int k = 0; k < 1000; k++) {
+        body_step(&b, torque);
+        if (k == 499) rock_kick(&b.s, torque); /* a contact */
+    }
+    for (int i = 0; i < 4; i++) printf("%.17g ", b.q[i]);
+    for (int i = 0; i < 3; i++) printf("%.17g ", b.w[i]);
+    return 0;
+}
+"""
+
+
+def test_the_lines_of_the_page_for_an_own_engine(tmp_path: Path) -> None:
+    """The angular momentum in space is that of the start, the torque's for 10 s and the contact's."""
+    page = (Path(__file__).parents[2] / "docs" / "engines.md").read_text()
+    lines = re.search(r"\n    (#include.*?\n    }\n)\nBegin", page, re.DOTALL)
+    assert lines
+    (tmp_path / "rock.h").write_text(kr.code(kr.physical.FreeBody((1, 2, 2.5)), name="rock"))
+    (tmp_path / "main.c").write_text(lines[1] + OWN)
+    out = np.array(output("gcc", tmp_path, "main.c").split(), float)
+    R = Rotation.from_quat(out[:4], scalar_first=True).as_matrix()
+    wanted = TENSOR @ [0.3, 2.0, 0.5] + 11 * np.array([0.1, -0.2, 0.3])
+    assert np.allclose(R @ TENSOR @ R.T @ out[4:], wanted, rtol=1e-12)
+    assert np.abs(out[4:] - [0.3, 2.0, 0.5]).max() > 0.1
