@@ -86,6 +86,24 @@ def test_without_torque_a_step_is_the_closed_form(archive: Path) -> None:
     )
 
 
+def test_it_passes_a_check_case(archive: Path) -> None:
+    """With the tensor of the case, products of inertia included."""
+    case = kr.checkcases.case("tilted-box")
+    given = case.given()
+    tensor, start = np.array(given["inertia"]), {}
+    for j, row in enumerate("xyz"):
+        start |= {f"torque.{row}": 0.0, f"angular_velocity.{row}": given["angular_velocity"][j]}
+        start |= {
+            f"inertia.{row}{column}": tensor[j, k] for k, column in enumerate("xyz") if k >= j and row + column != "xz"
+        }
+    start |= {f"attitude.{k}": x for k, x in zip("wxyz", given["attitude"], strict=True)}
+    start |= {"inertia.zx": tensor[2, 0], "step": 0.05}
+    run = fmpy.simulate_fmu(str(archive), start_values=start, stop_time=given["duration"], output_interval=5.0)
+    table = np.array(run.tolist())
+    assert len(table) == 13
+    assert case.grade(table[:, 0], attitude=table[:, 1:5], angular_velocity=table[:, 5:]).relative < 1e-11
+
+
 @pytest.mark.parametrize(
     ("start", "words"),
     [
