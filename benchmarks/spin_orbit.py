@@ -6,6 +6,7 @@ Needs REBOUNDx (`pip install reboundx`, a C compiler).  A few minutes.  G = 1, m
 
 moon      the case of the thread reboundx 172: Sun, Earth and Moon, whose orbit is inclined by 60 degrees, tides that
           lag.  What the thread does not say is chosen here: 32 Earth radii, a day of 5 hours.
+cost      a step of WHFast with spins and without, of three particles with late tides, and of Mercury
 order     the energy of a star, a planet and a moonless third body against the step
 mercury   from its perihelion in the 3:2 resonance
 tides     the cases of REBOUNDx's own test of conservation, in its own energy, at all phases of the orbit
@@ -28,6 +29,7 @@ from kreisel.rebound import Body, Spins, attach
 DAY, RADIUS, MOON_RADIUS = 2 * np.pi / 365.25, 4.2635e-5, 1.161e-5
 EARTH, MOON, TILT, PER = 3.003e-6, 3.694e-8, np.radians(60), 60
 MOMENTS = {"Earth": 0.3308 * EARTH * RADIUS**2, "Moon": 0.393 * MOON * MOON_RADIUS**2}
+MODES = "alone", "alone without safe mode"
 LOVE, LAG = {"Earth": 0.298, "Moon": 0.024}, 600 / 86400 * DAY
 E, J2, C22, C = 0.2056, 5.03e-5, 8.09e-6, 0.346
 MERCURY = np.array([C - J2 - 2 * C22, C - J2 + 2 * C22, C]) * 1.66e-7 * 1.631e-5**2
@@ -118,19 +120,42 @@ def moon() -> dict[str, Any]:
     return found
 
 
-def cost(repetitions: int = 25, steps: int = 2000) -> dict[str, float]:
-    """Microseconds of the processor a step of WHFast: alone, with bodies, with `tides_spin`; the least, in turns."""
-    alone = triple("whfast")[0]
-    steppers = {"alone": alone.steps, "kreisel": own("whfast")[2], "tides_spin": peer("whfast")[2]}
+def pair(second: bool) -> Any:
+    """A step of an ellipsoid of degree four and a moon, a point or an ellipsoid too."""
+    sim = resonance(0.5)[0].sim
+    figure = {"degree_3": np.full(7, 1e-20), "degree_4": np.full(9, 1e-24)}
+    body = Body(MERCURY, spin=(0, 0, 5.0), **figure)
+    return attach(sim, {"Mercury": body, 0: body} if second else {"Mercury": body}).steps
+
+
+def cost(repetitions: int = 40, steps: int = 5000) -> dict[str, Any]:
+    """Nanoseconds of the processor a step of WHFast with spins and without, the least, in turns."""
+
+    def alone(make: Callable[[], Any], safe: bool) -> Any:
+        sim = make()
+        sim.integrator.safe_mode = int(safe)
+        return sim.steps
+
+    makers = {"three, tides": lambda: triple("whfast")[0], "two": lambda: resonance(0.5)[0].sim}
+    steppers = {f"{name}, {mode}": alone(make, mode == "alone") for name, make in makers.items() for mode in MODES}
+    steppers |= {"three, tides, kreisel": own("whfast")[2], "three, tides, tides_spin": peer("whfast")[2]}
+    steppers |= {
+        "two, kreisel": resonance(0.5)[0].steps,
+        "two, degree 4": pair(False),
+        "two, both degree 4": pair(True),
+    }
     least = dict.fromkeys(steppers, np.inf)
     for _ in range(repetitions):
         for name, go in steppers.items():
             begin = time.thread_time()
             go(steps)
-            least[name] = min(least[name], (time.thread_time() - begin) / steps * 1e6)
-    found = {name: short(value) for name, value in least.items()}
-    found["kreisel over tides_spin"] = short(least["kreisel"] / least["tides_spin"])
-    print("microseconds a step", found, flush=True)
+            least[name] = min(least[name], (time.thread_time() - begin) / steps * 1e9)
+    found: dict[str, Any] = {"ns a step": {name: round(value) for name, value in least.items()}}
+    for name in makers:
+        share = {mode: round(least[f"{name}, kreisel"] / least[f"{name}, {mode}"], 2) for mode in MODES}
+        found[f"{name}: kreisel over WHFast"] = share
+    found["kreisel over tides_spin"] = short(least["three, tides, kreisel"] / least["three, tides, tides_spin"])
+    print("cost", found, flush=True)
     return found
 
 

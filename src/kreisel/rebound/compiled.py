@@ -224,9 +224,12 @@ class Code:
         with f.otherwise(builder.fcmp_ordered("<", parts, most)) as (few, many):
             with few:
                 count = Integer(builder, builder.fptosi(parts, INTEGER))
-                share = builder.fdiv(h, count.double())
+                (share,) = f.variables(1)
+                share[0] = h
+                with f.where(count.compared(">", 1)):  # a branch: the rotation does not wait for the count
+                    share[0] = builder.fdiv(h, count.double())
                 with f.loop(0, count):
-                    z.put(outputs("turn", share), 3)
+                    z.put(outputs("turn", share[0]), 3)
             with many:
                 self.fault[0] = TURNED_OFTEN
 

@@ -131,6 +131,7 @@ class Pairs(NamedTuple):
 
         pairs = [(i, j) for i in sorted(bodies) for j in range(len(masses)) if j not in bodies or i < j]
         rows = [row for i, j in pairs for row in interactions(side(i, j), side(j, i), h, gravity)]
+        rows.sort(key=lambda row: row.kind.lags > 0)  # frictions last: kicks do not wait for the results of each other
         kinds = tuple(sorted({row.kind for row in rows}))
         places = np.array([[kinds.index(row.kind), *row.places] for row in rows], dtype=np.int64)
         return cls(key, kinds, rows, places, np.array([row.values() for row in rows]))
