@@ -24,7 +24,9 @@ import rebound
 import reboundx
 from cases import machine, parser, write
 
-from kreisel.rebound import Body, Spins, attach
+from kreisel.graph.llvm import Function
+from kreisel.graph.machine import Kernel, object_code
+from kreisel.rebound import Body, Spins, attach, compiled
 
 DAY, RADIUS, MOON_RADIUS = 2 * np.pi / 365.25, 4.2635e-5, 1.161e-5
 EARTH, MOON, TILT, PER = 3.003e-6, 3.694e-8, np.radians(60), 60
@@ -159,6 +161,27 @@ def cost(repetitions: int = 40, steps: int = 5000) -> dict[str, Any]:
     return found
 
 
+def parts(loops: int = 20_000, repetitions: int = 40) -> dict[str, int]:
+    """Nanoseconds of the exact rotation and of the interaction of Mercury, each in a loop of its own."""
+    spins, found = resonance(0.5)[0], {}
+    kinds = spins._prepare(spins.dt, 1, True)
+    for name in ("rotation", "interaction"):
+
+        def write(f: Function, name: str = name) -> None:
+            code = compiled.Code(f, kinds)
+            with f.loop(0, loops):
+                code.turn(code.times["dt"][0]) if name == "rotation" else code.act(f.integer(0), inside=True)
+
+        kernel, times = Kernel(object_code(1, write), 1), []
+        for _ in range(repetitions):
+            begin = time.thread_time()
+            kernel(spins._frame.ctypes.data)
+            times.append(time.thread_time() - begin)
+        found[name] = round(min(times) / loops * 1e9)
+    print("parts", found, flush=True)
+    return found
+
+
 # -- the order -------------------------------------------------------------------------------------------------
 
 
@@ -290,8 +313,15 @@ def main(arguments: list[str] | None = None) -> None:
     warnings.filterwarnings("ignore", message="tides_spin was updated")
     versions = {"rebound": rebound.__version__, "reboundx": reboundx.__version__}
     warnings.filterwarnings("ignore", message="REBOUNDx: Passing a velocity-dependent")
-    parts = {"moon": moon(), "cost": cost(), "order": order(), "mercury": mercury(), "tides": tides()}
-    write({"machine": {**machine(), **versions}, **parts}, asked.output)
+    results = {
+        "moon": moon(),
+        "cost": cost(),
+        "parts": parts(),
+        "order": order(),
+        "mercury": mercury(),
+        "tides": tides(),
+    }
+    write({"machine": {**machine(), **versions}, **results}, asked.output)
 
 
 if __name__ == "__main__":

@@ -66,6 +66,34 @@ def test_forces_are_those_of_tides_spin() -> None:
     assert np.linalg.norm(prompt[1]) > 1e-3 and np.linalg.norm(late - prompt) > 1e-5
 
 
+def of_harmonics(J2: float, J4: float, by_rebound: bool, h: float = 1e-4) -> np.ndarray:
+    """Accelerations of a body with J_2 and J_4 and of a mass, at rest, by its figure."""
+    import reboundx
+
+    sim, R, m = rebound.Simulation(), 0.3, 1.2
+    sim.add(m=m)
+    sim.add(m=0.2, x=0.7, y=-0.5, z=0.9)
+    sim.integrator, sim.dt, sim.gravity = "leapfrog", h, "none"
+    if by_rebound:
+        extras = reboundx.Extras(sim)
+        extras.add_force(extras.load_force("gravitational_harmonics"))
+        for name, value in {"J2": J2, "J4": J4, "R_eq": R}.items():
+            sim.particles[0].params[name] = value
+        sim.steps(1)
+    else:
+        moments = m * R**2 * np.array([0.4 - J2, 0.4 - J2, 0.4])
+        attach(sim, {0: Body(moments, degree_4=[-J4 * m * R**4, *np.zeros(8)])}).steps(1)
+    return np.array([p.vxyz for p in sim.particles]) / h
+
+
+@pytest.mark.parametrize(("J2", "J4"), [(0.02, 0.0), (0.02, 0.03)])
+def test_figures_are_those_of_gravitational_harmonics(J2: float, J4: float) -> None:
+    wanted, found = (of_harmonics(J2, J4, by_rebound) for by_rebound in (True, False))
+    assert np.linalg.norm(found - wanted) < 1e-6 * np.linalg.norm(wanted) and np.linalg.norm(wanted) > 1e-5
+    mutant = of_harmonics(J2, -J4, False) if J4 else of_harmonics(-J2, J4, False)
+    assert np.linalg.norm(mutant - wanted) > 0.01 * np.linalg.norm(wanted)
+
+
 CASES: dict[str, tuple[dict[str, float], dict[str, float], int, float, Any, int]] = {  # of its test_tides_spin.py
     "star": ({"r": 0.005}, {"m": 1e-3, "a": 0.05, "e": 0.1, "r": 5e-4}, 0, 0.04, (1e-2, 0, 0), 100),
     "planet": ({"r": 0.005}, {"m": 1e-3, "a": 0.05, "e": 0.1, "r": 5e-4}, 1, 0.4, (1e-10, 0, 0), 800),
