@@ -590,6 +590,29 @@ def test_what_the_user_changes_between_steps_counts(change: str, tmp_path: Path)
     assert (runs[0] == runs[1]).all()
 
 
+@pytest.mark.parametrize("integrator", ["whfast", "leapfrog"])
+def test_functions_of_the_user_are_called_too(integrator: str) -> None:
+    """A force on the outer planet; a heartbeat sees particles and spins at the same time."""
+    spins, calls, seen = attached(integrator), [], []
+
+    def force(pointer: Any) -> None:
+        spins._particles()[2, 8] += 1e-3
+        calls.append("force")
+
+    spins.sim.additional_forces = force
+    for hook in ("pre_timestep_modifications", "post_timestep_modifications", "heartbeat"):
+        before = spins._particles()[2, 5]
+        spins.steps(10)
+        assert spins._particles()[2, 5] - before == pytest.approx(1e-3 * 10 * spins.dt, rel=0.2)
+        if hook == "heartbeat":
+            spins.sim.heartbeat = lambda _: seen.append(spins._state.copy())
+        else:
+            setattr(spins.sim, hook, lambda _, hook=hook: calls.append(hook))
+    spins.steps(3)
+    assert calls.count("force") == 33 and {*calls} >= {"pre_timestep_modifications", "post_timestep_modifications"}
+    assert (seen[-1] == spins._state).all() and not (seen[0] == seen[-1]).all()
+
+
 def test_without_safe_mode_the_same() -> None:
     one, two = attached("whfast"), attached("whfast")
     two.sim.integrator.safe_mode = 0
@@ -643,6 +666,19 @@ def test_a_test_particle_as_a_body_is_the_limit_of_a_small_one() -> None:
         none.spin("star") == ball.spin("star")
     ).all()
     assert none.energy() == ball.energy() and (none.angular_momentum() == ball.angular_momentum()).all()
+
+
+def test_bodies_of_the_physical_package_bring_their_integrals_tides_and_mass() -> None:
+    body = GravityBody.ellipsoid(1e-3, (0.2, 0.16, 0.1), love=0.3, lag=1e-3)
+    fields = {"degree_3": body.degree_3, "degree_4": body.degree_4, "love": 0.3, "lag": 1e-3, "radius": 0.1}
+    spins = [attach(triple("whfast"), {"planet": x}) for x in (Body(body), Body(body.inertia, **fields))]
+    assert (spins[0]._c == spins[1]._c).all() and body.degree_4.any()
+    sim = triple("whfast")
+    sim.add(a=0.4)
+    ellipsoid = GravityBody.ellipsoid(1e-3, (0.2, 0.16, 0.1))
+    massless = attach(sim, {3: Body(ellipsoid, spin=(0, 0, 1))})
+    assert np.allclose(massless._c[0, :3], body.inertia / 1e-3, rtol=1e-14)
+    assert np.allclose(massless.spin(3), (0, 0, 1), atol=1e-14)
 
 
 def test_a_massless_moon_librates_in_its_resonance() -> None:
@@ -724,6 +760,10 @@ BAD: dict[str, tuple[Callable[[Any, Path], Any], str]] = {
     "other axes": (
         lambda sim, path: attach(sim, {0: Body([[3, 1, 0], [1, 3, 0], [0, 0, 3]], degree_3=np.ones(7))}),
         "degree_3, degree_4: expected principal axes",
+    ),
+    "other mass": (
+        lambda sim, path: attach(sim, {1: Body(GravityBody.ellipsoid(2e-3, (2, 2, 1)))}),
+        "expected a body with the mass 0.001 of its particle, got 0.0",
     ),
     "seven values": (lambda sim, path: attach(sim, {0: Body(1, degree_3=[1, 2])}), "degree_3"),
     "triangle": (lambda sim, path: attach(sim, {0: Body((1, 1, 3))}), "No body has the principal moments"),
@@ -831,7 +871,7 @@ def test_broken_files(tmp_path: Path) -> None:
     with np.load(io.BytesIO(whole)) as file:
         parts = dict(file)
     np.savez(path, **{**parts, "z": parts["z"][:, :5]})
-    with pytest.raises(kr.InputError, match=r"expected format 1"):
+    with pytest.raises(kr.InputError, match=r"expected format 2"):
         load(path)
     np.savez(path, **{**parts, "simulation": parts["simulation"][:50]})
     with pytest.raises(kr.RunError, match="REBOUND could not read"):

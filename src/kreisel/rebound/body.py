@@ -15,6 +15,8 @@ from kreisel.physical.free_body import FreeBody
 from kreisel.physical.measures import RATE, si_numbers
 from kreisel.record.body import UPRIGHT
 
+SAME_MASS = 1e-6  # relative: a particle and its body
+
 
 @explained
 @dataclass(frozen=True, eq=False)
@@ -22,12 +24,15 @@ class Body:
     """An extended body, in the units of the simulation.
 
     inertia      moments of inertia about the centre of mass: one value for a ball, (3,) along the principal axes, or a
-                 tensor (3, 3) in any body axes; or a body of `kreisel.physical` if the simulation is in SI units
+                 tensor (3, 3) in any body axes; or a body of `kreisel.physical` if the simulation is in SI units, of a
+                 `GravityBody` its tides and integrals of degrees 3 and 4 too; per mass for a particle without mass
     spin         angular velocity (3,) in the frame of the simulation
     orientation  unit quaternion (w, x, y, z), body axes to the frame of the simulation
     love         potential Love number k_2 of the tides; a ball is a fluid that its rotation flattens with the same k_2
     radius       R, for tides; default: the radius of the particle
     lag          time lag of the tides
+    degree_3     (7,), m R^3 (C_30, C_31, S_31, ... S_33) along the principal axes, not normalized
+    degree_4     (9,), m R^4 (C_40, C_41, S_41, ... S_44)
 
     Bodies other than balls keep their figure, which the moments determine.  In REBOUNDx, `tau` of `tides_spin` is half
     the lag.  Raises `InputError` for impossible moments of inertia.
@@ -74,27 +79,34 @@ class Body:
         R = algebra.rotation_matrix(g)
         return np.concatenate([R @ (moments * (R.T @ self.angular_velocity())), g])
 
-    def row(self, radius: float) -> Array:
-        """The constants of the body: moments, integrals of degrees 3 and 4, k_2 R^5, lag; `radius`: of the particle.
-
-        Raises `InputError`.
-        """
-        if not isinstance(radius, int | float | np.number):
-            raise InputError(f"radius: expected a number, got {shown(radius)}.")
-        love, lag = (self._not_negative(name) for name in ("love", "lag"))
+    def of_particle(self, particle: Any) -> tuple[Array, Array]:
+        """L, g and the constants: moments, integrals of degrees 3 and 4, k_2 R^5, lag.  Raises `InputError`."""
+        if not isinstance(self.radius, int | float | np.number | None):
+            raise InputError(f"radius: expected a number, got {shown(self.radius)}.")
+        love, lag = (self._not_negative(name) or getattr(self.inertia, name, 0.0) for name in ("love", "lag"))
         if lag and not love:
             raise InputError(
                 f"lag: expected 0 for a body without tides, got {shown(self.lag)}. Usual cause: no love=, the Love "
                 "number k_2 of the tides."
             )
-        size = radius if self.radius is None else self._not_negative("radius")
+        known = getattr(self.inertia, "size", 0.0) or particle.r
+        size = known if self.radius is None else self._not_negative("radius")
         if love and not size > 0:
             raise InputError(
                 f"radius: expected a number > 0 for a body with tides, got {shown(self.radius)} and a particle of "
-                f"radius {radius}. Usual cause: sim.add(..., r=...) is missing."
+                f"radius {particle.r}. Usual cause: sim.add(..., r=...) is missing."
             )
-        tide = love * size**5 if love else 0.0
-        return np.concatenate([self.principal()[0], *self._higher(), [tide, lag]])
+        mass, scale = getattr(self.inertia, "mass", None), 1.0
+        if mass and not particle.m:
+            scale = 1 / mass
+        elif mass and abs(particle.m / mass - 1) > SAME_MASS:
+            raise InputError(
+                f"inertia: expected a body with the mass {particle.m} of its particle, got {mass}. Usual cause: a "
+                "simulation in other units than SI; set sim.units = ('m', 's', 'kg')."
+            )
+        state, tide = self.state(), love * size**5 if love else 0.0
+        state[:3] *= scale
+        return state, np.concatenate([scale * np.concatenate([self.principal()[0], *self._higher()]), [tide, lag]])
 
     def _higher(self) -> list[Array]:
         """The inertia integrals of degrees 3 and 4.  Raises `InputError` unless they are along the principal axes."""

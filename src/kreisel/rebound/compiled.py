@@ -261,8 +261,10 @@ class Code:
             stopped = builder.icmp_signed(">", builder.load(self._small("status")), INDEX(0))
             with f.where(builder.or_(f.integers(words["N"])[0].compared("!=", words["particles"]), stopped)):
                 self.fault[0] = LOST
-        with f.where(self.fault[0].compared("==", 0)):
-            self.turn(self.times["trailing"][0])
+        trailing = self.times["trailing"][0]
+        left = builder.fcmp_ordered("!=", trailing, constant(DOUBLE, 0.0))
+        with f.where(builder.and_(self.fault[0].compared("==", 0), left)):
+            self.turn(trailing)
 
     def _unless_lost(self, user: str) -> Any:
         """A block for the particles of the frame, none lost; calls the function of the user first."""

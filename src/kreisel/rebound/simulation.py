@@ -112,7 +112,7 @@ def index_of(sim: Any, name: int | str) -> int:
 # -- files: NumPy's archive of plain arrays, one of them the bytes of REBOUND's simulation ---------
 
 
-FORMAT = 1
+FORMAT = 2
 NEEDED = "The simulation and its bodies need a file name such as spins.npz"
 FILES = "simulation", "whole.npz"
 SHAPES = {"z": 7, "c": int(ENDS[-1])}

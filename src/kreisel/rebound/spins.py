@@ -129,7 +129,7 @@ class Spins:
             self._by_calls(dt, count, kinds, fault)
         else:
             with self._hooked(INSIDE if inside else AROUND, kinds):
-                compiled.compiled("advance", kinds)(self._frame.ctypes.data)
+                compiled.compiled("advance", ())(self._frame.ctypes.data)
         if fault[0] == compiled.TURNED_OFTEN:
             self._refuse_turns(dt)
         self._check_count()
@@ -325,9 +325,8 @@ def attach(sim: Any, bodies: Mapping[int | str, Body], dt: float | None = None) 
     index = [index_of(sim, name) for name in bodies]
     if len(set(index)) < len(index):
         raise InputError(f"bodies: expected each particle once, got {shown(list(bodies))}.")
-    particles = [sim.particles[i] for i in index]
-    z = np.array([body.state() for body in bodies.values()])
-    c = np.array([body.row(particle.r) for body, particle in zip(bodies.values(), particles, strict=True)])
+    rows = [body.of_particle(sim.particles[i]) for body, i in zip(bodies.values(), index, strict=True)]
+    z, c = (np.array(each) for each in zip(*rows, strict=True))
     return Spins(sim, bodies, z, c, dt)
 
 
