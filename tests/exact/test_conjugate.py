@@ -414,6 +414,14 @@ def test_what_there_is_not() -> None:
         kr.simulate(model, {k: 1e200 * v for k, v in state.items()}, dt=10.0, steps=1, method="exact")
 
 
+@pytest.mark.parametrize("system", [kr.KovalevskayaTopE3(), kr.Komarov(kappa=-0.4, beta=0.6)])
+@pytest.mark.parametrize("method", ["exact", "baecklund"])
+def test_states_beyond_doubles_are_refused(system: Any, method: str) -> None:
+    """LAPACK refused, or no height was left."""
+    with pytest.raises(kr.InputError, match="a double can hold"):
+        kr.simulate(system, {"M": (3e200, -2e200, 9e200), "P": (6e200, 0, 8e200)}, dt=0.3, steps=1, method=method)
+
+
 @pytest.mark.parametrize("ratio", [0.0, 1e-9, 1e-3])
 def test_a_field_of_rounding_size_does_not_turn_the_orientation(ratio: float) -> None:
     """P in space is constant; with Q = 0 the projected orientation was wrong by 0.9, and a warning came of Q alone."""

@@ -137,7 +137,10 @@ def by_map(model: Model, dt: float, order: int | None = None) -> Scheme:
 
     def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
         batch, lanes = _lanes(model, x0)
-        points = _stacked(batch, [maps(model, *lane, dt, order) for lane in lanes])
+        try:
+            points = _stacked(batch, [maps(model, *lane, dt, order) for lane in lanes])
+        except np.linalg.LinAlgError as error:
+            raise _out_of_range(model.system.name) from error
         return {}, {name: points[..., i, :] for i, name in enumerate(NUMBERS)}
 
     name, options = _named(order)
@@ -201,9 +204,19 @@ def constants(model: Model, state: State, dt: float, order: int | None = None) -
     n).
     """
     batch, lanes = _lanes(model, state)
-    steps = [Torus(model, *lane).step(dt, order) for lane in lanes]
+    try:
+        steps = [Torus(model, *lane).step(dt, order) for lane in lanes]
+    except np.linalg.LinAlgError as error:
+        raise _out_of_range(model.system.name) from error
     turns = np.stack([turn for _, _, turn in steps])
     return _stacked(batch, [step[:2] for step in steps]), turns.reshape(batch + turns.shape[1:])
+
+
+def _out_of_range(name: str) -> InputError:
+    return InputError(
+        f"{name}: expected products of the state and the parameters that a double can hold, got larger or smaller "
+        "ones. Usual cause: units. Use method='dop853'."
+    )
 
 
 def _stacked(batch: tuple[int, ...], steps: list[tuple[Array, Array]]) -> Array:
@@ -308,11 +321,8 @@ class Torus:
         y, pole = (np.asarray(v, np.float64) for v in call(self.record.heights, self.doubles, self.known))
         lam, near = 1j * y, 1e-5 * pole
         L, after, before = self._of_record(self.record.matrix, np.stack([lam, lam + near, lam - near]))
-        if not (np.isfinite(L).all() and np.isfinite(self.flow.astype(float)).all()):
-            raise InputError(
-                f"{self.system.name}: expected products of the state and the parameters that a double can hold, got "
-                "larger ones. Usual cause: units. Use method='dop853'."
-            )
+        if not (L.size and np.isfinite(L).all() and np.isfinite(self.flow.astype(float)).all()):
+            raise _out_of_range(self.system.name)
         mu, left, right, _ = self._levels(lam, L)
         count = mu.shape[-1]
         change = left @ ((after - before) / (2 * near[:, None, None])) @ right.mT
