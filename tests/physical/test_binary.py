@@ -242,6 +242,25 @@ def test_nix_tumbles_chaotically_if_it_is_slow() -> None:
     assert abs(megno(nix, nix.state(), **settings).megno.values[-1] - 2) < 0.5
 
 
+def test_the_tangent_map_is_that_of_neighbouring_runs() -> None:
+    x0, dt, steps, order = start(STRONG), 1000.0, 5, (2, 2)
+    run = kr.simulate(STRONG, x0, dt=dt, steps=steps, order=order, project=False)
+    z = np.concatenate([x0[letter] for letter in x0])
+    scale = np.concatenate([np.full(len(x0[letter]), np.linalg.norm(x0[letter])) for letter in x0])
+    shifts = np.array([-2, -1, 1, 2])[:, None, None] * 1e-5 * np.diag(scale)
+    ends = kr.propagator(STRONG.model(), dt=dt, order=order).steps((z + shifts).reshape(-1, len(z)), steps)
+    near = np.einsum("s,sij->ji", [1, -8, 8, -1], ends.reshape(shifts.shape)) / 12e-5 / scale
+    found = kr.tangent(run)
+    assert abs((found - near) * scale / scale[:, None]).max() < 1e-8
+    assert abs((found - np.eye(len(z))) * scale / scale[:, None]).max() > 0.5
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", kr.AccuracyWarning)
+        slow = STRONG.state(semi_major_axis=8000.0, eccentricity=0.85, spin1=(0, 0, 1e-7), spin2=(0, 0, 1e-7))
+        far = kr.simulate(STRONG, slow, dt=0.1 * period_of(STRONG, 8000.0), steps=2, order=order)
+    with pytest.raises(kr.RunError, match="a large part of its orbit"):
+        kr.tangent(far)
+
+
 def test_calls_one_after_another_keep_unit_quaternions() -> None:
     """The map has |q| = 1 after each step; a correction of |q| to its start multiplied errors by 1.02 in each call."""
     x0 = STRONG.state(semi_major_axis=1500.0, **SPINS)

@@ -15,7 +15,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra.reuse import cached_property
 from kreisel.graph.arranging import arranged, independent, latest
-from kreisel.graph.graph import IN, Graph, Number, Operand, array_of
+from kreisel.graph.graph import APPLIED, BRANCH, IN, Graph, Number, Operand, array_of, evaluated, where_less
 from kreisel.graph.llvm import DOUBLE, Function, Integer, Memory, Value, kind_of
 from kreisel.graph.machine import Kernel, address_of, kernel
 from kreisel.graph.recording import as_operands
@@ -23,7 +23,7 @@ from kreisel.graph.sweep import pulled, pushed
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.threads import on_threads
 
-MOST_NODES = 4000  # of a stage, arranged; the transpose of 3600, a satellite with all of its environment: some seconds
+MOST_NODES = 8000  # of a stage, arranged; the transpose of 6100, a binary with tides and the Sun: 12 s, by XLA > 500 s
 VECTORS = 1, 4, 8  # columns that are taken at once
 PLAIN = (0.0, 1.0, -1.0)  # constants that are folded into the code
 
@@ -53,7 +53,19 @@ def recorded(
 
     z = graph.inputs("z", algebra.coordinate_count(kinds, n))
     new = function(*algebra.restore(z, kinds, n), **{name: inputs(x) for name, x in constants.items()})
-    return Part(graph, as_operands(list(algebra.flatten(new, kinds))))
+    part = Part(graph, as_operands(list(algebra.flatten(new, kinds))))
+    return _without_branches(part) if graph.branches else part
+
+
+def _without_branches(part: Part) -> Part:
+    """The part with values that are infinite if a branch would be taken: of a `Binary`, if its steps are too long."""
+    graph = Graph()
+
+    def branch(test: Any, _: Any, values: Sequence[Any]) -> list[Any]:
+        return [where_less(0.0, test, inf, value) for value in values]
+
+    outputs = evaluated(*part, graph.input, APPLIED | {BRANCH: branch})
+    return Part(graph, as_operands(outputs))
 
 
 class Code:

@@ -21,7 +21,6 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.graph.graph import (
     APPLIED,
-    BRANCH,
     ENTRY,
     FMA,
     LOOP,
@@ -126,13 +125,6 @@ def _entry(*_: Any) -> Any:
     )
 
 
-def _branch(*_: Any) -> Any:
-    raise InputError(
-        "Derivatives: expected a step without branches, got one with them, such as that of a Binary. Compare runs from "
-        "neighbouring starts."
-    )
-
-
 OPERATIONS: dict[str, Any] = APPLIED | {
     **{name: getattr(jnp, name) for name in (SQRT, *TRANSCENDENTAL)},
     FMA: lambda x, y, z: x * y + z,
@@ -142,7 +134,6 @@ OPERATIONS: dict[str, Any] = APPLIED | {
     NEAREST: jnp.round,
     ENTRY: _entry,
     LOOP: _looped,
-    BRANCH: _branch,
 }
 
 

@@ -507,7 +507,10 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
     with double():
         J = np.asarray(jax.jit(jax.jacfwd(end))(jnp.asarray(start)))
     if not np.isfinite(J).all():
-        raise RunError("tangent: the Jacobian is not finite. Usual cause: dt too long, or a run too long for doubles.")
+        raise RunError(
+            "tangent: the Jacobian is not finite. Usual cause: dt too long, of a Binary a large part of its orbit, or "
+            "a run too long for doubles."
+        )
     return J
 
 
