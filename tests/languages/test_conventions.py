@@ -255,7 +255,7 @@ int main(void) {
 """
 
 
-def test_the_lines_of_the_page_for_an_own_engine(tmp_path: Path) -> None:
+def test_the_lines_of_the_page_for_another_engine(tmp_path: Path) -> None:
     """The angular momentum in space is that of the start, the torque's for 10 s and the contact's."""
     page = (Path(__file__).parents[2] / "docs" / "engines.md").read_text()
     lines = re.search(r"\n    (#include.*?\n    }\n)\nBegin", page, re.DOTALL)
