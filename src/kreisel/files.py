@@ -170,7 +170,9 @@ def require_file(path: Path, overwrite: bool = True) -> None:
     if not stands(path):
         return
     if not overwrite:
-        raise InputError(f"{path} exists already and is unchanged. Choose another name, or --overwrite.")
+        raise InputError(
+            f"{path} exists already and is unchanged. Choose another name, or overwrite=True (--overwrite)."
+        )
     if not _wrote(path):
         raise InputError(
             f"{path} is unchanged: expected nothing there or a file that Kreisel wrote, got something else. Choose "

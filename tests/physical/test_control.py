@@ -218,6 +218,13 @@ def test_a_run_is_not_resumed_with_another_law(tmp_path):
         kr.resume(tmp_path / "run", extend=20, system=other.model())
 
 
+def test_a_row_of_another_controller_is_refused_with_a_way_out():
+    plain = Satellite(TENSOR, orbit())
+    run = kr.simulate(plain, plain.state(spin=SPIN), dt="1 s", t_end="2 s", progress=False)
+    with pytest.raises(kr.InputError, match=r"lacks .*another controller.*body\.state\(spin=row"):
+        kr.simulate(noisy(), run.isel(time=-1), dt="1 s", t_end="2 s", progress=False)
+
+
 def test_a_propagator_goes_on_where_it_was():
     body = noisy()
     state = {**body.state(spin=SPIN), "g": body.orientation()}

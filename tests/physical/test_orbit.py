@@ -61,7 +61,7 @@ def test_archives_hold_the_path(tmp_path: Path) -> None:
     assert body.angles(again).pitch.shape == (21,)
     with pytest.raises(kr.InputError, match="got one with another"):
         Satellite((1.0, 2.0, 2.5), Orbit.from_tle(FIRST, SECOND)).angles(again)
-    with pytest.raises(kr.InputError, match="path: expected a table for all times of the run, 0 to 7500, got"):
+    with pytest.raises(kr.InputError, match=r"path: expected .* 0 to 7500, got .* a longer span of the orbit"):
         kr.simulate(body, body.state(), t_end="7500 s", **run)
 
 

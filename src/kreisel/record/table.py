@@ -350,7 +350,8 @@ def require_within(model: Model, begin: float, end: float) -> None:
             t = _parts(one)[0]
             first, last = begin * unit, end * unit
             if not one[3] and (first < t[0] or last > t[-1]):
+                more = "a longer span of the orbit" if name == "path" else "more times"
                 raise InputError(
                     f"{name}: expected a table for all times of the run, {first:g} to {last:g}, got one from {t[0]:g} "
-                    f"to {t[-1]:g}. Use a shorter run, more times, or kr.Table(..., hold=True), which keeps its ends."
+                    f"to {t[-1]:g}. Use a shorter run, {more}, or kr.Table(..., hold=True), which keeps its ends."
                 )

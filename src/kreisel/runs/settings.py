@@ -247,7 +247,11 @@ def checked_state(model: Model, x0: Any) -> State:
     if hasattr(x0, "data_vars"):  # a row of a run, which has more variables than the state
         missing = [letter for letter in model.system.space.letters if letter not in x0]
         if missing:
-            raise InputError(f"The Dataset lacks {', '.join(missing)} of a state of {model.system.name}.")
+            begin = "body.state(spin=row.angular_velocity, attitude=row.attitude)"
+            fix = f" To begin there with another controller or other wheels: {begin}."
+            controlled = model.system.perturbation is not None and model.system.perturbation.control is not None
+            lacking = f"The Dataset lacks {', '.join(missing)} of a state of {model.system.name}."
+            raise InputError(lacking + fix * controlled)
         row, x0 = x0, {letter: x0[letter] for letter in model.system.space.letters}
         _require_units_of_state(model, x0)
         _warn_of_clock(model, row)
