@@ -30,9 +30,9 @@ MOST_PARTS = 100_000  # of a rotation: a step with more parts is meaningless
 LOST, TURNED_OFTEN = 1, 2  # `fault`: particles, or a body that rotates too often
 
 # The words of a frame: addresses of arrays, and of REBOUND's data and functions; counts.
-ARRAYS = "p", "z", "c", "pairs", "factors", "dv", "v", "times", "fault"
+ARRAYS = "p", "masses", "z", "c", "factors", "dv", "v", "times", "pairs", "fault"
 OF_REBOUND = "simulation", "N", "steps_done", "modified", "status", "advance", "forces", "before", "after"
-COUNTS = "width", "particles", "active", "bodies", "count", "bursts", "burst"
+COUNTS = "width", "particles", "bodies", "count", "bursts", "burst"
 FRAME = (*ARRAYS, *OF_REBOUND, *COUNTS)
 TIMES = "dt", "rotation", "trailing", "G"  # a step; the rotation before the next kick, and after all steps
 
@@ -84,18 +84,9 @@ def recorded(kind: Kind) -> Recording:
 @cache
 def rotations() -> dict[str, Recording]:
     """The rotation of a body and of a ball, and their length."""
+    functions = interaction.turn, interaction.reach, interaction.turn_of_ball, interaction.reach_of_ball
     state = {"L": (3,), "q": (4,), "h": ()}
-
-    def of_ball(function: Any) -> Any:
-        return lambda **values: function(**{name: values[name] for name in (*state, "inverse")})
-
-    functions = {
-        "turn": interaction.turn,
-        "reach": interaction.reach,
-        "turn_of_ball": of_ball(interaction.turn_of_ball),
-        "reach_of_ball": of_ball(interaction.reach_of_ball),
-    }
-    return {name: recorded_function(function, state, ROTOR)[:2] for name, function in functions.items()}
+    return {function.__name__: recorded_function(function, state, ROTOR)[:2] for function in functions}
 
 
 class Code:
@@ -104,10 +95,9 @@ class Code:
     def __init__(self, f: Function, kinds: tuple[Kind, ...]):
         self.f, self.kinds = f, kinds
         self.words = dict(zip(FRAME, f.integers(f.arguments[0]).get(len(FRAME)), strict=True))
-        self.doubles = {name: f.doubles(self.words[name]) for name in ("p", "z", "c", "factors", "dv", "v")}
+        self.doubles = {name: f.doubles(self.words[name]) for name in ARRAYS[:-2]}
         self.fault = f.integers(self.words["fault"])
-        times = f.doubles(self.words["times"])
-        self.times = {name: times.beyond(k) for k, name in enumerate(TIMES)}
+        self.times = {name: self.doubles["times"].beyond(k) for k, name in enumerate(TIMES)}
 
     def act(self, backwards: Any, inside: bool) -> None:
         """Interaction of all pairs, one after the other or in reverse order.
@@ -169,33 +159,30 @@ class Code:
             v[i * 3 + k] = builder.fadd(row[3], builder.fmul(half, row[6]))
         if not inside:
             return
-        sums = f.variables(4)  # of mass times place, and of mass, of the particles further in
-        for each in sums:
+        *sums, mass = f.variables(4)  # of mass times place, and of mass, of the particles further in
+        for each in (*sums, mass):
             each[0] = 0.0
         scale = builder.fmul(half, self.times["G"][0])
         with f.loop(0, words["particles"]) as i:
-            row = p.beyond(i * width)
-            m = row[9]
+            x, m = p.beyond(i * width).get(3), self.doubles["masses"][i]
             with f.where(i.compared(">", 1)):
-                q = [builder.fsub(x, builder.fdiv(s[0], sums[3][0])) for x, s in zip(row.get(3), sums, strict=False)]
-                self._undo_attraction(i, q, m, sums[3][0], scale)
-            with f.where(i.compared("<", words["active"])):
-                for x, each in zip([*row.get(3), constant(DOUBLE, 1.0)], sums, strict=True):
-                    each[0] = builder.fadd(each[0], builder.fmul(m, x))
+                q = [builder.fsub(a, builder.fdiv(s[0], mass[0])) for a, s in zip(x, sums, strict=True)]
+                self._undo_attraction(i, q, m, mass[0], scale)
+            for a, each in zip((*x, constant(DOUBLE, 1.0)), (*sums, mass), strict=True):
+                each[0] = builder.fadd(each[0], builder.fmul(m, a))
 
     def _undo_attraction(self, i: Integer, q: list[Value], m: Value, inner: Value, scale: Value) -> None:
         """Changes of v without the attraction of particle i, at q from the centre, and the mass further in."""
         f, builder, v = self.f, self.f.builder, self.doubles["v"]
         square = builder.fadd(builder.fadd(*(builder.fmul(x, x) for x in q[:2])), builder.fmul(q[2], q[2]))
         share = builder.fdiv(scale, builder.fmul(square, f.intrinsic("sqrt", square)))
-        passive = builder.icmp_signed(">=", i.value, self.words["active"].value)
-        m = builder.select(passive, constant(DOUBLE, 0.0), m)
         for k, x in enumerate(q):
-            change = builder.fmul(share, x)
-            own = v.beyond(i * 3 + k)
-            own[0] = builder.fadd(own[0], builder.fmul(inner, change))
-            with f.loop(0, i) as j, f.where(j.compared("<", self.words["active"])):
-                v[j * 3 + k] = builder.fsub(v[j * 3 + k], builder.fmul(m, change))
+            change, passed = builder.fmul(share, x), v.beyond(i * 3 + k)
+            passed[0] = builder.fadd(passed[0], builder.fmul(inner, change))
+            with f.loop(0, i) as j:
+                has = builder.fcmp_ordered("!=", self.doubles["masses"][j], constant(DOUBLE, 0.0))
+                with f.where(has):
+                    v[j * 3 + k] = builder.fsub(v[j * 3 + k], builder.fmul(m, change))
 
     def turn(self, h: Value) -> None:
         """Rotate the bodies freely over a time h."""

@@ -110,7 +110,7 @@ def turn(L: Array, q: Array, h: Any, **constants: Array) -> Array:
     return rotor_step.step(L @ algebra.rotation_matrix(q), q, h=h, **constants)[1]
 
 
-def turn_of_ball(L: Array, q: Array, h: Any, *, inverse: Array) -> Array:
+def turn_of_ball(L: Array, q: Array, h: Any, *, inverse: Array, **_: Array) -> Array:
     """The orientation after the free motion of a ball over the time h, for rotations up to 8 radians."""
     return algebra.quaternion_product(algebra.turn(h * inverse[0] * L), q)
 
@@ -120,6 +120,6 @@ def reach(L: Array, q: Array, h: Any, **constants: Array) -> list[Any]:
     return [rotor_step.reach(L @ algebra.rotation_matrix(q), h, **constants)]
 
 
-def reach_of_ball(L: Array, q: Array, h: Any, *, inverse: Array) -> list[Any]:
+def reach_of_ball(L: Array, q: Array, h: Any, *, inverse: Array, **_: Array) -> list[Any]:
     """`reach` of a ball."""
     return [rotor_step.reach(L, h, inverse=inverse, curvatures=0 * q[:3])]

@@ -38,12 +38,8 @@ def rebound() -> ModuleType:
     return library
 
 
-SPECIAL = (
-    "coordinates",
-    "kernel",
-    "corrector",
-    "corrector2",
-)  # options of WHFast: 0 for one kick in Jacobi's coordinates
+SPECIAL = "coordinates", "kernel", "corrector", "corrector2"  # of WHFast: 0 for one kick in Jacobi's coordinates
+MODIFYING = "_heartbeat", "_pre_timestep_modifications", "_post_timestep_modifications"
 
 
 @cache
@@ -64,11 +60,8 @@ def is_plain(sim: Any) -> bool:
     """Whether a kick of WHFast can have spins: one kick a step, and nothing that needs synchronized particles."""
     if str(sim.integrator) != "whfast" or sim.gravity == "custom":
         return False
-    functions = any(
-        getattr(sim, name) for name in ("_heartbeat", "_pre_timestep_modifications", "_post_timestep_modifications")
-    )
     alone = str(sim.boundary) == str(sim.collision) == "none" and not (sim.exit_max_distance or sim.exit_min_distance)
-    return alone and not functions and not any(option(sim, name)[0] for name in SPECIAL)
+    return alone and not any(getattr(sim, name) for name in MODIFYING) and not any(option(sim, x)[0] for x in SPECIAL)
 
 
 def check_simulation(sim: Any) -> None:

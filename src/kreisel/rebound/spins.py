@@ -1,8 +1,9 @@
 """Spin and orientation of particles of a REBOUND simulation, split symmetrically from its integrator.
 
 A step of the length h is K(h/2) (N(h) and the free rotation, exactly) K(h/2), N a step of REBOUND and K the interaction
-of each body with the masses of the other particles: order 2.  K changes the velocities of both and the spin by the
-gradient of one potential and conserves linear and angular momentum to rounding; the spin angular momentum is stored.
+of each body with other particles: order 2.  Inside WHFast K(h) is a part of its kick, between half drifts and half
+rotations, with pairs in reverse order in each second step.  K changes the velocities of both particles and the spins by
+the gradient of one potential and conserves linear and angular momentum to rounding.
 """
 
 from __future__ import annotations
@@ -18,20 +19,11 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, hint, shown
-from kreisel.rebound import compiled
+from kreisel.rebound import compiled, simulation
 from kreisel.rebound.body import Body
 from kreisel.rebound.interaction import energy
 from kreisel.rebound.pairs import Pairs, rotor
-from kreisel.rebound.simulation import (
-    SHAPES,
-    check_simulation,
-    index_of,
-    is_plain,
-    option,
-    read_file,
-    rebound,
-    write_file,
-)
+from kreisel.rebound.simulation import check_simulation, index_of, option, rebound
 from kreisel.record.body import UPRIGHT
 from kreisel.runs.settings import MOST_STEPS
 
@@ -59,7 +51,7 @@ class Spins:
         except TypeError:
             raise InputError(f"Spins: expected names of particles in a list, got {shown(names)}.") from None
         z, c = algebra.floats(z), algebra.floats(c)
-        shapes = tuple((len(self.names), width) for width in SHAPES.values())
+        shapes = tuple((len(self.names), width) for width in simulation.SHAPES.values())
         if (z.shape, c.shape) != shapes or not (np.isfinite(z).all() and np.isfinite(c).all()):
             raise InputError(
                 f"Spins: expected finite rows z {shapes[0]} and c {shapes[1]} of the bodies, got {shown(z)}, "
@@ -120,7 +112,7 @@ class Spins:
 
     def _advance(self, dt: float, count: int) -> None:
         """Steps, in WHFast's loop if it can be; `fault` and REBOUND's status tell whether all were made."""
-        inside = self._kick is None and is_plain(self.sim)
+        inside = self._kick is None and simulation.is_plain(self.sim)
         status = self._field("_status", np.int32)
         status[0] = -1  # running
         self._field("did_modify_particles", np.uint32)[0] = 1
@@ -216,7 +208,7 @@ class Spins:
         names = [("#" if isinstance(name, str) else "") + str(name) for name in self.names]
         kick = np.nan if self._kick is None else self._kick
         parts = {"z": self._z, "c": self._c, "names": np.array(names), "dt": np.array(kick)}
-        write_file(path, self.sim, parts)
+        simulation.write_file(path, self.sim, parts)
 
     # -- data of the kernels --------------------------------------------------------------------------------
 
@@ -237,10 +229,11 @@ class Spins:
         self._arrays = {"p": self._particles(), "z": self._state, "c": self._rotors, "pairs": pairs.places}
         self._arrays |= {"factors": pairs.factors, "times": times, "fault": np.zeros(1, dtype=np.int64)}
         self._arrays |= {name: np.zeros((self._count, 3)) for name in ("dv", "v")}
+        active = np.arange(self._count) < (self._count if sim.testparticle_type else self._active)
+        self._arrays["masses"] = active * self._arrays["p"][:, 9]  # of Jacobi's coordinates
         words = dict.fromkeys(compiled.FRAME, 0) | {name: x.ctypes.data for name, x in self._arrays.items()}
         words |= {word: self._field(name, np.uint8).ctypes.data for word, name in FIELDS.items()}
-        active = self._count if sim.testparticle_type else self._active  # of Jacobi's coordinates
-        words |= {"simulation": ctypes.addressof(sim), "active": active, "bodies": len(self._index)}
+        words |= {"simulation": ctypes.addressof(sim), "bodies": len(self._index)}
         words |= {"width": self._arrays["p"].shape[1], "particles": self._count, "count": len(pairs.rows)}
         words |= {"bursts": 1, "burst": count} if inside else {"bursts": count, "burst": 1}
         words["advance"] = ctypes.cast(rebound().clibrebound.reb_simulation_steps, ctypes.c_void_p).value or 0
@@ -337,7 +330,7 @@ def load(path: str | os.PathLike[str]) -> Spins:
     Forces, heartbeats and other functions of the simulation are not in the file: set them again.  Raises `InputError`
     for any other file, `RunError` if it cannot be read.
     """
-    sim, arrays = read_file(path)
+    sim, arrays = simulation.read_file(path)
     names = [name[1:] if name.startswith("#") else int(name) for name in arrays["names"].tolist()]
     kick = None if np.isnan(arrays["dt"]) else float(arrays["dt"])
     return Spins(sim, names, arrays["z"], arrays["c"], kick)
