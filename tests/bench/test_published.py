@@ -42,6 +42,20 @@ def test_the_pages_have_the_figures_of_binaries() -> None:
     assert result["with_tides"]["energy_spread"] < 1e-6
 
 
+def test_the_guides_have_the_figures_of_searches_and_clones() -> None:
+    results, pages = ROOT / "benchmarks" / "results", ROOT / "docs"
+    searches, clones = (json.loads((results / f"{n}.json").read_text(encoding="utf-8")) for n in ("tumbler", "flyby"))
+    light, apophis = ((pages / f"guide-{name}.md").read_text(encoding="utf-8") for name in ("two-periods", "apophis"))
+    narrow, (run, half) = searches["narrow"], clones["rows"]
+    assert f"in {narrow['truth within 3 sigma']} of {narrow['count']} searches" in light and narrow["count"] == 100
+    assert narrow["probability"][0] > 0.96 and f"{narrow['aliases']['1']} of them have" in light
+    assert all(each["processor_seconds"] < 600 for each in searches["wide"]["searches"] + narrow["searches"])
+    assert run["clones"] == 10**6 and run["seconds"] < 180 and f"{run['processor']:.0f} s of the processor" in apophis
+    for name, digits in (("precession", 2), ("rotation", 1)):
+        low, middle, high = (f"{x:.{digits}f}" for x in run[name])
+        assert f"from {low} to {high} h (median {middle} h)" in apophis and run[name] == half[name]
+
+
 def test_the_guide_has_the_figures_of_hyperion() -> None:
     rows = json.loads((ROOT / "benchmarks" / "results" / "hyperion.json").read_text(encoding="utf-8"))["rows"]
     guide = (ROOT / "docs" / "guide-asteroid.md").read_text(encoding="utf-8")
