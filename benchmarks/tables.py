@@ -134,11 +134,11 @@ def code() -> str:
     rows = [
         [
             f"`{name.replace(', ', '`, `')}`",
-            *(f"{row[k]:.0f}" if k in row else "" for k in ("kernel", "c", "js", "lines")),
+            *(f"{row[k]:.0f}" if k in row else "" for k in ("kernel", "gcc", "clang", "js", "lines")),
         ]
         for name, row in found
     ]
-    return _table(["method, order", "kernel, ns", "C, ns", "JavaScript, ns", "lines of C"], rows)
+    return _table(["method, order", "kernel, ns", "gcc, ns", "clang, ns", "JavaScript, ns", "lines of C"], rows)
 
 
 def code_single() -> str:

@@ -13,7 +13,7 @@ ULP = 2.0**-52
 AXIS = np.array([0.48, -0.6, 0.64])
 
 
-@pytest.mark.parametrize(("angle", "squarings"), [(0.0, 5), (1e-200, 5), (1e-9, 5), (1.0, 5), (-8.0, 5), (0.25, 0)])
+@pytest.mark.parametrize(("angle", "squarings"), [(0.0, 2), (1e-200, 2), (1e-9, 2), (1.0, 2), (-8.0, 2), (2.0, 0)])
 def test_turns(angle: float, squarings: int) -> None:
     with mp.workdps(40):
         v = [mp.mpf(float(x)) for x in angle * AXIS]

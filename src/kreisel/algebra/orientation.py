@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from kreisel.algebra.backend import Array, identity, joined, mat, sqrt, vec
@@ -50,21 +54,34 @@ def unit(q: Array) -> Array:
     return q / sqrt(vec(dot(q, q)))
 
 
-SQUARINGS = 5  # rotations by 8 radians to rounding
+SQUARINGS, TERMS = 2, 9  # rotations by 8 radians to rounding
 
 
-def turn(v: Array, squarings: int = SQUARINGS) -> Array:
+def polynomial(c: Sequence[Any], x: Array) -> Any:
+    """c_0 + c_1 x + c_2 x^2 + ..., in halves (Estrin's rule): processors need not wait."""
+    while len(c) > 1:
+        c, x = [c[k] + c[k + 1] * x if k + 1 < len(c) else c[k] for k in range(0, len(c), 2)], x * x
+    return c[0]
+
+
+def turn(v: Array, squarings: int = SQUARINGS, terms: int = TERMS) -> Array:
     """The unit quaternion (..., 4) of the rotation about v (..., 3) by |v|, by squarings of that for v/2^squarings.
 
-    For any kind of number, without a branch and without 0/0; to rounding up to |v| = 2^(squarings - 2); an error there
-    grows like |v|^12.
+    For any kind of number, without a branch and without 0/0; to rounding up to |v| = 2^(squarings + 1) with 9 terms, of
+    2^(squarings - 2) with 5.
     """
-    y = dot(v, v) / 4 ** (squarings + 1)  # x^2, x half the angle of the rotation that is squared
-    versed = y * (0.5 - y * (1 / 24 - y * (1 / 720 - y * (1 / 40320 - y * (1 / 3628800)))))
-    ratio = 1 - y * (1 / 6 - y * (1 / 120 - y * (1 / 5040 - y * (1 / 362880 - y * (1 / 39916800)))))  # sin x/x
+    cos, ratio = half_turn(0.25 * dot(v, v), squarings, terms)
+    return quaternion(cos, vec(0.5 * ratio) * v)
+
+
+def half_turn(square: Array, squarings: int = SQUARINGS, terms: int = TERMS) -> tuple[Array, Array]:
+    """cos x and sin x/x from x^2, x half the angle of a rotation, as in `turn`."""
+    y = square * 0.25**squarings
+    versed = y * polynomial([2 * (-1) ** k / math.factorial(2 * k + 2) for k in range(terms)], y)  # 2 - 2 cos x
+    ratio = polynomial([(-1) ** k / math.factorial(2 * k + 1) for k in range(terms + 1)], y)  # sin x/x
     for _ in range(squarings):
-        versed, ratio, y = 2 * y * ratio * ratio, ratio * (1 - versed), 4 * y
-    return quaternion(1 - versed, vec(ratio / 2) * v)
+        versed, ratio = versed * (4 - versed), ratio * (2 - versed)
+    return 1 - 0.5 * versed, ratio * 0.5**squarings
 
 
 def conjugated(q: Array, v: Array) -> Array:

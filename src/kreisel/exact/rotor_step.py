@@ -17,17 +17,18 @@ right are those in the middle of the step: P is odd, so times t and -t from the 
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.iteration import each
-from kreisel.exact.weierstrass import laurent
+from kreisel.exact.weierstrass import series
 
-# Largest error of M/L and of g over twelve random bodies, lambda h = 1.5: 6e-16, 7e-16; 2: 6e-16, 4e-15; 2.5: 7e-15,
-# 8e-15.  With six nodes 1e-14 at 1, with eight orders 6e-14 at 2.
+# Largest error of M/L and of g over 24 random bodies, lambda h = 1.5: 7e-16, 9e-16; 2: 6e-16, 2e-15; 2.5: 8e-15, 4e-14.
+# With six nodes 1e-14 at 1, with eight orders 6e-14 at 2.
 NODES, ORDERS = 8, 10  # of Gauss's rule; of Laurent's series
 LONGEST, MOST_TURN = 2.5, 8.0  # lambda h; and |Omega| h
 NEAR = 1e-2  # of an axis, sin^2 of the angle from M to Omega: there the energy adds nothing to |M|
@@ -62,33 +63,69 @@ def step(
     For lambda h up to 2.5, lambda the rate of the elliptic functions, at most the difference of two rates L/I_i, and
     turns up to 8 radians.
     """
-    e, c = _series(M, h, orders, **known)
-    half, inverse = (*_ratios(0.25, 0.0625, e, c), 0.5 * h), known["inverse"]
-    middle = _moved(M, *half, **known)
-    end = _moved(middle, *half, **known)
-    end = restored(end, M, inverse) if restore else end
-    Omega, rate, share = inverse * middle, _rate(middle, **known), 1 / (algebra.dot(M, M) + tiny)
-    energy, bend = algebra.dot(Omega, middle), algebra.dot(middle * middle, known["curvatures"])
-    even, odd, along = 3 * middle, 3 * rate, algebra.vec(share) * middle
+    L2, energy, curve = algebra.dot(M, M), (known["inverse"] * (M * M)).sum(-1), _curve(M, h, orders, **known)
+    share = 1 / (L2 + tiny)
+    half, square = _ratios((1.0, 1.0, 1.0), curve)
+    root = algebra.sqrt(square)
+    middle = _moved(M, half, square, root, 0.5, h, curve.bend, **known)
+    full, square2 = _doubled(half * half)
+    root2 = half[..., 0] * half[..., 1] * half[..., 2] * root
+    end = _moved(M, full, square2 * square, root2, 1.0, h, curve.bend, **known)
+    end = restored(end, M, known["inverse"]) if restore else end
+    psi = 0.5 * h * _angle(middle, h, (L2, share, energy), curve, nodes, **known)
+    return end, algebra.quaternion_product(g, _turn(M, middle, end, psi, share, algebra.dot(g, g)))
 
-    def mean(quarter: Array, square: Array, time: Array) -> Array:
-        """L psi', the mean of the times -t and t from the middle; `time` and `quarter` t and t/2 in units of h."""
-        y, root2, root = _ratios(quarter, square, e, c)
-        t = time * h
-        below, t = algebra.dot(y, y) + bend * root2 * (t * t), t * root
-        U, V = even * y[..., SECOND] * y[..., THIRD], odd * y * algebra.vec(t)
-        u, v = below + algebra.dot(along, U), algebra.dot(along, V)
-        p, q = energy * below + algebra.dot(Omega, U), algebra.dot(Omega, V)
-        return (p * u - q * v) / ((u - v) * (u + v))
+
+def _turn(M: Array, middle: Array, end: Array, psi: Array, share: Array, square: Array) -> Array:
+    """The rotation of a step, divided by the root of `square`; `psi` is L psi, `share` 1/L^2.
+
+    Of unit vectors, p_(M middle) z p_(middle end) = (C (1 + M.end), C end x M + S (M + end)) up to a factor, and
+
+        C + i S = exp(i psi/2) (1 + M.middle + middle.end + end.M + i M.(end x middle)):
+
+    the area between the three is one more angle.
+    """
+    both, apart, L2 = M + end, M - end, algebra.dot(M, M)
+    scalar, vector = 2 - (0.5 * share) * algebra.dot(apart, apart), algebra.vec(share) * algebra.cross(end, M)
+    real, area = scalar + share * algebra.dot(both, middle), share * algebra.dot(vector, middle)
+    size = (real * real + area * (area * L2)) * (2 * scalar)
+    unit = 1 / algebra.sqrt(size * square)  # before psi is known: processors need not wait
+    real, area = unit * real, unit * area
+    cos, ratio = algebra.half_turn(psi * (psi * share))
+    sine = (psi * share) * ratio
+    C, S = real * cos + (area * L2) * sine, real * sine - area * cos
+    return algebra.quaternion(C * scalar, algebra.vec(C) * vector + algebra.vec(S) * both)
+
+
+def _angle(
+    middle: Array, h: Array, integrals: tuple[Array, Array, Array], curve: Curve, nodes: int, **known: Array
+) -> Array:
+    """The mean of L psi'; `integrals`: L^2, 1/L^2, 2T."""
+    (L2, share, energy), inverse, rates = integrals, known["inverse"], known["rates"]
+    h = algebra.vec(h)
+    squares = middle * middle
+    bend, odd = algebra.dot(squares, 0.25 * h * h * known["curvatures"]), h * rates
+    along, Omega = algebra.vec(3 * share) * squares, (3 * inverse) * squares
+    less = (1 / 12 * L2) * (along[..., 0] * along[..., 1] * along[..., 2])
+    power = less * L2
+
+    def mean(weight: Array, *powers: Array) -> Array:
+        """L psi', the mean of the times -t and t from the middle, times a weight; `powers` of (2t/h)^2."""
+        y, product = _ratios(powers, curve)
+        root2 = product * powers[0]
+        below, pairs = _below(y, bend * root2), y[..., SECOND] * y[..., THIRD]
+        p, u = energy * below + algebra.dot(Omega, pairs), below + algebra.dot(along, pairs)
+        v = algebra.dot(odd, y)
+        t = v * root2
+        return (p * (weight * u) - power * (weight * t * algebra.dot(odd * inverse, y))) / (u * u - less * (t * v))
 
     places, weights = (values[nodes // 2 :] for values in np.polynomial.legendre.leggauss(nodes))
-    means = each(mean, [(x / 4, (x / 4) ** 2, x / 2) for x in places], M)
-    psi = _total([float(w) * x for w, x in zip(weights, means, strict=True)])
-    before, after = (_shortest(*pair, share) for pair in ((M, middle), (middle, end)))
-    first = algebra.quaternion_product(g, before)
-    first = first / algebra.sqrt(algebra.vec(algebra.dot(first, first) * algebra.dot(after, after)))
-    z = algebra.turn(algebra.vec(psi * h) * along)
-    return end, algebra.quaternion_product(algebra.quaternion_product(first, z), after)
+    return _total(each(mean, [(w, x**2, x**4, x**6) for x, w in zip(places, weights, strict=True)], middle))
+
+
+def _below(y: Array, bend: Array) -> Array:
+    """The denominator of a motion, in halves."""
+    return (y[..., 0] * y[..., 0] + bend) + (y[..., 1] * y[..., 1] + y[..., 2] * y[..., 2])
 
 
 def _total(terms: list[Array]) -> Array:
@@ -97,29 +134,36 @@ def _total(terms: list[Array]) -> Array:
     return _total(terms[:half]) + _total(terms[half:]) if half else terms[0]
 
 
-def _shortest(M: Array, N: Array, inverse: Array) -> Array:
-    """The quaternion q of the shortest rotation with q N = M, of any length; `inverse`: 1/L^2."""
-    return algebra.quaternion(1 + algebra.dot(M, N) * inverse, algebra.vec(inverse) * algebra.cross(N, M))
-
-
 def reach(M: Array, h: Array, *, inverse: Array, curvatures: Array, **_: Array) -> Array:
     """A measure of the length of a step, at most 1 up to lambda h = 2.5 and rotates by 8 radians."""
-    e = _roots(M, h, curvatures)  # 2 e.e >= (lambda h)^4
+    e = _curve(M, h, ORDERS, curvatures=curvatures).roots  # 512 e.e >= (lambda h)^4
     angle = algebra.dot(M, M) * algebra.dot(inverse, inverse) * (h * h)
-    return algebra.maximum(2 / LONGEST**4 * algebra.dot(e, e), angle / MOST_TURN**2)
+    return algebra.maximum(512 / LONGEST**4 * algebra.dot(e, e), angle / MOST_TURN**2)
 
 
-def _series(M: Array, h: Array, orders: int, *, curvatures: Array, **_: Array) -> tuple[Array, list[Array]]:
-    """The e_i h^2, and the coefficients of x^4, x^6, ... in x^2 wp(x) - 1, x in units of h."""
-    e = _roots(M, h, curvatures)
-    e1, e2, e3 = e[..., 0], e[..., 1], e[..., 2]
-    return e, laurent(-0.2 * (e1 * e2 + e2 * e3 + e3 * e1), (1 / 7) * (e1 * e2 * e3), orders)
+class Curve(NamedTuple):
+    """The elliptic functions of a trajectory, times in units of h/4.
+
+    roots     e_i
+    g2, g3    a quarter of the invariants of wp
+    bend      a third of the sum of the curvatures times M_i^2
+    orders    of the series
+    """
+
+    roots: Array
+    g2: Array
+    g3: Array
+    bend: Array
+    orders: int
 
 
-def _roots(M: Array, h: Array, curvatures: Array) -> Array:
-    """The e_i h^2: wp(t) - e_i plus the curvature times M_i^2 is one number for all i, and their sum is 0."""
-    bends = M * M * curvatures
-    return (bends - algebra.vec((1 / 3) * bends.sum(-1))) * algebra.vec(h * h)
+def _curve(M: Array, h: Array, orders: int, *, curvatures: Array, **_: Array) -> Curve:
+    """wp(t) - e_i plus the curvature times M_i^2 is one number for all i, and the sum of the e_i is 0."""
+    bends = M * M * (algebra.vec((1 / 48) * h * h) * curvatures)
+    apart = bends[..., SECOND] - bends[..., THIRD]
+    e = apart[..., THIRD] - apart[..., SECOND]
+    product = e[..., 0] * e[..., 1]
+    return Curve(e, e[..., 2] * e[..., 2] - product, product * e[..., 2], bends.sum(-1), orders)
 
 
 def restored(N: Array, M: Array, inverse: Array, b: Any = 0) -> Array:
@@ -127,52 +171,60 @@ def restored(N: Array, M: Array, inverse: Array, b: Any = 0) -> Array:
 
     A correction below half a unit in the last place is lost, so 1e-17 of them a step is left.
     """
-    apart = M - N
+    apart, share = M - N, 1 / (algebra.dot(M, M) + TINY)
     squares = apart * (M + N)
-    energy = (inverse * squares - 2 * b * apart).sum(-1)
-    return corrected(N, algebra.dot(M, M), squares.sum(-1), energy, inverse, b)
+    P = M if isinstance(b, int) else N  # without b the energy is known before N: processors need not wait
+    energy = (inverse * (P * P) - b * P).sum(-1)
+    missing = ((inverse - algebra.vec(energy * share)) * squares - 2 * b * apart).sum(-1)
+    return corrected(N, share, energy, squares.sum(-1), missing, inverse, b)
 
 
 def corrected(
     N: Array,
-    L2: Array,
-    square: Array,
+    share: Array,
     energy: Array,
+    square: Array,
+    missing: Array,
     inverse: Array,
     b: Any = 0,
     near: float = NEAR,
     tiny: float = TINY,
 ) -> Array:
-    """N with |N|^2 = L2 larger by `square`, and N.(inverse N - 2 b) by `energy`, to first order."""
-    share, Omega = 1 / (L2 + tiny), inverse * N - b
-    rate, size = algebra.dot(N, Omega) * share, algebra.dot(Omega, Omega)
-    across = Omega - algebra.vec(rate) * N
+    """N with |N|^2 larger by `square`, and N.((inverse - rate) N - 2 b) by `missing`, to first order.
+
+    share  1/|N|^2;  energy  N.(inverse N - b);  rate  energy/|N|^2
+    """
+    rate = energy * share
+    across = (inverse - algebra.vec(rate)) * N - b
     sine = algebra.dot(across, across)  # |Omega|^2 sin^2 of the angle from M to Omega
-    missing = 0.5 * (energy - rate * square)
-    shift = missing * sine / (sine * sine + near**2 * (size * size) + tiny)
+    along = near * rate * energy
+    shift = (0.5 * missing * sine) / (sine * sine + (along * along + tiny))
     return N + algebra.vec(0.5 * square * share) * N + algebra.vec(shift) * across
 
 
-def _ratios(quarter: Array, square: Array, e: Array, c: list[Array]) -> tuple[Array, Array, Array]:
-    """The t P_i(t), t = 2 quarter h, times a root; its square and the root; `square` of `quarter`."""
-    even = odd = 0 * c[0]
-    square2 = square * square
-    for k in reversed(range(0, len(c), 2)):
-        even = even * square2 + c[k]
-        odd = odd * square2 + c[k + 1] if k + 1 < len(c) else odd
-    squares = algebra.vec(1 + square2 * (even + square * odd)) - square * e  # (x P_i)^2, x = t/2
-    a, b = squares * squares[..., SECOND], squares * squares[..., THIRD]
-    product = squares[..., 0] * squares[..., 1] * squares[..., 2]
-    return a + b - a[..., SECOND], product, algebra.sqrt(product)
+def _ratios(powers: Sequence[Any], curve: Curve) -> tuple[Array, Array]:
+    """The t P_i(t) times a root, and its square; the powers 2, 4, 6 of x = t/2."""
+    square, fourth, sixth = powers
+    total = series(curve.g2 * fourth, curve.g3 * sixth, curve.orders)
+    return _doubled(algebra.vec(total) - square * curve.roots)  # (x P_i)^2
 
 
-def _rate(M: Array, *, rates: Array, **_: Array) -> Array:
-    """M'."""
+def _doubled(squares: Array) -> tuple[Array, Array]:
+    """2x P_i(2x) times a root and its square, from the (x P_i(x))^2 times any number."""
+    a = squares * squares[..., SECOND]
+    b = a[..., THIRD]
+    return (a + b) - a[..., SECOND], squares[..., 0] * a[..., 1]
+
+
+def _rate(M: Array, rates: Array) -> Array:
+    """M', or what is proportional to it."""
     return rates * M[..., SECOND] * M[..., THIRD]
 
 
-def _moved(M: Array, y: Array, root2: Array, root: Array, t: Array, *, curvatures: Array, **known: Array) -> Array:
-    """M after the time t."""
-    below = algebra.dot(y, y) + algebra.dot(M * M, curvatures) * (root2 * (t * t))
-    turned = M * y[..., SECOND] * y[..., THIRD] + algebra.vec(t * root) * _rate(M, **known) * y
+def _moved(
+    M: Array, y: Array, root2: Array, root: Array, time: float, h: Array, bend: Array, *, rates: Array, **_: Array
+) -> Array:
+    """M after the time `time` h."""
+    below = _below(y, bend * (root2 * (48 * time**2)))
+    turned = M * y[..., SECOND] * y[..., THIRD] + algebra.vec(time * root) * (_rate(M, algebra.vec(h) * rates) * y)
     return turned * algebra.vec(3 / below)

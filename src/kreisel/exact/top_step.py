@@ -36,7 +36,7 @@ NODES = 8  # of Gauss's rule, in the half of its interval
 ORDERS = 16  # of Laurent's series
 LONGEST = 1.25  # h max(|m|, sqrt(|a||p|)) of a step that is used: there it is off by 5e-11
 MOST_SPIN, TINY = 8.0, 1e-140  # radians of the rotation about a in a step; a = 0: no 0/0
-LEAN = 0  # squarings of the rotation about p, which is of third order in h: 0.04 at most
+LEAN = (0, 5)  # squarings and terms of the rotation about p, which is of third order in h: 0.04 at most
 
 
 class Known(NamedTuple):
@@ -143,7 +143,7 @@ def _lean(levels: list[Level], f: Array, h: Array) -> Array:
     theta = 0 * h
     for (X, weight), (kappa, _, T, lever) in zip(_rule(NODES), levels, strict=True):
         theta = theta + (weight * X / 8) * (lever / (kappa * T))
-    return algebra.turn(algebra.vec(-theta * h) * f, LEAN)
+    return algebra.turn(algebra.vec(-theta * h) * f, *LEAN)
 
 
 def _within(known: Known, a: Array, e: Array, levels: list[Level], alpha: Array) -> Array:

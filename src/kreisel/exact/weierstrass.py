@@ -5,6 +5,10 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+from functools import cache
+
+from kreisel import algebra
 from kreisel.algebra import Array
 
 
@@ -21,3 +25,24 @@ def laurent(first: Array, second: Array, orders: int) -> list[Array]:
             total = total + c[i] * c[k - 4 - i]
         c.append(6 * unit / ((2 * k + 1) * (k - 3)) * total)
     return c
+
+
+@cache
+def coefficients(orders: int) -> list[list[float]]:
+    """K[a][b] in x^2 wp(x) = sum K[a][b] A^a B^b, A = g2 x^4/4, B = g3 x^6/4, up to x^(2 orders)."""
+    c: dict[int, dict[tuple[int, int], Fraction]] = {2: {(1, 0): Fraction(1, 5)}, 3: {(0, 1): Fraction(1, 7)}}
+    for k in range(4, orders + 1):
+        c[k] = {}
+        for m in range(2, k - 1):
+            for (a, b), x in c[m].items():
+                for (i, j), y in c[k - m].items():
+                    old = c[k].get((a + i, b + j), Fraction(0))
+                    c[k][a + i, b + j] = old + Fraction(3, (2 * k + 1) * (k - 3)) * x * y
+    table = {(0, 0): Fraction(1)} | {place: x for terms in c.values() for place, x in terms.items()}
+    rows = [[table[place] for place in sorted(table) if place[0] == a] for a in range(orders // 2 + 1)]
+    return [[float(x) for x in row] for row in rows]
+
+
+def series(A: Array, B: Array, orders: int) -> Array:
+    """The polynomial of `coefficients`."""
+    return algebra.polynomial([algebra.polynomial(row, B) for row in coefficients(orders)], A)

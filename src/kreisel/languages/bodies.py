@@ -71,8 +71,10 @@ def hold(c: Values, s: Values, near: float = rotor_step.NEAR, tiny: float = roto
         DoubleDouble.where_less(first, 0.0, now, DoubleDouble(*pair))
         for now, pair in zip(here, (s["kept"][:2], s["kept"][2:]), strict=True)
     ]
-    square, rest = (upper(before - now) for before, now in zip(kept, here, strict=True))
-    M = rotor_step.corrected(M, upper(kept[0]), square, rest, inverse, near=near, tiny=tiny)
+    square, energy = (upper(before - now) for before, now in zip(kept, here, strict=True))
+    share = 1 / (upper(kept[0]) + tiny)
+    power = algebra.dot(M, inverse * M)
+    M = rotor_step.corrected(M, share, power, square, energy - power * share * square, inverse, near=near, tiny=tiny)
     return {"s.M": M, "s.was": M, "s.kept": [x for pair in kept for x in (pair.upper, pair.lower)]}
 
 
