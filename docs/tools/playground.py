@@ -79,7 +79,7 @@ def flow_of(model: Model) -> str:
     writer = Writer(JAVASCRIPT, lambda letter, i: f"{'z' if letter == 'z' else 'CONSTANTS'}[{i}]")
     for i, value in enumerate(writer.values(graph, outputs)):
         writer.assign(f"out[{i}]", value)
-    return writer.function("function flow(z, out) {")
+    return writer.function("flow", {"z": ("array", 3), "out": ("out", 3)}, {}).removeprefix("export ")
 
 
 def write(docs: Path) -> None:

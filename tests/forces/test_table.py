@@ -158,7 +158,7 @@ def test_derivatives_and_languages() -> None:
     run = kr.simulate(by_tables(), START, **RUN)
     with pytest.raises(kr.InputError, match=r"free: expected parameters or components of .*, got 'load'"):
         kr.fit(by_tables(), run, free=["load"])
-    with pytest.raises(kr.InputError, match="got the table push"):
+    with pytest.raises(kr.InputError, match=r"got the table push.* Write the force as a formula"):
         kr.code(by_tables(), START, dt=0.05)
 
 

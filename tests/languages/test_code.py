@@ -237,6 +237,19 @@ def test_the_file_of_each_check_case_passes_it(name: str, tmp_path: Path) -> Non
     assert min(abs(shorter - after).max(), abs(shorter + after).max()) > 1e-6
 
 
+@pytest.mark.parametrize(
+    ("model", "start", "part"),
+    [
+        (BODY, {"M": np.ones((4, 3))}, "got an ensemble. .* write it for one lane"),
+        (kr.EulerTop(J=np.ones((4, 3))), {"M": (0.3, 0.5, 1.1)}, "got an ensemble"),
+        (kr.LagrangeTop(p=np.eye(12)[0]), None, "expected n <= 10, got n = 12"),
+    ],
+)
+def test_ensembles_and_many_dimensions_have_no_file(model: Any, start: Any, part: str) -> None:
+    with pytest.raises(kr.InputError, match=part):
+        kr.code(model, None if start is None else model.state(**start))
+
+
 SIZES = {
     "free-body": (lambda x: kr.EulerTop(J=(1.0, 2.0, 3.5 * x)), {"M": (0.3, 0.5, 1.1)}, {}, 400),
     "veselov": (

@@ -1,1 +1,1 @@
-"""A step in other languages: `kr.code` and `kreisel code` write it as one file of C, JavaScript or Julia."""
+"""A step in other languages: `kr.code` and `kreisel code` write it as one short file."""

@@ -9,77 +9,80 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from dataclasses import fields as dataclass_fields
 from typing import Any
 
 import numpy as np
 
 from kreisel.errors import InputError
 
-KEPT = ("name", "suffix", "words", "reserved", "special", "single", "number", "number32", "first")
+GROUPS = {
+    "arguments": ("number", "array", "out", "constants", "new", "state", "changed", "index", "count", "status"),
+    "results": ("", "number", "status", "text"),
+}
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """Templates of a language: {type} is the name of the body, {module} the same with capital letters.
+    """Forms of a language: {type} is the name of the body, {module} the name with capital letters.
 
-    begin, finish  the text of a file before and behind its types and functions; {head} and {usage} are lines
-    mark           what a line of {head} begins with
+    begin, finish  the text of a file before and behind its types and functions; {head} are lines
+    mark           the beginning of a line of {head}
     types          of a type: its head, a field that is a number, one that is an array, its end
-    function       the head of a function, its {arguments} joined by commas; {result} is one of `results`
-    arguments      by kind: number, array, out (an array that is written), constants, new (constants), state, changed
+    function, call  the head of a function and a call, {arguments} joined by commas; {result} is one of `results`
+    arguments      by kind: number, array, out (an array that is written), constants, new (constants), state, changed,
+                   index (of a stage), count (of steps), status
     members        a field of a type that is a number, and an entry of one that is an array
     once, starts   a number with its final value, one that is assigned to later
-    up             a loop over {count} integers {var}, {first} to {last}
+    up             a loop over {count} integers {var} of the type {integer}
     table, room    an array of constants, an array that is written later; without, loops over tables are written out
-    give           the end of a function with a result, by its kind
+    give, status   the end of a function with a result; a number as an integer
     calls          operations that have no sign
-    staged         the function of a step of several {stages}; `closing` in it calls its end
-    more           the functions that are the same for all bodies, such as `advance`
+    case           the statement that returns {text} for a {status}
+    local          of a loop over steps: statements before it, arguments, statements behind it
     default        a default value of a parameter
-    case, message  of {cases}: a text for each status of `check`
     joint          between declarations on one line, without `end` of the first and the beginning of the second
     note           a comment behind a declaration
-    number         a number with its digits {}
-    words          replaced for numbers of 32 bits, whose `number` is `number32`
+    special        not a number, infinity
+    number         a number with its digits {};  of 32 bits number32, and `words` are replaced in the file
     unused         a statement that uses an argument, if compilers warn of those that nothing uses
+    first          the index of the first entry of an array
     """
 
-    name: str
-    suffix: str
-    begin: str
-    finish: str
-    types: tuple[str, str, str, str]
-    function: str
-    results: Mapping[str, str]
-    arguments: Mapping[str, str]
-    members: tuple[str, str]
-    once: str
-    starts: str
-    up: str
-    table: str
-    room: str
-    give: Mapping[str, str]
-    calls: Mapping[str, str]
-    staged: str
-    closing: str
-    more: str
-    default: tuple[str, str]
-    case: str
-    message: str
+    name: str = ""
+    suffix: str = ""
+    begin: str = ""
+    finish: str = ""
     mark: str = ""
-    note: str = " /* {} */"
+    types: tuple[str, ...] = ()
+    function: str = ""
+    call: str = "{name}({arguments});"
+    results: Mapping[str, str] = field(default_factory=dict)
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    members: tuple[str, ...] = ("{object}.{name}", "{object}.{name}[{i}]")
+    once: str = ""
+    starts: str = ""
+    up: str = ""
+    table: str = ""
+    room: str = ""
+    give: str = "return {};"
+    status: str = ""
+    calls: Mapping[str, str] = field(default_factory=dict)
+    case: str = ""
+    local: tuple[str, ...] = ("", "c, s", "")
+    default: tuple[str, ...] = ()
     joint: str = ", "
     end: str = ";"
     close: str = "}"
-    special: tuple[str, str] = ("NAN", "INFINITY")
+    note: str = " // {}"
+    special: tuple[str, ...] = ("NAN", "INFINITY")
     number: str = "{}"
     number32: str = "{}"
     words: Mapping[str, str] = field(default_factory=dict)
+    renamed: Mapping[str, str] = field(default_factory=dict)
     unused: str = ""
     single: bool = False
     first: int = 0
-    reserved: frozenset[str] = field(default_factory=frozenset)
+    reserved: frozenset[str] = frozenset()
 
     def literal(self, value: float) -> str:
         """A number with all its digits."""
@@ -88,26 +91,17 @@ class Dialect:
             return nan if math.isnan(value) else f"{'-' * (value < 0)}{infinity}"
         return self.number.format(str(np.float32(value)) if self.single else repr(float(value)))
 
-    def spelled(self, words: Mapping[str, str], **fields: Any) -> Dialect:
-        """The language with words replaced in all templates."""
-
-        def changed(x: Any) -> Any:
-            if isinstance(x, str):
-                for old, new in words.items():
-                    x = x.replace(old, new)
-                return x
-            return {k: changed(v) for k, v in x.items()} if isinstance(x, Mapping) else tuple(map(changed, x))
-
-        names = [f.name for f in dataclass_fields(self) if f.name not in KEPT]
-        return replace(self, **({name: changed(getattr(self, name)) for name in names} | fields))
+    def replaced(self, text: str) -> str:
+        """A file with the words of the language."""
+        for old, new in self.renamed.items():
+            text = text.replace(old, new)
+        return text
 
     def in_single(self) -> Dialect:
         """The language in numbers of 32 bits.  Raises `InputError` if it has none."""
-        if self.single:
-            return self
-        if not self.words:
+        if not (self.single or self.words):
             raise InputError(f"single: expected a language with 32-bit floats, got {self.name}.")
-        return self.spelled(self.words, single=True, number=self.number32)
+        return replace(self, single=True, number=self.number32, renamed={**self.renamed, **self.words})
 
 
 SELECTS = {
@@ -115,13 +109,38 @@ SELECTS = {
     "sign": "({0} < 0.0 ? -1.0 : 1.0)",
     "where": "({0} < {1} ? {2} : {3})",
 }
-C = Dialect(
-    name="c",
-    suffix=".h",
-    begin="""/*
+PLAIN = {"sqrt": "sqrt({0})", "size": "abs({0})", "nearest": "round({0})"}
+FUSED, TWICE = {"fma": "fma({0}, {1}, {2})"}, {"fma": "(({0}) * ({1}) + ({2}))"}
+HALF = "6755399441055744.0"  # 1.5 * 2^52: the last place is 1
+ROUNDED = "Where C rounds x y + z once, it rounds twice."
+
+
+def _named(form: str) -> dict[str, str]:
+    return {name: form.format(name) for name in ("sin", "cos", "exp", "log")}
+
+
+def _language(base: Dialect, begin: str, forms: Mapping[str, str], **more: Any) -> Dialect:
+    """A language that differs from another one; `forms`: names of fields -> their forms, between bars."""
+    fields: dict[str, Any] = {"begin": begin, **more}
+    for names, text in forms.items():
+        values = text.split("|")
+        if names in GROUPS:
+            fields[names] = dict(zip(GROUPS[names], values, strict=False))
+        elif names == "reserved":
+            fields[names] = frozenset(text.split())
+        elif " " in names:
+            fields |= dict(zip(names.split(), values, strict=True))
+        else:
+            fields[names] = text if isinstance(getattr(base, names), str) else tuple(values)
+    return replace(base, **fields)
+
+
+C = _language(
+    Dialect(),
+    """/*
 {head}
 
-C99, and C++.  Compile with -ffp-contract=off, which keeps the bits, and -march=native -fno-math-errno for speed.
+C99, and C++.  Compile with -ffp-contract=off for the bits, -O2 -march=native -fno-math-errno for speed.
 */
 #ifdef {type}_FILE
 #if {type}_FILE != 0x{digest}
@@ -132,75 +151,89 @@ C99, and C++.  Compile with -ffp-contract=off, which keeps the bits, and -march=
 #include <math.h>
 
 """,
-    finish="#endif\n",
-    types=(
-        "typedef struct {{",
-        "    double {name};{comment}",
-        "    double {name}[{count}];{comment}",
-        "}} {type}_{name};",
-    ),
-    function="static inline {result} {type}_{name}({arguments}) {{",
-    results={"": "void", "number": "double", "status": "int"},
-    arguments={
-        "number": "double {name}",
-        "array": "const double {name}[{count}]",
-        "out": "double {name}[{count}]",
-        "constants": "const {type}_constants *{name}",
-        "new": "{type}_constants *{name}",
-        "state": "const {type}_state *{name}",
-        "changed": "{type}_state *{name}",
-        "index": "int {name}",
+    {
+        "name suffix finish note": "c|.h|#endif\n| /* {} */",
+        "types": "typedef struct {{|    double {name};{comment}|    double {name}[{count}];{comment}|}} {type}_{name};",
+        "function call": "static inline {result} {type}_{name}({arguments}) {{|{type}_{name}({arguments});",
+        "results": "void|double|int|const char *",
+        "arguments": "double {name}|const double {name}[{count}]|double {name}[{count}]|const {type}_constants *{name}|"
+        "{type}_constants *{name}|const {type}_state *{name}|{type}_state *{name}|int {name}|long {name}|int {name}",
+        "members": "{object}->{name}|{object}->{name}[{i}]",
+        "once starts": "const double {} = {};|double {} = {};",
+        "table room": "static const double {name}[{count}] = {{{body}}};|double {name}[{count}];",
+        "up": "for ({integer} {var} = 0; {var} < {count}; {var}++) {{",
+        "status case": '(int)({})|if (status == {status}) return "{text}";',
+        "local": "const {type}_constants d = *c; {type}_state t = *s; /* copies: 13 % faster */|&d, &t|*s = t;",
+        "default": "static const double {type}_{name} = {body};|"
+        "static const double {type}_{name}[{count}] = {{{body}}};",
+        "number32 unused": "{}f|(void){};",
+        "reserved": "auto break case char const continue default do double else enum extern float for goto if inline "
+        "int long main register restrict return short signed sizeof static struct switch typedef union unsigned void "
+        "volatile while fma fabs sqrt sin cos exp log",
     },
-    members=("{object}->{name}", "{object}->{name}[{i}]"),
-    once="const double {} = {};",
-    starts="double {} = {};",
-    up="for (int {var} = 0; {var} < {count}; {var}++) {{",
-    table="static const double {name}[{count}] = {{{body}}};",
-    room="double {name}[{count}];",
-    give={"number": "return {};", "status": "return (int)({});"},
-    calls={**SELECTS, "fma": "fma({0}, {1}, {2})", "sqrt": "sqrt({0})", "size": "fabs({0})", "nearest": "rint({0})"}
-    | {name: f"{name}({{0}})" for name in ("sin", "cos", "exp", "log")},
-    staged="""static inline void {type}_step(const {type}_constants *c, {type}_state *s) {{
-    for (int k = 0; k < {stages}; k++) {type}_stage(c, s, k);{close}
-}}
-""",
-    closing="\n    {type}_close(c, s);",
-    more="""static inline void {type}_advance(const {type}_constants *c, {type}_state *s, long steps) {{
-    const {type}_constants d = *c; /* copies that nothing else changes: 13 % faster */
-    {type}_state t = *s;
-    for (long i = 0; i < steps; i++) {type}_step(&d, &t);
-    *s = t;
-}}
-""",
-    unused="(void){};",
-    number32="{}f",
-    words={"double": "float", **{f"{name}(": f"{name}f(" for name in ("fma", "sqrt", "fabs", "rint")}},
-    default=("static const double {type}_{name} = {body};", "static const double {type}_{name}[{count}] = {{{body}}};"),
-    case='status == {status} ? "{text}" :\n        ',
-    message="""static inline const char *{type}_message(int status) {{
-    return {cases}"";
-}}
-""",
-    reserved=frozenset(
-        "auto break case char const continue default do double else enum extern float for goto if inline int long main "
-        "register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while "
-        "fma fabs sqrt sin cos exp log".split()
-    ),
+    calls={**SELECTS, **FUSED, **PLAIN, "size": "fabs({0})", "nearest": "rint({0})"} | _named("{}({{0}})"),
+    words={"double ": "float ", **{f"{name}(": f"{name}f(" for name in ("fma", "sqrt", "fabs", "rint")}},
 )
 CPP = replace(C, name="cpp", suffix=".hpp")
-CUDA = C.spelled(
-    {
-        "static inline": "static __host__ __device__ inline",
-        "static const double {name}": "const double {name}",
-        "C99, and C++.  Compile with": "CUDA and HIP.  Compile with --fmad=false or",
-    },
+CUDA = replace(
+    C,
     name="cuda",
     suffix=".cuh",
+    begin=C.begin.replace("C99, and C++.  Compile with", "CUDA and HIP.  Compile with --fmad=false or"),
+    renamed={"static inline": "static __host__ __device__ inline", "    static const": "    const"},
 )
-JAVASCRIPT = Dialect(
-    name="js",
-    suffix=".mjs",
-    begin="""/*
+RUST = _language(
+    C,
+    """{head}
+//!
+//!     mod {type};
+//!     let (mut c, mut s) = ({type}::Constants::default(), {type}::State::default());
+//!
+//! Rust 2021.  In a crate without std, enable a feature `libm` that depends on num-traits/libm.  Compile with
+//! -C target-cpu=native for speed; the bits are those of C in any case.
+#![allow(non_snake_case, non_upper_case_globals, unexpected_cfgs, unused, clippy::all)]
+#[cfg(feature = "libm")]
+use num_traits::Float as _;
+
+#[inline(always)]
+fn fma(x: f64, y: f64, z: f64) -> f64 {{
+    x.mul_add(y, z)
+}}
+
+""",
+    {
+        "name suffix finish mark note": "rust|.rs||//! | // {}",
+        "types": "#[derive(Clone, Copy, Debug, Default)]\npub struct {Name} {{|    pub {name}: f64,{comment}|"
+        "    pub {name}: [f64; {count}],{comment}|}}",
+        "function call": "pub fn {name}({arguments}){result} {{|{name}({arguments});",
+        "results": "| -> f64| -> i32| -> &'static str",
+        "arguments": "{name}: f64|{name}: &[f64; {count}]|{name}: &mut [f64; {count}]|{name}: &Constants|"
+        "{name}: &mut Constants|{name}: &State|{name}: &mut State|{name}: usize|{name}: u64|{name}: i32",
+        "members": "{object}.{name}|{object}.{name}[{i}]",
+        "once starts joint": "let {} = {};|let mut {}: f64 = {};|; let ",
+        "table room": "static {name}: [f64; {count}] = [{body}];|let mut {name} = [0.0; {count}];",
+        "up": "for {var} in 0..{count} {{",
+        "status case": '({}) as i32|if status == {status} {{ return "{text}"; }}',
+        "local": "|c, s|",
+        "default": "pub const default_{name}: f64 = {body};|pub const default_{name}: [f64; {count}] = [{body}];",
+        "special": "f64::NAN|f64::INFINITY",
+        "number32 unused": "{}|",
+        "reserved": "crate self super mod fn let mut pub use impl struct enum type match loop move ref",
+    },
+    calls={
+        "max": "(if {1} > {0} {{ {1} }} else {{ {0} }})",
+        "sign": "(if {0} < 0.0 {{ -1.0 }} else {{ 1.0 }})",
+        "where": "(if {0} < {1} {{ {2} }} else {{ {3} }})",
+        **{"sqrt": "({0}).sqrt()", "size": "({0}).abs()", "nearest": f"(({{0}}) + {HALF} - {HALF})"},
+    }
+    | FUSED
+    | _named("({{0}}).{}()")
+    | {"log": "({0}).ln()"},
+    words={"f64": "f32"},
+)
+JAVASCRIPT = _language(
+    C,
+    """/*
 {head}
 
     import {{ Constants, State, prepare, step }} from "./{type}.mjs";
@@ -209,47 +242,61 @@ JAVASCRIPT = Dialect(
 JavaScript has no fused product: where C rounds x y + z once, it rounds twice.
 */
 """,
-    finish="",
-    types=(
-        "export class {Name} {{\n    constructor() {{",
-        "        this.{name} = 0;{comment}",
-        "        this.{name} = new Float64Array({count});{comment}",
-        "    }}\n}}",
-    ),
-    function="export function {name}({arguments}) {{",
-    results={"": "", "number": "", "status": ""},
-    arguments=dict.fromkeys(C.arguments, "{name}"),
-    members=("{object}.{name}", "{object}.{name}[{i}]"),
-    once="const {} = {};",
-    starts="let {} = {};",
-    up="for (let {var} = 0; {var} < {count}; {var}++) {{",
-    table="const {name} = [{body}];",
-    room="",
-    give={"number": "return {};", "status": "return {};"},
+    {
+        "name suffix finish note": "js|.mjs|| // {}",
+        "types": "export class {Name} {{\n    constructor() {{|        this.{name} = 0;{comment}|"
+        "        this.{name} = new Float64Array({count});{comment}|    }}\n}}",
+        "function call": "export function {name}({arguments}) {{|{name}({arguments});",
+        "results": "|||",
+        "members": "{object}.{name}|{object}.{name}[{i}]",
+        "once starts": "const {} = {};|let {} = {};",
+        "table room": "const {name} = [{body}];|",
+        "up": "for (let {var} = 0; {var} < {count}; {var}++) {{",
+        "status unused": "{}|",
+        "local": "|c, s|",
+        "default": "export const {name}_default = {body};|export const {name}_default = [{body}];",
+        "special": "NaN|Infinity",
+        "reserved": "",
+    },
+    arguments=dict.fromkeys(GROUPS["arguments"], "{name}"),
     calls={**SELECTS, "fma": "({0} * {1} + {2})", "sqrt": "Math.sqrt({0})", "size": "Math.abs({0})"}
-    | {name: f"Math.{name}({{0}})" for name in ("sin", "cos", "exp", "log")},
-    staged="""export function step(c, s) {{
-    for (let k = 0; k < {stages}; k++) stage(c, s, k);{close}
-}}
-""",
-    closing="\n    close(c, s);",
-    more="""export function advance(c, s, steps) {{
-    for (let i = 0; i < steps; i++) step(c, s);
-}}
-""",
-    default=("export const {name}_default = {body};", "export const {name}_default = [{body}];"),
-    case=C.case,
-    message="""export function message(status) {{
-    return {cases}"";
-}}
-""",
-    note=" // {}",
-    special=("NaN", "Infinity"),
+    | _named("Math.{}({{0}})"),
+    words={},
 )
-JULIA = Dialect(
-    name="julia",
-    suffix=".jl",
-    begin="""#=
+CSHARP = _language(
+    JAVASCRIPT,
+    f"""/*
+{{head}}
+
+    var c = new {{module}}.Constants();
+    var s = new {{module}}.State();
+
+C# 6 and later, without unsafe code; a step allocates nothing.  {ROUNDED}
+*/
+public static class {{module}} {{{{
+
+""",
+    {
+        "name suffix finish": "csharp|.cs|}}\n",
+        "types": "public sealed class {Name} {{|    public double {name};{comment}|"
+        "    public readonly double[] {name} = new double[{count}];{comment}|}}",
+        "function": "public static {result} {name}({arguments}) {{",
+        "results": "void|double|int|string",
+        "arguments": "double {name}|double[] {name}|double[] {name}|Constants {name}|Constants {name}|State {name}|"
+        "State {name}|int {name}|long {name}|int {name}",
+        "once starts": "double {} = {};|double {} = {};",
+        "up status": f"{C.up}|{C.status}",
+        "default": "public const double default_{name} = {body};|"
+        "public static readonly double[] default_{name} = {{ {body} }};",
+        "special": "double.NaN|double.PositiveInfinity",
+        "reserved": "base checked class decimal event fixed lock namespace object params string unsafe",
+    },
+    calls={**SELECTS, **TWICE, "size": "System.Math.Abs({0})", "nearest": "System.Math.Round({0})"}
+    | {name: f"System.Math.{name.capitalize()}({{0}})" for name in ("sqrt", *_named(""))},
+)
+JULIA = _language(
+    JAVASCRIPT,
+    """#=
 {head}
 
     include("{type}.jl"); using .{module}
@@ -258,52 +305,124 @@ JULIA = Dialect(
 module {module}
 
 """,
-    finish="end\n",
-    types=(
-        "Base.@kwdef mutable struct {Name}",
-        "    {name}::Float64 = 0.0{comment}",
-        "    {name}::Vector{{Float64}} = zeros({count}){comment}",
-        "end",
-    ),
-    function="function {name}{result}({arguments})",
-    results={"": "!", "number": "", "status": ""},
-    arguments=dict.fromkeys(C.arguments, "{name}"),
-    members=("{object}.{name}", "{object}.{name}[{i}]"),
-    once="{} = {}",
-    starts="{} = {}",
-    up="for {var} in 1:{count}",
-    table="{name} = ({body})",
-    room="",
-    give={"number": "return {}", "status": "return Int({})"},
-    calls={**C.calls, "size": "abs({0})", "nearest": "round({0})"},
-    staged="""function step!(c, s)
-    for k in 1:{stages}
-        stage!(c, s, k)
-    end{close}
-end
-""",
-    closing="\n    close!(c, s)",
-    more="""function advance!(c, s, steps)
-    for _ in 1:steps
-        step!(c, s)
-    end
-    return s
-end
-""",
-    default=("const {name}_default = {body}", "const {name}_default = [{body}]"),
-    case=C.case,
-    message="""function message(status)
-    return {cases}""
-end
-""",
-    note=" # {}",
-    joint="; ",
-    end="",
-    close="end",
-    special=("NaN", "Inf"),
-    number32="Float32({})",
+    {
+        "name suffix finish note": "julia|.jl|end\n| # {}",
+        "types": "Base.@kwdef mutable struct {Name}|    {name}::Float64 = 0.0{comment}|"
+        "    {name}::Vector{{Float64}} = zeros({count}){comment}|end",
+        "function call": "function {name}{result}({arguments})|{name}!({arguments})",
+        "results": "!|||",
+        "once starts joint": "{} = {}|{} = {}|; ",
+        "up end close": "for {var} in 1:{count}||end",
+        "give status case": 'return {}|Int({})|status == {status} && return "{text}"',
+        "default": "const {name}_default = {body}|const {name}_default = [{body}]",
+        "special": "NaN|Inf",
+        "number32": "Float32({})",
+        "reserved": "begin end local function module quote let Base Core Main",
+    },
+    calls={**C.calls, **PLAIN},
     words={"Float64": "Float32"},
     first=1,
-    reserved=frozenset("begin end local function module quote let Base Core Main".split()),
 )
-LANGUAGES = {dialect.name: dialect for dialect in (C, CPP, CUDA, JAVASCRIPT, JULIA)}
+PYTHON = _language(
+    JAVASCRIPT,
+    f'''"""{{head}}
+
+    import {{type}}
+    c, s = {{type}}.Constants(), {{type}}.State()
+
+Python without packages.  {ROUNDED}
+"""
+
+from math import cos, exp, log, sin, sqrt
+
+''',
+    {
+        "name suffix note": "python|.py|  # {}",
+        "types": "class {Name}:\n    def __init__(self):|        self.{name} = 0.0{comment}|"
+        "        self.{name} = [0.0] * {count}{comment}|",
+        "function call": "def {name}({arguments}):|{name}({arguments})",
+        "once starts joint": "{} = {}|{} = {}|; ",
+        "up end close": "for {var} in range({count}):||",
+        "give status case": 'return {}|int({})|if status == {status}: return "{text}"',
+        "default": "default_{name} = {body}|default_{name} = ({body},)",
+        "special": "float('nan')|float('inf')",
+        "number32": "{}",
+        "reserved": "and as class def del from global import in is lambda not or pass with yield",
+    },
+    calls={
+        "max": "({1} if {1} > {0} else {0})",
+        "sign": "(-1.0 if {0} < 0.0 else 1.0)",
+        "where": "({2} if {0} < {1} else {3})",
+    }
+    | TWICE
+    | PLAIN
+    | _named("{}({{0}})"),
+)
+GDSCRIPT = _language(
+    PYTHON,
+    f"""{{head}}
+#
+#     var c := {{module}}.Constants.new()
+#     var s := {{module}}.State.new()
+#
+# GDScript of Godot 4, whose floats have 64 bits.  {ROUNDED}
+class_name {{module}}
+
+""",
+    {
+        "name suffix mark": "gdscript|.gd|# ",
+        "types": "class {Name}:|    var {name} := 0.0{comment}|"
+        "    var {name}: PackedFloat64Array = zeros({count}){comment}|\n"
+        "    static func zeros(count: int) -> PackedFloat64Array:\n        var out := PackedFloat64Array()\n"
+        "        out.resize(count)\n        return out\n",
+        "function": "static func {name}({arguments}) -> {result}:",
+        "results": "void|float|int|String",
+        "arguments": "{name}: float|{name}: PackedFloat64Array|{name}: PackedFloat64Array|{name}: Constants|"
+        "{name}: Constants|{name}: State|{name}: State|{name}: int|{name}: int|{name}: int",
+        "once starts joint": "var {} := {}|var {} := {}|; var ",
+        "up": "for {var} in {count}:",
+        "default": "const default_{name} := {body}|const default_{name}: Array[float] = [{body}]",
+        "special": "NAN|INF",
+        "reserved": "and as class extends func in is not or pass self signal static super var",
+    },
+    calls={**PYTHON.calls, "size": "absf({0})", "nearest": RUST.calls["nearest"]},
+)
+WGSL = _language(
+    RUST,
+    """{head}
+//
+//     var c: {type}_constants;
+//     var s: {type}_state;
+//
+// WGSL, in single precision.
+
+""",
+    {
+        "name suffix mark": "wgsl|.wgsl|// ",
+        "types": "struct {type}_{name} {{|    {name}: f32,{comment}|    {name}: array<f32, {count}>,{comment}|}}",
+        "function call": f"fn {{type}}_{{name}}({{arguments}}){{result}} {{{{|{C.call}",
+        "results": "| -> f32| -> i32",  # it has no texts
+        "arguments": "{name}: f32|{name}: array<f32, {count}>|{name}: ptr<function, array<f32, {count}>>|"
+        "{name}: ptr<function, {type}_constants>|{name}: ptr<function, {type}_constants>|"
+        "{name}: ptr<function, {type}_state>|{name}: ptr<function, {type}_state>|{name}: i32|{name}: i32|{name}: i32",
+        "members": "(*{object}).{name}|(*{object}).{name}[{i}]",
+        "starts": "var {} = {};",
+        "table room": "var {name} = array<f32, {count}>({body});|var {name}: array<f32, {count}>;",
+        "up status": "for (var {var} = 0; {var} < {count}; {var}++) {{|i32({})",
+        "default": "const {type}_{name}: f32 = {body};|const {type}_{name} = array<f32, {count}>({body});",
+        "special": "NAN|INFINITY",
+        "number number32": "{}f|{}f",
+        "reserved": "fn let var struct loop switch discard enable override ptr array",
+    },
+    calls={
+        "max": "max({0}, {1})",
+        "sign": "select(1.0, -1.0, {0} < 0.0)",
+        "where": "select({3}, {2}, {0} < {1})",
+    }
+    | FUSED
+    | PLAIN
+    | _named("{}({{0}})"),
+    words={},
+    single=True,
+)
+LANGUAGES = {d.name: d for d in (C, CPP, CUDA, RUST, CSHARP, JAVASCRIPT, JULIA, GDSCRIPT, PYTHON, WGSL)}

@@ -19,6 +19,7 @@ from kreisel.languages.dialects import Dialect
 from kreisel.languages.writer import Rolled, Writer, bare
 
 Values = Mapping[str, Any]
+Arguments = Mapping[str, tuple[str, int]]
 HUGE = 1e30
 READ, CHANGED = {"c": ("constants", 0), "s": ("state", 0)}, {"c": ("constants", 0), "s": ("changed", 0)}
 NEW = {"c": ("new", 0)}
@@ -45,7 +46,7 @@ class Function:
 
     name: str
     apply: Callable[..., Any]
-    arguments: Mapping[str, tuple[str, int]]
+    arguments: Arguments
     result: str = ""
     comment: str = ""
 
@@ -99,7 +100,8 @@ def text_of(body: Body, function: Function, dialect: Dialect, words: Mapping[str
     writer = Writer(dialect, place, lambda letter: letter.partition(".")[0] in changed)
     if function.result:
         (value,) = writer.values(graph, as_operands([results]))
-        writer.say(dialect.give[function.result].format(bare(value)))
+        number = bare(value) if function.result == "number" else dialect.status.format(bare(value))
+        writer.say(dialect.give.format(number))
     else:
         entries = {name: np.ravel(np.asarray(value, dtype=object)) for name, value in results.items()}
         inputs = {name: [graph.node(IN, name, i) for i in range(len(values))] for name, values in entries.items()}
@@ -113,12 +115,37 @@ def text_of(body: Body, function: Function, dialect: Dialect, words: Mapping[str
             writer.assign(target, value)
     unused = [name for name in function.arguments if not re.search(rf"\b{name}\b", "\n".join(writer.lines))]
     writer.lines[:0] = [f"    {dialect.unused.format(name)}" for name in unused if dialect.unused]
-    arguments = ", ".join(
-        dialect.arguments[kind].format(name=name, count=count, **words)
-        for name, (kind, count) in function.arguments.items()
-    )
-    result = dialect.results[function.result]
-    return writer.function(dialect.function.format(name=function.name, arguments=arguments, result=result, **words))
+    return writer.function(function.name, function.arguments, words, function.result)
+
+
+def programs(body: Body, dialect: Dialect, words: Mapping[str, str]) -> list[str]:
+    """The functions that call others: a step of stages, many steps, and the message of a status."""
+
+    def repeated(name: str, arguments: Arguments, integer: str, count: Any, then: Sequence[str], stage: str) -> str:
+        writer = Writer(dialect)
+        before, objects, behind = (
+            x.format(**words) for x in (dialect.local if name == "advance" else ("", "c, s", ""))
+        )
+        writer.lines += [f"    {before}"] if before else []
+        with writer.block(dialect.up.format(integer=integer, var="k", count=count)):
+            writer.say(dialect.call.format(name=then[0], arguments=objects + stage, **words))
+        for each in then[1:]:
+            writer.say(dialect.call.format(name=each, arguments=objects, **words))
+        writer.lines += [f"    {behind}"] if behind else []
+        return writer.function(name, arguments, words)
+
+    out = []
+    if body.stages:
+        called = ["stage", *(f.name for f in body.functions if f.name == "close")]
+        out.append(repeated("step", CHANGED, "int", body.stages, called, ", k"))
+    out.append(repeated("advance", {**CHANGED, "steps": ("count", 0)}, "long", "steps", ["step"], ""))
+    if body.messages and "text" in dialect.results:
+        writer = Writer(dialect)
+        for status, text in enumerate(body.messages, 1):
+            writer.say(dialect.case.format(status=status, text=text))
+        writer.say(dialect.give.format('""'))
+        out.append(writer.function("message", {"status": ("status", 0)}, words, "text"))
+    return out
 
 
 def type_of(name: str, fields: Mapping[str, Field], dialect: Dialect, words: Mapping[str, str]) -> str:
@@ -145,16 +172,9 @@ def assembled(body: Body, dialect: Dialect, name: str) -> str:
     ]
     sections.append("\n".join(defaults))
     sections += [text_of(body, function, dialect, words) for function in body.functions]
-    if body.stages:
-        close = dialect.closing.format(**words) if any(f.name == "close" for f in body.functions) else ""
-        sections.append(
-            dialect.staged.format(stages=body.stages, last=body.stages - 1 + dialect.first, close=close, **words)
-        )
-    if body.messages and dialect.message:
-        cases = "".join(dialect.case.format(status=i, text=text) for i, text in enumerate(body.messages, 1))
-        sections.append(dialect.message.format(cases=cases, **words))
-    sections.append(dialect.more.format(**words))
+    sections += programs(body, dialect, words)
     inner = "\n\n".join(section.rstrip("\n") for section in sections)
+    inner = dialect.replaced(inner)
     digest = hashlib.sha256(inner.encode()).hexdigest()[:8]
-    begin = dialect.begin.format(head=head, digest=digest, **words)
+    begin = dialect.replaced(dialect.begin).format(head=head, digest=digest, **words)
     return f"{begin}{inner}\n\n{dialect.finish.format(**words)}".rstrip() + "\n"

@@ -26,6 +26,7 @@ from kreisel.record.calling import call
 from kreisel.runs.plan import Plan
 
 DEFECT = "defect"
+MOST = 10
 POSITIVE = ("the parameters are finite, and positive where they have to be", MESSAGES[-1])
 
 
@@ -299,11 +300,12 @@ def _require_steps(plan: Plan) -> None:
         )
     closed = isinstance(made.motion, Orbits) and closed_form(model.system, model.n) is not None
     steps = isinstance(made.motion, Steps) or closed
-    if plan.batched or not steps or plan.large is not None or made.coupling is not None:
+    if model.n > MOST:
+        raise InputError(f"code: expected n <= {MOST}, got n = {model.n}. Longer steps are no straight-line code.")
+    if not steps or plan.large is not None or made.coupling is not None:
         raise InputError(
-            f"code: expected one trajectory, a method that makes steps and n <= 10, got {made.name}, n = {model.n}"
-            f"{', an ensemble' if plan.batched else ''}. Give method='suris', 'baecklund', 'veselov', 'variational' or "
-            "'kahan'."
+            f"code: expected one body and a method that makes steps, got {made.name}. Give method='suris', "
+            "'baecklund', 'veselov', 'variational' or 'kahan'; bodies that act on each other have no file."
         )
 
 

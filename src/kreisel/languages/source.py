@@ -11,11 +11,10 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.errors import InputError, explained, hint, shown
-from kreisel.languages import dialects, engine_languages
 from kreisel.languages.bodies import free_body
 from kreisel.languages.conventions import Convention
 from kreisel.languages.conventions import convention as convention_of
-from kreisel.languages.dialects import Dialect
+from kreisel.languages.dialects import LANGUAGES, Dialect
 from kreisel.languages.parts import Body, Field, assembled
 from kreisel.languages.schemes import Stepped
 from kreisel.method.scheme import Orbits
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
     from kreisel.record.model import Model, OrientationLike, StateLike
     from kreisel.runs.plan import Plan
 
-LANGUAGES = {**dialects.LANGUAGES, **engine_languages.LANGUAGES}
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 LICENCE = "BSD-3-Clause, as Kreisel; made by `kreisel code`, Kreisel {}."
 
@@ -127,6 +125,11 @@ def _is_free(plan: Plan) -> bool:
 
 def contents(plan: Plan, body: PhysicalBody | None = None, single: bool = False) -> Body:
     """The contents of the file for a plan; of a body in SI units, with them.  Raises `InputError`."""
+    if plan.batched:
+        raise InputError(
+            "code: expected one body in one state, got an ensemble. A file has the step of one: write it for one lane; "
+            "your program keeps an array of its states and steps each."
+        )
     model = plan.model
     scales = {} if body is None else body.scales()
     if _is_free(plan):

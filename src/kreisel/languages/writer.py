@@ -7,7 +7,7 @@ bits: parentheses keep them, if the compiler fuses nothing (`-ffp-contract=off`)
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -81,7 +81,10 @@ class Writer:
     """
 
     def __init__(
-        self, dialect: Dialect, inputs: Callable[[str, int], str], copied: Callable[[str], bool] = lambda _: False
+        self,
+        dialect: Dialect,
+        inputs: Callable[[str, int], str] = "{}[{}]".format,
+        copied: Callable[[str], bool] = lambda _: False,
     ):
         self.dialect, self.inputs, self.copied = dialect, inputs, copied
         self.lines: list[str] = []
@@ -123,7 +126,7 @@ class Writer:
         """Compute the outputs of a graph; their expressions."""
         new, values, results = graph.arranged(outputs) if isinstance(graph, Rolled) else (graph, list(outputs), [])
         maps = graph.maps if isinstance(graph, Rolled) else []
-        block = Block(self, new)
+        block = Block(self, new, [*values, *results])
         read = {new.nodes[at][1] for at in new.needed([*values, *results]) if new.nodes[at][0] == IN}
         for place, ((rows, _), result) in enumerate(zip(maps, results, strict=True)):
             if f"{ENTRY}{place}" in read:
@@ -144,14 +147,19 @@ class Writer:
         read = [x.positive for at in inside for x in operands_of(graph.nodes[at]) if x.at not in inside]
         block.compute([at for at in nodes if at not in inside], read, hoisted=True)
         index = self.fresh("k")
-        with self.block(d.up.format(var=index, count=len(rows), first=d.first, last=len(rows) - 1 + d.first)):
+        with self.block(d.up.format(integer="int", var=index, count=len(rows))):
             block.names |= {at: f"{table}{graph.nodes[at][2]}[{index}]" for at in inside if graph.nodes[at][0] == IN}
             block.compute(sorted(inside), [result])
             self.assign(f"{out}[{index}]", block.value(result))
 
-    def function(self, head: str) -> str:
-        """The function with these statements."""
-        return "\n".join([head, *self.lines, *([self.dialect.close] if self.dialect.close else [])])
+    def function(
+        self, name: str, arguments: Mapping[str, tuple[str, int]], words: Mapping[str, str], result: str = ""
+    ) -> str:
+        """The function with these statements; `arguments`: name -> (kind, count)."""
+        d = self.dialect
+        listed = ", ".join(d.arguments[kind].format(name=x, count=n, **words) for x, (kind, n) in arguments.items())
+        head = d.function.format(name=name, arguments=listed, result=d.results[result], **words)
+        return "\n".join([head, *self.lines, *([d.close] if d.close else [])])
 
     @contextmanager
     def block(self, head: str) -> Iterator[None]:
@@ -178,8 +186,9 @@ def bare(text: str) -> str:
 class Block:
     """Expressions of the nodes of a graph, by their places: a name, or an expression for the only use."""
 
-    def __init__(self, writer: Writer, graph: Graph):
+    def __init__(self, writer: Writer, graph: Graph, outputs: Sequence[Operand] = ()):
         self.writer, self.graph, self.names = writer, graph, dict[int, Any]()
+        self.uses = Counter(x.at for at in graph.needed(outputs) for x in operands_of(graph.nodes[at]))
 
     def value(self, x: Operand) -> str:
         """A literal, or the expression of a number with its sign."""
@@ -191,7 +200,7 @@ class Block:
 
     def compute(self, nodes: Sequence[int], outputs: Sequence[Operand], hoisted: bool = False) -> None:
         """Write the nodes that are used twice; `hoisted`: the outputs too."""
-        uses = Counter(x.at for at in nodes for x in operands_of(self.graph.nodes[at]))
+        uses = self.uses | Counter(x.at for at in nodes for x in operands_of(self.graph.nodes[at]))
         uses.update(x.at for x in outputs for _ in range(1 + hoisted) if isinstance(x, Number))
         uses.update(
             {x.at: 2 for at in nodes if self.graph.nodes[at][0] == LOOP for x in operands_of(self.graph.nodes[at])}
@@ -237,7 +246,7 @@ class Block:
         for i, name in variables.items():
             writer.say(d.starts.format(name, self.value(operands[1 + i])))
         count = writer.fresh("k")
-        with writer.block(d.up.format(var=count, count=loop.most, first=d.first, last=loop.most - 1 + d.first)):
+        with writer.block(d.up.format(integer="int", var=count, count=loop.most)):
             inside = Block(writer, self.graph)
             inside.names = self.names | {loop.variables[i].at: name for i, name in variables.items()}
             inside.compute(members, [loop.new[i] for i in kept])

@@ -340,7 +340,10 @@ def require_none(model: Model, what: str) -> None:
     """Raises `InputError` for a model with a table."""
     for p in model.system.parameters:
         if p.kind == "table" and model.params[p.letter].shape[-1] > HEAD:
-            raise InputError(f"{what}: expected forces by formulas, got the table {p.letter}, which it does not hold.")
+            raise InputError(
+                f"{what}: expected forces by formulas, got the table {p.letter}, which it does not hold. "
+                "Write the force as a formula of the time."
+            )
 
 
 def require_within(model: Model, begin: float, end: float) -> None:

@@ -26,21 +26,17 @@ typedef struct {
     void *environment;
 } Body;
 static const State START = {{@start@}};
-
 static Status failed(const Body *body, const char *message) {
     if (body->log) body->log(body->environment, ERROR, "logStatusError", message);
     return ERROR;
 }
-
 /* v rotated by q; by its inverse if hand is -1 */
 static void rotate(const double *q, double hand, const double *v, double *out) {
     const double w = hand * q[0], *u = q + 1, along = 2 * (u[0] * v[0] + u[1] * v[1] + u[2] * v[2]);
     for (int k = 0, i = 1, j = 2; k < 3; i = j, j = k++)
         out[k] = (2 * w * w - 1) * v[k] + along * u[k] + 2 * w * (u[i] * v[j] - u[j] * v[i]);
 }
-
 FMI3(const char *, GetVersion)(void) { return "3.0"; }
-
 FMI3(void *, InstantiateCoSimulation)(
     const char *name, const char *token, const char *resources, bool visible, bool logging, bool events, bool early,
     const uint32_t *intermediate, size_t count, void *environment, Logger log, void *update) {
@@ -50,16 +46,11 @@ FMI3(void *, InstantiateCoSimulation)(
     if (body) *body = (Body){START, log, environment};
     return body;
 }
-
 FMI3(void, FreeInstance)(Body *body) { free(body); }
-
 FMI3(Status, Reset)(Body *body) { return body->now = START, OK; }
-
 FMI3(Status, EnterInitializationMode)(Body *body, bool toleranced, double tolerance, double start, bool ends, double end) {
-    (void)toleranced, (void)tolerance, (void)ends, (void)end;
-    return body->now.value[TIME] = start, OK;
+    return (void)toleranced, (void)tolerance, (void)ends, (void)end, body->now.value[TIME] = start, OK;
 }
-
 FMI3(Status, ExitInitializationMode)(Body *body) {
     State *s = &body->now;
     const double *q = s->value + ATTITUDE;
@@ -76,32 +67,25 @@ FMI3(Status, ExitInitializationMode)(Body *body) {
     @name@_set_motion(&c, &s->free, s->axes, q, rate);
     return s->stepping = true, OK;
 }
-
 FMI3(Status, GetFloat64)(Body *body, const uint32_t *references, size_t count, double *values, size_t size) {
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < count; values[i] = body->now.value[references[i]], i++)
         if (references[i] >= COUNT || size != count) return failed(body, "expected a variable of the description");
-        values[i] = body->now.value[references[i]];
-    }
     return OK;
 }
-
 FMI3(Status, SetFloat64)(Body *body, const uint32_t *references, size_t count, const double *values, size_t size) {
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < count; body->now.value[references[i]] = values[i], i++) {
         uint32_t k = references[i];
         if (size != count || k < TORQUE || k >= COUNT || (body->now.stepping && k >= ATTITUDE))
             return failed(body, "expected a torque, or before the first step a start or a parameter");
         if (!isfinite(values[i])) return failed(body, "expected a finite number");
-        body->now.value[k] = values[i];
     }
     return OK;
 }
-
 FMI3(Status, DoStep)(
     Body *body, double time, double size, bool last, bool *event, bool *stop, bool *early, double *reached) {
-    (void)last;
-    *event = *stop = *early = false, *reached = time;
     State s = body->now;
     double count = ceil(size / s.value[STEP] * (1 - 1e-12)), h = count > 0 ? size / count : 0, torque[3], rate[3];
+    (void)last, *event = *stop = *early = false, *reached = time;
     if (!s.stepping || !(size >= 0) || !(count < 9e15)) return failed(body, "expected a step size >= 0");
     @name@_constants c;
     @name@_prepare(&c, s.moments, h);
@@ -117,23 +101,16 @@ FMI3(Status, DoStep)(
     s.value[TIME] = *reached = time + size;
     return body->now = s, OK;
 }
-
 FMI3(Status, GetFMUState)(Body *body, State **saved) {
     if (!*saved) *saved = malloc(sizeof **saved);
-    if (!*saved) return failed(body, "expected memory for a state");
-    return **saved = body->now, OK;
+    return *saved ? (**saved = body->now, OK) : failed(body, "expected memory for a state");
 }
-
 FMI3(Status, SetFMUState)(Body *body, const State *saved) { return body->now = *saved, OK; }
-
 FMI3(Status, FreeFMUState)(Body *body, State **saved) { return (void)body, free(*saved), *saved = NULL, OK; }
-
 FMI3(Status, Terminate)(Body *body) { return (void)body, OK; }
-
 FMI3(Status, SetDebugLogging)(Body *body, bool on, size_t count, const char *const *categories) {
     return (void)body, (void)on, (void)count, (void)categories, OK;
 }
-
 /* of other kinds of FMU, and of variables that this one does not have */
 #define NO(name) \
     FMI3(Status, name)(void) { return ERROR; }
