@@ -187,6 +187,9 @@ class Binary(Varied):
         parts |= _rotation(2, self.secondary.inertia, spin2, attitude2, r, v)
         if self.third is not None:
             R, V, inertia = self._third_body.position, self._third_body.velocity, self._third_body.inertia
+            total = self.primary.mass + self.secondary.mass
+            for body, share in ((self.primary, -self.secondary.mass), (self.secondary, self.primary.mass)):
+                _require_outside(np.linalg.norm(R - share / total * r, axis=-1).min(), body.size)
             parts |= {"R": R / formulas.FAR, "V": V}
             parts |= {} if inertia is None else _rotation(3, inertia, spin3, attitude3, R, V)
         if not (spin3 is attitude3 is None or "L3" in parts):
@@ -333,6 +336,15 @@ def _of_binary(run: Any) -> Any:
 def _spinning(distance: float, hours: float | None = None) -> dict[str, Any]:
     """A circular orbit of this radius, and the spin of the primary."""
     return {"separation": distance} | ({} if hours is None else {"spin1": (0.0, 0.0, 2 * math.pi / 3600 / hours)})
+
+
+def _require_outside(distance: float, size: float) -> None:
+    """Raises `InputError` for a third body that begins inside one of the pair."""
+    if distance <= size:
+        raise InputError(
+            f"third: expected a body apart from both, got one {distance:g} m from the centre of one of {size:g} m. "
+            "Usual cause: a position relative to the primary for one to the barycentre, or km for m."
+        )
 
 
 def _rotation(i: int, inertia: Array, spin: Any, attitude: Any, r: Array, v: Array) -> dict[str, Array]:
