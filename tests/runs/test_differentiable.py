@@ -354,6 +354,23 @@ def test_a_loop_has_the_derivative_of_its_fixed_point() -> None:
             assert abs(derivative(fixed)(c)[0] - 1 / np.sqrt(0.4)) < 1e-13
 
 
+def test_a_map_whose_eigenvalue_needs_no_search() -> None:
+    """Goryachev-Chaplygin's top by "baecklund": lam depends only on dt, and w is a root in closed form."""
+    top, M, P, h = kr.GoryachevChaplygin(gamma=0.3), np.array([0.8, 0.5, -0.6]), np.array([0.6, 0.0, 0.8]), 1e-6
+    f = kr.differentiable(top, method="baecklund", order=4)
+
+    def end(M: Any, dt: float = 0.1) -> Any:
+        run = kr.simulate(top, {"M": M, "P": P}, dt=dt, steps=3, method="baecklund", order=4, project=False)
+        return run.M.values[-1]
+
+    with red.double():
+        of_both = jax.jacfwd(lambda M, dt: f({"M": M, "P": P}, dt=dt, steps=3)["M"], argnums=(0, 1))
+        J, rate = map(np.asarray, of_both(M, 0.1))
+    along = np.cross(P, np.cross(M, P))  # keeps <M, P> = 0
+    assert abs(J @ along - (end(M + h * along) - end(M - h * along)) / (2 * h)).max() < 1e-7
+    assert abs(rate - (end(M, 0.1 + h) - end(M, 0.1 - h)) / (2 * h)).max() < 1e-7
+
+
 BAD = [
     (lambda: kr.differentiable(TOP, method="dop853"), "makes steps"),
     (lambda: kr.differentiable(kr.LagrangeTop(p=np.ones(11)), method="suris"), "n of at most 10"),

@@ -89,7 +89,7 @@ def level(M, P, *, gamma, lam):
     """The large eigenvalue w at a point."""
     H, G, square = integrals(M, P, gamma)
     half = ((lam + gamma) * lam / 2 - H) * lam - G
-    return half * (1 + np.sqrt(1 - square * lam * lam / (half * half)))
+    return half * (1 + sqrt(1 - square * lam * lam / (half * half)))
 
 
 def _newton(z, dt, trace, ends):

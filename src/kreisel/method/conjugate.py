@@ -170,7 +170,7 @@ def maps(
     with np.errstate(all="ignore"):
         identity = numbers(call(record.point, state, {**wide, "dt": np.longdouble(0)}))
         if order is not None:
-            return numbers(2j / _fractions(dt, order)), identity
+            return numbers(2j / fractions(dt, order)), identity
         copies = 1
         while copies <= MOST_COPIES:
             if (lam := call(record.point, state, {**wide, "dt": np.longdouble(dt) / copies})) is not None:
@@ -186,7 +186,7 @@ def _numbers(lam: Array, mu: Array) -> Array:
     return np.stack([lam.real, lam.imag, mu.real, mu.imag]).astype(float)
 
 
-def _fractions(dt: float, order: int) -> Array:
+def fractions(dt: float, order: int) -> Array:
     """eps (order/2,), complex, whose maps make a step of the order."""
     eps = [2 / mu for mu in stage_points(order, dt)]
     return np.array([*eps, *(e.conjugate() for e in eps if isinstance(e, complex))], complex)
@@ -378,7 +378,7 @@ class Torus:
         if not points.x.any():
             return identity[:, None], identity, self._rest(dt, 0, np.longdouble(0))
         if order is not None:
-            x, end = points.x[:, None] * _fractions(dt, order), np.arange(1, PATH + 1) / PATH
+            x, end = points.x[:, None] * fractions(dt, order), np.arange(1, PATH + 1) / PATH
             lam = (1j * points.y[:, None] + 0 * x).reshape(-1, 1) + x.reshape(-1, 1) * end
             mu = self._followed(lam, *(v.repeat(x.shape[1], 0) for v in (points.left, points.right)))[1]
             return _numbers(lam[:, -1], mu[:, -1]), identity, self._rest(dt, 0, np.longdouble(0))

@@ -17,6 +17,7 @@ from kreisel.forces.control import require_whole_samples
 from kreisel.kernels.points import points as points_of
 from kreisel.method import find, scheme
 from kreisel.method.baecklund import SPINS, Product
+from kreisel.method.conjugate import NUMBERS, fractions
 from kreisel.method.driven import zero
 from kreisel.method.observing import COUNT, ORIENTATION, as_matrix, turned, with_orientation
 from kreisel.method.scheme import Components, Guard, JaxSteps, Scheme, Steps
@@ -25,7 +26,7 @@ from kreisel.method.splitting import make as splitting
 from kreisel.record.body import Body, as_body
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import call
-from kreisel.record.contract import Frame
+from kreisel.record.contract import ExactMap, Frame
 from kreisel.record.model import Model, State
 from kreisel.record.table import require_within
 from kreisel.runs.geometry import model_for
@@ -170,7 +171,7 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
         return Step(made.components, _same, _same, made.motion.step, None, _linear(model, made, oriented), None, True)
     if made.name == "exact":
         return _closed(model, made, oriented)
-    if made.name == "baecklund" and model.system.baecklund is None:
+    if made.name == "baecklund" and model.system.pairs is not None and model.system.baecklund is None:
         raise InputError(
             "differentiable: expected a method whose steps need no search for branches of a spectral curve, got "
             f"method='baecklund' of {model.system.name}. Use another method: kr.methods() lists them."
@@ -201,6 +202,8 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
             "method='baecklund', whose rotations about the axis are constants of the trajectory. Use such a method, in "
             "kr.simulate for kr.tangent, or orientation=False."
         )
+    if model.system.exact_map is not None:
+        return Step(made.components, begin, end, motion.step, None, _of_map(model, made), made.guard)
     constants = _of_baecklund(model, made)
     close = motion.close and _spun(model, motion.close)
     return Step(made.components, begin, end, _spun(model, motion.step), close, constants, made.guard)
@@ -302,6 +305,21 @@ def _of_baecklund(model: Model, made: Scheme) -> Callable[[Parts, Known, Any], t
             turn = by.half_turn(call(unit.record.spin, own, known), dt)
             constants[SPIN] = algebra.coordinates(turn)
         return constants, stages
+
+    return at
+
+
+def _of_map(model: Model, made: Scheme) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
+    """lam = 2i/eps and mu of `ExactMap`, with derivatives."""
+    unit = 2j / fractions(1.0, made.options["order"])
+
+    def at(own: Parts, known: Known, dt: Any) -> tuple[Known, Known]:
+        from kreisel.kernels import jax_numbers as by
+
+        lam = unit / by.values(dt)
+        given = {k: by.values(v) for k, v in known.items()}
+        mu = call(cast("ExactMap", model.system.exact_map).level, tuple(map(by.values, own)), {**given, "lam": lam})
+        return {}, dict(zip(NUMBERS, (lam.real, lam.imag, mu.real, mu.imag), strict=True))
 
     return at
 
