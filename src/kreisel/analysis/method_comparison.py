@@ -100,18 +100,11 @@ def compare(
     listed = [_subject(each) for each in (subjects.values() if isinstance(subjects, Mapping) else subjects)]
     if not listed:
         raise InputError("subjects: expected one system or more, got none.")
-    frame = listed[0].frame
-    if any((each.frame is None) != (frame is None) for each in listed):
-        raise InputError("subjects: expected either bodies or systems, got both. Use body.model() and its units.")
-    dt, t_end = (
-        finite_number(value, name) if frame is None else duration(frame, value, name)
-        for name, value in (("dt", dt), ("t_end", t_end))
-    )
-    unit = 1.0 if frame is None else frame.time_unit  # s
+    dt, t_end, unit = _in_units_of(listed, dt, t_end)
     halvings = within(halvings, "halvings", 1, 10)
     state = _common_state([each.model for each in listed], start)
     if not (dt > 0 and t_end >= dt):
-        raise InputError(f"expected 0 < dt <= t_end, got dt = {dt:g} and t_end = {t_end:g}.")
+        raise InputError(f"expected 0 < dt <= t_end, got dt = {unit * dt:g} and t_end = {unit * t_end:g}.")
     truth = _end(Subject(listed[0].model, {"method": "dop853", "tol": 1e-13}), state, dt, SHORT)
     steps = [dt / 2**k for k in range(halvings + 1)]
     rows, errors, drifts, names = list[dict[str, Any]](), list[list[float]](), list[Array](), list[str]()
@@ -151,6 +144,16 @@ def _subject(given: Any) -> Subject:
             "runs with kr.analysis.compare(run, second_run)."
         )
     return Subject(model, options, None if body is None else model.body_frame or BodyFrame())
+
+
+def _in_units_of(listed: list[Subject], dt: Any, t_end: Any) -> tuple[float, float, float]:
+    """Step and duration in the unit of time of the systems, and this unit, s for bodies.  Raises `InputError`."""
+    frame = listed[0].frame
+    if any((each.frame is None) != (frame is None) for each in listed):
+        raise InputError("subjects: expected either bodies or systems, got both. Use body.model() and its units.")
+    if frame is None:
+        return finite_number(dt, "dt"), finite_number(t_end, "t_end"), 1.0
+    return duration(frame, dt, "dt"), duration(frame, t_end, "t_end"), frame.time_unit
 
 
 def _common_state(models: list[Model], start: Any) -> dict[str, Array]:
