@@ -79,7 +79,7 @@ class Body:
         R = algebra.rotation_matrix(g)
         return np.concatenate([R @ (moments * (R.T @ self.angular_velocity())), g])
 
-    def of_particle(self, particle: Any) -> tuple[Array, Array]:
+    def _of_particle(self, particle: Any) -> tuple[Array, Array]:
         """L, g and the constants: moments, integrals of degrees 3 and 4, k_2 R^5, lag.  Raises `InputError`."""
         if not isinstance(self.radius, int | float | np.number | None):
             raise InputError(f"radius: expected a number, got {shown(self.radius)}.")

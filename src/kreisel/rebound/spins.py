@@ -318,7 +318,7 @@ def attach(sim: Any, bodies: Mapping[int | str, Body], dt: float | None = None) 
     index = [index_of(sim, name) for name in bodies]
     if len(set(index)) < len(index):
         raise InputError(f"bodies: expected each particle once, got {shown(list(bodies))}.")
-    rows = [body.of_particle(sim.particles[i]) for body, i in zip(bodies.values(), index, strict=True)]
+    rows = [body._of_particle(sim.particles[i]) for body, i in zip(bodies.values(), index, strict=True)]
     z, c = (np.array(each) for each in zip(*rows, strict=True))
     return Spins(sim, bodies, z, c, dt)
 
