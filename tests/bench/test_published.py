@@ -37,7 +37,10 @@ def test_the_pages_have_the_figures_of_binaries() -> None:
     guide, page = ((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("guide-dimorphos.md", "binaries.md"))
     long, shapes = result["with_sun_and_tides"], result["map"]
     assert f"{round(100 * shapes['tumbling'])} % of them tumble" in guide and shapes["starts"] == 10_000
-    assert shapes["minutes_on_two_cores_for_100_years"] < 30.5 and long["years"] == 1000
+    century = result["century"]
+    assert century["minutes_for_10000_starts"] < 30.5 and century["years"] == 100 and long["years"] == 1000
+    assert f"{round(100 * century['tumbling'])} % tumble within a hundred years" in guide
+    assert f"need {century['seconds_to_build'] + century['seconds_of_steps']:.0f} s of the processor" in guide
     assert f"take {round(long['seconds'])} s on one core" in page and long["angular_momentum"] < 2e-15
     assert result["with_tides"]["energy_spread"] < 1e-6
 
