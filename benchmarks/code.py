@@ -16,9 +16,16 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from cases import RESULTS
 
 import kreisel as kr
+from kreisel.graph.arranging import arranged
+from kreisel.graph.graph import IN, Graph, operands_of
+from kreisel.graph.recording import as_operands
+from kreisel.languages.parts import numbers_of
+from kreisel.languages.source import contents
+from kreisel.runs.planning import make_plan
 
 STEPS, CALLS, DT = 1_000_000, 15, 0.05
 TURNED: dict[str, Any] = {"orientation": (1, 0, 0, 0)}
@@ -67,6 +74,7 @@ advance(c, s, {steps});
 console.log((process.cpuUsage().user - begun) * 1e3 / {steps});
 """
 FLAGS = ("-std=gnu99", "-O2", "-march=native", "-ffp-contract=off", "-fno-math-errno")
+LATENCY = {"+": 3, "-": 3, "*": 3, "fma": 4, "/": 13, "sqrt": 21}  # cycles of Zen 4  [uops.info]
 COMPILERS = {"gcc": ("gcc", *FLAGS, "-fschedule-insns"), "clang": ("clang", *FLAGS)}
 
 
@@ -84,13 +92,35 @@ def program(text: str, js: bool) -> str:
     return (JS if js else C).format(arguments=arguments, start=start, steps=STEPS, first=fields[0])
 
 
+def chain(name: str) -> int:
+    """Cycles from the momentum before a step to the momentum after it, by the operations of a file."""
+    model, start, asked = CASES[name]
+    asked = dict(asked)
+    single = asked.pop("single", False)
+    body = contents(make_plan(model, model.state(**start), dt=DT, steps=1, **asked), single=single)
+    step = next(f for f in body.functions if f.name in ("step", "stage"))
+    graph = Graph()
+    c, s = (numbers_of(graph, letter, fields) for letter, fields in (("c", body.constants), ("s", body.state)))
+    momentum = f"s.{next(iter(start))}"
+    new, outputs = arranged(graph, as_operands(list(np.ravel(step.apply(c=c, s=s)[momentum]))))
+    ends: dict[int, int] = {}
+    for at in new.needed(outputs):
+        operation, *operands = new.nodes[at]
+        before = [ends[x.at] for x in operands_of(new.nodes[at]) if x.at in ends]
+        if operation == IN and operands[0] == momentum:
+            ends[at] = 0
+        elif before:
+            ends[at] = max(before) + LATENCY.get(operation, 4)
+    return max(ends[x.at] for x in outputs)
+
+
 def nanoseconds(words: list[str], folder: Path) -> float:
     out = subprocess.run(words, cwd=folder, check=True, capture_output=True, text=True).stdout
     return float(out)
 
 
 def measured(name: str, folder: Path) -> dict[str, Any]:
-    model, start, asked = CASES[name]
+    model, start, asked = CASES[name][0], CASES[name][1], dict(CASES[name][2])
     text = kr.code(model, start, dt=DT, name="rock", **TURNED, **asked)
     (folder / "rock.h").write_text(text)
     (folder / "main.c").write_text(program(text, False))
@@ -118,7 +148,8 @@ def measured(name: str, folder: Path) -> dict[str, Any]:
             begun = time.process_time()
             motion.steps(state, STEPS // (1 + halves))
             best["kernel"] = min(best["kernel"], (time.process_time() - begun) / STEPS * 1e9)
-    return {key: round(ns, 1) for key, ns in best.items()} | {"lines": text.count("\n")}
+    cycles = {"chain": chain(name)} if name.startswith("euler-top") else {}
+    return {key: round(ns, 1) for key, ns in best.items()} | {"lines": text.count("\n")} | cycles
 
 
 if __name__ == "__main__":

@@ -18,70 +18,48 @@ from kreisel.errors import InputError
 GROUPS = {
     "arguments": ("number", "array", "out", "constants", "new", "state", "changed", "index", "count", "status"),
     "results": ("", "number", "status", "text"),
+    "calls": ("max", "sign", "where", "fma", "sqrt", "size", "nearest", "sin", "cos", "exp", "log"),
 }
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """Forms of a language: {type} is the name of the body, {module} the name with capital letters.
-
-    begin, finish  the text of a file before and behind its types and functions; {head} are lines
-    mark           the beginning of a line of {head}
-    types          of a type: its head, a field that is a number, one that is an array, its end
-    function, call  the head of a function and a call, {arguments} joined by commas; {result} is one of `results`
-    arguments      by kind: number, array, out (an array that is written), constants, new (constants), state, changed,
-                   index (of a stage), count (of steps), status
-    members        a field of a type that is a number, and an entry of one that is an array
-    once, starts   a number with its final value, one that is assigned to later
-    up             a loop over {count} integers {var} of the type {integer}
-    table, room    an array of constants, an array that is written later; without, loops over tables are written out
-    give, status   the end of a function with a result; a number as an integer
-    calls          operations that have no sign
-    case           the statement that returns {text} for a {status}
-    local          of a loop over steps: statements before it, arguments, statements behind it
-    default        a default value of a parameter
-    joint          between declarations on one line, without `end` of the first and the beginning of the second
-    note           a comment behind a declaration
-    special        not a number, infinity
-    number         a number with its digits {};  of 32 bits number32, and `words` are replaced in the file
-    unused         a statement that uses an argument, if compilers warn of those that nothing uses
-    first          the index of the first entry of an array
-    """
+    """Forms of a language: {type} is the name of the body, {module} the name with capital letters."""
 
     name: str = ""
     suffix: str = ""
-    begin: str = ""
-    finish: str = ""
-    mark: str = ""
-    types: tuple[str, ...] = ()
-    function: str = ""
-    call: str = "{name}({arguments});"
+    begin: str = ""  # the text of a file before its types and functions; {head} are lines
+    finish: str = ""  # and behind them
+    mark: str = ""  # the beginning of a line of {head}
+    types: tuple[str, ...] = ()  # of a type: its head, a field that is a number, one that is an array, its end
+    function: str = ""  # the head of a function, {arguments} joined by commas; {result} is one of `results`
+    call: str = ""
     results: Mapping[str, str] = field(default_factory=dict)
-    arguments: Mapping[str, str] = field(default_factory=dict)
-    members: tuple[str, ...] = ("{object}.{name}", "{object}.{name}[{i}]")
-    once: str = ""
-    starts: str = ""
-    up: str = ""
-    table: str = ""
-    room: str = ""
-    give: str = "return {};"
-    status: str = ""
-    calls: Mapping[str, str] = field(default_factory=dict)
-    case: str = ""
-    local: tuple[str, ...] = ("", "c, s", "")
-    default: tuple[str, ...] = ()
-    joint: str = ", "
+    arguments: Mapping[str, str] = field(default_factory=dict)  # by kind; out: a written array, new: constants
+    members: tuple[str, ...] = ()  # a field of a type that is a number, and an entry of one that is an array
+    once: str = ""  # a number with its final value
+    starts: str = ""  # a number that is assigned to later
+    up: str = ""  # a loop over {count} integers {var} of the type {integer}
+    table: str = ""  # an array of constants
+    room: str = ""  # an array that is written later; without, loops over tables are written out
+    give: str = "return {};"  # the end of a function with a result
+    status: str = ""  # a number as an integer
+    calls: Mapping[str, str] = field(default_factory=dict)  # operations that have no sign
+    case: str = ""  # the statement that returns {text} for a {status}
+    local: tuple[str, ...] = ()  # of a loop over steps: statements before it, arguments, statements behind it
+    default: tuple[str, ...] = ()  # a default value of a parameter: a number, an array
+    joint: str = ", "  # between declarations on a line, without `end` of the first and the beginning of the second
     end: str = ";"
     close: str = "}"
-    note: str = " // {}"
+    note: str = ""  # a comment behind a declaration
     special: tuple[str, ...] = ("NAN", "INFINITY")
-    number: str = "{}"
-    number32: str = "{}"
+    number: str = "{}"  # a number with its digits
+    number32: str = "{}"  # of 32 bits; `words` are replaced then, `renamed` always
     words: Mapping[str, str] = field(default_factory=dict)
     renamed: Mapping[str, str] = field(default_factory=dict)
-    unused: str = ""
+    unused: str = ""  # a statement that uses an argument, if compilers warn of those that nothing uses
     single: bool = False
-    first: int = 0
+    first: int = 0  # the index of the first entry of an array
     reserved: frozenset[str] = frozenset()
 
     def literal(self, value: float) -> str:
@@ -104,19 +82,12 @@ class Dialect:
         return replace(self, single=True, number=self.number32, renamed={**self.renamed, **self.words})
 
 
-SELECTS = {
-    "max": "({1} > {0} ? {1} : {0})",
-    "sign": "({0} < 0.0 ? -1.0 : 1.0)",
-    "where": "({0} < {1} ? {2} : {3})",
-}
-PLAIN = {"sqrt": "sqrt({0})", "size": "abs({0})", "nearest": "round({0})"}
-FUSED, TWICE = {"fma": "fma({0}, {1}, {2})"}, {"fma": "(({0}) * ({1}) + ({2}))"}
-HALF = "6755399441055744.0"  # 1.5 * 2^52: the last place is 1
+SELECTS = "({1} > {0} ? {1} : {0})|({0} < 0.0 ? -1.0 : 1.0)|({0} < {1} ? {2} : {3})"
+FUSED, TWICE = "|fma({0}, {1}, {2})", "|(({0}) * ({1}) + ({2}))"
+NAMED = "|sin({0})|cos({0})|exp({0})|log({0})"
+HALF = "(({0}) + 6755399441055744.0 - 6755399441055744.0)"  # 1.5 * 2^52: the last place is 1
+PYTHONIC = "({1} if {1} > {0} else {0})|(-1.0 if {0} < 0.0 else 1.0)|({2} if {0} < {1} else {3})" + TWICE
 ROUNDED = "Where C rounds x y + z once, it rounds twice."
-
-
-def _named(form: str) -> dict[str, str]:
-    return {name: form.format(name) for name in ("sin", "cos", "exp", "log")}
 
 
 def _language(base: Dialect, begin: str, forms: Mapping[str, str], **more: Any) -> Dialect:
@@ -125,7 +96,7 @@ def _language(base: Dialect, begin: str, forms: Mapping[str, str], **more: Any) 
     for names, text in forms.items():
         values = text.split("|")
         if names in GROUPS:
-            fields[names] = dict(zip(GROUPS[names], values, strict=False))
+            fields[names] = {k: v for k, v in zip(GROUPS[names], values, strict=False) if v or names != "calls"}
         elif names == "reserved":
             fields[names] = frozenset(text.split())
         elif " " in names:
@@ -170,8 +141,8 @@ C99, and C++.  Compile with -ffp-contract=off for the bits, -O2 -march=native -f
         "reserved": "auto break case char const continue default do double else enum extern float for goto if inline "
         "int long main register restrict return short signed sizeof static struct switch typedef union unsigned void "
         "volatile while fma fabs sqrt sin cos exp log",
+        "calls": SELECTS + FUSED + "|sqrt({0})|fabs({0})|rint({0})" + NAMED,
     },
-    calls={**SELECTS, **FUSED, **PLAIN, "size": "fabs({0})", "nearest": "rint({0})"} | _named("{}({{0}})"),
     words={"double ": "float ", **{f"{name}(": f"{name}f(" for name in ("fma", "sqrt", "fabs", "rint")}},
 )
 CPP = replace(C, name="cpp", suffix=".hpp")
@@ -219,16 +190,10 @@ fn fma(x: f64, y: f64, z: f64) -> f64 {{
         "special": "f64::NAN|f64::INFINITY",
         "number32 unused": "{}|",
         "reserved": "crate self super mod fn let mut pub use impl struct enum type match loop move ref",
+        "calls": "(if {1} > {0} {{ {1} }} else {{ {0} }})|(if {0} < 0.0 {{ -1.0 }} else {{ 1.0 }})|"
+        "(if {0} < {1} {{ {2} }} else {{ {3} }})" + FUSED + f"|({{0}}).sqrt()|({{0}}).abs()|{HALF}|"
+        "({0}).sin()|({0}).cos()|({0}).exp()|({0}).ln()",
     },
-    calls={
-        "max": "(if {1} > {0} {{ {1} }} else {{ {0} }})",
-        "sign": "(if {0} < 0.0 {{ -1.0 }} else {{ 1.0 }})",
-        "where": "(if {0} < {1} {{ {2} }} else {{ {3} }})",
-        **{"sqrt": "({0}).sqrt()", "size": "({0}).abs()", "nearest": f"(({{0}}) + {HALF} - {HALF})"},
-    }
-    | FUSED
-    | _named("({{0}}).{}()")
-    | {"log": "({0}).ln()"},
     words={"f64": "f32"},
 )
 JAVASCRIPT = _language(
@@ -257,10 +222,10 @@ JavaScript has no fused product: where C rounds x y + z once, it rounds twice.
         "default": "export const {name}_default = {body};|export const {name}_default = [{body}];",
         "special": "NaN|Infinity",
         "reserved": "",
+        "calls": SELECTS + "|({0} * {1} + {2})|Math.sqrt({0})|Math.abs({0})||"
+        "Math.sin({0})|Math.cos({0})|Math.exp({0})|Math.log({0})",
     },
     arguments=dict.fromkeys(GROUPS["arguments"], "{name}"),
-    calls={**SELECTS, "fma": "({0} * {1} + {2})", "sqrt": "Math.sqrt({0})", "size": "Math.abs({0})"}
-    | _named("Math.{}({{0}})"),
     words={},
 )
 CSHARP = _language(
@@ -290,9 +255,9 @@ public static class {{module}} {{{{
         "public static readonly double[] default_{name} = {{ {body} }};",
         "special": "double.NaN|double.PositiveInfinity",
         "reserved": "base checked class decimal event fixed lock namespace object params string unsafe",
+        "calls": SELECTS + TWICE + "|System.Math.Sqrt({0})|System.Math.Abs({0})|System.Math.Round({0})|"
+        "System.Math.Sin({0})|System.Math.Cos({0})|System.Math.Exp({0})|System.Math.Log({0})",
     },
-    calls={**SELECTS, **TWICE, "size": "System.Math.Abs({0})", "nearest": "System.Math.Round({0})"}
-    | {name: f"System.Math.{name.capitalize()}({{0}})" for name in ("sqrt", *_named(""))},
 )
 JULIA = _language(
     JAVASCRIPT,
@@ -318,8 +283,8 @@ module {module}
         "special": "NaN|Inf",
         "number32": "Float32({})",
         "reserved": "begin end local function module quote let Base Core Main",
+        "calls": SELECTS + FUSED + "|sqrt({0})|abs({0})|round({0})" + NAMED,
     },
-    calls={**C.calls, **PLAIN},
     words={"Float64": "Float32"},
     first=1,
 )
@@ -348,15 +313,8 @@ from math import cos, exp, log, sin, sqrt
         "special": "float('nan')|float('inf')",
         "number32": "{}",
         "reserved": "and as class def del from global import in is lambda not or pass with yield",
+        "calls": PYTHONIC + "|sqrt({0})|abs({0})|round({0})" + NAMED,
     },
-    calls={
-        "max": "({1} if {1} > {0} else {0})",
-        "sign": "(-1.0 if {0} < 0.0 else 1.0)",
-        "where": "({2} if {0} < {1} else {3})",
-    }
-    | TWICE
-    | PLAIN
-    | _named("{}({{0}})"),
 )
 GDSCRIPT = _language(
     PYTHON,
@@ -384,8 +342,8 @@ class_name {{module}}
         "default": "const default_{name} := {body}|const default_{name}: Array[float] = [{body}]",
         "special": "NAN|INF",
         "reserved": "and as class extends func in is not or pass self signal static super var",
+        "calls": f"{PYTHONIC}|sqrt({{0}})|absf({{0}})|{HALF}{NAMED}",
     },
-    calls={**PYTHON.calls, "size": "absf({0})", "nearest": RUST.calls["nearest"]},
 )
 WGSL = _language(
     RUST,
@@ -413,15 +371,11 @@ WGSL = _language(
         "special": "NAN|INFINITY",
         "number number32": "{}f|{}f",
         "reserved": "fn let var struct loop switch discard enable override ptr array",
+        "calls": "max({0}, {1})|select(1.0, -1.0, {0} < 0.0)|select({3}, {2}, {0} < {1})"
+        + FUSED
+        + "|sqrt({0})|abs({0})|round({0})"
+        + NAMED,
     },
-    calls={
-        "max": "max({0}, {1})",
-        "sign": "select(1.0, -1.0, {0} < 0.0)",
-        "where": "select({3}, {2}, {0} < {1})",
-    }
-    | FUSED
-    | PLAIN
-    | _named("{}({{0}})"),
     words={},
     single=True,
 )

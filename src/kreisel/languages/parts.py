@@ -121,31 +121,27 @@ def text_of(body: Body, function: Function, dialect: Dialect, words: Mapping[str
 def programs(body: Body, dialect: Dialect, words: Mapping[str, str]) -> list[str]:
     """The functions that call others: a step of stages, many steps, and the message of a status."""
 
-    def repeated(name: str, arguments: Arguments, integer: str, count: Any, then: Sequence[str], stage: str) -> str:
-        writer = Writer(dialect)
-        before, objects, behind = (
-            x.format(**words) for x in (dialect.local if name == "advance" else ("", "c, s", ""))
-        )
-        writer.lines += [f"    {before}"] if before else []
-        with writer.block(dialect.up.format(integer=integer, var="k", count=count)):
-            writer.say(dialect.call.format(name=then[0], arguments=objects + stage, **words))
-        for each in then[1:]:
-            writer.say(dialect.call.format(name=each, arguments=objects, **words))
-        writer.lines += [f"    {behind}"] if behind else []
-        return writer.function(name, arguments, words)
+    def repeated(writer: Writer, loop: str, names: Sequence[str], objects: str, stage: str = "") -> None:
+        with writer.block(loop):
+            writer.say(dialect.call.format(name=names[0], arguments=objects + stage, **words))
+        writer.lines += ["    " + dialect.call.format(name=name, arguments=objects, **words) for name in names[1:]]
 
-    out = []
+    writers = {name: Writer(dialect) for name in ("step", "advance", "message")}
     if body.stages:
-        called = ["stage", *(f.name for f in body.functions if f.name == "close")]
-        out.append(repeated("step", CHANGED, "int", body.stages, called, ", k"))
-    out.append(repeated("advance", {**CHANGED, "steps": ("count", 0)}, "long", "steps", ["step"], ""))
+        close = [f.name for f in body.functions if f.name == "close"]
+        loop = dialect.up.format(integer="int", var="k", count=body.stages)
+        repeated(writers["step"], loop, ["stage", *close], "c, s", ", k")
+    before, objects, behind = (x.format(**words) for x in dialect.local)
+    writers["advance"].lines += [f"    {before}"] if before else []
+    repeated(writers["advance"], dialect.up.format(integer="long", var="k", count="steps"), ["step"], objects)
+    writers["advance"].lines += [f"    {behind}"] if behind else []
     if body.messages and "text" in dialect.results:
-        writer = Writer(dialect)
         for status, text in enumerate(body.messages, 1):
-            writer.say(dialect.case.format(status=status, text=text))
-        writer.say(dialect.give.format('""'))
-        out.append(writer.function("message", {"status": ("status", 0)}, words, "text"))
-    return out
+            writers["message"].say(dialect.case.format(status=status, text=text))
+        writers["message"].say(dialect.give.format('""'))
+    arguments = {"step": CHANGED, "advance": {**CHANGED, "steps": ("count", 0)}, "message": {"status": ("status", 0)}}
+    results = {"message": "text"}
+    return [w.function(k, arguments[k], words, results.get(k, "")) for k, w in writers.items() if w.lines]
 
 
 def type_of(name: str, fields: Mapping[str, Field], dialect: Dialect, words: Mapping[str, str]) -> str:
