@@ -35,6 +35,7 @@ except ImportError as error:
 
 __all__ = ["Attitude"]
 ACTUATORS = ("torque", "wheel_torque", "dipole")
+Start = tuple[Array, dict[str, Any]]
 MOST, FIELD = 1_000_000, 5e-5  # lanes; T, about the largest field in a low orbit
 
 
@@ -83,11 +84,8 @@ class Attitude(VectorEnv[Array, Array, Array]):
         if actuator not in ACTUATORS or (actuator == "wheel_torque") > (satellite.wheels is not None):
             allowed = f"one of {', '.join(ACTUATORS)}, the second for a satellite with wheels"
             raise InputError(f"actuator: expected {allowed}, got {shown(actuator)}.")
-        self.num_envs, self.reward, self.target = (
-            within(num_envs, "num_envs", 1, MOST),
-            reward,
-            attitude_quaternion(target, "target"),
-        )
+        self.num_envs, self.reward = within(num_envs, "num_envs", 1, MOST), reward
+        self.target = attitude_quaternion(target, "target")
         asked = {"limit": COMMANDS[actuator], "rates": "rad/s", "every": "s", "duration": "s"}
         values = zip((limit, rates, every, duration), asked.items(), strict=True)
         self.limit, self.rates, self._period, end = (si_number(x, unit, k, positive=True) for x, (k, unit) in values)
@@ -100,38 +98,32 @@ class Attitude(VectorEnv[Array, Array, Array]):
         self._motion = propagator(self._body, dt=every if dt is None else dt, orientation=True)
         self.single_observation_space = Box(-np.inf, np.inf, (7 + wheels + 3 * sees,), np.float64)
         self.single_action_space = Box(-1.0, 1.0, (self._size,), np.float64)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._state: dict[str, Array] = {}
-        self._count = 0
+        spaces = self.single_observation_space, self.single_action_space
+        self.observation_space, self.action_space = (batch_space(space, self.num_envs) for space in spaces)
+        self._state, self._count = dict[str, Array](), 0
 
-    def reset(
-        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
-    ) -> tuple[Array, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> Start:
         """New episodes in all lanes: the first observations, and an empty dict."""
         super().reset(seed=seed)
         turns, spins = (self.np_random.normal(size=(self.num_envs, count)) for count in (4, 3))
-        usual = {"attitude": algebra.unit(turns), "spin": spins * self.rates}
-        start = usual | dict(options or {})
-        if len(start) > len(usual):
+        start = {"attitude": algebra.unit(turns), "spin": spins * self.rates, **(options or {})}
+        if len(start) > 2:
             raise InputError(f"options: expected attitude and spin, got {', '.join(map(str, options or ()))}.")
-        known = {
-            "momentum": si_numbers(start["spin"], "rad/s", "spin") @ self._body.inertia,
-            "attitude": attitude_quaternion(start["attitude"], "attitude"),
-            **({} if self._body.wheels is None else {WHEELS: self._body.wheels.momenta}),
-        }
-        self._count, lanes = 0, np.zeros((self.num_envs, 1))
-        command = np.zeros(self._size)
-        self._state = {name: lanes + known.get(name, command) for name in self._motion.names}
+        momentum = si_numbers(start["spin"], "rad/s", "spin") @ self._body.inertia
+        state = {"momentum": momentum, "attitude": attitude_quaternion(start["attitude"], "attitude")}
+        if self._body.wheels is not None:
+            state[WHEELS] = self._body.wheels.momenta
+        self._count, lanes, command = 0, np.zeros((self.num_envs, 1)), np.zeros(self._size)
+        self._state = {name: lanes + state.get(name, command) for name in self._motion.names}
         return self._observed(), {}
 
     def _observed(self) -> Array:
         """The observations of the state."""
         state, inverse = self._state, np.linalg.inv(self._body.inertia)
         error = algebra.quaternion_product(algebra.inverse_turn(self.target), state["attitude"])
-        parts = [np.where(error[:, :1] < 0, -error, error), state["momentum"] @ inverse / self.rates]
-        parts += [state[name] / unit for name, unit in ((WHEELS, self._stored), ("seen", FIELD)) if name in state]
-        return np.concatenate(parts, -1)
+        more = [state[name] / unit for name, unit in ((WHEELS, self._stored), ("seen", FIELD)) if name in state]
+        rates = state["momentum"] @ inverse / self.rates
+        return np.concatenate([np.where(error[:, :1] < 0, -error, error), rates, *more], -1)
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """The observations after `every`, rewards, and whether episodes ended; after an end, a reset."""
@@ -154,14 +146,12 @@ class Attitude(VectorEnv[Array, Array, Array]):
 
 
 def _control(actuator: str, size: int, period: float) -> Control:
-    """A controller whose commands are in its memory, where the environment writes them."""
+    """A controller whose commands are in its memory, where the environment writes them; so is the field, if needed."""
+    memory = {"command": np.zeros(size)}
+    if actuator != "dipole":
+        return Control(lambda command: {actuator: command, "command": command}, every=period, memory=memory)
 
-    def law(command: Any) -> dict[str, Any]:
-        return {actuator: command, "command": command}
+    def law(field: Any, command: Any, seen: Any) -> dict[str, Any]:
+        return {"dipole": command, "command": command, "seen": field}
 
-    def seeing(field: Any, command: Any, seen: Any) -> dict[str, Any]:  # the field of the sample is kept
-        return {**law(command), "seen": field}
-
-    if actuator == "dipole":
-        return Control(seeing, every=period, memory={"command": np.zeros(3), "seen": np.zeros(3)})
-    return Control(law, every=period, memory={"command": np.zeros(size)})
+    return Control(law, every=period, memory=memory | {"seen": np.zeros(3)})
