@@ -143,7 +143,7 @@ def test_the_flux_of_a_thin_crescent_falls_with_its_square():  # [Lester et al.]
 def test_bad_input():
     body = FreeBody((1, 2, 2.5))
     run = kr.at(body, body.state((0, 0, 1)), [0.0, 1.0])
-    view = {"sun": (1, 0, 0), "observer": (1, 0, 0)}
+    view, early = {"sun": (1, 0, 0), "observer": (1, 0, 0)}, kr.Table([0.0, 0.5], np.eye(3)[:2])
     for call, message in (
         (lambda: light_curve(run, **view), "without a shape"),
         (lambda: light_curve(run, AXES, law="lambert", **view), "no closed form"),
@@ -151,6 +151,10 @@ def test_bad_input():
         (lambda: light_curve(run, (1, 2, 0), **view), "half axes > 0"),
         (lambda: light_curve(run, AXES, sun=(0, 0, 0), observer=(1, 0, 0)), "zero vector"),
         (lambda: light_curve(run, AXES, sun=(1, 0), observer=(1, 0, 0)), "the shape"),
+        (
+            lambda: light_curve(run, AXES, sun=(1, 0, 0), observer=early),
+            "observer: Table: expected times from 0 to 0.5",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             call()

@@ -255,7 +255,10 @@ def _shape_of(run: xr.Dataset) -> Any:
 
 def _vectors(value: Any, times: Array, name: str) -> Array:
     """Vectors (time, 3), not zero.  Raises `InputError`."""
-    v = value(times) if isinstance(value, Table) else finite_floats(value, "1", name)
+    try:
+        v = value(times) if isinstance(value, Table) else finite_floats(value, "1", name)
+    except InputError as error:
+        raise InputError(f"{name}: {str(error).removeprefix(f'{name}: ')}") from None
     if v.shape not in ((3,), (len(times), 3)):
         raise InputError(
             f"{name}: expected a vector from the body (3,), one for each of {len(times)} times, or a kr.Table with "
