@@ -130,7 +130,7 @@ def fit_light_curve(
                   from the body, in space.  Times are of a uniform scale, TDB or TT, in any order, corrected for light
                   time; magnitudes are reduced to unit distances.
                   `apparition`, integers: each has an unknown constant; default: a new one after 100 days without light
-    precession    (low, high), s: the mean period of the axis around the momentum, P_phi
+    precession    (low, high), s: the mean period of the axis around the momentum, P_phi; solutions are in the ranges
     rotation      (low, high), s: the period of the momentum around the axis in the body, P_psi
     modes         "short-axis", "long-axis" or both
     shape         half axes (3,) or `Facets` along the principal axes, by increasing moment; default: the ellipsoid of
@@ -255,11 +255,15 @@ def _directions(count: int) -> Array:
 def _scanned(seen: Photometry, mode: str, bounds: Sequence[Array], half_turn: bool) -> tuple[str, Array, Array]:
     """The mode, solutions (k, 8) and chi^2 of one apparition."""
     few = seen.some(np.unique(np.linspace(0, len(seen.time) - 1, POINTS).astype(int)))
-    starts, chi2 = _minima((few, seen), _starts(few, mode, bounds, half_turn), mode, half_turn)
-    for relatives in (_mirrored, partial(_neighbours, span=float(np.ptp(seen.time))), _mirrored):
-        more, second = _minima((few, seen), relatives(starts[np.argsort(chi2)[:BEST]]), mode, half_turn)
-        starts, chi2 = np.concatenate([starts, more]), np.append(chi2, second)
-        _, starts, chi2 = _pruned(seen, [(mode, starts, chi2)], half_turn, ALL)[0]
+    starts, chi2, more = np.empty((0, len(UNKNOWNS))), np.empty(0), _starts(few, mode, bounds, half_turn)
+    cell, ends = 1 / (2 * np.ptp(seen.time)), 1 / np.array(bounds)
+    for relatives in (_mirrored, partial(_neighbours, span=float(np.ptp(seen.time))), _mirrored, None):
+        more, second = _minima((few, seen), more, mode, half_turn)
+        rates = 1 / more[:, PRECESSION : ROTATION + 1]
+        inside = ((rates > ends[:, 1] - cell) & (rates < ends[:, 0] + cell)).all(-1)
+        found = [(mode, np.concatenate([starts, more[inside]]), np.append(chi2, second[inside]))]
+        _, starts, chi2 = _pruned(seen, found, half_turn, ALL)[0]
+        more = starts if relatives is None else relatives(starts[np.argsort(chi2)[:BEST]])
     return mode, starts, chi2
 
 
