@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import io
+import pickle
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -819,6 +821,28 @@ def test_unsynchronized_particles_are_refused() -> None:
     sim.integrator.safe_mode, sim.integrator.keep_unsynchronized = 0, 1
     with pytest.raises(kr.InputError, match="keep_unsynchronized: expected 0"):
         attach(sim, {0: BALL})
+
+
+def test_particles_at_other_indices_are_noticed() -> None:
+    """A removal and an addition keep the count; the planet's body would act on another particle."""
+    sim = triple("whfast")
+    spins = attach(sim, {"planet": Body(inertia=1e-4)})
+    sim.remove(0)
+    sim.add(m=1.0)
+    with pytest.raises(kr.RunError, match="expected the particle 'planet' at its index 1"):
+        spins.steps(1)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda spins: pickle.loads(pickle.dumps(spins))])
+def test_copies_run_alone(copied: Any) -> None:
+    spins = attached("whfast")
+    spins.steps(3)
+    other = copied(spins)
+    other.steps(5)
+    assert spins.sim.t == pytest.approx(3 * spins.dt)
+    spins.steps(5)
+    assert (other.spin("planet") == spins.spin("planet")).all()
+    assert (other.orientation(0) == spins.orientation(0)).all()
 
 
 def test_lost_particles_are_noticed() -> None:

@@ -66,6 +66,10 @@ class Spins:
         self._arrays = dict[str, Array]()
         self._check()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For pickle and copy: `_z` is a part of `_state`, and hooks have addresses; copies have their simulation."""
+        return Spins, (self.sim.copy(), self.names, self._z.copy(), self._c, self._kick)
+
     @property
     def dt(self) -> float:
         """The step.  Raises `InputError` unless it is a float other than 0."""
@@ -266,6 +270,12 @@ class Spins:
         self._check_count()
         check_simulation(self.sim)
         _ = self.dt
+        for name, i in zip(self.names, self._index, strict=True):
+            if isinstance(name, str) and self.sim.particles[int(i)].name != name:
+                raise RunError(
+                    f"t = {self.sim.t}: expected the particle {name!r} at its index {i}, got another. Usual cause: "
+                    "sim.remove and sim.add between two calls. Attach the bodies again."
+                )
         for name, m, row in zip(self.names, self._particles()[self._index, 9], self._c, strict=True):
             if row[-2] and not m > 0:
                 raise InputError(
