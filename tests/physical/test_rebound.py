@@ -845,6 +845,19 @@ def test_copies_run_alone(copied: Any) -> None:
     assert (other.orientation(0) == spins.orientation(0)).all()
 
 
+def test_names_that_rebound_exchanges_are_restored(tmp_path: Path) -> None:
+    """REBOUND 5.2 does so if names of a new simulation are where names of an old one were; here in its bytes."""
+    spins, path = attached("whfast"), tmp_path / "run.npz"
+    spins.save(path)
+    with np.load(path) as file:
+        parts = dict(file)
+    for particle, name in zip(spins.sim.particles, ("planet", "planet"), strict=False):
+        particle.name = name
+    np.savez(path, **{**parts, "simulation": np.frombuffer(spins.sim.__reduce__()[1][0], dtype=np.uint8)})
+    again = load(path)
+    assert [p.name for p in again.sim.particles] == ["star", "planet", None] and again._index.tolist() == [1, 0]
+
+
 def test_lost_particles_are_noticed() -> None:
     spins = attached("leapfrog")
     spins.sim.remove(2)
@@ -898,7 +911,7 @@ def test_broken_files(tmp_path: Path) -> None:
     with np.load(io.BytesIO(whole)) as file:
         parts = dict(file)
     np.savez(path, **{**parts, "z": parts["z"][:, :5]})
-    with pytest.raises(kr.InputError, match=r"expected format 2"):
+    with pytest.raises(kr.InputError, match=r"expected format 3"):
         load(path)
     np.savez(path, **{**parts, "simulation": parts["simulation"][:50]})
     with pytest.raises(kr.RunError, match="REBOUND could not read"):

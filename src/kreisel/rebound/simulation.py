@@ -6,7 +6,7 @@ import ctypes
 import os
 import warnings
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from types import ModuleType
 from typing import Any
@@ -105,10 +105,28 @@ def index_of(sim: Any, name: int | str) -> int:
 # -- files: NumPy's archive of plain arrays, one of them the bytes of REBOUND's simulation ---------
 
 
-FORMAT = 2
+FORMAT = 3
 NEEDED = "The simulation and its bodies need a file name such as spins.npz"
 FILES = "simulation", "whole.npz"
 SHAPES = {"z": 7, "c": int(ENDS[-1])}
+
+
+def particle_names(sim: Any) -> list[str]:
+    """The names of all particles, "" for none."""
+    return [p.name or "" for p in sim.particles]
+
+
+def restored(data: bytes, names: Iterable[str]) -> Any:
+    """The simulation of REBOUND's bytes, with these names of its particles.
+
+    REBOUND 5.2 replaces the addresses of names one after the other: a name at the former address of another becomes
+    that one, in 4 of 5 simulations that are read after the end of the first (1000 tries).
+    """
+    sim = rebound().Simulation(data)
+    for particle, name in zip(sim.particles, names, strict=True):
+        if name and particle.name != name:
+            particle.name = name
+    return sim
 
 
 def write_file(path: str | os.PathLike[str], sim: Any, parts: Mapping[str, Any]) -> None:
@@ -119,7 +137,8 @@ def write_file(path: str | os.PathLike[str], sim: Any, parts: Mapping[str, Any])
         sim.save_to_file(str(simulation_file))
         data = np.frombuffer(simulation_file.read_bytes(), dtype=np.uint8)
         with whole.open("wb") as file:
-            np.savez(file, format=np.array(FORMAT), simulation=data, **parts)
+            known = np.array(particle_names(sim), dtype=np.str_)
+            np.savez(file, format=np.array(FORMAT), simulation=data, particles=known, **parts)
             file.flush()
             os.fsync(file.fileno())
         whole.replace(target)
@@ -133,7 +152,7 @@ def read_file(path: str | os.PathLike[str]) -> tuple[Any, dict[str, np.ndarray]]
     source = place(path, NEEDED)
     try:
         with on_disk(path, "be read"), source.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in ("format", "simulation", "z", "c", "names", "dt")}
+            arrays = {name: file[name] for name in ("format", "simulation", "particles", "z", "c", "names", "dt")}
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: expected a file that spins.save wrote, got {shown(error)}.") from error
     names = arrays["names"] if arrays["names"].ndim == 1 and arrays["names"].dtype.kind == "U" else np.empty(0, str)
@@ -146,8 +165,8 @@ def read_file(path: str | os.PathLike[str]) -> tuple[Any, dict[str, np.ndarray]]
     try:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            sim = rebound().Simulation(arrays["simulation"].tobytes())
-    except RuntimeError as error:
+            sim = restored(arrays["simulation"].tobytes(), arrays["particles"].tolist())
+    except (RuntimeError, ValueError) as error:
         raise RunError(
             f"{path}: REBOUND could not read its part: {error}. Usual cause: another version of it."
         ) from error

@@ -68,7 +68,8 @@ class Spins:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For pickle and copy: `_z` is a part of `_state`, and hooks have addresses; copies have their simulation."""
-        return Spins, (self.sim.copy(), self.names, self._z.copy(), self._c, self._kick)
+        data, names = self.sim.__reduce__()[1][0], simulation.particle_names(self.sim)
+        return _restored, (data, names, self.names, self._z.copy(), self._c, self._kick)
 
     @property
     def dt(self) -> float:
@@ -304,6 +305,10 @@ class Spins:
             f"t = {self.sim.t}: expected bodies that rotate less than {compiled.MOST_PARTS} times in dt = {dt}, got a "
             "faster one. Usual cause: a spin in other units than the simulation."
         )
+
+
+def _restored(data: bytes, names: list[str], *parts: Any) -> Spins:
+    return Spins(simulation.restored(data, names), *parts)
 
 
 def is_finite(value: Any) -> bool:
