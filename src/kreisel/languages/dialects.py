@@ -28,8 +28,10 @@ class Dialect:
 
     name: str = ""
     suffix: str = ""
-    begin: str = ""  # the text of a file before its types and functions; {head} are lines
+    begin: str = ""  # the text of a file before its types and functions; {head} is its comment
     finish: str = ""  # and behind them
+    usage: tuple[str, ...] = ()  # lines of a program that uses the file, in {head}
+    remark: str = ""  # on the language and its compilers, the end of {head}
     mark: str = ""  # the beginning of a line of {head}
     types: tuple[str, ...] = ()  # of a type: its head, a field that is a number, one that is an array, its end
     function: str = ""  # the head of a function, {arguments} joined by commas; {result} is one of `results`
@@ -87,12 +89,14 @@ FUSED, TWICE = "|fma({0}, {1}, {2})", "|(({0}) * ({1}) + ({2}))"
 NAMED = "|sin({0})|cos({0})|exp({0})|log({0})"
 HALF = "(({0}) + 6755399441055744.0 - 6755399441055744.0)"  # 1.5 * 2^52: the last place is 1
 PYTHONIC = "({1} if {1} > {0} else {0})|(-1.0 if {0} < 0.0 else 1.0)|({2} if {0} < {1} else {3})" + TWICE
-ROUNDED = "Where C rounds x y + z once, it rounds twice."
+ROUNDED = "where C rounds x y + z once, it rounds twice."
+COMMENT = "/*\n{head}\n*/\n"
+FLAGS = "-ffp-contract=off for the bits, -O2 -march=native -fno-math-errno for speed."
 
 
-def _language(base: Dialect, begin: str, forms: Mapping[str, str], **more: Any) -> Dialect:
+def _language(base: Dialect, forms: Mapping[str, str], **more: Any) -> Dialect:
     """A language that differs from another one; `forms`: names of fields -> their forms, between bars."""
-    fields: dict[str, Any] = {"begin": begin, **more}
+    fields: dict[str, Any] = {**more}
     for names, text in forms.items():
         values = text.split("|")
         if names in GROUPS:
@@ -108,12 +112,9 @@ def _language(base: Dialect, begin: str, forms: Mapping[str, str], **more: Any) 
 
 C = _language(
     Dialect(),
-    """/*
-{head}
-
-C99, and C++.  Compile with -ffp-contract=off for the bits, -O2 -march=native -fno-math-errno for speed.
-*/
-#ifdef {type}_FILE
+    {
+        "begin": COMMENT
+        + """#ifdef {type}_FILE
 #if {type}_FILE != 0x{digest}
 #error "two bodies are called {type}: give one of the files another name, kreisel code --name"
 #endif
@@ -122,7 +123,7 @@ C99, and C++.  Compile with -ffp-contract=off for the bits, -O2 -march=native -f
 #include <math.h>
 
 """,
-    {
+        "remark": f"C99, and C++.  Compile with {FLAGS}",
         "name suffix finish note": "c|.h|#endif\n| /* {} */",
         "types": "typedef struct {{|    double {name};{comment}|    double {name}[{count}];{comment}|}} {type}_{name};",
         "function call": "static inline {result} {type}_{name}({arguments}) {{|{type}_{name}({arguments});",
@@ -150,18 +151,13 @@ CUDA = replace(
     C,
     name="cuda",
     suffix=".cuh",
-    begin=C.begin.replace("C99, and C++.  Compile with", "CUDA and HIP.  Compile with --fmad=false or"),
+    remark=f"CUDA and HIP.  Compile with --fmad=false or {FLAGS}",
     renamed={"static inline": "static __host__ __device__ inline", "    static const": "    const"},
 )
 RUST = _language(
     C,
-    """{head}
-//!
-//!     mod {type};
-//!     let (mut c, mut s) = ({type}::Constants::default(), {type}::State::default());
-//!
-//! Rust 2021.  In a crate without std, enable a feature `libm` that depends on num-traits/libm.  Compile with
-//! -C target-cpu=native for speed; the bits are those of C in any case.
+    {
+        "begin": """{head}
 #![allow(non_snake_case, non_upper_case_globals, unexpected_cfgs, unused, clippy::all)]
 #[cfg(feature = "libm")]
 use num_traits::Float as _;
@@ -172,7 +168,9 @@ fn fma(x: f64, y: f64, z: f64) -> f64 {{
 }}
 
 """,
-    {
+        "usage": "mod {type};|let (mut c, mut s) = ({type}::Constants::default(), {type}::State::default());",
+        "remark": "Rust 2021.  In a crate without std, enable a feature `libm` that depends on num-traits/libm.  "
+        "Compile with -C target-cpu=native for speed; the bits are those of C in any case.",
         "name suffix finish mark note": "rust|.rs||//! | // {}",
         "types": "#[derive(Clone, Copy, Debug, Default)]\npub struct {Name} {{|    pub {name}: f64,{comment}|"
         "    pub {name}: [f64; {count}],{comment}|}}",
@@ -198,16 +196,11 @@ fn fma(x: f64, y: f64, z: f64) -> f64 {{
 )
 JAVASCRIPT = _language(
     C,
-    """/*
-{head}
-
-    import {{ Constants, State, prepare, step }} from "./{type}.mjs";
-    const c = new Constants(), s = new State();
-
-JavaScript has no fused product: where C rounds x y + z once, it rounds twice.
-*/
-""",
     {
+        "begin": COMMENT,
+        "usage": 'import {{ Constants, State, prepare, step }} from "./{type}.mjs";|'
+        "const c = new Constants(), s = new State();",
+        "remark": f"JavaScript has no fused product: {ROUNDED}",
         "name suffix finish note": "js|.mjs|| // {}",
         "types": "export class {Name} {{\n    constructor() {{|        this.{name} = 0;{comment}|"
         "        this.{name} = new Float64Array({count});{comment}|    }}\n}}",
@@ -230,18 +223,10 @@ JavaScript has no fused product: where C rounds x y + z once, it rounds twice.
 )
 CSHARP = _language(
     JAVASCRIPT,
-    f"""/*
-{{head}}
-
-    var c = new {{module}}.Constants();
-    var s = new {{module}}.State();
-
-C# 6 and later, without unsafe code; a step allocates nothing.  {ROUNDED}
-*/
-public static class {{module}} {{{{
-
-""",
     {
+        "begin": COMMENT + "public static class {module} {{\n\n",
+        "usage": "var c = new {module}.Constants();|var s = new {module}.State();",
+        "remark": f"C# 6 and later, without unsafe code; a step allocates nothing; {ROUNDED}",
         "name suffix finish": "csharp|.cs|}}\n",
         "types": "public sealed class {Name} {{|    public double {name};{comment}|"
         "    public readonly double[] {name} = new double[{count}];{comment}|}}",
@@ -261,16 +246,10 @@ public static class {{module}} {{{{
 )
 JULIA = _language(
     JAVASCRIPT,
-    """#=
-{head}
-
-    include("{type}.jl"); using .{module}
-    c, s = {module}.Constants(), {module}.State()
-=#
-module {module}
-
-""",
     {
+        "begin": "#=\n{head}\n=#\nmodule {module}\n\n",
+        "usage": 'include("{type}.jl"); using .{module}|c, s = {module}.Constants(), {module}.State()',
+        "remark": "",
         "name suffix finish note": "julia|.jl|end\n| # {}",
         "types": "Base.@kwdef mutable struct {Name}|    {name}::Float64 = 0.0{comment}|"
         "    {name}::Vector{{Float64}} = zeros({count}){comment}|end",
@@ -290,18 +269,10 @@ module {module}
 )
 PYTHON = _language(
     JAVASCRIPT,
-    f'''"""{{head}}
-
-    import {{type}}
-    c, s = {{type}}.Constants(), {{type}}.State()
-
-Python without packages.  {ROUNDED}
-"""
-
-from math import cos, exp, log, sin, sqrt
-
-''',
     {
+        "begin": '"""{head}\n"""\n\nfrom math import cos, exp, log, sin, sqrt\n\n',
+        "usage": "import {type}|c, s = {type}.Constants(), {type}.State()",
+        "remark": f"Python without packages; {ROUNDED}",
         "name suffix note": "python|.py|  # {}",
         "types": "class {Name}:\n    def __init__(self):|        self.{name} = 0.0{comment}|"
         "        self.{name} = [0.0] * {count}{comment}|",
@@ -318,16 +289,10 @@ from math import cos, exp, log, sin, sqrt
 )
 GDSCRIPT = _language(
     PYTHON,
-    f"""{{head}}
-#
-#     var c := {{module}}.Constants.new()
-#     var s := {{module}}.State.new()
-#
-# GDScript of Godot 4, whose floats have 64 bits.  {ROUNDED}
-class_name {{module}}
-
-""",
     {
+        "begin": "{head}\nclass_name {module}\n\n",
+        "usage": "var c := {module}.Constants.new()|var s := {module}.State.new()",
+        "remark": f"GDScript of Godot 4, whose floats have 64 bits; {ROUNDED}",
         "name suffix mark": "gdscript|.gd|# ",
         "types": "class {Name}:|    var {name} := 0.0{comment}|"
         "    var {name}: PackedFloat64Array = zeros({count}){comment}|\n"
@@ -347,15 +312,10 @@ class_name {{module}}
 )
 WGSL = _language(
     RUST,
-    """{head}
-//
-//     var c: {type}_constants;
-//     var s: {type}_state;
-//
-// WGSL, in single precision.
-
-""",
     {
+        "begin": "{head}\n\n",
+        "usage": "var c: {type}_constants;|var s: {type}_state;",
+        "remark": "WGSL, in single precision.",
         "name suffix mark": "wgsl|.wgsl|// ",
         "types": "struct {type}_{name} {{|    {name}: f32,{comment}|    {name}: array<f32, {count}>,{comment}|}}",
         "function call": f"fn {{type}}_{{name}}({{arguments}}){{result}} {{{{|{C.call}",

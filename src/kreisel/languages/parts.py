@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -157,7 +158,9 @@ def type_of(name: str, fields: Mapping[str, Field], dialect: Dialect, words: Map
 def assembled(body: Body, dialect: Dialect, name: str) -> str:
     """The file, named."""
     words = {"type": name, "module": "".join(word[:1].upper() + word[1:] for word in name.split("_"))}
-    head = "\n".join(f"{dialect.mark}{line}".rstrip() for line in body.head)
+    example = ["", *(f"    {line.format(**words)}" for line in dialect.usage)] if dialect.usage else []
+    lines = [*body.head, *example, *(["", *textwrap.wrap(dialect.remark, 112)] if dialect.remark else [])]
+    head = "\n".join(f"{dialect.mark}{line}".rstrip() for line in lines)
     sections = [type_of("constants", body.constants, dialect, words), type_of("state", body.state, dialect, words)]
     values = {name: f.value for name, f in body.parameters.items()} | {f"start_{k}": v for k, v in body.start.items()}
     defaults = [
