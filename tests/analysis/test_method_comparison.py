@@ -83,6 +83,19 @@ def test_order_drift_and_poisson_defect_of_methods() -> None:
     assert "RK4" in coarse._repr_html_() and len(coarse.plot().axes) == 2
 
 
+def test_a_function_replaces_the_step_of_a_system() -> None:
+    """As a record of the user with the same map, and not the default method of the system."""
+    table = kr.compare({"RK4": BODY, "Euler": (BODY, euler)}, START, dt=0.05, t_end=5.0).table
+    assert np.allclose(table.order, [4, 1], atol=0.1) and table.poisson_defect["Euler"] > 1e-6
+    top = kr.LagrangeTopMoving(A=(0, 0, 1))
+
+    def explicit(M, P, *, A, alpha, eps):
+        return tuple(z + eps * v for z, v in zip((M, P), top.system.flow(M, P, A=A, alpha=alpha), strict=True))
+
+    table = kr.compare({"mine": (top, explicit), "default": top}, START, dt=0.05, t_end=5.0).table
+    assert np.allclose(table.order, [1, 2], atol=0.15)
+
+
 def test_other_flows_and_variables_are_refused() -> None:
     with pytest.raises(kr.InputError, match="one flow"):
         kr.compare([BODY, RK4(c=(1.0, 2.0, 4.0))], START, dt=0.1, t_end=1.0)

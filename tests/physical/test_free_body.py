@@ -390,6 +390,13 @@ def test_a_flat_body_moves_in_closed_form() -> None:
             kr.EulerTop(J=J)
 
 
+def test_a_run_is_not_a_spin() -> None:
+    body = FreeBody((1.0, 2.0, 2.5))
+    run = kr.simulate(body, body.state((1, 2, 3)), dt=0.1, steps=1, progress=False)
+    with pytest.raises(kr.InputError, match="a Dataset"):
+        body.state(run)
+
+
 def test_a_spin_of_many_axes_is_refused() -> None:
     spin: object = [1.0, 2.0, 3.0]
     for _ in range(80):

@@ -20,6 +20,17 @@ WHEEL = Gyroscope(mass=2.0, axial_moment=0.11, transverse_moment=0.16, lever=0.2
 FAST = 20.0  # rad/s
 
 
+def test_lists_are_lanes_of_a_state() -> None:
+    fan = WHEEL.state(tilt="60 deg", spin=["400 rpm", "200 rpm"], precession=[0.5, 0.0])
+    run = kr.simulate(WHEEL, fan, dt=0.01, steps=20, progress=False)
+    for lane, (spin, precession) in enumerate((("400 rpm", 0.5), ("200 rpm", 0.0))):
+        alone = kr.simulate(WHEEL, WHEEL.state("60 deg", spin, precession), dt=0.01, steps=20, progress=False)
+        for name in ("axis", "attitude"):
+            assert (run[name].sel(lane=lane).values == alone[name].values).all()
+    with pytest.raises(kr.InputError, match=r"lanes that fit, got \(3,\), \(2,\)"):
+        WHEEL.state(tilt=[1.0, 1.1, 1.2], spin=[1.0, 2.0])
+
+
 def azimuth(wheel: Gyroscope, run: object) -> np.ndarray:
     return np.unwrap(wheel.motion(run.m, run.a).azimuth)
 

@@ -371,6 +371,25 @@ def test_a_map_whose_eigenvalue_needs_no_search() -> None:
     assert abs(rate - (end(M, 0.1 + h) - end(M, 0.1 - h)) / (2 * h)).max() < 1e-7
 
 
+def test_derivatives_by_the_moments_of_a_free_body() -> None:
+    moments, spin = np.array([0.03, 0.05, 0.07]), np.array([1.0, 2.0, 0.1])
+    motion = kr.differentiable(kr.physical.FreeBody(moments))
+
+    def end(moments: Any) -> Any:
+        return (motion({"momentum": moments * spin}, dt=0.02, steps=100, moments=moments)["momentum"] / moments)[0]
+
+    def simulated(moments: Any) -> float:
+        body = kr.physical.FreeBody(moments)
+        return float(kr.simulate(body, body.state(spin), dt=0.02, steps=100, progress=False).angular_velocity[-1, 0])
+
+    with red.double():
+        slope = jax.grad(end)(jnp.array(moments))
+    near = [(simulated(moments + h) - simulated(moments - h)) / 2e-6 for h in 1e-6 * np.eye(3)]
+    assert np.allclose(slope, near, rtol=1e-5)
+    with pytest.raises(kr.InputError, match="three principal moments"):
+        motion({"momentum": spin}, dt=0.1, steps=1, moments=[1.0, 2.0])
+
+
 BAD = [
     (lambda: kr.differentiable(TOP, method="dop853"), "makes steps"),
     (lambda: kr.differentiable(kr.LagrangeTop(p=np.ones(11)), method="suris"), "n of at most 10"),
@@ -388,7 +407,10 @@ BAD = [
         "gives a start",
     ),
     (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=3, every=2), "multiple of every"),
-    (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1, q=1.0), "has the parameters p, alpha"),
+    (
+        lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1, q=1.0),
+        "of lagrange-top that are real: p, alpha",
+    ),
     (lambda: kr.differentiable(TOP)(START, dt=0.1, steps=1, p=1.0), r"expected the shape \(3,\)"),
     (lambda: kr.differentiable(TOP)({**START, "a": np.float32([1, 0, 0])}, dt=0.1, steps=1), "float32"),
     (lambda: kr.differentiable(TOP)({**START, "a": jnp.ones(3)}, dt=0.1, steps=1), "float32"),

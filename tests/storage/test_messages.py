@@ -172,6 +172,24 @@ def test_a_table_has_units_and_the_angles_that_are_asked_for(tmp_path: Path) -> 
         kr.export(run, tmp_path / "a.csv", angles="grund")
 
 
+@pytest.mark.parametrize(("angle", "axis"), [("pitch", 1), ("roll", 0), ("yaw", 2)])
+def test_lvlh_angles_have_the_signs_of_pilots(angle: str, axis: int) -> None:
+    """Pitch is nose up, roll is right wing down, yaw is nose right."""
+    cos, sin = np.cos(0.1), np.sin(0.1)
+    up, ahead, right = np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, -1.0])
+    nose, wing = {
+        "pitch": (cos * ahead + sin * up, right),
+        "roll": (ahead, cos * right - sin * up),
+        "yaw": (cos * ahead + sin * right, cos * right - sin * ahead),
+    }[angle]
+    g = Rotation.from_matrix(np.column_stack([nose, wing, np.cross(nose, wing)])).as_quat(scalar_first=True)
+    satellite = Satellite((1.0, 2.0, 2.5), Orbit.circular("500 km"))
+    run = kr.simulate(satellite, satellite.state(attitude=g), dt=1.0, steps=2, progress=False)
+    angles = kr.analysis.pointing(run, frame="lvlh").isel(time=0)
+    values = [float(angles[name]) for name in ("roll", "pitch", "yaw")]
+    assert np.allclose(values, 0.1 * np.eye(3)[axis], atol=1e-12)
+
+
 BAD = {
     "no date": (lambda run: kr.export(run, "x.oem"), "epoch: expected the date"),
     "no satellite": (lambda run: kr.export(run, "x.oem", epoch=EPOCH), "the run of a satellite"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from kreisel.errors import InputError, explained, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import as_body
 from kreisel.record.body_frame import BodyFrame
+from kreisel.record.contract import Map
 from kreisel.record.model import Model
 from kreisel.runs.drift import all_series
 from kreisel.runs.in_si import duration
@@ -75,9 +76,10 @@ def compare(
 ) -> MethodComparison:
     """Several methods at one problem: order, cost, drift of the integrals and Poisson defect.
 
-    subjects  systems with their parameters, or pairs (system, {"method": ..., "order": ...}); a dict names them.  All
-              have the same variables and the same flow; a user-defined system may have any map, also one that is not
-              Poisson.  Bodies of `kr.physical` without forces that need the orientation: times are in s
+    subjects  systems with their parameters, or pairs (system, {"method": ..., "order": ...}); a dict names them.  A
+              pair (system, step) has your step for the flow of this system, step(*state, eps, **parameters) -> state,
+              with matrices for axial vectors; it need not be Poisson.  All have the same variables and the same flow.
+              Bodies of `kr.physical` without forces that need the orientation: times are in s
     start     the state, as for `kr.simulate`
     dt        the longest step;  halvings: times that it is halved to measure the order
     t_end     duration of the run whose drift is measured
@@ -134,10 +136,14 @@ def _subject(given: Any) -> Subject:
     subject, options = given if isinstance(given, tuple) and len(given) == 2 else (given, {})
     body = as_body(subject)
     model = subject if body is None else body.model()
-    if not isinstance(model, Model) or not isinstance(options, Mapping):
+    if not isinstance(model, Model) or not (isinstance(options, Mapping) or callable(options)):
         raise InputError(
-            f"subjects: expected a system with its parameters, or (system, {{'method': ...}}), got {shown(given)}."
+            "subjects: expected a system with its parameters, (system, {'method': ...}), or (system, step) with your "
+            f"function step(*state, eps, **parameters), got {shown(given)}."
         )
+    if callable(options):
+        step = Map(step=options, poisson=False, conserves=(), rational=False)
+        model, options = replace(model.system, map=step)(**model.params), {"method": "map"}
     if model.system.perturbation is not None and model.system.perturbation.names(ORIENTATION):
         raise InputError(
             f"subjects: expected bodies without forces that need the orientation, got {model.system.name}. Compare "

@@ -16,9 +16,10 @@ if TYPE_CHECKING:
 def pointing(run: xr.Dataset, *, frame: str = "orbit", axis: Any = None, target: Any = "nadir") -> xr.Dataset:
     """Pitch, roll and yaw of a satellite, and the angle between an axis of the body and its target, in rad.
 
-    frame    "orbit": against up, ahead and the normal of the orbit, the angles of `Satellite.angles`;  "inertial" or
-             "ground": of the axes in which the body was given, R_3(yaw) R_2(pitch) R_1(roll) against space, or against
-             north, east and down at the point below
+    frame    "orbit": against up, ahead and the normal of the orbit, the angles of `Satellite.angles`, 0 in the stable
+             attitude under gravity;  "lvlh", "inertial" or "ground": of the axes in which the body was given,
+             R_3(yaw) R_2(pitch) R_1(roll) against ahead, right and down, against space, or against north, east and down
+             at the point below
     axis     (3,) along the axes of the body; by default the axis that points down at zero angles of "orbit"
     target   "nadir", "velocity", "sun", or a direction (3,) in space
 

@@ -261,7 +261,8 @@ def export(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
     epoch: Annotated[str | None, typer.Option("--epoch", help="The date of time 0, for .aem, .oem and .bc.")] = None,
     angles: Annotated[
-        str | None, typer.Option("--angles", help="Add pitch, roll, yaw of a satellite: orbit, inertial or ground.")
+        str | None,
+        typer.Option("--angles", help="Add pitch, roll and yaw: orbit, lvlh, inertial or ground."),
     ] = None,
 ) -> None:
     """Write an archive as NetCDF (HDF5), Parquet, CSV, NPZ; attitude or orbit as .aem, .oem (CCSDS) or .bc (SPICE)."""

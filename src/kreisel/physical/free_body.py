@@ -34,6 +34,8 @@ from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales
 from kreisel.system import REGISTRY
 
+NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # arrays, for JAX
+
 
 class AxisStability(NamedTuple):
     """The effect of a small disturbance on the rotation about a principal axis."""
@@ -122,11 +124,14 @@ class FreeBody(Forced):
 
     def model(self) -> Model:
         """The scaled system `EulerTop(J)`, in principal axes; a flat body, J_i = 0, moves by method="exact"."""
-        i = self.principal.moments
-        J = (i[[1, 2, 0]] + i[[2, 0, 1]] - i) / (2 * self.unit_moment)
+        J = self.scaled_moments(self.principal.moments)
         J[abs(J) < CLOSE] = 0
         free = REGISTRY["euler-top"](J=J).of_body(self._frame)
         return self.forced(free, self.time_unit, self.momentum_unit, self.principal.axes)
+
+    def scaled_moments(self, moments: Any) -> Any:
+        """J of the scaled system for other principal moments (..., 3), kg m^2, in the units of this body."""
+        return (moments[..., NEXT] + moments[..., LAST] - moments) / (2 * self.unit_moment)
 
     def state(self, spin: Any, axis: Any = None, attitude: Any = UPRIGHT) -> State:
         """The scaled state M = I Omega, in principal axes.
@@ -233,6 +238,11 @@ def angular_velocity_of(spin: Any, axis: Any) -> Array:
         if length == 0:
             raise InputError("axis: expected a direction in the body, got the zero vector.")
         return np.asarray(rate * direction / length)
+    if hasattr(spin, "data_vars"):
+        raise InputError(
+            "spin: expected an angular velocity, got a Dataset. With row = run.isel(time=-1), pass "
+            "spin=row.angular_velocity, attitude=row.attitude, or begin a run of this body at the row."
+        )
     if isinstance(spin, str) or (not isinstance(spin, list | tuple) and np.ndim(spin) == 0):
         raise InputError(
             f"spin: expected three components along the body axes, got {shown(spin)}. Usual cause: a rate without its "

@@ -17,6 +17,7 @@ from kreisel.physical.measures import (
     STANDARD_GRAVITY,
     body_frame,
     convert_fields,
+    finite_floats,
     in_range,
     scales_of,
     si_number,
@@ -38,6 +39,12 @@ class Motion(NamedTuple):
     spin: Array  # w3 = psi' + phi' cos(theta), the total axial angular velocity
     precession: Array  # phi'
     nutation: Array  # theta'
+
+
+def _lanes(value: Any, unit: str, name: str) -> Array:
+    """A finite value in SI, or a value for each lane (lanes,).  Raises `InputError`."""
+    array = finite_floats(value, unit, name)
+    return array if array.ndim == 1 else np.array(si_number(value, unit, name))
 
 
 @explained
@@ -114,24 +121,30 @@ class Gyroscope(Forced):
             self.time_unit, m=("kg m^2/s", self.momentum_unit), energy=("J", self.momentum_unit / self.time_unit)
         )
 
-    def state(self, tilt: float, spin: float, precession: float = 0.0, nutation: float = 0.0) -> State:
+    def state(self, tilt: Any, spin: Any, precession: Any = 0.0, nutation: Any = 0.0) -> State:
         """The scaled state at azimuth 0: a = (sin theta, 0, cos theta), m = I1 a x a' + I3 w3 a.
 
         Tilt theta in rad from the upward vertical; spin w3 (the total axial angular velocity), precession
-        phi' and nutation theta' in rad/s: with neither, the axis is released from rest.  Raises `InputError`.
+        phi' and nutation theta' in rad/s: with neither, the axis is released from rest.  A list has a value for each
+        lane of an ensemble.  Raises `InputError`.
         """
-        tilt, spin = si_number(tilt, "rad", "tilt"), si_number(spin, RATE, "spin")
-        precession, nutation = si_number(precession, RATE, "precession"), si_number(nutation, RATE, "nutation")
-        sin, cos = math.sin(tilt), math.cos(tilt)
-        a, swing = np.array([sin, 0.0, cos]), np.array([-precession * sin * cos, nutation, precession * sin**2])
-        m = in_range("The momentum", lambda: self.time_unit * (swing + self.alpha * spin * a))
-        return self._started(self.orientation(tilt), M=m, a=a)
+        rates = {"spin": spin, "precession": precession, "nutation": nutation}
+        values = [_lanes(tilt, "rad", "tilt"), *(_lanes(value, RATE, name) for name, value in rates.items())]
+        try:
+            theta, w, turn, nod = np.broadcast_arrays(*values)
+        except ValueError:
+            shapes = ", ".join(str(value.shape) for value in values)
+            raise InputError(f"tilt, spin, precession, nutation: expected lanes that fit, got {shapes}.") from None
+        sin, cos = np.sin(theta), np.cos(theta)
+        a, swing = np.stack([sin, 0 * sin, cos], -1), np.stack([-turn * sin * cos, nod, turn * sin**2], -1)
+        m = in_range("The momentum", lambda: self.time_unit * (swing + self.alpha * w[..., None] * a))
+        return self._started(self.orientation(theta), M=m, a=a)
 
     @staticmethod
-    def orientation(tilt: float) -> Array:  # type: ignore[override]  # by its tilt
+    def orientation(tilt: Any) -> Array:  # type: ignore[override]  # by its tilt
         """The unit quaternion (w, x, y, z) that maps the third body axis to the `a` of `state(tilt, ...)`."""
-        tilt = si_number(tilt, "rad", "tilt")
-        return np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
+        half = _lanes(tilt, "rad", "tilt") / 2
+        return np.stack([np.cos(half), 0 * half, np.sin(half), 0 * half], -1)
 
     def motion(self, m: Any, a: Any) -> Motion:
         """The inverse of `state`, from m (..., 3) axial and a (..., 3); precession of a vertical axis is NaN.

@@ -59,13 +59,13 @@ def solid(mesh: Any, length: Any, density: Any, mass: Any) -> tuple[Part, Array]
         raise InputError(f"mesh: expected a file that ends in {', '.join(SUFFIXES)}, got {shown(file.name)}.")
     if length is None:
         raise InputError(
-            f"length: expected the unit of the coordinates in {file.name}, such as length='mm', got none. Mesh files "
-            "do not state it; most CAD programs write mm."
+            f"length: expected the unit of the coordinates in {file.name}, such as length='mm' (--length), got none. "
+            "Mesh files do not state it; most CAD programs write mm."
         )
     unit = si_number(length, "m", "length", positive=True)
     if (density is None) == (mass is None):
         raise InputError(
-            f"expected density=..., such as '2700 kg/m^3' for aluminium, or mass=..., got "
+            f"expected density=..., such as '2700 kg/m^3' for aluminium, or mass=... (--density, --mass), got "
             f"{'neither' if mass is None else 'both'}."
         )
     surface = _surface(file)

@@ -92,8 +92,9 @@ def differentiable(
     The function is the definition from which kernels are compiled, without projections.  It can go through jit, vmap,
     grad, jacfwd and scan, in float64, inside `kreisel.reduction.double()`.  grad keeps 2 sqrt(steps) states.  A
     `RunError` of `kr.simulate` is raised here too, or is NaN under tracing.  Needs the extra `reduction` (JAX).  For a
-    body of `kr.physical` states are in SI, with the names of its runs, and times in s.  Raises `InputError` for methods
-    without such a step, float32, and traced values if a number is needed.
+    body of `kr.physical` states are in SI, with the names of its runs, and times in s; a `FreeBody` has the parameter
+    `moments`, its principal moments in kg m^2.  Raises `InputError` for methods without such a step, float32, and
+    traced values if a number is needed.
     """
     if (body := as_body(system)) is not None:
         return _of_body(body, method, order, orientation)
@@ -334,13 +335,13 @@ def constants_of(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
     """
     if not parameters:
         return dict(model.constants)
-    stated = {p.letter: p for p in model.system.parameters}
-    known = {letter: model.constants[letter] for letter in stated}
+    stated = {p.letter: p for p in model.system.parameters if p.kind not in ("dimension", "table")}
+    known = {p.letter: model.constants[p.letter] for p in model.system.parameters}
     for letter, value in parameters.items():
-        if letter not in stated or stated[letter].kind in ("dimension", "table"):
+        if letter not in stated:
             raise InputError(
-                f"{model.system.name} has the parameters {', '.join(stated)}, got {shown(letter)}, or one that is no "
-                f"real number: a dimension or a table.{hint(letter, stated)}"
+                f"expected parameters of {model.system.name} that are real: {', '.join(stated)}, got "
+                f"{shown(letter)}.{hint(letter, stated)}"
             )
         array = by.array(value, letter)
         if stated[letter].kind == "symmetric" and array.ndim == 1:
@@ -454,6 +455,8 @@ def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[
 
     @explained
     def in_si(state: Mapping[str, Any], *, dt: Any, time: Any = 0.0, **others: Any) -> dict[str, Array]:
+        from kreisel.kernels import jax_numbers as by
+        from kreisel.physical.free_body import FreeBody
         from kreisel.reduction.double import double
 
         unit = frame.time_unit
@@ -463,6 +466,11 @@ def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[
             else:
                 start = changed(state, False)
             others = {name: value @ frame.axes if name in along else value for name, value in others.items()}
+            if isinstance(body, FreeBody) and "moments" in others:
+                moments = by.array(others.pop("moments"), "moments")
+                if moments.shape != (3,):
+                    raise InputError(f"moments: expected three principal moments, kg m^2, got {moments.shape}.")
+                others["J"] = body.scaled_moments(moments)
             return changed(motion(start, dt=dt / unit, time=time / unit, **others), True)
 
     return in_si

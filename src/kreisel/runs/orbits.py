@@ -205,6 +205,7 @@ def pointing_error(
 
 FRAMES = {
     "orbit": "up, ahead and normal of the orbit",
+    "lvlh": "ahead, right and down of the orbit",
     "inertial": "space",
     "ground": "north, east and down at the point below",
 }
@@ -214,8 +215,8 @@ def angles_of(run: xr.Dataset, frame: str = "orbit", around: Surroundings | None
     """Pitch, roll and yaw of a satellite at each row, from -pi to pi.
 
     frame   "orbit": R_3(pitch) R_2(roll) R_1(yaw) of the principal axes against up, ahead and normal, as
-            `Satellite.angles`; "inertial" or "ground": R_3(yaw) R_2(pitch) R_1(roll) of the axes in which the body was
-            given, against space, or north, east and down
+            `Satellite.angles`; "lvlh", "inertial" or "ground": R_3(yaw) R_2(pitch) R_1(roll) of the axes in which the
+            body was given, against ahead, right and down, against space, or against north, east and down
 
     Raises `InputError` for another frame, and for any other run than of a satellite with its orientation.
     """
@@ -229,8 +230,17 @@ def angles_of(run: xr.Dataset, frame: str = "orbit", around: Surroundings | None
             _by_lane(orbit_frame(around.position, around.velocity), g.ndim).mT @ g @ body
         )
         return Angles(third, second, first)
-    yaw, pitch, roll = _tait_bryan(g if frame == "inertial" else _by_lane(ground_frame(around.position), g.ndim).mT @ g)
+    if frame != "inertial":
+        axes = ground_frame(around.position) if frame == "ground" else _lvlh(around)
+        g = _by_lane(axes, g.ndim).mT @ g
+    yaw, pitch, roll = _tait_bryan(g)
     return Angles(pitch, roll, yaw)
+
+
+def _lvlh(around: Surroundings) -> Array:
+    """Columns ahead, right and down, in space."""
+    up, ahead, normal = np.moveaxis(orbit_frame(around.position, around.velocity), -1, 0)
+    return np.stack([ahead, -normal, -up], -1)
 
 
 def _by_lane(values: Array, ndim: int) -> Array:

@@ -283,7 +283,7 @@ def a_run(run: Any, *attributes: str, rows: bool = True) -> Any:
     if not hasattr(run, "data_vars") or not hasattr(run, "attrs"):
         raise InputError(
             f"expected a run, the Dataset of kr.simulate or kr.open_run, got {shown(type(run).__name__)}. "
-            "An archive is opened by kr.open_run(path)."
+            "An archive is opened by kr.open_run(path); several motions are the lanes of one run."
         )
     missing = [name for name in attributes if name not in run.attrs]
     missing += ["time"] if "time" not in run.variables else []

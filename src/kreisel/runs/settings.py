@@ -239,7 +239,7 @@ def checked_state(model: Model, x0: Any) -> State:
         letters = ", ".join(f"{k}=..." for k in model.system.space.letters)
         several = ""
         if isinstance(x0, list | tuple) and x0 and all(isinstance(x, Mapping) for x in x0):
-            several = " Of several states make one with batch axes in front: each component stacked, (lanes, ...)."
+            several = " Pass several states as lanes: body.state(spin=[...]), or components of shape (lanes, ...)."
         raise InputError(
             f"The initial state must come from system.state({letters}), or be a dict or a row of a run, got "
             f"{shown(x0)}.{several}"

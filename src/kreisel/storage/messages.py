@@ -235,7 +235,10 @@ def date_of(epoch: Any, name: str) -> np.datetime64:
     except (ValueError, TypeError):
         start = np.datetime64("NaT")
     if np.isnat(start):
-        raise InputError(f'{name}: expected the date of time 0, such as "2026-01-01T00:00:00", got {shown(epoch)}.')
+        raise InputError(
+            f'{name}: expected the date of time 0, such as "2026-01-01T00:00:00", got {shown(epoch)}. Pass epoch=... '
+            "(--epoch), or give the orbit its epoch."
+        )
     return start
 
 
