@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from kreisel.record.contract import Parameter, PhaseSpace
 
 SKEW_TOLERANCE = 1e-12
+NORM_TOLERANCE = 1e-6  # of the square of a quaternion, which a file may hold in single precision
 MOST_N = 4096  # a matrix of n x n doubles then needs 128 MiB
 MOST_SHOWN = 100  # entries in the text of an array
 T = TypeVar("T")
@@ -156,6 +157,11 @@ def component(letter: str, kind: str, value: Any, n: int, of_bodies: bool, three
         expected = f"n = {n}" if kind == "vector" else count
         if array.ndim < 1 or array.shape[-1] != count:
             raise InputError(f"{name} must be {expected} values (..., {count}), got shape {array.shape}.")
+        if kind == "quaternion" and algebra.magnitude((array * array).sum(-1) - 1) > NORM_TOLERANCE:
+            raise InputError(
+                f"{name} must be a unit quaternion (w, x, y, z), got {shown(array.tolist())}. Usual cause: a mean of "
+                "attitudes, or angles. Divide it by its norm."
+            )
         return array
     if array.ndim >= 2 and array.shape[-2:] == (n, n):
         off = algebra.magnitude(array + array.mT)
