@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from kreisel import algebra
-from kreisel.algebra import Array
+from kreisel.algebra import SECOND, THIRD, Array
 from kreisel.algebra.iteration import times
 from kreisel.exact import rotor_step
 from kreisel.graph.double import DoubleDouble, upper
@@ -18,7 +18,6 @@ from kreisel.languages.parts import CHANGED, HUGE, NEW, READ, Body, Field, Funct
 
 SWEEPS = 6
 NEAR, TINY = 1e-6, 1e-36  # of `rotor_step`, for 32 bits
-FEW: dict[str, Any] = {"nodes": 6, "orders": 6, "tiny": TINY, "restore": False}
 HELD = {"was": Field(3, "written by step and hold"), "kept": Field(4, "written by step and hold")}
 Step = Callable[[Values, Values], dict[str, Any]]
 CLOSE = 1 + 1e-6  # I_i <= I_j + I_k, up to the rounding of measured moments
@@ -39,19 +38,18 @@ principal: moments I and principal axes of an inertia tensor T = (xx, yy, zz, yz
 set_motion and get_motion: orientation q of those axes and angular velocity w in space, from and to the state."""
 
 
-def check(I: Array, dt: Any, most: float = CLOSE) -> Any:  # noqa: E741
-    """The status: 0, or the place of a message, from 1; NaN fails each comparison."""
-    square = dt * dt
-    status = where_less(0.0, square, where_less(square, HUGE, 0.0, 2.0), 2.0)
-    for k in range(3):
-        possible = where_less(I[k], most * (I[k - 1] + I[k - 2]), status, 1.0)
-        status = where_less(0.0, I[k], where_less(I[k], HUGE, possible, 1.0), 1.0)
+def check(dt: Any, pairs: Iterable[tuple[Any, Any]]) -> Any:
+    """The status: 2 unless dt is allowed, 1 unless each pair ascends, else 0; NaN fails each comparison."""
+    status = where_less(0.0, dt * dt, where_less(dt * dt, HUGE, 0.0, 2.0), 2.0)
+    for less, more in pairs:
+        status = where_less(less, more, status, 1.0)
     return status
 
 
-def prepare(I: Array, dt: Any) -> dict[str, Any]:  # noqa: E741
-    """The constants."""
-    return {**{f"c.{name}": value for name, value in rotor_step.constants(I).items()}, "c.h": dt}
+def check_moments(I: Array, dt: Any, most: float = CLOSE) -> Any:  # noqa: E741
+    """The status of moments: 0 < I_i < most (I_j + I_k), and finite."""
+    sums = most * (I[SECOND] + I[THIRD])
+    return check(dt, [*zip(I, sums, strict=True), *((0.0, x) for x in I), *((x, HUGE) for x in I)])
 
 
 def integrals(M: Array, inverse: Array) -> list[Any]:
@@ -90,20 +88,9 @@ def watched(step: Step, single: bool, c: Values, s: Values) -> dict[str, Any]:
     return new | hold(c, {name[2:]: v for name, v in new.items()}, NEAR, TINY) if single else new
 
 
-def step(c: Values, s: Values, **options: Any) -> dict[str, Any]:
-    """M and g after the time h."""
+def _step(c: Values, s: Values, **options: Any) -> dict[str, Any]:
     M, g = rotor_step.step(s["M"], s["g"], **c, **options)
     return {"s.M": M, "s.g": g}
-
-
-def reach(c: Values, s: Values) -> Any:
-    """The measure of the length of a step."""
-    return rotor_step.reach(s["M"], **c)
-
-
-def energy(c: Values, s: Values) -> Any:
-    """M . I^-1 M/2."""
-    return algebra.dot(s["M"], c["inverse"] * s["M"]) / 2
 
 
 def principal(T: Array, tiny: float = rotor_step.TINY) -> dict[str, Any]:
@@ -143,24 +130,15 @@ def get_motion(c: Values, s: Values, axes: Array) -> dict[str, Any]:
     return {"q": q, "w": algebra.conjugated(s["g"], c["inverse"] * s["M"])}
 
 
-def kick(s: Values, K: Array) -> dict[str, Any]:
-    """M after the impulse K of a torque, in space."""
-    return {"s.M": s["M"] + algebra.conjugated(algebra.inverse_turn(s["g"]), K)}
-
-
 def free_body(moments: Any, dt: float, M: Any, g: Any, units: str, single: bool = False) -> Body:
     """The contents of its file, with these default values; `units`: "" for any consistent ones."""
-    four = ("array", 4)
+    four, few = ("array", 4), {"nodes": 6, "orders": 6, "tiny": TINY, "restore": False} if single else {}
     arguments = {"I": ("array", 3), "dt": ("number", 0)}
-    constants = {name: 0 if name == "h" else 3 for name in ("inverse", "rates", "curvatures", "h")}
     head = HEAD.format(reach=rotor_step.MOST_TURN, hold="  In numbers of 32 bits step does it." if single else "")
     return Body(
         head=[*head.splitlines(), f"Units: {units or 'any consistent ones'}."],
-        parameters={
-            "I": Field(3, MOMENTS, np.asarray(moments)),
-            "dt": Field(0, "time step", dt),
-        },
-        constants={name: Field(count) for name, count in constants.items()},
+        parameters={"I": Field(3, MOMENTS, np.asarray(moments)), "dt": Field(0, "time step", dt)},
+        constants={"inverse": Field(3), "rates": Field(3), "curvatures": Field(3), "h": Field(0)},
         state={
             "M": Field(3, "angular momentum along the principal axes"),
             "g": Field(4, "orientation, body to space: unit quaternion (w, x, y, z)"),
@@ -168,16 +146,24 @@ def free_body(moments: Any, dt: float, M: Any, g: Any, units: str, single: bool 
         },
         start={"M": np.asarray(M), "g": np.array([1.0, 0, 0, 0]) if g is None else np.asarray(g)},
         functions=[
-            Function("check", check, arguments, "status"),
-            Function("prepare", prepare, {**NEW, **arguments}),
-            Function("step", partial(watched, partial(step, **FEW) if single else step, single), CHANGED),
+            Function("check", check_moments, arguments, "status"),
+            Function(
+                "prepare",
+                lambda dt, **of: {f"c.{k}": v for k, v in (rotor_step.constants(**of) | {"h": dt}).items()},
+                {**NEW, **arguments},
+            ),
+            Function("step", partial(watched, partial(_step, **few), single), CHANGED),
             *([] if single else [Function("hold", hold, CHANGED)]),
-            Function("reach", reach, READ, "number"),
-            Function("energy", energy, READ, "number"),
-            Function("kick", kick, {"s": ("changed", 0), "K": ("array", 3)}),
+            Function("reach", lambda c, s: rotor_step.reach(s["M"], **c), READ, "number"),
+            Function("energy", lambda c, s: algebra.dot(s["M"], c["inverse"] * s["M"]) / 2, READ, "number"),
+            Function(
+                "kick",
+                lambda s, K: {"s.M": s["M"] + algebra.conjugated(algebra.inverse_turn(s["g"]), K)},
+                {"s": ("changed", 0), "K": ("array", 3)},
+            ),
             Function(
                 "principal",
-                partial(principal, tiny=TINY) if single else principal,
+                partial(principal, tiny=TINY if single else rotor_step.TINY),
                 {"T": ("array", 6), "I": ("out", 3), "axes": ("out", 4)},
             ),
             Function("set_motion", set_motion, {**CHANGED, "axes": four, "q": four, "w": ("array", 3)}),

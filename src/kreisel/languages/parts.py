@@ -17,7 +17,7 @@ import numpy as np
 from kreisel.graph.graph import IN, Graph
 from kreisel.graph.recording import as_operands
 from kreisel.languages.dialects import Dialect
-from kreisel.languages.writer import Rolled, Writer, bare
+from kreisel.languages.writer import WIDTH, Rolled, Writer, bare
 
 Values = Mapping[str, Any]
 Arguments = Mapping[str, tuple[str, int]]
@@ -49,7 +49,6 @@ class Function:
     apply: Callable[..., Any]
     arguments: Arguments
     result: str = ""
-    comment: str = ""
 
 
 @dataclass(frozen=True)
@@ -159,8 +158,11 @@ def assembled(body: Body, dialect: Dialect, name: str) -> str:
     """The file, named."""
     words = {"type": name, "module": "".join(word[:1].upper() + word[1:] for word in name.split("_"))}
     example = ["", *(f"    {line.format(**words)}" for line in dialect.usage)] if dialect.usage else []
-    lines = [*body.head, *example, *(["", *textwrap.wrap(dialect.remark, 112)] if dialect.remark else [])]
-    head = "\n".join(f"{dialect.mark}{line}".rstrip() for line in lines)
+    wrapped, remark = (
+        [x for line in lines for x in textwrap.wrap(line, WIDTH) or [""]]
+        for lines in (body.head, ["", dialect.remark] if dialect.remark else [])
+    )
+    head = "\n".join(f"{dialect.mark}{line}".rstrip() for line in [*wrapped, *example, *remark])
     sections = [type_of("constants", body.constants, dialect, words), type_of("state", body.state, dialect, words)]
     values = {name: f.value for name, f in body.parameters.items()} | {f"start_{k}": v for k, v in body.start.items()}
     defaults = [

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import copy
 import math
-import textwrap
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from kreisel import algebra
-from kreisel.algebra import SECOND, THIRD, Array
+from kreisel.algebra import SECOND, THIRD
 from kreisel.algebra.recorded import NotRecorded
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError
-from kreisel.graph.graph import Graph, where_less
-from kreisel.languages.bodies import HELD, MESSAGES, MOMENTS, check, watched
+from kreisel.graph.graph import Graph
+from kreisel.languages.bodies import HELD, MESSAGES, MOMENTS, check, check_moments, watched
 from kreisel.languages.parts import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values, numbers_of
 from kreisel.method import find
 from kreisel.method.observing import ORIENTATION
@@ -27,30 +26,8 @@ from kreisel.runs.plan import Plan
 
 DEFECT = "defect"
 MOST = 10
+ORBIT = "The constants belong to the orbit of the initial state: from another one the step is another map."
 POSITIVE = ("the parameters are finite, and positive where they have to be", MESSAGES[-1])
-
-
-class Component(NamedTuple):
-    """A component of the state, in the user's form: a skew matrix is an axial vector for n = 3."""
-
-    name: str
-    kind: str
-    n: int
-
-    @property
-    def size(self) -> int:
-        """How many entries it has."""
-        return algebra.KINDS[self.kind].count(self.n)
-
-    def inside(self, entries: Array) -> Array:
-        """As formulas have it."""
-        kind = algebra.KINDS[self.kind]
-        return kind.from_user(kind.shown(self.n).unpack(entries, self.n), self.n)
-
-    def outside(self, value: Array) -> Array:
-        """Its entries."""
-        kind = algebra.KINDS[self.kind]
-        return kind.shown(self.n).pack(kind.for_user(value))
 
 
 class Stepped:
@@ -58,18 +35,18 @@ class Stepped:
 
     made   the scheme with a recorded dt; None if its constants belong to the orbit of the initial state
     orbit  constants of the trajectory that a function of the file computes from the state: name -> count
+    kinds  of the components; the user's form of a skew matrix is an axial vector for n = 3
     """
 
     def __init__(self, plan: Plan, single: bool = False):
         _require_steps(plan)
-        self.model, self.fixed = plan.model, plan.scheme
-        self.dt, self.plan = plan.dt, plan
+        self.model, self.fixed, self.plan = plan.model, plan.scheme, plan
         self.by_moments = self.model.system.name == "euler-top" and self.model.n == 3
-        self.held = single and self.by_moments and self.fixed.stage_count == 1
-        self.letters = [name for name, o in self.fixed.outcomes.items() if o.kind in ("state", "orientation")]
-        self.components = [Component(*each, self.model.n) for each in self.fixed.components]
-        self.made = self._recorded(Graph().input("dt", 0))
         self.stages = self.fixed.stage_count
+        self.held = single and self.by_moments and self.stages == 1
+        self.letters = [name for name, o in self.fixed.outcomes.items() if o.kind in ("state", "orientation")]
+        self.kinds = {name: algebra.KINDS[kind] for name, kind in self.fixed.components}
+        self.made = self._recorded(Graph().input("dt", 0))
         phi = self.model.map if self.made is not None and self.made.trajectory is not None else None
         self.turning = None if phi is None else phi.trajectory
         new = {*self.fixed.stages} - {*self.made.stages} if self.made is not None else {}
@@ -91,6 +68,10 @@ class Stepped:
         own = made.trajectory is None or (fixed.name == "veselov" and isinstance(made.motion, Steps))
         return made if own else None
 
+    def _derived(self, parameters: Values) -> Values:
+        derive = self.model.system.derive
+        return {} if derive is None else call(derive, (), parameters)
+
     def scheme(self, c: Values) -> Scheme:
         """With dt and parameters among the constants of the file."""
         if self.made is None:
@@ -105,15 +86,11 @@ class Stepped:
         """Those of the system, and dt; none if the constants belong to an orbit."""
         if self.made is None:
             return {}
+        params, meanings = self.model.params, {p.letter: p.meaning for p in self.model.system.parameters}
+        fields = {k: _field(params[k], meanings[k]) for k in meanings if k in params}
         if self.by_moments:
-            J = self.model.params["J"]
-            return {"I": _field(J[SECOND] + J[THIRD], MOMENTS), "dt": Field(0, "time step", self.dt)}
-        fields = {
-            p.letter: _field(self.model.params[p.letter], p.meaning)
-            for p in self.model.system.parameters
-            if p.letter in self.model.params
-        }
-        return {**fields, "dt": Field(0, "time step", self.dt)}
+            fields = {"I": _field(params["J"][SECOND] + params["J"][THIRD], MOMENTS)}
+        return {**fields, "dt": Field(0, "time step", self.plan.dt)}
 
     @cached_property
     def _values(self) -> dict[str, Any]:
@@ -127,94 +104,82 @@ class Stepped:
         """All that a step reads, and dt."""
         stages = (self.made or self.fixed).stages
         fields = {
-            k: _field(v) if k not in stages else Field(np.size(v), stage=np.size(v[0])) for k, v in self._values.items()
+            k: Field(np.size(v), stage=np.size(v[0])) if k in stages else _field(v) for k, v in self._values.items()
         }
         return {**fields, "dt": Field(0)}
 
     def prepare(self, **parameters: Any) -> dict[str, Any]:
         """The constants from the parameters."""
-        if self.made is None:
-            return {f"c.{name}": value for name, value in {**self._values, "dt": self.dt}.items()}
-        dt = parameters.pop("dt")
-        if self.by_moments:
-            I = parameters.pop("I")  # noqa: E741
-            parameters["J"] = 0.5 * (I[SECOND] + I[THIRD] - I)
-        made = self._recorded(dt)
-        assert made is not None
-        given = {k: np.reshape(v, np.shape(self.model.params[k])) for k, v in parameters.items()}
-        values = {**made.constants, **made.stages, **given, **self._derived(given), "dt": dt}
+        values = {**self._values, "dt": self.plan.dt}
+        if self.made is not None:
+            dt = parameters.pop("dt")
+            if self.by_moments:
+                I = parameters.pop("I")  # noqa: E741
+                parameters["J"] = 0.5 * (I[SECOND] + I[THIRD] - I)
+            made: Any = self._recorded(dt)
+            given = {k: np.reshape(v, np.shape(self.model.params[k])) for k, v in parameters.items()}
+            values = {**made.constants, **made.stages, **given, **self._derived(given), "dt": dt}
         return {f"c.{name}": values[name] for name in self.constants}
 
-    def _derived(self, parameters: Values) -> Values:
-        derive = self.model.system.derive
-        return {} if derive is None else call(derive, (), parameters)
-
-    def check(self, **parameters: Any) -> Any:
-        """The status: 0, or the place of a message, from 1; NaN fails each comparison."""
+    def check(self, dt: Any, **parameters: Any) -> Any:
+        """The status: 0, or the place of a message."""
         if self.by_moments:
-            return check(**parameters, most=1.0)
-        dt = parameters.pop("dt", None)
-        status: Any = 0.0 if dt is None else where_less(0.0, dt * dt, where_less(dt * dt, HUGE, 0.0, 2.0), 2.0)
+            return check_moments(parameters["I"], dt, most=1.0)
         positive = {p.letter for p in self.model.system.parameters if p.positive}
-        for name, value in parameters.items():
-            for x in np.ravel(value):
-                status = where_less(0.0, x, status, 1.0) if name in positive else status
-                status = where_less(x * x, HUGE, status, 1.0)
-        return status
+        entries = [(x, name in positive) for name, value in parameters.items() for x in np.ravel(value)]
+        return check(dt, [pair for x, above in entries for pair in [(0.0, x)] * above + [(abs(x), HUGE)]])
 
     def _known(self, c: Values, stage: bool = False) -> dict[str, Any]:
         """The constants, those of a stage too."""
         stages = (self.made or self.fixed).stages
-        shapes = {name: np.shape(value) for name, value in self._values.items() if name not in stages}
-        shapes |= {name: np.shape(self._values[name])[1:] for name in stages if stage and name in self._values}
-        return {name: np.reshape(np.asarray(c[name], dtype=object), shape)[()] for name, shape in shapes.items()}
+        shapes = {k: np.shape(v)[k in stages :] for k, v in self._values.items() if stage or k not in stages}
+        return {k: np.reshape(np.asarray(c[k], dtype=object), shape)[()] for k, shape in shapes.items()}
 
     # -- functions of the state ----------------------------------------------------------------------------
 
     @property
     def state(self) -> dict[str, Field]:
         """The variables of the method, in the user's form."""
-        outcomes = self.fixed.outcomes
-        own = {x.name: outcomes[x.name].meaning if x.name in outcomes else "" for x in self.components}
-        fields = {x.name: Field(x.size, own[x.name]) for x in self.components if x.name != DEFECT}
-        fields |= HELD if self.held else {}
-        return {**fields, **{name: Field(self.stages, stage=1) for name in self.orbit}}
+        outcomes, n = self.fixed.outcomes, self.model.n
+        meanings = {name: outcomes[name].meaning if name in outcomes else "" for name in self.kinds}
+        fields = {k: Field(kind.count(n), meanings[k]) for k, kind in self.kinds.items() if k != DEFECT}
+        return {**fields, **(HELD if self.held else {}), **{k: Field(self.stages, stage=1) for k in self.orbit}}
 
     def _inside(self, s: Values) -> tuple[Any, ...]:
-        return tuple(0.0 if x.name == DEFECT else x.inside(s[x.name]) for x in self.components)
+        n = self.model.n
+        return tuple(
+            kind.from_user(kind.shown(n).unpack(s[k], n), n) if k in s else 0.0 for k, kind in self.kinds.items()
+        )
+
+    def _entries(self, name: str, value: Any) -> Any:
+        kind = self.kinds[name]
+        return kind.shown(self.model.n).pack(kind.for_user(value))
 
     def _outside(self, z: tuple[Any, ...]) -> dict[str, Any]:
-        pairs = zip(self.components, z, strict=False)
-        return {f"s.{x.name}": x.outside(value) for x, value in pairs if x.name != DEFECT}
+        return {f"s.{k}": self._entries(k, value) for k, value in zip(self.kinds, z, strict=False) if k != DEFECT}
 
     def step(self, c: Values, s: Values) -> dict[str, Any]:
         """A step, or a stage of one."""
-        return watched(self.moved, True, c, s) if self.held else self.moved(c, s)
+        return watched(self._moved, True, c, s) if self.held else self._moved(c, s)
 
-    def moved(self, c: Values, s: Values) -> dict[str, Any]:
-        """The step of the method."""
+    def _moved(self, c: Values, s: Values) -> dict[str, Any]:
         known = {**self._known(c, True), **{name: s[name][0] for name in self.orbit}}
-        if isinstance(self.fixed.motion, Orbits):
-            count, closed = len(self.model.system.space.letters), closed_form(self.model.system, self.model.n)
-            assert closed is not None
-            z = self._inside(s)
+        motion: Any = self.scheme(c).motion
+        if isinstance(motion, Orbits):
+            z, count = self._inside(s), len(self.model.system.space.letters)
+            closed: Any = closed_form(self.model.system, self.model.n)
             state, g = closed.move(z[:count], z[count:], c["dt"], known)
             return self._outside((*state, *g))
-        return self._outside(self._steps(c).step(*self._inside(s), **known))
-
-    def _steps(self, c: Values) -> Steps:
-        motion = self.scheme(c).motion
-        assert isinstance(motion, Steps)
-        return motion
+        return self._outside(motion.step(*self._inside(s), **known))
 
     def close(self, c: Values, s: Values) -> dict[str, Any]:
         """The end of a step that has stages."""
-        close: Any = self._steps(c).close
-        return self._outside(close(*self._inside(s), **self._known(c)))
+        motion: Any = self.scheme(c).motion
+        return self._outside(motion.close(*self._inside(s), **self._known(c)))
 
     def begin(self, c: Values, s: Values) -> dict[str, Any]:
         """The variables of the method from a user's state, and the constants of the trajectory."""
-        x = tuple(z for z, each in zip(self._inside(s), self.components, strict=True) if each.name in self.letters)
+        x = tuple(z for z, name in zip(self._inside(s), self.kinds, strict=True) if name in self.letters)
         out = self._outside(self.scheme(c).reopen(x))
         if self.turning is not None:
             state, known = x[: len(self.model.system.space.letters)], self._known(c)
@@ -225,26 +190,27 @@ class Stepped:
     def observe(self, c: Values, s: Values) -> dict[str, Any]:
         """The state of the user, if the method steps other variables, and energies."""
         found = self.scheme(c).observe(self._inside(s), None, **self._known(c))
-        own = {x.name: x for x in self.components if self.begins}
-        values = {k: own[k].outside(v) if k in own else np.ravel(np.asarray(v, dtype=object)) for k, v in found.items()}
-        return {k: values[k] for k in (*own, *values) if k in values and (k in own or k.startswith("energy"))}
+        own = [name for name in self.kinds if self.begins and name in found]
+        energies = {k: np.ravel(np.asarray(v, dtype=object)) for k, v in found.items() if k.startswith("energy")}
+        return {**{name: self._entries(name, found[name]) for name in own}, **energies}
 
     # -- the file ------------------------------------------------------------------------------------------
 
     def body(self) -> Body:
         """The contents of the file."""
         arguments = {k: ("array" if f.count else "number", f.count) for k, f in self.parameters.items()}
-        steps = self.fixed.motion if isinstance(self.fixed.motion, Steps) else None
-        staged = self.stages > 1 or (steps is not None and steps.close is not None)
-        names = self._names()
+        closes = isinstance(self.fixed.motion, Steps) and self.fixed.motion.close is not None
+        staged, names = self.stages > 1 or closes, self._names()
         functions = [
             *([Function("check", self.check, arguments, "status")] if arguments else []),
             Function("prepare", self.prepare, {**NEW, **arguments}),
             *([Function("begin", self.begin, CHANGED)] if self.begins or self.orbit else []),
             Function("stage" if staged else "step", self.step, CHANGED | ({"k": ("index", 0)} if staged else {})),
-            *([Function("close", self.close, CHANGED)] if steps and steps.close is not None else []),
+            *([Function("close", self.close, CHANGED)] if closes else []),
             *([Function("observe", self._observed, {**READ, "out": ("out", len(names))})] if names else []),
         ]
+        first = dict(zip(self.kinds, algebra.restore(self.plan.first[0], self.fixed.kinds, self.model.n), strict=True))
+        first |= {name: np.asarray(self.plan.start[name]) for name in self.kinds if name in self.letters}
         return Body(
             head=_head(self, names),
             parameters=self.parameters,
@@ -252,35 +218,26 @@ class Stepped:
             state=self.state,
             functions=functions,
             messages=(MESSAGES if self.by_moments else POSITIVE) if arguments else (),
-            start=self._start(),
+            start={k.removeprefix("s."): np.ravel(v) for k, v in self._outside((*first.values(),)).items()},
             stages=self.stages if staged else 0,
         )
-
-    def _start(self) -> dict[str, Any]:
-        """The state of the plan in the user's form, and the first values of other variables."""
-        first = algebra.restore(self.plan.first[0], self.fixed.kinds, self.model.n)
-        pairs = zip(self.components, first, strict=True)
-        return {
-            x.name: np.ravel(x.outside(np.asarray(self.plan.start[x.name]) if x.name in self.letters else value))
-            for x, value in pairs
-            if x.name != DEFECT
-        }
 
     def _observed(self, c: Values, s: Values) -> dict[str, Any]:
         return {"out": np.concatenate([*self.observe(c, s).values()])}
 
+    def _inputs(self) -> tuple[Values, Values]:
+        graph = Graph()
+        return numbers_of(graph, "c", self.constants), numbers_of(graph, "s", self.state)
+
     def _names(self) -> list[str]:
         """The names of what `observe` writes."""
-        graph = Graph()
-        c, s = (numbers_of(graph, letter, fields) for letter, fields in (("c", self.constants), ("s", self.state)))
-        sizes = {name: len(value) for name, value in self.observe(c, s).items()}
+        sizes = {name: len(value) for name, value in self.observe(*self._inputs()).items()}
         return [f"{name}[{i}]" if size > 1 else name for name, size in sizes.items() for i in range(size)]
 
     @cached_property
     def begins(self) -> bool:
         """Whether the variables of the method are others than those of the user."""
-        graph = Graph()
-        c, s = (numbers_of(graph, letter, fields) for letter, fields in (("c", self.constants), ("s", self.state)))
+        c, s = self._inputs()
         new = self.begin(c, s)
         pairs = ((x, y) for k in self.letters for x, y in zip(np.ravel(s[k]), np.ravel(new[f"s.{k}"]), strict=True))
         return any(getattr(y, "key", None) != x.key for x, y in pairs)
@@ -298,11 +255,10 @@ def _require_steps(plan: Plan) -> None:
             f"code: expected a method that steps the state itself, got the order {made.options['order']}, whose "
             "corrector comes before the steps and behind them. Use order=(8, 2) or (8, 6, 4)."
         )
-    closed = isinstance(made.motion, Orbits) and closed_form(model.system, model.n) is not None
-    steps = isinstance(made.motion, Steps) or closed
     if model.n > MOST:
         raise InputError(f"code: expected n <= {MOST}, got n = {model.n}. Longer steps are no straight-line code.")
-    if not steps or plan.large is not None or made.coupling is not None:
+    closed = isinstance(made.motion, Orbits) and closed_form(model.system, model.n) is not None
+    if not (isinstance(made.motion, Steps) or closed) or plan.large is not None or made.coupling is not None:
         raise InputError(
             f"code: expected one body and a method that makes steps, got {made.name}. Give method='suris', "
             "'baecklund', 'veselov', 'variational' or 'kahan'; bodies that act on each other have no file."
@@ -314,19 +270,14 @@ def _head(stepped: Stepped, names: list[str]) -> list[str]:
     plan, system = stepped.plan, stepped.model.system
     method, order = find(stepped.fixed.name), stepped.fixed.options.get("order")
     conserved = [n for n, o in plan.outcomes.items() if o.conserved]
-    lines = [
+    known = ", ".join(f"{k} = {np.asarray(v).tolist()}" for k, v in stepped.model.params.items())
+    return [
         f"{system.title}: {system.equations}",
         f"[{system.source}]",
         f"Method {method.name}: {method.title}{'' if order is None else f', order {order}'}.",
         f"It conserves {', '.join(conserved) or 'none of the outputs'}.  {system.scaling}",
-        "Skew matrices are axial vectors for n = 3, else the entries above the diagonal, row by row; symmetric ones",
+        "Skew matrices are axial vectors for n = 3, else the entries above the diagonal, row by row; symmetric ones "
         "those on and above it; g is a unit quaternion (w, x, y, z), body to space, or a matrix.",
         f"Outputs: {', '.join(names)}.",
+        *([f"{known}, dt = {plan.dt!r}.  {ORBIT}"] if stepped.made is None else []),
     ]
-    if stepped.made is None:
-        known = ", ".join(f"{k} = {np.asarray(v).tolist()}" for k, v in stepped.model.params.items())
-        lines.append(
-            f"{known}, dt = {plan.dt!r}.  The constants belong to the orbit of the initial state: from another one the "
-            "step is another map."
-        )
-    return [part for line in lines for part in textwrap.wrap(line, 112)]
