@@ -27,15 +27,13 @@ MESSAGES = (
     "the time step dt is finite and not 0",
 )
 HEAD = """The free rigid body in closed form: no time step is too long for its energy, momentum and flips.
-
 prepare: constants from the principal moments of inertia I and the time step dt, after `check` has returned 0.
 step: momentum M along the principal axes (M_i = I_i w_i) and orientation g after the time dt; -dt steps back.
-Between steps you may change M and g, by `kick` with the impulse of a torque K in space, and the constants.  A step is
-accurate to rounding if `reach` is at most 1, {reach} radians at the most.  Else prepare with dt/n and step n times.
-hold: rounding changes energy and |M| by 1e-17 of them a step; called now and then, hold puts them back to what they
-were after your last change of M.{hold}
-principal: moments I and principal axes of an inertia tensor T = (xx, yy, zz, yz, zx, xy) in other axes of the body;
-set_motion and get_motion: orientation q of those axes and angular velocity w in space, from and to the state."""
+You may change M, g and the constants between steps, and M by `kick` with the impulse of a torque K in space.
+A step is accurate to rounding if `reach` is at most 1, {reach} radians at the most; else step n times with dt/n.
+hold: energy and |M|, which rounding changes by 1e-17 of them a step, as they were after your last change of M.{hold}
+principal: moments I and principal axes of an inertia tensor T = (xx, yy, zz, yz, zx, xy) in other axes of the body.
+set_motion, get_motion: orientation q of those axes and angular velocity w in space, from and to the state."""
 
 
 def check(dt: Any, pairs: Iterable[tuple[Any, Any]]) -> Any:
@@ -132,7 +130,8 @@ def get_motion(c: Values, s: Values, axes: Array) -> dict[str, Any]:
 
 def free_body(moments: Any, dt: float, M: Any, g: Any, units: str, single: bool = False) -> Body:
     """The contents of its file, with these default values; `units`: "" for any consistent ones."""
-    four, few = ("array", 4), {"nodes": 6, "orders": 6, "tiny": TINY, "restore": False} if single else {}
+    four = ("array", 4)
+    few: dict[str, Any] = {"nodes": 6, "orders": 6, "tiny": TINY, "restore": False} if single else {}
     arguments = {"I": ("array", 3), "dt": ("number", 0)}
     head = HEAD.format(reach=rotor_step.MOST_TURN, hold="  In numbers of 32 bits step does it." if single else "")
     return Body(

@@ -30,8 +30,7 @@ class Dialect:
     suffix: str = ""
     begin: str = ""  # the text of a file before its types and functions; {head} is its comment
     finish: str = ""  # and behind them
-    usage: tuple[str, ...] = ()  # lines of a program that uses the file, in {head}
-    remark: str = ""  # on the language and its compilers, the end of {head}
+    about: tuple[str, ...] = ()  # the end of {head}: lines of a program that uses the file, compilers
     mark: str = ""  # the beginning of a line of {head}
     types: tuple[str, ...] = ()  # of a type: its head, a field that is a number, one that is an array, its end
     function: str = ""  # the head of a function, {arguments} joined by commas; {result} is one of `results`
@@ -54,7 +53,7 @@ class Dialect:
     end: str = ";"
     close: str = "}"
     note: str = ""  # a comment behind a declaration
-    special: tuple[str, ...] = ("NAN", "INFINITY")
+    special: str = "NAN INFINITY"
     number: str = "{}"  # a number with its digits
     number32: str = "{}"  # of 32 bits; `words` are replaced then, `renamed` always
     words: Mapping[str, str] = field(default_factory=dict)
@@ -62,11 +61,11 @@ class Dialect:
     unused: str = ""  # a statement that uses an argument, if compilers warn of those that nothing uses
     single: bool = False
     first: int = 0  # the index of the first entry of an array
-    reserved: frozenset[str] = frozenset()
+    reserved: str = ""
 
     def literal(self, value: float) -> str:
         """A number with all its digits."""
-        nan, infinity = self.special
+        nan, infinity = self.special.split()
         if not math.isfinite(value):
             return nan if math.isnan(value) else f"{'-' * (value < 0)}{infinity}"
         return self.number.format(str(np.float32(value)) if self.single else repr(float(value)))
@@ -101,8 +100,6 @@ def _language(base: Dialect, forms: Mapping[str, str], **more: Any) -> Dialect:
         values = text.split("|")
         if names in GROUPS:
             fields[names] = {k: v for k, v in zip(GROUPS[names], values, strict=False) if v or names != "calls"}
-        elif names == "reserved":
-            fields[names] = frozenset(text.split())
         elif " " in names:
             fields |= dict(zip(names.split(), values, strict=True))
         else:
@@ -123,7 +120,7 @@ C = _language(
 #include <math.h>
 
 """,
-        "remark": f"C99, and C++.  Compile with {FLAGS}",
+        "about": f"|C99, and C++.  Compile with {FLAGS}",
         "name suffix finish note": "c|.h|#endif\n| /* {} */",
         "types": "typedef struct {{|    double {name};{comment}|    double {name}[{count}];{comment}|}} {type}_{name};",
         "function call": "static inline {result} {type}_{name}({arguments}) {{|{type}_{name}({arguments});",
@@ -151,7 +148,7 @@ CUDA = replace(
     C,
     name="cuda",
     suffix=".cuh",
-    remark=f"CUDA and HIP.  Compile with --fmad=false or {FLAGS}",
+    about=("", f"CUDA and HIP.  Compile with --fmad=false or {FLAGS}"),
     renamed={"static inline": "static __host__ __device__ inline", "    static const": "    const"},
 )
 RUST = _language(
@@ -168,8 +165,8 @@ fn fma(x: f64, y: f64, z: f64) -> f64 {{
 }}
 
 """,
-        "usage": "mod {type};|let (mut c, mut s) = ({type}::Constants::default(), {type}::State::default());",
-        "remark": "Rust 2021.  In a crate without std, enable a feature `libm` that depends on num-traits/libm.  "
+        "about": "|    mod {type};|    let (mut c, mut s) = ({type}::Constants::default(), {type}::State::default());||"
+        "Rust 2021.  In a crate without std, enable a feature `libm` that depends on num-traits/libm.  "
         "Compile with -C target-cpu=native for speed; the bits are those of C in any case.",
         "name suffix finish mark note": "rust|.rs||//! | // {}",
         "types": "#[derive(Clone, Copy, Debug, Default)]\npub struct {Name} {{|    pub {name}: f64,{comment}|"
@@ -185,8 +182,7 @@ fn fma(x: f64, y: f64, z: f64) -> f64 {{
         "status case": '({}) as i32|if status == {status} {{ return "{text}"; }}',
         "local": "|c, s|",
         "default": "pub const default_{name}: f64 = {body};|pub const default_{name}: [f64; {count}] = [{body}];",
-        "special": "f64::NAN|f64::INFINITY",
-        "number32 unused": "{}|",
+        "number32 unused special": "{}||f64::NAN f64::INFINITY",
         "reserved": "crate self super mod fn let mut pub use impl struct enum type match loop move ref",
         "calls": "(if {1} > {0} {{ {1} }} else {{ {0} }})|(if {0} < 0.0 {{ -1.0 }} else {{ 1.0 }})|"
         "(if {0} < {1} {{ {2} }} else {{ {3} }})" + FUSED + f"|({{0}}).sqrt()|({{0}}).abs()|{HALF}|"
@@ -195,25 +191,20 @@ fn fma(x: f64, y: f64, z: f64) -> f64 {{
     words={"f64": "f32"},
 )
 JAVASCRIPT = _language(
-    C,
+    RUST,
     {
         "begin": COMMENT,
-        "usage": 'import {{ Constants, State, prepare, step }} from "./{type}.mjs";|'
-        "const c = new Constants(), s = new State();",
-        "remark": f"JavaScript has no fused product: {ROUNDED}",
-        "name suffix finish note": "js|.mjs|| // {}",
+        "about": '|    import {{ Constants, State, prepare, step }} from "./{type}.mjs";|'
+        f"    const c = new Constants(), s = new State();||JavaScript has no fused product: {ROUNDED}",
+        "name suffix mark case": f"js|.mjs||{C.case}",
         "types": "export class {Name} {{\n    constructor() {{|        this.{name} = 0;{comment}|"
         "        this.{name} = new Float64Array({count});{comment}|    }}\n}}",
         "function call": "export function {name}({arguments}) {{|{name}({arguments});",
         "results": "|||",
-        "members": "{object}.{name}|{object}.{name}[{i}]",
-        "once starts": "const {} = {};|let {} = {};",
-        "table room": "const {name} = [{body}];|",
+        "once starts joint": "const {} = {};|let {} = {};|, ",
+        "room status special": "|{}|NaN Infinity",
         "up": "for (let {var} = 0; {var} < {count}; {var}++) {{",
-        "status unused": "{}|",
-        "local": "|c, s|",
         "default": "export const {name}_default = {body};|export const {name}_default = [{body}];",
-        "special": "NaN|Infinity",
         "reserved": "",
         "calls": SELECTS + "|({0} * {1} + {2})|Math.sqrt({0})|Math.abs({0})||"
         "Math.sin({0})|Math.cos({0})|Math.exp({0})|Math.log({0})",
@@ -225,8 +216,8 @@ CSHARP = _language(
     JAVASCRIPT,
     {
         "begin": COMMENT + "public static class {module} {{\n\n",
-        "usage": "var c = new {module}.Constants();|var s = new {module}.State();",
-        "remark": f"C# 6 and later, without unsafe code; a step allocates nothing; {ROUNDED}",
+        "about": "|    var c = new {module}.Constants();|    var s = new {module}.State();||"
+        f"C# 6 and later, without unsafe code; a step allocates nothing; {ROUNDED}",
         "name suffix finish": "csharp|.cs|}}\n",
         "types": "public sealed class {Name} {{|    public double {name};{comment}|"
         "    public readonly double[] {name} = new double[{count}];{comment}|}}",
@@ -235,10 +226,9 @@ CSHARP = _language(
         "arguments": "double {name}|double[] {name}|double[] {name}|Constants {name}|Constants {name}|State {name}|"
         "State {name}|int {name}|long {name}|int {name}",
         "once starts": "double {} = {};|double {} = {};",
-        "up status": f"{C.up}|{C.status}",
+        "up status special": f"{C.up}|{C.status}|double.NaN double.PositiveInfinity",
         "default": "public const double default_{name} = {body};|"
         "public static readonly double[] default_{name} = {{ {body} }};",
-        "special": "double.NaN|double.PositiveInfinity",
         "reserved": "base checked class decimal event fixed lock namespace object params string unsafe",
         "calls": SELECTS + TWICE + "|System.Math.Sqrt({0})|System.Math.Abs({0})|System.Math.Round({0})|"
         "System.Math.Sin({0})|System.Math.Cos({0})|System.Math.Exp({0})|System.Math.Log({0})",
@@ -248,8 +238,7 @@ JULIA = _language(
     JAVASCRIPT,
     {
         "begin": "#=\n{head}\n=#\nmodule {module}\n\n",
-        "usage": 'include("{type}.jl"); using .{module}|c, s = {module}.Constants(), {module}.State()',
-        "remark": "",
+        "about": '|    include("{type}.jl"); using .{module}|    c, s = {module}.Constants(), {module}.State()',
         "name suffix finish note": "julia|.jl|end\n| # {}",
         "types": "Base.@kwdef mutable struct {Name}|    {name}::Float64 = 0.0{comment}|"
         "    {name}::Vector{{Float64}} = zeros({count}){comment}|end",
@@ -259,8 +248,7 @@ JULIA = _language(
         "up end close": "for {var} in 1:{count}||end",
         "give status case": 'return {}|Int({})|status == {status} && return "{text}"',
         "default": "const {name}_default = {body}|const {name}_default = [{body}]",
-        "special": "NaN|Inf",
-        "number32": "Float32({})",
+        "special number32": "NaN Inf|Float32({})",
         "reserved": "begin end local function module quote let Base Core Main",
         "calls": SELECTS + FUSED + "|sqrt({0})|abs({0})|round({0})" + NAMED,
     },
@@ -271,8 +259,8 @@ PYTHON = _language(
     JAVASCRIPT,
     {
         "begin": '"""{head}\n"""\n\nfrom math import cos, exp, log, sin, sqrt\n\n',
-        "usage": "import {type}|c, s = {type}.Constants(), {type}.State()",
-        "remark": f"Python without packages; {ROUNDED}",
+        "about": "|    import {type}|    c, s = {type}.Constants(), {type}.State()||"
+        f"Python without packages; {ROUNDED}",
         "name suffix note": "python|.py|  # {}",
         "types": "class {Name}:\n    def __init__(self):|        self.{name} = 0.0{comment}|"
         "        self.{name} = [0.0] * {count}{comment}|",
@@ -281,8 +269,7 @@ PYTHON = _language(
         "up end close": "for {var} in range({count}):||",
         "give status case": 'return {}|int({})|if status == {status}: return "{text}"',
         "default": "default_{name} = {body}|default_{name} = ({body},)",
-        "special": "float('nan')|float('inf')",
-        "number32": "{}",
+        "special": "float('nan') float('inf')",
         "reserved": "and as class def del from global import in is lambda not or pass with yield",
         "calls": PYTHONIC + "|sqrt({0})|abs({0})|round({0})" + NAMED,
     },
@@ -291,8 +278,8 @@ GDSCRIPT = _language(
     PYTHON,
     {
         "begin": "{head}\nclass_name {module}\n\n",
-        "usage": "var c := {module}.Constants.new()|var s := {module}.State.new()",
-        "remark": f"GDScript of Godot 4, whose floats have 64 bits; {ROUNDED}",
+        "about": "|    var c := {module}.Constants.new()|    var s := {module}.State.new()||"
+        f"GDScript of Godot 4, whose floats have 64 bits; {ROUNDED}",
         "name suffix mark": "gdscript|.gd|# ",
         "types": "class {Name}:|    var {name} := 0.0{comment}|"
         "    var {name}: PackedFloat64Array = zeros({count}){comment}|\n"
@@ -303,9 +290,8 @@ GDSCRIPT = _language(
         "arguments": "{name}: float|{name}: PackedFloat64Array|{name}: PackedFloat64Array|{name}: Constants|"
         "{name}: Constants|{name}: State|{name}: State|{name}: int|{name}: int|{name}: int",
         "once starts joint": "var {} := {}|var {} := {}|; var ",
-        "up": "for {var} in {count}:",
+        "up special": "for {var} in {count}:|NAN INF",
         "default": "const default_{name} := {body}|const default_{name}: Array[float] = [{body}]",
-        "special": "NAN|INF",
         "reserved": "and as class extends func in is not or pass self signal static super var",
         "calls": f"{PYTHONIC}|sqrt({{0}})|absf({{0}})|{HALF}{NAMED}",
     },
@@ -314,8 +300,7 @@ WGSL = _language(
     RUST,
     {
         "begin": "{head}\n\n",
-        "usage": "var c: {type}_constants;|var s: {type}_state;",
-        "remark": "WGSL, in single precision.",
+        "about": "|    var c: {type}_constants;|    var s: {type}_state;||WGSL, in single precision.",
         "name suffix mark": "wgsl|.wgsl|// ",
         "types": "struct {type}_{name} {{|    {name}: f32,{comment}|    {name}: array<f32, {count}>,{comment}|}}",
         "function call": f"fn {{type}}_{{name}}({{arguments}}){{result}} {{{{|{C.call}",
@@ -324,11 +309,10 @@ WGSL = _language(
         "{name}: ptr<function, {type}_constants>|{name}: ptr<function, {type}_constants>|"
         "{name}: ptr<function, {type}_state>|{name}: ptr<function, {type}_state>|{name}: i32|{name}: i32|{name}: i32",
         "members": "(*{object}).{name}|(*{object}).{name}[{i}]",
-        "starts": "var {} = {};",
+        "starts special": f"var {{}} = {{}};|{C.special}",
         "table room": "var {name} = array<f32, {count}>({body});|var {name}: array<f32, {count}>;",
         "up status": "for (var {var} = 0; {var} < {count}; {var}++) {{|i32({})",
         "default": "const {type}_{name}: f32 = {body};|const {type}_{name} = array<f32, {count}>({body});",
-        "special": "NAN|INFINITY",
         "number number32": "{}f|{}f",
         "reserved": "fn let var struct loop switch discard enable override ptr array",
         "calls": "max({0}, {1})|select(1.0, -1.0, {0} < 0.0)|select({3}, {2}, {0} < {1})"

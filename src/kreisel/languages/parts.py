@@ -103,13 +103,11 @@ def text_of(body: Body, function: Function, dialect: Dialect, words: Mapping[str
         number = bare(value) if function.result == "number" else dialect.status.format(bare(value))
         writer.say(dialect.give.format(number))
     else:
-        entries = {name: np.ravel(np.asarray(value, dtype=object)) for name, value in results.items()}
-        inputs = {name: [graph.node(IN, name, i) for i in range(len(values))] for name, values in entries.items()}
         new = [
             (place(name, i), x)
-            for name, values in entries.items()
-            for i, x in enumerate(as_operands(list(values)))
-            if getattr(x, "key", None) != (inputs[name][i], False)
+            for name, value in results.items()
+            for i, x in enumerate(as_operands(list(np.ravel(np.asarray(value, dtype=object)))))
+            if getattr(x, "key", None) != (graph.node(IN, name, i), False)
         ]
         for (target, _), value in zip(new, writer.values(graph, [x for _, x in new]), strict=True):
             writer.assign(target, value)
@@ -121,27 +119,29 @@ def text_of(body: Body, function: Function, dialect: Dialect, words: Mapping[str
 def programs(body: Body, dialect: Dialect, words: Mapping[str, str]) -> list[str]:
     """The functions that call others: a step of stages, many steps, and the message of a status."""
 
-    def repeated(writer: Writer, loop: str, names: Sequence[str], objects: str, stage: str = "") -> None:
-        with writer.block(loop):
-            writer.say(dialect.call.format(name=names[0], arguments=objects + stage, **words))
-        writer.lines += ["    " + dialect.call.format(name=name, arguments=objects, **words) for name in names[1:]]
+    def call(name: str, objects: str) -> str:
+        return dialect.call.format(name=name, arguments=objects, **words)
 
-    writers = {name: Writer(dialect) for name in ("step", "advance", "message")}
+    step, advance, message = (Writer(dialect) for _ in range(3))
     if body.stages:
-        close = [f.name for f in body.functions if f.name == "close"]
-        loop = dialect.up.format(integer="int", var="k", count=body.stages)
-        repeated(writers["step"], loop, ["stage", *close], "c, s", ", k")
+        with step.block(dialect.up.format(integer="int", var="k", count=body.stages)):
+            step.say(call("stage", "c, s, k"))
+        step.lines += ["    " + call("close", "c, s") for f in body.functions if f.name == "close"]
     before, objects, behind = (x.format(**words) for x in dialect.local)
-    writers["advance"].lines += [f"    {before}"] if before else []
-    repeated(writers["advance"], dialect.up.format(integer="long", var="k", count="steps"), ["step"], objects)
-    writers["advance"].lines += [f"    {behind}"] if behind else []
+    advance.lines += [f"    {before}"] * bool(before)
+    with advance.block(dialect.up.format(integer="long", var="k", count="steps")):
+        advance.say(call("step", objects))
+    advance.lines += [f"    {behind}"] * bool(behind)
     if body.messages and "text" in dialect.results:
         for status, text in enumerate(body.messages, 1):
-            writers["message"].say(dialect.case.format(status=status, text=text))
-        writers["message"].say(dialect.give.format('""'))
-    arguments = {"step": CHANGED, "advance": {**CHANGED, "steps": ("count", 0)}, "message": {"status": ("status", 0)}}
-    results = {"message": "text"}
-    return [w.function(k, arguments[k], words, results.get(k, "")) for k, w in writers.items() if w.lines]
+            message.say(dialect.case.format(status=status, text=text))
+        message.say(dialect.give.format('""'))
+    many = {**CHANGED, "steps": ("count", 0)}
+    return [
+        *([step.function("step", CHANGED, words)] if body.stages else []),
+        advance.function("advance", many, words),
+        *([message.function("message", {"status": ("status", 0)}, words, "text")] if message.lines else []),
+    ]
 
 
 def type_of(name: str, fields: Mapping[str, Field], dialect: Dialect, words: Mapping[str, str]) -> str:
@@ -157,12 +157,9 @@ def type_of(name: str, fields: Mapping[str, Field], dialect: Dialect, words: Map
 def assembled(body: Body, dialect: Dialect, name: str) -> str:
     """The file, named."""
     words = {"type": name, "module": "".join(word[:1].upper() + word[1:] for word in name.split("_"))}
-    example = ["", *(f"    {line.format(**words)}" for line in dialect.usage)] if dialect.usage else []
-    wrapped, remark = (
-        [x for line in lines for x in textwrap.wrap(line, WIDTH) or [""]]
-        for lines in (body.head, ["", dialect.remark] if dialect.remark else [])
-    )
-    head = "\n".join(f"{dialect.mark}{line}".rstrip() for line in [*wrapped, *example, *remark])
+    lines = [*body.head, *(line.format(**words) for line in dialect.about)]
+    wrapped = [x for line in lines for x in textwrap.wrap(line, WIDTH) or [""]]
+    head = "\n".join(f"{dialect.mark}{line}".rstrip() for line in wrapped)
     sections = [type_of("constants", body.constants, dialect, words), type_of("state", body.state, dialect, words)]
     values = {name: f.value for name, f in body.parameters.items()} | {f"start_{k}": v for k, v in body.start.items()}
     defaults = [

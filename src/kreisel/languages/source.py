@@ -152,5 +152,5 @@ def _require_name(name: str | None, dialect: Dialect) -> None:
         return
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise InputError(f"name: expected letters, digits and _, a letter first, such as wheel_1, got {shown(name)}.")
-    if name in dialect.reserved:
+    if name in dialect.reserved.split():
         raise InputError(f"name: expected one that {dialect.name} and the file do not have already, got {shown(name)}.")
