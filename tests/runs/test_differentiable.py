@@ -388,6 +388,8 @@ def test_derivatives_by_the_moments_of_a_free_body() -> None:
     assert np.allclose(slope, near, rtol=1e-5)
     with pytest.raises(kr.InputError, match="three principal moments"):
         motion({"momentum": spin}, dt=0.1, steps=1, moments=[1.0, 2.0])
+    with pytest.raises(kr.InputError, match="expected moments="):
+        motion({"momentum": spin}, dt=0.1, steps=1, inertia=moments)
 
 
 BAD = [

@@ -124,14 +124,26 @@ class FreeBody(Forced):
 
     def model(self) -> Model:
         """The scaled system `EulerTop(J)`, in principal axes; a flat body, J_i = 0, moves by method="exact"."""
-        J = self.scaled_moments(self.principal.moments)
+        J = _mass_moments(self.principal.moments, self.unit_moment)
         J[abs(J) < CLOSE] = 0
         free = REGISTRY["euler-top"](J=J).of_body(self._frame)
         return self.forced(free, self.time_unit, self.momentum_unit, self.principal.axes)
 
-    def scaled_moments(self, moments: Any) -> Any:
-        """J of the scaled system for other principal moments (..., 3), kg m^2, in the units of this body."""
-        return (moments[..., NEXT] + moments[..., LAST] - moments) / (2 * self.unit_moment)
+    def _scaled(self, parameters: dict[str, Any]) -> dict[str, Any]:
+        """J for the principal moments."""
+        if wrong := parameters.keys() & {"J", "inertia"}:
+            raise InputError(
+                f"{', '.join(sorted(wrong))}: expected moments=..., its principal moments, kg m^2. Usual "
+                "cause: J of the scaled system, which is in units of a third of the trace of the inertia tensor."
+            )
+        moments = parameters.get("moments")
+        if moments is None:
+            return parameters
+        moments = moments if hasattr(moments, "shape") else np.array(moments, dtype=float)
+        if moments.shape != (3,):
+            raise InputError(f"moments: expected three principal moments, kg m^2, got {moments.shape}.")
+        others = {name: value for name, value in parameters.items() if name != "moments"}
+        return {**others, "J": _mass_moments(moments, self.unit_moment)}
 
     def state(self, spin: Any, axis: Any = None, attitude: Any = UPRIGHT) -> State:
         """The scaled state M = I Omega, in principal axes.
@@ -228,6 +240,11 @@ class FreeBody(Forced):
     def scales(self) -> Scales:
         """The units of the variables of a run, for `kreisel.units.measured`; M is along the principal axes."""
         return scales_of(self.time_unit, M=("kg m^2/s", self.momentum_unit), energy=("J", self.energy_unit))
+
+
+def _mass_moments(moments: Any, unit: float) -> Any:
+    """J of `EulerTop` for principal moments (..., 3), in `unit`, kg m^2; of NumPy or JAX."""
+    return (moments[..., NEXT] + moments[..., LAST] - moments) / (2 * unit)
 
 
 def angular_velocity_of(spin: Any, axis: Any) -> Array:

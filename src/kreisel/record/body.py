@@ -82,6 +82,10 @@ class Body:
         momentum = "angular_momentum" if fluid else "momentum"
         return {"M": momentum, "m": momentum, "a": "axis", "P": "linear_momentum" if fluid else "up", "g": "attitude"}
 
+    def _scaled(self, parameters: dict[str, Any]) -> dict[str, Any]:
+        """Parameters of `in_si()` for parameters in SI."""
+        return parameters
+
     def in_si(self) -> Model:
         """The model whose runs are in SI."""
         model = self.model()

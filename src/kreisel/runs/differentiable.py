@@ -455,8 +455,6 @@ def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[
 
     @explained
     def in_si(state: Mapping[str, Any], *, dt: Any, time: Any = 0.0, **others: Any) -> dict[str, Array]:
-        from kreisel.kernels import jax_numbers as by
-        from kreisel.physical.free_body import FreeBody
         from kreisel.reduction.double import double
 
         unit = frame.time_unit
@@ -466,11 +464,7 @@ def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[
             else:
                 start = changed(state, False)
             others = {name: value @ frame.axes if name in along else value for name, value in others.items()}
-            if isinstance(body, FreeBody) and "moments" in others:
-                moments = by.array(others.pop("moments"), "moments")
-                if moments.shape != (3,):
-                    raise InputError(f"moments: expected three principal moments, kg m^2, got {moments.shape}.")
-                others["J"] = body.scaled_moments(moments)
+            others = body._scaled(others)
             return changed(motion(start, dt=dt / unit, time=time / unit, **others), True)
 
     return in_si
