@@ -11,7 +11,7 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from types import FunctionType
 from typing import Any, TypeVar
 
@@ -178,6 +178,12 @@ def hint(word: object, known: Iterable[str]) -> str:
     ]
     close = close or difflib.get_close_matches(word[:SHOWN], names, n=1, cutoff=0.5)
     return f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
+
+
+def require_one_of(known: Collection[str], name: object, argument: str) -> None:
+    """Raises `InputError` for another name, with the known name most like it."""
+    if not isinstance(name, str) or name not in known:
+        raise InputError(f"{argument}: expected one of {', '.join(known)}, got {shown(name)}.{hint(name, known)}")
 
 
 def explained(call: F) -> F:

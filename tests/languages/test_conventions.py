@@ -13,8 +13,23 @@ from scipy.spatial.transform import Rotation
 
 import kreisel as kr
 from compilers import output
-from kreisel.languages.conventions import CONVENTIONS, Convention, convention
+from kreisel.languages.conventions import CONVENTIONS as STATED
+from kreisel.languages.conventions import Convention
 
+
+class Engine(Convention):
+    """What a program converts between Kreisel and its engine."""
+
+    def axial(self, vector: Any, power: int = 0) -> Any:
+        """An axial vector (..., 3): an angular velocity; with `power` 2, a momentum or a torque in its units."""
+        return self.handed * np.asarray(vector) @ self.matrix.T / self.length**power
+
+    def quaternion(self, q: Any) -> Any:
+        """(x, y, z, w) of the engine from a unit quaternion (..., 4) = (w, x, y, z)."""
+        return np.concatenate([self.axial(q[..., 1:]), q[..., :1]], axis=-1)
+
+
+CONVENTIONS = {name: Engine(x.axes, x.source, x.length) for name, x in STATED.items()}
 # Facts as the engines document them: handedness; up, and forward, along their axes; how their own bridges write the
 # components of forward, left, up: Unity ROS-TCP-Connector, `FLU.ConvertToRUF`: (-y, z, x), a quaternion (-y, z, x, -w);
 # MathWorks and Epic for Unreal: (x, -y, z) in cm; Godot and Bevy: Vector3.UP = (0, 1, 0), FORWARD = (0, 0, -1).
@@ -37,7 +52,7 @@ TIME = 3.0  # s
 @pytest.mark.parametrize("name", CONVENTIONS)
 def test_axes_are_those_of_the_documentation(name: str) -> None:
     handed, up, forward, written = FACTS[name]
-    engine = convention(name)
+    engine = CONVENTIONS[name]
     assert engine.handed == handed
     assert tuple(engine.matrix @ (0, 0, 1)) == up and tuple(engine.matrix @ (1, 0, 0)) == forward
     assert np.allclose(engine.matrix @ (1, 2, 3), written(1, 2, 3))
@@ -46,7 +61,7 @@ def test_axes_are_those_of_the_documentation(name: str) -> None:
 def test_a_quaternion_of_unity_is_that_of_its_bridge_to_ros() -> None:
     """FLU.ConvertToRUF of ROSGeometry makes (-y, z, x, -w) of (x, y, z, w): -q, the same rotation."""
     w, x, y, z = START
-    assert np.allclose(convention("unity").quaternion(START), -np.array([-y, z, x, -w]))
+    assert np.allclose(CONVENTIONS["unity"].quaternion(START), -np.array([-y, z, x, -w]))
 
 
 @pytest.mark.parametrize(
@@ -54,7 +69,7 @@ def test_a_quaternion_of_unity_is_that_of_its_bridge_to_ros() -> None:
 )
 def test_a_right_turn_is_as_documented(name: str, axis: Any) -> None:
     """Unity: Euler(0, 90, 0) turns forward to the right, as a yaw of 90 in Unreal; in Godot and ROS it is negative."""
-    engine, half = convention(name), np.sqrt(0.5)
+    engine, half = CONVENTIONS[name], np.sqrt(0.5)
     q = engine.quaternion(np.array([half, 0, 0, -half]))
     assert np.allclose(q, [*(half * np.array(axis)), half])
     assert np.allclose(rotated(q, engine.matrix @ (1, 0, 0)), engine.matrix @ (0, -1, 0))
@@ -66,7 +81,7 @@ def rotated(q: Any, v: Any) -> Any:
     return v + q[3] * t + np.cross(q[:3], t)
 
 
-def points_in_engine(engine: Convention) -> Any:
+def points_in_engine(engine: Engine) -> Any:
     """The points at the end, m: the engine integrates the equations with its own components of everything."""
     inertia, S = engine.tensor(TENSOR), engine.matrix / engine.length
     torque = np.cross(S @ AT, S @ FORCE)  # as a user of the engine computes it
@@ -97,18 +112,18 @@ def points_in_space() -> Any:
 
 @pytest.mark.parametrize("name", CONVENTIONS)
 def test_the_motion_is_one_physical_motion(name: str) -> None:
-    engine = convention(name)
+    engine = CONVENTIONS[name]
     wanted = points_in_space() @ engine.matrix.T
     assert np.abs(points_in_engine(engine) - wanted).max() < 1e-8
 
 
-class Unmirrored(Convention):
+class Unmirrored(Engine):
     """A mutant: axial vectors as if the axes were right-handed."""
 
     handed = 1
 
 
-class Conjugate(Convention):
+class Conjugate(Engine):
     """A mutant: the quaternion from space to body."""
 
     def quaternion(self, q: Any) -> Any:
@@ -123,7 +138,7 @@ class Conjugate(Convention):
         Conjugate(CONVENTIONS["godot"].axes, ""),
     ],
 )
-def test_a_wrong_hand_and_a_conjugate_are_seen(mutant: Convention) -> None:
+def test_a_wrong_hand_and_a_conjugate_are_seen(mutant: Engine) -> None:
     wanted = points_in_space() @ mutant.matrix.T
     assert np.abs(points_in_engine(mutant) - wanted).max() > 0.1
 
@@ -139,12 +154,12 @@ def test_centimetres_are_seen() -> None:
 
 def test_an_engine_without_a_convention_is_named() -> None:
     with pytest.raises(kr.InputError, match=r"expected one of ros, unity.*Did you mean 'godot'"):
-        convention("godott")
+        kr.code(kr.physical.FreeBody(TENSOR), convention="godott")
 
 
 def points_by_file(name: str) -> Any:
     """The points at the end, m, by the file of the engine: a blow in the middle, of a force in the axes of space."""
-    engine, rock = convention(name), dict[str, Any]()
+    engine, rock = CONVENTIONS[name], dict[str, Any]()
     exec(kr.code(kr.physical.FreeBody(TENSOR), language="python", convention=name, name="rock"), rock)
     S, c, s = engine.matrix / engine.length, rock["Constants"](), rock["State"]()
     moments, axes, q, w = [0.0] * 3, [0.0] * 4, engine.quaternion(START).tolist(), [0.0] * 3

@@ -382,13 +382,16 @@ NAMED = Orbit.circular("500 km", "97 deg")
         (lambda: Satellite(MOMENTS, NAMED, air="harris-priester"), "air='harris-priester': expected a date"),
         (
             lambda: Satellite(MOMENTS, DATED, magnetic_field="wmm"),
-            "magnetic_field: expected igrf, dipole, tilted-dipole, got 'wmm'",
+            "magnetic_field: expected one of igrf, dipole, tilted-dipole, got 'wmm'",
         ),
         (
             lambda: Satellite(MOMENTS, DATED, sun="moon"),
             "sun: expected 'ephemeris' or a direction in space, got 'moon'",
         ),
-        (lambda: Satellite(MOMENTS, DATED, air="msis"), "air: expected exponential, harris-priester, got 'msis'"),
+        (
+            lambda: Satellite(MOMENTS, DATED, air="msis"),
+            "air: expected one of exponential, harris-priester, got 'msis'",
+        ),
         (lambda: Satellite(MOMENTS, DATED, air="exponential", density=1e-12), "no density with it, got both"),
         (lambda: Satellite(MOMENTS, DATED, eclipse=2), "eclipse: expected True or False, got 2"),
         (

@@ -13,10 +13,8 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, hint, shown
 from kreisel.languages.parts import Body, Field
 
-DIRECTIONS = {"F": (1, 0, 0), "B": (-1, 0, 0), "L": (0, 1, 0), "R": (0, -1, 0), "U": (0, 0, 1), "D": (0, 0, -1)}
 WORDS = {"F": "forward", "B": "back", "L": "left", "R": "right", "U": "up", "D": "down"}
 QUATERNIONS = ("s.g", "q", "axes")
 LAST, FIRST = [1, 2, 3, 0], [3, 0, 1, 2]  # the places of w, x, y, z if w comes last, and first
@@ -41,7 +39,7 @@ class Convention:
     @property
     def matrix(self) -> Array:
         """S (3, 3)."""
-        return np.array([DIRECTIONS[axis] for axis in self.axes], float)
+        return np.concatenate([np.eye(3), -np.eye(3)])[["FLUBRD".find(axis) for axis in self.axes]]
 
     @property
     def handed(self) -> int:
@@ -51,14 +49,6 @@ class Convention:
     def tensor(self, inertia: Array) -> Array:
         """An inertia tensor, kg m^2, along the axes and in the units of the engine."""
         return self.matrix @ inertia @ self.matrix.T / self.length**2
-
-    def axial(self, vector: Array, power: int = 0) -> Array:
-        """An axial vector (..., 3): an angular velocity; with `power` 2, a momentum or a torque in its units."""
-        return self.handed * np.asarray(vector) @ self.matrix.T / self.length**power
-
-    def quaternion(self, q: Array) -> Array:
-        """(x, y, z, w) of the engine from a unit quaternion (..., 4) = (w, x, y, z)."""
-        return np.concatenate([self.axial(q[..., 1:]), q[..., :1]], axis=-1)
 
     def body(self, body: Body) -> Body:
         """A file whose quaternions are (x, y, z, w)."""
@@ -93,11 +83,3 @@ CONVENTIONS = {
     "bevy": Convention("RUB", "Bevy, GltfConvertCoordinates"),
     "three": Convention("RUB", "three.js manual, Object3D and Camera"),
 }
-
-
-def convention(name: str) -> Convention:
-    """A convention by the name of the engine.  Raises `InputError`."""
-    if name not in CONVENTIONS:
-        hinted = hint(name, CONVENTIONS) if isinstance(name, str) else ""
-        raise InputError(f"convention: expected one of {', '.join(CONVENTIONS)}, got {shown(name)}.{hinted}")
-    return CONVENTIONS[name]

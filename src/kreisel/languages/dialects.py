@@ -27,7 +27,6 @@ class Dialect:
     """Forms of a language: {type} is the name of the body, {module} the name with capital letters."""
 
     name: str = ""
-    suffix: str = ""
     begin: str = ""  # the text of a file before its types and functions; {head} is its comment
     finish: str = ""  # and behind them
     about: tuple[str, ...] = ()  # the end of {head}: lines of a program that uses the file, compilers
@@ -121,7 +120,7 @@ C = _language(
 
 """,
         "about": f"|C99, and C++.  Compile with {FLAGS}",
-        "name suffix finish note": "c|.h|#endif\n| /* {} */",
+        "name finish note": "c|#endif\n| /* {} */",
         "types": "typedef struct {{|    double {name};{comment}|    double {name}[{count}];{comment}|}} {type}_{name};",
         "function call": "static inline {result} {type}_{name}({arguments}) {{|{type}_{name}({arguments});",
         "results": "void|double|int|const char *",
@@ -143,11 +142,10 @@ C = _language(
     },
     words={"double ": "float ", **{f"{name}(": f"{name}f(" for name in ("fma", "sqrt", "fabs", "rint")}},
 )
-CPP = replace(C, name="cpp", suffix=".hpp")
+CPP = replace(C, name="cpp")
 CUDA = replace(
     C,
     name="cuda",
-    suffix=".cuh",
     about=("", f"CUDA and HIP.  Compile with --fmad=false or {FLAGS}"),
     renamed={"static inline": "static __host__ __device__ inline", "    static const": "    const"},
 )
@@ -168,7 +166,7 @@ fn fma(x: f64, y: f64, z: f64) -> f64 {{
         "about": "|    mod {type};|    let (mut c, mut s) = ({type}::Constants::default(), {type}::State::default());||"
         "Rust 2021.  In a crate without std, enable a feature `libm` that depends on num-traits/libm.  "
         "Compile with -C target-cpu=native for speed; the bits are those of C in any case.",
-        "name suffix finish mark note": "rust|.rs||//! | // {}",
+        "name finish mark note": "rust||//! | // {}",
         "types": "#[derive(Clone, Copy, Debug, Default)]\npub struct {Name} {{|    pub {name}: f64,{comment}|"
         "    pub {name}: [f64; {count}],{comment}|}}",
         "function call": "pub fn {name}({arguments}){result} {{|{name}({arguments});",
@@ -196,7 +194,7 @@ JAVASCRIPT = _language(
         "begin": COMMENT,
         "about": '|    import {{ Constants, State, prepare, step }} from "./{type}.mjs";|'
         f"    const c = new Constants(), s = new State();||JavaScript has no fused product: {ROUNDED}",
-        "name suffix mark case": f"js|.mjs||{C.case}",
+        "name mark case": f"js||{C.case}",
         "types": "export class {Name} {{\n    constructor() {{|        this.{name} = 0;{comment}|"
         "        this.{name} = new Float64Array({count});{comment}|    }}\n}}",
         "function call": "export function {name}({arguments}) {{|{name}({arguments});",
@@ -218,7 +216,7 @@ CSHARP = _language(
         "begin": COMMENT + "public static class {module} {{\n\n",
         "about": "|    var c = new {module}.Constants();|    var s = new {module}.State();||"
         f"C# 6 and later, without unsafe code; a step allocates nothing; {ROUNDED}",
-        "name suffix finish": "csharp|.cs|}}\n",
+        "name finish": "csharp|}}\n",
         "types": "public sealed class {Name} {{|    public double {name};{comment}|"
         "    public readonly double[] {name} = new double[{count}];{comment}|}}",
         "function": "public static {result} {name}({arguments}) {{",
@@ -239,7 +237,7 @@ JULIA = _language(
     {
         "begin": "#=\n{head}\n=#\nmodule {module}\n\n",
         "about": '|    include("{type}.jl"); using .{module}|    c, s = {module}.Constants(), {module}.State()',
-        "name suffix finish note": "julia|.jl|end\n| # {}",
+        "name finish note": "julia|end\n| # {}",
         "types": "Base.@kwdef mutable struct {Name}|    {name}::Float64 = 0.0{comment}|"
         "    {name}::Vector{{Float64}} = zeros({count}){comment}|end",
         "function call": "function {name}{result}({arguments})|{name}!({arguments})",
@@ -261,7 +259,7 @@ PYTHON = _language(
         "begin": '"""{head}\n"""\n\nfrom math import cos, exp, log, sin, sqrt\n\n',
         "about": "|    import {type}|    c, s = {type}.Constants(), {type}.State()||"
         f"Python without packages; {ROUNDED}",
-        "name suffix note": "python|.py|  # {}",
+        "name note": "python|  # {}",
         "types": "class {Name}:\n    def __init__(self):|        self.{name} = 0.0{comment}|"
         "        self.{name} = [0.0] * {count}{comment}|",
         "function call": "def {name}({arguments}):|{name}({arguments})",
@@ -280,7 +278,7 @@ GDSCRIPT = _language(
         "begin": "{head}\nclass_name {module}\n\n",
         "about": "|    var c := {module}.Constants.new()|    var s := {module}.State.new()||"
         f"GDScript of Godot 4, whose floats have 64 bits; {ROUNDED}",
-        "name suffix mark": "gdscript|.gd|# ",
+        "name mark": "gdscript|# ",
         "types": "class {Name}:|    var {name} := 0.0{comment}|"
         "    var {name}: PackedFloat64Array = zeros({count}){comment}|\n"
         "    static func zeros(count: int) -> PackedFloat64Array:\n        var out := PackedFloat64Array()\n"
@@ -301,7 +299,7 @@ WGSL = _language(
     {
         "begin": "{head}\n\n",
         "about": "|    var c: {type}_constants;|    var s: {type}_state;||WGSL, in single precision.",
-        "name suffix mark": "wgsl|.wgsl|// ",
+        "name mark": "wgsl|// ",
         "types": "struct {type}_{name} {{|    {name}: f32,{comment}|    {name}: array<f32, {count}>,{comment}|}}",
         "function call": f"fn {{type}}_{{name}}({{arguments}}){{result}} {{{{|{C.call}",
         "results": "| -> f32| -> i32",  # it has no texts

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from kreisel import algebra
-from kreisel.errors import InputError, explained, hint, shown
+from kreisel.errors import InputError, explained, require_one_of, shown
 from kreisel.languages.bodies import free_body
-from kreisel.languages.conventions import Convention
-from kreisel.languages.conventions import convention as convention_of
-from kreisel.languages.dialects import LANGUAGES, Dialect
+from kreisel.languages.conventions import CONVENTIONS, Convention
+from kreisel.languages.dialects import LANGUAGES
 from kreisel.languages.parts import Body, Field, assembled
 from kreisel.languages.schemes import Stepped
 from kreisel.method.scheme import Orbits
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
     from kreisel.runs.plan import Plan
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
-LICENCE = "BSD-3-Clause, as Kreisel; made by `kreisel code`, Kreisel {}."
 
 
 @explained
@@ -65,15 +63,16 @@ def code(
     In C, C++, CUDA and Rust the step is bitwise equal to the kernel without projection; the others have no fused
     multiply-add.  Raises `InputError`.
     """
-    if language not in LANGUAGES:
-        raise InputError(
-            f"language: expected one of {', '.join(LANGUAGES)}, got {shown(language)}."
-            f"{hint(language, LANGUAGES) if isinstance(language, str) else ''}"
-        )
+    require_one_of(LANGUAGES, language, "language")
+    if convention is not None:
+        require_one_of(CONVENTIONS, convention, "convention")
+    engine = None if convention is None else CONVENTIONS[convention]
     dialect, body = LANGUAGES[language], as_body(system)
     dialect = dialect.in_single() if single else dialect
-    _require_name(name, dialect)
-    engine = None if convention is None else convention_of(convention)
+    if name is not None and (not isinstance(name, str) or not NAME.fullmatch(name)):
+        raise InputError(f"name: expected letters, digits and _, a letter first, such as wheel_1, got {shown(name)}.")
+    if name in dialect.reserved.split():
+        raise InputError(f"name: expected one that {dialect.name} and the file do not have already, got {name!r}.")
     body = body if engine is None else _along(engine, system, body, x0)
     model: Any = system if body is None else body.model()
     _require_code(model)
@@ -89,8 +88,9 @@ def code(
         if not _is_free(plan):
             raise InputError(f"convention: expected a free body, got {plan.model.system.name}.")
         made = engine.body(made)
-    licence = LICENCE.format(importlib.metadata.version("kreisel"))
-    return assembled(replace(made, head=[*made.head, licence]), dialect, name or _default(plan))
+    default = "free_body" if _is_free(plan) else plan.model.system.name.replace("-", "_")
+    licence = f"BSD-3-Clause, as Kreisel; made by `kreisel code`, Kreisel {importlib.metadata.version('kreisel')}."
+    return assembled(replace(made, head=[*made.head, licence]), dialect, name or default)
 
 
 def _require_code(model: Any) -> None:
@@ -112,10 +112,6 @@ def _along(engine: Convention, system: Any, body: PhysicalBody | None, x0: Any) 
             f"{'' if x0 is None else ' with one'}. Write kr.physical.FreeBody(inertia); the engine sets the state."
         )
     return cast("PhysicalBody", replace(cast("Any", body), inertia=engine.tensor(body.inertia)))
-
-
-def _default(plan: Plan) -> str:
-    return "free_body" if _is_free(plan) else plan.model.system.name.replace("-", "_")
 
 
 def _is_free(plan: Plan) -> bool:
@@ -145,12 +141,3 @@ def contents(plan: Plan, body: PhysicalBody | None = None, single: bool = False)
     made = Stepped(plan, single).body()
     units = [f"One unit of {name} is {scale.size!r} {scale.unit}." for name, scale in scales.items()]
     return replace(made, head=[*made.head, *units])
-
-
-def _require_name(name: str | None, dialect: Dialect) -> None:
-    if name is None:
-        return
-    if not isinstance(name, str) or not NAME.fullmatch(name):
-        raise InputError(f"name: expected letters, digits and _, a letter first, such as wheel_1, got {shown(name)}.")
-    if name in dialect.reserved.split():
-        raise InputError(f"name: expected one that {dialect.name} and the file do not have already, got {shown(name)}.")

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from kreisel.algebra import Array
-from kreisel.errors import InputError, hint, shown
+from kreisel.errors import InputError, require_one_of, shown
 from kreisel.physical.measures import si_numbers
 
 if TYPE_CHECKING:
@@ -215,8 +215,7 @@ class Choice:
 
     def _field(self, orbit: Orbit) -> dict[str, Any]:
         field = self.field or ("igrf" if self._dated(orbit) else "dipole")
-        if not isinstance(field, str) or field not in FIELDS:
-            raise InputError(f"magnetic_field: expected {', '.join(FIELDS)}, got {shown(field)}.{hint(field, FIELDS)}")
+        require_one_of(FIELDS, field, "magnetic_field")
         if field == "dipole":
             return {"field": orbit.primary.field}
         models = self._models(orbit, f"magnetic_field={field!r}")
@@ -245,8 +244,7 @@ class Choice:
         if orbit.primary.environment is None:
             raise InputError(f"air: expected an orbit of the Earth, got one of the primary {orbit.primary.name}.")
         tables = orbit.primary.environment.air
-        if not isinstance(self.air, str) or self.air not in tables:
-            raise InputError(f"air: expected {', '.join(tables)}, got {shown(self.air)}.{hint(self.air, tables)}")
+        require_one_of(tables, self.air, "air")
         if self.density:
             raise InputError("air: expected no density with it, got both. Give one of the two.")
         bulges = self.air == "harris-priester"

@@ -12,7 +12,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.bodies import find
-from kreisel.errors import InputError, hint, shown
+from kreisel.errors import InputError, hint, require_one_of, shown
 from kreisel.files import parsed
 from kreisel.record.model import Model
 from kreisel.runs.geometry import attitude_of, axes_of_state
@@ -220,8 +220,7 @@ def angles_of(run: xr.Dataset, frame: str = "orbit", around: Surroundings | None
 
     Raises `InputError` for another frame, and for any other run than of a satellite with its orientation.
     """
-    if not isinstance(frame, str) or frame not in FRAMES:
-        raise InputError(f"angles: expected {', '.join(FRAMES)}, got {shown(frame)}.{hint(frame, FRAMES)}")
+    require_one_of(FRAMES, frame, "angles")
     model, g = satellite_model(run), algebra.rotation_matrix(attitude_of(run))
     around = around or surroundings(run)
     if frame == "orbit":
