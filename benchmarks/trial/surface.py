@@ -130,8 +130,6 @@ KIND_OF = {
     "up": "vector",
     "value": "level",
     "velocity": "vector",
-    "wheel": "vector",
-    "wheel_torque": "vector",
     "yaw": "angle",
     "M": "vector",
     "added_mass": "six",

@@ -28,9 +28,11 @@ from kreisel.physical import (
     Satellite,
     SubmergedBody,
     ThirdBody,
+    Wheels,
 )
 from kreisel.physical.tables import Reader, kinds
 from kreisel.runs.planning import make_plan
+from kreisel.sweeps.lanes import check_archive
 from support import EXAMPLES
 
 END = '[run]\ndt = "1 s"\nsteps = 10\n[output]\npath = "x.zarr"\n'
@@ -235,6 +237,25 @@ def test_controllers_and_ready_forces_by_their_names() -> None:
     ):
         with pytest.raises(kr.InputError, match=said):
             body_of(text.replace(*change))
+
+
+def test_wheels_of_a_file_are_those_of_python_and_an_archive_has_them(tmp_path: Path) -> None:
+    """The archive of their run is resumed and checked without the body, and their parameters are swept."""
+    wheels = "[body.wheels]\naxes = [[0, 0.6, 0.8]]\nmomenta = '2 mN m s'\ntorque = 1e-6\n"
+    text = f'[body]\nkind = "free-body"\ninertia = [[5, 1, 0], [1, 6, 0], [0, 0, 7]]\n{wheels}{END}'
+    asked = parse(tomllib.loads(text.replace("[run]", "[state]\nspin = [1, 2, 3]\n[run]")))
+    body = FreeBody([[5, 1, 0], [1, 6, 0], [0, 0, 7]], wheels=Wheels([[0, 0.6, 0.8]], 2e-3, 1e-6))
+    start, settings = body.state((1, 2, 3)), {"dt": "1 s", "progress": False}
+    short = kr.simulate(asked.model, asked.state, dt=1.0, steps=10, orientation=asked.orientation, progress=False)
+    long = kr.simulate(body, start, **settings, steps=20)
+    np.testing.assert_array_equal(short.wheels, long.wheels[:11])
+    kr.simulate(body, start, **settings, steps=10, path=tmp_path / "x.zarr")
+    resumed = kr.resume(tmp_path / "x.zarr", extend=20, progress=False)
+    np.testing.assert_array_equal(resumed.attitude, long.attitude)
+    assert check_archive(tmp_path / "x.zarr")[1] == []
+    grid = kr.Design(grid={"system.wheel_torque[0]": [0.0, 1e-6]})
+    swept = kr.sweep(body, start, grid, **settings, steps=20, path=tmp_path / "s.zarr", save=["extremes"], workers=0)
+    assert swept.wheels_max.values[:, 0] == pytest.approx((2e-3, 2e-3 + 20e-6), rel=1e-12)
 
 
 def test_forces_of_a_file_of_python(tmp_path: Path) -> None:

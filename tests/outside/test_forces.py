@@ -13,7 +13,7 @@ import pytest
 import kreisel as kr
 from kreisel import algebra
 from kreisel.bodies import BODIES
-from kreisel.physical import EARTH, SATURN, SOLAR_PRESSURE, Orbit, Plate, Primary, Satellite
+from kreisel.physical import EARTH, SATURN, SOLAR_PRESSURE, Orbit, Plate, Primary, Satellite, Wheels
 from torques import torque_on
 
 BALL = (0.01, 0.01, 0.01)  # kg m^2: gravity does not turn it
@@ -159,7 +159,7 @@ def test_a_mirror_is_pushed_along_its_normal_and_black_along_the_light() -> None
 
 def test_a_motor_turns_the_body_against_the_wheel() -> None:
     """Newton's third law; a thruster's steady torque turns the body with it."""
-    body = Satellite(BALL, ROUND, wheel=(0, 0, 0), wheel_torque=(0, 0, 1e-3))
+    body = Satellite(BALL, ROUND, wheels=Wheels([[0, 0, 1]], torque=1e-3))
     assert torque_on(body, np.eye(3), 0.0) == pytest.approx((0, 0, -1e-3))
     assert torque_on(Satellite(BALL, ROUND, torque=(0, 0, 1e-3)), np.eye(3), 0.0) == pytest.approx((0, 0, 1e-3))
 
@@ -168,7 +168,7 @@ def test_a_wheel_makes_the_body_a_gyroscope() -> None:
     """The momentum of body and wheel is fixed in space: L' = -Omega x L along the body axes."""
     h, spin = np.array([0.0, 0.0, 2.0]), np.array([0.1, 0.0, 0.0])
     want = -np.cross(spin, np.multiply(BALL, spin) + h)
-    assert torque_on(Satellite(BALL, ROUND, wheel=h), np.eye(3), 0.0, spin) == pytest.approx(want)
+    assert torque_on(Satellite(BALL, ROUND, wheels=Wheels(np.eye(3), h)), np.eye(3), 0.0, spin) == pytest.approx(want)
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,7 @@ from kreisel.physical import (
     Plate,
     Primary,
     Satellite,
+    Wheels,
 )
 from kreisel.storage.checking import steps_again
 from kreisel.sweeps.lanes import check_archive
@@ -104,8 +105,8 @@ def by_hand(body: Satellite, g: np.ndarray, t: float, spin: np.ndarray) -> np.nd
         if (lit := n @ sun) > 0:
             push = (1 - body.mirror) * sun + 2 * (body.mirror * lit + body.diffuse / 3) * n
             total = total + np.cross(c, -body.light * plate.area * lit * push)
-    if body.wheel is not None:
-        total = total + np.cross(body.wheel @ along, spin)
+    if body.wheels is not None:
+        total = total + np.cross(body.wheels.momenta @ body.wheels.axes @ along, spin)
     return total
 
 
@@ -126,15 +127,18 @@ LOADED = {
 TENSOR = np.array([[0.03, 0.004, -0.002], [0.004, 0.05, 0.001], [-0.002, 0.001, 0.04]])
 
 
-@pytest.mark.parametrize("wheel", [None, (1e-3, -2e-3, 5e-4)], ids=["no wheel", "wheel"])
-def test_torques_by_other_formulas(wheel: object) -> None:
+SKEW = ((0.6, 0.0, 0.8), (0.0, 1.0, 0.0))  # axes of wheels
+
+
+@pytest.mark.parametrize("wheels", [None, Wheels(SKEW, (1e-3, -2e-3))], ids=["no wheels", "wheels"])
+def test_torques_by_other_formulas(wheels: object) -> None:
     """Each part alone and all together; what is left out would show."""
     draw = np.random.default_rng(3)
     plates = {"plates": LOADED["plates"]}
     parts = [{}, *({k: v} for k, v in LOADED.items() if k in ("magnetic_moment", "torque"))]
     parts += [{**plates, "density": 3e-12}, {**plates, **{k: LOADED[k] for k in ("light", "sun", "mirror", "diffuse")}}]
     for given in (*parts, LOADED):
-        body = Satellite(TENSOR, ELLIPSE, wheel=wheel, **given)
+        body = Satellite(TENSOR, ELLIPSE, wheels=wheels, **given)
         for _ in range(5):
             g = algebra.rotation_matrix(algebra.unit(draw.normal(size=4)))
             t, spin = draw.uniform(0, 2e4), 1e-2 * draw.normal(size=3)
@@ -196,10 +200,10 @@ def test_gravity_of_higher_order(keep: int, least: float, most: float) -> None:
     assert least * largest <= worst < most * largest
 
 
-def test_the_momentum_that_a_wheel_takes() -> None:
-    """Far from the primary g (M + wheel + wheel_torque t) is constant: the wheel takes what the body loses."""
+def test_the_momentum_that_wheels_take() -> None:
+    """Far from the primary g (M + h) is constant, with h of wheels that motors turn: they take what the body loses."""
     far = Orbit(1e12, primary=SUN)
-    body = Satellite(TENSOR, far, wheel=(1e-3, 0, 2e-3), wheel_torque=(2e-5, -1e-5, 3e-5))
+    body = Satellite(TENSOR, far, wheels=Wheels(SKEW, (1e-3, 2e-3), torque=(2e-5, "-0.03 mN m")))
     run = kr.simulate(
         body.model(),
         body.state((0.02, 0.1, -0.05)),
@@ -209,8 +213,9 @@ def test_the_momentum_that_a_wheel_takes() -> None:
         progress=False,
     )
     g, along = algebra.rotation_matrix(run.g.values), body.body.principal.axes
-    wheel = (body.wheel + run.time.values[:, None] * body.wheel_torque) @ along
-    total = np.einsum("tij,tj->ti", g, run.M.values + wheel)
+    momenta = np.array([1e-3, 2e-3]) + run.time.values[:, None] * [2e-5, -3e-5]
+    assert run.wheels.values == pytest.approx(momenta, rel=1e-12)
+    total = np.einsum("tij,tj->ti", g, run.M.values + momenta @ SKEW @ along)
     assert abs(total - total[0]).max() < 1e-11 * abs(total[0]).max()
     alone = np.einsum("tij,tj->ti", g, run.M.values)
     assert abs(alone - alone[0]).max() > 0.5 * abs(total[0]).max()
@@ -223,19 +228,20 @@ def textbook(body: Satellite, spin: object, attitude: np.ndarray, times: np.ndar
     [Hughes 1986, sections 3.5 and 9.1]
     """
     moments, orbit = np.asarray(body.inertia), body.orbit
+    wheel, motor = body.wheels.momenta @ body.wheels.axes, body.wheels.torque @ body.wheels.axes
 
     def rates(t: float, z: np.ndarray) -> np.ndarray:
         q = z[3:] / np.sqrt(z[3:] @ z[3:])
         R = (q[0] ** 2 - q[1:] @ q[1:]) * np.eye(3) + 2 * np.outer(q[1:], q[1:])
         R = R + 2 * q[0] * np.array([[0, -q[3], q[2]], [q[3], 0, -q[1]], [-q[2], q[1], 0]])
-        x, y, z_ = np.linalg.solve(moments, R.T @ z[:3] - body.wheel - body.wheel_torque * t)
+        x, y, z_ = np.linalg.solve(moments, R.T @ z[:3] - wheel - motor * t)
         r = R.T @ orbit.at(t)[0]
         gravity = 3 * orbit.primary.mu / np.sqrt(r @ r) ** 5 * np.cross(r, moments @ r)
         turning = np.array([[0, -x, -y, -z_], [x, 0, z_, -y], [y, -z_, 0, x], [z_, y, -x, 0]])
         return np.concatenate([R @ (gravity + body.torque), turning @ z[3:] / 2])
 
     R = algebra.rotation_matrix(attitude)
-    start = np.concatenate([R @ (moments @ np.asarray(spin) + body.wheel), attitude])
+    start = np.concatenate([R @ (moments @ np.asarray(spin) + wheel), attitude])
     size = np.concatenate([np.full(3, np.linalg.norm(start[:3])), np.ones(4)])
     found = solve_ivp(rates, (0, times[-1]), start, method="DOP853", rtol=1e-10, atol=1e-11 * size, t_eval=times).y.T
     return algebra.rotation_matrix(algebra.unit(found[:, 3:]))
@@ -257,7 +263,7 @@ HALF_A_MINUTE = {  # inertia, wheel N m s, its torque, the most that an attitude
 def test_half_a_minute_with_a_wheel(name: str) -> None:
     """300 steps by 30 s, in which the body would nutate by 2 to 3 radians, against the textbook's equations."""
     inertia, wheel, motor, most = HALF_A_MINUTE[name]
-    body = Satellite(inertia, ELLIPSE, wheel=wheel, wheel_torque=motor, torque=(1e-9, 0, 0))
+    body = Satellite(inertia, ELLIPSE, wheels=Wheels(np.eye(3), wheel, motor), torque=(1e-9, 0, 0))
     spin, attitude = (2e-4, -1.1e-3, 1e-4), algebra.unit(np.array([0.9, 0.2, -0.3, 0.1]))
     options = {"orientation": body.orientation(attitude), "progress": False}
     run = kr.simulate(body.model(), body.state(spin), dt=30.0, steps=300, every=150, **options)
@@ -272,7 +278,7 @@ def test_a_wheel_steadies_a_spin_about_the_middle_axis(share: float, steady: boo
     (h + (I_2 - I_1) spin)(h + (I_2 - I_3) spin) > 0.  [Hughes 1986, section 6.3]
     """
     spin = 0.02
-    body = Satellite((8, 10, 12), Orbit(1e12, primary=SUN), wheel=(0, share * (12 - 10) * spin, 0))
+    body = Satellite((8, 10, 12), Orbit(1e12, primary=SUN), wheels=Wheels([[0, 1, 0]], share * (12 - 10) * spin))
     state, g = body.state((1e-5, spin, 1e-5)), body.orientation()
     run = kr.simulate(body.model(), state, dt=30.0, steps=300, orientation=g, progress=False)
     tilt = np.arccos(algebra.rotation_matrix(run.g.values)[:, 1, 1])
@@ -281,7 +287,8 @@ def test_a_wheel_steadies_a_spin_about_the_middle_axis(share: float, steady: boo
 
 def test_a_wheel_that_changes_keeps_the_order() -> None:
     """The torque of the motor is part of the kicks: half of the step divides the error by 2^6 or more."""
-    body = Satellite(MICROSATELLITE, LOW, wheel=(0.2, -1.0, 0.1), wheel_torque=(1e-4, 2e-4, -1e-4))
+    wheels = Wheels(np.eye(3), (0.2, -1.0, 0.1), (1e-4, 2e-4, -1e-4))
+    body = Satellite(MICROSATELLITE, LOW, wheels=wheels)
     options = {"orientation": body.orientation(), "progress": False, "observe": []}
 
     def state(dt: float, order: object = (8, 6, 4)) -> np.ndarray:
@@ -405,9 +412,9 @@ def test_librations_have_the_frequencies_of_linear_theory() -> None:
     assert [pitch, *roll] == pytest.approx(list(want), rel=2e-4)
 
 
-@pytest.mark.parametrize("wheel", [None, (0.0, 0.0, 1e-4)], ids=["no wheel", "wheel"])
-def test_against_dop853(wheel: object) -> None:
-    body = Satellite.cubesat(ELLIPSE, 3, wheel=wheel, density=1e-13, light=SOLAR_PRESSURE, torque=(0, 0, 1e-9))
+@pytest.mark.parametrize("wheels", [None, Wheels([[0, 0, 1]], 1e-4)], ids=["no wheels", "a wheel"])
+def test_against_dop853(wheels: object) -> None:
+    body = Satellite.cubesat(ELLIPSE, 3, wheels=wheels, density=1e-13, light=SOLAR_PRESSURE, torque=(0, 0, 1e-9))
     g = body.orientation(body.pointing(pitch=0.2, roll=0.1))
     given = {"steps": 400, "dt": 30.0, "every": 100, "orientation": g, "progress": False}
     run = kr.simulate(body.model(), body.state(), **given)
@@ -520,7 +527,7 @@ BAD = {
         "hits the primary: its pericentre is 4.9e",
     ),
     "km": (lambda: BODIES["satellite"](moments=(1, 1, 1), semi_major_axis=7000), "km for m"),
-    "wheel": (lambda: Satellite((1, 1, 1), LOW, wheel_torque=(1, 0, 0)), "expected a wheel too"),
+    "motors": (lambda: Wheels(np.eye(3), torque=(1, 0)), "torque must be finite values"),
     "harmonics": (lambda: Satellite((1, 1, 1), LOW, harmonics={(3, 0): (1, 0)}), "expected Harmonics"),
     "degree": (lambda: Satellite((1, 1, 1), LOW, harmonics=Harmonics(1, 1, {(2, 0): (1, 0)})), "l = 3 or 4"),
     "order": (lambda: Satellite((1, 1, 1), LOW, harmonics=Harmonics(1, 1, {(3, 4): (1, 0)})), "0 <= m <= l"),

@@ -130,7 +130,6 @@ OFF_ITS_BOUNDS: dict[str, dict[str, Any]] = {  # where differences have room
 }  # fmt: skip
 for _name in ("binary", "binary-with-third-body", "binary-with-moon"):
     OFF_ITS_BOUNDS[_name] = {"tide1": 1e10, "tide2": 1e9, "lag1": 10.0, "lag2": 20.0}
-OFF_ITS_BOUNDS["satellite-with-wheel"] = {**OFF_ITS_BOUNDS["satellite"], "wheel_torque": (1e-7, 1e-7, -1e-7)}
 
 
 def varied(system: Any) -> tuple[Any, Any, Any]:

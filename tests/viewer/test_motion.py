@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import kreisel as kr
-from kreisel.physical import FreeBody, Gyroscope, Orbit, Plate, Satellite
+from kreisel.physical import FreeBody, Gyroscope, Orbit, Plate, Satellite, Wheels
 from kreisel.runs.orbits import pointing_error
 from kreisel.viewer.motion import clock_of, panels_of, shadows_of
 from kreisel.viewer.scene import scene
@@ -61,14 +61,14 @@ def test_the_shadow_of_a_low_orbit_lasts_36_minutes():
 
 
 def test_the_figure_has_panels_with_units():
-    body = Satellite(TENSOR, EQUATORIAL, wheel=(0, 0.002, 0))
+    body = Satellite(TENSOR, EQUATORIAL, wheels=Wheels([[0, 1, 0]], 0.002))
     run = run_of(body, body.pointing(pitch=0.1))
     panels = {panel.title: panel for panel in panels_of(run)}
     assert [panel.unit for panel in panels.values()] == ["deg", "deg", "deg/s", "N m s"]
     assert np.isclose(panels["angle of the axis to nadir"].values[0, 0], np.rad2deg(0.1))
     rate = np.linalg.norm(panels["angular velocity in the body"].values[0])
     assert np.isclose(rate, 360 / EQUATORIAL.period)  # at rest in the frame of the orbit
-    assert np.allclose(panels["momentum of the wheel in the body"].values, (0, 0.002, 0))
+    assert np.allclose(panels["momenta of the wheels"].values, 0.002)
     figure = kr.plot(run)
     figure.draw_without_rendering()
     left = figure.subfigs[0].axes

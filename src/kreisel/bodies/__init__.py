@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import importlib
 from collections import ChainMap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from kreisel import system
+from kreisel.record.model import Model
+from kreisel.record.perturbation import WITH_WHEELS
 from kreisel.system import REGISTRY, Records
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from kreisel.record.body_frame import BodyFrame
     from kreisel.record.contract import System
 
-__all__ = ["BODIES", "KNOWN", "find"]
+__all__ = ["BODIES", "KNOWN", "find", "known_system"]
 
 _PAGES = {
     "satellite": "satellite",
-    "satellite-with-wheel": "satellite",
     "submerged-body": "submerged",
     "binary": "binary",
     "binary-with-third-body": "binary",
@@ -35,6 +37,19 @@ def _stated(name: str) -> System:
 def find(name: str) -> System:
     """The system or body of that name.  Raises `InputError` with the nearest name."""
     return system.find(name, KNOWN)
+
+
+def known_system(name: str, values: Mapping[str, Any], frame: BodyFrame | None) -> System:
+    """The system of that name and of these parameters, which state wheels if it has some.  Raises `InputError`."""
+    body = find(name.removesuffix(WITH_WHEELS))
+    if body.name == name:
+        return body
+    from kreisel.forces.control import with_wheels
+
+    letters = {p.letter for p in body.parameters}
+    own, of_wheels = ({k: v for k, v in values.items() if (k in letters) == there} for there in (True, False))
+    units = (1.0, 1.0) if frame is None else (frame.time_unit, frame.size(body.space.letters[0]))
+    return with_wheels(Model(body, own, frame), of_wheels, *units).system
 
 
 BODIES = Records(_PAGES, _stated)

@@ -1,4 +1,4 @@
-"""A rigid satellite on a Kepler orbit, in SI units: gravity, magnetic dipole, air, sunlight, torques, a wheel.
+"""A rigid satellite on a Kepler orbit, in SI units: gravity, magnetic dipole, air, sunlight, torques.
 
 State M in so(3)*, the momentum in the principal axes (body frame), and the orientation g, body to space:
 
@@ -21,11 +21,9 @@ To orders 3 and 4 the term -(mu/r^(l+1)) Y_l(-u) is added, with the harmonics of
 
     Y_l(w) = sum over m of m_body R^l P_lm(sin phi) (C_lm cos m lambda + S_lm sin m lambda)    phi, lambda of w
 
-about its centre of mass, P_lm without the sign (-1)^m and not normalized.  For a satellite with a wheel,
-h x Omega - wheel_torque is added, with h = wheel + wheel_torque t the momentum of the wheel against the body: the free
-motion is a gyrostat's, and the torque of the motor a kick.  Space is the frame of the elements of the orbit, with
-z as third axis.  [P. C. Hughes, Spacecraft Attitude Dynamics, 1986, chapters 8 and 9; W. M. Kaula, Theory of Satellite
-Geodesy, 1966, chapter 1]
+about its centre of mass, P_lm without the sign (-1)^m and not normalized.  Space is the frame of the elements of the
+orbit, with z as third axis.  [P. C. Hughes, Spacecraft Attitude Dynamics, 1986, chapters 8 and 9; W. M. Kaula, Theory
+of Satellite Geodesy, 1966, chapter 1]
 """
 
 from __future__ import annotations
@@ -234,12 +232,7 @@ PARAMETERS = (
     Parameter("diffuse", "scalar", "part of the light that plates scatter", check_part, 0.0),
     *ENVIRONMENT,
 )
-WHEEL = (
-    Parameter("wheel", "vector", "momentum of the wheel against the body at t = 0, N m s, along the principal axes"),
-    Parameter(
-        "wheel_torque", "vector", "of its motor on the wheel, N m, along the principal axes", default=np.zeros(3)
-    ),
-)
+OF_POTENTIAL = ("J", "orbit", "path", "mu", "field", "dipole", "degree_3", "degree_4")
 LOADS = ("orbit", "path", "torque", "dipole", "plates", "drag", "pressure", "mirror", "diffuse", *NAMES)
 DERIVED = {"J": 1, "c": 2, "orbit": 1}  # axes
 
@@ -250,37 +243,28 @@ def body_frame():
     return BodyFrame(units={name: (unit, 1.0) for name, unit in units.items()}, along=("M",))
 
 
-def body(name, title, *wheel):
-    parameters = (*PARAMETERS, *wheel)
-    axes = {p.letter: p.axes for p in parameters}
-    constants, tables = ("J", "orbit", "path", "mu", "field", "dipole", "degree_3", "degree_4"), {"path": PATH}
-    return perturbed_record(
+BODIES = (
+    perturbed_record(
         Perturbation(
             base=euler_top.SYSTEM,
-            potential=Force(potential, ("g", "t"), constants, tables=tables),
-            torque=Force(torque, ("g", "t"), LOADS, tables=tables),
-            wheel=bool(wheel),
-            environment=Force(surroundings, ("t",), ("orbit", "path", "field", *NAMES), tables=tables),
+            potential=Force(potential, ("g", "t"), OF_POTENTIAL, tables={"path": PATH}),
+            torque=Force(torque, ("g", "t"), LOADS, tables={"path": PATH}),
+            environment=Force(surroundings, ("t",), ("orbit", "path", "field", *NAMES), tables={"path": PATH}),
             smooth=smooth,
             corners=corners,
         ),
-        axes | DERIVED,
-        name=name,
-        title=title,
+        {p.letter: p.axes or 0 for p in PARAMETERS} | DERIVED,
+        name="satellite",
+        title="Satellite on a Kepler orbit",
         equations="M' = M x Omega - dV/dg + tau,  V of gravity and a magnetic dipole, tau of plates and torques",
         source="Hughes 1986, chapters 8 and 9",
         space=replace(euler_top.SYSTEM.space, casimirs=None),
-        parameters=parameters,
+        parameters=PARAMETERS,
         integrals={},
         derive=derive,
         body_frame=body_frame,
         checks=Checks(parameters=check_parameters, doubts=doubts),
         scaling="SI units.",
         n=3,
-    )
-
-
-BODIES = (
-    body("satellite", "Satellite on a Kepler orbit"),
-    body("satellite-with-wheel", "Satellite with a wheel, on a Kepler orbit", *WHEEL),
+    ),
 )

@@ -239,7 +239,7 @@ def _of_system(tables: Mapping[str, Mapping[str, Any]], folder: Path, faults: Fa
         return Subject(name)
     model: Model | None = None
     with faults.noted("[system]"):
-        model = load_system(name, file)(**parameters)
+        model = load_system(name, file, parameters)(**parameters)
     if model is None:
         return Subject(name)
     with faults.noted("[state]"):

@@ -7,7 +7,9 @@ are delayed, the generator of the noise.  At a sample
 
 and between two samples, with B the field and W the axes of the wheels as rows, all along the axes of the state,
 
-    M' = ... + dipole x B + torque - W^T wheel_torque + (W^T wheels) x Omega,   wheels' = wheel_torque
+    M' = ... + dipole x B + torque - W^T motors + (W^T wheels) x Omega,   wheels' = motors
+
+with motors = wheel_torque, the steady torque of the motors and the one that is commanded.
 
 Sensors and commands are in SI along the body axes, v_body = R v_state, R that of the quaternion `body_axes`; of a state
 in the rest frame v_body = R g^T v_state.
@@ -33,6 +35,8 @@ from kreisel.forces.kicks import (
     BODY_AXES,
     HELD,
     OF_PLACE,
+    WHEEL_AXES,
+    WHEEL_TORQUE,
     WHEELS,
     Body,
     Constants,
@@ -45,12 +49,12 @@ from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import Portable
 from kreisel.record.contract import Parameter, PhaseSpace, System
 from kreisel.record.model import Model
-from kreisel.record.perturbation import TIME, Controller, Perturbation
+from kreisel.record.perturbation import TIME, WITH_WHEELS, Controller, Perturbation
 
 QUEUE, WHEEL_LIMIT = "queue", "wheel_limit"
 DEVIATION, BIAS, LIMIT = "noise_", "bias_", "limit_"
 SENSORS = {"rates": (3,), "attitude": (4,), "time": (), WHEELS: (-1,), **OF_PLACE}
-COMMANDS = {"dipole": "A m^2", "torque": "N m", "wheel_torque": "N m", "impulse": "N m s"}
+COMMANDS = {"dipole": "A m^2", "torque": "N m", WHEEL_TORQUE: "N m", "impulse": "N m s"}
 
 State = tuple[Array, ...]
 
@@ -77,7 +81,7 @@ def meanings(control: Controller) -> dict[str, str]:
     words |= {name: f"memory of the law: {name}" for name in control.memory}
     words |= {
         HELD
-        + name: f"{name.replace('_', ' ')} that is commanded{'' if name == 'wheel_torque' else ', along the body axes'}"
+        + name: f"{name.replace('_', ' ')} that is commanded{'' if name == WHEEL_TORQUE else ', along the body axes'}"
         for name in control.commands
     }
     return {letter: words[letter] for letter, _ in components(control)}
@@ -145,11 +149,11 @@ def sampled(system: System, body: Body, q: Array, known: Constants, axes: Mappin
         ends = np.cumsum([*control.commands.values()]).tolist()
         commands = [first[..., end - k : end] for end, k in zip(ends, control.commands.values(), strict=True)]
     applied = dict(zip(control.commands, commands, strict=True))
-    if "wheel_torque" in applied and WHEEL_LIMIT in known:
-        h, most = new[WHEELS], known[WHEEL_LIMIT]  # which motors do not leave before the next sample
-        seconds = control.every * control.time
-        bounds = (-most - h) / seconds, (most - h) / seconds
-        applied["wheel_torque"] = _clipped(applied["wheel_torque"], *bounds)
+    if WHEEL_TORQUE in applied and WHEEL_LIMIT in known:
+        h, most, steady = new[WHEELS], known[WHEEL_LIMIT], known[WHEEL_TORQUE]
+        seconds = control.every * control.time  # in which the motors do not leave these limits
+        bounds = (-most - h) / seconds - steady, (most - h) / seconds - steady
+        applied[WHEEL_TORQUE] = _clipped(applied[WHEEL_TORQUE], *bounds)
     new |= {HELD + name: value for name, value in applied.items()}
     if generator is not None:
         new[GENERATOR] = generator
@@ -261,6 +265,27 @@ def _clipped(x: Array, least: Array, most: Array) -> Array:
 
 # -- the system ------------------------------------------------------------------------------------------------
 
+OF_WHEELS = (
+    Parameter(BODY_AXES, "quaternion", "of the axes of the state along the body axes"),
+    Parameter(WHEEL_AXES, "array", "of the wheels, along the body axes, one a row", rank=2),
+    Parameter(WHEEL_TORQUE, "array", "steady torque of the motor on each wheel, N m", rank=1),
+    Parameter(WHEEL_LIMIT, "array", "largest momentum of each wheel, N m s", rank=1),
+)
+
+
+def with_wheels(model: Model, values: Mapping[str, Any], time: float = 1.0, momentum: float = 1.0) -> Model:
+    """The model with wheels and no law, with these values of `OF_WHEELS`.  Raises `InputError`."""
+    axes = algebra.floats(values.get(WHEEL_AXES, 0.0))
+    if axes.ndim < 2 or not {BODY_AXES, WHEEL_TORQUE} <= values.keys():
+        raise InputError(f"parameters: expected the axes and torques of wheels, got {shown(sorted(values))}.")
+    control = Controller(wheels=axes.shape[-2], time=time, momentum=momentum)
+    return controlled(model, control, parameters_of_wheels(values))
+
+
+def parameters_of_wheels(values: Mapping[str, Any]) -> list[Parameter]:
+    """The parameters among `OF_WHEELS` that have a value, with it."""
+    return [replace(p, default=values[p.letter]) for p in OF_WHEELS if p.letter in values]
+
 
 def controlled(model: Model, control: Controller, parameters: list[Parameter]) -> Model:
     """The perturbed body with a controller; `parameters`: those that control and wheels add, with their values."""
@@ -305,15 +330,17 @@ def _record(model: Model, control: Controller, parameters: list[Parameter]) -> S
         sign=space.sign,
         carried=space.carried,
     )
+    every = f"controlled every {control.every * control.time:g} s"
+    kind, how = ("controlled", every) if control.law else ("with wheels", "wheels, whose motors have steady torques")
     kept = ("source", "scaling", "derive", "body_frame", "checks", "n")
     axes = {**model.axes, **{p.letter: np.ndim(p.default) if p.axes is None else p.axes for p in parameters}}
     return perturbed_record(
         replace(system.perturbation or Perturbation(system), control=control),
         axes,
         **{name: getattr(system, name) for name in kept},
-        name=f"controlled-{system.name}",
-        title=f"{system.title}, controlled",
-        equations=f"{system.equations}; controlled every {control.every * control.time:g} s",
+        name=f"controlled-{system.name}" if control.law else f"{system.name}{WITH_WHEELS}",
+        title=f"{system.title}, {kind}",
+        equations=f"{system.equations}; {how}",
         space=wide,
         integrals={},
         parameters=(*(replace(p, default=model.params[p.letter]) for p in system.parameters), *parameters),

@@ -5,7 +5,7 @@ The flow of the perturbation for a time h, with g and the state of the integrabl
     damping   M -> exp(-damping h) M                                      exact
     kick      M -> M + h (force of the potential + torque)                exact unless the torque depends on M
     inertia, coupling   rotations (`kreisel.forces.turns`)                                        exact one by one
-    wheel     M -> M - h wheel_torque; the wheel's momentum is constant in the integrable motion   exact
+    wheels    M -> M - h W^T wheel_torque; their momenta are constant in the integrable motion      exact
 
 `work` is the gain of energy by torques, damping, and forces that depend on time: W' = Omega.tau + dV/dt.
 """
@@ -28,8 +28,8 @@ from kreisel.record.perturbation import FIRST, SECOND, TIME, Force, Perturbation
 
 ORIENTATION = "g"
 DAMPING, INERTIA, COUPLING = "damping", "inertia", "coupling"
-WHEEL, WHEEL_TORQUE = "wheel", "wheel_torque"
-WHEELS, WHEEL_AXES, BODY_AXES, HELD = "wheels", "wheel_axes", "body_axes", "commanded_"  # of a body with control
+WHEELS, WHEEL_AXES, WHEEL_TORQUE = "wheels", "wheel_axes", "wheel_torque"
+BODY_AXES, HELD = "body_axes", "commanded_"  # of a body with control
 OF_PLACE = {"field": (3,), "sun": (3,), "light": (), "position": (3,), "velocity": (3,)}
 DIAGONAL = 1e-12  # relative: off-diagonal entries of an inverse inertia
 DOUBLINGS, TERMS = 8, 8  # of expm1: to rounding for x from -200 to 8
@@ -147,15 +147,12 @@ def _load(
 
 
 def loads(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> tuple[tuple[Any, ...], Any]:
-    """The rates of the state by torque, force and the motor of a wheel, and of their work, Omega.tau + U.F."""
+    """The rates of the state by torque, force and motors of wheels, and of their work, Omega.tau + U.F."""
     record, rates = perturbation_of(system), [0 * z for z in body.state]
     tau, F, power = torque(system, body, known, axes), force(system, body, known, axes), 0
     if record.control is not None:
         rates = actuated(system, body, known, axes)
         tau = rates[0] if tau is None else tau + rates[0]
-    if record.wheel:
-        motor = -algebra.hat(known[WHEEL_TORQUE])
-        tau = motor if tau is None else tau + motor
     if tau is not None:
         rates[0] = tau
         power = power + algebra.pairing(velocity(system, body.state, known), tau)
@@ -261,12 +258,12 @@ def velocity(system: System, state: tuple[Array, ...], known: Constants) -> Arra
     return out + algebra.hat(algebra.act(known[COUPLING], state[1])) if record.coupling else out
 
 
-def momentum_of_wheels(system: System, state: tuple[Array, ...], t: Any, known: Constants) -> Array | None:
-    """h (..., 3) at the time t, along the axes of the state; None without wheels."""
-    record = perturbation_of(system)
-    if record.control is not None and record.control.wheels:
-        return along_state(state[system.space.letters.index(WHEELS)], known) / record.control.momentum
-    return known[WHEEL] + algebra.vec(t) * known[WHEEL_TORQUE] if record.wheel else None
+def momentum_of_wheels(system: System, state: tuple[Array, ...], known: Constants) -> Array | None:
+    """h (..., 3) along the axes of the state; None without wheels."""
+    control = perturbation_of(system).control
+    if control is None or not control.wheels:
+        return None
+    return along_state(state[system.space.letters.index(WHEELS)], known) / control.momentum
 
 
 def to_body(known: Constants) -> Array:
@@ -315,8 +312,8 @@ def actuated(system: System, body: Body, known: Constants, axes: Mapping[str, in
         tau = tau + algebra.cross(algebra.act(back, held[HELD + "dipole"]), B)
     if HELD + "torque" in held:
         tau = tau + algebra.act(back, held[HELD + "torque"])
-    if HELD + "wheel_torque" in held:
-        motors = held[HELD + "wheel_torque"]
+    if WHEELS in held:
+        motors = held.get(HELD + WHEEL_TORQUE, 0 * held[WHEELS]) + known[WHEEL_TORQUE]
         tau = tau - along_state(motors, known)
         rates[system.space.letters.index(WHEELS)] = motors * control.time  # type: ignore[union-attr]
     rates[0] = algebra.hat(tau * (control.time / control.momentum))  # type: ignore[union-attr]
@@ -368,7 +365,7 @@ def rates(system: System, body: Body, known: Constants, axes: Mapping[str, int])
         X = algebra.hat(inverse_moments(system, known) * algebra.axial(body.state[0]))
         for i, kind in enumerate(system.space.kinds):
             out[i] = out[i] - algebra.KINDS[kind].rate(X, body.state[i])
-    h = momentum_of_wheels(system, body.state, body.t, known)
+    h = momentum_of_wheels(system, body.state, known)
     if h is not None:
         out[0] = out[0] + algebra.hat(algebra.cross(h, algebra.axial(velocity(system, body.state, known))))
     if record.coupling:

@@ -46,7 +46,7 @@ def in_words(record: Perturbation) -> str:
     parts = [f"a {what} of ({', '.join(force.arguments)})" for what, force in record.functions.items()]
     parts += [f"a pair potential of ({', '.join(record.pair.arguments)})"] if record.pair else []
     parts += ["linear damping"] * record.damping + ["other moments of inertia"] * record.inertia
-    parts += ["a coupling of M and P"] * record.coupling + ["a wheel"] * record.wheel
+    parts += ["a coupling of M and P"] * record.coupling
     parts += ["a controller"] * (record.control is not None)
     return ", ".join(parts)
 

@@ -208,7 +208,7 @@ def rate_of(model: Model, state: State) -> float:
     if base.product:
         bodies = [(f.system, f.known(model.constants), lanes[f.place]) for f in base.product]
     else:
-        bodies = [(base, model.constants, lanes)]
+        bodies = [(base, model.constants, lanes[: len(base.space.letters)])]
     with np.errstate(all="ignore"):
         return max(_fastest(*body) for body in bodies)
 

@@ -12,7 +12,7 @@ asks for that.
 A corrector is a step of the same parts by other values, which ends at the time where it began: its inverse prepares
 the start, and rows are taken through it when they are observed.
 
-The momentum of a wheel is a coordinate that B moves, with the torque of its motor; in A it is constant.
+The momenta of wheels are coordinates that B moves, with the torques of their motors; in A they are constant.
 
 Time is a coordinate that A moves, so forces that depend on time keep the order and the symmetry; it is (k + c_i) dt
 with a count k of complete steps, which is exact.  `work` is the energy gained by forces without a potential and by
@@ -66,10 +66,10 @@ from kreisel.method.splitting_coefficients import corrector, inverse, splitting
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame, Map, System
 from kreisel.record.model import Model
-from kreisel.record.perturbation import TIME, Perturbation, pairs_of
+from kreisel.record.perturbation import TIME, pairs_of
 
 FOURTH = (1 / (2 - 2 ** (1 / 3)), 1 - 2 / (2 - 2 ** (1 / 3)), 1 / (2 - 2 ** (1 / 3)))  # Yoshida 1990
-REACH = "reach"
+REACH, STORED = "reach", "_wheels"
 NEAR_SAMPLE = 1e-6  # of the time between two samples
 TICKS = 1024  # in dt: a constant of 1 has a separate kernel, and dt = 1 is common
 
@@ -91,12 +91,12 @@ class Splitting:
         self.turns = turns_of(model, all_turns)
         _require_a_symmetric_kick(model, order)
         record = self.record
-        self.kicked = bool(record.functions) or record.wheel or record.pair is not None or self.part.left is not None
+        self.kicked = bool(record.functions) or record.pair is not None or self.part.left is not None
         self.kicked = self.kicked or record.control is not None
         kinds = len(self.turns) + self.kicked + record.rubbed
         self.rubs = bool(record.rubbing) and (all_turns or record.rubs(model.constants))
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
-        self.wheels, self.everything = with_wheels(record), all_turns
+        self.everything = all_turns
         self.span = None if all_turns else windows.span_of(model)  # derivatives are those of the field
         self.changed: tuple[int, ...] = ()
         if record.sampled:
@@ -207,10 +207,10 @@ class Splitting:
     def moved(
         self, state: State, g: State, more: dict[str, Array], h: Array, constants: Constants
     ) -> tuple[State, State, dict[str, Array]]:
-        """The integrable motion, with the momentum of a wheel as the kicks before it left it."""
-        if self.wheels:
-            t = self.time(more, constants["_kicked"], constants) if self.record.wheel else None
-            constants = {**constants, kicks.WHEEL: kicks.momentum_of_wheels(self.model.system, state, t, constants)}
+        """The integrable motion, with the momenta of wheels as the kicks before it left them."""
+        h_of_wheels = kicks.momentum_of_wheels(self.model.system, state, constants)
+        if h_of_wheels is not None:
+            constants = {**constants, STORED: h_of_wheels}
         own = len(self.record.base.space.letters)
         if self.part.reach is not None:
             more = {**more, REACH: algebra.maximum(more[REACH], self.part.reach(state[:own], h, constants))}
@@ -325,8 +325,6 @@ def _numbers(body: Splitting, parts: Fractions, whole: float) -> Numbers:
     stages = {"_drift": a[:-1] * dt, "_kick": b * dt, "_node": np.cumsum(a[:-1])}
     if body.record.sampled:
         stages["_first"] = np.arange(len(b)) == 0.0
-    if body.record.wheel:
-        stages["_kicked"] = np.cumsum(b) - b
     if body.divided:
         first = np.arange(len(body.parts)) == 0
         each = {"_drift": first, "_kick": np.array(body.parts), "_node": np.ones(len(first))}
@@ -412,14 +410,9 @@ def integrable(model: Model) -> Integrable:
                 for factor in record.base.product
             ]
         )
-    if with_wheels(record):
-        return _with_wheel(record.base)
+    if record.control is not None and record.control.wheels:
+        return _with_wheels(record.base)
     return _integrable(record.base, record.inner, model.n, model.constants)
-
-
-def with_wheels(record: Perturbation) -> bool:
-    """Whether the body has wheels."""
-    return record.wheel or (record.control is not None and record.control.wheels > 0)
 
 
 def _integrable(base: System, inner: int | None, n: int, constants: Constants) -> Integrable:
@@ -505,15 +498,15 @@ def _free_body(base: System) -> Integrable:
     return Integrable("the closed form of a free body", move, reach)
 
 
-def _with_wheel(base: System) -> Integrable:
-    """A free body with a wheel, whose momentum is h: M + h is that of a gyrostat."""
+def _with_wheels(base: System) -> Integrable:
+    """A free body with wheels, whose momentum is h: M + h is that of a gyrostat."""
 
     def inverse(constants: Constants) -> Array:
         return 1 / np.asarray(call(base.closed_form.moments, (), constants))
 
     return _gyrostat(
-        lambda constants: (inverse(constants), inverse(constants) * constants[kicks.WHEEL]),
-        lambda constants: constants[kicks.WHEEL],
+        lambda constants: (inverse(constants), inverse(constants) * constants[STORED]),
+        lambda constants: constants[STORED],
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -24,8 +24,9 @@ from kreisel.forces.control import (
     called,
     components,
     controlled,
+    parameters_of_wheels,
 )
-from kreisel.forces.kicks import BODY_AXES, OF_PLACE, WHEEL_AXES, WHEELS, perturbation_of
+from kreisel.forces.kicks import BODY_AXES, OF_PLACE, WHEEL_AXES, WHEEL_TORQUE, WHEELS, perturbation_of
 from kreisel.physical.measures import finite_floats, si_number, si_numbers
 from kreisel.record.contract import Parameter
 from kreisel.record.model import Model
@@ -41,11 +42,13 @@ class Wheels:
 
     axes      (k, 3), of length 1, along the body axes
     momenta   (k,) or one, N m s, of the wheels about their axes at t = 0
+    torque    (k,) or one, N m, of the motors: steady, on the wheels, in addition to the torques of a controller
     limit     (k,) or one, N m s: the largest momentum, beyond which the motors of a controller do not go
     """
 
     axes: Any
     momenta: Any = 0.0
+    torque: Any = 0.0
     limit: Any = None
 
     def __post_init__(self) -> None:
@@ -55,10 +58,10 @@ class Wheels:
                 f"axes: expected rows of 3 values and length 1, one for each wheel, got {shown(self.axes)}."
             )
         object.__setattr__(self, "axes", axes)
-        for name in ("momenta", "limit"):
+        for name, unit in {"momenta": "N m s", "torque": "N m", "limit": "N m s"}.items():
             value = getattr(self, name)
             if value is not None:
-                entries = si_numbers(value, "N m s", name, ((), (len(axes),)))
+                entries = si_numbers(value, unit, name, ((), (len(axes),)))
                 object.__setattr__(self, name, np.broadcast_to(entries, (len(axes),)))
         if self.limit is not None and not (self.limit >= abs(self.momenta)).all():
             raise InputError(f"limit: expected at least |momenta|, got {shown(self.limit.tolist())}.")
@@ -133,7 +136,7 @@ class Control:
         arguments = self._arguments(model, count)
         shapes = {**SENSORS, WHEELS: (count,), **{name: value.shape for name, value in self.memory.items()}}
         shapes |= {p.letter: (3,) if p.kind == "vector" else () for p in parameters}
-        lengths = {name: count if name == "wheel_torque" else 3 for name in COMMANDS}
+        lengths = {name: count if name == WHEEL_TORQUE else 3 for name in COMMANDS}
         lengths = {k: v for k, v in lengths.items() if v and (k != "dipole" or _has_place(model))}
         commands = self._tried(arguments, shapes, lengths)
         control = Controller(
@@ -164,7 +167,7 @@ class Control:
             parameters.append(
                 Parameter(LIMIT + name, "array", f"largest {name}", None, np.broadcast_to(value, commands[name]))
             )
-        return controlled(model, control, [*parameters, *_of_wheels(axes, wheels)])
+        return controlled(model, control, [*parameters, *parameters_of_wheels(of_wheels(axes, wheels))])
 
     def _arguments(self, model: Model, wheels: int) -> tuple[str, ...]:
         """The arguments of the law by name.  Raises `InputError` for others than it may have."""
@@ -203,46 +206,27 @@ class Control:
             )
         return {name: lengths[name] for name in COMMANDS if name in runs[0]}
 
-    def start(self, model: Model, wheels: Wheels | None, lanes: int) -> dict[str, Array]:
-        """The components of a state in addition to the body's, at the start."""
-        made = start_of_wheels(model, wheels)
-        made |= {name: self.memory[name] for name in made if name in self.memory}
-        if GENERATOR in made:
-            made[GENERATOR] = streams(int(self.seed), lanes) if lanes > 1 else streams(int(self.seed), 1)[0]
-        return made
-
-
-def with_wheels(model: Model, axes: Array, wheels: Wheels, time: float = 1.0, momentum: float = 1.0) -> Model:
-    """The model with wheels and no controller; units and axes as in `Control.on`."""
-    control = Controller(wheels=len(wheels.axes), time=time, momentum=momentum)
-    return controlled(model, control, _of_wheels(axes, wheels))
-
 
 def _has_place(model: Model) -> bool:
     """Whether it is a body on an orbit, in a field."""
     return model.system.perturbation is not None and model.system.perturbation.environment is not None
 
 
-def start_of_wheels(model: Model, wheels: Wheels | None) -> dict[str, Array]:
-    """The components of a state in addition to the body's: 0, and the momenta of the wheels."""
-    control = perturbation_of(model.system).control
-    out = {
-        letter: np.zeros(() if kind == "scalar" else int(kind[2:]))
-        for letter, kind in (components(control) if control else ())
-    }
-    return out | ({} if wheels is None else {WHEELS: wheels.momenta})
+def at_the_start(model: Model, control: Control | None, wheels: Wheels | None, lanes: int) -> dict[str, Array]:
+    """The components of a state in addition to the body's: 0, the momenta of the wheels, the memory of the law."""
+    more = components(cast("Controller", perturbation_of(model.system).control)) if control or wheels else ()
+    out = {letter: np.zeros(() if kind == "scalar" else int(kind[2:])) for letter, kind in more}
+    if control is not None and GENERATOR in out:
+        out[GENERATOR] = streams(int(control.seed), lanes) if lanes > 1 else streams(int(control.seed), 1)[0]
+    return out | ({} if wheels is None else {WHEELS: wheels.momenta}) | ({} if control is None else {**control.memory})
 
 
-def _of_wheels(axes: Array, wheels: Wheels | None) -> list[Parameter]:
-    out = [
-        Parameter(
-            BODY_AXES, "quaternion", "of the axes of the state along the body axes", None, algebra.unit_quaternion(axes)
-        )
-    ]
+def of_wheels(axes: Array, wheels: Wheels | None) -> dict[str, Array]:
+    """The values of `forces.control.OF_WHEELS`; axes of the state along the body axes, as columns."""
+    out = {BODY_AXES: algebra.unit_quaternion(axes)}
     if wheels is not None:
-        out.append(Parameter(WHEEL_AXES, "array", "of the wheels, along the body axes, one a row", None, wheels.axes))
-        if wheels.limit is not None:
-            out.append(Parameter(WHEEL_LIMIT, "array", "largest momentum of each wheel, N m s", None, wheels.limit))
+        out |= {WHEEL_AXES: wheels.axes, WHEEL_TORQUE: wheels.torque}
+        out |= {} if wheels.limit is None else {WHEEL_LIMIT: wheels.limit}
     return out
 
 

@@ -26,7 +26,7 @@ VECTORS = (
     "angular_velocity", "arm", "attitude", "attitude1", "attitude2", "attitude3", "axis", "center_of_buoyancy",
     "center_of_mass", "current", "diameters", "harmonics", "linear_drag", "magnetic_moment", "position", "potential",
     "quadratic_drag", "semi_axes", "sides", "spin", "spin1", "spin2", "spin3", "sun", "torque", "up",
-    "velocity", "wheel", "wheel_torque",
+    "velocity",
 )  # fmt: skip
 MATRICES = {"inertia": 3, "added_mass": 6}  # or their diagonals
 PLATES = 3  # axes: plates, a plate, a vector

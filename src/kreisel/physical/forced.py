@@ -12,8 +12,9 @@ from kreisel import algebra
 from kreisel.algebra import Array, cross
 from kreisel.errors import InputError, explained, shown
 from kreisel.forces.body import perturbed
+from kreisel.forces.control import with_wheels
 from kreisel.forces.in_body import AXES_OF_LANES, MOTION, UNIT_OF_LANES, in_body
-from kreisel.physical.control import Control, Wheels, start_of_wheels, with_wheels
+from kreisel.physical.control import Control, Wheels, at_the_start, of_wheels
 from kreisel.physical.ensemble import Varied
 from kreisel.physical.measures import finite_floats, si_numbers
 from kreisel.record.body import started
@@ -81,13 +82,12 @@ class Forced(Varied):
                 )
         if self.control is not None:
             return self.control.on(model, axes, self.wheels, time, momentum)
-        return model if self.wheels is None else with_wheels(model, axes, self.wheels, time, momentum)
+        return model if self.wheels is None else with_wheels(model, of_wheels(axes, self.wheels), time, momentum)
 
     def _started(self, orientation: Array, M: Array, **components: Any) -> State:
         """The state with the momentum M (..., 3), and with wheels, memory and commands at the start."""
         model = self.model()
-        more = start_of_wheels(model, self.wheels) if self.wheels is not None else {}
-        more = more if self.control is None else self.control.start(model, self.wheels, M.size // 3)
+        more = at_the_start(model, self.control, self.wheels, M.size // 3)
         M = M if M.ndim == 1 else algebra.hat(M)  # 3 x 3 values may be one matrix or three vectors
         return started(model, orientation, **{model.system.space.letters[0]: M}, **components, **more)
 

@@ -79,8 +79,6 @@ class Satellite(Forced):
     orbit          an `Orbit`; gravity acts to second order in the size of the satellite, with `harmonics` to the fourth
     magnetic_moment   (3,), A m^2, in the field of the primary
     torque         (3,), N m, steady; or a function of quantities by name, such as lambda Omega, B: ... (`Forced`)
-    wheel          (3,), N m s, momentum of reaction wheels against the body at t = 0; None for no wheel
-    wheel_torque   (3,), N m, steady, of the motors on the wheels; the body feels the opposite
     plates         `Plate` records, for drag and sunlight; each is seen from its front, and none is in a shadow
     density, drag  of the air, kg/m^3, constant on the orbit and at rest in space, and the drag coefficient
     air            instead of a density "exponential" or "harris-priester" air, which rotates with the Earth
@@ -98,13 +96,11 @@ class Satellite(Forced):
     that are impossible for a body.  The equations: `kreisel.bodies.satellite`.
     """
 
-    vectors: ClassVar[tuple[str, ...]] = ("dipole", "torque", "wheel", "wheel_torque")
+    vectors: ClassVar[tuple[str, ...]] = ("dipole", "torque")
 
     inertia: Any
     orbit: Orbit
     magnetic_moment: Any = (0.0, 0.0, 0.0)
-    wheel: Any = None
-    wheel_torque: Any = (0.0, 0.0, 0.0)
     plates: tuple[Plate, ...] = ()
     density: float = 0.0
     drag: float = 2.2
@@ -127,15 +123,9 @@ class Satellite(Forced):
         inertia = inertia_tensor(self.inertia)
         object.__setattr__(self, "inertia", inertia)
         object.__setattr__(self, "body", FreeBody(inertia, time_unit=float(np.trace(inertia)) / 3))  # M in kg m^2/s
-        units = {"magnetic_moment": "A m^2", "torque": "N m", "wheel_torque": "N m"}
-        for name, unit in units.items():
-            if name == "torque" and by_functions(self.torque):
-                continue
-            object.__setattr__(self, name, si_numbers(getattr(self, name), unit, name, ((3,),)))
-        if self.wheel is not None:
-            object.__setattr__(self, "wheel", si_numbers(self.wheel, "N m s", "wheel", ((3,),)))
-        elif self.wheel_torque.any():
-            raise InputError("wheel_torque: expected a wheel too, got wheel=None. For wheels at rest, wheel=(0, 0, 0).")
+        for name, unit in {"magnetic_moment": "A m^2", "torque": "N m"}.items():
+            if name != "torque" or not by_functions(self.torque):
+                object.__setattr__(self, name, si_numbers(getattr(self, name), unit, name, ((3,),)))
         convert_fields(self, density="kg/m^3", drag="1", light="N/m^2", mirror="1", diffuse="1")
         for name in ("density", "drag", "light", "mirror", "diffuse"):
             if getattr(self, name) < 0:
@@ -145,8 +135,6 @@ class Satellite(Forced):
         if not isinstance(self.plates, list | tuple):
             raise InputError(f"plates: expected a list of Plate(normal, centre, area), got {shown(self.plates)}.")
         object.__setattr__(self, "plates", tuple(_plate(p) for p in self.plates))
-        if self.wheels is not None and self.wheel is not None:
-            raise InputError("wheel: expected none with wheels=kr.physical.Wheels(...), which may be any number.")
         self.model()
 
     @classmethod
@@ -203,7 +191,7 @@ class Satellite(Forced):
         return self.environment(run)["field"]
 
     def model(self) -> Model:
-        """The system "satellite", or "satellite-with-wheel", with these parameters, in SI units and principal axes."""
+        """The system "satellite" with these parameters, in SI units and principal axes."""
         return self._built
 
     @cached_property
@@ -223,8 +211,7 @@ class Satellite(Forced):
             **self._surroundings,
             **({} if self.harmonics is None else _moments(self.harmonics, along)),
         }
-        wheel = {} if self.wheel is None else {"wheel": self.wheel @ along, "wheel_torque": self.wheel_torque @ along}
-        model = BODIES["satellite-with-wheel" if wheel else "satellite"](**parameters, **wheel)
+        model = BODIES["satellite"](**parameters)
         date = self.orbit.epoch
         epoch = "" if date is None else date.replace(tzinfo=None).isoformat()
         model = model.of_body(replace(body_frame(self.scales(), along), epoch=epoch))

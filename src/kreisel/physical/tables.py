@@ -232,7 +232,9 @@ def _type_of(call: Callable[..., Any], annotation: Any) -> Any:
     """The type that an annotation names, Any if the module of the function does not know it."""
     try:
         return (
-            Any if annotation is inspect.Parameter.empty else eval(str(annotation), vars(sys.modules[call.__module__]))
+            Any
+            if annotation is inspect.Parameter.empty
+            else eval(str(annotation), {**vars(physical), **vars(sys.modules[call.__module__])})
         )
     except NameError:
         return Any

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from kreisel.record.model import Model
 
 TIME = "t"
+WITH_WHEELS = "-with-wheels"  # ends the name of a system with wheels and no law
 PAIRS = "pairs"
 FIRST, SECOND = "1", "2"  # behind the letters of the two bodies of a pair
 
@@ -113,8 +114,6 @@ class Perturbation:
     damping     whether there is a parameter `damping`: M' = -damping M in addition, a rate for all axes or one for each
     inertia     whether there is a parameter `inertia`: the principal moments of the body, instead of `base`'s
     coupling    whether there is a parameter `coupling`: K in M.KP, for a body in a fluid in addition to T(M) + V(P)
-    wheel       whether there are parameters `wheel` and `wheel_torque`: the momentum h = wheel + wheel_torque t against
-                the body, M' = h x Omega - wheel_torque in addition; moving frame, n = 3
     corners     constants -> whether forces that choose nothing have corners; else None
     pair        V of two bodies, for each row (i, j) of the parameter `pairs`: lanes are bodies that act on each other.
                 Letters of body i end in 1, those of body j in 2
@@ -133,7 +132,6 @@ class Perturbation:
     damping: bool = False
     inertia: bool = False
     coupling: bool = False
-    wheel: bool = False
     corners: Callable[..., bool] | None = None
     pair: Force | None = None
     environment: Force | None = None
@@ -154,7 +152,7 @@ class Perturbation:
 
     def names(self, letter: str) -> bool:
         """Whether this letter is an argument of a force."""
-        alone = any(force.names(letter) for force in self.functions.values()) or (self.wheel and letter == TIME)
+        alone = any(force.names(letter) for force in self.functions.values())
         alone = alone or (self.control is not None and letter in ("g", TIME))
         if self.pair is None:
             return alone
@@ -168,7 +166,7 @@ class Perturbation:
     @property
     def loaded(self) -> bool:
         """Whether there are loads without a potential."""
-        return self.torque is not None or self.force is not None or self.wheel or self.control is not None
+        return self.torque is not None or self.force is not None or self.control is not None
 
     @property
     def beside(self) -> bool:

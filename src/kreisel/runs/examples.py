@@ -60,13 +60,6 @@ OF_BODIES: dict[str, dict[str, Any]] = {
         "orientation": ON_ORBIT,
         "dt": 60.0,
     },
-    "satellite-with-wheel": {
-        "parameters": {**SATELLITE, "wheel": [0.0, 0.0, 0.02]},
-        "state": {"M": [0.0, 0.0, 3.681e-5]},
-        "meanings": {"M": f"I Omega along the principal axes, without the wheel's, kg m^2/s; {AT_REST}"},
-        "orientation": ON_ORBIT,
-        "dt": 0.5,
-    },
     "submerged-body": {
         "parameters": {
             "mass_matrix": [[21.0, 0, 0, 0, 0, 0], [0, 38.0, 0, 0, 0, 0], [0, 0, 38.0, 0, 0, 0],

@@ -251,7 +251,7 @@ def _integrable_part(record: RunRecord) -> Model | None:
     from kreisel.bodies import KNOWN
     from kreisel.forces.kicks import COUPLING, INERTIA
 
-    system = KNOWN.get(re.sub("^((perturbed|controlled)-)*", "", record.system))
+    system = KNOWN.get(re.sub("^((perturbed|controlled)-)*", "", record.bare))
     values = parsed(record.parameters, "The attribute parameters")
     if system is None or not {*system.space.components} <= {*record.kinds.items()} or {INERTIA, COUPLING} & {*values}:
         return None

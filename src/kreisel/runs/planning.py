@@ -116,9 +116,9 @@ def choice_of(
         )
     find(method).check(model)
     record = model.system.perturbation
-    if record is not None and record.control is not None:
+    if record is not None and record.sampled:
         raise InputError(
-            f"order='auto': expected a body without control and `wheels`, got {model.system.name}. Say order and dt: "
+            f"order='auto': expected a body without control, got {model.system.name}. Say order and dt: "
             "(2, 2) or (8, 6, 4), with a dt that divides the time between two samples."
         )
     if method == "baecklund":

@@ -15,6 +15,7 @@ from kreisel.errors import InputError, shown
 from kreisel.files import parsed
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model
+from kreisel.record.perturbation import WITH_WHEELS
 from kreisel.runs.settings import count_of_rows
 
 if TYPE_CHECKING:
@@ -62,11 +63,16 @@ class Subject:
         return None if self.body is None else BodyFrame.from_table(_an_object(self.body, "body"))
 
     @property
+    def bare(self) -> str:
+        """The name of the system without its wheels."""
+        return self.system.removesuffix(WITH_WHEELS)
+
+    @property
     def is_own(self) -> bool:
         """Whether the system is user-defined: an archive holds no code, so its model is not available."""
         from kreisel.bodies import KNOWN
 
-        return self.system not in KNOWN
+        return self.bare not in KNOWN
 
     @cached_property
     def model(self) -> Model:
@@ -74,21 +80,22 @@ class Subject:
 
         Raises `InputError` for damaged attributes, and for a user-defined system.
         """
-        from kreisel.bodies import find
+        from kreisel.bodies import known_system
 
         if self.is_own:
             raise InputError(
                 f"{self.system} is none of Kreisel's systems, and a run holds no code. For a user-defined system, give "
                 "it as system=... to kr.resume or kr.analysis.error, or run it again with more steps."
             )
-        return Model(find(self.system), _an_object(self.parameters, "parameters"), self.body_frame)
+        values, frame = _an_object(self.parameters, "parameters"), self.body_frame
+        return Model(known_system(self.system, values, frame), values, frame)
 
     @cached_property
     def kinds(self) -> dict[str, str]:
         """The kinds of the components of the state, by letter.  Raises `InputError`."""
         from kreisel.bodies import find
 
-        if not self.is_own:
+        if not self.is_own and self.bare == self.system:
             return dict(find(self.system).space.components)
         return {str(letter): str(kind) for letter, kind in _an_object(self.components, "components").items()}
 

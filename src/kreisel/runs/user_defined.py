@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import runpy
 import traceback
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from kreisel.bodies import KNOWN, find
+from kreisel.bodies import KNOWN, known_system
 from kreisel.errors import InputError, hint, shown
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import System
 from kreisel.record.model import Model
 
 
-def load_system(name: str, file: Path | None) -> System:
-    """The system of that name: from the registry, or from the top level of `file`.  Raises `InputError`."""
+def load_system(
+    name: str, file: Path | None, values: Mapping[str, Any] | None = None, frame: BodyFrame | None = None
+) -> System:
+    """The system of that name: a known one, with these parameters, or from `file`.  Raises `InputError`."""
     if file is None:
-        return find(name)
+        return known_system(name, values or {}, frame)
     if not file.is_file():
         raise InputError(f"No file {file}, which [system] names; it is looked for next to the TOML file.")
     own = own_systems(executed(file))

@@ -38,7 +38,9 @@ class Sweep:
     def __init__(self, description: Mapping[str, Any], file: Path | None = None):
         self.description, spec = description, description["sweep"]
         base = dict(description["system"])
-        self.system: System = load_system(base.pop("name"), file)
+        body = description.get("body")
+        self._body_frame = None if body is None else BodyFrame.from_table(body).of_lanes(0)
+        self.system: System = load_system(base.pop("name"), file, base, self._body_frame)
         if self.system.perturbation is not None and self.system.perturbation.pair is not None:
             raise InputError(
                 f"{self.system.name}: expected a system whose lanes are independent, got bodies that act on each other "
@@ -48,8 +50,6 @@ class Sweep:
         self.lanes = Lanes({**description, "system": base}, spec, GENERATOR in self._kinds_of_state)
         self.save: tuple[str, ...] = tuple(spec["save"])
         self.kinds = {p.letter: p.kind for p in self.system.parameters}
-        body = description.get("body")
-        self._body_frame = None if body is None else BodyFrame.from_table(body).of_lanes(0)
         self.shared = {p.letter for p in self.system.parameters if p.axes is None}  # by all lanes of a run
 
     def plan(

@@ -16,6 +16,7 @@ from kreisel.files import shallow
 from kreisel.process import signals_wait
 from kreisel.record.body import Body, as_body
 from kreisel.record.model import Model
+from kreisel.record.perturbation import WITH_WHEELS
 from kreisel.runs.in_si import scaled
 from kreisel.runs.presenting import presented
 from kreisel.runs.progress import Progress
@@ -139,7 +140,8 @@ def _of_system(system: Any, x0: Any, orientation: Any, run: dict[str, Any], spec
 
     model, x0, orientation, run, _ = scaled(system, x0, orientation, run)
     check_model(model)
-    if KNOWN.get(model.system.name) != model.system:
+    known = KNOWN.get(model.system.name.removesuffix(WITH_WHEELS))
+    if known is None or (known != model.system and known.name == model.system.name):
         raise InputError(
             f"{model.system.name} is a user-defined system: workers need its Python file. Write a TOML file with "
             'file = "..." in [system], and run `kreisel sweep`.'

@@ -11,7 +11,7 @@ from kreisel.algebra import Array
 from kreisel.errors import brief, shown
 from kreisel.forces.kicks import WHEELS
 from kreisel.runs.geometry import components
-from kreisel.runs.orbits import angles_of, parameters_of, pointing_error, satellite_model, surroundings
+from kreisel.runs.orbits import angles_of, pointing_error, satellite_model, surroundings
 from kreisel.runs.run_record import frame_of
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class Panel(NamedTuple):
 
 
 def panels_of(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> list[Panel]:
-    """Pointing error, angles against the orbit, rates, and the momentum of a wheel."""
+    """Pointing error, angles against the orbit, rates, and the momenta of wheels."""
     model, around = satellite_model(run), surroundings(run)
     angles = angles_of(run, around=around)
     aim = target if isinstance(target, str) else brief(shown(target), LONGEST)
@@ -72,16 +72,11 @@ def panels_of(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> list[
         Panel("angles to the orbit", "deg", angles._fields, _broken(np.rad2deg(np.stack(angles, -1)))),
         Panel("angular velocity in the body", "deg/s", ("x", "y", "z"), np.rad2deg(_along(run, omega))),
     ]
-    known = parameters_of(run)
     if WHEELS in run:  # about their axes
         momenta = np.asarray(run[WHEELS].values)
         out.append(
             Panel("momenta of the wheels", "N m s", tuple(str(k + 1) for k in range(momenta.shape[-1])), momenta)
         )
-    elif "wheel" in known:
-        time = np.asarray(run["time"].values).reshape(-1, *[1] * (1 + len(model.batch)))
-        wheel = np.asarray(known["wheel"]) + np.asarray(known["wheel_torque"]) * time
-        out.append(Panel("momentum of the wheel in the body", "N m s", ("x", "y", "z"), _along(run, wheel)))
     return out
 
 
