@@ -60,7 +60,8 @@ def is_finite(x: Floats) -> bool:
     """Whether all entries are finite."""
     if x.size < FEW and math.isfinite(sum(x.ravel().tolist())):  # a tenth of the time of NumPy's sum
         return True
-    return math.isfinite(np.add.reduce(x, None)) or bool(np.isfinite(x).all())  # the sum of finite entries may overflow
+    with np.errstate(all="ignore"):  # the sum of finite entries may overflow
+        return math.isfinite(np.add.reduce(x, None)) or bool(np.isfinite(x).all())
 
 
 def _good(rows: Floats, z: Floats, holds: Callable[[Floats], Array]) -> Array | None:
