@@ -23,8 +23,8 @@ import kreisel as kr
 from kreisel.graph.arranging import arranged
 from kreisel.graph.graph import IN, Graph, operands_of
 from kreisel.graph.recording import as_operands
-from kreisel.languages.parts import numbers_of
 from kreisel.languages.source import contents
+from kreisel.languages.writer import numbers_of
 from kreisel.runs.planning import make_plan
 
 STEPS, CALLS, DT = 1_000_000, 15, 0.05

@@ -103,4 +103,4 @@ def _statements(piece: Piece) -> str:
     writer = Writer(NUMBERS, lambda letter, i: PLACES[letter].format(i))
     for i, value in enumerate(writer.values(piece.graph, piece.outputs)):
         writer.assign(f"x[{i}]", value)
-    return writer.function("{")
+    return "\n".join(["{", *writer.lines, "}"])

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 import kreisel as kr
 from compilers import output
-from kreisel.languages.conventions import CONVENTIONS as STATED
-from kreisel.languages.conventions import Convention
+from kreisel.languages.bodies import CONVENTIONS as STATED
+from kreisel.languages.bodies import Convention
 
 
 class Engine(Convention):

@@ -1,8 +1,13 @@
-"""The free body in closed form as the functions of a file: moments, dt, state are arguments."""
+"""The free body in closed form as the functions of a file: moments, dt, state are arguments; conventions of engines.
+
+The equations of a rotating body have the same components in a left-handed frame, if angular velocity, momentum, torque
+and quaternion follow its left-hand rule; so a step is the same in every engine, and only data are converted.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -14,7 +19,7 @@ from kreisel.algebra.iteration import times
 from kreisel.exact import rotor_step
 from kreisel.graph.double import DoubleDouble, upper
 from kreisel.graph.graph import where_less
-from kreisel.languages.parts import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values
+from kreisel.languages.writer import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values
 
 SWEEPS = 6
 NEAR, TINY = 1e-6, 1e-36  # of `rotor_step`, for 32 bits
@@ -26,6 +31,7 @@ MESSAGES = (
     "moments of inertia are positive and finite, and none is larger than the sum of the two others",
     "the time step dt is finite and not 0",
 )
+WORDS = {"F": "forward", "B": "back", "L": "left", "R": "right", "U": "up", "D": "down"}
 HEAD = """The free rigid body in closed form: no time step is too long for its energy, momentum and flips.
 prepare: constants from the principal moments of inertia I and the time step dt, after `check` has returned 0.
 step: momentum M along the principal axes (M_i = I_i w_i) and orientation g after the time dt; -dt steps back.
@@ -158,7 +164,7 @@ def free_body(moments: Any, dt: float, M: Any, g: Any, units: str, single: bool 
             Function(
                 "kick",
                 lambda s, K: {"s.M": s["M"] + algebra.conjugated(algebra.inverse_turn(s["g"]), K)},
-                {"s": ("changed", 0), "K": ("array", 3)},
+                {"s": CHANGED["s"], "K": ("array", 3)},
             ),
             Function(
                 "principal",
@@ -170,3 +176,57 @@ def free_body(moments: Any, dt: float, M: Any, g: Any, units: str, single: bool 
         ],
         messages=MESSAGES,
     )
+
+
+@dataclass(frozen=True)
+class Convention:
+    """The frame of an engine.
+
+    axes    directions of its axes x, y, z: Forward, Back, Left, Right, Up, Down
+    source  a document that states them
+    length  m in a unit of its lengths
+
+    In Kreisel the axes are forward, left and up, as in ROS, lengths are in m, and a quaternion is (w, x, y, z); engines
+    begin with x.  A vector of an engine is S v, S the matrix; an axial vector, such as an angular velocity, det(S) S v.
+    """
+
+    axes: str
+    source: str
+    length: float = 1.0
+
+    @property
+    def matrix(self) -> Array:
+        """S (3, 3)."""
+        return np.concatenate([np.eye(3), -np.eye(3)])[["FLUBRD".find(axis) for axis in self.axes]]
+
+    @property
+    def handed(self) -> int:
+        """1 if the axes are right-handed, -1 if they are left-handed."""
+        return round(float(np.linalg.det(self.matrix)))
+
+    def tensor(self, inertia: Array) -> Array:
+        """An inertia tensor, kg m^2, along the axes and in the units of the engine."""
+        return self.matrix @ inertia @ self.matrix.T / self.length**2
+
+    def body(self, body: Body) -> Body:
+        """A file whose quaternions are (x, y, z, w)."""
+        words = ", ".join(f"{letter} {WORDS[axis]}" for letter, axis in zip("xyz", self.axes, strict=True))
+        unit = "SI" if self.length == 1 else f"kg, s, lengths of {self.length:g} m"
+        axes = f"Axes: {words}, {'right' if self.handed > 0 else 'left'}-handed.  Units: {unit}."
+        return replace(
+            body,
+            head=[*(line for line in body.head if not line.startswith("Units: ")), f"{axes}  [{self.source}]"],
+            state={**body.state, "g": Field(4, "orientation, body to space: unit quaternion (x, y, z, w)")},
+            start={**body.start, "g": np.roll(body.start["g"], -1)},
+            last=("s.g", "q", "axes"),
+        )
+
+
+CONVENTIONS = {
+    "ros": Convention("FLU", "REP 103; geometry_msgs/Quaternion"),
+    "unity": Convention("RUF", "Unity ROS-TCP-Connector, ROSGeometry.md"),
+    "unreal": Convention("FRU", "MathWorks, Coordinate Systems for Unreal Engine Simulation", 0.01),
+    "godot": Convention("RUB", "Godot manual, Model export considerations"),
+    "bevy": Convention("RUB", "Bevy, GltfConvertCoordinates"),
+    "three": Convention("RUB", "three.js manual, Object3D and Camera"),
+}

@@ -16,7 +16,7 @@ import numpy as np
 from kreisel.errors import InputError
 
 GROUPS = {
-    "arguments": ("number", "array", "out", "constants", "new", "state", "changed", "index", "count", "status"),
+    "arguments": ("number", "array", "out", "read", "written", "index", "count", "status"),
     "results": ("", "number", "status", "text"),
     "calls": ("max", "sign", "where", "fma", "sqrt", "size", "nearest", "sin", "cos", "exp", "log"),
 }
@@ -35,7 +35,7 @@ class Dialect:
     function: str = ""  # the head of a function, {arguments} joined by commas; {result} is one of `results`
     call: str = ""
     results: Mapping[str, str] = field(default_factory=dict)
-    arguments: Mapping[str, str] = field(default_factory=dict)  # by kind; out: a written array, new: constants
+    arguments: Mapping[str, str] = field(default_factory=dict)  # by kind; {of}: constants, state
     members: tuple[str, ...] = ()  # a field of a type that is a number, and an entry of one that is an array
     once: str = ""  # a number with its final value
     starts: str = ""  # a number that is assigned to later
@@ -68,12 +68,6 @@ class Dialect:
         if not math.isfinite(value):
             return nan if math.isnan(value) else f"{'-' * (value < 0)}{infinity}"
         return self.number.format(str(np.float32(value)) if self.single else repr(float(value)))
-
-    def replaced(self, text: str) -> str:
-        """A file with the words of the language."""
-        for old, new in self.renamed.items():
-            text = text.replace(old, new)
-        return text
 
     def in_single(self) -> Dialect:
         """The language in numbers of 32 bits.  Raises `InputError` if it has none."""
@@ -124,8 +118,8 @@ C = _language(
         "types": "typedef struct {{|    double {name};{comment}|    double {name}[{count}];{comment}|}} {type}_{name};",
         "function call": "static inline {result} {type}_{name}({arguments}) {{|{type}_{name}({arguments});",
         "results": "void|double|int|const char *",
-        "arguments": "double {name}|const double {name}[{count}]|double {name}[{count}]|const {type}_constants *{name}|"
-        "{type}_constants *{name}|const {type}_state *{name}|{type}_state *{name}|int {name}|long {name}|int {name}",
+        "arguments": "double {name}|const double {name}[{count}]|double {name}[{count}]|const {type}_{of} *{name}|"
+        "{type}_{of} *{name}|int {name}|long {name}|int {name}",
         "members": "{object}->{name}|{object}->{name}[{i}]",
         "once starts": "const double {} = {};|double {} = {};",
         "table room": "static const double {name}[{count}] = {{{body}}};|double {name}[{count}];",
@@ -158,9 +152,7 @@ RUST = _language(
 use num_traits::Float as _;
 
 #[inline(always)]
-fn fma(x: f64, y: f64, z: f64) -> f64 {{
-    x.mul_add(y, z)
-}}
+fn fma(x: f64, y: f64, z: f64) -> f64 {{ x.mul_add(y, z) }}
 
 """,
         "about": "|    mod {type};|    let (mut c, mut s) = ({type}::Constants::default(), {type}::State::default());||"
@@ -171,8 +163,8 @@ fn fma(x: f64, y: f64, z: f64) -> f64 {{
         "    pub {name}: [f64; {count}],{comment}|}}",
         "function call": "pub fn {name}({arguments}){result} {{|{name}({arguments});",
         "results": "| -> f64| -> i32| -> &'static str",
-        "arguments": "{name}: f64|{name}: &[f64; {count}]|{name}: &mut [f64; {count}]|{name}: &Constants|"
-        "{name}: &mut Constants|{name}: &State|{name}: &mut State|{name}: usize|{name}: u64|{name}: i32",
+        "arguments": "{name}: f64|{name}: &[f64; {count}]|{name}: &mut [f64; {count}]|{name}: &{Of}|{name}: &mut {Of}|"
+        "{name}: usize|{name}: u64|{name}: i32",
         "members": "{object}.{name}|{object}.{name}[{i}]",
         "once starts joint": "let {} = {};|let mut {}: f64 = {};|; let ",
         "table room": "static {name}: [f64; {count}] = [{body}];|let mut {name} = [0.0; {count}];",
@@ -191,7 +183,7 @@ fn fma(x: f64, y: f64, z: f64) -> f64 {{
 JAVASCRIPT = _language(
     RUST,
     {
-        "begin": COMMENT,
+        "begin": COMMENT + "const {{ sqrt, abs, sin, cos, exp, log }} = Math;\n\n",
         "about": '|    import {{ Constants, State, prepare, step }} from "./{type}.mjs";|'
         f"    const c = new Constants(), s = new State();||JavaScript has no fused product: {ROUNDED}",
         "name mark case": f"js||{C.case}",
@@ -204,8 +196,7 @@ JAVASCRIPT = _language(
         "up": "for (let {var} = 0; {var} < {count}; {var}++) {{",
         "default": "export const {name}_default = {body};|export const {name}_default = [{body}];",
         "reserved": "",
-        "calls": SELECTS + "|({0} * {1} + {2})|Math.sqrt({0})|Math.abs({0})||"
-        "Math.sin({0})|Math.cos({0})|Math.exp({0})|Math.log({0})",
+        "calls": f"{SELECTS}|({{0}} * {{1}} + {{2}})|sqrt({{0}})|abs({{0}})|{NAMED}",
     },
     arguments=dict.fromkeys(GROUPS["arguments"], "{name}"),
     words={},
@@ -213,7 +204,7 @@ JAVASCRIPT = _language(
 CSHARP = _language(
     JAVASCRIPT,
     {
-        "begin": COMMENT + "public static class {module} {{\n\n",
+        "begin": COMMENT + "using static System.Math;\n\npublic static class {module} {{\n\n",
         "about": "|    var c = new {module}.Constants();|    var s = new {module}.State();||"
         f"C# 6 and later, without unsafe code; a step allocates nothing; {ROUNDED}",
         "name finish": "csharp|}}\n",
@@ -221,15 +212,14 @@ CSHARP = _language(
         "    public readonly double[] {name} = new double[{count}];{comment}|}}",
         "function": "public static {result} {name}({arguments}) {{",
         "results": "void|double|int|string",
-        "arguments": "double {name}|double[] {name}|double[] {name}|Constants {name}|Constants {name}|State {name}|"
-        "State {name}|int {name}|long {name}|int {name}",
+        "arguments": "double {name}|double[] {name}|double[] {name}|{Of} {name}|{Of} {name}|"
+        "int {name}|long {name}|int {name}",
         "once starts": "double {} = {};|double {} = {};",
         "up status special": f"{C.up}|{C.status}|double.NaN double.PositiveInfinity",
         "default": "public const double default_{name} = {body};|"
         "public static readonly double[] default_{name} = {{ {body} }};",
         "reserved": "base checked class decimal event fixed lock namespace object params string unsafe",
-        "calls": SELECTS + TWICE + "|System.Math.Sqrt({0})|System.Math.Abs({0})|System.Math.Round({0})|"
-        "System.Math.Sin({0})|System.Math.Cos({0})|System.Math.Exp({0})|System.Math.Log({0})",
+        "calls": SELECTS + TWICE + "|Sqrt({0})|Abs({0})|Round({0})|Sin({0})|Cos({0})|Exp({0})|Log({0})",
     },
 )
 JULIA = _language(
@@ -280,13 +270,11 @@ GDSCRIPT = _language(
         f"GDScript of Godot 4, whose floats have 64 bits; {ROUNDED}",
         "name mark": "gdscript|# ",
         "types": "class {Name}:|    var {name} := 0.0{comment}|"
-        "    var {name}: PackedFloat64Array = zeros({count}){comment}|\n"
-        "    static func zeros(count: int) -> PackedFloat64Array:\n        var out := PackedFloat64Array()\n"
-        "        out.resize(count)\n        return out\n",
+        "    var {name} := PackedFloat64Array([{zeros}]){comment}|",
         "function": "static func {name}({arguments}) -> {result}:",
         "results": "void|float|int|String",
-        "arguments": "{name}: float|{name}: PackedFloat64Array|{name}: PackedFloat64Array|{name}: Constants|"
-        "{name}: Constants|{name}: State|{name}: State|{name}: int|{name}: int|{name}: int",
+        "arguments": "{name}: float|{name}: PackedFloat64Array|{name}: PackedFloat64Array|{name}: {Of}|{name}: {Of}|"
+        "{name}: int|{name}: int|{name}: int",
         "once starts joint": "var {} := {}|var {} := {}|; var ",
         "up special": "for {var} in {count}:|NAN INF",
         "default": "const default_{name} := {body}|const default_{name}: Array[float] = [{body}]",
@@ -304,8 +292,7 @@ WGSL = _language(
         "function call": f"fn {{type}}_{{name}}({{arguments}}){{result}} {{{{|{C.call}",
         "results": "| -> f32| -> i32",  # it has no texts
         "arguments": "{name}: f32|{name}: array<f32, {count}>|{name}: ptr<function, array<f32, {count}>>|"
-        "{name}: ptr<function, {type}_constants>|{name}: ptr<function, {type}_constants>|"
-        "{name}: ptr<function, {type}_state>|{name}: ptr<function, {type}_state>|{name}: i32|{name}: i32|{name}: i32",
+        "{name}: ptr<function, {type}_{of}>|{name}: ptr<function, {type}_{of}>|{name}: i32|{name}: i32|{name}: i32",
         "members": "(*{object}).{name}|(*{object}).{name}[{i}]",
         "starts special": f"var {{}} = {{}};|{C.special}",
         "table room": "var {name} = array<f32, {count}>({body});|var {name}: array<f32, {count}>;",

@@ -26,13 +26,14 @@ EPOCH = (1980, 1, 1, 0, 0, 0)  # of the files in an archive: the same bytes each
 INPUT = 'causality="input" variability="continuous"'
 OUTPUT = 'causality="output" variability="continuous" initial="exact"'
 PARAMETER = 'causality="parameter" variability="fixed" initial="exact"'
-VARIABLES = (  # name, components, attributes of FMI, unit, meaning
-    ("torque", ".x .y .z", INPUT, "N.m", "torque along the body axes, constant within a communication step"),
-    ("attitude", ".w .x .y .z", OUTPUT, "", "unit quaternion, body axes to space"),
-    ("angular_velocity", ".x .y .z", OUTPUT, "rad/s", "angular velocity along the body axes"),
-    ("inertia", ".xx .yy .zz .yz .zx .xy", PARAMETER, "kg.m2", "inertia tensor about the centre of mass, body axes"),
-    ("step", "", PARAMETER, "s", "longest step within a communication step"),
+VARIABLES = (  # name, components, attributes of FMI, meaning
+    ("torque", ".x .y .z", f'{INPUT} unit="N.m"', "torque along the body axes, constant within a communication step"),
+    ("attitude", ".w .x .y .z", OUTPUT, "unit quaternion, body axes to space"),
+    ("angular_velocity", ".x .y .z", f'{OUTPUT} unit="rad/s"', "angular velocity along the body axes"),
+    ("inertia", ".xx .yy .zz .yz .zx .xy", f'{PARAMETER} unit="kg.m2"', "inertia tensor about the centre of mass"),
+    ("step", "", f'{PARAMETER} unit="s"', "longest step within a communication step"),
 )
+FLOAT = '    <Float64 name="{}" valueReference="{}" {} start="{!r}" description="{}"/>'.format
 
 
 def fmu(name: str, header: str, inertia: Array, dt: float) -> bytes:
@@ -45,16 +46,10 @@ def fmu(name: str, header: str, inertia: Array, dt: float) -> bytes:
     start = [0.0, *[0.0] * 3, 1.0, *[0.0] * 6, *tensor, dt]
     words = {"name": name, "title": "Free rigid body", "start": ", ".join(map(repr, start))}
     words["token"] = hashlib.sha256((header + words["start"]).encode()).hexdigest()
-    lines: list[str] = []
-    outputs: list[str] = []
-    for group, components, attributes, unit, meaning in VARIABLES:
-        for component in components.split() or [""]:
-            k = len(lines) + 1
-            about = f'name="{group}{component}" valueReference="{k}" {attributes} start="{start[k]!r}"'
-            about += f' unit="{unit}"' if unit else ""
-            lines.append(f'    <Float64 {about} description="{meaning}"/>')
-            outputs += [f'    <Output valueReference="{k}"/>'] if attributes == OUTPUT else []
-    words |= {"variables": "\n".join(lines), "outputs": "\n".join(outputs)}
+    entries = [(f"{group}{k}", *about) for group, parts, *about in VARIABLES for k in parts.split() or [""]]
+    numbered = list(enumerate(entries, 1))
+    words["variables"] = "\n".join(FLOAT(x, k, about, start[k], meaning) for k, (x, about, meaning) in numbered)
+    words["outputs"] = "\n".join(f'    <Output valueReference="{k}"/>' for k, x in numbered if OUTPUT in x[1])
     sources = {f"{name}.c": _filled("fmu.c", words), f"{name}.h": header}
     files = {
         "modelDescription.xml": _filled("fmu.xml", words).encode(),
@@ -86,9 +81,6 @@ def _compiled(name: str, sources: dict[str, str]) -> dict[str, bytes]:
         for path, text in sources.items():
             Path(folder, path).write_text(text, encoding="utf-8")
         command = [compiler, *FLAGS, f"{name}.c", "-o", library, "-lm"]
-        done = subprocess.run(command, cwd=folder, capture_output=True, check=False, timeout=120)
-        return (
-            {}
-            if done.returncode
-            else {f"binaries/{machine}-{sys.platform}/{library}": Path(folder, library).read_bytes()}
-        )
+        if subprocess.run(command, cwd=folder, capture_output=True, check=False, timeout=120).returncode:
+            return {}
+        return {f"binaries/{machine}-{sys.platform}/{library}": Path(folder, library).read_bytes()}

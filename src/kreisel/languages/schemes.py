@@ -16,7 +16,7 @@ from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError
 from kreisel.graph.graph import Graph
 from kreisel.languages.bodies import HELD, MESSAGES, MOMENTS, check, check_moments, watched
-from kreisel.languages.parts import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values, numbers_of
+from kreisel.languages.writer import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values, numbers_of
 from kreisel.method import find
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Orbits, Scheme, Steps
@@ -79,8 +79,6 @@ class Stepped:
         known = self._known(c)
         return self._recorded(c["dt"], {k: known[k] for k in self.model.constants if k in known}) or self.fixed
 
-    # -- constants -----------------------------------------------------------------------------------------
-
     @property
     def parameters(self) -> dict[str, Field]:
         """Those of the system, and dt; none if the constants belong to an orbit."""
@@ -134,8 +132,6 @@ class Stepped:
         stages = (self.made or self.fixed).stages
         shapes = {k: np.shape(v)[k in stages :] for k, v in self._values.items() if stage or k not in stages}
         return {k: np.reshape(np.asarray(c[k], dtype=object), shape)[()] for k, shape in shapes.items()}
-
-    # -- functions of the state ----------------------------------------------------------------------------
 
     @property
     def state(self) -> dict[str, Field]:
@@ -193,8 +189,6 @@ class Stepped:
         own = [name for name in self.kinds if self.begins and name in found]
         energies = {k: np.ravel(np.asarray(v, dtype=object)) for k, v in found.items() if k.startswith("energy")}
         return {**{name: self._entries(name, found[name]) for name in own}, **energies}
-
-    # -- the file ------------------------------------------------------------------------------------------
 
     def body(self) -> Body:
         """The contents of the file."""

@@ -11,11 +11,10 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.errors import InputError, explained, require_one_of, shown
-from kreisel.languages.bodies import free_body
-from kreisel.languages.conventions import CONVENTIONS, Convention
+from kreisel.languages.bodies import CONVENTIONS, Convention, free_body
 from kreisel.languages.dialects import LANGUAGES
-from kreisel.languages.parts import Body, Field, assembled
 from kreisel.languages.schemes import Stepped
+from kreisel.languages.writer import Body, Field, assembled
 from kreisel.method.scheme import Orbits
 from kreisel.record.body import as_body
 from kreisel.record.calling import call

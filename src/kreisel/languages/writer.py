@@ -1,4 +1,4 @@
-"""Graphs as statements of other languages: nested expressions, a name for a value that is used twice.
+"""Files of other languages: a body as functions of arrays, whose graphs become nested expressions and statements.
 
 The operations of a graph are written in its order and never regrouped, so a language with the same arithmetic has its
 bits: parentheses keep them, if the compiler fuses nothing (`-ffp-contract=off`).
@@ -6,16 +6,25 @@ bits: parentheses keep them, if the compiler fuses nothing (`-ffp-contract=off`)
 
 from __future__ import annotations
 
+import hashlib
+import re
+import textwrap
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from kreisel.errors import RunError
 from kreisel.graph.arranging import arranged
 from kreisel.graph.graph import IN, LOOP, MINUS, OVER, PLUS, RESULT, TIMES, Graph, Number, Operand, operands_of
+from kreisel.graph.recording import as_operands
 from kreisel.languages.dialects import Dialect
 
+Values = Mapping[str, Any]
+Arguments = Mapping[str, tuple[str, int]]
 WIDTH, NESTED = 116, 72  # columns of a line; the longest expression that is nested in another
 SIGNS = (PLUS, MINUS, TIMES, OVER)
 ROW, ENTRY = "row", "each"  # letters of the columns of a table, and of the results of its rows
@@ -34,7 +43,6 @@ class Rolled(Graph):
         self.maps: list[tuple[Sequence[Sequence[float]], list[Operand]]] = []
 
     def for_rows(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
-        """body(*row), recorded once."""
         if not self._tables:
             return super().for_rows(body, rows)
         place = len(self.maps)
@@ -52,14 +60,10 @@ class Rolled(Graph):
         Values that a loop reads count as used often, as they are in a graph without loops.
         """
         results = [x for _, new in self.maps for x in new]
-        inside = self.varying(results)
+        inside = varying(self, self.needed(results))
         read = [x for at in inside for x in operands_of(self.nodes[at]) if x.at not in inside]
         graph, values = arranged(self, [*outputs, *results, *({x.at: x.positive for x in read}.values())])
         return graph, values[: len(outputs)], values[len(outputs) : len(outputs) + len(results)]
-
-    def varying(self, outputs: Iterable[Operand]) -> set[int]:
-        """The nodes that depend on a row."""
-        return varying(self, self.needed(outputs))
 
 
 def varying(graph: Graph, nodes: Sequence[int]) -> set[int]:
@@ -92,7 +96,6 @@ class Writer:
         self._count = 0
 
     def say(self, statement: str) -> None:
-        """Add a statement."""
         self.lines.append("    " * self.indent + statement)
         self._open = ""
 
@@ -123,7 +126,6 @@ class Writer:
         self._pack("assign", "", f"{name} = {bare(expression)}{end}", f"{end or ';'} ")
 
     def values(self, graph: Graph, outputs: Sequence[Operand]) -> list[str]:
-        """Compute the outputs of a graph; their expressions."""
         new, values, results = graph.arranged(outputs) if isinstance(graph, Rolled) else (graph, list(outputs), [])
         maps = graph.maps if isinstance(graph, Rolled) else []
         block = Block(self, new, [*values, *results])
@@ -135,7 +137,6 @@ class Writer:
         return [block.value(x) for x in values]
 
     def _map(self, block: Block, place: int, rows: Sequence[Sequence[float]], result: Operand) -> None:
-        """A loop over the rows of a table."""
         d, graph, table, out = self.dialect, block.graph, f"{ROW}{place}_", f"{ENTRY}{place}"
         nodes = graph.needed([result])
         inside = varying(graph, nodes)
@@ -152,12 +153,13 @@ class Writer:
             block.compute(sorted(inside), [result])
             self.assign(f"{out}[{index}]", block.value(result))
 
-    def function(
-        self, name: str, arguments: Mapping[str, tuple[str, int]], words: Mapping[str, str], result: str = ""
-    ) -> str:
+    def function(self, name: str, arguments: Arguments, words: Mapping[str, str], result: str = "") -> str:
         """The function with these statements; `arguments`: name -> (kind, count)."""
         d = self.dialect
-        listed = ", ".join(d.arguments[kind].format(name=x, count=n, **words) for x, (kind, n) in arguments.items())
+        kinds = [(x, n, *kind.partition(" ")[::2]) for x, (kind, n) in arguments.items()]
+        listed = ", ".join(
+            d.arguments[kind].format(name=x, count=n, of=of, Of=of.capitalize(), **words) for x, n, kind, of in kinds
+        )
         head = d.function.format(name=name, arguments=listed, result=d.results[result], **words)
         return "\n".join([head, *self.lines, *([d.close] if d.close else [])])
 
@@ -228,7 +230,6 @@ class Block:
         return writer.once(text, letter[-1]) if writer.copied(letter) else text
 
     def expression(self, operation: str, operands: Sequence[str]) -> str:
-        """An operation on expressions."""
         if operation in SIGNS:
             return f"({operands[0]} {operation} {operands[1]})"
         call = self.writer.dialect.calls.get(operation)
@@ -254,3 +255,165 @@ class Block:
             for i, name in zip(kept, new or [inside.value(loop.new[i]) for i in kept], strict=True):
                 writer.assign(variables[i], name)
         return variables
+
+
+HUGE = 1e30
+READ = {"c": ("read constants", 0), "s": ("read state", 0)}
+NEW, CHANGED = {"c": ("written constants", 0)}, READ | {"s": ("written state", 0)}
+
+
+@dataclass(frozen=True)
+class Field:
+    """A scalar (count 0) or an array: its meaning, default values, how many are of one stage."""
+
+    count: int
+    meaning: str = ""
+    value: Any = None
+    stage: int = 0
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function of a file.
+
+    apply      of arguments, constants and state, by keyword -> values by name
+    arguments  name -> (kind, count); kinds as in `Dialect.arguments`, with the type of an object: "read state"
+    result     "" if it writes an object or an array; "number", "status"
+    """
+
+    name: str
+    apply: Callable[..., Any]
+    arguments: Arguments
+    result: str = ""
+
+
+@dataclass(frozen=True)
+class Body:
+    """The contents of a file."""
+
+    head: Sequence[str]
+    parameters: Mapping[str, Field]
+    constants: Mapping[str, Field]
+    state: Mapping[str, Field]
+    functions: Sequence[Function]
+    messages: Sequence[str] = ()
+    start: Mapping[str, Any] = field(default_factory=dict)
+    stages: int = 0
+    last: Sequence[str] = ()  # names of quaternions whose w is the last entry
+
+
+def numbers_of(graph: Graph, name: str, fields: Mapping[str, Field], staged: bool = False) -> dict[str, Any]:
+    """The fields of a type as inputs of a graph; `staged`: those of one stage."""
+    out = {}
+    for each, f in fields.items():
+        count = f.stage if staged and f.stage else f.count
+        out[each] = graph.inputs(f"{name}.{each}", count) if count else graph.input(f"{name}.{each}", 0)
+    return out
+
+
+def text_of(body: Body, function: Function, dialect: Dialect, words: Mapping[str, str]) -> str:
+    """A function, written."""
+    types = {"constants": body.constants, "state": body.state}
+    graph, given, staged = Rolled(tables=bool(dialect.room)), dict[str, Any](), "k" in function.arguments
+    for name, (kind, count) in function.arguments.items():
+        if kind in ("read constants", "read state", "written state"):
+            given[name] = numbers_of(graph, name, types[kind.split()[1]], staged)
+        elif kind in ("number", "array"):
+            given[name] = graph.inputs(name, count) if count else graph.input(name, 0)
+    results = function.apply(**given)
+
+    def place(letter: str, i: int) -> str:
+        thing, _, name = letter.partition(".")
+        kind, count = function.arguments[thing]
+        index = str((i - 1) % 4 + dialect.first if letter in body.last else i + dialect.first)
+        if not name:
+            return f"{thing}[{index}]" if count else thing
+        f = types[kind.split()[1]][name]
+        if staged and f.stage:
+            index = "k" if f.stage == 1 else f"{f.stage} * k + {index}" if i or dialect.first else f"{f.stage} * k"
+        return dialect.members[f.count > 0].format(object=thing, name=name, i=index)
+
+    changed = {name for name, (kind, _) in function.arguments.items() if kind == "written state"}
+    writer = Writer(dialect, place, lambda letter: letter.partition(".")[0] in changed)
+    if function.result:
+        (value,) = writer.values(graph, as_operands([results]))
+        number = bare(value) if function.result == "number" else dialect.status.format(bare(value))
+        writer.say(dialect.give.format(number))
+    else:
+        new = [
+            (place(name, i), x)
+            for name, value in results.items()
+            for i, x in enumerate(as_operands(list(np.ravel(np.asarray(value, dtype=object)))))
+            if getattr(x, "key", None) != (graph.node(IN, name, i), False)
+        ]
+        for (target, _), value in zip(new, writer.values(graph, [x for _, x in new]), strict=True):
+            writer.assign(target, value)
+    unused = [name for name in function.arguments if not re.search(rf"\b{name}\b", "\n".join(writer.lines))]
+    writer.lines[:0] = [f"    {dialect.unused.format(name)}" for name in unused if dialect.unused]
+    return writer.function(function.name, function.arguments, words, function.result)
+
+
+def programs(body: Body, dialect: Dialect, words: Mapping[str, str]) -> list[str]:
+    """The functions that call others: a step of stages, many steps, and the message of a status."""
+
+    def call(name: str, objects: str) -> str:
+        return dialect.call.format(name=name, arguments=objects, **words)
+
+    step, advance, message = (Writer(dialect) for _ in range(3))
+    if body.stages:
+        with step.block(dialect.up.format(integer="int", var="k", count=body.stages)):
+            step.say(call("stage", "c, s, k"))
+        step.lines += ["    " + call("close", "c, s") for f in body.functions if f.name == "close"]
+    before, objects, behind = (x.format(**words) for x in dialect.local)
+    advance.lines += [f"    {before}"] * bool(before)
+    with advance.block(dialect.up.format(integer="long", var="k", count="steps")):
+        advance.say(call("step", objects))
+    advance.lines += [f"    {behind}"] * bool(behind)
+    if body.messages and "text" in dialect.results:
+        for status, text in enumerate(body.messages, 1):
+            message.say(dialect.case.format(status=status, text=text))
+        message.say(dialect.give.format('""'))
+    many = {**CHANGED, "steps": ("count", 0)}
+    return [
+        *([step.function("step", CHANGED, words)] if body.stages else []),
+        advance.function("advance", many, words),
+        *([message.function("message", {"status": ("status", 0)}, words, "text")] if message.lines else []),
+    ]
+
+
+def type_of(name: str, fields: Mapping[str, Field], dialect: Dialect, words: Mapping[str, str]) -> str:
+    """A type, declared."""
+    head, number, array, end = dialect.types
+    lines = [head.format(name=name, Name=name.capitalize(), **words)]
+    for each, f in fields.items():
+        comment = dialect.note.format(f.meaning) if f.meaning else ""
+        zeros = ", ".join(["0.0"] * f.count)
+        form = array if f.count else number
+        lines.append(form.format(name=each, count=f.count, zeros=zeros, comment=comment, **words))
+    return "\n".join([*lines, end.format(name=name, **words)])
+
+
+def assembled(body: Body, dialect: Dialect, name: str) -> str:
+    """The file, named."""
+    words = {"type": name, "module": "".join(word[:1].upper() + word[1:] for word in name.split("_"))}
+    lines = [*body.head, *(line.format(**words) for line in dialect.about)]
+    wrapped = [x for line in lines for x in textwrap.wrap(line, WIDTH) or [""]]
+    head = "\n".join(f"{dialect.mark}{line}".rstrip() for line in wrapped)
+    sections = [type_of("constants", body.constants, dialect, words), type_of("state", body.state, dialect, words)]
+    values = {name: f.value for name, f in body.parameters.items()} | {f"start_{k}": v for k, v in body.start.items()}
+    defaults = [
+        dialect.default[np.ndim(v) > 0].format(
+            name=each, count=np.size(v), body=", ".join(map(dialect.literal, np.ravel(v).tolist())), **words
+        )
+        for each, v in values.items()
+    ]
+    sections.append("\n".join(defaults))
+    sections += [text_of(body, function, dialect, words) for function in body.functions]
+    sections += programs(body, dialect, words)
+    text = "\n\n".join(section.rstrip("\n") for section in sections)
+    digest = hashlib.sha256(text.encode()).hexdigest()[:8]
+    begin = dialect.begin.format(head="{head}", digest=digest, **words)
+    text = f"{begin}{text}\n\n{dialect.finish.format(**words)}".rstrip() + "\n"
+    for old, new in dialect.renamed.items():
+        text = text.replace(old, new)
+    return text.replace("{head}", head, 1)

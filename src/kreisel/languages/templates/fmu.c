@@ -112,8 +112,7 @@ FMI3(Status, SetDebugLogging)(Body *body, bool on, size_t count, const char *con
     return (void)body, (void)on, (void)count, (void)categories, OK;
 }
 /* of other kinds of FMU, and of variables that this one does not have */
-#define NO(name) \
-    FMI3(Status, name)(void) { return ERROR; }
+#define NO(name) FMI3(Status, name)(void) { return ERROR; }
 #define KIND(name) NO(Get##name) NO(Set##name)
 FMI3(void *, InstantiateModelExchange)(void) { return NULL; }
 FMI3(void *, InstantiateScheduledExecution)(void) { return NULL; }
