@@ -33,7 +33,7 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: kr.simulate(X0, TOP, dt=0.1, steps=3), "A system with its parameters was expected"),
     (lambda run: kr.simulate(TOP, ((0.1, 0.2, 1.5), (0.6, 0, 0.8)), dt=0.1, steps=3), "system.state(m=..., a=...)"),
     (lambda run: kr.simulate(TOP, np.ones(6), dt=0.1, steps=3), "system.state(m=..., a=...)"),
-    (lambda run: kr.simulate(TOP, [X0, X0], dt=0.1, steps=3), "batch axes in front"),
+    (lambda run: kr.simulate(TOP, [X0, X0], dt=0.1, steps=3), "shape (lanes, ...)"),
     (lambda run: kr.simulate(TOP, None, dt=0.1, steps=3), "got None"),
     (lambda run: kr.simulate(BODY, X0, dt=0.1, steps=3), "components M, P"),
     (lambda run: kr.simulate(TOP, X0, dt="0.05", steps=3), "dt must be a positive number"),

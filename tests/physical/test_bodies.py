@@ -279,7 +279,8 @@ def test_a_sweep_over_values_of_a_body(tmp_path: Path) -> None:
     assert np.allclose(found.momentum[:, 1, 1], alone.momentum, atol=1e-9 * float(abs(alone.momentum).max()))
     again = kr.open_run(path).isel(lane=4)
     assert np.array_equal(again.momentum, found.momentum[:, 1, 1]) and float(again["body.lever"]) == 0.2
-    orbit = Satellite.cubesat(ORBIT)._varied([{"units": 1, "orbit.inclination": "90 deg"}])[0]
+    changes = {"units": lambda _: 1, "orbit.inclination": lambda _: "90 deg"}
+    orbit = Satellite.cubesat(ORBIT)._varied([changes])[0]
     assert orbit.inertia[0, 0] == pytest.approx(1.33 * 0.02 / 12) and orbit.orbit.inclination == np.pi / 2
 
 
