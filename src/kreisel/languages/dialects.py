@@ -192,10 +192,9 @@ JAVASCRIPT = _language(
         "function call": "export function {name}({arguments}) {{|{name}({arguments});",
         "results": "|||",
         "once starts joint": "const {} = {};|let {} = {};|, ",
-        "room status special": "|{}|NaN Infinity",
+        "room status special reserved": "|{}|NaN Infinity|",
         "up": "for (let {var} = 0; {var} < {count}; {var}++) {{",
         "default": "export const {name}_default = {body};|export const {name}_default = [{body}];",
-        "reserved": "",
         "calls": f"{SELECTS}|({{0}} * {{1}} + {{2}})|sqrt({{0}})|abs({{0}})|{NAMED}",
     },
     arguments=dict.fromkeys(GROUPS["arguments"], "{name}"),
@@ -236,8 +235,7 @@ JULIA = _language(
         "up end close": "for {var} in 1:{count}||end",
         "give status case": 'return {}|Int({})|status == {status} && return "{text}"',
         "default": "const {name}_default = {body}|const {name}_default = [{body}]",
-        "special number32": "NaN Inf|Float32({})",
-        "reserved": "begin end local function module quote let Base Core Main",
+        "special number32 reserved": "NaN Inf|Float32({})|begin end local function module quote let Base Core Main",
         "calls": SELECTS + FUSED + "|sqrt({0})|abs({0})|round({0})" + NAMED,
     },
     words={"Float64": "Float32"},
@@ -276,9 +274,9 @@ GDSCRIPT = _language(
         "arguments": "{name}: float|{name}: PackedFloat64Array|{name}: PackedFloat64Array|{name}: {Of}|{name}: {Of}|"
         "{name}: int|{name}: int|{name}: int",
         "once starts joint": "var {} := {}|var {} := {}|; var ",
-        "up special": "for {var} in {count}:|NAN INF",
+        "up special reserved": "for {var} in {count}:|NAN INF|"
+        "and as class extends func in is not or pass self signal static super var",
         "default": "const default_{name} := {body}|const default_{name}: Array[float] = [{body}]",
-        "reserved": "and as class extends func in is not or pass self signal static super var",
         "calls": f"{PYTHONIC}|sqrt({{0}})|absf({{0}})|{HALF}{NAMED}",
     },
 )
@@ -298,8 +296,7 @@ WGSL = _language(
         "table room": "var {name} = array<f32, {count}>({body});|var {name}: array<f32, {count}>;",
         "up status": "for (var {var} = 0; {var} < {count}; {var}++) {{|i32({})",
         "default": "const {type}_{name}: f32 = {body};|const {type}_{name} = array<f32, {count}>({body});",
-        "number number32": "{}f|{}f",
-        "reserved": "fn let var struct loop switch discard enable override ptr array",
+        "number number32 reserved": "{}f|{}f|fn let var struct loop switch discard enable override ptr array",
         "calls": "max({0}, {1})|select(1.0, -1.0, {0} < 0.0)|select({3}, {2}, {0} < {1})"
         + FUSED
         + "|sqrt({0})|abs({0})|round({0})"

@@ -80,20 +80,13 @@ class Writer:
     """Statements of a function in a dialect.
 
     inputs  the expression of an input (letter, index)
-    copied  whether inputs of a letter may change before they are read, so that they are copied first
+    copied  objects whose inputs may change before they are read, so that they are copied first
     lines   the statements
     """
 
-    def __init__(
-        self,
-        dialect: Dialect,
-        inputs: Callable[[str, int], str] = "{}[{}]".format,
-        copied: Callable[[str], bool] = lambda _: False,
-    ):
-        self.dialect, self.inputs, self.copied = dialect, inputs, copied
-        self.lines: list[str] = []
-        self.indent, self._open = 1, ""
-        self._count = 0
+    def __init__(self, dialect: Dialect, inputs: Callable[[str, int], str] | None = None, copied: Sequence[str] = ()):
+        self.dialect, self.inputs, self.copied = dialect, inputs or "{}[{}]".format, copied
+        self.lines, self.indent, self._open, self._count = list[str](), 1, "", 0
 
     def say(self, statement: str) -> None:
         self.lines.append("    " * self.indent + statement)
@@ -126,11 +119,11 @@ class Writer:
         self._pack("assign", "", f"{name} = {bare(expression)}{end}", f"{end or ';'} ")
 
     def values(self, graph: Graph, outputs: Sequence[Operand]) -> list[str]:
-        new, values, results = graph.arranged(outputs) if isinstance(graph, Rolled) else (graph, list(outputs), [])
-        maps = graph.maps if isinstance(graph, Rolled) else []
+        rolled = graph if isinstance(graph, Rolled) else None
+        new, values, results = rolled.arranged(outputs) if rolled else (graph, list(outputs), [])
         block = Block(self, new, [*values, *results])
         read = {new.nodes[at][1] for at in new.needed([*values, *results]) if new.nodes[at][0] == IN}
-        for place, ((rows, _), result) in enumerate(zip(maps, results, strict=True)):
+        for place, ((rows, _), result) in enumerate(zip(rolled.maps if rolled else [], results, strict=True)):
             if f"{ENTRY}{place}" in read:
                 self._map(block, place, rows, result)
         block.compute(new.needed(values), values)
@@ -140,13 +133,12 @@ class Writer:
         d, graph, table, out = self.dialect, block.graph, f"{ROW}{place}_", f"{ENTRY}{place}"
         nodes = graph.needed([result])
         inside = varying(graph, nodes)
-        columns = sorted(graph.nodes[at][2] for at in inside if graph.nodes[at][0] == IN)
-        for j in columns:
+        for j in sorted(graph.nodes[at][2] for at in inside if graph.nodes[at][0] == IN):
             body = ", ".join(d.literal(row[j]) for row in rows)
             self.say(d.table.format(name=f"{table}{j}", count=len(rows), body=body))
         self.say(d.room.format(name=out, count=len(rows)))
         read = [x.positive for at in inside for x in operands_of(graph.nodes[at]) if x.at not in inside]
-        block.compute([at for at in nodes if at not in inside], read, hoisted=True)
+        block.compute([at for at in nodes if at not in inside], [*read, *read])  # each before the loop
         index = self.fresh("k")
         with self.block(d.up.format(integer="int", var=index, count=len(rows))):
             block.names |= {at: f"{table}{graph.nodes[at][2]}[{index}]" for at in inside if graph.nodes[at][0] == IN}
@@ -200,21 +192,20 @@ class Block:
         name = str(self.names[x.at])
         return f"(-{name})" if x.negative else name
 
-    def compute(self, nodes: Sequence[int], outputs: Sequence[Operand], hoisted: bool = False) -> None:
-        """Write the nodes that are used twice; `hoisted`: the outputs too."""
-        uses = self.uses | Counter(x.at for at in nodes for x in operands_of(self.graph.nodes[at]))
-        uses.update(x.at for x in outputs for _ in range(1 + hoisted) if isinstance(x, Number))
-        uses.update(
-            {x.at: 2 for at in nodes if self.graph.nodes[at][0] == LOOP for x in operands_of(self.graph.nodes[at])}
-        )
+    def compute(self, nodes: Sequence[int], outputs: Sequence[Operand]) -> None:
+        """Write the nodes that are used twice."""
+        graph = self.graph.nodes
+        uses = self.uses | Counter(x.at for at in nodes for x in operands_of(graph[at]))
+        uses.update(x.at for x in outputs if isinstance(x, Number))
+        uses.update({x.at: 2 for at in nodes if graph[at][0] == LOOP for x in operands_of(graph[at])})
         for at in nodes:
-            operation, *operands = self.graph.nodes[at]
+            operation, *operands = graph[at]
             if at in self.names:
                 continue
             if operation == IN:
                 self.names[at] = self._input(*operands)
             elif operation == LOOP:
-                kept = {x[2] for x in map(self.graph.nodes.__getitem__, nodes) if x[0] == RESULT and x[1].at == at}
+                kept = {graph[k][2] for k in nodes if graph[k][0] == RESULT and graph[k][1].at == at}
                 self.names[at] = self._loop(operands, kept)
             elif operation == RESULT:
                 self.names[at] = self.names[operands[0].at][operands[1]]
@@ -227,7 +218,7 @@ class Block:
         if letter.startswith(ENTRY):
             return f"{letter}[{index + writer.dialect.first}]"
         text = writer.inputs(letter, index)
-        return writer.once(text, letter[-1]) if writer.copied(letter) else text
+        return writer.once(text, letter[-1]) if letter.partition(".")[0] in writer.copied else text
 
     def expression(self, operation: str, operands: Sequence[str]) -> str:
         if operation in SIGNS:
@@ -251,9 +242,10 @@ class Block:
             inside = Block(writer, self.graph)
             inside.names = self.names | {loop.variables[i].at: name for i, name in variables.items()}
             inside.compute(members, [loop.new[i] for i in kept])
-            new = [writer.once(inside.value(loop.new[i])) for i in kept] if len(kept) > 1 else []
-            for i, name in zip(kept, new or [inside.value(loop.new[i]) for i in kept], strict=True):
-                writer.assign(variables[i], name)
+            new = [inside.value(loop.new[i]) for i in kept]
+            new = [writer.once(x) for x in new] if len(kept) > 1 else new
+            for i, value in zip(kept, new, strict=True):
+                writer.assign(variables[i], value)
         return variables
 
 
@@ -289,7 +281,7 @@ class Function:
 
 @dataclass(frozen=True)
 class Body:
-    """The contents of a file."""
+    """The contents of a file; `last`: quaternions whose w is the last entry."""
 
     head: Sequence[str]
     parameters: Mapping[str, Field]
@@ -299,7 +291,7 @@ class Body:
     messages: Sequence[str] = ()
     start: Mapping[str, Any] = field(default_factory=dict)
     stages: int = 0
-    last: Sequence[str] = ()  # names of quaternions whose w is the last entry
+    last: Sequence[str] = ()
 
 
 def numbers_of(graph: Graph, name: str, fields: Mapping[str, Field], staged: bool = False) -> dict[str, Any]:
@@ -316,7 +308,7 @@ def text_of(body: Body, function: Function, dialect: Dialect, words: Mapping[str
     types = {"constants": body.constants, "state": body.state}
     graph, given, staged = Rolled(tables=bool(dialect.room)), dict[str, Any](), "k" in function.arguments
     for name, (kind, count) in function.arguments.items():
-        if kind in ("read constants", "read state", "written state"):
+        if kind.endswith(("state", "read constants")):
             given[name] = numbers_of(graph, name, types[kind.split()[1]], staged)
         elif kind in ("number", "array"):
             given[name] = graph.inputs(name, count) if count else graph.input(name, 0)
@@ -330,11 +322,11 @@ def text_of(body: Body, function: Function, dialect: Dialect, words: Mapping[str
             return f"{thing}[{index}]" if count else thing
         f = types[kind.split()[1]][name]
         if staged and f.stage:
-            index = "k" if f.stage == 1 else f"{f.stage} * k + {index}" if i or dialect.first else f"{f.stage} * k"
+            index = "k" if f.stage == 1 else f"{f.stage} * k + {i + dialect.first * (1 - f.stage)}"
         return dialect.members[f.count > 0].format(object=thing, name=name, i=index)
 
-    changed = {name for name, (kind, _) in function.arguments.items() if kind == "written state"}
-    writer = Writer(dialect, place, lambda letter: letter.partition(".")[0] in changed)
+    changed = [name for name, (kind, _) in function.arguments.items() if kind == "written state"]
+    writer = Writer(dialect, place, changed)
     if function.result:
         (value,) = writer.values(graph, as_operands([results]))
         number = bare(value) if function.result == "number" else dialect.status.format(bare(value))
@@ -373,12 +365,10 @@ def programs(body: Body, dialect: Dialect, words: Mapping[str, str]) -> list[str
         for status, text in enumerate(body.messages, 1):
             message.say(dialect.case.format(status=status, text=text))
         message.say(dialect.give.format('""'))
-    many = {**CHANGED, "steps": ("count", 0)}
-    return [
-        *([step.function("step", CHANGED, words)] if body.stages else []),
-        advance.function("advance", many, words),
-        *([message.function("message", {"status": ("status", 0)}, words, "text")] if message.lines else []),
-    ]
+    out = [step.function("step", CHANGED, words)] if body.stages else []
+    out.append(advance.function("advance", {**CHANGED, "steps": ("count", 0)}, words))
+    last = [message.function("message", {"status": ("status", 0)}, words, "text")] if message.lines else []
+    return out + last
 
 
 def type_of(name: str, fields: Mapping[str, Field], dialect: Dialect, words: Mapping[str, str]) -> str:
