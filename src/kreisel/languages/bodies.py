@@ -56,19 +56,14 @@ def check_moments(I: Array, dt: Any, most: float = CLOSE) -> Any:  # noqa: E741
     return check(dt, [*zip(I, sums, strict=True), *((0.0, x) for x in I), *((x, HUGE) for x in I)])
 
 
-def integrals(M: Array, inverse: Array) -> list[Any]:
-    """|M|^2 and M . I^-1 M of numbers taken as exact, as sums of two numbers."""
-    squares = [DoubleDouble(x) * x for x in M]
-    return [squares[0] + squares[1] + squares[2], sum((x * v for x, v in zip(squares, inverse, strict=True)), 0.0)]
-
-
 def hold(c: Values, s: Values, near: float = rotor_step.NEAR, tiny: float = rotor_step.TINY) -> dict[str, Any]:
-    """M with the integrals kept: those after the first step since M was changed from outside.
+    """M with |M|^2 and M . I^-1 M kept: those after the first step since M was changed from outside.
 
     was: the M of the last step; kept: the two integrals, each a sum of two numbers, the first negative after a change.
     """
     M, inverse, first = s["M"], c["inverse"] if "inverse" in c else c["c"][[5, 2, 1]], _noted(s)
-    here = integrals(M, inverse)
+    squares = [DoubleDouble(x) * x for x in M]
+    here = [squares[0] + squares[1] + squares[2], sum((x * v for x, v in zip(squares, inverse, strict=True)), 0.0)]
     kept = [
         DoubleDouble.where_less(first, 0.0, now, DoubleDouble(*pair))
         for now, pair in zip(here, (s["kept"][:2], s["kept"][2:]), strict=True)
@@ -124,8 +119,8 @@ def principal(T: Array, tiny: float = rotor_step.TINY) -> dict[str, Any]:
 def set_motion(c: Values, s: Values, axes: Array, q: Array, w: Array) -> dict[str, Any]:
     """The state from the orientation of other axes of the body and the angular velocity in space."""
     g = algebra.quaternion_product(q, axes)
-    first = {f"s.{name}": [0.0] * f.count for name, f in HELD.items() if name in s}
-    return {"s.M": algebra.conjugated(algebra.inverse_turn(g), w) / c["inverse"], "s.g": g, **first}
+    M = algebra.conjugated(algebra.inverse_turn(g), w) / c["inverse"]
+    return {"s.M": M, "s.g": g, **{f"s.{name}": [0.0] * f.count for name, f in HELD.items()}}
 
 
 def get_motion(c: Values, s: Values, axes: Array) -> dict[str, Any]:

@@ -33,7 +33,7 @@ POSITIVE = ("the parameters are finite, and positive where they have to be", MES
 class Stepped:
     """The functions of a plan of one trajectory.
 
-    made   the scheme with a recorded dt; None if its constants belong to the orbit of the initial state
+    made   the scheme with a recorded dt, or if it is `fitted`, its constants belong to the orbit of the initial state
     orbit  constants of the trajectory that a function of the file computes from the state: name -> count
     kinds  of the components; the user's form of a skew matrix is an axial vector for n = 3
     """
@@ -46,11 +46,12 @@ class Stepped:
         self.held = single and self.by_moments and self.stages == 1
         self.letters = [name for name, o in self.fixed.outcomes.items() if o.kind in ("state", "orientation")]
         self.kinds = {name: algebra.KINDS[kind] for name, kind in self.fixed.components}
-        self.made = self._recorded(Graph().input("dt", 0))
-        phi = self.model.map if self.made is not None and self.made.trajectory is not None else None
+        made = self._recorded(Graph().input("dt", 0))
+        self.fitted, self.made = made is None, made or self.fixed
+        phi = None if self.fitted or self.made.trajectory is None else self.model.map
         self.turning = None if phi is None else phi.trajectory
-        new = {*self.fixed.stages} - {*self.made.stages} if self.made is not None else {}
-        self.orbit = {name: self.stages for name in sorted(new)} if self.turning is not None else {}
+        new = sorted({*self.fixed.stages} - {*self.made.stages})
+        self.orbit = {} if self.turning is None else dict.fromkeys(new, self.stages)
 
     def _recorded(self, dt: Any, constants: Values = MappingProxyType({})) -> Scheme | None:
         """The scheme with recorded numbers, or None."""
@@ -74,7 +75,7 @@ class Stepped:
 
     def scheme(self, c: Values) -> Scheme:
         """With dt and parameters among the constants of the file."""
-        if self.made is None:
+        if self.fitted:
             return self.fixed
         known = self._known(c)
         return self._recorded(c["dt"], {k: known[k] for k in self.model.constants if k in known}) or self.fixed
@@ -82,7 +83,7 @@ class Stepped:
     @property
     def parameters(self) -> dict[str, Field]:
         """Those of the system, and dt; none if the constants belong to an orbit."""
-        if self.made is None:
+        if self.fitted:
             return {}
         params, meanings = self.model.params, {p.letter: p.meaning for p in self.model.system.parameters}
         fields = {k: _field(params[k], meanings[k]) for k in meanings if k in params}
@@ -93,23 +94,19 @@ class Stepped:
     @cached_property
     def _values(self) -> dict[str, Any]:
         """The constants that are no parameters, at the parameters of the model."""
-        made = self.made or self.fixed
-        values = {**made.constants, **({} if self.made is not None else made.basis)}
-        return {**values, **{k: v for k, v in made.stages.items() if k not in self.orbit}}
+        stages = {k: v for k, v in self.made.stages.items() if k not in self.orbit}
+        return {**self.made.constants, **(self.made.basis if self.fitted else {}), **stages}
 
     @property
     def constants(self) -> dict[str, Field]:
         """All that a step reads, and dt."""
-        stages = (self.made or self.fixed).stages
-        fields = {
-            k: Field(np.size(v), stage=np.size(v[0])) if k in stages else _field(v) for k, v in self._values.items()
-        }
+        fields = {k: _field(v, stage=k in self.made.stages) for k, v in self._values.items()}
         return {**fields, "dt": Field(0)}
 
     def prepare(self, **parameters: Any) -> dict[str, Any]:
         """The constants from the parameters."""
         values = {**self._values, "dt": self.plan.dt}
-        if self.made is not None:
+        if not self.fitted:
             dt = parameters.pop("dt")
             if self.by_moments:
                 I = parameters.pop("I")  # noqa: E741
@@ -129,7 +126,7 @@ class Stepped:
 
     def _known(self, c: Values, stage: bool = False) -> dict[str, Any]:
         """The constants, those of a stage too."""
-        stages = (self.made or self.fixed).stages
+        stages = self.made.stages
         shapes = {k: np.shape(v)[k in stages :] for k, v in self._values.items() if stage or k not in stages}
         return {k: np.reshape(np.asarray(c[k], dtype=object), shape)[()] for k, shape in shapes.items()}
 
@@ -237,8 +234,8 @@ class Stepped:
         return any(getattr(y, "key", None) != x.key for x, y in pairs)
 
 
-def _field(value: Any, meaning: str = "") -> Field:
-    return Field(np.size(value) if np.ndim(value) else 0, meaning, value)
+def _field(value: Any, meaning: str = "", stage: bool = False) -> Field:
+    return Field(np.size(value) if np.ndim(value) else 0, meaning, value, np.size(value[0]) if stage else 0)
 
 
 def _require_steps(plan: Plan) -> None:
@@ -273,5 +270,5 @@ def _head(stepped: Stepped, names: list[str]) -> list[str]:
         "Skew matrices are axial vectors for n = 3, else the entries above the diagonal, row by row; symmetric ones "
         "those on and above it; g is a unit quaternion (w, x, y, z), body to space, or a matrix.",
         f"Outputs: {', '.join(names)}.",
-        *([f"{known}, dt = {plan.dt!r}.  {ORBIT}"] if stepped.made is None else []),
+        *([f"{known}, dt = {plan.dt!r}.  {ORBIT}"] if stepped.fitted else []),
     ]

@@ -36,12 +36,9 @@ static void rotate(const double *q, double hand, const double *v, double *out) {
     for (int k = 0, i = 1, j = 2; k < 3; i = j, j = k++)
         out[k] = (2 * w * w - 1) * v[k] + along * u[k] + 2 * w * (u[i] * v[j] - u[j] * v[i]);
 }
-FMI3(const char *, GetVersion)(void) { return "3.0"; }
 FMI3(void *, InstantiateCoSimulation)(
     const char *name, const char *token, const char *resources, bool visible, bool logging, bool events, bool early,
     const uint32_t *intermediate, size_t count, void *environment, Logger log, void *update) {
-    (void)name, (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)intermediate;
-    (void)count, (void)update;
     Body *body = token && strcmp(token, "@token@") == 0 ? malloc(sizeof *body) : NULL;
     if (body) *body = (Body){START, log, environment};
     return body;
@@ -49,7 +46,7 @@ FMI3(void *, InstantiateCoSimulation)(
 FMI3(void, FreeInstance)(Body *body) { free(body); }
 FMI3(Status, Reset)(Body *body) { return body->now = START, OK; }
 FMI3(Status, EnterInitializationMode)(Body *body, bool toleranced, double tolerance, double start, bool ends, double end) {
-    return (void)toleranced, (void)tolerance, (void)ends, (void)end, body->now.value[TIME] = start, OK;
+    return body->now.value[TIME] = start, OK;
 }
 FMI3(Status, ExitInitializationMode)(Body *body) {
     State *s = &body->now;
@@ -85,7 +82,7 @@ FMI3(Status, DoStep)(
     Body *body, double time, double size, bool last, bool *event, bool *stop, bool *early, double *reached) {
     State s = body->now;
     double count = ceil(size / s.value[STEP] * (1 - 1e-12)), h = count > 0 ? size / count : 0, torque[3], rate[3];
-    (void)last, *event = *stop = *early = false, *reached = time;
+    *event = *stop = *early = false, *reached = time;
     if (!s.stepping || !(size >= 0) || !(count < 9e15)) return failed(body, "expected a step size >= 0");
     @name@_constants c;
     @name@_prepare(&c, s.moments, h);
@@ -106,16 +103,13 @@ FMI3(Status, GetFMUState)(Body *body, State **saved) {
     return *saved ? (**saved = body->now, OK) : failed(body, "expected memory for a state");
 }
 FMI3(Status, SetFMUState)(Body *body, const State *saved) { return body->now = *saved, OK; }
-FMI3(Status, FreeFMUState)(Body *body, State **saved) { return (void)body, free(*saved), *saved = NULL, OK; }
-FMI3(Status, Terminate)(Body *body) { return (void)body, OK; }
-FMI3(Status, SetDebugLogging)(Body *body, bool on, size_t count, const char *const *categories) {
-    return (void)body, (void)on, (void)count, (void)categories, OK;
-}
+FMI3(Status, FreeFMUState)(Body *body, State **saved) { return free(*saved), *saved = NULL, OK; }
+#define ALWAYS(type, name, value) FMI3(type, name)(void) { return value; }
+ALWAYS(const char *, GetVersion, "3.0") ALWAYS(Status, Terminate, OK) ALWAYS(Status, SetDebugLogging, OK)
 /* of other kinds of FMU, and of variables that this one does not have */
-#define NO(name) FMI3(Status, name)(void) { return ERROR; }
+#define NO(name) ALWAYS(Status, name, ERROR)
 #define KIND(name) NO(Get##name) NO(Set##name)
-FMI3(void *, InstantiateModelExchange)(void) { return NULL; }
-FMI3(void *, InstantiateScheduledExecution)(void) { return NULL; }
+ALWAYS(void *, InstantiateModelExchange, NULL) ALWAYS(void *, InstantiateScheduledExecution, NULL)
 KIND(Float32) KIND(Int8) KIND(UInt8) KIND(Int16) KIND(UInt16) KIND(Int32) KIND(UInt32) KIND(Int64) KIND(UInt64)
 KIND(Boolean) KIND(String) KIND(Binary) KIND(Clock) KIND(IntervalDecimal) KIND(IntervalFraction) KIND(ShiftDecimal)
 KIND(ShiftFraction) KIND(ContinuousStates) NO(EnterConfigurationMode) NO(ExitConfigurationMode) NO(EnterEventMode)
