@@ -64,6 +64,7 @@ def test_a_mesh_gives_moments_of_its_homogeneous_body(folder: Path) -> None:
         (("free-body", "--convention", "unitty"), "Did you mean 'unity'"),
         (("free-body", "--language", "gdscript", "--single"), "expected a language with 32-bit floats"),
         (("lagrange-top", "--language", "fmu"), "expected a free body in SI units"),
+        (("free-body", "--language", "csharp", "--name", "State"), "that csharp and the file do not have already"),
     ],
 )
 def test_bad_input_is_named(words: tuple[str, ...], part: str, folder: Path) -> None:

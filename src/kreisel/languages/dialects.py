@@ -60,7 +60,7 @@ class Dialect:
     unused: str = ""  # a statement that uses an argument, if compilers warn of those that nothing uses
     single: bool = False
     first: int = 0  # the index of the first entry of an array
-    reserved: str = ""
+    reserved: str = ""  # names in small letters that a body cannot have
 
     def literal(self, value: float) -> str:
         """A number with all its digits."""
@@ -129,9 +129,6 @@ C = _language(
         "default": "static const double {type}_{name} = {body};|"
         "static const double {type}_{name}[{count}] = {{{body}}};",
         "number32 unused": "{}f|(void){};",
-        "reserved": "auto break case char const continue default do double else enum extern float for goto if inline "
-        "int long main register restrict return short signed sizeof static struct switch typedef union unsigned void "
-        "volatile while fma fabs sqrt sin cos exp log",
         "calls": SELECTS + FUSED + "|sqrt({0})|fabs({0})|rint({0})" + NAMED,
     },
     words={"double ": "float ", **{f"{name}(": f"{name}f(" for name in ("fma", "sqrt", "fabs", "rint")}},
@@ -215,9 +212,9 @@ CSHARP = _language(
         "int {name}|long {name}|int {name}",
         "once starts": "double {} = {};|double {} = {};",
         "up status special": f"{C.up}|{C.status}|double.NaN double.PositiveInfinity",
+        "reserved": "system constants state",
         "default": "public const double default_{name} = {body};|"
         "public static readonly double[] default_{name} = {{ {body} }};",
-        "reserved": "base checked class decimal event fixed lock namespace object params string unsafe",
         "calls": SELECTS + TWICE + "|Sqrt({0})|Abs({0})|Round({0})|Sin({0})|Cos({0})|Exp({0})|Log({0})",
     },
 )
@@ -235,7 +232,7 @@ JULIA = _language(
         "up end close": "for {var} in 1:{count}||end",
         "give status case": 'return {}|Int({})|status == {status} && return "{text}"',
         "default": "const {name}_default = {body}|const {name}_default = [{body}]",
-        "special number32 reserved": "NaN Inf|Float32({})|begin end local function module quote let Base Core Main",
+        "special number32 reserved": "NaN Inf|Float32({})|base core main constants state",
         "calls": SELECTS + FUSED + "|sqrt({0})|abs({0})|round({0})" + NAMED,
     },
     words={"Float64": "Float32"},
@@ -274,8 +271,7 @@ GDSCRIPT = _language(
         "arguments": "{name}: float|{name}: PackedFloat64Array|{name}: PackedFloat64Array|{name}: {Of}|{name}: {Of}|"
         "{name}: int|{name}: int|{name}: int",
         "once starts joint": "var {} := {}|var {} := {}|; var ",
-        "up special reserved": "for {var} in {count}:|NAN INF|"
-        "and as class extends func in is not or pass self signal static super var",
+        "up special reserved": "for {var} in {count}:|NAN INF|constants state",
         "default": "const default_{name} := {body}|const default_{name}: Array[float] = [{body}]",
         "calls": f"{PYTHONIC}|sqrt({{0}})|absf({{0}})|{HALF}{NAMED}",
     },
@@ -296,7 +292,7 @@ WGSL = _language(
         "table room": "var {name} = array<f32, {count}>({body});|var {name}: array<f32, {count}>;",
         "up status": "for (var {var} = 0; {var} < {count}; {var}++) {{|i32({})",
         "default": "const {type}_{name}: f32 = {body};|const {type}_{name} = array<f32, {count}>({body});",
-        "number number32 reserved": "{}f|{}f|fn let var struct loop switch discard enable override ptr array",
+        "number number32 reserved": "{}f|{}f|",
         "calls": "max({0}, {1})|select(1.0, -1.0, {0} < 0.0)|select({3}, {2}, {0} < {1})"
         + FUSED
         + "|sqrt({0})|abs({0})|round({0})"

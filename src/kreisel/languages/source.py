@@ -70,7 +70,7 @@ def code(
     dialect = dialect.in_single() if single else dialect
     if name is not None and (not isinstance(name, str) or not NAME.fullmatch(name)):
         raise InputError(f"name: expected letters, digits and _, a letter first, such as wheel_1, got {shown(name)}.")
-    if name in dialect.reserved.split():
+    if name is not None and name.lower() in dialect.reserved.split():
         raise InputError(f"name: expected one that {dialect.name} and the file do not have already, got {name!r}.")
     body = body if engine is None else _along(engine, system, body, x0)
     model: Any = system if body is None else body.model()
