@@ -160,7 +160,7 @@ def test_damage_below_the_checksums_is_found_by_computing_again(stores: Path, tm
     swap(store / "m/c/0/0/0", store / "m/c/0/1/0")
     archive.list_all(store)
     (fault,) = check_archive(store)[1]
-    assert fault.startswith("m of lane 0 is not what the lane gives")
+    assert fault.startswith("m of lane 0 differs from the lane computed again")
     store = tmp_path / "run.zarr"
     shutil.copy(stores / "run.zarr" / "time/c/0", store / "time/c/1")
     archive.list_all(store)

@@ -456,6 +456,16 @@ def maximum(x: Any, y: Any) -> Any:
     return max(x, y)
 
 
+def depending(graph: Graph, nodes: Sequence[int], changes: Callable[[str], bool]) -> set[int]:
+    """The nodes among these, in order, that depend on an input whose letter `changes`."""
+    out = set[int]()
+    for at in nodes:
+        node = graph.nodes[at]
+        if (node[0] == IN and changes(node[1])) or not out.isdisjoint(x.at for x in operands_of(node)):
+            out.add(at)
+    return out
+
+
 def if_positive(test: Any, body: Callable[[], Sequence[Any]], values: Sequence[Any]) -> Sequence[Any]:
     """body() if test > 0, else `values`; recorded as a branch, taken if test > 0 in some place of a vector."""
     if isinstance(test, Number):

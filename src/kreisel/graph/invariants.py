@@ -17,7 +17,20 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import ConservationWarning
-from kreisel.graph.graph import IN, MINUS, OVER, PLUS, SQRT, TIMES, Graph, Number, Operand, TooLong, operands_of
+from kreisel.graph.graph import (
+    IN,
+    MINUS,
+    OVER,
+    PLUS,
+    SQRT,
+    TIMES,
+    Graph,
+    Number,
+    Operand,
+    TooLong,
+    depending,
+    operands_of,
+)
 from kreisel.graph.recording import recorded_arguments
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION
@@ -167,7 +180,7 @@ def program_of(
     parts, constants = recorded_arguments(scheme, graph, {"c": columns})
     size = algebra.coordinate_count(scheme.kinds, scheme.n)
     outputs = (function or scheme.observe)(parts, **constants)
-    varying = _varying(graph, range(len(graph.nodes)))
+    varying = depending(graph, range(len(graph.nodes)), "z".__eq__)
     labels: dict[int, str] = {}  # by the node, without constant factors and logarithms
     for name, value in outputs.items():
         if not scheme.outcomes[name].conserved:
@@ -184,16 +197,6 @@ def program_of(
         return program
     enough = _enough(program)
     return _program(graph, size, {at: label for at, label in labels.items() if label in enough})
-
-
-def _varying(graph: Graph, nodes: Sequence[int]) -> set[int]:
-    """Those of the nodes that depend on the state."""
-    varying = set[int]()
-    for at in nodes:
-        node = graph.nodes[at]
-        if node[:2] == (IN, "z") or not varying.isdisjoint(x.at for x in operands_of(node)):
-            varying.add(at)
-    return varying
 
 
 def _without_factors(x: Operand, varying: set[int]) -> Operand:
@@ -235,7 +238,7 @@ def _without_logarithms(x: Number, varying: set[int]) -> Number:
 def _program(graph: Graph, size: int, labels: Mapping[int, str]) -> Program | None:
     """The program of nodes with labels; None if none of them depends on the state."""
     needed = graph.needed([Number(graph, at) for at in labels])
-    varying = _varying(graph, needed)
+    varying = depending(graph, needed, "z".__eq__)
     chosen = [at for at in labels if at in varying]
     if not chosen:
         return None

@@ -15,13 +15,11 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import SECOND, THIRD, Array
-from kreisel.algebra.iteration import times
 from kreisel.exact import rotor_step
-from kreisel.graph.double import DoubleDouble, upper
 from kreisel.graph.graph import where_less
+from kreisel.kernels.exact import body as free
 from kreisel.languages.writer import CHANGED, HUGE, NEW, READ, Body, Field, Function, Values
 
-SWEEPS = 6
 NEAR, TINY = 1e-6, 1e-36  # of `rotor_step`, for 32 bits
 HELD = {"was": Field(3, "written by step and hold"), "kept": Field(4, "written by step and hold")}
 Step = Callable[[Values, Values], dict[str, Any]]
@@ -57,22 +55,10 @@ def check_moments(I: Array, dt: Any, most: float = CLOSE) -> Any:  # noqa: E741
 
 
 def hold(c: Values, s: Values, near: float = rotor_step.NEAR, tiny: float = rotor_step.TINY) -> dict[str, Any]:
-    """M with |M|^2 and M . I^-1 M kept: those after the first step since M was changed from outside.
-
-    was: the M of the last step; kept: the two integrals, each a sum of two numbers, the first negative after a change.
-    """
-    M, inverse, first = s["M"], c["inverse"] if "inverse" in c else c["c"][[5, 2, 1]], _noted(s)
-    squares = [DoubleDouble(x) * x for x in M]
-    here = [squares[0] + squares[1] + squares[2], sum((x * v for x, v in zip(squares, inverse, strict=True)), 0.0)]
-    kept = [
-        DoubleDouble.where_less(first, 0.0, now, DoubleDouble(*pair))
-        for now, pair in zip(here, (s["kept"][:2], s["kept"][2:]), strict=True)
-    ]
-    square, energy = (upper(before - now) for before, now in zip(kept, here, strict=True))
-    share = 1 / (upper(kept[0]) + tiny)
-    power = algebra.dot(M, inverse * M)
-    M = rotor_step.corrected(M, share, power, square, energy - power * share * square, inverse, near=near, tiny=tiny)
-    return {"s.M": M, "s.was": M, "s.kept": [x for pair in kept for x in (pair.upper, pair.lower)]}
+    """M with both integrals of the first step since M was changed from outside; was: the M of the last step."""
+    inverse = c["inverse"] if "inverse" in c else c["c"][[5, 2, 1]]
+    M, kept = free.held(s["M"], inverse, _noted(s), s["kept"], near=near, tiny=tiny)
+    return {"s.M": M, "s.was": M, "s.kept": kept}
 
 
 def _noted(s: Values) -> Any:
@@ -92,30 +78,6 @@ def _step(c: Values, s: Values, **options: Any) -> dict[str, Any]:
     return {"s.M": M, "s.g": g}
 
 
-def principal(T: Array, tiny: float = rotor_step.TINY) -> dict[str, Any]:
-    """I and axes of the tensor (xx, yy, zz, yz, zx, xy), by Jacobi's rotations in a fixed number; nearest to its axes.
-
-    Rotation about axis r by phi: tan phi = t, the quaternion (1 + cos phi, -sin phi e_r) of any length.
-    """
-
-    def swept(x: list[Any]) -> list[Any]:
-        d, o, q = x[:3], x[3:6], algebra.objects(x[6:])
-        for r, p, s in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            gap = d[s] - d[p]
-            size = abs(gap) + (gap * gap + 4 * o[r] * o[r] + tiny).sqrt()
-            t = where_less(gap, 0.0, -2.0, 2.0) * o[r] / size
-            cos = 1 / (1 + t * t).sqrt()
-            sin = t * cos
-            d[p], d[s] = d[p] - t * o[r], d[s] + t * o[r]
-            o[r], o[s], o[p] = 0.0 * o[r], cos * o[s] - sin * o[p], sin * o[s] + cos * o[p]
-            turn = [1 + cos, *(-sin if k == r else 0.0 for k in range(3))]
-            q = algebra.quaternion_product(q, algebra.objects(turn)) * 0.5
-        return [*d, *o, *q]
-
-    x = times(swept, [*T, 1.0, 0.0, 0.0, 0.0], SWEEPS)
-    return {"I": algebra.objects(x[:3]), "axes": algebra.unit(algebra.objects(x[6:]))}
-
-
 def set_motion(c: Values, s: Values, axes: Array, q: Array, w: Array) -> dict[str, Any]:
     """The state from the orientation of other axes of the body and the angular velocity in space."""
     g = algebra.quaternion_product(q, axes)
@@ -133,6 +95,7 @@ def free_body(moments: Any, dt: float, M: Any, g: Any, units: str, single: bool 
     """The contents of its file, with these default values; `units`: "" for any consistent ones."""
     four = ("array", 4)
     few: dict[str, Any] = {"nodes": 6, "orders": 6, "tiny": TINY, "restore": False} if single else {}
+    principal = partial(free.principal_axes, tiny=TINY if single else rotor_step.TINY)
     arguments = {"I": ("array", 3), "dt": ("number", 0)}
     head = HEAD.format(reach=rotor_step.MOST_TURN, hold="  In numbers of 32 bits step does it." if single else "")
     return Body(
@@ -161,11 +124,7 @@ def free_body(moments: Any, dt: float, M: Any, g: Any, units: str, single: bool 
                 lambda s, K: {"s.M": s["M"] + algebra.conjugated(algebra.inverse_turn(s["g"]), K)},
                 {"s": CHANGED["s"], "K": ("array", 3)},
             ),
-            Function(
-                "principal",
-                partial(principal, tiny=TINY if single else rotor_step.TINY),
-                {"T": ("array", 6), "I": ("out", 3), "axes": ("out", 4)},
-            ),
+            Function("principal", principal, {"T": ("array", 6), "I": ("out", 3), "axes": ("out", 4)}),
             Function("set_motion", set_motion, {**CHANGED, "axes": four, "q": four, "w": ("array", 3)}),
             Function("get_motion", get_motion, {**READ, "axes": four, "q": ("out", 4), "w": ("out", 3)}),
         ],

@@ -78,7 +78,7 @@ class Dialect:
 
 SELECTS = "({1} > {0} ? {1} : {0})|({0} < 0.0 ? -1.0 : 1.0)|({0} < {1} ? {2} : {3})"
 FUSED, TWICE = "|fma({0}, {1}, {2})", "|(({0}) * ({1}) + ({2}))"
-NAMED = "|sin({0})|cos({0})|exp({0})|log({0})"
+ROOTS, NAMED = "|sqrt({0})|abs({0})|round({0})", "|sin({0})|cos({0})|exp({0})|log({0})"
 HALF = "(({0}) + 6755399441055744.0 - 6755399441055744.0)"  # 1.5 * 2^52: the last place is 1
 PYTHONIC = "({1} if {1} > {0} else {0})|(-1.0 if {0} < 0.0 else 1.0)|({2} if {0} < {1} else {3})" + TWICE
 ROUNDED = "where C rounds x y + z once, it rounds twice."
@@ -233,7 +233,7 @@ JULIA = _language(
         "give status case": 'return {}|Int({})|status == {status} && return "{text}"',
         "default": "const {name}_default = {body}|const {name}_default = [{body}]",
         "special number32 reserved": "NaN Inf|Float32({})|base core main constants state",
-        "calls": SELECTS + FUSED + "|sqrt({0})|abs({0})|round({0})" + NAMED,
+        "calls": SELECTS + FUSED + ROOTS + NAMED,
     },
     words={"Float64": "Float32"},
     first=1,
@@ -254,7 +254,7 @@ PYTHON = _language(
         "default": "default_{name} = {body}|default_{name} = ({body},)",
         "special": "float('nan') float('inf')",
         "reserved": "and as class def del from global import in is lambda not or pass with yield",
-        "calls": PYTHONIC + "|sqrt({0})|abs({0})|round({0})" + NAMED,
+        "calls": PYTHONIC + ROOTS + NAMED,
     },
 )
 GDSCRIPT = _language(
@@ -293,10 +293,7 @@ WGSL = _language(
         "up status": "for (var {var} = 0; {var} < {count}; {var}++) {{|i32({})",
         "default": "const {type}_{name}: f32 = {body};|const {type}_{name} = array<f32, {count}>({body});",
         "number number32 reserved": "{}f|{}f|",
-        "calls": "max({0}, {1})|select(1.0, -1.0, {0} < 0.0)|select({3}, {2}, {0} < {1})"
-        + FUSED
-        + "|sqrt({0})|abs({0})|round({0})"
-        + NAMED,
+        "calls": "max({0}, {1})|select(1.0, -1.0, {0} < 0.0)|select({3}, {2}, {0} < {1})" + FUSED + ROOTS + NAMED,
     },
     words={},
     single=True,

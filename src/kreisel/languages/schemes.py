@@ -182,10 +182,9 @@ class Stepped:
 
     def observe(self, c: Values, s: Values) -> dict[str, Any]:
         """The state of the user, if the method steps other variables, and energies."""
-        found = self.scheme(c).observe(self._inside(s), None, **self._known(c))
-        own = [name for name in self.kinds if self.begins and name in found]
-        energies = {k: np.ravel(np.asarray(v, dtype=object)) for k, v in found.items() if k.startswith("energy")}
-        return {**{name: self._entries(name, found[name]) for name in own}, **energies}
+        values = self.scheme(c).observe(self._inside(s), None, **self._known(c))
+        energies = {k: np.ravel(np.asarray(v, dtype=object)) for k, v in values.items() if k.startswith("energy")}
+        return {k: self._entries(k, values[k]) for k in self.kinds if self.begins and k in values} | energies
 
     def body(self) -> Body:
         """The contents of the file."""

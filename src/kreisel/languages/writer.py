@@ -18,62 +18,28 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import RunError
-from kreisel.graph.arranging import arranged
-from kreisel.graph.graph import IN, LOOP, MINUS, OVER, PLUS, RESULT, TIMES, Graph, Number, Operand, operands_of
+from kreisel.graph.graph import (
+    IN,
+    LOOP,
+    MINUS,
+    OVER,
+    PLUS,
+    RESULT,
+    TIMES,
+    Graph,
+    Number,
+    Operand,
+    depending,
+    operands_of,
+)
 from kreisel.graph.recording import as_operands
+from kreisel.graph.rolled import ENTRY, ROW, Rolled, of_a_row
 from kreisel.languages.dialects import Dialect
 
 Values = Mapping[str, Any]
 Arguments = Mapping[str, tuple[str, int]]
 WIDTH, NESTED = 116, 72  # columns of a line; the longest expression that is nested in another
 SIGNS = (PLUS, MINUS, TIMES, OVER)
-ROW, ENTRY = "row", "each"  # letters of the columns of a table, and of the results of its rows
-
-
-class Rolled(Graph):
-    """A graph whose loops over tables stay loops.
-
-    maps    (rows, results) of each loop: its columns are inputs `row`, its results outside inputs `each`
-    tables  whether loops over tables stay loops, or are written out
-    """
-
-    def __init__(self, tables: bool) -> None:
-        super().__init__()
-        self._tables = tables
-        self.maps: list[tuple[Sequence[Sequence[float]], list[Operand]]] = []
-
-    def for_rows(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
-        if not self._tables:
-            return super().for_rows(body, rows)
-        place = len(self.maps)
-        columns = [self.input(f"{ROW}{place}", j) for j in range(len(rows[0]))]
-        self.maps.append((rows, [body(*columns)]))
-        return [self.input(f"{ENTRY}{place}", k) for k in range(len(rows))]
-
-    def times(self, body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], count: int) -> Sequence[Any]:
-        """The result of `count` applications of the body to `start`, recorded once."""
-        return self.loop(lambda x: (body(x), 0.0), start, -1.0, count)[0]
-
-    def arranged(self, outputs: Sequence[Operand]) -> tuple[Graph, list[Operand], list[Operand]]:
-        """The graph made ready: its outputs, and the results of the loops.
-
-        Values that a loop reads count as used often, as they are in a graph without loops.
-        """
-        results = [x for _, new in self.maps for x in new]
-        inside = varying(self, self.needed(results))
-        read = [x for at in inside for x in operands_of(self.nodes[at]) if x.at not in inside]
-        graph, values = arranged(self, [*outputs, *results, *({x.at: x.positive for x in read}.values())])
-        return graph, values[: len(outputs)], values[len(outputs) : len(outputs) + len(results)]
-
-
-def varying(graph: Graph, nodes: Sequence[int]) -> set[int]:
-    """The nodes among these that depend on the row of a table."""
-    out = set[int]()
-    for at in nodes:
-        operation, *operands = graph.nodes[at]
-        if (operation == IN and operands[0].startswith(ROW)) or any(x.at in out for x in operands_of(graph.nodes[at])):
-            out.add(at)
-    return out
 
 
 class Writer:
@@ -132,7 +98,7 @@ class Writer:
     def _map(self, block: Block, place: int, rows: Sequence[Sequence[float]], result: Operand) -> None:
         d, graph, table, out = self.dialect, block.graph, f"{ROW}{place}_", f"{ENTRY}{place}"
         nodes = graph.needed([result])
-        inside = varying(graph, nodes)
+        inside = depending(graph, nodes, of_a_row)
         for j in sorted(graph.nodes[at][2] for at in inside if graph.nodes[at][0] == IN):
             body = ", ".join(d.literal(row[j]) for row in rows)
             self.say(d.table.format(name=f"{table}{j}", count=len(rows), body=body))
@@ -376,10 +342,8 @@ def type_of(name: str, fields: Mapping[str, Field], dialect: Dialect, words: Map
     head, number, array, end = dialect.types
     lines = [head.format(name=name, Name=name.capitalize(), **words)]
     for each, f in fields.items():
-        comment = dialect.note.format(f.meaning) if f.meaning else ""
-        zeros = ", ".join(["0.0"] * f.count)
-        form = array if f.count else number
-        lines.append(form.format(name=each, count=f.count, zeros=zeros, comment=comment, **words))
+        more = {"comment": dialect.note.format(f.meaning) if f.meaning else "", "zeros": ", ".join(["0.0"] * f.count)}
+        lines.append((array if f.count else number).format(name=each, count=f.count, **more, **words))
     return "\n".join([*lines, end.format(name=name, **words)])
 
 
@@ -397,12 +361,10 @@ def assembled(body: Body, dialect: Dialect, name: str) -> str:
         )
         for each, v in values.items()
     ]
-    sections.append("\n".join(defaults))
-    sections += [text_of(body, function, dialect, words) for function in body.functions]
+    sections += ["\n".join(defaults), *(text_of(body, function, dialect, words) for function in body.functions)]
     sections += programs(body, dialect, words)
     text = "\n\n".join(section.rstrip("\n") for section in sections)
-    digest = hashlib.sha256(text.encode()).hexdigest()[:8]
-    begin = dialect.begin.format(head="{head}", digest=digest, **words)
+    begin = dialect.begin.format(head="{head}", digest=hashlib.sha256(text.encode()).hexdigest()[:8], **words)
     text = f"{begin}{text}\n\n{dialect.finish.format(**words)}".rstrip() + "\n"
     for old, new in dialect.renamed.items():
         text = text.replace(old, new)

@@ -20,11 +20,7 @@ typedef struct {
     @name@_state free;
     bool stepping; /* after the initialisation */
 } State;
-typedef struct {
-    State now;
-    Logger log;
-    void *environment;
-} Body;
+typedef struct { State now; Logger log; void *environment; } Body;
 static const State START = {{@start@}};
 static Status failed(const Body *body, const char *message) {
     if (body->log) body->log(body->environment, ERROR, "logStatusError", message);
