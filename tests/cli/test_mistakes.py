@@ -146,8 +146,8 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: physical.Plate(), "expected normal"),
     (lambda run: physical.SubmergedBody(), "expected mass"),
     # arguments of another type, by the signature; and what only looks like numbers
-    (lambda run: kr.code(TOP, X0, dt=0.1, language={}), "expected language of the type str"),
-    (lambda run: kr.code(TOP, X0, dt=0.1, language=["c"]), "expected language of the type str"),
+    (lambda run: kr.code(TOP, X0, dt=0.1, language={}), "wgsl, got {}"),
+    (lambda run: kr.code(TOP, X0, dt=0.1, language=["c"]), "wgsl, got ['c']"),
     (lambda run: kr.fit(TOP, 3, free=["p"], x0=X0, dt=0.1), "expected an xarray.Dataset"),
     (lambda run: kr.fit(TOP, run, free=[["p"]], dt=0.1), "a list of names such as"),
     (lambda run: kr.nutation(TOP, {1: 2}), "components m, a"),
