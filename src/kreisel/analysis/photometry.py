@@ -156,18 +156,18 @@ def fit_light_curve(
         raise InputError(f"modes: expected some of {', '.join(ORDERS)}, got {shown(modes)}.")
     first = np.argmax(np.bincount(seen.apparition))
     half_turn = not isinstance(shape, Facets)  # of an ellipsoid in the body, which is not seen
-    found = [_scanned(seen.some(seen.apparition == first), mode, bounds, half_turn) for mode in modes]
+    motions = [_scanned(seen.some(seen.apparition == first), mode, bounds, half_turn) for mode in modes]
     now = seen.apparition == first
     for k in _by_distance(seen, first):
-        found, now = _pruned(seen.some(now), found, half_turn), now | (seen.apparition == k)
-        found = [_continued(seen, now, k, half_turn, *each) for each in found if len(each[1])]
-    found = _pruned(seen, found, half_turn, delta + SLACK, 10 * MOST)
-    found = _pruned(
-        seen, [(mode, *_in_blocks(seen, x, mode, 100)) for mode, x, _ in found], half_turn, delta, 10 * MOST
+        motions, now = _pruned(seen.some(now), motions, half_turn), now | (seen.apparition == k)
+        motions = [_continued(seen, now, k, half_turn, *each) for each in motions if len(each[1])]
+    motions = _pruned(seen, motions, half_turn, delta + SLACK, 10 * MOST)
+    motions = _pruned(
+        seen, [(mode, *_in_blocks(seen, x, mode, 100)) for mode, x, _ in motions], half_turn, delta, 10 * MOST
     )
-    if not any(len(x) for _, x, _ in found):
+    if not any(len(x) for _, x, _ in motions):
         raise RunError("fit_light_curve: no motion was found. Widen the ranges of the periods, or see the sigmas.")
-    return _as_fit(seen, found, epoch, shape)
+    return _as_fit(seen, motions, epoch, shape)
 
 
 def _light(shape: Any, law: Any, phase: Any) -> tuple[Any, Any]:
@@ -261,8 +261,8 @@ def _scanned(seen: Photometry, mode: str, bounds: Sequence[Array], half_turn: bo
         more, second = _minima((few, seen), more, mode, half_turn)
         rates = 1 / more[:, PRECESSION : ROTATION + 1]
         inside = ((rates > ends[:, 1] - cell) & (rates < ends[:, 0] + cell)).all(-1)
-        found = [(mode, np.concatenate([starts, more[inside]]), np.append(chi2, second[inside]))]
-        _, starts, chi2 = _pruned(seen, found, half_turn, ALL)[0]
+        motions = [(mode, np.concatenate([starts, more[inside]]), np.append(chi2, second[inside]))]
+        _, starts, chi2 = _pruned(seen, motions, half_turn, ALL)[0]
         more = starts if relatives is None else relatives(starts[np.argsort(chi2)[:BEST]])
     return mode, starts, chi2
 
@@ -353,16 +353,16 @@ def _by_distance(seen: Photometry, first: Any) -> list[int]:
 
 def _pruned(
     seen: Photometry,
-    found: Sequence[tuple[str, Array, Array]],
+    motions: Sequence[tuple[str, Array, Array]],
     half_turn: bool,
     delta: float | None = None,
     most: int = MOST,
 ) -> list[tuple[str, Array, Array]]:
     """Different solutions with chi^2 close to the least of all modes, in its order."""
-    every = np.concatenate([chi2 for _, _, chi2 in found])
+    every = np.concatenate([chi2 for _, _, chi2 in motions])
     least, above = every.min(initial=np.inf), _worth(seen, every) if delta is None else delta
     out = []
-    for mode, x, chi2 in found:
+    for mode, x, chi2 in motions:
         order = np.argsort(chi2)[: np.count_nonzero(chi2 <= least + above)]
         x, chi2 = np.array([_usual(each) for each in x[order]]).reshape(-1, len(UNKNOWNS)), chi2[order]
         kept, step = np.ones(len(x), bool), max(1, BLOCK // len(seen.time))
@@ -422,11 +422,11 @@ def _inverse(J: Array) -> Array:
     return np.asarray(np.linalg.pinv((J / size).T @ (J / size), rcond=1e-13, hermitian=True) / np.outer(size, size))
 
 
-def _as_fit(seen: Photometry, found: list[tuple[str, Array, Array]], epoch: float, shape: Any) -> TumblerFit:
+def _as_fit(seen: Photometry, motions: list[tuple[str, Array, Array]], epoch: float, shape: Any) -> TumblerFit:
     import pandas as pd
 
     rows, covariances = [], []
-    for mode, xs, chi2 in found:
+    for mode, xs, chi2 in motions:
         for x, value in zip(xs, chi2, strict=True):
             C = _inverse(seen.jacobian(x[None], mode)[1][0])
             errors = {f"error_{n}": e for n, e in zip(UNKNOWNS, np.sqrt(np.diag(C)), strict=True)}

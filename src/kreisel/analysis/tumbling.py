@@ -76,9 +76,9 @@ def moments_of(a: Array, amplitude: Array, ratio: Array, mode: str) -> Array:
     with np.errstate(all="ignore"):
         square = (1 - amplitude**2) * (ratio - (1 if short else -1)) ** 2 * (1 - a)
         b = square / (a + square) if short else a * square / (square - 1)
-        known = (a > 1e-3) & (a < b - 1e-6) & (b < 1 - 1e-6) & (a + b > 1 + 1e-3) & (ratio > short)
+        valid = (a > 1e-3) & (a < b - 1e-6) & (b < 1 - 1e-6) & (a + b > 1 + 1e-3) & (ratio > short)
     I = np.stack(np.broadcast_arrays(a, b, 1.0), -1)  # noqa: E741
-    return np.where((known & (amplitude > 1e-4))[..., None], I, np.nan)
+    return np.where((valid & (amplitude > 1e-4))[..., None], I, np.nan)
 
 
 def by_periods(x: Array, mode: str) -> tuple[Array, Array, Array]:

@@ -94,17 +94,17 @@ def flow(r, v, L1, q1, L2, q2, *third, mu, rotor1, rotor2, mu3=None, rotor3=None
     pair = v, _falling(r, mu), *rotating(L1, q1, rotor1), *rotating(L2, q2, rotor2)
     if not third:
         return pair
-    R, V, *own = third
-    return (*pair, V / FAR, _falling(FAR * R, mu3), *(rotating(own[0], own[1], rotor3) if own else ()))
+    R, V, *rotation = third
+    return (*pair, V / FAR, _falling(FAR * R, mu3), *(rotating(rotation[0], rotation[1], rotor3) if rotation else ()))
 
 
 def energy(r, v, L1, q1, L2, q2, *third, mu, reduced, rotor1, rotor2, mu3=None, reduced3=None, rotor3=None):
     spins = dot(L1, spin(L1, q1, rotor1)) + dot(L2, spin(L2, q2, rotor2))
     total = spins / 2 + _energy_of_orbit(r, v, mu, reduced)
     if third:
-        R, V, *own = third
+        R, V, *rotation = third
         total = total + _energy_of_orbit(FAR * R, V, mu3, reduced3)
-        total = total + dot(own[0], spin(own[0], own[1], rotor3)) / 2 if own else total
+        total = total + dot(rotation[0], spin(rotation[0], rotation[1], rotor3)) / 2 if rotation else total
     return total
 
 
@@ -115,9 +115,9 @@ def _energy_of_orbit(r, v, mu, reduced):
 def angular_momentum(r, v, L1, q1, L2, q2, *third, reduced, reduced3=None):
     total = vec(reduced) * cross(r, v) + L1 + L2
     if third:
-        R, V, *own = third
+        R, V, *rotation = third
         total = total + vec(reduced3) * cross(FAR * R, V)
-        total = total + own[0] if own else total
+        total = total + rotation[0] if rotation else total
     return total
 
 
@@ -126,9 +126,9 @@ def step(r, v, L1, q1, L2, q2, *third, h, mu, rotor1, rotor2, mu3=None, rotor3=N
     pair = *kepler.step(r, v, mu=mu, h=h), L1, _rotated(L1, q1, h, rotor1), L2, _rotated(L2, q2, h, rotor2)
     if not third:
         return pair
-    R, V, *own = third
+    R, V, *rotation = third
     R, V = kepler.step(FAR * R, V, mu=mu3, h=h)
-    return (*pair, R / FAR, V, *((own[0], _rotated(own[0], own[1], h, rotor3)) if own else ()))
+    return (*pair, R / FAR, V, *((rotation[0], _rotated(rotation[0], rotation[1], h, rotor3)) if rotation else ()))
 
 
 def _rotated(L, q, h, rotor):
