@@ -74,6 +74,18 @@ def test_hanging_without_spin_is_the_conical_pendulum() -> None:
     assert WHEEL.steady_precession(2.5, 0.0) == pytest.approx((rate, -rate))
 
 
+def test_roots_of_lanes_are_those_of_each() -> None:
+    tilts, spins = [0.5, 2.5, math.pi / 2], [FAST, 0.0, -FAST]
+    roots = np.array(WHEEL.steady_precession(tilts, spins))
+    each = np.array([WHEEL.steady_precession(*values) for values in zip(tilts, spins, strict=True)])
+    assert (roots == each.T).all()
+    assert (WHEEL.slow_precession(spins[::2]) == [WHEEL.slow_precession(spin) for spin in spins[::2]]).all()
+    with pytest.raises(kr.InputError, match=r"No steady precession at tilt = 0.3 rad with spin = 1 rad/s"):
+        WHEEL.steady_precession([2.5, 0.3], 1.0)
+    with pytest.raises(kr.InputError, match="expected lanes that fit"):
+        WHEEL.steady_precession(tilts, [FAST, FAST])
+
+
 def test_small_swings_have_the_period_of_the_physical_pendulum() -> None:
     run = kr.simulate(WHEEL.model(), WHEEL.state(math.pi - 1e-3, 0.0), dt=1e-3, steps=30_000, every=1)
     seconds, x = run.time.values * WHEEL.time_unit, run.a.values[:, 0]

@@ -41,10 +41,15 @@ class Motion(NamedTuple):
     nutation: Array  # theta'
 
 
-def _lanes(value: Any, unit: str, name: str) -> Array:
-    """A finite value in SI, or a value for each lane (lanes,).  Raises `InputError`."""
-    array = finite_floats(value, unit, name)
-    return array if array.ndim == 1 else np.array(si_number(value, unit, name))
+def _lanes(**values: tuple[Any, str]) -> list[Array]:
+    """Finite values in SI, or values for each lane (lanes,), of one shape.  Raises `InputError`."""
+    arrays = [finite_floats(value, unit, name) for name, (value, unit) in values.items()]
+    arrays = [a if a.ndim == 1 and a.size else np.array(si_number(*values[k], k)) for k, a in zip(values, arrays, strict=True)]
+    try:
+        return np.broadcast_arrays(*arrays)
+    except ValueError:
+        shapes = ", ".join(str(array.shape) for array in arrays)
+        raise InputError(f"{', '.join(values)}: expected lanes that fit, got {shapes}.") from None
 
 
 @explained
@@ -128,13 +133,8 @@ class Gyroscope(Forced):
         phi' and nutation theta' in rad/s: with neither, the axis is released from rest.  A list has a value for each
         lane of an ensemble.  Raises `InputError`.
         """
-        rates = {"spin": spin, "precession": precession, "nutation": nutation}
-        values = [_lanes(tilt, "rad", "tilt"), *(_lanes(value, RATE, name) for name, value in rates.items())]
-        try:
-            theta, w, turn, nod = np.broadcast_arrays(*values)
-        except ValueError:
-            shapes = ", ".join(str(value.shape) for value in values)
-            raise InputError(f"tilt, spin, precession, nutation: expected lanes that fit, got {shapes}.") from None
+        rates = {"spin": (spin, RATE), "precession": (precession, RATE), "nutation": (nutation, RATE)}
+        theta, w, turn, nod = _lanes(tilt=(tilt, "rad"), **rates)
         sin, cos = np.sin(theta), np.cos(theta)
         a, swing = np.stack([sin, 0 * sin, cos], -1), np.stack([-turn * sin * cos, nod, turn * sin**2], -1)
         m = in_range("The momentum", lambda: self.time_unit * (swing + self.alpha * w[..., None] * a))
@@ -143,7 +143,7 @@ class Gyroscope(Forced):
     @staticmethod
     def orientation(tilt: Any) -> Array:  # type: ignore[override]  # by its tilt
         """The unit quaternion (w, x, y, z) that maps the third body axis to the `a` of `state(tilt, ...)`."""
-        half = _lanes(tilt, "rad", "tilt") / 2
+        half = _lanes(tilt=(tilt, "rad"))[0] / 2
         return np.stack([np.cos(half), 0 * half, np.sin(half), 0 * half], -1)
 
     def motion(self, m: Any, a: Any) -> Motion:
@@ -166,33 +166,35 @@ class Gyroscope(Forced):
             turn, nod = (x * dy - y * dx) / rho**2, -dz / rho
             return Motion(np.arctan2(np.hypot(x, y), z), np.arctan2(y, x), spin, turn, nod)
 
-    def slow_precession(self, spin: float) -> float:
-        """The textbook rate of a fast top, m g l/(I3 w3), rad/s.  Raises `InputError` for no spin."""
-        spin = si_number(spin, RATE, "spin")
-        si_number(abs(spin), RATE, "|spin|", positive=True)
-        return float(in_range("The precession", lambda: self.weight_torque / (self.axial_moment * spin)))
+    def slow_precession(self, spin: Any) -> Any:
+        """The textbook rate of a fast top, m g l/(I3 w3), rad/s, of each lane.  Raises `InputError` for no spin."""
+        (spin,) = _lanes(spin=(spin, RATE))
+        si_number(abs(spin).min(), RATE, "|spin|", positive=True)
+        return in_range("The precession", lambda: self.weight_torque / (self.axial_moment * spin))
 
-    def steady_precession(self, tilt: float, spin: float) -> tuple[float, float]:
-        """The slow and the fast root W of I1 cos(theta) W^2 - I3 w3 W + m g l = 0, rad/s.
+    def steady_precession(self, tilt: Any, spin: Any) -> tuple[Any, Any]:
+        """The slow and the fast root W of I1 cos(theta) W^2 - I3 w3 W + m g l = 0, rad/s, of each lane.
 
         Free of cancellation: W = 2 m g l/q and q/(2 I1 cos(theta)), where q = I3 w3 +- sqrt(discriminant) with
         the sign of w3; the fast root of a horizontal axis is at infinity.  Raises `InputError` for no real root.
         """
-        tilt, spin = si_number(tilt, "rad", "tilt"), si_number(spin, RATE, "spin")
-        momentum, rise = self.axial_moment * spin, self.transverse_moment * math.cos(tilt)
+        tilt, spin = _lanes(tilt=(tilt, "rad"), spin=(spin, RATE))
+        momentum, rise = self.axial_moment * spin, self.transverse_moment * np.cos(tilt)
         discriminant = in_range("(I3 w3)^2", lambda: momentum**2 - 4 * rise * self.weight_torque)
-        q = momentum + math.copysign(math.sqrt(max(discriminant, 0.0)), momentum)
-        if discriminant < 0 or q == 0:
+        q = momentum + np.copysign(np.sqrt(np.maximum(discriminant, 0.0)), momentum)
+        if (wrong := (discriminant < 0) | (q == 0)).any():
+            theta, w, up = (np.extract(wrong, x)[0] for x in (tilt, spin, np.maximum(rise, 0)))
             raise InputError(
-                f"No steady precession at tilt = {tilt:.6g} rad with spin = {spin:.6g} rad/s: |spin| must be at least "
-                f"{2 * math.sqrt(max(rise, 0) * self.weight_torque) / self.axial_moment:.6g} rad/s, and not 0."
+                f"No steady precession at tilt = {theta:.6g} rad with spin = {w:.6g} rad/s: |spin| must be at least "
+                f"{2 * math.sqrt(up * self.weight_torque) / self.axial_moment:.6g} rad/s, and not 0."
             )
-        return 2 * self.weight_torque / q, q / (2 * rise) if rise else math.copysign(math.inf, q)
+        with np.errstate(divide="ignore"):
+            return 2 * self.weight_torque / q, np.where(rise == 0, np.copysign(np.inf, q), q / (2 * rise))[()]
 
-    def nutation_rate(self, spin: float) -> float:
-        """The nutation frequency of a fast top, I3 w3/I1, rad/s."""
-        spin = si_number(spin, RATE, "spin")
-        return float(in_range("The nutation", lambda: self.alpha * spin))
+    def nutation_rate(self, spin: Any) -> Any:
+        """The nutation frequency of a fast top, I3 w3/I1, rad/s, of each lane."""
+        (spin,) = _lanes(spin=(spin, RATE))
+        return in_range("The nutation", lambda: self.alpha * spin)
 
     @property
     def sleeping_spin(self) -> float:
