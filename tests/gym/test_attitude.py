@@ -109,8 +109,8 @@ def test_a_law_that_points(sign: int, points: bool) -> None:
     [
         ({"num_envs": 0}, "num_envs"),
         ({"satellite": kr.physical.FreeBody((1, 2, 3))}, "a Satellite without a controller"),
-        ({"actuator": "thruster"}, "one of torque, wheel_torque, dipole"),
-        ({"actuator": "wheel_torque"}, "a satellite with wheels"),
+        ({"actuator": "thruster"}, "expected torque, dipole, or"),
+        ({"actuator": "wheel_torque"}, "with wheels wheel_torque"),
         ({"limit": "1 N"}, "limit must have the dimension of N m"),
         ({"dt": 0.3}, "dt"),
         ({"duration": 0.1}, "duration"),

@@ -338,3 +338,15 @@ def test_derivatives_go_through_samples():
         assert float(slope) == pytest.approx(float(energy(3e3 + h) - energy(3e3 - h)) / (2 * h), rel=1e-6)
         with pytest.raises(kr.InputError, match="a step that divides the time"):
             motion(first, dt=0.7, steps=2)
+
+
+def test_the_field_at_the_end_of_a_table_of_positions() -> None:
+    """Positions of a high orbit to 100 m, 10 s apart, which windows of 600 s miss by 40 nT or more at their ends."""
+    high = Orbit.circular("36000 km", epoch="2026-03-20T14:46:00")
+    times = np.arange(-1100.0, 101.0, 10.0)
+    table = Orbit.from_table(times, np.round(high.at(times)[0], -2), epoch=high.epoch)
+    control = kr.Control(lambda field, seen: {"seen": field}, every=1.0, memory={"seen": (0, 0, 0)})
+    body = Satellite((1.0, 1.1, 1.2), table, magnetic_field="tilted-dipole", control=control)
+    run = kr.simulate(body, body.state((0.0, 0.0, 0.0)), dt=1.0, t_end=100.0, order=(2, 2), progress=False)
+    along = np.einsum("tji,tj->ti", rotation(run.attitude.values[:-1]), body.field(run).values[:-1])
+    assert abs(run.seen.values[1:] - along).max() < 0.1e-9

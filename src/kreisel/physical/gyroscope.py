@@ -41,10 +41,12 @@ class Motion(NamedTuple):
     nutation: Array  # theta'
 
 
-def _lanes(**values: tuple[Any, str]) -> list[Array]:
+def _lanes(**values: tuple[Any, str]) -> tuple[Array, ...]:
     """Finite values in SI, or values for each lane (lanes,), of one shape.  Raises `InputError`."""
     arrays = [finite_floats(value, unit, name) for name, (value, unit) in values.items()]
-    arrays = [a if a.ndim == 1 and a.size else np.array(si_number(*values[k], k)) for k, a in zip(values, arrays, strict=True)]
+    for i, (name, (value, unit)) in enumerate(values.items()):
+        if arrays[i].ndim != 1 or not arrays[i].size:
+            arrays[i] = np.array(si_number(value, unit, name))
     try:
         return np.broadcast_arrays(*arrays)
     except ValueError:

@@ -99,9 +99,9 @@ class BodyPropagator:
             return self._changed(state, self._into)
         if isinstance(state, State):
             parts = [self._entries(letter, part) for letter, part in state.axial.items()]
-            if ORIENTATION in self._motion.letters:
-                parts.append(np.broadcast_to(state.orientation, (*parts[0].shape[:-1], 4)))  # type: ignore[arg-type]
-            return np.concatenate(parts, -1)
+            parts += [state.orientation] if ORIENTATION in self._motion.letters else []
+            batch = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
+            return np.concatenate([np.broadcast_to(part, (*batch, part.shape[-1])) for part in parts], -1)
         if isinstance(state, Mapping):
             if missing := [name for name in self.names if name not in state]:
                 raise InputError(f"The state: expected {', '.join(self.names)}, got none for {', '.join(missing)}.")
