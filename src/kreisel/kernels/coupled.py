@@ -220,7 +220,7 @@ def _write(f: Function, record: Recording, splits: list[Split], pull: Pull, widt
         old = state.get(range(size))
         if split.piece.part.more:
             old += Lanes(forces, at, pull.forces).get(range(pull.forces))
-        state.put(split.outputs(f, values, old, kind, overlap=True))
+        state.put(split.outputs(f, [(values, old)], kind, overlap=True)[0])
 
     blocks = (lanes + (width - 1)) // width
     with f.loop(0, rows) as row:

@@ -110,7 +110,7 @@ def steps_of_a_lane(record: Recording, precision: str) -> Body:
         def part(number: int, stage: Any) -> None:
             split, values = splits[number], dict(fixed[number])
             split.values(f, split.of_stage, {"c": c, "s": s.beyond(stage * record.count("s"))}, kind, values)
-            new = split.outputs(f, values, [memory[0] for memory in state], kind, overlap=False)
+            (new,) = split.outputs(f, [(values, [memory[0] for memory in state])], kind, overlap=False)
             for memory, x in zip(state, new, strict=True):
                 memory[0] = x
 

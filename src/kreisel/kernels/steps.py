@@ -21,8 +21,9 @@ from kreisel.graph.recording import Piece, Recording
 # Nanoseconds a lane-step with 1, 2, 4, 8 vectors, AVX2, n = 3: lagrange-top (32 operations) 1.9, 0.94, 0.61, 0.66; its
 # moving frame (90) 2.5, 1.3, 0.89, -; clebsch (43) 3.9, 2.0, 1.4, 1.5; neumann (65) -, 3.2, 3.4, 3.6; baecklund of
 # order 2 (93) -, 3.3, 3.2, 3.8, of order 8 (233 a stage) 24, 18, 16, -; n = 5: lagrange-top (143) 9.0, 8.8, 7.5, -.
-# Each more needs longer to compile.
-FOUR_VECTORS, TWO_VECTORS = 100, 300  # operations of a step up to which it needs so many; beyond, in recorded order
+# Each more needs longer to compile.  Where there are four, operations of two alternate, as a processor looks only some
+# hundred operations ahead: kovalevskaya-top (78) 3.1 and 3.5 without, n = 5: lagrange-top 5.0 and 4.7.
+FOUR_VECTORS, TWO_VECTORS = 120, 300  # operations of a step up to which it needs so many; beyond, in recorded order
 
 # The words of a frame, which an engine keeps: addresses of the rows z (lanes, d), c (lanes, constants) and
 # s (lanes, stages, constants), and of room for scalars of the stages; how many lanes and stages; steps between two
@@ -75,17 +76,28 @@ class Split(NamedTuple):
         f.emit(graph, nodes, known, kind)
 
     def outputs(
-        self, f: Function, known: dict[int, Value], state: Sequence[Value], kind: ir.Type, overlap: bool
-    ) -> list[Value]:
-        """The new state; `state` has all inputs z."""
-        graph, values = self.piece.graph, dict(known)
-        for at in self.varying:
-            operation, *operands = graph.nodes[at]
-            if operation == IN:
-                values[at] = state[operands[1]]
-        nodes = [at for at in self.varying if at not in values]
-        f.emit(graph, latest(graph, nodes) if overlap else nodes, values, kind)
-        return [f.value(x, values, kind) for x in self.piece.outputs]
+        self,
+        f: Function,
+        vectors: Sequence[tuple[dict[int, Value], Sequence[Value]]],
+        kind: ir.Type,
+        overlap: bool,
+        together: int = 1,
+    ) -> list[list[Value]]:
+        """The new states of vectors of lanes, from their values that do not vary and all inputs z.
+
+        Operations of `together` vectors alternate.
+        """
+        graph, values = self.piece.graph, [dict(known) for known, _ in vectors]
+        inputs = {at: graph.nodes[at][2] for at in self.varying if graph.nodes[at][0] == IN}
+        for each, (_, state) in zip(values, vectors, strict=True):
+            each.update({at: state[index] for at, index in inputs.items()})
+        nodes = [at for at in self.varying if at not in inputs]
+        nodes = latest(graph, nodes) if overlap else nodes
+        for first in range(0, len(vectors), together):
+            for at in nodes:
+                for each in values[first : first + together]:
+                    f.emit(graph, [at], each, kind)
+        return [[f.value(x, each, kind) for x in self.piece.outputs] for each in values]
 
 
 class Constants:
@@ -201,10 +213,10 @@ def _write(
                 Lanes(rows, lanes[k], count).put([memory[0] for memory in state[k]])
 
         def part(number: int, stage: Any) -> None:
-            for k in range(vectors):
-                known, old = constants[k].at(number, stage), [memory[0] for memory in state[k]]
-                new = splits[number].outputs(f, known, old, kind, overlap)
-                for memory, x in zip(state[k], new, strict=True):
+            old = [(constants[k].at(number, stage), [memory[0] for memory in state[k]]) for k in range(vectors)]
+            after = splits[number].outputs(f, old, kind, overlap, together=2 if vectors == 4 else 1)
+            for memories, new in zip(state, after, strict=True):
+                for memory, x in zip(memories, new, strict=True):
                     memory[0] = x
 
         def step() -> None:

@@ -15,7 +15,8 @@ Suris 2001, Introduction; the map was found by `kreisel.lab.search`]
 
 import numpy as np
 
-from kreisel.algebra import act, cayley, cayley_columns, dot, identity, mat, pairing, solve, vec, wedge
+from kreisel.algebra import act, axial, cayley, cayley_columns, dot, hat, identity, mat, pairing, solve, vec, wedge
+from kreisel.algebra.invariants import stack
 from kreisel.algebra.matrices import blocks
 from kreisel.baecklund.kovalevskaya import TWO_FIELDS
 from kreisel.record.contract import TWO_FIELDS_SPACE, Map, Parameter, System, named
@@ -52,11 +53,11 @@ def noether(M, P, Q):  # M_22, for the rotations of the other directions
 
 
 def kicked(M, P, Q, e, h, eps, share=1):
-    """M + (eps/share) (e_1 ^ P~ + e_2 ^ Q~), (P~, Q~) = (P, Q) (1 - (eps^2/4) F_11)^-1."""
-    s = eps * eps / 4
+    """M + (eps/share) (e_1 ^ P~ + e_2 ^ Q~), (P~, Q~) = (P, Q) (1 - (eps^2/4) F_11)^-1; its corner is P_2 - Q_1."""
+    s, p, q = eps * eps / 4, (1 - e - h) * P, (1 - e - h) * Q
     a, b, c, d = 1 - s * P[..., 0], s * Q[..., 0], s * P[..., 1], 1 - s * Q[..., 1]
-    scale = eps / (share * (a * d - b * c))
-    return M + wedge(e, vec(scale * d) * P + vec(scale * c) * Q) + wedge(h, vec(scale * b) * P + vec(scale * a) * Q)
+    K = wedge(e, vec(d) * p + vec(c) * q) + wedge(h, vec(b) * p + vec(a) * q)
+    return M + mat(eps / (share * (a * d - b * c))) * (K + mat(P[..., 1] - Q[..., 0]) * wedge(e, h))
 
 
 def rotor(M, gamma):  # N = gamma e_1 ^ e_2 - M_11, as a matrix of n rows
@@ -70,9 +71,20 @@ def turned(Y, V):  # cay(Y) V = V + 2 (Y + Y^2) V/(1 + |Y|^2), Y in one plane
 
 
 def turn(M, P, Q, gamma, eps):
-    Y = eps / 2 * rotor(M, gamma)
-    F = turned(Y, cayley_columns(-eps / 2 * M, np.stack([P, Q], -1)))
-    return turned(Y, turned(Y, M).mT).mT, F[..., 0], F[..., 1]
+    """R M R^T and R cay(-k M) F; for n = 3 the second one by the product q of the quaternions 1 - y e_3 and 1 - u."""
+    if M.shape[-1] != 3:
+        Y, F = eps / 2 * rotor(M, gamma), np.stack([P, Q], -1)
+        F = turned(Y, cayley_columns(-eps / 2 * M, F))
+        return turned(Y, turned(Y, M).mT).mT, F[..., 0], F[..., 1]
+    u, w = eps / 2 * axial(M), axial(M)
+    y = eps / 2 * gamma + u[..., 2]
+    around, across = 1 + y * y, 1 + dot(u, u)
+    scale = 2 / (around * across)
+    q = hat(stack([u[..., 0] + y * u[..., 1], u[..., 1] - y * u[..., 0], u[..., 2] + y]))
+    S = q @ q - mat(1 - y * u[..., 2]) * q
+    s = scale * across * y
+    w = stack([w[..., 0] - s * y * w[..., 0] + s * w[..., 1], w[..., 1] - s * y * w[..., 1] - s * w[..., 0], w[..., 2]])
+    return hat(w), P + vec(scale) * act(S, P), Q + vec(scale) * act(S, Q)
 
 
 def step(M, P, Q, *, gamma, e, h, eps):

@@ -18,6 +18,7 @@ from kreisel.algebra import (
     KINDS,
     SECOND,
     THIRD,
+    axial,
     bracket,
     cayley,
     dot,
@@ -26,8 +27,8 @@ from kreisel.algebra import (
     mat,
     pairing,
     solve,
+    symmetric,
     trace_log,
-    vec,
 )
 from kreisel.algebra.invariants import determinant, stack
 from kreisel.algebra.matrices import blocks, diagonal
@@ -93,29 +94,39 @@ def flow(M, F, *, B):  # M' = [F, B],   F' = [F, M]
     return bracket(F, B), bracket(F, M)
 
 
-def kick(F, b, eps):
-    """eps (X B - B X), the change of M in a step; n = 3: X_23 = (F_23 - s b_1 C_23)/det(1 + s B F), C = adj(F)."""
-    scaled = eps * eps / 4 * b
+def impulse(F, b, eps):
+    """D = det(1 + s B F) and K = eps D (X B - B X); for n = 3 from the cofactors of A = 1 + s B F, else with D = 1."""
+    s = eps * eps / 4 * b
     if F.shape[-1] != 3:
-        return eps * bracket(potential(F, diagonal(scaled)), diagonal(b))
-    f, x = F[..., AXES, AXES], F[..., SECOND, THIRD]
-    C, across = x[..., SECOND] * x[..., THIRD] - f * x, f[..., SECOND] * f[..., THIRD] - x * x
-    whole = f[..., 0] * across[..., 0] + x[..., 1] * C[..., 1] + x[..., 2] * C[..., 2]
-    first, second = scaled[..., SECOND], scaled[..., THIRD]
-    det = 1 + dot(scaled, f) + dot(first * second, across) + scaled[..., 0] * (first * second)[..., 0] * whole
-    return hat(vec(eps / det) * (b[..., SECOND] - b[..., THIRD]) * (x - scaled * C))
+        return 1, eps * bracket(potential(F, diagonal(s)), diagonal(b))
+    a, x = 1 + s * F[..., AXES, AXES], F[..., SECOND, THIRD]
+    C, S = x * a - s * (x[..., SECOND] * x[..., THIRD]), s[..., SECOND] * s[..., THIRD]
+    D = a[..., 0] * (a[..., 1] * a[..., 2] - S[..., 0] * x[..., 0] * x[..., 0])
+    D = D - (S[..., 1] * x[..., 1] * C[..., 1] + S[..., 2] * x[..., 2] * C[..., 2])
+    return D, hat(eps * (b[..., SECOND] - b[..., THIRD]) * C)
 
 
-def rotated(Y, F):  # cay(Y) F cay(-Y)
+def kick(F, b, eps):  # eps (X B - B X), the change of M in a step
+    D, K = impulse(F, b, eps)
+    return K / mat(D)
+
+
+def rotated(Y, F, D=1):
+    """R F R^T, R = cay(Y/D); for n = 3 R = 1 + 2 (D Y + Y^2)/(D^2 + |Y|^2), and the trace, which stays, gives F_33."""
     if F.shape[-1] != 3:
-        return KINDS["symmetric"].turned(Y, F)
-    R = identity(3) + mat(2 / (1 + pairing(Y, Y))) * (Y + Y @ Y)
-    return R @ F @ R.mT
+        return KINDS["symmetric"].turned(Y / mat(D), F)
+    u = axial(Y)
+    scale = 2 / (D * D + dot(u, u))
+    S = mat(D) * Y + Y @ Y
+    T = S @ F
+    A = F + mat(scale) * ((T + T.mT) + mat(scale) * (T @ S.mT))
+    last = F[..., 0, 0] + F[..., 1, 1] + F[..., 2, 2] - A[..., 0, 0] - A[..., 1, 1]
+    return symmetric(stack([A[..., 0, 0], A[..., 0, 1], A[..., 0, 2], A[..., 1, 1], A[..., 1, 2], last]), 3)
 
 
 def step(M, F, *, b, eps):
-    M = M + kick(F, b, eps)
-    return M, rotated(-eps / 2 * M, F)
+    D, K = impulse(F, b, eps)
+    return M + K / mat(D), rotated(-eps / 2 * (mat(D) * M + K), F, D)
 
 
 def inverse(M, F, *, b, eps):

@@ -13,7 +13,24 @@ Conclusions; the map was made here]
 
 import numpy as np
 
-from kreisel.algebra import KINDS, bracket, cayley, cayley_conjugate, identity, mat, pairing, solve, wedge
+from kreisel.algebra import (
+    KINDS,
+    axial,
+    bracket,
+    cayley,
+    cayley_conjugate,
+    coordinates,
+    cross,
+    dot,
+    hat,
+    identity,
+    mat,
+    pairing,
+    skew,
+    solve,
+    vec,
+    wedge,
+)
 from kreisel.algebra.invariants import trace_of_product
 from kreisel.errors import InputError
 from kreisel.record.contract import ADJOINT_SPACE, Map, Parameter, System, named
@@ -55,12 +72,16 @@ def flow(M, G, *, c, X):  # M' = [M, Omega] + [G, chi],   G' = [G, Omega]
     return bracket(M, Omega) + bracket(G, X), bracket(G, Omega)
 
 
-def kick(G, X, h, eps):  # eps [Y, chi]
-    return eps * bracket(general.potential(G, mat(eps * eps * h / 4) * X), X)
+def kick(G, X, h, eps):  # eps [Y, chi]; for n = 3 G chi G = -<G, chi> G, so Y = G/(1 - (k eps/2) <G, chi>)
+    s = eps * eps * h / 4
+    if G.shape[-1] != 3:
+        return eps * bracket(general.potential(G, mat(s) * X), X)
+    g, x = axial(G), axial(X)
+    return hat(vec(eps / (1 - s * dot(g, x))) * cross(g, x))
 
 
 def turn(M, G, h, spins, eps):
-    Y = eps / 2 * spins * M
+    Y = skew(coordinates(eps / 2 * spins * M), M.shape[-1])
     G = KINDS["skew"].turned(-mat(eps * h / 2) * M, G)
     return cayley_conjugate(-Y, M), cayley_conjugate(-Y, G)
 
