@@ -112,7 +112,7 @@ def law(
 def real(sides: Iterable[tuple[Array, Array]]) -> Sides:
     """Pairs of real sides: complex ones by their real and imaginary parts."""
     for left, right in sides:
-        (re, im), (right_re, right_im) = algebra.parts(left), algebra.parts(right)
+        (re, im), (right_re, right_im) = algebra.parts(np.asarray(left)), algebra.parts(np.asarray(right))
         yield re, right_re
         if im is not None or right_im is not None:
             yield 0 * re if im is None else im, 0 * right_re if right_im is None else right_im

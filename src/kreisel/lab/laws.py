@@ -173,7 +173,7 @@ def integrals_of_the_map(case: Case) -> Sides:
     if space.casimirs is not None and (case.map.poisson or "casimir" in (case.map.conserves or ())):
         yield case.call(space.casimirs, *new), case.call(space.casimirs)
     for function in conserved_functions(case.system):
-        yield np.asarray(case.call(function, *new)), np.asarray(case.call(function))
+        yield case.call(function, *new), case.call(function)
 
 
 @law(
@@ -185,7 +185,7 @@ def continuous_limit(case: Case) -> Sides:
     for function in functions_of(case.system).values():
         if "eps" in keywords(function):
             tiny = case.call(function, eps=1e-12)
-            yield np.asarray(tiny), np.asarray(case.call(function, eps=0))
+            yield tiny, case.call(function, eps=0)
     tiny_step = case.flat(case.call(case.map.step, eps=1e-9))
     yield (tiny_step - case.flat(case.state)) * 1e9 * 1e-6, case.flat(case.model.flow(*case.state)) * 1e-6
 
@@ -364,7 +364,7 @@ def order(case: Case) -> Sides:
     for conjugate, claimed in [(False, case.map.order), *conjugates]:
         counts = (64, 128, 256, 512) if claimed < 3 else (8, 16, 32, 64)  # above errors of rounding
         for slope in measured_orders(case.model, case.state, conjugate, counts=counts):
-            yield _distance(slope, claimed), np.asarray(0.0)
+            yield _distance(slope, claimed), 0.0
 
 
 def _distance(slope: float, order: int) -> Array:
@@ -447,7 +447,7 @@ def integrals_of_baecklund(case: Case) -> Sides:
         new = curve.move()
         yield tuple(curve.call(case.system.space.casimirs, *z) for z in (new, curve.state))
         for function in (case.system.energy, *case.system.integrals.values()):
-            yield np.asarray(curve.call(function, *new)), np.asarray(curve.call(function, *curve.state))
+            yield curve.call(function, *new), curve.call(function, *curve.state)
 
 
 @law("N L = L_new N at random lambda: the Darboux matrix", has_baecklund)
@@ -499,7 +499,7 @@ def map_is_baecklund(case: Case) -> Sides:
     *after, rho_after = case.call(case.map.darboux, *case.call(case.map.step))
     curve = _Curve(case, case.model, _record(case), tuple(state), 2 / case.eps, rho)
     yield curve.flat(curve.move()), curve.flat(tuple(after))
-    yield np.asarray(rho), np.asarray(rho_after)
+    yield rho, rho_after
 
 
 @law("a conjugate pair in real arithmetic is the product of the two complex maps; N2 N1 L = L_new N2 N1", has_baecklund)
@@ -538,7 +538,7 @@ def _pairs(case: Case) -> list[_Curve]:
 def order_baecklund(case: Case) -> Sides:
     for order, counts in ((2, (8, 12, 16, 24)), (4, (6, 8, 12, 16)), (6, (4, 6, 8, 12))):
         for slope in baecklund_orders(case.model, case.state, order, counts):
-            yield _distance(slope, order), np.asarray(0.0)
+            yield _distance(slope, order), 0.0
 
 
 # -- testing ---------------------------------------------------------------------------------------------

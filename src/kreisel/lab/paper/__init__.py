@@ -9,7 +9,9 @@ arithmetic they must be equal exactly, a randomized identity test; in floats up 
 also has the printed form, which must fail.
 """
 
-from kreisel.lab.paper import reduction, tops, discrete_top, clebsch, records, fields  # noqa: F401, I001  - each registers its statements, in this order
-from kreisel.lab.paper.statements import STATEMENTS, StatementResult, Statement, tested, verify
+from kreisel.lab.paper import clebsch, discrete_top, fields, records, reduction, tops  # noqa: F401  - they register
+from kreisel.lab.paper.statements import STATEMENTS, Statement, StatementResult, in_order, tested, verify
 
 __all__ = ["STATEMENTS", "Statement", "StatementResult", "tested", "verify"]
+
+in_order()

@@ -2,75 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Any
+from functools import partial, wraps
+from typing import Any, get_type_hints
 
-import numpy as np
-
-from kreisel import algebra
-from kreisel.algebra import Array, identity, trace_log
+from kreisel.algebra import Array
 from kreisel.errors import InputError, hint, shown
-from kreisel.lab import exact, laws
-from kreisel.lab.exact import jacobian
-from kreisel.lab.law import Case, Sides, residual
+from kreisel.lab import laws
+from kreisel.lab.law import Sides, residual
+from kreisel.lab.paper.setting import Setting
 from kreisel.record.contract import System
-from kreisel.record.model import Model
+from kreisel.system import REGISTRY
 
 DIMENSIONS = (3, 4, 5, 6)
 CERTAIN_FAILURE = 1e-6  # of a printed form: four orders above the tolerance
-
-
-class Setting:
-    """Random data of one kind of number in R^n, on which the statements are tested."""
-
-    def __init__(self, n: int, numbers: str, seed: int = 0):
-        rng = np.random.default_rng([seed, n])
-        self.n, self.numbers = n, numbers
-        self.draw = exact.rational_random(rng) if numbers == "exact" else exact.float_random(rng)
-        self.sign = (-1) ** (n + seed + (numbers == "exact"))  # of steps, and of -alpha: rationals and floats have both
-        self.eps: Any = self.sign * abs(self.scalar()) / 4
-        self.lam: Any = self.scalar() * 97 / 89  # no other number has such a denominator: Lax matrices have poles there
-
-    def scalar(self) -> Any:
-        """A random number."""
-        return self.draw((1,))[0]
-
-    def vector(self) -> Array:
-        """A random vector of R^n."""
-        return self.draw((self.n,))
-
-    def unit(self) -> Array:
-        """A random vector of length 1, rational when the values are: a column of a rotation."""
-        return self.rotation()[:, 0]
-
-    def skew(self) -> Array:
-        """A random element of so(n)."""
-        return algebra.skew(self.draw((self.n * (self.n - 1) // 2,)), self.n)
-
-    def rotation(self) -> Array:
-        """A random element of SO(n)."""
-        return exact.random_rotation(self.n, self.draw)
-
-    def symmetric(self) -> Array:
-        """A random positive definite matrix."""
-        square = self.draw((self.n, self.n))
-        return square @ square.T / self.n + algebra.identity(self.n)
-
-    def diagonal(self) -> Array:
-        """A random diagonal (n,) with distinct entries of both signs, no two of which add up to 0."""
-        return abs(self.vector()) / 4 + 2 * np.cumsum(0 * self.vector() + 1) - (self.n + 1)
-
-    def case(self, system: System | Model) -> laws.Case:
-        """A random case of a system, of an explicit map with a step of either sign, of a top with alpha of either sign."""
-        case = laws.drawn_case(system, self.n, self.numbers, self.draw)
-        if "alpha" in case.model.params:
-            own = {**case.model.params, "alpha": -self.sign * abs(case.model.params["alpha"])}
-            case = replace(case, model=case.system(**own))
-        back = case.system.map is not None and case.system.map.rational and self.scalar() < 0
-        return replace(case, eps=-case.eps) if back else case
-
 
 SidesOf = Callable[[Setting], Sides]
 Decorator = Callable[[Callable[..., Sides]], Callable[..., Sides]]
@@ -78,7 +25,7 @@ Decorator = Callable[[Callable[..., Sides]], Callable[..., Sides]]
 
 @dataclass(frozen=True)
 class Statement:
-    """Name, place and text of a statement, its two sides, and for an erratum the printed form.
+    """Name, place and text of a statement, its two sides, and for an erratum, which the text names, the printed form.
 
     `numbers` are the kinds in which it is tested; the printed form must fail for each n of `misprinted`, and hold for others.
     """
@@ -88,11 +35,15 @@ class Statement:
     text: str
     sides: SidesOf
     printed: SidesOf | None = None
-    erratum: str = ""
     numbers: tuple[str, ...] = ("exact", "float")
     dimensions: tuple[int, ...] = DIMENSIONS
     misprinted: tuple[int, ...] = DIMENSIONS
     by_laws: tuple[str, ...] = ()
+
+    @property
+    def erratum(self) -> str:
+        """The errata that the printed form shows."""
+        return ", ".join(dict.fromkeys(re.findall(r"\bE\d+", self.text))) if self.printed is not None else ""
 
 
 @dataclass
@@ -124,9 +75,22 @@ class StatementResult:
 STATEMENTS: dict[str, Statement] = {}
 
 
-def stated(
-    name: str, place: str, erratum: str = "", printed: Mapping[str, Any] | None = None, **more: Any
-) -> Decorator:
+def drawn(function: Callable[..., Sides], **more: Any) -> SidesOf:
+    """The sides in a setting: the annotated arguments of the function are drawn, `s` is the setting itself."""
+
+    @wraps(function)
+    def sides(s: Setting) -> Sides:
+        values: dict[str, Any] = {}
+        for name, note in get_type_hints(function, include_extras=True).items():
+            for kind in getattr(note, "__metadata__", ()):
+                value = kind(s) if callable(kind) else getattr(s, kind)
+                values[name] = value() if callable(value) else value
+        return function(**({"s": s} if "s" in function.__annotations__ else {}), **values, **more)
+
+    return sides
+
+
+def stated(name: str, place: str, printed: Mapping[str, Any] | None = None, **more: Any) -> Decorator:
     """Register the decorated function as a statement, which its docstring states.
 
     `printed` are the arguments with which the function gives the printed form instead: it must fail.
@@ -135,98 +99,52 @@ def stated(
     def register(sides: Callable[..., Sides]) -> Callable[..., Sides]:
         if name in STATEMENTS:
             raise ValueError(f"two statements are called {name}")
-        misprint = None if printed is None else partial(sides, **printed)
-        STATEMENTS[name] = Statement(name, place, sides.__doc__ or "", sides, misprint, erratum, **more)
+        misprint = None if printed is None else drawn(sides, **printed)
+        STATEMENTS[name] = Statement(name, place, sides.__doc__ or "", drawn(sides), misprint, **more)
         return sides
 
     return register
 
 
-def printed(name: str) -> Callable[[SidesOf], SidesOf]:
-    """Register the decorated function as the printed form of a statement: it must fail."""
-
-    def register(sides: SidesOf) -> SidesOf:
-        STATEMENTS[name] = replace(STATEMENTS[name], printed=sides)
-        return sides
-
-    return register
-
-
-def by_law(system: System, *names: str) -> SidesOf:
+def by_laws(s: Setting, system: System, names: Iterable[str]) -> Iterator[tuple[Array, Array]]:
     """The sides of laws of `kreisel.lab.laws` for a system."""
-
-    def sides(s: Setting) -> Iterator[tuple[Array, Array]]:
-        case = s.case(system)
-        for name in names:
-            yield from laws.LAWS[name].sides(case)
-
-    return sides
+    case = s.case(system)
+    for name in names:
+        yield from laws.LAWS[name].sides(case)
 
 
-def stated_law(
-    name: str, place: str, text: str, system: System, laws: Sequence[str], erratum: str = "", **more: Any
+def stated_laws(
+    table: Mapping[str, Mapping[tuple[str, str], tuple[str, str]]], dimensions: tuple[int, ...] = DIMENSIONS
 ) -> None:
-    """A statement that laws of the registry test."""
-    statement = Statement(name, place, text, by_law(system, *laws), erratum=erratum, by_laws=tuple(laws), **more)
-    STATEMENTS[name] = statement
+    """Statements that laws test: name of a system -> (name, place) -> (text, names of the laws)."""
+    for system in table:
+        record = REGISTRY[system]
+        sizes = dimensions if record.n is None else (record.n,)
+        for (name, place), (text, listed) in table[system].items():
+            names = tuple(listed.split())
+            kinds = [laws.LAWS[law].numbers(record) for law in names]
+            numbers = tuple(kind for kind in ("exact", "float") if all(kind in known for known in kinds))
+            sides = partial(by_laws, system=record, names=names)
+            STATEMENTS[name] = Statement(name, place, text, sides, None, numbers, sizes, by_laws=names)
 
 
 def printed_law(name: str, system: System, law: str, **printed_functions: Any) -> None:
     """The printed form of a statement that is a law of the map of a system, with other functions for some of the map's."""
     assert system.map is not None
-    printed(name)(by_law(replace(system, map=replace(system.map, **printed_functions)), law))
+    other = replace(system, map=replace(system.map, **printed_functions))
+    STATEMENTS[name] = replace(STATEMENTS[name], printed=partial(by_laws, system=other, names=(law,)))
 
 
-# -- derivatives on the group and its algebra -------------------------------------------------------
+def in_order() -> None:
+    """Sorts the statements by sections; those that a section does not contain come last."""
 
+    def section(item: tuple[str, Statement]) -> float:
+        number = re.match(r"Sections? (\d(\.\d)?)", item[1].place)
+        return float(number[1]) if number else 9.0
 
-def gradient(function: Callable[[Array], Any], point: Array) -> Array:
-    """The gradient of a scalar function of a vector, or of a skew matrix for the pairing <X, Y> = -tr(XY)/2."""
-    if point.ndim == 1:
-        return _slopes(function(exact.independent(point)), len(point))
-    n = point.shape[-1]
-    coordinates = algebra.coordinates(point)
-    return algebra.skew(_slopes(function(algebra.skew(exact.independent(coordinates), n)), len(coordinates)), n)
-
-
-def left_derivative(function: Callable[[Array], Any], g: Array) -> Array:
-    """d f: <d f(g), eta> = d/ds f(exp(s eta) g)."""
-    return _lie(lambda eta: function(g + eta @ g), g)
-
-
-def right_derivative(function: Callable[[Array], Any], g: Array) -> Array:
-    """d' f: <d' f(g), eta> = d/ds f(g exp(s eta))."""
-    return _lie(lambda eta: function(g + g @ eta), g)
-
-
-def _lie(function: Callable[[Array], Any], g: Array) -> Array:
-    n = g.shape[-1]
-    zero = 0 * algebra.coordinates(g - g.T)
-    return algebra.skew(_slopes(function(algebra.skew(exact.independent(zero), n)), len(zero)), n)
-
-
-def _slopes(value: Any, count: int) -> Array:
-    return exact.slopes(np.asarray(value, dtype=object), count).reshape(count)
-
-
-def rank(vectors: Array) -> int:
-    """The rank of the rows of a rational matrix, by elimination with pivoting."""
-    rows = [list(v) for v in vectors]
-    found = 0
-    for column in range(len(rows[0])):
-        pivot = next((i for i in range(found, len(rows)) if rows[i][column] != 0), None)
-        if pivot is None:
-            continue
-        rows[found], rows[pivot] = rows[pivot], rows[found]
-        head = rows[found]
-        for i in range(found + 1, len(rows)):
-            if rows[i][column] != 0:
-                factor = rows[i][column] / head[column]
-                rows[i] = [x - factor * y for x, y in zip(rows[i], head, strict=True)]
-        found += 1
-        if found == len(rows):
-            break
-    return found
+    ordered = sorted(STATEMENTS.items(), key=section)
+    STATEMENTS.clear()
+    STATEMENTS.update(ordered)
 
 
 # -- testing ------------------------------------------------------------------------------------------
@@ -292,42 +210,3 @@ def cells(finding: StatementResult) -> tuple[str, str, str, str]:
     floats = "-" if finding.in_floats is None else f"{finding.in_floats:.0e}"
     by = "" if finding.printed is None else f" (residual {finding.printed:.1g})"
     return spread, over_q, floats, finding.verdict + by
-
-
-# -- matrices of the proofs, ranks on a leaf ---------------------------------------------------------
-
-
-def outer(x: Array) -> Array:
-    """x x^T."""
-    return x[..., :, None] * x[..., None, :]
-
-
-def half(w: Array) -> Array:
-    """(w - I)/(w + I), written as in the paper."""
-    n = w.shape[-1]
-    return algebra.solve((w + identity(n)).T, (w - identity(n)).T).T
-
-
-def trace_log_of(w: Array) -> Any:
-    """Tr log(2I + w + w^-1)."""
-    return trace_log(2 * identity(w.shape[-1]) + w + w.T)
-
-
-HALF_LEAF = {3: 2, 4: 4, 5: 6, 6: 9}
-SPECTRAL_RANK = {3: 2, 4: 3, 5: 4, 6: 5}
-
-
-def rank_on_leaf(system: System, state: tuple[Array, ...], functions: Sequence[Callable[..., Any]]) -> int:
-    """The rank on the leaf of the differentials of functions of the state, at a rational point."""
-    space, n = system.space, state[0].shape[-1]
-    assert space.casimirs is not None
-    slopes = [jacobian(f, state, space.kinds, n)[1] for f in (space.casimirs, *functions)]
-    casimirs, *others = [x.reshape(-1, x.shape[-1]) for x in slopes]
-    return rank(np.concatenate([casimirs, *others])) - rank(casimirs)
-
-
-def leaf_rank(case: Case, names: tuple[str, ...]) -> int:
-    """The rank on the leaf of the differentials of the energy and the named integrals of a record."""
-    system = case.system
-    functions = [partial(case.call, f) for f in (system.energy, *(system.integrals[name] for name in names))]
-    return rank_on_leaf(system, case.state, functions)
