@@ -12,6 +12,7 @@ import xarray as xr
 import kreisel as kr
 import walks
 from kreisel import algebra
+from kreisel.algebra.reuse import forget
 from kreisel.lab import exact
 from kreisel.runs import integration as runs
 from kreisel.system import REGISTRY
@@ -68,6 +69,37 @@ def test_a_step_beyond_the_map_is_refused(name: str) -> None:
     walks.assert_still(run, size=10)  # so long a step amplifies its errors
     with pytest.raises(kr.InputError, match=f"expected a step below {largest:.6g}"):
         kr.simulate(model, state, dt=1.001 * largest, steps=20, every=1, method="veselov")
+
+
+ONE = {"m": (0.1, 0.2, 1.5), "a": (0.6, 0, 0.8)}
+STARTS = (ONE, {"m": (-0.7, 0.4, 0.9), "a": (0.0, 0.8, 0.6)}, {k: np.array([v, v]) for k, v in ONE.items()}, ONE)
+RUNS: dict[str, dict[str, Any]] = {
+    "suris": {"method": "suris"},
+    "baecklund": {"method": "baecklund", "order": 4, "every": 7},  # constants of each trajectory, a projection
+    "with an orientation": {"method": "suris", "orientation": (1, 0, 0, 0)},
+    "exact": {"method": "exact", "observe": ["energy"]},
+}
+
+
+@pytest.mark.parametrize("case", RUNS)
+def test_a_run_that_reuses_the_last_has_its_own_bits(case: str, top: object) -> None:
+    def all_runs(between: Any) -> list[xr.Dataset]:
+        runs = []
+        for start in STARTS:
+            between()
+            runs.append(kr.simulate(top, start, dt=0.05, steps=100, **RUNS[case]))
+            if case == "exact":
+                runs.append(kr.at(top, start, [3.0, 1.0]))
+        return runs
+
+    new, again = all_runs(forget), all_runs(lambda: None)
+    for x, y in zip(new, again, strict=True):
+        assert x.drop_attrs(deep=False).identical(y.drop_attrs(deep=False))
+        assert x.attrs | {"created": ""} == y.attrs | {"created": ""}
+    with pytest.raises(kr.InputError, match="finite"):
+        kr.simulate(top, ONE | {"m": (0.1, np.nan, 1.5)}, dt=0.05, steps=100, **RUNS[case])
+    with pytest.raises(kr.InputError, match="project"):
+        kr.simulate(top, ONE, dt=0.05, steps=100, project=1, **RUNS[case])
 
 
 def test_reference_drifts_and_agrees(top: object, x0: object) -> None:

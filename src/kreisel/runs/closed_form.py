@@ -25,6 +25,7 @@ from kreisel.record.given import in_lane
 from kreisel.runs.describing import in_memory
 from kreisel.runs.in_si import scaled, state_of, times_of
 from kreisel.runs.plan import Plan, initial_parts, planned
+from kreisel.runs.planning import begun_again, idle_plans
 from kreisel.runs.presenting import presented
 from kreisel.runs.settings import (
     Settings,
@@ -41,7 +42,6 @@ from kreisel.runs.soundness import is_finite
 if TYPE_CHECKING:
     import xarray as xr
 
-    from kreisel.kernels.exact.engine import ClosedForm
     from kreisel.record.model import Model, OrientationLike, StateLike
 
 
@@ -88,15 +88,14 @@ def at(
     step = 1.0 if dt is None else positive_number(dt, "dt")
     if dt is not None and not (flat == np.floor(flat)).all():
         raise InputError("The times of a map are its steps, integers k for the time k dt, got others.")
+    from kreisel.kernels.exact.engine import ClosedForm
+
     reach = float(abs(flat).max())
-    asked: dict[str, Any] = {
-        "method": method,
-        "dt": step,
-        "order": order,
-        "orientation": orientation,
-        "observe": observe,
-    }
-    plan, engine = plan_of_times(model, x0, reach=reach, **asked)
+    asked: dict[str, Any] = {"method": method, "dt": step, "order": order, "observe": observe}
+    idle = idle_plans(model, orientation is not None, asked)
+    plan = begun_again(idle, model, x0, orientation) or _plan_of_times(model, x0, orientation, **asked)
+    engine = ClosedForm(plan.scheme, plan.first, step, reach)
+    plan.engine = engine
     with np.errstate(all="ignore"):
         states = _continued(plan, plan.observe(engine.at(flat)), flat)
     _require_finite(plan, states)
@@ -104,6 +103,7 @@ def at(
         run = in_memory(plan, [states], wanted * step)
     for name in ("dt", "every"):  # no steps were made, and the rows need not be evenly spaced
         del run.attrs[name]
+    idle.append(plan)
     return presented(run, plan.model)
 
 
@@ -124,33 +124,18 @@ def _continued(plan: Plan, states: dict[str, Array], times: Array) -> dict[str, 
     return states
 
 
-def plan_of_times(
-    model: Model,
-    x0: StateLike,
-    *,
-    reach: float,
-    method: str,
-    dt: float,
-    order: int | None,
-    orientation: OrientationLike | None,
-    observe: Any = None,
-) -> tuple[Plan, ClosedForm]:
-    """A plan without steps, and its engine, which computes states up to |time| = reach.  Raises `InputError`."""
-    from kreisel.kernels.exact.engine import ClosedForm
-
+def _plan_of_times(
+    model: Model, x0: StateLike, orientation: OrientationLike | None, method: str, dt: float, order: Any, observe: Any
+) -> Plan:
+    """A plan without steps.  Raises `InputError`."""
     check_model(model)
     state = checked_state(model, x0)
     record, oriented = find(named(method, "method")), orientation is not None
-    if not record.applies(model):
-        raise InputError(_without(model, record.name, oriented))
-    made = scheme(model, record.name, dt, whole_order(order), oriented)
-    if made.orbits is None:
+    made = scheme(model, record.name, dt, whole_order(order), oriented) if record.applies(model) else None
+    if made is None or made.orbits is None:
         raise InputError(_without(model, record.name, oriented))
     settings = Settings(dt=dt, steps=0, method=method, order=order, observe=observed(observe, made))
-    plan = planned(model, made, settings, initial_parts(model, state, orientation), "cpu")
-    engine = ClosedForm(plan.scheme, plan.first, dt, reach)
-    plan.engine = engine
-    return plan, engine
+    return planned(model, made, settings, initial_parts(model, state, orientation), "cpu")
 
 
 def _without(model: Model, method: str, oriented: bool) -> str:

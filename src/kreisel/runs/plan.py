@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -13,15 +13,16 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
 from kreisel.kernels.correcting import Rows, corrections
+from kreisel.kernels.cpu import CpuEngine
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
-from kreisel.kernels.points import points
+from kreisel.kernels.points import bound_points, points
 from kreisel.method import Outcome, Scheme, default_method
 from kreisel.method.observing import ORIENTATION, with_orientation
-from kreisel.method.scheme import Flow
+from kreisel.method.scheme import Flow, Orbits
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import require_bodies
-from kreisel.runs.settings import LARGE, Event, Settings, Timetable, initial_orientation
+from kreisel.runs.settings import LARGE, MOST_STEPS, Event, Settings, Timetable, initial_orientation
 from kreisel.stopwatch import spent_on
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ class Plan:
     first: Floats  # the start (lanes, d) in the method's variables
     batched: bool
     start: Mapping[str, Floats]  # the state at time 0 as given by the user, the orientation, and the times of rows
+    general: Scheme | None = None  # the scheme without the constants of the trajectories
     large: Large | None = None  # of the kernel of engine="large"
     events: tuple[Event, ...] = ()
     lost: frozenset[str] = frozenset()  # integrals that the method conserves and impulses or events change
@@ -117,6 +119,38 @@ class Plan:
                 large=self.large,
                 project=self.settings.project,
             )
+
+    @cached_property
+    def _renew(self) -> Callable[[], bool] | None:
+        """The call that computes the constants of another trajectory in the engine; None if there is none."""
+        general, engine = self.general, self.engine
+        if self.batched or self.irregular or self.large or general is None or general.corrector:
+            return None
+        if general.trajectory is None and isinstance(general.motion, Orbits):
+            return lambda: True
+        if not isinstance(engine, CpuEngine) or (general.trajectory and general.point is None):
+            return None
+        return bound_points(general, engine) if general.trajectory else lambda: True
+
+    def begin(self, model: Model, parts: tuple[Array, ...]) -> bool:
+        """Begin again from another state, for rows in memory; false if a plan must be made for it.
+
+        The constants of the trajectory are renewed in the engine, but not in `scheme`.
+        """
+        z = algebra.flatten(self.scheme.prepare(parts), self.kinds)
+        if self._renew is None or z.ndim > 1:
+            return False
+        self.model, self.first, self.start, engine = model, z[None], _parts_by_name(model, parts), self.engine
+        self.__dict__.pop("example", None)
+        if isinstance(self.scheme.motion, Orbits):
+            del self.engine
+            return True
+        engine.z[:] = z
+        if not self._renew() or not engine.begin(self.first, self.scheme, MOST_STEPS):
+            return False
+        if self.general is not self.scheme and self.compiled is not None:
+            self.compiled.constants[...] = cast("CpuEngine", engine).constants
+        return True
 
     @property
     def rows(self) -> int:
@@ -220,7 +254,7 @@ def default(model: Model, settings: Settings) -> str:
 
 def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
     """The plan of a scheme from these components of the state, by the requested engine or the engine for n."""
-    made, start, large = _lanes(model, made, parts, engine)
+    general, (made, start, large) = made, _lanes(model, made, parts, engine)
     back, _ = corrections(made)
     return Plan(
         model=model,
@@ -229,6 +263,7 @@ def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, 
         first=back(start.reshape(1, -1, start.shape[-1]))[0],
         batched=start.ndim > 1,
         start=_parts_by_name(model, parts) | ({} if settings.times is None else {TIMES: np.array(settings.times)}),
+        general=general,
         large=large,
     )
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.reuse import reused
 from kreisel.errors import AccuracyWarning, InputError, doubt
 from kreisel.graph.recording import STRAIGHT_LINE_N, STRAIGHT_LINES
 from kreisel.kernels.cpu import CpuEngine
@@ -39,11 +41,48 @@ if TYPE_CHECKING:
     from kreisel.method.auto import Choice, Pilot
     from kreisel.record.model import OrientationLike, StateLike
 
+PLAIN, LISTS = (int, float, str, bool, type(None), np.float64), (tuple, list)  # of settings that an idle plan has
+IDLE = 4  # plans kept for each choice of settings
 
-def make_plan(model: Model, x0: StateLike, *, orientation: OrientationLike | None = None, **asked: Any) -> Plan:
-    """The plan of a run with these settings.  Raises `InputError`."""
+
+def make_plan(
+    model: Model,
+    x0: StateLike,
+    *,
+    orientation: OrientationLike | None = None,
+    events: tuple[Event, ...] = (),
+    **asked: Any,
+) -> Plan:
+    """The plan of a run with these settings and events.  Raises `InputError`."""
     check_model(model)
-    return plan_of(model, x0, Settings.checked(**asked), orientation)
+    plan = plan_of(model, x0, Settings.checked(**asked), orientation)
+    return broken_by(plan, events) if events else plan
+
+
+def idle_plans(model: Any, oriented: bool, asked: Mapping[str, Any]) -> deque[Plan]:
+    """Plans of earlier runs in memory, which a run with these settings may begin again; new and empty if none may."""
+    plain = all(type(v) in PLAIN for value in asked.values() for v in (value if type(value) in LISTS else (value,)))
+    if not isinstance(model, Model) or not plain or asked["order"] == "auto":
+        return deque()
+    return reused((Plan, model.key, oriented, repr(asked)), lambda: deque[Plan](maxlen=IDLE))
+
+
+def begun_again(idle: deque[Plan], model: Model, x0: StateLike, orientation: OrientationLike | None) -> Plan | None:
+    """An idle plan at this start, or None."""
+    try:
+        plan = idle.pop()
+    except IndexError:
+        return None
+    return plan if plan.begin(model, initial_parts(model, checked_state(model, x0), orientation)) else None
+
+
+def idle_or_new(
+    model: Model, x0: StateLike, orientation: Any, events: tuple[Event, ...], asked: Mapping[str, Any], in_memory: bool
+) -> tuple[Plan, deque[Plan]]:
+    """The plan of a run, and the idle plans with its settings, to which it may be added afterwards."""
+    idle = idle_plans(model, orientation is not None, asked) if in_memory and not events else deque[Plan]()
+    plan = begun_again(idle, model, x0, orientation)
+    return plan or make_plan(model, x0, orientation=orientation, events=events, **asked), idle
 
 
 def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: OrientationLike | None = None) -> Plan:
@@ -251,26 +290,30 @@ def warn_of_arrays(plan: Plan) -> None:
 
 def rate(plan: Plan) -> float:
     """Radians per unit of time at the start: the largest |Omega| of the lanes, or |z'|/|z| if that is larger."""
-    model, found = plan.model, [0.0]
-    state = tuple(plan.start[letter] for letter in model.system.space.letters)
+    model, system, found = plan.model, plan.model.system, [0.0]
+    state = tuple(plan.start[letter] for letter in system.space.letters)
+
+    def largest(part: Array) -> float:
+        return float(np.maximum.reduce(abs(part).ravel(), initial=0.0))
+
     with np.errstate(all="ignore"):
-        if model.system.velocity is not None:
-            found.append(float(np.max(np.abs(model.call(model.system.velocity, *state)))))
-        if model.system.perturbation is None and model.system.flow is not None:
-            size = max(float(np.max(np.abs(part), initial=0.0)) for part in state)
-            found += [float(np.max(np.abs(part), initial=0.0)) / size for part in model.flow(*state)] if size else []
+        if system.velocity is not None:
+            found.append(largest(model.call(system.velocity, *state)))
+        if system.perturbation is None and system.flow is not None:
+            size = max(map(largest, state))
+            found += [largest(part) / size for part in model.flow(*state)] if size else []
     return max(value for value in found if math.isfinite(value))
 
 
 def _long_step(plan: Plan) -> Iterator[str]:
     if plan.scheme.name in CLOSED or "expected_error" in plan.scheme.options:  # order="auto" has measured its step
         return
-    turn, said = plan.dt * rate(plan), (plan.model.body_frame or BodyFrame()).time_text
+    turn = plan.dt * rate(plan)
     if turn > math.pi:
+        said = (plan.model.body_frame or BodyFrame()).time_text
         yield (
             f"dt = {said(plan.dt)} is {turn:.3g} rad of this motion in a step, more than half a revolution: the "
-            f"rows are "
-            "states of the map, and show little of the motion between them. "
+            "rows are states of the map, and show little of the motion between them. "
             f"Use a dt of {said(GOOD * plan.dt / turn, '.1g')} or so."
         )
 

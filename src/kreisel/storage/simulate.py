@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from kreisel.runs.drift import watched
 from kreisel.runs.in_si import scaled, scaled_events, steps_in, unit_of_times
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan
-from kreisel.runs.planning import broken_by, make_plan, warn_of, warn_of_arrays
+from kreisel.runs.planning import idle_or_new, warn_of, warn_of_arrays
 from kreisel.runs.presenting import presented
 from kreisel.runs.progress import Progress, bytes_of, require_room
 from kreisel.runs.settings import Event, checked_events, flag, whole_number
@@ -85,23 +86,32 @@ def simulate(
     implicit step is not solved or the archive cannot be written; warns of lost invariants and long steps.
     """
     flag(overwrite, "overwrite")
-    choices = {"method": method, "order": order, "tol": tol, "engine": engine, "project": project, "observe": observe}
-    when = {"dt": dt, "steps": steps, "t_end": t_end, "times": times, "every": every, "impulses": impulses}
-    model, x0, orientation, when, events = scaled(system, x0, orientation, when, events)
+    asked: dict[str, Any] = {
+        "dt": dt,
+        "method": method,
+        "order": order,
+        "tol": tol,
+        "impulses": impulses,
+        "observe": observe,
+    }
+    asked |= {"engine": engine, "steps": steps, "t_end": t_end, "times": times, "every": every, "project": project}
+    model, x0, orientation, asked, events = scaled(system, x0, orientation, asked, events)
     with unit_of_times(model):
-        plan = broken_by(make_plan(model, x0, orientation=orientation, **when, **choices), checked_events(events))
+        plan, idle = idle_or_new(model, x0, orientation, checked_events(events), asked, path is None)
         warn_of(plan)
-        found = _in_memory(plan, progress) if path is None else _on_disk(plan, path, overwrite, progress)
+        found = _in_memory(plan, progress, idle) if path is None else _on_disk(plan, path, overwrite, progress)
     return presented(watched(found, loaded=path is None), plan.model)
 
 
-def _in_memory(plan: Plan, progress: bool | None) -> xr.Dataset:
+def _in_memory(plan: Plan, progress: bool | None, idle: deque[Plan]) -> xr.Dataset:
     from kreisel.runs.describing import in_memory
 
     _check_memory(plan)
     warn_of_arrays(plan)
     with Progress(plan.steps * plan.lanes, progress) as bar:
-        return in_memory(plan, list(Integration(plan, bar.advance).blocks()))
+        run = in_memory(plan, list(Integration(plan, bar.advance).blocks()))
+    idle.append(plan)
+    return run
 
 
 def _on_disk(plan: Plan, path: str | os.PathLike[str], overwrite: bool, progress: bool | None) -> xr.Dataset:

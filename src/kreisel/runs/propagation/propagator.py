@@ -114,7 +114,7 @@ class Propagator:
         """
         count = within(n, "n", 1, MOST_STEPS)
         between = None if every is None else within(every, "every", 1, count)
-        stepper, given = self._with(parameters)
+        stepper, given = self._with(parameters) if parameters else (self._stepper, NONE)
         x, batched = self._forms.given(state)
         if self._by_plan:
             found = stepper.by_a_plan(x, count, between)
@@ -124,8 +124,6 @@ class Propagator:
 
     def _with(self, parameters: Mapping[str, Any]) -> tuple[Stepper, Mapping[str, Array]]:
         """The stepper for calls with these parameters, and their values.  Raises `InputError`."""
-        if not parameters:
-            return self._stepper, NONE
         names = tuple(parameters)
         stepper = self._varied.get(names)
         if stepper is None:
@@ -198,7 +196,7 @@ class Propagator:
         if self._stepper.is_flow:
             return self.at(state, wanted - now)
         self._require_steps("to")
-        stepper, given = self._with(parameters)
+        stepper, given = self._with(parameters) if parameters else (self._stepper, NONE)
         z, out = self._forms.prepared(x), []
         for t in when.tolist():
             z, now = stepper.walked(z, now, t, given), t

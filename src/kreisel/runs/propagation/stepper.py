@@ -377,19 +377,19 @@ class Room:
 
     def __init__(self, into: RowFunction, out: RowFunction, size: int, z: Floats, leap: Leap | None = None):
         self.z, self.row, self.leap = z, np.empty((1, *z.shape)) if leap is None else leap.row, leap
-        self._x, self._y, self._numbers = np.empty((1, 1, size)), np.empty((1, 1, out.count)), self.row.ravel()
-        self._into, self._out = into.bound(self._x, z[None]), out.bound(self.row, self._y)
+        x, y, self._numbers = np.empty((1, 1, size)), np.empty((1, 1, out.count)), self.row.ravel()
+        self._x, self._y, self._into, self._out = x[0], y[0], into.bound(x, z[None]), out.bound(self.row, y)
 
     def enter(self, x: Floats) -> Floats:
         """The variables at a state (1, size)."""
-        self._x[0] = x
+        self._x[...] = x
         self._into()
         return self.z
 
     def leave(self) -> Floats:
         """The state (1, entries) of the row."""
         self._out()
-        return self._y[0].copy()
+        return self._y.copy()
 
     def is_finite(self) -> bool:
         """Whether the sum of the row is finite."""
