@@ -86,15 +86,8 @@ def simulate(
     implicit step is not solved or the archive cannot be written; warns of lost invariants and long steps.
     """
     flag(overwrite, "overwrite")
-    asked: dict[str, Any] = {
-        "dt": dt,
-        "method": method,
-        "order": order,
-        "tol": tol,
-        "impulses": impulses,
-        "observe": observe,
-    }
-    asked |= {"engine": engine, "steps": steps, "t_end": t_end, "times": times, "every": every, "project": project}
+    asked = dict[str, Any](dt=dt, method=method, order=order, tol=tol, engine=engine, project=project, observe=observe)
+    asked |= {"steps": steps, "t_end": t_end, "times": times, "every": every, "impulses": impulses}
     model, x0, orientation, asked, events = scaled(system, x0, orientation, asked, events)
     with unit_of_times(model):
         plan, idle = idle_or_new(model, x0, orientation, checked_events(events), asked, path is None)
