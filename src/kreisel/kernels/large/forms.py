@@ -25,14 +25,7 @@ from kreisel.algebra.reuse import reused
 from kreisel.errors import InputError
 from kreisel.graph.arranging import arranged, independent
 from kreisel.graph.graph import IN, Graph, Number, Operand
-from kreisel.kernels.large.structured import (
-    Dense,
-    StructuredColumns,
-    StructuredMatrix,
-    StructuredRows,
-    StructuredVector,
-    changed_inverse,
-)
+from kreisel.kernels.large.structured import Dense, StructuredMatrix, StructuredVector, changed_inverse
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Part, Scheme, Steps
 
@@ -92,65 +85,55 @@ class LargeForm:
 
     # -- recording -------------------------------------------------------------------------------
 
-    def state(self, graph: Graph, kinds: list[str]) -> tuple[StructuredVector | StructuredMatrix | StructuredRows, ...]:
-        """The recorded state."""
-        return tuple(self._component(graph, f"z{i}", kind) for i, kind in enumerate(kinds))
-
-    def _component(self, graph: Graph, name: str, kind: str) -> StructuredVector | StructuredMatrix | StructuredRows:
+    def _component(self, name: str, kind: str, entry: Callable[[str], Any], turn: Any) -> Any:
+        """A component of the state, by its blocks; `turn` is the entry theta of T."""
         if kind == "skew" and not self.axis:
-            return StructuredMatrix(self.n, turn=1.0, dense=Dense(graph.input(name, 0)))
-        if kind == "matrix":
-            x, y, t = (graph.input(f"{name}{block}", 0) for block in self.blocks(kind))
-            return StructuredVector(self.n, (x, y), t).mT if self.by_rows else StructuredColumns(self.n, (x, y), t)
-        x, *more = (graph.input(f"{name}{block}", 0) for block in self.blocks(kind))
-        if kind != "skew":
-            return StructuredVector(self.n, (x, *more[:1]), more[1]) if more else StructuredVector(self.n, (x,))
-        s = StructuredVector(self.n, (x, *more), 0.0)
-        return StructuredMatrix(self.n, turn=graph.input(TURN, 0)).with_pair(s, self._p(graph))
+            return StructuredMatrix(self.n, turn=1.0, dense=Dense(entry(name)))
+        blocks = tuple(entry(f"{name}{block}") for block in self.blocks(kind))
+        if kind == "skew":
+            s, p = StructuredVector(self.n, (*blocks, 0.0)), self._constant("axis", entry(AXIS))
+            return StructuredMatrix(self.n, turn=turn, kept=not isinstance(turn, Number)).with_pair(s, p)
+        return StructuredVector(self.n, blocks, rows=self.by_rows if kind == "matrix" else None)
 
-    def _p(self, graph: Graph, name: str = AXIS) -> StructuredVector:
-        return StructuredVector(self.n, (0.0, 0.0), graph.input(AXIS, 0), axis=True)
+    def _constant(self, role: str, entry: Any) -> Any:
+        """A constant in that role."""
+        if role == "number":
+            return entry
+        if role == "turn":
+            return StructuredMatrix(self.n, turn=entry)
+        return StructuredVector(self.n, (0.0, 0.0, entry) if role == "axis" else (entry,), axis=role == "axis")
 
-    def constants(self, graph: Graph, letters: str) -> dict[str, Any]:
-        """The recorded constants that a function needs: c those of the trajectory, s those that vary with the stage."""
-        makers: dict[str, Callable[[Graph, str], Any]] = {
-            "number": self._number,
-            "axis": self._p,
-            "turn": self._turn,
-            "vector": self._vector,
+    def recorded(self, part: Part) -> tuple[Graph, tuple[Any, ...]]:
+        """The new state of a function on the recorded state, and on the constants of the letters that it needs."""
+        graph = Graph()
+
+        def entry(name: str) -> Number:
+            return graph.input(name, 0)
+
+        state = [self._component(f"z{i}", kind, entry, entry(TURN)) for i, kind in enumerate(self.kinds)]
+        constants = {
+            k: self._constant(role, entry(AXIS if role == "axis" else f"{letter}_{k}"))
+            for k, (letter, role) in self.roles.items()
+            if letter in part.letters
         }
-        return {
-            name: makers[role](graph, f"{letter}_{name}")
-            for name, (letter, role) in self.roles.items()
-            if letter in letters
-        }
+        return graph, part.function(*state, **constants)
 
-    def _number(self, graph: Graph, name: str) -> Number:
-        return graph.input(name, 0)
-
-    def _turn(self, graph: Graph, name: str) -> StructuredMatrix:
-        return StructuredMatrix(self.n, turn=graph.input(name, 0))
-
-    def _vector(self, graph: Graph, name: str) -> StructuredVector:
-        return StructuredVector(self.n, (graph.input(name, 0),))
-
-    def outputs(self, new: tuple[Any, ...], kinds: list[str]) -> list[Any]:
+    def outputs(self, new: tuple[Any, ...]) -> list[Any]:
         """The new state in the order of `names`; TypeError if it has left the form."""
         out: list[Any] = []
-        for value, kind in zip(new, kinds, strict=True):
+        for value, kind in zip(new, self.kinds, strict=True):
             if kind == "skew" and not self.axis:
                 continue
             vector = _momentum(value) if kind == "skew" else value
-            if kind == "matrix" and self.by_rows:
-                vector = value.mT
-            if not isinstance(vector, StructuredVector):
+            if not isinstance(vector, StructuredVector) or bool(vector.rows) != (kind == "matrix" and self.by_rows):
                 raise TypeError("a component that is no longer a vector")
-            out += [*vector.blocks, *([vector.tail] if "t" in self.blocks(kind) else [])]
+            out += vector.entries[: len(self.blocks(kind))]
         return out
 
-    def names(self, kinds: list[str]) -> list[str]:
+    @property
+    def names(self) -> list[str]:
         """The recorded scalars of the state."""
-        return [f"z{i}{block}" for i, kind in enumerate(kinds) for block in self.blocks(kind)]
+        return [f"z{i}{block}" for i, kind in enumerate(self.kinds) for block in self.blocks(kind)]
 
     # -- scalars ---------------------------------------------------------------------------------
 
@@ -182,24 +165,19 @@ class LargeForm:
         """`observe` of the blocks about an axis as they are, of all but T."""
 
         def of_blocks(z: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
-            p = StructuredVector(self.n, (0.0, 0.0), _scalar_or_plain(known[AXIS_NAME]), axis=True)
-            T = StructuredMatrix(self.n, turn=known[TURN_NAME], kept=True)
-            parts: list[Any] = []
-            for value, kind in zip(z, self.kinds, strict=False):
-                x, y = value[: self.h], value[self.h : 2 * self.h]
-                if kind == "skew":
-                    parts.append(T.with_pair(StructuredVector(self.n, (x, y), 0.0), p))
-                elif kind == "vector":
-                    parts.append(StructuredVector(self.n, (x, y), _scalar_or_plain(value[-1])))
-            own: dict[str, Any] = {}
-            for name, (letter, role) in self.roles.items():
-                if letter == "c" and role != "axis":
-                    own[name] = (
-                        _scalar_or_plain(known[name])
-                        if role == "number"
-                        else StructuredMatrix(self.n, turn=known[name])
-                    )
-            return observe(tuple(parts), **own, **{self.axis: p})
+            h, values = self.h, {AXIS: _scalar_or_plain(known[AXIS_NAME])}
+            for i, value in enumerate(z):
+                values |= {f"z{i}x": value[:h], f"z{i}y": value[h : 2 * h], f"z{i}t": _scalar_or_plain(value[-1])}
+            state = [
+                self._component(f"z{i}", kind, values.__getitem__, known[TURN_NAME])
+                for i, kind in enumerate(self.kinds[: len(z)])
+                if kind != "matrix"
+            ]
+            constants = {}
+            for name, role in ((name, role) for name, (letter, role) in self.roles.items() if letter == "c"):
+                value = known[AXIS_NAME if role == "axis" else name]
+                constants[name] = self._constant(role, value if role == "turn" else _scalar_or_plain(value))
+            return observe(tuple(state), **constants)
 
         return of_blocks
 
@@ -271,14 +249,12 @@ def _first_that_holds(forms: list[LargeForm], scheme: Scheme) -> LargeForm | Non
     for form in forms:
         kinds = form.kinds
         try:
-            pieces = [recorded_large(form, list(kinds), part) for part in scheme.parts]
+            pieces = [recorded_large(form, part) for part in scheme.parts]
         except (TypeError, KeyError, AttributeError):
             continue
-        upkeep = pieces[0].upkeep
-        if upkeep is None and "matrix" not in kinds:
-            return form
-        if len(pieces) == 1 and scheme.stage_count == 1:
-            return replace(form, inverses=len(upkeep.inverses) if upkeep else 0)
+        dense = "skew" in kinds and not form.axis
+        if (not dense and "matrix" not in kinds) or (len(pieces) == 1 and scheme.stage_count == 1):
+            return replace(form, inverses=len(pieces[0].inverses))
     return None
 
 
@@ -293,102 +269,74 @@ class Change(NamedTuple):
 class Inverse(NamedTuple):
     """A kept inverse, that of diagonal + turn M.
 
-    check      |r|^2 and |v|^2 of a solve, r its residual
-    changes    when M has changed
+    residual, size  |r|^2 and |v|^2 of a solve, r its residual
+    changes         when M has changed
     """
 
     diagonal: Operand
     turn: Operand
-    check: tuple[Operand, Operand]
+    residual: Operand
+    size: Operand
     changes: tuple[Change, ...]
 
 
-class Upkeep(NamedTuple):
-    """Changes of M, by pairs, and of the inverses before the new vectors are stored."""
-
-    pairs: tuple[Change, ...]
-    inverses: tuple[Inverse, ...]
-
-    @property
-    def operands(self) -> list[Operand]:
-        """All scalars and entries that this needs, in order."""
-        out = [x for change in self.pairs for x in change]
-        for diagonal, turn, check, changes in self.inverses:
-            out += [diagonal, turn, *check, *(x for change in changes for x in change)]
-        return out
-
-    def of(self, operands: Iterator[Operand]) -> Upkeep:
-        """The node with other operands."""
-
-        def change(_: Change) -> Change:
-            scale, x, y = (next(operands) for _ in range(3))
-            for vector in (x, y):
-                scale = -scale if vector.negative else scale
-            return Change(scale, x.positive, y.positive)
-
-        pairs = tuple(map(change, self.pairs))
-        inverses = []
-        for inverse in self.inverses:
-            diagonal, turn, *check = (next(operands) for _ in range(4))
-            inverses.append(Inverse(diagonal, turn, (check[0], check[1]), tuple(map(change, inverse.changes))))
-        return Upkeep(pairs, tuple(inverses))
-
-
 class LargeFunction(NamedTuple):
-    """A recorded function: its graph, the new state, and what is done to a dense momentum."""
+    """A recorded function: its graph, the new state, and of a dense momentum its changes and the kept inverses."""
 
     graph: Graph
     new: list[Operand]
-    upkeep: Upkeep | None
+    pairs: tuple[Change, ...] = ()
+    inverses: tuple[Inverse, ...] = ()
 
     @property
-    def outputs(self) -> list[Operand]:
-        """All that is computed."""
-        return [*self.new, *(self.upkeep.operands if self.upkeep else ())]
+    def upkeep(self) -> list[Operand]:
+        """All scalars and entries of the changes."""
+        return _leaves((self.pairs, self.inverses))
 
 
-def recorded_large(form: LargeForm, kinds: list[str], part: Part) -> LargeFunction:
+def _leaves(tree: Any) -> list[Any]:
+    return [leaf for each in tree for leaf in _leaves(each)] if isinstance(tree, tuple) else [tree]
+
+
+def _with_leaves(tree: Any, leaves: Iterator[Any]) -> Any:
+    if not isinstance(tree, tuple):
+        return next(leaves)
+    values = [_with_leaves(each, leaves) for each in tree]
+    return type(tree)(*values) if hasattr(tree, "_fields") else tuple(values)
+
+
+def recorded_large(form: LargeForm, part: Part) -> LargeFunction:
     """A step or `close` on recorded scalars; TypeError where the form does not hold."""
-    graph = Graph()
-    values = part.function(*form.state(graph, kinds), **form.constants(graph, part.letters))
-    new = form.outputs(values, kinds)
-    if any(not isinstance(v, Number | float | int) for v in new):
+    graph, values = form.recorded(part)
+    new = form.outputs(values)
+    dense = "skew" in form.kinds and not form.axis
+    upkeep = _upkeep(values[form.kinds.index("skew")]) if dense else ((), ())
+    if any(not isinstance(v, Number | float | int) for v in [*new, *_leaves(upkeep)]):
         raise TypeError("a new state that is complex")
-    upkeep = _upkeep(values[kinds.index("skew")]) if "skew" in kinds and not form.axis else None
-    graph, outputs = arranged(graph, [*new, *(upkeep.operands if upkeep else ())])
-    if upkeep is not None:
-        upkeep = upkeep.of(iter(outputs[len(new) :]))
-        fixed = independent(graph, graph.needed(outputs), {f"c_{name}" for name in form.roles})
-        matrices = [x for inverse in upkeep.inverses for x in (inverse.diagonal, inverse.turn)]
-        if any(isinstance(x, Number) and x.at not in fixed for x in matrices):
-            raise TypeError("a solve with more than the momentum in its matrix that varies")
-    return LargeFunction(graph, outputs[: len(new)], upkeep)
+    graph, outputs = arranged(graph, [*new, *_leaves(upkeep)])
+    pairs, inverses = _with_leaves(upkeep, iter(outputs[len(new) :]))
+    fixed = independent(graph, graph.needed(outputs), {f"c_{name}" for name in form.roles})
+    if any(isinstance(x, Number) and x.at not in fixed for inverse in inverses for x in inverse[:2]):
+        raise TypeError("a solve with more than the momentum in its matrix that varies")
+    return LargeFunction(graph, outputs[: len(new)], pairs, inverses)
 
 
-def _upkeep(M: Any) -> Upkeep:
+def _upkeep(M: Any) -> tuple[tuple[Change, ...], tuple[Inverse, ...]]:
     """How the new momentum and its inverses come from the old ones."""
     if not isinstance(M, StructuredMatrix) or M.dense is None or (M.turn, M.diagonal) != (1.0, 0.0):
         raise TypeError("a momentum that has changed by other than pairs")
-    pairs = [*M.pairs.values()]
-
-    def number(x: Any) -> Operand:
-        if not isinstance(x, Number | float | int):
-            raise TypeError("a dense momentum changed by complex values")
-        return x
 
     def change(scale: Any, x: StructuredVector, y: StructuredVector) -> Change:
-        (a,), (b,) = x.blocks, y.blocks
-        if not isinstance(a, Number) or not isinstance(b, Number):
-            raise TypeError("a dense momentum changed by plain values")
-        return Change(number(scale), a, b)
+        if not isinstance(x.entries[0], Number) or not isinstance(y.entries[0], Number):
+            raise TypeError("a dense momentum changed by plain or complex values")
+        return Change(scale, x.entries[0], y.entries[0])
 
-    moved = tuple(change(*pair) for pair in pairs)
-    inverses = []
+    pairs, inverses = [*M.pairs.values()], []
     for k, (diagonal, turn) in enumerate(M.dense.inverses):
-        diagonal = diagonal.blocks[0] if isinstance(diagonal, StructuredVector) else diagonal
+        diagonal = diagonal.entries[0] if isinstance(diagonal, StructuredVector) else diagonal
         changes = tuple(change(-1.0, x, r) for x, r in changed_inverse(M.dense, k, pairs))
-        inverses.append(Inverse(number(diagonal), number(turn), M.dense.checks[k], changes))
-    return Upkeep(moved, tuple(inverses))
+        inverses.append(Inverse(diagonal, turn, *M.dense.checks[k], changes))
+    return tuple(change(*pair) for pair in pairs), tuple(inverses)
 
 
 # -- the orthonormal basis of the form about an axis ---------------------------------------------------

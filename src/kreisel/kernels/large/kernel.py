@@ -16,7 +16,7 @@ from kreisel.graph.arranging import independent
 from kreisel.graph.graph import IN, Graph, Number, Operand, operands_of
 from kreisel.graph.llvm import DOUBLE, INTEGER, Function, Integer, Memory, Value, constant
 from kreisel.graph.machine import kernel
-from kreisel.kernels.large.forms import AXIS_NAME, Change, LargeForm, LargeFunction, Upkeep, recorded_large
+from kreisel.kernels.large.forms import AXIS_NAME, Change, LargeForm, LargeFunction, recorded_large
 from kreisel.kernels.large.stretch import WIDTH, Stretch, Sum, along
 from kreisel.kernels.large.structured import MOMENTUM
 from kreisel.kernels.steps import FRAME, Steps
@@ -40,11 +40,13 @@ class Large(NamedTuple):
 def compiled_large(large: Large, columns: Mapping[str, slice], stage_columns: Mapping[str, slice]) -> Steps:
     """The kernel of a scheme in a form; `columns` say where each constant is in its row."""
     form, parts, kinds = large.form, large.scheme.parts, large.scheme.kinds
-    pieces = [recorded_large(form, kinds, part) for part in parts]
+    pieces = [recorded_large(form, part) for part in parts]
     place = {f"c_{name}": ("c", at) for name, at in columns.items()}
     place |= {f"s_{name}": ("s", at) for name, at in stage_columns.items()}
     code = _Code(form, kinds, pieces, place)
-    digests = tuple((piece.graph.digest(piece.outputs), len(piece.new), repr(piece.upkeep)) for piece in pieces)
+    digests = tuple(
+        (piece.graph.digest([*piece.new, *piece.upkeep]), len(piece.new), repr(piece[2:])) for piece in pieces
+    )
     return Steps(
         kernel(("large", NEAR, repr(form), tuple(kinds), digests, repr(place)), 7, code.write), code.room, False
     )
@@ -79,7 +81,7 @@ class _Code:
             letter: max((where.stop for of, where in place.values() if of == letter), default=0) for letter in "cs"
         }
         # An upper bound: the rows of all entries, and of changes that wait.
-        operations = sum(len(piece.graph.nodes) + 2 * len(piece.outputs) for piece in pieces)
+        operations = sum(len(piece.graph.nodes) + 2 * len(piece.new + piece.upkeep) for piece in pieces)
         self.room = self.length * (operations + len(place) + 3 * len(kinds))
 
     def is_entry(self, letter: str) -> bool:
@@ -111,6 +113,11 @@ class _Code:
             step.store(z)
 
 
+def _changes(piece: LargeFunction) -> dict[Any, Sequence[Change]]:
+    """The changes of a step, of the momentum and of each inverse."""
+    return {MOMENTUM: piece.pairs, **{k: inverse.changes for k, inverse in enumerate(piece.inverses)}}
+
+
 class _Step:
     """The code of one lane: its rows, the scalars of its state, and what waits to be done to its matrices."""
 
@@ -121,11 +128,9 @@ class _Step:
         self.done: list[set[int]] = [set() for _ in code.pieces]  # the nodes that do not vary
         self.state = {letter: self.row() for letter in code.blocks}
         self.numbers = dict(zip(code.numbers, f.variables(len(code.numbers)), strict=True))
-        upkeep = code.pieces[0].upkeep
-        changes: dict[Any, Any] = {} if upkeep is None else {MOMENTUM: upkeep.pairs}
-        changes |= {} if upkeep is None else {k: inverse.changes for k, inverse in enumerate(upkeep.inverses)}
         self.waiting = {
-            name: [(*f.variables(1), self.row(), self.row()) for _ in each] for name, each in changes.items()
+            name: [(*f.variables(1), self.row(), self.row()) for _ in changes]
+            for name, changes in _changes(code.pieces[0]).items()
         }
 
     def row(self) -> Memory:
@@ -174,7 +179,7 @@ class _Step:
     ) -> set[int]:
         """Compute the nodes of a piece that do not vary, which it returns."""
         graph = piece.graph
-        nodes = graph.needed(piece.outputs)
+        nodes = graph.needed([*piece.new, *piece.upkeep])
         fixed = independent(graph, nodes, {*known})
         for at in nodes:
             operation, *operands = graph.nodes[at]
@@ -183,7 +188,7 @@ class _Step:
             elif operation == IN and operands[0] in self.state:
                 rows[at] = self.state[operands[0]]
         read = {x.at for at in nodes if at not in fixed for x in operands_of(graph.nodes[at])}
-        read |= {x.at for x in piece.outputs if isinstance(x, Number)}
+        read |= {x.at for x in [*piece.new, *piece.upkeep] if isinstance(x, Number)}
         stretch = Stretch(self, graph, [at for at in nodes if at in fixed and graph.nodes[at][0] != IN], rows, values)
         stretch.run(keep=[at for at in fixed if at in read])
         rows.update({at: row for at, row in stretch.rows.items() if at in read})
@@ -199,36 +204,32 @@ class _Step:
         attempt[0] = 0
         f.builder.branch(again)
         f.builder.position_at_end(again)
-        nodes = graph.needed(piece.outputs)
+        nodes = graph.needed([*piece.new, *piece.upkeep])
         for at in nodes:
             operation, *operands = graph.nodes[at]
             if operation == IN and operands[0] in self.numbers:
                 values[at] = self.numbers[operands[0]][0]
             elif operation == IN and operands[0][:2] == "s_":
                 values[at] = s[code.place[operands[0]][1].start]
-        names = [f"z{i}{block}" for i, kind in enumerate(code.kinds) for block in code.form.blocks(kind)]
-        new = dict(zip(names, piece.new, strict=True))
+        new = dict(zip(code.form.names, piece.new, strict=True))
         left = [at for at in nodes if graph.nodes[at][0] != IN and at not in self.done[number]]
         of_columns = self._of_columns(graph, nodes)
         stretch = Stretch(self, graph, [at for at in left if at not in of_columns], rows, values)
         inner = [at for at in left if at in of_columns]
-        late = [x.at for x in piece.upkeep.operands if isinstance(x, Number)] if piece.upkeep else []
+        late = [x.at for x in piece.upkeep if isinstance(x, Number)]
         late += [x.at for at in inner for x in operands_of(graph.nodes[at])]
         late += [x.at for name, x in new.items() if name not in self.state and isinstance(x, Number)]
 
         def at_last() -> None:
-            if piece.upkeep:
-                self._put_off(piece.upkeep, stretch)
+            self._put_off(_changes(piece), stretch)
             if inner:
                 self._turn_columns(graph, nodes, inner, new, stretch)
 
         def test(done: Collection[int]) -> None:
-            for k, inverse in enumerate(piece.upkeep.inverses if piece.upkeep else ()):
-                residual, size = inverse.check
-                if isinstance(residual, Number) and residual.at in done:
-                    poor = f.builder.fcmp_unordered(
-                        ">", stretch.number(residual), f.builder.fmul(constant(DOUBLE, NEAR), stretch.number(size))
-                    )
+            for k, inverse in enumerate(piece.inverses):
+                if isinstance(inverse.residual, Number) and inverse.residual.at in done:
+                    most = f.builder.fmul(constant(DOUBLE, NEAR), stretch.number(inverse.size))
+                    poor = f.builder.fcmp_unordered(">", stretch.number(inverse.residual), most)
                     with f.where(f.builder.and_(poor, attempt[0].compared("==", 0))):
                         self._renew(k, stretch.entries_of(inverse.diagonal), stretch.number(inverse.turn))
                         attempt[0] = 1
@@ -356,13 +357,12 @@ class _Step:
         """s x_i and s y_i."""
         return self.f.builder.fmul(scale, x), None if y is None else self.f.builder.fmul(scale, y)
 
-    def _put_off(self, upkeep: Upkeep, stretch: Stretch) -> None:
+    def _put_off(self, changes: Mapping[Any, Sequence[Change]], stretch: Stretch) -> None:
         """Put the changes of this step where they wait."""
-        of_inverses = {k: inverse.changes for k, inverse in enumerate(upkeep.inverses)}
-        changes: dict[Any, tuple[Change, ...]] = {MOMENTUM: upkeep.pairs, **of_inverses}
         for name, each in changes.items():
             for change, (scale, x, y) in zip(each, self.waiting[name], strict=True):
-                scale[0] = stretch.number(change.scale)
+                value = stretch.number(change.scale)
+                scale[0] = self.f.builder.fneg(value) if change.x.negative != change.y.negative else value
                 self.copy(stretch.entries_of(change.x), x)
                 self.copy(stretch.entries_of(change.y), y)
 

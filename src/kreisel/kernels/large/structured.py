@@ -15,9 +15,11 @@ inverses of D + T are O(n^2).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import operator
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from functools import reduce
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -51,10 +53,10 @@ def is_number(x: Any) -> bool:
 
 
 def key_of(x: Any) -> Any:
-    """Equal for what is the same in a graph: scalars and vectors, by their `key`, and arrays of them."""
+    """Equal for what is the same in a graph: scalars and vectors, by their `key`, arrays and tuples of them."""
     if hasattr(x, "key"):
         return x.key
-    if isinstance(x, np.ndarray):
+    if isinstance(x, np.ndarray | tuple):
         return tuple(map(key_of, x))
     return (key_of(x.re), key_of(x.im)) if isinstance(x, Complex) else float(x)
 
@@ -62,16 +64,6 @@ def key_of(x: Any) -> Any:
 def parts(x: Entry) -> tuple[Entry, Entry]:
     """Real and imaginary part."""
     return (x.re, x.im) if isinstance(x, Complex) else (x, 0.0)
-
-
-class Nothing:
-    """The entries of a constant matrix: none that change, and none to be used."""
-
-    ndim, shape, size = 1, (0,), 0
-    __array_ufunc__: ClassVar[None] = None
-
-    def __array__(self, *_: Any, **__: Any) -> Any:
-        return np.zeros(0)
 
 
 @dataclass(eq=False)
@@ -86,32 +78,19 @@ class Dense:
     inverses: list[tuple[Any, Entry]] = field(default_factory=list)
     checks: dict[int, tuple[Number, Number]] = field(default_factory=dict)
 
-    def times(self, v: StructuredVector) -> StructuredVector:
-        """M v."""
-        return self._applied(v, MOMENTUM)
-
-    def solved(self, k: int, v: StructuredVector) -> StructuredVector:
-        """Inverse k times v."""
-        return self._applied(v, KEPT, k)
-
-    def solved_transposed(self, k: int, v: StructuredVector) -> StructuredVector:
-        """Inverse k, transposed, times v."""
-        return self._applied(v, TURNED, k)
-
-    def _applied(self, v: StructuredVector, operation: str, *numbers: int) -> StructuredVector:
-        (x,) = v.blocks
+    def applied(self, v: StructuredVector, operation: str, *numbers: int) -> StructuredVector:
+        """M v, or a kept inverse of that number, or its transpose, times v."""
+        (x,) = v.entries
         if not isinstance(x, Number):
             raise TypeError("products of the dense momentum with complex vectors are not recorded")
-        return replace(v, blocks=(x.record(operation, self.momentum, *numbers, x.positive, negative=x.negative),))
+        return v.like([x.record(operation, self.momentum, *numbers, x.positive, negative=x.negative)])
 
     def inverse(self, diagonal: Any, turn: Entry) -> int:
         """The number of the kept inverse of diagonal + turn M."""
-        keys = [(key_of(d), key_of(t)) for d, t in self.inverses]
-        wanted = key_of(diagonal), key_of(turn)
+        keys, wanted = [key_of(pair) for pair in self.inverses], key_of((diagonal, turn))
         if wanted not in keys:
             self.inverses.append((diagonal, turn))
-            return len(keys)
-        return keys.index(wanted)
+        return [*keys, wanted].index(wanted)
 
 
 def changed_inverse(
@@ -120,28 +99,26 @@ def changed_inverse(
     """Vectors x, r: the inverse k of M + sum c s ^ t is W - sum x r^T, W that of M, by Woodbury's formula."""
     turn = dense.inverses[k][1]
     changes = [change for c, s, t in pairs for change in ((turn * c, s, t), (-(turn * c), t, s))]  # a x y^T
-    left = [dense.solved(k, x) for _, x, _ in changes]
-    right = [dense.solved_transposed(k, y) for _, _, y in changes]
+    left = [dense.applied(x, KEPT, k) for _, x, _ in changes]
+    right = [dense.applied(y, TURNED, k) for _, _, y in changes]
     G = np.array([[a * algebra.dot(y, Wx) for Wx in left] for a, _, y in changes], dtype=object)
     weights = algebra.solve(G + algebra.identity(len(G)), np.diag([a for a, _, _ in changes]))
-    return [(x, _combined(right, row)) for x, row in zip(left, weights, strict=True)]
-
-
-def _combined(vectors: Sequence[StructuredVector], weights: Sequence[Entry]) -> StructuredVector:
-    first, *others = (v * w for v, w in zip(vectors, weights, strict=True))
-    for v in others:
-        first = first + v
-    return first
+    sums = (reduce(operator.add, map(operator.mul, right, row)) for row in weights)
+    return list(zip(left, sums, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class StructuredVector:
-    """Blocks of entries; about an axis two, and `tail` along it.  `axis`: it is the axis itself."""
+    """One block of entries; about an axis two, and a number along it.
+
+    axis  whether it is the axis itself
+    rows  of any column of an n x n matrix False, of any row True, for what is done to each alike; None for a vector
+    """
 
     n: int
-    blocks: tuple[Entry, ...]
-    tail: Entry = None
+    entries: tuple[Entry, ...]
     axis: bool = False
+    rows: bool | None = None
 
     __array_ufunc__: ClassVar[None] = None  # so that NumPy leaves its operators to us
 
@@ -157,32 +134,33 @@ class StructuredVector:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        return (self.n,)
+        return (self.n,) * (1 if self.rows is None else 2)
 
     @property
-    def mT(self) -> StructuredRows:
-        """Any column of a matrix as a row of the transposed one."""
-        return StructuredRows(self)
+    def mT(self) -> StructuredVector:
+        return replace(self, rows=not self.rows)
 
     @property
     def canonical(self) -> bool:
         """Whether it is given in the basis about an axis."""
-        return self.tail is not None
+        return len(self.entries) > 1
 
     @property
     def key(self) -> tuple[Any, ...]:
         """Equal for vectors that are the same in a graph."""
-        return (*map(key_of, self.blocks), None if self.tail is None else key_of(self.tail))
+        return key_of(self.entries)
 
     def map(self, function: Callable[..., Entry], *others: StructuredVector) -> StructuredVector:
         """The function on all entries."""
-        columns = zip(self.blocks, *(v.blocks for v in others), strict=True)
-        tail = function(self.tail, *(v.tail for v in others)) if self.canonical else None
-        return StructuredVector(self.n, tuple(function(*column) for column in columns), tail)
+        return self.like(function(*x) for x in zip(self.entries, *(v.entries for v in others), strict=True))
+
+    def like(self, entries: Iterable[Entry]) -> StructuredVector:
+        """Other entries of the same kind."""
+        return StructuredVector(self.n, tuple(entries), rows=self.rows)
 
     def across(self) -> StructuredVector:
         """Without the part along the axis."""
-        return StructuredVector(self.n, self.blocks, 0.0)
+        return StructuredVector(self.n, (*self.entries[:2], 0.0))
 
     def __getitem__(self, index: Any) -> StructuredVector:
         """A vector as a column, and back."""
@@ -191,11 +169,11 @@ class StructuredVector:
         raise TypeError(f"a structured vector cannot be indexed by {index!r}")
 
     def __neg__(self) -> StructuredVector:
-        return self.map(lambda x: -x)
+        return self.map(operator.neg)
 
     def __add__(self, other: Any) -> Any:
         if isinstance(other, StructuredVector):
-            return self.map(lambda x, y: x + y, other)
+            return self.map(operator.add, other)
         if is_number(other) and not self.canonical:
             return self.map(lambda x: x + other)
         return NotImplemented
@@ -210,8 +188,8 @@ class StructuredVector:
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, StructuredVector):
-            products = self.map(lambda x, y: x * y, other)
-            return Products(products) if self.canonical else products
+            products = self.map(operator.mul, other)
+            return Products(products.entries) if self.canonical else products
         if is_number(other):
             return self.map(lambda x: x * other)
         if _is_identity(other) and not self.canonical:
@@ -227,14 +205,13 @@ class StructuredVector:
         """The sum of all entries, which has a meaning only in its basis."""
         if self.canonical:
             raise TypeError("a sum of entries depends on the basis")
-        return Products(self).sum(axis)
+        return total(self.entries[0])
 
     def record_wedge(self, other: StructuredVector) -> StructuredMatrix:
         return StructuredMatrix(self.n).with_pair(self, other)
 
     def record_parts(self) -> tuple[StructuredVector, StructuredVector | None]:
-        everything = (*self.blocks, self.tail)
-        if not any(isinstance(x, Complex) for x in everything):
+        if not any(isinstance(x, Complex) for x in self.entries):
             return self, None
         return self.map(lambda x: parts(x)[0]), self.map(lambda x: parts(x)[1])
 
@@ -242,50 +219,20 @@ class StructuredVector:
         return self.map(Complex, im)
 
 
-@dataclass(frozen=True, eq=False)
-class StructuredColumns(StructuredVector):
-    """Any one column of a matrix of n x n scalars, for what is done to each column alike."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return (self.n, self.n)
-
-    @property
-    def mT(self) -> StructuredRows:
-        raise TypeError("the rows of a matrix that is known by its columns")
-
-
-@dataclass(frozen=True, eq=False)
-class StructuredRows:
-    """Any one row of a matrix, whose transposed matrix is known by its columns."""
-
-    vector: StructuredVector
-
-    @property
-    def ndim(self) -> int:
-        return 2
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        return (self.vector.n, self.vector.n)
-
-    @property
-    def mT(self) -> StructuredVector:
-        return self.vector
-
-
-@dataclass(frozen=True)
-class Products:
+class Products(NamedTuple):
     """Products entry by entry in a basis about an axis, to be added up."""
 
-    vector: StructuredVector
+    entries: tuple[Entry, ...]
 
     def sum(self, axis: int) -> Entry:
         """<x, y>."""
-        first, *rest = self.vector.blocks
-        for block in rest:
-            first = first + block
-        return total(first) + (0.0 if self.vector.tail is None else self.vector.tail)
+        x, y, along = self.entries
+        return total(x + y) + along
+
+
+def _require_columns(v: StructuredVector) -> None:
+    if v.rows:
+        raise TypeError("a product with a matrix that is known by its rows")
 
 
 def _is_identity(other: Any) -> bool:
@@ -374,7 +321,7 @@ class StructuredMatrix:
 
     def __getitem__(self, index: Any) -> Any:
         if self.kept and not self.pairs and key_of(self.diagonal) == 0.0:
-            return Nothing()
+            return np.zeros(0)
         raise TypeError(f"a structured matrix has no entries: {index!r}")
 
     def record_pairing(self, other: StructuredMatrix) -> Entry:
@@ -454,24 +401,26 @@ class StructuredMatrix:
 
     def _turned(self, v: StructuredVector) -> StructuredVector:
         """(diagonal + T) v."""
+        _require_columns(v)
         out = self.diagonal * v
         if isinstance(out, Products):
             raise TypeError("a diagonal about an axis")
         if v.canonical:
-            x, y = v.blocks
-            return out + StructuredVector(self.n, (-(self.turn * y), self.turn * x), 0.0)
-        return out + self.dense.times(v) * self.turn if self.dense else out
+            x, y, _ = v.entries
+            return out + v.like([-(self.turn * y), self.turn * x, 0.0])
+        return out + self.dense.applied(v, MOMENTUM) * self.turn if self.dense else out
 
     def _unturned(self, v: StructuredVector) -> StructuredVector:
         """(diagonal + T)^-1 v."""
+        _require_columns(v)
         c, theta = self.diagonal, self.turn
         if self.dense:
-            return self.dense.solved(self.dense.inverse(c, theta), v)
+            return self.dense.applied(v, KEPT, self.dense.inverse(c, theta))
         if not v.canonical:
             return v.map(lambda x, d: x / d, c) if isinstance(c, StructuredVector) else v * (1 / c)
-        x, y = v.blocks
+        x, y, along = v.entries
         scale = 1 / (c * c + theta * theta)
-        return StructuredVector(self.n, ((c * x + theta * y) * scale, (c * y - theta * x) * scale), v.tail * (1 / c))
+        return v.like([(c * x + theta * y) * scale, (c * y - theta * x) * scale, along * (1 / c)])
 
     def record_solve(self, v: StructuredVector) -> StructuredVector:
         """(diagonal + T + c s ^ t)^-1 v; by a kept inverse corrected once, by a residual that is first put to the test.
