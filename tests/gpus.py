@@ -28,8 +28,11 @@ class Here:
     def array(self, values: Any) -> Any:
         return np.array(values)
 
+    def empty(self, shape: tuple[int, ...], kind: np.dtype[Any]) -> Any:
+        return np.full(shape, np.nan, kind)
+
     def host(self, array: Any) -> Any:
-        return array.copy()
+        return np.array(array)
 
     def fill(self, array: Any, values: Any) -> None:
         array[...] = values

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,12 @@ LANES = 5
 
 
 @pytest.fixture
-def on_this_processor(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gpu, "device", Here)
+def device(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The GPU of this machine; without one this processor, which runs the same code one thread after the other."""
+    try:
+        gpu.device()
+    except kr.InputError:
+        monkeypatch.setattr(gpu, "device", Here)
 
 
 def starts() -> tuple[Any, Any, Any, Any]:
@@ -36,7 +41,7 @@ def starts() -> tuple[Any, Any, Any, Any]:
     return top, x0, body, body.state(M=X - X.mT, P=draw.normal(size=(2, 4)))
 
 
-@pytest.mark.usefixtures("on_this_processor")
+@pytest.mark.usefixtures("device")
 @pytest.mark.parametrize("case", ["orientation", "stages", "loop", "close"])
 def test_the_kernel_of_the_gpu_is_that_of_the_cpu(case: str) -> None:
     """Parameters by lane, orientation, stages and `close`, a recorded loop: bit for bit; float32 it is."""
@@ -59,7 +64,7 @@ def test_the_kernel_of_the_gpu_is_that_of_the_cpu(case: str) -> None:
         assert 1e-9 < abs(rows["cuda-float32"] - rows["cpu"]).max() < 1e-3
 
 
-@pytest.mark.usefixtures("on_this_processor")
+@pytest.mark.usefixtures("device")
 def test_the_projection_of_the_gpu() -> None:
     top, x0, *_ = starts()
     asked = {"dt": 0.1, "steps": 30, "every": 2, "method": "suris", "order": 1, "orientation": None}
@@ -81,7 +86,7 @@ def test_the_projection_of_the_gpu() -> None:
     assert abs(rows[0] - rows[1]).max() < 1e-12
 
 
-@pytest.mark.usefixtures("on_this_processor")
+@pytest.mark.usefixtures("device")
 def test_runs_on_the_gpu_are_stored_and_go_on(tmp_path: Path) -> None:
     top = kr.LagrangeTop(p=(0, 0, 1))
     start = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
@@ -105,7 +110,7 @@ def forced() -> tuple[Any, Any, dict[str, Any]]:
     return body, body.state(M=draw.normal(size=(5, 3))), {**asked, "times": [0, 0.2, 0.37, 0.6], "impulses": struck}
 
 
-@pytest.mark.usefixtures("on_this_processor")
+@pytest.mark.usefixtures("device")
 def test_forces_on_the_gpu() -> None:
     """sin, exp and log of forces, time, damping, orientation, parameters by lane, impulses, rows within steps, a
     corrector: the same numbers as on the CPU.
@@ -129,8 +134,9 @@ def test_forces_on_the_gpu() -> None:
             assert abs(np.ptp(cpu_run[name].values, 0)).max() > 1e-4
 
 
-def test_without_a_gpu_it_says_so(top: object, x0: object) -> None:
-    gpu.device.cache_clear()
+def test_without_a_gpu_it_says_so(top: object, x0: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cupy", None)  # as if it were not installed
+    monkeypatch.setattr(gpu, "device", gpu.Gpu)
     with pytest.raises(kr.InputError, match=r"needs an NVIDIA GPU.*engine='cpu'"):
         kr.simulate(top, x0, dt=0.1, steps=3, engine="cuda")
 

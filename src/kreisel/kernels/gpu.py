@@ -54,6 +54,9 @@ class Gpu:
     def array(self, values: Any) -> Any:
         return self._cupy.asarray(values)
 
+    def empty(self, shape: tuple[int, ...], kind: np.dtype[Any]) -> Any:
+        return self._cupy.empty(shape, kind)
+
     def host(self, array: Any) -> Any:
         return self._cupy.asnumpy(array)
 
@@ -158,17 +161,21 @@ class GpuProjection(Corrections):
     def __init__(self, program: Program, also: Program | None, every: int, device: Gpu, z: Any, constants: Any):
         super().__init__(program.labels, every, z.shape[1], len(also.outs) if also else 0)
         self._device, self._z, self._constants = device, z, constants
-        self._known = device.array(self.targets), device.array(self.worst)
-        self._bound = device.array(self.bound)
-        self._programs = [(*self._tables(program), *self._known)]
+        self._arrays = {name: device.array(vars(self).pop(name)) for name in ("targets", "worst", "bound")}
+        targets, worst, bound = self._arrays.values()
+        self._programs = [(*self._tables(program), targets, worst)]
         if also is not None:
-            scratch = device.array(np.zeros(self.bound.shape[:2]))
-            self._programs.append((*self._tables(also), self._bound, scratch))
+            self._programs.append((*self._tables(also), bound, device.array(np.zeros(bound.shape[:2]))))
         rows = max(program.rows, also.rows if also else 0)
         self._threads = min(z.shape[1], max(THREADS, ROOM // (8 * rows)))
         self._room = device.array(np.zeros((rows, self._threads)))
         self._call(1)
-        self._read()
+
+    def __getattr__(self, name: str) -> Any:
+        """`targets`, `worst`, `bound` stay on the device: copies would take longer than the steps."""
+        if name not in vars(self).get("_arrays", ()):
+            raise AttributeError(name)
+        return self._device.host(self._arrays[name])
 
     def _tables(self, program: Program) -> tuple[Any, ...]:
         bound = program.first > 0
@@ -178,37 +185,29 @@ class GpuProjection(Corrections):
         return kernel, [self._device.array(array) for array in arrays]
 
     def _call(self, begin: int) -> None:
-        lanes = len(self.targets)
+        lanes = self._z.shape[1]
         for kernel, tables, targets, worst in self._programs:
             for first in range(0, lanes, self._threads):
                 arrays = self._z, self._constants, targets, worst, *tables, self._room
                 self._device.launch(kernel, min(self._threads, lanes - first), *arrays, lanes, first, begin)
 
-    def _read(self) -> None:
-        self.targets, self.worst, self.bound = map(self._device.host, (*self._known, self._bound))
-
     def apply(self) -> None:
         """Project the state, in place."""
         self._call(0)
-        self._read()
 
     def peek(self, z: Floats) -> Floats:
-        before = self._device.host(self._z)
+        state, before = self._device.host(self._z), self.snapshot()
         self._device.fill(self._z, z.T)
         self._call(0)
-        worst = self._device.host(self._known[1])
-        self._device.fill(self._z, before)
-        self._write()
-        return np.asarray(worst)
+        worst = self.worst
+        self._device.fill(self._z, state)
+        self.restore(before)
+        return worst
 
     def restore(self, snapshot: Mapping[str, Floats]) -> None:
-        super().restore(snapshot)
-        self._write()
-
-    def _write(self) -> None:
-        """Copy the arrays of the host to the device."""
-        for array, value in zip((*self._known, self._bound), (self.targets, self.worst, self.bound), strict=True):
-            self._device.fill(array, value)
+        for name, array in self._arrays.items():
+            self._device.fill(array, snapshot[name])
+        self.done = int(snapshot["done"])
 
 
 class GpuEngine:
@@ -246,23 +245,22 @@ class GpuEngine:
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         if not len(self.z):
             return
+        rows = self._device.empty((len(out), *self.z.shape[::-1]), self._real)
         if self.projection is None:
-            self._advance(out, every)
+            self._advance(rows, every)
         else:
-            self.projection.in_parts(out, every, self._advance, self._project)
+            self.projection.in_parts(rows, every, self._advance, self._project)
+        out[:] = self._device.host(rows.transpose(0, 2, 1))
+        self.z[:] = out[-1]
 
-    def _project(self) -> Floats:
+    def _project(self) -> Any:
         if self.projection is not None:
             self.projection.apply()
-            self.z[:] = self._device.host(self._state).T
-        return self.z
+        return self._state
 
-    def _advance(self, out: Floats, every: int) -> None:
-        rows = self._device.array(np.zeros((len(out), *self.z.shape[::-1]), dtype=self._real))
+    def _advance(self, rows: Any, every: int) -> None:
         arrays = self._state, self._constants, self._stages, rows
-        self._device.launch(self._kernel, len(self.z), *arrays, len(out), every, self._stage_count)
-        out[:] = self._device.host(rows).transpose(0, 2, 1)
-        self.z[:] = out[-1]
+        self._device.launch(self._kernel, len(self.z), *arrays, len(rows), every, self._stage_count)
 
     def begin(self, z: Floats, scheme: Scheme, steps: int) -> bool:
         return False
