@@ -176,6 +176,7 @@ def against_diffrax(turns: int) -> list[dict[str, Any]]:
 
 
 def _diffrax(problem: Any, start: dict[str, Any], error: Callable[..., float], turns: int) -> list[dict[str, Any]]:
+    os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # CuPy needs memory too
     import diffrax
     import jax
 
