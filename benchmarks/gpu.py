@@ -41,7 +41,7 @@ from kreisel.runs.planning import make_plan
 
 COUNTS = (10**4, 10**5, 10**6, 10**7)
 CHECKED = 100
-LANES, STEPS = 10**6, 10_000  # of a call
+LANES, STEPS = 10**6, 50_000  # of a call
 CORE_LANES, CORE_STEPS = 10**4, 1000  # of a call on one core
 TIME, BATCH = 100.0, 10**5
 TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-12)
@@ -236,7 +236,7 @@ def kernels(turns: int) -> dict[str, Any]:
 def main(arguments: list[str] | None = None) -> None:
     """Measure, print, write the JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--turns", type=int, default=5)
+    parser.add_argument("--turns", type=int, default=3)
     parser.add_argument("--output", type=Path, default=RESULTS / "gpu.json")
     options = parser.parse_args(arguments)
     try:

@@ -50,6 +50,7 @@ class Gpu:
                 "engine='cuda' needs an NVIDIA GPU with its driver and the package CuPy (pip install "
                 "'kreisel[cuda]'), and none was found here. Use engine='cpu', the default."
             )
+        self._kernels: dict[tuple[Any, ...], Any] = {}
 
     def array(self, values: Any) -> Any:
         return self._cupy.asarray(values)
@@ -63,12 +64,14 @@ class Gpu:
     def fill(self, array: Any, values: Any) -> None:
         array.set(np.ascontiguousarray(values, dtype=array.dtype))
 
-    def compiled(self, key: Sequence[Any], arguments: int, body: Body) -> Any:
-        text = ptx(arguments, body, self._cupy.cuda.Device().compute_capability)
-        with tempfile.TemporaryDirectory() as folder:  # CuPy reads PTX only from files
-            file = Path(folder) / "kernel.ptx"
-            file.write_text(text)
-            return self._cupy.RawModule(path=str(file)).get_function("kernel")
+    def compiled(self, key: tuple[Any, ...], arguments: int, body: Body) -> Any:
+        if key not in self._kernels:
+            text = ptx(arguments, body, self._cupy.cuda.Device().compute_capability)
+            with tempfile.TemporaryDirectory() as folder:  # CuPy reads PTX only from files
+                file = Path(folder) / "kernel.ptx"
+                file.write_text(text)
+                self._kernels[key] = self._cupy.RawModule(path=str(file)).get_function("kernel")
+        return self._kernels[key]
 
     def launch(self, kernel: Any, lanes: int, *arguments: Any) -> None:
         words = [np.int64(x if isinstance(x, int) else x.data.ptr) for x in (*arguments, lanes)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -422,7 +422,8 @@ def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Fl
 
 MOST_SCALES = 4096  # values in an attribute
 MANY_SAMPLES_N = 16  # beyond, there are fewer
-MANY_LANES = 4096  # beyond, there are fewer: the largest over the lanes counts
+MANY_LANES = 4096  # beyond, some lanes are measured: the largest over the lanes counts
+SOME_LANES, LARGEST = 512, 64  # evenly spread, and those of the largest values
 SAMPLES = 16  # perturbations of a state that measure the sensitivity of an integral
 NUDGE, HAIR = 1e-6, 1e-12  # relative: far above round-off, and small enough that only noise remains
 
@@ -434,11 +435,15 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
                       signs; the scale is the root mean square of the change, over up to 32 states of a lane in the
                       first block
     evaluation_scale  in one evaluation from a state: the size of the value, or its noise if that is larger
+
+    Of more than 4096 lanes, 512 are measured and those of the largest states and integrals.
     """
+    many = plan.lanes > MANY_LANES and plan.scheme.coupling is None
+    if many:
+        plan, first = _of_some_lanes(plan, first)
     z = _sampled_rows(plan, first)
     n = plan.model.n
     samples = SAMPLES if n <= MANY_SAMPLES_N else max(2, 16 * SAMPLES // n)  # every coordinate counts
-    samples = max(1, min(samples, SAMPLES * MANY_LANES // plan.lanes))
     by = (_nudges if z.size <= MANY_LANES else _nudges.__wrapped__)(samples, z.shape) * _largest(plan, z)
     moved = (z + by).reshape(-1, *z.shape[1:])
     if plan.compiled is not None and plan.lanes == 1 and plan.scheme.coupling is None and n <= MANY_SAMPLES_N:
@@ -458,9 +463,20 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
         felt, computed = _scales_of(np.concatenate(flat, -1), samples, n, len(group) if group is single else 0)
         for name, place in zip(group, algebra.slices([f"R^{v.shape[-1]}" for v in flat], n), strict=True):
             shape = values[name].shape[2:]
-            step, value = (_listed(scale[place].reshape(shape), plan) for scale in (felt, computed))
+            step, value = (_listed(scale[place].reshape(shape), plan, many) for scale in (felt, computed))
             scales[name] = {"roundoff_scale": step, "evaluation_scale": value}
     return {name: scales[name] for name in values}
+
+
+def _of_some_lanes(plan: Plan, first: Mapping[str, Array]) -> tuple[Plan, Mapping[str, Array]]:
+    """The plan and the first block of lanes evenly spread, and of those with the largest state and integrals."""
+    values = [first[name] for name, outcome in plan.outcomes.items() if outcome.kind in KINDS]
+    sizes = [abs(x).reshape(-1, plan.lanes, x[0, 0].size).max((0, 2)) for x in (plan.first[None], *values)]
+    largest = [np.argpartition(size, -LARGEST)[-LARGEST:] for size in sizes]
+    lanes = np.unique(np.concatenate([_spread(plan.lanes, SOME_LANES), *largest]))
+    model, order = plan.model.lanes(lanes), plan.scheme.options.get("order")
+    made = scheme(model, plan.scheme.name, plan.dt, order, ORIENTATION in plan.start)
+    return replace(plan, model=model, scheme=made, first=plan.first[lanes]), {k: v[:, lanes] for k, v in first.items()}
 
 
 def _of_columns(plan: Plan, values: Array, samples: int) -> dict[str, dict[str, list[float]]]:
@@ -504,9 +520,9 @@ def _nudges(samples: int, shape: tuple[int, ...]) -> Floats:
     return np.concatenate([factor * signs for factor in (NUDGE, -NUDGE, HAIR, -HAIR)] + [0 * signs[:1]])
 
 
-def _listed(scale: Array, plan: Plan) -> list[float]:
+def _listed(scale: Array, plan: Plan, many: bool) -> list[float]:
     """A scale for each part of an integral, lane after lane; the largest over the lanes if there are too many."""
-    if plan.batched and scale.size > MOST_SCALES:
+    if plan.batched and (many or scale.size > MOST_SCALES):
         scale = scale.max(0)
     scales: list[float] = np.ravel(scale).tolist()
     return scales
