@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kreisel import algebra
+from kreisel.algebra.reuse import reused
 from kreisel.graph.arranging import arranged
 from kreisel.graph.graph import Graph, Number, Operand, TooLong
 from kreisel.graph.invariants import recordable
@@ -26,6 +27,7 @@ from kreisel.graph.recording import (
     flat_constants,
     recorded_arguments,
     recorded_numbers,
+    special_constants,
 )
 from kreisel.kernels.cpu import projection_between
 from kreisel.kernels.layout import Floats, Look, no_look
@@ -45,6 +47,19 @@ class CoupledEngine(SteppedEngine):
         super().__init__(scheme, z0)
         coupling = of(scheme)
         self._pairs, (self._of_pairs, pair_columns) = coupling.pairs, constants_of(coupling)
+        special = tuple(special_constants(self.constants).items())  # which are folded into the code
+        key = None if scheme.kernel_key is None else (CoupledEngine, scheme.kernel_key, self.stages.shape, special)
+        self.kernel, room, self.work = reused(key, lambda: self._compiled(pair_columns))
+        self._held = [np.empty(size) for size in room]
+        arrays = self.z, self.constants, self.stages, self._of_pairs
+        words = [*map(address_of, arrays), self._pairs.ctypes.data, *map(address_of, self._held)]
+        self._frame = np.array([*words, *self.stages.shape[:2], len(self._pairs)], dtype=np.int64)
+        if project:
+            self.projection = recordable(lambda: projection_between(self, scheme.stage_count * self.work))
+
+    def _compiled(self, pair_columns: Mapping[str, slice]) -> tuple[Kernel, tuple[int, int, int], int]:
+        """The kernel, the sizes of its room, and the operations of a stage."""
+        scheme = self.scheme
         try:
             record = Recording(scheme, self.constants, self.columns, self.stage_columns)
         except TooLong:
@@ -52,14 +67,7 @@ class CoupledEngine(SteppedEngine):
         if not record.straight:
             raise too_large_to_couple(scheme.name, scheme.n)
         pull = Pull.of(scheme, {"c": self.columns, "s": self.stage_columns, "p": pair_columns})
-        self.kernel, room = compiled_together(record, pull, *self.stages.shape[:2])
-        self._held = [np.empty(size) for size in room]
-        arrays = self.z, self.constants, self.stages, self._of_pairs
-        words = [*map(address_of, arrays), self._pairs.ctypes.data, *map(address_of, self._held)]
-        self._frame = np.array([*words, *self.stages.shape[:2], len(self._pairs)], dtype=np.int64)
-        self.work = record.work
-        if project:
-            self.projection = recordable(lambda: projection_between(self, scheme.stage_count * record.work))
+        return *compiled_together(record, pull, *self.stages.shape[:2]), record.work
 
     def advance(self, out: Floats, every: int, look: Look = no_look) -> None:
         if self.projection is None:
