@@ -6,6 +6,7 @@ import ctypes
 import functools
 import gc
 import os
+import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
@@ -20,9 +21,11 @@ os.environ.setdefault(
 )
 
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(os.environ["KREISEL_CACHE"]) / "jax"))
-os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")  # 20 ms an operation, 5 ms from the disk
+os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # half of XLA's time; pages and examples run all of them
 
 import kreisel as kr
+from kreisel import cli
 from kreisel.algebra.reuse import forget
 from kreisel.system import REGISTRY
 from skips import pytest_sessionfinish, pytest_terminal_summary  # noqa: F401  - hooks
@@ -65,14 +68,33 @@ def _forgetting(method: Callable[..., Any], targets: Callable[..., Iterable[Any]
     return forgotten
 
 
+def _entry(room: Any, name: Any) -> str:
+    """Where an entry of a dictionary belongs, as a dotted name: recordings depend on some variables, and on tables."""
+    return "os" if room is os.environ and not name.startswith("KREISEL") else "kreisel"
+
+
+def _patched(patch: Any) -> list[Any]:
+    """Objects and entries that a patch changed."""
+    return [target for target, *_ in patch._setattr] + [_entry(room, name) for room, name, _ in patch._setitem]
+
+
 _patch: Any = pytest.MonkeyPatch
 _patch.setattr = _forgetting(_patch.setattr, lambda patch, target, *more: [target])
-_patch.undo = _forgetting(_patch.undo, lambda patch: [target for target, *_ in patch._setattr])
+_patch.setitem = _forgetting(_patch.setitem, lambda patch, room, name, value: [_entry(room, name)])
+_patch.delitem = _forgetting(_patch.delitem, lambda patch, room, name, *more: [_entry(room, name)])
+_patch.undo = _forgetting(_patch.undo, _patched)
 os.fsync = lambda handle: None  # no test cuts the power; the disk takes 10 ms for each of some thousand calls
 
 
 PROCESS, MOST_BYTES = psutil.Process(), 3 << 28
 KEPT = [MOST_BYTES]  # bytes after memory was freed; it is freed again when they have grown by a third of MOST_BYTES
+
+
+def pytest_collection_finish() -> None:
+    """Garbage is collected when memory has grown: Python would look through 10^5 objects after each recording."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
 
 
 def _free() -> None:
@@ -87,12 +109,27 @@ def _free() -> None:
 
 
 @pytest.fixture(autouse=True)
-def nothing_is_reused() -> Iterator[None]:
-    """Each test records its steps itself.  Memory is freed once it has grown: collecting garbage takes 0.2 s."""
-    forget()
+def memory_is_freed() -> Iterator[None]:
+    """Recordings are kept from test to test, until something is patched or memory has grown."""
     yield
     if PROCESS.memory_info().rss > KEPT[0] + MOST_BYTES // 3:
         _free()
+
+
+@pytest.fixture
+def kreisel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """The command line in a folder of its own; without a process of its own, which needs a second."""
+
+    def call(*words: str) -> subprocess.CompletedProcess[str]:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", ["kreisel", *words])
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        return subprocess.CompletedProcess(words, int(stopped.value.code or 0), *capsys.readouterr())
+
+    return call
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -352,6 +353,15 @@ def test_what_is_kept_is_bounded() -> None:
     assert reuse.reused(None, lambda: 5) == 5
 
 
+@pytest.fixture
+def collecting() -> Iterator[None]:
+    """Garbage is collected as in a process of a user; the suite has it off."""
+    gc.enable()
+    yield
+    gc.disable()
+
+
+@pytest.mark.usefixtures("collecting")
 @pytest.mark.parametrize("key", [None, ("collecting", 1)])
 def test_garbage_is_collected_after_a_recording_and_not_during_it(key: Any) -> None:
     assert reuse.reused(key, gc.isenabled) is False and gc.isenabled()
@@ -365,6 +375,7 @@ def test_garbage_is_collected_after_a_recording_and_not_during_it(key: Any) -> N
         gc.enable()
 
 
+@pytest.mark.usefixtures("collecting")
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork and no flock")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning", "ignore:.*fork.*:RuntimeWarning")
 def test_garbage_is_collected_in_a_child_of_a_recording() -> None:
