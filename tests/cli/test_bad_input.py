@@ -74,7 +74,7 @@ CASES = [
 ]
 
 
-def kreisel(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
+def as_a_process(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", "from kreisel.cli import main; main()", *args]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
 
@@ -118,29 +118,27 @@ def test_good_configuration_passes(
     assert (tmp_path / "run.zarr").is_dir()
 
 
-def test_command_line_as_a_process(tmp_path: Path) -> None:
+def test_command_line_as_a_process(tmp_path: Path, kreisel: Any) -> None:
     (tmp_path / "run.toml").write_text(GOOD)
-    good = kreisel(tmp_path, "run", "run.toml", "--json")
+    good = as_a_process(tmp_path, "run", "run.toml", "--json")
     assert good.returncode == 0, good.stderr
     assert '"integral": "energy"' in good.stdout
     assert good.stderr == ""
     assert (tmp_path / "run.png").stat().st_size > 10_000
-    again = kreisel(tmp_path, "run", "run.toml")
+    again = as_a_process(tmp_path, "run", "run.toml")
     assert (again.returncode, again.stdout) == (2, "")
     assert "--overwrite" in again.stderr
-    assert kreisel(tmp_path, "check", "run.zarr").returncode == 0
-    assert kreisel(tmp_path, "plot", "run.zarr", "-o", "x.pdf").returncode == 0
-    assert kreisel(tmp_path, "plot", "run.zarr", "-o", "x.xyz").returncode == 2
-    missing = kreisel(tmp_path, "run", "nowhere.toml")
+    assert kreisel("check", "run.zarr").returncode == 0
+    assert kreisel("plot", "run.zarr", "-o", "x.pdf").returncode == 0
+    assert kreisel("plot", "run.zarr", "-o", "x.xyz").returncode == 2
+    missing = kreisel("run", "nowhere.toml")
     assert (missing.returncode, "nowhere.toml" in missing.stderr) == (2, True)
-    assert kreisel(tmp_path, "run", ".").returncode == 2
-    assert kreisel(tmp_path, "check", "nowhere.zarr").returncode == 2
-    assert kreisel(tmp_path, "systems", "clebsh").returncode == 2
-    listing = kreisel(tmp_path, "systems")
+    assert kreisel("run", ".").returncode == 2
+    assert kreisel("check", "nowhere.zarr").returncode == 2
+    assert kreisel("systems", "clebsh").returncode == 2
+    listing = kreisel("systems")
     assert all(name in listing.stdout for name in kr.systems())
-    for name in kr.systems():
-        record = kreisel(tmp_path, "systems", name).stdout if name == "clebsch" else "Poisson"
-        assert record
+    assert "The spectrum is complete" in kreisel("systems", "clebsch").stdout
 
 
 def test_binary_configuration(
@@ -307,7 +305,7 @@ def test_an_n_that_no_memory_holds(n: float) -> None:
             make(np.ones(60000))
 
 
-def test_an_archive_that_claims_a_large_n(tmp_path: Path) -> None:
+def test_an_archive_that_claims_a_large_n(tmp_path: Path, kreisel: Any) -> None:
     top = kr.KovalevskayaTop(n=3)
     path = tmp_path / "run.zarr"
     kr.simulate(top, {"M": (1, 0, 0), "P": (0, 0, 1), "Q": (1, 0, 0)}, path=path, **OPTIONS)
@@ -315,7 +313,7 @@ def test_an_archive_that_claims_a_large_n(tmp_path: Path) -> None:
     text = meta.read_text()
     assert '{\\"n\\": 3.0' in text
     meta.write_text(text.replace('{\\"n\\": 3.0', '{\\"n\\": 60000.0'))
-    out = kreisel(tmp_path, "check", "run.zarr")
+    out = kreisel("check", "run.zarr")
     assert out.returncode in (1, 2)
     assert "Traceback" not in out.stderr
     assert "4,096" in out.stderr or "changed" in out.stdout
@@ -348,7 +346,7 @@ def test_messages_are_brief_and_printable() -> None:
     assert str(kr.InputError(str(error))) == str(error)  # as it is pickled
 
 
-def test_control_characters_of_an_archive_do_not_reach_the_terminal(tmp_path: Path) -> None:
+def test_control_characters_of_an_archive_do_not_reach_the_terminal(tmp_path: Path, kreisel: Any) -> None:
     kr.simulate(TOP, STATE, path=tmp_path / "run.zarr", **OPTIONS)
     meta = tmp_path / "run.zarr" / "zarr.json"
     text = meta.read_text()
@@ -356,7 +354,7 @@ def test_control_characters_of_an_archive_do_not_reach_the_terminal(tmp_path: Pa
     evil = "\\u001b]0;x\\u0007\\u001b[2J" + "y" * 9000
     meta.write_text(text.replace('"title": "', f'"title": "{evil}').replace('"lagrange-top"', f'"{evil}"'))
     for command in (["check", "run.zarr"], ["resume", "run.zarr", "--extend", "9"], ["plot", "run.zarr"]):
-        out = kreisel(tmp_path, *command)
+        out = kreisel(*command)
         printed = out.stdout + out.stderr
         assert "Traceback" not in printed
         assert all(c.isprintable() or c == "\n" for c in printed), printed

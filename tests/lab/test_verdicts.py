@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -167,17 +166,24 @@ def step(x, *, a):  # Lyness
 """
 
 
-def command(*words: str) -> subprocess.CompletedProcess[str]:
-    run = [sys.executable, "-m", "kreisel", "investigate", *words]
-    return subprocess.run(run, capture_output=True, text=True, check=False, timeout=300)
-
-
-def test_the_command(tmp_path: Path) -> None:
+def test_the_command(tmp_path: Path, kreisel: Any) -> None:
     (tmp_path / "own.py").write_text(OWN)
-    out = command(str(tmp_path / "own.py"), "--steps", "1000", "--html", str(tmp_path / "p.html"))
+    out = kreisel("investigate", str(tmp_path / "own.py"), "--steps", "1000", "--html", str(tmp_path / "p.html"))
     assert out.returncode == 0, out.stderr
     assert "integrable: 1 independent integral on leaves" in out.stdout and (tmp_path / "p.html").is_file()
-    out = command("lagrange-top", "--set", "alpha=2", "--eps", "1/2", "--steps", "1000", "--json", "--iterates", "6")
+    out = kreisel(
+        "investigate",
+        "lagrange-top",
+        "--set",
+        "alpha=2",
+        "--eps",
+        "1/2",
+        "--steps",
+        "1000",
+        "--json",
+        "--iterates",
+        "6",
+    )
     printed = json.loads(out.stdout)
     assert printed["verdict"] == "integrable" and printed["degrees"][:4] == [1, 3, 9, 19]
     assert "alpha = 2" in printed["about"]
@@ -197,8 +203,8 @@ def test_the_command(tmp_path: Path) -> None:
         (["clebsch", "--steps", "5"], "steps must be"),
     ],
 )
-def test_bad_commands(words: list[str], message: str) -> None:
-    out = command(*words)
+def test_bad_commands(words: list[str], message: str, kreisel: Any) -> None:
+    out = kreisel("investigate", *words)
     assert out.returncode == 2 and message in out.stderr and "Traceback" not in out.stderr
 
 
