@@ -15,25 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kreisel.graph.graph import (
-    APPLIED,
-    BRANCH,
-    FMA,
-    IN,
-    LOOP,
-    MINUS,
-    OVER,
-    PLUS,
-    RESULT,
-    TIMES,
-    VARIABLE,
-    Graph,
-    Number,
-    Operand,
-    evaluated,
-    if_positive,
-    operands_of,
-)
+from kreisel.graph import graph as ops
+from kreisel.graph.graph import Graph, Number, Operand, depending, evaluated, if_positive, operands_of
 
 SAME, LOOPING = "same", 6
 CYCLES, AT_ONCE = 4, 2  # of an operation, and how many begin in one; a quotient of 13 makes no step faster
@@ -65,10 +48,10 @@ def length(graph: Graph, outputs: Sequence[Operand]) -> int:
     """How many operations the outputs need when they are arranged; a body a few more."""
     count = 0
     for _, operation, operands in _fused(graph, graph.needed(outputs), outputs):
-        if operation in (LOOP, BRANCH):
-            body = (graph.loops if operation == LOOP else graph.branches)[operands[0]]
+        if operation in (ops.LOOP, ops.BRANCH):
+            body = (graph.loops if operation == ops.LOOP else graph.branches)[operands[0]]
             count += len(_fused(graph, graph.needed_inside(body), body.new)) + LOOPING
-        elif operation not in (IN, RESULT):
+        elif operation not in (ops.IN, ops.RESULT):
             count += 1
     return count
 
@@ -90,20 +73,20 @@ class _Arranging:
 
     def _record(self, steps: Sequence[_Step]) -> None:
         for place, operation, operands in steps:
-            if operation == IN:
+            if operation == ops.IN:
                 letter, index = operands
                 value = self._values.get((letter, index))
                 self._made[place] = self._new.input(letter, index) if value is None else value
-            elif operation == LOOP:
+            elif operation == ops.LOOP:
                 self._loop(place, operands)
-            elif operation == BRANCH:
+            elif operation == ops.BRANCH:
                 self._branch(place, operands)
             elif operation == SAME:
                 self._made[place] = self._value(operands[0])
-            elif operation == RESULT:
+            elif operation == ops.RESULT:
                 self._made[place] = self._made[operands[0].at, operands[1]]
             else:
-                apply = APPLIED.get(operation, partial(_linear, operation))
+                apply = ops.APPLIED.get(operation, partial(_linear, operation))
                 self._made[place] = apply(*map(self._value, operands))
 
     def _loop(self, place: int, operands: tuple[Any, ...]) -> None:
@@ -143,14 +126,13 @@ def _key(x: Any) -> Any:
 
 
 def _fused(graph: Graph, nodes: Sequence[int], outputs: Sequence[Operand]) -> list[_Step]:
-    """The nodes with shared reciprocals and fused sums."""
     steps = _with_reciprocals([_Step(at, graph.nodes[at][0], graph.nodes[at][1:]) for at in nodes])
     uses = Counter(_key(x) for step in steps for x in _read(step))
     uses.update(x.at for x in {x.at: x for x in outputs if isinstance(x, Number)}.values())
-    products = {step.place: step.operands for step in steps if step.operation == TIMES and uses[step.place] == 1}
+    products = {step.place: step.operands for step in steps if step.operation == ops.TIMES and uses[step.place] == 1}
     out, gone = list[_Step](), set[Any]()
     for step in steps:
-        x, y = step.operands if step.operation in (PLUS, MINUS) else (None, None)
+        x, y = step.operands if step.operation in (ops.PLUS, ops.MINUS) else (None, None)
         apart = [v for v in (x, y) if v is not None and _key(v) in products]
         if not apart:
             out.append(step)
@@ -159,35 +141,34 @@ def _fused(graph: Graph, nodes: Sequence[int], outputs: Sequence[Operand]) -> li
         first = inner is x
         p, q = products[_key(inner)]
         addend = y if first else x
-        if step.operation == MINUS and first:
+        if step.operation == ops.MINUS and first:
             addend = -addend
-        elif step.operation == MINUS:
+        elif step.operation == ops.MINUS:
             p = -p
-        out.append(_Step(step.place, FMA, (p, q, addend)))
+        out.append(_Step(step.place, ops.FMA, (p, q, addend)))
         gone.add(_key(inner))
     return [step for step in out if step.place not in gone]
 
 
 def _read(step: _Step) -> Collection[Any]:
-    """The operands that an operation reads; a loop or a branch each of them once."""
     read = [x for x in step.operands if _key(x) is not None]
-    return list({x.at: x for x in read}.values()) if step.operation in (LOOP, BRANCH) else read
+    return list({x.at: x for x in read}.values()) if step.operation in (ops.LOOP, ops.BRANCH) else read
 
 
 def _with_reciprocals(steps: list[_Step]) -> list[_Step]:
-    divisors = Counter(x.operands[1].at for x in steps if x.operation == OVER and isinstance(x.operands[1], Number))
+    divisors = Counter(x.operands[1].at for x in steps if x.operation == ops.OVER and isinstance(x.operands[1], Number))
     out, made = list[_Step](), set[int]()
     for step in steps:
-        x, y = step.operands if step.operation == OVER else (None, None)
+        x, y = step.operands if step.operation == ops.OVER else (None, None)
         if not isinstance(y, Number) or divisors[y.at] < 2:
             out.append(step)
             continue
         inverse = ("1/", y.at)
         if y.at not in made:
-            out.append(_Step(inverse, OVER, (1.0, y)))
+            out.append(_Step(inverse, ops.OVER, (1.0, y)))
             made.add(y.at)
         alone = not isinstance(x, Number) and x == 1
-        out.append(_Step(step.place, SAME, (inverse,)) if alone else _Step(step.place, TIMES, (x, inverse)))
+        out.append(_Step(step.place, SAME, (inverse,)) if alone else _Step(step.place, ops.TIMES, (x, inverse)))
     return out
 
 
@@ -213,6 +194,52 @@ class Formula:
     def digest(self) -> str:
         """SHA-256 of its operations."""
         return self._graph.digest(self._outputs)
+
+
+# -- graphs whose loops stay loops, for languages ------------------------------------------------------
+
+ROW, ENTRY = "row", "each"  # letters of the columns of a table, and of the results of its rows
+
+
+def of_a_row(letter: str) -> bool:
+    """Whether an input is a column of a table."""
+    return letter.startswith(ROW)
+
+
+class Rolled(Graph):
+    """A graph whose loops over tables stay loops.
+
+    maps    (rows, results) of each loop: its columns are inputs `row`, its results outside inputs `each`
+    tables  whether loops over tables stay loops, or are written out
+    """
+
+    def __init__(self, tables: bool) -> None:
+        super().__init__()
+        self._tables = tables
+        self.maps: list[tuple[Sequence[Sequence[float]], list[Operand]]] = []
+
+    def for_rows(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
+        if not self._tables:
+            return super().for_rows(body, rows)
+        place = len(self.maps)
+        columns = [self.input(f"{ROW}{place}", j) for j in range(len(rows[0]))]
+        self.maps.append((rows, [body(*columns)]))
+        return [self.input(f"{ENTRY}{place}", k) for k in range(len(rows))]
+
+    def times(self, body: Callable[[list[Any]], Sequence[Any]], start: Sequence[Any], count: int) -> Sequence[Any]:
+        """The result of `count` applications of the body to `start`, recorded once."""
+        return self.loop(lambda x: (body(x), 0.0), start, -1.0, count)[0]
+
+    def arranged(self, outputs: Sequence[Operand]) -> tuple[Graph, list[Operand], list[Operand]]:
+        """The graph made ready: its outputs, and the results of the loops.
+
+        Values that a loop reads count as used often, as they are in a graph without loops.
+        """
+        results = [x for _, new in self.maps for x in new]
+        inside = depending(self, self.needed(results), of_a_row)
+        read = [x for at in inside for x in operands_of(self.nodes[at]) if x.at not in inside]
+        graph, values = arranged(self, [*outputs, *results, *({x.at: x.positive for x in read}.values())])
+        return graph, values[: len(outputs)], values[len(outputs) : len(outputs) + len(results)]
 
 
 # -- the order of operations ---------------------------------------------------------------------------
@@ -260,10 +287,10 @@ def independent(graph: Graph, nodes: Sequence[int], letters: Collection[str]) ->
     out = set[int]()
     for at in nodes:
         operation, *operands = graph.nodes[at]
-        if operation == IN:
+        if operation == ops.IN:
             fixed = operands[0] in letters
         else:
-            whole = operation not in (LOOP, BRANCH, RESULT, VARIABLE)
+            whole = operation not in (ops.LOOP, ops.BRANCH, ops.RESULT, ops.VARIABLE)
             fixed = whole and all(x.at in out for x in operands_of(graph.nodes[at]))
         if fixed:
             out.add(at)

@@ -48,7 +48,6 @@ def cache_folder() -> Path | None:
 
 @cache
 def _refused(folder: str, owner: int, mode: int) -> None:
-    """Say once that a folder is not used."""
     warnings.warn(
         f"the cache of kernels {folder!r} is not used, and kernels are compiled in memory: expected a folder of user "
         f"{os.geteuid()} that nobody else may write to, because it holds code; got owner {owner}, mode {mode:03o}. "
@@ -94,7 +93,6 @@ def _read(file: Path) -> bytes | None:
 
 
 def _write(file: Path, code: bytes) -> None:
-    """Into a temporary file, which gets the name at the end: another process may do the same."""
     for half in file.parent.glob(f"{HALF}*"):  # of writers that were killed
         with contextlib.suppress(OSError):
             if half.stat().st_mtime < time.time() - LONG:

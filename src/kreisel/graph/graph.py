@@ -153,7 +153,6 @@ class Graph:
         return [Number(self, self._added((RESULT, branch, i))) for i in range(len(new))]
 
     def _outer(self, members: Iterable[int], new: Iterable[Operand], inside: Container[int]) -> list[Number]:
-        """Outer nodes that the nodes of a body, or its results, read."""
         reads = [x for at in members for x in operands_of(self.nodes[at])] + [x for x in new if isinstance(x, Number)]
         return list({x.at: x.positive for x in reads if x.at not in inside}.values())
 
@@ -224,7 +223,6 @@ def operands_of(node: Node) -> list[Number]:
 
 
 def _key(operation: str, operands: Sequence[Operand]) -> tuple[Any, ...]:
-    """Equal for the same operation; scalars themselves cannot be compared."""
     return (operation, *[(x.at, x.negative) if type(x) is Number else x for x in operands])
 
 
@@ -396,7 +394,6 @@ def is_number(x: Any) -> bool:
 
 
 def _age(x: Operand) -> float:
-    """The place of a node; scalars come last."""
     return x.at if isinstance(x, Number) else math.inf
 
 

@@ -17,20 +17,8 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import ConservationWarning
-from kreisel.graph.graph import (
-    IN,
-    MINUS,
-    OVER,
-    PLUS,
-    SQRT,
-    TIMES,
-    Graph,
-    Number,
-    Operand,
-    TooLong,
-    depending,
-    operands_of,
-)
+from kreisel.graph import graph as ops
+from kreisel.graph.graph import Graph, Number, Operand, TooLong, depending, operands_of
 from kreisel.graph.recording import recorded_arguments
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION
@@ -43,7 +31,7 @@ MOST_CHOSEN = 6000  # operations of all gradients, up to which redundant invaria
 SAMPLES, INDEPENDENT = 256, 1e-7
 MOST_WEIGHT = 10.0  # of the gradients, of length 1, of the others, in that of an invariant that is left out
 ADD, SUBTRACT, MULTIPLY, DIVIDE, ROOT = range(5)
-OPERATIONS = {PLUS: ADD, MINUS: SUBTRACT, TIMES: MULTIPLY, OVER: DIVIDE, SQRT: ROOT}
+OPERATIONS = {ops.PLUS: ADD, ops.MINUS: SUBTRACT, ops.TIMES: MULTIPLY, ops.OVER: DIVIDE, ops.SQRT: ROOT}
 APPLIED: list[Callable[..., Array]] = [np.add, np.subtract, np.multiply, np.divide, lambda x, y: np.sqrt(x)]
 FIRST = (0.0, 1.0, -1.0)  # of the literals
 Result = TypeVar("Result")
@@ -131,7 +119,6 @@ def cost_of(programs: Sequence[Program]) -> float:
 
 
 def _room(registers: int, invariants: int, size: int) -> int:
-    """Numbers that a projection needs as room, without slopes."""
     return 3 * registers + invariants * (size + invariants + 6)
 
 
@@ -204,9 +191,9 @@ def _without_factors(x: Operand, varying: set[int]) -> Operand:
     while isinstance(x, Number):
         operation, *operands = x.node
         changing = [y for y in operands if isinstance(y, Number) and y.at in varying]
-        if operation == TIMES and len(changing) == 1:
+        if operation == ops.TIMES and len(changing) == 1:
             x = changing[0]
-        elif operation == OVER and not (isinstance(operands[1], Number) and operands[1].at in varying):
+        elif operation == ops.OVER and not (isinstance(operands[1], Number) and operands[1].at in varying):
             x = operands[0]
         else:
             break
@@ -225,8 +212,8 @@ def _without_logarithms(x: Number, varying: set[int]) -> Number:
         if not isinstance(term, Number) or term.at not in varying:
             continue
         operation, *operands = term.node
-        if operation in (PLUS, MINUS):
-            terms += [(operands[1], power if operation == PLUS else -power), (operands[0], power)]
+        if operation in (ops.PLUS, ops.MINUS):
+            terms += [(operands[1], power if operation == ops.PLUS else -power), (operands[0], power)]
         elif operation == "log":
             factor = operands[0].positive  # its sign is constant
             product = product * factor if power > 0 else product / factor
@@ -242,8 +229,8 @@ def _program(graph: Graph, size: int, labels: Mapping[int, str]) -> Program | No
     chosen = [at for at in labels if at in varying]
     if not chosen:
         return None
-    columns = sorted(node[2] for at in needed if (node := graph.nodes[at])[:2] == (IN, "c"))
-    order, runs = _in_runs(graph, [at for at in needed if graph.nodes[at][0] != IN])
+    columns = sorted(node[2] for at in needed if (node := graph.nodes[at])[:2] == (ops.IN, "c"))
+    order, runs = _in_runs(graph, [at for at in needed if graph.nodes[at][0] != ops.IN])
     nodes = [graph.nodes[at] for at in order]
     others = {x for node in nodes for x in node[1:] if not isinstance(x, Number)} - {*FIRST}
     literals, start = [*FIRST, *sorted(others)], size + len(columns)
@@ -251,7 +238,7 @@ def _program(graph: Graph, size: int, labels: Mapping[int, str]) -> Program | No
     registers: dict[Any, int] = {x: start + i for i, x in enumerate(literals)}  # by the literal or the node's place
     for at in needed:
         operation, *place = graph.nodes[at]
-        if operation == IN:
+        if operation == ops.IN:
             registers["node", at] = place[1] if place[0] == "z" else size + columns.index(place[1])
     registers |= {("node", at): base + i for i, at in enumerate(order)}
     cones = []
@@ -279,7 +266,7 @@ def _kind(operation: str, *operands: Operand) -> int:
     """The place of an operation in `OPERATIONS`."""
     if operation == "log":  # not in two doubles: by arrays
         raise TooLong
-    if operation not in OPERATIONS or (operation == SQRT and operands[0].negative):
+    if operation not in OPERATIONS or (operation == ops.SQRT and operands[0].negative):
         raise TypeError(f"{operation} is not known in two doubles")
     return OPERATIONS[operation]
 
@@ -319,9 +306,9 @@ def _ops(nodes: Sequence[Any], registers: Mapping[Any, int], free: int) -> np.nd
     out = []
     for operation, *operands in nodes:
         x, y = (registers[("node", v.at) if isinstance(v, Number) else v] for v in (operands[0], operands[-1]))
-        slopes = {PLUS: (one, one), MINUS: (one, minus), TIMES: (y, x)}.get(operation)
+        slopes = {ops.PLUS: (one, one), ops.MINUS: (one, minus), ops.TIMES: (y, x)}.get(operation)
         if slopes is None:
-            slopes = free, free + 1 if operation == OVER else zero
+            slopes = free, free + 1 if operation == ops.OVER else zero
             free += 2
         out.append((x, y, *slopes))
     return np.array(out, dtype=np.int64).reshape(-1, 4)

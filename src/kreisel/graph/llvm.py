@@ -15,33 +15,18 @@ from typing import Any
 from llvmlite import ir
 
 from kreisel.errors import InputError
-from kreisel.graph.graph import (
-    BRANCH,
-    ENTRY,
-    FMA,
-    IN,
-    LOOP,
-    MAX,
-    MINUS,
-    NEAREST,
-    NEVER,
-    OVER,
-    PLUS,
-    RESULT,
-    SIGN,
-    SIZE,
-    SQRT,
-    TIMES,
-    TRANSCENDENTAL,
-    WHERE,
-    Graph,
-    Number,
-    Operand,
-)
+from kreisel.graph import graph as ops
+from kreisel.graph.graph import Graph, Number, Operand
 
 DOUBLE, INTEGER, INDEX = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
-ARITHMETIC = {PLUS: "fadd", MINUS: "fsub", TIMES: "fmul", OVER: "fdiv"}
-INTRINSIC = {FMA: "fma", SQRT: "sqrt", SIZE: "fabs", NEAREST: "rint", **{name: name for name in TRANSCENDENTAL}}
+ARITHMETIC = {ops.PLUS: "fadd", ops.MINUS: "fsub", ops.TIMES: "fmul", ops.OVER: "fdiv"}
+INTRINSIC = {
+    ops.FMA: "fma",
+    ops.SQRT: "sqrt",
+    ops.SIZE: "fabs",
+    ops.NEAREST: "rint",
+    **{name: name for name in ops.TRANSCENDENTAL},
+}
 Value = Any  # of LLVM
 TABLES_OF_CPU = "kr.Table: expected engine='cpu', got a GPU, which does not reach tables in the memory of the computer."
 
@@ -374,15 +359,15 @@ class Function:
         """Compute nodes, in this order, into `values`, which has the inputs among them."""
         for at in nodes:
             operation, *operands = graph.nodes[at]
-            if at in values or operation == IN:
+            if at in values or operation == ops.IN:
                 continue
-            if operation == LOOP:
+            if operation == ops.LOOP:
                 self._loop(graph, at, operands, values, kind)
-            elif operation == BRANCH:
+            elif operation == ops.BRANCH:
                 self._branch(graph, at, operands, values, kind)
-            elif operation == RESULT:
+            elif operation == ops.RESULT:
                 values[at] = values[operands[0].at][operands[1]]
-            elif operation == ENTRY:
+            elif operation == ops.ENTRY:
                 *numbers, column, stride = operands
                 values[at] = self._entry([self.value(x, values, kind) for x in numbers], column, stride)
             else:
@@ -402,13 +387,12 @@ class Function:
         nodes, values = graph.needed(outputs), dict[int, Value]()
         for at in nodes:
             operation, *operands = graph.nodes[at]
-            if operation == IN:
+            if operation == ops.IN:
                 values[at] = inputs(*operands)
         self.emit(graph, nodes, values, kind)
         return [self.value(x, values, kind) for x in outputs]
 
     def _entry(self, numbers: list[Value], column: int, stride: int) -> Value:
-        """The entry of a table in memory, in each place of a vector; 0.0 for the address 0."""
         kind, builder = numbers[0].type, self.builder
         if not self.on_host:
             raise InputError(TABLES_OF_CPU)
@@ -441,11 +425,11 @@ class Function:
         builder = self.builder
         if operation in ARITHMETIC:
             return self._arithmetic(ARITHMETIC[operation], *x)
-        if operation == MAX:
+        if operation == ops.MAX:
             return builder.select(builder.fcmp_ordered("<", *x), x[1], x[0])
-        if operation == WHERE:
+        if operation == ops.WHERE:
             return builder.select(builder.fcmp_ordered("<", *x[:2]), *x[2:])
-        if operation == SIGN:
+        if operation == ops.SIGN:
             zero, less, more = (constant(x[0].type, number) for number in (0.0, -1.0, 1.0))
             return builder.select(builder.fcmp_ordered("<", x[0], zero), less, more)
         return self.intrinsic(INTRINSIC[operation], *x)
@@ -484,7 +468,7 @@ class Function:
             new = [self.value(x, inside, kind) for x in loop.new]
             for room, x in zip(memory, new, strict=True):
                 room[0] = x
-            if loop.small != NEVER:
+            if loop.small != ops.NEVER:
                 small = self.builder.fcmp_ordered("<=", new[-1], constant(kind, loop.small))
                 ended[0] = Integer(self.builder, self.builder.zext(small, INTEGER))
             count[0] = count[0] + 1

@@ -130,14 +130,12 @@ WRITERS = "algebra", "exact", "graph", "kernels", "rebound"  # the rooms whose o
 
 @cache
 def _writers() -> bytes:
-    """SHA-256 of all that writes functions, of a folder or a zip archive; of a program without files the version."""
     package = resources.files("kreisel")
     texts = [text for room in WRITERS for text in _texts(package.joinpath(room))] or [kreisel.__version__.encode()]
     return hashlib.sha256(b"".join(texts)).digest()
 
 
 def _texts(place: Any) -> Iterator[bytes]:
-    """The files of Python in a folder, in order."""
     for entry in sorted(place.iterdir(), key=lambda entry: str(entry.name)) if place.is_dir() else ():
         if entry.is_dir() and entry.name != "__pycache__":
             yield from _texts(entry)

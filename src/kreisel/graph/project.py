@@ -158,7 +158,6 @@ class Projection:
             self.z[i] = value[0]
 
     def _dot(self, a: Any, b: Any) -> Any:
-        """The product of d scalars from a and from b on."""
         total = self.flow.cell(0.0)
         for i in self.flow.each(0, self.d):
             total[0] = fused(self.x[a + i], self.x[b + i], total[0])
@@ -231,8 +230,6 @@ class Straight:
 
 
 class _Inputs(dict[int, Any]):
-    """The inputs of a letter, and the outputs that were put in their place."""
-
     def __init__(self, graph: Graph, letter: str):
         super().__init__()
         self._graph, self._letter = graph, letter
@@ -328,8 +325,6 @@ class _Looping(Graph):
 
 
 class _Rows:
-    """Numbers in memory."""
-
     def __init__(self, graph: _Looping, memory: Any):
         self._graph, self._memory = graph, memory
 

@@ -146,7 +146,6 @@ def recorded_numbers(graph: Graph, letter: str, place: slice, shape: tuple[int, 
 
 
 def _shape(scheme: Scheme, letter: str, name: str) -> tuple[int, ...]:
-    """The shape of a constant, without the axes of lane and stage."""
     shape = np.shape(scheme.known[name] if letter == "c" else scheme.stages[name])
     return shape[len(shape) - scheme.axes[name] :]
 

@@ -6,33 +6,20 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from kreisel.algebra import gradient
+from kreisel.graph import graph as ops
 from kreisel.graph.arranging import independent
-from kreisel.graph.graph import (
-    ENTRY,
-    FMA,
-    IN,
-    MAX,
-    NEAREST,
-    SIGN,
-    SIZE,
-    WHERE,
-    Graph,
-    Number,
-    Operand,
-    evaluated,
-    where_less,
-)
+from kreisel.graph.graph import Graph, Number, Operand, evaluated, where_less
 
-CHOICES = (WHERE, MAX)  # the derivative of the other value does not count, even if it is not finite
+CHOICES = (ops.WHERE, ops.MAX)  # the derivative of the other value does not count, even if it is not finite
 # Derivatives of an operation by its operands: slopes(value, *operands).
 SLOPES: dict[str, Callable[..., tuple[Operand, ...]]] = gradient.SLOPES | {
-    FMA: lambda value, x, y, z: (y, x, 1),
-    MAX: lambda value, x, y: (where_less(x, y, 0, 1), where_less(x, y, 1, 0)),
-    WHERE: lambda value, x, y, a, b: (0, 0, where_less(x, y, 1, 0), where_less(x, y, 0, 1)),
-    SIZE: lambda value, x: (x.sign(),),
-    SIGN: lambda value, x: (0,),
-    NEAREST: lambda value, x: (0,),
-    ENTRY: lambda value, *operands: (0,) * len(operands),
+    ops.FMA: lambda value, x, y, z: (y, x, 1),
+    ops.MAX: lambda value, x, y: (where_less(x, y, 0, 1), where_less(x, y, 1, 0)),
+    ops.WHERE: lambda value, x, y, a, b: (0, 0, where_less(x, y, 1, 0), where_less(x, y, 0, 1)),
+    ops.SIZE: lambda value, x: (x.sign(),),
+    ops.SIGN: lambda value, x: (0,),
+    ops.NEAREST: lambda value, x: (0,),
+    ops.ENTRY: lambda value, *operands: (0,) * len(operands),
 }
 
 
@@ -50,12 +37,12 @@ def pushed(graph: Graph, outputs: Sequence[Operand], fixed: str = "") -> tuple[G
     graph, new, moving = _copy(graph, outputs, fixed)
     for at in moving:
         operation, *operands = graph.nodes[at]
-        if operation == IN:
+        if operation == ops.IN:
             letter, index = operands
             along[at] = graph.input(f"v{letter}", index)
         elif operation in CHOICES:
             x, y = operands[:2]
-            yes, no = (y, x) if operation == MAX else operands[2:]
+            yes, no = (y, x) if operation == ops.MAX else operands[2:]
             along[at] = where_less(x, y, of(yes), of(no))
         else:
             along[at] = sum((slope * of(x) for x, slope in _slopes(graph, at)), 0.0)
@@ -78,7 +65,7 @@ def pulled(graph: Graph, outputs: Sequence[Operand], fixed: str = "") -> tuple[G
     for i, x in enumerate(new):
         add(x, graph.input("w", i))
     for at in reversed(moving):
-        if graph.nodes[at][0] != IN and isinstance(slopes[at], Number):
+        if graph.nodes[at][0] != ops.IN and isinstance(slopes[at], Number):
             free = at in plain
             for x, slope in _slopes(graph, at):
                 gain = slopes[at] * slope
@@ -86,11 +73,10 @@ def pulled(graph: Graph, outputs: Sequence[Operand], fixed: str = "") -> tuple[G
                 add(x, gain if kept else where_less(abs(slopes[at]), gradient.LEAST, 0.0, gain))
                 if free and graph.nodes[at][0] not in CHOICES:
                     plain.add(x.at)
-    return graph, {graph.nodes[at][1:]: slopes[at] for at in moving if graph.nodes[at][0] == IN}
+    return graph, {graph.nodes[at][1:]: slopes[at] for at in moving if graph.nodes[at][0] == ops.IN}
 
 
 def _copy(graph: Graph, outputs: Sequence[Operand], fixed: str) -> tuple[Graph, list[Operand], list[int]]:
-    """A new graph, the outputs there, and the nodes that depend on other inputs than `fixed`, in order."""
     new = Graph()
     copies = evaluated(graph, outputs, new.input)
     nodes = new.needed(copies)
@@ -99,7 +85,6 @@ def _copy(graph: Graph, outputs: Sequence[Operand], fixed: str) -> tuple[Graph, 
 
 
 def _slopes(graph: Graph, at: int) -> list[tuple[Number, Operand]]:
-    """The operands of a node that are scalars, and its derivatives by them."""
     operation, *operands = graph.nodes[at]
     slopes = SLOPES[operation](Number(graph, at), *operands)
     return [(x, slope) for x, slope in zip(operands, slopes, strict=True) if isinstance(x, Number)]

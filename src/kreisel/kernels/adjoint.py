@@ -245,8 +245,6 @@ class Code:
 
 
 class _Motion:
-    """The state and the constants of a motion in a kernel that is being written."""
-
     def __init__(self, f: Function, code: Code, z: Integer, c: Integer, s: Integer, stages: Integer):
         d, constants, self._of_stage = code.sizes
         self._f, self._parts, self._stages, self._room = f, code._parts, stages, f.variables(d)
@@ -289,7 +287,6 @@ class _Motion:
 
 
 def _loaded(graph: Graph, nodes: Sequence[int], numbers: Mapping[str, Any]) -> dict[int, Value]:
-    """The inputs among the nodes, from the entries of each letter."""
     inputs = {at: graph.nodes[at][1:] for at in nodes if graph.nodes[at][0] == IN}
     return {at: numbers[letter][i] for at, (letter, i) in inputs.items()}
 

@@ -33,7 +33,6 @@ class Correction:
         return out
 
     def _begun(self, z: Floats, engine: Engine | None) -> Engine:
-        """An engine at z: that of the row before, one that is at rest, or a new one."""
         if engine is None:
             try:
                 engine = self._at_rest.pop()

@@ -249,7 +249,6 @@ def _write(f: Function, record: Recording, splits: list[Split], pull: Pull, widt
 def _begin(
     f: Function, record: Recording, splits: list[Split], words: Mapping[str, Integer], rooms: list[Memory], width: int
 ) -> None:
-    """Compute the values that do not vary with the step, for each block of lanes."""
     lanes, stages, kind = words["lanes"], words["stages"], kind_of(width)
     c, s, of_stages = f.doubles(words["c"]), f.doubles(words["s"]), record.count("s")
     with f.loop(0, (lanes + (width - 1)) // width) as block:
@@ -270,7 +269,6 @@ def _begin(
 
 
 def _place(splits: list[Split], number: int, name: str, row: Integer) -> Integer:
-    """Where the entries of a piece begin in a row of room."""
     sizes = [len(getattr(split, name)) for split in splits]
     return row * sum(sizes) + sum(sizes[:number])
 

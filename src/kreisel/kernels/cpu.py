@@ -152,7 +152,6 @@ class CpuEngine(SteppedEngine):
         return self.z
 
     def _frame(self, first: int) -> int:
-        """The address of the frame of the thread whose lanes begin with this one."""
         if first not in self._frames:
             frame, held = frame_of(self.code, self.z, self.constants, self.stages, self._woven, first)
             self._frames[first] = frame.ctypes.data, (frame, held)  # threads ask at once, each for another one
@@ -173,7 +172,6 @@ class CpuEngine(SteppedEngine):
         on_threads(lanes, len(out) * every * lanes, work_on)
 
     def _by_definition(self, out: Floats, every: int, look: Look) -> None:
-        """The definition on arrays, one lane after the other."""
         for lane, z in enumerate(self.z):
             for row in out:
                 by_definition(self.scheme, self.columns, self.stage_columns)(

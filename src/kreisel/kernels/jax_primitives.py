@@ -19,19 +19,8 @@ from jax.interpreters import batching, mlir
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.graph.graph import (
-    APPLIED,
-    ENTRY,
-    FMA,
-    LOOP,
-    MAX,
-    NEAREST,
-    SIGN,
-    SQRT,
-    TRANSCENDENTAL,
-    WHERE,
-    evaluated,
-)
+from kreisel.graph import graph as ops
+from kreisel.graph.graph import evaluated
 from kreisel.kernels.adjoint import Code, Part
 from kreisel.reduction import linear
 from kreisel.reduction.double import jax, on_host
@@ -125,21 +114,19 @@ def _entry(*_: Any) -> Any:
     )
 
 
-OPERATIONS: dict[str, Any] = APPLIED | {
-    **{name: getattr(jnp, name) for name in (SQRT, *TRANSCENDENTAL)},
-    FMA: lambda x, y, z: x * y + z,
-    SIGN: lambda x: jnp.where(x < 0, -1.0, 1.0),
-    MAX: jnp.maximum,
-    WHERE: lambda x, y, yes, no: jnp.where(x < y, yes, no),
-    NEAREST: jnp.round,
-    ENTRY: _entry,
-    LOOP: _looped,
+OPERATIONS: dict[str, Any] = ops.APPLIED | {
+    **{name: getattr(jnp, name) for name in (ops.SQRT, *ops.TRANSCENDENTAL)},
+    ops.FMA: lambda x, y, z: x * y + z,
+    ops.SIGN: lambda x: jnp.where(x < 0, -1.0, 1.0),
+    ops.MAX: jnp.maximum,
+    ops.WHERE: lambda x, y, yes, no: jnp.where(x < y, yes, no),
+    ops.NEAREST: jnp.round,
+    ops.ENTRY: _entry,
+    ops.LOOP: _looped,
 }
 
 
 def _on_jax(part: Part, places: Sequence[tuple[str, int]], fixed: Mapping[tuple[str, int], float]) -> Any:
-    """A recorded part as a function of scalars of JAX, the inputs at these places."""
-
     def function(*values: Any) -> tuple[Any, ...]:
         inputs = {**fixed, **dict(zip(places, values, strict=True))}
         new = evaluated(*part, lambda *place: inputs[place], OPERATIONS)

@@ -134,7 +134,6 @@ class ReferenceEngine:
         return solver.y if solver.t == t else solver.dense_output()(t)
 
     def _require_progress(self, solver: Any, lane: int) -> None:
-        """Raises `RunError` where the solver would not end: its step is not finite, or there are too many in one dt."""
         if not np.isfinite(solver.h_abs):
             raise RunError(
                 f"DOP853 expected a finite step, got {solver.h_abs:g} at time {solver.t:g}{self._of(lane)}: the "

@@ -22,42 +22,25 @@ class SteppedEngine:
     projection: Corrections | None = None
 
     def __init__(self, scheme: Scheme, z0: Floats):
-        self.scheme, self._z = scheme, np.array(z0, dtype=np.float64, order="C")
-        self._constants, self.columns = flat_constants(scheme, len(self._z))
-        self._stages, self.stage_columns = flat_stages(scheme, len(self._z))
-
-    @property
-    def z(self) -> Floats:
-        return self._z
-
-    @property
-    def constants(self) -> Floats:
-        return self._constants
-
-    @property
-    def stages(self) -> Floats:
-        return self._stages
+        self.scheme, self.z = scheme, np.array(z0, dtype=np.float64, order="C")
+        self.constants, self.columns = flat_constants(scheme, len(self.z))
+        self.stages, self.stage_columns = flat_stages(scheme, len(self.z))
 
     def adopts(self, scheme: Scheme, z: Floats) -> bool:
         """Go on from z by a scheme of the same kernel, with other constants; whether that can be."""
         if scheme.kernel_key is None or scheme.kernel_key != self.scheme.kernel_key or len(z) != len(self.z):
             return False
         if scheme is not self.scheme:
-            if not self._takes(_changed(scheme.constants, self.scheme.constants)):
-                return False
+            changed = _changed(scheme.constants, self.scheme.constants)
+            if changed:
+                constants = self.constants.copy()
+                fill(constants, self.columns, changed, scheme.axes)
+                if special_constants(constants) != special_constants(self.constants):  # in the code of the kernel
+                    return False
+                self.constants[:] = constants
             fill(self.stages, self.stage_columns, _changed(scheme.stages, self.scheme.stages), scheme.axes)
             self.scheme = scheme
         self.z[:] = z
-        return True
-
-    def _takes(self, changed: Mapping[str, Array]) -> bool:
-        """Continue with these constants; returns whether the kernel fits them: it is specialised to 0, 1 and -1."""
-        if changed:
-            constants = self.constants.copy()
-            fill(constants, self.columns, changed, self.scheme.axes)
-            if special_constants(constants) != special_constants(self.constants):
-                return False
-            self.constants[:] = constants
         return True
 
     def snapshot(self) -> dict[str, Floats]:

@@ -72,7 +72,6 @@ def _filled(template: str, words: dict[str, str]) -> str:
 
 
 def _compiled(name: str, sources: dict[str, str]) -> dict[str, bytes]:
-    """The library for this machine, by its path in the archive; none without a compiler."""
     compiler, suffix = next(filter(None, map(shutil.which, COMPILERS)), None), LIBRARIES.get(sys.platform)
     if compiler is None or suffix is None:
         return {}

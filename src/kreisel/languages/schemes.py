@@ -54,7 +54,6 @@ class Stepped:
         self.orbit = {} if self.turning is None else dict.fromkeys(new, self.stages)
 
     def _recorded(self, dt: Any, constants: Values = MappingProxyType({})) -> Scheme | None:
-        """The scheme with recorded numbers, or None."""
         fixed, model = self.fixed, copy.copy(self.model)
         model.constants = {**model.constants, **constants}
         if isinstance(fixed.motion, Orbits):
@@ -93,7 +92,6 @@ class Stepped:
 
     @cached_property
     def _values(self) -> dict[str, Any]:
-        """The constants that are no parameters, at the parameters of the model."""
         stages = {k: v for k, v in self.made.stages.items() if k not in self.orbit}
         return {**self.made.constants, **(self.made.basis if self.fitted else {}), **stages}
 
@@ -125,7 +123,6 @@ class Stepped:
         return check(dt, [pair for x, above in entries for pair in [(0.0, x)] * above + [(abs(x), HUGE)]])
 
     def _known(self, c: Values, stage: bool = False) -> dict[str, Any]:
-        """The constants, those of a stage too."""
         stages = self.made.stages
         shapes = {k: np.shape(v)[k in stages :] for k, v in self._values.items() if stage or k not in stages}
         return {k: np.reshape(np.asarray(c[k], dtype=object), shape)[()] for k, shape in shapes.items()}
@@ -220,7 +217,6 @@ class Stepped:
         return numbers_of(graph, "c", self.constants), numbers_of(graph, "s", self.state)
 
     def _names(self) -> list[str]:
-        """The names of what `observe` writes."""
         sizes = {name: len(value) for name, value in self.observe(*self._inputs()).items()}
         return [f"{name}[{i}]" if size > 1 else name for name, size in sizes.items() for i in range(size)]
 
@@ -256,7 +252,6 @@ def _require_steps(plan: Plan) -> None:
 
 
 def _head(stepped: Stepped, names: list[str]) -> list[str]:
-    """The comment at the top of a file."""
     plan, system = stepped.plan, stepped.model.system
     method, order = find(stepped.fixed.name), stepped.fixed.options.get("order")
     conserved = [n for n, o in plan.outcomes.items() if o.conserved]

@@ -93,7 +93,6 @@ def code(
 
 
 def _require_code(model: Any) -> None:
-    """Raises `InputError` for anything but a model without a controller and tables."""
     check_model(model)
     require_none(model, "kr.code")
     if model.system.perturbation is not None and model.system.perturbation.control is not None:
@@ -114,7 +113,6 @@ def _along(engine: Convention, system: Any, body: PhysicalBody | None, x0: Any) 
 
 
 def _is_free(plan: Plan) -> bool:
-    """Whether it is the closed form of a free body."""
     return isinstance(plan.scheme.motion, Orbits) and plan.model.system.closed_form.moments is not None
 
 

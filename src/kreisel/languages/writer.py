@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import RunError
+from kreisel.graph.arranging import ENTRY, ROW, Rolled, of_a_row
 from kreisel.graph.graph import (
     IN,
     LOOP,
@@ -33,7 +34,6 @@ from kreisel.graph.graph import (
     operands_of,
 )
 from kreisel.graph.recording import as_operands
-from kreisel.graph.rolled import ENTRY, ROW, Rolled, of_a_row
 from kreisel.languages.dialects import Dialect
 
 Values = Mapping[str, Any]
@@ -59,7 +59,6 @@ class Writer:
         self._open = ""
 
     def _pack(self, kind: str, beginning: str, statement: str, joint: str) -> None:
-        """Add a statement to the last line, if it is of that kind and has room."""
         last = self.lines[-1] if self.lines else ""
         if self._open == kind and len(last) + len(statement) < WIDTH:
             self.lines[-1] = f"{last.removesuffix(self.dialect.end)}{joint}{statement}"
@@ -195,7 +194,6 @@ class Block:
         return call.format(*(map(bare, operands) if "(" in call[1:] else operands))
 
     def _loop(self, operands: Sequence[Any], results: set[int]) -> dict[int, str]:
-        """The variables of a loop that its body or its `results` read."""
         writer, loop, d = self.writer, self.graph.loops[operands[0]], self.writer.dialect
         members = self.graph.needed_inside(loop)
         read = {x.at for at in members for x in operands_of(self.graph.nodes[at])}

@@ -86,7 +86,6 @@ class LargeForm:
     # -- recording -------------------------------------------------------------------------------
 
     def _component(self, name: str, kind: str, entry: Callable[[str], Any], turn: Any) -> Any:
-        """A component of the state, by its blocks; `turn` is the entry theta of T."""
         if kind == "skew" and not self.axis:
             return StructuredMatrix(self.n, turn=1.0, dense=Dense(entry(name)))
         blocks = tuple(entry(f"{name}{block}") for block in self.blocks(kind))
@@ -96,7 +95,6 @@ class LargeForm:
         return StructuredVector(self.n, blocks, rows=self.by_rows if kind == "matrix" else None)
 
     def _constant(self, role: str, entry: Any) -> Any:
-        """A constant in that role."""
         if role == "number":
             return entry
         if role == "turn":
@@ -182,11 +180,9 @@ class LargeForm:
         return of_blocks
 
     def _back(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
-        """The inverse of `_into`."""
         return tuple(algebra.skew(v, self.n) if k == 2 else v for v, k in zip(z, self._axes, strict=False))
 
     def _into(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
-        """The state as the kernel has it, without inverses yet."""
         if not self.inverses:
             return z
         batch = np.broadcast_shapes(*(v.shape[: v.ndim - k] for v, k in zip(z, self._axes, strict=True)))
@@ -201,7 +197,6 @@ class LargeForm:
 
 
 def _scalar_or_plain(x: Any) -> Any:
-    """A number that is recorded, or a plain one."""
     return x if isinstance(x, Number) else float(x)
 
 

@@ -7,13 +7,13 @@ bits.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from llvmlite import ir
 
 from kreisel.graph.arranging import independent
-from kreisel.graph.graph import IN, Graph, Number, Operand, operands_of
+from kreisel.graph.graph import IN, Graph, Number, Operand, depending, operands_of
 from kreisel.graph.llvm import DOUBLE, INTEGER, Function, Integer, Memory, Value, constant
 from kreisel.graph.machine import kernel
 from kreisel.kernels.large.forms import AXIS_NAME, Change, LargeForm, LargeFunction, recorded_large
@@ -113,8 +113,12 @@ class _Code:
             step.store(z)
 
 
+def _inputs(graph: Graph, nodes: Sequence[int]) -> Iterator[tuple[int, str]]:
+    """The inputs among nodes, and their letters."""
+    return ((at, graph.nodes[at][1]) for at in nodes if graph.nodes[at][0] == IN)
+
+
 def _changes(piece: LargeFunction) -> dict[Any, Sequence[Change]]:
-    """The changes of a step, of the momentum and of each inverse."""
     return {MOMENTUM: piece.pairs, **{k: inverse.changes for k, inverse in enumerate(piece.inverses)}}
 
 
@@ -177,16 +181,14 @@ class _Step:
     def _constants(
         self, piece: LargeFunction, known: Mapping[str, Any], rows: dict[int, Memory], values: dict[int, Value]
     ) -> set[int]:
-        """Compute the nodes of a piece that do not vary, which it returns."""
         graph = piece.graph
         nodes = graph.needed([*piece.new, *piece.upkeep])
         fixed = independent(graph, nodes, {*known})
-        for at in nodes:
-            operation, *operands = graph.nodes[at]
-            if operation == IN and operands[0] in known:
-                (rows if self.code.is_entry(operands[0]) else values)[at] = known[operands[0]]
-            elif operation == IN and operands[0] in self.state:
-                rows[at] = self.state[operands[0]]
+        for at, letter in _inputs(graph, nodes):
+            if letter in known:
+                (rows if self.code.is_entry(letter) else values)[at] = known[letter]
+            elif letter in self.state:
+                rows[at] = self.state[letter]
         read = {x.at for at in nodes if at not in fixed for x in operands_of(graph.nodes[at])}
         read |= {x.at for x in [*piece.new, *piece.upkeep] if isinstance(x, Number)}
         stretch = Stretch(self, graph, [at for at in nodes if at in fixed and graph.nodes[at][0] != IN], rows, values)
@@ -205,15 +207,15 @@ class _Step:
         f.builder.branch(again)
         f.builder.position_at_end(again)
         nodes = graph.needed([*piece.new, *piece.upkeep])
-        for at in nodes:
-            operation, *operands = graph.nodes[at]
-            if operation == IN and operands[0] in self.numbers:
-                values[at] = self.numbers[operands[0]][0]
-            elif operation == IN and operands[0][:2] == "s_":
-                values[at] = s[code.place[operands[0]][1].start]
+        for at, letter in _inputs(graph, nodes):
+            if letter in self.numbers:
+                values[at] = self.numbers[letter][0]
+            elif letter[:2] == "s_":
+                values[at] = s[code.place[letter][1].start]
         new = dict(zip(code.form.names, piece.new, strict=True))
         left = [at for at in nodes if graph.nodes[at][0] != IN and at not in self.done[number]]
-        of_columns = self._of_columns(graph, nodes)
+        columns = f"z{code.kinds.index('matrix')}" if "matrix" in code.kinds else "none"
+        of_columns = depending(graph, nodes, lambda letter: letter.startswith(columns))
         stretch = Stretch(self, graph, [at for at in left if at not in of_columns], rows, values)
         inner = [at for at in left if at in of_columns]
         late = [x.at for x in piece.upkeep if isinstance(x, Number)]
@@ -252,23 +254,9 @@ class _Step:
 
     # -- an orientation, by its vectors --------------------------------------------------------------
 
-    def _of_columns(self, graph: Graph, nodes: Sequence[int]) -> set[int]:
-        """The nodes that depend on a vector of the orientation."""
-        if "matrix" not in self.code.kinds:
-            return set()
-        letters = {f"z{self.code.kinds.index('matrix')}{block}" for block in self.code.form.blocks("matrix")}
-        out = set[int]()
-        for at in nodes:
-            operation, *operands = graph.nodes[at]
-            of_input = operation == IN and operands[0] in letters
-            if of_input or not out.isdisjoint(x.at for x in operands_of(graph.nodes[at])):
-                out.add(at)
-        return out
-
     def _turn_columns(
         self, graph: Graph, nodes: Sequence[int], inner: Sequence[int], new: Mapping[str, Operand], outer: Stretch
     ) -> None:
-        """Each vector of the orientation, in place."""
         code, f, h = self.code, self.f, self.code.h
         letter = f"z{code.kinds.index('matrix')}"
         at, _ = code.matrices[letter]
@@ -279,11 +267,10 @@ class _Step:
             for i, row in enumerate(vectors.values()):
                 self.copy(g.beyond(i * h), row)
             rows, values = dict(outer.rows), dict(outer.values)
-            for node in nodes:
-                operation, *operands = graph.nodes[node]
-                if operation == IN and operands[0] in vectors:
-                    rows[node] = vectors[operands[0]]
-                elif operation == IN and operands[0] == f"{letter}t":
+            for node, name in _inputs(graph, nodes):
+                if name in vectors:
+                    rows[node] = vectors[name]
+                elif name == f"{letter}t":
                     values[node] = g[2 * h]
             stretch = Stretch(self, graph, inner, rows, values)
             tail = new[f"{letter}t"]
@@ -304,9 +291,7 @@ class _Step:
         """
         f, h, changes = self.f, self.code.h, self.waiting[name] if changed else []
         momentum = name == MOMENTUM
-        matrix = self.z.beyond(
-            self.code.matrices[f"z{self.code.kinds.index('skew')}" if momentum else f"inverse{name}"][0]
-        )
+        matrix = self._matrix(name)
         (place,) = f.variables(1, INTEGER)
         place[0] = 0
         scattered = [y for _, y in plain] if momentum else [v for _, v in turned]
@@ -316,7 +301,8 @@ class _Step:
         with f.loop(0, h - 1 if momentum else h) as i:
             start = i + 1 if momentum else f.integer(0)
             row, count = matrix.beyond(place[0]), f.integer(h) - start
-            products = [self._scaled(scale[0], x[i], y[i] if momentum else None) for scale, x, y in changes]
+            fmul = f.builder.fmul
+            products = [(fmul(scale[0], x[i]), fmul(scale[0], y[i])) for scale, x, y in changes]
             later = [(x.beyond(start), y.beyond(start)) for _, x, y in changes]
             inputs = [(x[i], x.beyond(start), y.beyond(start)) for x, y in plain]
             backs = [(u[i], v) for u, v in turned]
@@ -349,16 +335,10 @@ class _Step:
             scale[0] = 0.0
 
     def _matrix(self, name: Any) -> Memory:
-        """M, or W of that number, where it lies in z."""
         letter = f"z{self.code.kinds.index('skew')}" if name == MOMENTUM else f"inverse{name}"
         return self.z.beyond(self.code.matrices[letter][0])
 
-    def _scaled(self, scale: Value, x: Value, y: Value | None) -> tuple[Value, Value]:
-        """s x_i and s y_i."""
-        return self.f.builder.fmul(scale, x), None if y is None else self.f.builder.fmul(scale, y)
-
     def _put_off(self, changes: Mapping[Any, Sequence[Change]], stretch: Stretch) -> None:
-        """Put the changes of this step where they wait."""
         for name, each in changes.items():
             for change, (scale, x, y) in zip(each, self.waiting[name], strict=True):
                 value = stretch.number(change.scale)

@@ -76,7 +76,6 @@ class Stretch:
         return row
 
     def _ends(self, at: int) -> bool:
-        """A sum or a product, which needs all entries of what it needs."""
         return self._graph.nodes[at][0] in (TOTAL, MOMENTUM, KEPT, TURNED)
 
     def _matrix(self, at: int) -> Any:
@@ -155,7 +154,6 @@ class Stretch:
             self._step.f.emit(self._graph, [at], self.values, DOUBLE)
 
     def _row(self, at: int) -> Memory:
-        """A row for a node."""
         self._taken.append(at)
         self.rows[at] = self._free.pop() if self._free else self._step.row()
         return self.rows[at]
@@ -206,7 +204,6 @@ class Stretch:
         self._sums.update({at: total.value() for at, total in sums.items()})
 
     def _within(self, k: Integer, value: Value) -> Value:
-        """The entries of a vector, 0 in the places beyond the last one."""
         f, h = self._step.f, self._step.code.h
         if h % WIDTH == 0:
             return value

@@ -400,7 +400,6 @@ class StructuredMatrix:
         return out
 
     def _turned(self, v: StructuredVector) -> StructuredVector:
-        """(diagonal + T) v."""
         _require_columns(v)
         out = self.diagonal * v
         if isinstance(out, Products):
@@ -411,7 +410,6 @@ class StructuredMatrix:
         return out + self.dense.applied(v, MOMENTUM) * self.turn if self.dense else out
 
     def _unturned(self, v: StructuredVector) -> StructuredVector:
-        """(diagonal + T)^-1 v."""
         _require_columns(v)
         c, theta = self.diagonal, self.turn
         if self.dense:
