@@ -217,7 +217,7 @@ def test_mutants(mutant: str, least: float, monkeypatch: pytest.MonkeyPatch) -> 
     swapped = {
         "sign of B": {"pair": _changed(lambda B, X: (-B, X))},
         "turn": {"pair": _changed(lambda B, X: (B, X * 1.01))},
-        "rates": {"rates": lambda M, P, *, a, lam, left, right: _faster(M, P, a, lam, left, right)},
+        "rates": {"rates": _faster},
     }
     system = replace(model.system, pairs=replace(record, **swapped.get(mutant, {})))
     run = kr.simulate(system(**model.params), state, dt=0.25, steps=6, every=6, method="exact", project=False)
@@ -233,9 +233,8 @@ def _changed(change: Any) -> Any:
     return pair
 
 
-def _faster(*arguments: Any) -> Any:
-    M, P, a, lam, left, right = arguments
-    (rate, turned), Omega = pairs.clebsch_rates(M, P, a=a, lam=lam, left=left, right=right)
+def _faster(M: Any, P: Any, *, a: Any, lam: Any, Pi: Any) -> Any:
+    (rate, turned), Omega = pairs.CLEBSCH.rates(M, P, a=a, lam=lam, Pi=Pi)
     return (1.01 * rate, 1.01 * turned), Omega
 
 

@@ -124,70 +124,46 @@ def scales(M, F, a):
         return heights(M / A, F / M, np.sqrt(F / A))
 
 
-def rates(lam, left, right, a):
-    """(d/dx) M and Omega, from the eigenvectors left, right (..., n) with <left, right> = 1."""
-    Pi = right[..., :, None] * left[..., None, :]
+def rates(lam, Pi, a):
+    """(d/dx) M and Omega."""
     return -2 * bracket(Pi + Pi.mT, diagonal(a)), -2 / lam[..., None, None] * (Pi - Pi.mT)
 
 
 # -- records ------------------------------------------------------------------------------------------
 
 
-def clebsch_pair(M, P, *, a, lam, mu):
-    u, w = eigenvector_of_pencil(M, P[..., :, None] * P[..., None, :], a, lam, mu)
-    B, X = kick_and_turn(u, w, lam)
-    return (kicked(M, B, a), turned(X, P, "vector")), (X,)
+def projector_of(minors):
+    """The projector of a level, from the adjugate (n, n) of recorded numbers."""
+    return minors / sum(minors[i, i] for i in range(len(minors)))
 
 
-def clebsch_rates(M, P, *, a, lam, left, right):
-    rate, Omega = rates(lam, left, right, a)
-    return (rate, -act(Omega, P)), Omega
+def of_pencil(field, spun=None, kind=""):
+    """The pairs of a system with F = `field` of the state; `spun`: the rate of P by Omega, a component of that kind."""
+
+    def projector(M, *P, a, lam, mu):
+        return projector_of(adjugate(pencil(M, field(M, *P), a, lam) - mu * identity(M.shape[-1])))
+
+    def rates_of(M, *P, a, lam, Pi):
+        rate, Omega = rates(lam, Pi, a)
+        return (rate, *(spun(Omega, z) for z in P)), Omega
+
+    def pair(M, *P, a, lam, mu):
+        u, w = eigenvector_of_pencil(M, field(M, *P), a, lam, mu)
+        B, X = kick_and_turn(u, w, lam)
+        return (kicked(M, B, a), *(turned(X, z, kind) for z in P)), (X,)
+
+    return ConjugatePairs(
+        matrix=lambda M, *P, a, lam: pencil(M, field(M, *P), a, lam),
+        heights=lambda M, *P, a: scales(M, field(M, *P), a),
+        projector=projector,
+        rates=rates_of,
+        pair=pair,
+    )
 
 
-CLEBSCH = ConjugatePairs(
-    matrix=lambda M, P, *, a, lam: pencil(M, np.outer(P, P), a, lam),
-    heights=lambda M, P, *, a: scales(M, np.outer(P, P), a),
-    rates=clebsch_rates,
-    pair=clebsch_pair,
-)
-
-
-def free_pair(M, *, a, lam, mu):
-    u, w = eigenvector_of_pencil(M, 0 * M, a, lam, mu)
-    B, X = kick_and_turn(u, w, lam)
-    return (kicked(M, B, a),), (X,)
-
-
-def free_rates(M, *, a, lam, left, right):
-    rate, Omega = rates(lam, left, right, a)
-    return (rate,), Omega
-
-
-MANAKOV = ConjugatePairs(
-    matrix=lambda M, *, a, lam: pencil(M, 0 * M, a, lam),
-    heights=lambda M, *, a: scales(M, 0 * M, a),
-    rates=free_rates,
-    pair=free_pair,
-)
-
-
-def field_pair(M, P, *, a, lam, mu):
-    u, w = eigenvector_of_pencil(M, P, a, lam, mu)
-    B, X = kick_and_turn(u, w, lam)
-    return (kicked(M, B, a), turned(X, P, "symmetric")), (X,)
-
-
-def field_rates(M, P, *, a, lam, left, right):
-    rate, Omega = rates(lam, left, right, a)
-    return (rate, bracket(P, Omega)), Omega
-
-
-QUADRATIC = ConjugatePairs(
-    matrix=lambda M, P, *, a, lam: pencil(M, P, a, lam),
-    heights=lambda M, P, *, a: scales(M, P, a),
-    rates=field_rates,
-    pair=field_pair,
-)
+CLEBSCH = of_pencil(lambda M, P: P[..., :, None] * P[..., None, :], lambda Omega, P: -act(Omega, P), "vector")
+MANAKOV = of_pencil(lambda M: 0 * M)
+QUADRATIC = of_pencil(lambda M, P: P, lambda Omega, P: bracket(P, Omega), "symmetric")
 
 
 def in_letter(record, letter, diagonal_of=lambda x: x, dimensions=(3, 4)):
@@ -202,7 +178,7 @@ def in_letter(record, letter, diagonal_of=lambda x: x, dimensions=(3, 4)):
         by_letter.__dict__["__signature__"] = inspect.Signature(names)
         return by_letter
 
-    functions = {name: renamed(getattr(record, name)) for name in ("matrix", "heights", "rates", "pair")}
+    functions = {name: renamed(getattr(record, name)) for name in ("matrix", "heights", "projector", "rates", "pair")}
     return replace(record, **functions, dimensions=dimensions)
 
 

@@ -67,21 +67,26 @@ def branches(curve, lam):
     return np.concatenate([mu, -mu], -1)
 
 
-def vector(M, P, n, e, kappa, beta, lam, mu):
-    """(a, q_6) (..., 4) and (b, q_7) (..., 3) for mu: of the transposed pencil for -M, -P, -n, -e."""
+def eliminated(M, P, n, e, kappa, beta, lam, mu):
+    """The matrix for (b_1, b_2) after elimination: its adjugate, and (a, q_6, q_7) for the two unit vectors."""
     one, square = identity(3), beta * beta * mu
     along = resolvent(mu, M, P)
     scale = 1 / (kappa * square * mu - lam * lam - square * dot(P, along))
-    columns = []
+    columns, rows = [], []
     for i in (0, 1):
         X = resolvent(mu, M, one[i])
         sixth = lam * (e[i] + square * dot(P, X)) * scale
         a = vec(lam) * X + vec(sixth) * along
         seventh = (kappa * mu * sixth - dot(P, a)) / lam
-        rows = [lam * a[..., j][()] + e[j] * seventh - mu * (i == j) + n * (i - j) for j in (0, 1)]
-        columns.append((a, sixth, seventh, rows))
-    (a0, s0, z0, (A, C)), (a1, s1, z1, (B, D)) = columns
-    minors = np.stack([np.stack([D, -B], -1), np.stack([-C, A], -1)], -2)
+        rows.append([lam * a[..., j][()] + e[j] * seventh - mu * (i == j) + n * (i - j) for j in (0, 1)])
+        columns.append((a, sixth, seventh))
+    (A, C), (B, D) = rows
+    return np.stack([np.stack([D, -B], -1), np.stack([-C, A], -1)], -2), columns
+
+
+def vector(M, P, n, e, kappa, beta, lam, mu):
+    """(a, q_6) (..., 4) and (b, q_7) (..., 3) for mu: of the transposed pencil for -M, -P, -n, -e."""
+    minors, ((a0, s0, z0), (a1, s1, z1)) = eliminated(M, P, n, e, kappa, beta, lam, mu)
     u, w, size = longest(minors)
     b = complex_of(u / size, w / size)
     p, q = b[..., 0][()], b[..., 1][()]
@@ -101,15 +106,27 @@ def forms(kappa, beta):
     return np.stack([one, one, one, -kappa], -1), np.stack([one, one, -beta * beta], -1)
 
 
+def metric(*, kappa, beta):
+    return np.concatenate(forms(kappa, beta), -1)
+
+
 def moved(Q, kappa):
     """The changes of M and P by Q (..., 4, 3)."""
     E, sides = identity(3)[:, :2], Q[..., :3, :2]
     return E @ sides.mT - sides @ E.T, Q[..., :3, 2] - vec(kappa) * (Q[..., 3, :2] @ E.T)
 
 
-def rates(M, P, *, kappa, beta, lam, left, right):
-    S = np.concatenate(forms(kappa, beta), -1)
-    Pi = right[..., :, None] * (left / vec((left * S * right).sum(-1)))[..., None, :]
+def projector(M, P, *, kappa, beta, c, gamma, lam, mu):
+    (n, e), sides = column(M, beta=beta, c=c, gamma=gamma), []
+    for s in (-1, 1):
+        minors, columns = eliminated(s * M, s * P, s * n, (s * e[0], s * e[1]), kappa, beta, lam, mu)
+        pairs = zip(columns, identity(2), strict=True)
+        sides.append(np.stack([np.stack([*a, sixth, *one, seventh]) for (a, sixth, seventh), one in pairs], -1))
+    Pi, S = sides[1] @ minors @ sides[0].mT, metric(kappa=kappa, beta=beta)
+    return Pi / (S * np.diagonal(Pi)).sum()
+
+
+def rates(M, P, *, kappa, lam, beta, Pi):
     first, second = moved(4 * (Pi + Pi.mT)[..., :4, 4:], kappa)
     N = -4 / mat(lam) * (Pi - Pi.mT)[..., 4:, 4:]
     turn = -(N[..., 0, 1] + beta * N[..., 1, 2])
@@ -180,11 +197,11 @@ def pairs_of(curve, energy, matrix):
     def levels(M, P, *, kappa, beta, c, gamma, lam):
         values = curve(M, P, kappa=kappa, beta=beta, c=c, gamma=gamma)
         mu, (n, e) = branches(values, lam), column(M, beta=beta, c=c, gamma=gamma)
-        lam, S = lam[..., None] + 0 * mu, np.concatenate(forms(kappa, beta), -1)
+        lam = lam[..., None] + 0 * mu
         right, left = (
             np.concatenate(vector(s * M, s * P, s * n, (s * e[0], s * e[1]), kappa, beta, lam, mu), -1) for s in (1, -1)
         )
-        return mu, left / vec((left * S * right).sum(-1)), right, S
+        return mu, left / vec((left * metric(kappa=kappa, beta=beta) * right).sum(-1)), right
 
     def heights(M, P, *, kappa, beta, c, gamma):
         constants = {"kappa": kappa, "beta": beta, "c": c, "gamma": gamma}
@@ -203,6 +220,7 @@ def pairs_of(curve, energy, matrix):
         return pair(M, P, kappa=kappa, beta=beta, c=c, gamma=gamma, curve=values, lam=lam, mu=mu)
 
     def matrix_of(M, P, *, beta, c, gamma, lam):
-        return (lam[..., None, None] * PENCIL + matrix(M, P, beta=beta, c=c, gamma=gamma))[..., BLOCKS[:, None], BLOCKS]
+        L = np.asarray(lam)[..., None, None] * PENCIL + matrix(M, P, beta=beta, c=c, gamma=gamma)
+        return L[..., BLOCKS[:, None], BLOCKS]
 
-    return ConjugatePairs(matrix=matrix_of, heights=heights, rates=rates, pair=pair_of, levels=levels, dimensions=(3,))
+    return ConjugatePairs(matrix_of, heights, projector, rates, pair_of, levels, metric, dimensions=(3,))

@@ -16,7 +16,7 @@ import numpy as np
 
 from kreisel.algebra import KINDS, act, dot, identity, mat, pairing, parts, shifted_resolvent, together, wedge
 from kreisel.algebra.matrices import adjugate
-from kreisel.baecklund.conjugate import HEIGHTS, longest
+from kreisel.baecklund.conjugate import HEIGHTS, longest, projector_of
 from kreisel.record.contract import ConjugatePairs
 
 LOW, HIGH, CLEAR = 0.3, 12.0, 1.05  # |l| that are tried, in units of the largest |M|; |mu| is larger than |M| by CLEAR
@@ -53,8 +53,8 @@ def heights(M, P, Q, *, gamma):
     return y, y
 
 
-def rates(M, P, Q, *, lam, left, right):
-    E, Pi = identity(3)[:, :2], right[..., :, None] * left[..., None, :]
+def rates(M, P, Q, *, lam, Pi):
+    E = identity(3)[:, :2]
     S, turn = (Pi + Pi.mT)[..., :3, 3:], -4 / lam[..., None, None] * (Pi - Pi.mT)
     rho = E @ turn[..., 3:, 3:] @ E.T
     Omega = turn[..., :3, :3] - rho
@@ -77,6 +77,14 @@ def eigenvector(M, P, Q, *, gamma, lam, mu):
     return act(Y - mat(shift) * Z, b), b
 
 
+def projector(M, P, Q, *, gamma, lam, mu):
+    G = columns(P, Q, lam)
+    right, left = (
+        np.stack([*np.stack([shifted_resolvent(mu, s * M, G[..., i]) for i in (0, 1)], -1), *TWO]) for s in (1, -1)
+    )
+    return projector_of(right @ adjugate(mu * TWO - rotor(M, gamma) - G.mT @ right[:3]) @ left.mT)
+
+
 def pair(M, P, Q, *, gamma, lam, mu):
     a, b = map(parts, eigenvector(M, P, Q, gamma=gamma, lam=lam, mu=mu))
     (u, w), (v, z), (x, y) = a, b, parts(lam)
@@ -95,7 +103,9 @@ def pair(M, P, Q, *, gamma, lam, mu):
     return (M, *(KINDS["vector"].turned(-Y, KINDS["vector"].turned(-X, V)) for V in (P, Q))), (X, Y)
 
 
-TWO_FIELDS = ConjugatePairs(matrix=matrix, heights=heights, rates=rates, pair=pair, dimensions=(3,))
+TWO_FIELDS = ConjugatePairs(
+    matrix=matrix, heights=heights, projector=projector, rates=rates, pair=pair, dimensions=(3,)
+)
 
 
 def without_rotor(record):
@@ -103,6 +113,7 @@ def without_rotor(record):
     return ConjugatePairs(
         matrix=lambda M, P, Q, *, lam: record.matrix(M, P, Q, gamma=0, lam=lam),
         heights=lambda M, P, Q: record.heights(M, P, Q, gamma=0),
+        projector=lambda M, P, Q, *, lam, mu: record.projector(M, P, Q, gamma=0, lam=lam, mu=mu),
         rates=record.rates,
         pair=lambda M, P, Q, *, lam, mu: record.pair(M, P, Q, gamma=0, lam=lam, mu=mu),
         dimensions=(3,),
@@ -112,8 +123,8 @@ def without_rotor(record):
 def one_field(record):
     """The pairs of the top in one field: Q = 0."""
 
-    def rates_of_one(M, P, *, lam, left, right):
-        (rate, turned, _), Omega = record.rates(M, P, 0 * P, lam=lam, left=left, right=right)
+    def rates_of_one(M, P, *, lam, Pi):
+        (rate, turned, _), Omega = record.rates(M, P, 0 * P, lam=lam, Pi=Pi)
         return (rate, turned), Omega
 
     def pair_of_one(M, P, *, lam, mu):
@@ -123,6 +134,7 @@ def one_field(record):
     return ConjugatePairs(
         matrix=lambda M, P, *, lam: record.matrix(M, P, 0 * P, lam=lam),
         heights=lambda M, P: record.heights(M, P, 0 * P),
+        projector=lambda M, P, *, lam, mu: record.projector(M, P, 0 * P, lam=lam, mu=mu),
         rates=rates_of_one,
         pair=pair_of_one,
         dimensions=(3,),

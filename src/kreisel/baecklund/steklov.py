@@ -14,9 +14,9 @@ With a rotor h, n = 3, X(s) has (s - B)^-1 h in addition, which all of this leav
 
 import numpy as np
 
-from kreisel.algebra import KINDS, axial, bracket, dot, hat, mat, parts, vec, wedge
-from kreisel.algebra.matrices import diagonal
-from kreisel.baecklund.conjugate import eigenvector, heights
+from kreisel.algebra import KINDS, axial, bracket, dot, hat, mat, parts, together, vec, wedge
+from kreisel.algebra.matrices import adjugate, diagonal
+from kreisel.baecklund.conjugate import eigenvector, heights, projector_of
 from kreisel.record.contract import ConjugatePairs
 
 NOISE = 1e-8  # relative: an M0 that is left by rounding, at whose scale s - b would be lost
@@ -26,8 +26,14 @@ def halves(b):
     return (b[..., :, None] + b[..., None, :]) / 2
 
 
+def spectral(lam):
+    """s (..., 1)."""
+    x, y = parts(np.asarray(lam)[..., None])
+    return together(0 * x if y is None else y, -x)
+
+
 def matrix(M, P, *, b, lam, h=None):
-    s = -1j * np.asarray(lam)[..., None]
+    s = spectral(lam)
     X = M + (s[..., None] - halves(b)) * P
     return (X if h is None else X + hat(h / (s - b))) / (s - b)[..., None]
 
@@ -42,10 +48,16 @@ def points(M, P, *, b, h=0.0):
     return np.append(b.max() + away, b.min() - away), np.append(away, away)
 
 
-def rates(M, P, *, b, lam, left, right):
-    s = -1j * lam[..., None]
-    Pi = right[..., :, None] * (left / (s - b))[..., None, :]
-    Omega, C = -2j * (Pi - Pi.mT), diagonal(s - b)
+def projector(M, P, *, b, lam, mu, h=None):
+    c = spectral(lam) - b
+    return projector_of(adjugate(c[..., None] * matrix(M, P, b=b, lam=lam, h=h) - mu * diagonal(c)) * c)
+
+
+def rates(M, P, *, b, lam, Pi):
+    C = diagonal(spectral(lam) - b)
+    Pi = Pi / (spectral(lam) - b)[..., None, :]
+    re, im = parts(Pi - Pi.mT)
+    Omega = together(2 * im, -2 * re)
     turned, M0 = bracket(P, Omega), M - halves(b) * P
     return (bracket(M0, Omega) + P @ Omega @ C - C @ Omega @ P + halves(b) * turned, turned), Omega
 
@@ -71,11 +83,12 @@ def pair(M, P, *, b, lam, mu, h=None):
     return (M + ((turned(-X, M0 + K - K.mT) - M0) + halves(b) * (moved - P)), moved), (X,)
 
 
-STEKLOV_LYAPUNOV = ConjugatePairs(matrix=matrix, heights=points, rates=rates, pair=pair)
+STEKLOV_LYAPUNOV = ConjugatePairs(matrix=matrix, heights=points, projector=projector, rates=rates, pair=pair)
 
 RUBANOVSKII = ConjugatePairs(
     matrix=lambda M, P, *, b, h, lam: matrix(M, P, b=b, lam=lam, h=h),
     heights=lambda M, P, *, b, h: points(M, P, b=b, h=h),
+    projector=lambda M, P, *, b, h, lam, mu: projector(M, P, b=b, lam=lam, mu=mu, h=h),
     rates=rates,
     pair=lambda M, P, *, b, h, lam, mu: pair(M, P, b=b, lam=lam, mu=mu, h=h),
     dimensions=(3,),
@@ -85,8 +98,8 @@ RUBANOVSKII = ConjugatePairs(
 def axial_pairs(matrix_b):
     """The pairs of a system with n = 3 that has P as an axial vector, and B = matrix_b(b, nu)."""
 
-    def rates_of(M, P, *, b, nu, lam, left, right):
-        (rate, turned), Omega = rates(M, hat(P), b=matrix_b(b, nu), lam=lam, left=left, right=right)
+    def rates_of(M, P, *, b, nu, lam, Pi):
+        (rate, turned), Omega = rates(M, hat(P), b=matrix_b(b, nu), lam=lam, Pi=Pi)
         return (rate, axial(turned)), Omega
 
     def pair_of(M, P, *, b, nu, lam, mu):
@@ -96,6 +109,7 @@ def axial_pairs(matrix_b):
     return ConjugatePairs(
         matrix=lambda M, P, *, b, nu, lam: matrix(M, hat(P), b=matrix_b(b, nu), lam=lam),
         heights=lambda M, P, *, b, nu: points(M, hat(P), b=matrix_b(b, nu)),
+        projector=lambda M, P, *, b, nu, lam, mu: projector(M, hat(P), b=matrix_b(b, nu), lam=lam, mu=mu),
         rates=rates_of,
         pair=pair_of,
         dimensions=(3,),

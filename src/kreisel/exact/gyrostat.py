@@ -22,6 +22,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.baecklund.conjugate import legendre
 from kreisel.errors import InputError
 from kreisel.exact.nutation import mp_number, rationals
 from kreisel.exact.quadrics import (
@@ -53,21 +54,8 @@ DIGITS = 40  # of a period, beyond those that close roots and long times use up
 TWICE = 16 * np.arctan(np.longdouble(1))  # two rotations, after which a quaternion is the same
 FEWEST, TURN_DIGITS = 16, 22  # points of a period; digits of its rotation, beyond those that long times use up
 DIRECTIONS = np.array([e for e in np.ndindex(3, 3, 3) if e != (1, 1, 1)]) - 1
-
-
-def _gauss() -> tuple[Array, Array]:
-    """The nodes and weights of Gauss's rule between 0 and 1, whose sum has to be 1 in extended precision."""
-    x: Array = np.polynomial.legendre.leggauss(NODES)[0].astype(np.longdouble)
-    for _ in range(3):
-        before, here = np.ones_like(x), x
-        for k in range(2, NODES + 1):
-            before, here = here, ((2 * k - 1) * x * here - (k - 1) * before) / k
-        slope = NODES * (before - x * here) / (1 - x * x)
-        x = x - here / slope
-    return (1 + x) / 2, 1 / ((1 - x * x) * slope * slope)
-
-
-NODE, WEIGHT = _gauss()
+HALF, SHARES = legendre(NODES)
+NODE, WEIGHT = np.concatenate([1 - HALF[::-1], 1 + HALF]) / 2, np.concatenate([SHARES[::-1], SHARES]) / 2  # of [0, 1]
 TURN = {"turn_" + k: v for k, v in FORMS.items()}  # of the vector of a quaternion
 LEAN = {"lean_" + k: max(0, v - 1) for k, v in FORMS.items()}  # and of its scalar
 AXES = {**FORMS, **BELOW, **TURN, **LEAN, "size": 0, "inverse": 0, "still": 0}

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from kreisel.algebra.complex import Ring, is_array
-from kreisel.graph.graph import Number, fma, integer_power, where_less
+from kreisel.algebra.complex import Complex, Ring, is_array
+from kreisel.graph.graph import Number, fma, integer_power, sign, where_less
 
 Pair = tuple[Any, Any]
 
@@ -27,14 +27,14 @@ class DoubleDouble(Ring):
         return DoubleDouble(-self.upper, -self.lower)
 
     def __add__(self, other: Any) -> DoubleDouble:
-        if is_array(other):
+        if _foreign(other):
             return NotImplemented
         y = double_double(other)
         upper, error = two_sum(self.upper, y.upper)
         return ordered_sum(upper, error + (self.lower + y.lower))
 
     def __mul__(self, other: Any) -> DoubleDouble:
-        if is_array(other):
+        if _foreign(other):
             return NotImplemented
         y = double_double(other)
         product = self.upper * y.upper
@@ -42,7 +42,7 @@ class DoubleDouble(Ring):
         return ordered_sum(product, fma(self.upper, y.lower, fma(self.lower, y.upper, error)))
 
     def __truediv__(self, other: Any) -> DoubleDouble:
-        if is_array(other):
+        if _foreign(other):
             return NotImplemented
         y = double_double(other)
         quotient = self.upper / y.upper
@@ -54,6 +54,15 @@ class DoubleDouble(Ring):
 
     def __pow__(self, exponent: Any) -> Any:
         return integer_power(self, exponent)
+
+    def __abs__(self) -> DoubleDouble:
+        return self.where_less(self, 0.0, -self, self)
+
+    def maximum(self, other: Any) -> DoubleDouble:
+        return self.where_less(self, other, other, self)
+
+    def sign(self) -> Any:
+        return sign(self.upper)
 
     def sqrt(self) -> DoubleDouble:
         r = root(self.upper)
@@ -68,6 +77,11 @@ class DoubleDouble(Ring):
 
     def __repr__(self) -> str:
         return f"({self.upper!r} + {self.lower!r})"
+
+
+def _foreign(x: Any) -> bool:
+    """Whether an operand is an array or a complex value, which then apply the operation."""
+    return isinstance(x, Complex) or is_array(x)
 
 
 def double_double(x: Any) -> DoubleDouble:

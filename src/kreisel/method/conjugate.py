@@ -17,7 +17,8 @@ zeros of `kreisel.method.baecklund`, the order is 2 K.
 
 from __future__ import annotations
 
-from functools import cache, reduce
+from functools import reduce
+from pkgutil import resolve_name
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -33,18 +34,19 @@ from kreisel.record.contract import ConjugatePairs, ExactMap
 from kreisel.record.model import Model
 
 REACH, FARTHEST = 0.4, 0.6  # of the distance of a branch point: of an x at the start of Newton's method, and later
-DIGITS = 44.0  # natural logarithm of the relative error of the polynomials: 20 nodes at FARTHEST
+DIGITS = 44.0  # natural logarithm of the relative error of the integrals: 11 nodes at FARTHEST
 RANK = 1e-10  # relative: fields that depend on others
 SPAN = 1e-8  # relative: the distance of the flow from the other fields
 SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
-STEPS, CLOSE = 12, 1e-10  # of Newton's method; a change, relative to the interval, whose square is rounding
+STEPS, MORE = (4, 1), (0, 2)  # of Newton's method, in doubles and in double-doubles; if fields are nearly dependent
+CLOSE = 1e-10  # a change, relative to the interval, whose square is rounding
 ENOUGH, SMALL = 1e-12, 1e-5  # a miss, relative to the move; a move, relative to the state
 TRIALS = 8  # each with more copies of the pairs
 MOST_COPIES = 1_000_000
 BETWEEN = 10  # steps between projections: the least interval, so that more pairs in other lanes change nothing
 BETWEEN_MAPS = 4  # of a single map, whose rounding errors in |P|^2 are 3 last places a step
 LIKE = 1e-6  # the orientation is off by 1e-16 over this ratio of two fields
-WIDE = np.dtype(np.clongdouble)
+COMPILED = "kreisel.kernels.exact.pairs"
 PATH = 8  # points on the way to the branch of a complex x
 NUMBERS = ("lam_re", "lam_im", "mu_re", "mu_im")
 
@@ -239,91 +241,59 @@ def _lanes(model: Model, state: State) -> tuple[tuple[int, ...], list[tuple[Stat
 
 
 class Points(NamedTuple):
-    """Points lam = iy, x of their pairs in a unit of small times, distances of branch points; mu and vectors there."""
+    """Points lam = iy, x of their pairs in a unit of small times, distances of branch points; mu and fields there."""
 
     y: Array
     x: Array
     radius: Array
     mu: Array
-    left: Array
-    right: Array
-
-
-@cache
-def chebyshev(count: int) -> tuple[Array, Array]:
-    """Positive nodes (count,), rising, for even functions on [-1, 1], and their coefficients by T_0, T_2, ..."""
-    theta = (2 * np.arange(count)[::-1] + 1) * np.arccos(np.longdouble(-1)) / (4 * count)
-    coefficients = 2 * np.cos(2 * np.arange(count)[:, None] * theta) / count
-    coefficients[0] /= 2
-    return np.cos(theta), coefficients
-
-
-def series(at: Array, count: int) -> tuple[Array, Array]:
-    """T_2j (..., count) at points of [-1, 1], and their integrals from 0."""
-    theta, j = np.arccos(at)[..., None], np.arange(count)
-    odd = np.cos((2 * j + 1) * theta) / (2 * j + 1)
-    return np.cos(2 * j * theta), (odd + np.concatenate([odd[..., :1], -odd[..., :-1]], -1)) / 2
+    fields: Array
 
 
 class Torus:
-    """The commuting fields at one state, in extended precision where the platform has it; points for its flow."""
+    """The commuting fields at one state, and points for its flow."""
 
     def __init__(self, model: Model, state: State, params: dict[str, Array]):
         system = model.system
         self.system, self.record = system, cast("ConjugatePairs", system.pairs)
-        self.state = tuple(np.asarray(z, np.longdouble) for z in state)
-        constants = {k: np.asarray(v, np.longdouble) for k, v in params.items()}
+        self.state, self._compiled = state, resolve_name(COMPILED)
+        self.paths = self._compiled.paths(model)
+        self._parameters = np.concatenate([np.empty(0), *(np.ravel(params[k]) for k in self.paths.axes)])
         with np.errstate(all="ignore"):
-            self.constants = constants | (call(system.derive, (), constants) if system.derive is not None else {})
-            self.doubles = tuple(z.astype(float) for z in self.state)
-            self.known = {k: np.asarray(v, float) for k, v in self.constants.items()}
-            rates = call(system.flow, self.state, self.constants)
-            self.sizes = self._sizes(rates)
-            self.flow = self._flat(rates)
+            self.constants = params | (call(system.derive, (), params) if system.derive is not None else {})
+            rates = call(system.flow, state, self.constants)
+            units = [np.full(z.shape, size) for z, size in zip(state, self._sizes(rates), strict=True)]
+            self.z, self.units, flow = (algebra.flatten(x, system.space.kinds) for x in (state, units, rates))
+            self.flow = flow / self.units
             self.points = self._points()
 
-    def _sizes(self, rates: State) -> list[Array]:
+    def _sizes(self, rates: State) -> list[Any]:
         """Units of the components: sizes that they have or reach before the body rotates by about a radian.
 
         M may be far smaller than it soon becomes; Newton's method must not solve for its last places then.
         """
         velocity = self.system.velocity
         turns = [z[0] if velocity is None else call(velocity, z, self.constants) for z in (self.state, rates)]
-        now, later = (np.linalg.norm(Omega.astype(float)) for Omega in turns)
+        now, later = map(np.linalg.norm, turns)
         time = 1 / rate if (rate := now + np.sqrt(later)) else 0.0
         pairs = zip(self.state, rates, strict=True)
-        return [max(abs(z).max(initial=0), time * abs(rate).max(initial=0)) or np.longdouble(1) for z, rate in pairs]
+        return [max(abs(z).max(initial=0), time * abs(rate).max(initial=0)) or 1.0 for z, rate in pairs]
 
-    def _flat(self, rates: State) -> Array:
-        """Coordinates (..., d) in units of each component."""
-        scaled = [rate / size for rate, size in zip(rates, self.sizes, strict=True)]
-        return algebra.flatten(scaled, self.system.space.kinds)
-
-    def _of_record(self, function: Function, lam: Array, **vectors: Array) -> Any:
-        """A function of the record, in the precision of lam."""
-        state, constants = (self.state, self.constants) if lam.dtype == WIDE else (self.doubles, self.known)
-        return call(function, state, {**constants, "lam": lam, **vectors})
-
-    def _levels(self, lam: Array, L: Array) -> tuple[Array, Array, Array, Array]:
-        """mu (..., k), left and right vectors (..., k, m), S; in the precision of lam if the record states them."""
-        if self.record.levels is not None:
-            return cast("tuple[Array, Array, Array, Array]", self._of_record(self.record.levels, lam))
-        values, vectors = np.linalg.eig(L.astype(complex))
-        return values, np.linalg.inv(vectors), vectors.mT, np.ones(1)
-
-    def _fields(self, lam: Array, left: Array, right: Array) -> tuple[Array, Array]:
-        left = left / algebra.vec((left * right).sum(-1))
-        rates, Omega = self._of_record(self.record.rates, lam, left=left, right=right)
-        return self._flat(rates), Omega
+    def _of_record(self, function: Function, lam: Array, **more: Any) -> Any:
+        return call(function, self.state, {**self.constants, "lam": lam, **more})
 
     def _points(self) -> Points:
         """The points with the least sum of |x|/radius."""
-        y, pole = (np.asarray(v, np.float64) for v in call(self.record.heights, self.doubles, self.known))
+        y, pole = (np.asarray(v, np.float64) for v in call(self.record.heights, self.state, self.constants))
         lam, near = 1j * y, 1e-5 * pole
         L, after, before = self._of_record(self.record.matrix, np.stack([lam, lam + near, lam - near]))
-        if not (L.size and np.isfinite(L).all() and np.isfinite(self.flow.astype(float)).all()):
+        if not (L.size and np.isfinite(L).all() and np.isfinite(self.flow).all()):
             raise _out_of_range(self.system.name)
-        mu, left, right, _ = self._levels(lam, L)
+        if self.record.levels is None:
+            mu, vectors = np.linalg.eig(L)
+            left, right = np.linalg.inv(vectors), vectors.mT
+        else:
+            mu, left, right = self._of_record(self.record.levels, lam)
         count = mu.shape[-1]
         change = left @ ((after - before) / (2 * near[:, None, None])) @ right.mT
         gap, ends = mu[:, :, None] - mu[:, None, :], np.diagonal(change, 0, -2, -1)
@@ -331,26 +301,28 @@ class Torus:
         meet = abs(gap) / np.sqrt(abs((ends[:, :, None] - ends[:, None, :]) ** 2 + 4 * change * change.mT))
         radius = np.minimum(np.where(np.eye(count) > 0, np.inf, meet).min(-1), pole[:, None]).ravel()
         mu, (left, right) = mu.ravel(), (v.reshape(-1, v.shape[-1]) for v in (left, right))
-        fields, _ = self._fields(lam.repeat(count), left, right)
-        C, f = (fields.real.astype(float) * radius[:, None]).T, self.flow.astype(float)
-        if not f.any():  # at rest: the pair of any mu but an eigenvalue is the identity for x = 0
-            return Points(y[:1], np.zeros(1), pole[:1], 2 * abs(mu).max(keepdims=True) + pole[:1], left[:1], right[:1])
-        chosen, x = least(C, f, self._rank() // 2)
-        if not abs(C[:, chosen] @ x - f).max() <= SPAN * abs(f).max():
+        Pi = right[:, :, None] * left[:, None, :]
+        fields = algebra.flatten(
+            self._of_record(self.record.rates, lam.repeat(count), Pi=Pi)[0], self.system.space.kinds
+        )
+        C = (fields.real / self.units * radius[:, None]).T
+        if not self.flow.any():  # at rest: the pair of any mu but an eigenvalue is the identity for x = 0
+            return Points(y[:1], np.zeros(1), pole[:1], 2 * abs(mu).max(keepdims=True) + pole[:1], C[:, :1])
+        chosen, x = least(C, self.flow, self._rank() // 2)
+        C = C[:, chosen]
+        if not abs(C @ x - self.flow).max() <= SPAN * abs(self.flow).max():
             raise InputError(
                 f"{self.system.name}: expected a flow that combines the flows of its Lax matrix, got another. Usual "
                 "cause: parameters that are equal, or components of the state of very different sizes. Use another "
                 "method, such as 'dop853'."
             )
-        levels = (v[chosen] for v in (mu, left, right))
-        return Points(y.repeat(count)[chosen], x * radius[chosen], radius[chosen], *levels)
+        radius = radius[chosen]
+        return Points(y.repeat(count)[chosen], x * radius, radius, mu[chosen], C / radius)
 
     def _rank(self) -> int:
         """The rank of the bracket in units of each component: small fields count as large ones do."""
         tensor = call(self.system.space.tensor, self.state, self.constants)
-        full = [np.full(z.shape, size) for z, size in zip(self.state, self.sizes, strict=True)]
-        units = algebra.flatten(full, self.system.space.kinds)
-        return int(np.linalg.matrix_rank((tensor / units[:, None] / units).astype(float), rtol=RANK))
+        return int(np.linalg.matrix_rank(tensor / self.units[:, None] / self.units, rtol=RANK))
 
     def far(self, dt: float) -> float:
         """Largest x of a step, relative to the distance of a branch point."""
@@ -374,14 +346,17 @@ class Torus:
         Raises `InputError` where no points are found.
         """
         points = self.points
-        identity = _numbers(1j * points.y[0], points.mu[0])
+        identity, still = _numbers(1j * points.y[0], points.mu[0]), np.zeros((self.state[0].shape[-1],) * 2)
         if not points.x.any():
-            return identity[:, None], identity, self._rest(dt, 0, np.longdouble(0))
+            turn = (
+                still if self.system.velocity is None else dt * call(self.system.velocity, self.state, self.constants)
+            )
+            return identity[:, None], identity, turn
         if order is not None:
-            x, end = points.x[:, None] * fractions(dt, order), np.arange(1, PATH + 1) / PATH
-            lam = (1j * points.y[:, None] + 0 * x).reshape(-1, 1) + x.reshape(-1, 1) * end
-            mu = self._followed(lam, *(v.repeat(x.shape[1], 0) for v in (points.left, points.right)))[1]
-            return _numbers(lam[:, -1], mu[:, -1]), identity, self._rest(dt, 0, np.longdouble(0))
+            x = np.multiply.outer(points.x, fractions(dt, order))
+            table = self._compiled.evenly(PATH)
+            mu = np.stack([_complex(self._run(table, (0, 0), column)["end"])[: len(x)] for column in x.T], -1)
+            return _numbers((1j * points.y[:, None] + x).ravel(), mu.ravel()), identity, still
         copies = self.copies(dt)
         for _ in range(TRIALS):
             for share in (FARTHEST / REACH * self.far(dt) / copies, FARTHEST):
@@ -394,85 +369,45 @@ class Torus:
             "Use another method, such as 'dop853', for this state."
         )
 
-    def _rest(self, dt: float, copies: int, turn: Array) -> Array:
-        """The rotation of the body in a step without the rotations of the pairs."""
-        if self.system.velocity is None:
-            return np.zeros((self.state[0].shape[-1],) * 2)
-        Omega = call(self.system.velocity, self.state, self.constants)
-        return np.asarray(dt * Omega - copies * turn, float)
+    def _run(self, table: Array, steps: tuple[int, int], x: Array, h: float = 0.0) -> dict[str, Array]:
+        """Steps of Newton's method from x; by none, mu at the ends of the paths."""
+        points = self.points
+        values = {"h": [h], "y": points.y, "x": _real(x), "mu": _real(points.mu)}
+        if h:
+            dual = np.zeros((len(self.units), self.paths.most))
+            dual[:, : len(points.x)] = np.linalg.pinv(points.fields).T / self.units[:, None]
+            values["fields"] = dual.ravel()
+        result: dict[str, Array] = self.paths.run(self.z, self._parameters, table, steps, **values)
+        return result
 
     def solved(self, dt: float, copies: int, share: float) -> tuple[Array, Array] | None:
-        """`NUMBERS` (4, count) of the pairs of a part of a step, and the rest of the rotation in the step.
+        """`NUMBERS` (4, count) of the pairs of a part of a step, and the missing rotation of the body in the step.
 
-        Even polynomials of the fields, by Chebyshev's nodes on a share of the way to the branch points, are integrated.
-        None if Newton's method leaves it.
+        None if Newton's method leaves a share of the way to the branch points, or misses.
         """
-        h, points = np.longdouble(dt) / copies, self.points
-        x, reach = points.x * h, share * points.radius
-        nodes, coefficients = chebyshev(int(np.ceil(DIGITS / 2 / np.arccosh(1 / share))))
-        values, size, count = self._nodes(reach, nodes), len(self.flow), len(nodes)
-        c, f = coefficients @ values, h * self.flow
-        inverse = np.linalg.pinv(values[:, 0, :size].astype(float))
-        reduced, goal = c[..., :size] @ inverse, f @ inverse
-        last = np.inf
-        for _ in range(STEPS):
+        points, h = self.points, dt / copies
+        nodes = int(np.ceil(DIGITS / 4 / np.arccosh(1 / share))) + 1
+        table, reach, x = self._compiled.gauss(nodes), share * points.radius, points.x * h
+        for steps in (STEPS, MORE):
+            found = self._run(table, steps, x, h)
+            x, mu = (_complex(found[name])[: len(x)] for name in ("x", "end"))
             if not (abs(x) < reach).all():
                 return None
-            ends, moves = series(x / reach, count)
-            if last < CLOSE:
+            if (abs(found["change"][: len(x)]) <= CLOSE * reach).all():
                 break
-            miss = goal - np.einsum("p,pj,pjd->d", reach, moves, reduced)
-            change = np.linalg.solve(np.einsum("pj,pjd->dp", ends, reduced).astype(float), miss.astype(float))
-            if not (step := abs(change / reach).max()) < last / 2:  # rounding
-                break
-            x, last = x + change, step
-        total = np.einsum("p,pj,pjd->d", reach, moves, c)
-        if not abs(f - total[:size]).max() <= ENOUGH * max(abs(f).max(), SMALL):
+        if not (abs(found["miss"] / self.units) <= ENOUGH * max(abs(h * self.flow).max(), SMALL)).all():
             return None
-        re, im = np.einsum("pj,pjd->dp", ends, c[..., -2:])
-        turn = total[size:-2].reshape((self.state[0].shape[-1],) * 2)
-        return np.stack([x, points.y, re * x / reach, im]).astype(float), self._rest(dt, copies, turn)
-
-    def _followed(self, lam: Array, left: Array, right: Array) -> tuple[Array, Array, Array, Array]:
-        """L, mu and vectors along paths lam (paths, nodes), from the vectors at the start of each, in doubles.
-
-        tr Pi Pi' of projectors identifies a branch, however near another level runs.
-        """
-        L = self._of_record(self.record.matrix, lam)
-        mu, inverse, vectors, S = self._levels(lam, L)
-        branch, every = np.empty(lam.shape, int), np.arange(len(lam))
-        for k in range(lam.shape[1]):
-            rows, columns = inverse[:, k], vectors[:, k]
-            same = (rows @ (S * right)[..., None])[..., 0] * (columns @ (S * left)[..., None])[..., 0]
-            branch[:, k] = abs(same).argmax(-1)
-            left, right = rows[every, branch[:, k]], columns[every, branch[:, k]]
-        at = (*np.ogrid[: lam.shape[0], : lam.shape[1]], branch)
-        return L, mu[at], inverse[at], vectors[at]
-
-    def _nodes(self, reach: Array, nodes: Array) -> Array:
-        """Even functions (pairs, nodes, ...) of x = reach nodes: the fields, Omega, Re mu/nodes and Im mu."""
-        lam = 1j * self.points.y[:, None] + reach[:, None] * nodes
-        L, mu, left, right = self._followed(lam, self.points.left, self.points.right)
-        if self.record.levels is None:
-            mu, left, right = refined(L, mu, left, right)
-        fields, Omega = self._fields(lam, left, right)
-        levels = np.stack([mu.real / nodes, mu.imag], -1)
-        return np.concatenate([fields.real, Omega.real.reshape(*lam.shape, -1), levels], -1)
+        n = self.state[0].shape[-1]
+        return _numbers(x.real + 1j * points.y, mu), copies * algebra.skew(found["turn"], n)
 
 
-def refined(L: Array, mu: Array, left: Array, right: Array) -> tuple[Array, Array, Array]:
-    """An eigenvalue (...) and its vectors (..., m) of L in extended precision, by Newton's method from doubles."""
-    size = L.shape[-1]
-    bordered = np.zeros((*mu.shape, size + 1, size + 1), complex)
-    bordered[..., :-1, :-1] = L - algebra.mat(mu) * np.eye(size)
-    bordered[..., :-1, -1], bordered[..., -1, :-1] = -right, left
-    inverse = np.linalg.inv(bordered)[..., :-1]
-    for _ in range(2):
-        misses = [(algebra.vec(mu) * q - algebra.act(A, q)).astype(complex) for A, q in ((L, right), (L.mT, left))]
-        change = algebra.act(inverse, misses[0])
-        left = left + algebra.act(inverse[..., :-1, :].mT, misses[1])
-        right, mu = right + change[..., :-1], mu + change[..., -1]
-    return mu, left, right
+def _real(x: Array) -> Array:
+    """The parts of complex values, one after another."""
+    return np.ascontiguousarray(x, complex).view(float)
+
+
+def _complex(x: Array) -> Array:
+    return np.ascontiguousarray(x).view(complex)
 
 
 def least(C: Array, f: Array, most: int) -> tuple[list[int], Array]:

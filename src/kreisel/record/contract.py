@@ -301,21 +301,23 @@ class ConjugatePairs:
 
     matrix(*state, lam)              L (..., m, m) for complex lam (...), one state
     heights(*state)                  (y, r): Im lam of points to try, with imaginary mu, and the distances of poles
-    rates(*state, lam, left, right)  with respect to Re lam: the rates of the state and the angular velocity of the
-                                     body, analytic in lam; for left and right eigenvectors with <left, right> = 1
+    projector(*state, lam, mu)       Pi (m, m) of the eigenvalue mu of L, of recorded numbers
+    rates(*state, lam, Pi)           with respect to Re lam: the rates of the state and the angular velocity of the
+                                     body, analytic in lam; Pi (..., m, m)
     pair(*state, lam, mu)            (state, turns): the state, and rotations g cay(X) of the body, one after another,
                                      except one that commutes with all it carries; mu: nearest eigenvalue of this state
-    levels(*state, lam)              (mu (..., k), left, right (..., k, m), S (m,)): some of the branches and their
-                                     vectors, in the precision of the state, if L q = mu S q with a diagonal S that may
-                                     be singular
+    metric()                         the diagonal S (m,), maybe singular, if L q = mu S q; then Pi = q p^T, p^T S q = 1
+    levels(*state, lam)              (mu (..., k), left, right (..., k, m)): then some of the branches and their vectors
     dimensions                       n
     """
 
     matrix: Function
     heights: Function
+    projector: Function
     rates: Function
     pair: Function
     levels: Function | None = None
+    metric: Function | None = None
     dimensions: tuple[int, ...] = (3, 4)
 
 
