@@ -158,7 +158,7 @@ def test_a_pair_is_a_poisson_map_wherever_its_point_is(name: str) -> None:
     assert defect(lam, mu + 0.1) > 1e-6
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_orientation(name: str) -> None:
     """Against a solver; the orientation carries what the motion leaves constant."""
     model, state = case(name)
@@ -170,6 +170,25 @@ def test_orientation(name: str) -> None:
     )
     turns = [algebra.rotation_matrix(g) if model.n == 3 else g for g in (fast, slow)]
     assert abs(turns[0] - turns[1]).max() < 1e-7
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_orientation_has_the_order_of_the_state(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against the exact step; not without the rotation that changes nothing the body carries, where there is one."""
+    model, state = case(name)
+
+    def end(dt: float, method: str) -> np.ndarray:
+        options: dict[str, Any] = {"orientation": (1, 0, 0, 0) if model.n == 3 else np.eye(4), "progress": False}
+        order = 4 if method == "baecklund" else None
+        g = kr.simulate(model, state, dt=dt, steps=round(1 / dt), method=method, order=order, **options).g.values[-1]
+        return algebra.rotation_matrix(g) if model.n == 3 else g
+
+    want = end(0.125, "exact")
+    errors = [abs(end(dt, "baecklund") - want).max() for dt in (0.125, 0.0625)]
+    assert errors[1] < 1e-13 or abs(np.log2(errors[0] / errors[1]) - 4) < 0.3
+    if name in ("clebsch", "manakov"):
+        monkeypatch.setattr(conjugate, "commuting", lambda Omega, carried: 0 * Omega)
+        assert abs(end(0.125, "baecklund") - want).max() > 1e-4
 
 
 @pytest.mark.filterwarnings("ignore::kreisel.ConservationWarning")
@@ -400,8 +419,12 @@ def test_what_there_is_not() -> None:
         with pytest.raises(kr.InputError, match="method='exact': expected"):
             kr.simulate(body, state, dt=0.5, steps=1, method="exact")
     model, state = case("goryachev")
-    with pytest.raises(kr.InputError, match="no rotation of the body"):
-        kr.simulate(model, state, dt=0.5, steps=1, method="exact", orientation=(1, 0, 0, 0))
+    with pytest.raises(kr.InputError, match=r"complex points.*Use method='exact'"):
+        kr.simulate(model, state, dt=0.5, steps=1, method="baecklund", orientation=(1, 0, 0, 0))
+    with pytest.raises(kr.InputError, match="expected a field P that is not zero"):
+        kr.simulate(
+            model, {"M": state["M"], "P": np.zeros(3)}, dt=0.5, steps=1, method="exact", orientation=(1, 0, 0, 0)
+        )
     with pytest.raises(kr.InputError, match="Use a smaller dt"):
         kr.simulate(model, state, dt=1e9, steps=1, method="exact")
     with pytest.raises(kr.InputError, match="Steps of method='exact' reach the same times"):

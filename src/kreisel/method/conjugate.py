@@ -17,6 +17,7 @@ zeros of `kreisel.method.baecklund`, the order is 2 K.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import reduce
 from pkgutil import resolve_name
 from typing import Any, NamedTuple, cast
@@ -26,6 +27,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
+from kreisel.exact.quadrics import lift
 from kreisel.method.baecklund import constant_turns, stage_points
 from kreisel.method.observing import State, as_matrix, observer, scheme_of
 from kreisel.method.scheme import Scheme, Steps
@@ -47,7 +49,9 @@ BETWEEN = 10  # steps between projections: the least interval, so that more pair
 BETWEEN_MAPS = 4  # of a single map, whose rounding errors in |P|^2 are 3 last places a step
 LIKE = 1e-6  # the orientation is off by 1e-16 over this ratio of two fields
 COMPILED = "kreisel.kernels.exact.pairs"
-PATH = 8  # points on the way to the branch of a complex x
+PATH, NODES = 8, 12  # points on the way to the branch of a complex x; of Gauss's rule from there, and in a time
+RULE = np.polynomial.legendre.leggauss(NODES)
+SHARES, WEIGHTS = [*((1 + RULE[0]) / 2).tolist(), 1.0], (RULE[1] / 2).tolist()
 NUMBERS = ("lam_re", "lam_im", "mu_re", "mu_im")
 
 
@@ -58,23 +62,15 @@ def has_points(model: Model) -> bool:
 
 
 def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
-    """Products of Bäcklund maps of an order.  Raises `InputError` for an orientation, and where no points are found."""
-    if oriented:
-        raise InputError(
-            f"orientation: expected none for method='baecklund' of {model.system.name}, whose maps determine the "
-            f"rotation of the body only to the order of the step. Use another method, such as 'dop853'."
-        )
-    return by_pairs(model, dt, False, order) if model.system.exact_map is None else by_map(model, dt, order)
+    """Products of Bäcklund maps of an order.  Raises `InputError` as `exact`."""
+    return (
+        by_pairs(model, dt, oriented, order) if model.system.exact_map is None else by_map(model, dt, oriented, order)
+    )
 
 
 def exact(model: Model, dt: float, order: None, oriented: bool) -> Scheme:
     """The exact flow.  Raises `InputError` for an orientation that the map lacks, and where no points are found."""
-    if oriented and model.system.exact_map is not None:
-        raise InputError(
-            f"orientation: expected none for method='exact' of {model.system.name}, whose map has no rotation of "
-            "the body. Use method='dop853'."
-        )
-    return by_pairs(model, dt, oriented) if model.system.exact_map is None else by_map(model, dt)
+    return by_pairs(model, dt, oriented) if model.system.exact_map is None else by_map(model, dt, oriented)
 
 
 def by_pairs(model: Model, dt: float, oriented: bool, order: int | None = None) -> Scheme:
@@ -133,25 +129,61 @@ def _require_like_fields(model: Model, state: State) -> None:
         )
 
 
-def by_map(model: Model, dt: float, order: int | None = None) -> Scheme:
-    """The exact flow by copies of one map, or a step of an order by several."""
-    record = cast("ExactMap", model.system.exact_map)
+def by_map(model: Model, dt: float, oriented: bool, order: int | None = None) -> Scheme:
+    """The exact flow by copies of one map, or a step of an order by several.
+
+    The body rotates by g(t) = g z(psi) p, p P(t) = P the shortest rotation, z(psi) the rotation about P by psi' =
+    |P| Omega.(P + P(t))/(|P|^2 + P.P(t)), by Gauss's rule: the states at its nodes are those of more maps.
+    """
+    record, size = cast("ExactMap", model.system.exact_map), 1 + NODES * oriented
+    if oriented and order is not None:
+        raise InputError(
+            f"orientation: expected none for method='baecklund' of {model.system.name}, whose maps have complex "
+            "points: the states between them are not those of the motion. Use method='exact'."
+        )
 
     def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
-        batch, lanes = _lanes(model, x0)
+        if oriented and not abs(x0[1]).max(-1).all():
+            raise InputError(
+                f"orientation: expected a field P that is not zero for method='exact' of {model.system.name}, got P = "
+                "0. Use method='dop853'."
+            )
+        batch, lanes = _lanes(model, x0[:2])
         try:
-            points = _stacked(batch, [maps(model, *lane, dt, order) for lane in lanes])
+            rows = _stacked(batch, [maps(model, *lane, dt, order, SHARES[-size:]) for lane in lanes])
         except np.linalg.LinAlgError as error:
             raise _out_of_range(model.system.name) from error
-        return {}, {name: points[..., i, :] for i, name in enumerate(NUMBERS)}
+        span, points = rows[..., 0, :], np.moveaxis(rows[..., 1:, :].reshape(*batch, 4, size, -1), -1, -2)
+        stages = {name: points[..., i, :, :] if oriented else points[..., i, :, 0] for i, name in enumerate(NUMBERS)}
+        return {}, stages | ({"span": span} if oriented else {})
+
+    def step(M: Array, P: Array, g: Array, *, span: Array, **known: Array) -> State:
+        def at(node: int) -> State:
+            numbers = {name: known[name][..., node][()] for name in NUMBERS}
+            return tuple(call(record.step, (M, P), {**known, **numbers}))
+
+        def rate(M: Array, P: Array) -> Array:
+            Omega, x = algebra.axial(call(model.system.velocity, (M, P), known)), P * algebra.vec(share)
+            return algebra.dot(Omega, e + x) / (1 + algebra.dot(e, x))
+
+        share, psi = 1 / algebra.sqrt(algebra.dot(P, P)), 0 * span
+        e = P * algebra.vec(share)
+        for node, weight in enumerate(WEIGHTS):
+            psi = psi + weight * rate(*at(node))
+        new = at(NODES)
+        turn = algebra.quaternion_product(
+            algebra.turn(algebra.vec(span * psi) * e), lift(e, new[1] * algebra.vec(share))
+        )
+        return (*new, algebra.quaternion_product(g, algebra.unit(turn)))
 
     name, options = _named(order)
     return scheme_of(
         name,
         model,
-        Steps(record.step),
-        observer(model, conserved=("casimir", "energy", *model.system.integrals)),
-        axes={**model.axes, **dict.fromkeys(NUMBERS, 0)},
+        Steps(step if oriented else record.step),
+        observer(model, oriented, conserved=("casimir", "energy", *model.system.integrals)),
+        oriented,
+        axes={**model.axes, **dict.fromkeys(NUMBERS, int(oriented)), "span": 0},
         trajectory=trajectory,
         between=BETWEEN_MAPS,
         **options,
@@ -159,24 +191,37 @@ def by_map(model: Model, dt: float, order: int | None = None) -> Scheme:
 
 
 def maps(
-    model: Model, state: State, params: dict[str, Array], dt: float, order: int | None = None
+    model: Model,
+    state: State,
+    params: dict[str, Array],
+    dt: float,
+    order: int | None = None,
+    shares: Sequence[float] = (1.0,),
 ) -> tuple[Array, Array]:
-    """`NUMBERS` (4, count) of the maps of a step, and (4,) of the identity, which fills shorter lanes."""
+    """The time and `NUMBERS` for shares of it (1 + 4 shares, count), of each map of a step; the same of the identity,
+    which fills shorter lanes.
+    """
     record = cast("ExactMap", model.system.exact_map)
     state = tuple(np.asarray(z, np.longdouble) for z in state)
     wide = {k: np.longdouble(v) for k, v in params.items()}
 
-    def numbers(lam: Array) -> Array:
-        return _numbers(lam, call(record.level, state, {**wide, "lam": lam}))
+    def point(time: Any) -> Any:
+        return call(record.point, state, {**wide, "dt": np.longdouble(time)})
+
+    def rows(lam: Array, time: float) -> Array:
+        numbers = _numbers(lam, call(record.level, state, {**wide, "lam": lam})).reshape(4 * len(shares), -1)
+        return np.concatenate([np.full_like(numbers[:1], time), numbers])
 
     with np.errstate(all="ignore"):
-        identity = numbers(call(record.point, state, {**wide, "dt": np.longdouble(0)}))
+        identity = rows(np.repeat(point(0), len(shares)), 0.0)[:, 0]
         if order is not None:
-            return numbers(2j / fractions(dt, order)), identity
+            return rows(2j / fractions(dt, order), 0.0), identity
         copies = 1
         while copies <= MOST_COPIES:
-            if (lam := call(record.point, state, {**wide, "dt": np.longdouble(dt) / copies})) is not None:
-                return numbers(lam)[:, None].repeat(copies, 1), identity
+            time = np.longdouble(dt) / copies
+            lams = [lam for share in shares if (lam := point(time * share)) is not None]
+            if len(lams) == len(shares):
+                return rows(np.array(lams), float(time)).repeat(copies, 1), identity
             copies *= 2
     raise InputError(
         f"No map was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it. Usual cause: a "
@@ -354,9 +399,12 @@ class Torus:
             return identity[:, None], identity, turn
         if order is not None:
             x = np.multiply.outer(points.x, fractions(dt, order))
-            table = self._compiled.evenly(PATH)
-            mu = np.stack([_complex(self._run(table, (0, 0), column)["end"])[: len(x)] for column in x.T], -1)
-            return _numbers((1j * points.y[:, None] + x).ravel(), mu.ravel()), identity, still
+            ends, turns = zip(*(self._unsolved(column, dt / x.shape[1]) for column in x.T), strict=True)
+            return (
+                _numbers((1j * points.y[:, None] + x).ravel(), np.stack(ends, -1).ravel()),
+                identity,
+                sum(turns, still),
+            )
         copies = self.copies(dt)
         for _ in range(TRIALS):
             for share in (FARTHEST / REACH * self.far(dt) / copies, FARTHEST):
@@ -369,16 +417,30 @@ class Torus:
             "Use another method, such as 'dop853', for this state."
         )
 
-    def _run(self, table: Array, steps: tuple[int, int], x: Array, h: float = 0.0) -> dict[str, Array]:
-        """Steps of Newton's method from x; by none, mu at the ends of the paths."""
-        points = self.points
-        values = {"h": [h], "y": points.y, "x": _real(x), "mu": _real(points.mu)}
+    def _run(
+        self, table: Array, steps: tuple[int, int], x: Array, h: float = 0.0, y: Any = None, mu: Any = None
+    ) -> dict[str, Array]:
+        """Steps of Newton's method from x; by none, mu at the ends of the paths from mu at iy."""
+        points, dual = self.points, np.zeros((len(self.units), self.paths.most))
+        y, mu = points.y if y is None else y, points.mu if mu is None else mu
         if h:
-            dual = np.zeros((len(self.units), self.paths.most))
             dual[:, : len(points.x)] = np.linalg.pinv(points.fields).T / self.units[:, None]
-            values["fields"] = dual.ravel()
+        values = {"h": [h], "y": y, "x": _real(x), "mu": _real(mu), "fields": dual.ravel()}
         result: dict[str, Array] = self.paths.run(self.z, self._parameters, table, steps, **values)
         return result
+
+    def _unsolved(self, x: Array, h: float) -> tuple[Array, Array]:
+        """mu at points iy + x, and the missing rotation of the body in a time h.
+
+        The rotation by each pair is int Re Omega from i Im(iy + x) on; what it leaves of the flow's does not change
+        what the body carries.
+        """
+        end, middle = (_complex(self._run(self._compiled.evenly(PATH), (0, 0), v)["end"]) for v in (x, 1j * x.imag))
+        turn = self._run(self._compiled.gauss(NODES), (0, 1), x.real, h, self.points.y + x.imag, middle[: len(x)])[
+            "turn"
+        ]
+        carried = [self.state[i] for i in self.system.space.carried or (0,)]
+        return end[: len(x)], commuting(algebra.skew(turn, self.state[0].shape[-1]), carried)
 
     def solved(self, dt: float, copies: int, share: float) -> tuple[Array, Array] | None:
         """`NUMBERS` (4, count) of the pairs of a part of a step, and the missing rotation of the body in the step.
@@ -399,6 +461,16 @@ class Torus:
             return None
         n = self.state[0].shape[-1]
         return _numbers(x.real + 1j * points.y, mu), copies * algebra.skew(found["turn"], n)
+
+
+def commuting(Omega: Array, carried: list[Array]) -> Array:
+    """The part of a skew matrix (n, n) that leaves vectors (n,) and matrices (n, n) constant."""
+    n = len(Omega)
+    basis = algebra.skew(np.eye(n * (n - 1) // 2), n)
+    rates = [(basis @ z if z.ndim == 1 else algebra.bracket(basis, z)) / (abs(z).max() or 1.0) for z in carried]
+    _, sizes, V = np.linalg.svd(np.concatenate([rate.reshape(len(basis), -1) for rate in rates], -1).T)
+    still = V[int((sizes > LIKE).sum()) :]
+    return algebra.skew(still.T @ (still @ algebra.coordinates(Omega)), n)
 
 
 def _real(x: Array) -> Array:

@@ -131,7 +131,7 @@ class Paths:
         return [part for x in new for part in (x.upper, x.lower)]
 
     def step(self, z: Array, known: Any, h: Array, total: Array, ends: Array, dual: Array, none: Array) -> list[Any]:
-        """What the integrals lack of h f, the change of x, and the rotation that the body lacks.
+        """Defects of the integrals, h f minus them, changes of x, and the missing rotation of the body.
 
         dual  (d, most): of the fields at the starts
         none  1 for each missing pair
