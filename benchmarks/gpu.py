@@ -109,7 +109,7 @@ def subjects(lanes: int) -> dict[str, tuple[Any, Any, dict[str, Any]]]:
             kovalevskaya.state(M=vectors(), P=vectors(), Q=vectors()),
             {"method": "suris"},
         ),
-        "EulerTop with a torque, splitting (2, 2)": (
+        "EulerTop with a torque, splitting": (
             forced,
             forced.state(M=vectors()),
             {"method": "splitting", "order": (2, 2)} | attitude,

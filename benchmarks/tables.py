@@ -112,6 +112,21 @@ def gpu_code() -> str:
     return _table(head, rows)
 
 
+def gpu_calls() -> str:
+    """Calls of `kr.simulate` on a GPU, and on one core."""
+    rows = []
+    for name, row in _result("gpu")["calls"].items():
+        difference = f"{row['apart']:.0e}" if row["apart"] else "0"
+        rows.append([name, f"{row['gpu']:.2g}", f"{row['core']:.2g}", f"{row['ratio']:.0f}", difference])
+    return _table(["system, method", "GPU, steps/s", "one core, steps/s", "ratio", "difference"], rows)
+
+
+def gpu_diffrax() -> str:
+    """Kreisel and diffrax on one GPU: seconds of a call, and errors."""
+    rows = [[row["method"], f"{row['seconds']:.2f}", f"{row['error']:.0e}"] for row in _result("gpu")["diffrax"]]
+    return _table(["10⁵ tops to T = 100", "seconds", "largest error"], rows)
+
+
 def calls() -> str:
     """Microseconds of a call of `kr.propagator`, one state and a lane of an ensemble."""
     rows = []
@@ -154,7 +169,19 @@ def code_single() -> str:
     return _table(head, rows)
 
 
-TABLES = (speed_and_stillness, ensembles, saving_cost, dimensions, startup, gpu_code, calls, code, code_single)
+TABLES = (
+    speed_and_stillness,
+    ensembles,
+    saving_cost,
+    dimensions,
+    startup,
+    gpu_code,
+    gpu_calls,
+    gpu_diffrax,
+    calls,
+    code,
+    code_single,
+)
 
 if __name__ == "__main__":
     for table in TABLES:
