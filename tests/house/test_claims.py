@@ -33,6 +33,7 @@ ROWS = {
     "a user-defined potential or Lagrangian": ["tutorial-lagrangian.md", "own-system.md"],
     "a gradient with respect to parameters, a fit": ["derivatives.md", "inference.md"],
     "millions of bodies": ["sweeps.md", "runs/test_simulate.py::lanes_equal_single_runs_bitwise"],
+    "a GPU": ["kernels/test_cuda.py::the_kernel_of_the_gpu_is_that_of_the_cpu"],
     "the state at t = 10": ["exact.md", "exact/test_exact.py::a_million_million_periods_on"],
     "archives and sweeps on Windows": ["house/test_platforms.py::runs_without_the_modules_of_posix"],
     "is my map integrable?": ["integrability.md", "lab/test_verdicts.py"],
@@ -53,7 +54,7 @@ QUESTIONS = {
     "How do I cite Kreisel?": ["faq.md"],
     "Can Kreisel do": ["can.md"],
 }
-NO = re.compile(r"no$|partly|not measured")
+NO = re.compile(r"no$|partly")
 
 
 def claims(page: str) -> list[str]:
