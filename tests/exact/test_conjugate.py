@@ -101,6 +101,21 @@ def test_flows_whose_series_are_written_out() -> None:
     assert abs(run.M.values[-1] - moved.astype(float)).max() < 1e-13
 
 
+@pytest.mark.parametrize("name", ["manakov", *["clebsch", "quadratic", "steklov"] * FULL])
+def test_bodies_of_five_dimensions(name: str) -> None:
+    draw, a = np.random.default_rng(3), np.array([1.0, 2.5, 5.0, 8.0, 11.0])
+    F = draw.normal(size=(5, 5))
+    M, P = skew(draw, 5), draw.normal(size=5)
+    model, state = {
+        "manakov": (kr.ManakovTop(a=a, b=np.sqrt(a + 1)), {"M": M}),
+        "clebsch": (kr.ClebschGeneral(a=a, b=np.sqrt(a + 1)), {"M": M, "P": P}),
+        "quadratic": (kr.QuadraticPotential(J=np.sqrt(a)), {"M": M, "P": F + F.T}),
+        "steklov": (kr.SteklovLyapunov(b=(0.3, 0.7, 1.9, -0.5, 1.2), s=0.4, l=0.7), {"M": M, "P": F - F.T}),
+    }[name]
+    run = kr.simulate(model, state, dt=0.05, steps=4, every=4, method="exact")
+    assert off(model, run, flow_of(model, parts(model, state), 0.2, digits=20)) < 1e-14
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_a_pair_keeps_the_spectrum_wherever_its_point_is(name: str) -> None:
     """det(L(lam) - mu) at other lam; but not with another B, nor with mu off the curve by 1e-3."""
@@ -410,9 +425,9 @@ def test_errors_grow_like_the_steps(name: str) -> None:
 
 
 def test_what_there_is_not() -> None:
-    five = kr.ManakovTop(a=(1, 2, 3, 4, 5), b=(1, 4, 9, 16, 25))
-    with pytest.raises(kr.InputError, match="n = 4"):
-        kr.simulate(five, {"M": np.zeros((5, 5))}, dt=0.5, steps=1, method="exact")
+    six = kr.ManakovTop(a=(1, 2, 3, 4, 5, 6), b=(1, 4, 9, 16, 25, 36))
+    with pytest.raises(kr.InputError, match="n = 4, 5"):
+        kr.simulate(six, {"M": np.zeros((6, 6))}, dt=0.5, steps=1, method="exact")
     for name in ("clebsch", "goryachev"):  # whose forces the maps do not know
         model, state = case(name)
         body = kr.perturbed(model, damping=0.1)

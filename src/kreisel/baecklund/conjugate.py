@@ -166,7 +166,7 @@ MANAKOV = of_pencil(lambda M: 0 * M)
 QUADRATIC = of_pencil(lambda M, P: P, lambda Omega, P: bracket(P, Omega), "symmetric")
 
 
-def in_letter(record, letter, diagonal_of=lambda x: x, dimensions=(3, 4)):
+def in_letter(record, letter, diagonal_of=lambda x: x, dimensions=(3, 4, 5)):
     """The pairs of a system with a = `diagonal_of` of the parameter of that letter, such as J^2."""
 
     def renamed(function):

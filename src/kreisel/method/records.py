@@ -184,7 +184,7 @@ _RECORDS = (
         title="the flow itself, in closed form, or by pairs of Bäcklund maps",
         needs="n = 3: the Lagrange top, the Euler top, a case of Clebsch, a body of revolution in a fluid, Neumann's "
         "system, a body in a quadratic potential, the tops of Kovalevskaya, Komarov, and Goryachev and Chaplygin, "
-        "Steklov's and Lyapunov's cases, Rubanovskii's gyrostat; n = 4: euler-top, manakov-top, clebsch, "
+        "Steklov's and Lyapunov's cases, Rubanovskii's gyrostat; n = 4, 5: euler-top, manakov-top, clebsch, "
         "clebsch-general, clebsch-body, quadratic-potential, quadratic-field, steklov-lyapunov",
         cases=(
             Suits(n=3, either=("baecklund", "closed_form.top", "closed_form.moments", "closed_form.gyrostat")),

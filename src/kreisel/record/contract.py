@@ -318,7 +318,7 @@ class ConjugatePairs:
     pair: Function
     levels: Function | None = None
     metric: Function | None = None
-    dimensions: tuple[int, ...] = (3, 4)
+    dimensions: tuple[int, ...] = (3, 4, 5)
 
 
 @dataclass(frozen=True)

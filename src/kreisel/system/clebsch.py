@@ -130,7 +130,7 @@ SYSTEM = System(
         source="Suris 2001, section 7, (dClebsch spec)",
     ),
     baecklund=BAECKLUND,
-    pairs=in_letter(CLEBSCH, "b", dimensions=(4,)),  # n = 3: one pair, `kreisel.method.pairs`
+    pairs=in_letter(CLEBSCH, "b", dimensions=(4, 5)),  # n = 3: one pair, `kreisel.method.pairs`
     derive=shifted_diagonal,
     relations=(
         Relation("clebsch-general", lambda M, P, g, *, b: ((M, P), {"a": b, "b": b}), meaning="the flow a = b"),

@@ -65,5 +65,5 @@ SYSTEM = System(
     relations=(
         Relation("kirchhoff", lambda M, P, g, *, b, c: ((M, P), {"C": c, "B": diagonal(b)}), meaning="a special case"),
     ),
-    notes="Only the flow a = b has an explicit map here: clebsch. Every flow has method='exact', n = 3 and 4.",
+    notes="Only the flow a = b has an explicit map here: clebsch. Every flow has method='exact', n = 3 to 5.",
 )

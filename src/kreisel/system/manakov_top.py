@@ -40,5 +40,5 @@ SYSTEM = System(
     commuting=("spectrum",),
     lax=lax,
     pairs=MANAKOV,
-    notes="Only the metric of a body, a = J^2, b = J, has a map here: euler-top. All have method='exact', n = 3 and 4.",
+    notes="Only the metric of a body, a = J^2, b = J, has a map here: euler-top. All have method='exact', n = 3 to 5.",
 )

@@ -90,5 +90,5 @@ SYSTEM = System(
     integrals={"traces": traces},
     commuting=("traces",),
     pairs=STEKLOV_LYAPUNOV,
-    notes="No explicit map is known; method='exact' for n = 3 and 4.",
+    notes="No explicit map is known; method='exact' for n = 3 to 5.",
 )

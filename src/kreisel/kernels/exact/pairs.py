@@ -17,7 +17,6 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.complex import Complex
-from kreisel.algebra.matrices import adjugate
 from kreisel.algebra.reuse import Identity, reused
 from kreisel.baecklund.conjugate import legendre, longest
 from kreisel.graph.arranging import arranged
@@ -32,7 +31,6 @@ from kreisel.record.contract import ConjugatePairs
 from kreisel.record.model import Model
 
 columns: Callable[..., Any] = longest
-minors: Callable[..., Any] = adjugate
 ROUNDS = 4  # of quotient and vectors at a node: an error of 0.2 of the vectors falls below 1e-10
 Recorded = Callable[..., list[Any]]
 Piece = tuple[Graph, list[Any]]
@@ -141,9 +139,8 @@ class Paths:
         flow = algebra.flatten(call(self.system.flow, state, constants), self.kinds)
         miss = [upper(time * f - s) for f, s in zip(flow, sums, strict=False)]
         dual = dual.reshape(self.d, self.most)
-        J = (ends.reshape(self.most, self.d) @ dual).T + algebra.identity(self.most) * none
-        adj = minors(J)
-        change = adj @ (algebra.objects(miss) @ dual) / (J[0] * adj[:, 0]).sum()
+        J = (ends.reshape(self.most, self.d) @ dual).T + algebra.identity(self.most) * none  # near 1
+        change = algebra.solve(J, (algebra.objects(miss) @ dual)[:, None])[:, 0]
         turn = [0.0] * self.turns
         if self.system.velocity is not None:
             Omega = algebra.coordinates(call(self.system.velocity, state, constants))
