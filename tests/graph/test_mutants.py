@@ -380,7 +380,7 @@ MUTANTS = [
     Mutant("sweeps", "graph.sweep:pushed", "-tangent if", "tangent if"),
     # the step of a map
     Mutant("stages", STEPS + "Constants.at", "stage * self._stride", "0"),
-    Mutant("stages", STEPS + "_begin", "s.beyond(stage * of_stages)", "s"),
+    Mutant("stages", STEPS + "Constants.begin", "s.beyond(stage * of_stages)", "s"),
     Mutant("lanes", STEPS + "_write", "constants[k].at", "constants[0].at"),
     Mutant(
         "stages",

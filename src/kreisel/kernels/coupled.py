@@ -16,7 +16,7 @@ from kreisel.algebra.reuse import reused
 from kreisel.graph.arranging import arranged
 from kreisel.graph.graph import Graph, Number, Operand, TooLong
 from kreisel.graph.invariants import recordable
-from kreisel.graph.llvm import Function, Integer, Lanes, Memory, kind_of
+from kreisel.graph.llvm import Function, Integer, Lanes, kind_of
 from kreisel.graph.machine import Kernel, address_of, kernel, register_width
 from kreisel.graph.project import CompiledProjection
 from kreisel.graph.recording import (
@@ -211,26 +211,33 @@ def compiled_together(record: Recording, pull: Pull, lanes: int, stages: int) ->
 def _write(f: Function, record: Recording, splits: list[Split], pull: Pull, width: int) -> None:
     frame, out, rows, every = f.arguments
     words = dict(zip(FRAME, f.integers(frame).get(len(FRAME)), strict=True))
-    z, forces, saved = (f.doubles(address) for address in (words["z"], words["forces"], out))
+    z, c, s, forces, saved = (f.doubles(x) for x in (*(words[name] for name in ("z", "c", "s", "forces")), out))
     lanes, stages, kind, size = words["lanes"], words["stages"], kind_of(width), record.state
     f.vectors(width)
-    rooms = [f.doubles(words[name]).of(kind) for name in ("fixed", "staged")]
-    _begin(f, record, splits, words, rooms, width)
+    fixed, staged = (f.doubles(words[name]).of(kind) for name in ("fixed", "staged"))
+    starts = [sum(len(split.kept_fixed) for split in splits[:number]) for number in range(len(splits) + 1)]
+    count, blocks = Constants.count(splits), (lanes + (width - 1)) // width
+
+    def constants_of(block: Integer) -> Constants:
+        return Constants(f, record, splits, kind, staged.beyond(block * stages * count), count)
+
+    with f.loop(0, blocks) as block:  # the values that do not vary with the step
+        constants = constants_of(block)
+        constants.begin(c, s, f.lanes(block * width, width, lanes), stages)
+        kept = zip(splits, constants.fixed, strict=True)
+        fixed.put([values[at] for split, values in kept for at in split.kept_fixed], block * starts[-1])
 
     def part(number: int, block: Integer, stage: Any) -> None:
         """A piece, of the lanes of a block."""
-        at, split = f.lanes(block * width, width, lanes), splits[number]
-        values = dict(zip(split.kept_fixed, _at(rooms[0], splits, number, "kept_fixed", block), strict=True))
-        if split.piece.part.staged:
-            place = block * stages + stage
-            values |= dict(zip(split.kept, _at(rooms[1], splits, number, "kept", place), strict=True))
+        at, split, constants = f.lanes(block * width, width, lanes), splits[number], constants_of(block)
+        values = fixed.get(len(split.kept_fixed), block * starts[-1] + starts[number])
+        constants.fixed[number] = dict(zip(split.kept_fixed, values, strict=True))
         state = Lanes(z, at, size)
         old = state.get(range(size))
         if split.piece.part.more:
             old += Lanes(forces, at, pull.forces).get(range(pull.forces))
-        state.put(split.outputs(f, [(values, old)], kind, overlap=True)[0])
+        state.put(split.outputs(f, [(constants.at(number, stage), old)], kind, overlap=True)[0])
 
-    blocks = (lanes + (width - 1)) // width
     with f.loop(0, rows) as row:
         with f.loop(0, every):
             with f.loop(0, stages) as stage:
@@ -244,34 +251,3 @@ def _write(f: Function, record: Recording, splits: list[Split], pull: Pull, widt
                     part(2, block, 0)
         with f.loop(0, lanes * size) as k:
             saved[row * lanes * size + k] = z[k]
-
-
-def _begin(
-    f: Function, record: Recording, splits: list[Split], words: Mapping[str, Integer], rooms: list[Memory], width: int
-) -> None:
-    lanes, stages, kind = words["lanes"], words["stages"], kind_of(width)
-    c, s, of_stages = f.doubles(words["c"]), f.doubles(words["s"]), record.count("s")
-    with f.loop(0, (lanes + (width - 1)) // width) as block:
-        at = f.lanes(block * width, width, lanes)
-        of_lane = {"c": Lanes(c, at, record.count("c")), "s": Lanes(s, at, stages * of_stages)}
-        every: list[dict[int, Any]] = [{} for _ in splits]
-        for number, (split, values) in enumerate(zip(splits, every, strict=True)):
-            split.values(f, split.fixed, of_lane, kind, values)
-            rooms[0].put([values[k] for k in split.kept_fixed], _place(splits, number, "kept_fixed", block))
-        if record.stages:
-            with f.loop(0, stages) as stage:
-                of_stage = {**of_lane, "s": Lanes(s.beyond(stage * of_stages), at, stages * of_stages)}
-                for number, (split, fixed) in enumerate(zip(splits, every, strict=True)):
-                    values = dict(fixed)
-                    split.values(f, split.of_stage, of_stage, kind, values)
-                    place = _place(splits, number, "kept", block * stages + stage)
-                    rooms[1].put([values[k] for k in split.kept], place)
-
-
-def _place(splits: list[Split], number: int, name: str, row: Integer) -> Integer:
-    sizes = [len(getattr(split, name)) for split in splits]
-    return row * sum(sizes) + sum(sizes[:number])
-
-
-def _at(room: Memory, splits: list[Split], number: int, name: str, row: Integer) -> list[Any]:
-    return room.get(len(getattr(splits[number], name)), _place(splits, number, name, row))

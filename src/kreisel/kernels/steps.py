@@ -106,9 +106,11 @@ class Constants:
     Numbers of a stage are kept in `room`, the first vector of them for each stage.
     """
 
-    def __init__(self, f: Function, splits: Sequence[Split], kind: ir.Type, room: Memory | None, stride: Any = 0):
-        self._f, self._splits, self._kind, self._stride = f, splits, kind, stride
-        self._room = None if room is None else room.of(kind)
+    def __init__(
+        self, f: Function, record: Recording, splits: Sequence[Split], kind: ir.Type, room: Memory, stride: Any
+    ):
+        self._f, self._record, self._splits, self._kind, self._stride = f, record, splits, kind, stride
+        self._room = room.of(kind)
         self.fixed: list[dict[int, Value]] = [{} for _ in splits]
 
     @staticmethod
@@ -116,24 +118,27 @@ class Constants:
         """How many values of a stage are kept."""
         return sum(len(split.kept) for split in splits)
 
-    def begin(self, rows: Any, rows_of_stage: Any, stages: Integer) -> None:
-        """Compute all of it: rows of each letter, and at a stage."""
-        f = self._f
-        for split, known in zip(self._splits, self.fixed, strict=True):
-            split.values(f, split.fixed, rows, self._kind, known)
-        if self._room is not None and self.count(self._splits):
-            with f.loop(0, stages) as stage:
-                place = stage * self._stride
-                for split, known in zip(self._splits, self.fixed, strict=True):
-                    values = dict(known)
-                    split.values(f, split.of_stage, rows_of_stage(stage), self._kind, values)
-                    self._room.put([values[at] for at in split.kept], place)
-                    place = place + len(split.kept)
+    def begin(self, c: Memory, s: Memory, lanes: list[Any], stages: Integer) -> None:
+        """Compute all of it from the constants c (lanes, count) and s (lanes, stages, count)."""
+        of_stages = self._record.count("s")
+        rows = {"c": Lanes(c, lanes, self._record.count("c")), "s": Lanes(s, lanes, stages * of_stages)}
+        for split, values in zip(self._splits, self.fixed, strict=True):
+            split.values(self._f, split.fixed, rows, self._kind, values)
+        if not self.count(self._splits):
+            return
+        with self._f.loop(0, stages) as stage:
+            rows["s"] = Lanes(s.beyond(stage * of_stages), lanes, stages * of_stages)
+            place = stage * self._stride
+            for split, fixed in zip(self._splits, self.fixed, strict=True):
+                values = dict(fixed)
+                split.values(self._f, split.of_stage, rows, self._kind, values)
+                self._room.put([values[at] for at in split.kept], place)
+                place = place + len(split.kept)
 
     def at(self, number: int, stage: Any) -> dict[int, Value]:
         """All values that do not vary with the step, for a piece in a stage."""
         split = self._splits[number]
-        if not split.kept or self._room is None:
+        if not split.kept:
             return self.fixed[number]
         place = stage * self._stride + sum(len(each.kept) for each in self._splits[:number])
         return {**self.fixed[number], **dict(zip(split.kept, self._room.get(len(split.kept), place), strict=True))}
@@ -197,11 +202,11 @@ def _write(
     with f.loop(first, last, vectors * width) as lane:
         lanes = [f.lanes(lane + k * width, width, last) for k in range(vectors)]
         state = [states[k * count : (k + 1) * count] for k in range(vectors)]
-        constants = []
-        for k in range(vectors):
-            of_vector = Constants(f, splits, kind, room.beyond(k * width * kept), vectors * kept)
-            _begin(of_vector, record, c, s, lanes[k], stages)
-            constants.append(of_vector)
+        constants = [
+            Constants(f, record, splits, kind, room.beyond(k * width * kept), vectors * kept) for k in range(vectors)
+        ]
+        for of_vector, at in zip(constants, lanes, strict=True):
+            of_vector.begin(c, s, at, stages)
 
         def load() -> None:
             for k in range(vectors):
@@ -240,17 +245,6 @@ def _write(
                     step()
             store(saved.beyond(row * words["lanes"] * count))
         store(z)
-
-
-def _begin(of_vector: Constants, record: Recording, c: Memory, s: Memory, lanes: list[Any], stages: Integer) -> None:
-    of_stages = record.count("s")
-    of_lane = Lanes(s, lanes, stages * of_stages)
-
-    def of_stage(stage: Integer) -> dict[str, Lanes]:
-        return {"s": Lanes(s.beyond(stage * of_stages), lanes, stages * of_stages), "c": of_constants}
-
-    of_constants = Lanes(c, lanes, record.count("c"))
-    of_vector.begin({"c": of_constants, "s": of_lane}, of_stage, stages)
 
 
 def _woven(
