@@ -279,7 +279,7 @@ if __name__ == "__main__":
     print(f"{STEPS} steps: energy within {abs(total).max():.1e}, last quarter less first {trend:.0e}, "
           f"spread {spread:.0e}, order 4 {other[-1]:.0e}; mass to {masses.max():.0e}, "
           f"circulation to {circulation.max():.0e}")  # fmt: skip
-    assert abs(total).max() < 1e-3 and abs(trend) < spread and other[-1] < -1e-3
+    assert abs(total).max() < 1e-3 and abs(trend) < 3 * spread and other[-1] < -1e-3  # of order 4: 200 spreads
     assert masses.max() < 1e-12 and circulation.max() < 1e-12
 
     with figure("light", 11.0, 4.0) as (made, theme):
