@@ -16,7 +16,7 @@ import pytest
 import kreisel as kr
 from kreisel.files import CHECKSUMS, digest
 from kreisel.runs import integration
-from kreisel.storage import archive, checkpoint, run_archive
+from kreisel.storage import archive, opening, run_archive
 from kreisel.sweeps.lanes import check_archive
 
 OPTIONS: dict[str, Any] = {"dt": 0.1, "steps": 60, "every": 2, "orientation": (1, 0, 0, 0)}
@@ -192,14 +192,14 @@ def test_a_folder_that_vanishes_at_any_moment(tmp_path: Path, monkeypatch: pytes
     """One message, and never an archive that says that it is complete."""
     monkeypatch.setattr(integration, "BLOCK_BYTES", 10 * 8 * 5)
     monkeypatch.setattr("kreisel.storage.simulate.CHECKPOINT_SECONDS", 0.0)
-    places = [(run_archive.RunArchive, "append"), (checkpoint, "write"), (archive, "write_block"), (archive, "seal"),
-              (archive, "write_metadata")]  # fmt: skip
+    places = [(run_archive.RunArchive, "append"), (opening, "write_checkpoint"), (archive, "write_block"),
+              (archive, "seal"), (archive, "write_metadata")]  # fmt: skip
     for place, name in places:
         for what in ("", "a", "engine"):
             original, count = getattr(place, name), iter(range(10**6))
 
             def gone(*args: Any, original: Any = original, count: Any = count, what: str = what, **more: Any) -> Any:
-                if next(count) == (1 if name in ("append", "write", "write_block", "write_metadata") else 0):  # noqa: B023
+                if next(count) == (1 if name in ("append", "write_checkpoint", "write_block", "write_metadata") else 0):  # noqa: B023
                     shutil.rmtree(tmp_path / "run.zarr.part" / what)
                 return original(*args, **more)
 

@@ -23,7 +23,7 @@ from kreisel.bodies import BODIES
 from kreisel.lab import exact
 from kreisel.process import Lock
 from kreisel.runs import integration
-from kreisel.storage import archive, checking, checkpoint
+from kreisel.storage import archive, checking, opening
 from kreisel.storage import simulate as runs
 from kreisel.sweeps.lanes import check_archive
 from kreisel.system import REGISTRY
@@ -221,7 +221,7 @@ def test_rows_of_an_interrupted_run_are_read_when_asked_for(
         stop_after(34, patch)
         slow_run(tmp_path / "run.zarr", top, x0, OPTIONS)
     kept = kr.open_run(tmp_path / "run.zarr.part")
-    border, rows = checkpoint.read(tmp_path / "run.zarr.part").snapshot.flushed, kept.sizes["time"]
+    border, rows = opening.read_checkpoint(tmp_path / "run.zarr.part").snapshot.flushed, kept.sizes["time"]
     assert 0 < border < rows - 2
     assert not kept.a.variable._in_memory
     choices = [5, border, border - 1, -1, slice(None), slice(border - 2, border + 2), slice(1, None, 3)]
@@ -369,7 +369,7 @@ def test_damaged_checkpoint(top: object, x0: object, tmp_path: Path) -> None:
     path = tmp_path / "run.zarr"
     kr.simulate(top, x0, path=path, **OPTIONS)
     file = path / "engine" / "checkpoint.npz"
-    data, snapshot = bytearray(file.read_bytes()), checkpoint.read(path).snapshot
+    data, snapshot = bytearray(file.read_bytes()), opening.read_checkpoint(path).snapshot
     data[data.index(snapshot.engine["z"].tobytes())] ^= 1
     file.write_bytes(bytes(data))
     with pytest.raises(kr.InputError, match=r"checkpoint .* is damaged"):

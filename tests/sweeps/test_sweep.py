@@ -24,10 +24,8 @@ import kreisel as kr
 from kreisel.cli.configuration import read_sweep
 from kreisel.sweeps import workers
 from kreisel.sweeps.design import Lanes
-from kreisel.sweeps.ensemble import Sweep
+from kreisel.sweeps.ensemble import Sweep, angular_frequency
 from kreisel.sweeps.lanes import check_archive
-from kreisel.sweeps.store import compute
-from kreisel.sweeps.summaries import angular_frequency
 from kreisel.sweeps.sweep import carry_out
 from support import ROOT, configuration, contents
 
@@ -287,9 +285,8 @@ class Stopping(workers.Here):
     def __init__(self, after: int):
         self.after = after
 
-    def run(self, tasks: workers.Tasks, stop: Any) -> Iterator[dict[str, Any]]:
-        for block in tasks.todo[: self.after]:
-            yield compute(*tasks.arguments(block))
+    def map(self, function: Any, items: Any, *more: Any) -> Iterator[tuple[int, Any]]:
+        yield from super().map(function, items[: self.after])
         raise KeyboardInterrupt
 
 

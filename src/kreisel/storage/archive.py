@@ -223,8 +223,12 @@ def is_scratch(name: str) -> bool:
 
 
 def file_names(store: Path) -> set[str]:
-    """The names of all files, relative to the archive."""
-    return {Path(folder, name).relative_to(store).as_posix() for folder, _, some in os.walk(store) for name in some}
+    """The names of everything in a folder except folders, relative to it."""
+    names = set()
+    for folder, folders, files in os.walk(store):
+        links = [name for name in folders if os.path.islink(os.path.join(folder, name))]
+        names |= {Path(folder, name).relative_to(store).as_posix() for name in (*files, *links)}
+    return names
 
 
 def faults(store: Path, known: Listed) -> list[tuple[str, str]]:
@@ -382,17 +386,14 @@ def unseal(store: Path) -> None:
 
 def drop_blocks(store: Path, keep: int) -> None:
     """Keep the first `keep` blocks; remove later ones and files that a kill left incomplete."""
-    pairs = {(name, sha) for name, digests in listed(store).items() for sha in digests}
-    _write_list(store, [(name, sha) for name, sha in pairs if not is_chunk(name) or _block_of(name) < keep])
+
+    def kept(name: str) -> bool:  # by the first index in the name of a chunk; indices of lanes belong to no block
+        return not is_chunk(name) or name.startswith("lane/") or int(name.split("/")[2]) < keep
+
+    _write_list(store, [(name, sha) for name, digests in listed(store).items() if kept(name) for sha in digests])
     for path in (store / BLOCKS).iterdir():
         path.unlink()
     remove_scratch(store, unlisted=True)
-
-
-def _block_of(name: str) -> int:
-    """The index of a chunk's block of rows: the first index in its name.  Indices of lanes belong to no block."""
-    array, _, *places = name.split("/")
-    return -1 if array == "lane" else int(places[0])
 
 
 def remove_scratch(store: Path, unlisted: bool = False) -> None:
@@ -438,8 +439,18 @@ def why_not(path: Path) -> str | None:
     foreign = next(_foreign(path), None)
     if foreign is not None:
         return f"holds {foreign}, which Kreisel did not write"
-    if not _says_so(path) and any(not CHUNK.fullmatch(name) for name in _files(path)):
+    if not _says_so(path) and not all(CHUNK.fullmatch(name) for name in file_names(path)):
         return "does not say that it is an archive of Kreisel"
+    return None
+
+
+def _attributes(store: Path) -> Any:
+    """The attributes of an archive, which may be of any program; None if they cannot be read."""
+    try:
+        if is_plain(store / "zarr.json") and (store / "zarr.json").stat().st_size <= LARGEST_METADATA:
+            return json.loads((store / "zarr.json").read_bytes())["attributes"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        pass
     return None
 
 
@@ -456,30 +467,17 @@ def require_replaceable(path: Path) -> None:
 
 def _says_so(store: Path) -> bool:
     """Whether a folder is marked as a run or a sweep, or is empty: a kill leaves this of an archive just begun."""
-    try:
-        if (store / "zarr.json").stat().st_size > LARGEST_METADATA:
-            return False
-        attrs = json.loads((store / "zarr.json").read_bytes())["attributes"]
-    except FileNotFoundError:
-        return stands(store / CHECKSUMS) or all(is_scratch(name) for name in _files(store))
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return False
-    return "kreisel_format" in attrs or "kreisel_sweep" in attrs
-
-
-def _files(store: Path) -> Iterator[str]:
-    """The names in a folder of everything except folders, relative to it."""
-    for folder, folders, files in os.walk(store):
-        links = [name for name in folders if os.path.islink(os.path.join(folder, name))]
-        for name in (*files, *links):
-            yield Path(folder, name).relative_to(store).as_posix()
+    if not stands(store / "zarr.json"):
+        return stands(store / CHECKSUMS) or all(map(is_scratch, file_names(store)))
+    attrs = _attributes(store)
+    return isinstance(attrs, dict) and not attrs.keys().isdisjoint(("kreisel_format", "kreisel_sweep"))
 
 
 def _foreign(store: Path) -> Iterator[str]:
     """Names that neither Kreisel nor Zarr creates, of special files, or of files that belong to other arrays."""
     known = listed(store, strict=False)
     arrays = {name.removesuffix("/zarr.json") for name in known if name.endswith("/zarr.json")} - {"engine"}
-    for name in _files(store):
+    for name in sorted(file_names(store)):
         first = name.split("/")[0]
         added = arrays and "/" in name and first not in ("engine", *arrays)
         if added or not MADE.fullmatch(name) or not stat.S_ISREG(os.lstat(store / name).st_mode):
@@ -489,11 +487,10 @@ def _foreign(store: Path) -> Iterator[str]:
 def remove(store: Path) -> None:
     """Remove an archive or a store.  Raises `InputError` for anything else, and then removes no file."""
     require_replaceable(store)
-    made = [name for name in _files(store) if MADE.fullmatch(name)]
-    for name in sorted(
-        made, key=lambda name: (name != CHECKPOINT, not name.startswith("engine/"), name == "zarr.json")
-    ):
-        os.unlink(store / name)  # the remainder of a kill cannot resume, and keeps its mark to the end
+    names = [name for name in file_names(store) if MADE.fullmatch(name)]
+    # the remainder of a kill cannot resume, and keeps its mark to the end
+    for name in sorted(names, key=lambda name: (name != CHECKPOINT, name[:7] != "engine/", name == "zarr.json")):
+        os.unlink(store / name)
     for folder, folders, _ in os.walk(store, topdown=False):
         for name in folders:
             os.rmdir(os.path.join(folder, name))
@@ -550,23 +547,14 @@ def settle(path: Path) -> bool:
     if not stands(old) or why_not(old) is not None:
         return False
     if not stands(path):
-        if _complete(part):
+        attrs = _attributes(part)
+        if isinstance(attrs, dict) and attrs.get("complete") == 1:
             take_name(path)
             return True
         os.replace(old, path)
     if stands(old):
         remove(old)
     return False
-
-
-def _complete(part: Path) -> bool:
-    try:
-        return (
-            is_plain(part / "zarr.json")
-            and json.loads((part / "zarr.json").read_bytes())["attributes"]["complete"] == 1
-        )
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return False
 
 
 def settled(path: Path) -> Path:

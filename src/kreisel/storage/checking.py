@@ -19,26 +19,12 @@ from kreisel.method.scheme import KINDS
 from kreisel.record.perturbation import TIME
 from kreisel.runs.drift import lane_scales
 from kreisel.runs.integration import Integration
-from kreisel.runs.plan import Plan
 from kreisel.runs.planning import plan_of
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import Settings
-from kreisel.storage import archive
+from kreisel.storage import archive, opening
 from kreisel.storage.archive import CHECKPOINT
-from kreisel.storage.opening import (
-    COMPUTED,
-    MISSING,
-    MOST_INDEXED,
-    SweepRecord,
-    is_cut,
-    is_sweep,
-    open_lanes,
-    open_rows,
-    ordered,
-    run_record,
-    too_large,
-)
-from kreisel.storage.verified import Damaged, opened
+from kreisel.storage.opening import COMPUTED, MISSING, Damaged, SweepRecord, is_cut, opened, run_record
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -75,7 +61,7 @@ def check_archive(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     of them again.  Raises `InputError` if there is no archive at all.
     """
     path = archive.settled(path)
-    return check_lanes(path) if is_sweep(path) else check_rows(path)
+    return check_lanes(path) if opening.is_sweep(path) else check_rows(path)
 
 
 def check_rows(path: Path) -> tuple[xr.Dataset | None, list[str]]:
@@ -85,36 +71,34 @@ def check_rows(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     cut = ["the run was interrupted before its end: `kreisel resume` resumes it"] if is_cut(path, record) else []
     try:
         known = archive.listed(path)
-        changed = _file_faults(path, record, known)
-        run = open_rows(path, indexed=False) if cut else ordered(opened(path, known))
+        faults = _file_faults(path, known, bool(cut))
+        run = opening.open_rows(path, indexed=False) if cut else opening.ordered(opened(path, known))
     except InputError as error:
         return None, [*cut, *(([] if cut else _unreadable(path)) or [str(error)])]
-    run, faults, sizes = _without_lost(path, run), changed, _size_faults(run)
+    run, rows, expected = _without_lost(path, run), run.sizes.get("time", 0), record.row_count
+    short = run.attrs.get("complete", 1) and rows != expected
+    sizes = [f"{expected} rows were expected, {rows} are there"] if short else []
+    sizes += opening.too_large(run)
     if sizes or "time" not in run.variables:
         return None, [*cut, *faults, *sizes]
     unread = [each for _, _, found in blocks(run, "time", record.rows_in_block) for each in found]
     faults += [each.sentence for each in unread]
     run = run.drop_vars({each.name for each in unread})
     faults += [] if faults else _number_faults(run)
-    few = "time" in run.coords and run.sizes["time"] <= MOST_INDEXED
+    few = "time" in run.coords and run.sizes["time"] <= opening.MOST_INDEXED
     return (run.set_xindex("time") if few and "time" not in run.xindexes else run), [*cut, *faults]
 
 
 def check_lanes(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     """The check of a sweep, which is read block by block."""
     try:
-        run = open_lanes(path)
+        run = opening.open_lanes(path)
         record, known = SweepRecord.from_attrs(run.attrs, path), archive.listed(path)
     except InputError as error:
         archive.require_plain(path)
         return None, _unreadable(path) or [str(error)]
-    faults = [
-        message
-        for name, message in archive.faults(path, known)
-        if record.complete or not (archive.is_chunk(name) or archive.is_scratch(name))
-    ]
     run = _without_lost(path, run)
-    faults += too_large(run)
+    faults = _file_faults(path, known, not record.complete) + opening.too_large(run)
     if run.sizes.get("lane") != record.lanes or "failed" not in run:
         faults.append(f"{record.lanes:,} lanes were expected, {run.sizes.get('lane', 0):,} are there")
     if faults:
@@ -174,22 +158,13 @@ def _unreadable(path: Path) -> list[str]:
     return [message for _, message in archive.faults(path, known)] if known else []
 
 
-def _file_faults(path: Path, record: RunRecord, known: archive.Listed) -> list[str]:
-    """The faults of files other than chunks; an interrupted run may have some that are not listed."""
-    cut = is_cut(path, record)
-    return [
-        message
-        for name, message in archive.faults(path, known)
-        if not (cut and (name == CHECKPOINT or archive.is_scratch(name) or archive.is_chunk(name)))
-    ]
+def _file_faults(path: Path, known: archive.Listed, cut: bool) -> list[str]:
+    """The faults of files other than listed chunks; an interrupted archive may have some that are not listed."""
 
+    def counts(name: str) -> bool:
+        return not cut or not (name == CHECKPOINT or archive.is_scratch(name) or archive.is_chunk(name))
 
-def _size_faults(run: xr.Dataset) -> list[str]:
-    record = RunRecord.from_attrs(run.attrs)
-    expected = record.row_count
-    rows = run.sizes.get("time", 0)
-    faults = [f"{expected} rows were expected, {rows} are there"] if record.complete and rows != expected else []
-    return faults + too_large(run)
+    return [message for name, message in archive.faults(path, known) if counts(name)]
 
 
 def recover(path: Path, out: Path) -> tuple[int, int]:
@@ -205,7 +180,7 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     record = run_record(path)
     archive.require_plain(path)
     known = archive.listed(path) if archive.begun(path) else None
-    run = open_rows(path, indexed=False) if is_cut(path, record) else ordered(opened(path, known))
+    run = opening.open_rows(path, indexed=False) if is_cut(path, record) else opening.ordered(opened(path, known))
     rows, keep = run.sizes.get("time", 0), np.ones(run.sizes.get("time", 0), dtype=bool)
     for _, _, unread in blocks(run, "time", record.rows_in_block):
         for each in unread:
@@ -233,9 +208,9 @@ def _number_faults(run: xr.Dataset) -> list[str]:
     follow from the row before.
     """
     missing: list[str] = []
-    record = RunRecord.from_attrs(run.attrs)
-    again = None if record.is_own else _definition(record)
-    if again is not None:
+    record, again = RunRecord.from_attrs(run.attrs), None
+    if not record.is_own and record.model.system.perturbation is None:  # forces depend on more than the saved states
+        again = scheme(record.model, record.method, record.dt, record.order, oriented=False)
         wanted = record.observed
         chosen = [k for k, o in again.outcomes.items() if wanted is None or k in wanted or o.kind == "state"]
         missing = [f"{name} is missing" for name in chosen if name not in run]
@@ -247,13 +222,6 @@ def _number_faults(run: xr.Dataset) -> list[str]:
         block = run.isel(time=slice(first, first + step)).load()
         faults |= dict.fromkeys(_block_faults(block, first, record, None if missing else again))
     return list(faults) or steps_again(run)
-
-
-def _definition(record: RunRecord) -> Scheme | None:
-    """The scheme that computes the integrals from the states, as in the run; None if forces depend on more."""
-    if record.model.system.perturbation is not None:
-        return None
-    return scheme(record.model, record.method, record.dt, record.order, oriented=False)
 
 
 def _block_faults(block: xr.Dataset, first: int, record: RunRecord, again: Scheme | None) -> Iterator[str]:
@@ -323,7 +291,11 @@ def steps_again(run: xr.Dataset) -> list[str]:
 
 def _next(record: RunRecord, saved: xr.Dataset, steps: int, before: int, nudge: float) -> dict[str, Array]:
     """The row after the first of `saved`, `before` steps on, from a start that is changed by `nudge`, relative."""
-    plan = _plan_from_row(record, saved, steps)
+    start, model = saved.isel(time=0), record.model
+    same = {"dt": record.dt, "method": record.method, "order": record.order, "tol": record.tolerance}
+    asked = Settings(steps=steps, every=steps, engine="cpu", project=False, **same)
+    state = {letter: start[letter].values for letter in model.system.space.letters}
+    plan = plan_of(model, state, asked, start[ORIENTATION].values if ORIENTATION in saved else None)
     back, out = plan.corrections
     plan.engine.z[:] = out(plan.engine.z[None])[0]
     plan.engine.z[:] *= 1 + nudge * np.random.default_rng(0).choice([-1.0, 1.0], plan.engine.z.shape)
@@ -335,23 +307,6 @@ def _next(record: RunRecord, saved: xr.Dataset, steps: int, before: int, nudge: 
     plan.engine.z[:] = back(plan.engine.z[None])[0]
     *_, last = Integration(plan).blocks()
     return {name: value[-1] for name, value in last.items()}
-
-
-def _plan_from_row(record: RunRecord, saved: xr.Dataset, steps: int) -> Plan:
-    start = saved.isel(time=0)
-    model = record.model
-    asked = Settings(
-        dt=record.dt,
-        steps=steps,
-        every=steps,
-        method=record.method,
-        order=record.order,
-        tol=record.tolerance,
-        engine="cpu",
-        project=False,
-    )
-    state = {letter: start[letter].values for letter in model.system.space.letters}
-    return plan_of(model, state, asked, start[ORIENTATION].values if ORIENTATION in saved else None)
 
 
 def _difference_of_rows(one: Array, two: Array, name: str) -> float:

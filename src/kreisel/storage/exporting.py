@@ -7,7 +7,6 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -82,23 +81,24 @@ def export(
     """
     where = target(out)
     flag(overwrite, "overwrite")
-    end = _format(where, out, labels | ({} if epoch is None else {"epoch": epoch}), angles)
+    end, asked = where.suffix.lower(), labels | ({} if epoch is None else {"epoch": epoch})
+    if end not in (*WRITERS, *MESSAGES):
+        raise InputError(f"The export must end in {', '.join((*WRITERS, *MESSAGES))}, got {str(out)!r}.")
+    name, others = ("angles", [*WRITERS]) if angles is not None else (next(iter(asked), ""), [*MESSAGES])
+    if name and end not in others:
+        raise InputError(f"{name}: expected a file that ends in {', '.join(others)}, got {where.name}.")
     require_file(where, overwrite)
     data = _opened(run)
-    data = data if angles is None else _with_angles(data, angles)
-    with _explained(where):
+    if angles is not None:
+        values, attrs = angles_of(data, angles), {"units": "deg", "frame": FRAMES[angles]}
+        dims = ("time", "lane")[: values.pitch.ndim]
+        data = data.assign({name: (dims, np.rad2deg(value), attrs) for name, value in values._asdict().items()})
+    try:
         if end in MESSAGES:
             write_message(data, where, epoch, labels, overwrite)
             return
         with written(where, overwrite) as scratch:
             WRITERS[end](data, scratch)
-
-
-@contextmanager
-def _explained(where: Path) -> Iterator[None]:
-    """Raises `InputError` and `RunError` that explain other errors."""
-    try:
-        yield
     except (InputError, RunError):
         raise
     except ImportError as error:
@@ -125,25 +125,6 @@ def _opened(run: Any) -> xr.Dataset:
     return data
 
 
-def _with_angles(run: xr.Dataset, frame: str) -> xr.Dataset:
-    """A run of a satellite with its angles, in degrees."""
-    found = angles_of(run, frame)
-    dims = ("time", "lane")[: found.pitch.ndim]
-    attrs = {"units": "deg", "frame": FRAMES[frame]}
-    return run.assign({name: (dims, np.rad2deg(value), attrs) for name, value in found._asdict().items()})
-
-
-def _format(where: Path, out: object, labels: dict[str, Any], angles: str | None) -> str:
-    """The ending of the file.  Raises `InputError` for an unknown ending, and for labels of another format."""
-    end = where.suffix.lower()
-    if end not in (*WRITERS, *MESSAGES):
-        raise InputError(f"The export must end in {', '.join((*WRITERS, *MESSAGES))}, got {str(out)!r}.")
-    name, others = ("angles", WRITERS) if angles is not None else (next(iter(labels), ""), MESSAGES)
-    if name and end not in others:
-        raise InputError(f"{name}: expected a file that ends in {', '.join(others)}, got {where.name}.")
-    return end
-
-
 def _netcdf(run: xr.Dataset, out: Path) -> None:
     import h5netcdf
 
@@ -155,17 +136,22 @@ def _netcdf(run: xr.Dataset, out: Path) -> None:
         file.dimensions = sizes
         file.attrs.update({str(k): _netcdf_value(v) for k, v in example.attrs.items()})
         for name, variable in example.variables.items():
-            shape = tuple(sizes[str(d)] for d in variable.dims)
-            packed = bool(shape) and math.prod(shape) > 0
-            made = file.create_variable(
-                str(name),
-                tuple(map(str, variable.dims)),
-                {"b": np.dtype("i1"), "U": TEXT}.get(variable.dtype.kind, variable.dtype),
-                **({"chunks": _chunks(shape), "compression": "gzip", "shuffle": True} if packed else {}),
-            )
-            made.attrs.update({str(k): _netcdf_value(v) for k, v in variable.attrs.items()})
-        for name, part, values in _pieces(run):
-            file.variables[str(name)][part] = values.astype(object) if values.dtype.kind == "U" else values
+            dims = tuple(map(str, variable.dims))
+            shape = tuple(sizes[d] for d in dims)
+            layout: dict[str, Any] = {}
+            if shape and math.prod(shape):
+                rows = min(shape[0], max(1, NUMBERS_AT_ONCE // 8 // math.prod(shape[1:])))
+                layout = {"chunks": (rows, *shape[1:]), "compression": "gzip", "shuffle": True}
+            kind = {"b": np.dtype("i1"), "U": TEXT}.get(variable.dtype.kind, variable.dtype)
+            created = file.create_variable(str(name), dims, kind, **layout)
+            created.attrs.update({str(k): _netcdf_value(v) for k, v in variable.attrs.items()})
+        lead = _lead(run)
+        for first, block in _blocks(run):
+            for name, variable in block.variables.items():
+                if lead in variable.dims or first == 0:
+                    rows = slice(first, first + block.sizes.get(lead, 0))
+                    values = variable.values.astype(object) if variable.dtype.kind == "U" else variable.values
+                    file.variables[str(name)][tuple(rows if d == lead else slice(None) for d in variable.dims)] = values
 
 
 def _require_plain(types: Mapping[Any, np.dtype[Any]], form: str) -> None:
@@ -198,35 +184,6 @@ def _json(value: Any) -> str:
         return json.dumps(shown(value))
 
 
-def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
-    rest = max(1, math.prod(shape[1:]))
-    return (min(shape[0], max(1, NUMBERS_AT_ONCE // 8 // rest)), *shape[1:])
-
-
-def _pieces(run: xr.Dataset) -> Iterator[tuple[Any, tuple[slice, ...], Array]]:
-    """Names, places and values of the content of a file: slabs of variables; for a body, blocks of rows of all."""
-    if not _of_body(run):
-        for name, variable in run.variables.items():
-            yield from ((name, part, variable[part].values) for part in _slabs(variable))
-        return
-    lead = _lead(run)
-    for first, block in _blocks(run):
-        for name, variable in block.variables.items():
-            if lead in variable.dims or first == 0:
-                rows = slice(first, first + block.sizes.get(lead, 0))
-                yield name, tuple(rows if d == lead else slice(None) for d in variable.dims), variable.values
-
-
-def _slabs(variable: xr.Variable) -> Iterator[tuple[slice, ...]]:
-    """Slices along the first axis, of about a million values."""
-    if not variable.ndim:
-        yield ()
-        return
-    step = max(1, NUMBERS_AT_ONCE // max(1, math.prod(variable.shape[1:])))
-    for first in range(0, variable.shape[0], step):
-        yield (slice(first, min(first + step, variable.shape[0])),)
-
-
 def _parquet(run: xr.Dataset, out: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -250,19 +207,20 @@ def _lead(run: xr.Dataset) -> str:
 
 def _blocks(run: xr.Dataset) -> Iterator[tuple[int, xr.Dataset]]:
     """The first row of each block, and the block in the form of the file, of about a million values."""
-    lead, before = _lead(run), None
-    step = max(1, NUMBERS_AT_ONCE // sum(v.size // v.sizes.get(lead, 1) + 1 for v in run.variables.values()))
+    lead, before, run = _lead(run), None, run.copy()
+    along = [v for v in run.variables.values() if lead in v.dims]
+    for variable in run.variables.values():
+        if lead not in variable.dims:
+            variable.load()  # once, not with each block
+    step = max(1, NUMBERS_AT_ONCE // sum(v.size // v.sizes[lead] + 1 for v in along)) if along else 1
     for first in range(0, max(run.sizes.get(lead, 1), 1), step):
         block = _presented((run.isel({lead: slice(first, first + step)}) if lead else run).load())
         if lead == "time" and ORIENTATION in block and _of_body(run):
-            q = block[ORIENTATION].values if before is None else _following(before, block[ORIENTATION].values)
+            q = block[ORIENTATION].values
+            if before is not None:  # q or -q, the nearer to the row before
+                q = q * np.where((before * q[:1]).sum(-1, keepdims=True) < 0, -1.0, 1.0)
             block, before = block.assign({ORIENTATION: block[ORIENTATION].copy(data=q)}), q[-1:]
         yield first, block
-
-
-def _following(before: Array, q: Array) -> Array:
-    """Quaternions (time, ..., 4): q or -q, the nearer to the row before."""
-    return q * np.where((before * q[:1]).sum(-1, keepdims=True) < 0, -1.0, 1.0)
 
 
 def _of_body(run: xr.Dataset) -> bool:
@@ -301,20 +259,15 @@ def _columns(block: xr.Dataset) -> Iterator[tuple[str, Array]]:
 
 def _csv(run: xr.Dataset, out: Path) -> None:
     with out.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
         for first, block in _blocks(run):
             columns = dict(_columns(block))
             names = sorted(columns, key=lambda name: ROWS.index(name) if name in ROWS else len(ROWS))
-            rows = csv.writer(file)
             if first == 0:
-                rows.writerow([_with_unit(name, block) for name in names])
+                units = {str(name): str(v.attrs.get("units", "1")) for name, v in block.variables.items()}
+                of_columns = {name: units.get(name.partition("[")[0], "1") for name in names}
+                rows.writerow(n if unit in ("", "1") else f"{n} ({unit})" for n, unit in of_columns.items())
             rows.writerows(zip(*(columns[name].tolist() for name in names), strict=True))
-
-
-def _with_unit(column: str, block: xr.Dataset) -> str:
-    """The heading of a column, with its unit."""
-    variable = block.variables.get(column.partition("[")[0])
-    unit = "1" if variable is None else str(variable.attrs.get("units", "1"))
-    return column if unit in ("", "1") else f"{column} ({unit})"
 
 
 @explained

@@ -148,66 +148,46 @@ def write_message(run: xr.Dataset, out: Path, epoch: Any, labels: Mapping[str, A
     if "lane" in run.dims:
         raise InputError("expected the run of one body, got several lanes. Give run.isel(lane=0).")
     body = frame_of(run)
-    unit = chosen["time_unit"]
-    unit = (
-        (1.0 if body is None or is_in_si(run) else body.time_unit)
-        if unit is None
-        else positive_number(unit, "time_unit")
-    )
+    unit = 1.0 if body is None or is_in_si(run) else body.time_unit
+    if chosen["time_unit"] is not None:
+        unit = positive_number(chosen["time_unit"], "time_unit")
     seconds = np.asarray(run["time"].values, dtype=np.float64) * unit
     if not (np.isfinite(seconds) & (abs(seconds) < LONGEST)).all():
         raise InputError(f"time_unit: expected times below {LONGEST:g} s, got {shown(float(abs(seconds).max()))}.")
     dated = "" if body is None else body.epoch
-    start, turn = _start(epoch, dated), np.eye(3)
+    start, turn = date_of(dated or epoch, "epoch"), np.eye(3)
+    if dated and epoch is not None and date_of(epoch, "epoch") != start:
+        raise InputError(f"epoch: expected {start}, the date of the orbit, or none, got {shown(epoch)}.")
     if chosen["frame"] is None:
-        turn = to_j2000(start) if dated and is_of_earth(run) else turn
+        mu = np.asarray(parameters_of(run).get("mu", 0.0))
+        turn = to_j2000(start) if dated and (abs(mu / EARTH - 1) < NEAR).all() else turn
         chosen["frame"] = "EME2000"
     MESSAGES[out.suffix.lower()](Rows(run, out, start, seconds, unit, chosen, overwrite, turn))
-
-
-def _start(epoch: Any, dated: str) -> np.datetime64:
-    """The date of time 0: of the run, or as given.  Raises `InputError` if they differ, or for none."""
-    if not dated:
-        return date_of(epoch, "epoch")
-    start = date_of(dated, "epoch")
-    if epoch is not None and date_of(epoch, "epoch") != start:
-        raise InputError(f"epoch: expected {start}, the date of the orbit, or none, got {shown(epoch)}.")
-    return start
-
-
-def is_of_earth(run: xr.Dataset) -> bool:
-    """Whether a Dataset is the run of a satellite of the Earth."""
-    mu = parameters_of(run).get("mu", 0.0)
-    return bool(np.all(abs(np.asarray(mu) / EARTH - 1) < NEAR))
 
 
 def to_j2000(date: np.datetime64) -> Array:
     """The rotation (3, 3) from the mean equator and equinox of a date to J2000."""
     T = float((date - J2000) / np.timedelta64(1, "s")) / CENTURY
     zeta, z, theta = (float(np.radians(np.polyval(c[::-1], T) * T / 3600)) for c in PRECESSION)
-    return _about(2, zeta) @ _about(1, -theta) @ _about(2, z)
 
+    def about(axis: int, angle: float) -> Array:  # components to those along axes rotated by the angle
+        return np.asarray(algebra.cayley(-np.tan(angle / 2) * algebra.hat(np.eye(3)[axis])))
 
-def _about(axis: int, angle: float) -> Array:
-    """The matrix that maps components to those along axes rotated by the angle."""
-    return np.asarray(algebra.cayley(-np.tan(angle / 2) * algebra.hat(np.eye(3)[axis])))
+    return about(2, zeta) @ about(1, -theta) @ about(2, z)
 
 
 def _aem(rows: Rows) -> None:
-    q = _attitudes(rows)[:, [1, 2, 3, 0]]
     frames = f"REF_FRAME_A = {rows.labels['frame']}\nREF_FRAME_B = SC_BODY_1\nATTITUDE_DIR = A2B"
     comment = "the axes in which the body was given are REF_FRAME_B"
-    head = _head(rows, kind="CCSDS_AEM_VERS = 1.0", comment=comment, frames=frames, types=ATTITUDE)
-    _write(rows, f"{head}DATA_START\n", q, "DATA_STOP\n")
+    texts = {"kind": "CCSDS_AEM_VERS = 1.0", "comment": comment, "frames": frames, "types": ATTITUDE}
+    _write(rows, _attitudes(rows)[:, [1, 2, 3, 0]], texts, "DATA_START\n", "DATA_STOP\n")
 
 
 def _oem(rows: Rows) -> None:
-    around = surroundings(rows.run)
+    around, frames = surroundings(rows.run), f"REF_FRAME = {rows.labels['frame']}"
     values = np.concatenate([around.position @ rows.turn.T, around.velocity @ rows.turn.T], -1) / 1000
-    comment = "space of the run is REF_FRAME"
-    frames = f"REF_FRAME = {rows.labels['frame']}"
-    head = _head(rows, kind="CCSDS_OEM_VERS = 2.0", comment=comment, frames=frames, types="")
-    _write(rows, head, values, "")
+    texts = {"kind": "CCSDS_OEM_VERS = 2.0", "comment": "space of the run is REF_FRAME", "frames": frames, "types": ""}
+    _write(rows, values, texts)
 
 
 def _attitudes(rows: Rows) -> Array:
@@ -215,14 +195,12 @@ def _attitudes(rows: Rows) -> Array:
     return np.asarray(algebra.quaternion_product(algebra.unit_quaternion(rows.turn), attitude_of(rows.run)))
 
 
-def _head(rows: Rows, **texts: str) -> str:
-    return META.format(created=_now(), start=rows.dates[0], stop=rows.dates[-1], **texts, **rows.labels)
-
-
-def _write(rows: Rows, head: str, values: Array, tail: str) -> None:
-    lines = [f"{date} {' '.join(map(repr, row))}\n" for date, row in zip(rows.dates, values.tolist(), strict=True)]
+def _write(rows: Rows, values: Array, texts: Mapping[str, str], before: str = "", after: str = "") -> None:
+    dates = rows.dates
+    head = META.format(created=_now(), start=dates[0], stop=dates[-1], **texts, **rows.labels)
+    lines = [f"{date} {' '.join(map(repr, row))}\n" for date, row in zip(dates, values.tolist(), strict=True)]
     with written(rows.out, rows.overwrite) as scratch:
-        scratch.write_text(f"{head}{''.join(lines)}{tail}", encoding="ascii", errors="replace")
+        scratch.write_text(f"{head}{before}{''.join(lines)}{after}", encoding="ascii", errors="replace")
 
 
 # -- dates -----------------------------------------------------------------------------------------
@@ -297,26 +275,16 @@ def _ck(rows: Rows) -> None:
         start=_terrestrial(np.datetime64(first), labels["time_system"]) - EARLY,
         **labels | {"frame": frame, "name": name},
     )
+    has_rates, rates = omega is not None, np.zeros((len(q), 3)) if omega is None else omega
+    starts = ticks[apart] if has_rates else ticks[:1]
+    segment = 1000 * craft, frame, has_rates, f"{name} by Kreisel"
     with written(rows.out, rows.overwrite) as scratch, written(text, rows.overwrite) as scratch_text:
         scratch.unlink()  # SPICE opens new files only
         scratch_text.write_text(clock, encoding="ascii", errors="replace")
         try:
             handle = spiceypy.ckopn(str(scratch), "Kreisel", 0)
-            spiceypy.ckw03(
-                handle,
-                ticks[0],
-                ticks[-1],
-                1000 * craft,
-                frame,
-                omega is not None,
-                f"{name} by Kreisel",
-                len(ticks),
-                ticks,
-                q * [1, -1, -1, -1],  # of g^T
-                np.zeros((len(q), 3)) if omega is None else omega,
-                int(apart.sum()) if omega is not None else 1,
-                ticks[apart] if omega is not None else ticks[:1],
-            )
+            q = q * [1, -1, -1, -1]  # of g^T
+            spiceypy.ckw03(handle, ticks[0], ticks[-1], *segment, len(ticks), ticks, q, rates, len(starts), starts)
             spiceypy.ckcls(handle)
         except spiceypy.utils.exceptions.SpiceyError as error:
             message = str(error).strip().splitlines()[-1]

@@ -1,23 +1,39 @@
-"""Archives opened: their complete part, as a dataset that is read lazily, each file compared with its SHA-256."""
+"""Archives opened: their complete part, as a dataset that is read lazily, each file compared with its SHA-256.
+
+The checkpoint of an archive, from which its run resumes after a kill, is one file next to the data: plain arrays (.npz
+without pickle; zip keeps a CRC-32 of each), replaced atomically.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import io
 import math
-from collections.abc import Mapping
+import os
+import stat
+import tokenize
+import warnings
+import zipfile
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import msgspec
+import numpy as np
+from zarr.core.buffer import Buffer, BufferPrototype, cpu, default_buffer_prototype
+from zarr.storage import LocalStore, MemoryStore
 
+from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.files import parsed, read_values
+from kreisel.files import digest, parsed, read_values, replace_file
+from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import KINDS
 from kreisel.runs.describing import hash_of_start
+from kreisel.runs.integration import Snapshot
 from kreisel.runs.presenting import presented
 from kreisel.runs.run_record import FORMAT, RunRecord
-from kreisel.storage import archive, checkpoint
+from kreisel.storage import archive
 from kreisel.storage.archive import CHECKPOINT, LARGEST_CHUNK, Listed
-from kreisel.storage.checkpoint import Checkpoint
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,6 +47,14 @@ MOST_INDEXED = 10**7  # times that are held in memory
 COMPUTED, FAILED, MISSING = 0, 1, 255  # values of the variable `failed` of a sweep
 SWEEP_FORMAT = 1
 Count = Annotated[int, msgspec.Meta(ge=1)]
+REMEDY = "`kreisel check` reports the other damage; --recover saves the intact rows."
+
+# Exceptions of zipfile and NumPy for a damaged .npz: NotImplementedError for an unknown kind of compression or
+# encryption, the last three if the header of an array, a Python literal, is never closed or nested too deeply.
+DAMAGE = (
+    OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError, NotImplementedError, tokenize.TokenError,
+    RecursionError, MemoryError,
+)  # fmt: skip
 
 
 class SweepRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -130,8 +154,6 @@ def open_archive(path: Path) -> xr.Dataset:
 
 def open_lanes(path: Path) -> xr.Dataset:
     """The Dataset of a sweep, opened lazily; lanes of missing blocks have failed = 255."""
-    from kreisel.storage.verified import Verified, dataset
-
     record = SweepRecord.of_store(path)
     archive.require_plain(path)
     return dataset(path, Verified(path, archive.listed(path), partial=not record.complete))
@@ -143,15 +165,12 @@ def open_rows(path: Path, indexed: bool = True) -> xr.Dataset:
     With `indexed` the times are read, if there are fewer than ten million, so that rows can be chosen by time.  Raises
     `InputError` for anything but a Kreisel archive, and for a damaged one, here or when the damage is read.
     """
-    from kreisel.storage.verified import opened
-
     record = run_record(path)
     archive.require_plain(path)
     known = archive.listed(path)
     if is_cut(path, record):  # an archive with the attribute `complete` has all its rows, and was not sealed
-        run = (opened(path, known) if record.complete else _until_checkpoint(path, record, known)).assign_attrs(
-            complete=0
-        )
+        run = opened(path, known) if record.complete else _until_checkpoint(path, record, known)
+        run = run.assign_attrs(complete=0)
     else:
         run = opened(path, known)
     for name, variable in run.data_vars.items():
@@ -170,11 +189,10 @@ def open_rows(path: Path, indexed: bool = True) -> xr.Dataset:
 
 
 def _indexed(run: xr.Dataset, name: str) -> xr.Dataset:
-    """The run with an index.  `set_xindex` imports Dask and Pint, to ask whether coordinates are theirs."""
     import pandas as pd
     import xarray as xr
 
-    variable = run.variables[name]
+    variable = run.variables[name]  # `set_xindex` imports Dask and Pint, to ask whether coordinates are theirs
     index = xr.indexes.PandasIndex(pd.Index(read_values(variable), name=name), name)
     return run.assign_coords(xr.Coordinates(index.create_variables({name: variable}), {name: index}))
 
@@ -198,9 +216,7 @@ def is_cut(store: Path, record: RunRecord) -> bool:
 
 def checked_checkpoint(store: Path, record: RunRecord, known: Listed) -> Checkpoint:
     """The checkpoint of a run.  Raises `InputError` if it is damaged, or belongs to another run."""
-    from kreisel.storage.verified import Verified
-
-    point = checkpoint.read(store)
+    point = read_checkpoint(store)
     for name in ("zarr.json", *({CHECKPOINT} & known.keys())):
         Verified(store, known).verify(name)
     flushed, block = point.snapshot.flushed, record.rows_in_block
@@ -212,12 +228,7 @@ def checked_checkpoint(store: Path, record: RunRecord, known: Listed) -> Checkpo
 
 
 def _until_checkpoint(path: Path, record: RunRecord, known: Listed) -> xr.Dataset:
-    """The finished blocks of an interrupted run, and the rows after them, which only its checkpoint has."""
     import zarr
-    from zarr.core.buffer import Buffer, cpu
-    from zarr.storage import MemoryStore
-
-    from kreisel.storage.verified import opened
 
     point = checked_checkpoint(path, record, known)
     files: dict[str, Buffer] = {"zarr.json": cpu.Buffer.from_bytes((path / "zarr.json").read_bytes())}
@@ -232,3 +243,155 @@ def _until_checkpoint(path: Path, record: RunRecord, known: Listed) -> xr.Datase
     except Exception as error:  # any exception of the libraries for outputs that fit no array
         raise InputError(f"The checkpoint of {path} is damaged: its rows fit no array, {error}.") from error
     return opened(path, known, files=files).isel(time=slice(0, stop))
+
+
+# -- files, each compared with its checksum -------------------------------------------------------------
+
+
+class Damaged(InputError):
+    """A file of an archive that has changed since it was written; `why` is a clause."""
+
+    why = ""
+
+
+class Verified(LocalStore):
+    """A store for reading: a file that is changed, missing or added raises `InputError`.
+
+    partial   chunks that are not listed are not read: their blocks are missing, or being written
+    files     files that need precedence: the rows of an interrupted run after its last block
+    """
+
+    def __init__(self, root: Path | str, known: Listed, partial: bool = False, files: dict[str, Buffer] | None = None):
+        super().__init__(root, read_only=True)
+        self._known, self._partial, self._files = known, partial, files or {}
+        self._seen: dict[str, tuple[int, ...]] = {}
+
+    def with_read_only(self, read_only: bool = False) -> Verified:
+        """The store itself, which is never written to."""
+        return self
+
+    def _damaged(self, why: str) -> Damaged:
+        error = Damaged(f"{self.root} is damaged: {why}. {REMEDY}")
+        error.why = why
+        return error
+
+    def verify(self, key: str) -> None:
+        """Compare a file with its checksum, again only if it changes."""
+        path, digests = self.root / key, self._known.get(key)
+        try:
+            here = os.lstat(path)
+            if digests is None:
+                raise self._damaged(f"{key} was added after the run")
+            if not stat.S_ISREG(here.st_mode):
+                raise self._damaged(f"{key} is not a plain file")
+            mark = (here.st_ino, here.st_size, here.st_mtime_ns)
+            if self._seen.get(key) == mark:
+                return
+            if digest(path) not in digests:
+                raise self._damaged(f"{key} was changed after the run")
+            self._seen[key] = mark
+        except (FileNotFoundError, NotADirectoryError):
+            if digests is not None or archive.is_chunk(key):
+                raise self._damaged(f"{key} is missing") from None
+        except OSError as error:
+            raise InputError(f"{self.root} cannot be read: {key}: {error.strerror}.") from error
+
+    def get_sync(self, key: str, *, prototype: BufferPrototype | None = None, byte_range: Any = None) -> Buffer | None:
+        """The file from Zarr's store, if it has not changed.  Raises `InputError`."""
+        if key in self._files:
+            return MemoryStore(self._files).get_sync(key, prototype=prototype, byte_range=byte_range)
+        if self._partial and key not in self._known and archive.is_chunk(key):
+            return None
+        self.verify(key)
+        return super().get_sync(key, prototype=prototype, byte_range=byte_range)
+
+    async def get(self, key: str, prototype: BufferPrototype | None = None, byte_range: Any = None) -> Buffer | None:
+        """The file of that key, as `get_sync`."""
+        prototype = prototype or default_buffer_prototype()
+        return await asyncio.to_thread(self.get_sync, key, prototype=prototype, byte_range=byte_range)
+
+    async def get_partial_values(
+        self, prototype: BufferPrototype, key_ranges: Iterable[tuple[str, Any]]
+    ) -> list[Buffer | None]:
+        """Several files, as `get_sync`."""
+        return [await self.get(key, prototype, byte_range) for key, byte_range in key_ranges]
+
+
+def dataset(path: Path, store: Any, **options: Any) -> xr.Dataset:
+    """The arrays of a store of that path, read on access.  Raises `InputError` for damaged ones."""
+    import xarray as xr
+
+    import kreisel.runs.accessor  # noqa: F401 - run.kreisel
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return xr.open_dataset(
+                store, engine="zarr", consolidated=True, cache=False, mask_and_scale=False, zarr_format=3, **options
+            )
+    except InputError:
+        raise
+    except Exception as error:  # any exception of the libraries for a damaged store
+        raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
+
+
+def opened(path: Path, known: Listed | None, files: dict[str, Buffer] | None = None) -> xr.Dataset:
+    """The unchanged arrays of an archive, without indexes; compared with its checksums if these are known."""
+    store: Any = path if known is None else Verified(path, known, files=files)
+    return dataset(path, store, create_default_indexes=False)
+
+
+# -- checkpoints ------------------------------------------------------------------------------------------
+
+
+class Checkpoint(NamedTuple):
+    """A snapshot, the start of the run, and the outputs of the snapshot's rows, which no block has yet."""
+
+    snapshot: Snapshot
+    start: Mapping[str, Floats]
+    outputs: Mapping[str, Array]
+
+
+def write_checkpoint(store: Path, point: Checkpoint) -> None:
+    """Replace the checkpoint of an archive, atomically and durably."""
+    snapshot, data = point.snapshot, io.BytesIO()
+    arrays = {"flushed": np.asarray(snapshot.flushed), "into": np.asarray(snapshot.into), "rows": snapshot.rows}
+    for part, values in (("engine", snapshot.engine), ("start", point.start), ("outputs", point.outputs)):
+        arrays |= {f"{part}/{name}": value for name, value in values.items()}
+    np.savez(data, allow_pickle=False, **arrays)
+    replace_file(store / CHECKPOINT, data.getvalue(), durable=True)
+
+
+def read_checkpoint(store: Path) -> Checkpoint:
+    """The checkpoint of an archive.  Raises `InputError` if there is none, or it is damaged."""
+    path = store / CHECKPOINT
+    if not path.exists():
+        raise InputError(f"{store} has no checkpoint to resume from. Run it again from its TOML file.")
+    try:
+        arrays = _arrays(path)
+        engine, start, outputs = (
+            {k.split("/", 1)[1]: v for k, v in arrays.items() if k.startswith(f"{part}/")}
+            for part in ("engine", "start", "outputs")
+        )
+        return Checkpoint(Snapshot(int(arrays["flushed"]), int(arrays["into"]), arrays["rows"], engine), start, outputs)
+    except DAMAGE as error:
+        raise InputError(f"The checkpoint {path} is damaged: {error}. Run it again from its TOML file.") from error
+
+
+def _arrays(path: Path) -> dict[str, Any]:
+    """The arrays of an .npz file, each as long as the file has bytes for it.  Raises `ValueError` for other files."""
+    out = {}
+    with zipfile.ZipFile(path) as archive:
+        for member in archive.infolist():
+            if member.compress_type != zipfile.ZIP_STORED or member.file_size > path.stat().st_size:
+                raise ValueError(f"{member.filename} claims {member.file_size:,} bytes")
+            data = io.BytesIO(archive.read(member))  # this verifies the CRC
+            version = np.lib.format.read_magic(data)
+            if version != (1, 0):
+                raise ValueError(f"{member.filename} is not an array")
+            shape, _, dtype = np.lib.format.read_array_header_1_0(data)
+            if dtype.kind not in "iuf" or math.prod(shape) * dtype.itemsize != member.file_size - data.tell():
+                raise ValueError(f"{member.filename} claims to hold {shape} of {dtype}")
+            data.seek(0)
+            out[member.filename.removesuffix(".npy")] = np.lib.format.read_array(data, allow_pickle=False)
+    return out

@@ -39,10 +39,9 @@ from kreisel.runs.plan import TIMES, Plan
 from kreisel.runs.planning import broken_by, plan_of
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import Settings, check_model, checked_events
-from kreisel.storage import archive, checkpoint
+from kreisel.storage import archive, opening
 from kreisel.storage.archive import CHECKPOINT, LARGEST_CHUNK, part_of
-from kreisel.storage.checkpoint import Checkpoint
-from kreisel.storage.opening import checked_checkpoint, run_record
+from kreisel.storage.opening import Checkpoint
 
 
 class RunArchive:
@@ -65,26 +64,23 @@ class RunArchive:
     def __enter__(self) -> RunArchive:
         with _disk(self.path, "be opened again" if self._resumed else "be created"):
             if not self._resumed:
-                self._make_room()
+                for path in (self.path, self.part):
+                    archive.require_replaceable(path)
+                if stands(self.path) and not self._overwrite:
+                    raise InputError(
+                        f"{self.path} exists already and is unchanged. Choose another path, or replace it with "
+                        "--overwrite (overwrite=True)."
+                    )
+                if not self._overwrite and (self.part / CHECKPOINT).exists():
+                    raise InputError(
+                        f"{self.part} was left by a run that was interrupted. `kreisel resume {self.path}` resumes it, "
+                        f"`kreisel plot {self.part}` shows it; or start over with --overwrite (overwrite=True)."
+                    )
                 lanes = {"lane": np.arange(self.plan.lanes)} if self.plan.batched else {}
                 attrs = replace(describe(self.plan), complete=0).to_attrs()
                 archive.create(self.path, attrs, layouts(self.plan, self._rows_in_block), lanes, self._overwrite)
             self._arrays = archive.opened_arrays(self.part)
         return self
-
-    def _make_room(self) -> None:
-        for path in (self.path, self.part):
-            archive.require_replaceable(path)
-        if stands(self.path) and not self._overwrite:
-            raise InputError(
-                f"{self.path} exists already and is unchanged. Choose another path, or replace it with --overwrite "
-                "(overwrite=True)."
-            )
-        if not self._overwrite and (self.part / CHECKPOINT).exists():
-            raise InputError(
-                f"{self.part} was left by a run that was interrupted. `kreisel resume {self.path}` resumes it, "
-                f"`kreisel plot {self.part}` shows it; or start over with --overwrite (overwrite=True)."
-            )
 
     def append(self, block: Mapping[str, Array], start: int) -> None:
         """Write a block of rows that begins at row `start`."""
@@ -96,7 +92,6 @@ class RunArchive:
         self._worth_keeping = True
 
     def _describe(self, rows: Mapping[str, Array]) -> None:
-        """Set the attributes of the variables, whose scales come from the first rows."""
         archive.require_there(self.part)
         with archive.edited(self.part) as root:
             for name, attrs in attributes(self.plan, rows).items():
@@ -110,18 +105,19 @@ class RunArchive:
             outputs = observed(self.plan, snapshot)
             if not self._described and outputs:
                 self._describe(outputs)
-            checkpoint.write(self.part, Checkpoint(snapshot, self._start, outputs))
+            opening.write_checkpoint(self.part, Checkpoint(snapshot, self._start, outputs))
         self._last = snapshot
 
     def finish(self) -> None:
         """Mark the archive as complete and give it its name; with its last checkpoint it can be extended."""
         with _disk(self.path, "be finished"):
             archive.require_there(self.part)
-            corrections = {name: {CORRECTION: value} for name, value in _corrections(self.plan).items()}
             with archive.edited(self.part) as root:  # all rows exist
-                _fit(root, self.plan, at_the_end(self.plan), corrections)
+                _fit(root, self.plan, at_the_end(self.plan))
+                for name, value in _corrections(self.plan).items():
+                    archive.arrays_of(root)[name]["attributes"][CORRECTION] = value
             if self._last is not None:
-                checkpoint.write(self.part, Checkpoint(self._last, self._start, {}))
+                opening.write_checkpoint(self.part, Checkpoint(self._last, self._start, {}))
             archive.seal(self.part)
             archive.take_name(self.path)
 
@@ -164,13 +160,10 @@ def layouts(plan: Plan, block: int) -> dict[str, dict[str, Any]]:
     return out
 
 
-def _fit(
-    root: dict[str, Any], plan: Plan, attrs: Mapping[str, Any], variables: Mapping[str, Mapping[str, Any]] | None = None
-) -> None:
-    """Set attributes, of variables too, and resize every array along the time to the rows of the plan."""
+def _fit(root: dict[str, Any], plan: Plan, attrs: Mapping[str, Any]) -> None:
+    """Set attributes, and resize every array along the time to the rows of the plan."""
     root["attributes"].update(attrs)
-    for name, node in archive.arrays_of(root).items():
-        node["attributes"].update((variables or {}).get(name, {}))
+    for node in archive.arrays_of(root).values():
         if node["dimension_names"][0] == "time":
             node["shape"][0] = plan.rows
 
@@ -181,7 +174,7 @@ def reopen(
     """An interrupted archive, or a finished one to be extended, and the run at its last checkpoint."""
     part = part_of(path)
     store = part if stands(part) else path
-    record = run_record(store)
+    record = opening.run_record(store)
     archive.require_plain(store)
     if store == part and stands(path) and not archive.agreed(path):
         raise InputError(f"{path} is where {part} is to go, and was not to be replaced. Move one of them away.")
@@ -193,7 +186,7 @@ def reopen(
     if extend is not None and record.rows is not None:
         why = "at given times" if record.stopped is None else f"that an event stopped at {record.stopped:g}"
         raise InputError(f"{path}: expected a run with rows at every dt for --extend, got one {why}.")
-    point = checked_checkpoint(store, record, archive.listed(store))
+    point = opening.checked_checkpoint(store, record, archive.listed(store))
     plan = broken_by(_plan_of_run(record, point.start, steps, system), checked_events(events))
     require_events(plan, record.events)
     flushed = point.snapshot.flushed
@@ -216,12 +209,9 @@ def reopen(
 
 
 def _continue(part: Path, plan: Plan, point: Checkpoint, root: dict[str, Any], block: int) -> None:
-    """Prepare an archive to resume after its finished blocks: no longer complete, and as long as the plan.
-
-    Rows that are then in no block are first written to the checkpoint.
-    """
+    """Prepare an archive to resume after its finished blocks: no longer complete, and as long as the plan."""
     archive.unseal(part)
-    checkpoint.write(part, point._replace(outputs=observed(plan, point.snapshot)))
+    opening.write_checkpoint(part, point._replace(outputs=observed(plan, point.snapshot)))  # rows in no block
     _fit(root, plan, {"complete": 0, "steps": plan.steps, "rows_in_block": block})
     archive.note_versions(root["attributes"], versions())
     archive.write_metadata(part, root)
@@ -229,7 +219,6 @@ def _continue(part: Path, plan: Plan, point: Checkpoint, root: dict[str, Any], b
 
 
 def _require_arrays(store: Path, root: Mapping[str, Any], fresh: Mapping[str, Any]) -> None:
-    """Raises `InputError` if an archive that is to be written to lacks arrays of its run."""
     found = archive.arrays_of(root)
     for name, node in archive.arrays_of(fresh).items():
         same = [k for k in node if k not in ("shape", "attributes")]
@@ -238,7 +227,6 @@ def _require_arrays(store: Path, root: Mapping[str, Any], fresh: Mapping[str, An
 
 
 def _plan_of_run(record: RunRecord, start: Mapping[str, Floats], steps: int, system: Model | None = None) -> Plan:
-    """The plan of a run from its record and its start; `system`: the user-defined system of the run, if any."""
     asked = Settings.checked(
         dt=record.dt,
         steps=steps,
@@ -258,7 +246,6 @@ def _plan_of_run(record: RunRecord, start: Mapping[str, Floats], steps: int, sys
 
 
 def _same(model: Model, record: RunRecord) -> Model:
-    """The model, if a run has a model of this name and parameters.  Raises `InputError`."""
     check_model(model)
     if model.system.name != record.system or parameters_of(model) != record.parameters:
         raise InputError(

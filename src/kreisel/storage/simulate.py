@@ -92,14 +92,22 @@ def simulate(
     with unit_of_times(model):
         plan, idle = idle_or_new(model, x0, orientation, checked_events(events), asked, path is None)
         warn_of(plan)
-        found = _in_memory(plan, progress, idle) if path is None else _on_disk(plan, path, overwrite, progress)
-    return presented(watched(found, loaded=path is None), plan.model)
+        result = _in_memory(plan, progress, idle) if path is None else _on_disk(plan, path, overwrite, progress)
+    return presented(watched(result, loaded=path is None), plan.model)
 
 
 def _in_memory(plan: Plan, progress: bool | None, idle: deque[Plan]) -> xr.Dataset:
     from kreisel.runs.describing import in_memory
 
-    _check_memory(plan)
+    need = plan.rows * plan.first.size * 8 * 4
+    if need >= ALWAYS_THERE:
+        import psutil
+
+        if need > 0.7 * psutil.virtual_memory().total:
+            raise InputError(
+                f"{plan.rows:,} saved rows would need about {need / 2**30:.1f} GiB of memory. "
+                "Give path='run.zarr' to write them to disk during the run, or save less often with every=..."
+            )
     warn_of_arrays(plan)
     with Progress(plan.steps * plan.lanes, progress) as bar:
         run = in_memory(plan, list(Integration(plan, bar.advance).blocks()))
@@ -160,7 +168,6 @@ def resume(
 
 
 def _write(archive: RunArchive, integration: Integration, progress: bool | None) -> xr.Dataset:
-    """Integrate into an archive, with periodic checkpoints and one when the run receives a signal to stop."""
     from kreisel.storage.opening import open_rows
 
     plan, last, kept = integration.plan, -math.inf, integration.steps
@@ -189,16 +196,3 @@ def _write(archive: RunArchive, integration: Integration, progress: bool | None)
             archive.append(block, integration.flushed)
         archive.finish()
     return open_rows(archive.path)
-
-
-def _check_memory(plan: Plan) -> None:
-    need = plan.rows * plan.first.size * 8 * 4
-    if need < ALWAYS_THERE:
-        return
-    import psutil
-
-    if need > 0.7 * psutil.virtual_memory().total:
-        raise InputError(
-            f"{plan.rows:,} saved rows would need about {need / 2**30:.1f} GiB of memory. "
-            "Give path='run.zarr' to write them to disk during the run, or save less often with every=..."
-        )

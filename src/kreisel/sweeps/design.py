@@ -10,9 +10,9 @@ import json
 import math
 import re
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -83,8 +83,22 @@ class Varied:
 NOISE = Varied("state", GENERATOR)
 
 
-@dataclass(frozen=True)
-class Draw:
+def _on_sphere(rng: np.random.Generator, shape: tuple[int, ...], radius: Array) -> Array:
+    normal = rng.standard_normal(shape)
+    return np.asarray(radius * normal / np.sqrt((normal * normal).sum(-1, keepdims=True)))
+
+
+DRAWS: dict[
+    str, tuple[int, Callable[..., Any]]
+] = {  # the number of bounds, and values by a generator, their shape, bounds
+    "uniform": (2, lambda rng, shape, a, b: a + (b - a) * rng.random(shape)),
+    "loguniform": (2, lambda rng, shape, a, b: np.exp(np.log(a) + (np.log(b) - np.log(a)) * rng.random(shape))),
+    "normal": (2, lambda rng, shape, mean, deviation: mean + deviation * rng.standard_normal(shape)),
+    "sphere": (1, _on_sphere),
+}
+
+
+class Draw(NamedTuple):
     """Random values: the kind of distribution, its bounds, and the shape of one value."""
 
     kind: str
@@ -93,21 +107,7 @@ class Draw:
 
     def sample(self, rng: np.random.Generator, count: int) -> Array:
         """Random values (count, ...)."""
-        shape = (count, *self.shape)
-        if self.kind == "uniform":
-            low, high = self.bounds
-            return np.asarray(low + (high - low) * rng.random(shape))
-        if self.kind == "loguniform":
-            low, high = (np.log(b) for b in self.bounds)
-            return np.asarray(np.exp(low + (high - low) * rng.random(shape)))
-        normal = rng.standard_normal(shape)
-        if self.kind == "normal":
-            mean, deviation = self.bounds
-            return np.asarray(mean + deviation * normal)
-        return np.asarray(self.bounds[0] * normal / np.sqrt((normal * normal).sum(-1, keepdims=True)))
-
-
-DRAWS = {"uniform": 2, "loguniform": 2, "normal": 2, "sphere": 1}  # and the number of their bounds
+        return np.asarray(DRAWS[self.kind][1](rng, (count, *self.shape), *self.bounds))
 
 
 class Lanes:
@@ -131,17 +131,15 @@ class Lanes:
         self._shown = {_varied(k, "shown", True): np.asarray(v) for k, v in spec.get("shown", {}).items()}
         self._axes = spec.get("axes")
         self.base = {section: dict(base.get(section, {})) for section in SECTIONS}
-        grid = {k: _values(k, v, words) for k, v in _quantities(spec.get("grid", {}), "grid", words)}
-        self.listed = {k: _values(k, v, words) for k, v in _quantities(spec.get("list", {}), "list", words)}
-        self.draws = {k: self._draw(k, v) for k, v in _quantities(spec.get("random", {}), "random", words)}
-        self.grid = grid
-        self._check_names(spec)
+        quantities = {part: _quantities(spec.get(part, {}), part, words) for part in ("grid", "list", "random")}
+        self.grid, self.listed = ({k: _values(k, v, words) for k, v in quantities[part]} for part in ("grid", "list"))
+        self.draws = {k: self._draw(k, v) for k, v in quantities["random"]}
+        self._check_names()
         lengths = {k.name: len(v) for k, v in self.listed.items()}
         if len(set(lengths.values())) > 1:
             raise InputError(f"All quantities of [sweep.list] need the same number of values, got {lengths}.")
-        self.seed = _seed(spec.get("rng"), bool(self.draws))
-        count = _count(spec.get("draws"), bool(self.draws))
-        self.axes: list[tuple[tuple[Varied, ...], int]] = [((k,), len(v)) for k, v in grid.items()]
+        self.seed, count = _seed_and_count(spec.get("rng"), spec.get("draws"), bool(self.draws))
+        self.axes: list[tuple[tuple[Varied, ...], int]] = [((k,), len(v)) for k, v in self.grid.items()]
         if self.listed:
             self.axes.append((tuple(self.listed), next(iter(lengths.values()))))
         self.axes.append(((), count))
@@ -185,14 +183,19 @@ class Lanes:
         """The values of the grid and of the list."""
         return {**self.grid, **self.listed}
 
-    def _check_names(self, spec: Mapping[str, Any]) -> None:
+    def _check_names(self) -> None:
         names = [k.name for k in (*self.grid, *self.listed, *self.draws)]
         twice = {name for name in names if names.count(name) > 1}
         if twice:
             raise InputError(f"{', '.join(sorted(twice))} varies twice; name each quantity once in [sweep].")
         for quantity in self.quantities:
             if quantity.index and not self._words:
-                shape = np.shape(self._base(quantity))
+                value = self.base[quantity.section].get(quantity.letter)
+                if value is None:
+                    raise InputError(
+                        f"{quantity.name} varies, but [{quantity.section}] has no {quantity.letter} to start from."
+                    )
+                shape = np.shape(_number_array(value, f"{quantity.section}.{quantity.letter}"))
                 if len(quantity.index) != len(shape) or any(i >= k for i, k in zip(quantity.index, shape, strict=True)):
                     raise InputError(
                         f"{quantity.name} names no entry of {quantity.section}.{quantity.letter}, which has the shape "
@@ -200,14 +203,6 @@ class Lanes:
                     )
             if quantity.section == "run" and quantity in self.draws:
                 raise InputError(f"{quantity.name} cannot be drawn at random; vary it in [sweep.grid] or [sweep.list].")
-
-    def _base(self, quantity: Varied) -> Array:
-        value = self.base[quantity.section].get(quantity.letter)
-        if value is None:
-            raise InputError(
-                f"{quantity.name} varies, but [{quantity.section}] has no {quantity.letter} to start from."
-            )
-        return _number_array(value, f"{quantity.section}.{quantity.letter}")
 
     def _draw(self, quantity: Varied, spec: Any) -> Draw:
         if not isinstance(spec, Mapping) or len(spec) != 1 or next(iter(spec)) not in DRAWS:
@@ -217,16 +212,13 @@ class Lanes:
             )
         ((kind, values),) = spec.items()
         listed = list(values) if isinstance(values, Sequence) and not isinstance(values, str) else [values]
-        if len(listed) != DRAWS[kind]:
-            raise InputError(f"{quantity.name}: {kind} needs {DRAWS[kind]} values, got {shown(values)}.")
+        if len(listed) != DRAWS[kind][0]:
+            raise InputError(f"{quantity.name}: {kind} needs {DRAWS[kind][0]} values, got {shown(values)}.")
         bounds = tuple(_number_array(v, quantity.name) for v in listed)
         given = self.base[quantity.section].get(quantity.letter)
+        start = () if quantity.index or given is None else _number_array(given, quantity.name).shape
         try:
-            shape = np.broadcast_shapes(*(b.shape for b in bounds))
-            if quantity.index:
-                shape = np.broadcast_shapes(shape, ())
-            elif given is not None:
-                shape = np.broadcast_shapes(shape, _number_array(given, quantity.name).shape)
+            shape = np.broadcast_shapes(start, *(b.shape for b in bounds))
         except ValueError:
             raise InputError(f"{quantity.name}: the shapes of its value and of the bounds do not fit.") from None
         if kind == "sphere" and len(shape) != 1:
@@ -246,12 +238,12 @@ class Lanes:
             for quantity in quantities
         }
         out |= {quantity: self._drawn(quantity, draw, first, stop) for quantity, draw in self.draws.items()}
-        return out | ({NOISE: self._streams(first, stop)} if self.noisy and NOISE not in out else {})
-
-    def _streams(self, first: int, stop: int) -> Array:
-        """The generators of the noise of controllers, each with a separate stream, the first for [state]."""
-        begin = [int(v) for v in _number_array(self.base[NOISE.section][NOISE.letter], NOISE.name)]
-        return streams_from(begin, stop - first, first)
+        if (
+            self.noisy and NOISE not in out
+        ):  # of controllers: each generator has a separate stream, the first for [state]
+            begin = [int(v) for v in _number_array(self.base[NOISE.section][NOISE.letter], NOISE.name)]
+            out[NOISE] = streams_from(begin, stop - first, first)
+        return out
 
     def _drawn(self, quantity: Varied, draw: Draw, first: int, stop: int) -> Array:
         """Values drawn by one generator for each quantity and each 1024 lanes, independent of other quantities."""
@@ -330,8 +322,7 @@ def _values(quantity: Varied, spec: Any, words: bool) -> Array:
 
 
 def _range(quantity: Varied, spec: Mapping[str, Any]) -> Array:
-    known = {"from", "to", "count", "spacing"}
-    if not {"from", "to", "count"} <= set(spec) <= known:
+    if not {"from", "to", "count"} <= set(spec) <= {"from", "to", "count", "spacing"}:
         raise InputError(f"{quantity.name}: a range needs from, to, count (and spacing = 'log'), got {shown(spec)}.")
     count, spacing = spec["count"], spec.get("spacing", "linear")
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST_LANES:
@@ -360,24 +351,18 @@ def _number_array(value: Any, name: str) -> Array:
     return array if array.dtype.kind != "f" else array.astype(np.float64)
 
 
-def _seed(rng: Any, random: bool) -> int:
-    if rng is None and not random:
-        return 0
+def _seed_and_count(rng: Any, draws: Any, random: bool) -> tuple[int, int]:
+    """The seed and the number of random draws, 0 and 1 without any.  Raises `InputError`."""
+    if not random:
+        for name, value in (("rng", rng), ("draws", draws)):
+            if value is not None:
+                raise InputError(f"{name} is given, but nothing is drawn in [sweep.random].")
+        return 0, 1
     if isinstance(rng, bool) or not isinstance(rng, int) or not 0 <= rng < 2**128:
-        raise InputError(f"Random draws need a seed, rng = 1 or another whole number below 2^128, got {shown(rng)}.")
-    if not random:
-        raise InputError("rng is given, but nothing is drawn in [sweep.random].")
-    return rng
-
-
-def _count(draws: Any, random: bool) -> int:
-    if draws is None and not random:
-        return 1
-    if not random:
-        raise InputError("draws is given, but nothing is drawn in [sweep.random].")
+        raise InputError(f"Random draws need a seed, rng = 1 or another integer below 2^128, got {shown(rng)}.")
     if isinstance(draws, bool) or not isinstance(draws, int) or not 1 <= draws <= MOST_LANES:
         raise InputError(f"draws must be the number of random draws, 1 to {MOST_LANES:,}, got {shown(draws)}.")
-    return draws
+    return rng, draws
 
 
 def described(value: Any) -> Any:

@@ -1,10 +1,20 @@
-"""A sweep from its description: its lanes, planned and simulated in groups."""
+"""A sweep from its description: its lanes, planned and simulated in groups.
+
+Summaries of each lane are computed block by block of its rows, without its trajectory:
+
+    drift        NAME_start and NAME_drift: first value and largest |change| of each Casimir and integral
+    extremes     NAME_min and NAME_max of each component of the state, over the saved rows
+    frequencies  NAME_frequency: angular frequency of the largest harmonic of each component of the state
+
+The frequency is computed by `harmonics` under Hann's window, for a quasi-periodic motion with an error O(1/T^4), T the
+length of the run.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,21 +22,79 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.random import GENERATOR
 from kreisel.errors import InputError, RunError
+from kreisel.kernels.layout import Floats
+from kreisel.method import Outcome
 from kreisel.method.auto import Choice
+from kreisel.method.scheme import KINDS
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import System
 from kreisel.record.model import Model
+from kreisel.runs import harmonics
 from kreisel.runs.integration import Integration
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import choices, plan_of, with_choice
 from kreisel.runs.settings import Settings
 from kreisel.runs.user_defined import load_system
 from kreisel.sweeps.design import Lanes, Varied
-from kreisel.sweeps.summaries import SUMMARIES, summarized
 
 TRAJECTORIES = "trajectories"
 CHOSEN = {"chosen_order": "order chosen for the tolerance", "chosen_dt": "step chosen for the tolerance"}
 TROUBLES = (InputError, RunError, ArithmeticError, np.linalg.LinAlgError)  # of single lanes
+FEWEST_ROWS = 32  # for a frequency
+AT_ONCE = 1 << 18  # samples in a slab of the frequency analysis
+ROUND_OFF = 1e-12  # relative: a component that changes less is constant
+
+
+class Summary(NamedTuple):
+    """A kind of summary of a variable.
+
+    kinds   of the variables that have it;  meanings   of its values, by the end of their names
+    fold    (values of the blocks so far or None, a block (rows, lanes, ...), number of regular rows) -> values
+    """
+
+    kinds: tuple[str, ...]
+    meanings: dict[str, str]
+    fold: Callable[[Any, Array, int], tuple[Any, ...]]
+
+
+def _drift(values: Any, block: Array, rows: int) -> tuple[Any, ...]:
+    start, change = values or (block[0].copy(), 0.0)
+    return start, np.maximum(change, abs(block - start).max(0))
+
+
+def _extremes(values: Any, block: Array, rows: int) -> tuple[Any, ...]:
+    least, greatest = values or (np.inf, -np.inf)
+    return np.minimum(least, block.min(0)), np.maximum(greatest, block.max(0))
+
+
+def _samples(values: Any, block: Array, rows: int) -> tuple[Any, ...]:
+    samples, filled = values or (np.empty((rows, *block.shape[1:])), 0)
+    block = block[: rows - filled]  # the last row may be closer than the others
+    samples[filled : filled + len(block)] = block
+    return samples, filled + len(block)
+
+
+STATES = ("state", "orientation")
+SUMMARIES = {
+    "drift": Summary(KINDS, {"start": "at time 0", "drift": "largest |change|"}, _drift),
+    "extremes": Summary(STATES, {"min": "least", "max": "greatest"}, _extremes),
+    "frequencies": Summary(STATES, {"frequency": "angular frequency of the largest harmonic; 0: constant"}, _samples),
+}
+
+
+def summarized(kind: str, outcomes: Mapping[str, Outcome]) -> list[str]:
+    """The variables that a kind of summary covers."""
+    return [name for name, outcome in outcomes.items() if outcome.kind in SUMMARIES[kind].kinds]
+
+
+def angular_frequency(samples: Floats, spacing: float) -> Floats:
+    """The frequency of the largest harmonic of each column of samples (rows, columns) minus its mean; 0 if constant."""
+    t = spacing * (np.arange(len(samples)) - (len(samples) - 1) / 2)
+    weights = harmonics.window(t, 1)
+    swing = samples - (weights[:, None] * samples).sum(0)
+    constant = ~(abs(swing).max(0) > ROUND_OFF * abs(samples).max(0))
+    omega = harmonics.strongest(t, weights[:, None] * np.where(constant, 0.0, swing), still=False)
+    return np.where(constant, np.where(np.isfinite(samples).all(0), 0.0, np.nan), omega)
 
 
 class Sweep:
@@ -182,22 +250,25 @@ class Sweep:
     def _simulated(self, plan: Plan) -> tuple[dict[str, Array], dict[int, str]]:
         """Summaries (lanes, ...) and, if requested, trajectories (time, lanes, ...) of an ensemble; its faults."""
         failed: dict[int, str] = {}
-        regular = plan.steps // plan.every + 1
-        summaries = [
-            SUMMARIES[kind](summarized(kind, plan.outcomes), regular, plan.dt * plan.every)
-            for kind in self.save
-            if kind in SUMMARIES
-        ]
+        folded: dict[tuple[str, str], Any] = {}
+        covered = [(kind, k) for kind in self.save if kind in SUMMARIES for k in summarized(kind, plan.outcomes)]
         whole: dict[str, list[Array]] = {}
         for block in Integration(plan, faults=failed).blocks():
-            for summary in summaries:
-                summary.add(block)
+            for kind, name in covered:
+                values = folded.get((kind, name))
+                folded[kind, name] = SUMMARIES[kind].fold(values, block[name], plan.steps // plan.every + 1)
             if TRAJECTORIES in self.save:
                 for name, value in block.items():
                     whole.setdefault(name, []).append(value)
         out: dict[str, Array] = {}
-        for summary in summaries:
-            out |= summary.result()
+        for (kind, name), values in folded.items():
+            if kind == "frequencies":
+                samples = values[0].reshape(len(values[0]), -1)
+                at = range(0, samples.shape[1], max(1, AT_ONCE // len(samples)))
+                slabs = [angular_frequency(samples[:, i : i + at.step], plan.dt * plan.every) for i in at]
+                values = (np.concatenate(slabs).reshape(values[0].shape[1:]),)
+            ends = SUMMARIES[kind].meanings
+            out |= {f"{name}_{end}": value for end, value in zip(ends, values, strict=True)}
         options = plan.scheme.options
         if isinstance(options.get("order"), int):
             chosen = (options["order"], plan.dt)

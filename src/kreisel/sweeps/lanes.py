@@ -45,9 +45,8 @@ def broken_lanes(result: xr.Dataset, file: Path | None = None) -> list[str]:
         sweep = Sweep(SweepRecord.from_attrs(result.attrs, "The sweep").description, file)
     except (InputError, KeyError):
         return []
-    score = np.where(
-        read_values(result["failed"]) == COMPUTED, np.max([_score(*pair) for pair in changes.values()], 0), 0.0
-    )
+    score = np.max([_score(*pair) for pair in changes.values()], 0)
+    score = np.where(read_values(result["failed"]) == COMPUTED, score, 0.0)
     lanes = np.argsort(-score)[:LOOKED_AT]
     sentences = []
     for lane in lanes[score[lanes] > FAR_RELATIVE].tolist():
@@ -102,7 +101,9 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
     largest = 0.0
     for name, variable in run.data_vars.items():
         if variable.attrs["kind"] == "state":
-            begun, whole = float(abs(variable).max()), _extreme(result, str(name), lane)
+            saved = [f"{name}_{end}" for end in ("min", "max") if f"{name}_{end}" in result]
+            begun = float(abs(variable).max())
+            whole = max((float(abs(read_values(result[k].isel(lane=lane))).max()) for k in saved), default=0.0)
             if whole > GROWN * begun:
                 return []  # its scales differ from the initial scales
             largest = max(largest, begun, whole)
@@ -115,12 +116,6 @@ def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tupl
         bad = np.flatnonzero(far(drift, width, step + abs(start), plan.dt * largest))
         out += [f"{name}[{part}]" if len(start) > 1 else name for part in bad]
     return out
-
-
-def _extreme(result: xr.Dataset, name: str, lane: int) -> float:
-    """The largest entry of a component of the state over all rows, if it was saved."""
-    saved = [f"{name}_{end}" for end in ("min", "max") if f"{name}_{end}" in result]
-    return max((float(abs(read_values(result[k].isel(lane=lane))).max()) for k in saved), default=0.0)
 
 
 def one_lane(path: Path, lane: int) -> xr.Dataset:

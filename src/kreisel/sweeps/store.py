@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import itertools
 import json
 import math
 import os
@@ -26,10 +27,9 @@ from kreisel.runs.describing import body_of, dimensions, saved_times, time_attri
 from kreisel.runs.plan import Plan
 from kreisel.runs.progress import LEAST, require_room
 from kreisel.storage import archive
-from kreisel.storage.opening import COMPUTED, FAILED, MISSING, SweepRecord, open_lanes
-from kreisel.sweeps.design import Varied, as_json
-from kreisel.sweeps.ensemble import CHOSEN, TRAJECTORIES, TROUBLES, Sweep
-from kreisel.sweeps.summaries import FEWEST_ROWS, SUMMARIES, summarized
+from kreisel.storage.opening import COMPUTED, FAILED, MISSING, SweepRecord, Verified, open_lanes
+from kreisel.sweeps.design import as_json
+from kreisel.sweeps.ensemble import CHOSEN, FEWEST_ROWS, STATES, SUMMARIES, TRAJECTORIES, TROUBLES, Sweep, summarized
 
 LOST = "The blocks that were done are kept: the same command resumes."
 MESSAGE_BYTES = 400
@@ -68,7 +68,13 @@ class Store:
     def open(self, overwrite: bool) -> list[int]:
         """Create the archive or resume it; the blocks to compute.  Raises `InputError` if another is in the way."""
         with on_disk(self.path, "be created"):
-            going_on = archive.agreed(self.path) and self._is_same(self.part)  # begun with --overwrite
+            going_on = archive.agreed(self.path)  # begun with --overwrite
+            if going_on:
+                try:
+                    self._same(self.part)
+                    going_on = archive.begun(self.part)
+                except InputError:
+                    going_on = False
             if stands(self.path) and not (overwrite or going_on):
                 self._same(self.path)
                 return []
@@ -81,13 +87,6 @@ class Store:
                 self._create(overwrite)
         return self.missing()
 
-    def _is_same(self, where: Path) -> bool:
-        try:
-            self._same(where)
-        except InputError:
-            return False
-        return archive.begun(where)
-
     def _same(self, where: Path) -> None:
         record = SweepRecord.of_store(where)
         archive.require_plain(where)
@@ -99,8 +98,6 @@ class Store:
 
     def _fit(self) -> None:
         """Compare the metadata with their checksum; note other versions; remove files that a kill left incomplete."""
-        from kreisel.storage.verified import Verified
-
         if archive.whole(self.part):
             return
         Verified(self.part, archive.listed(self.part)).verify("zarr.json")
@@ -117,16 +114,19 @@ class Store:
             layout = {"shape": (total, *rest), "chunks": (width, *rest), "dtype": np.dtype("f8"), "fill_value": np.nan}
             out[name] = {**layout, "dimension_names": ("lane", *dims), "attributes": dict(attrs), **more}
 
-        example = self.sweep.lanes.inputs(0, 1)
-        for quantity in example:
-            add(quantity.name, *_input(quantity, example[quantity], self.sweep))
-            if example[quantity].dtype.kind in "iuU":
-                kind = np.dtype("u1") if example[quantity].dtype.kind == "U" else np.dtype("i8")
-                out[quantity.name] |= {"dtype": kind, "fill_value": 0}
+        for quantity, example in self.sweep.lanes.inputs(0, 1).items():
+            dims = tuple(f"{quantity.name}_{i}" for i in range(example.ndim - 1))
+            attrs: dict[str, Any] = {"long_name": f"{quantity.name}, as given", "kind": "input", "units": "1"}
+            more: dict[str, Any] = {"dtype": np.dtype("i8"), "fill_value": 0} if example.dtype.kind in "iu" else {}
+            if example.dtype.kind == "U":
+                words = sorted(set(self.sweep.lanes.tables[quantity].tolist()))
+                attrs |= {"flag_values": list(range(len(words))), "flag_meanings": " ".join(words)}
+                more = {"dtype": np.dtype("u1"), "fill_value": 0}
+            add(quantity.name, example.shape[1:], dims, attrs, **more)
         for plan in self._plans:
-            for name, (rest, dims, attrs) in _summaries(self.sweep, plan).items():
+            for name, summary in _summaries(self.sweep, plan).items():
                 if name not in out:
-                    add(name, rest, dims, attrs)
+                    add(name, *summary)
             if TRAJECTORIES in self.sweep.save:
                 for name, layout in _trajectories(plan, total, width).items():
                     out.setdefault(name, layout)
@@ -140,13 +140,18 @@ class Store:
 
     def _create(self, overwrite: bool) -> None:
         plan, system = self._plans[0], self.sweep.system
+        bodies = {body_of(each.model) for each in self._plans}
+        varied = any(q.letter in self.sweep.shared for q in self.sweep.lanes.quantities)
+        body = None if varied or len(bodies) > 1 else bodies.pop()  # axes and units of the body of all lanes
+        if "body" in self.sweep.description:
+            body = json.dumps(self.sweep.description["body"])
         record = SweepRecord(
             title=f"{system.title}: sweep of {self.sweep.lanes.total:,} lanes",
             source=f"kreisel {importlib.metadata.version('kreisel')}",
             references=system.source,
             system=system.name,
             equations=system.equations,
-            body=self._body(),
+            body=body,
             frame=system.frame.value,
             n=plan.model.n,
             sweep=self._text,
@@ -164,14 +169,6 @@ class Store:
             layouts["time"] = layout | {"attributes": time_attributes(plan)}
         archive.create(self.path, record.to_attrs(), layouts, fixed, overwrite)
 
-    def _body(self) -> str | None:
-        """Axes and units of the body of all lanes; None if they differ."""
-        if "body" in self.sweep.description:
-            return json.dumps(self.sweep.description["body"])
-        found = {body_of(plan.model) for plan in self._plans}
-        varied = any(q.letter in self.sweep.shared for q in self.sweep.lanes.quantities)
-        return None if varied or len(found) > 1 else found.pop()
-
     def finish(self) -> None:
         """Mark the store as complete and give it its name."""
         missing = self.missing()
@@ -180,15 +177,9 @@ class Store:
         with on_disk(self.path, "be finished", lambda: f" {LOST}"):
             if not archive.whole(self.part):
                 archive.remove_scratch(self.part)
-                archive.seal(self.part, failed_lanes=self._failed(), complete=1)
+                failed = int((open_lanes(self.part)["failed"].values == FAILED).sum())
+                archive.seal(self.part, failed_lanes=failed, complete=1)
             archive.take_name(self.path)
-
-    def _failed(self) -> int:
-        return int((open_lanes(self.part)["failed"].values == FAILED).sum())
-
-    def failed_lanes(self) -> int:
-        """The number of failed lanes of a complete store."""
-        return SweepRecord.of_store(self.path).failed_lanes or 0
 
 
 def _difference(theirs: str, mine: str) -> str:
@@ -203,83 +194,56 @@ def _difference(theirs: str, mine: str) -> str:
 
 
 def _templates(sweep: Sweep) -> Iterator[Plan]:
-    """A plan for each method and order that occur, since their variables differ.
-
-    Raises `InputError` if no lane of a combination can be planned.
-    """
+    """A plan for each method and order that occur, since their variables differ.  Raises `InputError`."""
+    varied = {q.name for q in sweep.lanes.quantities} & {"run.dt", "run.steps", "run.every"}
     for combination in _combinations(sweep):
         last: Exception | None = None
-        for lane in combination:
+        for lane in combination.tolist():
             try:
                 plan = sweep.plan_of_lane(lane)
             except TROUBLES as error:
                 last = last or error
                 continue
-            _check_rows(sweep, plan)
+            if TRAJECTORIES in sweep.save and varied:
+                raise InputError(
+                    f"Trajectories need the same times in all lanes, but {', '.join(sorted(varied))} varies. Save "
+                    "summaries, or make a sweep for each."
+                )
+            rows = plan.steps // plan.every + 1
+            if "frequencies" in sweep.save and rows < FEWEST_ROWS:
+                raise InputError(f"Frequencies need at least {FEWEST_ROWS} saved states, got {rows}. Use more steps.")
             yield plan
             break
         else:
             raise InputError(f"No lane of the sweep can be simulated. The first one: {last}")
 
 
-def _combinations(sweep: Sweep) -> Iterator[list[int]]:
+def _combinations(sweep: Sweep) -> Iterator[Array]:
     """Some lanes for each combination of method and order."""
-    lanes, names = sweep.lanes, ("run.method", "run.order")
-    tables = lanes.tables
-    sizes = [size for _, size in lanes.axes]
-    choices: list[list[int]] = []
-    for quantities, size in lanes.axes:
-        telling = [tables[q] for q in quantities if q.name in names]
-        firsts = (
-            {tuple(np.asarray(t[i]).tobytes() for t in telling): i for i in reversed(range(size))}
-            if telling
-            else {(): 0}
-        )
-        choices.append(sorted(firsts.values()))
-    for places in np.ndindex(*(len(c) for c in choices)):
-        start = [c[i] for c, i in zip(choices, places, strict=True)]
-        free = [k for k, (quantities, _) in enumerate(lanes.axes) if not any(q.name in names for q in quantities)]
-        found = []
-        count = math.prod(sizes[k] for k in free)
-        for other in np.unique(np.linspace(0, count - 1, min(count, TEMPLATES)).astype(int)):
-            place = list(start)
-            for k, at in zip(free, np.unravel_index(other, [sizes[k] for k in free]), strict=True):
-                place[k] = int(at)
-            found.append(int(np.ravel_multi_index(place, sizes)))
-        yield found
-
-
-def _check_rows(sweep: Sweep, plan: Plan) -> None:
-    varied = {q.name for q in sweep.lanes.quantities} & {"run.dt", "run.steps", "run.every"}
-    if TRAJECTORIES in sweep.save and varied:
-        raise InputError(
-            f"Trajectories need the same times in all lanes, but {', '.join(sorted(varied))} varies. Save summaries, "
-            "or make a sweep for each."
-        )
-    rows = plan.steps // plan.every + 1
-    if "frequencies" in sweep.save and rows < FEWEST_ROWS:
-        raise InputError(f"Frequencies need at least {FEWEST_ROWS} saved states, got {rows}. Use more steps.")
-
-
-def _floats_of_a_lane(sweep: Sweep, plan: Plan) -> int:
-    """Floats that a lane holds in memory at once, temporary ones included."""
-    outputs = plan.example
-    states = sum(v[0, 0].size for name, v in outputs.items() if plan.outcomes[name].kind in ("state", "orientation"))
-    everything = sum(v[0, 0].size for v in outputs.values())
-    held = 40 * everything  # a row, its outputs, temporary arrays for them, the summaries
-    if TRAJECTORIES in sweep.save:
-        held += 3 * plan.rows * everything
-    if "frequencies" in sweep.save:
-        held += plan.rows * states
-    return int(held + MESSAGE_BYTES // 4)
+    lanes = sweep.lanes
+    sizes, choices = [size for _, size in lanes.axes], list[list[int] | None]()
+    for quantities, size in lanes.axes:  # the first place of each combination along an axis; None: any place
+        telling = [lanes.tables[q] for q in quantities if q.name in ("run.method", "run.order")]
+        firsts = {tuple(np.asarray(table[i]).tobytes() for table in telling): i for i in reversed(range(size))}
+        choices.append(sorted(firsts.values()) if telling else None)
+    free = [size if choice is None else 1 for size, choice in zip(sizes, choices, strict=True)]
+    count = math.prod(free)
+    tried = np.unravel_index(np.unique(np.linspace(0, count - 1, min(count, TEMPLATES)).astype(int)), free)
+    for each in itertools.product(*([0] if choice is None else choice for choice in choices)):
+        yield np.ravel_multi_index(tuple(place + at for place, at in zip(tried, each, strict=True)), sizes)
 
 
 def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
     """Lanes in a block: as requested, or as many as memory and running time allow, for any number of workers."""
-    spec = sweep.description["sweep"]
-    each = max(8 * _floats_of_a_lane(sweep, plan) for plan in plans)
-    fitting = (spec["memory"] << 20) // each
-    asked = spec.get("block")
+    spec, each = sweep.description["sweep"], 0
+    for plan in plans:  # bytes that a lane holds at once
+        sizes = {name: v[0, 0].size for name, v in plan.example.items()}
+        states = sum(size for name, size in sizes.items() if plan.outcomes[name].kind in STATES)
+        held = 40 * sum(sizes.values())  # a row, its outputs, temporary arrays for them, the summaries
+        held += 3 * plan.rows * sum(sizes.values()) if TRAJECTORIES in sweep.save else 0
+        held += plan.rows * states if "frequencies" in sweep.save else 0
+        each = max(each, 8 * int(held + MESSAGE_BYTES // 4))
+    fitting, asked = (spec["memory"] << 20) // each, spec.get("block")
     if fitting < (asked or 1):
         raise InputError(
             f"{asked or 1} lanes need about {each * (asked or 1) / 2**20:.0f} MiB at once, more than "
@@ -292,24 +256,14 @@ def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
     return int(min(MOST_IN_BLOCK, fitting, patience, -(-sweep.lanes.total // FEWEST_BLOCKS)))
 
 
-def _input(quantity: Varied, example: Array, sweep: Sweep) -> tuple[tuple[int, ...], tuple[str, ...], dict[str, Any]]:
-    """Shape, dimensions and attributes of the values of a quantity that varies."""
-    attrs: dict[str, Any] = {"long_name": f"{quantity.name}, as given", "kind": "input", "units": "1"}
-    if example.dtype.kind == "U":
-        tables = {**sweep.lanes.grid, **sweep.lanes.listed}
-        words = sorted(set(tables[quantity].tolist()))
-        attrs |= {"flag_values": list(range(len(words))), "flag_meanings": " ".join(words)}
-    rest = example.shape[1:]
-    return rest, tuple(f"{quantity.name}_{i}" for i in range(len(rest))), attrs
-
-
 def _summaries(sweep: Sweep, plan: Plan) -> dict[str, tuple[tuple[int, ...], tuple[str, ...], dict[str, Any]]]:
     out = {}
     for kind in (kind for kind in sweep.save if kind in SUMMARIES):
         for name in summarized(kind, plan.outcomes):
             shape, outcome = plan.example[name].shape, plan.outcomes[name]
-            for end, meaning in SUMMARIES[kind].meanings(outcome).items():
-                attrs = {"long_name": f"{outcome.meaning}: {meaning}", "kind": kind, "units": "1"}
+            for end, meaning in SUMMARIES[kind].meanings.items():
+                lost = ", not conserved" if end == "drift" and not outcome.conserved else ""
+                attrs = {"long_name": f"{outcome.meaning}: {meaning}{lost}", "kind": kind, "units": "1"}
                 out[f"{name}_{end}"] = shape[2:], dimensions(plan, name, shape)[2:], attrs
     return out
 
@@ -327,17 +281,13 @@ def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any
             "dtype": np.dtype("f8"),
             "fill_value": np.nan,
             "dimension_names": dimensions(plan, name, value.shape),
-            "attributes": {
-                "long_name": outcome.meaning,
-                "kind": outcome.kind,
-                "units": "1",
-                "conserved": int(outcome.conserved),
-            },
+            "attributes": {"long_name": outcome.meaning, "kind": outcome.kind, "units": "1"}
+            | {"conserved": int(outcome.conserved)},
         }
     return out
 
 
-def compute(part: str, block: int, file: str | None = None, digest: str = "") -> dict[str, Any]:
+def compute(part: str, file: str | None, digest: str, block: int) -> dict[str, Any]:
     """Compute a block and write it.  Returns its cost.  Raises `RunError` if the store cannot be written.
 
     `digest` is the hash of the description: a worker keeps the sweep that it has read.
@@ -373,10 +323,16 @@ def results_of(
         if array.attrs.get("kind") != "input" and name not in ("failed", "message")
     }
     out, faults = sweep.results(first, stop, known)
-    out |= {q.name: _numbered(v, arrays[q.name]) for q, v in sweep.lanes.inputs(first, stop).items()}
-    state = np.full(stop - first, COMPUTED, dtype=np.uint8)
-    state[list(faults)] = FAILED
-    return out | {"message": _messages(faults, stop - first), "failed": state}
+    for quantity, value in sweep.lanes.inputs(first, stop).items():
+        if value.dtype.kind == "U":  # words as their indices
+            words = arrays[quantity.name].attrs["flag_meanings"].split()
+            value = np.array([words.index(word) for word in value], dtype=np.uint8)
+        out[quantity.name] = value
+    state, messages = np.full(stop - first, COMPUTED, np.uint8), np.zeros((stop - first, MESSAGE_BYTES), np.uint8)
+    for lane, why in faults.items():
+        text = why.encode()[:MESSAGE_BYTES]
+        state[lane], messages[lane, : len(text)] = FAILED, np.frombuffer(text, dtype=np.uint8)
+    return out | {"message": messages, "failed": state}
 
 
 @lru_cache(4)
@@ -388,22 +344,6 @@ def _opened_sweep(part: str, file: str | None, digest: str) -> tuple[Sweep, dict
     found = archive.opened_arrays(Path(part))
     arrays = {name: array for name, array in found.items() if "lane" in (array.metadata.dimension_names or ())}
     return Sweep(record.description, Path(file) if file else None), arrays, record.block_lanes
-
-
-def _numbered(value: Array, array: Any) -> Array:
-    """Words as their indices in the attribute flag_meanings."""
-    if value.dtype.kind != "U":
-        return value
-    words = array.attrs["flag_meanings"].split()
-    return np.array([words.index(word) for word in value], dtype=np.uint8)
-
-
-def _messages(faults: Mapping[int, str], lanes: int) -> Array:
-    out = np.zeros((lanes, MESSAGE_BYTES), dtype=np.uint8)
-    for lane, why in faults.items():
-        text = why.encode()[:MESSAGE_BYTES]
-        out[lane, : len(text)] = np.frombuffer(text, dtype=np.uint8)
-    return out
 
 
 def failed_lanes(run: Any) -> Iterator[tuple[int, str]]:

@@ -22,14 +22,14 @@ from kreisel.runs.presenting import presented
 from kreisel.runs.progress import Progress
 from kreisel.runs.settings import check_model, checked_state, flag, with_steps
 from kreisel.storage.archive import one_writer, target
-from kreisel.storage.opening import open_lanes
+from kreisel.storage.opening import SweepRecord, open_lanes
 from kreisel.sweeps.bodies import by_lane, of_scaled_system
 from kreisel.sweeps.design import Design, Lanes, described
 from kreisel.sweeps.ensemble import TRAJECTORIES, Sweep
 from kreisel.sweeps.grids import gridded
 from kreisel.sweeps.lanes import watched_lanes
 from kreisel.sweeps.store import Store, failed_lanes
-from kreisel.sweeps.workers import Tasks, check_workers, pool
+from kreisel.sweeps.workers import check_workers, computed, pool
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -187,8 +187,8 @@ def carry_out(
                 pool(workers, scheduler, progress) as hands,
                 Progress(report.lanes, progress, store.lanes_done(todo), "lanes") as bar,
             ):
-                tasks = Tasks(str(store.part.absolute()), str(file.absolute()) if file else None, store.digest, todo)
-                for counts in hands.run(tasks, stop):
+                code = str(file.absolute()) if file else None
+                for counts in computed(hands, str(store.part.absolute()), code, store.digest, todo, stop):
                     report.add(counts)
                     bar.advance(counts["lanes"])
             if stop.signal is not None:
@@ -196,7 +196,8 @@ def carry_out(
                 raise Interrupted(stop.signal, kept, store.blocks, store.part)
         if store.part.exists():
             store.finish()
-        report.failed, report.seconds = store.failed_lanes(), time.perf_counter() - begun
+        report.failed = SweepRecord.of_store(path).failed_lanes or 0
+        report.seconds = time.perf_counter() - begun
         return report
 
 

@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from functools import partial
 from types import FrameType
 from typing import Any
 
@@ -23,20 +23,6 @@ LOOK = 0.5  # seconds between two looks at the workers
 PATIENCE = 120.0  # seconds that local workers may need to start, or may all be missing
 CLOSING = 20.0  # seconds after which they are killed
 ANSWER = 20.0  # seconds in which the scheduler of another cluster must answer
-
-
-@dataclass(frozen=True)
-class Tasks:
-    """Blocks to compute."""
-
-    part: str
-    file: str | None
-    digest: str
-    todo: Sequence[int]
-
-    def arguments(self, block: int) -> tuple[str, int, str | None, str]:
-        """The arguments of `store.compute`."""
-        return self.part, block, self.file, self.digest
 
 
 @contextlib.contextmanager
@@ -68,27 +54,23 @@ def _at_once(stop: Stop) -> Iterator[None]:
 
 
 class Here:
-    """The process itself, one block after the other."""
+    """The process itself, one item after the other."""
 
-    def run(self, tasks: Tasks, stop: Stop) -> Iterator[dict[str, Any]]:
-        """The counts of each block."""
-        for block in tasks.todo:
-            if stop.signal is not None:
-                return
-            took = None
-            try:
-                with _at_once(stop):
-                    took = compute(*tasks.arguments(block))
-            except KeyboardInterrupt:  # on the way out of `with`
-                if stop.signal is None:
-                    raise
-            if took is not None:
-                yield took
-
-    def map(self, function: Callable[..., Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        """The index of each item and function(item), in order."""
+    def map(
+        self, function: Callable[..., Any], items: Sequence[Any], stop: Stop | None = None, noun: str = ""
+    ) -> Iterator[tuple[Any, Any]]:
+        """The index of each item and function(item), in order.  A signal of `stop` ends the present item at once."""
         for place, item in enumerate(items):
-            yield place, function(item)
+            if stop is not None and stop.signal is not None:
+                return
+            result = []
+            try:
+                with contextlib.nullcontext() if stop is None else _at_once(stop):
+                    result = [function(item)]
+            except KeyboardInterrupt:  # on the way out of `with`
+                if stop is None or stop.signal is None:
+                    raise
+            yield from ((place, each) for each in result)
 
 
 class Pool:
@@ -97,56 +79,45 @@ class Pool:
     def __init__(self, client: Any, address: str | None):
         self._client, self._address, self._seen = client, address, time.monotonic()
 
-    def run(self, tasks: Tasks, stop: Stop) -> Iterator[dict[str, Any]]:
-        """The counts of each block, in the order of completion.  Only a few are with the workers at a time."""
-
-        def submit(block: int, trial: int) -> Any:
-            key = f"kreisel-{tasks.digest[:12]}-{os.getpid()}-{block}-{trial}"
-            return self._client.submit(compute, *tasks.arguments(block), key=key, pure=False)
-
-        for _, counts in self._results(tasks.todo, submit, stop, "Block"):
-            yield counts
-
-    def map(self, function: Callable[..., Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        """The index of each item and function(item), in the order of completion."""
-
-        def submit(place: int, trial: int) -> Any:
-            return self._client.submit(function, items[place], pure=False)
-
-        return self._results(range(len(items)), submit, Stop(), "Item")
-
-    def _results(
-        self, todo: Sequence[int], submit: Callable[[int, int], Any], stop: Stop, noun: str
+    def map(
+        self, function: Callable[..., Any], items: Sequence[Any], stop: Stop | None = None, noun: str = "Item"
     ) -> Iterator[tuple[int, Any]]:
-        """The index and the result of each task, in the order of completion; lost tasks are submitted again."""
+        """The index of each item and function(item), in the order of completion; lost tasks are submitted again.
+
+        Only a few are with the workers at a time, none after a signal of `stop`.
+        """
         import distributed
 
-        waiting, losses = iter(todo), dict.fromkeys(todo, 0)
+        waiting, losses = iter(range(len(items))), [0] * len(items)
         at_work: dict[Any, int] = {}
+
+        def submit(place: int) -> None:
+            at_work[self._client.submit(function, items[place], pure=False)] = place
+
         try:
-            while stop.signal is None:
+            while stop is None or stop.signal is None:
                 room = 2 * max(2, sum(self._client.ncores().values())) - len(at_work)
-                for number in itertools.islice(waiting, max(0, room)):
-                    at_work[submit(number, 0)] = number
+                for place in itertools.islice(waiting, max(0, room)):
+                    submit(place)
                 if not at_work:
                     return
                 for future in self._ended(at_work):
-                    number = at_work[future]
+                    place = at_work[future]
                     try:
                         result = self._fetched(future)
                     except distributed.KilledWorker:
                         del at_work[future]
-                        losses[number] += 1
-                        if losses[number] >= LOSSES:
+                        losses[place] += 1
+                        if losses[place] >= LOSSES:
                             raise RunError(
-                                f"{noun} {number} lost its worker again and again. Usual cause: too little memory for "
-                                f"it. Use a smaller block or memory in [sweep]. {LOST}"
+                                f"{noun} {items[place]} lost its worker again and again. Usual cause: too little "
+                                f"memory for it. Use a smaller block or memory in [sweep]. {LOST}"
                             ) from None
-                        at_work[submit(number, losses[number])] = number
+                        submit(place)
                         continue
                     if result:
                         del at_work[future]
-                        yield number, result[0]
+                        yield place, result[0]
         except (OSError, distributed.CancelledError) as error:
             raise RunError(f"The scheduler {self._address or 'here'} went away: {error}. {LOST}") from error
         finally:
@@ -184,6 +155,14 @@ class Pool:
                 f"cannot import, or too little memory. {LOST}"
             )
         return ()
+
+
+def computed(
+    hands: Here | Pool, part: str, file: str | None, digest: str, todo: Sequence[int], stop: Stop
+) -> Iterator[dict[str, Any]]:
+    """The counts of blocks as they are computed, see `kreisel.sweeps.store.compute`."""
+    for _, counts in hands.map(partial(compute, part, file, digest), todo, stop, "Block"):
+        yield counts
 
 
 def check_workers(workers: Any, scheduler: str | None) -> None:
