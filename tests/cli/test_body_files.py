@@ -13,8 +13,8 @@ import trimesh
 
 import kreisel as kr
 from kreisel import cli
-from kreisel.cli.bodies import SAMPLES, text_of_body
 from kreisel.cli.configuration import parse, parse_sweep, read
+from kreisel.cli.new import SAMPLES, text_of_body
 from kreisel.errors import Faults
 from kreisel.physical import (
     SATURN,

@@ -109,7 +109,7 @@ def test_from_a_file_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     Path("top.toml").write_text(
         configuration('order = "auto"\ntol = 1e-8\ndt = 1.0\nsteps = 100\nevery = 10', 'path = "run.zarr"')
     )
-    commands.run(Path("top.toml"))
+    commands.run(Path("top.toml"), changes=[], figure=True, project=True)
     run = kr.open_run("run.zarr")
     longer = kr.resume(Path("run.zarr"), extend=2 * run.attrs["steps"])
     assert longer.attrs["options"] == run.attrs["options"]

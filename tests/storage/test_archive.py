@@ -230,6 +230,6 @@ def test_check_of_an_archive_with_nothing_that_can_be_read(
         if not chunk.relative_to(path).parts[0] == "time":
             chunk.write_bytes(b"nothing")
     with pytest.raises(typer.Exit) as exit:
-        commands.check(path)
+        commands.check(path, out=None)
     assert exit.value.exit_code == 1
     assert "FAULT" in capsys.readouterr().out

@@ -7,11 +7,9 @@ import json
 import textwrap
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from kreisel.cli.output import AsJson, OverwriteFile, a_path, app, print_json, save_picture, say
+from kreisel.cli.output import AsJson, OverwriteFile, a_path, app, arg, opt, print_json, save_picture, say
 from kreisel.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,30 +28,20 @@ def case_names(begun: str) -> list[str]:
 
 @app.command()
 def checkcase(
-    name: Annotated[
-        str | None, typer.Argument(help="A check case; none: list them.", autocompletion=case_names)
-    ] = None,
-    at: Annotated[list[float] | None, typer.Option("--at", help="A time in s at which the state is printed.")] = None,
-    table: Annotated[
-        Path | None, a_path("Write the exact motion as CSV; columns are named with units.", "--csv")
-    ] = None,
-    rows: Annotated[int, typer.Option(min=2, max=1_000_000, help="Rows of the CSV.")] = 301,
-    grade: Annotated[
-        list[Path] | None,
-        a_path("Grade a trajectory, a CSV or NetCDF file; several with different steps give the order.", "--grade"),
-    ] = None,
-    units: Annotated[str | None, typer.Option("--units", help="Of the rates graded: rad/s, deg/s or rpm.")] = None,
-    quaternion: Annotated[str | None, typer.Option("--quaternion", help="wxyz or xyzw.")] = None,
-    direction: Annotated[
-        str | None, typer.Option("--direction", help="Of the attitude graded: 'body to space' or 'space to body'.")
-    ] = None,
-    frame: Annotated[str | None, typer.Option("--frame", help="Of the rates graded: body or space.")] = None,
-    time: Annotated[str | None, typer.Option("--time", help="Unit of the times graded: s, ms or min.")] = None,
-    step: Annotated[
-        list[float] | None,
-        typer.Option("--step", help="Step in s of each file graded, if it is not the distance of its rows."),
-    ] = None,
-    figure: Annotated[Path | None, a_path("Draw the case into .png, .pdf or .svg.", "--figure")] = None,
+    name: str | None = arg("A check case; none: list them.", case_names),
+    at: list[float] | None = opt("A time in s at which the state is printed."),
+    table: Path | None = a_path("Write the exact motion as CSV; columns are named with units.", "--csv"),
+    rows: int = opt("Rows of the CSV.", default=301, min=2, max=1_000_000),
+    grade: list[Path] | None = a_path(
+        "Grade a trajectory, a CSV or NetCDF file; several with different steps give the order.", "--grade"
+    ),
+    units: str | None = opt("Of the rates graded: rad/s, deg/s or rpm."),
+    quaternion: str | None = opt("wxyz or xyzw."),
+    direction: str | None = opt("Of the attitude graded: 'body to space' or 'space to body'."),
+    frame: str | None = opt("Of the rates graded: body or space."),
+    time: str | None = opt("Unit of the times graded: s, ms or min."),
+    step: list[float] | None = opt("Step in s of each file graded, if it is not the distance of its rows."),
+    figure: Path | None = a_path("Draw the case into .png, .pdf or .svg.", "--figure"),
     as_json: AsJson = False,
     overwrite: OverwriteFile = False,
 ) -> None:
@@ -63,7 +51,13 @@ def checkcase(
     if name is None:
         if at or table or grade or figure:
             raise InputError("kreisel checkcase: expected the name of a case; `kreisel checkcase` lists them.")
-        _list(as_json)
+        cases = [checkcases.case(each) for each in checkcases.cases()]
+        if as_json:
+            print_json([{**each.given(), "title": each.title, "source": each.source} for each in cases])
+            return
+        for each in cases:
+            say(f"{each.name:22} {each.title}")
+        print("\nkreisel checkcase NAME: the data, the start, the exact answer; --grade FILE: grade a trajectory.")
         return
     case = checkcases.case(name)
     options = {"units": units, "quaternion": quaternion, "direction": direction, "frame": frame, "time": time}
@@ -77,18 +71,6 @@ def checkcase(
         save_picture(plot(case), figure, overwrite)
     if not (grade or table or figure):
         _print(case, at or [], as_json)
-
-
-def _list(as_json: bool) -> None:
-    from kreisel import checkcases
-
-    cases = [checkcases.case(name) for name in checkcases.cases()]
-    if as_json:
-        print_json([{**case.given(), "title": case.title, "source": case.source} for case in cases])
-        return
-    for case in cases:
-        say(f"{case.name:22} {case.title}")
-    print("\nkreisel checkcase NAME: the data, the start, the exact answer; --grade FILE: grade a trajectory.")
 
 
 def _print(case: Case, at: list[float], as_json: bool) -> None:
@@ -120,8 +102,7 @@ def _print(case: Case, at: list[float], as_json: bool) -> None:
             say(f"  attitude {letter}           {text:>24}")
 
     print(f"\n{textwrap.fill(f'{case.digits} digits are certain: {CERTAINTY}.', 100)}")
-    answers = case.answers(case)
-    for answer in answers:
+    for answer in case.answers(case):
         say(f"  {answer.meaning}: {answer.value:.15g} {answer.unit}   ({answer.source})")
 
 

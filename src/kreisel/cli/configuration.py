@@ -72,20 +72,15 @@ def changed(data: dict[str, Any], changes: Sequence[str]) -> dict[str, Any]:
             table = table.setdefault(key, {})
             if not isinstance(table, dict):
                 raise InputError(f"--set {place}: expected a section {section}, got the value {shown(table)} there.")
-        table[keys[-1]] = _toml_value(value)
+        try:
+            (table[keys[-1]],) = tomllib.loads(f"value = {value}").values()
+        except (ValueError, RecursionError):
+            if any(c in value for c in "[]{}=\n\"'"):
+                raise InputError(
+                    f"--set: expected a value as in TOML, such as 0.01 or [0, 0, 1], got {shown(value)}."
+                ) from None
+            table[keys[-1]] = value
     return data
-
-
-def _toml_value(text: str) -> Any:
-    try:
-        (found,) = tomllib.loads(f"value = {text}").values()
-    except (ValueError, RecursionError):
-        if any(c in text for c in "[]{}=\n\"'"):
-            raise InputError(
-                f"--set: expected a value as in TOML, such as 0.01 or [0, 0, 1], got {shown(text)}."
-            ) from None
-        return text
-    return found
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -148,28 +143,24 @@ def _described(subject: Subject, tables: Mapping[str, Mapping[str, Any]], folder
     if not of_scaled_system(model, tables["sweep"]):
 
         def bodies(changes: list[dict[str, Any]]) -> Body:
-            return Ensemble([_changed_body(lane, tables, change, folder) for lane, change in enumerate(changes)])
+            members = []
+            for lane, changes_of_lane in enumerate(changes):
+                table, faults = copy.deepcopy(dict(tables["body"])), Faults()
+                for name, change in changes_of_lane.items():
+                    *sections, key = name.split(".")
+                    inner = table
+                    for section in sections:
+                        inner = inner.setdefault(section, {})
+                    inner[key] = change(inner.get(key))
+                members.append(_body({**tables, "body": table}, folder, faults).body)
+                faults.report(f"Lane {lane}")
+            return Ensemble(members)
 
         return by_lane(subject.body, tables["state"], run, tables["sweep"], bodies)
     frame = {} if model.body_frame is None else {"body": model.body_frame.table}
     start = {**state.axial, **({} if state.orientation is None else {"orientation": state.orientation})}
     system = {"name": model.system.name, **model.params}
     return {**frame, "system": system, "state": start, "run": scaled_settings(model, run)}
-
-
-def _changed_body(lane: int, tables: Mapping[str, Mapping[str, Any]], changes: Mapping[str, Any], folder: Path) -> Body:
-    """The body of a lane of a sweep.  Raises `InputError`."""
-    table, faults = copy.deepcopy(dict(tables["body"])), Faults()
-    for name, change in changes.items():
-        *sections, key = name.split(".")
-        inner = table
-        for section in sections:
-            inner = inner.setdefault(section, {})
-        inner[key] = change(inner.get(key))
-    body = _body({**tables, "body": table}, folder, faults).body
-    faults.report(f"Lane {lane}")
-    assert body is not None
-    return body
 
 
 def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()) -> Config:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
+import json
 import sys
 import tempfile
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import typer
-
-from kreisel.cli.bodies import SAMPLES, commented, comments, text_of_body
 from kreisel.cli.checkcases import files_of
-from kreisel.cli.output import OverwriteFile, a_path, app, say, system_names
+from kreisel.cli.output import OverwriteFile, a_path, app, arg, opt, say, system_names
 from kreisel.errors import InputError
-from kreisel.record.contract import Parameter, System
+from kreisel.record.contract import System
 
 if TYPE_CHECKING:
     from kreisel.runs.examples import Example
@@ -26,6 +26,178 @@ VARIED = 10  # values of a varied quantity
 GYROSTATS = ("zhukovsky-volterra", "kovalevskaya-gyrostat")
 
 
+# -- bodies in SI units, with data that a person would begin with ---------------------------------------
+
+
+WIDTH = 118
+
+
+class Sample(NamedTuple):
+    """A body to begin with, as sections of a file; comments on their lines, by "section.key"."""
+
+    about: str
+    body: dict[str, Any]
+    state: dict[str, Any]
+    run: dict[str, Any]
+    comments: dict[str, str]
+
+
+ORBIT = {"altitude": "500 km", "inclination": "97.4 deg"}
+SAMPLES = {
+    "gyroscope": Sample(
+        "A spinning top of 100 g on its point, tilted by 30 degrees, at 3000 rpm: it precesses and nods.",
+        {"shape": "flat", "mass": "100 g", "axial_moment": "360 g cm^2", "lever": "3 cm"},
+        {"tilt": "30 deg", "spin": "3000 rpm"},
+        {"dt": "1 ms", "t_end": "10 s", "every": "5 ms"},
+        {
+            "body.shape": "leave it out for a top that is not flat, and add transverse_moment, about the point",
+            "body.axial_moment": "about the axis of symmetry",
+            "body.lever": "from the point to the centre of mass",
+            "state.tilt": "from the upward vertical",
+            "state.spin": "about the axis; precession and nutation are 0: released from rest",
+        },
+    ),
+    "heavy-body": Sample(
+        "A plate of 1.2 kg on a pivot 11 cm from its centre of mass, which rotates at 300 rpm about its third axis.",
+        {
+            "shape": "about_centre",
+            "mass": "1.2 kg",
+            "inertia": ["40 kg cm^2", "90 kg cm^2", "130 kg cm^2"],
+            "arm": ["0 cm", "5 cm", "10 cm"],
+        },
+        {"angular_velocity": ["0 rpm", "60 rpm", "300 rpm"]},
+        {"dt": "1 ms", "t_end": "10 s", "every": "5 ms", "order": 4},
+        {
+            "body.shape": "the inertia is about the centre of mass; leave it out for one about the pivot",
+            "body.inertia": 'or a tensor, [[[40, 0, 0], [0, 90, 0], [0, 0, 130]], "kg cm^2"]',
+            "body.arm": "from the pivot to the centre of mass, along the body axes",
+            "state.angular_velocity": "along the body axes; the third points up",
+        },
+    ),
+    "free-body": Sample(
+        "A book thrown into the air, spinning about its middle axis: it flips again and again.",
+        {"mass": "0.9 kg", "sides": ["3 cm", "17 cm", "24 cm"]},
+        {"spin": ["0.2 rpm", "120 rpm", "0.1 rpm"]},
+        {"dt": "2 ms", "t_end": "20 s", "every": "10 ms"},
+        {
+            "body.sides": "of a box; or diameters of an ellipsoid; or inertia = [[...]], any tensor",
+            "state.spin": "along the body axes",
+        },
+    ),
+    "ellipsoid": Sample(
+        "An ellipsoid of 30 x 20 x 10 cm in water, as heavy as that water, moving along its long axis.",
+        {"semi_axes": ["15 cm", "10 cm", "5 cm"], "density": "998.2 kg/m^3", "fluid_density": "998.2 kg/m^3"},
+        {"velocity": ["10 cm/s", "1 mm/s", "0 m/s"], "angular_velocity": ["0 rpm", "0.2 rpm", "0.1 rpm"]},
+        {"dt": "50 ms", "t_end": "100 s", "every": "100 ms"},
+        {"state.velocity": "along the body axes; this motion is unstable: the body swings broadside on"},
+    ),
+    "submerged-body": Sample(
+        "A torpedo of 20 kg in water: added masses, drag, its centre of mass 2 cm ahead of buoyancy and 2 cm below.",
+        {
+            "mass": "20 kg",
+            "inertia": ["0.1 kg m^2", "1.6 kg m^2", "1.6 kg m^2"],
+            "added_mass": [1.0, 18.0, 18.0, 0.0, 1.6, 1.6],
+            "center_of_mass": ["2 cm", "0 cm", "-2 cm"],
+            "linear_drag": [2.0, 10.0, 10.0, 0.1, 2.0, 2.0],
+            "quadratic_drag": [1.0, 60.0, 60.0, 0.05, 5.0, 5.0],
+        },
+        {"velocity": ["1.5 m/s", "0 m/s", "0 m/s"], "angular_velocity": ["0 deg/s", "3 deg/s", "3 deg/s"]},
+        {"dt": "20 ms", "t_end": "30 s"},
+        {
+            "body.added_mass": "diagonal of the 6 x 6 matrix: kg and kg m^2",
+            "body.linear_drag": "N s/m and N m s",
+            "body.quadratic_drag": "N s^2/m^2 and N m s^2",
+        },
+    ),
+    "binary": Sample(
+        "Didymos and its moon Dimorphos, on a slightly eccentric orbit: the moon librates.",
+        {
+            "primary": {"mass": "5.557e11 kg", "diameters": ["849 m", "851 m", "620 m"]},
+            "secondary": {"mass": "4.3e9 kg", "diameters": ["177 m", "174 m", "116 m"]},
+        },
+        {"semi_major_axis": "1206 m", "eccentricity": 0.03, "spin1": ["0 rad/s", "0 rad/s", "7.722e-4 rad/s"]},
+        {"dt": "1 hour", "t_end": "30 days"},
+        {
+            "body.primary.diameters": 'or mesh = "shape.obj", length = "km"; love and lag for tides',
+            "state.semi_major_axis": "of the secondary relative to the primary; or separation of a circular orbit",
+            "state.spin1": "of the primary, along its axes; without spin2 the secondary rotates with the orbit",
+        },
+    ),
+    "satellite": Sample(
+        "A CubeSat of three units at 500 km, tumbling at 5 degrees a second, with a weak magnet.",
+        {"units": 3, "magnetic_moment": ["0 A m^2", "0 A m^2", "0.01 A m^2"], "orbit": ORBIT},
+        {"spin": ["4 deg/s", "2.5 deg/s", "-1.5 deg/s"]},
+        {"dt": "10 s", "t_end": "190 min"},
+        {
+            "body.units": 'of 10 cm, along axis 1; or inertia = [[...]] of any satellite, or mesh = "bus.stl"',
+            "body.orbit.altitude": "or elements: semi_major_axis, eccentricity, inclination, node, perigee",
+            "state.spin": "along the body axes; leave it out for a satellite at rest against its orbit",
+        },
+    ),
+    "asteroid": Sample(
+        "A moon like Saturn's Hyperion on its eccentric orbit: it tumbles chaotically.",
+        {
+            "mass": "5.62e18 kg",
+            "diameters": ["380 km", "290 km", "228 km"],
+            "orbit": {"semi_major_axis": "1.481e6 km", "eccentricity": 0.1, "primary": "saturn"},
+        },
+        {"spin": ["0 deg/day", "4 deg/day", "35 deg/day"]},
+        {"dt": "3 hour", "t_end": "1 year"},
+        {
+            "body.diameters": "of an ellipsoid of constant density",
+            "body.orbit.primary": "or earth, sun, or { name = ..., mu = ..., radius = ... }",
+            "state.spin": "along the body axes",
+        },
+    ),
+}
+
+
+def text_of_body(name: str, target: Path, head: str) -> str:
+    """The TOML file of a body, ready to run."""
+    from kreisel.physical.tables import kinds
+
+    sample, kind = SAMPLES[name], kinds()[name]
+    lines = [f"{head} {name}; run it by: kreisel run {target}", *comments(sample.about)]
+    lines += comments(
+        f"Keys of [body] and [state] are arguments of kr.physical.{kind.__name__} and of its state; values without a "
+        "unit are in SI, vectors along the body axes."
+    )
+    lines += ["", "[body]", f'kind = "{name}"', *_section(sample.body, "body", sample.comments)]
+    used = {*sample.body, "self"}
+    more = [k for k in inspect.signature(kind).parameters if k not in used]
+    lines[lines.index("[body]") + 2 : lines.index("[body]") + 2] = comments(f"more: {', '.join(more)}")
+    lines += ["", "[state]", *_section(sample.state, "state", sample.comments)]
+    lines += ["", "[run]", *_section(sample.run, "run", sample.comments)]
+    lines += ["", "[output]", f'path = "{target.stem}.zarr"', f'# figure = "{target.stem}.png"   # or .pdf, .svg']
+    return "\n".join(lines) + "\n"
+
+
+def _section(table: Mapping[str, Any], section: str, comments: Mapping[str, str]) -> Iterator[str]:
+    """Lines of a section, then of the sections in it."""
+    inner = {k: v for k, v in table.items() if isinstance(v, dict)}
+    for key, value in table.items():
+        if key not in inner:
+            yield from commented(f"{key} = {json.dumps(value)}", comments.get(f"{section}.{key}"))
+    for key, value in inner.items():
+        yield ""
+        yield f"[{section}.{key}]"
+        yield from _section(value, f"{section}.{key}", comments)
+
+
+def commented(setting: str, meaning: str | None) -> list[str]:
+    """A setting and its meaning, after it or above."""
+    line = setting if meaning is None else f"{setting:<27}  # {' '.join(meaning.split())}"
+    return [line] if meaning is None or len(line) <= WIDTH else [*comments(meaning), setting]
+
+
+def comments(*paragraphs: str) -> list[str]:
+    """Lines of comment."""
+    return [f"# {line}" for text in paragraphs for line in textwrap.wrap(" ".join(text.split()), WIDTH - 2)]
+
+
+# -- the command ----------------------------------------------------------------------------------------
+
+
 def subject_names(begun: str) -> list[str]:
     """The bodies and systems whose names begin with `begun`, for the shell."""
     return [*(name for name in SAMPLES if name.startswith(begun)), *system_names(begun)]
@@ -33,27 +205,20 @@ def subject_names(begun: str) -> list[str]:
 
 @app.command()
 def new(
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            help="A body: gyroscope, satellite, ...; a system (kreisel systems); with --lagrangian any name.",
-            autocompletion=subject_names,
-        ),
-    ] = None,
-    case: Annotated[str | None, typer.Argument(help="A check case, after the name checkcase.")] = None,
-    out: Annotated[Path | None, a_path("The file to write, by default NAME.toml.", "--out", "-o")] = None,
-    n: Annotated[int | None, typer.Option("--n", help="The dimension, or the sites of a chain.")] = None,
-    perturbed: Annotated[
-        bool, typer.Option("--perturbed", help="Under user-defined forces, in a Python file.")
-    ] = False,
-    swept: Annotated[bool, typer.Option("--sweep", help="Many lanes, for `kreisel sweep`.")] = False,
-    lagrangian: Annotated[
-        bool, typer.Option("--lagrangian", help="A user-defined body by its Lagrangian, in a Python file.")
-    ] = False,
+    name: str | None = arg(
+        "A body: gyroscope, satellite, ...; a system (kreisel systems); with --lagrangian any name.", subject_names
+    ),
+    case: str | None = arg("A check case, after the name checkcase."),
+    out: Path | None = a_path("The file to write, by default NAME.toml.", "--out", "-o"),
+    n: int | None = opt("The dimension, or the sites of a chain."),
+    perturbed: bool = opt("Under user-defined forces, in a Python file.", "--perturbed", default=False),
+    swept: bool = opt("Many lanes, for `kreisel sweep`.", "--sweep", default=False),
+    lagrangian: bool = opt("A user-defined body by its Lagrangian, in a Python file.", "--lagrangian", default=False),
     overwrite: OverwriteFile = False,
 ) -> None:
     """Write a commented TOML file, ready to run: kreisel new lagrange-top, then kreisel run lagrange-top.toml."""
     from kreisel.bodies import KNOWN, find
+    from kreisel.files import require_file, written
     from kreisel.runs.examples import example
 
     if perturbed + lagrangian + swept > 1:
@@ -83,38 +248,32 @@ def new(
         raise InputError(f"kreisel new: expected a system for --sweep and --n, got the body {name}.")
     else:
         files = {target: text_of(example(find(name), n), target, swept)}
-    _write(files, overwrite)
-    done = f"{' and '.join(map(str, files))} written; next: kreisel {'sweep' if swept else 'run'} {target}"
-    say(done, sys.stderr)  # not a line of TOML, in `kreisel new NAME > FILE`
-
-
-def _write(files: Mapping[Path, str], overwrite: bool) -> None:
-    from kreisel.files import require_file, written
-
     for path in files:
         require_file(path, overwrite)
     for path, text in files.items():
         with written(path, overwrite) as scratch:
             scratch.write_text(text, encoding="utf-8")
+    done = f"{' and '.join(map(str, files))} written; next: kreisel {'sweep' if swept else 'run'} {target}"
+    say(done, sys.stderr)  # not a line of TOML, in `kreisel new NAME > FILE`
 
 
 def text_of(sample: Example, target: Path, swept: bool = False) -> str:
     """The TOML file of a run or a sweep."""
     system = sample.model.system
-    lines = [f'name = "{system.name}"', *_parameters(system, sample.parameters)]
-    return _text(sample, _about(system, target, "sweep" if swept else "run"), lines, target, swept)
+    words = f"{system.title}: {system.equations}.  {system.frame.value.capitalize()} frame.  [{system.source}]"
+    about = comments(words, f"Units: {system.scaling}", *([system.notes] if system.notes else []))
+    about = [f"{HEAD} {system.name}; run it by: kreisel {'sweep' if swept else 'run'} {target}", *about]
+    return _text(sample, about, [f'name = "{system.name}"', *_parameters(system, sample.parameters)], target, swept)
 
 
 def _text(
-    sample: Example,
-    about: list[str],
-    system: list[str],
-    target: Path,
-    swept: bool = False,
-    chosen: list[str] | None = None,
+    sample: Example, about: list[str], system: list[str], target: Path, swept: bool = False, chosen: Any = None
 ) -> str:
     lines = [*about, "", "[system]", *system, "", "[state]", *_state(sample), "", "[run]"]
-    lines += _run(sample, *((SWEEP_STEPS, SWEEP_EVERY) if swept else (STEPS, EVERY)))
+    steps, every = (SWEEP_STEPS, SWEEP_EVERY) if swept else (STEPS, EVERY)
+    lines += commented(f"dt = {sample.dt!r}", "step, in the unit of time")
+    lines += commented(f"steps = {steps:_}", f"or t_end = {steps * sample.dt:g}")
+    lines += commented(f"every = {every}", f"save every {every}th state")
     lines += _methods(sample) if chosen is None else chosen
     lines += commented('# observe = ["energy"]', "which Casimirs and integrals to save; default: all")
     if swept:
@@ -124,26 +283,17 @@ def _text(
     return "\n".join(lines if swept else [*lines, f'# figure = "{stem}.png"   # or .pdf, .svg']) + "\n"
 
 
-def _about(system: System, target: Path, command: str) -> list[str]:
-    words = f"{system.title}: {system.equations}.  {system.frame.value.capitalize()} frame.  [{system.source}]"
-    scaling = [f"Units: {system.scaling}", *([system.notes] if system.notes else [])]
-    return [f"{HEAD} {system.name}; run it by: kreisel {command} {target}", *comments(words, *scaling)]
-
-
 def _parameters(system: System, values: Mapping[str, Any]) -> list[str]:
     lines: list[str] = []
     for p in system.parameters:
         meaning = f"{p.kind}: {p.meaning}"
         if p.letter in values:
             lines += commented(f"{p.letter} = {_toml(values[p.letter])}", meaning)
-        elif (value := _default(p)) is not None:
+            continue
+        value = p.default.tolist() if hasattr(p.default, "tolist") else p.default
+        if value is not None and not (isinstance(value, list) and p.kind == "array"):
             lines += commented(f"# {p.letter} = {_toml(value)}", f"{meaning}; this is the default")
     return lines
-
-
-def _default(p: Parameter) -> Any:
-    value = p.default.tolist() if hasattr(p.default, "tolist") else p.default
-    return None if isinstance(value, list) and p.kind == "array" else value
 
 
 def _state(sample: Example) -> list[str]:
@@ -162,28 +312,16 @@ def _state(sample: Example) -> list[str]:
     return lines
 
 
-def _run(sample: Example, steps: int, every: int) -> list[str]:
-    return [
-        *commented(f"dt = {sample.dt!r}", "step, in the unit of time"),
-        *commented(f"steps = {steps:_}", f"or t_end = {steps * sample.dt:g}"),
-        *commented(f"every = {every}", f"save every {every}th state"),
-    ]
-
-
 def _methods(sample: Example) -> list[str]:
     from kreisel.method import METHODS
 
     others = [m.name for m in METHODS.values() if m.applies(sample.model) and m.name != sample.method]
     orders, default = METHODS[sample.method].order_text, METHODS[sample.method].default
-    beside = f"; also {', '.join(others)}: `kreisel methods`" if others else ""
-    return [
-        *commented(f'# method = "{sample.method}"', f"the default here{beside}"),
-        *(
-            []
-            if default is None
-            else commented(f"# order = {_toml(default)}", f"the default; {sample.method} has {orders}")
-        ),
-    ]
+    also = f"; also {', '.join(others)}: `kreisel methods`" if others else ""
+    lines = commented(f'# method = "{sample.method}"', f"the default here{also}")
+    if default is not None:
+        lines += commented(f"# order = {_toml(default)}", f"the default; {sample.method} has {orders}")
+    return lines
 
 
 def _sweep(sample: Example) -> list[str]:
@@ -210,14 +348,13 @@ def _varied(sample: Example) -> tuple[str, float]:
         if free and kind == "skew" and sample.model.n == 3:
             place = max(range(3), key=lambda k: abs(sample.state[letter][k]))
             return f'state."{letter}[{place}]"', sample.state[letter][place]
-    numbers = [(k, v) for k, v in sample.parameters.items() if isinstance(v, float)]
-    vectors = [(k, v) for k, v in sample.parameters.items() if isinstance(v, list) and isinstance(v[-1], float)]
-    for letter, value in numbers:
-        if all(_allowed(sample, letter, end) for end in _ends(value)):
+    for letter, value in sample.parameters.items():
+        if isinstance(value, float) and all(_allowed(sample, letter, end) for end in _ends(value)):
             return f"system.{letter}", value
-    for letter, vector in vectors:
-        if vector[-1] and all(_allowed(sample, letter, [*vector[:-1], end]) for end in _ends(vector[-1])):
-            return f'system."{letter}[{len(vector) - 1}]"', vector[-1]
+    for letter, value in sample.parameters.items():
+        *others, last = value if isinstance(value, list) else [None]
+        if isinstance(last, float) and last and all(_allowed(sample, letter, [*others, end]) for end in _ends(last)):
+            return f'system."{letter}[{len(others)}]"', last
     return "run.dt", sample.dt
 
 
@@ -313,15 +450,10 @@ def _forces(sample: Example, name: str) -> str:
 
 def _of_forces(sample: Example, name: str, target: Path, code: Path, method: str) -> str:
     system = sample.model.system
-    about = [
-        f"{HEAD} {system.name} --perturbed; run it by: kreisel run {target}",
-        *comments(f"{system.title} under the forces of {code.name}, which is run, because this file names it."),
-    ]
-    lines = [
-        f'file = "{code.name}"',
-        f'name = "{name}"',
-        *commented(f"# strength = {_size(sample)!r}", "the forces' own parameter"),
-    ]
+    about = comments(f"{system.title} under the forces of {code.name}, which is run, because this file names it.")
+    about = [f"{HEAD} {system.name} --perturbed; run it by: kreisel run {target}", *about]
+    strength = commented(f"# strength = {_size(sample)!r}", "the forces' own parameter")
+    lines = [f'file = "{code.name}"', f'name = "{name}"', *strength]
     chosen = commented(f'method = "{method}"', "the forces and the integrable motion alternate; or dop853")
     return _text(sample, about, lines, target, chosen=chosen)
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import sys
-import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from kreisel.errors import ConservationWarning, InputError, brief, printable, shown
+from kreisel.errors import InputError, brief, printable, shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,19 +26,26 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")
 NOT_CONSERVED = 3  # exit code
 TOO_MUCH = "Usual cause: an n or a number of lanes that is too large. Use fewer, or save less often (every)."
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the archive if it exists.")]
-
-
-Set = Annotated[
-    list[str] | None,
-    typer.Option("--set", help=r"A value in place of the file's: run.dt=0.01, 'system.p=\[0, 0, 2]'; may be repeated."),
-]
 OverwriteFile = Annotated[bool, typer.Option("--overwrite", help="Replace the file if Kreisel wrote it.")]
 
 
-def a_path(text: str, *names: str) -> Any:
+def opt(text: str, *names: str, default: Any = None, **settings: Any) -> Any:
+    """An option, by default with the name of its parameter."""
+    return typer.Option(default, *names, help=text, **settings)
+
+
+def arg(text: str, complete: Any = None, default: Any = None) -> Any:
+    """An argument; `complete` has the names that begin with a word, for the shell."""
+    return typer.Argument(default, help=text, autocompletion=complete)
+
+
+def a_path(text: str, *names: str, default: Any = None) -> Any:
     """An argument, or an option of these names, that is a path, ~ expanded; Kreisel reports whether it can be read."""
     settings: dict[str, Any] = {"readable": False, "callback": _from_home, "help": text}
-    return typer.Option(*names, **settings) if names else typer.Argument(**settings)
+    return typer.Option(default, *names, **settings) if names else typer.Argument(default, **settings)
+
+
+SET = r"A value in place of the file's: run.dt=0.01, 'system.p=\[0, 0, 2]'; may be repeated."
 
 
 def _from_home(path: Any) -> Any:
@@ -67,9 +72,7 @@ def _version(asked: bool) -> None:
 
 @app.callback()
 def common(
-    version: Annotated[
-        bool, typer.Option("--version", is_eager=True, callback=_version, help="Print the versions.")
-    ] = False,
+    version: bool = opt("Print the versions.", "--version", default=False, is_eager=True, callback=_version),
 ) -> None:
     """Simulate spinning bodies and keep every first integral to round-off."""
 
@@ -88,22 +91,9 @@ def method_names(begun: str) -> list[str]:
     return [name for name in METHODS if name.startswith(begun)]
 
 
-def condition(faults: list[str]) -> str:
-    """One word for an archive with these faults."""
-    cut = [fault for fault in faults if "was interrupted" in fault]
-    return "whole" if not faults else "interrupted" if cut == faults else "damaged"
-
-
 def say(text: str, file: Any = None) -> None:
     """Print a line without its control characters: it may hold names and attributes from a foreign file."""
     print(brief(text), file=file, flush=True)
-
-
-def width() -> int:
-    """Letters in a line of the terminal."""
-    import shutil
-
-    return max(60, shutil.get_terminal_size((110, 24)).columns) if sys.stdout.isatty() else 110
 
 
 def parameter_of(text: str) -> tuple[str, Any]:
@@ -120,70 +110,14 @@ def parameter_of(text: str) -> tuple[str, Any]:
     return name, numbers[0] if len(numbers) == 1 else numbers
 
 
-def print_finding(finding: Any) -> None:
-    """The result for one statement of `kreisel verify`."""
-    from kreisel.lab.paper import statements
-
-    n, over_q, floats, verdict = statements.cells(finding)
-    statement = finding.statement
-    print(f"{statement.name}: {statement.place}\n    {statement.text}")
-    print(f"    n = {n}   over Q: {over_q}   floats: {floats}   {verdict}", flush=True)
-
-
-def finding_data(finding: Any) -> dict[str, Any]:
-    """The result for one statement as plain data."""
-    statement = finding.statement
-    return {
-        "row": statement.name,
-        "place": statement.place,
-        "statement": statement.text,
-        "erratum": statement.erratum,
-        "n": finding.dimensions,
-        "exact": finding.over_q,
-        "float": finding.in_floats,
-        "printed": finding.printed,
-        "holds": finding.holds,
-        "verdict": finding.verdict,
-    }
-
-
-def save_figure(
-    result: Any,
-    target: Path,
-    compare: Any = None,
-    theme: str = "light",
-    style: str = "house",
-    overwrite: bool = True,
-) -> None:
-    """Draw a run, and a second run if given, into a file."""
-    from kreisel.viewer.plots import plot as draw
-
-    require_figure(target, overwrite)
-    save_picture(draw(result, compare=compare, theme=theme, style=style), target, overwrite)
-
-
 def save_picture(picture: Figure, target: Path, overwrite: bool = True) -> None:
     """Save a figure with Kreisel's mark.  Raises `InputError` for another format, and for a file that must stay."""
     from kreisel.files import written
 
     require_figure(target, overwrite)
+    marks = {".png": "Software", ".pdf": "Creator", ".svg": "Title"}  # by which Kreisel recognises its figures
     with written(target, overwrite) as scratch:
-        picture.savefig(scratch, metadata=_mark(target))
-
-
-def save_sweep_figure(store: Path, target: Path, show: str | None, theme: str, overwrite: bool) -> None:
-    """Draw the summaries of a sweep into a file."""
-    from kreisel.files import written
-    from kreisel.storage.opening import open_lanes
-    from kreisel.viewer.plots import sweep_figure
-
-    with written(target, overwrite) as scratch:
-        sweep_figure(open_lanes(store), show, theme).savefig(scratch, metadata=_mark(target))
-
-
-def _mark(target: Path) -> dict[str, str]:
-    """The mark by which Kreisel recognises its figures."""
-    return {{".png": "Software", ".pdf": "Creator", ".svg": "Title"}[target.suffix.lower()]: "Kreisel"}
+        picture.savefig(scratch, metadata={marks[target.suffix.lower()]: "Kreisel"})
 
 
 def require_figure(target: Path, overwrite: bool = True) -> None:
@@ -196,14 +130,6 @@ def require_figure(target: Path, overwrite: bool = True) -> None:
         raise InputError(f"Expected the name of a figure that ends in {', '.join(FIGURES)}; got {str(target)!r}.")
 
 
-@contextlib.contextmanager
-def warnings_in_the_table() -> Iterator[None]:
-    """A context without `ConservationWarning`, since the table and the exit code report it."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConservationWarning)
-        yield
-
-
 def shout(sentences: list[str]) -> None:
     """Print sentences on quantities that are not conserved to stderr; exit code 3."""
     for sentence in sentences:
@@ -212,28 +138,28 @@ def shout(sentences: list[str]) -> None:
         raise typer.Exit(NOT_CONSERVED)
 
 
-def print_drift(table: pd.DataFrame) -> None:
-    """The table of `kr.drift`."""
+def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], texts: int = 1) -> None:
+    """A table whose first `texts` columns are text, the others figures."""
     from rich.console import Console
     from rich.table import Table
 
     grid = Table(box=None, pad_edge=False, header_style="bold")
-    grid.add_column("integral")
-    grid.add_column("conserved")
-    for column in ("start", "max |change|", "ulps", "slope", "correction"):
-        grid.add_column(column, justify="right")
-    for label, row in table.iterrows():
-        name = printable(label)
-        numbers = (
-            f"{row.start:.6g}",
-            f"{row.max_change:.2e}",
-            f"{row.ulps:.2g}",
-            f"{row.slope:.1e}",
-            "" if math.isnan(row.correction) else f"{row.correction:.2g}",
-        )
-        conserved = "[bold red]BROKEN[/]" if row.broken else "yes" if row.conserved else "no"
-        grid.add_row(name.replace("[", r"\["), conserved, *numbers)
+    for number, column in enumerate(columns):
+        grid.add_column(column, justify="left" if number < texts else "right")
+    for row in rows:
+        grid.add_row(*row)
     Console(width=None if sys.stdout.isatty() else 110, highlight=False).print(grid)
+
+
+def print_drift(table: pd.DataFrame) -> None:
+    """The table of `kr.drift`."""
+    rows = []
+    for label, row in table.iterrows():
+        conserved = "[bold red]BROKEN[/]" if row.broken else "yes" if row.conserved else "no"
+        figures = f"{row.start:.6g}", f"{row.max_change:.2e}", f"{row.ulps:.2g}", f"{row.slope:.1e}"
+        correction = "" if math.isnan(row.correction) else f"{row.correction:.2g}"
+        rows.append((printable(label).replace("[", r"\["), conserved, *figures, correction))
+    print_table(("integral", "conserved", "start", "max |change|", "ulps", "slope", "correction"), rows, 2)
 
 
 def records(table: pd.DataFrame | None) -> list[dict[str, Any]]:

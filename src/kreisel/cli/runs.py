@@ -6,35 +6,20 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
+from warnings import catch_warnings
 
 import typer
 
-from kreisel.cli.output import (
-    AsJson,
-    Overwrite,
-    OverwriteFile,
-    Set,
-    a_path,
-    app,
-    condition,
-    finite,
-    print_drift,
-    print_json,
-    records,
-    require_figure,
-    save_figure,
-    save_sweep_figure,
-    say,
-    shout,
-    warnings_in_the_table,
-)
-from kreisel.errors import InputError
+from kreisel.cli import output
+from kreisel.cli.output import SET, AsJson, Overwrite, OverwriteFile, a_path, app, opt, print_json, say
+from kreisel.errors import ConservationWarning, InputError
 from kreisel.stopwatch import SPENT
 
 if TYPE_CHECKING:
     from kreisel.cli.configuration import Config
 
+ARCHIVE = "The archive, NAME.zarr or NAME.zarr.part."
 MAY_BE_LONG = 1_000_000  # steps times n: from here on a pilot estimates the time
 LONG_SECONDS, LARGE = 20.0, 1e9  # beyond these an estimate is printed before the run
 
@@ -60,14 +45,12 @@ state."m\\[2]" = { uniform = \\[1.0, 3.0] }
 
 @app.command()
 def run(
-    config: Annotated[Path, a_path("A TOML file; `kreisel new` writes one.")],
+    config: Path = a_path("A TOML file; `kreisel new` writes one.", default=...),
     overwrite: Overwrite = False,
-    changes: Set = None,
+    changes: list[str] | None = opt(SET, "--set"),
     as_json: AsJson = False,
-    figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the figure.")] = True,
-    project: Annotated[
-        bool, typer.Option("--project/--no-project", help="Project the state back onto its integrals.")
-    ] = True,
+    figure: bool = opt("Draw the figure.", default=True),
+    project: bool = opt("Project the state back onto its integrals.", default=True),
 ) -> None:
     """Simulate: write the archive, print the drift of every integral, save a figure.
 
@@ -80,13 +63,13 @@ def run(
 
     asked = read(config, changes or ())
     if figure:
-        require_figure(asked.figure)
+        output.require_figure(asked.figure)
     begun = time.perf_counter()
     settings = asked.run.but(project=asked.run.project and project).keywords()
     settings["orientation"] = asked.orientation
     SPENT.clear()
     _say_how_long(settings, asked)
-    with warnings_in_the_table():
+    with catch_warnings(action="ignore", category=ConservationWarning):  # the table and the exit code report it
         result = simulate(asked.model, asked.state, **settings, path=asked.path, overwrite=overwrite)
     seconds = time.perf_counter() - begun
     table, record = table_of(result), RunRecord.from_attrs(result.attrs)
@@ -105,27 +88,24 @@ def run(
         "seconds_of_steps": round(SPENT["steps"], 3),
     }
     if as_json:
-        if figure:
-            save_figure(result, asked.figure)
-        print_json({**summary, "drift": records(table), "broken": broken(table)})
-        return shout(broken(table))
-    say(record.title if asked.is_body else f"{record.title}: {asked.model}")
-    _say_what_was_done(summary, record.pace)
-    print_drift(table)
+        print_json({**summary, "drift": output.records(table), "broken": broken(table)})
+    else:
+        say(record.title if asked.is_body else f"{record.title}: {asked.model}")
+        if summary["options"]:
+            say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in summary["options"].items()))
+        say(f"{record.pace} -> {asked.path} ({summary['rows']:,} rows)")
+        kernels, steps = summary["seconds_of_kernels"], summary["seconds_of_steps"]
+        parts = {"compile or load": kernels, "stepping": steps, "integrals and output": seconds - kernels - steps}
+        shares = (f"{name} {f'{part:.2f}' if part >= 0.01 else '< 0.01'} s" for name, part in parts.items())
+        say(f"Took {seconds:.2f} s: {', '.join(shares)}")
+        output.print_drift(table)
     if figure:
-        save_figure(result, asked.figure)
-        say(f"figure: {asked.figure}")
-    return shout(broken(table))
+        from kreisel.viewer.plots import plot as drawn
 
-
-def _say_what_was_done(summary: dict[str, Any], pace: str) -> None:
-    if summary["options"]:
-        say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in summary["options"].items()))
-    say(f"{pace} -> {summary['archive']} ({summary['rows']:,} rows)")
-    seconds, kernels, steps = summary["seconds"], summary["seconds_of_kernels"], summary["seconds_of_steps"]
-    parts = {"compile or load": kernels, "stepping": steps, "integrals and output": seconds - kernels - steps}
-    shares = (f"{name} {f'{part:.2f}' if part >= 0.01 else '< 0.01'} s" for name, part in parts.items())
-    say(f"Took {seconds:.2f} s: {', '.join(shares)}")
+        output.save_picture(drawn(result), asked.figure)
+        if not as_json:
+            say(f"figure: {asked.figure}")
+    output.shout(broken(table))
 
 
 def _say_how_long(settings: dict[str, Any], asked: Config) -> None:
@@ -142,10 +122,8 @@ def _say_how_long(settings: dict[str, Any], asked: Config) -> None:
 
 @app.command()
 def resume(
-    archive: Annotated[Path, a_path("The archive, NAME.zarr or NAME.zarr.part.")],
-    extend: Annotated[
-        str | None, typer.Option("--extend", help="Lengthen the run to this number of steps; of a body also to '2 h'.")
-    ] = None,
+    archive: Path = a_path(ARCHIVE, default=...),
+    extend: str | None = opt("Lengthen the run to this number of steps; of a body also to '2 h'."),
     as_json: AsJson = False,
 ) -> None:
     """Resume an interrupted run, bit for bit as if it had not been interrupted; or extend a finished run."""
@@ -153,16 +131,16 @@ def resume(
     from kreisel.runs.run_record import RunRecord
     from kreisel.storage.simulate import resume as go_on
 
-    with warnings_in_the_table():
+    with catch_warnings(action="ignore", category=ConservationWarning):  # the table and the exit code report it
         result = go_on(archive, extend=_count_or_text(extend))
     table, record = table_of(result), RunRecord.from_attrs(result.attrs)
     if as_json:
-        summary = {"archive": str(archive), "steps": record.steps, "drift": records(table)}
+        summary = {"archive": str(archive), "steps": record.steps, "drift": output.records(table)}
         print_json({**summary, "broken": broken(table)})
-        return shout(broken(table))
-    say(f"{record.title}: {record.steps:,} steps, {result.sizes['time']:,} rows")
-    print_drift(table)
-    return shout(broken(table))
+    else:
+        say(f"{record.title}: {record.steps:,} steps, {result.sizes['time']:,} rows")
+        output.print_drift(table)
+    output.shout(broken(table))
 
 
 def _count_or_text(text: str | None) -> int | str | None:
@@ -174,14 +152,12 @@ def _count_or_text(text: str | None) -> int | str | None:
 
 @app.command(help=SWEEP_HELP)
 def sweep(
-    config: Annotated[Path, a_path(r"A TOML file with a section \[sweep]; `kreisel new NAME --sweep` writes one.")],
-    workers: Annotated[
-        int | None, typer.Option("--workers", help="Processes here, by default one a core; 0: this one, without Dask.")
-    ] = None,
-    scheduler: Annotated[str | None, typer.Option("--scheduler", help="The address of a Dask scheduler.")] = None,
+    config: Path = a_path(r"A TOML file with a section \[sweep]; `kreisel new NAME --sweep` writes one.", default=...),
+    workers: int | None = opt("Processes here, by default one a core; 0: this one, without Dask."),
+    scheduler: str | None = opt("The address of a Dask scheduler."),
     overwrite: Overwrite = False,
     as_json: AsJson = False,
-    changes: Set = None,
+    changes: list[str] | None = opt(SET, "--set"),
 ) -> None:
     """`SWEEP_HELP`."""
     from kreisel.cli.configuration import read_sweep
@@ -193,7 +169,7 @@ def sweep(
     report = carry_out(description, path, file=file, workers=workers, scheduler=scheduler, overwrite=overwrite)
     result = open_lanes(report.path)
     worst = {str(k): float(v.max()) for k, v in result.data_vars.items() if v.attrs.get("kind") == "drift"}
-    largest = {name: finite(value) for name, value in worst.items() if name.endswith("_drift")}
+    largest = {name: output.finite(value) for name, value in worst.items() if name.endswith("_drift")}
     lost = broken_lanes(result, file)
     summary = {
         "archive": str(path),
@@ -208,7 +184,7 @@ def sweep(
     }
     if as_json:
         print_json(summary)
-        return shout(lost)
+        return output.shout(lost)
     before = f", {report.before:,} of them done before" if report.before else ""
     say(f"{result.attrs['title']}: {report.blocks:,} blocks{before}, {report.seconds:.2f} s -> {path}")
     for name, value in largest.items():
@@ -217,14 +193,14 @@ def sweep(
         say(f"{report.failed:,} lanes failed; kr.failures(kr.open_run({str(path)!r})) lists them. The first ones:")
         for lane, row in failures(result).head(3).iterrows():
             say(f"    lane {lane}: {row.message}")
-    return shout(lost)
+    return output.shout(lost)
 
 
 @app.command()
 def check(
-    archive: Annotated[Path, a_path("The archive, NAME.zarr or NAME.zarr.part.")],
+    archive: Path = a_path(ARCHIVE, default=...),
     as_json: AsJson = False,
-    out: Annotated[Path | None, a_path("Write the complete rows to a new archive.", "--recover")] = None,
+    out: Path | None = a_path("Write the complete rows to a new archive.", "--recover"),
 ) -> None:
     """Check an archive: complete, readable, finite, integrals equal to its states', and conserved if they should be."""
     from kreisel.runs.drift import broken, table_of
@@ -241,29 +217,27 @@ def check(
         lost = broken(table) if table is not None else [] if faults else broken_lanes(result)
         faults += lost
     if as_json:
-        print_json({"archive": str(archive), "faults": faults, "drift": records(table)})
+        print_json({"archive": str(archive), "faults": faults, "drift": output.records(table)})
     else:
         if table is not None:
-            print_drift(table)
+            output.print_drift(table)
         for fault in faults:
             say(f"FAULT: {fault}")
         if table is not None and result is not None and (record := RunRecord.from_attrs(result.attrs)).is_own:
             say(f"{record.system} is a user-defined system: its integrals were not computed again")
-        say(f"{archive}: {condition(faults)}")
+        cut = ["was interrupted" in fault for fault in faults]
+        say(f"{archive}: {'whole' if not faults else 'interrupted' if all(cut) else 'damaged'}")
     if faults:
         raise typer.Exit(1)
 
 
 @app.command()
 def export(
-    archive: Annotated[Path, a_path("An archive of a run or a sweep.")],
-    out: Annotated[Path, a_path("The file to write: .nc, .h5, .parquet, .csv, .npz, .aem, .oem or .bc.")],
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
-    epoch: Annotated[str | None, typer.Option("--epoch", help="The date of time 0, for .aem, .oem and .bc.")] = None,
-    angles: Annotated[
-        str | None,
-        typer.Option("--angles", help="Add pitch, roll and yaw: orbit, lvlh, inertial or ground."),
-    ] = None,
+    archive: Path = a_path("An archive of a run or a sweep.", default=...),
+    out: Path = a_path("The file to write: .nc, .h5, .parquet, .csv, .npz, .aem, .oem or .bc.", default=...),
+    overwrite: bool = opt("Replace the file if it exists.", "--overwrite", default=False),
+    epoch: str | None = opt("The date of time 0, for .aem, .oem and .bc."),
+    angles: str | None = opt("Add pitch, roll and yaw: orbit, lvlh, inertial or ground."),
 ) -> None:
     """Write an archive as NetCDF (HDF5), Parquet, CSV, NPZ; attitude or orbit as .aem, .oem (CCSDS) or .bc (SPICE)."""
     from kreisel.storage.exporting import export as write
@@ -275,60 +249,54 @@ def export(
 
 @app.command()
 def plot(
-    archive: Annotated[Path, a_path("The archive, NAME.zarr or NAME.zarr.part.")],
-    out: Annotated[Path | None, a_path("Where to; .png, .pdf or .svg.", "--out", "-o")] = None,
-    compare: Annotated[Path | None, a_path("A second archive, drawn in grey.", "--compare")] = None,
-    dark: Annotated[bool, typer.Option("--dark", help="On dark paper.")] = False,
-    style: Annotated[str, typer.Option("--style", help="house, or journal: 183 mm wide, 8 points, a serif face.")] = (
-        "house"
-    ),
+    archive: Path = a_path(ARCHIVE, default=...),
+    out: Path | None = a_path("Where to; .png, .pdf or .svg.", "--out", "-o"),
+    compare: Path | None = a_path("A second archive, drawn in grey.", "--compare"),
+    dark: bool = opt("On dark paper.", "--dark", default=False),
+    style: str = opt("house, or journal: 183 mm wide, 8 points, a serif face.", default="house"),
     overwrite: OverwriteFile = False,
-    show: Annotated[str | None, typer.Option("--show", help="The variable of a sweep to draw, a_max[2].")] = None,
+    show: str | None = opt("The variable of a sweep to draw, a_max[2]."),
 ) -> None:
     """Draw the figure of an archive; for a sweep, a summary of its lanes over one or two varied quantities."""
     from kreisel.storage.archive import settled
-    from kreisel.storage.opening import is_sweep, open_rows
+    from kreisel.storage.opening import is_sweep, open_lanes, open_rows
+    from kreisel.viewer.plots import plot as drawn
+    from kreisel.viewer.plots import sweep_figure
 
     target = out or (archive if archive.name else archive.resolve()).with_suffix(".png")
     where, theme = settled(archive), "dark" if dark else "light"
     swept = is_sweep(where)
-    require_figure(target, overwrite)
-    if swept:
-        if compare:
-            raise InputError(f"--compare: expected archives of two runs, got the sweep {archive}. Leave it out.")
-        save_sweep_figure(where, target, show, theme, overwrite)
-    elif show is not None:
+    output.require_figure(target, overwrite)
+    if swept and compare:
+        raise InputError(f"--compare: expected archives of two runs, got the sweep {archive}. Leave it out.")
+    if not swept and show is not None:
         raise InputError(f"--show: expected a sweep, got the run {archive}. Leave it out.")
-    else:
-        beside = open_rows(settled(compare)) if compare else None
-        save_figure(open_rows(where), target, beside, theme, style, overwrite)
+    second = open_rows(settled(compare)) if compare else None
+    picture = (
+        sweep_figure(open_lanes(where), show, theme)
+        if swept
+        else drawn(open_rows(where), compare=second, theme=theme, style=style)
+    )
+    output.save_picture(picture, target, overwrite)
     say(f"figure: {target}")
 
 
 @app.command()
 def view(
-    archive: Annotated[Path, a_path("The archive, NAME.zarr or NAME.zarr.part.")],
-    out: Annotated[Path | None, a_path("Where to; .html.", "--out", "-o")] = None,
-    lane: Annotated[
-        list[int] | None, typer.Option("--lane", help="A trajectory of an ensemble; may be given up to nine times.")
-    ] = None,
-    body: Annotated[
-        str | None, typer.Option("--body", help="Its shape: top, gyroscope, ellipsoid, box or satellite.")
-    ] = None,
-    mesh: Annotated[Path | None, a_path("A file with its shape, .stl or .obj.", "--mesh")] = None,
-    title: Annotated[str | None, typer.Option("--title", help="A heading in place of the run's.")] = None,
-    target: Annotated[
-        str | None, typer.Option("--target", help="The target of a satellite: nadir, velocity or sun.")
-    ] = None,
-    movie: Annotated[Path | None, a_path("Write a film instead: .gif, or .mp4 with ffmpeg.", "--movie")] = None,
-    seconds: Annotated[float | None, typer.Option("--seconds", help="The length of the film; default 8.")] = None,
-    fps: Annotated[int | None, typer.Option("--fps", help="Pictures per second of the film; default 20.")] = None,
-    speed: Annotated[float | None, typer.Option("--speed", help="Of the film, as on the page; default 1.")] = None,
-    serve: Annotated[bool, typer.Option("--serve", help="Serve the page and follow an unfinished run.")] = False,
-    host: Annotated[
-        str, typer.Option("--host", help="Address to serve at; others than loopback can be read by anyone there.")
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option("--port", help="The port of --serve; 0 selects any free one.")] = 0,
+    archive: Path = a_path(ARCHIVE, default=...),
+    out: Path | None = a_path("Where to; .html.", "--out", "-o"),
+    lane: list[int] | None = opt("A trajectory of an ensemble; may be given up to nine times."),
+    body: str | None = opt("Its shape: top, gyroscope, ellipsoid, box or satellite."),
+    mesh: Path | None = a_path("A file with its shape, .stl or .obj.", "--mesh"),
+    title: str | None = opt("A heading in place of the run's."),
+    target: str = opt("The target of a satellite: nadir, velocity or sun.", default="nadir", show_default=False),
+    movie: Path | None = a_path("Write a film instead: .gif, or .mp4 with ffmpeg.", "--movie"),
+    seconds: float | None = opt("The length of the film; default 8."),
+    fps: int | None = opt("Pictures per second of the film; default 20."),
+    speed: float | None = opt("Of the film, as on the page; default 1."),
+    serve: bool = opt("Serve the page and follow an unfinished run.", "--serve", default=False),
+    host: str = opt("Address to serve at; others than loopback can be read by anyone there.", default="127.0.0.1"),
+    port: int = opt("The port of --serve; 0 selects any free one.", default=0),
     overwrite: OverwriteFile = False,
 ) -> None:
     """Write the interactive page of an archive: one HTML file that opens offline; for a sweep, of one lane."""
@@ -355,7 +323,7 @@ def view(
     if not swept and not all(0 <= each < lanes for each in lane or ()):
         raise InputError(f"--lane: expected integers from 0 to {lanes - 1}, got {lane}.")
     lanes_shown = None if swept else lane or None
-    page = page_of(shown, lane=lanes_shown, body=body, mesh=mesh, title=title, target=target or "nadir")
+    page = page_of(shown, lane=lanes_shown, body=body, mesh=mesh, title=title, target=target)
     if movie is not None:
         page.movie(movie, **film)
         say(f"film: {movie}")

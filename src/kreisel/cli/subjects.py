@@ -3,38 +3,25 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
-from kreisel.cli.output import (
-    AsJson,
-    a_path,
-    app,
-    finding_data,
-    method_names,
-    parameter_of,
-    print_finding,
-    print_json,
-    say,
-    system_names,
-    width,
-)
+from kreisel.cli import output
+from kreisel.cli.output import AsJson, a_path, app, arg, method_names, opt, print_json, say, system_names
 from kreisel.errors import InputError, shown
 
 
 @app.command()
 def systems(
-    name: Annotated[
-        str | None, typer.Argument(help="One system, for its complete record.", autocompletion=system_names)
-    ] = None,
-    as_json: AsJson = False,
+    name: str | None = arg("One system, for its complete record.", system_names), as_json: AsJson = False
 ) -> None:
     """List the systems, or print the record of one."""
     from kreisel.bodies import BODIES, KNOWN, find
-    from kreisel.cli.bodies import SAMPLES
+    from kreisel.cli.new import SAMPLES
     from kreisel.viewer.record import record, summary, table
 
     if name is not None:
@@ -50,10 +37,7 @@ def systems(
 
 @app.command()
 def methods(
-    name: Annotated[
-        str | None, typer.Argument(help="One method, for its complete record.", autocompletion=method_names)
-    ] = None,
-    as_json: AsJson = False,
+    name: str | None = arg("One method, for its complete record.", method_names), as_json: AsJson = False
 ) -> None:
     """List the methods, or print the record of one."""
     from kreisel.method import METHODS, find
@@ -70,10 +54,10 @@ def methods(
 
 @app.command()
 def verify(
-    name: Annotated[str | None, typer.Argument(help="A statement, or the beginning of names, such as theorem.")] = None,
-    listed: Annotated[bool, typer.Option("--list", help="Name the statements without testing them.")] = False,
+    name: str | None = arg("A statement, or the beginning of names, such as theorem."),
+    listed: bool = opt("Name the statements without testing them.", "--list", default=False),
     as_json: AsJson = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random points, steps and parameters.")] = 0,
+    seed: int = opt("Of the random points, steps and parameters.", default=0, min=0),
 ) -> None:
     """Every theorem and displayed identity of the paper, exactly over Q and in floats, n = 3 to 6."""
     from rich.console import Console
@@ -93,9 +77,11 @@ def verify(
             status.update(f"{statement.name} ({len(findings) + 1} of {len(asked)})")
             findings.append(paper.tested(statement, seed=seed))
             if not as_json:
-                print_finding(findings[-1])
+                n, over_q, floats, verdict = statements.cells(findings[-1])
+                print(f"{statement.name}: {statement.place}\n    {statement.text}")
+                print(f"    n = {n}   over Q: {over_q}   floats: {floats}   {verdict}", flush=True)
     if as_json:
-        print_json([finding_data(finding) for finding in findings])
+        print_json([_as_data(finding) for finding in findings])
     failing = [finding.statement.name for finding in findings if not finding.holds]
     if not as_json:
         errata = sum(finding.statement.printed is not None for finding in findings)
@@ -103,6 +89,13 @@ def verify(
         say(f"{len(findings)} statements, {holding} hold; {errata} printed forms fail, as they should")
     if failing:
         raise typer.Exit(1)
+
+
+def _as_data(finding: Any) -> dict[str, Any]:
+    statement, verdict = finding.statement, {"holds": finding.holds, "verdict": finding.verdict}
+    text = {"row": statement.name, "place": statement.place, "statement": statement.text, "erratum": statement.erratum}
+    results = {"n": finding.dimensions, "exact": finding.over_q, "float": finding.in_floats, "printed": finding.printed}
+    return text | results | verdict
 
 
 @app.command()
@@ -114,10 +107,17 @@ def bench(as_json: AsJson = False) -> None:
 
     with Console(stderr=True).status("") as status:
         result = measured(lambda name: status.update(f"{name}: kernels are compiled and timed"))
-    if as_json:
-        print_json(result)
-        return
-    _print_bench(result)
+    print_json(result) if as_json else _print_bench(result)
+
+
+def _print_bench(result: dict[str, Any]) -> None:
+    names = [name for name in BENCH_COLUMNS if name in next(iter(result["maps"].values()))]
+    rows = [(label, *(f"{row[name]:.2f}" for name in names)) for label, row in result["maps"].items()]
+    output.print_table(("map, n = 3", *(BENCH_COLUMNS[name] for name in names)), rows)
+    machine, load = result["machine"], f"load average {result['load_average']}"
+    print(f"{machine['cpu']}, {machine['cores']} cores; {load}; times are medians, of one core")
+    if "note" in result:
+        print(result["note"])
 
 
 BENCH_COLUMNS = {
@@ -130,71 +130,42 @@ BENCH_COLUMNS = {
 }
 
 
-def _print_bench(result: dict[str, Any]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    grid = Table(box=None, pad_edge=False, header_style="bold")
-    grid.add_column("map, n = 3")
-    shown = [name for name in BENCH_COLUMNS if name in next(iter(result["maps"].values()))]
-    for name in shown:
-        grid.add_column(BENCH_COLUMNS[name], justify="right")
-    for label, row in result["maps"].items():
-        grid.add_row(label, *(f"{row[name]:.2f}" for name in shown))
-    Console(width=None if sys.stdout.isatty() else 110, highlight=False).print(grid)
-    machine = result["machine"]
-    load = f"load average {result['load_average']}"
-    print(f"{machine['cpu']}, {machine['cores']} cores; {load}; times are medians, of one core")
-    if "note" in result:
-        print(result["note"])
-
-
 @app.command()
 def investigate(
-    subject: Annotated[
-        str | None, typer.Argument(help="A system, or a Python file with a step, a Lagrangian or a model.")
-    ] = None,
-    eps: Annotated[str | None, typer.Option("--eps", help="The step, an integer or a fraction; 1/3.")] = None,
-    n: Annotated[int | None, typer.Option("--n", help="The dimension of a system; 3.")] = None,
-    constants: Annotated[
-        list[str] | None, typer.Option("--set", help="A parameter of a system, such as b=1,2,4; may be repeated.")
-    ] = None,
-    degree: Annotated[int | None, typer.Option("--degree", help="Of the integrals that are sought.")] = None,
-    iterates: Annotated[int | None, typer.Option("--iterates", help="How many degrees.")] = None,
-    steps: Annotated[int, typer.Option("--steps", help="Of the orbits for Lyapunov's exponents.")] = 10_000,
-    seed: Annotated[int, typer.Option("--seed", help="Of the random points.")] = 0,
-    html: Annotated[Path | None, a_path("Write the page to this file.", "--html")] = None,
+    subject: str | None = arg("A system, or a Python file with a step, a Lagrangian or a model."),
+    eps: str | None = opt("The step, an integer or a fraction; 1/3."),
+    n: int | None = opt("The dimension of a system; 3."),
+    constants: list[str] | None = opt("A parameter of a system, such as b=1,2,4; may be repeated.", "--set"),
+    degree: int | None = opt("Of the integrals that are sought."),
+    iterates: int | None = opt("How many degrees."),
+    steps: int = opt("Of the orbits for Lyapunov's exponents.", default=10_000),
+    seed: int = opt("Of the random points.", default=0),
+    html: Path | None = a_path("Write the page to this file.", "--html"),
     as_json: AsJson = False,
 ) -> None:
     """Is this map integrable?  Poisson, reversible, order, degrees, integrals, Lax pair, chaos; with a verdict."""
     from kreisel.files import require_file
     from kreisel.lab import investigation
 
-    settings: dict[str, Any] = {
-        "eps": eps,
-        "n": n,
-        "degree": degree,
-        "iterates": iterates,
-        "steps": steps,
-        "seed": seed,
-    }
+    settings: dict[str, Any] = {"eps": eps, "n": n, "degree": degree, "iterates": iterates}
+    settings |= {"steps": steps, "seed": seed}
     if subject is None:
         raise InputError("Name a system (kreisel systems) or a Python file: kreisel investigate clebsch.")
     if html is not None:
         require_file(html)
-    values = investigation.constants_of(dict(parameter_of(text) for text in constants or []), "--set")
-    file = subject.endswith(".py")
-    report = (
-        investigation.investigate_file(Path(subject).expanduser(), **{**settings, **values})
-        if file
-        else investigation.investigate(subject, **{**settings, **values})
-    )
+    values = investigation.constants_of(dict(output.parameter_of(text) for text in constants or []), "--set")
+    settings |= values
+    if subject.endswith(".py"):
+        report = investigation.investigate_file(Path(subject).expanduser(), **settings)
+    else:
+        report = investigation.investigate(subject, **settings)
     if html is not None:
         report.save(html)
     if as_json:
         print_json(investigation.plain_data(report))
     else:
-        print(investigation.terminal_table(report, width()))
+        columns = shutil.get_terminal_size((110, 24)).columns if sys.stdout.isatty() else 110
+        print(investigation.terminal_table(report, max(60, columns)))
         if html is not None:
             say(f"page: {html}")
 
@@ -204,33 +175,25 @@ def investigate(
 
 @app.command()
 def code(
-    subject: Annotated[
-        str,
-        typer.Argument(
-            help="free-body, a URDF, SDF, STL, OBJ, PLY or glTF file of one, a system, the TOML file of a run.",
-            autocompletion=system_names,
-        ),
-    ],
-    language: Annotated[
-        str, typer.Option(help="c, cpp, cuda, rust, csharp, js, julia, gdscript, python, wgsl or fmu.")
-    ] = "c",
-    convention: Annotated[str | None, typer.Option(help="ros, unity, unreal, godot, bevy or three.")] = None,
-    method: Annotated[str | None, typer.Option(help=r"As in \[run]; one that makes steps, or exact.")] = None,
-    order: Annotated[int | None, typer.Option(help=r"As in \[run].")] = None,
-    dt: Annotated[float | None, typer.Option(help="Default value of the step.")] = None,
-    n: Annotated[int, typer.Option("--n", help="The dimension, for a system by name.")] = 3,
-    values: Annotated[
-        list[str] | None, typer.Option("--set", help="A default value of a parameter: p=0,0,1; once for each.")
-    ] = None,
-    orientation: Annotated[
-        bool, typer.Option("--orientation/--no-orientation", help="Carry the orientation, for a system by name.")
-    ] = True,
-    single: Annotated[bool, typer.Option("--single", help="Single precision, 32 bits.")] = False,
-    name: Annotated[str | None, typer.Option(help="Name of the body, with which names in C begin.")] = None,
-    link: Annotated[str | None, typer.Option(help="The link of a robot.")] = None,
-    length: Annotated[str | None, typer.Option(help="The unit of the coordinates of a mesh: mm.")] = None,
-    density: Annotated[str | None, typer.Option(help="Density of a mesh, kg/m^3.")] = None,
-    mass: Annotated[str | None, typer.Option(help="Mass of a mesh, kg, instead of the density.")] = None,
+    subject: str = arg(
+        "free-body, a URDF, SDF, STL, OBJ, PLY or glTF file of one, a system, the TOML file of a run.",
+        system_names,
+        default=...,
+    ),
+    language: str = opt("c, cpp, cuda, rust, csharp, js, julia, gdscript, python, wgsl or fmu.", default="c"),
+    convention: str | None = opt("ros, unity, unreal, godot, bevy or three."),
+    method: str | None = opt(r"As in \[run]; one that makes steps, or exact."),
+    order: int | None = opt(r"As in \[run]."),
+    dt: float | None = opt("Default value of the step."),
+    n: int = opt("The dimension, for a system by name.", default=3),
+    values: list[str] | None = opt("A default value of a parameter: p=0,0,1; once for each.", "--set"),
+    orientation: bool = opt("Carry the orientation, for a system by name.", default=True),
+    single: bool = opt("Single precision, 32 bits.", "--single", default=False),
+    name: str | None = opt("Name of the body, with which names in C begin."),
+    link: str | None = opt("The link of a robot."),
+    length: str | None = opt("The unit of the coordinates of a mesh: mm."),
+    density: str | None = opt("Density of a mesh, kg/m^3."),
+    mass: str | None = opt("Mass of a mesh, kg, instead of the density."),
 ) -> None:
     """Print one short file, without dependencies, with the step of a body: kreisel code free-body --name rock > rock.h.
 
@@ -238,7 +201,7 @@ def code(
     """
     from kreisel.languages.source import code as text_of
 
-    given = dict(parameter_of(text) for text in values or ())
+    given = dict(output.parameter_of(text) for text in values or ())
     shape = {"link": link, "length": length, "density": density, "mass": mass}
     free = _free_body(subject, given, {k: v for k, v in shape.items() if v is not None})
     asked: dict[str, Any] = {"dt": dt, "method": method, "order": order, "name": name, "single": single}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -292,7 +292,7 @@ def steps_again(run: xr.Dataset) -> list[str]:
 def _next(record: RunRecord, saved: xr.Dataset, steps: int, before: int, nudge: float) -> dict[str, Array]:
     """The row after the first of `saved`, `before` steps on, from a start that is changed by `nudge`, relative."""
     start, model = saved.isel(time=0), record.model
-    same = {"dt": record.dt, "method": record.method, "order": record.order, "tol": record.tolerance}
+    same: dict[str, Any] = {"dt": record.dt, "method": record.method, "order": record.order, "tol": record.tolerance}
     asked = Settings(steps=steps, every=steps, engine="cpu", project=False, **same)
     state = {letter: start[letter].values for letter in model.system.space.letters}
     plan = plan_of(model, state, asked, start[ORIENTATION].values if ORIENTATION in saved else None)

@@ -137,7 +137,7 @@ def _netcdf(run: xr.Dataset, out: Path) -> None:
         file.attrs.update({str(k): _netcdf_value(v) for k, v in example.attrs.items()})
         for name, variable in example.variables.items():
             dims = tuple(map(str, variable.dims))
-            shape = tuple(sizes[d] for d in dims)
+            shape = tuple(int(sizes[d]) for d in dims)
             layout: dict[str, Any] = {}
             if shape and math.prod(shape):
                 rows = min(shape[0], max(1, NUMBERS_AT_ONCE // 8 // math.prod(shape[1:])))
@@ -149,9 +149,9 @@ def _netcdf(run: xr.Dataset, out: Path) -> None:
         for first, block in _blocks(run):
             for name, variable in block.variables.items():
                 if lead in variable.dims or first == 0:
-                    rows = slice(first, first + block.sizes.get(lead, 0))
+                    at = slice(first, first + block.sizes.get(lead, 0))
                     values = variable.values.astype(object) if variable.dtype.kind == "U" else variable.values
-                    file.variables[str(name)][tuple(rows if d == lead else slice(None) for d in variable.dims)] = values
+                    file.variables[str(name)][tuple(at if d == lead else slice(None) for d in variable.dims)] = values
 
 
 def _require_plain(types: Mapping[Any, np.dtype[Any]], form: str) -> None:
