@@ -54,7 +54,7 @@ def test_every_analysis_has_its_figure(run, theme, tmp_path):
 
 
 def test_bad_themes_and_data_are_refused(run):
-    with pytest.raises(kr.InputError, match=r"theme must be .* Did you mean 'dark'"):
+    with pytest.raises(kr.InputError, match=r"theme: expected .* Did you mean 'dark'"):
         kr.plot(run, theme="darc")
     with pytest.raises(kr.InputError, match="along time"):
         charts.plot_series(analysis.power_spectrum(run, "a[2]"))
@@ -170,7 +170,7 @@ def test_a_figure_for_a_journal(run, tmp_path):
     figure.savefig(tmp_path / "a.svg")
     axes = figure.subfigs[1].axes[0]
     assert axes.xaxis.label.get_size() == 8 and "STIX" in findfont(axes.texts[0].get_fontproperties())
-    with pytest.raises(kr.InputError, match=r"style must be .* Did you mean 'journal'"):
+    with pytest.raises(kr.InputError, match=r"style: expected .* Did you mean 'journal'"):
         kr.plot(run, style="jurnal")
 
 

@@ -226,7 +226,7 @@ def test_every_shape_can_be_asked_for(name, oriented):
     assert data["meshes"] != scene(oriented)["meshes"] or name == "top"
     faces = array(data["meshes"][0]["faces"], "u2").reshape(-1, 3)
     assert faces.max() < len(points(data)) and len(array(data["meshes"][0]["colour"], "u1")) == len(faces)
-    with pytest.raises(kr.InputError, match=r"body: expected top, .* Did you mean 'gyroscope'"):
+    with pytest.raises(kr.InputError, match=r"body: expected one of top, .* Did you mean 'gyroscope'"):
         kr.view(oriented, body="gyroscop")
 
 

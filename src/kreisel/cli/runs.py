@@ -91,13 +91,7 @@ def run(
         print_json({**summary, "drift": output.records(table), "broken": broken(table)})
     else:
         say(record.title if asked.is_body else f"{record.title}: {asked.model}")
-        if summary["options"]:
-            say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in summary["options"].items()))
-        say(f"{record.pace} -> {asked.path} ({summary['rows']:,} rows)")
-        kernels, steps = summary["seconds_of_kernels"], summary["seconds_of_steps"]
-        parts = {"compile or load": kernels, "stepping": steps, "integrals and output": seconds - kernels - steps}
-        shares = (f"{name} {f'{part:.2f}' if part >= 0.01 else '< 0.01'} s" for name, part in parts.items())
-        say(f"Took {seconds:.2f} s: {', '.join(shares)}")
+        _say_what_was_done(summary, record.pace)
         output.print_drift(table)
     if figure:
         from kreisel.viewer.plots import plot as drawn
@@ -106,6 +100,16 @@ def run(
         if not as_json:
             say(f"figure: {asked.figure}")
     output.shout(broken(table))
+
+
+def _say_what_was_done(summary: dict[str, Any], pace: str) -> None:
+    if summary["options"]:
+        say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in summary["options"].items()))
+    say(f"{pace} -> {summary['archive']} ({summary['rows']:,} rows)")
+    seconds, kernels, steps = summary["seconds"], summary["seconds_of_kernels"], summary["seconds_of_steps"]
+    parts = {"compile or load": kernels, "stepping": steps, "integrals and output": seconds - kernels - steps}
+    shares = (f"{name} {f'{part:.2f}' if part >= 0.01 else '< 0.01'} s" for name, part in parts.items())
+    say(f"Took {seconds:.2f} s: {', '.join(shares)}")
 
 
 def _say_how_long(settings: dict[str, Any], asked: Config) -> None:

@@ -81,18 +81,12 @@ def export(
     """
     where = target(out)
     flag(overwrite, "overwrite")
-    end, asked = where.suffix.lower(), labels | ({} if epoch is None else {"epoch": epoch})
-    if end not in (*WRITERS, *MESSAGES):
-        raise InputError(f"The export must end in {', '.join((*WRITERS, *MESSAGES))}, got {str(out)!r}.")
-    name, others = ("angles", [*WRITERS]) if angles is not None else (next(iter(asked), ""), [*MESSAGES])
-    if name and end not in others:
-        raise InputError(f"{name}: expected a file that ends in {', '.join(others)}, got {where.name}.")
+    end = _format(where, out, labels | ({} if epoch is None else {"epoch": epoch}), angles)
     require_file(where, overwrite)
-    data = _opened(run)
-    if angles is not None:
-        values, attrs = angles_of(data, angles), {"units": "deg", "frame": FRAMES[angles]}
-        dims = ("time", "lane")[: values.pitch.ndim]
-        data = data.assign({name: (dims, np.rad2deg(value), attrs) for name, value in values._asdict().items()})
+    _write(_opened(run, angles), where, end, overwrite, epoch, labels)
+
+
+def _write(data: xr.Dataset, where: Path, end: str, overwrite: bool, epoch: Any, labels: dict[str, Any]) -> None:
     try:
         if end in MESSAGES:
             write_message(data, where, epoch, labels, overwrite)
@@ -110,8 +104,19 @@ def export(
         ) from error
 
 
-def _opened(run: Any) -> xr.Dataset:
-    """The Dataset itself, or of an archive.  Raises `InputError`."""
+def _format(where: Path, out: object, labels: dict[str, Any], angles: str | None) -> str:
+    """The ending of the file.  Raises `InputError` for an unknown ending, and for labels of another format."""
+    end = where.suffix.lower()
+    if end not in (*WRITERS, *MESSAGES):
+        raise InputError(f"The export must end in {', '.join((*WRITERS, *MESSAGES))}, got {str(out)!r}.")
+    name, others = ("angles", [*WRITERS]) if angles is not None else (next(iter(labels), ""), [*MESSAGES])
+    if name and end not in others:
+        raise InputError(f"{name}: expected a file that ends in {', '.join(others)}, got {where.name}.")
+    return end
+
+
+def _opened(run: Any, angles: str | None = None) -> xr.Dataset:
+    """The Dataset itself, or of an archive, with the angles of a satellite in degrees.  Raises `InputError`."""
     from kreisel.storage.opening import open_archive, too_large
 
     data = open_archive(target(run)) if isinstance(run, str | os.PathLike) else run
@@ -122,7 +127,11 @@ def _opened(run: Any) -> xr.Dataset:
         )
     if too_large(data):
         raise InputError(f"{run} is damaged: {'; '.join(too_large(data))}.")
-    return data
+    if angles is None:
+        return data
+    values, attrs = angles_of(data, angles), {"units": "deg", "frame": FRAMES[angles]}
+    dims = ("time", "lane")[: values.pitch.ndim]
+    return data.assign({name: (dims, np.rad2deg(value), attrs) for name, value in values._asdict().items()})
 
 
 def _netcdf(run: xr.Dataset, out: Path) -> None:

@@ -10,45 +10,27 @@ from itertools import pairwise
 import numpy as np
 
 from kreisel.algebra import Array, axial, hat
-from kreisel.errors import InputError, hint, shown
+from kreisel.errors import InputError
 from kreisel.files import place
 from kreisel.record.model import Model
 
 SECTORS, AROUND = 6, 60
 FIRST, SECOND, METAL, PANEL, DARK, MARK = range(6)  # the palette; the page has its colours
-TOP = (  # radius, height along the axis: peg, disc, handle
-    (0.0, 0.0),
-    (0.03, 0.02),
-    (0.05, 0.14),
-    (0.10, 0.26),
-    (0.34, 0.40),
-    (0.49, 0.475),
-    (0.535, 0.51),
-    (0.55, 0.55),
-    (0.535, 0.59),
-    (0.48, 0.62),
-    (0.30, 0.655),
-    (0.10, 0.70),
-    (0.06, 0.74),
-    (0.045, 0.80),
-    (0.045, 0.95),
-    (0.03, 0.985),
-    (0.0, 1.0),
+SIDES = FIRST, SECOND, METAL  # of a box, across each axis
+# profiles: radii, and heights along the axis
+TOP = (  # peg, disc, handle
+    (0.0, 0.03, 0.05, 0.10, 0.34, 0.49, 0.535, 0.55, 0.535, 0.48, 0.30, 0.10, 0.06, 0.045, 0.045, 0.03, 0.0),
+    (0.0, 0.02, 0.14, 0.26, 0.40, 0.475, 0.51, 0.55, 0.59, 0.62, 0.655, 0.70, 0.74, 0.80, 0.95, 0.985, 1.0),
 )
 TOP_METAL = (0.27, 0.69)  # outside of these heights
 WHEEL = (  # a rim, with points in its middle: `_sector`
-    (0.42, 0.47),
-    (0.58, 0.45),
-    (0.61, 0.47),
-    (0.61, 0.55),
-    (0.61, 0.63),
-    (0.58, 0.65),
-    (0.42, 0.63),
-    (0.42, 0.55),
-    (0.42, 0.47),
+    (0.42, 0.58, 0.61, 0.61, 0.61, 0.58, 0.42, 0.42, 0.42),
+    (0.47, 0.45, 0.47, 0.55, 0.63, 0.65, 0.63, 0.55, 0.47),
 )
-HUB = ((0.0, 0.45), (0.10, 0.45), (0.12, 0.47), (0.12, 0.63), (0.10, 0.65), (0.0, 0.65))
-AXLE = ((0.0, 0.0), (0.03, 0.04), (0.03, 0.97), (0.02, 0.99), (0.0, 1.0))
+HUB = ((0.0, 0.10, 0.12, 0.12, 0.10, 0.0), (0.45, 0.45, 0.47, 0.63, 0.65, 0.65))
+AXLE = ((0.0, 0.03, 0.03, 0.02, 0.0), (0.0, 0.04, 0.97, 0.99, 1.0))
+DISH = ((0.0, 0.18, 0.30, 0.28, 0.17, 0.0), (0.0, 0.03, 0.12, 0.13, 0.06, 0.03))
+CYLINDER = ((0.0, 1.0, 1.0, 1.0, 0.0), (-1.0, -1.0, 0.0, 1.0, 1.0))
 SPOKES = 6
 THINNEST = 0.12  # semi-axis to the longest
 ALIKE = 1e-3  # relative difference of semi-axes below which a body is round
@@ -67,9 +49,17 @@ class Body:
         far = float(np.linalg.norm(self.points, axis=-1).max(initial=0.0)) or 1.0
         return replace(self, points=self.points * (size / far))
 
+    def moved(self, *by: float) -> Body:
+        """The body elsewhere."""
+        return replace(self, points=self.points + np.array(by))
+
     def plain(self) -> Body:
         """The body without the sectors that show a rotation."""
         return replace(self, colour=np.where(self.colour == SECOND, FIRST, self.colour))
+
+    def octants(self) -> Body:
+        """The body in two colours that alternate from octant to octant."""
+        return replace(self, colour=np.where((self.points[self.faces].mean(1) > 0).sum(1) % 2, FIRST, SECOND))
 
 
 def joined(*parts: Body) -> Body:
@@ -116,11 +106,9 @@ def marked_axis(tensor: Array | None, half: Array | None = None) -> tuple[Array,
 def ellipsoid(axis: Array, tensor: Array | None, radius: float) -> Body:
     """The ellipsoid with that gyration tensor."""
     size, axes = _semi_axes(tensor)
-    ring = [(np.sin(v), -np.cos(v)) for v in np.linspace(0, np.pi, 33)]
-    ball = _revolved(ring)
-    middle = ball.points[ball.faces].mean(1)
-    octant = (middle > 0).sum(1) % 2
-    return Body(radius * (ball.points * size) @ axes.T, ball.faces, np.where(octant, FIRST, SECOND))
+    angle = np.linspace(0, np.pi, 33)
+    ball = _revolved((np.sin(angle), -np.cos(angle))).octants()
+    return replace(ball, points=radius * (ball.points * size) @ axes.T)
 
 
 def _along(axis: Array, tensor: Array | None, length: float) -> Callable[[Body], Body]:
@@ -154,25 +142,19 @@ def top(axis: Array, tensor: Array | None, length: float) -> Body:
 def gyroscope(axis: Array, tensor: Array | None, length: float) -> Body:
     """A wheel with spokes on an axle from the point 0 along `axis`."""
     rim = _revolved(WHEEL)
-    rim = replace(rim, colour=np.where(_sector(rim), FIRST, SECOND))
-    metal = [
-        replace(metal_part, colour=np.full(len(metal_part.faces), METAL)) for metal_part in map(_revolved, (HUB, AXLE))
-    ]
-    spokes = []
+    parts = [replace(rim, colour=np.where(_sector(rim), FIRST, SECOND)), _revolved(HUB, METAL), _revolved(AXLE, METAL)]
     for angle in np.arange(SPOKES) * 2 * np.pi / SPOKES:
-        spoke = _box((0.17, 0.022, 0.022), METAL)
         c, s = np.cos(angle), np.sin(angle)
-        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-        spokes.append(replace(spoke, points=(spoke.points + np.array([0.27, 0, 0.55])) @ turn.T))
-    return _along(axis, tensor, length)(joined(rim, *metal, *spokes))
+        spoke = _box((0.17, 0.022, 0.022), METAL).moved(0.27, 0, 0.55)
+        parts.append(replace(spoke, points=spoke.points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])))
+    return _along(axis, tensor, length)(joined(*parts))
 
 
 def box(axis: Array, tensor: Array | None, radius: float) -> Body:
     """The box with that gyration tensor: its half edges go like the semi-axes of the ellipsoid."""
     size, axes = _semi_axes(tensor)
-    shape = _box(size, FIRST)
-    colour = np.repeat([FIRST, FIRST, SECOND, SECOND, METAL, METAL], 2)
-    return Body(shape.points @ axes.T, shape.faces, colour).scaled(radius)
+    shape = _box(size, *SIDES)
+    return replace(shape, points=shape.points @ axes.T).scaled(radius)
 
 
 def satellite(axis: Array, tensor: Array | None, radius: float) -> Body:
@@ -182,30 +164,25 @@ def satellite(axis: Array, tensor: Array | None, radius: float) -> Body:
     """
     size, axes = _semi_axes(tensor, 0.25)
     axes = axes * np.array([-1, 1, -1]) if axes[:, 2] @ axis < 0 else axes
-    trunk = _box(size, FIRST)
-    trunk = replace(trunk, colour=np.repeat([METAL, METAL, METAL, METAL, MARK, MARK], 2))
-    parts = [trunk]
+    parts = [_box(size, METAL, METAL, MARK)]
     for side in (-1, 1):
         for number in range(3):  # cells of a panel
             cell = _box((0.03, 0.29, 0.5 * size[2]), PANEL)
-            parts.append(replace(cell, points=cell.points + np.array([0, side * (size[1] + 0.42 + 0.62 * number), 0])))
-        arm = _box((0.02, 0.09, 0.02), DARK)
-        parts.append(replace(arm, points=arm.points + np.array([0, side * (size[1] + 0.07), 0])))
-    dish = _revolved([(0.0, 0.0), (0.18, 0.03), (0.30, 0.12), (0.28, 0.13), (0.17, 0.06), (0.0, 0.03)])
-    dish = Body(dish.points + np.array([0, 0, size[2]]), dish.faces, np.full(len(dish.faces), FIRST))
-    shape = joined(*parts, dish)
+            parts.append(cell.moved(0, side * (size[1] + 0.42 + 0.62 * number), 0))
+        parts.append(_box((0.02, 0.09, 0.02), DARK).moved(0, side * (size[1] + 0.07), 0))
+    shape = joined(*parts, _revolved(DISH, FIRST).moved(0, 0, size[2]))
     return replace(shape, points=shape.points @ axes.T).scaled(radius)
 
 
 def of_shape(kind: str, half: Array) -> Body | None:
     """A body of known shape, with these half lengths along its axes; None for an unknown kind."""
     if kind == "box":
-        return replace(_box(half, FIRST), colour=np.repeat([FIRST, FIRST, SECOND, SECOND, METAL, METAL], 2))
+        return _box(half, *SIDES)
     if kind == "ellipsoid":
         ball = ellipsoid(np.eye(3)[2], None, 1.0)
         return replace(ball, points=ball.points * half)
     if kind == "cylinder":
-        round_ = _revolved([(0.0, -1.0), (1.0, -1.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+        round_ = _revolved(CYLINDER)
         return Body(round_.points[:, [2, 0, 1]] * half, round_.faces, np.where(_sector(round_), FIRST, SECOND))
     return None
 
@@ -219,18 +196,6 @@ SHAPES: dict[str, Callable[[Array, Array | None, float], Body]] = {
 }
 
 
-def known_shape(name: object) -> str:
-    """The name of a shape.  Raises `InputError`."""
-    if not isinstance(name, str) or name not in SHAPES:
-        raise InputError(f"body: expected {', '.join(SHAPES)}, got {shown(name)}.{hint(name, SHAPES)}")
-    return name
-
-
-def body(name: str, axis: Array, tensor: Array | None, size: float) -> Body:
-    """A shape by its name: along `axis` from the point 0, or about 0 with that gyration tensor."""
-    return SHAPES[known_shape(name)](axis, tensor, size)
-
-
 def _sector(shape: Body) -> Array:
     """Whether a face lies in an odd sector about the third axis, the other way round on its upper half.
 
@@ -242,28 +207,28 @@ def _sector(shape: Body) -> Array:
     return (np.floor(angle * SECTORS) + (middle[:, 2] > middle_height)) % 2 > 0
 
 
-def _revolved(profile: object) -> Body:
+def _revolved(profile: object, colour: int = FIRST) -> Body:
     """A surface of revolution about the third axis, in one colour."""
     rings = np.asarray(profile, dtype=np.float64)
     angle = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
-    r, z = rings[:, :1], np.repeat(rings[:, 1:], AROUND, 1)
+    r, z = rings[0, :, None], np.repeat(rings[1, :, None], AROUND, 1)
     points = np.stack([r * np.cos(angle), r * np.sin(angle), z], -1).reshape(-1, 3)
     i = np.arange(AROUND)
-    j, base = (i + 1) % AROUND, AROUND * np.arange(len(rings) - 1)[:, None]
+    j, base = (i + 1) % AROUND, AROUND * np.arange(rings.shape[1] - 1)[:, None]
     a, b, c, d = base + i, base + j, base + AROUND + i, base + AROUND + j
     faces = np.concatenate([np.stack([a, b, d], -1), np.stack([a, d, c], -1)]).reshape(-1, 3)
     corners = points[faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
     faces = faces[area > 1e-12]
-    return Body(points, faces, np.zeros(len(faces), dtype=int))
+    return Body(points, faces, np.full(len(faces), colour))
 
 
-def _box(half: object, colour: int) -> Body:
-    """A box about 0 of those half edges; faces across the first axis come first, two triangles each."""
+def _box(half: object, *colours: int) -> Body:
+    """A box about 0 of those half edges; a colour for all faces, or for those across each axis."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     faces = np.array([triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))])
-    return Body(signs * np.asarray(half), faces, np.full(len(faces), colour))
+    return Body(signs * np.asarray(half), faces, np.repeat(colours, len(faces) // len(colours)))
 
 
 # -- files: STL, binary or as text, and OBJ; read as values, checked, never as code ---------------
@@ -297,8 +262,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Body:
         raise InputError(f"mesh: expected 1 to {MOST_FACES:,} triangles in {file.name}, got {len(faces):,}.")
     if not (np.isfinite(points).all() and (abs(points) < LARGEST).all() and abs(points).max() > 0):
         raise InputError(f"mesh: expected finite points below {LARGEST:g}, not all 0, in {file.name}.")
-    octant = (points[faces].mean(1) > 0).sum(1) % 2
-    return Body(points, faces, np.where(octant, FIRST, SECOND))
+    return Body(points, faces, np.zeros(len(faces), dtype=int)).octants()
 
 
 def _stl(raw: bytes) -> tuple[Array, Array]:
@@ -326,16 +290,12 @@ def _obj(raw: bytes) -> tuple[Array, Array]:
             x, y, z, *_ = map(float, entries)
             points.append([x, y, z])
         elif word == "f":
-            corners = [_place(int(each.split("/")[0]), len(points)) for each in entries]
+            numbers = [int(each.split("/")[0]) for each in entries]  # from 1 on, or negative, from the end
+            for number in numbers:
+                if not 0 < abs(number) <= len(points):
+                    raise ValueError(f"a face names the point {number} of {len(points)}")
+            corners = [number - 1 if number > 0 else len(points) + number for number in numbers]
             if len(corners) < 3:
                 raise ValueError("a face has fewer than three corners")
             faces += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
     return np.array(points, dtype=np.float64).reshape(-1, 3), np.array(faces, dtype=int).reshape(-1, 3)
-
-
-def _place(number: int, count: int) -> int:
-    """The index of a point, from 1 on; a negative index counts from the end."""
-    place = number - 1 if number > 0 else count + number
-    if number == 0 or not 0 <= place < count:
-        raise ValueError(f"a face names the point {number} of {count}")
-    return place

@@ -5,12 +5,13 @@ Each function draws a result of `kr.analysis` as a matplotlib figure in the styl
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError
+from kreisel.viewer.frames import extremes
 from kreisel.viewer.style import figure
 
 if TYPE_CHECKING:
@@ -24,20 +25,22 @@ if TYPE_CHECKING:
 MOST_POINTS = 20_000  # of a series; extremes are kept
 
 
+def _draw_series(axes: Any, run: xr.Dataset, values: Any, colour: str) -> None:
+    """All lanes of a quantity (time, ...)."""
+    values = np.asarray(values).reshape(run.sizes["time"], -1)
+    rows = extremes(values, MOST_POINTS)
+    axes.plot(run["time"].values[rows], values[rows], color=colour, linewidth=0.8)
+
+
 def plot_series(data: xr.Dataset, *, theme: str = "light") -> Figure:
     """Every variable along time, a panel each, all lanes: a result of `euler_angles` or `rates`."""
-    from kreisel.viewer.frames import extremes
-
     names = [name for name, v in data.data_vars.items() if "time" in v.dims]
     if not names:
         raise InputError(f"Nothing here is along time: {', '.join(map(str, data.data_vars)) or 'no variables'}.")
     with figure(theme, 7.0, 1.2 + 1.2 * len(names)) as (picture, colours):
         panels = picture.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
         for number, (name, axes) in enumerate(zip(names, panels, strict=True)):
-            values = data[name].values.reshape(data.sizes["time"], -1)
-            rows = extremes(values, MOST_POINTS)
-            colour = colours.colour(number)
-            axes.plot(data["time"].values[rows], values[rows], color=colour, linewidth=0.8)
+            _draw_series(axes, data, data[name], colours.colour(number))
             units = data[name].attrs.get("units", "")
             axes.set_ylabel(f"{name}\n({units})" if units not in ("", "1") else str(name))
         panels[-1].set_xlabel("time")
@@ -47,25 +50,14 @@ def plot_series(data: xr.Dataset, *, theme: str = "light") -> Figure:
 
 def plot_events(run: xr.Dataset, crossings: xr.Dataset, quantity: Quantity, *, theme: str = "light") -> Figure:
     """A quantity along a run, the value, and the events on it."""
-    from kreisel.viewer.frames import extremes
-
-    values = series(run, quantity).reshape(run.sizes["time"], -1)
-    rows = extremes(values, MOST_POINTS)
     with figure(theme, 7.0, 3.2) as (picture, colours):
         axes = picture.subplots()
-        axes.plot(run["time"].values[rows], values[rows], color=colours.colours[0], linewidth=0.8)
+        _draw_series(axes, run, series(run, quantity), colours.colours[0])
         axes.axhline(crossings.attrs["value"], color=colours.faint, linewidth=0.8)
-        for way, marker, colour in ((True, "^", colours.colours[1]), (False, "v", colours.colours[2])):
-            times = crossings["time"].values[crossings["rising"].values == way]
-            direction = "rising" if way else "falling"
-            axes.plot(
-                times,
-                np.full(len(times), crossings.attrs["value"]),
-                marker,
-                color=colour,
-                markersize=4,
-                label=direction,
-            )
+        for number, (way, marker) in enumerate((("rising", "^"), ("falling", "v")), 1):
+            times = crossings["time"].values[crossings["rising"].values == (way == "rising")]
+            style = {"color": colours.colours[number], "markersize": 4, "label": way}
+            axes.plot(times, np.full(len(times), crossings.attrs["value"]), marker, **style)
         axes.set(xlabel="time", ylabel=label(quantity))
         axes.legend(loc="upper right", ncols=2)
     return picture
@@ -79,13 +71,10 @@ def plot_section(cut: xr.Dataset, x: Quantity, y: Quantity, *, theme: str = "lig
     with figure(theme, 5.0, 4.6) as (picture, colours):
         axes = picture.subplots()
         for number, lane in enumerate(np.unique(lanes)):
-            of_lane = lanes == lane
-            colour = colours.colour(number)
-            axes.plot(across[of_lane], up[of_lane], ".", color=colour, markersize=2.0, markeredgewidth=0)
-        quantity, value = cut.attrs["quantity"], cut.attrs["value"]
-        axes.set(
-            xlabel=label(x), ylabel=label(y), title=f"section {quantity} = {value:g}, {cut.sizes['event']:,} points"
-        )
+            style = {"color": colours.colour(number), "markersize": 2.0, "markeredgewidth": 0}
+            axes.plot(across[lanes == lane], up[lanes == lane], ".", **style)
+        title = f"section {cut.attrs['quantity']} = {cut.attrs['value']:g}, {cut.sizes['event']:,} points"
+        axes.set(xlabel=label(x), ylabel=label(y), title=title)
     return picture
 
 
@@ -132,18 +121,15 @@ def plot_comparison(comparison: Comparison, *, theme: str = "light") -> Figure:
         left, right = picture.subplots(1, 2, width_ratios=[1.3, 1])
         data = comparison.distance
         for number, (name, values) in enumerate(data.data_vars.items()):
-            worst = values.values.reshape(data.sizes["time"], -1).max(-1)
-            colour = colours.colour(number)
-            left.plot(data["time"][1:], np.maximum(worst[1:], 1e-17), color=colour, label=str(name))
+            worst = np.maximum(values.values.reshape(data.sizes["time"], -1).max(-1), 1e-17)
+            left.plot(data["time"][1:], worst[1:], color=colours.colour(number), label=str(name))
         left.set(xscale="log", yscale="log", xlabel="time", title="distance, relative")
         left.legend(loc="upper left")
         table = comparison.drift
         place = np.arange(len(table))
-        for column, name, marker, number in (("first", 0, "o", 0), ("second", 1, "s", 1)):
-            changes = np.maximum(table[column].to_numpy(), 1e-17)
-            right.plot(
-                changes, place, marker, color=colours.colours[number], label=comparison.names[name], markersize=4
-            )
+        for number, (column, marker) in enumerate((("first", "o"), ("second", "s"))):
+            style = {"color": colours.colours[number], "label": comparison.names[number], "markersize": 4}
+            right.plot(np.maximum(table[column].to_numpy(), 1e-17), place, marker, **style)
         right.set(xscale="log", xlabel="largest |change|", title="integrals")
         right.set_yticks(place, [str(name) for name in table.index])
         right.invert_yaxis()
@@ -160,9 +146,8 @@ def plot_methods(comparison: MethodComparison, *, theme: str = "light") -> Figur
             style = {"color": colours.colour(number), "label": f"{name}: order {table.order[name]:.1f}"}
             left.plot(errors["dt"], np.maximum(errors[number], 1e-17), "o-", markersize=3.5, **style)
             right.plot(drifts["time"][1:], np.maximum(drifts[number][1:], 1e-17), color=colours.colour(number))
-        left.set(
-            xscale="log", yscale="log", xlabel="step", title=f"error after {8 * float(errors['dt'][0]):.3g}, relative"
-        )
+        title = f"error after {8 * float(errors['dt'][0]):.3g}, relative"
+        left.set(xscale="log", yscale="log", xlabel="step", title=title)
         left.set_xticks(errors["dt"], [f"{step:.3g}" for step in errors["dt"].values])
         left.minorticks_off()
         right.set(yscale="log", xlabel="time", title="largest change of an integral so far, relative")

@@ -73,10 +73,6 @@ def frames(run: xr.Dataset, record: RunRecord, model: Model | None, most: int = 
     if count > 1 and dense.mean() < 0.5 and model is not None and record.stepped and not record.broken and rate > 0:
         shown, note = _replayed(shown, record, model, rate, note)
     joined = np.diff(shown["time"].values) * rate <= DENSE
-    return Frames(shown, joined, rate, _said(note, joined))
-
-
-def _said(note: str, joined: Array) -> str:
     if joined.all():
         between = "between states that are shown, the motion is interpolated" if len(joined) else ""
     elif joined.any():
@@ -85,8 +81,8 @@ def _said(note: str, joined: Array) -> str:
         between = (
             "the saved states are too far apart for the motion between them to be known: they are shown one by one"
         )
-    text = "; ".join(text for text in (note, between) if text)
-    return text[:1].upper() + text[1:] + "." if text else ""
+    text = "; ".join(filter(None, (note, between)))
+    return Frames(shown, joined, rate, text[:1].upper() + text[1:] + "." if text else "")
 
 
 def _finite(run: xr.Dataset, record: RunRecord) -> None:
@@ -112,14 +108,11 @@ def _apart(variable: xr.DataArray, most: int) -> Array:
     """Single rows, the extremes among them, read block by block."""
     count = variable.sizes["time"]
     share = max(8, most * BLOCK // count)
-    return np.unique(
-        np.concatenate(
-            [
-                mixed(np.asarray(variable[s : s + BLOCK].values).reshape(min(BLOCK, count - s), -1), share) + s
-                for s in range(0, count, BLOCK)
-            ]
-        )
-    )
+    rows = []
+    for first in range(0, count, BLOCK):
+        values = np.asarray(variable[first : first + BLOCK].values)
+        rows.append(mixed(values.reshape(len(values), -1), share) + first)
+    return np.unique(np.concatenate(rows))
 
 
 def _rate(sample: xr.Dataset, record: RunRecord, model: Model | None) -> float | None:
@@ -170,50 +163,45 @@ def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, n
     time = np.asarray(shown["time"].values, dtype=np.float64)
     split = max(1, math.ceil(record.dt * rate / DENSE))
     step = record.dt / split
-    every = _divisor(record.every, max(1, int(FINE / (rate * step)))) if split == 1 else 1
+    every, most = 1, max(1, int(FINE / (rate * step)))
+    if split == 1:  # the largest divisor up to `most`, unless it is much smaller
+        divisor = next(d for d in range(min(most, record.every), 0, -1) if record.every % d == 0)
+        every = divisor if 3 * divisor >= most else most
     each = every * step
     gaps = np.diff(time)
     wanted = np.ceil(np.minimum(gaps / each, MOST_WANTED) - 1e-6).astype(int)
     budget = COMPUTED // lanes
-    if wanted.sum() <= budget:
-        starts = np.arange(len(gaps))
-    else:
-        starts = evenly(len(gaps), WINDOWS)
+    starts = np.arange(len(gaps)) if wanted.sum() <= budget else evenly(len(gaps), WINDOWS)
     length = int(min(wanted[starts].max(), max(2, budget // len(starts))))
     try:
         states = _carried_on(shown.isel(time=starts), record, model, step, every, length)
     except (InputError, RunError):
         return shown, note
-    keep, pieces, worst = np.ones(len(time), dtype=bool), [], 0.0
+    pieces, worst = [], 0.0
     for number, row in enumerate(starts.tolist()):
         inside = min(length, int(wanted[row]) - 1)
-        whole = length >= wanted[row] and abs(gaps[row] / each - wanted[row]) < 1e-6
-        if whole:
-            worst = max(worst, _apart_by(states, shown, record, int(wanted[row]), number, row + 1))
+        if length >= wanted[row] and abs(gaps[row] / each - wanted[row]) < 1e-6:
+            for letter in record.kinds:  # relative to the size of the state
+                saved = np.asarray(shown[letter].values[row + 1])
+                replayed = states[letter][int(wanted[row]), number].reshape(saved.shape)
+                worst = max(worst, float(abs(replayed - saved).max()) / (float(abs(saved).max()) or 1.0))
         if inside > 0:
             piece = {k: v[1 : inside + 1, number] for k, v in states.items()}
-            data = {k: (("frame", *shown[k].dims[1:]), v.reshape(-1, *shown[k].shape[1:])) for k, v in piece.items()}
-            at = time[row] + each * np.arange(1, inside + 1)
-            pieces.append(xr.Dataset({k: v for k, v in data.items()}).rename(frame="time").assign_coords(time=at))
+            data = {k: (shown[k].dims, v.reshape(-1, *shown[k].shape[1:])) for k, v in piece.items()}
+            pieces.append(xr.Dataset(data, {"time": time[row] + each * np.arange(1, inside + 1)}))
     if split > 1 and worst > ROUGH:
         more = f"the body rotates by up to {record.dt * rate:.2g} rad in a step, and shorter steps lead elsewhere"
-        return shown, "; ".join(text for text in (note, more) if text)
+        return shown, "; ".join(filter(None, (note, more)))
     if not pieces:
         return shown, note
-    kept = shown.isel(time=keep).drop_vars([c for c in shown.coords if c not in ("time", "lane")])
+    kept = shown.drop_vars([c for c in shown.coords if c not in ("time", "lane")])
     merged = xr.concat([kept, *pieces], "time", coords="minimal", compat="override", join="override").sortby("time")
-    whole = len(starts) == len(gaps) and length >= wanted.max()
-    said = "the motion" if whole else f"{len(starts)} stretches of the motion"
-    text = f"{said} between saved states computed again from them by the method of the run"
+    every_gap = len(starts) == len(gaps) and length >= wanted.max()
+    text = "the motion" if every_gap else f"{len(starts)} stretches of the motion"
+    text += " between saved states computed again from them by the method of the run"
     text += f", with steps of {step:.3g}" if split > 1 else ""
     text += f", which gives the next saved state to {worst:.0e}" if worst else ""
-    return merged.assign_attrs(shown.attrs), "; ".join(text for text in (note, text) if text)
-
-
-def _divisor(number: int, most: int) -> int:
-    """The largest divisor up to `most`, unless it is much smaller."""
-    divisor = next(d for d in range(min(most, number), 0, -1) if number % d == 0)
-    return divisor if 3 * divisor >= most else most
+    return merged.assign_attrs(shown.attrs), "; ".join(filter(None, (note, text)))
 
 
 def _carried_on(
@@ -235,18 +223,6 @@ def _carried_on(
         clock = {} if model.system.perturbation is None else {"time": begun}
         runs.append(moving.steps({k: starts[k].values[row] for k in names}, length * every, every, **clock))
     return {k: np.stack([np.asarray(states[k]) for states in runs], 1) for k in names}
-
-
-def _apart_by(
-    states: dict[str, Array], shown: xr.Dataset, record: RunRecord, step: int, number: int, row: int
-) -> float:
-    """The distance of the end of a replay from the saved row, relative to the size of the state."""
-    worst = 0.0
-    for letter in record.kinds:
-        saved = np.asarray(shown[letter].values[row])
-        replayed = states[letter][step, number].reshape(saved.shape)
-        worst = max(worst, float(abs(replayed - saved).max()) / (float(abs(saved).max()) or 1.0))
-    return worst
 
 
 def between(values: Array, place: Array, joined: Array) -> Array:

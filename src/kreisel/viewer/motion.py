@@ -10,7 +10,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import brief, shown
 from kreisel.forces.kicks import WHEELS
-from kreisel.runs.geometry import components
+from kreisel.runs.geometry import velocity_of
 from kreisel.runs.orbits import angles_of, pointing_error, satellite_model, surroundings
 from kreisel.runs.run_record import frame_of
 
@@ -66,31 +66,21 @@ def panels_of(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> list[
     aim = target if isinstance(target, str) else brief(shown(target), LONGEST)
     subject = "axis" if axis is None else f"axis {brief(shown(axis), LONGEST)}"
     error = np.rad2deg(pointing_error(run, axis, target, around))[..., None]
-    omega = algebra.axial(np.asarray(model.call(model.system.velocity, *components(run, model))))
+    omega = algebra.axial(velocity_of(run, model))
+    omega = omega if (frame := frame_of(run)) is None else frame.vectors(omega)  # along the user's axes
+    degrees = np.rad2deg(np.stack(angles, -1))
+    jumps = np.concatenate([np.zeros_like(degrees[:1]), abs(np.diff(degrees, axis=0))]) > 180
     out = [
         Panel(f"angle of the {subject} to {aim}", "deg", ("",), error),
-        Panel("angles to the orbit", "deg", angles._fields, _broken(np.rad2deg(np.stack(angles, -1)))),
-        Panel("angular velocity in the body", "deg/s", ("x", "y", "z"), np.rad2deg(_along(run, omega))),
+        # no line is drawn where an angle jumps from 180 to -180
+        Panel("angles to the orbit", "deg", angles._fields, np.where(jumps, np.nan, degrees)),
+        Panel("angular velocity in the body", "deg/s", ("x", "y", "z"), np.rad2deg(omega)),
     ]
     if WHEELS in run:  # about their axes
         momenta = np.asarray(run[WHEELS].values)
-        out.append(
-            Panel("momenta of the wheels", "N m s", tuple(str(k + 1) for k in range(momenta.shape[-1])), momenta)
-        )
+        names = tuple(str(k + 1) for k in range(momenta.shape[-1]))
+        out.append(Panel("momenta of the wheels", "N m s", names, momenta))
     return out
-
-
-def _along(run: xr.Dataset, vectors: Array) -> Array:
-    """Vectors along the axes in which the body was given."""
-    frame = frame_of(run)
-    return vectors if frame is None else frame.vectors(vectors)
-
-
-def _broken(degrees: Array) -> Array:
-    """Angles with NaN where they jump from 180 to -180, so that no line is drawn there."""
-    jumps = np.zeros(degrees.shape, dtype=bool)
-    jumps[1:] = abs(np.diff(degrees, axis=0)) > 180
-    return np.where(jumps, np.nan, degrees)
 
 
 def shadows_of(run: xr.Dataset) -> list[tuple[float, float]]:

@@ -23,9 +23,9 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from kreisel.errors import InputError, explained, shown
+from kreisel.errors import InputError, explained, require_one_of, shown
 from kreisel.files import place, written
-from kreisel.viewer.bodies import known_shape
+from kreisel.viewer.bodies import SHAPES, read_mesh
 from kreisel.viewer.scene import scene
 
 if TYPE_CHECKING:
@@ -38,9 +38,8 @@ if TYPE_CHECKING:
 @cache
 def scripts() -> tuple[str, str]:
     """three.js with uPlot, and the script of the page."""
-    return _asset("library.min.js"), "\n".join(
-        map(_asset, ("lines.js", "orbit.js", "drawing.js", "charts.js", "page.js"))
-    )
+    parts = ("lines.js", "orbit.js", "drawing.js", "charts.js", "page.js")
+    return _asset("library.min.js"), "\n".join(map(_asset, parts))
 
 
 @cache
@@ -63,7 +62,8 @@ def page(data: dict[str, Any], follow: float | None = None) -> str:
 
 def filled(data: str, title: str, library: str, served: bool = False) -> str:
     """The page with its data; the policy names the scripts, `library` replaces three.js."""
-    hashes = " ".join(f"'sha256-{_hash(text)}'" for text in scripts())
+    digests = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii") for text in scripts())
+    hashes = " ".join(f"'sha256-{digest}'" for digest in digests)
     # one substitution each, of text that is not searched again
     return Template(_asset("page.html")).substitute(
         policy=f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
@@ -74,11 +74,6 @@ def filled(data: str, title: str, library: str, served: bool = False) -> str:
         script=scripts()[1],
         data=data,
     )
-
-
-@cache
-def _hash(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
 
 
 # -- cells of a notebook ---------------------------------------------------------------------------
@@ -123,41 +118,29 @@ def cell(data: dict[str, Any]) -> str:
         "sandbox": as_json(SANDBOX),
         "wait": WAIT,
     }
-    library = f"<script>{_library()}</script>" if _carries() else ""
+    place = f"(window.kreiselLibrary = window.kreiselLibrary || {{}})[{as_json(version())}]"
+    library = f"<script>{place} = {as_json(scripts()[0])};</script>" if _carries() else ""
     return f'{library}<div id="{name}">Kreisel: view of a run</div><script>{SCRIPT % fill}</script>'
 
 
 def version() -> str:
     """A hash of the scripts: cells of another version do not use them."""
-    import hashlib
-
     return hashlib.sha256("".join(scripts()).encode()).hexdigest()[:12]
-
-
-def _library() -> str:
-    at = f"(window.kreiselLibrary = window.kreiselLibrary || {{}})[{as_json(version())}]"
-    return f"{at} = {as_json(scripts()[0])};"
 
 
 def _carries() -> bool:
     """Whether this cell is the one that carries the library, or nothing is shared between cells."""
-    name = _cell_id()
     if "google.colab" in sys.modules:  # each output is a separate page
         return True
+    ask = getattr(sys.modules.get("IPython"), "get_ipython", None)
+    try:  # the notebook's name of the running cell, if it gives one
+        name = str(ask().get_parent()["metadata"]["cellId"])  # type: ignore[misc]
+    except (AttributeError, KeyError, TypeError):
+        name = None
     if _carried["cell"] is None:
         _carried["cell"] = name or "the first"
         return True
     return name is not None and _carried["cell"] == name
-
-
-def _cell_id() -> str | None:
-    """The notebook's name of the running cell, if it gives one."""
-    ask = getattr(sys.modules.get("IPython"), "get_ipython", None)
-    shell = ask() if ask is not None else None
-    try:
-        return str(shell.get_parent()["metadata"]["cellId"])  # type: ignore[union-attr]
-    except (AttributeError, KeyError, TypeError):
-        return None
 
 
 @explained
@@ -227,12 +210,11 @@ def view(
     notes it.  At most 100,000 states of one body are shown, the extremes of the vector among them; each point of a
     drift is the largest change in its stretch of time.  Raises `InputError` for anything but a run, and for a bad mesh.
     """
-    from kreisel.viewer.bodies import read_mesh
-
     if body is not None and mesh is not None:
         raise InputError("expected body= or mesh=, got both.")
     if title is not None and not isinstance(title, str):
         raise InputError(f"title: expected text, got {shown(title)}.")
     run = run if title is None or not hasattr(run, "assign_attrs") else run.assign_attrs(title=title)
-    shape = None if body is None else known_shape(body)
-    return View(run, lane, body=shape if mesh is None else read_mesh(mesh), section=section, axis=axis, target=target)
+    if body is not None:
+        require_one_of(SHAPES, body, "body")
+    return View(run, lane, body=body if mesh is None else read_mesh(mesh), section=section, axis=axis, target=target)

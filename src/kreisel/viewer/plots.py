@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
+from kreisel.analysis.quantities import parse_quantity, pick
 from kreisel.errors import InputError, brief, explained, hint, shown
 from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON
@@ -70,10 +70,9 @@ def plot(
     if not all(record.stepped for record in records):
         raise InputError("A run of kr.simulate was expected, got states at given times, of kr.at.")
     runs = [in_state_form(each) for each in runs]
-    run = runs[0]
+    run, first, last = runs[0], records[0], records[-1]
     for each in runs:
         require_unchanged(each)
-    first, last = records[0], records[-1]
     if (last.kinds, last.n) != (first.kinds, first.n):
         raise InputError(
             f"compare: expected a run with the variables {', '.join(first.kinds)} and n = {first.n}, got "
@@ -82,15 +81,16 @@ def plot(
     with figure(theme, 1.0, 0.53, style) as (picture, colours), np.errstate(all="ignore"):
         flies = of_satellite(run) and ORIENTATION in run
         left, right = cast("Any", picture.subfigures(1, 2, width_ratios=[1.35, 1] if flies else [1, 1.25]))
-        vector = _vector_letter(run, records[0])
-        lanes = _lanes(run)
+        if missing := first.missing_from(run):
+            raise InputError(f"The run lacks {', '.join(missing)} of its state, which the figure needs.")
+        vector, lanes = first.carried, _lanes(run)
         if flies:
             _motion(left, lanes, axis, target, colours)
         elif lanes[0][1][vector].shape[1:] == (3,) and all(_keeps_its_length(lane[vector]) for _, lane in lanes):
             _sphere(left.add_subplot(projection="3d"), lanes, vector, colours)
         else:
             _components(left, lanes[0], vector, colours)
-        _draw_drifts(right, runs, records, colours)
+        _draw_drifts(right, runs, colours)
         if style != "journal":
             picture.suptitle(_title(run, *records), fontsize=10)
     return picture
@@ -117,14 +117,6 @@ def _title(run: xr.Dataset, record: RunRecord, *others: RunRecord) -> str:
 def _named(record: RunRecord, first: RunRecord) -> str:
     """The method of a run, or its title if another system was run first."""
     return brief(record.method if record.system == first.system else record.title, MOST_TITLE)
-
-
-def _vector_letter(run: xr.Dataset, record: RunRecord) -> str:
-    """The component that is drawn: the vector of a pair (m, a), the position of (x, q)."""
-    missing = record.missing_from(run)
-    if missing:
-        raise InputError(f"The run lacks {', '.join(missing)} of its state, which the figure needs.")
-    return record.carried
 
 
 def _motion(panel: Any, lanes: list[tuple[str, xr.Dataset]], axis: Any, target: Any, theme: Theme) -> None:
@@ -211,8 +203,7 @@ def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: 
         if _advance_per_row(lane, letter) < MOST_GAP * size:
             arc = np.cumsum(np.linalg.norm(np.diff(xyz, axis=0), axis=-1))
             shown = int(np.searchsorted(arc, ARC_SHOWN * size / len(lanes))) + 1
-            path = _on_sphere(xyz[:shown], size)
-            axes.plot(*path.T, color=colour, linewidth=0.8, label=name or tip)
+            axes.plot(*_on_sphere(xyz[:shown], size).T, color=colour, linewidth=0.8, label=name or tip)
             spans.add(f"to {clock.text(read_values(lane['time'][: min(shown, len(xyz))])[-1])}")
         else:
             dots = xyz[mixed(xyz, MOST_DOTS // len(lanes))]
@@ -239,18 +230,16 @@ def _draw_axes(axes: Any, run: xr.Dataset, radius: float, theme: Theme) -> None:
     model = None if record.is_own else model_for(run, None)
     space = run.attrs.get("frame") == Frame.REST.value
     fixed = None if model is None else fixed_vector(model, "space" if space else "body")
-    if fixed is not None and (fixed.shape != (3,) or not fixed.any()):
-        fixed = None
-    if fixed is not None:
-        fixed = (fixed if space else axes_of_state(run) @ fixed) / np.linalg.norm(fixed)
+    fixed = None if fixed is None or fixed.shape != (3,) or not fixed.any() else fixed / np.linalg.norm(fixed)
+    fixed = fixed if fixed is None or space else axes_of_state(run) @ fixed
     covered = np.zeros(3) if fixed is None or space else fixed
     for number, name in enumerate("123" if run.attrs.get("frame") == Frame.MOVING.value else "xyz"):
         end = np.zeros(3)
         end[number] = 1.2 * radius
         axes.plot(*zip(np.zeros(3), end, strict=True), color=theme.faint, linewidth=0.7)
         if covered[number] < NEAR_AXIS:
-            place = {"ha": "center", "va": "center", "zorder": 20}
-            axes.text(*(1.1 * end), name, color=theme.faint, path_effects=halo, **place)
+            style = {"color": theme.faint, "path_effects": halo, "ha": "center", "va": "center", "zorder": 20}
+            axes.text(*(1.1 * end), name, **style)
     if fixed is None:
         return
     colour = theme.colours[2]
@@ -293,41 +282,33 @@ def _components(panel: Any, lane: tuple[str, xr.Dataset], letter: str, theme: Th
         values, labels = values[:, j, k], [f"{a + 1}{b + 1}" for a, b in zip(j, k, strict=True)]
         whole = whole[:, j, k]
     for i, (label, series) in enumerate(zip(labels, values.T, strict=True)):
-        style = DASHES[i // len(theme.colours) % len(DASHES)]
-        colour = theme.colour(i)
-        above.plot(time / clock.size, series, color=colour, linestyle=style, label=words.coordinate(label))
-    of_lane = f" of {name}" if name else ""
-    title = f"components of {words.name}{of_lane}, first {len(time)} saved states"
+        style = {"color": theme.colour(i), "linestyle": DASHES[i // len(theme.colours) % len(DASHES)]}
+        above.plot(time / clock.size, series, label=words.coordinate(label), **style)
+    title = f"components of {words.name}{f' of {name}' if name else ''}, first {len(time)} saved states"
     above.set(xlabel=clock.label, title=title)
     above.legend(ncols=min(values.shape[1], 6), loc="upper left", bbox_to_anchor=(0, -0.3), handlelength=1.4)
     i, *second = sorted(np.argsort(-np.ptp(whole, axis=0), kind="stable")[:2].tolist())
     j = second[0] if second else i
     dots = whole[mixed(whole, MOST_DOTS)]
     below.plot(dots[:, i], dots[:, j], ".", color=theme.colours[0], markersize=1.2, markeredgewidth=0)
-    below.plot(
-        whole[:1, i], whole[:1, j], "o", color=theme.ink, markerfacecolor=theme.colours[1], markersize=4, label="start"
-    )
-    end = float(read_values(run["time"][: len(whole)])[-1])
-    below.set(
-        xlabel=words.coordinate(labels[i]),
-        ylabel=words.coordinate(labels[j]),
-        title=f"saved states to {clock.text(end)}",
-    )
+    start = {"color": theme.ink, "markerfacecolor": theme.colours[1], "markersize": 4, "label": "start"}
+    below.plot(whole[:1, i], whole[:1, j], "o", **start)
+    title = f"saved states to {clock.text(float(read_values(run['time'][: len(whole)])[-1]))}"
+    below.set(xlabel=words.coordinate(labels[i]), ylabel=words.coordinate(labels[j]), title=title)
     below.set_aspect("equal", "datalim")
     below.legend(loc="upper right")
 
 
-def _draw_drifts(panel: Any, runs: list[xr.Dataset], records: list[RunRecord], theme: Theme) -> None:
+def _draw_drifts(panel: Any, runs: list[xr.Dataset], theme: Theme) -> None:
     """A strip for each family of integrals, all with one scale."""
-    run, record, reference = runs[0], records[0], records[0].method == "dop853"
+    run, record = runs[0], RunRecord.from_attrs(runs[0].attrs)
+    reference = record.method == "dop853"
     everything = _envelopes(run, everything=reference)
     of_balance = not everything and BALANCE in run
     everything |= _envelopes(run, everything=True, only=BALANCE) if of_balance else {}
     still = [family for family, change in everything.items() if not np.nanmax(change, initial=0.0) > 0]
     families = {k: v for k, v in everything.items() if k not in still} or {"": np.full(len(_thinned_time(run)), np.nan)}
-    others = [
-        (each, record_beside, _envelopes(each, True)) for each, record_beside in zip(runs[1:], records[1:], strict=True)
-    ]
+    others = [(each, _named(RunRecord.from_attrs(each.attrs), record), _envelopes(each, True)) for each in runs[1:]]
     columns = 1 + (len(families) > 7)
     rows = -(-len(families) // columns)
     panels = panel.subplots(rows, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw={"hspace": 0.06}).T
@@ -339,14 +320,11 @@ def _draw_drifts(panel: Any, runs: list[xr.Dataset], records: list[RunRecord], t
     drawn = [*families.values(), *(v for *_, envelopes in others for k, v in envelopes.items() if k in families)]
     top = max([width[-1], *(float(np.nanmax(v, initial=0.0)) for v in drawn)])
     for number, (axes, (family, change)) in enumerate(zip(panels.flat, families.items(), strict=False)):
-        for other_run, record_beside, envelopes in others:
+        for second, name, envelopes in others:
             if family in envelopes:
-                named = _named(record_beside, record)
-                axes.plot(_thinned_time(other_run) / clock.size, envelopes[family], color=theme.faint, label=named)
-        colour = theme.colour(number)
-        axes.plot(
-            _thinned_time(run) / clock.size, change, color=colour, linewidth=0.7, label=brief(record.method, MOST_TITLE)
-        )
+                axes.plot(_thinned_time(second) / clock.size, envelopes[family], color=theme.faint, label=name)
+        style = {"color": theme.colour(number), "linewidth": 0.7, "label": brief(record.method, MOST_TITLE)}
+        axes.plot(_thinned_time(run) / clock.size, change, **style)
         walk = r"$2^{-52}\,\sqrt{\mathrm{steps}}$"
         axes.plot(time / clock.size, width, color=theme.ink, linestyle="--", linewidth=0.9, label=walk)
         axes.set(yscale="log", xlim=(first / clock.size, last / clock.size), ylim=(1e-17, 30 * top))
@@ -363,8 +341,8 @@ def _draw_drifts(panel: Any, runs: list[xr.Dataset], records: list[RunRecord], t
     handles, labels = panels.flat[0].get_legend_handles_labels()
     panel.legend(handles, labels, loc="outside lower left", ncols=3)
     if still:
-        same = f"no change at all: {', '.join(still)}"
-        panel.text(0.99, 0.005, same, ha="right", va="bottom", fontsize="small", parse_math=False)
+        style = {"ha": "right", "va": "bottom", "fontsize": "small", "parse_math": False}
+        panel.text(0.99, 0.005, f"no change at all: {', '.join(still)}", **style)
 
 
 def _envelopes(run: xr.Dataset, everything: bool, only: str = "") -> dict[str, np.ndarray]:
@@ -389,7 +367,6 @@ def _thinned_time(run: xr.Dataset) -> np.ndarray:
 MOST_PANELS = 3
 MOST_POINTS = 50_000
 FEW = 200  # lanes, whose points are larger
-ENTRY = re.compile(r"(.+?)(?:\[([0-9]+(?:,[0-9]+)*)\])?")
 
 
 def sweep_figure(run: xr.Dataset, show: str | None = None, theme: str = "light") -> Figure:
@@ -431,17 +408,15 @@ def _panels(run: xr.Dataset) -> dict[str, np.ndarray]:
     for name in highest[-1:]:
         letter = name.removesuffix("_max")
         value = np.asarray(run[name].values) - np.asarray(run[f"{letter}_min"].values)
-        entry = value.reshape(len(value), -1)
-        last = f"[{entry.shape[1] - 1}]" if value.ndim == 2 else ""
-        out[f"{letter}{last}: max - min"] = entry[:, -1]
+        last = f"[{value.shape[1] - 1}]" if value.ndim == 2 else ""
+        out[f"{letter}{last}: max - min"] = value.reshape(len(value), -1)[:, -1]
         if f"{letter}_frequency" in run.variables:
-            frequency = np.asarray(run[f"{letter}_frequency"].values).reshape(len(value), -1)
-            out[f"{letter}{last}: frequency"] = frequency[:, -1]
-    drifts = [v for k, v in run.variables.items() if str(k).endswith("_drift") and "not conserved" not in
-              str(v.attrs.get("long_name"))]  # fmt: skip
-    if drifts:
-        worst = [np.asarray(v.values).reshape(run.sizes["lane"], -1).max(1) for v in drifts]
-        out["max drift"] = np.max(worst, 0)
+            frequency = np.asarray(run[f"{letter}_frequency"].values)
+            out[f"{letter}{last}: frequency"] = frequency.reshape(len(value), -1)[:, -1]
+    drifts = {k: v for k, v in run.variables.items() if str(k).endswith("_drift")}
+    kept = [v.values for v in drifts.values() if "not conserved" not in str(v.attrs.get("long_name"))]
+    if kept:
+        out["max drift"] = np.max([np.asarray(v).reshape(run.sizes["lane"], -1).max(1) for v in kept], 0)
     if not out:
         raise InputError(
             "The sweep saved neither drift nor extremes: say what to draw, --show NAME, one of "
@@ -451,42 +426,30 @@ def _panels(run: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def _entry(run: xr.Dataset, show: str) -> np.ndarray:
-    match = ENTRY.fullmatch(show)
-    name = match[1] if match else ""
+    name, bracket, entry = show.partition("[")
     names = [str(k) for k, v in run.variables.items() if v.dims[:1] == ("lane",) and v.dtype.kind == "f"]
-    if match is None or name not in names:
+    if name not in names:
         raise InputError(f"--show: expected one of {', '.join(names)}, got {shown(show)}.{hint(name, names)}")
-    value = np.asarray(run[name].values)
-    index = tuple(int(i) for i in match[2].split(",")) if match[2] else ()
-    if len(index) != value.ndim - 1 or any(i >= k for i, k in zip(index, value.shape[1:], strict=True)):
-        entry = ",".join(["0"] * (value.ndim - 1))
-        raise InputError(f"--show: {name} has the shape {value.shape[1:]}: one entry is {name}[{entry}], got {show}.")
-    return np.asarray(value.reshape(len(value), -1)[:, np.ravel_multi_index(index, value.shape[1:]) if index else 0])
+    index = parse_quantity(f"f[{entry}")[1] if bracket else ()
+    return np.asarray(pick(np.asarray(run[name].values), index, name, 1))
 
 
-def _panel(
-    picture: Figure, axes: Any, along: dict[str, np.ndarray], label: str, value: np.ndarray, theme: Theme
-) -> None:
+def _panel(picture: Figure, axes: Any, along: Any, label: str, value: np.ndarray, theme: Theme) -> None:
     import pandas as pd
 
     tiny = label == "max drift" or label.partition("[")[0].endswith("_drift")
     medians = pd.Series(value).groupby(list(along.values())[::-1]).median()
     logarithmic = tiny and bool((medians > 0).any())
     if len(along) == 2:
-        (first, _), (second, _) = along.items()
-        table = medians.unstack()
-        shading: dict[str, Any] = {"norm": "log"} if logarithmic else {}
-        colours = axes.pcolormesh(
-            table.columns, table.index, table.values, cmap="viridis", shading="nearest", **shading
-        )
-        picture.colorbar(colours, ax=axes)
+        table, style = medians.unstack(), {"cmap": "viridis", "shading": "nearest"}
+        style |= {"norm": "log"} if logarithmic else {}
+        picture.colorbar(axes.pcolormesh(table.columns, table.index, table.values, **style), ax=axes)
         axes.grid(visible=False)
-        axes.set(xlabel=first, ylabel=second, title=label)
+        axes.set(**dict(zip(("xlabel", "ylabel"), along, strict=True)), title=label)
         return
     ((name, x),) = along.items()
-    every = max(1, len(x) // MOST_POINTS)
-    size = 5 if len(x) < FEW else 3
-    axes.plot(x[::every], value[::every], ".", color=theme.colours[0], markersize=size, alpha=0.6)
+    every, style = max(1, len(x) // MOST_POINTS), {"markersize": 5 if len(x) < FEW else 3, "alpha": 0.6}
+    axes.plot(x[::every], value[::every], ".", color=theme.colours[0], **style)
     if len(medians) < len(x):
         axes.plot(medians.index, medians.values, "-", color=theme.colours[1], linewidth=1.2, label="median")
         axes.legend(fontsize=7)

@@ -16,6 +16,7 @@ The record and the phase space decide the body, the tip of the axis and the rota
 from __future__ import annotations
 
 import base64
+import itertools
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -32,31 +33,16 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 from kreisel.record.perturbation import pairs_of
+from kreisel.runs import geometry, orbits
 from kreisel.runs.drift import all_series
-from kreisel.runs.geometry import (
-    attitude_of,
-    axes_of_state,
-    continued,
-    fixed_vector,
-    model_for,
-    require_unchanged,
-    to_third_axis,
-)
+from kreisel.runs.geometry import attitude_of, axes_of_state, continued, fixed_vector, model_for, require_unchanged
 from kreisel.runs.in_si import in_state_form, time_unit
-from kreisel.runs.orbits import (
-    Surroundings,
-    axis_of_pointing,
-    directions,
-    of_satellite,
-    satellite_model,
-    surroundings,
-    target_of,
-)
+from kreisel.runs.orbits import Surroundings, of_satellite, surroundings
 from kreisel.runs.run_record import RunRecord, lane_names
 from kreisel.runs.settings import within
 from kreisel.viewer import bodies
 from kreisel.viewer.bodies import Body
-from kreisel.viewer.frames import Frames, evenly, extremes, frames, mixed, stretches, windows
+from kreisel.viewer.frames import evenly, extremes, frames, mixed, stretches, windows
 from kreisel.viewer.motion import clock_of, panels_of, shadows_of
 from kreisel.viewer.style import THEMES
 
@@ -117,7 +103,8 @@ class Shown:
     def _choose(self) -> None:
         plain = self.carried.shape[1] == 3 and self.record.n == 3
         if plain and "skew" not in self.kinds.values():
-            self._particle()
+            self.kind, self.tip, self.frame = "particle", self.carried, np.eye(3)
+            self.note, self.legend = "The particle on its sphere.", {"tip": self.word}
         elif plain and ORIENTATION in self.run:
             x = self._path()
             if of_satellite(self.run):
@@ -132,40 +119,31 @@ class Shown:
             self._projected()
 
     def _fixed(self, where: str) -> Array | None:
-        """A parameter fixed in space or body, unless it is 0."""
         v = None if self.model is None else fixed_vector(self.model, where)
         if v is None or not v.any():
             return None
         return v @ self.axes.T if where == "body" and len(v) == 3 else v
 
     def _inertia(self) -> Array | None:
-        """The gyration tensor along the user's axes of the body."""
         if self.model is None or self.space:
             return None
         tensor = bodies.gyration(self.model, self.carried[0] @ self.axes)
         return None if tensor is None else self.axes @ tensor @ self.axes.T
 
     def _made(self, usual: str, axis: Array, tensor: Array | None, size: float) -> Body:
-        """The requested body, or the usual body."""
         body, frame = self._wanted.body, self.record.body_frame
         if body is None and usual != "top" and frame is not None and frame.shape:
             kind, *half = frame.shape
             body = bodies.of_shape(kind, np.array(half))
             self.subject = f"the {kind}" if body is not None else self.subject
             size *= 0.7 if usual == "satellite" else 1.0  # without panels, and between arrows
-        return body.scaled(size) if isinstance(body, Body) else bodies.body(body or usual, axis, tensor, size)
+        return body.scaled(size) if isinstance(body, Body) else bodies.SHAPES[body or usual](axis, tensor, size)
 
     def _marked(self, tensor: Array | None) -> tuple[Array, str]:
         """The axis of the body whose tip is drawn, and its name; the axis of its known shape, if that is drawn."""
         frame = self.record.body_frame
         known = self._wanted.body is None and frame is not None and frame.shape
         return bodies.marked_axis(tensor, np.array(frame.shape[1:]) if known and frame is not None else None)
-
-    def _particle(self) -> None:
-        self.kind, self.tip = "particle", self.carried
-        self.note = "The particle on its sphere."
-        self.legend = {"tip": self.word}
-        self.frame = np.eye(3)
 
     def _path(self) -> Array | None:
         """The places of the body, if it moves through space and its rows follow each other closely enough."""
@@ -191,16 +169,15 @@ class Shown:
         self.note = "The body on its path against the fluid, not to scale; the third axis of space points up."
 
     def _on_its_orbit(self) -> None:
-        """The satellite in space, whose third axis points up."""
         wanted, around, q = self._wanted, surroundings(self.run), attitude_of(self.run)
-        axis = axis_of_pointing(self.run, wanted.axis)
+        axis = orbits.axis_of_pointing(self.run, wanted.axis)
         self.kind, self.frame, self.around, self.turn, self.axis = "satellite", np.eye(3), around, q, axis
-        self.model = satellite_model(self.run)  # also of a satellite with a controller, whose own model has code
+        self.model = orbits.satellite_model(self.run)  # also of a satellite with a controller, whose own model has code
         self.body = self._made("satellite", axis, self._inertia(), 0.82)
         self.tip = algebra.rotation_matrix(q) @ axis
-        self.arrows = directions(around)
+        self.arrows = orbits.directions(around)
         if not isinstance(wanted.target, str) or wanted.target not in self.arrows:
-            self.arrows["target"] = target_of(around, wanted.target)
+            self.arrows["target"] = orbits.target_of(around, wanted.target)
         aim = wanted.target if isinstance(wanted.target, str) else "the target"
         self.legend["tip"] = f"axis of the body that is compared with {aim}"
         self.note = "The satellite, larger than it is, about its centre; space has its third axis up."
@@ -227,7 +204,7 @@ class Shown:
             self.legend["tip"] = self._axis_along() if self.space else "axis of the body, in space"
             self.note = "The body rotating about its point, and the trace of its axis."
             if self.space:
-                self.triad = algebra.unit_quaternion(to_third_axis(axis / size).T)
+                self.triad = algebra.unit_quaternion(geometry.to_third_axis(axis / size).T)
         upright = self.space or self._fixed("body") is not None
         S = self._point_up(up, "gravity" if upright else "momentum", self.word)
         self.axis, self.tip = axis, algebra.rotation_matrix(q) @ axis @ S.T
@@ -254,11 +231,9 @@ class Shown:
         self.kind, self.tip = "seen", self.carried
         axis, size = self._fixed("body"), float(np.linalg.norm(self.carried[0])) or 1.0
         inertia = self._inertia()
-        if axis is None:
-            self.body, S = self._made("ellipsoid", self._marked(inertia)[0], inertia, 0.8 * size), np.eye(3)
-        else:
-            S = to_third_axis(axis / np.linalg.norm(axis))
-            self.body = self._made("top", axis, inertia, 0.8 * size)
+        S = np.eye(3) if axis is None else geometry.to_third_axis(axis / np.linalg.norm(axis))
+        usual, shown_axis = ("ellipsoid", self._marked(inertia)[0]) if axis is None else ("top", axis)
+        self.body = self._made(usual, shown_axis, inertia, 0.8 * size)
         self.tip = self.carried @ S.T
         self.turn = algebra.unit_quaternion(S)[None]
         self.legend["tip"] = f"{self.word}, seen from the body"
@@ -278,7 +253,7 @@ class Shown:
         self.note = f"{self.word} in three of its {n} coordinates, which can be chosen."
 
     def _point_up(self, up: Array | None, meaning: str, letter: str) -> Array:
-        S = np.eye(3) if up is None or not up.any() else to_third_axis(up / np.linalg.norm(up))
+        S = np.eye(3) if up is None or not up.any() else geometry.to_third_axis(up / np.linalg.norm(up))
         self.frame = S
         if up is not None and up.any():
             self.up = meaning
@@ -299,6 +274,7 @@ LONGEST_TEXT = 300
 STEADY = 2.0  # radians per second, the rotation of the fastest body at speed 1
 TURNS = 3.0  # revolutions of the fastest body in the trail
 SHORT = 32767  # the integer for 1
+COLOURS = ("ink", "paper", "grid", "faint", "colours")  # of a theme
 
 
 def scene(
@@ -316,10 +292,9 @@ def scene(
     chosen, lanes = _lanes(run, lane)
     model = None if record.is_own else model_for(chosen, None)
     shown_frames = frames(chosen, record, model if model is None or pairs_of(model) is None else None)
-    bodies = [
-        Shown(each, record, model_of_lane, bool(shown_frames.joined.all()), wanted)
-        for each, model_of_lane in _each(shown_frames, record, lanes)
-    ]
+    every, joined = shown_frames.run, bool(shown_frames.joined.all())
+    alone = [every.isel(lane=i) for i in range(len(lanes))] if "lane" in every.dims else [every]
+    bodies = [Shown(each, record, None if record.is_own else model_for(each, None), joined, wanted) for each in alone]
     first = bodies[0]
     radius = max(each.radius for each in bodies)
     if not all(np.isfinite(each.tip).all() for each in bodies):
@@ -328,6 +303,7 @@ def scene(
     span = float(time[-1] - time[0]) or 1.0
     rate = shown_frames.rate if shown_frames.rate > 0 else 2 * math.pi / span
     meshes, places = _meshes(bodies)
+    clock = clock_of(chosen)
     return {
         "title": _text(run.attrs.get("title", "")),
         "facts": [_text(v) for v in _facts(run, lanes)],
@@ -347,7 +323,7 @@ def scene(
         "bodies": [_packed_body(each, name, place) for each, name, place in zip(bodies, lanes, places, strict=True)],
         "globe": _globe(first),
         "charts": _charts(chosen, wanted),
-        "clock": _clock(chosen),
+        "clock": {"label": clock.label, "unit": clock.unit, "size": clock.size},
         "time": packed(time, "f8"),
         "windows": windows(shown_frames.joined),
         "pace": STEADY / rate,
@@ -357,7 +333,7 @@ def scene(
         "events": _events(chosen, record),
         "section": None if section is None else _section(section, lanes),
         "complete": bool(run.attrs.get("complete", True)),
-        "themes": _themes(),
+        "themes": {name: {k: getattr(theme, k) for k in COLOURS} for name, theme in THEMES.items()},
     }
 
 
@@ -372,16 +348,6 @@ def _required(run: xr.Dataset) -> tuple[xr.Dataset, RunRecord]:
         raise InputError(f"The run lacks {', '.join(missing)} of its state, which the page needs.")
     require_unchanged(run)
     return run, record
-
-
-def _themes() -> dict[str, Any]:
-    names = ("ink", "paper", "grid", "faint", "colours")
-    return {name: {k: getattr(theme, k) for k in names} for name, theme in THEMES.items()}
-
-
-def _clock(run: xr.Dataset) -> dict[str, Any]:
-    clock = clock_of(run)
-    return {"label": clock.label, "unit": clock.unit, "size": clock.size}
 
 
 def _lanes(run: xr.Dataset, lane: Any) -> tuple[xr.Dataset, list[str]]:
@@ -404,50 +370,32 @@ def _lanes(run: xr.Dataset, lane: Any) -> tuple[xr.Dataset, list[str]]:
     return (run.isel(lane=chosen) if len(chosen) > 1 else run.isel(lane=chosen[0])), names
 
 
-def _each(shown_frames: Frames, record: RunRecord, lanes: list[str]) -> list[tuple[xr.Dataset, Model | None]]:
-    """The frames of each lane, and its model."""
-    alone = (
-        [shown_frames.run]
-        if "lane" not in shown_frames.run.dims
-        else [shown_frames.run.isel(lane=i) for i in range(len(lanes))]
-    )
-    return [(each, None if record.is_own else model_for(each, None)) for each in alone]
-
-
 def _meshes(bodies: list[Shown]) -> tuple[list[dict[str, Any]], list[int | None]]:
-    """The different bodies, and the index of the body of each lane."""
+    """The different bodies, as base64, and the index of the body of each lane."""
     meshes: list[dict[str, Any]] = []
     places: list[int | None] = []
-    for each in bodies:
-        mesh = None if each.body is None else packed_mesh(each.body)
-        if mesh is not None and mesh not in meshes:
+    for body in (each.body for each in bodies):
+        if body is None:
+            places.append(None)
+            continue
+        wide = len(body.points) > 65_535
+        mesh = {"points": packed(body.points, "f4"), "faces": packed(body.faces, "u4" if wide else "u2")}
+        mesh |= {"wide": wide, "colour": packed(body.colour, "u1")}
+        if mesh not in meshes:
             meshes.append(mesh)
-        places.append(None if mesh is None else meshes.index(mesh))
+        places.append(meshes.index(mesh))
     return meshes, places
-
-
-def packed_mesh(body: Body) -> dict[str, Any]:
-    """A body as base64."""
-    wide = "u4" if len(body.points) > 65_535 else "u2"
-    return {
-        "points": packed(body.points, "f4"),
-        "faces": packed(body.faces, wide),
-        "wide": wide == "u4",
-        "colour": packed(body.colour, "u1"),
-    }
 
 
 def _packed_body(each: Shown, name: str, mesh: int | None) -> dict[str, Any]:
     """Rotations as integers in units of 1/32767, far below a pixel; the tip only if no rotation gives it."""
-    turn = None if each.turn is None else packed(np.round(SHORT * continued(each.turn)), "i2")
+    vectors = {"axis": each.axis, "nose": each.nose, "triad": each.triad}
     return {
         "name": _text(name),
         "mesh": mesh,
-        "turn": turn,
-        "axis": None if each.axis is None else [float(v) for v in each.axis],
+        "turn": None if each.turn is None else packed(np.round(SHORT * continued(each.turn)), "i2"),
         "tip": None if each.axis is not None else packed(each.tip, "f4"),
-        "nose": None if each.nose is None else [float(v) for v in each.nose],
-        "triad": None if each.triad is None else [float(v) for v in each.triad],
+        **{k: None if v is None else v.tolist() for k, v in vectors.items()},
         "arrows": [
             {"name": "Sun" if k == "sun" else k, "colour": ARROWS[k], "to": packed(np.round(SHORT * v), "i2")}
             for k, v in each.arrows.items()
@@ -485,15 +433,7 @@ def _charts(run: xr.Dataset, wanted: Wanted) -> dict[str, Any] | None:
     return {
         "time": packed(np.asarray(run["time"].values, dtype=np.float64)[rows], "f8"),
         "shadows": shadows_of(run)[:MOST_EVENTS],
-        "panels": [
-            {
-                "title": each.title,
-                "unit": each.unit,
-                "names": each.names,
-                "values": [packed(v, "f4") for v in each.values[rows].T],
-            }
-            for each in panels
-        ],
+        "panels": [each._asdict() | {"values": [packed(v, "f4") for v in each.values[rows].T]} for each in panels],
     }
 
 
@@ -567,9 +507,7 @@ def _drift_series(run: xr.Dataset) -> dict[str, Any]:
     time = np.asarray(run["time"].values, dtype=np.float64) / time_unit(run)
     series = []
     units = {str(k): u for k, v in run.variables.items() if (u := v.attrs.get("units", "1")) != "1"}
-    for number, each in enumerate(all_series(run)):
-        if number == MOST_SERIES:
-            break
+    for each in itertools.islice(all_series(run), MOST_SERIES):
         change = each.values - each.values[0]
         high, low = np.maximum.reduceat(change, edges), np.minimum.reduceat(change, edges)
         scale = each.step_scale + each.value_scale or 1.0

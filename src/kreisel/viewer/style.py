@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
 
-from kreisel.errors import InputError, hint, shown
+from kreisel.errors import require_one_of
 
 if TYPE_CHECKING:
     from kreisel.viewer.shown_figure import ShownFigure
@@ -118,11 +118,8 @@ WIDTHS = {"house": 9.2, "journal": 183 / 25.4}  # inches
 
 def theme_of(name: str, style: str = "house") -> Theme:
     """The theme "light" or "dark" in the style "house" or "journal".  Raises `InputError`."""
-    for option, value, names in (("theme", name, THEMES), ("style", style, STYLES)):
-        if not isinstance(value, str) or value not in names:
-            raise InputError(
-                f"{option} must be {' or '.join(map(repr, names))}, got {shown(value)}.{hint(value, names)}"
-            )
+    require_one_of(THEMES, name, "theme")
+    require_one_of(STYLES, style, "style")
     return replace(THEMES[name], extra=tuple(STYLES[style].items()))
 
 
