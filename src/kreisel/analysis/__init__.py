@@ -14,35 +14,24 @@ counted from 0 as in `kr.drift`, or a function of the components of the state.  
 table of pandas, or a small record with a `plot()`; `kreisel.viewer.charts` draws all of them.
 """
 
-from kreisel.analysis.angles import angular_velocity, euler_angles, mean_rates, path, quaternions, rates, rotations
+from kreisel.analysis.angles import (
+    angular_velocity,
+    euler_angles,
+    mean_rates,
+    path,
+    pointing,
+    quaternions,
+    rates,
+    rotations,
+)
 from kreisel.analysis.comparison import Comparison, compare, error
 from kreisel.analysis.events import events, return_map, section
 from kreisel.analysis.frequencies import Lines, frequencies, megno, power_spectrum
 from kreisel.analysis.light import brightness, light_curve
 from kreisel.analysis.photometry import TumblerFit, fit_light_curve
-from kreisel.analysis.pointing import pointing
 
 __all__ = [
-    "Comparison",
-    "Lines",
-    "TumblerFit",
-    "angular_velocity",
-    "brightness",
-    "compare",
-    "error",
-    "euler_angles",
-    "events",
-    "fit_light_curve",
-    "frequencies",
-    "light_curve",
-    "mean_rates",
-    "megno",
-    "path",
-    "pointing",
-    "power_spectrum",
-    "quaternions",
-    "rates",
-    "return_map",
-    "rotations",
-    "section",
-]
+    "Comparison", "Lines", "TumblerFit", "angular_velocity", "brightness", "compare", "error", "euler_angles",
+    "events", "fit_light_curve", "frequencies", "light_curve", "mean_rates", "megno", "path", "pointing",
+    "power_spectrum", "quaternions", "rates", "return_map", "rotations", "section",
+]  # fmt: skip

@@ -1,4 +1,4 @@
-"""kr.analysis: quaternions, Euler's angles, angular velocity, rates, measured and in closed form; paths in space."""
+"""kr.analysis: Euler's angles, angular velocity, rates, measured and in closed form; paths in space; pointing."""
 
 from __future__ import annotations
 
@@ -9,24 +9,16 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array, act, axial, dot
 from kreisel.analysis.carrying import Carrier
-from kreisel.analysis.events import events, rows_of
+from kreisel.analysis.events import events, parts_of
+from kreisel.analysis.quantities import rows_of
 from kreisel.errors import InputError, explained, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
-from kreisel.runs.geometry import (
-    attitude_of,
-    axes_of_state,
-    components,
-    fixed_vector,
-    is_upright,
-    model_for,
-    orientation_of,
-    to_third_axis,
-    velocity_of,
-    vertical_and_axis,
-)
+from kreisel.runs import geometry
+from kreisel.runs.geometry import attitude_of, components, fixed_vector, model_for, orientation_of, velocity_of
 from kreisel.runs.in_si import in_state_form, is_in_si, time_unit
+from kreisel.runs.orbits import FRAMES, angles_of, pointing_error
 from kreisel.runs.run_record import RunRecord, a_run, frame_of
 
 if TYPE_CHECKING:
@@ -80,50 +72,33 @@ def euler_angles(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     import xarray as xr
     from scipy.spatial.transform import Rotation
 
-    q = attitude_of(a_run(run))
-    S, B = (
-        Rotation.from_matrix(np.broadcast_to(v, (*q.shape[:-1], 3, 3)).reshape(-1, 3, 3))
-        for v in _alignment(run, system)
-    )
-    turned = S * rotations(run) * B.inv()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # on the vertical
-        angles = turned.as_euler("ZXZ").reshape((*q.shape[:-1], 3))
-    dims = _lead(run)
-    names = {"phi": "precession", "theta": "tilt", "psi": "own turn"}
-    data = {}
-    for k, (name, meaning) in enumerate(names.items()):
+    lead = attitude_of(a_run(run)).shape[:-1]
+    S, B = (Rotation.from_matrix(np.broadcast_to(v, (*lead, 3, 3)).reshape(-1, 3, 3)) for v in _alignment(run, system))
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # on the vertical
+        angles = (S * rotations(run) * B.inv()).as_euler("ZXZ").reshape((*lead, 3))
+    data, (dims, coords) = {}, rows_of(run)
+    for k, (name, meaning) in enumerate({"phi": "precession", "theta": "tilt", "psi": "own turn"}.items()):
         value = angles[..., k] if name == "theta" else np.unwrap(angles[..., k], axis=0)
         data[name] = (dims, value, {"long_name": meaning, "units": "rad"})
-    return xr.Dataset(data, {k: run[k] for k in dims if k in run.coords}, _described(run))
-
-
-def _lead(run: xr.Dataset) -> tuple[str, ...]:
-    """The axes of the rows of a run."""
-    return ("time", "lane") if "lane" in run.dims else ("time",)
+    return xr.Dataset(data, coords, _described(run))
 
 
 def _alignment(run: xr.Dataset, system: Model | None) -> tuple[Array, Array]:
-    """Rotations of space and body that map the vertical and the axis to the third axes, ([lane,] 3, 3).
-
-    Identities if there are none.
-    """
-    if system is None and (RunRecord.of(run, "system").is_own or not is_upright(model_for(run, None))):
+    """Rotations of space and body that map the vertical and the axis, if any, to the third axes, ([lane,] 3, 3)."""
+    if system is None and (RunRecord.of(run, "system").is_own or not geometry.is_upright(model_for(run, None))):
         return np.eye(3), np.eye(3)
     model = model_for(run, system)
     g = algebra.rotation_matrix(orientation_of(run)[0])
-    up, axis = vertical_and_axis(model, components(run, model)[model.system.space.leading][0])
+    up, axis = geometry.vertical_and_axis(model, components(run, model)[model.system.space.leading][0])
     if model.system.frame is Frame.REST:
         axis = act(g.mT, axis)
     else:
         up = act(g, up)
-    return _third_axes(up), _third_axes(act(axes_of_state(run), axis))
-
-
-def _third_axes(vectors: Array) -> Array:
-    """`to_third_axis` of each of the vectors (..., 3)."""
-    turns = [to_third_axis(_snapped(v)) for v in vectors.reshape(-1, 3)]
-    return np.reshape(turns, (*vectors.shape, 3))
+    up, axis = (
+        np.reshape([geometry.to_third_axis(_snapped(v)) for v in vectors.reshape(-1, 3)], (*vectors.shape, 3))
+        for vectors in (up, act(geometry.axes_of_state(run), axis))
+    )
+    return up, axis
 
 
 def _snapped(v: Array) -> Array:
@@ -152,17 +127,14 @@ def rates(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     model = model_for(run, system)
     values, frame = _rates(model, components(run, model)), frame_of(run)
     unit, size = ("1", 1.0) if frame is None else ("rad/s", frame.time_unit)
-    data = {k: (v, "rad") if k == "tilt" else (v / size, unit) for k, v in values.items()}
-    lead = _lead(run)
-    return xr.Dataset(
-        {name: (lead, v, {"units": u}) for name, (v, u) in data.items()},
-        {k: run[k] for k in lead if k in run.coords},
-        _described(run),
-    )
+    dims, coords = rows_of(run)
+    data = {k: (dims, v / size, {"units": unit}) for k, v in values.items()}
+    data["tilt"] = dims, values["tilt"], {"units": "rad"}
+    return xr.Dataset(data, coords, _described(run))
 
 
 def _rates(model: Model, state: tuple[Array, ...]) -> dict[str, Array]:
-    e, k = vertical_and_axis(model, state[model.system.space.leading])
+    e, k = geometry.vertical_and_axis(model, state[model.system.space.leading])
     cosine, node = dot(e, k), np.cross(e, k)
     sine = np.sqrt(dot(node, node))
     upright = np.where(sine > VERTICAL, sine, np.nan)
@@ -203,9 +175,12 @@ def mean_rates(run: xr.Dataset, system: Model | None = None) -> pd.DataFrame:
     if peaks.sizes["event"] < 2:
         raise InputError("Fewer than two nutations are in the run: the motion is steady, or the run too short.")
     lows = events(run, climb, rising=True, system=model)
-    measured = _measured_rates(run, model, peaks)
-    for name, at in (("lowest", lows), ("highest", peaks)):
-        measured[name] = float(height(*(at[c].values for c in model.system.space.letters)).mean())
+    letters = model.system.space.letters
+    low, high = (float(height(*(at[c].values for c in letters)).mean()) for at in (lows, peaks))
+    spin = _rates(model, components(run.isel(time=slice(0, 1)), model))["spin"]
+    nutations, time = peaks.sizes["event"] - 1, peaks["time"].values
+    advance = _advance(run, model, peaks) / nutations
+    measured = _nutation(float(time[-1] - time[0]) / nutations, advance, low, high, float(spin[0]))
     closed_form = _known(run, model)
     table = pd.DataFrame({"measured": measured, "closed_form": {k: closed_form.get(k, np.nan) for k in measured}})
     for name, power in POWERS_OF_TIME.items():
@@ -219,40 +194,30 @@ POWERS_OF_TIME = {"nutation_period": 1, "nutation_frequency": -1, "mean_precessi
 
 def _height(model: Model) -> tuple[Any, Any]:
     """cos(tilt) and its derivative as functions of the stored components."""
-    from kreisel.algebra import KINDS
-
-    place = model.system.space.leading
-
-    def matrices(parts: tuple[Array, ...]) -> tuple[Array, ...]:
-        kinds = (KINDS[kind] for kind in model.system.space.kinds)
-        return tuple(kind.from_user(v, model.n) for kind, v in zip(kinds, parts, strict=True))
+    place, kinds = model.system.space.leading, [algebra.KINDS[kind] for kind in model.system.space.kinds]
 
     def height(*parts: Array) -> Array:
-        e, k = vertical_and_axis(model, parts[place])
+        e, k = geometry.vertical_and_axis(model, parts[place])
         return dot(e, k)
 
     def climb(*parts: Array) -> Array:
-        state = matrices(parts)
-        e, k = vertical_and_axis(model, state[place])
+        state = tuple(kind.from_user(v, model.n) for kind, v in zip(kinds, parts, strict=True))
+        e, k = geometry.vertical_and_axis(model, state[place])
         omega = axial(model.call(model.system.velocity, *state))
         return dot(e, np.cross(omega, k))
 
     return height, climb
 
 
-def _measured_rates(run: xr.Dataset, model: Model, peaks: xr.Dataset) -> dict[str, float]:
-    time = peaks["time"].values
-    period = float(time[-1] - time[0]) / (len(time) - 1)
-    advance = _advance(run, model, peaks) / (len(time) - 1)
-    spin = _rates(model, components(run.isel(time=slice(0, 1)), model))["spin"]
+def _nutation(period: float, advance: float, lowest: float, highest: float, spin: float) -> dict[str, float]:
     return {
         "nutation_period": period,
         "nutation_frequency": 2 * np.pi / period,
         "precession_per_period": advance,
         "mean_precession": advance / period,
-        "lowest": np.nan,
-        "highest": np.nan,
-        "spin": float(spin[0]),
+        "lowest": lowest,
+        "highest": highest,
+        "spin": spin,
     }
 
 
@@ -287,7 +252,7 @@ def _azimuth(run: xr.Dataset, model: Model) -> Array | None:
         g = Rotation.from_quat(orientation_of(run), scalar_first=True)
         lever: Any = fixed_vector(model, "body")
         up, axis = g[0].apply(carried[0]), g.apply(lever)
-    seen = act(to_third_axis(_snapped(up / np.linalg.norm(up))), axis)
+    seen = act(geometry.to_third_axis(_snapped(up / np.linalg.norm(up))), axis)
     return np.arctan2(seen[..., 1], seen[..., 0])
 
 
@@ -302,15 +267,7 @@ def _known(run: xr.Dataset, model: Model) -> dict[str, float]:
     fixed = fixed_vector(model, "space" if model.system.frame is Frame.REST else "body")
     carried = np.asarray(start[model.system.space.letters[model.system.space.leading]])
     size = float(np.linalg.norm(carried) * np.linalg.norm(fixed if fixed is not None else 1.0))
-    return {
-        "nutation_period": motion.period,
-        "nutation_frequency": 2 * np.pi / motion.period,
-        "precession_per_period": motion.precession,
-        "mean_precession": motion.mean_precession,
-        "lowest": motion.lowest / size,
-        "highest": motion.highest / size,
-        "spin": motion.spin,
-    }
+    return _nutation(motion.period, motion.precession, motion.lowest / size, motion.highest / size, motion.spin)
 
 
 def _described(run: xr.Dataset) -> dict[str, Any]:
@@ -350,8 +307,7 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
     values, axes = (algebra.axial(omega), ("axis",)) if model.n == 3 else (omega, ("row", "column"))
     if body_frame is not None:
         values = (body_frame.vectors(values) if frame == BODY else values) / body_frame.time_unit
-    lead = ("time", *(("lane",) if "lane" in run.dims else ()))
-    coords = {name: given[name] for name in lead if name in given.coords}
+    lead, coords = rows_of(given)
     unit = "1" if body_frame is None else "rad/s"
     meaning = "Omega, along the axes of the body" if frame == BODY else "omega, in space"
     return xr.DataArray(values, coords, (*lead, *axes), "angular_velocity", {"long_name": meaning, "units": unit})
@@ -380,24 +336,19 @@ def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | Non
             f"{model.system.name}: expected a body that moves through space, such as kr.Kirchhoff or kr.Clebsch, got "
             "one that only rotates."
         )
-    lanes = "lane" in run.dims
-    rows = rows_of(run, model, _matrices(run, model))
+    rows = parts_of(run, model, _matrices(run, model))
     time = np.asarray(run["time"].values, dtype=np.float64)
     x = np.zeros((len(time), rows[0].shape[1], model.n))
     x[1:] = np.cumsum(_displacements(model, rows, np.diff(time)), 0)
     if model.system.perturbation is None:
         x = _by_momenta(rows[:3], x)
     x = x + (0 if start is None else _start(start, x.shape[1:]))
-    lead = ("time", "lane") if lanes else ("time",)
-    coords = {name: given[name] for name in lead if name in given.coords}
-    unit = {"units": "m"} if is_in_si(given) else {}
-    return xr.DataArray(
-        x if lanes else x[:, 0], coords, (*lead, "axis"), "x", {"long_name": "position in space", **unit}
-    )
+    lead, coords = rows_of(given)
+    attrs = {"long_name": "position in space"} | ({"units": "m"} if is_in_si(given) else {})
+    return xr.DataArray(x if "lane" in run.dims else x[:, 0], coords, (*lead, "axis"), "x", attrs)
 
 
 def _displacements(model: Model, rows: tuple[Array, ...], steps: Array) -> Array:
-    """x at the next row minus x at this row, (time - 1, lane, n)."""
     lanes = rows[0].shape[1]
     h = np.repeat(steps, lanes)
     flat, following = ([v[cut].reshape(-1, *v.shape[2:]) for v in rows] for cut in (slice(-1), slice(1, None)))
@@ -437,3 +388,28 @@ def _start(value: Any, shape: tuple[int, ...]) -> Array:
     if not np.isfinite(start).all():
         raise InputError(f"start: expected finite values, got {shown(value)}.")
     return start
+
+
+@explained
+def pointing(run: xr.Dataset, *, frame: str = "orbit", axis: Any = None, target: Any = "nadir") -> xr.Dataset:
+    """Pitch, roll and yaw of a satellite, and the angle between an axis of the body and its target, in rad.
+
+    frame    "orbit": against up, ahead and the normal of the orbit, the angles of `Satellite.angles`, 0 in the stable
+             attitude under gravity;  "lvlh", "inertial" or "ground": of the axes in which the body was given,
+             R_3(yaw) R_2(pitch) R_1(roll) against ahead, right and down, against space, or against north, east and down
+             at the point below
+    axis     (3,) along the axes of the body; by default the axis that points down at zero angles of "orbit"
+    target   "nadir", "velocity", "sun", or a direction (3,) in space
+
+    Returns a Dataset (time) or (time, lane).  Raises `InputError` for any other run than of a satellite with its
+    orientation, and for the Sun if the satellite has no sunlight.
+    """
+    import xarray as xr
+
+    angles = angles_of(a_run(run, "system"), frame)
+    values = {name: (value, f"{name} against {FRAMES[frame]}") for name, value in angles._asdict().items()}
+    aim = target if isinstance(target, str) else shown(target)
+    values["error"] = pointing_error(run, axis, target), f"angle of the axis to {aim}"
+    dims, coords = rows_of(run)
+    data = {name: (dims, value, {"long_name": text, "units": "rad"}) for name, (value, text) in values.items()}
+    return xr.Dataset(data, coords, {"title": run.attrs.get("title", "")})

@@ -58,7 +58,10 @@ class Carrier:
 
         `following`: the saved states there, without x.  Raises `InputError` if the flow leads elsewhere.
         """
-        components = self._components(len(z))
+        space = self.model.system.space
+        oriented = len(z) - len(space.letters) - self.moving - self.timed
+        components = (*(("x", "vector"),) * self.moving, *space.components)
+        components += (*((ORIENTATION, "matrix"),) * oriented, *((TIME, "scalar"),) * self.timed)
         flow = _Flow(self.model, self.constants, components, self.rates, len(h))
         y, share, done = algebra.flatten(z, flow.kinds), np.ones(len(h)), np.zeros(len(h))
         size, left = flow.size(y), np.nonzero(h)[0]
@@ -88,11 +91,7 @@ class Carrier:
         x, z = z[: self.moving], z[self.moving :]
         state, beside = z[: len(space.letters)], z[len(space.letters) :]
         g, time = beside[: len(beside) - self.timed], beside[len(beside) - self.timed :]
-        constants = {
-            **constants,
-            **dict(zip((ORIENTATION,), g, strict=False)),
-            **dict(zip((TIME,), time, strict=False)),
-        }
+        constants |= dict(zip((ORIENTATION,), g, strict=False)) | dict(zip((TIME,), time, strict=False))
         rate = tuple(model.call(model.system.flow, *state, **constants))
         for turn in g:
             omega = model.call(model.system.velocity, *state, **constants)
@@ -102,12 +101,6 @@ class Carrier:
             rate = (algebra.act(g[0], U + 0 * position), *rate)
         return (*rate, *(0 * t + 1 for t in time))
 
-    def _components(self, count: int) -> tuple[tuple[str, str], ...]:
-        space = self.model.system.space
-        oriented = count - len(space.letters) - self.moving - self.timed
-        x = (("x", "vector"),) * self.moving
-        return (*x, *space.components, *((ORIENTATION, "matrix"),) * oriented, *((TIME, "scalar"),) * self.timed)
-
 
 class _Flow:
     """One step of the scheme on rows (lanes, d): compiled if the rates can be recorded as straight-line code.
@@ -115,22 +108,13 @@ class _Flow:
     A disc in water, 100 rows: 40 s on arrays, 0.05 s compiled.
     """
 
-    def __init__(
-        self,
-        model: Model,
-        constants: dict[str, Array],
-        components: tuple[tuple[str, str], ...],
-        rates: Callable[..., tuple[Array, ...]],
-        lanes: int,
-    ):
+    def __init__(self, model: Model, constants: dict[str, Array], components: Any, rates: Any, lanes: int):
         self.kinds, self.n = [kind for _, kind in components], model.n
         self.rates, self.constants = rates, constants
         self.starts = [place.start for place in algebra.slices(self.kinds, model.n)]
         self.model = model
-        if model.system.numbers != "jax" and model.n <= FASTER:
-            self.advance = self._by_kernel(components, lanes)
-        else:
-            self.advance = self._by_arrays
+        compiled = model.system.numbers != "jax" and model.n <= FASTER
+        self.advance = self._by_kernel(components, lanes) if compiled else self._by_arrays
 
     def _by_kernel(self, components: tuple[tuple[str, str], ...], lanes: int) -> Callable[..., Floats]:
         """before + eps z'(state) repeatedly, by a kernel."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.analysis.quantities import rows_of
 from kreisel.errors import InputError, explained
 from kreisel.method import find
 from kreisel.method.observing import ORIENTATION
@@ -87,10 +88,8 @@ def compare(run: xr.Dataset, second_run: xr.Dataset) -> Comparison:
     table = pd.DataFrame({"first": tables[0][both], "second": tables[1][both]})
     with np.errstate(all="ignore"):
         table["ratio"] = table["second"] / table["first"]
-    names = [
-        f"{record.method}, dt = {record.step_text(record.dt)}" if record.stepped else "exact" for record in records
-    ]
-    return Comparison(_distances(run.isel(time=i), second_run.isel(time=j)), table, (names[0], names[1]))
+    first, second = (f"{r.method}, dt = {r.step_text(r.dt)}" if r.stepped else "exact" for r in records)
+    return Comparison(_distances(run.isel(time=i), second_run.isel(time=j)), table, (first, second))
 
 
 @explained
@@ -152,9 +151,9 @@ def _distances(run: xr.Dataset, second_run: xr.Dataset) -> xr.Dataset:
     import xarray as xr
 
     given, run, second_run = run, in_state_form(run), in_state_form(second_run)
-    lead = 1 + ("lane" in run.dims)
     data: dict[str, Any] = {}
-    dims: tuple[Any, ...] = ()
+    dims, coords = rows_of(given)
+    lead = len(dims)
     for letter in RunRecord.from_attrs(run.attrs).kinds:
         if letter not in run or letter not in second_run:
             raise InputError(f"expected two runs with {letter} of their state, got one without.")
@@ -166,14 +165,12 @@ def _distances(run: xr.Dataset, second_run: xr.Dataset) -> xr.Dataset:
             apart = np.linalg.norm(first - two, axis=-1) / size
         if not np.isfinite(apart).all():
             raise InputError(f"expected {letter} with finite squares in both runs, got larger values.")
-        dims = run[letter].dims[:lead]
         data[letter] = (dims, apart, {"long_name": f"distance of {letter}"})
     if all(ORIENTATION in each and each[ORIENTATION].shape[-1] == 4 for each in (run, second_run)):
         q, r = run[ORIENTATION].values, second_run[ORIENTATION].values
         nearest = np.minimum(np.linalg.norm(q - r, axis=-1), np.linalg.norm(q + r, axis=-1))
         angle = 4 * np.arcsin(np.clip(nearest / 2, 0, 1))
         data[ORIENTATION] = (dims, angle, {"long_name": "angle between the orientations", "units": "rad"})
-    coords = {name: given[name] for name in dims if name in given.coords}
     names = dict(zip(RunRecord.from_attrs(run.attrs).kinds, names_of_state(given), strict=True))
     names |= {ORIENTATION: "attitude"} if is_in_si(given) else {}
     return xr.Dataset({names.get(letter, letter): value for letter, value in data.items()}, coords)

@@ -20,8 +20,6 @@ from kreisel.runs.settings import finite_number, flag, whole_number
 if TYPE_CHECKING:
     import xarray as xr
 
-    from kreisel.record.model import Model
-
 
 NODES = 12  # of the polynomial that finds a crossing
 NUDGE = 1e-5  # of an interval, for its slope
@@ -57,7 +55,7 @@ def events(
         flag(rising, "rising")
     measure = of_state(quantity, model)
     oriented = ORIENTATION in run and model.n == 3
-    rows = rows_of(run, model, algebra.rotation_matrix(orientation_of(run)) if oriented else None)
+    rows = parts_of(run, model, algebra.rotation_matrix(orientation_of(run)) if oriented else None)
     time, lanes = np.asarray(run["time"].values), rows[0].shape[1]
     flat = tuple(v.reshape(-1, *v.shape[2:]) for v in rows)
     f = np.asarray(measure(flat[: len(model.system.space.letters)]) - value).reshape(len(time), lanes)
@@ -89,7 +87,7 @@ def events(
     return in_si(cut, model) if is_in_si(given) else cut
 
 
-def rows_of(run: xr.Dataset, model: Model, g: Array | None) -> tuple[Array, ...]:
+def parts_of(run: xr.Dataset, model: Model, g: Array | None) -> tuple[Array, ...]:
     """Components, orientation matrices, and the time if a force depends on it, (time, lane, ...)."""
     parts = components(run, model)
     parts += () if g is None else (g,)
@@ -219,21 +217,16 @@ def return_map(
     returns = whole_number(returns, "returns")
     cut = section(run, quantity, value, rising=rising, system=system)
     lanes = cut["lane"].values if "lane" in cut.coords else np.zeros(cut.sizes["event"], dtype=int)
-    values = _values_at_crossings(cut, seen)
-    first, last = [], []
-    for lane in np.unique(lanes):
-        places = np.nonzero(lanes == lane)[0]
-        first.append(places[:-returns])
-        last.append(places[returns:])
-    i, j = (np.concatenate(p) if p else np.zeros(0, dtype=int) for p in (first, last))
+    # `event` replaces the axis time of a run
+    values = np.asarray(series(cut.reset_coords("lane", drop=True) if "lane" in cut.coords else cut, seen))
+    places = [np.nonzero(lanes == lane)[0] for lane in np.unique(lanes)]
+    i, j = (
+        np.concatenate([np.zeros(0, dtype=int), *(of_lane[part] for of_lane in places)])
+        for part in (slice(-returns), slice(returns, None))
+    )
     coords = {"time": ("event", cut["time"].values[i])}
     if "lane" in cut.coords:
         coords["lane"] = ("event", lanes[i])
     elapsed = cut["time"].values[j] - cut["time"].values[i]
     data = {"here": ("event", values[i]), "after": ("event", values[j]), "elapsed": ("event", elapsed)}
     return xr.Dataset(data, coords, {**cut.attrs, "seen": label(seen), "returns": returns})
-
-
-def _values_at_crossings(cut: xr.Dataset, seen: Quantity) -> np.ndarray:
-    """`seen` at each crossing; `event` replaces the axis time of a run."""
-    return np.asarray(series(cut.reset_coords("lane", drop=True) if "lane" in cut.coords else cut, seen))

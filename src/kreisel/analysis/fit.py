@@ -169,7 +169,8 @@ def fit(
     _require_enough(seen, unknown)
     settings: dict[str, Any] = {"method": method, "order": order}
     f = differentiable(model, **settings, orientation=attitude is not None)
-    kind = model.key, _axes_of(model, observations), method, order, *(u.name for u in unknown), *seen.names
+    names = *(u.name for u in unknown), *(v.name for v in seen.variables)
+    kind = model.key, _axes_of(model, observations), method, order, *names
     key = *kind, dt, seen.time.tobytes(), tuple((name, Identity(function)) for name, function in functions.items())
     predicted = _predictions(f, model, unknown, starts, seen, key)
     solution = _least_squares(predicted, seen, unknown, evaluations, model)
@@ -235,12 +236,7 @@ def _attitude(model: Model, observations: Any, orientation: Any) -> Array | None
 
 
 def _predictions(
-    f: Callable[..., Any],
-    model: Model,
-    unknown: list[Unknown],
-    starts: Mapping[str, Array],
-    seen: Observations,
-    key: Any,
+    f: Any, model: Model, unknown: list[Unknown], starts: Mapping[str, Array], seen: Observations, key: Any
 ) -> Callable[[bytes], tuple[list[Array], list[Array]]]:
     """The variables of x (k,), and their Jacobians (..., k); compiled once for fits of the same kind, by `key`."""
     from kreisel.kernels import jax_numbers as by
@@ -261,15 +257,14 @@ def _predictions(
         values = {k: filled(x, starts, k) for k in starts if k != ORIENTATION}
         state = {k: values.pop(k) for k in letters}
         if ORIENTATION in starts:
-            state[ORIENTATION] = attitude_near(
-                by, model, turn_coordinates(model, values.pop(ATTITUDE)), starts[ORIENTATION]
-            )
+            turn = turn_coordinates(model, values.pop(ATTITUDE))
+            state[ORIENTATION] = attitude_near(by, model, turn, starts[ORIENTATION])
         moving = {k: values[k] for k in parameters}
         rows = _at_times(jax, f, state, seen, moving)
         constants = constants_of(by, model, moving)
         out = [
-            jax.vmap(lambda row, t, show=show: show(by, row, t, constants, values))(rows, jnp.asarray(seen.time))
-            for show in seen.shows
+            jax.vmap(lambda row, t, v=v: v.show(by, row, t, constants, values))(rows, jnp.asarray(seen.time))
+            for v in seen.variables
         ]
         return out, out
 
@@ -317,17 +312,9 @@ def _least_squares(
             f"{', '.join(f'{u.name} = {u.start:g}' for u in unknown)}. Usual cause: dt too long, or an observable that "
             "is not a number there."
         )
-    solution = least_squares(
-        value,
-        start,
-        slope,
-        bounds=([u.low for u in unknown], [u.high for u in unknown]),
-        x_scale="jac",
-        ftol=PRECISION,
-        xtol=PRECISION,
-        gtol=PRECISION,
-        max_nfev=evaluations,
-    )
+    options: dict[str, Any] = dict.fromkeys(("ftol", "xtol", "gtol"), PRECISION)
+    bounds = [u.low for u in unknown], [u.high for u in unknown]
+    solution = least_squares(value, start, slope, bounds, x_scale="jac", max_nfev=evaluations, **options)
     if not solution.success:
         text = f"fit: the search did not converge: {solution.message} Begin nearer, or raise evaluations."
         warnings.warn(text, AccuracyWarning, stacklevel=3)
@@ -379,13 +366,8 @@ def _as_fit(
         sigma = float(np.sqrt(chi2 / dof)) if dof else np.nan
         covariance = covariance * sigma**2
     model, state, attitude = _model_at(*start, unknown, solution.x)
-    columns = {
-        "value": solution.x,
-        "error": np.sqrt(np.diag(covariance)),
-        "start": [u.start for u in unknown],
-        "low": [u.low for u in unknown],
-        "high": [u.high for u in unknown],
-    }
+    columns = {"value": solution.x, "error": np.sqrt(np.diag(covariance))}
+    columns |= {name: np.array([getattr(u, name) for u in unknown]) for name in ("start", "low", "high")}
     return Fit(
         table=pd.DataFrame(columns, index=names),
         covariance=pd.DataFrame(covariance, index=names, columns=names),
@@ -423,8 +405,5 @@ def _model_at(
     from kreisel.reduction.double import double
 
     with double():
-        return (
-            fitted,
-            fitted_state,
-            np.asarray(attitude_near(by, model, turn_coordinates(model, values[ATTITUDE]), attitude)),
-        )
+        attitude = np.asarray(attitude_near(by, model, turn_coordinates(model, values[ATTITUDE]), attitude))
+    return fitted, fitted_state, attitude

@@ -23,7 +23,7 @@ import numpy as np
 
 from kreisel.algebra import Array, dot, unit
 from kreisel.analysis.quantities import Quantity, label, series
-from kreisel.errors import InputError, explained, shown
+from kreisel.errors import InputError, explained
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
 from kreisel.record.body_frame import BodyFrame
@@ -72,9 +72,8 @@ class Lines:
         """frequency, amplitude and phase of each line."""
         import pandas as pd
 
-        return pd.DataFrame(
-            {"frequency": self.frequency, "amplitude": np.abs(self.amplitude), "phase": np.angle(self.amplitude)}
-        )
+        amplitude = {"amplitude": np.abs(self.amplitude), "phase": np.angle(self.amplitude)}
+        return pd.DataFrame({"frequency": self.frequency, **amplitude})
 
     def plot(self, theme: str = "light") -> Figure:
         """The power spectrum with the lines on it."""
@@ -104,8 +103,7 @@ def lines_of(time: Array, values: Array, lines: int = 8, *, power: int = 3, quan
     """The strongest lines of evenly spaced samples `values` (time,) at `time`."""
     time, values = _even(time, values)
     lines = whole_number(lines, "lines")
-    if not (isinstance(power, int) and power == 0) and whole_number(power, "power") > 8:
-        raise InputError(f"power: expected 0 to 8, got {shown(power)}.")
+    within(power, "power", 0, 8)
     real = values.dtype.kind != "c"
     centre = (time[0] + time[-1]) / 2
     finder = _Finder(time - centre, power)
@@ -125,10 +123,8 @@ def lines_of(time: Array, values: Array, lines: int = 8, *, power: int = 3, quan
     remainder = values - finder.model(omegas, amplitude, real)
     omega = np.array(omegas)
     amplitude = amplitude * np.exp(-1j * omega * centre)
-    order = np.argsort(-np.abs(amplitude), kind="stable")
-    return Lines(
-        omega[order], amplitude[order], float(np.sqrt((np.abs(remainder) ** 2).mean())), change, time, values, quantity
-    )
+    order, rest = np.argsort(-np.abs(amplitude), kind="stable"), float(np.sqrt((np.abs(remainder) ** 2).mean()))
+    return Lines(omega[order], amplitude[order], rest, change, time, values, quantity)
 
 
 def _even(time: Array, values: Array) -> tuple[Array, Array]:
@@ -140,16 +136,13 @@ def _even(time: Array, values: Array) -> tuple[Array, Array]:
     gaps = np.diff(time)
     if len(gaps) > 1 and gaps[-1] < gaps[0] * (1 - 1e-6):
         time, values, gaps = time[:-1], values[:-1], gaps[:-1]  # the last row of a run may be closer
-    if gaps.min() < gaps.max() * (1 - 1e-6) or gaps.min() <= 0 or not _finite_squares(values):
+    with np.errstate(all="ignore"):
+        finite = np.isfinite((np.abs(values) ** 2).sum())
+    if gaps.min() < gaps.max() * (1 - 1e-6) or gaps.min() <= 0 or not finite:
         raise InputError(
             "expected values with finite squares at evenly spaced times, as kr.simulate saves them, got others."
         )
     return time, values.astype(complex if values.dtype.kind == "c" else float)
-
-
-def _finite_squares(values: Array) -> bool:
-    with np.errstate(all="ignore"):
-        return bool(np.isfinite((np.abs(values) ** 2).sum()))
 
 
 def _settled(finder: _Finder, omegas: list[float], values: Array, real: bool) -> tuple[list[float], float]:
@@ -185,12 +178,9 @@ class _Finder:
         """The maximum of |Z| next to a guess."""
         return float(harmonics.peaks(self.t, (self.window * f)[:, None], [guess])[0])
 
-    def _waves(self, omegas: list[float]) -> Array:
-        return np.exp(1j * np.outer(self.t, omegas))
-
     def fit(self, omegas: list[float], values: Array, real: bool) -> Array:
         """The amplitudes of least squares under the window."""
-        root, waves = np.sqrt(self.window)[:, None], self._waves(omegas)
+        root, waves = np.sqrt(self.window)[:, None], np.exp(1j * np.outer(self.t, omegas))
         if not real:
             return np.linalg.lstsq(root * waves, root[:, 0] * values, rcond=None)[0]
         columns = np.concatenate([waves.real, -waves.imag], 1)
@@ -198,7 +188,7 @@ class _Finder:
         return both[: len(omegas)] + 1j * both[len(omegas) :]
 
     def model(self, omegas: list[float], amplitude: Array, real: bool) -> Array:
-        total = self._waves(omegas) @ amplitude if len(omegas) else np.zeros(len(self.t), dtype=complex)
+        total = np.exp(1j * np.outer(self.t, omegas)) @ amplitude  # 0 without lines
         return total.real if real else total
 
     def mirror(self, omega: float, amplitude: complex, real: bool) -> Array:

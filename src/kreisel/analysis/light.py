@@ -25,6 +25,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array, dot, vec
+from kreisel.analysis.quantities import rows_of
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.measures import finite_floats, si_number, si_numbers
 from kreisel.physical.shapes import Facets
@@ -74,7 +75,7 @@ def light_curve(
     import xarray as xr
 
     g = attitude_of(a_run(run, "system"))
-    dims = ("time", "lane") if "lane" in run.dims else ("time",)
+    dims, coords = rows_of(run)
     times = np.asarray(run["time"].values, dtype=np.float64)
     shape = _shape_of(run) if shape is None else shape
     light = brightness(shape, law=law, phase=phase)
@@ -92,7 +93,7 @@ def light_curve(
         "magnitude": (dims, magnitude, {"long_name": "magnitude", "units": "mag"}),
         "phase_angle": ("time", _angle(s, o), {"long_name": "angle from the Sun to the observer", "units": "rad"}),
     }
-    out = xr.Dataset(data, {k: run[k] for k in dims if k in run.coords}, {"title": run.attrs.get("title", "")})
+    out = xr.Dataset(data, coords, {"title": run.attrs.get("title", "")})
     if light_time:
         arrival = times + np.linalg.norm(ways[1], axis=-1) / SPEED_OF_LIGHT
         out = out.assign_coords(arrival=("time", arrival, {"long_name": "time of arrival", "units": "s"}))

@@ -61,7 +61,9 @@ def unknowns(
         starts |= {ATTITUDE: np.zeros(model.n * (model.n - 1) // 2), ORIENTATION: attitude}
     elif ATTITUDE in asked:
         raise InputError("free: expected orientation=..., where the search for the orientation begins, got none.")
-    for name in _of_instrument(model, observables):
+    for name in dict.fromkeys(n for f in observables.values() if callable(f) for n in sorted(keywords(f))):
+        if name in (*model.params, ORIENTATION, TIME):
+            continue  # the others are parameters of the instrument
         if asked.get(name) is None:
             raise InputError(f"free: expected a start of {name}, which observables accept, such as {{{name!r}: 0.0}}.")
         kinds[name], starts[name] = "array", _array(asked[name], name)
@@ -76,8 +78,7 @@ def unknowns(
         if letter in model.system.space.letters and model.system.space.constraints:
             raise InputError(
                 f"free: {letter} lies on {model.system.space.name}, where its coordinates cannot change separately. "
-                f"Fit "
-                "parameters, from a state that is known."
+                "Fit parameters, from a state that is known."
             )
         array = np.asarray(starts[letter], dtype=np.float64)
         entries = _entries(kinds[letter], array, index)
@@ -94,12 +95,6 @@ def unknowns(
     if not out:
         raise InputError("free: expected names of unknown quantities, such as ['p', 'm[2]'], got none.")
     return [_bounded(u, bounds, out) for u in out.values()], starts
-
-
-def _of_instrument(model: Model, observables: Mapping[str, Any]) -> list[str]:
-    """Arguments of observables, by name, that the model does not have."""
-    names = [n for f in observables.values() if callable(f) for n in sorted(keywords(f))]
-    return [n for n in dict.fromkeys(names) if n not in (*model.params, ORIENTATION, TIME)]
 
 
 def _by_name(free: Any) -> dict[str, Any]:
@@ -186,21 +181,34 @@ def _bounded(u: Unknown, bounds: Any, free: Mapping[str, Any]) -> Unknown:
 # -- observations ----------------------------------------------------------------------------------
 
 
+class Variable(NamedTuple):
+    """A variable (time, ...), its errors, the mask of observed entries, and a function of a state that predicts it."""
+
+    name: str
+    value: Array
+    sigma: Array
+    mask: Array
+    show: Show
+    dims: tuple[str, ...]
+
+    def difference(self, prediction: Array) -> Array:
+        """Observed - predicted; for a quaternion with q or -q, the nearer."""
+        value = self.value
+        if self.name == ORIENTATION and value.ndim == 2:
+            value = np.where((np.nan_to_num(value) * prediction).sum(-1, keepdims=True) < 0, -value, value)
+        return value - prediction
+
+
 class Observations(NamedTuple):
-    """Variables (time, ...) with errors, masks of observed entries, and functions of a state that predict them.
+    """Variables at times.
 
     Rows at every `every`-th of `steps` steps of dt; observation i is row rows[i], and for i in `between` a shorter
     step remainder[i] after it.
     """
 
-    names: list[str]
-    values: list[Array]
-    sigmas: list[Array]
-    masks: list[Array]
-    shows: list[Show]
+    variables: list[Variable]
     weighted: bool
     time: Array
-    dims: list[tuple[str, ...]]
     dt: float
     steps: int
     every: int
@@ -211,29 +219,23 @@ class Observations(NamedTuple):
     @property
     def size(self) -> int:
         """The count of observed values."""
-        return int(sum(mask.sum() for mask in self.masks))
+        return int(sum(variable.mask.sum() for variable in self.variables))
 
     def flat(self, arrays: list[Array]) -> Array:
         """The observed values of arrays like the variables, over sigma, (size, ...)."""
-        pieces = zip(arrays, self.sigmas, self.masks, strict=True)
+        pieces = ((a, v.sigma, v.mask) for a, v in zip(arrays, self.variables, strict=True))
         return np.concatenate([a[m] / s[m].reshape(-1, *(1,) * (a.ndim - m.ndim)) for a, s, m in pieces])
 
     def differences(self, predicted: list[Array]) -> list[Array]:
-        """Observed - predicted; for a quaternion with q or -q, the nearer."""
-        out = []
-        for name, value, prediction in zip(self.names, self.values, predicted, strict=True):
-            if name == ORIENTATION and value.ndim == 2:
-                value = np.where((np.nan_to_num(value) * prediction).sum(-1, keepdims=True) < 0, -value, value)
-            out.append(value - prediction)
-        return out
+        """Observed - predicted."""
+        return [variable.difference(values) for variable, values in zip(self.variables, predicted, strict=True)]
 
     def residuals(self, predicted: list[Array]) -> xr.Dataset:
         """Observed - predicted."""
         import xarray as xr
 
-        pieces = zip(self.names, self.dims, self.differences(predicted), self.masks, strict=True)
-        variables = {n: (d, np.where(m, v, np.nan)) for n, d, v, m in pieces}
-        return xr.Dataset(variables, {"time": self.time})
+        pieces = zip(self.variables, self.differences(predicted), strict=True)
+        return xr.Dataset({v.name: (v.dims, np.where(v.mask, off, np.nan)) for v, off in pieces}, {"time": self.time})
 
 
 def observed(
@@ -247,34 +249,32 @@ def observed(
             f"observations: expected an xarray.Dataset with the coordinate time, or a run, got "
             f"{shown(type(data).__name__)}{' without it' if isinstance(data, xr.Dataset) else ''}."
         )
-    letters = model.system.space.letters
+    oriented = ORIENTATION in starts
     names = [str(n) for n in data.data_vars if not str(n).startswith(SIGMA)]
     if "kreisel_format" in data.attrs:
-        names = [n for n in names if n in (*letters, *(ORIENTATION,) * (ORIENTATION in starts)) or n in observables]
+        usual = (*model.system.space.letters, *(ORIENTATION,) * oriented, *observables)
+        names = [n for n in names if n in usual]
     stray = [str(n) for n in data.data_vars if str(n).startswith(SIGMA) and str(n).removeprefix(SIGMA) not in names]
     if stray or not names:
         raise InputError(
             f"observations: expected variables, and sigma_NAME for some NAME of them, got {shown(stray or names)}."
         )
-    oriented = ORIENTATION in starts
-    shows = [_show(model, n, observables, data[n].attrs.get(AXES), oriented) for n in names]
-    sizes = [_size_of_unit(model, data[name], name) for name in names]
-    values = [_numbers(data, name) / size for name, size in zip(names, sizes, strict=True)]
+    variables = []
+    for name in names:
+        show = _show(model, name, observables, data[name].attrs.get(AXES), oriented)
+        size = _size_of_unit(model, data[name], name)
+        value = _numbers(data, name) / size
+        sigma = _sigma(data, name, value) / size if SIGMA + name in data else np.ones(value.shape)
+        variables.append(Variable(name, value, sigma, np.isfinite(value), show, tuple(map(str, data[name].dims))))
     time = _times(data) / _size_of_unit(model, data["time"], "time")
-    _check_shapes(model, names, values, shows, starts)
-    has_sigma = [SIGMA + name in data for name in names]
-    if any(has_sigma) and not all(has_sigma):
+    _check_shapes(model, variables, starts)
+    weighted = [name for name in names if SIGMA + name in data]
+    if weighted and weighted != names:
         raise InputError(
             f"observations: expected sigma_NAME for each of {', '.join(names)} or for none, got it for "
-            f"{', '.join(n for n, has in zip(names, has_sigma, strict=True) if has)} alone."
+            f"{', '.join(weighted)} alone."
         )
-    sigmas = [
-        _sigma(data, n, v) / size if has else np.ones(v.shape)
-        for n, v, size, has in zip(names, values, sizes, has_sigma, strict=True)
-    ]
-    dims = [tuple(map(str, data[name].dims)) for name in names]
-    masks = [np.isfinite(v) for v in values]
-    return Observations(names, values, sigmas, masks, shows, any(has_sigma), time, dims, dt, *_grid(time, dt))
+    return Observations(variables, bool(weighted), time, dt, *_grid(time, dt))
 
 
 def _size_of_unit(model: Model, variable: Any, name: str) -> float:
@@ -347,9 +347,7 @@ def _grid(time: Array, dt: float) -> tuple[int, int, Array, Array, Array]:
     return steps, every, number // every, remainder, np.nonzero(remainder)[0]
 
 
-def _check_shapes(
-    model: Model, names: list[str], values: list[Array], shows: list[Show], starts: Mapping[str, Array]
-) -> None:
+def _check_shapes(model: Model, variables: list[Variable], starts: Mapping[str, Array]) -> None:
     """Raises `InputError` for variables whose shapes differ from the model, and for observables that fail."""
     from kreisel.kernels import jax_numbers as by
     from kreisel.reduction.double import double, jax
@@ -360,15 +358,15 @@ def _check_shapes(
     def row(*state: Any) -> list[Any]:
         constants = constants_of(by, model, {})
         components_of_state = dict(zip((letter for letter, _ in components), state, strict=True))
-        return [show(by, components_of_state, 0.0, constants, starts) for show in shows]
+        return [variable.show(by, components_of_state, 0.0, constants, starts) for variable in variables]
 
     sizes = [algebra.KINDS[kind].shown(model.n).shape(model.n) for _, kind in components]
     with double():
         shapes = jax.eval_shape(row, *(np.empty(s) for s in sizes))
-    for name, value, shape in zip(names, values, shapes, strict=True):
-        wanted = (len(value), *shape.shape)
+    for variable, shape in zip(variables, shapes, strict=True):
+        wanted, value = (len(variable.value), *shape.shape), variable.value
         if value.shape != wanted:
-            raise InputError(f"observations: expected {name} of the shape {wanted}, got {value.shape}.")
+            raise InputError(f"observations: expected {variable.name} of the shape {wanted}, got {value.shape}.")
 
 
 def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None, oriented: bool) -> Show:
@@ -383,13 +381,22 @@ def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None
     letter, index = parse_quantity(name)
     table = {k: f for k, (_, f, _) in functions(model, None).items()}
     if model.system.velocity is not None:
-        table[VELOCITY] = lambda *state, **constants: _in_body(model, call(model.system.velocity, state, constants))
+        frame = model.body_frame
+        turned = frame is not None and frame.turned and model.system.frame is Frame.MOVING
+
+        def velocity(
+            *state: Any, **constants: Any
+        ) -> Any:  # of a body along the user's axes, axial; in space unchanged
+            omega = call(model.system.velocity, state, constants)
+            return algebra.act(frame.axes, algebra.axial(omega)) if frame is not None and turned else omega
+
+        table[VELOCITY] = velocity
     if letter in space.letters or (letter == ORIENTATION and oriented):
-        turned = axes == BODY if letter in space.letters else axes != STATE
-        frame = model.body_frame if turned and model.body_frame is not None else BodyFrame()
-        turn = frame.attitude(np.eye(4)).T if letter == ORIENTATION else frame.axes
+        along = axes == BODY if letter in space.letters else axes != STATE
+        body = model.body_frame if along and model.body_frame is not None else BodyFrame()
+        turn = body.attitude(np.eye(4)).T if letter == ORIENTATION else body.axes
         return lambda by, state_of, t, constants, values: (
-            turn @ state_of[letter] if frame.turned else state_of[letter]
+            turn @ state_of[letter] if body.turned else state_of[letter]
         )[index]
     if letter not in table:
         known_names = [*space.letters, *(ORIENTATION,) * oriented, *table, *observables]
@@ -398,9 +405,7 @@ def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None
             f"{hint(letter, known_names)} For another quantity give observables={{'NAME': function}}."
         )
 
-    def show(
-        by: Any, state_of: Mapping[str, Any], t: Any, constants: Mapping[str, Any], values: Mapping[str, Any]
-    ) -> Any:
+    def show(by: Any, state_of: Mapping[str, Any], t: Any, constants: Mapping[str, Any], values: Any) -> Any:
         state = [  # JAX sorts the keys of a dict
             algebra.KINDS[kind].from_user(by.numbers(state_of[k]), model.n) for k, kind in space.components
         ]
@@ -412,22 +417,13 @@ def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None
     return show
 
 
-def _in_body(model: Model, omega: Any) -> Any:
-    """The angular velocity of a state along the user's axes of the body, axial; in space unchanged."""
-    frame = model.body_frame
-    turned = frame is not None and frame.turned and model.system.frame is Frame.MOVING
-    return algebra.act(frame.axes, algebra.axial(omega)) if frame is not None and turned else omega
-
-
 def _of_user(name: str, function: Any, model: Model, oriented: bool) -> Show:
     if not callable(function):
         raise InputError(f"observables: expected a function for {name}, got {shown(function)}.")
     if ORIENTATION in keywords(function) and not oriented:
         raise InputError(f"observables: {name} needs the orientation g: expected orientation=..., got none.")
 
-    def show(
-        by: Any, state_of: Mapping[str, Any], t: Any, constants: Mapping[str, Any], values: Mapping[str, Any]
-    ) -> Any:
+    def show(by: Any, state_of: Mapping[str, Any], t: Any, constants: Mapping[str, Any], values: Any) -> Any:
         where = {ORIENTATION: as_matrix(model, state_of[ORIENTATION])} if oriented else {}
         state = tuple(state_of[k] for k in model.system.space.letters)
         try:

@@ -13,7 +13,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, hint, shown
 from kreisel.record.model import Model
 from kreisel.runs.in_si import names_of_state
-from kreisel.runs.run_record import a_run
+from kreisel.runs.run_record import RunRecord, a_run
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,6 +46,12 @@ def label(quantity: Quantity) -> str:
     return quantity if isinstance(quantity, str) else getattr(quantity, "__name__", "quantity").replace("<lambda>", "f")
 
 
+def rows_of(run: xr.Dataset) -> tuple[tuple[str, ...], dict[str, xr.DataArray]]:
+    """The axes of the rows of a run, time and lane, and their coordinates."""
+    dims = ("time", "lane")[: 1 + ("lane" in run.dims)]
+    return dims, {name: run[name] for name in dims if name in run.coords}
+
+
 def series(run: xr.Dataset, quantity: Quantity) -> Array:
     """The quantity at every row, (time,) or (time, lane); functions receive the variables of the state as stored."""
     a_run(run, rows=False)  # results of events have `event` instead of time
@@ -57,8 +63,6 @@ def series(run: xr.Dataset, quantity: Quantity) -> Array:
                 f"The run has no {shown(name)}.{hint(name, map(str, run))} It has {', '.join(map(str, run))}."
             )
         return np.asarray(pick(run[name], index, name, lead).values)
-    from kreisel.runs.run_record import RunRecord
-
     RunRecord.of(run, "system", rows=False)
     letters = names_of_state(run)
     missing = [name for name in letters if name not in run]

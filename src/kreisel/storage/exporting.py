@@ -146,7 +146,7 @@ def _netcdf(run: xr.Dataset, out: Path) -> None:
         file.attrs.update({str(k): _netcdf_value(v) for k, v in example.attrs.items()})
         for name, variable in example.variables.items():
             dims = tuple(map(str, variable.dims))
-            shape = tuple(int(sizes[d]) for d in dims)
+            shape: Any = tuple(sizes[d] for d in dims)
             layout: dict[str, Any] = {}
             if shape and math.prod(shape):
                 rows = min(shape[0], max(1, NUMBERS_AT_ONCE // 8 // math.prod(shape[1:])))

@@ -56,7 +56,7 @@ def plot_events(run: xr.Dataset, crossings: xr.Dataset, quantity: Quantity, *, t
         axes.axhline(crossings.attrs["value"], color=colours.faint, linewidth=0.8)
         for number, (way, marker) in enumerate((("rising", "^"), ("falling", "v")), 1):
             times = crossings["time"].values[crossings["rising"].values == (way == "rising")]
-            style = {"color": colours.colours[number], "markersize": 4, "label": way}
+            style: dict[str, Any] = {"color": colours.colours[number], "markersize": 4, "label": way}
             axes.plot(times, np.full(len(times), crossings.attrs["value"]), marker, **style)
         axes.set(xlabel="time", ylabel=label(quantity))
         axes.legend(loc="upper right", ncols=2)
@@ -71,7 +71,7 @@ def plot_section(cut: xr.Dataset, x: Quantity, y: Quantity, *, theme: str = "lig
     with figure(theme, 5.0, 4.6) as (picture, colours):
         axes = picture.subplots()
         for number, lane in enumerate(np.unique(lanes)):
-            style = {"color": colours.colour(number), "markersize": 2.0, "markeredgewidth": 0}
+            style: dict[str, Any] = {"color": colours.colour(number), "markersize": 2.0, "markeredgewidth": 0}
             axes.plot(across[lanes == lane], up[lanes == lane], ".", **style)
         title = f"section {cut.attrs['quantity']} = {cut.attrs['value']:g}, {cut.sizes['event']:,} points"
         axes.set(xlabel=label(x), ylabel=label(y), title=title)

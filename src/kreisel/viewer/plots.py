@@ -441,15 +441,15 @@ def _panel(picture: Figure, axes: Any, along: Any, label: str, value: np.ndarray
     medians = pd.Series(value).groupby(list(along.values())[::-1]).median()
     logarithmic = tiny and bool((medians > 0).any())
     if len(along) == 2:
-        table, style = medians.unstack(), {"cmap": "viridis", "shading": "nearest"}
-        style |= {"norm": "log"} if logarithmic else {}
+        table, norm = medians.unstack(), {"norm": "log"} if logarithmic else {}
+        style = {"cmap": "viridis", "shading": "nearest", **norm}
         picture.colorbar(axes.pcolormesh(table.columns, table.index, table.values, **style), ax=axes)
         axes.grid(visible=False)
         axes.set(**dict(zip(("xlabel", "ylabel"), along, strict=True)), title=label)
         return
     ((name, x),) = along.items()
-    every, style = max(1, len(x) // MOST_POINTS), {"markersize": 5 if len(x) < FEW else 3, "alpha": 0.6}
-    axes.plot(x[::every], value[::every], ".", color=theme.colours[0], **style)
+    every, size = max(1, len(x) // MOST_POINTS), 5 if len(x) < FEW else 3
+    axes.plot(x[::every], value[::every], ".", color=theme.colours[0], markersize=size, alpha=0.6)
     if len(medians) < len(x):
         axes.plot(medians.index, medians.values, "-", color=theme.colours[1], linewidth=1.2, label="median")
         axes.legend(fontsize=7)

@@ -379,7 +379,10 @@ def _meshes(bodies: list[Shown]) -> tuple[list[dict[str, Any]], list[int | None]
             places.append(None)
             continue
         wide = len(body.points) > 65_535
-        mesh = {"points": packed(body.points, "f4"), "faces": packed(body.faces, "u4" if wide else "u2")}
+        mesh: dict[str, Any] = {
+            "points": packed(body.points, "f4"),
+            "faces": packed(body.faces, "u4" if wide else "u2"),
+        }
         mesh |= {"wide": wide, "colour": packed(body.colour, "u1")}
         if mesh not in meshes:
             meshes.append(mesh)
