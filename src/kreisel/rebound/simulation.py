@@ -17,7 +17,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, hint, on_disk, shown
 from kreisel.files import place
 from kreisel.process import scratch
-from kreisel.rebound.pairs import ENDS
+from kreisel.rebound.body import ENDS
 
 OFFSETS = {"x": 0, "y": 8, "z": 16, "vx": 24, "vy": 32, "vz": 40, "m": 72}  # bytes, of a particle
 

@@ -12,7 +12,7 @@ import contextlib
 import ctypes
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -20,12 +20,11 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, hint, shown
 from kreisel.rebound import compiled, simulation
-from kreisel.rebound.body import Body
-from kreisel.rebound.interaction import energy
-from kreisel.rebound.pairs import Pairs, rotor
+from kreisel.rebound.body import Body, Pairs, rotor
+from kreisel.rebound.compiled import energy
 from kreisel.rebound.simulation import check_simulation, index_of, option, rebound
 from kreisel.record.body import UPRIGHT
-from kreisel.runs.settings import MOST_STEPS
+from kreisel.runs.settings import MOST_STEPS, within
 
 FIXED = ("whfast", "leapfrog", "saba", "mercurius", "trace")  # a step is dt
 ADAPTIVE = ("ias15", "bs")
@@ -106,8 +105,7 @@ class Spins:
     def steps(self, count: int) -> None:
         """Make `count` steps.  Raises the exceptions of `integrate`."""
         dt = self.dt
-        if not isinstance(count, int | np.integer) or isinstance(count, bool) or not 0 <= count <= MOST_STEPS:
-            raise InputError(f"count: expected an integer from 0 to {MOST_STEPS:,}, got {shown(count)}.")
+        count = within(count, "count", 0, MOST_STEPS)
         self._check()
         self.sim.synchronize()
         for first in range(0, count, CHUNK):
@@ -123,12 +121,22 @@ class Spins:
         self._field("did_modify_particles", np.uint32)[0] = 1
         kinds, fault = self._prepare(dt, count, inside), self._arrays["fault"]
         if self._kick is not None:
-            self._by_calls(dt, count, kinds, fault)
+            before, after = (compiled.compiled(name, kinds) for name in ("before", "after"))
+            for _ in range(count):
+                before(self._frame.ctypes.data)
+                if not fault[0]:
+                    self.sim.integrate(self.sim.t + dt)
+                    self._check_count()
+                    after(self._frame.ctypes.data)
         else:
             with self._hooked(INSIDE if inside else AROUND, kinds):
                 compiled.compiled("advance", ())(self._frame.ctypes.data)
         if fault[0] == compiled.TURNED_OFTEN:
-            self._refuse_turns(dt)
+            self._check_finite()
+            raise RunError(
+                f"t = {self.sim.t}: expected bodies that rotate less than {compiled.MOST_PARTS} times in dt = {dt}, "
+                "got a faster one. Usual cause: a spin in other units than the simulation."
+            )
         self._check_count()
         if status[0] > 0:
             self.sim.process_messages()
@@ -136,15 +144,6 @@ class Spins:
                 f"REBOUND stopped at t = {self.sim.t}: expected to run on, got its status {status[0]}. Usual cause: a "
                 "collision, or exit_min_distance or exit_max_distance of the simulation."
             )
-
-    def _by_calls(self, dt: float, count: int, kinds: Any, fault: Array) -> None:
-        before, after = (compiled.compiled(name, kinds) for name in ("before", "after"))
-        for _ in range(count):
-            before(self._frame.ctypes.data)
-            if not fault[0]:
-                self.sim.integrate(self.sim.t + dt)
-                self._check_count()
-                after(self._frame.ctypes.data)
 
     @contextlib.contextmanager
     def _hooked(self, fields: Mapping[str, str], kinds: tuple[compiled.Kind, ...]) -> Iterator[None]:
@@ -162,10 +161,8 @@ class Spins:
             self._frame[compiled.FRAME.index(name)] = changes[-1][0][0]
         if "forces" in fields:
             velocities = sim.force_is_velocity_dependent or any(kind.lags for kind in kinds)
-            changes += [
-                (option(sim, "safe_mode"), 0),
-                (self._field("force_is_velocity_dependent", np.int32), velocities),
-            ]
+            changes.append((option(sim, "safe_mode"), 0))
+            changes.append((self._field("force_is_velocity_dependent", np.int32), velocities))
         before = [int(word[0]) for word, _ in changes]
         try:
             for word, value in changes:
@@ -223,10 +220,6 @@ class Spins:
         rows = (ctypes.c_double * size * self._count).from_address(ctypes.addressof(self.sim._particles.contents))
         return np.ctypeslib.as_array(rows)
 
-    @property
-    def _active(self) -> int:
-        return int(min(self._count, self.sim.N_active))
-
     def _prepare(self, dt: float, count: int, inside: bool) -> tuple[compiled.Kind, ...]:
         """Write the frame for `count` steps; the kinds of interaction."""
         sim, pairs = self.sim, self._pairs(dt if inside else dt / 2)
@@ -234,8 +227,8 @@ class Spins:
         self._arrays = {"p": self._particles(), "z": self._state, "c": self._rotors, "pairs": pairs.places}
         self._arrays |= {"factors": pairs.factors, "times": times, "fault": np.zeros(1, dtype=np.int64)}
         self._arrays |= {name: np.zeros((self._count, 3)) for name in ("dv", "v")}
-        active = np.arange(self._count) < (self._count if sim.testparticle_type else self._active)
-        self._arrays["masses"] = active * self._arrays["p"][:, 9]  # of Jacobi's coordinates
+        active = self._count if sim.testparticle_type else pairs.key[2]
+        self._arrays["masses"] = (np.arange(self._count) < active) * self._arrays["p"][:, 9]  # of Jacobi's coordinates
         words = dict.fromkeys(compiled.FRAME, 0) | {name: x.ctypes.data for name, x in self._arrays.items()}
         words |= {word: self._field(name, np.uint8).ctypes.data for word, name in FIELDS.items()}
         words |= {"simulation": ctypes.addressof(sim), "bodies": len(self._index)}
@@ -248,7 +241,7 @@ class Spins:
     def _pairs(self, h: float) -> Pairs:
         """The interactions of all pairs for kicks of the time h."""
         sim, masses = self.sim, self._particles()[:, 9]
-        key = h, sim.G, self._active, sim.testparticle_type, masses.tobytes()
+        key = h, sim.G, int(min(self._count, sim.N_active)), sim.testparticle_type, masses.tobytes()
         if self._known is None or self._known.key != key:
             self._known = Pairs.of(key, masses, self._index, self._c)
         return self._known
@@ -298,13 +291,6 @@ class Spins:
                 f"t = {self.sim.t}: expected finite positions, velocities and spins, got others. Usual cause: a body "
                 "at the place of another particle, or a step too long for a close encounter."
             )
-
-    def _refuse_turns(self, dt: float) -> NoReturn:
-        self._check_finite()
-        raise RunError(
-            f"t = {self.sim.t}: expected bodies that rotate less than {compiled.MOST_PARTS} times in dt = {dt}, got a "
-            "faster one. Usual cause: a spin in other units than the simulation."
-        )
 
 
 def _restored(data: bytes, names: list[str], *parts: Any) -> Spins:
