@@ -123,7 +123,6 @@ def _carrier(model: Model, rows: tuple[Array, ...]) -> Any:
 def _crossing_times(
     carry: Any, measure: Any, value: float, time: Array, f: Array, place: Array, lane: Array, count: int
 ) -> Array:
-    """The time of each crossing after its row."""
     gap = time[place + 1] - time[place]
 
     def off(h: Array, at: Array, to_next: bool = False) -> Array:

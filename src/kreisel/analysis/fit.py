@@ -198,7 +198,6 @@ def _require_enough(seen: Observations, unknown: list[Unknown]) -> None:
 
 
 def _axes_of(model: Model, observations: xr.Dataset) -> tuple[Any, ...]:
-    """The axes of the body, and the axes of each observation."""
     axes = b"" if model.body_frame is None else model.body_frame.axes.tobytes()
     return (axes, *((name, variable.attrs.get(AXES)) for name, variable in observations.variables.items()))
 
@@ -211,7 +210,6 @@ def _step_of(observations: Any) -> float:
 
 
 def _first(model: Model, observations: Any) -> dict[str, Any]:
-    """The first row, as a state.  Raises `InputError`."""
     letters = model.system.space.letters
     missing = [k for k in letters if k not in observations]
     rows = 0 if missing or not observations[letters[0]].ndim else len(observations[letters[0]])
@@ -224,7 +222,6 @@ def _first(model: Model, observations: Any) -> dict[str, Any]:
 
 
 def _attitude(model: Model, observations: Any, orientation: Any) -> Array | None:
-    """The attitude at time 0, given or from a run.  Raises `InputError`."""
     if orientation is None and "kreisel_format" in getattr(observations, "attrs", {}) and ORIENTATION in observations:
         orientation = observations[ORIENTATION].values[0]
     if orientation is None:
@@ -280,7 +277,6 @@ def _predictions(
 
 
 def _at_times(jax: Any, f: Any, state: Any, seen: Observations, parameters: Any) -> Any:
-    """The states at the times of the observations."""
     rows = f(state, dt=seen.dt, steps=seen.steps, every=seen.every, **parameters)
     at = jax.tree.map(lambda v: v[seen.rows], rows)
     if not len(seen.between):

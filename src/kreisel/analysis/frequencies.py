@@ -171,11 +171,9 @@ class _Finder:
         self.power = power
 
     def strongest(self, f: Array, real: bool) -> float:
-        """The largest peak."""
         return float(harmonics.strongest(self.t, (self.window * (f.real if real else f))[:, None])[0])
 
     def peak(self, f: Array, guess: float) -> float:
-        """The maximum of |Z| next to a guess."""
         return float(harmonics.peaks(self.t, (self.window * f)[:, None], [guess])[0])
 
     def fit(self, omegas: list[float], values: Array, real: bool) -> Array:

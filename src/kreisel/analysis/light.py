@@ -213,7 +213,6 @@ def _shares(y2: Array, rest: Array, where: Any) -> tuple[Array, Array]:
 
 
 def _cross_squared(p: Array, q: Array) -> Array:
-    """|p x q|^2."""
     return sum((p[..., i] * q[..., j] - p[..., j] * q[..., i]) ** 2 for i, j in ((1, 2), (2, 0), (0, 1)))
 
 
@@ -255,7 +254,6 @@ def _shape_of(run: xr.Dataset) -> Any:
 
 
 def _vectors(value: Any, times: Array, name: str) -> Array:
-    """Vectors (time, 3), not zero.  Raises `InputError`."""
     try:
         v = value(times) if isinstance(value, Table) else finite_floats(value, "1", name)
     except InputError as error:

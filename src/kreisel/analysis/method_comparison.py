@@ -186,7 +186,6 @@ def _simulated(subject: Subject, state: Any, **options: Any) -> xr.Dataset:
 
 
 def _last(run: xr.Dataset, model: Model) -> Array:
-    """Coordinates (..., d) of the last state of a run."""
     last, space = run.isel(time=-1), model.system.space
     state = model.state(**{letter: last[letter].values for letter in space.letters})
     return np.asarray(algebra.flatten(tuple(state.values()), space.kinds), dtype=np.float64)
@@ -197,7 +196,6 @@ def _end(subject: Subject, state: Any, dt: float, steps: int) -> Array:
 
 
 def _timed(subject: Subject, state: Any, dt: float, t_end: float) -> tuple[xr.Dataset, float]:
-    """The run until t_end, and nanoseconds a step."""
     steps = max(1, round(t_end / dt))
     before = SPENT["steps"]
     run = _simulated(subject, state, dt=dt, steps=steps, every=max(1, steps // ROWS))
@@ -249,7 +247,6 @@ def _poisson_defect(subject: Subject, state: Mapping[str, Array], dt: float) -> 
 
 
 def _name(run: xr.Dataset, listed: list[Subject]) -> str:
-    """Method and order, after the system if there are several."""
     record = RunRecord.from_attrs(run.attrs)
     order = record.order
     name = record.method if order is None else f"{record.method} {order}"

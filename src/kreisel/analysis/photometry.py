@@ -21,23 +21,9 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.analysis import tumbling
 from kreisel.analysis.light import brightness, of_ellipsoid, of_facets, phase_function, weights_of
-from kreisel.analysis.tumbling import (
-    AMPLITUDE,
-    MOMENT,
-    ORDERS,
-    PHASE,
-    PRECESSION,
-    ROTATION,
-    STEP,
-    UNKNOWNS,
-    Photometry,
-    Scan,
-    by_periods,
-    moments_of,
-    poles,
-    refined,
-)
+from kreisel.analysis.tumbling import AMPLITUDE, MOMENT, ORDERS, PHASE, PRECESSION, ROTATION, STEP, UNKNOWNS
 from kreisel.errors import InputError, RunError, doubt, explained, shown
 from kreisel.physical.free_body import FreeBody
 from kreisel.physical.measures import finite_floats, si_number, si_numbers
@@ -63,6 +49,8 @@ SIGMAS, FINE = 3.5, 4  # of a lattice of cycles: its extent in errors, points to
 ALIKE = 4.0  # chi^2 by which a solution differs from a second one
 OFF = 4.0  # chi^2 per degree of freedom, beyond it the motion is a different one
 BLOCK = 30_000  # observations times motions at a time
+Photometry = tumbling.Photometry
+Motions = tuple[str, Array, Array]  # the mode, unknowns (k, 8), and chi^2
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +86,8 @@ class TumblerFit:
         """The state of `body(alias)` at the epoch, with its attitude."""
         row = self.table.iloc[alias]
         x = row[list(UNKNOWNS)].to_numpy(np.float64)[None]
-        M, attitude, moments = by_periods(x, str(row["mode"]))
-        quaternion = algebra.unit_quaternion((poles(x).mT @ attitude)[0])
+        M, attitude, moments = tumbling.by_periods(x, str(row["mode"]))
+        quaternion = algebra.unit_quaternion((tumbling.poles(x).mT @ attitude)[0])
         return self.body(alias).state(M[0] / moments[0], attitude=quaternion)
 
     def __repr__(self) -> str:
@@ -162,9 +150,8 @@ def fit_light_curve(
         motions, now = _pruned(seen.some(now), motions, half_turn), now | (seen.apparition == k)
         motions = [_continued(seen, now, k, half_turn, *each) for each in motions if len(each[1])]
     motions = _pruned(seen, motions, half_turn, delta + SLACK, 10 * MOST)
-    motions = _pruned(
-        seen, [(mode, *_in_blocks(seen, x, mode, 100)) for mode, x, _ in motions], half_turn, delta, 10 * MOST
-    )
+    motions = [(mode, *_in_blocks(seen, x, mode, 100)) for mode, x, _ in motions]
+    motions = _pruned(seen, motions, half_turn, delta, 10 * MOST)
     if not any(len(x) for _, x, _ in motions):
         raise RunError("fit_light_curve: no motion was found. Widen the ranges of the periods, or see the sigmas.")
     return _as_fit(seen, motions, epoch, shape)
@@ -247,7 +234,6 @@ def _grid(bounds: Sequence[Array], span: float) -> Array:
 
 
 def _directions(count: int) -> Array:
-    """Longitudes and latitudes (count, 2), spread over the sphere."""
     k = np.arange(count) + 0.5
     return np.stack([np.pi * (1 + 5**0.5) * k % (2 * np.pi), np.arcsin(1 - 2 * k / count)], -1)
 
@@ -271,7 +257,9 @@ def _starts(seen: Photometry, mode: str, bounds: Sequence[Array], half_turn: boo
     """Unknowns (k, 8) whose light is near, of the cells of a grid."""
     periods, turns = _grid(bounds, np.ptp(seen.time)), np.arange(TURNS) * (np.pi if half_turn else 2 * np.pi) / TURNS
     ratio, every = (periods[:, 1] / periods[:, 0])[:, None, None], np.linspace(0.05, 0.95, 37)
-    bodies = np.isfinite(moments_of(every, np.array(AMPLITUDES)[:, None], ratio, mode)[..., 1])  # one after another
+    bodies = np.isfinite(
+        tumbling.moments_of(every, np.array(AMPLITUDES)[:, None], ratio, mode)[..., 1]
+    )  # one after another
     places = np.multiply.outer(bodies.sum(-1) - 1, PARTS).astype(int) + bodies.argmax(-1)[..., None]
     shape = (*places.shape, TURNS)
     cells, amplitudes, parts, phases = np.nonzero(np.broadcast_to(bodies.any(-1)[..., None, None], shape))
@@ -279,7 +267,7 @@ def _starts(seen: Photometry, mode: str, bounds: Sequence[Array], half_turn: boo
     x[:, MOMENT], x[:, AMPLITUDE] = every[places[cells, amplitudes, parts]], np.take(AMPLITUDES, amplitudes)
     x[:, PHASE], x[:, PRECESSION : ROTATION + 1] = turns[phases], periods[cells]
 
-    scan, step = Scan(seen, mode), max(1, BLOCK // len(seen.time))
+    scan, step = tumbling.Scan(seen, mode), max(1, BLOCK // len(seen.time))
     chi2 = np.concatenate([np.empty(0), *(scan.least(x[i : i + step]) for i in range(0, len(x), step))])
     best = _best_of_cells(cells, chi2, MOTIONS)
     x, cells = x[best], cells[best]
@@ -328,7 +316,6 @@ def _mirrored(x: Array) -> Array:
 
 
 def _best_of_cells(cells: Array, chi2: Array, count: int) -> Array:
-    """The indices of the least chi^2 in each cell."""
     order = np.lexsort((chi2, cells))
     rank = np.arange(len(order)) - np.searchsorted(cells[order], cells[order])
     return np.asarray(order[(rank < count) & np.isfinite(chi2[order])])
@@ -336,10 +323,8 @@ def _best_of_cells(cells: Array, chi2: Array, count: int) -> Array:
 
 def _in_blocks(seen: Photometry, x: Array, mode: str, iterations: int) -> tuple[Array, Array]:
     step = max(1, BLOCK // len(seen.time))
-    parts = [refined(seen, x[i : i + step], mode, iterations) for i in range(0, len(x), step)]
-    if not parts:
-        return x, np.empty(0)
-    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+    parts = [tumbling.refined(seen, x[i : i + step], mode, iterations) for i in range(0, len(x), step)]
+    return np.concatenate([x[:0], *(p[0] for p in parts)]), np.concatenate([np.empty(0), *(p[1] for p in parts)])
 
 
 # -- solutions, their aliases, further apparitions -------------------------------------------------
@@ -352,12 +337,8 @@ def _by_distance(seen: Photometry, first: Any) -> list[int]:
 
 
 def _pruned(
-    seen: Photometry,
-    motions: Sequence[tuple[str, Array, Array]],
-    half_turn: bool,
-    delta: float | None = None,
-    most: int = MOST,
-) -> list[tuple[str, Array, Array]]:
+    seen: Photometry, motions: Sequence[Motions], half_turn: bool, delta: float | None = None, most: int = MOST
+) -> list[Motions]:
     """Different solutions with chi^2 close to the least of all modes, in its order."""
     every = np.concatenate([chi2 for _, _, chi2 in motions])
     least, above = every.min(initial=np.inf), _worth(seen, every) if delta is None else delta
@@ -389,9 +370,7 @@ def _apart(d: Array, A: Array, half_turn: bool) -> Array:
     return np.asarray(((d @ A) * d).sum(-1))
 
 
-def _continued(
-    seen: Photometry, now: Array, k: int, half_turn: bool, mode: str, x: Array, _: Array
-) -> tuple[str, Array, Array]:
+def _continued(seen: Photometry, now: Array, k: int, half_turn: bool, mode: str, x: Array, _: Array) -> Motions:
     """Solutions of the observations `now`, apparition k among them, from solutions of the others."""
     before, after = seen.some(now & (seen.apparition != k)), seen.some(now)
     starts = [_lattice(before, each, mode, abs(seen.time[seen.apparition == k]).max()) for each in x]
@@ -449,7 +428,7 @@ def _second_moment(x: Array, mode: str) -> tuple[float, Array]:
     """I_b over the largest moment and its derivatives with respect to the unknowns, by differences."""
     near = np.tile(x, (9, 1))
     near[1:][np.diag_indices(8)] += STEP * x
-    b = moments_of(near[:, MOMENT], near[:, AMPLITUDE], near[:, ROTATION] / near[:, PRECESSION], mode)[:, 1]
+    b = tumbling.moments_of(near[:, MOMENT], near[:, AMPLITUDE], near[:, ROTATION] / near[:, PRECESSION], mode)[:, 1]
     return float(b[0]), np.nan_to_num((b[1:] - b[0]) / np.where(x, STEP * x, 1.0))
 
 

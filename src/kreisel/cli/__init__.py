@@ -19,7 +19,6 @@ __all__ = ["NOT_CONSERVED", "app", "main"]
 
 
 def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
-    """A warning as one line on stderr, without the path and the line of its source."""
     say(f"kreisel: warning: {message}", file=sys.stderr)
 
 

@@ -107,7 +107,6 @@ def _print(case: Case, at: list[float], as_json: bool) -> None:
 
 
 def _in_si(text: str) -> str:
-    """The SI value behind a value that is printed in other units."""
     from kreisel.checkcases.exactly import UNITS, exact, unit_of
 
     value, other = exact(text), UNITS[unit_of(text)]
@@ -117,7 +116,6 @@ def _in_si(text: str) -> str:
 
 
 def _texts(values: list[Fraction]) -> list[str]:
-    """Decimal digits of rationals."""
     from decimal import Context
 
     context = Context(prec=DIGITS)
@@ -226,7 +224,6 @@ def files_of(name: str, toml: Path, python: Path, head: str) -> dict[Path, str]:
 
 
 def _as_system(case: Case, kind: str) -> tuple[str, dict[str, Any], dict[str, Any]]:
-    """The system of a case, its parameters and its state, in SI."""
     import numpy as np
 
     p, w = case.numeric(), np.array([float(v) for v in case.angular_velocity])

@@ -200,7 +200,6 @@ class Subject:
 
 
 def _body(tables: Mapping[str, Mapping[str, Any]], folder: Path, faults: Faults) -> Subject:
-    """The body of the section [body], started by [state]."""
     table = dict(tables["body"])
     names: dict[str, Any] = {}
     if (file := _python_file(table.pop("file", None), "body", folder, faults)) is not None:
@@ -221,7 +220,6 @@ def _body(tables: Mapping[str, Mapping[str, Any]], folder: Path, faults: Faults)
 
 
 def _of_system(tables: Mapping[str, Mapping[str, Any]], folder: Path, faults: Faults) -> Subject:
-    """The system of the section [system], in the state of [state]."""
     name, file, parameters = _system(tables["system"], folder, faults)
     parameters.pop("name", None)
     start = dict(tables["state"])
@@ -240,7 +238,6 @@ def _of_system(tables: Mapping[str, Mapping[str, Any]], folder: Path, faults: Fa
 
 
 def _settings(run: Mapping[str, Any], subject: Subject, faults: Faults) -> Settings | None:
-    """The settings of a run; None after a mistake."""
     _check_keys(run, SETTINGS, "run", faults)
     asked = {k: v for k, v in run.items() if k in SETTINGS}
     if "dt" not in asked:
@@ -317,7 +314,6 @@ def _system(table: Mapping[str, Any], folder: Path, faults: Faults) -> tuple[str
 
 
 def _python_file(file: Any, section: str, folder: Path, faults: Faults) -> Path | None:
-    """The path of a user's Python file, None without one."""
     if file is None:
         return None
     if not isinstance(file, str) or not file.endswith(".py") or "\0" in file:

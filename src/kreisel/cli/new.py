@@ -173,7 +173,6 @@ def text_of_body(name: str, target: Path, head: str) -> str:
 
 
 def _section(table: Mapping[str, Any], section: str, comments: Mapping[str, str]) -> Iterator[str]:
-    """Lines of a section, then of the sections in it."""
     inner = {k: v for k, v in table.items() if isinstance(v, dict)}
     for key, value in table.items():
         if key not in inner:

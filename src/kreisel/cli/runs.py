@@ -350,5 +350,4 @@ def _serve(archive: Path, host: str, port: int, lane: list[int] | None) -> None:
 
 
 def _text(value: Any) -> str:
-    """A value, or several as a tuple."""
     return f"({', '.join(map(_text, value))})" if isinstance(value, list) else f"{value:g}"

@@ -234,7 +234,6 @@ class Code:
             target[0] = builder.fadd(target[0], builder.fmul(share, dv[i * 3 + k]))
 
     def _act(self, kind: Kind, pair: list[Integer], factors: Memory) -> None:
-        """The changes of a pair, whose kind is known."""
         f, builder = self.f, self.f.builder
         i, j, *bodies = pair
         places = [self.doubles["p"].beyond(x * self.words["width"]).get(3) for x in (i, j)]
@@ -379,7 +378,6 @@ class Code:
             self.f.call(self.words[user], self.words["simulation"])
 
     def _small(self, name: str) -> Value:
-        """A pointer to an integer of 32 bits."""
         return self.f.builder.inttoptr(self.words[name].value, INDEX.as_pointer())
 
 

@@ -215,13 +215,11 @@ class Spins:
     # -- data of the kernels --------------------------------------------------------------------------------
 
     def _particles(self) -> Array:
-        """Particles in their memory."""
         size = ctypes.sizeof(rebound().Particle) // 8
         rows = (ctypes.c_double * size * self._count).from_address(ctypes.addressof(self.sim._particles.contents))
         return np.ctypeslib.as_array(rows)
 
     def _prepare(self, dt: float, count: int, inside: bool) -> tuple[compiled.Kind, ...]:
-        """Write the frame for `count` steps; the kinds of interaction."""
         sim, pairs = self.sim, self._pairs(dt if inside else dt / 2)
         times = np.array([dt, dt / 2, dt / 2 if inside else 0.0, sim.G])
         self._arrays = {"p": self._particles(), "z": self._state, "c": self._rotors, "pairs": pairs.places}
@@ -239,7 +237,6 @@ class Spins:
         return pairs.kinds
 
     def _pairs(self, h: float) -> Pairs:
-        """The interactions of all pairs for kicks of the time h."""
         sim, masses = self.sim, self._particles()[:, 9]
         key = h, sim.G, int(min(self._count, sim.N_active)), sim.testparticle_type, masses.tobytes()
         if self._known is None or self._known.key != key:
@@ -247,7 +244,6 @@ class Spins:
         return self._known
 
     def _field(self, name: str, kind: Any) -> Array:
-        """A scalar of the simulation in its memory."""
         where = ctypes.addressof(self.sim) + getattr(type(self.sim), name).offset
         size = np.dtype(kind).itemsize
         return np.frombuffer((ctypes.c_char * size).from_address(where), dtype=kind)
@@ -260,7 +256,6 @@ class Spins:
         return self.names.index(which)
 
     def _check(self) -> None:
-        """Checks of the simulation and of the masses of its bodies.  Raises `InputError`."""
         self._check_count()
         check_simulation(self.sim)
         _ = self.dt

@@ -148,12 +148,10 @@ def blocks(run: xr.Dataset, axis: str, width: int) -> Iterator[tuple[int, dict[s
 
 
 def _without_lost(path: Path, run: xr.Dataset) -> xr.Dataset:
-    """The dataset without the arrays whose folders are missing."""
     return run.drop_vars([name for name in run.variables if not stands(path / str(name))])
 
 
 def _unreadable(path: Path) -> list[str]:
-    """The faults of the files of an archive that cannot be opened."""
     known = archive.listed(path, strict=False)
     return [message for _, message in archive.faults(path, known)] if known else []
 

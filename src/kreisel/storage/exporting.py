@@ -186,7 +186,6 @@ def _netcdf_value(value: Any) -> Any:
 
 
 def _json(value: Any) -> str:
-    """JSON of anything: arrays as lists, and values without JSON as text."""
     try:
         return json.dumps(value, default=lambda v: v.tolist() if hasattr(v, "tolist") else str(v))
     except (TypeError, ValueError, RecursionError):  # keys that are tuples, or lists within themselves
@@ -210,7 +209,6 @@ def _parquet(run: xr.Dataset, out: Path) -> None:
 
 
 def _lead(run: xr.Dataset) -> str:
-    """The axis along which a Dataset is read in blocks, or ""."""
     return next((d for d in ROWS if run.sizes.get(d)), "")
 
 

@@ -191,7 +191,6 @@ def _oem(rows: Rows) -> None:
 
 
 def _attitudes(rows: Rows) -> Array:
-    """Quaternions (time, 4) of the axes of the body in the frame of the file."""
     return np.asarray(algebra.quaternion_product(algebra.unit_quaternion(rows.turn), attitude_of(rows.run)))
 
 
@@ -221,7 +220,6 @@ def date_of(epoch: Any, name: str) -> np.datetime64:
 
 
 def _now() -> str:
-    """The time of creation, UTC.  Raises `InputError`."""
     given = os.environ.get("SOURCE_DATE_EPOCH")
     try:
         now = datetime.now(UTC) if given is None else datetime.fromtimestamp(int(given), UTC)

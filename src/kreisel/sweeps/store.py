@@ -106,7 +106,6 @@ class Store:
             archive.note_versions(root["attributes"], versions())
 
     def _layouts(self) -> dict[str, dict[str, Any]]:
-        """The layout of every array for Zarr."""
         total, width = self.sweep.lanes.total, self.width
         out: dict[str, dict[str, Any]] = {}
 
@@ -183,7 +182,6 @@ class Store:
 
 
 def _difference(theirs: str, mine: str) -> str:
-    """The part in which two descriptions differ."""
     try:
         other = parsed(theirs, "The attribute sweep")
         here = parsed(mine, "The attribute sweep")
@@ -219,7 +217,6 @@ def _templates(sweep: Sweep) -> Iterator[Plan]:
 
 
 def _combinations(sweep: Sweep) -> Iterator[Array]:
-    """Some lanes for each combination of method and order."""
     lanes = sweep.lanes
     sizes, choices = [size for _, size in lanes.axes], list[list[int] | None]()
     for quantities, size in lanes.axes:  # the first place of each combination along an axis; None: any place

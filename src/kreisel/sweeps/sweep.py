@@ -124,7 +124,6 @@ def sweep(
 
 
 def _grid(body: Body | None, over: Any, design: Any) -> Design:
-    """The grid of values of a body by name.  Raises `InputError`."""
     if body is None or design is not None or not isinstance(over, Mapping) or not all(isinstance(k, str) for k in over):
         raise InputError(
             f"over: expected a body of kr.physical, and a dict of names and values without a design, got {shown(over)}."
@@ -135,7 +134,6 @@ def _grid(body: Body | None, over: Any, design: Any) -> Design:
 
 
 def _of_system(system: Any, x0: Any, orientation: Any, run: dict[str, Any], spec: dict[str, Any]) -> dict[str, Any]:
-    """The description of a sweep over parameters and letters of a system.  Raises `InputError`."""
     from kreisel.bodies import KNOWN
 
     model, x0, orientation, run, _ = scaled(system, x0, orientation, run)
@@ -202,7 +200,6 @@ def carry_out(
 
 
 def _checked_description(description: dict[str, Any], file: Path | None) -> dict[str, Any]:
-    """The description with its defaults filled in.  Raises `InputError`."""
     spec = {k: v for k, v in description["sweep"].items() if v is not None}
     saved = spec.setdefault("save", [*DEFAULT_SAVE])
     if not isinstance(saved, list) or not saved or any(kind not in SAVED for kind in saved):

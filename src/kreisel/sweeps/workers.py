@@ -235,7 +235,6 @@ def _processes(count: int) -> Iterator[Any]:
 
 
 def _closed(what: Any) -> bool:
-    """Close a client or a cluster; returns whether it closed in time."""
     try:
         what.close(timeout=CLOSING)
     except TimeoutError:

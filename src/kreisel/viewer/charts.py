@@ -26,7 +26,6 @@ MOST_POINTS = 20_000  # of a series; extremes are kept
 
 
 def _draw_series(axes: Any, run: xr.Dataset, values: Any, colour: str) -> None:
-    """All lanes of a quantity (time, ...)."""
     values = np.asarray(values).reshape(run.sizes["time"], -1)
     rows = extremes(values, MOST_POINTS)
     axes.plot(run["time"].values[rows], values[rows], color=colour, linewidth=0.8)

@@ -38,6 +38,7 @@ def movie(
     """The first stretch of a scene that can be played, as a film.  Raises `InputError`."""
     import matplotlib as mpl
     from matplotlib import animation
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     target = place(path, f"The film needs a name that ends in {' or '.join(SUFFIXES)}")
@@ -56,8 +57,6 @@ def movie(
     writer: Any = animation.PillowWriter(fps=rate) if target.suffix.lower() == ".gif" else animation.FFMpegWriter(rate)
     with mpl.rc_context(cast("Any", colours.rc)), written(target) as scratch:
         figure = Figure(figsize=(PIXELS[0] / DPI, PIXELS[1] / DPI), dpi=DPI)
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-
         FigureCanvasAgg(figure)
         with writer.saving(figure, str(scratch), DPI):
             for time in times.tolist():
@@ -67,8 +66,6 @@ def movie(
 
 
 class _Film:
-    """The picture at each time."""
-
     def __init__(self, data: dict[str, Any], theme: Theme):
         self.data, self.theme, self.radius = data, theme, data["radius"]
         self.time = _numbers(data["time"], "f8")
@@ -83,6 +80,8 @@ class _Film:
         self.bodies = [self._body(each) for each in data["bodies"][:1]]
 
     def _body(self, each: dict[str, Any]) -> dict[str, Any]:
+        from matplotlib.colors import to_rgb
+
         n = self.data["n"]
         body: dict[str, Any] = {"axis": each["axis"], "nose": each["nose"]}
         body["turn"] = None if each["turn"] is None else _numbers(each["turn"], "i2").reshape(-1, 4).astype(float)
@@ -92,14 +91,9 @@ class _Film:
             mesh = self.data["meshes"][each["mesh"]]
             faces = _numbers(mesh["faces"], "u4" if mesh["wide"] else "u2").reshape(-1, 3).astype(int)
             body["corners"] = _numbers(mesh["points"], "f4").reshape(-1, 3)[faces].astype(float)
-            body["colour"] = self._palette()[_numbers(mesh["colour"], "u1")]
+            palette = [self.theme.colours[0], "#f3efe6", *METALS.values(), self.theme.colours[1]]
+            body["colour"] = np.array([to_rgb(name) for name in palette])[_numbers(mesh["colour"], "u1")]
         return body
-
-    def _palette(self) -> Array:
-        from matplotlib.colors import to_rgb
-
-        names = [self.theme.colours[0], "#f3efe6", *METALS.values(), self.theme.colours[1]]
-        return np.array([to_rgb(name) for name in names])
 
     def _turns(self, body: dict[str, Any], times: Array) -> Array:
         q = body["turn"]
@@ -111,14 +105,7 @@ class _Film:
         i = np.clip(np.searchsorted(self.time, times, "right") - 1, 0, len(self.time) - 2)
         return i + np.clip((times - self.time[i]) / (self.time[i + 1] - self.time[i]), 0, 1)
 
-    def _tips(self, body: dict[str, Any], times: Array) -> Array:
-        if body["axis"] is not None:
-            return self._turns(body, times) @ np.array(body["axis"])
-        values = between(body["tip"], self._places(times), self.joined)
-        return values[:, self.data["coordinates"]]
-
     def draw(self, figure: Any, time: float) -> None:
-        """Draw one picture."""
         figure.clear()
         axes = figure.add_axes((0, 0, 1, 1))
         axes.set_axis_off()
@@ -127,7 +114,10 @@ class _Film:
         self._still(axes)
         for body in self.bodies:
             times = np.linspace(max(self.begin, time - self.data["trail"]), time, TRAIL)
-            tips = self._tips(body, times)
+            if body["axis"] is not None:
+                tips = self._turns(body, times) @ np.array(body["axis"])
+            else:
+                tips = between(body["tip"], self._places(times), self.joined)[:, self.data["coordinates"]]
             self._trail(axes, tips)
             if "corners" in body:
                 self._solid(axes, body, self._turns(body, times[-1:])[0], tips[-1])
@@ -137,14 +127,11 @@ class _Film:
             self._arrows(axes, body, times[-1:])
             x, y, depth = self.camera @ end
             axes.plot([x], [y], "o", color=self.theme.colours[1], markersize=6, zorder=6 if depth > 0 else 2)
-        axes.text(-0.95 * wide, 0.78 * wide, f"{self.data['title']}\n{self._time(time)}", va="top", parse_math=False)
-
-    def _time(self, time: float) -> str:
         clock = self.data["clock"]
-        return f"time {time / clock['size']:.4g} {clock['unit']}".rstrip()
+        text = f"{self.data['title']}\ntime {time / clock['size']:.4g} {clock['unit']}".rstrip()
+        axes.text(-0.95 * wide, 0.78 * wide, text, va="top", parse_math=False)
 
     def _arrows(self, axes: Any, body: dict[str, Any], times: Array) -> None:
-        """Directions from a satellite, by their names."""
         for each in body["arrows"]:
             way = between(each["to"].astype(float), self._places(times), self.joined)[0]
             end = self.camera @ (1.12 * self.radius / np.linalg.norm(way) * way)
@@ -180,9 +167,8 @@ class _Film:
         colours[:, 3] = np.linspace(0.02, 1, len(pieces)) ** 1.4
         front = flat[1:, 2] > 0
         for side, order in ((~front, 1), (front, 5)):
-            axes.add_collection(
-                LineCollection(cast("Any", pieces[side]), colors=colours[side], linewidths=2.2, zorder=order)
-            )
+            lines = LineCollection(cast("Any", pieces[side]), colors=colours[side], linewidths=2.2, zorder=order)
+            axes.add_collection(lines)
 
     def _solid(self, axes: Any, body: dict[str, Any], g: Array, tip: Array) -> None:
         from matplotlib.collections import PolyCollection
@@ -196,14 +182,8 @@ class _Film:
         gloss = 0.35 * np.clip(outward @ (LIGHT + self.camera[2]) / np.linalg.norm(LIGHT + self.camera[2]), 0, 1) ** 30
         colours = np.clip(body["colour"] * shade[:, None] + gloss[:, None], 0, 1)
         order = np.argsort(seen[:, :, 2].mean(1))
-        faces = PolyCollection(
-            cast("Any", seen[order, :, :2]),
-            facecolors=colours[order],
-            edgecolors=colours[order],
-            linewidths=0.4,
-            zorder=3,
-        )
-        axes.add_collection(faces)
+        style = {"facecolors": colours[order], "edgecolors": colours[order], "linewidths": 0.4, "zorder": 3}
+        axes.add_collection(PolyCollection(cast("Any", seen[order, :, :2]), **cast("Any", style)))
 
 
 def _numbers(text: str, kind: str) -> Array:

@@ -402,7 +402,6 @@ def _axes_of(run: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def _panels(run: xr.Dataset) -> dict[str, np.ndarray]:
-    """The summaries that are shown by default."""
     out: dict[str, np.ndarray] = {}
     highest = [str(name) for name in run.variables if str(name).endswith("_max") and name != "g_max"]
     for name in highest[-1:]:

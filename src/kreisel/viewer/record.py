@@ -11,7 +11,7 @@ import numpy as np
 from kreisel.algebra import KINDS
 from kreisel.method import Method
 from kreisel.record.calling import keywords
-from kreisel.record.contract import Map, Parameter, System
+from kreisel.record.contract import Parameter, System
 from kreisel.record.model import Model, State
 
 if TYPE_CHECKING:
@@ -44,20 +44,18 @@ def summary(system: System) -> dict[str, Any]:
         "integrals": [*(["energy"] if system.energy is not None else []), *system.integrals],
         "invariant_relations": [*system.invariant],
         "lax": system.lax is not None,
-        "map": None if system.map is None else _map_summary(system.map),
+        "map": None
+        if (phi := system.map) is None
+        else {
+            "source": phi.source,
+            "order": phi.order,
+            "order_after_half_kick": None if phi.to_symmetric is None else 2,
+            "known": [words for claim, words in MAP_CLAIMS.items() if getattr(phi, claim) is not None],
+        },
         "related": [relation.target for relation in system.relations],
         "scaling": system.scaling,
         "notes": system.notes,
         "source": system.source,
-    }
-
-
-def _map_summary(phi: Map) -> dict[str, Any]:
-    return {
-        "source": phi.source,
-        "order": phi.order,
-        "order_after_half_kick": None if phi.to_symmetric is None else 2,
-        "known": [words for claim, words in MAP_CLAIMS.items() if getattr(phi, claim) is not None],
     }
 
 
@@ -67,7 +65,6 @@ def record(system: System) -> str:
 
 
 def _claims(system: System) -> list[tuple[str, str]]:
-    """Label and text of each claim of a record."""
     facts = summary(system)
     state = ", ".join(f"{letter} in {KINDS[kind].space}" for letter, kind in system.space.components)
     frame = f"{facts['phase_space']}, {facts['frame']} frame, {facts['bracket']} bracket"

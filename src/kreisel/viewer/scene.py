@@ -338,7 +338,6 @@ def scene(
 
 
 def _required(run: xr.Dataset) -> tuple[xr.Dataset, RunRecord]:
-    """The run with the letters of its state, and its record.  Raises `InputError`."""
     record = RunRecord.of(run, "system")
     run = in_state_form(run)
     if "time" not in run.dims or run.sizes["time"] < 1:
@@ -441,7 +440,6 @@ def _charts(run: xr.Dataset, wanted: Wanted) -> dict[str, Any] | None:
 
 
 def _events(run: xr.Dataset, record: RunRecord) -> list[list[Any]]:
-    """Time and name of the events of a run."""
     if run.attrs.get("events") is None or run.attrs.get("event_times") is None:
         return []
     names, times = (parsed(run.attrs[k], f"The attribute {k}") for k in ("events", "event_times"))

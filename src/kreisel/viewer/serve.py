@@ -23,6 +23,13 @@ from kreisel.viewer.scene import scene
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 EVERY = 2.0  # seconds between two looks
+HEADERS = {
+    "Cache-Control": "no-store",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Vary": "Accept",
+}
 
 
 class Source:
@@ -73,7 +80,8 @@ class Handler(BaseHTTPRequestHandler):
         self._answer(body=False)
 
     def _answer(self, body: bool) -> None:
-        if not self._meant_for_us():
+        named = urlsplit(f"//{self.headers.get('Host', '')}").hostname
+        if self.server.host in LOOPBACK and named not in LOOPBACK:
             return self._send(421, b"", "text/plain", body)
         if urlsplit(self.path).path != "/":
             return self._send(404, b"Expected the address of the page: /\n", "text/plain", body)
@@ -86,21 +94,11 @@ class Handler(BaseHTTPRequestHandler):
         kind = "application/json" if wants_data else "text/html; charset=utf-8"
         return self._send(200, text.encode(), kind, body, tag)
 
-    def _meant_for_us(self) -> bool:
-        named = urlsplit(f"//{self.headers.get('Host', '')}").hostname
-        return self.server.host not in LOOPBACK or named in LOOPBACK
-
     def _send(self, status: int, text: bytes, kind: str, body: bool, tag: str = "") -> None:
         self.send_response(status)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(text)))
-        self.send_header("Cache-Control", "no-store")
-        self.send_header("X-Content-Type-Options", "nosniff")
-        self.send_header("X-Frame-Options", "DENY")
-        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
-        self.send_header("Vary", "Accept")
-        if tag:
-            self.send_header("ETag", tag)
+        headers = {"Content-Type": kind, "Content-Length": str(len(text)), **HEADERS, **({"ETag": tag} if tag else {})}
+        for name, value in headers.items():
+            self.send_header(name, value)
         self.end_headers()
         if body:
             self.wfile.write(text)
