@@ -919,12 +919,12 @@ def test_broken_files(tmp_path: Path) -> None:
 
 
 def test_without_rebound(monkeypatch: pytest.MonkeyPatch) -> None:
-    from kreisel.rebound import simulation
+    from kreisel.rebound import spins
 
-    simulation.rebound.cache_clear()
+    spins.rebound.cache_clear()
     monkeypatch.setitem(sys.modules, "rebound", None)
     try:
         with pytest.raises(kr.InputError, match=r"pip install 'kreisel\[rebound\]'"):
             kr.rebound.attach(None, {})
     finally:
-        simulation.rebound.cache_clear()
+        spins.rebound.cache_clear()

@@ -20,7 +20,7 @@ from kreisel.record.model import Model, State
 from kreisel.runs.in_si import scaled_settings
 from kreisel.runs.settings import Settings
 from kreisel.runs.user_defined import executed, load_system
-from kreisel.sweeps.bodies import by_lane, of_scaled_system
+from kreisel.sweeps.ensemble import by_lane, of_scaled_system
 
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
 VARIED = ("body", "state", "system", "run")

@@ -23,9 +23,8 @@ from kreisel.runs.progress import Progress
 from kreisel.runs.settings import check_model, checked_state, flag, with_steps
 from kreisel.storage.archive import one_writer, target
 from kreisel.storage.opening import SweepRecord, open_lanes
-from kreisel.sweeps.bodies import by_lane, of_scaled_system
 from kreisel.sweeps.design import Design, Lanes, described
-from kreisel.sweeps.ensemble import TRAJECTORIES, Sweep
+from kreisel.sweeps.ensemble import TRAJECTORIES, Sweep, by_lane, of_scaled_system
 from kreisel.sweeps.grids import gridded
 from kreisel.sweeps.lanes import watched_lanes
 from kreisel.sweeps.store import Store, failed_lanes

@@ -17,8 +17,7 @@ from kreisel.runs.geometry import axes_of_state, fixed_vector, model_for, requir
 from kreisel.runs.in_si import in_state_form
 from kreisel.runs.orbits import of_satellite
 from kreisel.runs.run_record import RunRecord, frame_of, lane_names
-from kreisel.viewer.frames import evenly, extremes, mixed, stretches
-from kreisel.viewer.motion import clock_of, panels_of, shadows_of
+from kreisel.viewer.frames import clock_of, evenly, extremes, mixed, panels_of, shadows_of, stretches
 from kreisel.viewer.style import Theme, figure
 
 if TYPE_CHECKING:

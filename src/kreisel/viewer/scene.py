@@ -42,8 +42,7 @@ from kreisel.runs.run_record import RunRecord, lane_names
 from kreisel.runs.settings import within
 from kreisel.viewer import bodies
 from kreisel.viewer.bodies import Body
-from kreisel.viewer.frames import evenly, extremes, frames, mixed, stretches, windows
-from kreisel.viewer.motion import clock_of, panels_of, shadows_of
+from kreisel.viewer.frames import clock_of, evenly, extremes, frames, mixed, panels_of, shadows_of, stretches, windows
 from kreisel.viewer.style import THEMES
 
 if TYPE_CHECKING:
