@@ -169,9 +169,8 @@ def fit(
     _require_enough(seen, unknown)
     settings: dict[str, Any] = {"method": method, "order": order}
     f = differentiable(model, **settings, orientation=attitude is not None)
-    names = *(u.name for u in unknown), *(v.name for v in seen.variables)
-    kind = model.key, _axes_of(model, observations), method, order, *names
-    key = *kind, dt, seen.time.tobytes(), tuple((name, Identity(function)) for name, function in functions.items())
+    observers = tuple((name, Identity(function)) for name, function in functions.items())
+    key = model.key, _axes_of(model, observations), method, order, dt, observers
     predicted = _predictions(f, model, unknown, starts, seen, key)
     solution = _least_squares(predicted, seen, unknown, evaluations, model)
     start, last = (model, state, attitude), predicted(solution.x.tobytes())[0]
@@ -265,7 +264,8 @@ def _predictions(
         ]
         return out, out
 
-    compiled = reused(("fit", *key), lambda: jax.jit(jax.jacfwd(predicted, has_aux=True)))
+    names = *(u.name for u in unknown), *(v.name for v in seen.variables)
+    compiled = reused(("fit", *key, *names, seen.time.tobytes()), lambda: jax.jit(jax.jacfwd(predicted, has_aux=True)))
     begin = {k: np.asarray(v, dtype=np.float64) for k, v in starts.items()}
 
     def at(x: bytes) -> tuple[list[Array], list[Array]]:
