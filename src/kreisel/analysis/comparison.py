@@ -117,20 +117,13 @@ def error(run: xr.Dataset, system: Model | Body | None = None) -> xr.Dataset:
         raise InputError(f"error: expected a run with the state, got no {', '.join(missing)}.")
     model = record.model if system is None else model_of(system)
     x0, times = rows.isel(time=0), rows["time"].values
-    every = {"steps": 2 * record.steps, "every": 2 * record.every}
-    fine = simulate(
-        model,
-        {letter: x0[letter].values for letter in record.kinds},
-        dt=record.dt / 2,
-        orientation=x0[ORIENTATION].values if ORIENTATION in x0 else None,
-        method=record.method,
-        order=record.order,
-        project=bool(record.projection),
-        impulses=record.struck,
-        observe=(),
-        progress=False,
-        **({"times": times} if record.rows or len(times) != record.row_count else every),
-    )
+    settings: dict[str, Any] = {"steps": 2 * record.steps, "every": 2 * record.every}
+    if record.rows or len(times) != record.row_count:
+        settings = {"times": times}
+    settings |= {"method": record.method, "order": record.order, "project": bool(record.projection)}
+    settings |= {"impulses": record.struck, "orientation": x0[ORIENTATION].values if ORIENTATION in x0 else None}
+    state = {letter: x0[letter].values for letter in record.kinds}
+    fine = simulate(model, state, dt=record.dt / 2, observe=(), progress=False, **settings)
     return compare(run, fine).distance
 
 

@@ -104,27 +104,29 @@ def lines_of(time: Array, values: Array, lines: int = 8, *, power: int = 3, quan
     time, values = _even(time, values)
     lines = whole_number(lines, "lines")
     within(power, "power", 0, 8)
-    real = values.dtype.kind != "c"
     centre = (time[0] + time[-1]) / 2
-    finder = _Finder(time - centre, power)
+    finder = _Finder(time - centre, values, power)
     omegas: list[float] = []
-    change = 0.0
-    remainder = values.astype(complex)
-    floor = 4 * np.finfo(float).eps * np.sqrt((np.abs(values) ** 2).mean())
+    change, remainder = 0.0, values
+    floor = 4 * np.finfo(float).eps * _root_mean_square(values)
     for _ in range(lines):
-        if np.sqrt((np.abs(remainder) ** 2).mean()) <= floor:
+        if _root_mean_square(remainder) <= floor:
             break
-        new = finder.strongest(remainder, real)
+        new = finder.strongest(remainder)
         if min((abs(new - old) for old in omegas), default=np.inf) < finder.width:
             break  # the remainder of a line that exists
-        omegas, change = _settled(finder, [*omegas, new], values, real)
-        remainder = values - finder.model(omegas, finder.fit(omegas, values, real), real)
-    amplitude = finder.fit(omegas, values, real)
-    remainder = values - finder.model(omegas, amplitude, real)
+        omegas, change = finder.settled([*omegas, new])
+        remainder = values - finder.model(omegas, finder.fit(omegas))
+    amplitude = finder.fit(omegas)
+    remainder = values - finder.model(omegas, amplitude)
     omega = np.array(omegas)
     amplitude = amplitude * np.exp(-1j * omega * centre)
-    order, rest = np.argsort(-np.abs(amplitude), kind="stable"), float(np.sqrt((np.abs(remainder) ** 2).mean()))
-    return Lines(omega[order], amplitude[order], rest, change, time, values, quantity)
+    order = np.argsort(-np.abs(amplitude), kind="stable")
+    return Lines(omega[order], amplitude[order], _root_mean_square(remainder), change, time, values, quantity)
+
+
+def _root_mean_square(values: Array) -> float:
+    return float(np.sqrt((np.abs(values) ** 2).mean()))
 
 
 def _even(time: Array, values: Array) -> tuple[Array, Array]:
@@ -145,55 +147,43 @@ def _even(time: Array, values: Array) -> tuple[Array, Array]:
     return time, values.astype(complex if values.dtype.kind == "c" else float)
 
 
-def _settled(finder: _Finder, omegas: list[float], values: Array, real: bool) -> tuple[list[float], float]:
-    """Each line sought again in the remainder of the others, until none changes any more."""
-    change, small = np.inf, 4 * np.finfo(float).eps * max(map(abs, omegas))
-    for _ in range(SWEEPS):
-        before, last = list(omegas), change
-        for j in range(len(omegas)):
-            amplitude = finder.fit(omegas, values, real)
-            others = [k for k in range(len(omegas)) if k != j]
-            mirrored = finder.mirror(omegas[j], amplitude[j], real)
-            line = values - finder.model([omegas[k] for k in others], amplitude[others], real) - mirrored
-            omegas[j] = finder.peak(line, omegas[j])
-        change = max(abs(a - b) for a, b in zip(omegas, before, strict=True))
-        if change <= small or last <= change < 1e-9 * finder.width:  # only rounding moves them
-            break
-    return omegas, change
-
-
 class _Finder:
-    """Peaks of the windowed transform of samples at times t, |t| <= T/2, centred."""
+    """Peaks of the windowed transform of a signal at times t, |t| <= T/2, centred."""
 
-    def __init__(self, t: Array, power: int):
-        self.t, self.step, self.width = t, t[1] - t[0], 2 * np.pi / (t[-1] - t[0])
-        self.window = harmonics.window(t, power)
-        self.power = power
+    def __init__(self, t: Array, signal: Array, power: int):
+        self.t, self.signal, self.width = t, signal, 2 * np.pi / (t[-1] - t[0])
+        self.window, self.real = harmonics.window(t, power), signal.dtype.kind != "c"
 
-    def strongest(self, f: Array, real: bool) -> float:
-        return float(harmonics.strongest(self.t, (self.window * (f.real if real else f))[:, None])[0])
+    def strongest(self, f: Array) -> float:
+        return float(harmonics.strongest(self.t, (self.window * f)[:, None])[0])
 
-    def peak(self, f: Array, guess: float) -> float:
-        return float(harmonics.peaks(self.t, (self.window * f)[:, None], [guess])[0])
-
-    def fit(self, omegas: list[float], values: Array, real: bool) -> Array:
+    def fit(self, omegas: list[float]) -> Array:
         """The amplitudes of least squares under the window."""
         root, waves = np.sqrt(self.window)[:, None], np.exp(1j * np.outer(self.t, omegas))
-        if not real:
-            return np.linalg.lstsq(root * waves, root[:, 0] * values, rcond=None)[0]
-        columns = np.concatenate([waves.real, -waves.imag], 1)
-        both = np.linalg.lstsq(root * columns, root[:, 0] * values, rcond=None)[0]
-        return both[: len(omegas)] + 1j * both[len(omegas) :]
+        columns = np.concatenate([waves.real, -waves.imag], 1) if self.real else waves
+        amplitude = np.linalg.lstsq(root * columns, root[:, 0] * self.signal, rcond=None)[0]
+        return amplitude[: len(omegas)] + 1j * amplitude[len(omegas) :] if self.real else amplitude
 
-    def model(self, omegas: list[float], amplitude: Array, real: bool) -> Array:
+    def model(self, omegas: list[float], amplitude: Array) -> Array:
         total = np.exp(1j * np.outer(self.t, omegas)) @ amplitude  # 0 without lines
-        return total.real if real else total
+        return total.real if self.real else total
 
-    def mirror(self, omega: float, amplitude: complex, real: bool) -> Array:
-        """The half of a real line at -omega, which leaks into its peak at omega."""
-        if not real or abs(omega) < 0.5 * self.width:
-            return np.zeros(len(self.t))
-        return np.conj(amplitude) / 2 * np.exp(-1j * omega * self.t)
+    def settled(self, omegas: list[float]) -> tuple[list[float], float]:
+        """Each line sought again in the remainder of the others, until none changes any more."""
+        change, small = np.inf, 4 * np.finfo(float).eps * max(map(abs, omegas))
+        for _ in range(SWEEPS):
+            before, last = list(omegas), change
+            for j, omega in enumerate(before):
+                amplitude = self.fit(omegas)
+                others = [k for k in range(len(omegas)) if k != j]
+                line = self.signal - self.model([omegas[k] for k in others], amplitude[others])
+                if self.real and abs(omega) >= 0.5 * self.width:  # its half at -omega leaks into the peak at omega
+                    line = line - np.conj(amplitude[j]) / 2 * np.exp(-1j * omega * self.t)
+                omegas[j] = float(harmonics.peaks(self.t, (self.window * line)[:, None], [omega])[0])
+            change = max(abs(a - b) for a, b in zip(omegas, before, strict=True))
+            if change <= small or last <= change < 1e-9 * self.width:  # only rounding moves them
+                break
+        return omegas, change
 
 
 @explained

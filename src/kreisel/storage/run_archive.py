@@ -19,19 +19,8 @@ from kreisel.files import stands
 from kreisel.kernels.layout import Floats
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
-from kreisel.runs.describing import (
-    CORRECTION,
-    _corrections,
-    at_the_end,
-    attributes,
-    body_of,
-    describe,
-    dimensions,
-    parameters_of,
-    saved_times,
-    time_attributes,
-    versions,
-)
+from kreisel.runs import describing
+from kreisel.runs.describing import CORRECTION, body_of, saved_times
 from kreisel.runs.in_si import in_cf
 from kreisel.runs.integration import Integration, Snapshot, block_rows, chunk_rows
 from kreisel.runs.operations import require_events, require_operations
@@ -77,7 +66,7 @@ class RunArchive:
                         f"`kreisel plot {self.part}` shows it; or start over with --overwrite (overwrite=True)."
                     )
                 lanes = {"lane": np.arange(self.plan.lanes)} if self.plan.batched else {}
-                attrs = replace(describe(self.plan), complete=0).to_attrs()
+                attrs = replace(describing.describe(self.plan), complete=0).to_attrs()
                 archive.create(self.path, attrs, layouts(self.plan, self._rows_in_block), lanes, self._overwrite)
             self._arrays = archive.opened_arrays(self.part)
         return self
@@ -94,7 +83,7 @@ class RunArchive:
     def _describe(self, rows: Mapping[str, Array]) -> None:
         archive.require_there(self.part)
         with archive.edited(self.part) as root:
-            for name, attrs in attributes(self.plan, rows).items():
+            for name, attrs in describing.attributes(self.plan, rows).items():
                 archive.arrays_of(root)[name]["attributes"] = attrs | in_cf(self.plan.model, name)
         self._described = True
 
@@ -113,8 +102,8 @@ class RunArchive:
         with _disk(self.path, "be finished"):
             archive.require_there(self.part)
             with archive.edited(self.part) as root:  # all rows exist
-                _fit(root, self.plan, at_the_end(self.plan))
-                for name, value in _corrections(self.plan).items():
+                _fit(root, self.plan, describing.at_the_end(self.plan))
+                for name, value in describing._corrections(self.plan).items():
                     archive.arrays_of(root)[name]["attributes"][CORRECTION] = value
             if self._last is not None:
                 opening.write_checkpoint(self.part, Checkpoint(self._last, self._start, {}))
@@ -153,8 +142,8 @@ def layouts(plan: Plan, block: int) -> dict[str, dict[str, Any]]:
             "chunks": (chunk, *value.shape[1:]),
             "shards": (block, *value.shape[1:]) if chunk < block else None,
             "dtype": value.dtype,
-            "dimension_names": ("time",) if name == "time" else dimensions(plan, name, value.shape),
-            "attributes": time_attributes(plan) | in_cf(plan.model, name) if name == "time" else {},
+            "dimension_names": ("time",) if name == "time" else describing.dimensions(plan, name, value.shape),
+            "attributes": describing.time_attributes(plan) | in_cf(plan.model, name) if name == "time" else {},
             "fill_value": np.nan,
         }
     return out
@@ -213,7 +202,7 @@ def _continue(part: Path, plan: Plan, point: Checkpoint, root: dict[str, Any], b
     archive.unseal(part)
     opening.write_checkpoint(part, point._replace(outputs=observed(plan, point.snapshot)))  # rows in no block
     _fit(root, plan, {"complete": 0, "steps": plan.steps, "rows_in_block": block})
-    archive.note_versions(root["attributes"], versions())
+    archive.note_versions(root["attributes"], describing.versions())
     archive.write_metadata(part, root)
     archive.drop_blocks(part, point.snapshot.flushed // block)
 
@@ -227,19 +216,9 @@ def _require_arrays(store: Path, root: Mapping[str, Any], fresh: Mapping[str, An
 
 
 def _plan_of_run(record: RunRecord, start: Mapping[str, Floats], steps: int, system: Model | None = None) -> Plan:
-    asked = Settings.checked(
-        dt=record.dt,
-        steps=steps,
-        every=record.every,
-        method=record.method,
-        order=record.order,
-        tol=record.tolerance,
-        engine=record.engine,
-        project=record.projection > 0,
-        observe=record.observed,
-        times=None if TIMES not in start else start[TIMES],
-        impulses=record.struck,
-    )
+    same = {name: getattr(record, name) for name in ("dt", "every", "method", "order", "engine")}
+    same |= {"tol": record.tolerance, "project": record.projection > 0, "observe": record.observed}
+    asked = Settings.checked(steps=steps, times=start.get(TIMES), impulses=record.struck, **same)
     state = {letter: value for letter, value in start.items() if letter not in (ORIENTATION, TIMES)}
     model = record.model if system is None else _same(system, record)
     return plan_of(model, state, asked, start.get(ORIENTATION))
@@ -247,7 +226,7 @@ def _plan_of_run(record: RunRecord, start: Mapping[str, Floats], steps: int, sys
 
 def _same(model: Model, record: RunRecord) -> Model:
     check_model(model)
-    if model.system.name != record.system or parameters_of(model) != record.parameters:
+    if model.system.name != record.system or describing.parameters_of(model) != record.parameters:
         raise InputError(
             f"system: expected {record.system} with the parameters {shown(record.parameters)} of the run, got "
             f"{model!r}."

@@ -10,8 +10,6 @@ import importlib.metadata
 import itertools
 import json
 import math
-import os
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -285,13 +283,12 @@ def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any
 
 
 def compute(part: str, file: str | None, digest: str, block: int) -> dict[str, Any]:
-    """Compute a block and write it.  Returns its cost.  Raises `RunError` if the store cannot be written.
+    """Compute a block and write it.  Returns its lanes and memory.  Raises `RunError` if the store cannot be written.
 
     `digest` is the hash of the description: a worker keeps the sweep that it has read.
     """
     import psutil
 
-    begun = time.perf_counter()
     store = Path(part)
     with on_disk(store, "be written", lambda: f" {LOST}"):
         archive.require_there(store)
@@ -300,14 +297,7 @@ def compute(part: str, file: str | None, digest: str, block: int) -> dict[str, A
         lane_axis = {name: a.metadata.dimension_names.index("lane") for name, a in group.items()}
         out = results_of(sweep, group, lane_axis, first, stop)
         archive.write_block(store, group, "lane", block, first, out, durable=True)
-    return {
-        "block": block,
-        "lanes": stop - first,
-        "failed": int((out["failed"] == FAILED).sum()),
-        "seconds": time.perf_counter() - begun,
-        "memory_MiB": psutil.Process().memory_info().rss / (1 << 20),
-        "process": os.getpid(),
-    }
+    return {"lanes": stop - first, "memory_MiB": psutil.Process().memory_info().rss / (1 << 20)}
 
 
 def results_of(

@@ -53,11 +53,6 @@ class Report:
     seconds: float = 0.0
     memory_MiB: float = 0.0
 
-    def add(self, counts: Mapping[str, Any]) -> None:
-        """Count a block."""
-        self.failed += counts["failed"]
-        self.memory_MiB = max(self.memory_MiB, counts["memory_MiB"])
-
 
 @explained
 def sweep(
@@ -186,7 +181,7 @@ def carry_out(
             ):
                 code = str(file.absolute()) if file else None
                 for counts in computed(hands, str(store.part.absolute()), code, store.digest, todo, stop):
-                    report.add(counts)
+                    report.memory_MiB = max(report.memory_MiB, counts["memory_MiB"])
                     bar.advance(counts["lanes"])
             if stop.signal is not None:
                 kept = store.blocks - len(store.missing())

@@ -14,8 +14,9 @@ from functools import partial
 from types import FrameType
 from typing import Any
 
-from kreisel.errors import InputError, RunError, shown
+from kreisel.errors import InputError, RunError
 from kreisel.process import Stop, signals_to
+from kreisel.runs.settings import within
 from kreisel.sweeps.store import LOST, compute
 
 LOSSES = 5  # workers that a block may lose before it is blamed
@@ -167,8 +168,8 @@ def computed(
 
 def check_workers(workers: Any, scheduler: str | None) -> None:
     """Raises `InputError` if workers and scheduler contradict each other."""
-    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or not 0 <= workers <= 4096):
-        raise InputError(f"workers must be a number of processes, 0 or more, got {shown(workers)}.")
+    if workers is not None:
+        within(workers, "workers", 0, 4096)
     if scheduler is not None and workers is not None:
         raise InputError("A scheduler has workers: give either scheduler or workers.")
 

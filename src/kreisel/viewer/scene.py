@@ -511,22 +511,10 @@ def _drift_series(run: xr.Dataset) -> dict[str, Any]:
         change = each.values - each.values[0]
         high, low = np.maximum.reduceat(change, edges), np.minimum.reduceat(change, edges)
         scale = each.step_scale + each.value_scale or 1.0
-        series.append(
-            {
-                "name": _text(each.name),
-                "unit": _text(units.get(each.family, "")),
-                "conserved": each.conserved,
-                "start": _json_float(each.values[0]),
-                "scale": _json_float(scale) or 1.0,
-                "most": _json_float(abs(change).max()),
-                "change": packed(np.where(high >= -low, high, low), "f4"),
-            }
-        )
+        words = {"name": _text(each.name), "unit": _text(units.get(each.family, "")), "conserved": each.conserved}
+        sizes = {"start": each.values[0], "scale": scale if math.isfinite(scale) else 1.0, "most": abs(change).max()}
+        sizes = {k: float(v) if math.isfinite(v) else None for k, v in sizes.items()}
+        series.append({**words, **sizes, "change": packed(np.where(high >= -low, high, low), "f4")})
     record = RunRecord.from_attrs(run.attrs)
     steps = float(time[-1] - time[0]) / record.dt if record.stepped else 0.0
     return {"series": series, "edges": packed(time[edges], "f8"), "band": MACHINE_EPSILON, "steps": steps}
-
-
-def _json_float(value: Any) -> float | None:
-    """A float for JSON; None if it is not finite."""
-    return float(value) if math.isfinite(value) else None

@@ -53,64 +53,28 @@ class Theme:
 
 
 SHAPE: dict[str, Any] = {
-    "figure.dpi": 120,
-    "savefig.dpi": 200,
-    "font.size": 9,
-    "axes.titlesize": 10,
-    "axes.labelsize": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.7,
-    "axes.grid": True,
-    "grid.linewidth": 0.5,
-    "lines.linewidth": 1.0,
-    "legend.frameon": False,
-    "legend.fontsize": 8,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "svg.fonttype": "none",
+    **dict.fromkeys(("font.size", "axes.labelsize"), 9),
+    **dict.fromkeys(("legend.fontsize", "xtick.labelsize", "ytick.labelsize"), 8),
+    **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon"), False),
+    **{"axes.titlesize": 10, "axes.linewidth": 0.7, "grid.linewidth": 0.5, "lines.linewidth": 1.0, "axes.grid": True},
+    **{"figure.dpi": 120, "savefig.dpi": 200, "svg.fonttype": "none"},
 }
+LIGHT = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"
+DARK = "#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#D55E00", "#ffffff"
 THEMES = {
-    "light": Theme(
-        ink="#111111",
-        paper="#ffffff",
-        grid="#d8d8d8",
-        faint="#8a8a8a",
-        colours=("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"),
-        sequence="Blues",
-    ),
-    "dark": Theme(
-        ink="#f0f0f0",
-        paper="#16181d",
-        grid="#3a3e46",
-        faint="#8f949c",
-        colours=("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#D55E00", "#ffffff"),
-        sequence="cividis",
-    ),
+    "light": Theme("#111111", "#ffffff", "#d8d8d8", "#8a8a8a", LIGHT, "Blues"),
+    "dark": Theme("#f0f0f0", "#16181d", "#3a3e46", "#8f949c", DARK, "cividis"),
 }
-
-
 STYLES: dict[str, dict[str, Any]] = {
     "house": {},
     "journal": {
         "font.family": ["STIXGeneral", "DejaVu Serif"],  # by name: the figure may be saved in another style
         "mathtext.fontset": "stix",
-        "font.size": 8,
-        "axes.titlesize": 8,
-        "axes.labelsize": 8,
-        "xtick.labelsize": 7,
-        "ytick.labelsize": 7,
-        "legend.fontsize": 7,
-        "figure.titlesize": 8,
-        "axes.grid": False,
-        "axes.spines.top": True,
-        "axes.spines.right": True,
-        "axes.linewidth": 0.5,
-        "xtick.direction": "in",
-        "ytick.direction": "in",
-        "savefig.dpi": 600,
-        "pdf.fonttype": 42,
-        "ps.fonttype": 42,
+        **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize", "figure.titlesize"), 8),
+        **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 7),
+        **dict.fromkeys(("xtick.direction", "ytick.direction"), "in"),
+        **{"axes.grid": False, "axes.spines.top": True, "axes.spines.right": True, "axes.linewidth": 0.5},
+        **{"savefig.dpi": 600, "pdf.fonttype": 42, "ps.fonttype": 42},
     },
 }
 WIDTHS = {"house": 9.2, "journal": 183 / 25.4}  # inches
