@@ -43,31 +43,4 @@ from kreisel.reduction.groups import (
 )
 from kreisel.reduction.records import system
 
-__all__ = [
-    "SE3",
-    "SO",
-    "SU2",
-    "Continuous",
-    "Discrete",
-    "Frame",
-    "Group",
-    "Parameter",
-    "Representation",
-    "Unreduced",
-    "adjoint",
-    "casimir_count",
-    "casimir_gradients",
-    "double",
-    "left_derivative",
-    "matrix_group",
-    "product",
-    "quadratic_casimirs",
-    "reduce",
-    "representation",
-    "right_derivative",
-    "standard",
-    "symmetric_rule",
-    "system",
-    "trivial",
-    "unit_sums",
-]
+__all__ = [name for name, value in globals().items() if name[0] != "_" and type(value).__name__ != "module"]
