@@ -115,16 +115,16 @@ def unturned_blocks(M, F, *, B, lam, eps):
 
 
 def plain_kick(M, P, *, e, eps):  # Kovalevskaya's top without the denominator of its kick
-    return kovalevskaya_top_e3.turn(M + eps * wedge(e, P), P, eps)
+    return kovalevskaya_top_e3.turn(M + eps * wedge(e, P), P, eps=eps)
 
 
 def turned_alone(M, P, *, e, eps):  # without the second turn of the momentum
-    M = kovalevskaya_top_e3.kicked(M, P, e, eps)
-    return M, kovalevskaya_top_e3.turn(M, P, eps)[1]
+    M = M + kovalevskaya_top_e3.kick(P, e=e, eps=eps)
+    return M, kovalevskaya_top_e3.turn(M, P, eps=eps)[1]
 
 
 def without_own_turn(M, P, M1, P1, *, e, eps):
-    return eps / 2 * kovalevskaya_top_e3.kicked(M, P, e, eps)
+    return eps / 2 * (M + kovalevskaya_top_e3.kick(P, e=e, eps=eps))
 
 
 def undeformed(M, P, *, c, eps=0):
@@ -146,11 +146,11 @@ def rotor_forgotten(M, P, Q, *, gamma, e, h, eps):  # the turn cay(k M) cay(k M_
 
 
 def blocks_at_rest(M, G, *, X, h, spins, eps):  # without the turn by the conserved blocks
-    return ratiu_top.turn(M + ratiu_top.kick(G, X, h, eps), G, h, 0 * spins, eps)
+    return ratiu_top.turn(M + ratiu_top.kick(G, X=X, h=h, eps=eps), G, h=h, spins=0 * spins, eps=eps)
 
 
 def linear_pull(M, G, *, X, h, spins, eps):  # a kick without its denominator
-    return ratiu_top.turn(M + eps * algebra.bracket(G, X), G, h, spins, eps)
+    return ratiu_top.turn(M + eps * algebra.bracket(G, X), G, h=h, spins=spins, eps=eps)
 
 
 def of_flow(M, G, *, c, X, C, h):
@@ -158,16 +158,16 @@ def of_flow(M, G, *, c, X, C, h):
 
 
 def double_weight(M, P, *, eps):  # with eps^2/4 for eps^2/8 in the denominator of the kick
-    return kovalevskaya_top_sp4.turn(M + kovalevskaya_top_sp4.kick(2 * P, eps) / 2, P, eps)
+    return kovalevskaya_top_sp4.turn(M + kovalevskaya_top_sp4.kick(2 * P, eps=eps) / 2, P, eps=eps)
 
 
 def turned_alike(M, P, *, eps):  # both turns with the same denominator
-    M = M + kovalevskaya_top_sp4.kick(P, eps)
+    M = M + kovalevskaya_top_sp4.kick(P, eps=eps)
     return kovalevskaya_gyrostat.turn(M, P, 0 * P, 0, eps)[:2]
 
 
 def other_logarithm(M, P, *, A, eps):  # with 1 + eps^2/4 <A, P>
-    M = M - symmetric_top_logarithmic.kick(-P, A, eps)
+    M = M - symmetric_top_logarithmic.kick(-P, A=A, eps=eps)
     return M, cayley_act(-eps / 2 * M, P)
 
 
@@ -268,7 +268,7 @@ def cayley_turn(M, G, *, X, h, eps):  # cay(h M) for W, which is right for n = 3
 
 
 def unturned(M, G, *, X, h, u, v, eps):  # M without its turn by R
-    return ratiu_bitop.kicked(M, G, X, eps), ratiu_bitop.step(M, G, X=X, h=h, u=u, v=v, eps=eps)[1]
+    return M + eps * algebra.bracket(G, X), BITOP.map.step(M, G, X=X, h=h, u=u, v=v, eps=eps)[1]
 
 
 def other_root(x, q, *, b, eps):  # x1 = -x_(k-1)
@@ -369,8 +369,8 @@ def without_spin(M, P, M1, P1, *, a1, eps):
 
 
 def other_way_round(M, P, *, a1, a3, b, e, eps):
-    M = M + kirchhoff_revolution.kick(P, a1, b, eps)
-    return kirchhoff_revolution.turned(M, kirchhoff_revolution.carried(M, P, a1, eps), a1, a3, e, -eps)
+    M = M + kirchhoff_revolution.kick(P, a1=a1, b=b, eps=eps)
+    return kirchhoff_revolution.turn(M, P, a1=a1, a3=2 * a1 - a3, e=e, eps=eps)
 
 
 def without_rest(M, P):
@@ -552,7 +552,7 @@ MUTANTS = [
     *((law, mapped(SP4, step=double_weight), 3) for law in ("integrals-of-the-map", "discrete-lax-pencil", "inverse")),
     ("integrals-of-the-map", mapped(SP4, step=turned_alike), 3),
     *((law, mapped(LOGARITHMIC, step=other_logarithm), 3) for law in ("integrals-of-the-map", "discrete-lax-pencil")),
-    ("integrals-of-the-map", mapped(LOGARITHMIC, step=symmetric_top.step), 4),
+    ("integrals-of-the-map", mapped(LOGARITHMIC, step=symmetric_top.MAP.step), 4),
     ("integrals-of-the-map", mapped(ROTOR, step=rotor_forgotten), 4),
     ("discrete-lax-pencil", mapped(ROTOR, pencil=without_rotor), 3),
     ("discrete-lax-pencil", mapped(KOVALEVSKAYA, step=plain_kick), 3),

@@ -75,10 +75,10 @@ def test_plane_maps() -> None:
 
 
 def test_a_step_on_the_group() -> None:
-    from kreisel.system.clebsch import step
+    from kreisel.system.clebsch import SYSTEM
 
     def own(M, P, *, b, eps):
-        return step(M, P, b=b, eps=eps)
+        return SYSTEM.map.step(M, P, b=b, eps=eps)
 
     found = investigate(own, n=3, b=(1, 2, 4), **SHORT)
     assert found.verdict == "integrable" and found["Lax pair"].answer == "none stated"

@@ -283,6 +283,7 @@ def run(function: Callable[..., Any], *values: Any, **named: Any) -> Any:
 
 def of_user(function: Callable[..., Any]) -> bool:
     """Whether a function is user-defined."""
+    function = getattr(function, "func", function)  # of a partial
     code = getattr(function, "__code__", None)
     return code is None or _of_user(getattr(function, "__module__", None) or "", code)
 

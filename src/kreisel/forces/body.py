@@ -20,10 +20,10 @@ from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import COUPLING, DAMPING, INERTIA, ORIENTATION, Body
 from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
 from kreisel.forces.product import product
-from kreisel.forces.records import in_words, naming, perturbed_record
+from kreisel.forces.records import in_words, perturbed_record
 from kreisel.record import table
 from kreisel.record.body import as_body
-from kreisel.record.calling import Portable, keywords
+from kreisel.record.calling import Portable, keywords, naming
 from kreisel.record.checks import require_body
 from kreisel.record.contract import Frame, Parameter, System
 from kreisel.record.given import SKEW_TOLERANCE, axes_of, numbers, require_one_reading
@@ -250,7 +250,7 @@ def _keywords(model: Model) -> set[str]:
     system = model.system
     records = [r for r in (system, system.map, system.baecklund) if r is not None]
     values = [value for record in records for value in vars(record).values()] + [*system.integrals.values()]
-    return {"self", "state", "alpha", *(name for f in values if inspect.isfunction(f) for name in keywords(f))}
+    return {"self", "state", "alpha", *(name for f in values if callable(f) for name in keywords(f))}
 
 
 def _matrices(model: Model, damping: Any, inertia: Any, coupling: Any) -> dict[str, Parameter]:

@@ -15,8 +15,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
-from kreisel.forces.records import naming
-from kreisel.record.calling import call
+from kreisel.record.calling import call, naming
 from kreisel.record.contract import Checks, PhaseSpace, System
 from kreisel.record.model import Model
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -11,7 +10,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.forces import kicks
 from kreisel.forces.kicks import COUPLING, ORIENTATION, Body
-from kreisel.record.calling import call
+from kreisel.record.calling import call, naming
 from kreisel.record.contract import ClosedForm, Frame, System
 from kreisel.record.perturbation import TIME, Perturbation
 
@@ -84,11 +83,3 @@ def _functions(system: System, axes: Mapping[str, int]) -> dict[str, Callable[..
 
 def _body(state: tuple[Array, ...], known: Mapping[str, Any]) -> Body:
     return Body(state, known.get(ORIENTATION), known.get(TIME))
-
-
-def naming(function: Callable[..., Any], names: tuple[str, ...]) -> Callable[..., Any]:
-    """The function with exactly these parameters as keyword arguments."""
-    one = inspect.Parameter("state", inspect.Parameter.VAR_POSITIONAL)
-    more = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in names]
-    function.__dict__["__signature__"] = inspect.Signature([one, *more])
-    return function

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -38,6 +38,15 @@ def keywords(function: Function) -> frozenset[str]:
         found = frozenset(p.name for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY)
         _keywords[function] = found
     return found
+
+
+def naming(function: Function, *sources: Function | Iterable[str]) -> Function:
+    """The function, to which `call` passes the keywords of other functions, or those named."""
+    names = {name: None for source in sources for name in (keywords(source) if callable(source) else source)}
+    given = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in sorted(names)]
+    state = inspect.Parameter("state", inspect.Parameter.VAR_POSITIONAL)
+    function.__dict__["__signature__"] = inspect.Signature([state, *given])
+    return function
 
 
 def call(function: Function | None, state: tuple[Array, ...], available: Mapping[str, Any]) -> Any:

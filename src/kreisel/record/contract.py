@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, SupportsIndex
 from kreisel.algebra import KINDS, Array, coordinate_count, invariants, restore
 from kreisel.algebra.reuse import KEPT, cached_property
 from kreisel.display import show
-from kreisel.record.calling import Function, require_names
+from kreisel.record.calling import Function, call, keywords, naming, require_names
 from kreisel.record.given import require_one_reading
 from kreisel.record.model import Model
 
@@ -175,7 +175,7 @@ class Map:
 
     Only the step must be stated.
 
-    step, inverse            (*state, eps) -> state
+    step, inverse            (*state, eps) -> state; of a symmetric map the inverse follows
     symmetric                whether the step with -eps is the inverse
     involution               R with R step R = inverse, anti-Poisson
     to_symmetric             chi with chi step chi^-1 of order 2 and symmetric; chi^-1 is chi with -eps
@@ -225,6 +225,10 @@ class Map:
     order: int = 1
     source: str = ""
 
+    def __post_init__(self) -> None:
+        if self.symmetric and self.inverse is None:
+            object.__setattr__(self, "inverse", _with_the_other_sign(self.step))
+
     @property
     def from_symmetric(self) -> Function | None:
         """chi^-1."""
@@ -241,12 +245,51 @@ class Map:
 @cache
 def _with_the_other_sign(function: Function) -> Function:
     """A function of a state with -eps for eps."""
+    return naming(partial(_reversed, function), function)
 
-    def reversed_step(*state: Array, eps: Any, **constants: Any) -> Any:
-        return function(*state, eps=-eps, **constants)
 
-    reversed_step.__dict__["__signature__"] = inspect.signature(function)
-    return reversed_step
+def _reversed(function: Function, *state: Array, eps: Any, **constants: Any) -> Any:
+    return function(*state, eps=-eps, **constants)
+
+
+def kicked_map(kick: Function, turn: Function, **claims: Any) -> Map:
+    """The map (M, ...) -> turn(M + kick(...), ...): a potential changes M, then the state rotates.
+
+    kick(*carried, eps)   the change of M, a function of the other components, which stay
+    turn(*state, eps)     the state after the rotation; turn with -eps is its inverse
+
+    Its inverse, its reversing involution and half a kick follow; `claims` are the other fields.
+    """
+
+    def step(M: Array, *carried: Array, **known: Any) -> Any:
+        return call(turn, (M + call(kick, carried, known), *carried), known)
+
+    def inverse(*state: Array, eps: Any, **known: Any) -> Any:
+        M, *carried = call(turn, state, {**known, "eps": -eps})
+        return M - call(kick, tuple(carried), {**known, "eps": eps}), *carried
+
+    def involution(M: Array, *carried: Array, **known: Any) -> Any:
+        return -M - call(kick, carried, known), *carried
+
+    def to_symmetric(M: Array, *carried: Array, **known: Any) -> Any:
+        return M + call(kick, carried, known) / 2, *carried
+
+    both = {f.__name__: naming(f, kick, turn) for f in (step, inverse)}
+    alone = {f.__name__: naming(f, kick) for f in (involution, to_symmetric)}
+    return Map(**(both | alone | claims))
+
+
+def implicit_map(turn: Function, move: Function, **claims: Any) -> Map:
+    """The symmetric map move(*state, X, eps) with X, defect = turn(*state, eps), of order 2; see `Map`."""
+
+    def step(*state: Array, **known: Any) -> Any:
+        return call(move, (*state, call(turn, state, known)[0]), known)
+
+    def generator(*old_and_new: Array, **known: Any) -> Any:
+        return call(turn, old_and_new[: len(old_and_new) // 2], known)[0]
+
+    derived = {"step": naming(step, turn, move), "generator": naming(generator, turn), "turn": turn, "move": move}
+    return Map(**(derived | {"symmetric": True, "rational": False, "commutes": True, "order": 2} | claims))
 
 
 @dataclass(frozen=True)
@@ -354,6 +397,20 @@ class Relation:
     back: Function | None = None
 
 
+def pullback(target: System, carry: Function) -> Callable[[Function], Function]:
+    """Functions of the target at the image of a state, by `carry` of a `Relation`, as functions of that state."""
+    letters = {p.letter for p in target.parameters}
+
+    def pulled(function: Function) -> Function:
+        def at_image(*state: Array, **known: Any) -> Any:
+            there, params = call(carry, (*state, None), known)
+            return call(function, there, {**known, **params})
+
+        return naming(at_image, carry, keywords(function) - letters)
+
+    return pulled
+
+
 @dataclass(frozen=True)
 class Orbit:
     """One trajectory in closed form: three phases give the position, 64-bit fractions of one revolution.
@@ -411,6 +468,13 @@ class Checks:
     doubts: Function | None = None
 
 
+def _velocity(
+    momentum: Function, inverse_inertia: Function, spin: Function | None, *state: Array, **known: Any
+) -> Array:
+    Omega = call(inverse_inertia, (momentum(*state),), known)
+    return Omega if spin is None else Omega + call(spin, state, known)
+
+
 @dataclass(frozen=True)
 class System:
     """The record of a system.  Call it with parameters to get a `Model`: `LagrangeTop(p=(0, 0, 1))`.
@@ -420,7 +484,8 @@ class System:
     invariant                name -> (f, k) with f' = k f: f is not an integral, but f = 0 stays
     commuting                the integrals that are in involution with each other and the energy
     lax(*state, lam)         the pair (L, U) with L' = [L, U]
-    velocity(*state)         the angular velocity: g' = omega g (rest frame), g' = g Omega (moving frame)
+    velocity(*state)         the angular velocity: g' = omega g (rest frame), g' = g Omega (moving frame); without it
+                             dT/dM + spin, if inverse_inertia is stated
     inverse_inertia(M)       dT/dM, linear in the momentum M, if H = T(M) + V(vector)
     translation(*state)      U = dH/dP, the velocity of a body with the momentum P in its frame: x' = g U
     spin(*state)             the velocity minus dT/dM: a rotation about the vector, of which H is independent
@@ -505,6 +570,10 @@ class System:
         letters = "\n".join(f"    {p.letter} ({p.kind}): {p.meaning}" for p in self.parameters)
         text = f"{self.title}: {self.equations}  [{self.source}]\n\nParameters:\n{letters}\n\n{self.scaling}"
         object.__setattr__(self, "__doc__", text)
+        if self.velocity is None and self.inverse_inertia is not None and self.space.momentum is not None:
+            rest = () if self.spin is None else (self.spin,)
+            velocity = partial(_velocity, self.space.momentum, self.inverse_inertia, self.spin)
+            object.__setattr__(self, "velocity", naming(velocity, self.inverse_inertia, *rest))
 
     @property
     def __signature__(self) -> inspect.Signature:

@@ -11,7 +11,7 @@ from kreisel.algebra.invariants import pencil_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.clebsch import BAECKLUND, shifted_diagonal
 from kreisel.baecklund.conjugate import CLEBSCH, in_letter
-from kreisel.record.contract import MOVING_SPACE, Map, Parameter, Relation, System, named
+from kreisel.record.contract import MOVING_SPACE, Parameter, Relation, System, kicked_map, named
 
 
 def flow(M, P, *, b):  # (Clebsch spec)   M' = P ^ BP,   P' = -M P
@@ -26,22 +26,8 @@ def kick(P, *, b, eps):  # the change of M in a step
     return eps * wedge(P, b * P) / mat(denominator(P, b=b, eps=eps))
 
 
-def step(M, P, *, b, eps):  # (dClebsch spec)
-    M = M + kick(P, b=b, eps=eps)
+def turn(M, P, *, eps):  # (dClebsch spec)   P_(k+1) = cay(-eps/2 M_(k+1)) P_k
     return M, cayley_act(-eps / 2 * M, P)
-
-
-def inverse(M, P, *, b, eps):
-    P = cayley_act(eps / 2 * M, P)
-    return M - kick(P, b=b, eps=eps), P
-
-
-def involution(M, P, *, b, eps):
-    return -(M + kick(P, b=b, eps=eps)), P
-
-
-def half_kick(M, P, *, b, eps):  # K^(1/2), with the denominator of the complete step
-    return M + kick(P, b=b, eps=eps) / 2, P
 
 
 def shifted(M, P, *, eps):  # Pt
@@ -85,10 +71,6 @@ def inverse_inertia(M):  # Omega = M
     return M
 
 
-def velocity(M, P):
-    return inverse_inertia(M)
-
-
 def generator(M, P, M1, P1, *, eps):  # g_(k+1) = g_k cay(eps/2 M_(k+1))
     return eps / 2 * M1
 
@@ -105,6 +87,14 @@ def largest_step(M, P, *, b):
         return 2 / np.sqrt(dot(P, P) * np.maximum(-b.min(-1), 0))
 
 
+MAP = kicked_map(
+    kick,
+    turn,
+    **named(generator, lagrangian, conjugator, largest_step),
+    lax=lax_matrix,
+    source="Suris 2001, section 7, (dClebsch spec)",
+)
+
 SYSTEM = System(
     name="clebsch",
     title="Clebsch's case, the special flow c = 1",
@@ -119,16 +109,11 @@ SYSTEM = System(
             diagonal=True,
         ),
     ),
-    **named(flow, energy, velocity, translation, inverse_inertia, lax),
+    **named(flow, energy, translation, inverse_inertia, lax),
     scaling="The one moment of inertia is 1.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
-    map=Map(
-        **named(step, inverse, involution, generator, lagrangian, conjugator, largest_step),
-        to_symmetric=half_kick,
-        lax=lax_matrix,
-        source="Suris 2001, section 7, (dClebsch spec)",
-    ),
+    map=MAP,
     baecklund=BAECKLUND,
     pairs=in_letter(CLEBSCH, "b", dimensions=(4, 5)),  # n = 3: one pair, `kreisel.method.pairs`
     derive=shifted_diagonal,

@@ -10,11 +10,9 @@ from dataclasses import replace
 from math import inf
 
 from kreisel.algebra import cayley_act, dot, identity, mat, sqrt
-from kreisel.algebra.invariants import pencil_spectrum
-from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.conjugate import CLEBSCH, of_body
 from kreisel.implicit import branch
-from kreisel.record.contract import MOVING_SPACE, ClosedForm, Relation
+from kreisel.record.contract import MOVING_SPACE, ClosedForm, Relation, implicit_map, named, pullback
 from kreisel.system import clebsch_general, euler_top, quadratic_potential
 
 
@@ -22,28 +20,12 @@ def outer(P):
     return P[..., :, None] * P[..., None, :]
 
 
-def velocity(M, P, *, c):
-    return euler_top.inverse_inertia(M, c=c)
+def to_general(M, P, g, *, J):
+    return (M, P), {"a": J * J, "b": J}
 
 
-def flow(M, P, *, J, c):  # M' = [M, Omega] + P ^ JP,   P' = -Omega P
-    return clebsch_general.flow(M, P, b=J, c=c)
-
-
-def translation(M, P, *, J):
-    return clebsch_general.translation(M, P, b=J)
-
-
-def energy(M, P, *, J, c):
-    return clebsch_general.energy(M, P, b=J, c=c)
-
-
-def spectrum(M, P, *, J):  # coefficients of det(L(lambda) - mu)
-    return pencil_spectrum(M, diagonal(J * J), P, 0)
-
-
-def lax(M, P, *, J, c, lam):  # L = lambda J^2 + M + P P^T/lambda,   U = lambda J + Omega
-    return clebsch_general.lax(M, P, a=J * J, b=J, c=c, lam=lam)
+of_general = pullback(clebsch_general.SYSTEM, to_general)
+lax = of_general(clebsch_general.lax)
 
 
 def deviation(P, eps):  # R = (1 - Q)/eps^2
@@ -56,18 +38,6 @@ def turn(M, P, *, J, c, eps):
 
 def move(M, P, X, *, J, eps):
     return quadratic_potential.moved(M, deviation(P, eps), X, J=J, eps=eps), cayley_act(-X, P)
-
-
-def step(M, P, *, J, c, eps):
-    return move(M, P, turn(M, P, J=J, c=c, eps=eps)[0], J=J, eps=eps)
-
-
-def inverse(M, P, *, J, c, eps):
-    return step(M, P, J=J, c=c, eps=-eps)
-
-
-def generator(M, P, M1, P1, *, J, c, eps):
-    return turn(M, P, J=J, c=c, eps=eps)[0]
 
 
 def lagrangian(g, h, p, *, J, eps):  # -(1/eps) tr((1 - eps^2 p p^T)^(1/2) h J g^T)
@@ -94,33 +64,24 @@ SYSTEM = replace(
     equations="M' = [M, Omega] + P ^ JP,  P' = -Omega P,  M = J Omega + Omega J",
     source="Suris 2001, section 7",
     space=MOVING_SPACE,
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
-    translation=translation,
-    integrals={"spectrum": spectrum},
+    flow=of_general(clebsch_general.flow),
+    energy=of_general(clebsch_general.energy),
+    translation=of_general(clebsch_general.translation),
+    integrals={"spectrum": of_general(clebsch_general.spectrum)},
     lax=lax,
     scaling="Any consistent units: the potential energy is -<P, JP>/2.",
     closed_form=ClosedForm(),
     pairs=of_body(CLEBSCH),
-    map=replace(
-        euler_top.MAP,
-        trajectory=None,
-        step=step,
-        inverse=inverse,
-        symmetric=True,
+    map=implicit_map(
+        turn,
+        move,
+        **named(lagrangian, conjugator, largest_step),
         involution=quadratic_potential.involution,
-        generator=generator,
-        lagrangian=lagrangian,
         lax=lax_matrix,
-        conjugator=conjugator,
-        turn=turn,
-        move=move,
-        largest_step=largest_step,
         source="Suris 2000",
     ),
     relations=(
-        Relation("clebsch-general", lambda M, P, g, *, J: ((M, P), {"a": J * J, "b": J}), meaning="a = J^2, b = J"),
+        Relation("clebsch-general", to_general, meaning="a = J^2, b = J"),
         Relation("quadratic-potential", lambda M, P, g, *, J: ((M, outer(P)), {"J": J}), "step", "P P^T for P"),
     ),
 )

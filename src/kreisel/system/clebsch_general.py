@@ -22,16 +22,12 @@ def inverse_inertia(M, *, c):  # Omega_jk = c_jk M_jk
     return c * M
 
 
-def velocity(M, P, *, c):
-    return inverse_inertia(M, c=c)
-
-
 def flow(M, P, *, b, c):  # M' = [M, Omega] + P ^ BP,   P' = -Omega P
     Omega = inverse_inertia(M, c=c)
     return M @ Omega - Omega @ M + wedge(P, b * P), -act(Omega, P)
 
 
-def energy(M, P, *, b, c, eps=0):
+def energy(M, P, *, b, c):
     return pairing(M, inverse_inertia(M, c=c)) / 2 - dot(P, b * P) / 2
 
 
@@ -57,7 +53,7 @@ SYSTEM = System(
         Parameter("a", "vector", "diagonal of A, distinct entries", distinct, distinct=True, diagonal=True),
         Parameter("b", "vector", "diagonal of B: H has -<P, BP>/2", diagonal=True),
     ),
-    **named(flow, energy, velocity, translation, inverse_inertia, lax),
+    **named(flow, energy, translation, inverse_inertia, lax),
     derive=quotients,
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),

@@ -19,7 +19,7 @@ from kreisel.baecklund.conjugate import MANAKOV, of_body
 from kreisel.errors import InputError
 from kreisel.implicit import branch, quartic
 from kreisel.record.checks import check_diagonal
-from kreisel.record.contract import FREE_SPACE, ClosedForm, Map, Parameter, Relation, System, named
+from kreisel.record.contract import FREE_SPACE, ClosedForm, Parameter, Relation, System, implicit_map, named
 
 
 def sums(*, J):
@@ -31,10 +31,6 @@ def sums(*, J):
 
 def inverse_inertia(M, *, c):  # Omega_jk = M_jk / (J_j + J_k)
     return c * M
-
-
-def velocity(M, *, c):
-    return inverse_inertia(M, c=c)
 
 
 def flow(M, *, c):  # M' = [M, Omega]
@@ -79,20 +75,8 @@ def move(M, X):
     return (cayley_conjugate(-X, M),)
 
 
-def step(M, *, J, c, eps):
-    return move(M, turn(M, J=J, c=c, eps=eps)[0])
-
-
-def inverse(M, *, J, c, eps):
-    return step(M, J=J, c=c, eps=-eps)
-
-
 def involution(M):
     return (-M,)
-
-
-def generator(M, M1, *, J, c, eps):
-    return turn(M, J=J, c=c, eps=eps)[0]
 
 
 def lagrangian(g, h, *, J, eps):  # -(1/eps) tr(W J)
@@ -116,13 +100,11 @@ def largest_step(M, *, J, enough=inf):
     return branch.largest_step(M, J, 0 * M, enough)
 
 
-MAP = Map(
-    **named(step, inverse, involution, generator, lagrangian, conjugator, turn, trajectory, move, largest_step),
-    symmetric=True,
+MAP = implicit_map(
+    turn,
+    move,
+    **named(involution, lagrangian, conjugator, trajectory, largest_step),
     lax=lax_matrix,
-    rational=False,
-    commutes=True,
-    order=2,
     source="Veselov 1988; Moser, Veselov 1991",
 )
 
@@ -142,7 +124,7 @@ SYSTEM = System(
             positive=True,
         ),
     ),
-    **named(flow, energy, velocity, inverse_inertia, lax),
+    **named(flow, energy, inverse_inertia, lax),
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
     map=MAP,

@@ -36,10 +36,6 @@ def inverse_inertia(M, *, R, c, W):  # Omega, where M = J Omega + Omega J
     return skew(act(W, coordinates(M)), n)
 
 
-def velocity(M, P, *, R, c, W):
-    return inverse_inertia(M, R=R, c=c, W=W)
-
-
 def flow(M, P, *, A, R, c, W):  # M' = [M, Omega] + A ^ P,   P' = -Omega P
     Omega = inverse_inertia(M, R=R, c=c, W=W)
     return M @ Omega - Omega @ M + wedge(A, P), -act(Omega, P)
@@ -64,7 +60,7 @@ SYSTEM = System(
         ),
         Parameter("A", "vector", "from the fixed point to the centre of mass, in the body", fixed="body"),
     ),
-    **named(flow, energy, velocity, inverse_inertia),
+    **named(flow, energy, inverse_inertia),
     derive=principal,
     scaling="Any consistent units: <P, A> is the potential energy, so |A| |P| = M g l.",
     notes="Not integrable for general J and A: no map conserves more than the energy and the Casimirs.",

@@ -6,20 +6,15 @@ The total spin is conserved.  A field B only rotates all spins about it.  [Heise
 from dataclasses import replace
 
 from kreisel.algebra.invariants import stack
-from kreisel.record.contract import Parameter
+from kreisel.record.contract import Parameter, pullback
 from kreisel.system import spin_chain
 
 
-def general(J, bond):
-    return {"Jx": J, "Jy": J, "Jz": J, "Bx": 0, "By": 0, "Bz": 0, "K": 0, "bond": bond}
+def general(Sx, Sy, Sz, g, *, J):
+    return (Sx, Sy, Sz), {"Jx": J, "Jy": J, "Jz": J, "Bx": 0, "By": 0, "Bz": 0, "K": 0}
 
 
-def flow(Sx, Sy, Sz, *, J, bond):
-    return spin_chain.flow(Sx, Sy, Sz, **general(J, bond))
-
-
-def energy(Sx, Sy, Sz, *, J, bond):
-    return spin_chain.energy(Sx, Sy, Sz, **general(J, bond))
+of_general = pullback(spin_chain.SYSTEM, general)
 
 
 def total_spin(Sx, Sy, Sz):
@@ -36,8 +31,8 @@ SYSTEM = replace(
         Parameter("J", "scalar", "coupling of neighbours: ferromagnet for J > 0", default=1.0),
         spin_chain.PARAMETERS[-1],
     ),
-    flow=flow,
-    energy=energy,
+    flow=of_general(spin_chain.flow),
+    energy=of_general(spin_chain.energy),
     integrals={"total_spin": total_spin},
     notes="Not integrable; `lattice-landau-lifshitz` is, with another H.",
 )

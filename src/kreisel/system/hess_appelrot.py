@@ -29,10 +29,6 @@ def inverse_inertia(M, *, c):
     return hat(c * axial(M))
 
 
-def velocity(M, P, *, c):
-    return inverse_inertia(M, c=c)
-
-
 def flow(M, P, *, c, A):  # M' = [M, Omega] + A ^ P,   P' = -Omega P
     Omega = inverse_inertia(M, c=c)
     return M @ Omega - Omega @ M + wedge(A, P), -act(Omega, P)
@@ -63,7 +59,7 @@ SYSTEM = System(
         Parameter("x", "scalar", "first coordinate of the centre of mass (x, 0, z)"),
         Parameter("z", "scalar", "third coordinate of the centre of mass"),
     ),
-    **named(flow, energy, velocity, inverse_inertia),
+    **named(flow, energy, inverse_inertia),
     derive=body,
     scaling="Any consistent units: <P, A> is the potential energy.",
     invariant={"hess": (hess, rate)},

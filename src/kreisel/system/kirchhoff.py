@@ -13,10 +13,6 @@ def inverse_inertia(M, *, C):  # Omega_jk = c_jk M_jk
     return C * M
 
 
-def velocity(M, P, *, C):
-    return inverse_inertia(M, C=C)
-
-
 def flow(M, P, *, C, B):  # (Kirch)   M' = [M, Omega] + P ^ BP,   P' = -Omega P
     Omega = inverse_inertia(M, C=C)
     return M @ Omega - Omega @ M + wedge(P, act(B, P)), -act(Omega, P)
@@ -42,7 +38,7 @@ SYSTEM = System(
         ),
         Parameter("B", "symmetric", "H has -<P, BP>/2: minus the inverse masses; a matrix or its diagonal"),
     ),
-    **named(flow, energy, velocity, translation, inverse_inertia),
+    **named(flow, energy, translation, inverse_inertia),
     scaling="Any consistent units. `kreisel.physical.Ellipsoid` gives C and B of an ellipsoid from SI data.",
     notes="Integrable only for special C and B: Clebsch's case is clebsch-general.",
 )

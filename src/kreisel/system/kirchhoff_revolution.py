@@ -26,7 +26,7 @@ from kreisel.algebra import (
 )
 from kreisel.baecklund.kirchhoff_revolution import BAECKLUND
 from kreisel.errors import InputError, shown
-from kreisel.record.contract import MOVING_SPACE, Map, Parameter, Relation, System, named
+from kreisel.record.contract import MOVING_SPACE, Parameter, Relation, System, kicked_map, named, pullback
 from kreisel.system import clebsch
 
 
@@ -44,12 +44,8 @@ def inverse_inertia(M, *, a1, a3, e):  # Omega = dH/dM
     return mat(a1) * M + mat(a3 - a1) * project_out(M, e)
 
 
-def velocity(M, P, *, a1, a3, e):
-    return inverse_inertia(M, a1=a1, a3=a3, e=e)
-
-
 def flow(M, P, *, a1, a3, c1, c3, e):  # M' = [M, Omega] + U ^ P,   P' = -Omega P
-    Omega, U = velocity(M, P, a1=a1, a3=a3, e=e), translation(M, P, c1=c1, c3=c3, e=e)
+    Omega, U = inverse_inertia(M, a1=a1, a3=a3, e=e), translation(M, P, c1=c1, c3=c3, e=e)
     return M @ Omega - Omega @ M + wedge(U, P), -act(Omega, P)
 
 
@@ -62,10 +58,6 @@ def translation(M, P, *, c1, c3, e):  # U = dH/dP
     return (vec(c1) + vec(c3 - c1) * e) * P
 
 
-def spectrum(M, P, *, a1, b, eps=0):
-    return clebsch.spectrum(mat(a1) * M, P, b=b, eps=eps)
-
-
 def lax(M, P, *, a1, a3, b, e, lam):  # L' = [L, U],   U = lambda B + Omega
     L, U = clebsch.lax(mat(a1) * M, P, b=b, lam=lam)
     return L, U + mat(a3 - a1) * project_out(M, e)
@@ -75,40 +67,13 @@ def half_turn(M, a1, a3, e, eps):
     return mat((a3 - a1) * eps / 2) * project_out(M, e)
 
 
-def turned(M, P, a1, a3, e, eps):
-    V = half_turn(M, a1, a3, e, eps)
-    return cayley_conjugate(-V, M, e), cayley_act(-V, P)
-
-
-def kick(P, a1, b, eps):  # the change of M in a step
+def kick(P, *, a1, b, eps):  # the change of M in a step
     return clebsch.kick(P, b=b, eps=eps) / mat(a1)
 
 
-def carried(M, P, a1, eps):
-    return cayley_act(mat(-a1 * eps / 2) * M, P)
-
-
-def step(M, P, *, a1, a3, b, e, eps):  # (dClebsch spec) for (a1 M, P), then the rotation
-    M = M + kick(P, a1, b, eps)
-    return turned(M, carried(M, P, a1, eps), a1, a3, e, eps)
-
-
-def inverse(M, P, *, a1, a3, b, e, eps):
-    M, P = turned(M, P, a1, a3, e, -eps)
-    P = carried(M, P, a1, -eps)
-    return M - kick(P, a1, b, eps), P
-
-
-def involution(M, P, *, a1, b, eps):
-    return -(M + kick(P, a1, b, eps)), P
-
-
-def half_kick(M, P, *, a1, b, eps):
-    return M + kick(P, a1, b, eps) / 2, P
-
-
-def lax_matrix(M, P, *, a1, b, lam, eps):
-    return clebsch.lax_matrix(mat(a1) * M, P, b=b, lam=lam, eps=eps)
+def turn(M, P, *, a1, a3, e, eps):  # (dClebsch spec) for (a1 M, P), then the rotation
+    V, P = half_turn(M, a1, a3, e, eps), cayley_act(mat(-a1 * eps / 2) * M, P)
+    return cayley_conjugate(-V, M, e), cayley_act(-V, P)
 
 
 def conjugator(M, P, *, a1, a3, b, e, lam, eps):
@@ -121,8 +86,7 @@ def generator(M, P, M1, P1, *, a1, a3, e, eps):  # X with cay(X) = cay(V) cay(U)
     return solve(one - V, U + V) @ solve(one + V @ U, one - V)
 
 
-def largest_step(M, P, *, b):
-    return clebsch.largest_step(M, P, b=b)
+of_clebsch = pullback(clebsch.SYSTEM, lambda M, P, g, *, a1, b: ((mat(a1) * M, P), {"b": b}))
 
 
 def inverse_planes(a1, a3, e):  # c_jk
@@ -149,13 +113,15 @@ SYSTEM = System(
         Parameter("c3", "scalar", "inverse mass along the axis, with the added mass"),
         Parameter("n", "dimension", "the dimension of the space", default=3),
     ),
-    **named(derive, flow, energy, velocity, translation, inverse_inertia, lax),
-    integrals={"spectrum": spectrum, "noether": noether},
+    **named(derive, flow, energy, translation, inverse_inertia, lax),
+    integrals={"spectrum": of_clebsch(clebsch.spectrum), "noether": noether},
     commuting=("spectrum",),
-    map=Map(
-        **named(step, inverse, involution, generator, conjugator, largest_step),
-        to_symmetric=half_kick,
-        lax=lax_matrix,
+    map=kicked_map(
+        kick,
+        turn,
+        **named(generator, conjugator),
+        largest_step=clebsch.largest_step,
+        lax=of_clebsch(clebsch.lax_matrix),
         source="Suris 2001, section 7, and a rotation about the axis",
     ),
     baecklund=BAECKLUND,

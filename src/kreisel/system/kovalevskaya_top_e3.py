@@ -6,13 +6,11 @@ K = |(M_1 + i M_2)^2/2 - P_1 - i P_2|^2.  Plus bracket, F' = {H, F}.  The map is
 cay((eps/2) M) cay((eps/2) M_11), M_11 the part of M in the plane (1, 2): `kovalevskaya_gyrostat` with Q = 0, gamma = 0.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from kreisel.algebra import act, axial, cayley_act, dot, vec, wedge
 from kreisel.baecklund.kovalevskaya import ONE_FIELD
-from kreisel.record.contract import MOVING_SPACE, Relation, System, named
+from kreisel.record.contract import MOVING_SPACE, Relation, System, kicked_map, named
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 from kreisel.system import kovalevskaya_top as top
 from kreisel.system import kovalevskaya_top_so3 as two
@@ -23,39 +21,18 @@ def flow(M, P, *, c, e):  # M' = [M, Omega] + e_1 ^ P,   P' = -Omega P
     return M @ Omega - Omega @ M + wedge(e, P), -act(Omega, P)
 
 
-def velocity(M, P, *, c):
-    return c * M
+def kick(P, *, e, eps):
+    return wedge(e, vec(eps / (1 - eps * eps * P[..., 0] / 4)) * P)
 
 
-def kicked(M, P, e, eps, share=1):
-    return M + wedge(e, vec(eps / (share * (1 - eps * eps * P[..., 0] / 4))) * P)
-
-
-def turn(M, P, eps):
+def turn(M, P, *, eps):
     Y = eps / 2 * gyrostat.rotor(M, 0)
     P = gyrostat.turned(Y, cayley_act(-eps / 2 * M, P)[..., None])[..., 0]
     return gyrostat.turned(Y, gyrostat.turned(Y, M).mT).mT, P
 
 
-def step(M, P, *, e, eps):
-    return turn(kicked(M, P, e, eps), P, eps)
-
-
-def inverse(M, P, *, e, eps):
-    M, P = turn(M, P, -eps)
-    return kicked(M, P, e, -eps), P
-
-
-def involution(M, P, *, e, eps):
-    return -kicked(M, P, e, eps), P
-
-
-def half_kick(M, P, *, e, eps):
-    return kicked(M, P, e, eps, 2), P
-
-
 def generator(M, P, M1, P1, *, e, eps):
-    M = kicked(M, P, e, eps)
+    M = M + kick(P, e=e, eps=eps)
     return gyrostat.composed(M, gyrostat.rotor(M, 0), eps)
 
 
@@ -94,17 +71,7 @@ def factors(M, P, *, e, h, lam, eps):
     return gyrostat.factors(M, P, 0 * P, gamma=0, e=e, h=h, lam=lam, eps=eps, columns=1)
 
 
-MAP = replace(
-    gyrostat.MAP,
-    step=step,
-    inverse=inverse,
-    involution=involution,
-    to_symmetric=half_kick,
-    generator=generator,
-    largest_step=largest_step,
-    pencil=pencil,
-    factors=factors,
-)
+MAP = kicked_map(kick, turn, **named(generator, largest_step, pencil, factors), source="Kreisel")
 
 SYSTEM = System(
     name="kovalevskaya-top-e3",
@@ -113,7 +80,7 @@ SYSTEM = System(
     source="Kovalevskaya 1889; Suris 2001, Introduction",
     space=MOVING_SPACE,
     parameters=(),
-    **named(flow, energy, velocity, lax),
+    **named(flow, energy, lax),
     inverse_inertia=top.inverse_inertia,
     derive=lambda: gyrostat.shape(n=np.asarray(3)),
     scaling="Omega = (M_1, M_2, 2 M_3): the moments of inertia are 1, 1, 1/2. With the body values I, I, I/2 and M g l "

@@ -16,7 +16,7 @@ import numpy as np
 
 from kreisel.algebra import axial, cayley, cross, dot, hat, identity, mat, solve, vec, wedge
 from kreisel.algebra.matrices import SU2_IMAGINARY, SU2_REAL, blocks
-from kreisel.record.contract import Relation
+from kreisel.record.contract import Relation, kicked_map, named
 from kreisel.system import kovalevskaya_top_e3 as first
 from kreisel.system import quadratic_field as general
 
@@ -28,7 +28,7 @@ PHASE = -np.kron(identity(2), TURN)  # 1/i
 FIELD = np.kron(SU2_REAL @ TURN, SWAP) - np.kron(SU2_IMAGINARY @ TURN, MIRROR)  # v -> -sigma_j (i sigma_2) conj(v)
 
 
-def kick(P, eps):  # eps C ^ P
+def kick(P, *, eps):  # eps C ^ P
     u, v = 1 - eps * eps / 8 * P[..., 0], -eps * eps / 8 * P[..., 1]
     scale = vec(eps / (u * u + v * v))
     return wedge(scale * np.stack([u, v, 0 * u], -1), P)
@@ -39,28 +39,11 @@ def turned(alpha, u, v):  # cay(hat(u)/alpha) v, alpha = 0 too
     return v + vec(2 / (alpha * alpha + dot(u, u))) * (vec(alpha) * w + cross(u, w))
 
 
-def turn(M, P, eps):
+def turn(M, P, *, eps):
     m, k = axial(M), eps / 2
     quarter = k * k / 4 * (m[..., 0] * m[..., 0] + m[..., 1] * m[..., 1])
     P, spin = turned(1 - quarter, -k * m, P), -k * m * PLANE
     return hat(turned(1 + quarter, spin, m)), turned(1 + quarter, spin, P)
-
-
-def step(M, P, *, eps):
-    return turn(M + kick(P, eps), P, eps)
-
-
-def inverse(M, P, *, eps):
-    M, P = turn(M, P, -eps)
-    return M - kick(P, eps), P
-
-
-def involution(M, P, *, eps):
-    return -M - kick(P, eps), P
-
-
-def half_kick(M, P, *, eps):
-    return M + kick(P, eps) / 2, P
 
 
 def turns(M, eps):
@@ -75,7 +58,7 @@ def turns(M, eps):
 
 
 def generator(M, P, M1, P1, *, eps):
-    W = turns(M + kick(P, eps), eps)[0]
+    W = turns(M + kick(P, eps=eps), eps)[0]
     return solve(identity(3) + W, W - identity(3))
 
 
@@ -118,7 +101,7 @@ def pencil(M, P, *, lam, mu, eps):  # 8 x 8
 
 
 def factors(M, P, *, lam, eps):
-    N = M + kick(P, eps)
+    N = M + kick(P, eps=eps)
     (big, _), F = whole(N, P), whole(M, P)[1]
     one = identity(4) + 0 * F
     plane = turns(N, eps)[1].mT[..., :2, :2]
@@ -133,17 +116,7 @@ SYSTEM = replace(
     title="Kovalevskaya's top of 1889, with a second map",
     energy=energy,
     integrals={"kovalevskaya": kovalevskaya},
-    map=replace(
-        first.MAP,
-        step=step,
-        inverse=inverse,
-        involution=involution,
-        to_symmetric=half_kick,
-        generator=generator,
-        largest_step=largest_step,
-        pencil=pencil,
-        factors=factors,
-    ),
+    map=kicked_map(kick, turn, **named(generator, largest_step, pencil, factors), source="Kreisel"),
     relations=(Relation("kovalevskaya-top-e3", lambda M, P, g: ((M, P), {}), meaning="another map"),),
     notes="",
 )

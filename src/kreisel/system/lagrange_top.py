@@ -23,29 +23,19 @@ from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top import BAECKLUND, spin
 from kreisel.record.checks import nonzero_alpha, nonzero_vector
-from kreisel.record.contract import REST_SPACE, Checks, ClosedForm, Map, Parameter, Relation, System, named
+from kreisel.record.contract import REST_SPACE, Checks, ClosedForm, Parameter, Relation, System, kicked_map, named
 
 
 def flow(m, a, *, p):  # (mLT right)   m' = a ^ p,   a' = m a
     return wedge(a, p), act(m, a)
 
 
-def step(m, a, *, p, eps):  # (dLT rest frame)
-    m = m + eps * wedge(a, p)
-    return m, cayley_act(eps / 2 * m, a)  # (I - eps/2 m)^-1 (I + eps/2 m) a
+def kick(a, *, p, eps):  # (dLT rest frame)   m_(k+1) = m_k + kick
+    return eps * wedge(a, p)
 
 
-def inverse(m, a, *, p, eps):
-    a = cayley_act(-eps / 2 * m, a)
-    return m - eps * wedge(a, p), a
-
-
-def involution(m, a, *, p, eps):
-    return -(m + eps * wedge(a, p)), a
-
-
-def half_kick(m, a, *, p, eps):  # A_(eps/2)
-    return m + eps / 2 * wedge(a, p), a
+def turn(m, a, *, eps):  # a_(k+1) = (I - eps/2 m_(k+1))^-1 (I + eps/2 m_(k+1)) a_k
+    return m, cayley_act(eps / 2 * m, a)
 
 
 def shifted(m, a, *, p, eps):  # b_k of (bk), for any |a|
@@ -84,10 +74,6 @@ def inverse_inertia(m):  # dH/dm
     return m
 
 
-def velocity(m, a, *, alpha):
-    return inverse_inertia(m) + spin(m, a, alpha=alpha)
-
-
 def generator(m, a, m1, a1, *, alpha, eps):  # w_k = cay(X), from (dLT m expr)
     return eps / 2 * m1 / mat(alpha) + mat((1 - alpha) / alpha / (dot(a, a) + dot(a, a1))) * wedge(a, a1)
 
@@ -102,9 +88,10 @@ def to_moving_frame(m, a, g, *, p, alpha):
     return (g.mT @ m @ g, act(g.mT, p)), {"A": act(g.mT, a), "alpha": alpha}
 
 
-MAP = Map(
-    **named(step, inverse, involution, generator, lagrangian, conjugator),
-    to_symmetric=half_kick,
+MAP = kicked_map(
+    kick,
+    turn,
+    **named(generator, lagrangian, conjugator),
     lax=lax_matrix,
     darboux=darboux_variables,
     source="Suris 2001, section 6.1, (dLT rest frame)",
@@ -126,7 +113,7 @@ SYSTEM = System(
             1.0,
         ),
     ),
-    **named(flow, energy, velocity, inverse_inertia, lax),
+    **named(flow, energy, inverse_inertia, lax),
     spin=spin,
     scaling="The transverse moment of inertia is 1: with body values I1, M g l use the time unit sqrt(I1/(M g l)), "
     "momenta in sqrt(I1 M g l), |a| = |p| = 1.",

@@ -34,10 +34,6 @@ def inverse_inertia(M, *, A, alpha):  # Omega, (mLT operator inv)
     return M / mat(alpha) + mat((1 - alpha) / alpha / dot(A, A)) * wedge(A, act(M, A))
 
 
-def velocity(M, P, *, A, alpha):
-    return inverse_inertia(M, A=A, alpha=alpha)
-
-
 def flow(M, P, *, A, alpha):  # M' = [M, Omega] + A ^ P,   P' = -Omega P
     Omega = inverse_inertia(M, A=A, alpha=alpha)
     return M @ Omega - Omega @ M + wedge(A, P), -act(Omega, P)
@@ -100,7 +96,7 @@ def lax_matrix(M, P, *, A, lam, eps=0):  # L(lambda)
 
 
 def lax(M, P, *, A, alpha, lam):  # L' = [L, U]
-    return lax_matrix(M, P, A=A, lam=lam), border(velocity(M, P, A=A, alpha=alpha), lam * A + 0 * P)
+    return lax_matrix(M, P, A=A, lam=lam), border(inverse_inertia(M, A=A, alpha=alpha), lam * A + 0 * P)
 
 
 def conjugator(M, P, *, A, alpha, lam, eps):  # V = diag(W, 1) cay(eps/2 U), U = [[0, lambda A], [+lambda A^T, 0]]
@@ -138,7 +134,7 @@ SYSTEM = System(
         ),
         Parameter("alpha", "scalar", "axial over transverse moment of inertia, not 0", nonzero_alpha, 1.0),
     ),
-    **named(flow, energy, velocity, inverse_inertia, lax),
+    **named(flow, energy, inverse_inertia, lax),
     scaling="The transverse moment of inertia is 1; |A| |P| is M g l in that unit. See lagrange-top.",
     integrals={"spectrum": spectrum, "noether": noether},
     commuting=("spectrum",),

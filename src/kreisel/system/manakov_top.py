@@ -10,7 +10,7 @@ from kreisel.baecklund.conjugate import MANAKOV
 from kreisel.record.checks import distinct
 from kreisel.record.contract import FREE_SPACE, Parameter, System
 from kreisel.system.clebsch_general import quotients
-from kreisel.system.euler_top import energy, flow, inverse_inertia, velocity
+from kreisel.system.euler_top import energy, flow, inverse_inertia
 
 
 def spectrum(M, *, a):  # coefficients of det(lambda A + M - mu)
@@ -33,7 +33,6 @@ SYSTEM = System(
     ),
     flow=flow,
     energy=energy,
-    velocity=velocity,
     inverse_inertia=inverse_inertia,
     derive=quotients,
     integrals={"spectrum": spectrum},

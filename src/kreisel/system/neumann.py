@@ -10,7 +10,7 @@ from kreisel.algebra import dot, log, mat, vec, wedge
 from kreisel.algebra.invariants import plane_spectrum
 from kreisel.baecklund.clebsch import shifted_diagonal
 from kreisel.baecklund.neumann import BAECKLUND, on_sphere
-from kreisel.record.contract import Map, Parameter, Relation, System, named
+from kreisel.record.contract import Map, Parameter, Relation, System, named, pullback
 from kreisel.record.spheres import SPHERE_SPACE
 from kreisel.system import clebsch
 
@@ -71,24 +71,16 @@ def spectrum(x, q, *, b, eps=0):
     return plane_spectrum(x, q, b, 1 + along / 2, -eps * xx / 2, eps * eps * xx / 4)
 
 
-def lax(x, q, *, b, lam):
-    return clebsch.lax(wedge(x, q), x, b=b, lam=lam)
+def to_clebsch(x, q, g, *, b):
+    return (wedge(x, q), x), {"b": b}
 
 
-def lax_matrix(x, q, *, b, lam, eps):
-    return clebsch.lax_matrix(wedge(x, q), x, b=b, lam=lam, eps=eps)
-
-
-def conjugator(x, q, *, b, lam, eps):
-    return clebsch.conjugator(wedge(x, q), x, b=b, lam=lam, eps=eps)
+of_clebsch = pullback(clebsch.SYSTEM, to_clebsch)
+lax = of_clebsch(clebsch.lax)
 
 
 def inverse_inertia(M):
     return M
-
-
-def velocity(x, q):
-    return inverse_inertia(wedge(x, q))
 
 
 def generator(x, q, x1, q1):  # (eps/2) M_(k+1) = x_k ^ x_(k+1) / (1 + <x_k, x_(k+1)>)
@@ -110,22 +102,20 @@ SYSTEM = System(
     source="Suris 2001, section 7, end",
     space=SPHERE_SPACE,
     parameters=(Parameter("b", "vector", "diagonal of B: the potential energy is -<x, Bx>/2", diagonal=True),),
-    **named(flow, energy, velocity, inverse_inertia, lax),
+    **named(flow, energy, inverse_inertia),
     scaling="The mass and the radius of the sphere are 1.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
+    lax=lax,
     map=Map(
-        **named(step, inverse, involution, generator, lagrangian, conjugator, largest_step, second_order),
+        **named(step, inverse, involution, generator, lagrangian, largest_step, second_order),
+        conjugator=of_clebsch(clebsch.conjugator),
         to_symmetric=half_kick,
-        lax=lax_matrix,
+        lax=of_clebsch(clebsch.lax_matrix),
         source="Suris 2001, section 7, end (Adler's discretization)",
     ),
     baecklund=BAECKLUND,
     derive=shifted_diagonal,
-    relations=(
-        Relation(
-            "clebsch", lambda x, q, g, *, b: ((wedge(x, q), x), {"b": b}), "step", "M = x ^ q, P = x", back=on_sphere
-        ),
-    ),
+    relations=(Relation("clebsch", to_clebsch, "step", "M = x ^ q, P = x", back=on_sphere),),
     notes="On the sphere the spectrum has rank n - 1, which is complete.",
 )

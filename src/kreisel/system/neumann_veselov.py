@@ -41,10 +41,6 @@ def tangential(x, q):
     return q - vec(dot(x, q) / dot(x, x)) * x
 
 
-def inverse(x, q, *, b, eps):
-    return step(x, q, b=b, eps=-eps)
-
-
 def involution(x, q):
     return x, -q
 
@@ -98,7 +94,7 @@ SYSTEM = replace(
     energy=energy,
     integrals={"spectrum": spectrum},
     map=Map(
-        **named(step, inverse, involution, lagrangian, conjugator, largest_step, second_order),
+        **named(step, involution, lagrangian, conjugator, largest_step, second_order),
         symmetric=True,
         generator=neumann.generator,
         lax=lax_matrix,

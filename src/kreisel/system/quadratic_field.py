@@ -33,7 +33,7 @@ from kreisel.algebra import (
 from kreisel.algebra.invariants import determinant, stack
 from kreisel.algebra.matrices import blocks, diagonal
 from kreisel.baecklund.conjugate import QUADRATIC, in_letter
-from kreisel.record.contract import FIELD_SPACE, Map, Parameter, System, named
+from kreisel.record.contract import FIELD_SPACE, Parameter, System, kicked_map, named
 
 AXES = np.arange(3)
 
@@ -86,10 +86,6 @@ def inverse_inertia(M):  # Omega = M
     return M
 
 
-def velocity(M, F):
-    return inverse_inertia(M)
-
-
 def flow(M, F, *, B):  # M' = [F, B],   F' = [F, M]
     return bracket(F, B), bracket(F, M)
 
@@ -106,7 +102,7 @@ def impulse(F, b, eps):
     return D, hat(eps * (b[..., SECOND] - b[..., THIRD]) * C)
 
 
-def kick(F, b, eps):  # eps (X B - B X), the change of M in a step
+def kick(F, *, b, eps):  # eps (X B - B X), the change of M in a step
     D, K = impulse(F, b, eps)
     return K / mat(D)
 
@@ -129,17 +125,8 @@ def step(M, F, *, b, eps):
     return M + K / mat(D), rotated(-eps / 2 * (mat(D) * M + K), F, D)
 
 
-def inverse(M, F, *, b, eps):
-    F = rotated(eps / 2 * M, F)
-    return M - kick(F, b, eps), F
-
-
-def involution(M, F, *, b, eps):
-    return -M - kick(F, b, eps), F
-
-
-def half_kick(M, F, *, b, eps):
-    return M + kick(F, b, eps) / 2, F
+def turn(M, F, *, eps):
+    return M, rotated(-eps / 2 * M, F)
 
 
 def generator(M, F, M1, F1, *, eps):
@@ -169,7 +156,7 @@ def pencil(M, F, *, B, lam, mu, eps):
 
 
 def factors(M, F, *, b, B, lam, eps):
-    one, W = identity(M.shape[-1]) + 0 * F, cayley(eps / 2 * (M + kick(F, b, eps)))
+    one, W = identity(M.shape[-1]) + 0 * F, cayley(eps / 2 * (M + kick(F, b=b, eps=eps)))
     return turned(factors_of(F, one, B, lam=lam, eps=eps), one, W)
 
 
@@ -188,11 +175,7 @@ def largest_step(M, F, *, b):
         return 2 / np.sqrt(worst)
 
 
-MAP = Map(
-    **named(step, inverse, involution, generator, lagrangian, pencil, factors, largest_step),
-    to_symmetric=half_kick,
-    source="Kreisel",
-)
+MAP = kicked_map(kick, turn, **named(step, generator, lagrangian, pencil, factors, largest_step), source="Kreisel")
 
 SYSTEM = System(
     name="quadratic-field",
@@ -201,7 +184,7 @@ SYSTEM = System(
     source="Suris 2001, Introduction; Bogoyavlensky 1985, Reyman 1980",
     space=FIELD_SPACE,
     parameters=(Parameter("b", "vector", "diagonal of B: the potential energy is -tr(B F)/2", diagonal=True),),
-    **named(flow, energy, velocity, inverse_inertia, derive, lax),
+    **named(flow, energy, inverse_inertia, derive, lax),
     scaling="The one moment of inertia is 1. Every symmetric B is diagonal along axes of the body.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),

@@ -18,15 +18,11 @@ from kreisel.algebra.invariants import laurent_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.conjugate import QUADRATIC, of_body
 from kreisel.implicit import branch
-from kreisel.record.contract import QUADRATIC_SPACE, ClosedForm
+from kreisel.record.contract import QUADRATIC_SPACE, ClosedForm, implicit_map, named
 from kreisel.system import euler_top
 from kreisel.system.euler_top import inverse_inertia
 
 ROOT_STEPS = 8
-
-
-def velocity(M, P, *, c):
-    return inverse_inertia(M, c=c)
 
 
 def flow(M, P, *, J, c):  # M' = [M, Omega] + [P, J],   P' = [P, Omega]
@@ -86,20 +82,8 @@ def move(M, P, X, *, J, eps):
     return moved(M, deviation(P, eps), X, J=J, eps=eps), KINDS["symmetric"].turned(-X, P)
 
 
-def step(M, P, *, J, c, eps):
-    return move(M, P, turn(M, P, J=J, c=c, eps=eps)[0], J=J, eps=eps)
-
-
-def inverse(M, P, *, J, c, eps):
-    return step(M, P, J=J, c=c, eps=-eps)
-
-
 def involution(M, P):
     return -M, P
-
-
-def generator(M, P, M1, P1, *, J, c, eps):
-    return turn(M, P, J=J, c=c, eps=eps)[0]
 
 
 def action(g, h, root, *, J, eps):
@@ -134,28 +118,16 @@ SYSTEM = replace(
     equations="M' = [M, Omega] + [P, J],  P' = [P, Omega],  M = J Omega + Omega J",
     source="Suris 2001, Introduction; Bogoyavlensky 1985, Reyman 1980",
     space=QUADRATIC_SPACE,
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
+    **named(flow, energy, lax),
     scaling="Any consistent units: the potential energy is -tr(J P)/2; P may have any sign.",
     integrals={"spectrum": spectrum},
-    lax=lax,
     closed_form=ClosedForm(),
     pairs=of_body(QUADRATIC),
-    map=replace(
-        euler_top.MAP,
-        trajectory=None,
-        step=step,
-        inverse=inverse,
-        symmetric=True,
-        involution=involution,
-        generator=generator,
-        lagrangian=lagrangian,
+    map=implicit_map(
+        turn,
+        move,
+        **named(involution, lagrangian, conjugator, largest_step),
         lax=lax_matrix,
-        conjugator=conjugator,
-        turn=turn,
-        move=move,
-        largest_step=largest_step,
         source="Suris 2000",
     ),
     relations=(),

@@ -32,7 +32,7 @@ from kreisel.algebra import (
     wedge,
 )
 from kreisel.algebra.invariants import stack
-from kreisel.record.contract import Map, Parameter, named
+from kreisel.record.contract import Parameter, kicked_map, named
 from kreisel.system import ratiu_top
 
 DUAL, SIGNS = np.array([5, 4, 3, 2, 1, 0]), np.array([-1, 1, -1, -1, 1, -1], dtype=np.int8)
@@ -69,8 +69,8 @@ def whole(p, q):
     return skew(np.stack(x, -1), 4)
 
 
-def kicked(M, G, X, eps):
-    return M + eps * bracket(G, X)
+def kick(G, *, X, eps):
+    return eps * bracket(G, X)
 
 
 def about(M, *, u, v, eps):  # R = cay(Y)
@@ -84,25 +84,8 @@ def turn(M, G, *, h, u, v, eps):
     return cayley_conjugate(-Y, M), cayley_conjugate(-Y, G)
 
 
-def step(M, G, *, X, h, u, v, eps):
-    return turn(kicked(M, G, X, eps), G, h=h, u=u, v=v, eps=eps)
-
-
-def inverse(M, G, *, X, h, u, v, eps):
-    M, G = turn(M, G, h=h, u=u, v=v, eps=-eps)
-    return kicked(M, G, X, -eps), G
-
-
-def involution(M, G, *, X, eps):
-    return -kicked(M, G, X, eps), G
-
-
-def half_kick(M, G, *, X, eps):
-    return kicked(M, G, X, eps / 2), G
-
-
 def generator(M, G, M1, G1, *, X, h, u, v, eps):  # W R = cay(generator)
-    M = kicked(M, G, X, eps)
+    M = M + kick(G, X=X, eps=eps)
     W, k = cayley(about(M, u=u, v=v, eps=eps)), h * eps
     for m, M_half in zip(reversed(halves(M)), ((M - dual(M)) / 2, (M + dual(M)) / 2), strict=True):
         W = (W + mat(k) * (M_half @ W)) / mat(sqrt(1 + k * k * dot(m, m)))
@@ -136,7 +119,9 @@ def lax_matrix(M, G, *, C, h, lam, eps):  # L = lambda^2 C + lambda M + Gt
 def conjugator(M, G, *, X, h, u, v, lam, eps):  # (1 - h/lambda G+)(1 - h/lambda G-) R
     k, Gd = mat(h * eps) / lam, dual(G)
     one = identity(4)
-    return (one - k / 2 * (G + Gd)) @ (one - k / 2 * (G - Gd)) @ cayley(about(kicked(M, G, X, eps), u=u, v=v, eps=eps))
+    return (
+        (one - k / 2 * (G + Gd)) @ (one - k / 2 * (G - Gd)) @ cayley(about(M + eps * bracket(G, X), u=u, v=v, eps=eps))
+    )
 
 
 SYSTEM = replace(
@@ -154,9 +139,10 @@ SYSTEM = replace(
     derive=planes,
     integrals={"spectrum": spectrum},
     n=4,
-    map=Map(
-        **named(step, inverse, involution, generator, conjugator),
-        to_symmetric=half_kick,
+    map=kicked_map(
+        kick,
+        turn,
+        **named(generator, conjugator),
         lax=lax_matrix,
         rational=False,
         source="Made here from so(4) = su(2) + su(2) and the map of Suris 2001",

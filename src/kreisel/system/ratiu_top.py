@@ -33,7 +33,7 @@ from kreisel.algebra import (
 )
 from kreisel.algebra.invariants import trace_of_product
 from kreisel.errors import InputError
-from kreisel.record.contract import ADJOINT_SPACE, Map, Parameter, System, named
+from kreisel.record.contract import ADJOINT_SPACE, Parameter, System, kicked_map, named
 from kreisel.system import quadratic_field as general
 
 
@@ -63,16 +63,12 @@ def inverse_inertia(M, *, c):
     return c * M
 
 
-def velocity(M, G, *, c):
-    return inverse_inertia(M, c=c)
-
-
 def flow(M, G, *, c, X):  # M' = [M, Omega] + [G, chi],   G' = [G, Omega]
     Omega = inverse_inertia(M, c=c)
     return bracket(M, Omega) + bracket(G, X), bracket(G, Omega)
 
 
-def kick(G, X, h, eps):  # eps [Y, chi]; for n = 3 G chi G = -<G, chi> G, so Y = G/(1 - (k eps/2) <G, chi>)
+def kick(G, *, X, h, eps):  # eps [Y, chi]; for n = 3 G chi G = -<G, chi> G, so Y = G/(1 - (k eps/2) <G, chi>)
     s = eps * eps * h / 4
     if G.shape[-1] != 3:
         return eps * bracket(general.potential(G, mat(s) * X), X)
@@ -80,31 +76,14 @@ def kick(G, X, h, eps):  # eps [Y, chi]; for n = 3 G chi G = -<G, chi> G, so Y =
     return hat(vec(eps / (1 - s * dot(g, x))) * cross(g, x))
 
 
-def turn(M, G, h, spins, eps):
+def turn(M, G, *, h, spins, eps):
     Y = skew(coordinates(eps / 2 * spins * M), M.shape[-1])
     G = KINDS["skew"].turned(-mat(eps * h / 2) * M, G)
     return cayley_conjugate(-Y, M), cayley_conjugate(-Y, G)
 
 
-def step(M, G, *, X, h, spins, eps):
-    return turn(M + kick(G, X, h, eps), G, h, spins, eps)
-
-
-def inverse(M, G, *, X, h, spins, eps):
-    M, G = turn(M, G, h, spins, -eps)
-    return M - kick(G, X, h, eps), G
-
-
-def involution(M, G, *, X, h, eps):
-    return -M - kick(G, X, h, eps), G
-
-
-def half_kick(M, G, *, X, h, eps):
-    return M + kick(G, X, h, eps) / 2, G
-
-
 def turns(M, G, X, h, spins, eps):
-    N = M + kick(G, X, h, eps)
+    N = M + kick(G, X=X, h=h, eps=eps)
     return cayley(mat(eps * h / 2) * N), cayley(eps / 2 * spins * N)
 
 
@@ -156,11 +135,7 @@ def largest_step(M, G, *, X, h):
         return 2 / np.sqrt(h * np.sqrt(pairing(X, X)) * np.linalg.norm(G, 2, axis=(-2, -1)))
 
 
-MAP = Map(
-    **named(step, inverse, involution, generator, pencil, factors, largest_step),
-    to_symmetric=half_kick,
-    source="Kreisel",
-)
+MAP = kicked_map(kick, turn, **named(generator, pencil, factors, largest_step), source="Kreisel")
 
 SYSTEM = System(
     name="ratiu-top",
@@ -174,7 +149,7 @@ SYSTEM = System(
         Parameter("b", "scalar", "J_3 = ... = J_n, positive", positive, positive=True),
         Parameter("chi", "scalar", "chi_12, the strength of the field"),
     ),
-    **named(flow, energy, velocity, inverse_inertia, lax),
+    **named(flow, energy, inverse_inertia, lax),
     derive=planes,
     scaling="Any consistent units: <G, chi> is the potential energy.",
     integrals={"spectrum": spectrum, "noether": noether},

@@ -15,7 +15,7 @@ from kreisel.algebra.invariants import stack
 from kreisel.algebra.matrices import diagonal
 from kreisel.errors import InputError
 from kreisel.record.checks import distinct
-from kreisel.record.contract import Checks, Map, Parameter, System, named
+from kreisel.record.contract import Checks, Map, Parameter, System, named, pullback
 from kreisel.record.spheres import SPHERE_SPACE, random_on_sphere
 from kreisel.system import neumann, neumann_veselov
 
@@ -59,6 +59,9 @@ def doubled(b):
     return np.concatenate([b, b], -1)
 
 
+of_double = pullback(neumann_veselov.SYSTEM, lambda x, q, g, *, b, mu: (lifted(x, q, mu), {"b": doubled(b)}))
+
+
 def turns(c, s):
     """The rotations of the planes: [[c, -s], [s, c]] of diagonal matrices, of size 2n."""
     c, s = diagonal(c), diagonal(s)
@@ -84,21 +87,9 @@ def step(x, q, *, b, mu, eps):
     return x1, neumann_veselov.tangential(x1, (y * v + z * w) / x1)
 
 
-def inverse(x, q, *, b, mu, eps):
-    return step(x, q, b=b, mu=mu, eps=-eps)
-
-
-def lax_matrix(x, q, *, b, mu, lam, eps):
-    return neumann_veselov.lax_matrix(*lifted(x, q, mu), b=doubled(b), lam=lam, eps=eps)
-
-
 def conjugator(x, q, *, b, mu, lam, eps):
     x1, y, z, *_ = moved(x, q, b=b, mu=mu, eps=eps)
     return neumann_veselov.conjugator(*lifted(x, q, mu), b=doubled(b), lam=lam, eps=eps) @ turns(y / x1, z / x1)
-
-
-def largest_step(x, q, *, b, mu):
-    return neumann_veselov.largest_step(*lifted(x, q, mu), b=doubled(b))
 
 
 SYSTEM = System(
@@ -119,18 +110,18 @@ SYSTEM = System(
         Parameter("mu", "vector", "strengths of the walls x_i = 0: H has mu_i^2/(2 x_i^2)", nonzero),
     ),
     **named(flow, energy, lax),
-    velocity=neumann.velocity,
     inverse_inertia=neumann.inverse_inertia,
     scaling="The mass and the radius of the sphere are 1.",
     checks=Checks(state={"x": off_the_walls}),
     integrals={"squares": squares},
     commuting=("squares",),
     map=Map(
-        **named(step, inverse, conjugator, largest_step),
+        **named(step, conjugator),
         symmetric=True,
         involution=neumann_veselov.involution,
         generator=neumann.generator,
-        lax=lax_matrix,
+        lax=of_double(neumann_veselov.lax_matrix),
+        largest_step=of_double(neumann_veselov.largest_step),
         rational=False,
         commutes=True,
         order=2,

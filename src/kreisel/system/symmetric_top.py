@@ -7,85 +7,44 @@ Lagrangian, hence the adjoint of the map of section 6.2 at alpha = 1 (erratum E1
 
 from dataclasses import replace
 
-from kreisel.algebra import (
-    act,
-    cayley_act,
-    dot,
-    identity,
-    moebius,
-    pairing,
-    project_out,
-    trace_log,
-    vec,
-    wedge,
-)
-from kreisel.algebra.invariants import bordered_spectrum
-from kreisel.algebra.matrices import border
-from kreisel.baecklund import lagrange_top, lagrange_top_moving
+from kreisel.algebra import act, cayley_act, dot, identity, project_out, trace_log, wedge
+from kreisel.baecklund import lagrange_top as maps
+from kreisel.baecklund import lagrange_top_moving
 from kreisel.record.checks import nonzero_vector
-from kreisel.record.contract import MOVING_SPACE, ClosedForm, Map, Parameter, Relation, System, named
+from kreisel.record.contract import MOVING_SPACE, ClosedForm, Parameter, Relation, System, kicked_map, named, pullback
+from kreisel.system import lagrange_top
 
 
 def flow(M, P, *, A):  # M' = A ^ P,   P' = -M P
     return wedge(A, P), -act(M, P)
 
 
-def step(M, P, *, A, eps):
-    M = M - eps * wedge(P, A)
+def kick(P, *, A, eps):
+    return -eps * wedge(P, A)
+
+
+def turn(M, P, *, eps):
     return M, cayley_act(-eps / 2 * M, P)
 
 
-def inverse(M, P, *, A, eps):
-    P = cayley_act(eps / 2 * M, P)
-    return M + eps * wedge(P, A), P
+def to_rest_frame(M, P, g, *, A):
+    return (-M, P), {"p": A, "alpha": 1 + 0 * A[..., 0]}
 
 
-def involution(M, P, *, A, eps):
-    return -(M - eps * wedge(P, A)), P
-
-
-def half_kick(M, P, *, A, eps):
-    return M - eps / 2 * wedge(P, A), P
-
-
-def shifted(M, P, *, A, eps):
-    return P + eps * act(M, P) / 2 + eps * eps * vec(dot(P, P)) * A / 4
+of_rest_frame = pullback(lagrange_top.SYSTEM, to_rest_frame)
+shifted = of_rest_frame(lagrange_top.shifted)
 
 
 def darboux_variables(M, P, *, A, eps):
     return M, shifted(M, P, A=A, eps=eps), eps * eps * dot(P, P) / 4
 
 
-def energy(M, P, *, A, eps=0):
-    return pairing(M, M) / 2 + dot(P, A) + eps * pairing(M, wedge(A, P)) / 2
-
-
-def spectrum(M, P, *, A, eps=0):
-    return bordered_spectrum(-M, shifted(M, P, A=A, eps=eps), A)
-
-
 def noether(M, P, *, A):
     return project_out(M, A)
 
 
-def lax_matrix(M, P, *, A, lam, eps=0):
-    return border(-M, lam * shifted(M, P, A=A, eps=eps) - A / lam)
-
-
-def lax(M, P, *, A, lam):
-    return lax_matrix(M, P, A=A, lam=lam), border(0 * M, lam * P)
-
-
-def conjugator(M, P, *, A, lam, eps):
-    return moebius(eps / 2 * border(0 * M, lam * P))
-
-
 def inverse_inertia(M):  # Omega = M
     return M
-
-
-def velocity(M, P):
-    return inverse_inertia(M)
 
 
 def generator(M, P, M1, P1, *, eps):  # g_(k+1) = g_k cay(eps/2 M_(k+1))
@@ -107,14 +66,12 @@ def gaussian_case(n, draw):
     return state, {"A": params["A"]}, e, mu, rho
 
 
-def one(A):
-    return 1 + 0 * A[..., 0]
-
-
-MAP = Map(
-    **named(step, inverse, involution, generator, lagrangian, conjugator),
-    to_symmetric=half_kick,
-    lax=lax_matrix,
+MAP = kicked_map(
+    kick,
+    turn,
+    **named(generator, lagrangian),
+    conjugator=of_rest_frame(lagrange_top.conjugator),
+    lax=of_rest_frame(lagrange_top.lax_matrix),
     darboux=darboux_variables,
     source="Suris 2001, section 1 (Introduction)",
 )
@@ -130,26 +87,29 @@ SYSTEM = System(
             "A", "vector", "from the fixed point to the centre of mass, in the body", nonzero_vector, fixed="body"
         ),
     ),
-    **named(flow, energy, velocity, inverse_inertia, lax),
+    **named(flow, inverse_inertia),
+    energy=of_rest_frame(lagrange_top.energy),
+    lax=of_rest_frame(lagrange_top.lax),
     scaling="The one moment of inertia is 1; |A| |P| is M g l in that unit.",
-    integrals={"spectrum": spectrum, "noether": noether},
+    integrals={"spectrum": of_rest_frame(lagrange_top.spectrum), "noether": noether},
     commuting=("spectrum",),
     map=MAP,
     baecklund=replace(
         lagrange_top_moving.BAECKLUND,
         spin=None,
-        darboux=lambda M, P, e, *, rho, lam: lagrange_top.darboux(M, P, e, rho=rho, lam=lam),
+        darboux=lambda M, P, e, *, rho, lam: maps.darboux(M, P, e, rho=rho, lam=lam),
         case=rational_case,
         pair_case=gaussian_case,
     ),
     closed_form=ClosedForm(top=lambda M, P, *, A: (M, A, P)),
     relations=(
         Relation(
-            "lagrange-top-moving", lambda M, P, g, *, A: ((M, P), {"A": A, "alpha": one(A)}), "adjoint", "alpha = 1"
+            "lagrange-top-moving",
+            lambda M, P, g, *, A: ((M, P), {"A": A, "alpha": 1 + 0 * A[..., 0]}),
+            "adjoint",
+            "alpha = 1",
         ),
-        Relation(
-            "lagrange-top", lambda M, P, g, *, A: ((-M, P), {"p": A, "alpha": one(A)}), "step", "(m, a, p) = (-M, P, A)"
-        ),
+        Relation("lagrange-top", to_rest_frame, "step", "(m, a, p) = (-M, P, A)"),
     ),
     notes="For n >= 4 the spectrum is not complete: noether is needed too.",
 )

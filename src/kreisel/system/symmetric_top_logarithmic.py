@@ -13,33 +13,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.algebra import act, cayley_act, dot, identity, log, mat, pairing, trace_log, wedge
+from kreisel.algebra import act, dot, identity, log, mat, pairing, trace_log, wedge
 from kreisel.algebra.matrices import border
-from kreisel.record.contract import Relation
+from kreisel.record.contract import Relation, kicked_map, named
 from kreisel.system import quadratic_field as general
 from kreisel.system import symmetric_top
 
 
-def kick(P, A, eps):
+def kick(P, *, A, eps):
     return wedge(A, P) * mat(eps / (1 - eps * eps / 4 * dot(A, P)))
-
-
-def step(M, P, *, A, eps):
-    M = M + kick(P, A, eps)
-    return M, cayley_act(-eps / 2 * M, P)
-
-
-def inverse(M, P, *, A, eps):
-    P = cayley_act(eps / 2 * M, P)
-    return M - kick(P, A, eps), P
-
-
-def involution(M, P, *, A, eps):
-    return -M - kick(P, A, eps), P
-
-
-def half_kick(M, P, *, A, eps):
-    return M + kick(P, A, eps) / 2, P
 
 
 def lagrangian(g, h, p, *, A, eps):  # -(1/eps) tr log(2 + W + W^T) + (4/eps) log(1 - k^2 <A, P>)
@@ -97,19 +79,11 @@ SYSTEM = replace(
     source="Suris 2001, section 1",
     energy=energy,
     integrals={"spectrum": spectrum, "noether": symmetric_top.noether},
-    map=replace(
-        symmetric_top.MAP,
-        step=step,
-        inverse=inverse,
-        involution=involution,
-        to_symmetric=half_kick,
-        lagrangian=lagrangian,
-        lax=None,
-        conjugator=None,
-        darboux=None,
-        pencil=pencil,
-        factors=factors,
-        largest_step=largest_step,
+    map=kicked_map(
+        kick,
+        symmetric_top.turn,
+        **named(lagrangian, pencil, factors, largest_step),
+        generator=symmetric_top.generator,
         source="Kreisel",
     ),
     baecklund=None,

@@ -5,20 +5,15 @@
 
 from dataclasses import replace
 
-from kreisel.record.contract import Parameter
+from kreisel.record.contract import Parameter, pullback
 from kreisel.system import spin_chain
 
 
-def general(J, Jz, Bz, K, bond):
-    return {"Jx": J, "Jy": J, "Jz": Jz, "Bx": 0, "By": 0, "Bz": Bz, "K": K, "bond": bond}
+def general(Sx, Sy, Sz, g, *, J, Jz, Bz, K):
+    return (Sx, Sy, Sz), {"Jx": J, "Jy": J, "Jz": Jz, "Bx": 0, "By": 0, "Bz": Bz, "K": K}
 
 
-def flow(Sx, Sy, Sz, *, J, Jz, Bz, K, bond):
-    return spin_chain.flow(Sx, Sy, Sz, **general(J, Jz, Bz, K, bond))
-
-
-def energy(Sx, Sy, Sz, *, J, Jz, Bz, K, bond):
-    return spin_chain.energy(Sx, Sy, Sz, **general(J, Jz, Bz, K, bond))
+of_general = pullback(spin_chain.SYSTEM, general)
 
 
 def magnetization(Sx, Sy, Sz):
@@ -35,8 +30,8 @@ SYSTEM = replace(
         Parameter("J", "scalar", "coupling of the x and y components", default=1.0),
         *(p for p in spin_chain.PARAMETERS if p.letter in ("Jz", "Bz", "K", "closing")),
     ),
-    flow=flow,
-    energy=energy,
+    flow=of_general(spin_chain.flow),
+    energy=of_general(spin_chain.energy),
     integrals={"magnetization": magnetization},
     notes="Not integrable.",
 )

@@ -189,7 +189,7 @@ def clebsch_two_maps(s: Setting, M: Skew, P: Vector, J: Diagonal, e: Eps) -> Sid
     yield clebsch.lax(M, P, lam=s.lam, **body)[0], clebsch_body.lax(M, P, J=J, c=c, lam=s.lam)[0]
 
     def earlier(M: Array, P: Array) -> Array:
-        return clebsch_body.spectrum(M, P, J=J)
+        return clebsch_body.SYSTEM.integrals["spectrum"](M, P, J=J)
 
     def here(M: Array, P: Array) -> Array:
         return clebsch.spectrum(M, P, eps=e, **body)
@@ -207,7 +207,7 @@ class Step:
     def __init__(self, s: Setting, unit: bool = True):
         self.e, self.b, self.one = s.eps, s.diagonal(), identity(s.n)
         self.M, self.P = s.skew(), s.unit() if unit else s.vector()
-        self.M1, P1 = clebsch.step(self.M, self.P, b=self.b, eps=self.e)
+        self.M1, P1 = clebsch.MAP.step(self.M, self.P, b=self.b, eps=self.e)
         self.dM, S = self.M1 - self.M, self.one + self.e**2 / 4 * diagonal(self.b)
         den = clebsch.denominator(self.P, b=self.b, eps=self.e)
         self.Q, self.R = outer(self.P) @ S / den, S @ outer(self.P) / den

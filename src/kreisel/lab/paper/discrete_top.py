@@ -175,7 +175,7 @@ def pairing_identity(m: Skew, a: Vector, p: Vector) -> Sides:
 @stated("rest-energy-chain", "Section 6.1, last display of the proof")
 def rest_energy_chain(m: Skew, a: Vector, p: Vector, e: Eps) -> Sides:
     """H_eps(m_(k+1), a_(k+1)) through its five forms to H_eps(m_k, a_k)"""
-    m1, a1 = lagrange_top.step(m, a, p=p, eps=e)
+    m1, a1 = lagrange_top.MAP.step(m, a, p=p, eps=e)
     last = lagrange_top.energy(m, a, p=p, eps=e)
     yield lagrange_top.energy(m1, a1, p=p, eps=e), pairing(m1, m1) / 2 + dot(a1 - e / 2 * act(m1, a1), p)
     yield pairing(m1, m1) / 2 + dot(a + e / 2 * act(m1, a), p), last
@@ -199,7 +199,7 @@ printed_law("theorem-6.2", TOP, "discrete-lax-equation", lax=printed_lax)
 @stated("rest-lax-polynomial", "Section 6.1, proof of Theorem 6.2")
 def rest_lax_polynomial(m: Skew, a: Unit, p: Vector, e: Eps, lam: Lam) -> Sides:
     """(I + eps/2 u) l_(k+1) (I - eps/2 u) = (I - eps/2 u) l_k (I + eps/2 u); with |a| = 1 as printed"""
-    m1, a1 = lagrange_top.step(m, a, p=p, eps=e)
+    m1, a1 = lagrange_top.MAP.step(m, a, p=p, eps=e)
     u, one = border(0 * m, lam * a), identity(len(a) + 1)
     old, new = (printed_lax(*z, p=p, lam=lam, eps=e) for z in ((m, a), (m1, a1)))
     yield (one + e / 2 * u) @ new @ (one - e / 2 * u), (one - e / 2 * u) @ old @ (one + e / 2 * u)
@@ -272,7 +272,7 @@ def moving_backwards(A: Unit, P: Vector, M: Skew, alpha: Scalar, e: Eps, g: Rota
     )
     g1 = g @ cayley(lagrange_top_moving.legendre(M, P, A=A, alpha=alpha, eps=e))
     M1, P1 = lagrange_top_moving.step(M, P, A=A, alpha=alpha, eps=e)
-    back = lagrange_top.step(g1 @ M1 @ g1.T, act(g1, A), p=p, eps=-e)
+    back = lagrange_top.MAP.step(g1 @ M1 @ g1.T, act(g1, A), p=p, eps=-e)
     yield from zip(back, (g @ M @ g.T, act(g, A)), strict=True)
     yield P1, act(g1.T, p)
 
@@ -319,7 +319,7 @@ def moving_energy_chain(W: Rotation, A: Unit, P: Vector, alpha: Scalar, e: Eps) 
 @stated("moving-energy-limit", "Section 6.2, Theorem 6.3, Hbar_eps", printed={"spins": 0})
 def moving_energy_limit(M: Skew, P: Vector, A: Unit, alpha: Scalar, spins: int = 1) -> Sides:
     """Hbar_0 + (1/alpha - 1)<M_perp, M_perp>/2 = H of the alpha top, |A| = 1 (E16: only Hbar_0 is H at alpha = 1)"""
-    Omega = lagrange_top_moving.velocity(M, P, A=A, alpha=alpha)
+    Omega = lagrange_top_moving.inverse_inertia(M, A=A, alpha=alpha)
     Pi = identity(len(A)) - calculus.outer(A)
     across = Pi @ M @ Pi
     H = pairing(M, Omega) / 2 + dot(P, A)

@@ -135,7 +135,7 @@ def field_reductions(s: Setting, b: Diagonal) -> Sides:
     for units, others in ((QUATERNIONS, COMMUTING), (COMPLEX, (UNIT,))):
         M, F = (element(s, units) for _ in range(2))
         M, F, wide = M - M.T, F + F.T, np.repeat(b, len(units[0]))
-        for X in field.step(M, F, b=wide, eps=s.eps):
+        for X in field.MAP.step(M, F, b=wide, eps=s.eps):
             for unit in others:
                 one = np.kron(identity(s.n), unit)
                 yield X @ one, one @ X

@@ -28,7 +28,7 @@ ONE = identity(2)
 @stated("su2-rest-frame", EARLIER, dimensions=(3,))
 def su2_rest(m: Skew, a: Vector, p: Vector, e: Eps) -> Sides:
     """in 2 x 2 matrices m1 = m + eps [p, a], a1 (1 + eps m1) = (1 + eps m1) a is the case n = 3 of (dLT rest frame)"""
-    m1, a1 = lagrange_top.step(m, a, p=p, eps=e)
+    m1, a1 = lagrange_top.MAP.step(m, a, p=p, eps=e)
     yield su2(axial(m1)), su2(axial(m)) + e * bracket(su2(p), su2(a))
     turn = ONE + su2(e * axial(m1))
     yield su2(a1) @ turn, turn @ su2(a)
@@ -144,7 +144,7 @@ def record_heavy_top(M: Skew, P: Vector, A: Vector, J: Diagonal) -> Sides:
     """flow, energy and velocity of the record: H = sum of M_jk^2/(J_j + J_k)/2 over j < k + sum P_k A_k"""
     J = abs(J) + 1
     known, Omega = heavy_top.principal(J=diagonal(J)), M / (J[:, None] + J)
-    yield heavy_top.velocity(M, P, **known), Omega
+    yield heavy_top.inverse_inertia(M, **known), Omega
     rates = M @ Omega - Omega @ M + _wedge(A, P), -(Omega @ P)
     yield from zip(heavy_top.flow(M, P, A=A, **known), rates, strict=True)
     yield heavy_top.energy(M, P, A=A, **known), _pairs(M, Omega) / 2 + (P * A).sum()
@@ -162,7 +162,7 @@ def record_lagrange_top(m: Skew, a: Unit, p: Vector, e: Eps, lam: Lam) -> Sides:
     yield lagrange_top.energy(m, a, p=p, eps=e), H - e / 2 * _pairs(m, _wedge(p, a))
     u = _block(0 * m, lam * a)
     yield from zip(lagrange_top.lax(m, a, p=p, lam=lam), (_block(m, lam * a - p / lam), u), strict=True)
-    m1, a1 = lagrange_top.step(m, a, p=p, eps=e)
+    m1, a1 = lagrange_top.MAP.step(m, a, p=p, eps=e)
     yield m1, m + e * _wedge(a, p)
     yield a1 - e / 2 * (m1 @ a1), a + e / 2 * (m1 @ a)
     b = a - e / 2 * (m @ a) + e * e / 4 * p
@@ -177,7 +177,7 @@ def record_lagrange_top(m: Skew, a: Unit, p: Vector, e: Eps, lam: Lam) -> Sides:
 def record_lagrange_top_moving(W: Rotation, P: Vector, A: Unit, alpha: Scalar, e: Eps, lam: Lam) -> Sides:
     """velocity, flow, energy, step, deformed energy less the energy of the spin (E16) and both Lax pairs of the record, with +lambda A^T in U (E2), |A| = 1"""
     M, known = momentum(W, A, alpha, e), {"A": A, "alpha": alpha}
-    Omega = lagrange_top_moving.velocity(M, P, **known)
+    Omega = lagrange_top_moving.inverse_inertia(M, **known)
     yield alpha * Omega + (1 - alpha) * (Omega @ outer(A) + outer(A) @ Omega), M
     rates = M @ Omega - Omega @ M + _wedge(A, P), -(Omega @ P)
     yield from zip(lagrange_top_moving.flow(M, P, **known), rates, strict=True)
@@ -221,7 +221,7 @@ def record_clebsch(M: Skew, P: Unit, b: Diagonal, e: Eps, lam: Lam) -> Sides:
     yield from zip(clebsch.flow(M, P, b=b), (_wedge(P, b * P), -(M @ P)), strict=True)
     yield clebsch.energy(M, P, b=b), _pairs(M, M) / 2 - (b * P * P).sum() / 2
     yield from zip(clebsch.lax(M, P, b=b, lam=lam), (lam * B + M + outer(P) / lam, lam * B + M), strict=True)
-    M1, P1 = clebsch.step(M, P, b=b, eps=e)
+    M1, P1 = clebsch.MAP.step(M, P, b=b, eps=e)
     S, divisor = one + e * e / 4 * B, 1 + e * e / 4 * (b * P * P).sum()
     yield M1, M + e / divisor * _wedge(P, b * P)
     yield P1 + e / 2 * (M1 @ P1), P - e / 2 * (M1 @ P)

@@ -49,10 +49,11 @@ def introduction_frames(e: Eps, M: Skew, P: Vector, A: Unit, g: Rotation, alpha:
     """(m, a, p) = (-M, P, A) carries flow and map to those of the rest frame; there (g M g^T)' = a ^ p, (gA)' = ma for the top of any alpha"""
     for mine, theirs in (
         (symmetric_top.flow(M, P, A=A), lagrange_top.flow(-M, P, p=A)),
-        (symmetric_top.step(M, P, A=A, eps=e), lagrange_top.step(-M, P, p=A, eps=e)),
+        (symmetric_top.MAP.step(M, P, A=A, eps=e), lagrange_top.MAP.step(-M, P, p=A, eps=e)),
     ):
         yield from zip((-mine[0], mine[1]), theirs, strict=True)
-    Omega, (dM, dP) = (f(M, P, A=A, alpha=alpha) for f in (lagrange_top_moving.velocity, lagrange_top_moving.flow))
+    Omega = lagrange_top_moving.inverse_inertia(M, A=A, alpha=alpha)
+    dM, dP = lagrange_top_moving.flow(M, P, A=A, alpha=alpha)
     m, a, p = g @ M @ g.T, act(g, A), act(g, P)
     rates = g @ (dM + bracket(Omega, M)) @ g.T, act(g @ Omega, A)
     yield from zip(rates, lagrange_top.flow(m, a, p=p), strict=True)
@@ -62,7 +63,7 @@ def introduction_frames(e: Eps, M: Skew, P: Vector, A: Unit, g: Rotation, alpha:
 @stated("introduction-adjoint", "Sections 1 and 6.2", printed={"step": lagrange_top_moving.step})
 def introduction_adjoint(M: Skew, P: Vector, A: Vector, e: Eps, step: Any = lagrange_top_moving.MAP.adjoint) -> Sides:
     """the Introduction's map is the adjoint of section 6.2's at alpha = 1, not the same (E13)"""
-    yield from zip(symmetric_top.step(M, P, A=A, eps=e), step(M, P, A=A, alpha=1 + 0 * A[0], eps=e), strict=True)
+    yield from zip(symmetric_top.MAP.step(M, P, A=A, eps=e), step(M, P, A=A, alpha=1 + 0 * A[0], eps=e), strict=True)
 
 
 # -- section 4 ----------------------------------------------------------------------------------------
@@ -155,7 +156,7 @@ def inertia_inverse(Omega: Skew, A: Unit, alpha: Scalar) -> Sides:
 @stated("proposition-5.1", "Section 5, Proposition 5.1")
 def proposition_5_1(lam: Lam, M: Skew, P: Vector, A: Unit, alpha: Scalar, dM: Skew, dP: Vector) -> Sides:
     """for any rates (M', P'), L' - [L, U] has the entries of (M', P') less (mLT left), so that it vanishes if and only if they hold"""
-    Omega = lagrange_top_moving.velocity(M, P, A=A, alpha=alpha)
+    Omega = lagrange_top_moving.inverse_inertia(M, A=A, alpha=alpha)
     L, U = border(M, lam * A - P / lam), border(Omega, lam * A)
     off = dM - bracket(M, Omega) - wedge(A, P), dP + act(Omega, P)
     yield border(dM, -dP / lam) - bracket(L, U), border(off[0], -off[1] / lam)
