@@ -23,12 +23,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.forces.kicks import perturbation_of
 from kreisel.method.baecklund import baecklund
-from kreisel.method.observing import State
+from kreisel.method.observing import State, with_lanes
 from kreisel.method.records import METHODS
 from kreisel.record.calling import call
 from kreisel.record.contract import System
@@ -89,8 +88,7 @@ def _cheapest(h: Array, error: Array, spacing: float, tolerance: float) -> Choic
     if best is None:
         raise InputError(
             "order='auto' finds no step: the state is not finite after a few revolutions at any order. Usual cause: "
-            "numbers "
-            "that are too large. Check the parameters and the initial state."
+            "numbers that are too large. Check the parameters and the initial state."
         )
     return best[1]
 
@@ -114,7 +112,7 @@ def _pilot_steps(model: Model, state: State, time: float) -> tuple[Array, Array]
 
     The length of a pilot is one of a few; lanes of the same are stepped together.
     """
-    state = with_lanes(model, state)
+    _, state = with_lanes(model, state, (1,))
     with np.errstate(all="ignore"):
         rate = fastest(model, state)
         span = np.minimum(time, TURNS / 2.0 ** np.ceil(np.log2(rate)))  # where nothing moves, `time`
@@ -126,13 +124,6 @@ def _pilot_steps(model: Model, state: State, time: float) -> tuple[Array, Array]
             for k, order in enumerate(ORDERS):
                 h[k, here], error[k, here] = _pilot(few, start, order, length, truth)
         return h, np.maximum(error, ROUND_OFF) * SAFETY * np.maximum(time / span, 1.0)
-
-
-def with_lanes(model: Model, state: State) -> State:
-    """The components with their axis of lanes, of one lane if need be."""
-    axes = [algebra.KINDS[kind].axes for kind in model.system.space.kinds]
-    batch = np.broadcast_shapes((1,), model.batch, *(p.shape[: p.ndim - k] for p, k in zip(state, axes, strict=True)))
-    return tuple(np.broadcast_to(p, batch + p.shape[p.ndim - k :]) for p, k in zip(state, axes, strict=True))
 
 
 def size(x: Array) -> Array:
@@ -204,7 +195,7 @@ Steps = Callable[[Any, float, int], Pilot | None]  # (order, h, count); None if 
 
 def rate_of(model: Model, state: State) -> float:
     """The fastest rate of the integrable part, of all lanes."""
-    base, lanes = perturbation_of(model.system).base, with_lanes(model, state)
+    base, (_, lanes) = perturbation_of(model.system).base, with_lanes(model, state, (1,))
     if base.product:
         bodies = [(f.system, f.known(model.constants), lanes[f.place]) for f in base.product]
     else:
@@ -252,8 +243,7 @@ def choose_splitting(steps: Steps, rate: float, spacing: float, time: float, tol
     if best is None:
         raise InputError(
             f"order='auto' finds no splitting that reaches tol = {tolerance:g} with steps of {span / counts[-1]:.1g} or"
-            f" more: the error of the pilot grows to {grows * doubt:.1g} or more until the end. Use a larger "
-            "tol."
+            f" more: the error of the pilot grows to {grows * doubt:.1g} or more until the end. Use a larger tol."
         )
     return best[1]
 
@@ -332,8 +322,7 @@ def _truth(steps: Steps, span: float, counts: list[int]) -> tuple[State, float]:
         raise InputError(
             "order='auto' finds no step: the pilot fails with steps of a hundredth of a radian. Usual cause: a "
             "force that is not a number there (log or sqrt of a negative number, a division by 0), numbers that are "
-            "too "
-            "large, or a perturbation that changes within far less than a revolution. Say order and dt."
+            "too large, or a perturbation that changes within far less than a revolution. Say order and dt."
         )
     return best[1], best[0]
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.method.observing import Observed, State, scheme_of, with_orientation
+from kreisel.method.observing import Observed, State, held_by_orientation, scheme_of, with_orientation
 from kreisel.method.scheme import Guard, Scheme, Steps
 from kreisel.record.model import Model
 
@@ -62,9 +62,12 @@ def composed(
     stage: Stage,
     observed: Observed,
     guard: Guard | None,
+    bound: bool = True,
     **fields: Any,
 ) -> Scheme:
     """The scheme of a symmetric step of order 2, composed to the order; `fields` as in `scheme_of`.
+
+    `bound`: whether an orientation turns by the rotation of the carried vectors, as in `held_by_orientation`.
 
     stage(state, turned, eps, constants) -> state, turned, defects, with the orientations `turned`.  The largest defect
     so far is carried along as the component "defect" for the guard; there is none without a guard.
@@ -79,8 +82,10 @@ def composed(
     def reopen(x: State) -> State:
         return x if guard is None else (*x, 0 * algebra.KINDS[space.kinds[0]].pack(x[0])[..., 0])
 
+    components = with_orientation(model, oriented)
     usual: dict[str, Any] = {
-        "components": with_orientation(model, oriented) + (() if guard is None else ((DEFECT, "scalar"),)),
+        "held": None if bound else held_by_orientation(model, components, bound=False),
+        "components": components + (() if guard is None else ((DEFECT, "scalar"),)),
         "axes": {**model.axes, "eps": 0},
         "stages": {"eps": symmetric_composition(order) * dt},
         "prepare": reopen,

@@ -29,7 +29,7 @@ from kreisel.algebra.reuse import reused
 from kreisel.algebra.skew import cross
 from kreisel.errors import InputError
 from kreisel.method.composition import DEFECT, composed
-from kreisel.method.observing import Only, State, held_by_orientation, observer, turned, with_orientation
+from kreisel.method.observing import Only, State, observer, turned_by_velocity
 from kreisel.method.scheme import Guard, Outcome, Scheme
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame, PhaseSpace
@@ -47,14 +47,15 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
 
     The largest 1 - (a pivot of the linear equation) is carried along as the component "defect" and guarded.
     """
-    linear = tuple(name for name, function in model.system.integrals.items() if is_linear(model, function))
     energy = f"Hamiltonian H, not conserved by the map: its error is of order dt^{order}"
-    observe_all, outcomes = observer(model, oriented, conserved=linear, meanings={"energy": energy})
+    observe_all, outcomes = observer(model, oriented, conserved=linear_integrals(model), meanings={"energy": energy})
     integrals = deformed_integrals(model) if order == 2 else None
 
     def stage(old: State, turned: State, eps: Array, constants: Values) -> tuple[Any, Any, Any]:
         new, pivots = advance(model, old, eps, constants)
-        return new, (_followed(model, old, new, g, eps, constants) for g in turned), (1 - pivot for pivot in pivots)
+        middle = tuple((x + y) / 2 for x, y in zip(old, new, strict=True))
+        gs = (turned_by_velocity(model, middle, g, eps, constants) for g in turned)
+        return new, gs, (1 - pivot for pivot in pivots)
 
     def observe(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
         out = observe_all(z, only if integrals is None else None, **constants)
@@ -66,8 +67,7 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         DEFECT,
         1 - SMALLEST_PIVOT,
     )
-    held = held_by_orientation(model, with_orientation(model, oriented), bound=False)
-    scheme = composed("kahan", model, dt, order, oriented, stage, (observe, outcomes), guard, held=held)
+    scheme = composed("kahan", model, dt, order, oriented, stage, (observe, outcomes), guard, bound=False)
     if integrals is None:
         return scheme
 
@@ -80,12 +80,6 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         for name, meaning in integrals.meanings.items()
     }
     return replace(scheme, prepare=prepare, outcomes=outcomes | deformed)
-
-
-def _followed(model: Model, old: State, new: State, g: Array, eps: Array, constants: Values) -> Array:
-    middle = tuple((x + y) / 2 for x, y in zip(old, new, strict=True))
-    X = eps / 2 * call(model.system.velocity, middle, constants)
-    return turned(model.system.frame, X, g)
 
 
 # -- the step ---------------------------------------------------------------------------------------------
@@ -151,9 +145,9 @@ def is_quadratic(model: Model) -> bool:
     return bool(reused((is_quadratic, model.key), lambda: _differences_vanish(model, model.system.flow, 3)))
 
 
-def is_linear(model: Model, function: Callable[..., Any]) -> bool:
-    """Whether a function is linear in the state, for these parameters: second differences vanish over Q."""
-    return _differences_vanish(model, function, 2)
+def linear_integrals(model: Model) -> list[str]:
+    """The integrals that are linear in the state, for these parameters: second differences vanish over Q."""
+    return [name for name, function in model.system.integrals.items() if _differences_vanish(model, function, 2)]
 
 
 def _differences_vanish(model: Model, function: Callable[..., Any] | None, order: int) -> bool:
@@ -194,13 +188,16 @@ def _of_one_lane(model: Model, rng: np.random.Generator) -> dict[str, Any]:
     return {name: one_lane(value, model.axes[name], rng) for name, value in model.constants.items()}
 
 
-def _exactly(model: Model, count: int) -> tuple[dict[str, Any], list[Array]]:
-    """The constants of one lane and random vectors of three coordinates, exactly."""
+def _moves_as(model: Model, kinds: tuple[str, ...], rate: Callable[..., Sequence[Array]]) -> bool:
+    """Whether n = 3, these are the kinds, and the flow is rate(constants, *state): exactly, in one lane."""
+    if model.n != 3 or model.system.space.kinds != kinds:
+        return False
     rng = np.random.default_rng(2)
     constants = _of_one_lane(model, rng)
-    return constants, [
-        np.array([Fraction(int(v), 7) for v in rng.integers(1, 99, 3)], dtype=object) for _ in range(count)
-    ]
+    x, y = (np.array([Fraction(int(v), 7) for v in rng.integers(1, 99, 3)], dtype=object) for _ in range(2))
+    state = (algebra.hat(x), y)[: len(kinds)]
+    pairs = zip(call(model.system.flow, state, constants), rate(constants, *state), strict=True)
+    return all(bool((found == expected).all()) for found, expected in pairs)
 
 
 def one_lane(value: Array, axes: int, rng: np.random.Generator) -> Any:
@@ -219,16 +216,13 @@ def one_lane(value: Array, axes: int, rng: np.random.Generator) -> Any:
 
 def is_euler_top(model: Model) -> bool:
     """Whether the flow is x_i' = alpha_i x_j x_k, with an energy: exactly, in one lane."""
-    if model.n != 3 or model.system.space.kinds != ("skew",) or model.system.energy is None:
-        return False
-    constants, (x,) = _exactly(model, 1)
-    rate = algebra.axial(call(model.system.flow, (algebra.hat(x),), constants)[0])
-    energy = [call(model.system.energy, (algebra.hat(sign * x),), constants) for sign in (1, -1, 0)]
-    return bool(
-        all(v == w for v, w in zip(rate, _alphas(model, constants) * _others(x), strict=True))
-        and energy[0] == energy[1]
-        and energy[2] == 0
-    )
+
+    def rate(constants: Values, M: Array) -> Sequence[Array]:
+        ahead, back, rest = (call(model.system.energy, (sign * M,), constants) for sign in (1, -1, 0))
+        even = int(ahead == back and rest == 0)  # else no quadratic form
+        return (algebra.hat(even * _alphas(model, constants) * _others(algebra.axial(M))),)
+
+    return model.system.energy is not None and _moves_as(model, ("skew",), rate)
 
 
 def _others(x: Array) -> Array:
@@ -244,8 +238,7 @@ def _alphas(model: Model, constants: Values) -> Array:
 def euler_integrals(model: Model, seen: Values, dt: Any, constants: Values) -> dict[str, Array]:
     """|M|^2/D and H/D, D = 1 - dt^2/12 sum alpha_j alpha_k x_i^2."""
     x = algebra.axial(seen[model.system.space.letters[0]])
-    parameters = {name: value for name, value in constants.items() if name in model.axes}
-    D = 1 - dt * dt / 12 * (_others(_alphas(model, parameters)) * x * x).sum(-1)
+    D = 1 - dt * dt / 12 * (_others(_alphas(model, constants)) * x * x).sum(-1)
     return {"casimir_eps": seen["casimir"] / algebra.vec(D), "energy_eps": seen["energy"] / D}
 
 
@@ -254,17 +247,12 @@ def euler_integrals(model: Model, seen: Values, dt: Any, constants: Values) -> d
 
 def is_lagrange_top(model: Model) -> bool:
     """Whether the flow is m' = a ^ p, a' = m a with m = M at rest and -M in the moving frame: exactly, in one lane."""
-    if model.n != 3 or model.system.space.kinds != ("skew", "vector") or model.system.energy is None:
-        return False
-    name = _field(model)
-    if name is None:
-        return False
-    constants, (a, x) = _exactly(model, 2)
-    M, sign = algebra.hat(x), _sign(model)
-    rates = call(model.system.flow, (M, a), constants)
-    return bool(
-        (rates[0] == sign * algebra.wedge(a, constants[name])).all() and (rates[1] == sign * algebra.act(M, a)).all()
-    )
+    name, sign = _field(model), _sign(model)
+
+    def rate(constants: Values, M: Array, a: Array) -> Sequence[Array]:
+        return sign * algebra.wedge(a, constants[name or ""]), sign * algebra.act(M, a)
+
+    return None not in (name, model.system.energy) and _moves_as(model, ("skew", "vector"), rate)
 
 
 def _field(model: Model) -> str | None:
@@ -295,12 +283,11 @@ def lagrange_integrals(model: Model, seen: Values, dt: Any, constants: Values) -
 
 def is_clebsch(model: Model) -> bool:
     """Whether the flow is M' = P ^ BP, P' = -M P with B = diag(b), n = 3: exactly, in one lane."""
-    if model.n != 3 or model.system.space.kinds != ("skew", "vector") or "b" not in model.constants:
-        return False
-    constants, (x, P) = _exactly(model, 2)
-    M = algebra.hat(x)
-    rates = call(model.system.flow, (M, P), constants)
-    return bool((rates[0] == algebra.wedge(P, constants["b"] * P)).all() and (rates[1] == -algebra.act(M, P)).all())
+
+    def rate(constants: Values, M: Array, P: Array) -> Sequence[Array]:
+        return algebra.wedge(P, constants["b"] * P), -algebra.act(M, P)
+
+    return "b" in model.constants and _moves_as(model, ("skew", "vector"), rate)
 
 
 def clebsch_integrals(model: Model, seen: Values, dt: Any, constants: Values) -> dict[str, Array]:
@@ -317,7 +304,7 @@ def clebsch_integrals(model: Model, seen: Values, dt: Any, constants: Values) ->
     bases: with D = 1 + k J' B the orbits lie on <p, Cp> = J, <m, Dp> = l |p|^2 and two more quadrics.
     """
     M, p = (seen[letter] for letter in model.system.space.letters)
-    new = advance(model, (M, p), dt, {name: value for name, value in constants.items() if name in model.axes})[0]
+    new = advance(model, (M, p), dt, constants)[0]
     b, k, m = constants["b"], dt * dt / 4, algebra.axial(M)
     q, D = new[1], 1 + k * algebra.dot(p, b * p)
     J = algebra.dot(p, p) / D
@@ -362,8 +349,7 @@ def so4_integrals(model: Model, seen: Values, dt: Any, constants: Values) -> dic
     Z_c(x, y) = sum c (t/s x_ij y_ij - s/t x_l4 y_l4).
     """
     M = seen[model.system.space.letters[0]]
-    parameters = {name: value for name, value in constants.items() if name in model.axes}
-    (new,) = advance(model, (M,), dt, parameters)[0]
+    (new,) = advance(model, (M,), dt, constants)[0]
     J, k = constants["J"], dt * dt / 4
     s, t, p = _partings(J)
     q = (
@@ -377,7 +363,7 @@ def so4_integrals(model: Model, seen: Values, dt: Any, constants: Values) -> dic
         return algebra.dot(c, t / s * a * e - s / t * d * g)
 
     def polar(x: Array, y: Array) -> Array:  # 2 Q(x, y) of the flow Q(x, x)
-        both, one, other = (call(model.system.flow, (z,), parameters)[0] for z in (x + y, x, y))
+        both, one, other = (call(model.system.flow, (z,), constants)[0] for z in (x + y, x, y))
         return both - one - other
 
     rate = polar(M, new) / 2

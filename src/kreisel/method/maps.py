@@ -32,6 +32,18 @@ LIMIT = 1e-13  # of the error of X
 SINGULAR = 1e-12
 
 
+# Sentences on a step that is not below the largest at which a map is known to exist, by method.
+SMALLER = "expected dt < {largest:.6g}, got {dt:g}. Use a smaller dt"
+BEYOND = {
+    "suris": f"has a denominator that may vanish on this orbit: {SMALLER}{{shift}}.",
+    "brickwork": f"needs an angle t with tan t = dt |s| < 1 for an easy plane: {SMALLER}.",
+    "map": f"is stated for shorter steps: {SMALLER}.",
+    "veselov": "has no solution that tends to 1 with dt for this state: expected a step below {largest:.6g}, got "
+    "{dt:.6g}{stages}. Use less than {share:.6g} of this dt, or method='dop853'.",
+}
+SHIFT = ", or add a constant to b so that no entry is negative (the flow does not change)"
+
+
 def suris(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     """The system's map phi with step eps = dt; with order = 2 chi phi chi^-1, chi half a kick.
 
@@ -46,75 +58,27 @@ def suris(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     def reopen(x: State) -> State:
         return x if order == 1 else (*model.call(phi.from_symmetric, *x[:count], eps=dt), *x[count:])
 
-    def prepare(x0: State) -> State:
-        shift = ", or add a constant to b so that no entry is negative (the flow does not change)"
-        _require_below(
-            model,
-            x0[:count],
-            dt,
-            f"has a denominator that may vanish on this orbit: expected dt < {{largest:.6g}}, got {dt:g}. Use a "
-            f"smaller dt{shift if 'b' in model.params else ''}.",
-        )
-        return reopen(x0)
-
-    return _stepped(
-        "suris",
-        model,
-        dt,
-        Steps(_step(phi, model.system.frame, count), iterates=None if oriented else iterates(model)),
-        oriented,
-        observer(model, oriented, dt, to_user if order == 2 else None),
-        prepare=prepare,
-        reopen=reopen,
-        options={"order": order},
-    )
+    motion = Steps(_step(phi, model.system.frame, count), iterates=None if oriented else iterates(model))
+    observed = observer(model, oriented, dt, to_user if order == 2 else None)
+    return _stepped("suris", model, dt, order, oriented, motion=motion, observed=observed, reopen=reopen)
 
 
 def brickwork(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     """The map of a lattice with step dt.  Raises `InputError` for steps at which it does not exist."""
-
-    def prepare(x0: State) -> State:
-        _require_below(
-            model,
-            x0,
-            dt,
-            "needs an angle t with tan t = dt |s| < 1 for an easy plane: expected dt < {largest:.6g}, got "
-            f"{dt:g}. Use a smaller dt.",
-        )
-        return x0
-
-    motion = Steps(_step(model.map, model.system.frame, len(model.system.space.letters)))
-    return _stepped(
-        "brickwork", model, dt, motion, False, observer(model, eps=dt), prepare=prepare, options={"order": order}
-    )
+    return _stepped("brickwork", model, dt, order, oriented)
 
 
 def user_map(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     """The map of a record with step eps = dt.  Raises `InputError` for other orders than the map's."""
-    phi = model.map
-    _require_order(model, order)
-    if oriented and phi.generator is None:
-        raise InputError(
-            f"The map of {model.system.name} states no generator, which the orientation needs. Leave the orientation "
-            "out, or give the Map a generator."
-        )
-
-    def prepare(x0: State) -> State:
-        _require_below(
-            model, x0, dt, f"is stated for shorter steps: expected dt < {{largest:.6g}}, got {dt:g}. Use a smaller dt."
-        )
-        return x0
-
-    return _stepped(
-        "map",
+    name = model.system.name
+    _require(
         model,
-        dt,
-        Steps(_step(phi, model.system.frame, len(model.system.space.letters))),
+        order,
         oriented,
-        observer(model, oriented, dt),
-        prepare=prepare,
-        options={"order": phi.order},
+        f"The map of {name} states no generator, which the orientation needs. Leave the orientation out, or give the "
+        "Map a generator.",
     )
+    return _stepped("map", model, dt, model.map.order, oriented)
 
 
 def has_a_plain_map(model: Model) -> bool:
@@ -122,11 +86,14 @@ def has_a_plain_map(model: Model) -> bool:
     return model.system.space.name != "(S^2)^(2n)"
 
 
-def _require_order(model: Model, order: int | None) -> None:
+def _require(model: Model, order: int | None, oriented: bool, no_generator: str) -> None:
+    """Raises `InputError` for other orders than the map's, and for an orientation that it does not rotate."""
     if order not in (None, model.map.order):
         raise InputError(
             f"The map of {model.system.name} has order {model.map.order}, got order={shown(order)}. Leave it out."
         )
+    if oriented and model.map.generator is None:
+        raise InputError(no_generator)
 
 
 def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
@@ -136,12 +103,13 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
     other orders than the map's, and for an orientation of a group that is not SO(n).
     """
     phi, space = model.map, model.system.space
-    _require_order(model, order)
-    if oriented and phi.generator is None:
-        raise InputError(
-            f"The orientation is carried along for SO(n) on R^n; {model.system.name} lives on {space.name}. "
-            "Leave it out, and use kreisel.reduction's Discrete.reconstruct."
-        )
+    _require(
+        model,
+        order,
+        oriented,
+        f"The orientation is carried along for SO(n) on R^n; {model.system.name} lives on {space.name}. "
+        "Leave it out, and use kreisel.reduction's Discrete.reconstruct.",
+    )
     count = len(space.letters)
     singular = Guard(
         "The Legendre transform of the discrete Lagrangian is singular at this state",
@@ -154,17 +122,7 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
         instead=lambda z, known: singular if float(call(phi.regularity, z[:count], known)) < SINGULAR else None,
     )
     motion = JaxSteps(_step(phi, model.system.frame, count))
-    return _stepped(
-        "lagrangian",
-        model,
-        dt,
-        motion,
-        oriented,
-        observer(model, oriented, dt),
-        options={"order": phi.order},
-        recordable=False,
-        guard=lost,
-    )
+    return _stepped("lagrangian", model, dt, phi.order, oriented, motion=motion, recordable=False, guard=lost)
 
 
 def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
@@ -193,14 +151,7 @@ def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
 
     def prepare(x0: State) -> State:
         stages = "" if order == 2 else f" in its longest stage (order {order})"
-        _require_below(
-            model,
-            x0[:count],
-            longest,
-            "has no solution that tends to 1 with dt for this state: expected a step below {largest:.6g}, got "
-            f"{longest:.6g}{stages}. Use less than {{share:.6g}} of this dt, or method='dop853'.",
-            enough=longest,
-        )
+        _require_below("veselov", model, x0[:count], longest, stages=stages, enough=longest)
         return scheme.reopen(x0)
 
     guard = Guard(
@@ -238,10 +189,23 @@ def iterates(model: Model) -> Orbits | None:
     return Orbits(orbit)
 
 
-def _stepped(name: str, model: Model, dt: float, motion: Any, oriented: bool, observed: Any, **fields: Any) -> Scheme:
-    """The scheme of a map with step eps = dt."""
-    constants, axes = {**model.constants, "eps": dt}, {**model.axes, "eps": 0}
-    return scheme_of(name, model, motion, observed, oriented, constants=constants, axes=axes, **fields)
+def _stepped(name: str, model: Model, dt: float, order: int, oriented: bool, **fields: Any) -> Scheme:
+    """The scheme of the map of a record with step eps = dt; `fields`: those that differ."""
+    count, reopen = len(model.system.space.letters), fields.get("reopen", tuple)
+
+    def prepare(x0: State) -> State:
+        _require_below(name, model, x0[:count], dt)
+        return reopen(x0)
+
+    usual: dict[str, Any] = {
+        "motion": Steps(_step(model.map, model.system.frame, count)),
+        "observed": observer(model, oriented, dt),
+        "constants": {**model.constants, "eps": dt},
+        "axes": {**model.axes, "eps": 0},
+        "prepare": prepare,
+        "options": {"order": order},
+    }
+    return scheme_of(name, model, oriented=oriented, **(usual | fields))
 
 
 @lru_cache(64)
@@ -255,10 +219,12 @@ def _step(phi: Map, frame: Frame, count: int) -> Function:
     return step
 
 
-def _require_below(model: Model, state: State, step: float, sentence: str, **options: float) -> None:
-    """Raises `InputError` with a sentence about the map where the step is not below the largest."""
+def _require_below(name: str, model: Model, state: State, step: float, stages: str = "", **options: float) -> None:
+    """Raises `InputError` where a step is not below the largest at which the map is known to exist."""
     if model.map.largest_step is None:
         return
     largest = model.largest_step(*state, **options)
     if not step < largest:
-        raise InputError(f"The map of {model.system.name} " + sentence.format(largest=largest, share=largest / step))
+        words = {"largest": largest, "share": largest / step, "dt": step, "stages": stages}
+        sentence = BEYOND[name].format(**words, shift=SHIFT if "b" in model.params else "")
+        raise InputError(f"The map of {model.system.name} {sentence}")

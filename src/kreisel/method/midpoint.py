@@ -25,8 +25,8 @@ from kreisel.algebra import Array
 from kreisel.algebra.iteration import repeat
 from kreisel.algebra.spins import Spins, cross, inner
 from kreisel.method.composition import DEFECT, composed
-from kreisel.method.kahan import is_euler_top, is_linear
-from kreisel.method.observing import State, held_by_orientation, observer, turned, with_orientation
+from kreisel.method.kahan import is_euler_top, linear_integrals
+from kreisel.method.observing import State, observer, turned_by_velocity
 from kreisel.method.scheme import Guard, Scheme
 from kreisel.record.calling import call
 from kreisel.record.contract import PhaseSpace
@@ -41,7 +41,7 @@ def midpoint(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
 
     The largest square of the last change of a direction is carried along as the component "defect" and guarded.
     """
-    conserved = ["casimir", *(name for name, function in model.system.integrals.items() if is_linear(model, function))]
+    conserved = ["casimir", *linear_integrals(model)]
     meanings = {"energy": f"Hamiltonian H, not conserved: it oscillates by O(dt^{order}), without a trend"}
     if is_euler_top(model):
         conserved, meanings = [*conserved, "energy"], {}
@@ -49,7 +49,7 @@ def midpoint(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
 
     def stage(old: State, turned: State, eps: Array, constants: Mapping[str, Array]) -> tuple[Any, Any, Any]:
         new, centre, defect = advance(model, old, eps, constants)
-        return new, (_followed(model, centre, g, eps, constants) for g in turned), [defect]
+        return new, (turned_by_velocity(model, centre, g, eps, constants) for g in turned), [defect]
 
     guard = Guard(
         "The implicit equation of the midpoint step was not solved to round-off",
@@ -57,14 +57,12 @@ def midpoint(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         DEFECT,
         LIMIT**2,
     )
-    held = held_by_orientation(model, with_orientation(model, oriented), bound=False)
-    return composed("midpoint", model, dt, order, oriented, stage, watched, guard, held=held, dt_in_constants=True)
+    return composed("midpoint", model, dt, order, oriented, stage, watched, guard, bound=False, dt_in_constants=True)
 
 
 def advance(model: Model, state: State, eps: Array, constants: Mapping[str, Array]) -> tuple[State, State, Array]:
     """The step of order 2: the new state, the point c, and the square of the last change of a direction."""
     space = model.system.space
-    parameters = {name: value for name, value in constants.items() if name in model.axes}
     w = _spins(space, state)
     square = inner(w, w)
     inverse, sites = 1 / square, w[0].shape[-1]
@@ -73,7 +71,7 @@ def advance(model: Model, state: State, eps: Array, constants: Mapping[str, Arra
         total = tuple(x + y for x, y in zip(w, new, strict=True))
         length = algebra.sqrt(square / inner(total, total))  # r/|w + w'|
         c = tuple(length * x for x in total)
-        X = _spins(space, tuple(call(model.system.flow, _state(space, c), parameters)))
+        X = _spins(space, tuple(call(model.system.flow, _state(space, c), constants)))
         a = tuple(algebra.vec(eps) * length * inverse * x for x in cross(c, X))
         aw = cross(a, w)
         half = 2 / (1 + inner(a, a))
@@ -97,8 +95,3 @@ def _spins(space: PhaseSpace, state: State) -> Spins:
 
 def _state(space: PhaseSpace, spins: Spins) -> State:
     return spins if space.kinds != ("skew",) else (algebra.hat(np.concatenate(spins, -1)),)
-
-
-def _followed(model: Model, centre: State, g: Array, eps: Array, constants: Mapping[str, Array]) -> Array:
-    X = algebra.mat(eps) / 2 * call(model.system.velocity, centre, constants)
-    return turned(model.system.frame, X, g)

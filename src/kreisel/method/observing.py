@@ -50,6 +50,13 @@ def with_orientation(model: Model, oriented: bool) -> Components:
     return model.system.space.components + ((orientation_component(model.n),) if oriented else ())
 
 
+def with_lanes(model: Model, state: State, least: tuple[int, ...] = ()) -> tuple[tuple[int, ...], State]:
+    """The batch of a model and a state, of the axes `least` at least, and the components with its axes."""
+    axes = [algebra.KINDS[kind].axes for kind in model.system.space.kinds]
+    batch = np.broadcast_shapes(least, model.batch, *(z.shape[: z.ndim - k] for z, k in zip(state, axes, strict=True)))
+    return batch, tuple(np.broadcast_to(z, batch + z.shape[z.ndim - k :]) for z, k in zip(state, axes, strict=True))
+
+
 def turned(frame: Frame, X: Array, g: Array) -> Array:
     """The orientation turned by cay(X): from the left in the rest frame, from the right in the moving one."""
     return algebra.turn_left(X, g) if frame is Frame.REST else algebra.turn_right(g, X)
@@ -60,6 +67,12 @@ def turned_by_map(
 ) -> Array:
     """The orientation turned along with a step of a map, by its generator."""
     return turned(frame, call(phi.generator, (*old, *new), known), g)
+
+
+def turned_by_velocity(model: Model, middle: State, g: Array, eps: Array, known: Mapping[str, Array]) -> Array:
+    """The orientation turned along with a step eps, by the angular velocity at a state in its middle."""
+    X = algebra.mat(eps) / 2 * call(model.system.velocity, middle, known)
+    return turned(model.system.frame, X, g)
 
 
 def as_matrix(model: Model, g: Array) -> Array:

@@ -85,19 +85,19 @@ class Method:
     steps        whether it makes steps: if not, it is not a default where an order or an engine is asked for
     sources      keys of refs.bib; `composed`: further keys of single orders
     maker        name of the function (model, dt, order, oriented) -> Scheme, such as "kreisel.method.maps:suris",
-                 which is imported when the method is first used
+                 which is imported when the method is first used; "" for that of the method in the file of its name
     """
 
     name: str
     title: str
     needs: str
     cases: tuple[Suits, ...]
-    orders: tuple[Any, ...]
-    default: Any
-    poisson: str
     conserves: str
     sources: tuple[str, ...]
-    maker: str
+    maker: str = ""
+    orders: tuple[Any, ...] = ()
+    default: Any = None
+    poisson: str = "yes"
     default_for: tuple[Suits, ...] | None = None
     steps: bool = True
     words: str = ""  # for the orders, where no list states it
@@ -110,7 +110,8 @@ class Method:
     def make(self, model: Model, dt: float, order: Any, oriented: bool) -> Scheme:
         """The scheme for a model."""
         maker = next((suits.maker for suits in self.cases if suits(model)), "") or self.maker
-        scheme: Scheme = resolve_name(maker)(model, dt, order, oriented)
+        word = self.name.replace("-", "_")
+        scheme: Scheme = resolve_name(maker or f"kreisel.method.{word}:{word}")(model, dt, order, oriented)
         return scheme
 
     def applies(self, model: Model) -> bool:
@@ -174,7 +175,7 @@ class Method:
 
 # Symmetric compositions: keys of refs.bib by order.
 COMPOSED = {4: ("suzuki1990", "hairer2006"), 6: ("kahan1997", "hairer2006"), 8: ("kahan1997", "hairer2006")}
-COMPOSITIONS = (2, *COMPOSED)
+COMPOSITIONS: dict[str, Any] = {"orders": (2, *COMPOSED), "default": 2, "composed": COMPOSED}
 SPINS = "(so(3)*)^n"
 POINTS = Suits(either=("pairs", "exact_map"), test="kreisel.method.conjugate:has_points")
 
@@ -190,12 +191,8 @@ _RECORDS = (
             Suits(n=3, either=("baecklund", "closed_form.top", "closed_form.moments", "closed_form.gyrostat")),
             replace(POINTS, maker="kreisel.method.conjugate:exact"),
         ),
-        orders=(),
-        default=None,
-        poisson="yes",
         conserves="all integrals of the flow",
         sources=("suris2001", "carlson1995", "whittaker1937"),
-        maker="kreisel.method.exact:exact",
         default_for=(Suits(n=3, either=("closed_form.moments", "closed_form.gyrostat")),),
         steps=False,
     ),
@@ -222,23 +219,18 @@ _RECORDS = (
         default_for=(Suits(states=("baecklund",)),),
         orders=tuple(range(2, 26, 2)),
         default=2,
-        poisson="yes",
         conserves="all integrals of the flow",
         sources=("suris2001", "kuznetsov2004", "zullo2011", "ragnisco2011"),
-        maker="kreisel.method.baecklund:baecklund",
     ),
     Method(
         name="veselov",
         title="symmetric maps of Veselov, of Moser and Veselov, and of Suris (2000), and compositions of them",
         needs="a system with a symmetric map",
         cases=(Suits(states=("map.symmetric",)),),
-        orders=COMPOSITIONS,
-        default=2,
-        poisson="yes",
+        **COMPOSITIONS,
         conserves="all integrals of the flow",
         sources=("moser1991", "suris2000"),
         maker="kreisel.method.maps:veselov",
-        composed=COMPOSED,
         of_map=True,
     ),
     Method(
@@ -248,7 +240,6 @@ _RECORDS = (
         cases=(Suits(states=("map",), space="(S^2)^(2n)"),),
         orders=(1,),
         default=1,
-        poisson="yes",
         conserves="Casimirs, deformed integrals",
         sources=("krajnik2021", "krajnik2020"),
         maker="kreisel.method.maps:brickwork",
@@ -259,8 +250,6 @@ _RECORDS = (
         title="the map of a user-defined discrete Lagrangian (kreisel.reduction)",
         needs="a system of kreisel.reduction with a discrete Lagrangian",
         cases=(Suits(states=("map",), numbers=("jax",)),),
-        orders=(),
-        default=None,
         words="the order of the discrete Lagrangian; 2 for a continuous one",
         poisson="if its symmetries give the bracket",
         conserves="what its symmetries give",
@@ -275,7 +264,6 @@ _RECORDS = (
         cases=(Suits(states=("map.to_symmetric",), numbers=("any", "real")),),
         orders=(1, 2),
         default=2,
-        poisson="yes",
         conserves="Casimirs, deformed integrals",
         sources=("suris2001",),
         maker="kreisel.method.maps:suris",
@@ -293,8 +281,6 @@ _RECORDS = (
                 test="kreisel.method.maps:has_a_plain_map",
             ),
         ),
-        orders=(),
-        default=None,
         words="the order of the map",
         poisson="if the map is",
         conserves="the integrals that the map states",
@@ -310,27 +296,19 @@ _RECORDS = (
             Suits(states=("flow",), lacks=("perturbation",), numbers=("any",), space=SPINS),
             Suits(states=("flow",), lacks=("perturbation",), numbers=("any",), kinds=("skew",), n=3),
         ),
-        orders=COMPOSITIONS,
-        default=2,
-        poisson="yes",
+        **COMPOSITIONS,
         conserves="Casimirs, linear integrals; the energy of the Euler top",
         sources=("mclachlan2014",),
-        maker="kreisel.method.midpoint:midpoint",
         default_for=(Suits(space=SPINS),),
-        composed=COMPOSED,
     ),
     Method(
         name="variational",
         title="the variational Lie-Poisson integrator, and compositions of it",
         needs="H = T(M) + V (a record with inverse_inertia and momentum)",
         cases=(Suits(states=("inverse_inertia", "space.momentum")),),
-        orders=COMPOSITIONS,
-        default=2,
-        poisson="yes",
+        **COMPOSITIONS,
         conserves="Casimirs, momenta of symmetries",
         sources=("marsden1999", "suris2001"),
-        maker="kreisel.method.variational:variational",
-        composed=COMPOSED,
     ),
     Method(
         name="dop853",
@@ -356,14 +334,11 @@ _RECORDS = (
                 test="kreisel.method.kahan:has_a_small_quadratic_flow",
             ),
         ),
-        orders=COMPOSITIONS,
-        default=2,
+        **COMPOSITIONS,
         poisson="no",
         conserves="linear integrals; at order 2 deformed integrals of the Euler top (n = 3, 4), of Lagrange's top with "
         "equal moments, of Clebsch's case and of gyrostats with the wheel across a principal axis",
         sources=("kahan1993", "hirota2000", "petrera2011"),
-        maker="kreisel.method.kahan:kahan",
-        composed=COMPOSED,
         default_for=(),
     ),
 )

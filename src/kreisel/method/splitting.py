@@ -89,7 +89,12 @@ class Splitting:
         self.fractions = splitting(order)
         self.part: Integrable = integrable(model)
         self.turns = turns_of(model, all_turns)
-        _require_a_symmetric_kick(model, order)
+        if kicks.changes_its_loads(model.system) and order in (6, 8):
+            raise InputError(
+                f"method='splitting': expected order=4 or a tuple such as (8, 6, 4), since a torque or force of the "
+                f"momenta is integrated to order 4, got order={order}. Damping has an exact flow: give it as "
+                "damping=..."
+            )
         record = self.record
         self.kicked = bool(record.functions) or record.pair is not None or self.part.left is not None
         self.kicked = self.kicked or record.control is not None
@@ -276,15 +281,6 @@ class Splitting:
         return (*x, *(empty if name == windows.WINDOW else nothing for name in self.extra))
 
 
-def _require_a_symmetric_kick(model: Model, order: Any) -> None:
-    """Raises `InputError` for orders that the kick by a torque of the momentum, of order 4, does not have."""
-    if kicks.changes_its_loads(model.system) and order in (6, 8):
-        raise InputError(
-            f"method='splitting': expected order=4 or a tuple such as (8, 6, 4), since a torque or force of the "
-            f"momenta is integrated to order 4, got order={order}. Damping has an exact flow: give it as damping=..."
-        )
-
-
 def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = False) -> Scheme:
     """The splitting with step dt of that order; `all_turns`: those too that have no effect with these parameters.
 
@@ -295,6 +291,13 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
     body = Splitting(model, dt, order, oriented, all_turns)
     constants, stages = _numbers(body, body.fractions, 1.0)
     correcting = corrector(order)
+    guard = Guard(
+        f"A part of the step is longer than {body.part.name} is precise for",
+        "a step in which the body rotates by more than some radians, or a perturbation that sped the body up. Use a "
+        "smaller dt.",
+        REACH,
+        1.0,
+    )
     coupling = coupling_of(model, body.where, body.driven, {"_node": np.zeros(()), "_dt": np.array(dt / TICKS)})
     return scheme_of(
         "splitting",
@@ -311,7 +314,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
         reopen=body.begin,
         options={"order": order},
         dt_in_constants=True,
-        guard=None if body.part.reach is None else _guard(body.part),
+        guard=guard if body.part.reach is not None else None,
         coupling=coupling,
         corrector=None
         if correcting is None
@@ -335,16 +338,6 @@ def _numbers(body: Splitting, parts: Fractions, whole: float) -> Numbers:
     if body.span is not None:
         constants[windows.SPAN] = np.asarray(body.span)
     return Numbers(constants, stages)
-
-
-def _guard(part: Integrable) -> Guard:
-    return Guard(
-        f"A part of the step is longer than {part.name} is precise for",
-        "a step in which the body rotates by more than some radians, or a perturbation that sped the body up. Use a "
-        "smaller dt.",
-        REACH,
-        1.0,
-    )
 
 
 def _observer(body: Splitting, order: Any) -> Observed:

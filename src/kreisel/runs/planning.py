@@ -18,7 +18,7 @@ from kreisel.errors import AccuracyWarning, InputError, doubt
 from kreisel.graph.recording import STRAIGHT_LINE_N, STRAIGHT_LINES
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.method import find, scheme
-from kreisel.method.observing import ORIENTATION
+from kreisel.method.observing import ORIENTATION, with_lanes
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import call
 from kreisel.record.model import Model, State
@@ -167,7 +167,7 @@ def choice_of(
                 "Use method='exact', the flow itself, or an order from 2 to 24."
             )
         return auto.choose_each(model, parts, *when) if each else [auto.choose(model, parts, *when)]
-    lanes = auto.with_lanes(model, parts)
+    _, lanes = with_lanes(model, parts, (1,))
     if not each or len(lanes[0]) == 1:
         steps, rate = pilot(model, state, settings, orientation), auto.rate_of(model, parts)
         corners = record is not None and record.has_corners(model.constants)
