@@ -6,6 +6,7 @@ recorded values, so a gradient can be compiled like any other formula.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Sequence
 from numbers import Real
 from typing import Any, ClassVar
@@ -30,6 +31,7 @@ def _function(name: str) -> Callable[[Any], Any]:
 
 LEAST = 5e-324  # the least double that is not 0
 sin, cos, exp, log = (_function(name) for name in ("sin", "cos", "exp", "log"))
+UNARY = {"sqrt": sqrt, "sin": sin, "cos": cos, "exp": exp, "log": log}
 # Derivatives of an operation with respect to its operands: slopes(value, *operands).
 SLOPES: dict[str, Callable[..., tuple[Any, ...]]] = {
     "+": lambda value, x, y: (1, 1),
@@ -42,6 +44,19 @@ SLOPES: dict[str, Callable[..., tuple[Any, ...]]] = {
     "exp": lambda value, x: (value,),
     "log": lambda value, x: (1 / x,),
 }
+
+
+def _binary(operation: str, apply: Callable[[Any, Any], Any]) -> Callable[[TracedNumber, Any], Any]:
+    def operate(self: TracedNumber, other: Any) -> Any:
+        return (
+            NotImplemented if _is_array(other) else self._by(operation, apply(self.value, _value(other)), self, other)
+        )
+
+    return operate
+
+
+def _unary(operation: str) -> Callable[[TracedNumber], TracedNumber]:
+    return lambda self: self._by(operation, UNARY[operation](self.value), self)
 
 
 class TracedNumber(Recorded):
@@ -68,24 +83,13 @@ class TracedNumber(Recorded):
     def __pos__(self) -> TracedNumber:
         return self
 
-    def __add__(self, other: Any) -> Any:
-        return NotImplemented if _is_array(other) else self._by("+", self.value + _value(other), self, other)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> Any:
-        return NotImplemented if _is_array(other) else self._by("-", self.value - _value(other), self, other)
+    __add__ = __radd__ = _binary("+", operator.add)
+    __sub__ = _binary("-", operator.sub)
+    __mul__ = __rmul__ = _binary("*", operator.mul)
+    __truediv__ = _binary("/", operator.truediv)
 
     def __rsub__(self, other: Any) -> Any:
         return -self + other
-
-    def __mul__(self, other: Any) -> Any:
-        return NotImplemented if _is_array(other) else self._by("*", self.value * _value(other), self, other)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> Any:
-        return NotImplemented if _is_array(other) else self._by("/", self.value / _value(other), self, other)
 
     def __rtruediv__(self, other: Any) -> Any:
         if _is_array(other):
@@ -110,23 +114,10 @@ class TracedNumber(Recorded):
     def __rpow__(self, base: Any) -> Any:
         return (self * np.log(base)).exp()
 
-    def sqrt(self) -> TracedNumber:
-        return self._by("sqrt", sqrt(self.value), self)
-
-    def sin(self) -> TracedNumber:
-        return self._by("sin", sin(self.value), self)
-
-    def cos(self) -> TracedNumber:
-        return self._by("cos", cos(self.value), self)
+    sqrt, sin, cos, exp, log = (_unary(name) for name in ("sqrt", "sin", "cos", "exp", "log"))
 
     def tan(self) -> TracedNumber:
         return self.sin() / self.cos()
-
-    def exp(self) -> TracedNumber:
-        return self._by("exp", exp(self.value), self)
-
-    def log(self) -> TracedNumber:
-        return self._by("log", log(self.value), self)
 
     def sinh(self) -> TracedNumber:
         return (self.exp() - (-self).exp()) / 2

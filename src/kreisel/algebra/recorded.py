@@ -141,6 +141,10 @@ def _less(x: Any, y: Any) -> Condition:
     return Condition(lambda yes, no: where_less(x, y, yes, no), "a comparison, as in `if x < y`")
 
 
+def _ordered(condition: Callable[[Any, Any], Condition]) -> Callable[[Any, Any], Any]:
+    return lambda x, y: NotImplemented if isinstance(y, np.ndarray) else condition(x, y)
+
+
 def sign(x: Any) -> Any:
     """-1, 0 or 1."""
     return where_less(x, 0, -1, where_less(0, x, 1, 0))
@@ -244,17 +248,8 @@ class Recorded(Dispatched):
     __round__ = __trunc__ = __floor__ = __ceil__ = _refused("a rounding to an integer", ROUND)
     __floordiv__ = __mod__ = __divmod__ = _refused("a remainder or an integer quotient", RECORDED)
 
-    def __lt__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else _less(self, other)
-
-    def __gt__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else _less(other, self)
-
-    def __le__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else ~_less(other, self)
-
-    def __ge__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else ~_less(self, other)
+    __lt__, __gt__ = _ordered(lambda x, y: _less(x, y)), _ordered(lambda x, y: _less(y, x))
+    __le__, __ge__ = _ordered(lambda x, y: ~_less(y, x)), _ordered(lambda x, y: ~_less(x, y))
 
     def __abs__(self) -> Any:
         return where_less(self, 0, -self, self)  # type: ignore[operator]

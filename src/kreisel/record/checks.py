@@ -10,13 +10,31 @@ from kreisel.algebra import dot, identity, magnitude
 from kreisel.errors import InputError
 
 
-def nonzero_alpha(alpha, letter):
-    """Not 0."""
-    if np.asarray(alpha == 0).any():
-        raise InputError(
-            f"{letter} = I_axial / I_transverse must not be 0: the Legendre transform is singular there, so the "
-            f"orientation is undefined. A thin rod has a small {letter} > 0, a flat disc {letter} = 2."
-        )
+def refused(bad, valid, message):
+    """A check of a value: `InputError` with the message if some entry is `bad`; `valid` is the range in words."""
+
+    def check(value, letter):
+        if np.asarray(bad(value)).any():
+            raise InputError(message.format(letter=letter, value=np.asarray(value).tolist()))
+
+    check.__doc__ = valid
+    return check
+
+
+positive = refused(lambda a: a <= 0, "Positive.", "{letter} must be positive, got {value}.")
+nonzero_alpha = refused(
+    lambda alpha: alpha == 0,
+    "Not 0.",
+    "{letter} = I_axial / I_transverse must not be 0: the Legendre transform is singular there, so the orientation is "
+    "undefined. A thin rod has a small {letter} > 0, a flat disc {letter} = 2.",
+)
+off_diagonal = refused(
+    lambda C: magnitude(C * (1 - identity(C.shape[-1]))) == 0,
+    "Not diagonal.",
+    "{letter} must be an n x n matrix with {letter}_jk the inverse moment of the plane (j, k), got a diagonal, which "
+    "is not used. For n = 3 and inverse moments c1, c2, c3 about the axes give "
+    "{letter} = [[0, c3, c2], [c3, 0, c1], [c2, c1, 0]].",
+)
 
 
 def nonzero_vector(A, letter):
@@ -91,8 +109,7 @@ def check_diagonal(J, letter):
 def check_positive_diagonal(J, letter):
     """The diagonal of the mass tensor of a body that is not flat."""
     check_diagonal(J, letter)
-    if np.asarray(J <= 0).any():
-        raise InputError(f"The entries of {letter} must be positive, got {np.asarray(J).tolist()}.")
+    positive(J, letter)
 
 
 def check_mass_tensor(J, letter):
@@ -109,14 +126,4 @@ def doubtful_angle(value: Any, name: str) -> Iterator[str]:
         yield (
             f"{name} = {largest:g} rad is beyond {words}. Usual cause: degrees for radians. "
             f"'{largest:g} deg', where units are read, is {math.radians(largest):.6g}."
-        )
-
-
-def off_diagonal(C, letter):
-    """Not diagonal."""
-    if magnitude(C * (1 - identity(C.shape[-1]))) == 0:
-        raise InputError(
-            f"{letter} must be an n x n matrix with {letter}_jk the inverse moment of the plane (j, k), got a "
-            "diagonal, which is not used. For n = 3 and inverse moments c1, c2, c3 about the axes give "
-            f"{letter} = [[0, c3, c2], [c3, 0, c1], [c2, c1, 0]]."
         )

@@ -36,6 +36,7 @@ from kreisel.reduction.double import double, jax
 from kreisel.reduction.groups import Group, Representation, random_element
 
 jnp = jax.numpy
+INVARIANT = 1e-8
 Lagrangian = Callable[..., Any]  # (Omega, P) or (W, P): an algebra element or a group element, and a point of V
 
 
@@ -57,39 +58,28 @@ class Continuous:
 
     def velocity(self, M: Array, P: Array) -> Array:
         """The x of Omega with grad_Omega L(Omega, P) = M, on the branch of Omega = 0; NaN if there is none."""
-
-        def off(x: Array, M: Array, P: Array) -> Array:
-            return self.momentum(x, P) - M
-
-        return newton.find_root(off, self.rep.group.dim, M, P)
+        return newton.find_root(lambda x, M, P: self.momentum(x, P) - M, self.rep.group.dim, M, P)
 
     def energy(self, M: Array, P: Array) -> Array:
         """H = <M, Omega> - L."""
         x = self.velocity(M, P)
         return M @ x - self.value(x, P)
 
-    def flow(self, M: Array, P: Array) -> tuple[Array, Array]:
-        """The left or right Euler-Poincare equations in (M, P)."""
-        x = self.velocity(M, P)
+    def flow(self, M: Array, P: Array, x: Array | None = None) -> tuple[Array, Array]:
+        """The left or right Euler-Poincare equations in (M, P); x of Omega if it is known."""
+        x = self.velocity(M, P) if x is None else x
         sign = 1 if self.frame is Frame.MOVING else -1
         force = self.rep.diamond(jax.grad(self.value, 1)(x, P), P)
         return sign * (self.rep.group.ad_star(x, M) + force), -sign * self.rep.rate(x, P)
 
     def acceleration(self, x: Array, P: Array) -> tuple[Array, Array]:
         """The equations in (Omega, P): grad^2_Omega L Omega' = M' - (grad_P grad_Omega L) P'."""
-        M = self.momentum(x, P)
-        sign = 1 if self.frame is Frame.MOVING else -1
-        force = self.rep.diamond(jax.grad(self.value, 1)(x, P), P)
-        dM, dP = sign * (self.rep.group.ad_star(x, M) + force), -sign * self.rep.rate(x, P)
+        dM, dP = self.flow(self.momentum(x, P), P, x)
         inertia, coupling = jax.jacfwd(self.momentum, (0, 1))(x, P)
         return linear.inverse(inertia) @ (dM - coupling @ dP), dP
 
 
 # -- discrete equations ----------------------------------------------------------------------------
-
-
-jnp = jax.numpy
-INVARIANT = 1e-8
 
 
 def left_derivative(f: Callable[[Array], Array], g: Array, group: Group) -> Array:
@@ -149,11 +139,7 @@ class Discrete:
 
     def turn(self, M: Array, P: Array) -> Array:
         """W_k from (M_k, P_k); NaN beyond the end of the branch with the continuous limit."""
-
-        def off(x: Array, M: Array, P: Array) -> Array:
-            return self.before(self.rep.group.retract(x), P) - M
-
-        return self.rep.group.retract(newton.find_root(off, self.rep.group.dim, M, P))
+        return self.rep.group.solved(lambda W, M, P: self.before(W, P) - M, M, P)
 
     def step(self, M: Array, P: Array) -> tuple[Array, Array]:
         """(M_k, P_k) -> (M_(k+1), P_(k+1))."""
@@ -162,12 +148,7 @@ class Discrete:
 
     def turn_back(self, M: Array, P: Array) -> Array:
         """W_k from (M_(k+1), P_(k+1))."""
-
-        def off(x: Array, M: Array, P: Array) -> Array:
-            W = self.rep.group.retract(x)
-            return self.after(W, self.brought(W, P)) - M
-
-        return self.rep.group.retract(newton.find_root(off, self.rep.group.dim, M, P))
+        return self.rep.group.solved(lambda W, M, P: self.after(W, self.brought(W, P)) - M, M, P)
 
     def inverse(self, M: Array, P: Array) -> tuple[Array, Array]:
         """(M_(k+1), P_(k+1)) -> (M_k, P_k)."""
@@ -219,11 +200,10 @@ class Unreduced:
     def turn(self, M: Array, g: Array) -> Array:
         """W with -d'_1 LL(g, g W) = M."""
 
-        def off(x: Array, M: Array, g: Array) -> Array:
-            after = g @ self.group.retract(x)
-            return -right_derivative(lambda y: self.lagrangian(y, after), g, self.group) - M
+        def off(W: Array, M: Array, g: Array) -> Array:
+            return -right_derivative(lambda y: self.lagrangian(y, g @ W), g, self.group) - M
 
-        return self.group.retract(newton.find_root(off, self.group.dim, M, g))
+        return self.group.solved(off, M, g)
 
     def step(self, before: Array, g: Array) -> tuple[Array, Array]:
         """(g_(k-1), g_k) -> (g_k, g_(k+1)), on the branch with the continuous limit."""

@@ -39,7 +39,7 @@ from kreisel.reduction import linear, newton
 from kreisel.reduction.double import double, jax
 
 jnp = jax.numpy
-CLOSED = 1e-10
+CLOSED, SAME = 1e-10, 1e-9
 RETRACTIONS = ("cayley", "exponential")
 
 
@@ -162,6 +162,10 @@ class Group:
         if self._rotations:  # X^3 = -|u|^2 X for X = hat(u)
             return unit + (xi + xi @ xi / 2) / (1 + x @ x / 4)
         return algebra.solve(unit - xi / 2, unit + xi / 2)
+
+    def solved(self, off: Callable[..., Array], *args: Array) -> Array:
+        """The W with off(W, *args) = 0 on the branch of W = I; NaN if there is none."""
+        return self.retract(newton.find_root(lambda x, *args: off(self.retract(x), *args), self.dim, *args))
 
     def unretract(self, W: Array) -> Array:
         """The x with retract(x) = W: the coordinates of 2 (W + I)^-1 (W - I), or of log W by Newton's method."""
@@ -297,10 +301,6 @@ def random_element(group: Group, rng: np.random.Generator, size: float = 0.5) ->
 
 
 # -- representations -------------------------------------------------------------------------------
-
-
-jnp = jax.numpy
-SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)

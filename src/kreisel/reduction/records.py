@@ -11,7 +11,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array, invariants
 from kreisel.errors import InputError, explained, shown
-from kreisel.record.calling import Function, Portable
+from kreisel.record.calling import Function, Portable, naming
 from kreisel.record.contract import Checks, Frame, Map, Parameter, PhaseSpace, System
 from kreisel.reduction.double import double, jax
 from kreisel.reduction.equations import Continuous, Discrete, symmetric_rule
@@ -93,8 +93,6 @@ def _tried(function: Callable[[], Any], name: str) -> Any:
 
 # -- records ---------------------------------------------------------------------------------------
 
-
-jnp = jax.numpy
 BRANCH = (
     "The implicit equation of the step has no solution on the branch with the continuous limit. "
     "Usual cause: dt too long for this state, or a Legendre transform that is singular there. Use a smaller dt."
@@ -139,16 +137,9 @@ def system(
     Lagrangians are written with jax.numpy and must be real, scalar and differentiable.  A call of the record with
     parameters checks this.  Raises `InputError`.
     """
-    functions = {"lagrangian": Portable(lagrangian), "discrete": Portable(discrete)}
-    functions |= {f"integrals {k}": Portable(function) for k, function in dict(integrals or {}).items()}
-    stated: dict[str, Any] = {
-        "frame": frame,
-        "parameters": parameters,
-        "conserved": conserved,
-        "order": order,
-        "title": title,
-    }
-    stated |= {"group": group, "representation": representation, "source": source}
+    stated: dict[str, Any] = dict(locals())
+    stated |= {"lagrangian": Portable(lagrangian), "discrete": Portable(discrete)}
+    stated["integrals"] = {key: Portable(function) for key, function in dict(integrals or {}).items()}
     if lagrangian is None and discrete is None:
         raise InputError("A system needs a Lagrangian: give lagrangian=L(Omega, P), discrete=Lambda(W, P), or both.")
     rep = standard(group) if representation is None else representation
@@ -159,13 +150,12 @@ def system(
         )
     record = _Record(rep, _frame(frame), lagrangian, discrete, {p.letter: p for p in parameters})
     result = record.system(name, title or name, source, dict(integrals or {}), tuple(conserved), order)
-    return result.remade_by(_again, name, functions, stated)
+    return result.remade_by(_again, stated)
 
 
-def _again(name: str, functions: Mapping[str, Portable], stated: Mapping[str, Any]) -> System:
-    integrals = {k.removeprefix("integrals "): f.function for k, f in functions.items() if k.startswith("integrals ")}
-    lagrangians = functions["lagrangian"].function, functions["discrete"].function
-    return system(name, lagrangian=lagrangians[0], discrete=lagrangians[1], integrals=integrals, **stated)
+def _again(stated: Mapping[str, Any]) -> System:
+    plain = {key: value.function if isinstance(value, Portable) else value for key, value in stated.items()}
+    return system(**{**plain, "integrals": {key: f.function for key, f in stated["integrals"].items()}})
 
 
 def _frame(frame: str | Frame) -> Frame:
@@ -371,7 +361,7 @@ class _Record:
             scaling="As in the Lagrangian.",
             integrals=wrapped,
             map=self.map(source, conserved, order),
-            checks=Checks(self._named(self.check)),
+            checks=Checks(naming(lambda **constants: self.check(**constants), self.keywords)),
             n=self.group.n,
             numbers="jax",
             notes=f"Group {self.group.name}, {self.rep.name} representation on R^{self.rep.dim}; "
@@ -384,16 +374,6 @@ class _Record:
         if unknown:
             raise InputError(f"An integral names {shown(unknown[0])}, which is not a parameter of any Lagrangian.")
         return lambda *state, **constants: function(*state, **{k: constants[k] for k in mine})
-
-    def _named(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        """The function with the constants as its keyword arguments, for `contract.call`."""
-        kind = inspect.Parameter.KEYWORD_ONLY
-
-        def named(**constants: Any) -> Any:
-            return function(**constants)
-
-        named.__signature__ = inspect.Signature([inspect.Parameter(k, kind) for k in self.keywords])  # type: ignore[attr-defined]
-        return named
 
 
 def _lagrangian_parameter(letter: str, default: Any) -> Parameter:

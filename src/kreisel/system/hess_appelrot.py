@@ -9,13 +9,8 @@ f' = k x z M_2 f, so that f = 0 stays.  Plus bracket, F' = {H, F}.  [Hess 1890; 
 import numpy as np
 
 from kreisel.algebra import act, axial, dot, hat, wedge
-from kreisel.errors import InputError
+from kreisel.record.checks import positive
 from kreisel.record.contract import MOVING_SPACE, Parameter, System, named
-
-
-def positive(a, letter):
-    if np.asarray(a <= 0).any():
-        raise InputError(f"{letter} must be positive, got {np.asarray(a).tolist()}.")
 
 
 def body(*, a, k, x, z):

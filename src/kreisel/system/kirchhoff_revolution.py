@@ -25,7 +25,7 @@ from kreisel.algebra import (
     wedge,
 )
 from kreisel.baecklund.kirchhoff_revolution import BAECKLUND
-from kreisel.errors import InputError, shown
+from kreisel.record.checks import positive
 from kreisel.record.contract import MOVING_SPACE, Parameter, Relation, System, kicked_map, named, pullback
 from kreisel.system import clebsch
 
@@ -94,11 +94,6 @@ def inverse_planes(a1, a3, e):  # c_jk
     return mat(a1) + mat(a3 - a1) * across[..., :, None] * across[..., None, :]
 
 
-def check_positive(value, name):
-    if not (value > 0).all():
-        raise InputError(f"{name}: expected an inverse moment of inertia > 0, got {shown(value.tolist())}.")
-
-
 SYSTEM = System(
     name="kirchhoff-revolution",
     title="Kirchhoff's case of a body of revolution in a fluid, without mixed terms",
@@ -107,8 +102,8 @@ SYSTEM = System(
     source="Kirchhoff 1870; Suris 2001, section 7",
     space=MOVING_SPACE,
     parameters=(
-        Parameter("a1", "scalar", "inverse moment of inertia across the axis", check_positive, positive=True),
-        Parameter("a3", "scalar", "inverse moment of inertia about the axis", check_positive, positive=True),
+        Parameter("a1", "scalar", "inverse moment of inertia across the axis", positive, positive=True),
+        Parameter("a3", "scalar", "inverse moment of inertia about the axis", positive, positive=True),
         Parameter("c1", "scalar", "inverse mass across the axis, with the added mass"),
         Parameter("c3", "scalar", "inverse mass along the axis, with the added mass"),
         Parameter("n", "dimension", "the dimension of the space", default=3),

@@ -32,14 +32,9 @@ from kreisel.algebra import (
     wedge,
 )
 from kreisel.algebra.invariants import trace_of_product
-from kreisel.errors import InputError
+from kreisel.record.checks import positive
 from kreisel.record.contract import ADJOINT_SPACE, Parameter, System, kicked_map, named
 from kreisel.system import quadratic_field as general
-
-
-def positive(a, letter):
-    if np.asarray(a <= 0).any():
-        raise InputError(f"{letter} must be positive, since J = diag(a, a, b, ..., b), got {np.asarray(a).tolist()}.")
 
 
 def planes(*, n, a, b, chi):

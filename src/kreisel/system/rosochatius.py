@@ -13,23 +13,17 @@ import numpy as np
 from kreisel.algebra import dot, identity, sqrt, vec, wedge
 from kreisel.algebra.invariants import stack
 from kreisel.algebra.matrices import diagonal
-from kreisel.errors import InputError
-from kreisel.record.checks import distinct
+from kreisel.record.checks import distinct, refused
 from kreisel.record.contract import Checks, Map, Parameter, System, named, pullback
 from kreisel.record.spheres import SPHERE_SPACE, random_on_sphere
 from kreisel.system import neumann, neumann_veselov
 
-
-def nonzero(mu, letter):
-    """No entry 0."""
-    if np.asarray(mu == 0).any():
-        raise InputError(f"The entries of {letter} must not be 0, got {np.asarray(mu).tolist()}. For mu = 0: neumann.")
-
-
-def off_the_walls(x, letter):
-    """No entry 0."""
-    if np.asarray(x == 0).any():
-        raise InputError(f"No entry of {letter} may be 0: the potential mu_i^2/(2 x_i^2) is infinite there.")
+nonzero = refused(
+    lambda mu: mu == 0, "No entry 0.", "The entries of {letter} must not be 0, got {value}. For mu = 0: neumann."
+)
+off_the_walls = refused(
+    lambda x: x == 0, "No entry 0.", "No entry of {letter} may be 0: the potential mu_i^2/(2 x_i^2) is infinite there."
+)
 
 
 def flow(x, q, *, b, mu):  # x' = q,   q' = f - (<x, f> + |q|^2) x,   f = Bx + mu^2/x^3

@@ -7,20 +7,12 @@ fourth integral.  Plus bracket, F' = {H, F}.  [Steklov 1893; named in Suris 2001
 
 from dataclasses import replace
 
-import numpy as np
-
 from kreisel.algebra import SECOND, THIRD, hat, vec
 from kreisel.algebra.invariants import stack
 from kreisel.baecklund.steklov import axial_pairs
-from kreisel.errors import InputError
+from kreisel.record.checks import refused
 from kreisel.record.contract import Parameter, Relation
 from kreisel.system import kirchhoff_case, steklov_lyapunov
-
-
-def nonzero(nu, letter):
-    """Not 0."""
-    if np.asarray(nu == 0).any():
-        raise InputError(f"{letter} must not be 0: without the mixed terms it is Euler's top.")
 
 
 def coefficients(*, b, nu):
@@ -57,7 +49,12 @@ SYSTEM = replace(
     source="Steklov 1893; Suris 2001, Conclusions",
     parameters=(
         Parameter("b", "vector", "H has b_i M_i^2/2", diagonal=True),
-        Parameter("nu", "scalar", "strength of the mixed terms, not 0", nonzero),
+        Parameter(
+            "nu",
+            "scalar",
+            "strength of the mixed terms, not 0",
+            refused(lambda nu: nu == 0, "Not 0.", "{letter} must not be 0: without the mixed terms it is Euler's top."),
+        ),
     ),
     derive=coefficients,
     integrals={"lyapunov": lyapunov},
