@@ -67,7 +67,7 @@ def composed(
 ) -> Scheme:
     """The scheme of a symmetric step of order 2, composed to the order; `fields` as in `scheme_of`.
 
-    `bound`: whether an orientation turns by the rotation of the carried vectors, as in `held_by_orientation`.
+    `bound`: whether an orientation rotates as the carried vectors do, as in `held_by_orientation`.
 
     stage(state, turned, eps, constants) -> state, turned, defects, with the orientations `turned`.  The largest defect
     so far is carried along as the component "defect" for the guard; there is none without a guard.

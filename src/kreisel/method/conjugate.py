@@ -29,7 +29,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.exact.quadrics import lift
 from kreisel.method.baecklund import constant_turns, stage_points
-from kreisel.method.observing import State, as_matrix, observer, scheme_of
+from kreisel.method.observing import State, as_matrix, observer, scheme_of, with_lanes
 from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.calling import Function, call
 from kreisel.record.contract import ConjugatePairs, ExactMap
@@ -61,16 +61,13 @@ def has_points(model: Model) -> bool:
     return model.system.exact_map is not None or (pairs is not None and model.n in pairs.dimensions)
 
 
-def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
-    """Products of Bäcklund maps of an order.  Raises `InputError` as `exact`."""
-    return (
-        by_pairs(model, dt, oriented, order) if model.system.exact_map is None else by_map(model, dt, oriented, order)
-    )
+def products(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
+    """The exact flow, or products of Bäcklund maps of an order.
 
-
-def exact(model: Model, dt: float, order: None, oriented: bool) -> Scheme:
-    """The exact flow.  Raises `InputError` for an orientation that the map lacks, and where no points are found."""
-    return by_pairs(model, dt, oriented) if model.system.exact_map is None else by_map(model, dt, oriented)
+    Raises `InputError` for an orientation that the map lacks, and where no points are found.
+    """
+    make = by_pairs if model.system.exact_map is None else by_map
+    return make(model, dt, oriented, order)
 
 
 def by_pairs(model: Model, dt: float, oriented: bool, order: int | None = None) -> Scheme:
@@ -275,9 +272,7 @@ def _stacked(batch: tuple[int, ...], steps: list[tuple[Array, Array]]) -> Array:
 
 def _lanes(model: Model, state: State) -> tuple[tuple[int, ...], list[tuple[State, dict[str, Array]]]]:
     """The shape of a batch, and state and parameters of each lane."""
-    axes = [algebra.KINDS[kind].axes for kind in model.system.space.kinds]
-    batch = np.broadcast_shapes(model.batch, *(z.shape[: z.ndim - k] for z, k in zip(state, axes, strict=True)))
-    spread = [np.broadcast_to(z, batch + z.shape[z.ndim - k :]) for z, k in zip(state, axes, strict=True)]
+    batch, spread = with_lanes(model, state)
     params = {p.letter: model.params[p.letter] for p in model.system.parameters}
     params = {k: np.broadcast_to(v, batch + v.shape[v.ndim - model.axes[k] :]) for k, v in params.items()}
     return batch, [

@@ -7,7 +7,7 @@ which names the maker.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from numbers import Integral
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
@@ -85,7 +85,7 @@ class Method:
     steps        whether it makes steps: if not, it is not a default where an order or an engine is asked for
     sources      keys of refs.bib; `composed`: further keys of single orders
     maker        name of the function (model, dt, order, oriented) -> Scheme, such as "kreisel.method.maps:suris",
-                 which is imported when the method is first used; "" for that of the method in the file of its name
+                 which is imported when the method is first used; "" for the function and the file of its name
     """
 
     name: str
@@ -177,7 +177,11 @@ class Method:
 COMPOSED = {4: ("suzuki1990", "hairer2006"), 6: ("kahan1997", "hairer2006"), 8: ("kahan1997", "hairer2006")}
 COMPOSITIONS: dict[str, Any] = {"orders": (2, *COMPOSED), "default": 2, "composed": COMPOSED}
 SPINS = "(so(3)*)^n"
-POINTS = Suits(either=("pairs", "exact_map"), test="kreisel.method.conjugate:has_points")
+POINTS = Suits(
+    either=("pairs", "exact_map"),
+    test="kreisel.method.conjugate:has_points",
+    maker="kreisel.method.conjugate:products",
+)
 
 _RECORDS = (
     Method(
@@ -189,7 +193,7 @@ _RECORDS = (
         "clebsch-general, clebsch-body, quadratic-potential, quadratic-field, steklov-lyapunov",
         cases=(
             Suits(n=3, either=("baecklund", "closed_form.top", "closed_form.moments", "closed_form.gyrostat")),
-            replace(POINTS, maker="kreisel.method.conjugate:exact"),
+            POINTS,
         ),
         conserves="all integrals of the flow",
         sources=("suris2001", "carlson1995", "whittaker1937"),
@@ -214,7 +218,7 @@ _RECORDS = (
         needs="a system whose Bäcklund transformations are known",
         cases=(
             Suits(states=("baecklund",)),
-            replace(POINTS, maker="kreisel.method.conjugate:baecklund"),
+            POINTS,
         ),
         default_for=(Suits(states=("baecklund",)),),
         orders=tuple(range(2, 26, 2)),

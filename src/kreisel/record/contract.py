@@ -253,10 +253,10 @@ def _reversed(function: Function, *state: Array, eps: Any, **constants: Any) -> 
 
 
 def kicked_map(kick: Function, turn: Function, **claims: Any) -> Map:
-    """The map (M, ...) -> turn(M + kick(...), ...): a potential changes M, then the state rotates.
+    """The map (M, ...) -> `turn(M + kick(...), ...)`: a potential changes M, then the state rotates.
 
     kick(*carried, eps)   the change of M, a function of the other components, which stay
-    turn(*state, eps)     the state after the rotation; turn with -eps is its inverse
+    `turn(*state, eps)`   the state after the rotation; with -eps it is the inverse
 
     Its inverse, its reversing involution and half a kick follow; `claims` are the other fields.
     """
@@ -280,7 +280,7 @@ def kicked_map(kick: Function, turn: Function, **claims: Any) -> Map:
 
 
 def implicit_map(turn: Function, move: Function, **claims: Any) -> Map:
-    """The symmetric map move(*state, X, eps) with X, defect = turn(*state, eps), of order 2; see `Map`."""
+    """The symmetric map move(*state, X, eps) with X, defect = `turn(*state, eps)`, of order 2; see `Map`."""
 
     def step(*state: Array, **known: Any) -> Any:
         return call(move, (*state, call(turn, state, known)[0]), known)
