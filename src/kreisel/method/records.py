@@ -104,14 +104,17 @@ class Method:
     composed: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     of_map: bool = False  # whether it steps the map of the system, which is cited then
 
+    def __post_init__(self) -> None:
+        word = self.name.replace("-", "_")
+        object.__setattr__(self, "maker", self.maker or f"kreisel.method.{word}:{word}")
+
     def __repr__(self) -> str:
         return f"<kreisel method {self.name!r}: {self.title}>"
 
     def make(self, model: Model, dt: float, order: Any, oriented: bool) -> Scheme:
         """The scheme for a model."""
         maker = next((suits.maker for suits in self.cases if suits(model)), "") or self.maker
-        word = self.name.replace("-", "_")
-        scheme: Scheme = resolve_name(maker or f"kreisel.method.{word}:{word}")(model, dt, order, oriented)
+        scheme: Scheme = resolve_name(maker)(model, dt, order, oriented)
         return scheme
 
     def applies(self, model: Model) -> bool:
