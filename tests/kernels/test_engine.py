@@ -237,7 +237,7 @@ def test_compiled_observe_equals_the_definition(name: str, n: int, oriented: boo
     plan = make_plan(model, start, dt=0.1, steps=9, every=1, method="suris", order=2, orientation=g)
     rows = np.empty((9, *plan.engine.z.shape))
     plan.engine.advance(rows, 1)
-    compiled = cpu.compiled_observe(plan.scheme, plan.variables, 2)
+    compiled = cpu.row_function(plan.scheme, plan.variables, 2, ("observe", None))
     assert compiled is not None
     found, wanted = compiled.named(rows), plan.variables(algebra.restore(rows, plan.kinds, n))
     assert set(found) == set(wanted) == set(plan.scheme.outcomes)
@@ -253,7 +253,7 @@ def test_what_is_too_long_to_compile_is_observed_by_numpy(monkeypatch: pytest.Mo
     start = dict(zip("ma", x0, strict=True))
     plan = make_plan(model, start, dt=0.1, steps=9, every=1, method="suris", order=2, orientation=None)
     monkeypatch.setattr(cpu, "OBSERVED_LINES", 10)
-    assert cpu.compiled_observe(plan.scheme, plan.variables, 1) is None
+    assert cpu.row_function(plan.scheme, plan.variables, 1, ("observe", None)) is None
     assert set(plan.observe(np.zeros((2, 1, 6)) + plan.engine.z)) == set(plan.scheme.outcomes)
 
 

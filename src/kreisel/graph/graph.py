@@ -233,6 +233,15 @@ def array_of(entries: Sequence[Any]) -> Any:
     return out
 
 
+def _recording(operation: str, even: bool = False, odd: bool = False) -> Callable[[Number], Number]:
+    """The function of a recorded number."""
+
+    def applied(x: Number) -> Number:
+        return x.record(operation, x.positive if even or odd else x, negative=odd and x.negative)
+
+    return applied
+
+
 class Number(Ring, Recorded):
     """A recorded real number: the node `at` of a graph; the sign is kept apart, so that -x costs nothing.
 
@@ -316,37 +325,16 @@ class Number(Ring, Recorded):
     def __pow__(self, exponent: Any) -> Any:
         return integer_power(self, exponent)
 
-    def sqrt(self) -> Number:
-        return self.record(SQRT, self)
-
-    def sin(self) -> Number:
-        return self.record("sin", self.positive, negative=self.negative)
-
-    def cos(self) -> Number:
-        return self.record("cos", self.positive)
-
-    def exp(self) -> Number:
-        return self.record("exp", self)
-
-    def log(self) -> Number:
-        return self.record("log", self)
-
-    def sign(self) -> Number:
-        return self.record(SIGN, self)
+    sqrt, exp, log, sign = (_recording(name) for name in (SQRT, "exp", "log", SIGN))
+    cos, __abs__ = _recording("cos", even=True), _recording(SIZE, even=True)
+    sin, nearest = _recording("sin", odd=True), _recording(NEAREST, odd=True)
 
     def maximum(self, other: Any) -> Number:
         return self.record(MAX, self, other if isinstance(other, Number) else float(other))
 
-    def __abs__(self) -> Number:
-        return self.record(SIZE, self.positive)
-
     @staticmethod
     def where_less(x: Any, y: Any, yes: Any, no: Any) -> Any:
         return where_less(x, y, yes, no)
-
-    def nearest(self) -> Number:
-        """The integer next to it, of two the even one."""
-        return self.record(NEAREST, self.positive, negative=self.negative)
 
     def record_each(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
         """body(*row) for rows of constants, as the graph keeps them."""

@@ -42,11 +42,6 @@ WIDE = 8  # lanes at once
 LINE = 64  # bytes of the cache; a vector that lies across two needs twice the time
 
 
-def gain_of(programs: Sequence[Program]) -> float:
-    """`GAIN` of these programs."""
-    return GAIN_STRAIGHT if written_out(programs) else GAIN
-
-
 # -- the projection ------------------------------------------------------------------------------------
 
 
@@ -365,7 +360,8 @@ def compiled(programs: Sequence[Program], width: int) -> Kernel:
 
 
 def _compiled(programs: Sequence[Program], width: int) -> Kernel:
-    straight, gain, kind = written_out(programs), gain_of(programs), kind_of(width)
+    straight, kind = written_out(programs), kind_of(width)
+    gain = GAIN_STRAIGHT if straight else GAIN
     parts = [program.digest if straight else program.first > 0 for program in programs]
 
     def write(f: Function) -> None:

@@ -132,8 +132,8 @@ class CpuEngine(SteppedEngine):
         from kreisel.kernels.large.kernel import compiled_large
 
         def make() -> Code:
-            steps = compiled_large(large, self.columns, self.stage_columns)
-            return Code(steps, _large_work(self.scheme))
+            n, steps = self.scheme.n, compiled_large(large, self.columns, self.stage_columns)
+            return Code(steps, 200 * n + 4 * n * n if large.form.inverses else 60 + 4 * n)  # measured: n = 10 and 100
 
         return reused(None if self.scheme.kernel_key is None else (Code, self.scheme.kernel_key), make)
 
@@ -302,12 +302,6 @@ def _program_between(
     return reused(key, make)
 
 
-def _large_work(scheme: Scheme) -> int:
-    """About how many operations a stage is in a kernel of O(n), or O(n^2) where it keeps a matrix."""
-    n, dense = scheme.n, any(kind == f"R^{scheme.n**2}" for _, kind in scheme.components)
-    return 200 * n + 4 * n * n if dense else 60 + 4 * n  # measured for n = 10 and 100
-
-
 class RowFunction:
     """Compiled function of rows z (rows, lanes, d), whose values are rows (rows, lanes, count).
 
@@ -350,7 +344,8 @@ def row_function(
 ) -> RowFunction | None:
     """`function(parts, **constants)` of a scheme's components, compiled; None if that would be too slow.
 
-    `name` tells the functions of a scheme apart.
+    `name` tells the functions of a scheme apart.  On NumPy arrays one needs 5 to 20 us a row, as long as hundreds of
+    steps.
     """
     if scheme.n > OBSERVED_N or not scheme.recordable:
         return None
@@ -378,17 +373,6 @@ def row_function(
     if scheme.definition_key is not None and lanes == 1:
         scheme.compiled[name] = result
     return result
-
-
-def compiled_observe(
-    scheme: Scheme, function: Callable[..., Mapping[str, Array]], lanes: int, chosen: tuple[str, ...] | None = None
-) -> RowFunction | None:
-    """`function(parts, **constants)` for rows z (rows, lanes, d), compiled; None if that would be too slow.
-
-    `chosen`: names of its results in addition to the state, where that is not all that the scheme observes.
-    The definition itself, on NumPy arrays, needs 5 to 20 us a row, as long as hundreds of steps.
-    """
-    return row_function(scheme, function, lanes, ("observe", chosen))
 
 
 def compiled_rate(scheme: Scheme, lanes: int = 1) -> Callable[[float, Floats, Floats], Floats]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.reuse import reused
 from kreisel.errors import RunError
 from kreisel.graph.invariants import recordable
 from kreisel.kernels.layout import Floats, Look, no_look
@@ -22,7 +23,6 @@ jnp = jax.numpy
 lax = jax.lax
 ROWS = 256  # saved rows in one call of the compiled loop
 EVERY = 1000  # steps between two projections, of about 0.1 ms; steps need some microseconds
-MOST_KEPT = 64
 
 
 @lru_cache(64)
@@ -54,21 +54,16 @@ def _compiled_loop(
     return jax.jit(loop)
 
 
-_projections: dict[Any, tuple[Callable[..., Any], Callable[..., Any]]] = {}
-
-
 def _projection(
     scheme: Scheme, constants: Mapping[str, Floats], lanes: frozenset[str]
-) -> tuple[Callable[..., Any], Callable[..., Any]]:
+) -> tuple[Callable[..., Any], ...]:
     """Compiled: the values of the invariants by name, and a corrected state with its correction; kept for further runs.
 
     They depend on the record, whose step is one function, and on eps.
     """
     kinds, n = tuple(scheme.kinds), scheme.n
     own = sum(letter != ORIENTATION for letter, _ in scheme.components)
-    key = steps_of(scheme).step, kinds, n, lanes, repr(scheme.constants.get("eps"))
-    if key in _projections:
-        return _projections[key]
+    key = _projection, steps_of(scheme).step, kinds, n, lanes, repr(scheme.constants.get("eps"))
 
     def invariants(z: Array, known: Mapping[str, Array]) -> dict[str, Array]:
         found = scheme.observe(algebra.restore(z, kinds, n)[:own], **known)
@@ -88,11 +83,8 @@ def _projection(
         return gauss_newton(z, J, lack + lead, scale), worst, lead
 
     each = {k: 0 if k in lanes else None for k in constants}
-    every_lane = jax.jit(jax.vmap(invariants, in_axes=(0, each)))
-    if len(_projections) >= MOST_KEPT:
-        _projections.clear()
-    _projections[key] = every_lane, jax.jit(jax.vmap(correction, in_axes=(0, each, 0, 0)))
-    return _projections[key]
+    pair = (invariants, (0, each)), (correction, (0, each, 0, 0))
+    return reused(key, lambda: tuple(jax.jit(jax.vmap(function, in_axes=axes)) for function, axes in pair))
 
 
 class JaxProjection(InDoubles):

@@ -241,10 +241,10 @@ class Plan:
         """`variables` in a kernel; independent of the number of rows, so a longer run has the same bits."""
         if isinstance(self.scheme.motion, Flow) or not self.scheme.recordable:
             return None
-        from kreisel.kernels.cpu import compiled_observe
+        from kreisel.kernels.cpu import row_function
 
         with spent_on("kernels"):
-            return compiled_observe(self.scheme, self.variables, self.lanes, self.settings.observe)
+            return row_function(self.scheme, self.variables, self.lanes, ("observe", self.settings.observe))
 
 
 def default(model: Model, settings: Settings) -> str:

@@ -414,14 +414,10 @@ class Basis:
         """`observe` of blocks, which also needs the `arrays` of this basis or of its replacement."""
 
         def of_blocks(z: tuple[Array, ...], only: Collection[str] | None = None, /, **known: Array) -> dict[str, Array]:
-            given = {name: known.pop(name) for name in self.arrays if name in known}
-            return observe(self.with_arrays(given).back(z), only, **known)
+            arrays = {name.removeprefix(BASIS): known.pop(name) for name in self.arrays if name in known}
+            return observe(replace(self, **arrays).back(z), only, **known)
 
         return of_blocks
-
-    def with_arrays(self, known: Mapping[str, Array]) -> Basis:
-        """The basis with these `arrays` in the place of its own."""
-        return replace(self, **{name.removeprefix(BASIS): value for name, value in known.items()})
 
     def back(self, z: tuple[Array, ...]) -> tuple[Array, ...]:
         """The components of blocks."""
