@@ -27,6 +27,7 @@ import numpy as np
 
 from kreisel.algebra import KINDS, act, bracket, dot, identity, mat, parts, sign, together, vec
 from kreisel.algebra.matrices import adjugate, diagonal
+from kreisel.record.calling import call
 from kreisel.record.contract import ConjugatePairs
 
 SPREAD, HEIGHTS = 6.0, 14  # of |lam| tried: between the scales of the state, and this factor beyond them
@@ -166,20 +167,38 @@ MANAKOV = of_pencil(lambda M: 0 * M)
 QUADRATIC = of_pencil(lambda M, P: P, lambda Omega, P: bracket(P, Omega), "symmetric")
 
 
-def in_letter(record, letter, diagonal_of=lambda x: x, dimensions=(3, 4, 5)):
-    """The pairs of a system with a = `diagonal_of` of the parameter of that letter, such as J^2."""
+FUNCTIONS = {
+    "matrix": ("lam",),
+    "heights": (),
+    "projector": ("lam", "mu"),
+    "rates": ("lam", "Pi"),
+    "pair": ("lam", "mu"),
+}
 
-    def renamed(function):
-        def by_letter(*state, **known):
-            return function(*state, a=diagonal_of(known.pop(letter)), **known)
 
-        given = inspect.signature(function).parameters.values()
-        names = [p.replace(name=letter) if p.name == "a" else p for p in given]
-        by_letter.__dict__["__signature__"] = inspect.Signature(names)
-        return by_letter
+def under(record, letters, constants, enter=lambda *z: z, leave=lambda z: z, dimensions=(3, 4, 5)):
+    """The pairs of a system with parameters of these letters, whose state and parameters are others of a record.
 
-    functions = {name: renamed(getattr(record, name)) for name in ("matrix", "heights", "projector", "rates", "pair")}
+    constants(**parameters) of the record; enter(*state) its state; leave(state or rates) back
+    """
+
+    def adapted(name, more):
+        def function(*state, **known):
+            values = {**constants(**{letter: known.pop(letter) for letter in letters}), **known}
+            result = call(getattr(record, name), enter(*state), values)
+            return (leave(result[0]), result[1]) if name in ("rates", "pair") else result
+
+        names = [inspect.Parameter(k, inspect.Parameter.KEYWORD_ONLY) for k in (*letters, *more)]
+        function.__dict__["__signature__"] = inspect.Signature(names)
+        return function
+
+    functions = {name: adapted(name, more) for name, more in FUNCTIONS.items()}
     return replace(record, **functions, dimensions=dimensions)
+
+
+def in_letter(record, letter, diagonal_of=lambda x: x, **options):
+    """The pairs of a system with a = `diagonal_of` of the parameter of that letter, such as J^2."""
+    return under(record, (letter,), lambda **known: {"a": diagonal_of(known[letter])}, **options)
 
 
 def of_body(record):

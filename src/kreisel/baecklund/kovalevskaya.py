@@ -16,7 +16,7 @@ import numpy as np
 
 from kreisel.algebra import KINDS, act, dot, identity, mat, pairing, parts, shifted_resolvent, together, wedge
 from kreisel.algebra.matrices import adjugate
-from kreisel.baecklund.conjugate import HEIGHTS, longest, projector_of
+from kreisel.baecklund.conjugate import HEIGHTS, longest, projector_of, under
 from kreisel.record.contract import ConjugatePairs
 
 LOW, HIGH, CLEAR = 0.3, 12.0, 1.05  # |l| that are tried, in units of the largest |M|; |mu| is larger than |M| by CLEAR
@@ -34,13 +34,13 @@ def rotor(M, gamma):
     return mat(gamma - M[..., 0, 1]) * wedge(TWO[0], TWO[1])
 
 
-def matrix(M, P, Q, *, gamma, lam):
+def matrix(M, P, Q, *, lam, gamma=0):
     G = columns(P, Q, np.asarray(lam)[..., None])
     top = np.concatenate([M + 0 * G[..., :1], G], -1)
     return np.concatenate([top, np.concatenate([G.mT, rotor(M, gamma) + 0 * G[..., :2, :]], -1)], -2)
 
 
-def heights(M, P, Q, *, gamma):
+def heights(M, P, Q, *, gamma=0):
     """Im l for which |mu| is larger than |M| is anywhere on the orbit, so that mu - M is never singular."""
     energy = pairing(M, M) / 2 + M[0, 1] * M[0, 1] / 2 - gamma * M[0, 1] + P[0] + Q[1]
     largest = np.sqrt(float(2 * (energy + np.sqrt(dot(P, P)) + np.sqrt(dot(Q, Q))) + gamma * gamma)) or 1.0
@@ -77,7 +77,7 @@ def eigenvector(M, P, Q, *, gamma, lam, mu):
     return act(Y - mat(shift) * Z, b), b
 
 
-def projector(M, P, Q, *, gamma, lam, mu):
+def projector(M, P, Q, *, lam, mu, gamma=0):
     G = columns(P, Q, lam)
     right, left = (
         np.stack([*np.stack([shifted_resolvent(mu, s * M, G[..., i]) for i in (0, 1)], -1), *TWO]) for s in (1, -1)
@@ -85,7 +85,7 @@ def projector(M, P, Q, *, gamma, lam, mu):
     return projector_of(right @ adjugate(mu * TWO - rotor(M, gamma) - G.mT @ right[:3]) @ left.mT)
 
 
-def pair(M, P, Q, *, gamma, lam, mu):
+def pair(M, P, Q, *, lam, mu, gamma=0):
     a, b = map(parts, eigenvector(M, P, Q, gamma=gamma, lam=lam, mu=mu))
     (u, w), (v, z), (x, y) = a, b, parts(lam)
     uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
@@ -103,43 +103,5 @@ def pair(M, P, Q, *, gamma, lam, mu):
     return (M, *(KINDS["vector"].turned(-Y, KINDS["vector"].turned(-X, V)) for V in (P, Q))), (X, Y)
 
 
-TWO_FIELDS = ConjugatePairs(
-    matrix=matrix, heights=heights, projector=projector, rates=rates, pair=pair, dimensions=(3,)
-)
-
-
-def without_rotor(record):
-    """The pairs of the top: gamma = 0."""
-    return ConjugatePairs(
-        matrix=lambda M, P, Q, *, lam: record.matrix(M, P, Q, gamma=0, lam=lam),
-        heights=lambda M, P, Q: record.heights(M, P, Q, gamma=0),
-        projector=lambda M, P, Q, *, lam, mu: record.projector(M, P, Q, gamma=0, lam=lam, mu=mu),
-        rates=record.rates,
-        pair=lambda M, P, Q, *, lam, mu: record.pair(M, P, Q, gamma=0, lam=lam, mu=mu),
-        dimensions=(3,),
-    )
-
-
-def one_field(record):
-    """The pairs of the top in one field: Q = 0."""
-
-    def rates_of_one(M, P, *, lam, Pi):
-        (rate, turned, _), Omega = record.rates(M, P, 0 * P, lam=lam, Pi=Pi)
-        return (rate, turned), Omega
-
-    def pair_of_one(M, P, *, lam, mu):
-        (M, P, _), turns = record.pair(M, P, 0 * P, lam=lam, mu=mu)
-        return (M, P), turns
-
-    return ConjugatePairs(
-        matrix=lambda M, P, *, lam: record.matrix(M, P, 0 * P, lam=lam),
-        heights=lambda M, P: record.heights(M, P, 0 * P),
-        projector=lambda M, P, *, lam, mu: record.projector(M, P, 0 * P, lam=lam, mu=mu),
-        rates=rates_of_one,
-        pair=pair_of_one,
-        dimensions=(3,),
-    )
-
-
-TOP = without_rotor(TWO_FIELDS)
-ONE_FIELD = one_field(TOP)
+TWO_FIELDS = ConjugatePairs(matrix, heights, projector, rates, pair, dimensions=(3,))
+ONE_FIELD = under(TWO_FIELDS, (), dict, lambda M, P: (M, P, 0 * P), lambda z: z[:2], (3,))

@@ -12,11 +12,13 @@ With a rotor h, n = 3, X(s) has (s - B)^-1 h in addition, which all of this leav
 [Lax matrix as in `steklov_lyapunov`; the pair is the product of two half-turns V = 1 - 2 q q^T C/(q.q (s - s_1))]
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from kreisel.algebra import KINDS, axial, bracket, dot, hat, mat, parts, together, vec, wedge
 from kreisel.algebra.matrices import adjugate, diagonal
-from kreisel.baecklund.conjugate import eigenvector, heights, projector_of
+from kreisel.baecklund.conjugate import eigenvector, heights, projector_of, under
 from kreisel.record.contract import ConjugatePairs
 
 NOISE = 1e-8  # relative: an M0 that is left by rounding, at whose scale s - b would be lost
@@ -85,32 +87,16 @@ def pair(M, P, *, b, lam, mu, h=None):
 
 STEKLOV_LYAPUNOV = ConjugatePairs(matrix=matrix, heights=points, projector=projector, rates=rates, pair=pair)
 
-RUBANOVSKII = ConjugatePairs(
-    matrix=lambda M, P, *, b, h, lam: matrix(M, P, b=b, lam=lam, h=h),
-    heights=lambda M, P, *, b, h: points(M, P, b=b, h=h),
-    projector=lambda M, P, *, b, h, lam, mu: projector(M, P, b=b, lam=lam, mu=mu, h=h),
-    rates=rates,
-    pair=lambda M, P, *, b, h, lam, mu: pair(M, P, b=b, lam=lam, mu=mu, h=h),
-    dimensions=(3,),
-)
+RUBANOVSKII = replace(STEKLOV_LYAPUNOV, dimensions=(3,))  # whose h the functions name
 
 
 def axial_pairs(matrix_b):
     """The pairs of a system with n = 3 that has P as an axial vector, and B = matrix_b(b, nu)."""
-
-    def rates_of(M, P, *, b, nu, lam, Pi):
-        (rate, turned), Omega = rates(M, hat(P), b=matrix_b(b, nu), lam=lam, Pi=Pi)
-        return (rate, axial(turned)), Omega
-
-    def pair_of(M, P, *, b, nu, lam, mu):
-        (M, P), turns = pair(M, hat(P), b=matrix_b(b, nu), lam=lam, mu=mu)
-        return (M, axial(P)), turns
-
-    return ConjugatePairs(
-        matrix=lambda M, P, *, b, nu, lam: matrix(M, hat(P), b=matrix_b(b, nu), lam=lam),
-        heights=lambda M, P, *, b, nu: points(M, hat(P), b=matrix_b(b, nu)),
-        projector=lambda M, P, *, b, nu, lam, mu: projector(M, hat(P), b=matrix_b(b, nu), lam=lam, mu=mu),
-        rates=rates_of,
-        pair=pair_of,
-        dimensions=(3,),
+    return under(
+        STEKLOV_LYAPUNOV,
+        ("b", "nu"),
+        lambda b, nu: {"b": matrix_b(b, nu)},
+        lambda M, P: (M, hat(P)),
+        lambda z: (z[0], axial(z[1])),
+        (3,),
     )
