@@ -1,16 +1,7 @@
-"""The Lagrange top for n = 3 in closed form, in extended digits.
+"""The Lagrange top for n = 3 in closed form, in extended digits: formulas and letters of docs/exact.md.
 
-m' = p x b, b' = m x b; vectors, p fixed.  The integrals A = |b|^2, P2 = |p|^2, J = m.b, c = m.p and
-E = |m|^2/2 + b.p give the cubic C of nutation: x = 2 (b.p - E) moves by x'^2 = C(x) between its roots x1 and x2.
-
-    D_eps:  a = (I - eps/2 m)^-1 (b - s r p),  m+ = m + eps p x a,  b+ = b + eps/2 (m + m+) x a,  s = eps^2/4
-
-is the paper's map (section 6.1) in the variables of the flow, r = |a|^2 a function of the integrals; and
-
-    D_eps = Rot_p(theta(eps)) o Phi_tau(eps),   x0 = 4/eps^2,   tau = int_x0^inf dx / sqrt(C(x)),
-
-with Phi the flow and Rot_p the rotation about p.  The integrals are exact rationals of the given doubles; everything
-else is a number of an mpmath context, which the caller gives the digits that it needs.  R_F and R_J are Carlson's.
+m' = p x b, b' = m x b; vectors, p fixed.  The integrals are exact rationals of the given doubles; everything else is a
+number of an mpmath context, which the caller gives the digits that it needs.  R_F and R_J are Carlson's.
 """
 
 from __future__ import annotations

@@ -1,25 +1,8 @@
 """The free body, n = 3, with its orientation at any times: set up once in extended digits, then cheap in doubles.
 
-M' = M x Omega, Omega_i = M_i/I_i, g' = g hat(Omega); m = g M is fixed in space.  L = |M|, 2T = sum M_i^2/I_i.  The axes
-are numbered so that the motion goes round the third: I_1 <= I_2 <= I_3 if L^2 > 2T I_2, else in the opposite order, and
-the third is turned so that M_3 > 0.  With D = 2T I_3 - L^2, E = L^2 - 2T I_1 and s = sign(I_3 - I_1)
-
-    M = (a_1 cn u, a_2 sn u, a_3 dn u),  u = u_0 + chi s lambda t,  k^2 = (I_2 - I_1) D/((I_3 - I_2) E),
-    a_1^2 = I_1 D/(I_3 - I_1),  a_2^2 = I_2 D/(I_3 - I_2),  a_3^2 = I_3 E/(I_3 - I_1),
-    lambda^2 = (I_3 - I_2) E/(I_1 I_2 I_3),
-
-chi = -1 where the new axes are left-handed.  The shortest rotation p(M) of M onto the third axis, e, leaves one angle:
-
-    g = g_0 p(M_0)^-1 z(psi) p(M),   p = (L + M_3, M x e)/sqrt(2 L (L + M_3)),   z a rotation about e,
-    psi' = (2T + L M_3/I_3)/(L + M_3) = L/I_3 + D/(I_3 (L + a_3 dn u)).
-
-By Gauss's transformation, u = (1 + k_1) v, k_1 = (1 - k')/(1 + k'), this is an integral without a difference:
-
-    psi = L t/I_3 + chi s B [v + 2 a_3 k_1/(L + a_3) Q(v)],  B = D (1 + k_1)/(I_3 lambda (L + a_3)),
-    Q = (1/3) sn^3 R_J(cn^2, dn^2, 1, 1 + beta sn^2) of (v, k_1),   beta = k_1 (L - a_3)/(L + a_3).
-
-[Jacobi 1849; Whittaker, Analytical Dynamics, section 69; van Zon and Schofield, J. Comput. Phys. 225 (2007) 145 for the
-shortest rotation; Carlson 1995 for R_F and R_J]
+Formulas and letters: docs/exact.md, "The free body".  Axes are numbered so that the motion goes round the third; s is
+the sign of I_3 - I_1, chi = -1 where the new axes are left-handed.  [Jacobi 1849; Whittaker, Analytical Dynamics,
+section 69; van Zon and Schofield, J. Comput. Phys. 225 (2007) 145 for the shortest rotation; Carlson 1995]
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ PI = 3.141592653589793, 1.2246467991473532e-16  # and its remainder
 MEANS = 5  # enough for a/g = 100, if the first step of the mean was made
 DUPLICATIONS = 6  # of the arguments of R_J, whose ratios are at most 1e4
 LEVELS = 6  # of Landen's transformation
-BEYOND = 7  # more of them for ratios up to 1e46
+BEYOND = DUPLICATIONS + 7  # for ratios up to 1e46
 TURN = 0.15915494309189535, -9.839338337591867e-18  # 1/(2 pi)
 
 
@@ -45,20 +45,12 @@ def either(test: Any, x: Any, y: Any) -> Any:
     return DoubleDouble(where_less(test, 0.0, first, second), lower)
 
 
-def complete(a: Any, g: Any, p: Any) -> Any:
-    """M(a, g), the sum S with R_J(0, a^2, g^2, p^2) = 3 pi S/(4 M p^2), and the relative error: double-doubles.
-
-    By the arithmetic-geometric mean (Carlson); where a = g the rest of the sum is 2 p/(M + p).
-    """
-    return _completed(a, g, p, MEANS)
-
-
 def complete_beyond(a: Any, g: Any, p: Any, beyond: Any) -> Any:
-    """The same; where `beyond` > 0 for a/g up to 6e13."""
-    mean, total, error = _completed(a, g, p, MEANS)
+    """`complete`; where `beyond` > 0 for a/g up to 6e13."""
+    mean, total, error = complete(a, g, p)
 
     def more() -> list[Any]:
-        finer, sum_, left = _completed(a, g, p, MEANS + 3)
+        finer, sum_, left = complete(a, g, p, MEANS + 3)
         finer, sum_ = either(-beyond, finer, mean), either(-beyond, sum_, total)
         return [finer.upper, finer.lower, sum_.upper, sum_.lower, where_less(0.0, beyond, left, error)]
 
@@ -66,7 +58,11 @@ def complete_beyond(a: Any, g: Any, p: Any, beyond: Any) -> Any:
     return DoubleDouble(*values[:2]), DoubleDouble(*values[2:4]), values[4]
 
 
-def _completed(a: Any, g: Any, p: Any, steps: Any) -> Any:
+def complete(a: Any, g: Any, p: Any, steps: int = MEANS) -> Any:
+    """M(a, g), the sum S with R_J(0, a^2, g^2, p^2) = 3 pi S/(4 M p^2), and the relative error: double-doubles.
+
+    By the arithmetic-geometric mean (Carlson); where a = g the rest of the sum is 2 p/(M + p).
+    """
     term, total = DoubleDouble(1.0), DoubleDouble(0.0)
     for _ in range(steps):
         product, square = a * g, p * p
@@ -85,28 +81,25 @@ def _descended(level: Any, a: Any, mean: Any, g: Any) -> Any:
     return c * d, (g + ratio) / (a + ratio)
 
 
-def cs(a: Any, g: Any, angle: Any) -> Any:
-    """Jacobi's function of that name, times a, at u = a angle/M(a, g), 0 < angle <= pi/4, where k' = g/a."""
-    cos, sin = cos_sin(angle)
-    return cs_of(a, g, cos, sin)
+def cs(a: Any, g: Any, cos: Any, sin: Any, levels: int = LEVELS) -> Any:
+    """Jacobi's function of that name, times a, at u = a angle/M(a, g), where k' = g/a; 0 < angle <= pi/2.
 
-
-def cs_of(a: Any, g: Any, cos: Any, sin: Any) -> Any:
-    """The integral from cos and sin of the angle, 0 < angle <= pi/2.  By descending Landen transformations."""
-    return _level(a, g, cos, sin)[0]
+    By descending Landen transformations.
+    """
+    return _level(a, g, cos, sin, levels)[0]
 
 
 def cs_beyond(a: Any, g: Any, cos: Any, sin: Any, beyond: Any) -> Any:
-    """The same; where `beyond` > 0 for a/g up to 6e13."""
-    near = cs_of(a, g, cos, sin)
+    """`cs`; where `beyond` > 0 for a/g up to 6e13."""
+    near = cs(a, g, cos, sin)
 
     def far() -> list[Any]:
-        return [where_less(0.0, beyond, _level(a, g, cos, sin, LEVELS + 3)[0], near)]
+        return [where_less(0.0, beyond, cs(a, g, cos, sin, LEVELS + 3), near)]
 
     return if_positive(beyond, far, [near])[0]
 
 
-def _level(a: Any, g: Any, cos: Any, sin: Any, levels: int = LEVELS) -> Any:
+def _level(a: Any, g: Any, cos: Any, sin: Any, levels: int) -> Any:
     """cs times a, and dn."""
     mean = 0.5 * (a + g)
     if levels == 1:
@@ -127,17 +120,8 @@ def arctan_ratio(e: Any) -> Any:
     return factor * (1.0 - e * total)
 
 
-def third_kind(x: Any, y: Any, z: Any, p: Any, delta: Any) -> Any:
+def third_kind(x: Any, y: Any, z: Any, p: Any, delta: Any, steps: int = DUPLICATIONS) -> Any:
     """R_J(x, y, z, p) by duplication (Carlson), delta = (p - x)(p - y)(p - z) >= 0."""
-    return _duplicated(x, y, z, p, delta, DUPLICATIONS)
-
-
-def third_kind_beyond(x: Any, y: Any, z: Any, p: Any, delta: Any) -> Any:
-    """The integral for arguments far apart."""
-    return _duplicated(x, y, z, p, delta, DUPLICATIONS + BEYOND)
-
-
-def _duplicated(x: Any, y: Any, z: Any, p: Any, delta: Any, steps: Any) -> Any:
     mean = 0.2 * (x + y + z + 2.0 * p)
     small_x, small_y, small_z = mean - x, mean - y, mean - z
 

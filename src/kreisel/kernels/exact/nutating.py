@@ -18,6 +18,7 @@ from kreisel.kernels.exact.elliptic import (
     TURN,
     arctan_ratio,
     complete,
+    cos_sin,
     cs,
     largest_root,
     third_kind,
@@ -152,6 +153,6 @@ def remainder(E: Any, u: Any, shape: Any, part: Any, h: Any) -> Any:
     least = maximum(bottom + maximum(sqrt(upper(square)), LEAN * d1), LEAN * (d1 - bottom))  # of 4/eps^2
     count = maximum(nearest(0.5 + 0.5 * abs(h) * sqrt(least + 4.0 / 3.0 * E)), 1.0)
     angle = maximum(abs(part) * PI[0] / count, LEAST_ANGLE)
-    cotangent = cs(sqrt(d1), sqrt(d2), angle)
+    cotangent = cs(sqrt(d1), sqrt(d2), *cos_sin(angle))
     gap = cotangent * cotangent
     return count, (gap, d1, d2, bottom + gap), where_less(STEEP * d2, scale, 1.0, 0.0)

@@ -13,6 +13,7 @@ from kreisel.algebra import sqrt
 from kreisel.graph.double import DoubleDouble, two_sum, upper
 from kreisel.graph.graph import fma, if_positive, maximum, nearest, sign, where_less
 from kreisel.kernels.exact.elliptic import (
+    BEYOND,
     PI,
     TURN,
     arctan_ratio,
@@ -21,7 +22,6 @@ from kreisel.kernels.exact.elliptic import (
     either,
     of_turns,
     third_kind,
-    third_kind_beyond,
 )
 
 PLACE = 2.0**-102  # a rounding of double-doubles, some together
@@ -280,7 +280,7 @@ def _behind(functions: Any, shape: Any) -> Any:
     small = rest * s2
     p = c2 + small * (third * third)
     delta = small * small * (first * first) * (third * third) * (1.0 - p)
-    area = first * (a2 / L) * third * small * sn * third_kind_beyond(c2, d2, 1.0, p, delta) / 3.0
+    area = first * (a2 / L) * third * small * sn * third_kind(c2, d2, 1.0, p, delta, BEYOND) / 3.0
     return x * arctan_ratio(x * x) + area
 
 
