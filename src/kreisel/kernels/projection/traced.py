@@ -11,6 +11,7 @@ import operator
 from collections.abc import Callable, Sequence
 from functools import reduce
 from itertools import count
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -61,127 +62,6 @@ USABLE = (
 _creation_order = count()
 
 
-class Namespace:
-    """Functions of NumPy for such arrays, by name; `kreisel.algebra` accepts it as a library of arrays."""
-
-    @staticmethod
-    def concatenate(parts: Sequence[Any], axis: int = 0) -> Traced:
-        """The parts one after the other along an axis."""
-        values = [_value(part) for part in parts]
-        edges = np.cumsum([value.shape[axis] for value in values])[:-1].tolist()
-
-        def back(i: int) -> Back:
-            return lambda g: np.split(g, edges, axis if axis < 0 else axis + 1)[i]
-
-        return Traced(
-            np.concatenate(values, axis), *((part, back(i)) for i, part in enumerate(parts) if isinstance(part, Traced))
-        )
-
-    @staticmethod
-    def stack(parts: Sequence[Any], axis: int = 0) -> Traced:
-        """The parts along a new axis, the last one or the first."""
-        if axis not in (0, -1):
-            raise NotRecorded(f"np.stack along the axis {axis}", "Use the axis 0 or -1.")
-        place = (..., None) if axis else (None,)
-        return Namespace.concatenate([(x if isinstance(x, Traced) else np.asarray(x))[place] for x in parts], axis)
-
-    @staticmethod
-    def broadcast_to(x: Any, shape: tuple[int, ...]) -> Any:
-        """The array with axes repeated."""
-        return x + np.zeros(shape) if isinstance(x, Traced) else np.broadcast_to(x, shape)
-
-    @staticmethod
-    def reshape(x: Traced, shape: Any) -> Traced:
-        """The entries in another shape."""
-        return x.reshape(shape)
-
-    @staticmethod
-    def sum(x: Traced, axis: Any = None, keepdims: bool = False) -> Traced:
-        """The sum over an axis, over several, or over all."""
-        return x.sum(axis, keepdims)
-
-    @staticmethod
-    def mean(x: Traced, axis: Any = None, keepdims: bool = False) -> Traced:
-        """The mean over an axis, over several, or over all."""
-        total = x.sum(axis, keepdims)
-        return total * (total.size / x.size)
-
-    @staticmethod
-    def prod(x: Traced, axis: int | None = None) -> Traced:
-        """The product over an axis, or over all."""
-        entries = x.ravel() if axis is None else Namespace._rearranged("moveaxis", x, axis, -1)
-        return reduce(operator.mul, (entries[..., i] for i in range(entries.shape[-1])))
-
-    @staticmethod
-    def trace(x: Traced, offset: int = 0, axis1: int = 0, axis2: int = 1) -> Traced:
-        """The sum of a diagonal."""
-        return Namespace._rearranged("diagonal", x, offset, axis1, axis2).sum(-1)
-
-    @staticmethod
-    def dot(x: Any, y: Any) -> Traced:
-        """The product of vectors, matrices or scalars."""
-        return x * y if 0 in (np.ndim(x), np.ndim(y)) else _product(x, y)
-
-    @staticmethod
-    def inner(x: Any, y: Any) -> Traced:
-        """The product of vectors."""
-        if np.ndim(x) != 1 or np.ndim(y) != 1:
-            raise NotRecorded(f"np.inner or np.vdot of arrays of the shapes {x.shape} and {y.shape}", USABLE)
-        return _product(x, y)
-
-    vdot = inner
-
-    @staticmethod
-    def outer(x: Any, y: Any) -> Traced:
-        """x_i y_j."""
-        return _traced(x).ravel()[:, None] * _traced(y).ravel()
-
-    @staticmethod
-    def norm(x: Traced, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Traced:
-        """The Euclidean length of vectors, of a matrix the root of the sum of squares."""
-        if ord not in (None, 2, "fro") or (ord == 2 and axis is None and x.ndim > 1):
-            raise NotRecorded(f"np.linalg.norm of the order {ord}", "Use the Euclidean norm.")
-        return (x * x).sum(axis, keepdims).sqrt()
-
-    @staticmethod
-    def einsum(subscripts: str, *operands: Any, optimize: Any = False) -> Traced:
-        """Sums of products by their indices."""
-        sources, *out = subscripts.replace(" ", "").split("->")
-        letters = sources.split(",")
-        if "." in subscripts:
-            raise NotRecorded("np.einsum with ...", "Write an index for each axis.")
-        for i, names in enumerate(letters):
-            if len({*names}) < len(names):  # a diagonal
-                letters[i] = "".join(dict.fromkeys(names))
-                operands = (
-                    *operands[:i],
-                    _traced(operands[i]).gathered(_einsum(names, letters[i])),
-                    *operands[i + 1 :],
-                )
-        every = "".join(letters)
-        target = out[0] if out else "".join(sorted(c for c in sources if sources.count(c) == 1 and c != ","))
-        for i, names in enumerate(letters):  # an index of one factor alone
-            alone = tuple(j for j, c in enumerate(names) if every.count(c) == 1 and c not in target)
-            if alone:
-                letters[i] = "".join(c for j, c in enumerate(names) if j not in alone)
-                operands = (*operands[:i], _traced(operands[i]).sum(alone), *operands[i + 1 :])
-        values = [_value(x) for x in operands]
-
-        def back(i: int) -> Back:
-            others = [j for j in range(len(values)) if j != i]
-            terms = ",".join([f"Z{target}", *(letters[j] for j in others)])
-            return lambda g: np.einsum(f"{terms}->Z{letters[i]}", g, *(values[j] for j in others))
-
-        return Traced(
-            np.einsum(f"{','.join(letters)}->{target}", *values),
-            *((x, back(i)) for i, x in enumerate(operands) if isinstance(x, Traced)),
-        )
-
-    @staticmethod
-    def _rearranged(name: str, x: Traced, *arguments: Any, **named: Any) -> Traced:
-        return x.gathered(lambda places: getattr(np, name)(places, *arguments, **named))
-
-
 class Traced(NDArrayOperatorsMixin, Recorded):
     """A recorded array of doubles: `value`, and the arrays that it was made of with the way of slopes back to them.
 
@@ -217,7 +97,7 @@ class Traced(NDArrayOperatorsMixin, Recorded):
     def T(self) -> Traced:
         return self.gathered(np.transpose)
 
-    def __array_namespace__(self) -> type[Namespace]:
+    def __array_namespace__(self) -> Any:
         return Namespace
 
     def __array__(self, *_: Any, **__: Any) -> Any:
@@ -228,7 +108,7 @@ class Traced(NDArrayOperatorsMixin, Recorded):
         if function in (np.ndim, np.shape, np.size):
             return getattr(args[0], name)
         if name in REARRANGING:
-            return Namespace._rearranged(name, *args, **kwargs)
+            return _rearranged(name, *args, **kwargs)
         if name[0] == "_" or not hasattr(Namespace, name):
             raise NotRecorded(f"np.{name}", USABLE)
         return getattr(Namespace, name)(*args, **kwargs)
@@ -284,7 +164,8 @@ class Traced(NDArrayOperatorsMixin, Recorded):
         )
 
     def mean(self, axis: Any = None, keepdims: bool = False) -> Traced:
-        return Namespace.mean(self, axis, keepdims)
+        total = self.sum(axis, keepdims)
+        return total * (total.size / self.size)
 
     def dot(self, other: Any) -> Traced:
         return Namespace.dot(self, other)
@@ -300,6 +181,105 @@ class Traced(NDArrayOperatorsMixin, Recorded):
 
     def reshape(self, *shape: Any) -> Traced:
         return Traced(self.value.reshape(*shape), (self, lambda g: g.reshape((len(g), *self.shape))))
+
+
+def _concatenate(parts: Sequence[Any], axis: int = 0) -> Traced:
+    """The parts one after the other along an axis."""
+    values = [_value(part) for part in parts]
+    edges = np.cumsum([value.shape[axis] for value in values])[:-1].tolist()
+
+    def back(i: int) -> Back:
+        return lambda g: np.split(g, edges, axis if axis < 0 else axis + 1)[i]
+
+    return Traced(
+        np.concatenate(values, axis), *((part, back(i)) for i, part in enumerate(parts) if isinstance(part, Traced))
+    )
+
+
+def _stack(parts: Sequence[Any], axis: int = 0) -> Traced:
+    """The parts along a new axis, the last one or the first."""
+    if axis not in (0, -1):
+        raise NotRecorded(f"np.stack along the axis {axis}", "Use the axis 0 or -1.")
+    place = (..., None) if axis else (None,)
+    return _concatenate([(x if isinstance(x, Traced) else np.asarray(x))[place] for x in parts], axis)
+
+
+def _prod(x: Traced, axis: int | None = None) -> Traced:
+    """The product over an axis, or over all."""
+    entries = x.ravel() if axis is None else _rearranged("moveaxis", x, axis, -1)
+    return reduce(operator.mul, (entries[..., i] for i in range(entries.shape[-1])))
+
+
+def _inner(x: Any, y: Any) -> Traced:
+    """The product of vectors."""
+    if np.ndim(x) != 1 or np.ndim(y) != 1:
+        raise NotRecorded(f"np.inner or np.vdot of arrays of the shapes {x.shape} and {y.shape}", USABLE)
+    return _product(x, y)
+
+
+def _norm(x: Traced, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Traced:
+    """The Euclidean length of vectors, of a matrix the root of the sum of squares."""
+    if ord not in (None, 2, "fro") or (ord == 2 and axis is None and x.ndim > 1):
+        raise NotRecorded(f"np.linalg.norm of the order {ord}", "Use the Euclidean norm.")
+    return (x * x).sum(axis, keepdims).sqrt()
+
+
+def _sum_of_products(subscripts: str, *operands: Any, optimize: Any = False) -> Traced:
+    """Sums of products by their indices."""
+    sources, *out = subscripts.replace(" ", "").split("->")
+    letters = sources.split(",")
+    if "." in subscripts:
+        raise NotRecorded("np.einsum with ...", "Write an index for each axis.")
+    for i, names in enumerate(letters):
+        if len({*names}) < len(names):  # a diagonal
+            letters[i] = "".join(dict.fromkeys(names))
+            operands = (
+                *operands[:i],
+                _traced(operands[i]).gathered(_einsum(names, letters[i])),
+                *operands[i + 1 :],
+            )
+    every = "".join(letters)
+    target = out[0] if out else "".join(sorted(c for c in sources if sources.count(c) == 1 and c != ","))
+    for i, names in enumerate(letters):  # an index of one factor alone
+        alone = tuple(j for j, c in enumerate(names) if every.count(c) == 1 and c not in target)
+        if alone:
+            letters[i] = "".join(c for j, c in enumerate(names) if j not in alone)
+            operands = (*operands[:i], _traced(operands[i]).sum(alone), *operands[i + 1 :])
+    values = [_value(x) for x in operands]
+
+    def back(i: int) -> Back:
+        others = [j for j in range(len(values)) if j != i]
+        terms = ",".join([f"Z{target}", *(letters[j] for j in others)])
+        return lambda g: np.einsum(f"{terms}->Z{letters[i]}", g, *(values[j] for j in others))
+
+    return Traced(
+        np.einsum(f"{','.join(letters)}->{target}", *values),
+        *((x, back(i)) for i, x in enumerate(operands) if isinstance(x, Traced)),
+    )
+
+
+def _rearranged(name: str, x: Traced, *arguments: Any, **named: Any) -> Traced:
+    return x.gathered(lambda places: getattr(np, name)(places, *arguments, **named))
+
+
+# Functions of NumPy for such arrays, by name; `kreisel.algebra` accepts it as a library of arrays.
+Namespace: Any = SimpleNamespace(
+    __name__=__name__,
+    concatenate=_concatenate,
+    stack=_stack,
+    broadcast_to=lambda x, shape: x + np.zeros(shape) if isinstance(x, Traced) else np.broadcast_to(x, shape),
+    reshape=lambda x, shape: x.reshape(shape),
+    sum=lambda x, axis=None, keepdims=False: x.sum(axis, keepdims),
+    mean=lambda x, axis=None, keepdims=False: x.mean(axis, keepdims),
+    prod=_prod,
+    trace=lambda x, offset=0, axis1=0, axis2=1: _rearranged("diagonal", x, offset, axis1, axis2).sum(-1),
+    dot=lambda x, y: x * y if 0 in (np.ndim(x), np.ndim(y)) else _product(x, y),
+    inner=_inner,
+    vdot=_inner,
+    outer=lambda x, y: _traced(x).ravel()[:, None] * _traced(y).ravel(),
+    norm=_norm,
+    einsum=_sum_of_products,
+)
 
 
 def _value(x: Any) -> Floats:
