@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -203,15 +201,14 @@ def test_attitude_message_has_its_date_of_creation(tmp_path: Path, monkeypatch: 
         created()
 
 
-def test_attitude_message_from_the_command_line(tmp_path: Path) -> None:
+def test_attitude_message_from_the_command_line(tmp_path: Path, kreisel: Any) -> None:
     archive, out = tmp_path / "body.zarr", tmp_path / "body.aem"
     run_of(BODIES["revolution"][0], steps=3, path=archive)
-    command = [sys.executable, "-m", "kreisel", "export", str(archive), str(out)]
-    asked = {"capture_output": True, "text": True, "timeout": 120, "check": False}
-    assert "epoch: expected the date of time 0" in subprocess.run(command, **asked).stderr
-    assert subprocess.run([*command, "--epoch", "2026-01-01"], **asked).returncode == 0
+    command = "export", str(archive), str(out)
+    assert "epoch: expected the date of time 0" in kreisel(*command).stderr
+    assert kreisel(*command, "--epoch", "2026-01-01").returncode == 0
     assert out.read_text(encoding="ascii").count("2026-01-01T00:00:00.") == 6  # two in the header, four rows
-    other = subprocess.run([*command[:-1], str(tmp_path / "b.csv"), "--epoch", "2026-01-01"], **asked)
+    other = kreisel(*command[:-1], str(tmp_path / "b.csv"), "--epoch", "2026-01-01")
     assert other.returncode == 2
     assert "ends in .aem" in other.stderr
 
