@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 import kreisel as kr
 from kreisel.algebra import recorded
 from kreisel.algebra.gradient import value_and_gradient
+from kreisel.graph.arranging import pulled, pushed
 from kreisel.graph.graph import APPLIED, Graph, evaluated
-from kreisel.graph.sweep import pulled, pushed
 from support import compiled_outputs
 
 I = np.array([1.0, 1.7, 2.5])  # noqa: E741

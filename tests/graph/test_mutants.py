@@ -21,10 +21,9 @@ import kreisel as kr
 from kreisel import algebra
 from kreisel.graph import graph as operations
 from kreisel.graph import machine
-from kreisel.graph.arranging import arranged
+from kreisel.graph.arranging import arranged, pulled, pushed
 from kreisel.graph.graph import Graph, evaluated, fma, if_positive, maximum, repeated, where_less
 from kreisel.graph.ptx import ptx
-from kreisel.graph.sweep import pulled, pushed
 from kreisel.kernels import gpu
 from kreisel.method import scheme
 from kreisel.runs.planning import make_plan
@@ -376,8 +375,8 @@ MUTANTS = [
     Mutant("loops", LLVM + "_loop", 'fcmp_ordered("<="', 'fcmp_ordered(">"'),
     Mutant("loops", LLVM + "largest", 'fcmp_ordered(">="', 'fcmp_ordered("<="'),
     # slopes and tangents
-    Mutant("sweeps", "graph.sweep:pulled", "-slope if", "slope if"),
-    Mutant("sweeps", "graph.sweep:pushed", "-tangent if", "tangent if"),
+    Mutant("sweeps", "graph.arranging:pulled", "-slope if", "slope if"),
+    Mutant("sweeps", "graph.arranging:pushed", "-tangent if", "tangent if"),
     # the step of a map
     Mutant("stages", STEPS + "Constants.at", "stage * self._stride", "0"),
     Mutant("stages", STEPS + "Constants.begin", "s.beyond(stage * of_stages)", "s"),
@@ -406,8 +405,8 @@ MUTANTS = [
     Mutant("the_mean", PROJECT + "_lack", "0.5 * (lack + lead) - lead", "0.5 * (lack - lead) - lead"),
     Mutant("tables", "graph.project:_Looping.only", '"=="', '"!="'),
     # large n
-    Mutant("large", "kernels.large.stretch:Sum.value", "self._f.builder.fadd(places[0], number)", "places[0]"),
-    Mutant("large", "kernels.large.stretch:Stretch.run", "< now]", "< now + 2]"),
+    Mutant("large", "kernels.large.kernel:Sum.value", "self._f.builder.fadd(places[0], number)", "places[0]"),
+    Mutant("large", "kernels.large.kernel:Stretch.run", "< now]", "< now + 2]"),
     Mutant("large", LARGE + "times", "scale[0] = 0.0", "pass"),
     Mutant("large", LARGE + "times", "back[0] = builder.fsub(", "back[0] = builder.fadd("),
     Mutant("large", LARGE + "times", "(x[i], x.beyond(start)", "(x[0], x.beyond(start)"),

@@ -21,7 +21,7 @@ top = kr.LagrangeTop(p=(0, 0, 1))
 x0 = top.state(m=(0.1, 0.2, 1.5), a=(0.6, 0, 0.8))
 run = kr.simulate(top, x0, dt=0.05, steps=200)
 print(bool(kr.drift(run).query("conserved").ulps.max() < 200), kr.at(top, x0, [1.0]).sizes["time"])
-from kreisel.graph.cache import cache_folder
+from kreisel.graph.machine import cache_folder
 print(cache_folder() is not None)
 kr.export(run, "run.csv")
 disk = kr.simulate(top, x0, dt=0.05, steps=200, path="run.zarr")

@@ -24,13 +24,13 @@ import pytest
 import kreisel as kr
 from kreisel.algebra import reuse
 from kreisel.algebra.reuse import cached_property
-from kreisel.graph import cache, machine
+from kreisel.graph import machine
 from kreisel.graph.llvm import DOUBLE, Function, constant
 
 SOURCE = Path(kr.__file__).parent
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="no fork and no flock")
 
-NAME = "of_a_test" + cache.SUFFIX
+NAME = "of_a_test" + machine.SUFFIX
 
 
 @pytest.fixture
@@ -59,7 +59,7 @@ def value(factor: float = 2.0, compiled: list[str] | None = None) -> float:
         return code_of(factor)
 
     x = np.array([3.0])
-    machine.Kernel(cache.kept(NAME.removesuffix(cache.SUFFIX), make), 1)(x.ctypes.data)
+    machine.Kernel(machine.kept(NAME.removesuffix(machine.SUFFIX), make), 1)(x.ctypes.data)
     return float(x[0])
 
 
@@ -130,8 +130,8 @@ def test_nothing_outside_is_touched(folder: Path) -> None:
 
 def test_a_file_of_another_name_is_not_believed(folder: Path) -> None:
     """The code is whole, but it is another kernel's: what was asked for is compiled."""
-    cache.kept("another", lambda: code_of(5.0))
-    (folder / f"another{cache.SUFFIX}").rename(folder / NAME)
+    machine.kept("another", lambda: code_of(5.0))
+    (folder / f"another{machine.SUFFIX}").rename(folder / NAME)
     compiled: list[str] = []
     assert value(compiled=compiled) == 7.0
     assert compiled == [NAME]
@@ -151,7 +151,7 @@ def test_a_full_disk_falls_back_to_memory(folder: Path, monkeypatch: pytest.Monk
 
 def test_a_folder_that_cannot_be_is_no_obstacle(folder: Path) -> None:
     folder.write_text("not a folder")
-    assert cache.cache_folder() is None
+    assert machine.cache_folder() is None
     assert value() == 7.0
     assert folder.read_text() == "not a folder"
 
@@ -161,11 +161,11 @@ def test_the_folder_of_the_platform(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.delenv("KREISEL_CACHE", raising=False)
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    made = cache.cache_folder()
+    made = machine.cache_folder()
     assert made is not None and made.is_dir() and made.name == "kreisel" and made.is_relative_to(tmp_path / "home")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # as where the user has no entry
-    assert cache.cache_folder() is None
+    assert machine.cache_folder() is None
     assert [p.name for p in tmp_path.iterdir()] == ["home"]
 
 
@@ -173,7 +173,7 @@ def test_the_folder_of_the_platform(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_a_folder_that_others_may_write_to_is_refused(mode: int, folder: Path) -> None:
     folder.mkdir()
     folder.chmod(mode)
-    cache._refused.cache_clear()
+    machine._refused.cache_clear()
     with pytest.warns(RuntimeWarning, match=r"expected a folder of user .* got owner .* KREISEL_CACHE") as caught:
         assert value() == value() == 7.0
     assert len(caught) == 1
@@ -184,7 +184,7 @@ def test_a_folder_that_others_may_write_to_is_refused(mode: int, folder: Path) -
 
 
 def test_a_folder_of_somebody_else_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    cache._refused.cache_clear()
+    machine._refused.cache_clear()
     folder.mkdir(mode=0o700)
     user = os.geteuid() + 1
     monkeypatch.setattr(os, "geteuid", lambda: user)
@@ -217,10 +217,10 @@ print(run.a.values.tobytes().hex())
     assert printed[0] == printed[1] != ""
     entries = list(folder.iterdir())
     assert entries
-    assert all(entry.name.endswith(cache.SUFFIX) and entry.is_file() for entry in entries)
+    assert all(entry.name.endswith(machine.SUFFIX) and entry.is_file() for entry in entries)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert cache.cache_folder() == folder
+        assert machine.cache_folder() == folder
 
 
 def test_what_killed_writers_left_is_removed(folder: Path) -> None:

@@ -12,7 +12,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.kernels.large import forms
 from kreisel.kernels.large import kernel as large
-from kreisel.kernels.large.stretch import Stretch
+from kreisel.kernels.large.kernel import Stretch
 from kreisel.kernels.large.structured import StructuredMatrix, StructuredVector
 from kreisel.method import Scheme, scheme
 from kreisel.method.scheme import Steps

@@ -12,7 +12,7 @@ import pytest
 import kreisel as kr
 import walks
 from kreisel import algebra
-from kreisel.kernels.points import points
+from kreisel.kernels.cpu import points
 from kreisel.lab import exact
 from kreisel.lab.law import baecklund_orders
 from kreisel.method import scheme

@@ -24,8 +24,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kreisel.algebra import Array
+from kreisel.graph.arranging import pushed
 from kreisel.graph.graph import IN, MINUS, PLUS, TIMES, Graph, Number, Operand, evaluated
-from kreisel.graph.sweep import pushed
 
 INFLATION = 1 + 1e-6  # covers the rounding of the bounds, which are doubles
 TUBE = 1e-9  # covers the change of mu within the error of u, which is far smaller

@@ -1,6 +1,6 @@
 """Derivatives of a recorded step, compiled: many steps, their tangent map on columns, and its transpose.
 
-A step is recorded once; `kreisel.graph.sweep` has its derivatives, forwards for the tangent map, all columns in one
+A step is recorded once; `kreisel.graph.arranging` has its derivatives, forwards for the tangent map, all columns in one
 loop, in reverse for the transpose.
 """
 
@@ -14,12 +14,11 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra.reuse import cached_property
-from kreisel.graph.arranging import arranged, independent, latest
+from kreisel.graph.arranging import arranged, independent, latest, pulled, pushed
 from kreisel.graph.graph import APPLIED, BRANCH, IN, Graph, Number, Operand, array_of, evaluated, where_less
 from kreisel.graph.llvm import DOUBLE, Function, Integer, Memory, Value, kind_of
 from kreisel.graph.machine import Kernel, address_of, kernel
 from kreisel.graph.recording import as_operands
-from kreisel.graph.sweep import pulled, pushed
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.threads import on_threads
 

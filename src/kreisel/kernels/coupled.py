@@ -29,9 +29,8 @@ from kreisel.graph.recording import (
     recorded_numbers,
     special_constants,
 )
-from kreisel.kernels.cpu import projection_between
+from kreisel.kernels.cpu import SteppedEngine, projection_between
 from kreisel.kernels.layout import Floats, Look, no_look
-from kreisel.kernels.stepped import SteppedEngine
 from kreisel.kernels.steps import Constants, Split
 from kreisel.method.scheme import Coupling, Scheme, too_large_to_couple
 

@@ -36,13 +36,18 @@ from kreisel.graph.recording import (
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
 from kreisel.kernels.projection.corrections import ALONE, Corrections, interval
-from kreisel.kernels.stepped import SteppedEngine
 from kreisel.kernels.steps import FRAME, Steps, compiled_steps, outputs_by_rows
 from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import Scheme
 
 if TYPE_CHECKING:
     from kreisel.kernels.large.kernel import Large
+import math
+
+from kreisel.algebra.complex import Complex
+from kreisel.graph.double import DoubleDouble
+from kreisel.graph.graph import Graph
+from kreisel.graph.recording import as_operands, fill, recorded_arguments
 
 WORK = 20_000  # operations that NumPy needs as long as for those of a step to begin
 OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many operations compile in a second
@@ -101,6 +106,49 @@ def _programs(scheme: Scheme, columns: Mapping[str, slice]) -> list[Program] | N
         return None
     programs = [program, program and program_of_orientation(scheme)]
     return [each for each in programs if each is not None]
+
+
+class SteppedEngine:
+    """Rows of state `z` (lanes, d), the constants of a scheme and of its stages as rows, and a projection or None.
+
+    Kernels have the addresses of the arrays: their scalars may be changed, and no other array replaces them.
+    """
+
+    projection: Corrections | None = None
+
+    def __init__(self, scheme: Scheme, z0: Floats):
+        self.scheme, self.z = scheme, np.array(z0, dtype=np.float64, order="C")
+        self.constants, self.columns = flat_constants(scheme, len(self.z))
+        self.stages, self.stage_columns = flat_stages(scheme, len(self.z))
+
+    def adopts(self, scheme: Scheme, z: Floats) -> bool:
+        """Go on from z by a scheme of the same kernel, with other constants; whether that can be."""
+        if scheme.kernel_key is None or scheme.kernel_key != self.scheme.kernel_key or len(z) != len(self.z):
+            return False
+        if scheme is not self.scheme:
+            changed = _changed(scheme.constants, self.scheme.constants)
+            if changed:
+                constants = self.constants.copy()
+                fill(constants, self.columns, changed, scheme.axes)
+                if special_constants(constants) != special_constants(self.constants):  # in the code of the kernel
+                    return False
+                self.constants[:] = constants
+            fill(self.stages, self.stage_columns, _changed(scheme.stages, self.scheme.stages), scheme.axes)
+            self.scheme = scheme
+        self.z[:] = z
+        return True
+
+    def snapshot(self) -> dict[str, Floats]:
+        return {"z": self.z, **(self.projection.snapshot() if self.projection else {})}
+
+    def restore(self, snapshot: Mapping[str, Floats]) -> None:
+        self.z[:] = snapshot["z"]
+        if self.projection:
+            self.projection.restore(snapshot)
+
+
+def _changed(new: Mapping[str, Array], old: Mapping[str, Array]) -> dict[str, Array]:
+    return {name: value for name, value in new.items() if value is not old[name]}
 
 
 class CpuEngine(SteppedEngine):
@@ -403,3 +451,81 @@ def _rate_of_arrays(scheme: Scheme, columns: Mapping[str, slice]) -> Callable[[f
         return np.asarray(algebra.flatten(function(*algebra.restore(y, kinds, n), **constants), kinds))
 
     return rate
+
+
+# -- constants rho of trajectories, compiled for double-doubles --------------------------------------
+
+
+MOST = 4000  # operations; of a pair of the Lagrange top, n = 3: 2300
+FOLDED = (0.0, 1.0, -1.0)  # into the code of a step
+
+
+def compiled_point(scheme: Scheme, columns: Mapping[str, slice], pair: bool) -> Kernel | None:
+    """kernel(mu, z, c, out, points, lanes): mu and rho (points, lanes, 4 or 2) by mu (points, lanes, 2 or 1).
+
+    None if the definition cannot be recorded, or is too long.
+    """
+
+    def make() -> tuple[Kernel | None]:
+        point: Any = scheme.point
+        graph, wide = Graph(4 * MOST), np.frompyfunc(DoubleDouble, 1, 1)
+        state, constants = recorded_arguments(scheme, graph, {"c": columns})
+        mu = graph.inputs("s", 1 + pair)
+        x = Complex(*map(DoubleDouble, mu)) if pair else DoubleDouble(*mu)
+        try:
+            rho = point(*map(wide, state), mu=x, **{name: wide(value) for name, value in constants.items()})
+            outputs = as_operands([*mu, *(v.upper for v in ((rho.re, rho.im) if pair else (rho,)))])
+        except (TypeError, AttributeError, ValueError, TooLong):  # by LAPACK
+            return (None,)
+        if operation_count(graph, outputs) > MOST:
+            return (None,)
+        count = algebra.coordinate_count(scheme.kinds, scheme.n)
+        inputs = {"s": (1 + pair, True), "z": (count, False), "c": (count_of(columns), False)}
+        return (outputs_by_rows(graph, outputs, inputs),)
+
+    return reused(None if scheme.kernel_key is None else (compiled_point, scheme.kernel_key, pair), make)[0]
+
+
+def points(scheme: Scheme, x0: tuple[Array, ...], mus: Array) -> Array | None:
+    """rho (..., points) from states and orientations x0, not finite if there is none; None if it is not compiled."""
+    z = np.ascontiguousarray(algebra.flatten(x0, scheme.kinds), dtype=np.float64)
+    lead, lanes = z.shape[:-1], math.prod(z.shape[:-1])
+    c, columns = flat_constants(scheme, lanes)
+    kernel = compiled_point(scheme, columns, np.iscomplexobj(mus))
+    if kernel is None:
+        return None
+    mu = np.repeat(mus, lanes)
+    out = np.empty((len(mus), lanes, 2), mus.dtype)
+    numbers = (x.view(np.float64) for x in (mu, z, c, out))
+    kernel(*map(address_of, numbers), len(mus), lanes)
+    return np.moveaxis(out[..., 1].reshape(len(mus), *lead), 0, -1)
+
+
+def bound_points(scheme: Scheme, engine: SteppedEngine) -> Callable[[], bool] | None:
+    """The call that puts the constants of an engine's only trajectory where its steps read them.
+
+    It tells whether they are finite.  None if other constants depend on the trajectory, for code into which a rho
+    is folded, and for code that is not compiled.
+    """
+    rows = [(True, engine.stages[0])] if engine.stages.size else []
+    if "mu" in engine.columns:
+        start = engine.columns["mu"].start
+        rows.append((False, engine.constants[:, start : start + 2]))  # mu and, behind it, rho
+    columns = {name: engine.columns[name] for name in scheme.constants}
+    calls, mus = list[Callable[[], None]](), [out[:, : out.shape[1] // 2].copy() for _, out in rows]
+    for (pair, out), mu in zip(rows, mus, strict=True):
+        kernel = compiled_point(scheme, columns, pair)
+        if kernel is None or not {*engine.columns} - {*scheme.constants} <= {"mu", "rho"}:
+            return None
+        words = [*map(address_of, (mu, engine.z, engine.constants, out)), len(out), 1]
+        calls.append(partial(kernel.call, *map(ctypes.c_int64, words)))
+    places = [out.ravel() for _, out in rows]
+    if places[-1][-1] in FOLDED:
+        return None
+
+    def put(held: Any = mus) -> bool:
+        for call in calls:
+            call()
+        return math.isfinite(sum(sum(place.tolist()) for place in places))
+
+    return put

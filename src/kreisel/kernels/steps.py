@@ -22,8 +22,10 @@ from kreisel.graph.recording import Piece, Recording
 # moving frame (90) 2.5, 1.3, 0.89, -; clebsch (43) 3.9, 2.0, 1.4, 1.5; neumann (65) -, 3.2, 3.4, 3.6; baecklund of
 # order 2 (93) -, 3.3, 3.2, 3.8, of order 8 (233 a stage) 24, 18, 16, -; n = 5: lagrange-top (143) 9.0, 8.8, 7.5, -.
 # Each more needs longer to compile.  Where there are four, operations of two alternate, as a processor looks only some
-# hundred operations ahead: kovalevskaya-top (78) 3.1 and 3.5 without, n = 5: lagrange-top 5.0 and 4.7.
+# hundred operations ahead: kovalevskaya-top (78) 3.1 and 3.5 without, ratiu-top (46) 3.0 and 3.5; symmetric-top (32)
+# 1.5 and 1.4, n = 5: lagrange-top 5.0 and 4.7.
 FOUR_VECTORS, TWO_VECTORS = 120, 300  # operations of a step up to which it needs so many; beyond, in recorded order
+ALTERNATING = 45  # operations of a step from which those of two vectors alternate
 
 # The words of a frame, which an engine keeps: addresses of the rows z (lanes, d), c (lanes, constants) and
 # s (lanes, stages, constants), and of room for scalars of the stages; how many lanes and stages; steps between two
@@ -178,7 +180,9 @@ def written_steps(record: Recording, lanes: int, projected: bool) -> Writing:
     key = "steps", record.digest(), record.state, counts, record.stages, width, vectors, projected
 
     def write(f: Function) -> None:
-        _write(f, record, splits, width, vectors, width > 1 and operations <= TWO_VECTORS, projected)
+        overlap = width > 1 and operations <= TWO_VECTORS
+        together = 2 if vectors == 4 and operations > ALTERNATING else 1
+        _write(f, record, splits, (width, vectors, together), overlap, projected)
 
     return Writing(key, write, vectors * width, vectors * width * Constants.count(splits))
 
@@ -190,9 +194,10 @@ def compiled_steps(record: Recording, lanes: int, projected: bool) -> Steps:
 
 
 def _write(
-    f: Function, record: Recording, splits: list[Split], width: int, vectors: int, overlap: bool, projected: bool
+    f: Function, record: Recording, splits: list[Split], widths: tuple[int, int, int], overlap: bool, projected: bool
 ) -> None:
     frame, out, rows, every, begun, first, last = f.arguments
+    width, vectors, together = widths
     words = dict(zip(FRAME, f.integers(frame).get(len(FRAME)), strict=True))
     z, c, s, room = (f.doubles(words[name]) for name in FRAME[:4])
     states, saved, count = f.variables(vectors * record.state, kind_of(width)), f.doubles(out), record.state
@@ -219,7 +224,7 @@ def _write(
 
         def part(number: int, stage: Any) -> None:
             old = [(constants[k].at(number, stage), [memory[0] for memory in state[k]]) for k in range(vectors)]
-            after = splits[number].outputs(f, old, kind, overlap, together=2 if vectors == 4 else 1)
+            after = splits[number].outputs(f, old, kind, overlap, together)
             for memories, new in zip(state, after, strict=True):
                 for memory, x in zip(memories, new, strict=True):
                     memory[0] = x

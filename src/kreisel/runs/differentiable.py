@@ -14,7 +14,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, hint, shown
 from kreisel.forces.control import require_whole_samples
-from kreisel.kernels.points import points as points_of
+from kreisel.kernels.cpu import points as points_of
 from kreisel.method import find, scheme
 from kreisel.method.baecklund import SPINS, Product
 from kreisel.method.conjugate import NUMBERS, fractions

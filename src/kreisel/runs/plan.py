@@ -13,10 +13,9 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
 from kreisel.kernels.correcting import Rows, corrections
-from kreisel.kernels.cpu import CpuEngine
+from kreisel.kernels.cpu import CpuEngine, bound_points, points
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
-from kreisel.kernels.points import bound_points, points
 from kreisel.method import Outcome, Scheme, default_method
 from kreisel.method.observing import ORIENTATION, with_orientation
 from kreisel.method.scheme import Flow, Orbits

@@ -21,11 +21,10 @@ from kreisel.forces.control import require_no_sample
 from kreisel.graph.machine import address_of
 from kreisel.graph.recording import fill
 from kreisel.kernels.correcting import corrections
-from kreisel.kernels.cpu import CpuEngine, RowFunction, frame_of
+from kreisel.kernels.cpu import CpuEngine, RowFunction, bound_points, frame_of, points
 from kreisel.kernels.engines import Engine
 from kreisel.kernels.exact.jumps import FEW, Jumps, Leap
 from kreisel.kernels.layout import Floats
-from kreisel.kernels.points import bound_points, points
 from kreisel.method import scheme as scheme_of
 from kreisel.method.observing import COUNT, ORIENTATION
 from kreisel.method.scheme import Flow, Jump, Orbits, Scheme, Steps
