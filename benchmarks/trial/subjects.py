@@ -340,6 +340,7 @@ def kinds() -> dict[str, Any]:
         "spin": _spin,
         "spins file": _spins_file,
         "style": _choice("house", "paper", "x"),
+        "t_start": _choice(None, 1.0, np.nan, "1 s"),
         "t_end": _choice(None, 1.0, 0.0, -1.0, np.inf, "1 s"),
         "text": _text,
         "time": _choice(0.0, 1.0, None, np.nan),

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 import kreisel as kr
 from kreisel.algebra.random import normals, streams, streams_from, uniform
 from kreisel.physical import Orbit, Satellite, Wheels
+from kreisel.storage.checking import check_archive
 from sizes import FULL
 
 TENSOR = np.array([[0.03, 0.002, -0.001], [0.002, 0.028, 0.0015], [-0.001, 0.0015, 0.012]])
@@ -350,3 +351,50 @@ def test_the_field_at_the_end_of_a_table_of_positions() -> None:
     run = kr.simulate(body, body.state((0.0, 0.0, 0.0)), dt=1.0, t_end=100.0, order=(2, 2), progress=False)
     along = np.einsum("tji,tj->ti", rotation(run.attitude.values[:-1]), body.field(run).values[:-1])
     assert abs(run.seen.values[1:] - along).max() < 0.1e-9
+
+
+def test_a_run_continues_where_another_ended(tmp_path) -> None:
+    """From its last row: memory, delayed commands, noise and the field are those of one long run."""
+    law = {"memory": {"before": (0, 0, 0)}, "noise": {"field": 1e-8}, "delay": 1, "every": 2.0}
+    control = kr.Control(lambda field, before, time: {"dipole": 1e5 * (before - field), "before": field}, **law)
+    body = Satellite(TENSOR, orbit(), torque=lambda t: np.array([1e-6, 0, 0]) * np.sin(0.02 * t), control=control)
+    usual = {"dt": 1.0, "every": 20, "order": 4, "progress": False}
+    long = kr.simulate(body, body.state(SPIN), t_end=200.0, **usual)
+    row = kr.simulate(body, body.state(SPIN), t_end=120.0, **usual).isel(time=-1)
+    rest = kr.simulate(body, row, t_start=row.time, t_end="200 s", path=tmp_path / "rest.zarr", **usual)
+    rest = rest.load()
+    assert rest.time.values.tolist() == [120.0, 140.0, 160.0, 180.0, 200.0]
+    for name in ("attitude", "momentum", "before", "queue", "commanded_dipole"):
+        np.testing.assert_allclose(rest[name], long[name][6:], rtol=1e-9, atol=1e-12 * abs(long[name]).max().item())
+    with pytest.warns(kr.InputWarning, match=r"at time 120, .* which begins at 0 here"):
+        again = kr.simulate(body, row, t_end=80.0, **usual)
+    assert abs(again.attitude - long.attitude).values[-1].max() > 1e-6
+    longer = kr.resume(tmp_path / "rest.zarr", extend="240 s", system=body)
+    np.testing.assert_array_equal(longer.attitude[:5], rest.attitude)
+    assert longer.time.values[-1] == 240.0
+    still = Satellite(TENSOR, orbit(), control=kr.Control(lambda time, seen: {"seen": time}, memory={"seen": 0.0}))
+    then = {"spin": row.angular_velocity, "attitude": row.attitude}  # with another controller
+    seen = kr.simulate(still, still.state(**then), dt=1.0, t_start="2 min", steps=10, progress=False).seen
+    assert seen.values[1:].tolist() == [*range(120, 130)]
+
+
+def test_an_archive_that_begins_later_is_checked(tmp_path) -> None:
+    body = Satellite(TENSOR, orbit())
+    kr.simulate(body, body.state(SPIN), dt=1.0, t_start=3000.0, steps=20, path=tmp_path / "later.zarr", progress=False)
+    assert check_archive(tmp_path / "later.zarr")[1] == []
+    assert check_archive(tmp_path / "later.zarr")[0].attrs["t_start"] == 3000.0
+
+
+@pytest.mark.parametrize(
+    ("when", "said"),
+    [
+        ({"t_start": 0.5, "steps": 4}, "t_start: expected a multiple of dt = 1 s"),
+        ({"t_start": 10, "t_end": 5}, "t_end: expected after t_start = 10"),
+        ({"t_start": 10, "times": [11, 12]}, "t_start: expected 0"),
+        ({"t_start": "1 m", "steps": 4}, "t_start"),
+    ],
+)
+def test_starts_that_are_not(when, said) -> None:
+    body = Satellite(TENSOR, orbit(), control=kr.Control(lambda rates: {"torque": -rates}))
+    with pytest.raises(kr.InputError, match=said):
+        kr.simulate(body, body.state(SPIN), dt=1.0, progress=False, **when)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -342,8 +343,30 @@ def test_the_step_through_corners_is_found(cause: dict[str, Any]) -> None:
         return abs(algebra.rotation_matrix(run.attitude.values[-1]) - truth).max(), run
 
     assert off(dt=10.0)[0] > 4e-6
-    error, run = off(dt=1200.0, order="auto", tol=1e-6)
+    error, run = off(every="20 min")  # step and order by default
     assert error < 1e-6 and error / 10 < kr.analysis.error(run).attitude.values.max() < 1e-6
+
+
+def test_step_and_order_by_default() -> None:
+    """Chosen for 1e-6 rad, against the equations of the textbook; what is given is not changed."""
+    wheels = Wheels([(0.0, 1.0, 0.0)])
+    body, spin = Satellite((0.03, 0.025, 0.012), LOW, wheels=wheels), np.array([0.016, 0.017, 0.010])
+    start = body.state(spin=spin, attitude=(1.0, 0.0, 0.0, 0.0))
+    run = kr.simulate(body, start, t_end="30 min", every="10 min", progress=False)
+    truth = textbook(body, spin, np.array([1.0, 0, 0, 0]), run.time.values)
+    assert abs(algebra.rotation_matrix(run.attitude.values) - truth).max() < 1e-6 and run.time[1] == 600
+    assert run.attrs["dt"] > 10 and 0 < json.loads(run.attrs["options"])["expected_error"] < 2.5e-7
+    assert len(kr.simulate(body, start, t_end="30 min", progress=False).time) == 1001
+    short = kr.simulate(body, start, dt=5.0, t_end="1 min", progress=False)
+    assert short.attrs["dt"] == 5 and "expected_error" not in json.loads(short.attrs["options"])
+    sampled = Satellite(body.inertia, LOW, control=kr.Control(lambda rates: {"torque": -1e-5 * rates}, every="2 s"))
+    assert kr.simulate(sampled, sampled.state(spin), t_end="1 min", progress=False).attrs["dt"] == 2
+    for options in ({"steps": 5}, {"t_end": 60.0, "order": 4}, {"t_end": 60.0, "every": 5}, {"times": [1.0, 2.0]}):
+        with pytest.raises(kr.InputError, match="dt: expected the step"):
+            kr.simulate(body, start, progress=False, **options)
+    free = kr.physical.FreeBody(body.inertia)
+    with pytest.raises(kr.InputError, match="dt: expected the step"):
+        kr.simulate(free, free.state(spin), t_end=1.0, progress=False)
 
 
 def test_light_turns_a_box_about_another_point_than_its_centre() -> None:

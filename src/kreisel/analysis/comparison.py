@@ -101,16 +101,16 @@ def error(run: xr.Dataset, system: Model | Body | None = None) -> xr.Dataset:
 
     system    the body or the model of the run, if it has user-defined forces or a controller, which no run holds
 
-    Raises `InputError` for closed forms, adaptive steps, and runs that do not begin at t = 0 or that events break.
+    Raises `InputError` for closed forms, adaptive steps, and runs without their first row or that events break.
     """
     from kreisel.storage.simulate import simulate
 
     rows = in_state_form(run)
     record = RunRecord.of(rows, "system", "method")
     stepped = record.stepped and find(record.method).steps and record.tolerance is None
-    if not stepped or record.events is not None or rows["time"].values[0] != 0:
+    if not stepped or record.events is not None or rows["time"].values[0] != (record.t_start or 0):
         raise InputError(
-            "error: expected a run in equal steps from t = 0 without events, got another. A closed form has only "
+            "error: expected a run in equal steps from its start without events, got another. A closed form has only "
             "rounding errors; the method 'dop853' has a tolerance; keep the first row."
         )
     if missing := [letter for letter in record.kinds if letter not in rows]:
@@ -121,7 +121,8 @@ def error(run: xr.Dataset, system: Model | Body | None = None) -> xr.Dataset:
     if record.rows or len(times) != record.row_count:
         settings = {"times": times}
     settings |= {"method": record.method, "order": record.order, "project": bool(record.projection)}
-    settings |= {"impulses": record.struck, "orientation": x0[ORIENTATION].values if ORIENTATION in x0 else None}
+    settings |= {"impulses": record.struck, "t_start": record.t_start}
+    settings |= {"orientation": x0[ORIENTATION].values if ORIENTATION in x0 else None}
     state = {letter: x0[letter].values for letter in record.kinds}
     fine = simulate(model, state, dt=record.dt / 2, observe=(), progress=False, **settings)
     return compare(run, fine).distance

@@ -97,8 +97,8 @@ def changed_by_samples(system: System) -> tuple[int, ...]:
 WHOLE_SAMPLES = 1e-9  # relative
 
 
-def require_whole_samples(model: Model, dt: float) -> None:
-    """Raises `InputError` for steps that do not divide the time between two samples of a controller."""
+def require_whole_samples(model: Model, dt: float, start: float = 0.0) -> None:
+    """Raises `InputError` for steps that do not divide the time between two samples of a controller, or miss them."""
     record = model.system.perturbation
     if record is None or record.control is None or not record.sampled:
         return
@@ -111,6 +111,11 @@ def require_whole_samples(model: Model, dt: float) -> None:
             f"got dt = {dt:g} s. Usual cause: a t_end that is not a multiple of dt, for which steps are a little "
             f"shorter. "
             f"Use dt = {every / max(1, round(steps)):g} s."
+        )
+    count = start * unit / dt
+    if abs(count - round(count)) > WHOLE_SAMPLES * max(1.0, abs(count)):
+        raise InputError(
+            f"t_start: expected a multiple of dt = {dt:g} s, at which the controller is sampled, got {start * unit:g}."
         )
 
 

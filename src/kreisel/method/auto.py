@@ -170,16 +170,26 @@ def _relative_difference(one: State, other: State) -> Array:
 
 PILOT = 64.0  # radians of a pilot at the fastest rate
 LONGEST, RUNGS = 3.0, 15  # radians of the longest step; each of the others is shorter by sqrt(2)
-RUNGS_OF_CORNERS = 25  # if forces have corners, at which every order is 2
 TRUTHS = (8, (10, 6, 4))  # the first of which not every force has
 LEAST_ERROR = 4e-15
 AHEAD = 1e-4  # radians, over which the rate of Omega is taken
 NUDGE = 1e-8  # of the momenta: a neighbouring orbit
 LONG, EXPONENTIAL = 20, 20.0  # pilots; how much farther apart after twice the time, where in proportion is 2
 WITNESS, REFINED, SHORTER = 20, 8, 1.4  # pilots; how often steps are made shorter, and by how much
+USUAL, FIRST, TRIES = (8, 6, 4), 0.5, 12  # the splitting of `halved`, radians of its first step, steps that are tried
+SHORTEST = 8.0  # times: a step may be shorter than the one before it
+USUAL_TOLERANCE = 2.5e-7  # of an entry of a quaternion, relative to the largest: of the angle 1e-6 rad
+MOST_STEPS = 3e7  # of all lanes, of a run of `halved`
 WHOLE = 1e-6  # of a step: rounding in a count
 CHAOTIC, MARGIN = 100, 4.0  # pilots of a motion whose neighbours part fast, which is run to its end if that is nearer
 LATER = 10.0  # the error may grow faster later, where the motion is near to chaos
+
+
+FAILS = (
+    "order='auto' finds no step: the pilot fails with steps of a hundredth of a radian. Usual cause: a force that is "
+    "not a number there (log or sqrt of a negative number, a division by 0), numbers that are too large, or a "
+    "perturbation that changes within far less than a revolution. Say order and dt."
+)
 
 
 class Pilot(NamedTuple):
@@ -216,18 +226,17 @@ def _fastest(system: System, constants: Mapping[str, Array], state: State) -> fl
     return max(turning, float(np.sqrt(size(later - Omega).max() / ahead)))
 
 
-def choose_splitting(steps: Steps, rate: float, spacing: float, time: float, tol: Any, corners: bool = False) -> Choice:
-    """For states saved every `spacing` until `time`, of the worst lane; `corners`: whether forces may have some.
+def choose_splitting(steps: Steps, rate: float, spacing: float, time: float, tol: Any) -> Choice:
+    """For states saved every `spacing` until `time`, of the worst lane.
 
     Raises `InputError` for a tolerance that doubles cannot hold, and where no splitting reaches it.
     """
     tolerance = checked_tolerance(tol)
     span = min(time, PILOT / rate) if 0 < rate < np.inf else time
     longest = min(LONGEST / rate, span) if 0 < rate < np.inf else span
-    rungs = RUNGS_OF_CORNERS if corners else RUNGS
-    counts = sorted({max(1, round(span / longest * 2 ** (k / 2))) for k in range(rungs)})
+    counts = sorted({max(1, round(span / longest * 2 ** (k / 2))) for k in range(RUNGS)})
     truth, doubt = _truth(steps, span, counts)
-    grows = (1.0 if corners else LATER) * max(time / span, 1.0)  # a motion through corners is run to its end later
+    grows = LATER * max(time / span, 1.0)
     best: tuple[float, Choice] | None = None
     for order in METHODS["splitting"].orders:
         for count in counts:
@@ -246,6 +255,37 @@ def choose_splitting(steps: Steps, rate: float, spacing: float, time: float, tol
             f" more: the error of the pilot grows to {grows * doubt:.1g} or more until the end. Use a larger tol."
         )
     return best[1]
+
+
+def halved(
+    steps: Steps, rate: float, spacing: float, time: float, tol: float, order: int, lanes: int, strict: bool
+) -> tuple[Choice, bool]:
+    """One splitting, with the first step that differs from half of it by less than `tol` in runs to the end.
+
+    Returns it, and whether there is such a step.
+
+    order    2 through corners of the forces, at which no splitting has a higher one
+    strict   whether the error counts that the end of a motion longer than the pilots of a chaotic one has, in
+             proportion to the time; else the error at the end of these pilots
+
+    Raises `InputError` if no step succeeds.
+    """
+    span = min(time, CHAOTIC * PILOT / rate) if 0 < rate < np.inf else time
+    count, tried = max(1, math.ceil(spacing * rate / FIRST)) if 0 < rate < np.inf else 1, list[Choice]()
+    for _ in range(TRIES):
+        h = spacing / count
+        many = max(1, int(min(span / h, MOST_STEPS / lanes) + WHOLE))
+        ends = [end.state for end in (steps(USUAL, h / k, many * k) for k in (1, 2)) if end is not None]
+        apart = _apart(*ends) if len(ends) == 2 else np.inf
+        tried.append(Choice(USUAL, count, apart * max(time / (h * many), 1.0), "splitting"))
+        wrong = (tried[-1].expected if strict else apart * max(span / (h * many), 1.0)) / tol
+        if wrong <= 1 or count > MOST_STEPS:
+            return tried[-1], wrong <= 1
+        count = math.ceil(count * min(max(1.5 * wrong ** (1 / order), SHORTER), SHORTEST))
+    best = min(tried, key=lambda one: one.expected)
+    if not np.isfinite(best.expected):
+        raise InputError(FAILS)
+    return best, False
 
 
 def separates(one: Steps, other: Steps, choice: Choice, rate: float, spacing: float, time: float) -> bool:
@@ -272,17 +312,15 @@ def witnessed(
     time: float,
     tol: Any,
     chaotic: bool = False,
-    corners: bool = False,
 ) -> Choice:
     """The choice, with shorter steps if it is off by more than `tol` in a run of some pilots against half the step.
 
-    A chaotic motion is run for longer, and with a margin: rounding errors grow, too.  So is a motion through corners,
-    whose errors scatter: a shorter step may be worse than a longer one.
+    A chaotic motion is run for longer, and with a margin: rounding errors grow, too.
 
     A pilot does not see slow motions, such as the beats of coupled bodies, by which errors grow faster than the time.
     """
     tolerance, tried, best = checked_tolerance(tol), list[Choice](), np.inf
-    pilots, margin = (CHAOTIC, MARGIN) if chaotic or corners else (WITNESS, 1.0)
+    pilots, margin = (CHAOTIC, MARGIN) if chaotic else (WITNESS, 1.0)
     for _ in range(REFINED):
         h = spacing / choice.steps
         count = int(min(time, pilots * PILOT / rate) / h + WHOLE) if 0 < rate < np.inf else 0
@@ -292,7 +330,7 @@ def witnessed(
             break
         found = margin * _apart(*ends) * max(time / (h * count), 1.0)
         tried.append(replace(choice, expected=found if tried else max(choice.expected, found)))
-        if found <= tolerance or (found >= best and not corners):  # shorter steps do not help
+        if found <= tolerance or found >= best:  # shorter steps do not help
             break
         best = min(best, found)
         choice = replace(choice, steps=int(np.ceil(choice.steps * SHORTER)))
@@ -319,11 +357,7 @@ def _truth(steps: Steps, span: float, counts: list[int]) -> tuple[State, float]:
         if known and others and (best is None or _apart(others[0], known[-1]) < best[0]):
             best = _apart(others[0], known[-1]), known[-1]
     if best is None:
-        raise InputError(
-            "order='auto' finds no step: the pilot fails with steps of a hundredth of a radian. Usual cause: a "
-            "force that is not a number there (log or sqrt of a negative number, a division by 0), numbers that are "
-            "too large, or a perturbation that changes within far less than a revolution. Say order and dt."
-        )
+        raise InputError(FAILS)
     return best[1], best[0]
 
 

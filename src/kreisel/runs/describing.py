@@ -67,6 +67,7 @@ def describe(plan: Plan) -> RunRecord:
         projection=plan.engine.projection.every if plan.engine.projection else 0,
         dt=plan.dt,
         asked_dt=settings.asked_dt,
+        t_start=settings.t_start or None,
         steps=plan.steps,
         every=plan.every,
         rows=None if settings.times is None and end is None else plan.rows,

@@ -26,7 +26,7 @@ from kreisel.record.body_frame import AXES, BODY, STATE, BodyFrame, scaling
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scale
-from kreisel.runs.run_record import FORM, SI, RunRecord, frame_of, lanes_of
+from kreisel.runs.run_record import CLOCKS, FORM, SI, RunRecord, frame_of, lanes_of
 from kreisel.runs.settings import Event, initial_orientation
 
 if TYPE_CHECKING:
@@ -109,13 +109,14 @@ def in_si(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     if model is not None:
         out = out.assign(_with_axial_energy(run, out, frame, model, 1.0))
         out = out.assign({VELOCITY: _velocity(run, frame, model)} if model.system.velocity is not None else {})
-    return out.assign_attrs({FORM: SI, **_title(run, frame), **_times_of_attributes(run, frame, True)})
+    title = {"title": f"{frame.title}: {run.attrs['method']}"} if frame.title and "method" in run.attrs else {}
+    return out.assign_attrs({FORM: SI, **title, **_times_of_attributes(run, frame, True)})
 
 
 def _times_of_attributes(run: xr.Dataset, frame: BodyFrame, forward: bool) -> dict[str, Any]:
     """The attributes that are times, and the impulses, in SI (forward) or in the units of the state."""
     factor = frame.time_unit if forward else 1 / frame.time_unit
-    out = {name: run.attrs[name] * factor for name in ("dt", "asked_dt", "stopped") if run.attrs.get(name) is not None}
+    out = {name: run.attrs[name] * factor for name in (*CLOCKS, "stopped") if run.attrs.get(name) is not None}
     if run.attrs.get("event_times") is not None:
         events = parsed(run.attrs["event_times"], "The attribute event_times")
         out["event_times"] = json.dumps([[time * factor, number] for time, number in events])
@@ -140,10 +141,6 @@ def _mapped(
         change = frame.change(str(name) if forward else new, forward)
         out[new] = value if change is None else apply(change, value)
     return out
-
-
-def _title(run: xr.Dataset, frame: BodyFrame) -> dict[str, str]:
-    return {"title": f"{frame.title}: {run.attrs['method']}"} if frame.title and "method" in run.attrs else {}
 
 
 def in_state_form(run: Any) -> Any:
@@ -353,7 +350,7 @@ def of_body(body: Body, x0: Any, orientation: Any, asked: Mapping[str, Any]) -> 
         before, first = first, oriented(model, orientation)
         _require_attitude_of_state(body, model, start, before, first)
     settings = scaled_settings(model, asked)
-    end = settings.get("t_end") or settings["dt"] * (settings.get("steps") or 0)
+    end = settings.get("t_end") or (settings.get("t_start") or 0.0) + settings["dt"] * (settings.get("steps") or 0)
     for sentence in body._doubts(end * (model.body_frame or BodyFrame()).time_unit) if isinstance(end, float) else ():
         doubt(sentence)
     return model, start, first, settings
@@ -447,11 +444,11 @@ def scaled_settings(model: Model, asked: Mapping[str, Any]) -> dict[str, Any]:
     """The settings of a run in the units of the state, from durations in s or with units.  Raises `InputError`."""
     frame = model.body_frame or BodyFrame()
     out = {name: value for name, value in asked.items() if value is not None}
+    for name in ("t_start", "t_end", "dt"):
+        if name in out:
+            out[name] = duration(frame, out[name], name)
     if "dt" not in out:
-        raise InputError("dt: expected the step, a duration such as '1 ms', got none.")
-    out["dt"] = duration(frame, out["dt"], "dt")
-    if "t_end" in out:
-        out["t_end"] = duration(frame, out["t_end"], "t_end")
+        out |= _usual_step(model, frame, out)
     if "times" in out:
         out["times"] = times_of(model, out["times"])
     if "every" in out:
@@ -459,6 +456,21 @@ def scaled_settings(model: Model, asked: Mapping[str, Any]) -> dict[str, Any]:
     if out.get("impulses"):
         out["impulses"] = _impulses(frame, out["impulses"])
     return {**asked, **out}
+
+
+def _usual_step(model: Model, frame: BodyFrame, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """The step of a satellite for which none is given: chosen by the run, or one for each sample of its controller."""
+    record, every, end = model.system.perturbation, asked.get("every"), asked.get("t_end")
+    placed = record is not None and record.environment is not None
+    if placed and record.sampled and record.control is not None:  # type: ignore[union-attr]
+        return {"dt": record.control.every}  # type: ignore[union-attr]
+    if not placed or end is None or {"order", "times"} & asked.keys() or isinstance(every, int | float):
+        raise InputError(
+            "dt: expected the step, a duration such as '1 ms', got none. Without it a satellite needs t_end and no "
+            "order, times or number of steps: dt and order are then chosen for an error of 1e-6 rad."
+        )
+    length = (end - asked.get("t_start", 0.0)) / 1000  # rows
+    return {"dt": length if every is None else duration(frame, every, "every"), "every": 1, "order": "auto"}
 
 
 def _impulses(frame: BodyFrame, asked: Any) -> Any:

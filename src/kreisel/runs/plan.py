@@ -17,10 +17,10 @@ from kreisel.kernels.cpu import CpuEngine, bound_points, points
 from kreisel.kernels.engines import Engine, engine_of
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method
-from kreisel.method.observing import ORIENTATION, with_orientation
+from kreisel.method.observing import COUNT, ORIENTATION, with_orientation
 from kreisel.method.scheme import Flow, Orbits
 from kreisel.record.model import Model, State
-from kreisel.record.perturbation import require_bodies
+from kreisel.record.perturbation import TIME, require_bodies
 from kreisel.runs.settings import LARGE, MOST_STEPS, Event, Settings, Timetable, initial_orientation
 from kreisel.stopwatch import spent_on
 
@@ -123,7 +123,14 @@ class Plan:
     def _renew(self) -> Callable[[], bool] | None:
         """The call that computes the constants of another trajectory in the engine; None if there is none."""
         general, engine = self.general, self.engine
-        if self.batched or self.irregular or self.large or general is None or general.corrector:
+        if (
+            self.batched
+            or self.irregular
+            or self.large
+            or general is None
+            or general.corrector
+            or self.settings.t_start
+        ):
             return None
         if general.trajectory is None and isinstance(general.motion, Orbits):
             return lambda: True
@@ -254,6 +261,13 @@ def default(model: Model, settings: Settings) -> str:
 def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
     """The plan of a scheme from these components of the state, by the requested engine or the engine for n."""
     general, (made, start, large) = made, _lanes(model, made, parts, engine)
+    clocks = {COUNT: settings.t_start / settings.dt, TIME: settings.t_start}
+    for place, (letter, _) in enumerate(made.components if settings.t_start else ()):  # of forces that depend on time
+        if letter in clocks:
+            from kreisel.forces.control import require_whole_samples
+
+            require_whole_samples(model, settings.dt, settings.t_start)
+            start[..., algebra.coordinate_count(made.kinds[:place], model.n)] = clocks[letter]
     back, _ = corrections(made)
     return Plan(
         model=model,

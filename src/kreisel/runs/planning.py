@@ -87,8 +87,8 @@ def idle_or_new(
 
 def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: OrientationLike | None = None) -> Plan:
     """Check everything that can be checked before the first step.  Raises `InputError`."""
-    state = checked_state(model, x0)
-    require_within(model, 0.0, settings.time)
+    state = checked_state(model, x0, settings.t_start)
+    require_within(model, settings.t_start, settings.t_start + settings.time)
     if settings.order == "auto":
         return _chosen(model, state, settings, orientation)
     method = settings.method or default(model, settings)
@@ -105,6 +105,8 @@ def broken_by(plan: Plan, events: tuple[Event, ...] = ()) -> Plan:
     """The plan with these events in addition to its impulses.  Raises `InputError` if its steps cannot be broken."""
     if not events and not plan.broken:
         return plan
+    if plan.settings.t_start:
+        raise InputError(f"t_start: expected 0 for a run with events, got {plan.settings.t_start:g}.")
     plan = replace(plan, events=events)
     from kreisel.runs.propagation.breaks import not_conserved
 
@@ -113,9 +115,11 @@ def broken_by(plan: Plan, events: tuple[Event, ...] = ()) -> Plan:
 
 def _chosen(model: Model, state: State, settings: Settings, orientation: OrientationLike | None) -> Plan:
     """order="auto": the plan with the order and the step that reach `tol`; rows are saved at the same times."""
+    from kreisel.method.auto import USUAL_TOLERANCE
+
     (choice,) = choice_of(model, state, settings, orientation, each=False)
     plan = plan_of(model, state, with_choice(choice, settings), orientation)
-    chosen = {"tol": float(settings.tol or 0), "expected_error": choice.expected}
+    chosen = {"tol": settings.tol or USUAL_TOLERANCE, "expected_error": choice.expected}
     return replace(plan, scheme=replace(plan.scheme, options={**plan.scheme.options, **chosen}))
 
 
@@ -171,8 +175,16 @@ def choice_of(
     if not each or len(lanes[0]) == 1:
         steps, rate = pilot(model, state, settings, orientation), auto.rate_of(model, parts)
         corners = record is not None and record.has_corners(model.constants)
-        choice = auto.choose_splitting(steps, rate, *when, corners)
-        choice = auto.witnessed(steps, choice, rate, *when, corners=corners)
+        usual = settings.tol is None and record is not None and record.environment is not None
+        if corners or usual:
+            tol = auto.USUAL_TOLERANCE if usual else auto.checked_tolerance(settings.tol)
+            choice, reached = auto.halved(steps, rate, *when[:2], tol, 2 if corners else 4, len(lanes[0]), not usual)
+            if not reached:
+                said = MISSED.format(tol=tol, expected=choice.expected)
+                warnings.warn(said, AccuracyWarning, stacklevel=8)
+            return [choice]
+        choice = auto.choose_splitting(steps, rate, *when)
+        choice = auto.witnessed(steps, choice, rate, *when)
         beside = pilot(model, state, settings, orientation, auto.NUDGE)
         chaotic = auto.separates(steps, beside, choice, rate, *when[:2])
         if chaotic and auto.within_reach(rate, settings.time):

@@ -152,12 +152,16 @@ class Numerics:
         return names
 
 
+CLOCKS = ("dt", "asked_dt", "t_start")  # in s in a run of a body in SI
+
+
 @dataclass(frozen=True, kw_only=True)
 class Course:
     """Attributes of the steps, the rows, and their interruptions."""
 
     dt: float
     asked_dt: float | None = None  # if t_end is not a multiple of it
+    t_start: float | None = None  # unless it is 0
     steps: int
     every: int
     rows: int | None = None  # if they differ from the times of every `every`-th step
@@ -230,7 +234,7 @@ class RunRecord(Course, Numerics, Subject, Heading):
         record.__dict__.update((each.name, attrs[each.name]) for each in fields(cls) if each.name in attrs)
         if attrs.get(FORM) == SI and record.body_frame is not None:
             unit = record.body_frame.time_unit
-            record.__dict__.update((k, attrs[k] / unit) for k in ("dt", "asked_dt") if attrs.get(k) is not None)
+            record.__dict__.update((k, attrs[k] / unit) for k in CLOCKS if attrs.get(k) is not None)
         return record
 
     @classmethod

@@ -52,6 +52,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     impulses: tuple[dict[str, Any], ...] = ()
     asked_dt: float | None = None  # t_end is not a multiple of it; then dt is a little less
     t_end: float | None = None  # with asked_dt
+    t_start: float = 0.0
 
     @classmethod
     def checked(cls, **asked: Any) -> Settings:
@@ -97,11 +98,12 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             impulses=_checked_impulses(wanted.get("impulses", ()), steps * dt),
             asked_dt=wanted.get("asked_dt"),
             t_end=wanted.get("t_end"),
+            t_start=_checked_start(wanted),
         )
 
     @property
     def time(self) -> float:
-        """The time at the end of the run."""
+        """The duration of the run."""
         return self.steps * self.dt
 
     def keywords(self) -> dict[str, Any]:
@@ -127,13 +129,23 @@ def with_steps(asked: Mapping[str, Any]) -> dict[str, Any]:
         return out
     if "steps" in out:
         raise InputError(f"expected steps or t_end, got both: steps = {shown(out['steps'])}, t_end = {shown(end)}.")
-    end, dt = positive_number(end, "t_end"), positive_number(out.get("dt"), "dt")
-    if end / dt > MOST_STEPS:
-        raise InputError(f"t_end: expected at most {MOST_STEPS:,} steps of dt = {dt:g}, got t_end = {end:g}.")
-    out["steps"] = max(1, math.ceil(end / dt * (1 - WHOLE)))
-    shorter = end / out["steps"]
+    start, dt = finite_number(out.get("t_start", 0.0), "t_start"), positive_number(out.get("dt"), "dt")
+    end = positive_number(end, "t_end") if start == 0 else finite_number(end, "t_end")
+    if end <= start or (end - start) / dt > MOST_STEPS:
+        after = f"after t_start = {start:g}, and " * (start != 0)
+        raise InputError(f"t_end: expected {after}at most {MOST_STEPS:,} steps of dt = {dt:g}, got t_end = {end:g}.")
+    out["steps"] = max(1, math.ceil((end - start) / dt * (1 - WHOLE)))
+    shorter = (end - start) / out["steps"]
     asked = {"asked_dt": dt, "t_end": end} if shorter < dt * (1 - WHOLE) else {}
     return {**out, "dt": shorter, **asked}
+
+
+def _checked_start(asked: Mapping[str, Any]) -> float:
+    """The time at the start.  Raises `InputError`."""
+    start = finite_number(asked.get("t_start", 0.0), "t_start")
+    if start and (asked.get("times") is not None or asked.get("impulses")):
+        raise InputError(f"t_start: expected 0 for a run with times or impulses, which count from 0, got {start:g}.")
+    return start
 
 
 def _with_times(asked: dict[str, Any], end: Any) -> dict[str, Any]:
@@ -229,8 +241,8 @@ def _known_engine(name: Any) -> str | None:
     return name
 
 
-def checked_state(model: Model, x0: Any) -> State:
-    """The state of this system from the user's value.  Raises `InputError`."""
+def checked_state(model: Model, x0: Any, time: float = 0.0) -> State:
+    """The state of this system from the user's value, for a run that begins at that time.  Raises `InputError`."""
     if isinstance(x0, State) and x0.frame is not None:
         _require_same_body(model, x0.frame)
     if type(x0) is State and (state := model.again(x0)) is not None:
@@ -254,7 +266,7 @@ def checked_state(model: Model, x0: Any) -> State:
             raise InputError(lacking + fix * controlled)
         row, x0 = x0, {letter: x0[letter] for letter in model.system.space.letters}
         _require_units_of_state(model, x0)
-        _warn_of_clock(model, row)
+        _warn_of_clock(model, row, time)
     if isinstance(x0, State):  # its 3 x 3 matrix belongs to one state, for any number of lanes in the parameters
         x0 = {letter: v if x0.axial[letter].ndim > 1 else x0.axial[letter] for letter, v in x0.items()}
     return model.checked({str(letter): value for letter, value in x0.items()})
@@ -271,14 +283,15 @@ def _require_same_body(model: Model, frame: BodyFrame) -> None:
         )
 
 
-def _warn_of_clock(model: Model, row: Any) -> None:
-    """Warns with `InputWarning` of a later row of a run if a force depends on the time, which begins at 0 again."""
+def _warn_of_clock(model: Model, row: Any, begin: float) -> None:
+    """Warns with `InputWarning` of a row of a run at another time than the start, if a force depends on the time."""
     record, time = model.system.perturbation, np.asarray(row.coords.get("time", 0.0))
-    if record is not None and record.names(TIME) and time.shape == () and time != 0:
+    if record is not None and record.names(TIME) and time.shape == () and time != 0 and begin == 0:
+        unit = (model.body_frame or BodyFrame()).time_unit
         doubt(
-            f"x0 is the row of a run at time {float(time):g}, and a force of {model.system.name} depends on the time, "
-            "which begins at 0 here. To continue from there, lengthen the run by kr.resume(path, extend=steps), or use "
-            f"kr.propagator(...).steps(x, n, time={float(time):g})."
+            f"x0 is the row of a run at time {float(time * unit):g}, and a force of {model.system.name} depends on the "
+            "time, which begins at 0 here. To continue from there, give t_start=row.time, or lengthen the run by "
+            "kr.resume(path, extend=steps)."
         )
 
 
@@ -478,6 +491,7 @@ class Timetable:
         """The times of rows."""
         if self.times is None:
             found = np.minimum(rows * self.settings.every, self.settings.steps) * self.settings.dt
+            found = found + self.settings.t_start if self.settings.t_start else found
         else:
             found = self.times[np.minimum(rows, len(self.times) - 1).astype(int)]
         return found if self.end is None else np.where(rows == self.end[0] - 1, self.end[1], found)

@@ -226,6 +226,7 @@ def _block_faults(block: xr.Dataset, first: int, record: RunRecord, again: Schem
     time = block["time"].values
     rows = np.arange(first, first + len(time), dtype=np.float64)
     of_steps = np.minimum(rows * record.every, record.steps) * record.dt
+    of_steps = of_steps + record.t_start if record.t_start else of_steps
     of_steps[rows == record.row_count - 1] = of_steps[-1] if record.stopped is None else record.stopped
     if record.recovered is None and not record.at_times and (time != of_steps).any():
         yield "time is not the time of the steps"
@@ -298,7 +299,8 @@ def _next(record: RunRecord, saved: xr.Dataset, steps: int, before: int, nudge: 
     plan.engine.z[:] = out(plan.engine.z[None])[0]
     plan.engine.z[:] *= 1 + nudge * np.random.default_rng(0).choice([-1.0, 1.0], plan.engine.z.shape)
     letters = [letter for letter, _ in plan.scheme.components]
-    for clock, now in ((COUNT, float(before)), (TIME, before * record.dt)):  # for forces that depend on time
+    begun = record.t_start or 0.0
+    for clock, now in ((COUNT, begun / record.dt + before), (TIME, begun + before * record.dt)):  # of forces
         if clock in letters:
             kinds = plan.kinds[: letters.index(clock)]
             plan.engine.z[:, algebra.coordinate_count(kinds, plan.model.n)] = now

@@ -216,7 +216,7 @@ def _require_arrays(store: Path, root: Mapping[str, Any], fresh: Mapping[str, An
 
 
 def _plan_of_run(record: RunRecord, start: Mapping[str, Floats], steps: int, system: Model | None = None) -> Plan:
-    same = {name: getattr(record, name) for name in ("dt", "every", "method", "order", "engine")}
+    same = {name: getattr(record, name) for name in ("dt", "every", "method", "order", "engine", "t_start")}
     same |= {"tol": record.tolerance, "project": record.projection > 0, "observe": record.observed}
     asked = Settings.checked(steps=steps, times=start.get(TIMES), impulses=record.struck, **same)
     state = {letter: value for letter, value in start.items() if letter not in (ORIENTATION, TIMES)}

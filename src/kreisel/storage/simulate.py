@@ -38,11 +38,12 @@ def simulate(
     system: Model | Body,
     x0: StateLike,
     *,
-    dt: Any,
+    dt: Any = None,
     steps: int | None = None,
     t_end: Any = None,
+    t_start: Any = None,
     times: ArrayLike | None = None,
-    every: Any = 1,
+    every: Any = None,
     method: str | None = None,
     order: int | str | tuple[int, ...] | None = None,
     tol: float | None = None,
@@ -60,10 +61,10 @@ def simulate(
 
     system       a system with parameters, e.g. `kr.LagrangeTop(p=(0, 0, 1))`, or a body of `kr.physical`: then times
                  are in s, or "1 ms", and the run in SI, along the axes in which the body was given
-    x0           `system.state(...)`, a dict of its components, or a row of a run, `run.isel(time=-1)`; a batch axis in
-                 front makes an ensemble.  The time begins at 0 always
-    dt           step in the system's unit of time, > 0
+    x0           `system.state(...)`, a dict of components, or a row of a run; a batch axis in front makes an ensemble
+    dt           step in the system's unit of time; default of satellites: chosen for 1e-6 rad, or a controller's
     t_end        the time at the end, in place of `steps`: in equal steps of dt or a little less: attribute asked_dt
+    t_start      the time at the start, of forces and samples, default 0: x0=row, t_start=row.time continues a run
     times        of the rows, in order, in place of `steps` and `every`; rows between steps do not change the steps
     method       one of `kr.methods()`; default: the first that applies, "exact" only for free bodies with n = 3
     order        one of the orders of the method; for splittings also a tuple, (8, 2).  "auto" (baecklund, splitting):
@@ -72,22 +73,20 @@ def simulate(
     orientation  initial g, body to space: a matrix, or for n = 3 a quaternion (w, x, y, z); then it is a variable
     engine       "cpu" (compiled, all cores), "large" (O(n) a step for Lagrange tops and Neumann, O(n^2) for Clebsch;
                  both by n and method unless given), "cuda" (NVIDIA, float64), "cuda-float32": many lanes, n <= 10
-    project      project onto the invariants of the method every `projection` steps (an attribute of the run), which
-                 removes their rounding errors; False shows the plain map
+    project      project away rounding errors of invariants, every `projection` steps (an attribute); False: the map
     observe      Casimirs and integrals to save with the state, by name; default: all, most of the time of a row
     impulses     added to a momentum as the state has it, before the row there: {"time": 2.0, "m": (0, 0, 1)}, or a list
-    events       `kr.Event(quantity, action)` or a list: if a quantity changes its sign the run stops, or an action
-                 changes the state (of a body in SI); the attribute event_times has the times
+    events       `kr.Event(quantity, action)` or a list, with times in the attribute event_times
     path         write to a Zarr archive during the run, and return it opened; overwrite: in place of an existing one
     progress     show a progress bar on stderr; default: when stderr is a terminal
 
-    Returns an `xarray.Dataset`: coordinates time (and lane), the components of the state (axial vectors for n = 3), the
-    Casimirs and every integral.  Raises `InputError` for bad input, `RunError` when a state is no longer finite, an
-    implicit step is not solved or the archive cannot be written; warns of lost invariants and long steps.
+    Returns an `xarray.Dataset`: time (and lane), the state (axial vectors for n = 3), Casimirs and integrals.  Raises
+    `InputError` for bad input, `RunError` when a state is no longer finite, an implicit step is not solved or the
+    archive cannot be written; warns of lost invariants and long steps.
     """
     flag(overwrite, "overwrite")
     asked = dict[str, Any](dt=dt, method=method, order=order, tol=tol, engine=engine, project=project, observe=observe)
-    asked |= {"steps": steps, "t_end": t_end, "times": times, "every": every, "impulses": impulses}
+    asked |= {"steps": steps, "t_end": t_end, "times": times, "every": every, "impulses": impulses, "t_start": t_start}
     model, x0, orientation, asked, events = scaled(system, x0, orientation, asked, events)
     with unit_of_times(model):
         plan, idle = idle_or_new(model, x0, orientation, checked_events(events), asked, path is None)
@@ -162,7 +161,9 @@ def resume(
         record = run_record(where if stands(where) else part_of(where))
         frame = record.body_frame
         if frame is not None and frame.names:
-            events, extend = scaled_events(frame, events), steps_in(frame, extend, record.dt, "extend")
+            end, events = extend, scaled_events(frame, events)
+            extend = steps_in(frame, end, record.dt, "extend")
+            extend -= 0 if extend is end else round((record.t_start or 0.0) / record.dt)
         archive, integration = reopen(where, None if extend is None else whole_number(extend, "extend"), model, events)
         return presented(watched(_write(archive, integration, progress)), integration.plan.model)
 
