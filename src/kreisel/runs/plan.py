@@ -12,9 +12,8 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
-from kreisel.kernels.correcting import Rows, corrections
 from kreisel.kernels.cpu import CpuEngine, bound_points, points
-from kreisel.kernels.engines import Engine, engine_of
+from kreisel.kernels.engines import Engine, Rows, corrections, engine_of
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method
 from kreisel.method.observing import COUNT, ORIENTATION, with_orientation

@@ -20,9 +20,8 @@ from kreisel.errors import InputError, RunError, shown
 from kreisel.forces.control import require_no_sample
 from kreisel.graph.machine import address_of
 from kreisel.graph.recording import fill
-from kreisel.kernels.correcting import corrections
 from kreisel.kernels.cpu import CpuEngine, RowFunction, bound_points, frame_of, points
-from kreisel.kernels.engines import Engine
+from kreisel.kernels.engines import Engine, corrections
 from kreisel.kernels.exact.jumps import FEW, Jumps, Leap
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
