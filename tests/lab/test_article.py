@@ -580,7 +580,7 @@ def _levels(model: Any, z: Any, lam: Any) -> tuple[Any, Any, Any]:
     """Eigenvalues, left and right vectors as rows."""
     record, at = model.system.pairs, np.array([lam], complex)
     if record.levels is not None:
-        return tuple(v[0] for v in model.call(record.levels, *z, lam=at)[:3])
+        return tuple(v[0] for v in model.call(record.levels, *z, lam=at))
     values, vectors = np.linalg.eig(model.call(record.matrix, *z, lam=at)[0].astype(complex))
     return values, np.linalg.inv(vectors), vectors.T
 
@@ -589,8 +589,8 @@ def _at(model: Any, z: Any, lam: Any, near: Any) -> tuple[Any, Any]:
     """The eigenvalue next to a value, and the field of the pairs there."""
     values, left, right = _levels(model, z, lam)
     place = abs(values - near).argmin()
-    ends = {"left": left[place][None], "right": right[place][None]}
-    field, _ = model.call(model.system.pairs.rates, *z, lam=np.array([lam]), **ends)
+    Pi = right[place][None, :, None] * left[place][None, None, :]
+    field, _ = model.call(model.system.pairs.rates, *z, lam=np.array([lam]), Pi=Pi)
     return values[place], algebra.flatten(field, model.system.space.kinds)[0]
 
 

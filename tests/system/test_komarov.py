@@ -137,6 +137,7 @@ def test_vectors_of_the_pencil() -> None:
     L = model.call(model.system.pairs.matrix, z["M"], z["P"], lam=lam)[0]
     S = np.diag(np.concatenate(maps.forms(*(model.params[k] for k in ("kappa", "beta")))))
     levels = model.call(model.system.pairs.levels, *z.values(), lam=lam)
+    assert (np.diag(model.call(model.system.pairs.metric)) == S).all()
     for mu, left, right in zip(*(v[0] for v in levels), strict=True):
         assert abs((L - mu * S) @ right).max() < 1e-14
         assert abs(left @ (L - mu * S)).max() < 1e-14

@@ -31,7 +31,10 @@ def step(r: Array, v: Array, *, mu: Any, h: Any) -> tuple[Array, Array]:
     """(r, v) after the time h, of either sign; r, v (..., 3)."""
     distance, radial = algebra.sqrt(dot(r, r)), dot(r, v)
     beta = 2 * mu / distance - dot(v, v)
-    h = _within_half_a_period(h + 0 * distance, beta, distance, mu)
+    size = algebra.maximum(beta, ALMOST_PARABOLIC * mu / distance)
+    period = 2 * pi * mu / (size * algebra.sqrt(size))
+    h = h + 0 * distance  # without complete revolutions
+    h = h - algebra.where_less(beta, size, 0 * h, algebra.nearest(h / period)) * period
     sign = algebra.where_less(h, 0 * h, -1 + 0 * h, 1 + 0 * h)
     span, ahead = sign * h, sign * radial
 
@@ -91,13 +94,6 @@ def series(beta: Any, s: Any, halvings: int, terms: int) -> tuple[Any, Any, Any,
         g1, g2, g3 = 2 * g0 * g1, 2 * g1 * g1, 2 * (g3 + g1 * g2)
         g0 = 1 - beta * g2
     return g0, g1, g2, g3
-
-
-def _within_half_a_period(h: Any, beta: Any, distance: Any, mu: Any) -> Any:
-    """The time without complete revolutions."""
-    size = algebra.maximum(beta, ALMOST_PARABOLIC * mu / distance)
-    period = 2 * pi * mu / (size * algebra.sqrt(size))
-    return h - algebra.where_less(beta, size, 0 * h, algebra.nearest(h / period)) * period
 
 
 def _bounds(span: Any, distance: Any, ahead: Any, beta: Any, square: Any, mu: Any) -> tuple[Any, Any]:

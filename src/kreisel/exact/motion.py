@@ -96,10 +96,6 @@ def _taylor(binary: int, m: Array, b: Array, q: Array, p: Array, turning: Array,
     return out
 
 
-def _pure(v: Array) -> Array:
-    return np.concatenate([0 * v[..., :1], v], -1)
-
-
 @dataclass(frozen=True)
 class Leap:
     """`count` times D_eps with the constant r, then rotations about p and the axis, as quaternions."""
@@ -434,7 +430,9 @@ def turned(
     (cos, sin), (c, s), H = cos_sin(left), cos_sin(right), algebra.hat(up)
     R = algebra.identity(3) + algebra.mat(2 * sin * cos) * H + algebra.mat(2 * sin * sin) * (H @ H)
     turn = algebra.quaternion(cos, algebra.vec(sin) * up)
-    first = algebra.vec(c) * start + algebra.vec(s) * algebra.quaternion_product(_pure(axis), start)
+    first = algebra.vec(c) * start + algebra.vec(s) * algebra.quaternion_product(
+        algebra.quaternion(0 * axis[..., 0], axis), start
+    )
     q = algebra.quaternion_product(turn, algebra.quaternion_product(place[..., 6:], first))
     return algebra.act(R, place[..., :3]), algebra.act(R, place[..., 3:6]), q
 

@@ -59,14 +59,7 @@ BELOW = {"below_squares": 1, "below_products": 1, "below_linear": 1}  # of the d
 Four = tuple[Array, Array]  # a vector (..., 3) and a last component
 
 
-def _levi_civita() -> Array:
-    out = np.zeros((4, 4, 4, 4), dtype=np.int64)
-    for order in np.ndindex(out.shape):
-        out[order] = round(np.linalg.det(np.eye(4)[list(order)]))
-    return out
-
-
-LEVI_CIVITA = _levi_civita()
+LEVI_CIVITA = np.rint(np.linalg.det(np.eye(4)[np.moveaxis(np.indices((4,) * 4), 0, -1)])).astype(np.int64)
 
 
 def quartic(K: Array) -> tuple[Array, Array, Array]:

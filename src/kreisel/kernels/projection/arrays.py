@@ -196,7 +196,7 @@ class ArrayProjection(InDoubles):
         z = Traced(row[: self._observed.own])
         found = self._observed.at(z, lane)
         members = self._observed.members.items()
-        return Namespace.concatenate([_as_row(found[name])[kept] for name, kept in members]), z
+        return Namespace.concatenate([np.ravel(found[name])[kept] for name, kept in members]), z
 
     def _values(self, z: Floats) -> dict[str, Floats]:
         with np.errstate(all="ignore"):
@@ -227,11 +227,6 @@ class ArrayProjection(InDoubles):
 def _outer_products(a: Floats, b: Floats) -> Floats:
     """a b^T of each lane, with the same bits for any number of threads."""
     return np.einsum("lij,lkj->lik", a, b)
-
-
-def _as_row(x: Any) -> Any:
-    """An array as a row."""
-    return x.reshape((x.value.size,)) if isinstance(x, Traced) else np.ravel(x)
 
 
 def orthogonal(scheme: Scheme, z: Floats) -> None:
