@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array, act, axial, dot
@@ -22,8 +24,6 @@ from kreisel.runs.orbits import FRAMES, angles_of, pointing_error
 from kreisel.runs.run_record import RunRecord, a_run, frame_of
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
     from numpy.typing import ArrayLike
     from scipy.spatial.transform import Rotation
 
@@ -69,7 +69,6 @@ def euler_angles(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     """
     import warnings
 
-    import xarray as xr
     from scipy.spatial.transform import Rotation
 
     lead = attitude_of(a_run(run)).shape[:-1]
@@ -122,8 +121,6 @@ def rates(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     Rates are in rad/s for a body of `kr.physical`, whose units the run has, else in the inverse unit of time of the
     run: see the attribute `units` of each.  Raises `InputError` for systems without a vertical and an axis, or n > 3.
     """
-    import xarray as xr
-
     model = model_for(run, system)
     values, frame = _rates(model, components(run, model)), frame_of(run)
     unit, size = ("1", 1.0) if frame is None else ("rad/s", frame.time_unit)
@@ -164,8 +161,6 @@ def mean_rates(run: xr.Dataset, system: Model | None = None) -> pd.DataFrame:
 
     Raises `InputError` for ensembles, for fewer than two nutations, for rows too far apart, and for other systems.
     """
-    import pandas as pd
-
     unit, run = time_unit(a_run(run)), in_state_form(a_run(run, "system"))
     if "lane" in run.dims:
         raise InputError("mean_rates needs one trajectory: choose a lane, run.isel(lane=0).")
@@ -292,8 +287,6 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
     time of the run: see the attribute `units` of the result.  A frame other than the state's requires a run
     with an orientation.  Raises `InputError` if it has none, and for systems without a rotating body.
     """
-    import xarray as xr
-
     run = in_state_form(given := a_run(run))
     model = model_for(run, system)
     if frame not in (BODY, SPACE):
@@ -327,8 +320,6 @@ def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | Non
     In the unit of length of P U = energy.  Raises `InputError` for other systems, without an orientation, and if the
     flow does not lead from a row to the next.
     """
-    import xarray as xr
-
     run = in_state_form(given := a_run(run))
     model = model_for(run, system)
     if model.system.translation is None:
@@ -404,8 +395,6 @@ def pointing(run: xr.Dataset, *, frame: str = "orbit", axis: Any = None, target:
     Returns a Dataset (time) or (time, lane).  Raises `InputError` for any other run than of a satellite with its
     orientation, and for the Sun if the satellite has no sunlight.
     """
-    import xarray as xr
-
     angles = angles_of(a_run(run, "system"), frame)
     values = {name: (value, f"{name} against {FRAMES[frame]}") for name, value in angles._asdict().items()}
     aim = target if isinstance(target, str) else shown(target)

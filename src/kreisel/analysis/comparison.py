@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from kreisel.algebra import Array
 from kreisel.analysis.quantities import rows_of
@@ -19,8 +21,6 @@ from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import finite_number
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
     from matplotlib.figure import Figure
 
     from kreisel.record.body import Body
@@ -73,8 +73,6 @@ def compare(run: xr.Dataset, second_run: xr.Dataset) -> Comparison:
     Times are the same if they agree to 1e-9 of the shortest distance between rows.  Raises `InputError` for different
     systems, dimensions or lanes, and if fewer than two times are common.
     """
-    import pandas as pd
-
     records = [RunRecord.of(each, "system", "n", "method") for each in (run, second_run)]
     for key in ("system", "n"):
         first, second = (getattr(record, key) for record in records)
@@ -142,8 +140,6 @@ def _common(first: Array, two: Array) -> tuple[Array, Array]:
 
 
 def _distances(run: xr.Dataset, second_run: xr.Dataset) -> xr.Dataset:
-    import xarray as xr
-
     given, run, second_run = run, in_state_form(run), in_state_form(second_run)
     data: dict[str, Any] = {}
     dims, coords = rows_of(given)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array
@@ -16,10 +17,6 @@ from kreisel.record.model import Model
 from kreisel.runs.geometry import components, model_for, orientation_of
 from kreisel.runs.in_si import in_si, in_state_form, is_in_si, state_quantity
 from kreisel.runs.settings import finite_number, flag, whole_number
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 NODES = 12  # of the polynomial that finds a crossing
 NUDGE = 1e-5  # of an interval, for its slope
@@ -47,8 +44,6 @@ def events(
     state, and the orientation if the run has one.  Raises `InputError` for unknown quantities, and if the flow does not
     lead from a row to the next.  [T. R. Chandrupatla, Adv. Eng. Softw. 28 (1997) 145]
     """
-    import xarray as xr
-
     given, quantity, run = run, state_quantity(run, quantity), in_state_form(run)
     model, value = model_for(run, system), finite_number(value, "value")
     if rising is not None:
@@ -211,8 +206,6 @@ def return_map(
     lanes are not mixed.  Returns a Dataset along `event` with here, after, the time of return elapsed, and the
     coordinate lane of an ensemble.  Raises `InputError` as `events` does, and for returns < 1.
     """
-    import xarray as xr
-
     returns = whole_number(returns, "returns")
     cut = section(run, quantity, value, rising=rising, system=system)
     lanes = cut["lane"].values if "lane" in cut.coords else np.zeros(cut.sizes["event"], dtype=int)

@@ -14,6 +14,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import Identity, cached_property, reused
@@ -28,9 +30,6 @@ from kreisel.runs.in_si import is_in_si, letters_of, observations_of, scaled
 from kreisel.runs.settings import check_model, checked_state, initial_orientation, positive_number, within
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
     from kreisel.record.model import OrientationLike, StateLike
 
 SINGULAR = 1e-10  # least singular value over the largest, of a Jacobian with columns of length 1
@@ -346,8 +345,6 @@ def _as_fit(
     predicted: list[Array],
     settings: Mapping[str, Any],
 ) -> Fit:
-    import pandas as pd
-
     names = [u.name for u in unknown]
     covariance = covariance_of(np.asarray(solution.jac), names)
     chi2, dof = 2 * float(solution.cost), seen.size - len(unknown)

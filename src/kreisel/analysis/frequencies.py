@@ -20,6 +20,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from kreisel.algebra import Array, dot, unit
 from kreisel.analysis.quantities import Quantity, label, series
@@ -36,8 +38,6 @@ from kreisel.runs.run_record import a_run
 from kreisel.runs.settings import check_model, checked_state, initial_orientation, whole_number, within
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
     from matplotlib.figure import Figure
 
     from kreisel.record.model import OrientationLike, StateLike
@@ -194,7 +194,6 @@ def power_spectrum(run: xr.Dataset, quantity: Quantity) -> xr.Dataset:
     quantity about its mean.  A real quantity has its power at frequencies >= 0.  Returns a Dataset with `power` along
     `frequency`, and lane for ensembles.  Raises `InputError` as `frequencies` does.
     """
-    import xarray as xr
     from scipy.signal import periodogram
 
     values, time = series(a_run(run), quantity), np.asarray(run["time"].values)
@@ -242,8 +241,6 @@ def megno(
     The system may come from `kr.perturbed`, whose forces may depend on the orientation and on time; n = 3.  Raises
     `InputError` as `kr.simulate` does.
     """
-    import xarray as xr
-
     model, x0, orientation, dt, every, frame = _in_form_of_state(system, x0, orientation, dt, every)
     check_model(model)
     rows = -(-within(steps, "steps", 1, MOST) // within(every, "every", 1, MOST))

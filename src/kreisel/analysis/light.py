@@ -19,9 +19,10 @@ first two laws with the weights 1 and 0.1]
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array, dot, vec
@@ -32,9 +33,6 @@ from kreisel.physical.shapes import Facets
 from kreisel.record.table import Table
 from kreisel.runs.geometry import attitude_of
 from kreisel.runs.run_record import a_run, frame_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 LAWS = ("lommel-seeliger", "lambert", "geometric")
 DAMIT = {"lommel-seeliger": 1.0, "lambert": 0.1}
@@ -72,8 +70,6 @@ def light_curve(
     Returns a Dataset (time) or (time, lane): flux, in the square of the unit of the shape (for unit distances and
     albedo), magnitude -2.5 log10(flux), phase_angle in rad.  Raises `InputError` for a run without an orientation.
     """
-    import xarray as xr
-
     g = attitude_of(a_run(run, "system"))
     dims, coords = rows_of(run)
     times = np.asarray(run["time"].values, dtype=np.float64)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array
@@ -23,8 +25,6 @@ from kreisel.runs.settings import finite_number, within
 from kreisel.stopwatch import SPENT
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
     from matplotlib.figure import Figure
 
 SHORT = 8  # longest steps, in the runs whose errors give the order
@@ -96,9 +96,6 @@ def compare(
 
     Raises `InputError` for systems with different variables or flows, and for a system without a flow.
     """
-    import pandas as pd
-    import xarray as xr
-
     listed = [_subject(each) for each in (subjects.values() if isinstance(subjects, Mapping) else subjects)]
     if not listed:
         raise InputError("subjects: expected one system or more, got none.")

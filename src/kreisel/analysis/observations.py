@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array
@@ -19,9 +20,6 @@ from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import TIME
 from kreisel.record.quantities import size_in_si
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 SIGMA = "sigma_"
 VELOCITY = "Omega"
@@ -242,8 +240,6 @@ def observed(
     model: Model, data: Any, dt: float, observables: dict[str, Any], starts: Mapping[str, Array]
 ) -> Observations:
     """The observations.  Raises `InputError` for names, shapes and times that do not fit."""
-    import xarray as xr
-
     if not isinstance(data, xr.Dataset) or "time" not in data.coords or data["time"].dims != ("time",):
         raise InputError(
             f"observations: expected an xarray.Dataset with the coordinate time, or a run, got "

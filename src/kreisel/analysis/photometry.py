@@ -18,6 +18,8 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array
@@ -30,9 +32,6 @@ from kreisel.physical.measures import finite_floats, si_number, si_numbers
 from kreisel.physical.shapes import Facets
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
     from kreisel.record.model import State
 
 GAP = 100 * 86_400.0  # s, between two apparitions
@@ -402,8 +401,6 @@ def _inverse(J: Array) -> Array:
 
 
 def _as_fit(seen: Photometry, motions: list[tuple[str, Array, Array]], epoch: float, shape: Any) -> TumblerFit:
-    import pandas as pd
-
     rows, covariances = [], []
     for mode, xs, chi2 in motions:
         for x, value in zip(xs, chi2, strict=True):

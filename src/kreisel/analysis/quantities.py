@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array
@@ -14,9 +15,6 @@ from kreisel.errors import InputError, hint, shown
 from kreisel.record.model import Model
 from kreisel.runs.in_si import names_of_state
 from kreisel.runs.run_record import RunRecord, a_run
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 Quantity = str | Callable[..., Any]
 NAME = re.compile(r"\s*(\w+)\s*(?:\[\s*(\d+(?:\s*,\s*\d+)*)\s*\])?\s*")

@@ -5,9 +5,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array
@@ -25,9 +26,6 @@ from kreisel.runs.settings import Settings
 from kreisel.storage import archive, opening
 from kreisel.storage.archive import CHECKPOINT
 from kreisel.storage.opening import COMPUTED, MISSING, Damaged, SweepRecord, is_cut, opened, run_record
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 RELATIVE = 1e-12
 SAMPLES = 8

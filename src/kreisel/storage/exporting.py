@@ -8,9 +8,10 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, shown
@@ -24,9 +25,6 @@ from kreisel.runs.settings import flag
 from kreisel.storage.archive import target
 from kreisel.storage.messages import MESSAGES, write_message
 from kreisel.units import measured
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 NUMBERS_AT_ONCE = 1 << 20
 TEXT = np.dtype("O", metadata={"vlen": str})  # to HDF5
@@ -243,8 +241,6 @@ def _presented(run: xr.Dataset) -> xr.Dataset:
 
 def _columns(block: xr.Dataset) -> Iterator[tuple[str, Array]]:
     """Columns with a row for each time and lane; variables that vary along neither are repeated in every row."""
-    import xarray as xr
-
     lead = [d for d in ROWS if d in block.sizes]
     sizes = [block.sizes[d] for d in lead]
     if "lane" in lead and "lane" not in block.variables:

@@ -19,9 +19,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array
@@ -35,9 +36,6 @@ from kreisel.runs.in_si import VELOCITY, is_in_si
 from kreisel.runs.orbits import parameters_of, surroundings
 from kreisel.runs.run_record import RunRecord, frame_of
 from kreisel.runs.settings import positive_number
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 LABELS: dict[str, Any] = {  # None: by the run
     "name": "BODY",

@@ -9,9 +9,9 @@ from __future__ import annotations
 import json
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from kreisel.errors import ConservationWarning, InputError
 from kreisel.files import read_values
@@ -24,9 +24,6 @@ from kreisel.storage.checking import MOST_STEPS, SAMPLES
 from kreisel.storage.opening import COMPUTED, SweepRecord
 from kreisel.sweeps.ensemble import TROUBLES, Sweep
 from kreisel.sweeps.store import results_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MOST_BYTES = 1 << 30  # of a trajectory
 BEGUN, ROWS = 4096, 64  # steps of a lane that are computed again, and their rows

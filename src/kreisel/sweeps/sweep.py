@@ -11,6 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+import xarray as xr
+
 from kreisel.errors import InputError, Interrupted, explained, shown
 from kreisel.files import shallow
 from kreisel.process import signals_wait
@@ -31,9 +34,6 @@ from kreisel.sweeps.store import Store, failed_lanes
 from kreisel.sweeps.workers import check_workers, computed, pool
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
     from kreisel.record.model import OrientationLike, StateLike
 
 SAVED = ("drift", "extremes", "frequencies", TRAJECTORIES)
@@ -217,8 +217,6 @@ def _checked_description(description: dict[str, Any], file: Path | None) -> dict
 @explained
 def failures(run: xr.Dataset) -> pd.DataFrame:
     """The failed lanes of a sweep: a row for each, with its message and its values of the varied quantities."""
-    import pandas as pd
-
     if "failed" not in getattr(run, "variables", ()):
         raise InputError("kr.failures needs the result of kr.sweep; these are not lanes of a sweep.")
     from kreisel.sweeps.grids import by_lane

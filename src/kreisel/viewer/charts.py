@@ -8,6 +8,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from kreisel.analysis.quantities import Quantity, label, series
 from kreisel.errors import InputError
@@ -15,9 +17,6 @@ from kreisel.viewer.frames import extremes
 from kreisel.viewer.style import figure
 
 if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
-
     from kreisel.analysis.comparison import Comparison
     from kreisel.analysis.frequencies import Lines
     from kreisel.analysis.method_comparison import MethodComparison

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array
@@ -23,10 +24,6 @@ from kreisel.record.perturbation import pairs_of
 from kreisel.runs.geometry import components, velocity_of
 from kreisel.runs.orbits import angles_of, pointing_error, satellite_model, surroundings
 from kreisel.runs.run_record import RunRecord, frame_of
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 MOST_FRAMES = 100_001  # values of a page: rows of one body with three coordinates
 DENSE = 0.8  # radians: eight states per revolution
@@ -160,8 +157,6 @@ def _measured_rate(first: xr.Dataset, record: RunRecord) -> float:
 
 def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, note: str) -> tuple[xr.Dataset, str]:
     """Rows, with the motion after some of them by the method of the run."""
-    import xarray as xr
-
     lanes = shown.sizes.get("lane", 1)
     time = np.asarray(shown["time"].values, dtype=np.float64)
     split = max(1, math.ceil(record.dt * rate / DENSE))

@@ -7,7 +7,13 @@ import os
 from pathlib import Path
 from typing import Any, cast
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib import animation
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_rgb, to_rgba
+from matplotlib.figure import Figure
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
@@ -36,11 +42,6 @@ def movie(
     theme: str = "light",
 ) -> Path:
     """The first stretch of a scene that can be played, as a film.  Raises `InputError`."""
-    import matplotlib as mpl
-    from matplotlib import animation
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     target = place(path, f"The film needs a name that ends in {' or '.join(SUFFIXES)}")
     duration, rate = positive_number(seconds, "seconds"), within(fps, "fps", 1, 60)
     tempo, colours = positive_number(speed, "speed"), theme_of(theme)
@@ -80,8 +81,6 @@ class _Film:
         self.bodies = [self._body(each) for each in data["bodies"][:1]]
 
     def _body(self, each: dict[str, Any]) -> dict[str, Any]:
-        from matplotlib.colors import to_rgb
-
         n = self.data["n"]
         body: dict[str, Any] = {"axis": each["axis"], "nose": each["nose"]}
         body["turn"] = None if each["turn"] is None else _numbers(each["turn"], "i2").reshape(-1, 4).astype(float)
@@ -158,9 +157,6 @@ class _Film:
             axes.text(x[0], y[0] + 0.03 * r, "gravity", color=self.theme.colours[2], ha="center")
 
     def _trail(self, axes: Any, tips: Array) -> None:
-        from matplotlib.collections import LineCollection
-        from matplotlib.colors import to_rgba
-
         flat = tips @ self.camera.T
         pieces = np.stack([flat[:-1, :2], flat[1:, :2]], 1)
         colours = np.tile(to_rgba(self.theme.colours[0]), (len(pieces), 1))
@@ -171,8 +167,6 @@ class _Film:
             axes.add_collection(lines)
 
     def _solid(self, axes: Any, body: dict[str, Any], g: Array, tip: Array) -> None:
-        from matplotlib.collections import PolyCollection
-
         corners = body["corners"] @ g.T + (tip if self.data["kind"] == "path" else 0)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-30)

@@ -21,16 +21,14 @@ from functools import cache
 from importlib import resources
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
 
 from kreisel.errors import InputError, explained, require_one_of, shown
 from kreisel.files import place, written
 from kreisel.viewer.bodies import SHAPES, read_mesh
 from kreisel.viewer.scene import scene
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 # -- the text of a page: scripts, data and the policy that allows nothing else ---------------------
 

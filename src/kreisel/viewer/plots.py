@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+import pandas as pd
+import xarray as xr
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MultipleLocator
 
-from kreisel.analysis.quantities import parse_quantity, pick
 from kreisel.errors import InputError, brief, explained, hint, shown
 from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON
@@ -19,11 +23,6 @@ from kreisel.runs.orbits import of_satellite
 from kreisel.runs.run_record import RunRecord, frame_of, lane_names
 from kreisel.viewer.frames import clock_of, evenly, extremes, mixed, panels_of, shadows_of, stretches
 from kreisel.viewer.style import Theme, figure
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
-
 
 ARC_SHOWN = 45  # radii of path drawn on the sphere, so that the pattern stays readable
 SAME_LENGTH = 1e-3  # relative: a vector whose length changes by more is not on a sphere
@@ -120,8 +119,6 @@ def _named(record: RunRecord, first: RunRecord) -> str:
 
 def _motion(panel: Any, lanes: list[tuple[str, xr.Dataset]], axis: Any, target: Any, theme: Theme) -> None:
     """A strip for each quantity of the motion of a satellite; for lanes, a colour for each lane."""
-    from matplotlib.ticker import MultipleLocator
-
     clock, alone = clock_of(lanes[0][1]), len(lanes) == 1
     lanes = [(name, lane.isel(time=evenly(lane.sizes["time"], MOST_ROWS))) for name, lane in lanes]
     everything = [panels_of(lane, axis, target) for _, lane in lanes]
@@ -222,8 +219,6 @@ def _sphere(axes: Any, lanes: list[tuple[str, xr.Dataset]], letter: str, theme: 
 
 def _draw_axes(axes: Any, run: xr.Dataset, radius: float, theme: Theme) -> None:
     """The axes of the frame of the vector, and the vertical or the body's axis if it is at rest in this frame."""
-    from matplotlib.patheffects import withStroke
-
     halo = [withStroke(linewidth=2.5, foreground=theme.paper)]  # of letters in front of a path
     record = RunRecord.from_attrs(run.attrs)
     model = None if record.is_own else model_for(run, None)
@@ -424,17 +419,19 @@ def _panels(run: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def _entry(run: xr.Dataset, show: str) -> np.ndarray:
-    name, bracket, entry = show.partition("[")
+    name, _, entry = show.removesuffix("]").partition("[")
     names = [str(k) for k, v in run.variables.items() if v.dims[:1] == ("lane",) and v.dtype.kind == "f"]
     if name not in names:
         raise InputError(f"--show: expected one of {', '.join(names)}, got {shown(show)}.{hint(name, names)}")
-    index = parse_quantity(f"f[{entry}")[1] if bracket else ()
-    return np.asarray(pick(np.asarray(run[name].values), index, name, 1))
+    value: Any = np.asarray(run[name].values)
+    index = [int(i) for i in entry.split(",") if i.strip().isdecimal()]
+    if len(index) != value.ndim - 1 or any(i >= k for i, k in zip(index, value.shape[1:], strict=True)):
+        entry = ",".join(["0"] * (value.ndim - 1))
+        raise InputError(f"--show: {name} has the shape {value.shape[1:]}: one entry is {name}[{entry}], got {show}.")
+    return value[(slice(None), *index)]
 
 
 def _panel(picture: Figure, axes: Any, along: Any, label: str, value: np.ndarray, theme: Theme) -> None:
-    import pandas as pd
-
     tiny = label == "max drift" or label.partition("[")[0].endswith("_drift")
     medians = pd.Series(value).groupby(list(along.values())[::-1]).median()
     logarithmic = tiny and bool((medians > 0).any())

@@ -19,9 +19,10 @@ import base64
 import itertools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from kreisel import algebra
 from kreisel.algebra import Array
@@ -44,10 +45,6 @@ from kreisel.viewer import bodies
 from kreisel.viewer.bodies import Body
 from kreisel.viewer.frames import clock_of, evenly, extremes, frames, mixed, panels_of, shadows_of, stretches, windows
 from kreisel.viewer.style import THEMES
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 MOST_PLACED = 20_000  # rows of which the path is computed
 ON_ITS_PATH = 0.16  # half the length of a body, to the largest distance
