@@ -232,11 +232,6 @@ def _grid(bounds: Sequence[Array], span: float) -> Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
 
 
-def _directions(count: int) -> Array:
-    k = np.arange(count) + 0.5
-    return np.stack([np.pi * (1 + 5**0.5) * k % (2 * np.pi), np.arcsin(1 - 2 * k / count)], -1)
-
-
 def _scanned(seen: Photometry, mode: str, bounds: Sequence[Array], half_turn: bool) -> tuple[str, Array, Array]:
     """The mode, solutions (k, 8) and chi^2 of one apparition."""
     few = seen.some(np.unique(np.linspace(0, len(seen.time) - 1, POINTS).astype(int)))
@@ -270,7 +265,9 @@ def _starts(seen: Photometry, mode: str, bounds: Sequence[Array], half_turn: boo
     chi2 = np.concatenate([np.empty(0), *(scan.least(x[i : i + step]) for i in range(0, len(x), step))])
     best = _best_of_cells(cells, chi2, MOTIONS)
     x, cells = x[best], cells[best]
-    views = np.array([(*p, phi) for p in _directions(POLES) for phi in np.arange(PHASES) * 2 * np.pi / PHASES])
+    k = np.arange(POLES) + 0.5  # poles spread over the sphere
+    directions = zip(np.pi * (1 + 5**0.5) * k % (2 * np.pi), np.arcsin(1 - 2 * k / POLES), strict=True)
+    views = np.array([(*p, phi) for p in directions for phi in np.arange(PHASES) * 2 * np.pi / PHASES])
     pairs = [scan.by_views(x[i : i + step], views) for i in range(0, len(x), step)]
     chi2, chosen = (np.concatenate(v) for v in zip((np.empty(0), np.empty(0, int)), *pairs, strict=True))
     x[:, :3] = views[chosen]
@@ -406,9 +403,15 @@ def _as_fit(seen: Photometry, motions: list[tuple[str, Array, Array]], epoch: fl
         for x, value in zip(xs, chi2, strict=True):
             C = _inverse(seen.jacobian(x[None], mode)[1][0])
             errors = {f"error_{n}": e for n, e in zip(UNKNOWNS, np.sqrt(np.diag(C)), strict=True)}
-            b, slope = _second_moment(x, mode)
+            near = np.tile(x, (9, 1))  # for derivatives of I_b over the largest moment, by differences
+            near[1:][np.diag_indices(8)] += STEP * x
+            ratio = near[:, ROTATION] / near[:, PRECESSION]
+            b, *changed = tumbling.moments_of(near[:, MOMENT], near[:, AMPLITUDE], ratio, mode)[:, 1]
+            slope = np.nan_to_num((np.array(changed) - b) / np.where(x, STEP * x, 1.0))
             errors["error_moment_b"] = float(np.sqrt(slope @ C @ slope))
-            rows.append({"mode": mode, "chi2": value, **dict(zip(UNKNOWNS, x, strict=True)), "moment_b": b, **errors})
+            rows.append(
+                {"mode": mode, "chi2": value, **dict(zip(UNKNOWNS, x, strict=True)), "moment_b": float(b), **errors}
+            )
             covariances.append(C)
     order = np.argsort([row["chi2"] for row in rows])
     table = pd.DataFrame([rows[i] for i in order])
@@ -419,14 +422,6 @@ def _as_fit(seen: Photometry, motions: list[tuple[str, Array, Array]], epoch: fl
             "Widen the ranges of the periods, or see the sigmas, the shape, and the directions of Sun and observer."
         )
     return TumblerFit(table, np.array(covariances)[order], dof, epoch, shape)
-
-
-def _second_moment(x: Array, mode: str) -> tuple[float, Array]:
-    """I_b over the largest moment and its derivatives with respect to the unknowns, by differences."""
-    near = np.tile(x, (9, 1))
-    near[1:][np.diag_indices(8)] += STEP * x
-    b = tumbling.moments_of(near[:, MOMENT], near[:, AMPLITUDE], near[:, ROTATION] / near[:, PRECESSION], mode)[:, 1]
-    return float(b[0]), np.nan_to_num((b[1:] - b[0]) / np.where(x, STEP * x, 1.0))
 
 
 def _usual(x: Array) -> Array:

@@ -281,12 +281,6 @@ def refined(seen: Photometry, x: Array, mode: str, iterations: int = 30) -> tupl
     return x, chi2
 
 
-def _tensor(R: Array, inverse: Array) -> Array:
-    """Five orthonormal components (5, ...) of R diag(inverse) R^T without its trace; R (3, 3, ...)."""
-    scaled = R * inverse
-    return np.tensordot(COMPONENTS, np.stack([_dot(scaled[i], R[j]) for i, j in PAIRS]), 1)
-
-
 class Scan:
     """Approximate chi^2 of motions, of the best attitude of the momentum, by linear least squares.
 
@@ -310,7 +304,8 @@ class Scan:
         q = motion(M, attitude, moments, self._seen.time)[1]
         R = np.stack([_to_body(q, e[:, None, None]) for e in np.eye(3)])
         axes = np.broadcast_to(self._seen.half_axes(moments), moments.shape)
-        T = _tensor(R, (1 / axes**2).T[:, None])
+        scaled = R * (1 / axes**2).T[:, None]  # R diag(1/axes^2) R^T without its trace, by five components
+        T = np.tensordot(COMPONENTS, np.stack([_dot(scaled[i], R[j]) for i, j in PAIRS]), 1)
         D = np.empty((26, *T.shape[1:]))
         weighted = self._bisector * self._weight
         np.multiply(weighted[:, None, :, None], T, out=D[:25].reshape(5, 5, *T.shape[1:]))

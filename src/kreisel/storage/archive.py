@@ -174,14 +174,6 @@ def _write_list(store: Path, pairs: Iterable[tuple[str, str]], name: str = CHECK
     replace_file(store / name, "".join(f"{sha}  {file}\n" for file, sha in sorted(pairs)).encode(), durable)
 
 
-def _lists(store: Path) -> list[Path]:
-    """The files of checksums: one file, and one for each block during the run."""
-    with contextlib.suppress(OSError):
-        blocks = sorted(store / BLOCKS / name for name in os.listdir(store / BLOCKS) if name.endswith(".sha256"))
-        return [store / CHECKSUMS, *blocks]
-    return [store / CHECKSUMS]
-
-
 def listed(store: Path, strict: bool = True) -> Listed:
     """The checksums of an archive.  Raises `InputError` if they are damaged; unless `strict`, reads the valid lines."""
     if strict and not begun(store):
@@ -190,7 +182,7 @@ def listed(store: Path, strict: bool = True) -> Listed:
             "Dataset without checksums: xr.open_zarr opens it. kr.simulate(..., path=...) makes an archive."
         )
     out: dict[str, set[str]] = {}
-    for path in _lists(store):
+    for path in (store / CHECKSUMS, *sorted((store / BLOCKS).glob("*.sha256"))):  # one for each block during the run
         with contextlib.suppress(*(() if strict else (InputError,))):
             for name, sha in _pairs(path):
                 out.setdefault(name, set()).add(sha)

@@ -6,7 +6,7 @@ import csv
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -296,10 +296,4 @@ def _npz(run: xr.Dataset, out: Path) -> None:
         np.savez_compressed(file, **arrays)
 
 
-WRITERS: dict[str, Callable[[Any, Path], None]] = {
-    ".nc": _netcdf,
-    ".h5": _netcdf,
-    ".parquet": _parquet,
-    ".csv": _csv,
-    ".npz": _npz,
-}
+WRITERS: dict[str, Any] = {".nc": _netcdf, ".h5": _netcdf, ".parquet": _parquet, ".csv": _csv, ".npz": _npz}

@@ -38,14 +38,8 @@ from kreisel.runs.run_record import RunRecord, frame_of
 from kreisel.runs.settings import positive_number
 
 LABELS: dict[str, Any] = {  # None: by the run
-    "name": "BODY",
-    "identifier": "0000-000A",
-    "center": "EARTH",
-    "frame": None,
-    "time_system": "UTC",
-    "originator": "KREISEL",
-    "time_unit": None,
-    "spacecraft": -999,
+    **{"name": "BODY", "identifier": "0000-000A", "center": "EARTH", "frame": None},
+    **{"time_system": "UTC", "originator": "KREISEL", "time_unit": None, "spacecraft": -999},
 }
 META = """{kind}
 CREATION_DATE = {created}

@@ -165,6 +165,9 @@ def open_rows(path: Path, indexed: bool = True) -> xr.Dataset:
     With `indexed` the times are read, if there are fewer than ten million, so that rows can be chosen by time.  Raises
     `InputError` for anything but a Kreisel archive, and for a damaged one, here or when the damage is read.
     """
+    import pandas as pd
+    import xarray as xr
+
     record = run_record(path)
     archive.require_plain(path)
     known = archive.listed(path)
@@ -182,19 +185,15 @@ def open_rows(path: Path, indexed: bool = True) -> xr.Dataset:
         known_place = name in run.dims and name in run.variables and run.sizes[name] <= MOST_INDEXED
         if indexed and known_place and name not in run.xindexes:
             try:
-                run = _indexed(run, name)
+                variable = run.variables[
+                    name
+                ]  # `set_xindex` imports Dask and Pint, to ask whether coordinates are theirs
+                index = xr.indexes.PandasIndex(pd.Index(read_values(variable), name=name), name)
+                variables = index.create_variables({name: variable})
+                run = run.assign_coords(xr.Coordinates(variables, {name: index}))
             except Exception as error:  # any exception of the libraries for a damaged chunk
                 raise InputError(f"{path} is damaged, {name} cannot be read: {error}") from error
     return ordered(run)
-
-
-def _indexed(run: xr.Dataset, name: str) -> xr.Dataset:
-    import pandas as pd
-    import xarray as xr
-
-    variable = run.variables[name]  # `set_xindex` imports Dask and Pint, to ask whether coordinates are theirs
-    index = xr.indexes.PandasIndex(pd.Index(read_values(variable), name=name), name)
-    return run.assign_coords(xr.Coordinates(index.create_variables({name: variable}), {name: index}))
 
 
 def ordered(run: xr.Dataset) -> xr.Dataset:

@@ -121,9 +121,14 @@ class Store:
                 more = {"dtype": np.dtype("u1"), "fill_value": 0}
             add(quantity.name, example.shape[1:], dims, attrs, **more)
         for plan in self._plans:
-            for name, summary in _summaries(self.sweep, plan).items():
-                if name not in out:
-                    add(name, *summary)
+            for kind in (kind for kind in self.sweep.save if kind in SUMMARIES):
+                for name in summarized(kind, plan.outcomes):
+                    shape, outcome = plan.example[name].shape, plan.outcomes[name]
+                    for end, meaning in SUMMARIES[kind].meanings.items():
+                        lost = ", not conserved" if end == "drift" and not outcome.conserved else ""
+                        attrs = {"long_name": f"{outcome.meaning}: {meaning}{lost}", "kind": kind, "units": "1"}
+                        if f"{name}_{end}" not in out:
+                            add(f"{name}_{end}", shape[2:], dimensions(plan, name, shape)[2:], attrs)
             if TRAJECTORIES in self.sweep.save:
                 for name, layout in _trajectories(plan, total, width).items():
                     out.setdefault(name, layout)
@@ -249,18 +254,6 @@ def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
         return int(min(asked, sweep.lanes.total))
     patience = max(1, LONGEST_BLOCK // max(plan.steps for plan in plans))
     return int(min(MOST_IN_BLOCK, fitting, patience, -(-sweep.lanes.total // FEWEST_BLOCKS)))
-
-
-def _summaries(sweep: Sweep, plan: Plan) -> dict[str, tuple[tuple[int, ...], tuple[str, ...], dict[str, Any]]]:
-    out = {}
-    for kind in (kind for kind in sweep.save if kind in SUMMARIES):
-        for name in summarized(kind, plan.outcomes):
-            shape, outcome = plan.example[name].shape, plan.outcomes[name]
-            for end, meaning in SUMMARIES[kind].meanings.items():
-                lost = ", not conserved" if end == "drift" and not outcome.conserved else ""
-                attrs = {"long_name": f"{outcome.meaning}: {meaning}{lost}", "kind": kind, "units": "1"}
-                out[f"{name}_{end}"] = shape[2:], dimensions(plan, name, shape)[2:], attrs
-    return out
 
 
 def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any]]:

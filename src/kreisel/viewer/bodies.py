@@ -187,13 +187,7 @@ def of_shape(kind: str, half: Array) -> Body | None:
     return None
 
 
-SHAPES: dict[str, Callable[[Array, Array | None, float], Body]] = {
-    "top": top,
-    "gyroscope": gyroscope,
-    "ellipsoid": ellipsoid,
-    "box": box,
-    "satellite": satellite,
-}
+SHAPES = {"top": top, "gyroscope": gyroscope, "ellipsoid": ellipsoid, "box": box, "satellite": satellite}
 
 
 def _sector(shape: Body) -> Array:

@@ -19,7 +19,7 @@ import base64
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import xarray as xr
@@ -82,12 +82,8 @@ class Shown:
         if not self.space and self.carried.shape[1] == 3:
             self.carried = self.carried @ self.axes.T
         self.subject = "the ellipsoid of inertia"
-        self.turn: Array | None = None
-        self.axis: Array | None = None
+        self.turn = self.axis = self.nose = self.frame = self.triad = cast("Array | None", None)
         self.body: Body | None = None
-        self.nose: Array | None = None
-        self.frame: Array | None = None
-        self.triad: Array | None = None
         self.arrows: dict[str, Array] = {}
         self.around: Surroundings | None = None
         self.up, self.callout = "", ""
