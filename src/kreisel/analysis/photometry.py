@@ -409,9 +409,8 @@ def _as_fit(seen: Photometry, motions: list[tuple[str, Array, Array]], epoch: fl
             b, *changed = tumbling.moments_of(near[:, MOMENT], near[:, AMPLITUDE], ratio, mode)[:, 1]
             slope = np.nan_to_num((np.array(changed) - b) / np.where(x, STEP * x, 1.0))
             errors["error_moment_b"] = float(np.sqrt(slope @ C @ slope))
-            rows.append(
-                {"mode": mode, "chi2": value, **dict(zip(UNKNOWNS, x, strict=True)), "moment_b": float(b), **errors}
-            )
+            unknowns = dict(zip(UNKNOWNS, x, strict=True))
+            rows.append({"mode": mode, "chi2": value, **unknowns, "moment_b": float(b), **errors})
             covariances.append(C)
     order = np.argsort([row["chi2"] for row in rows])
     table = pd.DataFrame([rows[i] for i in order])

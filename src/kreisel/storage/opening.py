@@ -185,12 +185,10 @@ def open_rows(path: Path, indexed: bool = True) -> xr.Dataset:
         known_place = name in run.dims and name in run.variables and run.sizes[name] <= MOST_INDEXED
         if indexed and known_place and name not in run.xindexes:
             try:
-                variable = run.variables[
-                    name
-                ]  # `set_xindex` imports Dask and Pint, to ask whether coordinates are theirs
-                index = xr.indexes.PandasIndex(pd.Index(read_values(variable), name=name), name)
-                variables = index.create_variables({name: variable})
-                run = run.assign_coords(xr.Coordinates(variables, {name: index}))
+                values = run.variables[name]
+                index = xr.indexes.PandasIndex(pd.Index(read_values(values), name=name), name)
+                # `set_xindex` would import Dask and Pint, to ask whether coordinates are theirs
+                run = run.assign_coords(xr.Coordinates(index.create_variables({name: values}), {name: index}))
             except Exception as error:  # any exception of the libraries for a damaged chunk
                 raise InputError(f"{path} is damaged, {name} cannot be read: {error}") from error
     return ordered(run)
