@@ -169,7 +169,7 @@ def computed(
 def check_workers(workers: Any, scheduler: str | None) -> None:
     """Raises `InputError` if workers and scheduler contradict each other."""
     if workers is not None:
-        within(workers, "workers", 0, 4096)
+        within(workers, "workers, a number of processes", 0, 4096)
     if scheduler is not None and workers is not None:
         raise InputError("A scheduler has workers: give either scheduler or workers.")
 
