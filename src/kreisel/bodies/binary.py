@@ -47,7 +47,6 @@ from kreisel.algebra import (
 )
 from kreisel.bodies.orbit import check_not_negative, check_positive
 from kreisel.bodies.satellite import check_moments, harmonics_3, harmonics_4
-from kreisel.errors import InputError, shown
 from kreisel.exact import kepler, rotor_step
 from kreisel.forces.records import perturbed_record
 from kreisel.record.body_frame import BodyFrame
@@ -254,11 +253,6 @@ def derive(*, m1, m2, moments1, moments2, m3=None, moments3=None):
         out[f"rotor{i}"] = np.concatenate([known[name] for name in ROTOR], -1)
         out[f"D{i}"] = (moments.sum(-1, keepdims=True) / 3 - moments) / vec(m)
     return out if m3 is None else out | {"mu3": G * (mass + m3), "reduced3": m3 * mass / (mass + m3)}
-
-
-def _check_count(value, name, count):
-    if value.shape[-1] != count:
-        raise InputError(f"{name}: expected {count} values, C_l0, C_l1, S_l1, ..., got {shown(value.tolist())}.")
 
 
 def _of_body(i):

@@ -283,18 +283,9 @@ def check_air(value, name):
 
 
 FIELD = (
-    Parameter(
-        "gauss", "array", "rows g, g' of g_10, g_11, h_11, ..., T and T/s", check_gauss, np.zeros((3, 2)), rank=2
-    ),
+    Parameter("gauss", "array", "rows g, g' of g_10, g_11, h_11, ..., T, T/s", check_gauss, np.zeros((3, 2)), rank=2),
     Parameter("reference_radius", "scalar", "of the coefficients gauss, m", default=6_371_200.0),
-    Parameter(
-        "meridian",
-        "array",
-        "of the primary: its angle at t = 0, rad, and rate, rad/s",
-        check_meridian,
-        np.zeros(2),
-        rank=1,
-    ),
+    Parameter("meridian", "array", "its angle at t = 0, rad, and rate, rad/s", check_meridian, np.zeros(2), rank=1),
 )
 SUN = (
     Parameter("sun", "vector", "direction of the Sun in space, of length 1", check_direction, np.eye(3)[0]),
@@ -303,16 +294,10 @@ SUN = (
     Parameter("eclipse", "scalar", "1 for the shadow of the primary, 0 for none", default=0.0),
     Parameter("disc", "scalar", "sine of the radius of the Sun's disc at 1 au", default=695_700e3 / 149_597_870_700.0),
 )
+NO_AIR = [[0.0, 1.0, 1.0], [1.0, 1.0, 1.0]]
 AIR = (
     Parameter("density", "scalar", "of the air, kg/m^3", check_not_negative, 0.0),
-    Parameter(
-        "air",
-        "array",
-        "rows: height, m; density by night and in the bulge, in units of `density`",
-        check_air,
-        [[0.0, 1.0, 1.0], [1.0, 1.0, 1.0]],
-        rank=2,
-    ),
+    Parameter("air", "array", "rows: height, m; densities by night, in the bulge", check_air, NO_AIR, rank=2),
     Parameter("bulge", "scalar", "exponent of the density's dependence on the angle from the bulge", default=4.0),
     Parameter("flattening", "scalar", "of the primary, for heights", default=0.0),
     Parameter("air_rate", "scalar", "rate at which the air rotates about the third axis, rad/s", default=0.0),

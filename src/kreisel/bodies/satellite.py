@@ -47,6 +47,7 @@ from kreisel.bodies.orbit import (
 from kreisel.errors import InputError, shown
 from kreisel.forces.records import perturbed_record
 from kreisel.record.body_frame import BodyFrame
+from kreisel.record.calling import naming
 from kreisel.record.checks import doubtful_angle, require_body
 from kreisel.record.contract import Checks, Parameter
 from kreisel.record.perturbation import Force, Perturbation
@@ -129,49 +130,22 @@ def derive(*, moments, semi_major_axis, eccentricity, inclination, node, perigee
     return {"J": J, **euler_top.sums(J=J), "orbit": of_elements(**size, **angles)}
 
 
-def doubtful_field(mu, field):
-    """A sentence on the sign of the Earth's field."""
-    if np.all(abs(mu / EARTH - 1) < 1e-2) and np.any(field > 0):
+def doubts(**known):
+    """Sentences on angles, orbits in the air, the sign of the Earth's field, and causes without an effect."""
+    for name in ("inclination", "node", "perigee", "mean_anomaly"):
+        yield from doubtful_angle(known[name], name)
+    yield from doubtful_orbit(known["semi_major_axis"] * (1 - known["eccentricity"]), known["radius"])
+    field = known["field"]
+    if np.all(abs(known["mu"] / EARTH - 1) < 1e-2) and np.any(field > 0):
         yield (
             f"field = {np.max(field):g} T m^3 points south over the equator; the Earth's points north: expected "
             "R^3 g_1^0, here -7.59e15. Usual cause: the strength of the dipole for its signed coefficient."
         )
-
-
-def doubtful_actions(*, field, gauss, dipole, plates, density, pressure):
-    """Sentences on causes without an effect."""
-    if np.any(dipole) and not np.any(field) and not np.any(gauss):
+    if np.any(known["dipole"]) and not np.any(field) and not np.any(known["gauss"]):
         yield "dipole: expected field too, the primary's, -7.59e15 T m^3 for the Earth, got 0: nothing rotates it."
-    for name, value in {"density": density, "pressure": pressure}.items():
-        if np.any(value) and not np.any(plates[..., 6]):
+    for name in ("density", "pressure"):
+        if np.any(known[name]) and not np.any(known["plates"][..., 6]):
             yield f"{name}: expected plates too, on which it acts, got none: the satellite does not feel it."
-
-
-def doubts(
-    *,
-    semi_major_axis,
-    eccentricity,
-    inclination,
-    node,
-    perigee,
-    mean_anomaly,
-    mu,
-    radius,
-    field,
-    gauss,
-    dipole,
-    plates,
-    density,
-    pressure,
-):
-    angles = {"inclination": inclination, "node": node, "perigee": perigee, "mean_anomaly": mean_anomaly}
-    for name, value in angles.items():
-        yield from doubtful_angle(value, name)
-    yield from doubtful_orbit(semi_major_axis * (1 - eccentricity), radius)
-    yield from doubtful_field(mu, field)
-    yield from doubtful_actions(
-        field=field, gauss=gauss, dipole=dipole, plates=plates, density=density, pressure=pressure
-    )
 
 
 def check_moments(value, name):
@@ -183,14 +157,10 @@ def check_part(value, name):
         raise InputError(f"{name}: expected a part of the light, from 0 to 1, got {shown(value.tolist())}.")
 
 
-def check_degree_3(value, name):
-    if value.shape != (7,):
-        raise InputError(f"{name}: expected 7 values, C_30, C_31, S_31, ..., got {shown(value.tolist())}.")
-
-
-def check_degree_4(value, name):
-    if value.shape != (9,):
-        raise InputError(f"{name}: expected 9 values, C_40, C_41, S_41, ..., got {shown(value.tolist())}.")
+def check_degree(value, name):
+    count = 7 if name == "degree_3" else 9
+    if value.shape != (count,):
+        raise InputError(f"{name}: expected {count} values, C_l0, C_l1, S_l1, ..., got {shown(value.tolist())}.")
 
 
 def check_plates(value, name):
@@ -204,28 +174,12 @@ def check_plates(value, name):
 PARAMETERS = (
     Parameter("moments", "vector", "principal moments of inertia, kg m^2", check_moments, diagonal=True),
     *ORBIT,
-    Parameter(
-        "degree_3",
-        "array",
-        "body's mass times R^3 (C_30, C_31, S_31, ... S_33), kg m^3",
-        check_degree_3,
-        np.zeros(7),
-        rank=1,
-    ),
-    Parameter(
-        "degree_4",
-        "array",
-        "body's mass times R^4 (C_40, C_41, S_41, ... S_44), kg m^4",
-        check_degree_4,
-        np.zeros(9),
-        rank=1,
-    ),
+    Parameter("degree_3", "array", "body's m R^3 (C_30, C_31, S_31, ...), kg m^3", check_degree, np.zeros(7), rank=1),
+    Parameter("degree_4", "array", "body's m R^4 (C_40, C_41, S_41, ...), kg m^4", check_degree, np.zeros(9), rank=1),
     Parameter("dipole", "vector", "magnetic moment, A m^2, along the principal axes", default=np.zeros(3)),
     Parameter("field", "scalar", "of the primary's dipole, R^3 g_1^0, T m^3; -7.59e15 for the Earth", default=0.0),
     Parameter("torque", "vector", "steady torque, N m, along the principal axes", default=np.zeros(3)),
-    Parameter(
-        "plates", "array", "rows of normal (3), centre (3, m), area (m^2)", check_plates, np.zeros((1, 7)), rank=2
-    ),
+    Parameter("plates", "array", "rows: normal (3), centre (3), m, area, m^2", check_plates, np.zeros((1, 7)), rank=2),
     Parameter("drag", "scalar", "drag coefficient of the plates", check_not_negative, 2.2),
     Parameter("pressure", "scalar", "of sunlight, N/m^2; 4.54e-6 at the Earth's distance", check_not_negative, 0.0),
     Parameter("mirror", "scalar", "part of the light that plates reflect like a mirror", check_part, 0.0),
@@ -263,7 +217,7 @@ BODIES = (
         integrals={},
         derive=derive,
         body_frame=body_frame,
-        checks=Checks(parameters=check_parameters, doubts=doubts),
+        checks=Checks(parameters=check_parameters, doubts=naming(doubts, tuple(p.letter for p in PARAMETERS))),
         scaling="SI units.",
         n=3,
     ),

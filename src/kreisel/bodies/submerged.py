@@ -120,15 +120,8 @@ PARAMETERS = (
     Parameter("buoyancy", "scalar", "weight of the fluid displaced, N", check_force, 0.0),
     Parameter("center_of_mass", "vector", "from O, m", default=np.zeros(3)),
     Parameter("center_of_buoyancy", "vector", "from O, m", default=np.zeros(3)),
-    Parameter("linear_drag", "array", "drag, N s/m three times and N m s three times", check_drag, np.zeros(6), rank=1),
-    Parameter(
-        "quadratic_drag",
-        "array",
-        "drag, N s^2/m^2 three times and N m s^2 three times",
-        check_drag,
-        np.zeros(6),
-        rank=1,
-    ),
+    Parameter("linear_drag", "array", "N s/m three times, N m s three times", check_drag, np.zeros(6), rank=1),
+    Parameter("quadratic_drag", "array", "N s^2/m^2 three times, N m s^2 three times", check_drag, np.zeros(6), rank=1),
 )
 MATRICES = ("inverse", "coupling", "D", "turn", "shift", "linear_drag", "quadratic_drag")
 AXES = {"C": 2, "B": 2, "D": 2, "coupling": 2, "inverse": 1, "turn": 2, "shift": 1, "lever": 1}

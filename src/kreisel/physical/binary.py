@@ -22,7 +22,6 @@ from kreisel.physical.gravity_body import GravityBody, diagonal_inertia
 from kreisel.physical.measures import RATE, attitude_quaternion, convert_fields, si_number, si_numbers
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SUN, Orbit, Primary
 from kreisel.record.model import Model, State
-from kreisel.record.quantities import Scale, Scales
 from kreisel.runs.in_si import in_state_form
 
 if TYPE_CHECKING:
@@ -226,11 +225,6 @@ class Binary(Varied):
                 f"state: expected bodies apart, {touch:g} m or more between their centres, got a pericentre of "
                 f"{least:g} m: they touch. Usual cause: a diameter for a radius, or km for m."
             )
-
-    def scales(self) -> Scales:
-        """The units of the variables of a run, for `kreisel.units.measured`."""
-        frame = self.model().body_frame
-        return {} if frame is None else {name: Scale(unit, size) for name, (unit, size) in frame.units.items()}
 
     # -- ready pairs ---------------------------------------------------------------------------------------
 

@@ -17,17 +17,15 @@ from kreisel.physical.measures import (
     SI,
     Units,
     attitude_quaternion,
-    body_frame,
     convert_fields,
+    frame_of,
     in_range,
-    scales_of,
     si_number,
     si_numbers,
     three,
 )
 from kreisel.record.body import UPRIGHT, started
 from kreisel.record.model import Model, State
-from kreisel.record.quantities import Scales
 from kreisel.system import REGISTRY
 
 
@@ -119,7 +117,8 @@ class Ellipsoid(Varied):
             made = REGISTRY["kirchhoff-revolution"](a1=x, a3=z, c1=inverse_masses[0], c3=inverse_masses[2])
         else:
             made = REGISTRY["kirchhoff"](C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-inverse_masses)
-        return made.of_body(body_frame(self.scales(units)))
+        momentum = units.mass * units.length / units.time
+        return made.of_body(frame_of(units.time, momentum * units.length, P=("kg m/s", momentum)))
 
     def state(self, velocity: Any, angular_velocity: Any, units: Units = SI, attitude: Any = UPRIGHT) -> State:
         """The impulse of a motion, P = (mass + added mass) U and M = (I + added moment) Omega, in `units`.
@@ -132,13 +131,3 @@ class Ellipsoid(Varied):
         P = in_range("The impulse", lambda: U * (self.mass + self.added_masses) / momentum)
         M = in_range("The impulse", lambda: Omega * self._inertia / (momentum * units.length))
         return started(self.model(units), attitude_quaternion(attitude, "attitude"), M=algebra.hat(M), P=P)
-
-    def scales(self, units: Units = SI) -> Scales:
-        """The units of the variables of a run in these `units`, for `kreisel.units.measured`."""
-        momentum = units.mass * units.length / units.time
-        return scales_of(
-            units.time,
-            M=("kg m^2/s", momentum * units.length),
-            P=("kg m/s", momentum),
-            energy=("J", momentum * units.length / units.time),
-        )

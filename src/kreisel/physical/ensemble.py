@@ -19,7 +19,7 @@ from kreisel.physical.measures import attitude_quaternion, in_range, si_number
 from kreisel.record.body import UPRIGHT, Body, joined
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.model import Model, State
-from kreisel.record.quantities import Scales, one_unit
+from kreisel.record.quantities import Scale, Scales, one_unit
 from kreisel.runs.operations import operations_of
 
 VECTORS = (
@@ -105,6 +105,11 @@ class Varied(Body, metaclass=OfLanes):
         """
         q = attitude_quaternion(g, "g")
         return q if getattr(g, "attrs", {}).get(AXES) == BODY else self._body_frame.attitude(q)
+
+    def scales(self, *units: Any) -> Scales:
+        """The units of the variables of a run of `model(*units)`, for `kreisel.units.measured`."""
+        frame = self.model(*units).body_frame or BodyFrame()
+        return {name: Scale(unit, size) for name, (unit, size) in frame.units.items()}
 
     @cached_property
     def _body_frame(self) -> BodyFrame:

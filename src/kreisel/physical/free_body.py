@@ -17,21 +17,18 @@ from kreisel.physical.free_rotation import FreeRotation, Periods, periods_of
 from kreisel.physical.inertia import Principal, inertia_tensor, principal
 from kreisel.physical.measures import (
     RATE,
-    body_frame,
     convert_fields,
+    frame_of,
     in_range,
     momentum_in_body,
-    scales_of,
     si_number,
     si_numbers,
     three,
 )
 from kreisel.physical.shapes import read_mesh
 from kreisel.record.body import UPRIGHT
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.checks import CLOSE
 from kreisel.record.model import Model, State
-from kreisel.record.quantities import Scales
 from kreisel.system import REGISTRY
 
 NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # arrays, for JAX
@@ -126,7 +123,7 @@ class FreeBody(Forced):
         """The scaled system `EulerTop(J)`, in principal axes; a flat body, J_i = 0, moves by method="exact"."""
         J = _mass_moments(self.principal.moments, self.unit_moment)
         J[abs(J) < CLOSE] = 0
-        free = REGISTRY["euler-top"](J=J).of_body(self._frame)
+        free = REGISTRY["euler-top"](J=J).of_body(frame_of(self.time_unit, self.momentum_unit, self.principal.axes))
         return self.forced(free, self.time_unit, self.momentum_unit, self.principal.axes)
 
     def _scaled(self, parameters: dict[str, Any]) -> dict[str, Any]:
@@ -155,18 +152,14 @@ class FreeBody(Forced):
         M = in_range("The momentum", lambda: Omega @ self.inertia @ self.principal.axes / self.momentum_unit)
         return self._started(self.orientation(attitude), M=M)
 
-    @cached_property
-    def _frame(self) -> BodyFrame:
-        return body_frame(self.scales(), self.principal.axes)
-
     def angular_velocity(self, M: Any) -> Array:
         """The inverse of `state`: Omega (..., 3) in rad/s along the body axes, from M (..., 3) axial.
 
         An array is read as M of a state of this body; the variable M of a run states its units and axes.  Raises
         `InputError`, also if a moment of inertia is 0.
         """
-        momentum, moments = momentum_in_body(M, self._frame), self._moments("The angular velocity")
-        axes = self.principal.axes
+        moments, axes = self._moments("The angular velocity"), self.principal.axes
+        momentum = momentum_in_body(M, self._body_frame)
         return in_range("Omega", lambda: momentum @ axes / moments @ axes.T)
 
     def _moments(self, what: str) -> Array:
@@ -236,10 +229,6 @@ class FreeBody(Forced):
             period = 2 * math.pi / s if kind == "stable" and s else math.inf
             found.append(AxisStability(axes[:, i].copy(), float(a), kind, s if kind == "unstable" else 0.0, period))
         return tuple(found)
-
-    def scales(self) -> Scales:
-        """The units of the variables of a run, for `kreisel.units.measured`; M is along the principal axes."""
-        return scales_of(self.time_unit, M=("kg m^2/s", self.momentum_unit), energy=("J", self.energy_unit))
 
 
 def _mass_moments(moments: Any, unit: float) -> Any:

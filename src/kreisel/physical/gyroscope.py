@@ -15,17 +15,16 @@ from kreisel.physical.measures import (
     MOMENT,
     RATE,
     STANDARD_GRAVITY,
-    body_frame,
     convert_fields,
     finite_floats,
+    frame_of,
     in_range,
-    scales_of,
     si_number,
     si_numbers,
 )
 from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
-from kreisel.record.quantities import Scales, size_in_si
+from kreisel.record.quantities import size_in_si
 from kreisel.system import REGISTRY
 
 PIVOT = "transverse_moment not about the pivot: add mass lever^2"
@@ -119,14 +118,10 @@ class Gyroscope(Forced):
     def model(self) -> Model:
         """The scaled system: `LagrangeTop(p=(0, 0, 1), alpha=I3/I1)`."""
         weight = self.weight_torque * self._time**2 / self.transverse_moment if self._time else 1.0
-        top = REGISTRY["lagrange-top"](p=(0.0, 0.0, weight), alpha=self.alpha).of_body(body_frame(self.scales()))
-        return self.forced(top, self.time_unit, self.momentum_unit)
-
-    def scales(self) -> Scales:
-        """The units of the variables of a run, for `kreisel.units.measured`."""
-        return scales_of(
-            self.time_unit, m=("kg m^2/s", self.momentum_unit), energy=("J", self.momentum_unit / self.time_unit)
+        top = REGISTRY["lagrange-top"](p=(0.0, 0.0, weight), alpha=self.alpha).of_body(
+            frame_of(self.time_unit, self.momentum_unit, letter="m")
         )
+        return self.forced(top, self.time_unit, self.momentum_unit)
 
     def state(self, tilt: Any, spin: Any, precession: Any = 0.0, nutation: Any = 0.0) -> State:
         """The scaled state at azimuth 0: a = (sin theta, 0, cos theta), m = I1 a x a' + I3 w3 a.

@@ -17,17 +17,15 @@ from kreisel.physical.measures import (
     RATE,
     STANDARD_GRAVITY,
     attitude_quaternion,
-    body_frame,
     convert_fields,
+    frame_of,
     in_range,
     momentum_in_body,
-    scales_of,
     si_number,
     si_numbers,
 )
 from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
-from kreisel.record.quantities import Scales
 from kreisel.system import REGISTRY
 
 LEAST = 1e-12  # of the quaternion of the least rotation
@@ -109,7 +107,9 @@ class HeavyBody(Forced):
         turn, J = self._turn, self.mass_tensor / self.unit_moment
         A = self.arm / np.linalg.norm(self.arm) if self.weight_torque else np.zeros(3)
         A = A * self.weight_torque * self._time**2 / self.unit_moment if self._time else A
-        top = REGISTRY["heavy-top"](J=turn.T @ J @ turn, A=A @ turn).of_body(body_frame(self.scales(), turn))
+        top = REGISTRY["heavy-top"](J=turn.T @ J @ turn, A=A @ turn).of_body(
+            frame_of(self.time_unit, self.momentum_unit, turn)
+        )
         return self.forced(top, self.time_unit, self.momentum_unit, turn)
 
     @property
@@ -147,18 +147,13 @@ class HeavyBody(Forced):
         An array is read as M of a state of this body; the variable M of a run states its units.  Raises `InputError`,
         also if a moment of inertia is 0.
         """
-        momentum = momentum_in_body(M, body_frame(self.scales(), self._turn))[..., None]
+        momentum = momentum_in_body(M, frame_of(self.time_unit, self.momentum_unit, self._turn))[..., None]
         try:
             return in_range("Omega", lambda: np.linalg.solve(self.inertia, momentum)[..., 0])
         except np.linalg.LinAlgError:
             raise InputError(
                 "The angular velocity is not determined by the momentum: expected three moments > 0, got one of 0."
             ) from None
-
-    def scales(self) -> Scales:
-        """The units of the variables of a run, for `kreisel.units.measured`."""
-        momentum = self.momentum_unit
-        return scales_of(self.time_unit, M=("kg m^2/s", momentum), energy=("J", momentum / self.time_unit))
 
 
 def _least(up: Array) -> Array:

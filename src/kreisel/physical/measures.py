@@ -15,7 +15,7 @@ from kreisel.errors import InputError, doubt, explained, shown
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.checks import doubtful_angle
 from kreisel.record.given import by_lane
-from kreisel.record.quantities import Scale, Scales, si, size_in_si
+from kreisel.record.quantities import si, size_in_si
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
 
@@ -118,9 +118,10 @@ SI = Units()
 MOMENT, RATE = "kg m^2", "rad/s"
 
 
-def body_frame(scales: Scales, axes: Array | None = None) -> BodyFrame:
-    """The units of the variables of a run of a body, and the axes of its state as columns along its axes."""
-    return BodyFrame(np.eye(3) if axes is None else axes, {k: (s.unit, s.size) for k, s in scales.items()})
+def frame_of(time: float, momentum: float, axes: Array | None = None, letter: str = "M", **more: Any) -> BodyFrame:
+    """The units of the variables of a run, s and kg m^2/s, and the axes of its state as columns along the body's."""
+    units = {"time": ("s", time), letter: ("kg m^2/s", momentum), **more, "energy": ("J", momentum / time)}
+    return BodyFrame(np.eye(3) if axes is None else axes, units)
 
 
 def momentum_in_body(M: Any, frame: BodyFrame) -> Array:
@@ -143,8 +144,3 @@ def _attitude(name: str, value: Any) -> Array:
     if q.shape[-1:] != (4,) or not (abs((q * q).sum(-1) - 1) < 1e-6).all():
         raise InputError(f"{name}: expected unit quaternions (..., 4) = (w, x, y, z), got {shown(value)}.")
     return algebra.unit(q)
-
-
-def scales_of(time: float, **others: tuple[str, float]) -> Scales:
-    """Scales of the time and of other variables, each (SI unit, size)."""
-    return {"time": Scale("s", time), **{name: Scale(unit, size) for name, (unit, size) in others.items()}}

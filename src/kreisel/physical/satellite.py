@@ -21,17 +21,15 @@ from kreisel.physical.free_body import FreeBody, angular_velocity_of
 from kreisel.physical.inertia import inertia_tensor
 from kreisel.physical.measures import (
     attitude_quaternion,
-    body_frame,
     convert_fields,
+    frame_of,
     in_range,
-    scales_of,
     si_number,
     si_numbers,
     three,
 )
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SATURN, SUN, Orbit
 from kreisel.record.model import Model, State
-from kreisel.record.quantities import Scales
 from kreisel.runs.geometry import orientation_of, require_of_body
 from kreisel.runs.orbits import Angles, angles_of, environment_of
 
@@ -214,7 +212,7 @@ class Satellite(Forced):
         model = BODIES["satellite"](**parameters)
         date = self.orbit.epoch
         epoch = "" if date is None else date.replace(tzinfo=None).isoformat()
-        model = model.of_body(replace(body_frame(self.scales(), along), epoch=epoch))
+        model = model.of_body(replace(frame_of(1.0, 1.0, along, work=("J", 1.0), balance=("J", 1.0)), epoch=epoch))
         return self.forced(model, turn=along, quantities=(*MOTION, *PLACE))
 
     def state(self, spin: Any = None, axis: Any = None, attitude: Any = None) -> State:
@@ -313,11 +311,6 @@ class Satellite(Forced):
             root = np.sqrt(middle * middle - 16 * k1 * k3)
             frequencies = self.orbit.mean_motion * np.sqrt([3 * k, (middle - root) / 2, (middle + root) / 2])
         return Frequencies(*frequencies.tolist())
-
-    def scales(self) -> Scales:
-        """The units of the variables of a run, for `kreisel.units.measured`."""
-        joule = ("J", 1.0)
-        return scales_of(1.0, M=("kg m^2/s", 1.0), energy=joule, work=joule, balance=joule)
 
 
 @explained

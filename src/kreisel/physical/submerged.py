@@ -24,14 +24,12 @@ from kreisel.physical.measures import (
     attitude_quaternion,
     convert_fields,
     in_range,
-    scales_of,
     si_number,
     si_numbers,
     three,
 )
 from kreisel.record.body import UPRIGHT
 from kreisel.record.model import Model, State
-from kreisel.record.quantities import Scales
 from kreisel.runs.geometry import orientation_of, require_of_body
 from kreisel.runs.in_si import in_state_form
 
@@ -183,11 +181,6 @@ class SubmergedBody(Forced):
         nu = np.linalg.solve(self.mass_matrix, np.concatenate([P, M], -1)[..., None])[..., 0]
         inside = algebra.act(g.mT, self.current + 0 * x)
         return Course(x + si_numbers(start, "m", "start"), nu[..., :3] + inside, nu[..., 3:])
-
-    def scales(self) -> Scales:
-        """The units of the variables of a run, for `kreisel.units.measured`."""
-        joule = ("J", 1.0)
-        return scales_of(1.0, M=("kg m^2/s", 1.0), P=("kg m/s", 1.0), energy=joule, work=joule, balance=joule)
 
 
 def _six(value: Any, name: str, shapes: tuple[tuple[int, ...], ...]) -> Array:
