@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import kreisel as kr
-from kreisel.lab import brackets, exact, growth, integrals
+from kreisel.lab import brackets, exact, growth, integrals, modular
 from kreisel.lab.subject import Subject, subject
 from kreisel.record.model import Model
 from kreisel.system import REGISTRY
@@ -93,8 +93,8 @@ def test_an_implicit_map_is_not_rational() -> None:
 
 
 def test_residues_are_a_field() -> None:
-    p = exact.PRIMES[0]
-    draw = exact.random_residues(np.random.default_rng(0), p, 5)
+    p = modular.PRIMES[0]
+    draw = modular.random_residues(np.random.default_rng(0), p, 5)
     a, b, c = draw((3,))
     assert ((a * (b + c) - a * b - a * c).v == 0).all()
     assert ((a / b * b - a).v == 0).all()
@@ -103,7 +103,7 @@ def test_residues_are_a_field() -> None:
     with pytest.raises(exact.Pole):
         1 / (a - a)
     for q in (F(3, 7), F(-22, 5), F(0), F(12)):
-        assert exact.reconstructed(exact.residue(q, p), p) == q
+        assert modular.reconstructed(modular.residue(q, p), p) == q
 
 
 # -- degrees ----------------------------------------------------------------------------------------

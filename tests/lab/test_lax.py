@@ -12,7 +12,7 @@ from kreisel import algebra
 from kreisel.algebra import skew
 from kreisel.lab.brackets import lax
 from kreisel.lab.paper.clebsch import printed_pencil
-from kreisel.lab.paper.discrete_top import printed_conjugator
+from kreisel.lab.paper.tops import printed_conjugator
 from kreisel.lab.subject import Subject, subject
 from kreisel.record.calling import call
 

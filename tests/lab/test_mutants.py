@@ -16,7 +16,7 @@ from kreisel.baecklund import lagrange_top as top_maps
 from kreisel.implicit import branch
 from kreisel.lab import laws
 from kreisel.lab.paper.clebsch import printed_lagrangian, printed_pencil
-from kreisel.lab.paper.discrete_top import printed_b, printed_conjugator, printed_lax, unnormalised
+from kreisel.lab.paper.tops import printed_b, printed_conjugator, printed_lax, unnormalised
 from kreisel.record.contract import System
 from kreisel.system import (
     clebsch,

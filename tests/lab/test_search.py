@@ -250,7 +250,7 @@ def test_members_of_the_further_families() -> None:
         M, P, eps = kr.algebra.skew(rng.normal(size=n * (n - 1) // 2), n), rng.normal(size=n), 0.3
         b, axis = [0] * (n - 1) + [3], [0] * (n - 1) + [1]
         for ours, system, known in (
-            (search.shifted_logarithm(0, 2, b), clebsch, {"b": np.array(b, dtype=float)}),
+            (search.logarithmic(2, b=b), clebsch, {"b": np.array(b, dtype=float)}),
             (search.sum_of_logarithms(2, b), clebsch, {"b": np.array(b, dtype=float)}),
             (search.spinning(0, axis), symmetric_top, {"A": np.array(axis, dtype=float)}),
         ):

@@ -13,10 +13,9 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -79,11 +78,9 @@ def cases(n: int = 3, generic: bool = False) -> list[BenchCase]:
 def _start_states(components: Sequence[tuple[str, str]], n: int) -> dict[str, dict[str, Any]]:
     (first, kind), (second, _) = components
     on_sphere = kind == "vector"  # x, q of T*S^(n-1)
-    standard = (
-        {first: (0.6, 0.0, 0.8), second: (0.8, 0.5, -0.6)}
-        if on_sphere
-        else {first: (0.1, 0.2, 1.5), second: (0.6, 0.0, 0.8)}
-    )
+    standard = {first: (0.1, 0.2, 1.5), second: (0.6, 0.0, 0.8)}
+    if on_sphere:
+        standard = {first: (0.6, 0.0, 0.8), second: (0.8, 0.5, -0.6)}
     states: dict[str, dict[str, Any]] = {"standard": standard} if n == 3 else {}
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
@@ -169,22 +166,27 @@ class Contest:
             raise ValueError(f"expected a multiple of {WHOLE} lanes, got {lanes}")
         self.lanes, self._propagator = lanes, kr.propagator(case.model, method="suris", order=1, dt=DT)
         shape = () if lanes is None else (lanes, 1)
-        self.start, self._entries = np.tile(_standard_row(case), shape), _entries(case)
+        state = case.model.state(**case.states["standard"]).axial
+        row = np.concatenate([state[letter] for letter in case.model.system.space.letters])
+        self.start, self._entries = np.tile(row, shape), _entries(case)
         constants = np.concatenate([np.ravel(v) for v in (*case.model.params.values(), DT)])
         self.constants = np.tile(constants, shape)
         self.steppers: dict[str, Callable[[int], Array]] = {"kernel": self._on_one_core}
         symbol = case.name.replace("-", "_")
+        names = {"cpp": symbol} if lanes is None else {f"cpp {k}": f"{symbol}_{k}" for k in CHAINS}
         if lanes is not None:
             self.steppers["all cores"] = self._on_all_cores
-            names = {f"cpp {k}": f"{symbol}_{k}" for k in CHAINS}
-        else:
-            names = {"cpp": symbol}
         if library is not None:
             self.steppers |= {name: self._by_hand(library[function]) for name, function in names.items()}
 
     def _on_one_core(self, steps: int) -> Array:
-        with _one_thread():
+        before = dict(os.environ)
+        os.environ["KREISEL_NUM_THREADS"] = "1"
+        try:
             return self._on_all_cores(steps)
+        finally:
+            del os.environ["KREISEL_NUM_THREADS"]
+            os.environ.update(before)
 
     def _on_all_cores(self, steps: int) -> Array:
         return np.asarray(self._propagator.steps(self.start, steps))
@@ -218,43 +220,20 @@ class Contest:
         return max(apart.values())
 
     def timed(self, turns: int, steps: int) -> dict[str, Array]:
-        """Nanoseconds a step and lane, one for each rotation: of the thread's processor time, of all cores by the
-        clock.
-        """
-        by_the_clock = {
-            name + BY_THE_CLOCK: name
-            for name in self.steppers
-            if self.lanes is not None and name in ("kernel", "cpp 2")
-        }
-        names = {**{name: name for name in self.steppers}, **by_the_clock}
+        """Nanoseconds a step and lane, one for each rotation: of the thread's time, of all cores by the clock."""
+        twice = [name for name in ("kernel", "cpp 2") if self.lanes is not None and name in self.steppers]
+        names = {name: name for name in self.steppers} | {name + BY_THE_CLOCK: name for name in twice}
         ns: dict[str, list[float]] = {name: [] for name in names}
         for stepper in self.steppers.values():
             stepper(max(steps // 10, 1))
         for turn in range(turns):
             for name in [*names][turn % 3 :] + [*names][: turn % 3]:
-                clock = time.perf_counter if name in by_the_clock or "all cores" in name else time.thread_time
+                clock = time.perf_counter if name.endswith(BY_THE_CLOCK) or "all cores" in name else time.thread_time
                 count = steps * (LONGER if clock is time.perf_counter else 1)
                 begun = clock()
                 self.steppers[names[name]](count)
                 ns[name].append((clock() - begun) / count / (self.lanes or 1) * 1e9)
         return {name: np.array(values) for name, values in ns.items()}
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    before = os.environ.get("KREISEL_NUM_THREADS")
-    os.environ["KREISEL_NUM_THREADS"] = "1"
-    try:
-        yield
-    finally:
-        del os.environ["KREISEL_NUM_THREADS"]
-        os.environ.update({} if before is None else {"KREISEL_NUM_THREADS": before})
-
-
-def _standard_row(case: BenchCase) -> Array:
-    """The standard start as `kr.propagator` accepts it."""
-    state = case.model.state(**case.states["standard"]).axial
-    return np.concatenate([state[letter] for letter in case.model.system.space.letters])
 
 
 def _entries(case: BenchCase) -> Array:
@@ -270,9 +249,8 @@ def summary(ns: dict[str, Array]) -> dict[str, Any]:
     """Medians, quartiles and ratios; of C++ the number of chains that is fastest."""
     by_hand = [name for name in ns if name.startswith("cpp") and not name.endswith(BY_THE_CLOCK)]
     best = min(by_hand, key=lambda name: np.median(ns[name]), default="")
-    names = {"kernel": "kernel", "cpp": best, "all_cores": "all cores"}
     row: dict[str, Any] = {}
-    for label, name in names.items():
+    for label, name in {"kernel": "kernel", "cpp": best, "all_cores": "all cores"}.items():
         if name in ns:
             low, middle, high = (round(q, 2) for q in np.percentile(ns[name], [25, 50, 75]))
             row[label] = {"ns": middle, "quartiles": [low, high], "least": round(min(ns[name]), 2)}
@@ -292,35 +270,28 @@ def summary(ns: dict[str, Array]) -> dict[str, Any]:
 # -- saving ---------------------------------------------------------------------------------------------
 
 
-def _without(case: BenchCase, method: str, steps: int) -> float:
-    """Seconds a step of a propagator."""
-    p = kr.propagator(case.model, method=method, order=2, dt=DT)
-    start = case.states["standard"]
-    p.steps(start, 10)  # compiled and loaded
-    begun = time.thread_time()
-    p.steps(start, steps)
-    return (time.thread_time() - begun) / steps
-
-
-def _saving(case: BenchCase, method: str, every: int, steps: int) -> float:
-    """Seconds a step of a run in memory, rows and integrals with them."""
-    asked: dict[str, Any] = {"dt": DT, "method": method, "order": 2, "progress": False}
-    kr.simulate(case.model, case.states["standard"], steps=10, **asked)
-    begun = time.thread_time()
-    kr.simulate(case.model, case.states["standard"], steps=steps, every=every, **asked)
-    return (time.thread_time() - begun) / steps
-
-
 def saving_ratios(
     case: BenchCase, method: str, turns: int, share: int, everies: Sequence[int] = tuple(SAVED)
 ) -> dict[str, Any]:
     """Time of a step with saving over the time without, for each `every`; one in `share` of the steps of `SAVED`."""
     ratios: dict[int, list[float]] = {every: [] for every in everies}
-    base = []
+    base, start = [], case.states["standard"]
+    p = kr.propagator(case.model, method=method, order=2, dt=DT)
+
+    def seconds(move: Callable[[int], Any], steps: int) -> float:  # a step
+        move(10)  # compiled and loaded
+        begun = time.thread_time()
+        move(steps)
+        return (time.thread_time() - begun) / steps
+
+    def saved(steps: int, every: int) -> Any:  # in memory, rows and integrals with them
+        asked: dict[str, Any] = {"dt": DT, "method": method, "order": 2, "progress": False}
+        return kr.simulate(case.model, start, steps=steps, every=min(every, steps), **asked)
+
     for _ in range(turns):
         for every in everies:
-            base.append(_without(case, method, SAVED[100] // share))
-            ratios[every].append(_saving(case, method, every, SAVED[every] // share) / base[-1])
+            base.append(seconds(lambda steps: p.steps(start, steps), SAVED[100] // share))
+            ratios[every].append(seconds(partial(saved, every=every), SAVED[every] // share) / base[-1])
     row: dict[str, Any] = {"ns a step without saving": round(float(np.median(base)) * 1e9, 2)}
     for every, values in ratios.items():
         low, middle, high = np.percentile(values, [25, 50, 75])

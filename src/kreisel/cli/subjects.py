@@ -165,7 +165,7 @@ def investigate(
         print_json(investigation.plain_data(report))
     else:
         columns = shutil.get_terminal_size((110, 24)).columns if sys.stdout.isatty() else 110
-        print(investigation.terminal_table(report, max(60, columns)))
+        print(report.table(max(60, columns)))
         if html is not None:
             say(f"page: {html}")
 

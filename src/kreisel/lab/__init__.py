@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from kreisel.lab.investigation import investigate
 
 _MODULES = tuple(
-    "brackets certified darboux dynamics exact growth integrals laws paper questions search subject".split()
+    "brackets certified darboux dynamics exact growth integrals laws modular paper questions search subject".split()
 )
 
 __all__ = ["investigate"]

@@ -1,14 +1,9 @@
 """Poisson brackets and volumes that a rational map preserves, and Lax pairs put to the test, by exact linear algebra.
 
-A bivector Pi with polynomial entries is preserved if J Pi(x) J^T = Pi(f(x)) with the Jacobian J of f; a density rho if
-rho(f(x)) det J = rho(x), or 1/rho if rho(f(x)) = rho(x) det J.  All are linear in the unknown coefficients, so a null
-space has them all.  Whether a bivector is a Poisson bracket is decided by Jacobi's identity.
-
-Lax pairs.  For matrices L(x, lambda), V(x, lambda) of a map x -> x': the residual V L(x') - L(x) V, the coefficients of
-det(L(lambda) - mu) at x and x', the rank of their differentials, their brackets, and how many there are on a leaf
-against half its dimension.  All modulo primes at random points, the residual also over Q.  A rank at a random point is
-a lower bound that fails with probability 1/p.  The differentials are those of tr L^k, d tr L^k = k tr(L^(k-1) dL), at
-as many lambda as L can tell apart: they span those of the coefficients.
+J Pi(x) J^T = Pi(f(x)) with the Jacobian J of f, and rho(f(x)) det J = rho(x), are linear in the coefficients of Pi and
+rho.  Of a Lax pair L(x, lambda), V(x, lambda) the residual V L(x') - L(x) V and the spectrum of L are tested, and the
+differentials of tr L^k, d tr L^k = k tr(L^(k-1) dL), at as many lambda as L can tell apart, which span those of the
+coefficients of det(L - mu).  A rank at a random point is a lower bound that fails with probability 1/p.
 """
 
 from __future__ import annotations
@@ -26,28 +21,10 @@ from kreisel import algebra
 from kreisel.algebra import Array, objects
 from kreisel.algebra.complex import Complex
 from kreisel.errors import InputError
-from kreisel.lab.exact import (
-    PRIMES,
-    ROOT,
-    Mod,
-    Pole,
-    fractions,
-    independent,
-    modular_matrix,
-    random_residues,
-    rank_modulo,
-    residues_at,
-    slopes,
-    without_poles,
-)
-from kreisel.lab.integrals import (
-    MOST_MONOMIALS,
-    SPARE,
-    Polynomial,
-    monomial_values,
-    monomials,
-    rational_kernel,
-)
+from kreisel.lab import modular
+from kreisel.lab.exact import Pole, fractions, independent, slopes
+from kreisel.lab.integrals import MOST_MONOMIALS, SPARE, Polynomial, monomial_values, monomials, rational_kernel
+from kreisel.lab.modular import PRIMES, Mod, random_residues, residues_at, without_poles
 from kreisel.lab.subject import Subject
 
 
@@ -86,22 +63,16 @@ def jacobians(subject: Subject, p: int, seed: list[int], points: int) -> tuple[A
 
 def preserves(subject: Subject, tensor: Callable[[Array], Array], seed: int = 0, points: int = 20) -> bool:
     """Whether J Pi(x) J^T = Pi(f(x)) at random points, for tensor(x) -> Pi (d, d)."""
+    p = PRIMES[0]
 
-    def test(p: int, seeds: list[int]) -> bool:
-        x, new, J = jacobians(subject, p, seeds, points)
-        before, after = (_tensor_at(tensor, v, p) for v in (x, new))
-        return bool((_product_modulo(_product_modulo(J, before, p), np.swapaxes(J, 1, 2), p) == after).all())
+    def test(attempt: int) -> bool:
+        x, new, J = jacobians(subject, p, [seed, attempt], points)
+        numbers = ([Mod(column, p) for column in v.T] for v in (x, new))
+        before, after = (residues_at(np.asarray(tensor(objects(z)), dtype=object), points, p) for z in numbers)
+        left = np.einsum("pij,pjk->pik", J.astype(object), before.astype(object)) % p
+        return bool((np.einsum("pij,pkj->pik", left, J.astype(object)) % p == after).all())
 
-    return bool(without_poles(subject.name, lambda attempt: test(PRIMES[0], [seed, attempt])))
-
-
-def _tensor_at(tensor: Callable[[Array], Array], x: Array, p: int) -> Array:
-    numbers = objects(Mod(column, p) for column in x.T)
-    return residues_at(np.asarray(tensor(numbers), dtype=object), len(x), p)
-
-
-def _product_modulo(A: Array, B: Array, p: int) -> Array:
-    return sum(A[:, :, k, None] * B[:, None, k, :] % p for k in range(A.shape[2])) % p
+    return bool(without_poles(subject.name, test))
 
 
 def brackets(subject: Subject, degree: int = 1, seed: int = 0) -> list[Bivector]:
@@ -140,7 +111,7 @@ def volumes(subject: Subject, degree: int = 2, seed: int = 0) -> list[Volume]:
         def rows(p: int, seeds: list[int], inverse: bool = inverse) -> Array:
             x, new, J = jacobians(subject, p, seeds, count + SPARE)
             before, after = (monomial_values(v, exponents, p) for v in (x, new))
-            dets = np.array([int(modular_matrix(m, p).det()) for m in J])[:, None]
+            dets = np.array([int(modular.matrix(m, p).det()) for m in J])[:, None]
             return (after - before * dets) % p if inverse else (after * dets - before) % p
 
         for terms in _lifted_kernel(subject, rows, seed, exponents):
@@ -162,14 +133,21 @@ def _lifted_kernel(
     return without_poles(subject.name, lambda attempt: rational_kernel(lambda p: rows(p, [seed, attempt]), labels))
 
 
+def tensor_of(entries: dict[tuple[int, int], Polynomial], x: Array) -> Array:
+    """{x_i, x_j} (d, d) at x (d,) of any field."""
+    out = np.zeros((len(x), len(x)), dtype=object)
+    for (i, j), f in entries.items():
+        out[i, j] = f(x)
+        out[j, i] = -out[i, j]
+    return out
+
+
 def _jacobi(entries: dict[tuple[int, int], Polynomial], dim: int) -> bool:
     """Sum over the cyclic (i, j, k) of Pi_il d_l Pi_jk = 0, at a random point modulo a prime."""
     p = PRIMES[2]
-    point = np.random.default_rng(dim).integers(1, p, dim)
-    value, slope = np.zeros((dim, dim), dtype=object), np.zeros((dim, dim, dim), dtype=object)
-    for (i, j), f in entries.items():
-        value[i, j], slope[i, j] = f.at(point, p), np.array(f.gradient_at(point, p), dtype=object)
-        value[j, i], slope[j, i] = -value[i, j], -slope[i, j]
+    x = random_residues(np.random.default_rng(dim), p, 1)((dim,))
+    value = residues_at(tensor_of(entries, x), 1, p)[0].astype(object)
+    slope = residues_at(slopes(tensor_of(entries, independent(x)), dim), 1, p)[0].astype(object)
     total = np.einsum("il,jkl->ijk", value, slope)
     return not ((total + total.transpose(1, 2, 0) + total.transpose(2, 0, 1)) % p).any()
 
@@ -267,12 +245,16 @@ def _tested(subject: Subject, seed: list[int]) -> Lax:
     if not subject.implicit:
         isospectral = all(_isospectral(subject, seed, p) for p in PRIMES[:2])
         if subject.conjugator is not None:
-            equation = all(_residual(subject, seed, p) for p in PRIMES[:2]) and _residual_over_q(subject, seed)
+            equation = _residual_over_q(subject, seed)
+            for p in PRIMES[:2]:
+                x, lam = _random(subject, seed, p)
+                off = _residual(subject, x, lam, subject.modulo(p), subject.over(p)(x))
+                equation &= not residues_at(off, POINTS, p).any()
     p = PRIMES[0]
     x = subject.point(random_residues(np.random.default_rng([*seed, p]), p, 1))
     G = _spectral_gradients(subject, x, p, seed)
-    H = G if subject.integrals is None else np.concatenate([G, _gradients_modulo(subject, subject.integrals, x, p)])
-    return counted(subject, x, G, H, p, equation, isospectral)
+    more = [] if subject.integrals is None else [modular.gradients([subject.stated], x, p).astype(object)]
+    return counted(subject, x, G, np.concatenate([G, *more]), p, equation, isospectral)
 
 
 def counted(
@@ -285,25 +267,23 @@ def counted(
     isospectral: bool | None = None,
 ) -> Lax:
     """Ranks and brackets of the gradients G (rows, d) at x modulo p, and of H, which has further ones."""
-    if subject.tensor is None:
-        rank = rank_modulo(G, p)
-        return Lax(
-            subject.name, subject.dim, subject.dim, rank, rank, rank_modulo(H, p), 0, equation, isospectral, None
-        )
-    tensor = residues_at(np.asarray(subject.tensor(x), dtype=object), 1, p)[0].astype(object)
+    known = subject.tensor is not None
+    tensor = np.eye(subject.dim, dtype=object)
+    if subject.tensor is not None:
+        tensor = residues_at(np.asarray(subject.tensor(x), dtype=object), 1, p)[0].astype(object)
     fields, more = G @ tensor % p, H @ tensor % p
-    brackets, with_more = fields @ G.T % p, rank_modulo(more, p)
+    with_more = modular.rank(more, p)
     return Lax(
         name=subject.name,
         dimension=subject.dim,
-        leaf=rank_modulo(tensor, p),
-        rank=rank_modulo(G, p),
-        on_leaf=rank_modulo(fields, p),
+        leaf=modular.rank(tensor, p),
+        rank=modular.rank(G, p),
+        on_leaf=modular.rank(fields, p),
         with_more=with_more,
-        torus=with_more - rank_modulo(more @ H.T % p, p),
+        torus=with_more - modular.rank(more @ H.T % p, p) if known else 0,
         equation=equation,
         isospectral=isospectral,
-        involution=not brackets.any(),
+        involution=not (fields @ G.T % p).any() if known else None,
     )
 
 
@@ -326,12 +306,8 @@ def _without_complex(out: Array, p: int) -> Array:
     """Complex entries re + i im as re + r im with r^2 = -1 modulo p (1 modulo 4), which keeps all identities."""
     if not p or not any(isinstance(v, Complex) for v in out.flat):
         return out
-    root = pow(ROOT, (p - 1) // 4, p)
+    root = pow(modular.ROOT, (p - 1) // 4, p)
     return objects((v.re + root * v.im if isinstance(v, Complex) else v for v in out.flat), out.shape)
-
-
-def _vanishes(v: Any) -> bool:
-    return bool(v.re == 0 and v.im == 0) if isinstance(v, Complex) else bool(v == 0)
 
 
 def _random(subject: Subject, seed: list[int], p: int) -> tuple[Array, Mod]:
@@ -339,16 +315,14 @@ def _random(subject: Subject, seed: list[int], p: int) -> tuple[Array, Mod]:
     return subject.point(random_residues(rng, p, POINTS)), Mod(rng.integers(1, p, POINTS), p)
 
 
-def _residual(subject: Subject, seed: list[int], p: int) -> bool:
-    (x, lam), constants = _random(subject, seed, p), subject.modulo(p)
-    new = subject.over(p)(x)
+def _residual(subject: Subject, x: Array, lam: Any, constants: dict[str, Any], new: Array) -> Array:
     V, L, L1 = (
         _matrix(subject, f, z, lam, constants)
         for f, z in ((subject.conjugator, x), (subject.lax, x), (subject.lax, new))
     )
     if V.shape != L.shape:
         raise InputError(f"L and V of {subject.name} must have one shape, got {L.shape} and {V.shape}.")
-    return not any(np.any(np.asarray(getattr(v, "v", v)) % p) for v in (V @ L1 - L @ V).flat)
+    return V @ L1 - L @ V
 
 
 def _residual_over_q(subject: Subject, seed: list[int]) -> bool:
@@ -360,21 +334,15 @@ def _residual_over_q(subject: Subject, seed: list[int]) -> bool:
 
     x, lam = subject.point(draw), Fraction(int(rng.integers(2, 9)), 7)
     constants = {k: fractions(v) for k, v in subject.constants.items()}
-    new = subject.step(x, **constants)
-    V, L, L1 = (
-        _matrix(subject, f, z, lam, constants)
-        for f, z in ((subject.conjugator, x), (subject.lax, x), (subject.lax, new))
-    )
-    return all(_vanishes(v) for v in (V @ L1 - L @ V).flat)
+    off = _residual(subject, x, lam, constants, subject.step(x, **constants))
+    return all(v == 0 for part in algebra.parts(off) if part is not None for v in part.flat)
 
 
 def _isospectral(subject: Subject, seed: list[int], p: int) -> bool:
     (x, lam), constants = _random(subject, seed, p), subject.modulo(p)
     both = [residues_at(_matrix(subject, subject.lax, z, lam, constants), POINTS, p) for z in (x, subject.over(p)(x))]
-
-    return all(
-        modular_matrix(old, p).charpoly() == modular_matrix(new, p).charpoly() for old, new in zip(*both, strict=True)
-    )
+    polynomials = [[modular.matrix(L, p).charpoly() for L in matrices] for matrices in both]
+    return bool(polynomials[0] == polynomials[1])
 
 
 def _spectral_gradients(subject: Subject, x: Array, p: int, seed: list[int]) -> Array:
@@ -392,8 +360,3 @@ def _spectral_gradients(subject: Subject, x: Array, p: int, seed: list[int]) -> 
         rows.append(np.einsum("lij,ljik->lk", power, along) % p)
         power = np.einsum("lij,ljk->lik", power, at) % p
     return np.concatenate(rows)
-
-
-def _gradients_modulo(subject: Subject, functions: Any, x: Array, p: int) -> Array:
-    out = np.ravel(np.asarray(functions(independent(x), **subject.modulo(p)), dtype=object))
-    return residues_at(slopes(out, subject.dim), 1, p)[0].astype(object)

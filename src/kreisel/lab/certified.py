@@ -1,24 +1,18 @@
 """Statements that are certain: enclosures of orbits in ball arithmetic, and identities proved.
 
-Orbits.  The step runs unchanged on balls of python-flint (Arb).  A box that is only mapped grows by the wrapping of its
-rotations; so a set c + Q r is carried, Q a matrix close to orthogonal, r a box (Lohner's method):
-
-    phi(c + Q r)  is in  phi(c) + Dphi(X) Q r,   X a box around c + Q r        (mean-value form)
-
-c is mapped as a point, Dphi(X) comes from dual values over balls, and the new Q from a QR decomposition of the middle
-of Dphi(X) Q, whose longest columns come first.
+The step runs unchanged on balls of python-flint (Arb).  Against the wrapping of rotations a set c + Q r is carried,
+Q close to orthogonal, r a box:  phi(c + Q r) is in phi(c) + Dphi(X) Q r, X a box around c + Q r, Dphi from dual values
+over balls, the new Q from a QR decomposition of the middle of Dphi(X) Q, whose longest columns come first.
 [Lohner 1987; Neumaier, Reliable Computing 8 (2002); Arb: Johansson, IEEE Trans. Computers 66 (2017)]
 
-Identities, for all states, all steps and all parameters of a given n.  The definition runs on rational functions over Q
-(quotients of python-flint's polynomials without common factors), with a variable for each coordinate, parameter and for
-eps.  An identity whose sides differ by 0 holds: a proof, where the laws test at random points.
+Identities are proved with a variable of rational functions over Q for each coordinate, parameter and eps.
 """
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,6 +26,8 @@ from kreisel.lab.subject import Subject, coordinate_names
 from kreisel.record.calling import call
 from kreisel.record.contract import System
 from kreisel.record.model import Model
+
+Function = Callable[[Array], Any]
 
 
 @dataclass(frozen=True)
@@ -75,7 +71,7 @@ def certify(
     precision: int = 128,
     tolerance: float = 1e-6,
     radius: Any = 0,
-    functions: Mapping[str, Callable[[Array], Any]] | None = None,
+    functions: Mapping[str, Function] | None = None,
     plain: bool = False,
 ) -> Certified:
     """Enclose the orbit from x, integers and fractions (d,), or from the box of that `radius` about x.
@@ -93,26 +89,23 @@ def certify(
         values = f"{steps}, {precision} and {tolerance}"
         raise InputError(f"steps >= 1, precision >= 24 and tolerance > 0 were expected, got {values}.")
     flint = require_flint()
-    with _working(flint, precision):
+    if np.shape(x) != (subject.dim,):
+        raise InputError(f"A start has {subject.dim} values, {', '.join(subject.names)}, got shape {np.shape(x)}.")
+    with flint.ctx.workprec(precision):
         constants = {k: _balls(v) for k, v in subject.constants.items()}
-        start = _start(subject, x)
-        box = flint.arb(0, _balls(radius))
-        named = {k: _of_balls(f) for k, f in (functions or _energy(subject, constants)).items()}
-        reached, stopped, X, ranges = _lohner(flint, subject, constants, start, box, steps, tolerance, named)
-        alone = _alone(subject, constants, start + box, steps, tolerance) if plain else None
+
+        def step(z: Array) -> Array:
+            return np.asarray(subject.step(z, **constants), dtype=object)
+
+        if functions is None:
+            functions = {} if subject.energy is None else {"energy": partial(subject.energy, **constants)}
+        named = {k: _of_balls(f) for k, f in functions.items()}
+        start, box = np.asarray(_balls(x)), flint.arb(0, _balls(radius))
+        reached, stopped, X, ranges = _lohner(flint, step, start, box, steps, tolerance, named)
+        alone = _alone(step, start + box, steps, tolerance) if plain else None
         middle = np.array([float(v.mid()) for v in X])
         radii = max(float(v.rad()) for v in X)
     return Certified(subject.name, precision, tolerance, reached, stopped, radii, middle, X, ranges, alone)
-
-
-@contextlib.contextmanager
-def _working(flint: Any, precision: int) -> Iterator[None]:
-    before = flint.ctx.prec
-    flint.ctx.prec = precision
-    try:
-        yield
-    finally:
-        flint.ctx.prec = before
 
 
 def _balls(v: Any) -> Any:
@@ -120,18 +113,7 @@ def _balls(v: Any) -> Any:
     return np.vectorize(require_flint().arb, otypes=[object])(rationals(v))[()]
 
 
-def _start(subject: Subject, x: Any) -> Array:
-    values = np.asarray(x, dtype=object)
-    if values.shape != (subject.dim,):
-        raise InputError(f"A start has {subject.dim} values, {', '.join(subject.names)}, got shape {values.shape}.")
-    return np.asarray(_balls(values))
-
-
-def _energy(subject: Subject, constants: Mapping[str, Any]) -> dict[str, Any]:
-    return {} if subject.energy is None else {"energy": lambda x: subject.energy(x, **constants)}
-
-
-def _of_balls(f: Any) -> Callable[[Array], Any]:
+def _of_balls(f: Any) -> Function:
     """A function on balls: the coefficients of a polynomial become rationals that balls know."""
     if not isinstance(f, Polynomial):
         return f
@@ -139,20 +121,13 @@ def _of_balls(f: Any) -> Callable[[Array], Any]:
 
 
 def _lohner(
-    flint: Any,
-    subject: Subject,
-    constants: Mapping[str, Any],
-    start: Array,
-    box: Any,
-    steps: int,
-    tolerance: float,
-    named: Mapping[str, Callable[[Array], Any]],
+    flint: Any, step: Function, start: Array, box: Any, steps: int, tolerance: float, named: Mapping[str, Function]
 ) -> tuple[int, str, Array, dict[str, tuple[float, float]]]:
-    d = subject.dim
+    d = len(start)
     c = np.array([v.mid() for v in start], dtype=object)
     r = (start - c) + box
     Q = np.array([[flint.arb(int(i == j)) for j in range(d)] for i in range(d)], dtype=object)
-    X, done, stopped = c + Q @ r, 0, ""
+    X, done = c + Q @ r, 0
     ranges: dict[str, tuple[float, float]] = {}
     while True:
         # the mean value theorem needs the segments from c to the set; cut unchanged, the box may have lost c itself
@@ -160,34 +135,20 @@ def _lohner(
         for name, f in named.items():
             ranges[name] = _wider(ranges.get(name), _mean_value_form(f, c, X, Q, r))
         if done == steps:
-            break
-        new = _step(subject, c, constants)
-        images = np.asarray(subject.step(independent(X), **constants), dtype=object)
+            return done, "", X, ranges
+        new, images = step(c), step(independent(X))
         A = slopes(images, d) @ Q
         following = np.array([v.mid() for v in new], dtype=object)
-        off = new - following
         if not _all_finite(A) or not _all_finite(new):
-            stopped = "an enclosure meets a pole"
-            break
+            return done, "an enclosure meets a pole", X, ranges
         U = _orthogonal(flint, A, r)
-        back = _inverse(flint, U)
-        inner = (back @ A) @ r + back @ off
-        box_of = following + U @ inner
-        mapped = np.array([_value_of(v) for v in images], dtype=object)
-        box_of = np.array([_both(a, b) for a, b in zip(box_of, mapped, strict=True)], dtype=object)
+        back = np.array(flint.arb_mat(d, d, list(U.ravel())).inv().tolist(), dtype=object)
+        inner = (back @ A) @ r + back @ (new - following)
+        mapped = (getattr(v, "value", v) for v in images)
+        box_of = np.array([_both(a, b) for a, b in zip(following + U @ inner, mapped, strict=True)], dtype=object)
         if max(float(v.rad()) for v in box_of) > tolerance:
-            stopped = f"the next enclosure is wider than {tolerance:g}"
-            break
+            return done, f"the next enclosure is wider than {tolerance:g}", X, ranges
         c, Q, r, X, done = following, U, inner, box_of, done + 1
-    return done, stopped, X, ranges
-
-
-def _step(subject: Subject, x: Array, constants: Mapping[str, Any]) -> Array:
-    return np.asarray(subject.step(x, **constants), dtype=object)
-
-
-def _value_of(v: Any) -> Any:
-    return v.value if isinstance(v, Dual) else v
 
 
 def _both(a: Any, b: Any) -> Any:
@@ -207,20 +168,10 @@ def _orthogonal(flint: Any, A: Array, r: Array) -> Array:
     return np.array([[flint.arb(float(v)) for v in row] for row in Q], dtype=object)
 
 
-def _inverse(flint: Any, U: Array) -> Array:
-    d = len(U)
-    inverse = flint.arb_mat(d, d, list(U.ravel())).inv()
-    return np.array([[inverse[i, j] for j in range(d)] for i in range(d)], dtype=object)
-
-
-def _mean_value_form(f: Callable[[Array], Any], c: Array, X: Array, Q: Array, r: Array) -> Any:
+def _mean_value_form(f: Function, c: Array, X: Array, Q: Array, r: Array) -> Any:
     """f on the set, by the mean-value form, cut with its value on the box."""
     at = f(independent(X))
-    direct = _value_of(at)
-    if not isinstance(at, Dual):
-        return direct
-    mean = f(c) + np.asarray(at.slope, dtype=object) @ Q @ r
-    return _both(mean, direct)
+    return _both(f(c) + at.slope @ Q @ r, at.value) if isinstance(at, Dual) else at
 
 
 def _wider(bounds: tuple[float, float] | None, value: Any) -> tuple[float, float]:
@@ -229,9 +180,9 @@ def _wider(bounds: tuple[float, float] | None, value: Any) -> tuple[float, float
     return (low, high) if bounds is None else (min(low, bounds[0]), max(high, bounds[1]))
 
 
-def _alone(subject: Subject, constants: Mapping[str, Any], x: Array, steps: int, tolerance: float) -> int:
+def _alone(step: Function, x: Array, steps: int, tolerance: float) -> int:
     for done in range(steps):
-        x = _step(subject, x, constants)
+        x = step(x)
         if not _all_finite(x) or max(float(v.rad()) for v in x) > tolerance:
             return done
     return steps
@@ -271,32 +222,27 @@ def prove(claimed: System | Model, names: tuple[str, ...] = ("casimir", "energy"
     n = claimed.n if isinstance(claimed, Model) else n
     state, constants, unknowns = _symbols(claimed, system, n)
     new = tuple(call(mapped.step, state, constants))
-    return [
-        Proof(f"{system.name}, n = {n}: {name}", _same(functions[name], state, new, constants), unknowns)
-        for name in names
-    ]
-
-
-def _same(f: Any, state: tuple[Array, ...], new: tuple[Array, ...], constants: dict[str, Any]) -> bool:
-    before, after = (np.ravel(np.asarray(call(f, z, constants), dtype=object)) for z in (state, new))
-    return all(getattr(difference, "n", difference) == 0 for difference in after - before)
+    proofs = []
+    for name in names:
+        before, after = (np.ravel(np.asarray(call(functions[name], z, constants), dtype=object)) for z in (state, new))
+        holds = all(getattr(difference, "n", difference) == 0 for difference in after - before)
+        proofs.append(Proof(f"{system.name}, n = {n}: {name}", holds, unknowns))
+    return proofs
 
 
 def _symbols(
     claimed: System | Model, system: System, n: int
 ) -> tuple[tuple[Array, ...], dict[str, Any], tuple[str, ...]]:
-    names = list(coordinate_names(system.space.components, n))
     parameters = system.parameters if isinstance(claimed, System) else ()
     for p in parameters:
         if p.kind not in ("scalar", "vector"):
             raise InputError(f"The parameter {p.letter} of {system.name} is not a scalar or vector: give a model.")
-        names += algebra.KINDS[p.kind].names(p.letter, n)
-    names.append("eps")
+    named = [*system.space.components, *((p.letter, p.kind) for p in parameters)]
+    names = (*coordinate_names(tuple(named), n), "eps")
     *coordinates, eps = generators(names)
-    kinds = (*system.space.kinds, *(p.kind for p in parameters))
-    values = algebra.restore(np.array(coordinates, dtype=object), kinds, n)
+    values = algebra.restore(np.array(coordinates, dtype=object), [kind for _, kind in named], n)
     size = len(system.space.letters)
     constants = {"eps": eps, **{p.letter: value for p, value in zip(parameters, values[size:], strict=True)}}
     if isinstance(claimed, Model):
         constants |= {k: rationals(v) for k, v in claimed.constants.items()}
-    return values[:size], constants, tuple(names)
+    return values[:size], constants, names

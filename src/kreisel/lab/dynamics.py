@@ -1,21 +1,18 @@
 """Orbits of a map in floats: Lyapunov's exponents, SALI and GALI from the tangent map, frequencies, sections.
 
-The tangent map is that of `kreisel.kernels.adjoint`, derived from the record of the step and compiled; of a Lagrangian
-in JAX it is its derivative by the implicit function theorem.
-
-    exponents   lim log |Dphi^k v| / k of k vectors, kept apart by QR     [Benettin et al., Meccanica 15 (1980)]
-    GALI_j      volume of the box of j unit tangent vectors; SALI the smaller of |v + w|, |v - w| for j = 2.  On a
-                regular orbit they fall like a power of the step at most, on a chaotic one like
-                exp(-(sum of differences of exponents) k)
-                [Skokos, J. Phys. A 34 (2001); Skokos, Bountis, Antonopoulos, Physica D 231 (2007)]
+exponents   lim log |Dphi^k v| / k of k vectors, kept apart by QR     [Benettin et al., Meccanica 15 (1980)]
+GALI_j      volume of the box of j unit tangent vectors; SALI the smaller of |v + w|, |v - w| for j = 2.  On a
+            regular orbit they fall like a power of the step at most, on a chaotic one like
+            exp(-(sum of differences of exponents) k)
+            [Skokos, J. Phys. A 34 (2001); Skokos, Bountis, Antonopoulos, Physica D 231 (2007)]
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -79,85 +76,82 @@ class Dynamics:
         )
 
 
+Pushed = Callable[[Array, Array, int, int], tuple[Array, Array]]  # x, vectors, steps, rows -> points, vectors
+
+
 class CompiledOrbit:
-    """A compiled step, with tangent vectors (k, d) along; a point is x (d,)."""
+    """A compiled step at a point x (d,), with tangent vectors (k, d) along, which may be set."""
 
     def __init__(self, subject: Subject, x: Array, vectors: Array | None = None):
-        self.subject = subject
-        start = np.asarray(x, dtype=np.float64)
+        self.subject, start = subject, np.asarray(x, dtype=np.float64)
         if start.shape != (subject.dim,) or not np.isfinite(start).all():
             raise InputError(f"A start is {subject.dim} finite values, {', '.join(subject.names)}, got {shown(x)}.")
-        count = 0 if vectors is None else len(vectors)
-        orbit = _ByJax if subject.model is not None and subject.model.system.numbers == "jax" else _ByKernels
-        self._orbit: Any = orbit(subject, start.copy(), np.zeros((count, subject.dim)) if vectors is None else vectors)
-
-    @property
-    def vectors(self) -> Array:
-        """The tangent vectors (k, d)."""
-        return self._orbit.vectors
-
-    def put(self, vectors: Array) -> None:
-        """Other tangent vectors."""
-        self._orbit.vectors = vectors
+        self._x, self.vectors = start.copy(), np.zeros((0, subject.dim)) if vectors is None else vectors
+        by_jax = subject.model is not None and subject.model.system.numbers == "jax"
+        self._pushed = _by_jax(subject) if by_jax else _by_kernels(subject)
 
     def advance(self, steps: int, rows: int = 1) -> Array:
         """`rows` points (rows, d), `steps` steps apart.  Raises `RunError` where the orbit escapes."""
-        points = self._orbit.advance(steps, rows)
+        points, self.vectors = self._pushed(self._x, self.vectors, steps, rows)
         if not (np.abs(points) < FURTHEST).all():
             raise RunError(f"The orbit of {self.subject.name} escapes, or meets a pole. Choose another start.")
+        self._x = points[-1].copy()
         return points
 
 
-class _ByKernels:
+def _by_kernels(subject: Subject) -> Pushed:
     """By the kernels of the recorded step: states, and the tangent map if there are vectors."""
+    scalars = {k: float(v) for k, v in subject.floats.items() if np.ndim(v) == 0}
+    fixed = {k: v for k, v in subject.floats.items() if np.ndim(v) > 0}
+    inputs = zip(scalars, Graph().inputs("c", len(scalars)), strict=True)
 
-    def __init__(self, subject: Subject, x: Array, vectors: Array):
-        self.x, self.vectors = x, vectors
-        scalars = {k: float(v) for k, v in subject.floats.items() if np.ndim(v) == 0}
-        fixed = {k: v for k, v in subject.floats.items() if np.ndim(v) > 0}
-        formula = replace(subject, step=partial(subject.step, **fixed))
-        inputs = zip(scalars, Graph().inputs("c", len(scalars)), strict=True)
-        constants = {k: np.array(c, dtype=object) for k, c in inputs}
+    def formula(x: Array, **constants: Array) -> tuple[Array]:
         try:
-            step = recorded(
-                lambda x, **constants: (_called(formula, x, constants),), [f"R^{subject.dim}"], 3, constants, MOST_NODES
-            )
-        except TooLong:
-            step = None
-        if step is None or step.graph.loops:
+            return (np.asarray(subject.step(x, **fixed, **constants), dtype=object),)
+        except (TypeError, AttributeError) as error:
             raise InputError(
-                f"The step of {subject.name} could not be recorded: expected a formula of at most {MOST_NODES:,} "
-                "operations, without a loop, got a longer one."
-            )
-        self._code = Code(step, None, len(scalars), 0)
-        self._constants = np.array([[*scalars.values()]]), np.zeros((1, 1, 0))
+                f"The step of {subject.name} could not be recorded: {error}. It must be a formula in + - * /, whole "
+                "powers, sqrt, sin, cos, exp and log, without branches."
+            ) from error
 
-    def advance(self, steps: int, rows: int) -> Array:
-        start, count = (self.x[None], *self._constants), len(self.vectors)
-        points = self._code.marks(*start, rows, steps, steps)[0]
+    constants = {k: np.array(c, dtype=object) for k, c in inputs}
+    try:
+        step = recorded(formula, [f"R^{subject.dim}"], 3, constants, MOST_NODES)
+    except TooLong:
+        step = None
+    if step is None or step.graph.loops:
+        raise InputError(
+            f"The step of {subject.name} could not be recorded: expected a formula of at most {MOST_NODES:,} "
+            "operations, without a loop, got a longer one."
+        )
+    code, values = Code(step, None, len(scalars), 0), (np.array([[*scalars.values()]]), np.zeros((1, 1, 0)))
+
+    def pushed(x: Array, vectors: Array, steps: int, rows: int) -> tuple[Array, Array]:
+        start, count = (x[None], *values), len(vectors)
+        points = code.marks(*start, rows, steps, steps)[0]
         if count:
             none = np.zeros((1, count, 0)), np.zeros((1, count, 1, 0))
-            self.vectors = self._code.pushed(*start, self.vectors[None], *none, rows, steps)[0, :, -1]
-        self.x = points[-1].copy()
-        return points
+            vectors = code.pushed(*start, vectors[None], *none, rows, steps)[0, :, -1]
+        return points, vectors
+
+    return pushed
 
 
-class _ByJax:
+def _by_jax(subject: Subject) -> Pushed:
     """By JAX: the step with its derivative along the vectors."""
+    from kreisel.reduction.double import double
 
-    def __init__(self, subject: Subject, x: Array, vectors: Array):
-        self.x, self.vectors, self._constants = x, vectors, subject.floats
-        self._pushed = _pushed_by_jax(subject.step)
+    one, constants = _pushed_by_jax(subject.step), subject.floats
 
-    def advance(self, steps: int, rows: int) -> Array:
-        from kreisel.reduction.double import double
-
-        points = np.empty((rows, len(self.x)))
+    def pushed(x: Array, vectors: Array, steps: int, rows: int) -> tuple[Array, Array]:
+        points = np.empty((rows, len(x)))
         with double():
             for row in range(rows):
-                self.x, self.vectors = map(np.asarray, self._pushed(self.x, self.vectors, self._constants, steps))
-                points[row] = self.x
-        return points
+                x, vectors = map(np.asarray, one(x, vectors, constants, steps))
+                points[row] = x
+        return points, vectors
+
+    return pushed
 
 
 @lru_cache(16)
@@ -179,16 +173,6 @@ def _pushed_by_jax(step: Callable[..., Array]) -> Callable[..., tuple[Array, Arr
     return jax.jit(pushed)
 
 
-def _called(subject: Subject, x: Array, constants: dict[str, Array]) -> Array:
-    try:
-        return np.asarray(subject.step(x, **constants), dtype=object)
-    except (TypeError, AttributeError) as error:
-        raise InputError(
-            f"The step of {subject.name} could not be recorded: {error}. It must be a formula in + - * /, whole "
-            "powers, sqrt, sin, cos, exp and log, without branches."
-        ) from error
-
-
 def float_start(subject: Subject, seed: int = 0) -> Array:
     """A random point of size about 1, at which the record allows the step."""
     rng = np.random.default_rng(seed)
@@ -201,15 +185,12 @@ def float_start(subject: Subject, seed: int = 0) -> Array:
 
 def tangents(subject: Subject, x: Array, count: int | None, seed: int = 0) -> Array:
     """Random orthonormal tangent vectors (k, d) at x: as many as the phase space has dimensions, or `count`."""
-    vectors = np.random.default_rng([seed, 7]).normal(size=(subject.dim, subject.dim))
+    vectors, free = np.random.default_rng([seed, 7]).normal(size=(subject.dim, subject.dim)), subject.dim
     if subject.model is not None and subject.model.system.space.constraints:
         pi = np.asarray(subject.tensor(x), dtype=float) if subject.tensor is not None else np.eye(subject.dim)
         left, sizes, _ = np.linalg.svd(pi)
         basis = left[:, sizes > 1e-9 * sizes[0]]
-        vectors = (vectors @ basis) @ basis.T
-        free = basis.shape[1]
-    else:
-        free = subject.dim
+        vectors, free = (vectors @ basis) @ basis.T, basis.shape[1]
     return np.linalg.qr(vectors.T)[0][:, : min(free, count or free)].T
 
 
@@ -238,7 +219,7 @@ def dynamics(
             near = min(np.linalg.norm(free[0] + free[1]), np.linalg.norm(free[0] - free[1]))
             if near < sali:
                 sali, reached = float(near), done
-        orbit.put(np.concatenate([Q.T, free]))
+        orbit.vectors = np.concatenate([Q.T, free])
     for j in range(2, len(apart) + 1):
         gali[j - 2] = float(np.prod(np.linalg.svd(free[:j], compute_uv=False)))
     logs_ = np.array(logs)[len(logs) // 10 :]  # the vectors rotate into place first

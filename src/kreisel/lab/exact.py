@@ -1,14 +1,11 @@
-"""Kinds of numbers for exact experiments: rationals, dual numbers, jets, residues modulo primes; random points in
-them.
-"""
+"""Kinds of numbers for exact experiments: rationals, dual numbers, jets, rational functions; random points in them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from fractions import Fraction
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -267,103 +264,11 @@ def coefficient(x: Array, mask: int) -> Array:
     return _terms(x).get(mask, 0)
 
 
-# -- residues modulo primes ------------------------------------------------------------------------
-
-
-# p = k 2^e + 1 below 2^30, with 3 as a primitive root: products of residues fit 64 bits, and 2^e-th roots of 1 exist
-PRIMES = (998244353, 469762049, 167772161)
-ROOT = 3
+# -- rational numbers of any library ---------------------------------------------------------------------
 
 
 class Pole(ArithmeticError):
     """A division by 0 at one of the points: another seed, or another prime, avoids it."""
-
-
-_MARKS: list[Any] = []
-
-
-@contextmanager
-def poles_marked(lanes: int) -> Iterator[Any]:
-    """Within, a division by 0 marks its lane in the array that this gives, and continues with 1."""
-    marks = np.zeros(lanes, dtype=bool)
-    _MARKS.append(marks)
-    try:
-        yield marks
-    finally:
-        _MARKS.pop()
-
-
-class Mod(Ring):
-    """An array of residues modulo p that behaves as one number: the same arithmetic at many points."""
-
-    __slots__ = ("p", "v")
-    ordered: ClassVar[bool] = False
-
-    def __init__(self, v: Any, p: int):
-        self.v, self.p = v, p
-
-    def __add__(self, other: Any) -> Any:
-        n = _operand(other, self.p)
-        return n if n is NotImplemented else Mod((self.v + n) % self.p, self.p)
-
-    def __neg__(self) -> Mod:
-        return Mod(-self.v % self.p, self.p)
-
-    def __sub__(self, other: Any) -> Any:
-        n = _operand(other, self.p)
-        return n if n is NotImplemented else Mod((self.v - n) % self.p, self.p)
-
-    def __mul__(self, other: Any) -> Any:
-        n = _operand(other, self.p)
-        return n if n is NotImplemented else Mod(self.v * n % self.p, self.p)
-
-    def __pow__(self, exponent: int) -> Mod:
-        return Mod(_power_modulo(self.v, exponent, self.p), self.p)
-
-    def inverse(self) -> Mod:
-        v = self.v
-        if not np.all(v):
-            if not _MARKS:
-                raise Pole("division by 0 modulo a prime")
-            _MARKS[-1][...] |= v == 0
-            v = np.where(v == 0, 1, v)
-        return Mod(_power_modulo(v, self.p - 2, self.p), self.p)
-
-    def __truediv__(self, other: Any) -> Any:
-        n = _operand(other, self.p)
-        return n if n is NotImplemented else self * Mod(n, self.p).inverse()
-
-    def __rtruediv__(self, other: Any) -> Mod:
-        return self.inverse() * other
-
-    def __bool__(self) -> bool:  # also for <, > and the like
-        raise TypeError("a comparison: the step is not a rational function, which exact experiments need")
-
-    def __lt__(self, other: Any) -> bool:
-        return bool(self)
-
-    __gt__ = __le__ = __ge__ = __lt__
-
-    def __float__(self) -> float:
-        raise TypeError("a conversion to float: the step is not a rational function, which exact experiments need")
-
-
-def _operand(other: Any, p: int) -> Any:
-    """The residues of a number; NotImplemented for arrays and for values made of residues."""
-    if isinstance(other, Mod):
-        return other.v
-    rational_number = isinstance(other, int | Fraction | np.integer) or (hasattr(other, "q") and hasattr(other, "p"))
-    return residue(other, p) if rational_number else NotImplemented
-
-
-def _power_modulo(base: Any, exponent: int, p: int) -> Any:
-    out = base * 0 + 1
-    while exponent:
-        if exponent & 1:
-            out = out * base % p
-        base = base * base % p
-        exponent >>= 1
-    return out
 
 
 def fraction(x: Any) -> Fraction:
@@ -386,48 +291,6 @@ def rationals(v: Any) -> Any:
     return np.vectorize(lambda q: rational(q.numerator, q.denominator), otypes=[object])(fractions(v))[()]
 
 
-def residue(x: Any, p: int) -> int:
-    """A rational number modulo p.  Raises `Pole` where p divides the denominator."""
-    q = fraction(x)
-    if q.denominator % p == 0:
-        raise Pole(f"{p} divides the denominator of {q}")
-    return q.numerator * pow(q.denominator, -1, p) % p
-
-
-def residues(x: Array, p: int) -> Array:
-    """An array of rationals as residues, each one number."""
-    return objects((Mod(np.int64(residue(v, p)), p) for v in np.asarray(x).flat), np.shape(x))
-
-
-def residues_at(x: Array, points: int, p: int) -> Array:
-    """An array of values, each of residues at `points` points, as 64-bit integers (points, ...)."""
-    out = np.zeros((points, *x.shape), dtype=np.int64)
-    for place in np.ndindex(x.shape):
-        v = x[place]
-        out[(slice(None), *place)] = v.v if isinstance(v, Mod) else int(v) % p
-    return out
-
-
-def random_residues(rng: np.random.Generator, p: int, points: int, least: int = 1) -> Random:
-    """draw(shape): arrays of values, each at `points` points, from `least` on."""
-
-    def draw(shape: tuple[int, ...]) -> Array:
-        return objects((Mod(rng.integers(least, p, points), p) for _ in range(math.prod(shape))), shape)
-
-    return draw
-
-
-def reconstructed(r: int, p: int) -> Fraction | None:
-    """The rational number of least size that is r modulo p, None if none is small (Wang's reconstruction)."""
-    bound = int((p // 2) ** 0.5)
-    a, b, s, t = p, r % p, 0, 1
-    while b > bound:
-        a, b, s, t = b, a % b, t, s - a // b * t
-    if t == 0 or abs(t) > bound:
-        return None
-    return Fraction(b, t)
-
-
 def require_flint() -> Any:
     """python-flint.  Raises `InputError` if it is not installed."""
     try:
@@ -442,7 +305,29 @@ def require_flint() -> Any:
 # -- rational functions ----------------------------------------------------------------------------------
 
 
-class Ratio(Ring):
+class Field(Ring):
+    """A field by `_of` (a number of it), `_plus`, `_times` and `_inverse`."""
+
+    __slots__ = ()
+    _of: Any
+    _plus: Any
+    _times: Any
+    _inverse: Any
+
+    def __add__(self, other: Any) -> Any:
+        return NotImplemented if isinstance(other, np.ndarray) else self._plus(self._of(other))
+
+    def __mul__(self, other: Any) -> Any:
+        return NotImplemented if isinstance(other, np.ndarray) else self._times(self._of(other))
+
+    def __truediv__(self, other: Any) -> Any:
+        return NotImplemented if isinstance(other, np.ndarray) else self._times(self._of(other)._inverse())
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._of(other)._times(self._inverse())
+
+
+class Ratio(Field):
     """A quotient of polynomials over Q, without common factors."""
 
     __slots__ = ("d", "n")
@@ -451,63 +336,30 @@ class Ratio(Ring):
         g = n.gcd(d)
         self.n, self.d = n // g, d // g
 
-    def _other(self, other: Any) -> Ratio:
-        if isinstance(other, Ratio):
-            return other
-        return Ratio(0 * self.n + rationals(other), 0 * self.d + 1)
+    def _of(self, other: Any) -> Ratio:
+        return other if isinstance(other, Ratio) else Ratio(0 * self.n + rationals(other), 0 * self.d + 1)
 
-    def __add__(self, other: Any) -> Any:
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        o = self._other(other)
-        return Ratio(self.n * o.d + o.n * self.d, self.d * o.d)
+    def _plus(self, other: Ratio) -> Ratio:
+        return Ratio(self.n * other.d + other.n * self.d, self.d * other.d)
 
     def __neg__(self) -> Ratio:
         return Ratio(-self.n, self.d)
 
-    def __mul__(self, other: Any) -> Any:
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        o = self._other(other)
-        return Ratio(self.n * o.n, self.d * o.d)
+    def _times(self, other: Ratio) -> Ratio:
+        return Ratio(self.n * other.n, self.d * other.d)
 
-    def __truediv__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else self * (1 / self._other(other))
-
-    def __rtruediv__(self, other: Any) -> Any:
+    def _inverse(self) -> Ratio:
         if self.n == 0:
             raise Pole("a denominator vanishes identically")
-        return self._other(other) * Ratio(self.d, self.n)
+        return Ratio(self.d, self.n)
+
+
+def ring(names: Sequence[str]) -> Any:
+    """The polynomials over Q in these variables, of python-flint."""
+    flint = require_flint()
+    return flint.fmpq_mpoly_ctx.get(names, flint.Ordering.deglex)
 
 
 def generators(names: Sequence[str]) -> Array:
     """The variables of these names as rational functions over Q (len(names),)."""
-    flint = require_flint()
-    ring = flint.fmpq_mpoly_ctx.get(names, flint.Ordering.degrevlex)
-    return objects(Ratio(g, ring.constant(1)) for g in ring.gens())
-
-
-def modular_matrix(A: Array, p: int) -> Any:
-    """A matrix of python-flint modulo p."""
-    return require_flint().nmod_mat(*A.shape, [int(v) for v in A.ravel()], p)
-
-
-def rank_modulo(A: Array, p: int) -> int:
-    """The rank modulo p."""
-    return int(modular_matrix(A, p).rank())
-
-
-ATTEMPTS = 5
-
-
-def without_poles(name: str, experiment: Callable[[int], T], errors: tuple[type[Exception], ...] = (Pole,)) -> T:
-    """experiment(0), or of the first further attempt that meets no pole.  Raises `InputError` if all do."""
-    for attempt in range(ATTEMPTS):
-        try:
-            return experiment(attempt)
-        except errors as error:
-            trouble = error
-    raise InputError(
-        f"{name} divides by 0 from {ATTEMPTS} random starts ({trouble}). Usual cause: a denominator that vanishes "
-        "identically, or constants whose denominators a prime divides."
-    )
+    return objects(Ratio(g, ring(names).constant(1)) for g in ring(names).gens())

@@ -1,29 +1,17 @@
 """How fast a rational map grows: degrees of iterates, heights over Q, cycles over F_p; confinement of singularities.
 
-Degrees.  On a line x = a + t b over F_p each coordinate of the k-th iterate is a rational function of t.  Its values at
-2^e points c w^j, w a root of 1, give its interpolating polynomial; the division with the largest quotient in Euclid's
-algorithm for it and t^N - c^N gives numerator and denominator.  A random linear combination of the coordinates has the
-degree of the map on projective space.  Degrees that grow like a power mean integrability, algebraic entropy
-lim log(d_k)/k > 0 the lack of it.  [Bellon, Viallet, Algebraic entropy, Comm. Math. Phys. 204 (1999); maximal quotient:
-Monagan, ISSAC 2004]
-
-Heights.  Over Q the height of a point, the digits of its numerators and denominators, grows like the degrees of the
-iterates: like a power of the step for an integrable map, exponentially otherwise.
-[Abarenkova et al., Physica A 264 (1999)]
-
-Cycles.  Over F_p every orbit of an invertible map is a cycle or runs into a pole.  If orbits lie on curves of genus 1,
-a cycle has at most p + 1 + 2 sqrt(p) points (Hasse, Weil); a map without integrals permutes all p^d points like one at
-random.  [Roberts, Vivaldi, Phys. Rev. Lett. 90 (2003)]
-
-Confinement.  A curve on which det f' vanishes, or has a pole, may be contracted to a point.  From a point of it, moved
-away by s, the iterates are Laurent series in s over F_p; their limits for s -> 0, at two points of the curve, tell
-whether the position on the curve is lost, and whether a later iterate has it again: then the singularity is confined.
-[Grammaticos, Ramani, Papageorgiou, Phys. Rev. Lett. 67 (1991)]
+On a line x = a + t b over F_p each coordinate of an iterate is a rational function of t.  Its values at 2^e points c
+w^j, w a root of 1, give its interpolating polynomial; the division with the largest quotient in Euclid's algorithm for
+it and t^N - c^N gives numerator and denominator.  A random linear combination has the degree of the map on projective
+space. [Bellon, Viallet, Comm. Math. Phys. 204 (1999); maximal quotient: Monagan, ISSAC 2004; heights: Abarenkova et
+al., Physica A 264 (1999); cycles: Roberts, Vivaldi, Phys. Rev. Lett. 90 (2003); confinement: Grammaticos, Ramani,
+Papageorgiou, Phys. Rev. Lett. 67 (1991)]
 """
 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -31,23 +19,11 @@ from typing import Any
 import numpy as np
 
 from kreisel.algebra import Array, objects
-from kreisel.algebra.complex import Ring
 from kreisel.errors import InputError
 from kreisel.lab.darboux import jacobian_factors
-from kreisel.lab.exact import (
-    PRIMES,
-    ROOT,
-    Mod,
-    fractions,
-    poles_marked,
-    random_residues,
-    rationals,
-    reconstructed,
-    require_flint,
-    residue,
-    without_poles,
-)
+from kreisel.lab.exact import Field, fractions, rationals, require_flint
 from kreisel.lab.integrals import Polynomial
+from kreisel.lab.modular import PRIMES, ROOT, Mod, poles_marked, random_residues, reconstructed, residue, without_poles
 from kreisel.lab.subject import Subject, stacked
 
 FEWEST, MOST = 64, 1 << 13  # points
@@ -111,12 +87,12 @@ def growth(subject: Subject, iterates: int = 20, seed: int = 0) -> Growth:
 def degrees(subject: Subject, iterates: int = 20, seed: int = 0) -> tuple[int, ...]:
     """d_0, d_1, ...; fewer than asked for where a degree is beyond MOST/2.  On two primes, which must agree."""
 
-    def modulo(p: int) -> tuple[int, ...]:
+    def over(p: int) -> tuple[int, ...]:
         return without_poles(subject.name, lambda attempt: _degrees(subject, iterates, [seed, attempt], p))
 
-    sequences = [modulo(p) for p in PRIMES[:2]]
+    sequences = [over(p) for p in PRIMES[:2]]
     if sequences[0] != sequences[1]:  # a prime that divides a leading coefficient gives too small a degree
-        sequences.append(modulo(PRIMES[2]))
+        sequences.append(over(PRIMES[2]))
     return tuple(max(d) for d in zip(*sequences, strict=len(sequences) == 2))
 
 
@@ -211,15 +187,13 @@ def _polynomial(d: tuple[int, ...]) -> tuple[int, ...] | None:
 
 def _recurrence(d: tuple[int, ...]) -> tuple[int, ...] | None:
     """The shortest recurrence over the integers, if at least three terms more than it needs confirm it."""
-    flint = require_flint()
     for order in range(1, (len(d) - 3) // 2 + 1):
         rows = [list(d[k : k + order + 1]) for k in range(len(d) - order)]
-        kernel, nullity = flint.fmpz_mat(rows).nullspace()
-        if nullity == 1:
-            column = [int(kernel[i, 0]) for i in range(order + 1)]
+        kernel, nullity = require_flint().fmpz_mat(rows).nullspace()
+        column = [int(kernel[i, 0]) for i in range(order + 1)]
+        if nullity == 1 and column[-1]:
             scale = math.gcd(*column) * (1 if column[-1] > 0 else -1)
-            if column[-1]:
-                return tuple(c // scale for c in column)
+            return tuple(c // scale for c in column)
     return None
 
 
@@ -275,16 +249,12 @@ def exact_orbit(subject: Subject, x: Any, steps: int) -> list[Array]:
         raise InputError(f"A start has {subject.dim} values, {', '.join(subject.names)}, got shape {x.shape}.")
     if subject.implicit:
         raise InputError(f"{subject.implicit}: its orbits are not rational. Choose an explicit map.")
-    constants = {k: rationals(v) for k, v in subject.constants.items()}
-    x, out = rationals(x), []
+    constants, x, out = {k: rationals(v) for k, v in subject.constants.items()}, rationals(x), []
     for k in range(steps + 1):
-        if k:
-            try:
-                x = np.asarray(subject.step(x, **constants), dtype=object)
-            except ZeroDivisionError:
-                raise InputError(
-                    f"The orbit of {subject.name} meets a pole at step {k}. Choose another start."
-                ) from None
+        try:
+            x = np.asarray(subject.step(x, **constants), dtype=object) if k else x
+        except ZeroDivisionError:
+            raise InputError(f"The orbit of {subject.name} meets a pole at step {k}. Choose another start.") from None
         out.append(fractions(x))
         if _bits(out[-1]) > MOST_BITS:
             raise InputError(
@@ -357,7 +327,7 @@ LARGEST = 1000  # numerator and denominator of a limit that is shown
 INFINITY, FREE, OTHER = "oo", "*", "c"
 
 
-class Series(Ring):
+class Series(Field):
     """s^v (c_0 + c_1 s + ...) modulo p, c_0 not 0 unless it is 0 as far as it is known."""
 
     __slots__ = ("c", "p", "v")
@@ -366,47 +336,32 @@ class Series(Ring):
         lead = next((i for i, a in enumerate(c) if a), len(c))
         self.v, self.c, self.p = v + lead, c[lead:], p
 
-    def _other(self, other: Any) -> Series:
+    def _of(self, other: Any) -> Series:
         if isinstance(other, Series):
             return other
         return Series(0, [residue(other, self.p), *[0] * (TERMS - 1)], self.p)
 
-    def __add__(self, other: Any) -> Any:
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        a, b = self, self._other(other)
-        end, v = min(a.v + len(a.c), b.v + len(b.c)), min(a.v, b.v)
-        total = [0] * max(0, end - v)
-        for series in (a, b):
-            for i, x in enumerate(series.c[: max(0, end - series.v)]):
-                total[series.v - v + i] = (total[series.v - v + i] + x) % self.p
-        return Series(v, total, self.p)
+    def _plus(self, other: Series) -> Series:
+        v, end = min(self.v, other.v), min(self.v + len(self.c), other.v + len(other.c))
+        total = np.zeros(max(0, end - v), dtype=np.int64)
+        for series in (self, other):
+            terms = series.c[: max(0, end - series.v)]
+            total[series.v - v : series.v - v + len(terms)] += np.array(terms, dtype=np.int64)
+        return Series(v, (total % self.p).tolist(), self.p)
 
     def __neg__(self) -> Series:
         return Series(self.v, [-x % self.p for x in self.c], self.p)
 
-    def __mul__(self, other: Any) -> Any:
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        b = self._other(other)
-        count = min(len(self.c), len(b.c))
-        flint = require_flint()
-        product = flint.nmod_poly(self.c[:count], self.p) * flint.nmod_poly(b.c[:count], self.p)
-        return Series(self.v + b.v, [int(product[i]) for i in range(count)], self.p)
-
-    def __truediv__(self, other: Any) -> Any:
-        return NotImplemented if isinstance(other, np.ndarray) else self * self._other(other)._inverse()
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return self._other(other) * self._inverse()
+    def _times(self, other: Series) -> Series:
+        flint, count = require_flint(), min(len(self.c), len(other.c))
+        product = flint.nmod_poly(self.c[:count], self.p) * flint.nmod_poly(other.c[:count], self.p)
+        return Series(self.v + other.v, [int(product[i]) for i in range(count)], self.p)
 
     def _inverse(self) -> Series:
         if not self.c:
             raise ZeroDivisionError("no terms of a series are left")
-        out = [pow(self.c[0], -1, self.p)]
-        for k in range(1, len(self.c)):
-            out.append(-out[0] * sum(self.c[i] * out[k - i] for i in range(1, k + 1)) % self.p)
-        return Series(-self.v, out, self.p)
+        inverse = require_flint().nmod_poly(self.c, self.p).inverse_series_trunc(len(self.c))
+        return Series(-self.v, [int(inverse[i]) for i in range(len(self.c))], self.p)
 
     @property
     def limit(self) -> int | None:
@@ -436,27 +391,23 @@ def singularities(subject: Subject, steps: int = 12, seed: int = 0) -> list[Sing
     """The curves that a map of the plane contracts, with their orbits.  Raises `InputError` for other maps."""
     if subject.dim != 2:
         raise InputError(f"Singularities are followed in the plane, got {subject.dim} coordinates.")
-    return [s for f in jacobian_factors(subject) for s in [_followed(subject, f, steps, seed)] if s is not None]
+    followed = (_followed(subject, f, steps, seed) for f in jacobian_factors(subject))
+    return [s for s in followed if s is not None]
 
 
 def _followed(subject: Subject, curve: Polynomial, steps: int, seed: int) -> Singularity | None:
-    p = PRIMES[0]
-    rng = np.random.default_rng([seed, 29])
-    starts = [_on_curve(curve, p, rng) for _ in range(2)]
-    if None in starts:
-        return None
-    orbits = []
-    for start in starts:
-        assert start is not None
+    p, step = PRIMES[0], subject.over(PRIMES[0])
+    rng, orbits = np.random.default_rng([seed, 29]), []
+    for start in [_on_curve(curve, p, rng) for _ in range(2)]:
+        if start is None:
+            return None
         slope = [int(v) for v in rng.integers(1, p, 2)]
         x = objects(Series(0, [a, b, *[0] * (TERMS - 2)], p) for a, b in zip(start, slope, strict=True))
         orbits.append([[s.limit for s in x]])
-        try:
+        with suppress(ZeroDivisionError):
             for _ in range(steps):
-                x = subject.over(p)(x)
+                x = step(x)
                 orbits[-1].append([s.limit for s in x])
-        except ZeroDivisionError:
-            pass
     points = [tuple(map(_limit, *pair)) for pair in zip(*orbits, strict=False)]
     free = [FREE in point for point in points]
     if all(free[:2]):

@@ -1,25 +1,16 @@
 """Integrals of a map, found unaided: polynomials and quotients of them that are constant along orbits.
 
-Polynomials.  Monomials up to a degree, evaluated along orbits over F_p: those combinations whose values do not change
-are the null space of a matrix.  Lifted to the rationals, and checked on fresh orbits modulo another prime.
-
-Quotients P/Q.  P(x') Q(x) - P(x) Q(x') = 0 is linear in the bivector P ^ Q.  Its null space contains I ^ J for all
-polynomial integrals I, J; further integrals are quotients.
-
-Integrals that are polynomials in others, or functionally dependent on them, are left out.  Integrals that a record
-states are tested exactly.
-
-Maps that can only be run in floats.  Combinations of monomials that are conserved along orbits are singular vectors
-whose singular values are at round-off; a gap separates them from combinations that only change little.
-Functionally independent ones are counted by the rank of their gradients, those on a leaf and their brackets with the
-bracket of the map.
+Combinations of monomials that are constant along orbits over F_p are a null space, lifted to the rationals and checked
+modulo another prime.  P(x') Q(x) - P(x) Q(x') = 0 is linear in the bivector P ^ Q; its null space contains I ^ J for
+all polynomial integrals I, J.  Dependent integrals are left out.  In floats the null space are singular vectors whose
+singular values are at round-off, with a gap to the others.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -28,21 +19,9 @@ import numpy as np
 
 from kreisel.algebra import Array, objects
 from kreisel.errors import InputError, RunError
-from kreisel.lab import dynamics
-from kreisel.lab.exact import (
-    PRIMES,
-    Mod,
-    Pole,
-    independent,
-    modular_matrix,
-    rank_modulo,
-    reconstructed,
-    require_flint,
-    residue,
-    residues_at,
-    slopes,
-    without_poles,
-)
+from kreisel.lab import dynamics, modular
+from kreisel.lab.exact import Pole, fraction, rationals, ring
+from kreisel.lab.modular import PRIMES, Mod, random_residues, residue, without_poles
 from kreisel.lab.subject import Subject
 
 STEPS = 6  # of each orbit: few, over many orbits, so that no integral is a constant by chance
@@ -75,59 +54,33 @@ class Polynomial:
             total = total + term
         return total
 
-    def at(self, point: Array, p: int) -> int:
-        """The value modulo p at residues (d,)."""
-        return sum(residue(c, p) * _monomial(e, point, p) for e, c in self.terms.items()) % p
-
-    def gradient_at(self, point: Array, p: int) -> list[int]:
-        """The gradient modulo p at residues (d,)."""
-        out = [0] * len(point)
-        for e, c in self.terms.items():
-            for i, k in enumerate(e):
-                if k:
-                    lower = (*e[:i], k - 1, *e[i + 1 :])
-                    out[i] = (out[i] + residue(c, p) * k * _monomial(lower, point, p)) % p
-        return out
-
     def __str__(self) -> str:
-        parts: list[str] = []
-        for exponents, c in sorted(self.terms.items(), key=lambda t: (-sum(t[0]), tuple(-e for e in t[0]))):
-            sign = "-" if c < 0 else "+"
-            factors = [f"{n}^{e}" if e > 1 else n for n, e in zip(self.names, exponents, strict=True) if e]
-            size = abs(c)
-            shown = " ".join(([] if size == 1 and factors else [str(size)]) + factors)
-            parts.append(f"{sign} {shown}")
-        text = " ".join(parts) or "0"
-        return f"-{text[2:]}" if text.startswith("- ") else text.removeprefix("+ ")
+        return str(polynomial(self.terms, self.names)).replace("*", " ")
 
 
 @dataclass(frozen=True)
-class Quotient:
-    """numerator/denominator, both polynomials."""
+class Product:
+    """A product of powers of polynomials."""
 
-    numerator: Polynomial
-    denominator: Polynomial
+    factors: tuple[tuple[Polynomial, int], ...]
 
     @property
     def degree(self) -> int:
-        """The larger of the degrees."""
-        return max(self.numerator.degree, self.denominator.degree)
+        """The larger of the degrees of numerator and denominator."""
+        return max(sum(P.degree * k for P, k in self.factors if k * s > 0) * s for s in (1, -1))
 
     def __call__(self, x: Array) -> Any:
-        """The value at coordinates x (d, ...)."""
-        return self.numerator(x) / self.denominator(x)
-
-    def gradient_at(self, point: Array, p: int) -> list[int]:
-        """The gradient modulo p at residues (d,), times the square of the denominator."""
-        P, Q = (f.at(point, p) for f in (self.numerator, self.denominator))
-        dP, dQ = (f.gradient_at(point, p) for f in (self.numerator, self.denominator))
-        return [(a * Q - P * b) % p for a, b in zip(dP, dQ, strict=True)]
+        """The value at coordinates x (d,) of any field."""
+        values = [(P(x), k) for P, k in self.factors]
+        over, under = (math.prod(v for v, k in values for _ in range(k * sign)) for sign in (1, -1))
+        return over / under
 
     def __str__(self) -> str:
-        return f"({self.numerator}) / ({self.denominator})"
+        def shown(sign: int) -> str:
+            powers = [(P, abs(k)) for P, k in self.factors if k * sign > 0]
+            return " ".join(f"({P})" + (f"^{k}" if k > 1 else "") for P, k in powers) or "1"
 
-
-Integral = Polynomial | Quotient
+        return shown(1) if all(k > 0 for _, k in self.factors) else f"{shown(1)} / {shown(-1)}"
 
 
 def require_few_monomials(subject: Subject, degree: int, most: int) -> None:
@@ -140,7 +93,9 @@ def require_few_monomials(subject: Subject, degree: int, most: int) -> None:
         )
 
 
-def integrals(subject: Subject, degree: int = 2, *, quotients: bool = False, seed: int = 0) -> list[Integral]:
+def integrals(
+    subject: Subject, degree: int = 2, *, quotients: bool = False, seed: int = 0
+) -> list[Polynomial | Product]:
     """Functionally independent polynomial integrals up to that degree; with `quotients`, also P/Q of that degree.
 
     They hold for the constants of the subject.  Raises `InputError` for maps that are not rational, and for degrees
@@ -148,7 +103,7 @@ def integrals(subject: Subject, degree: int = 2, *, quotients: bool = False, see
     """
     require_few_monomials(subject, degree, MOST_MONOMIALS)
 
-    def sought(attempt: int) -> list[Integral]:
+    def sought(attempt: int) -> list[Polynomial | Product]:
         polynomials = _polynomials(subject, degree, [seed, attempt])
         return [*polynomials, *(_quotients(subject, degree, polynomials, [seed, attempt]) if quotients else [])]
 
@@ -159,39 +114,19 @@ def monomials(dim: int, degree: int) -> Iterable[Exponents]:
     """Exponents with total at most `degree`, the constant first, then by degree."""
     for total in range(degree + 1):
         for places in itertools.combinations_with_replacement(range(dim), total):
-            exponents = [0] * dim
-            for place in places:
-                exponents[place] += 1
-            yield tuple(exponents)
+            yield tuple(places.count(i) for i in range(dim))
 
 
-def _label_key(label: Any) -> Any:
-    return (sum(label), label) if isinstance(label[0], int) else label
-
-
-def monomial_values(points: Array, exponents: list[Exponents], p: int) -> Array:
-    """Monomials (..., count) at points (..., d) modulo p."""
+def monomial_values(points: Array, exponents: list[Exponents], p: int | None) -> Array:
+    """Monomials (..., count) at points (..., d): of integers modulo p, or of any field without p."""
     zero = (0,) * points.shape[-1]
     values: dict[Exponents, Array] = {zero: np.ones(points.shape[:-1], dtype=np.int64)}
     for e in sorted(exponents, key=sum):
         if e != zero:
             first = next(i for i, k in enumerate(e) if k)
-            smaller = (*e[:first], e[first] - 1, *e[first + 1 :])
-            values[e] = values[smaller] * points[..., first] % p
-    return np.stack([values[e] for e in exponents], -1)
-
-
-def kernel(rows: Array, p: int) -> list[list[int]]:
-    """A basis of the null space modulo p, each vector with a 1 where all others have 0."""
-    table, pivots = _reduced(rows.tolist(), p)
-    basis = []
-    for j in sorted(set(range(rows.shape[1])) - set(pivots)):
-        vector = [0] * rows.shape[1]
-        vector[j] = 1
-        for row, pivot in zip(table, pivots, strict=True):
-            vector[pivot] = -row[j] % p
-        basis.append(vector)
-    return basis
+            value = values[(*e[:first], e[first] - 1, *e[first + 1 :])] * points[..., first]
+            values[e] = value if p is None else value % p
+    return np.stack([np.asarray(values[e], dtype=None if p else object) for e in exponents], -1)
 
 
 def _polynomials(subject: Subject, degree: int, seed: list[int]) -> list[Polynomial]:
@@ -200,13 +135,13 @@ def _polynomials(subject: Subject, degree: int, seed: list[int]) -> list[Polynom
     for d in range(1, degree + 1):
         # leading monomials first
         exponents = sorted(list(monomials(subject.dim, d))[1:], key=lambda e: (sum(e), e), reverse=True)
-        products = [expanded(f) for f in _products(polynomials, d)]
+        earlier = [expanded([polynomials[i] for i in c]) for c in products([f.degree for f in polynomials], d)]
 
         def rows(p: int, exponents: list[Exponents] = exponents) -> Array:
             values = _along_orbits(subject, exponents, seed, p, len(exponents) + SPARE)
             return (values[1:] - values[:1]).reshape(-1, len(exponents)) % p
 
-        new = [Polynomial(terms, subject.names) for terms in rational_kernel(rows, exponents, products)]
+        new = [Polynomial(terms, subject.names) for terms in rational_kernel(rows, exponents, earlier)]
         polynomials += _independent(subject, sorted(new, key=lambda f: len(f.terms)), seed, polynomials)
     return polynomials
 
@@ -221,13 +156,13 @@ def rational_kernel(
     bases = []
     for p in PRIMES[:2]:
         vectors = [[residue(vector.get(label, Fraction(0)), p) for label in labels] for vector in modulo or []]
-        bases.append(_modulo(kernel(rows(p), p), vectors, p))
+        bases.append(_complement(modular.kernel(rows(p), p), np.array(vectors, dtype=np.int64), p))
     if len(bases[0]) != len(bases[1]):
         raise Pole("two primes find null spaces of different size")
     basis, p = [], PRIMES[2]
-    third = rows(p) if bases[0] else None
+    third = rows(p) if len(bases[0]) else None
     for pair in zip(*bases, strict=True):
-        terms = lift({label: (a, b) for label, a, b in zip(labels, *pair, strict=True) if a or b})
+        terms = lift({label: (int(a), int(b)) for label, a, b in zip(labels, *pair, strict=True) if a or b})
         vector = np.array([residue(terms.get(label, Fraction(0)), p) for label in labels]) if terms else None
         if vector is None or ((third * vector % p).sum(1) % p).any():
             raise InputError(
@@ -238,48 +173,35 @@ def rational_kernel(
     return basis
 
 
-def _products(polynomials: list[Polynomial], degree: int) -> list[list[Polynomial]]:
-    """All products of integrals of total degree at most `degree`."""
-    out: list[list[Polynomial]] = []
-    for count in range(1, degree + 1):
-        chosen = itertools.combinations_with_replacement(polynomials, count)
-        out += [list(c) for c in chosen if sum(f.degree for f in c) <= degree]
-    return out
+def _complement(space: Array, spanned: Array, p: int) -> Array:
+    """A reduced basis of `space` modulo the span of `spanned`, which is a part of it."""
+    if len(spanned):
+        rows, leads = modular.reduced(spanned, p)
+        space = (space - modular.product(space[:, leads], rows, p)) % p
+    return modular.reduced(space, p)[0]
+
+
+def products(degrees: Sequence[int], most: int) -> Iterator[tuple[int, ...]]:
+    """The places of the factors, of these degrees, of all products of total degree at most `most`."""
+    for count in range(1, most + 1):
+        for chosen in itertools.combinations_with_replacement(range(len(degrees)), count):
+            if sum(degrees[i] for i in chosen) <= most:
+                yield chosen
 
 
 def expanded(factors: list[Polynomial]) -> dict[Exponents, Fraction]:
     """A product as terms."""
-    out: dict[Exponents, Fraction] = {(0,) * len(factors[0].names): Fraction(1)}
-    for f in factors:
-        new: dict[Exponents, Fraction] = {}
-        for (e, c), (g, d) in itertools.product(out.items(), f.terms.items()):
-            both = tuple(i + j for i, j in zip(e, g, strict=True))
-            new[both] = new.get(both, Fraction(0)) + c * d
-        out = new
-    return out
+    return terms_of(math.prod(polynomial(f.terms, f.names) for f in factors))
 
 
-def _modulo(space: list[list[int]], spanned: list[list[int]], p: int) -> list[list[int]]:
-    """A reduced basis of `space` modulo the span of `spanned`, which is a part of it."""
-    spanned = _reduced(spanned, p)[0]
-    leads = [next(j for j, v in enumerate(row) if v) for row in spanned]
-    remainders = []
-    for vector in space:
-        for row, lead in zip(spanned, leads, strict=True):
-            factor = vector[lead]
-            if factor:
-                vector = [(v - factor * w) % p for v, w in zip(vector, row, strict=True)]
-        remainders.append(vector)
-    return _reduced(remainders, p)[0]
+def polynomial(terms: Mapping[Exponents, Fraction], names: tuple[str, ...]) -> Any:
+    """A polynomial of python-flint."""
+    return ring(names).from_dict({e: rationals(c) for e, c in terms.items()})
 
 
-def _reduced(rows: list[list[int]], p: int) -> tuple[list[list[int]], list[int]]:
-    """The reduced echelon form without its rows of zeros, and the places of its pivots."""
-    if not rows:
-        return [], []
-    reduced, rank = modular_matrix(np.array(rows), p).rref()
-    table = [[int(v) for v in row] for row in reduced.tolist()[:rank]]
-    return table, [next(j for j, v in enumerate(row) if v) for row in table]
+def terms_of(f: Any) -> dict[Exponents, Fraction]:
+    """The terms of a polynomial of python-flint."""
+    return {tuple(e): fraction(c) for e, c in f.to_dict().items()}
 
 
 def lift(terms: dict[Any, tuple[int, int]]) -> dict[Any, Fraction]:
@@ -287,7 +209,7 @@ def lift(terms: dict[Any, tuple[int, int]]) -> dict[Any, Fraction]:
     p, q = PRIMES[:2]
     out = {}
     for label, (a, b) in terms.items():
-        c = reconstructed((a + p * ((b - a) * pow(p, -1, q) % q)) % (p * q), p * q)
+        c = modular.reconstructed((a + p * ((b - a) * pow(p, -1, q) % q)) % (p * q), p * q)
         if c is None:
             return {}
         out[label] = c
@@ -298,7 +220,7 @@ def _primitive(terms: dict[Any, Fraction]) -> dict[Any, Fraction]:
     """Scaled so that the coefficients are integers without a common factor, the largest label's positive."""
     scale = Fraction(math.lcm(*(c.denominator for c in terms.values())), 1)
     scale /= math.gcd(*(int(c * scale) for c in terms.values()))
-    leading = max(terms, key=_label_key)
+    leading = max(terms, key=lambda e: (sum(e), e) if isinstance(e[0], int) else e)
     return {e: c * scale * (1 if terms[leading] > 0 else -1) for e, c in terms.items()}
 
 
@@ -308,40 +230,24 @@ def _along_orbits(subject: Subject, exponents: list[Exponents], seed: list[int],
     return monomial_values(points, exponents, p)
 
 
-def _independent(
-    subject: Subject, functions: list[Any], seed: list[int], earlier: list[Any] | None = None
-) -> list[Any]:
+def _independent(subject: Subject, functions: list[Any], seed: list[int], earlier: Sequence[Any] = ()) -> list[Any]:
     """Those whose gradients raise the rank at a random point, modulo a prime."""
     p = PRIMES[2]
-    point = subject.orbits(p, seed[0] * 1000 + seed[1] + 500, 1, 0)[0, :, 0]
-    kept: list[Any] = []
-    rows = [f.gradient_at(point, p) for f in earlier or []]
-    rank = rank_modulo(np.array(rows), p) if rows else 0
-    for f in functions:
-        more = [*rows, f.gradient_at(point, p)]
-        new = rank_modulo(np.array(more), p)
-        if new > rank:
-            kept, rows, rank = [*kept, f], more, new
-    return kept
+    x = subject.point(random_residues(np.random.default_rng([seed[0] * 1000 + seed[1] + 500, p]), p, 1))
+    rows = modular.gradients([*earlier, *functions], x, p)
+    ranks = [modular.rank(rows[:k], p) if k else 0 for k in range(len(earlier), len(rows) + 1)]
+    return [f for f, before, after in zip(functions, ranks, ranks[1:], strict=False) if after > before]
 
 
 def without_dependent(subject: Subject, functions: list[Any], seed: int = 0) -> list[Any]:
     """Functions that are conserved, without those that depend on functions before them."""
-    errors = (Pole, ValueError)  # pow() of 0
-    return without_poles(subject.name, lambda attempt: _independent(subject, functions, [seed, attempt]), errors)
-
-
-def _monomial(e: Exponents, point: Array, p: int) -> int:
-    out = 1
-    for k, v in zip(e, point, strict=True):
-        out = out * pow(int(v), k, p) % p
-    return out
+    return without_poles(subject.name, lambda attempt: _independent(subject, functions, [seed, attempt]))
 
 
 # -- quotients --------------------------------------------------------------------------------------
 
 
-def _quotients(subject: Subject, degree: int, polynomials: list[Polynomial], seed: list[int]) -> list[Quotient]:
+def _quotients(subject: Subject, degree: int, polynomials: list[Polynomial], seed: list[int]) -> list[Product]:
     count = math.comb(math.comb(subject.dim + degree, degree), 2)
     if count > MOST_MONOMIALS:
         raise InputError(
@@ -357,40 +263,28 @@ def _quotients(subject: Subject, degree: int, polynomials: list[Polynomial], see
         a, b = np.broadcast_to(values[:1], values[1:].shape), values[1:]
         return ((b[..., first] * a[..., second] - a[..., first] * b[..., second] % p) % p).reshape(-1, len(pairs))
 
-    bivectors = rational_kernel(rows, pairs)
-    quotients = [q for q in (_decomposed(terms, exponents, subject.names) for terms in bivectors) if q is not None]
-    quotients.sort(key=lambda f: (f.degree, len(f.numerator.terms) + len(f.denominator.terms)))
+    decomposed = (_decomposed(terms, exponents, subject.names) for terms in rational_kernel(rows, pairs))
+    quotients = [q for q in decomposed if q is not None]
+    quotients.sort(key=lambda f: (f.degree, sum(len(P.terms) for P, _ in f.factors)))
     return _independent(subject, quotients, seed, [*polynomials])
-
-
-def _cancelled(rows: list[dict[Exponents, Fraction]], names: tuple[str, ...]) -> list[dict[Exponents, Fraction]]:
-    """Two polynomials without their common factor."""
-    flint = require_flint()
-    ring = flint.fmpq_mpoly_ctx.get(names, flint.Ordering.degrevlex)
-    P, Q = (ring.from_dict({e: flint.fmpq(c.numerator, c.denominator) for e, c in row.items()}) for row in rows)
-    common = P.gcd(Q)
-    return [{tuple(e): Fraction(int(c.p), int(c.q)) for e, c in (f // common).to_dict().items()} for f in (P, Q)]
 
 
 def _decomposed(
     entries: dict[tuple[int, int], Fraction], exponents: list[Exponents], names: tuple[str, ...]
-) -> Quotient | None:
-    """P and Q of a bivector P ^ Q, or None if it is a sum of several: two of its rows span P and Q."""
-    (i, j), _ = next(iter(entries.items()))
-    rows = []
-    for k in (i, j):
-        row = {b: c for (a, b), c in entries.items() if a == k} | {a: -c for (a, b), c in entries.items() if b == k}
-        rows.append({exponents[place]: c for place, c in row.items()})
-    P, Q = (Polynomial(_primitive(row), names) for row in _cancelled(rows, names))
-    wedge = {
-        (a, b): rows[0].get(exponents[a], 0) * rows[1].get(exponents[b], 0)
-        - rows[0].get(exponents[b], 0) * rows[1].get(exponents[a], 0)
-        for a, b in itertools.combinations(range(len(exponents)), 2)
-    }
-    scale = wedge[(i, j)] / entries[(i, j)]
-    if any(wedge[pair] != scale * entries.get(pair, 0) for pair in wedge):
+) -> Product | None:
+    """P/Q of a bivector P ^ Q, or None if it is a sum of several: two of its rows span P and Q."""
+    A = np.zeros((len(exponents), len(exponents)), dtype=object)
+    for (a, b), c in entries.items():
+        A[a, b], A[b, a] = c, -c
+    i, j = next(iter(entries))
+    wedge = np.multiply.outer(A[i], A[j]) - np.multiply.outer(A[j], A[i])
+    if (wedge != wedge[i, j] / A[i, j] * A).any():
         return None
-    return Quotient(P, Q) if len(P.terms) >= len(Q.terms) else Quotient(Q, P)
+    P, Q = (polynomial({e: c for e, c in zip(exponents, A[k], strict=True) if c}, names) for k in (i, j))
+    common = P.gcd(Q)
+    parts = [Polynomial(_primitive(terms_of(f // common)), names) for f in (P, Q)]
+    over, under = sorted(parts, key=lambda f: -len(f.terms))
+    return Product(((over, 1), (under, -1)))
 
 
 # -- integrals that a record states ----------------------------------------------------------------------
@@ -405,11 +299,9 @@ class Stated:
     subject: Subject
     place: int
 
-    def gradient_at(self, point: Array, p: int) -> list[int]:
-        """The gradient modulo p at residues (d,)."""
-        x = objects(Mod(np.array([int(v)]), p) for v in point)
-        value = _stated_values(self.subject, independent(x), p)[self.place]
-        return [int(v) for v in residues_at(slopes(objects([value]), self.subject.dim)[0], 1, p)[0]]
+    def __call__(self, x: Array) -> Any:
+        """The value at coordinates x (d,) of any field."""
+        return self.subject.stated(x)[self.place]
 
     def __str__(self) -> str:
         return f"stated in the record: number {self.place + 1}"
@@ -423,17 +315,11 @@ def stated(subject: Subject, seed: int) -> list[Stated]:
     for p in PRIMES[:2]:
         try:
             points = subject.some_orbits(p, seed + 77, LANES, 1)
-            old, new = (_stated_values(subject, np.array([Mod(v, p) for v in z], dtype=object), p) for z in points)
+            old, new = (subject.stated(objects(Mod(v, p) for v in z)) for z in points)
         except (Pole, TypeError):
             return []
-        apart = [a - b for a, b in zip(old, new, strict=True)]
-        holds = np.array([isinstance(d, Mod) and not np.any(d.v % p) for d in apart]) & holds
+        holds = np.array([isinstance(d, Mod) and not np.any(d.v % p) for d in old - new]) & holds
     return [Stated(subject, int(i)) for i in np.flatnonzero(holds)]
-
-
-def _stated_values(subject: Subject, x: Array, p: int) -> Array:
-    assert subject.integrals is not None
-    return np.ravel(np.asarray(subject.integrals(x, **subject.modulo(p)), dtype=object))
 
 
 # -- integrals in floats ---------------------------------------------------------------------------------
@@ -501,29 +387,21 @@ def integrals_in_floats(subject: Subject, degree: int = 2, seed: int = 0) -> Num
         raise RunError(trouble or "the orbits are too short")
     _, sizes, V = np.linalg.svd(table / scale)
     sizes = sizes / sizes[0]
-    still = int((sizes < ROUND_OFF).sum())
-    vectors = V[len(sizes) - still :] / scale
-    x = dynamics.float_start(subject, seed + 7)
-    G = vectors @ _monomial_gradients(x, exponents)
-    rank = _numerical_rank(G)
-    pi = (
-        np.asarray(subject.tensor(x), dtype=float)
-        if subject.tensor is not None
-        else np.zeros((subject.dim, subject.dim))
-    )
-    fields = G @ pi
-    both = fields @ G.T
-    on_leaf = _numerical_rank(fields, float(np.linalg.norm(G) * np.linalg.norm(pi)))
-    sized = np.linalg.norm(G, axis=1)
+    still, x = int((sizes < ROUND_OFF).sum()), dynamics.float_start(subject, seed + 7)
+    G = V[len(sizes) - still :] / scale @ _monomial_gradients(x, exponents)
+    pi = np.zeros((subject.dim, subject.dim)) if subject.tensor is None else np.asarray(subject.tensor(x), dtype=float)
+    fields, lengths = G @ pi, np.linalg.norm(G, axis=1)
+    both, size, turn = fields @ G.T, float(np.linalg.norm(G)), float(np.linalg.norm(pi))
+    on_leaf = _numerical_rank(fields, size * turn)
     return Numerical(
         degree=degree,
-        count=rank,
+        count=_numerical_rank(G),
         on_leaf=on_leaf,
         leaf=_numerical_rank(pi),
-        torus=on_leaf - _numerical_rank(both, float(np.linalg.norm(G) ** 2 * np.linalg.norm(pi))),
+        torus=on_leaf - _numerical_rank(both, size**2 * turn),
         largest=float(sizes[len(sizes) - still]) if still else 0.0,
         next=float(sizes[len(sizes) - still - 1]),
-        involution=float((np.abs(both) / np.outer(sized, sized)).max(initial=0.0)),
+        involution=float((np.abs(both) / np.outer(lengths, lengths)).max(initial=0.0)),
     )
 
 

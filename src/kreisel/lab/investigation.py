@@ -7,7 +7,7 @@ import io
 import math
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from fractions import Fraction
 from html import escape
 from pathlib import Path
@@ -18,14 +18,24 @@ import numpy as np
 from kreisel.errors import InputError, explained, shown
 from kreisel.files import place, written
 from kreisel.lab.exact import fraction
-from kreisel.lab.questions import QUESTIONS, Clues, Finding, verdict
+from kreisel.lab.questions import QUESTIONS, Clues, verdict
 from kreisel.lab.subject import BESIDE, Subject, in_coordinates, on_group, subject
 from kreisel.record.contract import Parameter, System
 from kreisel.record.model import Model
 from kreisel.runs.settings import within
 from kreisel.runs.user_defined import executed, own_systems
+from kreisel.system import find
 
 OF_A_FILE = ("names", "n", "frame", "eps", *BESIDE)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A question, the answer and the evidence."""
+
+    question: str
+    answer: str
+    evidence: str
 
 
 @dataclass(frozen=True)
@@ -43,19 +53,56 @@ class Investigation:
         return next(f for f in self.findings if f.question == question)
 
     def __str__(self) -> str:
-        return terminal_table(self)
+        return self.table()
+
+    def table(self, width: int = 110) -> str:
+        """A table for the terminal."""
+        from rich.console import Console
+        from rich.table import Table
+
+        grid = Table(box=None, pad_edge=False, show_header=False)
+        for style in ("bold", "", "dim"):
+            grid.add_column(style=style)
+        for f in self.findings:
+            grid.add_row(f.question, _literal(f.answer), _literal(f.evidence))
+        console = Console(file=io.StringIO(), width=width, highlight=False, no_color=True)
+        console.print(f"{_literal(self.name)}: {_literal(self.about)}\n")
+        console.print(grid)
+        console.print(f"\n[bold]{self.verdict}[/bold]: {_literal(self.reason)}")
+        return str(console.file.getvalue()).rstrip()  # type: ignore[attr-defined]
 
     @property
     def html(self) -> str:
-        """One page that needs nothing else."""
-        return report_page(self)
+        """One page that needs nothing else: no script, nothing from elsewhere."""
+        return (
+            '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="generator" content="Kreisel">'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">'
+            "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">"
+            f"<title>{escape(self.name)}: {escape(self.verdict)}</title><style>{STYLE}</style></head><body>"
+            f'{self._repr_html_()}{_degree_chart(self.degrees)}<p class="about">{RULE}</p></body></html>\n'
+        )
 
     def _repr_html_(self) -> str:
-        return table_html(self)
+        rows = "".join(
+            f"<tr><th>{escape(f.question)}</th><td>{escape(f.answer)}</td><td>{escape(f.evidence)}</td></tr>"
+            for f in self.findings
+        )
+        return (
+            f'<h1>{escape(self.name)}</h1><p class="about">{escape(self.about)}</p>'
+            f'<p class="verdict">{escape(self.verdict)}</p><p>{escape(self.reason)}</p><table>{rows}</table>'
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the page."""
-        save(self, path)
+        """Write the page; a page that Kreisel wrote is replaced.
+
+        Raises `InputError` where anything else has that name, and `RunError` where it cannot be written.
+        """
+        with written(place(path, "The page needs a name such as map.html")) as scratch:
+            scratch.write_text(self.html, encoding="utf-8")
+
+
+def _literal(text: str) -> str:
+    return text.replace("[", r"\[")
 
 
 RANGES = {"n": (1, 64), "degree": (0, 12), "iterates": (0, 40), "steps": (1, 10**9), "seed": (0, 2**63)}
@@ -94,7 +141,7 @@ def investigate(
             within(value, name, *RANGES[name])
     x = _subject(candidate, n, frame, eps, names, options)
     clues = Clues(x, degree, iterates, steps, seed)
-    findings = tuple(question(clues) for question in QUESTIONS)
+    findings = tuple(Finding(label, *question(clues)) for label, question in QUESTIONS.items())
     stated = x.constants if x.model is None or not x.model.params else {**x.model.params, "eps": x.constants["eps"]}
     shown = ", ".join(f"{k} = {_plain_text(v)}" for k, v in stated.items())
     return Investigation(
@@ -107,13 +154,9 @@ def investigate(
 
 
 def _plain_text(v: Any) -> str:
-    array = np.vectorize(_rational_text, otypes=[object])(v)
-    return str(array[()]) if np.ndim(v) == 0 else "(" + ", ".join(map(str, np.ravel(array))) + ")"
-
-
-def _rational_text(v: Any) -> str:
-    q = fraction(v)
-    return str(q) if q.denominator < 10_000 else f"{float(q):g}"
+    exact = [fraction(x) for x in np.ravel(np.asarray(v, dtype=object))]
+    texts = [str(q) if q.denominator < 10_000 else f"{float(q):g}" for q in exact]
+    return texts[0] if np.ndim(v) == 0 else f"({', '.join(texts)})"
 
 
 def investigate_file(file: Path, /, **options: Any) -> Investigation:
@@ -160,10 +203,7 @@ def constants_of(constants: Any, place: str) -> Mapping[str, Any]:
 def _subject(
     candidate: Any, n: int | None, frame: str, eps: Any, names: tuple[str, ...] | None, options: dict[str, Any]
 ) -> Subject:
-    if isinstance(candidate, str):
-        from kreisel.system import find
-
-        candidate = find(candidate)
+    candidate = find(candidate) if isinstance(candidate, str) else candidate
     if isinstance(candidate, System):
         candidate = typical(candidate, n or candidate.n or 3, options)
         options = {}
@@ -234,52 +274,6 @@ RULE = (
 )
 
 
-def terminal_table(investigation: Investigation, width: int = 110) -> str:
-    """A table for the terminal."""
-    from rich.console import Console
-    from rich.table import Table
-
-    grid = Table(box=None, pad_edge=False, show_header=False)
-    for style in ("bold", "", "dim"):
-        grid.add_column(style=style)
-    for f in investigation.findings:
-        grid.add_row(f.question, _literal(f.answer), _literal(f.evidence))
-    console = Console(file=io.StringIO(), width=width, highlight=False, no_color=True)
-    console.print(f"{_literal(investigation.name)}: {_literal(investigation.about)}\n")
-    console.print(grid)
-    console.print(f"\n[bold]{investigation.verdict}[/bold]: {_literal(investigation.reason)}")
-    return str(console.file.getvalue()).rstrip()  # type: ignore[attr-defined]
-
-
-def _literal(text: str) -> str:
-    return text.replace("[", r"\[")
-
-
-def table_html(investigation: Investigation) -> str:
-    """The verdict and the table, for a page or a notebook."""
-    rows = "".join(
-        f"<tr><th>{escape(f.question)}</th><td>{escape(f.answer)}</td><td>{escape(f.evidence)}</td></tr>"
-        for f in investigation.findings
-    )
-    return (
-        f'<h1>{escape(investigation.name)}</h1><p class="about">{escape(investigation.about)}</p>'
-        f'<p class="verdict">{escape(investigation.verdict)}</p><p>{escape(investigation.reason)}</p>'
-        f"<table>{rows}</table>"
-    )
-
-
-def report_page(investigation: Investigation) -> str:
-    """One HTML file: no script, nothing from elsewhere."""
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="generator" content="Kreisel">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">"
-        f"<title>{escape(investigation.name)}: {escape(investigation.verdict)}</title>"
-        f"<style>{STYLE}</style></head><body>"
-        f'{table_html(investigation)}{_degree_chart(investigation.degrees)}<p class="about">{RULE}</p></body></html>\n'
-    )
-
-
 def _degree_chart(degrees: tuple[int, ...]) -> str:
     """The degrees against the iterate, both on logarithmic scales: a power is a straight line."""
     positive = [(k, d) for k, d in enumerate(degrees) if k and d > 0]
@@ -307,23 +301,7 @@ def _degree_chart(degrees: tuple[int, ...]) -> str:
     )
 
 
-def save(investigation: Investigation, path: str | os.PathLike[str]) -> None:
-    """Write the page; a page that Kreisel wrote is replaced.
-
-    Raises `InputError` where anything else has that name, and `RunError` where it cannot be written.
-    """
-    with written(place(path, "The page needs a name such as map.html")) as scratch:
-        scratch.write_text(report_page(investigation), encoding="utf-8")
-
-
 def plain_data(investigation: Investigation) -> dict[str, Any]:
     """An investigation as plain data."""
-    findings = [{"question": f.question, "answer": f.answer, "evidence": f.evidence} for f in investigation.findings]
-    return {
-        "map": investigation.name,
-        "about": investigation.about,
-        "verdict": investigation.verdict,
-        "reason": investigation.reason,
-        "degrees": list(investigation.degrees),
-        "findings": findings,
-    }
+    data = {**asdict(investigation), "degrees": list(investigation.degrees)}
+    return {"map": data.pop("name"), **data, "findings": list(data.pop("findings"))}

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import Any
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError
 from kreisel.lab import exact
 from kreisel.lab.exact import jacobian
 from kreisel.record.contract import Frame, Map, System
@@ -45,9 +44,7 @@ class Case:
     def kinds(self) -> tuple[str, ...]:
         return self.system.space.kinds
 
-    def call(self, function: Callable[..., Any] | None, *state: Array, **extra: Any) -> Any:
-        if function is None:
-            raise InputError(f"{self.system.name} does not state what this law needs.")
+    def call(self, function: Any, *state: Array, **extra: Any) -> Any:
         return self.model.call(function, *(state or self.state), **{"eps": self.eps, "lam": self.lam, **extra})
 
     def flat(self, state: tuple[Array, ...]) -> Array:
@@ -56,11 +53,18 @@ class Case:
     def tensor(self, state: tuple[Array, ...]) -> Array:
         return self.model.call(self.system.space.tensor, *state)
 
-    def moving(self, rate: tuple[Array, ...]) -> tuple[Array, ...]:
-        """The state with an infinitesimal step along the rate."""
-        return tuple(exact.along(z, r) for z, r in zip(self.state, rate, strict=True))
+    def slope(self, function: Callable[..., Any]) -> Array:
+        """The rate of a function of the state along the flow."""
+        moving = (exact.along(z, r) for z, r in zip(self.state, self.model.flow(*self.state), strict=True))
+        return exact.slopes(function(*moving), 1)[..., 0]
 
-    def jacobian(self, function: Callable[..., Any] | None, **extra: Any) -> tuple[Any, Array]:
+    @property
+    def functions(self) -> dict[str, Callable[..., Any]]:
+        """The energy, if it is known, and the integrals."""
+        energy = {} if self.system.energy is None else {"energy": self.system.energy}
+        return {**energy, **self.system.integrals}
+
+    def jacobian(self, function: Any, **extra: Any) -> tuple[Any, Array]:
         return jacobian(lambda *z: self.call(function, *z, **extra), self.state, self.kinds, self.model.n)
 
 
@@ -98,12 +102,21 @@ class Verdict:
 LAWS: dict[str, Law] = {}
 
 
+def states(system: System, entries: str) -> bool:
+    """Whether a record states all of these entries, such as "flow map.lax"."""
+    whole: Any = system
+    paths = [entry.split(".") for entry in entries.split()]
+    return all(reduce(lambda record, name: getattr(record, name, None), path, whole) for path in paths)
+
+
 def law(
-    statement: str, needs: Callable[[System], bool] = lambda system: True, exact: bool = True
+    statement: str, needs: str = "", exact: bool = True, unless: Callable[[System], bool] = lambda system: False
 ) -> Callable[..., Any]:
+    """Register the sides of a law for records that state what it needs, unless it does not apply to them."""
+
     def register(sides: Callable[[Case], Sides]) -> Callable[[Case], Sides]:
         name = sides.__name__.replace("_", "-")
-        LAWS[name] = Law(name, statement, sides, needs, exact)
+        LAWS[name] = Law(name, statement, sides, lambda s: states(s, needs) and not unless(s), exact)
         return sides
 
     return register
@@ -131,60 +144,27 @@ def residual(sides: Iterable[tuple[Array, Array]], numbers: str) -> float:
     return worst
 
 
-def has_map(system: System) -> bool:
-    return system.map is not None
-
-
-def has_flow(system: System) -> bool:
-    return system.flow is not None and system.energy is not None
-
-
-def has_map_with(*claims: str) -> Callable[[System], bool]:
-    """Whether a record has a map and these entries of it."""
-    return lambda s: s.map is not None and all(getattr(s.map, claim) is not None for claim in claims)
-
-
-def has_order(system: System) -> bool:
-    """Whether there are a map and a flow of the state, and of the orientation if the map rotates it."""
-    stated = system.map is not None and (system.velocity is not None or system.map.generator is None)
-    return stated and has_flow(system)
-
-
-def functions_of(system: System) -> dict[str, Callable[..., Any]]:
-    """The energy, if it is known, and the integrals."""
-    energy = {} if system.energy is None else {"energy": system.energy}
-    return {**energy, **system.integrals}
-
-
-def conserved_functions(system: System) -> list[Callable[..., Any]]:
-    """The energy and the integrals that the map conserves."""
-    keeps = None if system.map is None else system.map.conserves
-    return [f for name, f in functions_of(system).items() if keeps is None or name in keeps]
-
-
-def integral_gradients(case: Case, eps: Any) -> Iterator[tuple[str, Array]]:
-    """Name and gradient (count, d) of the energy and the commuting integrals at a step eps."""
-    for name in ("energy", *case.system.commuting):
-        function = functions_of(case.system)[name]
-        yield name, np.atleast_2d(case.jacobian(function, eps=eps)[1])
-
-
-# -- measured orders -------------------------------------------------------------------------------
-# Orders of maps and methods, measured.
+# -- orders of maps and methods, measured ----------------------------------------------------------------
 
 
 def measured_orders(
-    model: Model,
-    state: tuple[Array, ...],
-    conjugate: bool,
-    counts: tuple[int, ...] = (64, 128, 256, 512),
-    time: float = 0.5,
+    model: Model, state: tuple[Array, ...], conjugate: bool, counts: tuple[int, ...], time: float = 0.5
 ) -> list[float]:
     """Slopes of log error against log dt for the state and, if the map has a generator, the orientation."""
-    g0, kinds = np.eye(model.n), (*model.system.space.kinds, "matrix")
-    ends = [algebra.flatten(_iterate(model, state, g0, time / k, k, conjugate), kinds) for k in counts]
-    errors = errors_of(model, _truth(model, state, time), ends)
-    return fitted_orders(time / np.array(counts), errors if model.map.generator is not None else errors[:, :1])
+    mapped = model.map
+
+    def end(count: int) -> tuple[Array, ...]:
+        dt, g = time / count, np.eye(model.n)
+        z = model.call(mapped.from_symmetric, *state, eps=dt) if conjugate else state
+        for _ in range(count):
+            new = model.call(mapped.step, *z, eps=dt)
+            if mapped.generator is not None:
+                X = model.call(mapped.generator, *z, *new, eps=dt)
+                g = algebra.turn_left(X, g) if model.system.frame is Frame.REST else algebra.turn_right(g, X)
+            z = new
+        return (*(model.call(mapped.to_symmetric, *z, eps=dt) if conjugate else z), g)
+
+    return _orders(model, state, end, counts, time, mapped.generator is not None)
 
 
 def baecklund_orders(
@@ -193,17 +173,22 @@ def baecklund_orders(
     """The slopes of `measured_orders` for method="baecklund" of that order, by its definition."""
     from kreisel.method.baecklund import baecklund
 
-    def end(count: int) -> Array:
+    def end(count: int) -> tuple[Array, ...]:
         z = (*state, np.array([1.0, 0, 0, 0]) if model.n == 3 else np.eye(model.n))
         plan = baecklund(model, time / count, order, oriented=True).on(z)
         for _ in range(count):
             z = plan.advance(*z)
-        z = (*z[:-1], algebra.rotation_matrix(z[-1])) if model.n == 3 else z
-        return algebra.flatten(z, (*model.system.space.kinds, "matrix"))
+        return (*z[:-1], algebra.rotation_matrix(z[-1])) if model.n == 3 else z
 
-    return fitted_orders(
-        time / np.array(counts), errors_of(model, _truth(model, state, time), [end(k) for k in counts])
-    )
+    return _orders(model, state, end, counts, time, True)
+
+
+def _orders(
+    model: Model, state: Any, end: Callable[[int], Any], counts: tuple[int, ...], time: float, oriented: bool
+) -> list[float]:
+    ends = [algebra.flatten(end(count), (*model.system.space.kinds, "matrix")) for count in counts]
+    errors = errors_of(model, _truth(model, state, time), ends)
+    return fitted_orders(time / np.array(counts), errors[:, : 1 + oriented])
 
 
 def flowed(model: Model, state: tuple[Array, ...], time: float) -> tuple[Array, ...]:
@@ -252,16 +237,3 @@ def errors_of(model: Model, truth: Array, ends: list[Array]) -> Array:
 def fitted_orders(steps: Array, errors: Array) -> list[float]:
     """Slopes of log error against log step."""
     return [float(np.polyfit(np.log(steps), np.log(errors[:, i]), 1)[0]) for i in range(errors.shape[1])]
-
-
-def _iterate(
-    model: Model, state: tuple[Array, ...], g: Array, dt: float, count: int, conjugate: bool
-) -> tuple[Array, ...]:
-    state = model.call(model.map.from_symmetric, *state, eps=dt) if conjugate else state
-    for _ in range(count):
-        new = model.call(model.map.step, *state, eps=dt)
-        if model.map.generator is not None:
-            X = model.call(model.map.generator, *state, *new, eps=dt)
-            g = algebra.turn_left(X, g) if model.system.frame is Frame.REST else algebra.turn_right(g, X)
-        state = new
-    return (*(model.call(model.map.to_symmetric, *state, eps=dt) if conjugate else state), g)

@@ -1,13 +1,9 @@
 """kr.lab.search: families of maps, their members looked at one by one and ranked.
 
-For the kinetic part -(1/eps) tr log(2I + W + W^T) and any potential U(P) the discrete Euler-Poincare equations are
-explicit: with M' = d'_W Lambda = (2/eps) (W - I)(W + I)^-1 and W M' W^T = M',
+For the kinetic part -(1/eps) tr log(2I + W + W^T) and any potential U(P) the map is explicit, and rational if grad U
+is:
 
-    M' = M + P ^ grad U(P),   P' = cay(-(eps/2) M') P,
-
-rational if grad U is.  Such members are judged exactly: degrees of the iterates over finite fields, and the
-integrals that the finder finds.  Members whose step is a root, as of other kinetic parts, and Lagrangians in JAX are
-judged in floats: by quantities constant to round-off, and by chaos.
+    M' = M + P ^ grad U(P),   P' = cay(-(eps/2) M') P.
 """
 
 from __future__ import annotations
@@ -27,8 +23,7 @@ from kreisel.algebra import Array, act, cayley, cayley_act, dot, identity, mat, 
 from kreisel.errors import InputError, RunError
 from kreisel.lab import dynamics
 from kreisel.lab.exact import fraction, fractions
-from kreisel.lab.questions import QUESTIONS as _QUESTIONS
-from kreisel.lab.questions import Clues, filled
+from kreisel.lab.questions import QUESTIONS, Clues, filled
 from kreisel.lab.subject import Subject, coordinate_names, subject
 from kreisel.method.kahan import advance, eliminate
 from kreisel.record.contract import FIELD_SPACE, MOVING_SPACE, TWO_FIELDS_SPACE, Map, PhaseSpace, System
@@ -41,7 +36,6 @@ if TYPE_CHECKING:
 
 
 Gradient = Callable[[Array, Any], Array]  # (P, eps) -> grad U(P)
-LABELS = {question.__name__.strip("_"): question for question in _QUESTIONS}
 MOST = 10_000  # members
 
 
@@ -57,38 +51,28 @@ def explicit(gradient: Gradient, name: str = "explicit", n: int = 3) -> Model:
 
 def model_of(name: str, n: int, mapped: Map, space: PhaseSpace = MOVING_SPACE) -> Model:
     """A map on e*(n) as a model."""
-    system = System(
-        name=name,
-        title="a member of a family of discrete Lagrangians",
-        equations="",
-        source="",
-        space=space,
-        scaling="",
-        map=mapped,
-        n=n,
-    )
-    return system()
+    title = "a member of a family of discrete Lagrangians"
+    return System(name, title=title, equations="", source="", space=space, scaling="", map=mapped, n=n)()
 
 
 # -- families ---------------------------------------------------------------------------------------
 
 
-def logarithmic(c: Any, kappa: Any = Fraction(1, 4), gravity: Any = 0, b: Sequence[Any] = (1, 2, 4)) -> Model:
-    """U = (c/eps) log(1 + kappa eps^2 <P, BP>) - eps gravity <P, e_n>.  The paper's: c = 2 (printed 4), kappa = 1/4."""
-    B, axis = fractions(b), fractions([0] * (len(b) - 1) + [1])
-    c, kappa, gravity = (fractions(v) for v in (c, kappa, gravity))
+def logarithmic(
+    c: Any, kappa: Any = Fraction(1, 4), gravity: Any = 0, b: Sequence[Any] = (1, 2, 4), gamma: Any = 0, place: int = -1
+) -> Model:
+    """U = (c/eps) log(1 + kappa eps^2 (<P, BP> + 2 gamma P_i)) - eps gravity <P, e_n>, i = `place`.
+
+    The paper's: c = 2 (printed 4), kappa = 1/4.
+    """
+    B, (inside, axis) = fractions(b), (fractions(np.eye(len(b), dtype=int)[i]) for i in (place, -1))
+    c, kappa, gravity, gamma = (fractions(v) for v in (c, kappa, gravity, gamma))
 
     def gradient(P: Array, eps: Any) -> Array:
-        den = 1 + kappa * (eps * eps) * dot(P, B * P)
-        return vec(2 * c * kappa * eps / den) * (B * P) - gravity * eps * axis + 0 * P
+        den = 1 + kappa * (eps * eps) * (dot(P, B * P) + 2 * gamma * dot(P, inside + 0 * P))
+        return vec(2 * c * kappa * eps / den) * (B * P + gamma * inside) - gravity * eps * axis + 0 * P
 
     return explicit(gradient, "logarithmic", len(b))
-
-
-def quadratic(c: Any = Fraction(1, 2), b: Sequence[Any] = (1, 2, 4)) -> Model:
-    """U = c eps <P, BP>: the potential of the flow itself."""
-    B, c = fractions(b), fractions(c)
-    return explicit(lambda P, eps: 2 * c * eps * (B * P), "quadratic", len(b))
 
 
 # -- judging ----------------------------------------------------------------------------------------
@@ -141,9 +125,9 @@ def judge(
         member = family(**parameters)
         member = member if isinstance(member, Subject) else subject(member, eps=eps)
         clues = Clues(member, degree, iterates, steps, 0)
-        names = ("period", "poisson", *(["volume"] if member.dim < 5 else []), "growth", "integrals")
-        for name in names if not member.implicit else ("poisson", "integrals"):
-            LABELS[name](clues)
+        labels = ("period", "Poisson", *(["volume"] if member.dim < 5 else []), "degree growth", "integrals")
+        for label in labels if not member.implicit else ("Poisson", "integrals"):
+            QUESTIONS[label](clues)
         runs = dynamics.several(member, steps, orbits if steps else 0)[0]
     except (InputError, RunError) as error:
         return Score(parameters, (), None, math.nan, 0, 0, math.nan, 0, 0, False, False, str(error))
@@ -177,21 +161,17 @@ class Ranking:
         """One row a member."""
         import pandas as pd
 
-        rows = [
-            {
-                **{k: str(v) for k, v in s.parameters.items()},
+        rows = []
+        for s in self.scores:
+            power = "" if math.isnan(s.entropy) else f"{s.entropy:.3g}"
+            cells = {
                 "verdict": s.verdict,
-                "growth": f"k^{s.power}"
-                if s.power is not None
-                else ""
-                if math.isnan(s.entropy)
-                else f"{s.entropy:.3g}",
+                "growth": power if s.power is None else f"k^{s.power}",
                 "integrals": f"{s.on_leaf} of {s.needed}" if s.needed else "",
                 "exponent": s.exponent,
                 "chaotic": f"{s.chaotic} of {s.orbits}",
             }
-            for s in self.scores
-        ]
+            rows.append({**{k: str(v) for k, v in s.parameters.items()}, **cells})
         return pd.DataFrame(rows)
 
 
@@ -217,40 +197,22 @@ def search(
     members = [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
     if not 1 <= len(members) <= MOST or not grid:
         raise InputError(f"A grid of 1 to {MOST:,} members was expected, got {len(members):,}.")
-    work = partial(_judged, family, options)
+    work = partial(judge, family, **options)
     scores: list[Any] = [None] * len(members)
     with pool(workers, scheduler, False) as who:
         for place, score in who.map(work, members):
             scores[place] = score
-    return Ranking(tuple(sorted(scores, key=_sort_key)))
 
+    def key(s: Score) -> tuple[float, ...]:
+        entropy, exponent = (math.inf if math.isnan(v) else v for v in (s.entropy, s.exponent))
+        return (s.rank, s.needed - s.on_leaf, entropy, s.power or 0, exponent)
 
-def _judged(family: Callable[..., Any], options: Mapping[str, Any], parameters: Mapping[str, Any]) -> Score:
-    return judge(family, parameters, **options)
-
-
-def _sort_key(s: Score) -> tuple[float, ...]:
-    entropy = math.inf if math.isnan(s.entropy) else s.entropy
-    exponent = math.inf if math.isnan(s.exponent) else s.exponent
-    return (s.rank, s.needed - s.on_leaf, entropy, s.power or 0, exponent)
+    return Ranking(tuple(sorted(scores, key=key)))
 
 
 # -- further families: other potentials, spinning bodies, Kahan's maps ------------------------------------
 #
 # All are rational, so that members are judged exactly.  Those on e*(n) are Poisson for every value of the parameters.
-
-
-def shifted_logarithm(gamma: Any = 0, c: Any = 2, b: Sequence[Any] = (1, 2, 4), place: int = -1) -> Model:
-    """U = (c/eps) log(1 + (eps^2/4) (<P, BP> + 2 gamma P_i)), i = `place`: gravity in Clebsch's logarithm."""
-    B, axis = fractions(b), fractions(np.eye(len(b), dtype=int)[place])
-    gamma, c = fractions(gamma), fractions(c)
-
-    def gradient(P: Array, eps: Any) -> Array:
-        force = B * P + gamma * axis
-        den = 1 + eps * eps / 4 * (dot(P, B * P) + 2 * gamma * dot(P, axis + 0 * P))
-        return vec(c * eps / 2 / den) * force
-
-    return explicit(gradient, "shifted-logarithm", len(b))
 
 
 def sum_of_logarithms(c: Any = 2, b: Sequence[Any] = (1, 2, 4), gravity: Any = 0) -> Model:
@@ -289,14 +251,11 @@ def spinning(s: Any = 0, tilt: Sequence[Any] = (1, 0, 0), kappa: Any = 0, b: Any
 
 def _turn(M: Array, t: Any) -> Array:
     """cay(t M) of only the block of the plane (1, 2): without a linear solve."""
-    n = M.shape[-1]
-    flat = np.arange(n) < 2
-    q, plane = t * t * (M[..., 0, 1] * M[..., 0, 1]), identity(n) * flat
-    return (
-        identity(n)
-        - plane
-        + mat(1 / (1 + q)) * (mat(1 - q) * plane + mat(2 * t + 0 * q) * (M * (flat[:, None] & flat)))
-    )
+    one = identity(M.shape[-1])
+    flat = np.arange(len(one)) < 2
+    q, plane = t * t * (M[..., 0, 1] * M[..., 0, 1]), one * flat
+    turned = mat(1 - q) * plane + mat(2 * t + 0 * q) * (M * (flat[:, None] & flat))
+    return one - plane + mat(1 / (1 + q)) * turned
 
 
 def quadratic_field(c: Any = 2, b: Sequence[Any] = (1, 2, 4)) -> Model:
@@ -364,12 +323,8 @@ def kahan_map(model: Model, eps: Any = Fraction(1, 3)) -> Subject:
         new, _ = advance(model, algebra.restore(coordinates, space.kinds, n), eps, consts)
         return algebra.flatten(new, space.kinds)
 
-    return Subject(
-        f"Kahan's map of {model.system.name}",
-        step,
-        coordinate_names(space.components, n),
-        {**letters, "eps": fraction(eps)},
-    )
+    names = coordinate_names(space.components, n)
+    return Subject(f"Kahan's map of {model.system.name}", step, names, {**letters, "eps": fraction(eps)})
 
 
 def kahan_gyrostat(h: Sequence[Any] = (0, 0, 0), J: Sequence[Any] = (1, 2, 4), eps: Any = Fraction(1, 3)) -> Subject:

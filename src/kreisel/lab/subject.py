@@ -13,8 +13,9 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
-from kreisel.lab import exact
-from kreisel.lab.exact import Pole, fraction, random_residues, residues
+from kreisel.lab import exact, modular
+from kreisel.lab.exact import Pole, fraction
+from kreisel.lab.modular import random_residues, residues
 from kreisel.record.calling import call
 from kreisel.record.contract import MOVING_SPACE, REST_SPACE, Map, System
 from kreisel.record.model import Model
@@ -97,6 +98,12 @@ class Subject:
 
         return step
 
+    def stated(self, x: Array) -> Array:
+        """The values of `integrals` at x of any field."""
+        assert self.integrals is not None
+        constants = {k: exact.fractions(v) for k, v in self.constants.items()}
+        return np.ravel(np.asarray(self.integrals(x, **constants), dtype=object))
+
     @property
     def floats(self) -> dict[str, Any]:
         """The constants as floats."""
@@ -104,7 +111,7 @@ class Subject:
 
     def some_orbits(self, p: int, seed: int, lanes: int, steps: int) -> Array:
         """`orbits` of a seed that meets no pole.  Raises `InputError` if all that are tried do."""
-        return exact.without_poles(self.name, lambda attempt: self.orbits(p, seed + attempt, lanes, steps))
+        return modular.without_poles(self.name, lambda attempt: self.orbits(p, seed + attempt, lanes, steps))
 
     def orbits(self, p: int, seed: int, lanes: int, steps: int) -> Array:
         """Residues (steps + 1, d, lanes) along orbits from random points."""
@@ -160,47 +167,42 @@ def _of_model(model: Model, eps: Any) -> Subject:
     def packed(state: tuple[Array, ...]) -> Array:
         return algebra.flatten([kind.for_user(z) for kind, z in zip(kinds, state, strict=True)], shown_kinds)
 
-    def on_coordinates(function: Any) -> Any:
-        return None if function is None else lambda x, **values: packed(tuple(call(function, unpacked(x), values)))
+    def of_state(function: Any) -> Any:
+        return None if function is None else lambda x, **values: call(function, unpacked(x), values)
 
-    def start(draw: Callable[[tuple[int, ...]], Array]) -> Array:
-        return packed(space.point(n, draw))
+    def of_lambda(function: Any) -> Any:
+        return None if function is None else lambda x, lam, **values: of_state(function)(x, lam=lam, **values)
+
+    def on_coordinates(function: Any) -> Any:
+        return None if function is None else lambda x, **values: packed(tuple(of_state(function)(x, **values)))
 
     def tensor(x: Array) -> Array:
         turn = packed(algebra.restore(np.arange(1, len(x) + 1), space.kinds, n))  # a permutation with signs
         place, sign = abs(turn) - 1, np.sign(turn)
         return (model.call(space.tensor, *unpacked(x)) * (sign[:, None] * sign))[np.ix_(place, place)]
 
-    def of_record(function: Any) -> Any:
-        return (
-            None if function is None else lambda x, lam, **values: call(function, unpacked(x), {**values, "lam": lam})
-        )
-
     extra = _beyond_the_spectrum(system, mapped)
 
     def integrals(x: Array, **values: Array) -> Array:
         return np.concatenate([np.ravel(call(f, unpacked(x), values)) for f in extra])
 
-    def casimirs(x: Array) -> Array:
-        return np.ravel(model.call(space.casimirs, *unpacked(x)))
-
     def allowed(x: Array, **values: Any) -> bool:
-        return bool(values["eps"] < call(mapped.largest_step, unpacked(x), values))
+        return bool(values["eps"] < of_state(mapped.largest_step)(x, **values))
 
     return Subject(
         name=system.name,
         step=on_coordinates(mapped.step),
         names=coordinate_names(space.components, n),
         constants={**constants, "eps": eps},
-        start=start,
+        start=lambda draw: packed(space.point(n, draw)),
         tensor=tensor,
-        casimirs=casimirs if space.casimirs is not None else None,
-        lax=of_record(mapped.lax),
-        conjugator=of_record(mapped.conjugator),
+        casimirs=None if space.casimirs is None else lambda x: np.ravel(model.call(space.casimirs, *unpacked(x))),
+        lax=of_lambda(mapped.lax),
+        conjugator=of_lambda(mapped.conjugator),
         integrals=integrals if extra else None,
         involution=on_coordinates(mapped.involution),
         flow=on_coordinates(system.flow),
-        energy=None if system.energy is None else lambda x, **values: call(system.energy, unpacked(x), values),
+        energy=of_state(system.energy),
         allowed=allowed if mapped.largest_step is not None else None,
         implicit=implicit,
         model=model,
@@ -223,19 +225,8 @@ def coordinate_names(components: tuple[tuple[str, str], ...], n: int) -> tuple[s
 
 
 # -- user-defined maps -----------------------------------------------------------------------------
-# A user-defined map: a function step, and flow, lax and the like, which all get the state as the step does.
-#
-# In coordinates, `names = ("x", "y")`, x an array (d,):
-#
-#     step(x), flow(x), involution(x) -> d values;  tensor(x) -> (d, d);  lax(x, lam), conjugator(x, lam) -> (k, k);
-#     start(draw) -> d values
-#
-# On e*(n), `n = 3`, M (n, n) skew, P (n,):
-#
-#     step(M, P), flow(M, P), involution(M, P) -> (M, P);  lax(M, P, lam), conjugator(M, P, lam) -> (k, k)
-#
-# Each of them needs, after that, the constants that it names, eps among them: flow(x, *, a).
-
+# Functions of the state: step, flow, involution -> a state; lax, conjugator (with lam) -> (k, k); in coordinates also
+# tensor -> (d, d) and start(draw) -> a state.  Each needs, after the state, the constants that it names.
 
 Function = Callable[..., Any]
 OF_POINTS = ("flow", "involution")
@@ -252,49 +243,75 @@ def in_coordinates(step: Function, names: Sequence[str], eps: Any, options: Mapp
     """A step(x) as a subject; `options` has constants and the functions of `BESIDE`.  Raises `InputError`."""
     if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
         raise InputError(f'names: expected names of the coordinates, such as ("x", "y"), got {shown(names)}.')
-    functions, constants = _parted(options)
+    functions, constants = _parted(step, options)
     taken = _parameters(step).get("eps")
     if taken is not None and "eps" not in constants:
         stated = None if taken.default is taken.empty else taken.default
         constants["eps"] = fraction(eps or stated or "1/3")
-    beside: dict[str, Any] = {name: _of_coordinates(name, f, constants, len(names)) for name, f in functions.items()}
-    of_x = _of_coordinates("step", step, constants, len(names))
-    return Subject(getattr(step, "__name__", "step"), of_x, tuple(names), constants, **beside)
+    shapes = {**dict.fromkeys(("flow", "involution", "start"), (len(names),)), "tensor": (len(names),) * 2}
+
+    def of_x(name: str, function: Function) -> Function:
+        state = ["draw" if name == "start" else "x", *(["lam"] if name in OF_LAMBDA else [])]
+        takes = _taken(name, function, state, constants)
+
+        def of_coordinates(x: Any, *lam: Any, **values: Any) -> Any:
+            value = _called(name, function, (x, *lam), {k: values.get(k, constants[k]) for k in takes})
+            if name not in shapes:
+                return value
+            array = np.asarray(value, dtype=getattr(x, "dtype", object))
+            if array.shape != shapes[name]:
+                raise InputError(f"{name}: expected an array of the shape {shapes[name]}, got {array.shape}.")
+            return array
+
+        return of_coordinates
+
+    given: dict[str, Any] = {name: of_x(name, f) for name, f in functions.items()}
+    return Subject(getattr(step, "__name__", "step"), names=tuple(names), constants=constants, **given)
 
 
 def on_group(step: Function, n: int, frame: str, eps: Any, options: Mapping[str, Any]) -> Subject:
     """A step(M, P) on e*(n) as a subject; `options` as in `in_coordinates`.  Raises `InputError`."""
     if frame not in ("moving", "rest"):
         raise InputError(f"frame must be 'moving' or 'rest', got {shown(frame)}.")
-    functions, constants = _parted(options)
+    functions, constants = _parted(step, options)
     if more := {"tensor", "start"} & functions.keys():
         raise InputError(
             f"{', '.join(sorted(more))}: expected none on e*({n}), whose bracket is known and whose coordinates are "
             'free. For another bracket give the coordinates, names=("M1", ...), and step(x).'
         )
     named = {k: np.asarray(v, dtype=object) for k, v in constants.items()}
-    of_state: dict[str, Any] = {name: _on_state(name, f, named) for name, f in {"step": step, **functions}.items()}
-    system = System(
-        name=getattr(step, "__name__", "step"),
-        title="a user-defined map",
-        equations="",
-        source="",
-        space=MOVING_SPACE if frame == "moving" else REST_SPACE,
-        flow=of_state.pop("flow", None),
-        scaling="",
-        map=Map(**of_state),
-        n=n,
-    )
+
+    def of_state(name: str, function: Function) -> Any:
+        more = name in OF_LAMBDA
+        takes = _taken(name, function, ["M", "P", *(["lam"] if more else [])], {**named, "eps": None})
+
+        def on_state(*state: Array, eps: Any, lam: Any = None) -> Any:
+            values = {k: eps if k == "eps" else named[k] for k in takes}
+            new = _called(name, function, (*state, lam) if more else state, values)
+            if more:
+                return new
+            if not isinstance(new, tuple | list) or [np.shape(v) for v in new] != [np.shape(v) for v in state]:
+                sizes = ", ".join(map(str, map(np.shape, state)))
+                raise InputError(f"{name}: expected M and P, of the shapes {sizes}, got {shown(new)}.")
+            return tuple(new)
+
+        return on_state
+
+    given = {name: of_state(name, f) for name, f in functions.items()}
+    flow, name = given.pop("flow", None), getattr(step, "__name__", "step")
+    space, title = MOVING_SPACE if frame == "moving" else REST_SPACE, "a user-defined map"
+    mapped = Map(**given)
+    system = System(name, title=title, equations="", source="", scaling="", space=space, flow=flow, map=mapped, n=n)
     return subject(system(), eps=eps)
 
 
-def _parted(options: Mapping[str, Any]) -> tuple[dict[str, Function], dict[str, Any]]:
-    """The functions and the constants."""
+def _parted(step: Function, options: Mapping[str, Any]) -> tuple[dict[str, Function], dict[str, Any]]:
+    """The functions, the step among them, and the constants."""
     functions = {name: options[name] for name in BESIDE if options.get(name) is not None}
     for name, f in functions.items():
         if not callable(f):
             raise InputError(f"{name}: expected a function of the state, as step is, got {shown(f)}.")
-    return functions, {k: v for k, v in options.items() if k not in BESIDE}
+    return {"step": step, **functions}, {k: v for k, v in options.items() if k not in BESIDE}
 
 
 def _parameters(function: Function) -> Mapping[str, inspect.Parameter]:
@@ -323,42 +340,6 @@ def _taken(name: str, function: Function, state: Sequence[str], constants: Mappi
         )
     every = any(p.kind is p.VAR_KEYWORD for p in parameters)
     return [*constants] if every else [p.name for p in after if p.name in constants]
-
-
-def _of_coordinates(name: str, function: Function, constants: Mapping[str, Any], d: int) -> Function:
-    """A function of coordinates, called with the constants that it needs and with an array of the right shape."""
-    state = ["draw" if name == "start" else "x", *(["lam"] if name in OF_LAMBDA else [])]
-    takes = _taken(name, function, state, constants)
-    shape = {"flow": (d,), "involution": (d,), "start": (d,), "tensor": (d, d)}.get(name)
-
-    def of_x(x: Any, *lam: Any, **values: Any) -> Any:
-        value = _called(name, function, (x, *lam), {k: values.get(k, constants[k]) for k in takes})
-        if shape is None:
-            return value
-        array = np.asarray(value, dtype=getattr(x, "dtype", object))
-        if array.shape != shape:
-            raise InputError(f"{name}: expected an array of the shape {shape}, got {array.shape}.")
-        return array
-
-    return of_x
-
-
-def _on_state(name: str, function: Function, named: Mapping[str, Any]) -> Function:
-    """A function of M, P as a function of a record."""
-    more = name in OF_LAMBDA
-    takes = _taken(name, function, ["M", "P", *(["lam"] if more else [])], {**named, "eps": None})
-
-    def of_state(*state: Array, eps: Any, lam: Any = None) -> Any:
-        values = {k: eps if k == "eps" else named[k] for k in takes}
-        new = _called(name, function, (*state, lam) if more else state, values)
-        if more:
-            return new
-        if not isinstance(new, tuple | list) or [np.shape(v) for v in new] != [np.shape(v) for v in state]:
-            sizes = ", ".join(map(str, map(np.shape, state)))
-            raise InputError(f"{name}: expected M and P, of the shapes {sizes}, got {shown(new)}.")
-        return tuple(new)
-
-    return of_state
 
 
 def _called(name: str, function: Function, state: tuple[Any, ...], values: Mapping[str, Any]) -> Any:

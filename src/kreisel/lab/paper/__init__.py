@@ -9,7 +9,7 @@ arithmetic they must be equal exactly, a randomized identity test; in floats up 
 also has the printed form, which must fail.
 """
 
-from kreisel.lab.paper import clebsch, discrete_top, fields, records, reduction, tops  # noqa: F401  - they register
+from kreisel.lab.paper import clebsch, fields, records, reduction, tops  # noqa: F401  - they register
 from kreisel.lab.paper.statements import STATEMENTS, Statement, StatementResult, in_order, tested, verify
 
 __all__ = ["STATEMENTS", "Statement", "StatementResult", "tested", "verify"]

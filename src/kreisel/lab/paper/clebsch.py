@@ -15,7 +15,7 @@ from kreisel.lab.paper import calculus
 from kreisel.lab.paper.calculus import gradient, half, outer, right_derivative, series, trace_log_of
 from kreisel.lab.paper.setting import Curve, Diagonal, Eps, Lam, Rotation, Setting, Skew, Symmetric, Unit, Vector
 from kreisel.lab.paper.statements import printed_law, stated, stated_laws
-from kreisel.system import clebsch, clebsch_body, clebsch_general, neumann, quadratic_potential
+from kreisel.system import clebsch, clebsch_body, neumann
 
 CLEBSCH = clebsch.SYSTEM
 LAWS = {
@@ -57,6 +57,12 @@ LAWS = {
             "lax-equation involution",
         ),
     },
+    "clebsch-body": {
+        ("clebsch-quadratic", "Section 7, the flow of the earlier paper"): (
+            "c_jk = 1/(J_j + J_k), b = J is Clebsch's case with a = J^2; the flow is that of a body, J(Omega) = J Omega + Omega J, in a quadratic potential, with P P^T for its P",
+            "relations",
+        ),
+    },
     "neumann": {
         ("neumann-map", "Section 7, end, Adler's discretization"): (
             "the map on the leaf in (x, q), in second-order form, and as a Poisson map of T*S^(n-1) with a Lax pair",
@@ -79,13 +85,6 @@ def kirchhoff_lagrangian(C: Symmetric, B: Symmetric, Omega: Skew, P: Vector) -> 
     yield wedge(P, gradient(lambda v: dot(v, act(B, v)) / 2, P)), wedge(P, act(B, P))
 
 
-def _clebsch_relations(b: Array, c: Array) -> Sides:
-    """(b_i - b_j)/c_ij + (b_j - b_k)/c_jk + (b_k - b_i)/c_ki = 0 for all i < j < k."""
-    for i, j, k in itertools.combinations(range(len(b)), 3):
-        terms = [(b[x] - b[y]) / c[x, y] for x, y in ((i, j), (j, k), (k, i))]
-        yield terms[0] + terms[1], -terms[2]
-
-
 @stated("clebsch-condition", "Section 7, Clebsch's relations")
 def clebsch_condition(s: Setting) -> Sides:
     """(b_i - b_j)/c_ij + (b_j - b_k)/c_jk + (b_k - b_i)/c_ki = 0 for i, j = 1, 2, all k implies c_jk = (b_j - b_k)/(a_j - a_k) for some a, and those c fulfil the relations for all i, j, k"""
@@ -97,23 +96,9 @@ def clebsch_condition(s: Setting) -> Sides:
     for j, k in itertools.combinations(range(s.n), 2):
         yield c[j, k] * (a[j] - a[k]), b[j] - b[k]
     a = s.diagonal()
-    yield from _clebsch_relations(b, (b[:, None] - b + identity(s.n)) / (a[:, None] - a + identity(s.n)))
-
-
-@stated("clebsch-quadratic", "Section 7, the flow of the earlier paper")
-def clebsch_quadratic(s: Setting, J: Diagonal, M: Skew, P: Vector) -> Sides:
-    """c_jk = 1/(J_j + J_k), b = J fulfil Clebsch's relations with a = J^2; the flow is that of a body, J(Omega) = J Omega + Omega J, in a quadratic potential, with P P^T for its P"""
-    c = 1 / (J[:, None] + J)
-    yield from _clebsch_relations(J, c)
-    a, off = J * J, 1 - identity(s.n)
-    general = clebsch_general.quotients(a=a, b=J)["c"]
-    yield off * general, off * c
-    Omega = gradient(lambda x: pairing(x, c * x) / 2, M)
-    yield J[:, None] * Omega + Omega * J, M
-    rate = clebsch_general.flow(M, P, b=J, c=general)
-    body = quadratic_potential.flow(M, outer(P), J=J, c=c)
-    yield rate[0], body[0]
-    yield outer(rate[1] + P) - outer(rate[1]) - outer(P), body[1]
+    c = (b[:, None] - b + identity(s.n)) / (a[:, None] - a + identity(s.n))
+    for i, j, k in itertools.combinations(range(s.n), 3):
+        yield (b[i] - b[j]) / c[i, j] + (b[j] - b[k]) / c[j, k], (b[i] - b[k]) / c[k, i]
 
 
 @stated("clebsch-two-lax-forms", "Section 7, Lax representation of (Clebsch spec)")

@@ -13,10 +13,10 @@ from kreisel.algebra.matrices import diagonal, su2
 from kreisel.lab.exact import generator
 from kreisel.lab.law import Sides
 from kreisel.lab.paper.calculus import half, outer, series, trace_log_of
-from kreisel.lab.paper.discrete_top import momentum
 from kreisel.lab.paper.fields import FAMILY, FIELDS
 from kreisel.lab.paper.setting import Diagonal, Eps, Lam, Rotation, Scalar, Setting, Skew, Unit, Vector
 from kreisel.lab.paper.statements import stated, stated_laws
+from kreisel.lab.paper.tops import momentum
 from kreisel.system import clebsch, clebsch_general, heavy_top, kirchhoff, lagrange_top, lagrange_top_moving, neumann
 
 EARLIER = "Introduction, the map of Bobenko and Suris 1999"
