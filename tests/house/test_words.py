@@ -47,6 +47,8 @@ def words_of_code(text: str) -> tuple[list[str], list[str]]:
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type == tokenize.COMMENT:
             prose.append(token.string.lstrip("# "))
+        elif token.type == getattr(tokenize, "FSTRING_MIDDLE", None):  # from Python 3.12 on
+            messages.append(re.sub(r"`[^`]*`", "", token.string))
         elif token.type == tokenize.STRING:
             content = re.sub(r"`[^`]*`|\{[^{}]*\}", "", token.string.strip("rbfRBF").strip("\"'"))
             (prose if token.string.endswith('"""') and before in "\n:" else messages).append(content)

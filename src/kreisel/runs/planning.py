@@ -61,7 +61,8 @@ def make_plan(
 
 def idle_plans(model: Any, oriented: bool, asked: Mapping[str, Any]) -> deque[Plan]:
     """Plans of earlier runs in memory, which a run with these settings may begin again; new and empty if none may."""
-    plain = all(type(v) in PLAIN for value in asked.values() for v in (value if type(value) in LISTS else (value,)))
+    values = [v for value in asked.values() for v in (value if type(value) in LISTS else (value,))]
+    plain = all(type(v) in PLAIN and (type(v) is not int or v.bit_length() < 64) for v in values)
     if not isinstance(model, Model) or not plain or asked["order"] == "auto":
         return deque()
     return reused((Plan, model.key, oriented, repr(asked)), lambda: deque[Plan](maxlen=IDLE))

@@ -202,7 +202,7 @@ def date_of(epoch: Any, name: str) -> np.datetime64:
     try:
         start = np.datetime64(epoch, "us")
     except (ValueError, TypeError):
-        start = np.datetime64("NaT")
+        start = np.datetime64("NaT", "us")
     if np.isnat(start):
         raise InputError(
             f'{name}: expected the date of time 0, such as "2026-01-01T00:00:00", got {shown(epoch)}. Pass epoch=... '

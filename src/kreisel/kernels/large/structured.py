@@ -66,6 +66,16 @@ def parts(x: Entry) -> tuple[Entry, Entry]:
     return (x.re, x.im) if isinstance(x, Complex) else (x, 0.0)
 
 
+class Nothing:
+    """The entries of a constant matrix: none that change, and none to compute with."""
+
+    ndim, shape, size = 1, (0,), 0
+    __array_ufunc__: ClassVar[None] = None
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        return np.zeros(0)
+
+
 @dataclass(eq=False)
 class Dense:
     """The momentum M of a step, recorded, with the inverses of diagonal + turn M that it solves by.
@@ -321,7 +331,7 @@ class StructuredMatrix:
 
     def __getitem__(self, index: Any) -> Any:
         if self.kept and not self.pairs and key_of(self.diagonal) == 0.0:
-            return np.zeros(0)
+            return Nothing()
         raise TypeError(f"a structured matrix has no entries: {index!r}")
 
     def record_pairing(self, other: StructuredMatrix) -> Entry:
