@@ -27,6 +27,8 @@ REACH = 0.5  # of the distance of a branch point, for 1/l
 NODES = 20  # on [0, 1/l]: the error of the integrals is below 4^-40
 BEYOND = 16  # of the largest branch point: there the map is the identity
 STEPS, ENOUGH = 20, 1e-13  # of Newton's method; a miss of the time
+HALF, SHARES = legendre(NODES)
+PLACES, WEIGHTS = np.concatenate([1 - HALF, 1 + HALF, [2]]) / 2, np.concatenate([SHARES, SHARES]) / 2  # and the end
 
 
 def integrals(M, P, gamma):
@@ -69,8 +71,10 @@ def point(M, P, *, gamma, dt):
     """
     H, G, square = integrals(M, P, gamma)
     trace, ends = np.array([-2 * G, -2 * H, gamma, 1]), 2 * np.sqrt(square) * np.array([0, 1, 0, 0])
-    roots = np.concatenate([np.roots((trace + sign * ends)[::-1].astype(float)) for sign in (-1, 1)])
-    largest = max(abs(roots).max(), np.finfo(float).tiny)
+    companions = np.zeros((2, 3, 3))
+    companions[:, 1, 0] = companions[:, 2, 1] = 1
+    companions[:, 0] = [-(trace + sign * ends)[2::-1] for sign in (-1, 1)]
+    largest = max(abs(np.linalg.eigvals(companions)).max(), np.finfo(float).tiny)
     far = REACH / largest
     if dt == 0:
         return np.longdouble(2) ** np.ceil(np.log2(BEYOND * largest)) + 0j
@@ -94,13 +98,11 @@ def level(M, P, *, gamma, lam):
 
 def _newton(z, dt, trace, ends):
     """The change of z by a step of Newton's method, whose Jacobian has the integrands at z, and the miss."""
-    nodes, weights = legendre(NODES)
-    nodes, weights = np.concatenate([-nodes, nodes]), np.concatenate([weights, weights]) / 2
-    X = z * np.append((nodes + 1) / 2, 1)
+    X = z * PLACES
     squares = [sum(c * X ** (3 - k) for k, c in enumerate(trace + sign * ends)) for sign in (-1, 1)]
     f = 2 / (np.sqrt(squares[0]) * np.sqrt(squares[1]))
     a, b = f[-1], X[-1] * f[-1]
-    first, second = (z * (weights * g[:-1]).sum() for g in (f, X * f))
+    first, second = (z * (WEIGHTS * g[:-1]).sum() for g in (f, X * f))
     miss = (-first.imag - dt, -second.imag)
     det = a.imag * b.real - a.real * b.imag
     x, y = miss[0] * b.real - miss[1] * a.real, miss[1] * a.imag - miss[0] * b.imag

@@ -17,7 +17,7 @@ zeros of `kreisel.method.baecklund`, the order is 2 K.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import reduce
 from pkgutil import resolve_name
 from typing import Any, NamedTuple, cast
@@ -37,7 +37,7 @@ from kreisel.record.model import Model
 
 REACH, FARTHEST = 0.4, 0.6  # of the distance of a branch point: of an x at the start of Newton's method, and later
 DIGITS = 44.0  # natural logarithm of the relative error of the integrals: 11 nodes at FARTHEST
-RANK = 1e-10  # relative: fields that depend on others
+RANK, CERTAIN = 1e-10, 1e-5  # relative: fields that depend on others, and that surely do not
 SPAN = 1e-8  # relative: the distance of the flow from the other fields
 SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
 STEPS, MORE = (4, 1), (0, 2)  # of Newton's method, in doubles and in double-doubles; if fields are nearly dependent
@@ -348,7 +348,7 @@ class Torus:
         C = (fields.real / self.units * radius[:, None]).T
         if not self.flow.any():  # at rest: the pair of any mu but an eigenvalue is the identity for x = 0
             return Points(y[:1], np.zeros(1), pole[:1], 2 * abs(mu).max(keepdims=True) + pole[:1], C[:, :1])
-        chosen, x = least(C, self.flow, self._rank() // 2)
+        chosen, x = least(C, self.flow, lambda: self._rank() // 2)
         C = C[:, chosen]
         if not abs(C @ x - self.flow).max() <= SPAN * abs(self.flow).max():
             raise InputError(
@@ -477,14 +477,15 @@ def _complex(x: Array) -> Array:
     return np.ascontiguousarray(x).view(complex)
 
 
-def least(C: Array, f: Array, most: int) -> tuple[list[int], Array]:
+def least(C: Array, f: Array, most: Callable[[], int]) -> tuple[list[int], Array]:
     """Columns of C and factors x with the least sum |x_j| among those with sum x_j C_j = f, by the simplex method.
 
-    most  the rank of C without rounding errors
+    most()  the rank of C without rounding errors, which small singular values may be
     """
     C = np.where(np.isfinite(C), C, 0)
     U, sizes, _ = np.linalg.svd(C, full_matrices=False)
-    rank = min(most, int((sizes > RANK * sizes[0]).sum())) if f.any() else 0
+    rank = int((sizes > RANK * sizes[0]).sum())
+    rank = min(rank, most()) if rank and sizes[rank - 1] < CERTAIN * sizes[0] else rank
     C, f = U[:, :rank].T @ C, U[:, :rank].T @ f
     rest, chosen, x = C.copy(), list[int](), np.zeros(rank)
     for _ in range(rank):
