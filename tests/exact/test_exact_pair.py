@@ -225,9 +225,9 @@ def test_parameters_with_lanes() -> None:
 
 def test_what_there_is_not() -> None:
     body = kr.Clebsch(b=B)
-    with pytest.raises(kr.InputError, match="got clebsch with n = 5"):
-        five = kr.Clebsch(b=(1, 2, 3, 4, 5))
-        kr.simulate(five, {"M": np.zeros((5, 5)), "P": (1, 0, 0, 0, 0)}, dt=0.5, steps=1, method="exact")
+    with pytest.raises(kr.InputError, match="got clebsch with n = 6"):
+        six = kr.Clebsch(b=(1, 2, 3, 4, 5, 6))
+        kr.simulate(six, {"M": np.zeros((6, 6)), "P": (1, 0, 0, 0, 0, 0)}, dt=0.5, steps=1, method="exact")
     with pytest.raises(kr.InputError, match="state that is zero"):
         kr.simulate(body, {"M": (0, 0, 1), "P": (0, 0, 0)}, dt=0.5, steps=1, method="exact")
 
