@@ -12,7 +12,6 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
-from kreisel.analysis import path
 from kreisel.bodies import BODIES
 from kreisel.errors import InputError, explained, shown
 from kreisel.files import place
@@ -169,6 +168,8 @@ class SubmergedBody(Forced):
 
     def course(self, run: xr.Dataset, start: Any = NONE) -> Course:
         """The position of O in space at each row of a run, from `start`, and its motion."""
+        from kreisel.analysis import path  # xarray and tables, which a run does not need
+
         run, (turn, shift) = in_state_form(run), self._place
         g = algebra.rotation_matrix(orientation_of(run)) @ turn.T  # of the body axes
         require_of_body(run, {"mass_matrix": self.mass_matrix})
