@@ -9,14 +9,6 @@ from kreisel.baecklund import clebsch, lagrange_top
 from kreisel.record.contract import Baecklund, named
 
 
-def eigenvector(M, P, *, c, a1, mu, rho):
-    return clebsch.eigenvector(mat(a1) * M, P, c=c, mu=mu, rho=rho)
-
-
-def curve(M, P, *, c, a1, mu):
-    return clebsch.curve(mat(a1) * M, P, c=c, mu=mu)
-
-
 def step(M, P, Q, *, c, a1):
     M1 = M + clebsch.kick(P, Q, c=c) / mat(a1)
     return M1, P - act(mat(a1) * (M + M1), Q)
@@ -25,14 +17,6 @@ def step(M, P, Q, *, c, a1):
 def pair(M, P, Q, *, c, a1, mu):
     K, P1 = clebsch.kick_and_turn(mat(a1) * M, P, Q, c=c, mu=mu)
     return M + K / mat(a1), P1
-
-
-def arc_of_pair(M, P, Q, *, a1):
-    return clebsch.arc_of_pair(mat(a1) * M, P, Q)
-
-
-def block(M, P, *, a1):
-    return lagrange_top.block(mat(a1) * M, P)
 
 
 def spin(M, P, *, a1, a3, e):  # Omega - a1 M
@@ -47,28 +31,22 @@ def with_its_parameters(case, draw):
     return (M / a1, P), parameters, Q, mu, rho
 
 
-def rational_case(n, draw):
-    return with_its_parameters(clebsch.rational_case(n, draw, along_axis), draw)
-
-
-def gaussian_case(n, draw):
-    return with_its_parameters(clebsch.gaussian_case(n, draw, along_axis), draw)
-
-
 def along_axis(n, draw):
     return draw((n,)) * ([0] * (n - 1) + [1])
 
 
 BAECKLUND = Baecklund(
-    point=curve,
-    vector=eigenvector,
+    point=lambda M, P, *, c, a1, mu: clebsch.curve(mat(a1) * M, P, c=c, mu=mu),
+    vector=lambda M, P, *, c, a1, mu, rho: clebsch.eigenvector(mat(a1) * M, P, c=c, mu=mu, rho=rho),
     defect=clebsch.BAECKLUND.defect,
-    **named(step, pair, arc_of_pair, block, spin),
+    **named(step, pair, spin),
+    arc_of_pair=lambda M, P, Q, *, a1: clebsch.arc_of_pair(mat(a1) * M, P, Q),
+    block=lambda M, P, *, a1: lagrange_top.block(mat(a1) * M, P),
     arc=clebsch.arc,
     darboux=clebsch.darboux,
     axis="e",
-    case=rational_case,
-    pair_case=gaussian_case,
+    case=lambda n, draw: with_its_parameters(clebsch.rational_case(n, draw, along_axis), draw),
+    pair_case=lambda n, draw: with_its_parameters(clebsch.gaussian_case(n, draw, along_axis), draw),
     odd=-1,
     source="clebsch, for (a1 M, P)",
 )

@@ -12,14 +12,6 @@ def on_sphere(M, x):
     return x, -act(M, x) / vec(dot(x, x))
 
 
-def eigenvector(x, q, *, c, mu, rho):
-    return clebsch.eigenvector(wedge(x, q), x, c=c, mu=mu, rho=rho)
-
-
-def curve(x, q, *, c, mu):
-    return clebsch.curve(wedge(x, q), x, c=c, mu=mu)
-
-
 def moved(x, q, M, M1, x1):
     """q1 = -M1 x1/<x, x> by its difference to q; <x1, x1> = <x, x>."""
     change = act(M, x1 - x) + act(M1 - M, x1) + vec(dot(x, q)) * x
@@ -69,8 +61,8 @@ def gaussian_case(n, draw):
 
 
 BAECKLUND = Baecklund(
-    point=curve,
-    vector=eigenvector,
+    point=lambda x, q, *, c, mu: clebsch.curve(wedge(x, q), x, c=c, mu=mu),
+    vector=lambda x, q, *, c, mu, rho: clebsch.eigenvector(wedge(x, q), x, c=c, mu=mu, rho=rho),
     defect=lambda x, q, Q, *, rho: dot(x, Q) - rho,
     step=step,
     pair=pair,

@@ -56,14 +56,12 @@ def lagrangian(g, h, p, *, A, eps):
     return -trace_log(2 * identity(W.shape[-1]) + W + W.mT) / eps - eps * dot(p, act(g, A))
 
 
-def rational_case(n, draw):
-    state, params, e, mu, rho = lagrange_top_moving.rational_case(n, draw)
-    return state, {"A": params["A"]}, e, mu, rho
+def case_of(case):
+    def drawn(n, draw):
+        state, params, e, mu, rho = case(n, draw)
+        return state, {"A": params["A"]}, e, mu, rho
 
-
-def gaussian_case(n, draw):
-    state, params, e, mu, rho = lagrange_top_moving.gaussian_case(n, draw)
-    return state, {"A": params["A"]}, e, mu, rho
+    return drawn
 
 
 MAP = kicked_map(
@@ -98,8 +96,8 @@ SYSTEM = System(
         lagrange_top_moving.BAECKLUND,
         spin=None,
         darboux=lambda M, P, e, *, rho, lam: maps.darboux(M, P, e, rho=rho, lam=lam),
-        case=rational_case,
-        pair_case=gaussian_case,
+        case=case_of(lagrange_top_moving.BAECKLUND.case),
+        pair_case=case_of(lagrange_top_moving.BAECKLUND.pair_case),
     ),
     closed_form=ClosedForm(top=lambda M, P, *, A: (M, A, P)),
     relations=(
