@@ -15,7 +15,7 @@ from kreisel import algebra
 from kreisel import reduction as red
 from kreisel.algebra import backend
 from kreisel.algebra.gradient import cos, exp, log, sin
-from kreisel.graph import sweep
+from kreisel.graph import arranging
 from kreisel.graph.graph import Graph, evaluated, integer_power, where_less
 from kreisel.kernels import adjoint
 
@@ -86,12 +86,12 @@ def test_slopes_by_the_state_alone_are_some_of_all() -> None:
         assert abs(short - forwards[:, :count]).max() < 1e-14
 
 
-@pytest.mark.parametrize("name", sorted(set(sweep.SLOPES) - {"sign", "nearest", "entry"}))  # slopes 0; of tables
+@pytest.mark.parametrize("name", sorted(set(arranging.SLOPES) - {"sign", "nearest", "entry"}))  # slopes 0; of tables
 def test_a_wrong_slope_is_seen(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    right = sweep.SLOPES[name]
-    monkeypatch.setitem(sweep.SLOPES, name, lambda *x: tuple(2 * slope for slope in right(*x)))
+    right = arranging.SLOPES[name]
+    monkeypatch.setitem(arranging.SLOPES, name, lambda *x: tuple(2 * slope for slope in right(*x)))
     near, forwards, backwards = jacobians()
-    assert name in sweep.CHOICES or abs(forwards - near).max() > 1e-4  # tangents are chosen like values
+    assert name in arranging.CHOICES or abs(forwards - near).max() > 1e-4  # tangents are chosen like values
     assert abs(backwards - near).max() > 1e-4
 
 
@@ -100,7 +100,7 @@ def test_signs_and_integer_parts_have_the_slope_0() -> None:
     x, y = graph.inputs("z", 2)
     out = [x * x / (y + 3) - 2 * y * x.sign() + x.nearest(), y * y]
     at = {("z", 0): 5 / 3, ("z", 1): -0.5, ("vz", 0): 1, ("vz", 1): 10, ("w", 0): 1, ("w", 1): 100}
-    tangents, slopes = sweep.pushed(graph, out), sweep.pulled(graph, out)
+    tangents, slopes = arranging.pushed(graph, out), arranging.pulled(graph, out)
     forwards = evaluated(tangents[0], tangents[1][2:], lambda *place: at[place])
     backwards = evaluated(slopes[0], [slopes[1]["z", i] for i in range(2)], lambda *place: at[place])
     assert np.allclose(forwards, [4 / 3 - 20 - 40 / 9, -10], rtol=1e-14, atol=0)
