@@ -7,6 +7,7 @@ import contextlib
 import difflib
 import errno
 import functools
+import inspect
 import re
 import signal
 import sys
@@ -122,28 +123,12 @@ def doubt(sentence: str) -> None:
 
 
 class Stopped(RunError):
-    """A run that a signal stopped; its results are kept, and it can be resumed."""
+    """A run or a sweep that a signal stopped; its results are kept in `part`, from which `remedy` resumes it."""
 
-    def __init__(self, number: int, steps: int, part: object):
+    def __init__(self, number: int, done: str, part: object, remedy: str):
         self.number = number
-        name = str(part).removesuffix(".part")
-        RunError.__init__(
-            self,
-            f"stopped by {signal.Signals(number).name} after {steps:,} steps. All of them are kept in {part}; "
-            f"`kreisel resume {name}` resumes it.",
-        )
-
-
-class Interrupted(RunError):
-    """A sweep that a signal stopped; the finished blocks are kept."""
-
-    def __init__(self, number: int, done: int, total: int, part: object):
-        self.number = number
-        RunError.__init__(
-            self,
-            f"stopped by {signal.Signals(number).name} after {done:,} of {total:,} blocks, which are kept in {part}; "
-            "the same command resumes.",
-        )
+        name = signal.Signals(number).name
+        RunError.__init__(self, f"stopped by {name} after {done}, which are kept in {part}; {remedy} resumes.")
 
 
 def disk_trouble(error: OSError, path: object, what: str, kept: str) -> RunError:
@@ -210,8 +195,11 @@ def explained(call: F) -> F:
         except (InputError, RunError):
             raise
         except Exception as error:
-            if isinstance(error, TypeError) and not _fits(call, values, named):
-                raise InputError(_misfit(call, values, named)) from None
+            if isinstance(error, TypeError):
+                try:
+                    inspect.signature(call).bind(*values, **named)
+                except TypeError:
+                    raise InputError(_misfit(call, values, named)) from None
             if fault := _mistyped(call, values, named):
                 raise InputError(fault) from error
             raise
@@ -219,21 +207,8 @@ def explained(call: F) -> F:
     return checked  # type: ignore[return-value]
 
 
-def _fits(call: Callable[..., Any], values: tuple[Any, ...], named: Mapping[str, Any]) -> bool:
-    """Whether the signature has these arguments."""
-    import inspect
-
-    try:
-        inspect.signature(call).bind(*values, **named)
-    except TypeError:
-        return False
-    return True
-
-
 def _mistyped(call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[str, Any]) -> str:
     """The first argument whose type differs from the signature, as a message; "" if there is none."""
-    import inspect
-
     bound = inspect.signature(call).bind(*given, **named).arguments
     for name, kind in call.__annotations__.items():
         if name in bound and isinstance(kind, str) and not any(_is_of(bound[name], k, call) for k in _union(kind)):
@@ -265,14 +240,11 @@ def _is_of(value: Any, kind: str, call: Callable[..., Any]) -> bool:
 
 
 def _title(call: Callable[..., Any]) -> str:
-    """The name of a function or class in messages."""
     return call.__qualname__.removesuffix(".__init__").removesuffix(".__new__").split("<locals>.")[-1]
 
 
 def _misfit(call: Callable[..., Any], values: tuple[Any, ...], named: Mapping[str, Any]) -> str:
     """The reason why these arguments do not fit, and the call that would: for the first fault."""
-    import inspect
-
     parameters = list(inspect.signature(call).parameters.values())
     if parameters and parameters[0].name in ("self", "cls", "_cls"):
         parameters, values = parameters[1:], values[1:]
@@ -307,7 +279,6 @@ def _misfit(call: Callable[..., Any], values: tuple[Any, ...], named: Mapping[st
 def _written_call(
     names: list[str], first: list[str], needed: list[str], filled: Mapping[str, Any], named: Mapping[str, Any]
 ) -> str:
-    """The arguments of the call that would fit."""
     by_name = {name: filled[name] for name in names[len(first) : len(filled)]} | dict(named)
     words = [name for name in first if name in needed or name in names[: len(filled)]]
     texts = {name: shown(value) for name, value in by_name.items() if name not in words}

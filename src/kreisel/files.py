@@ -26,10 +26,7 @@ if TYPE_CHECKING:
 DEEPEST = 32  # levels; a sweep's description needs six
 MOST_BITS = 4096  # of an integer: longer ones can neither be printed nor used
 NESTING = (dict, list, tuple)
-CHECKSUMS, BLOCKS = (
-    "engine/checksums.sha256",
-    "engine/blocks",
-)  # in a complete archive, and in an unfinished one
+CHECKSUMS, BLOCKS = "engine/checksums.sha256", "engine/blocks"  # in a complete archive, and in an unfinished one
 NPZ_ATTRIBUTES = "kreisel_attributes"
 FILE_MARKS = (  # the beginning of a kind of file, and the mark in it if Kreisel wrote it
     (b"\x89PNG\r\n\x1a\n", b"Software\0Kreisel"),

@@ -1,4 +1,4 @@
-"""Locks, scratch folders and signals, which a process shares with others.
+"""Locks, scratch folders and signals, which a process shares with others, and the times of its work.
 
 A lock is held by the operating system for as long as its process lives: a lock file without a holder is stale.
 """
@@ -13,6 +13,7 @@ import signal
 import tempfile
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from types import FrameType
@@ -23,6 +24,7 @@ from kreisel.errors import InputError, on_disk
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
+SPENT: defaultdict[str, float] = defaultdict(float)  # seconds of this process by their use
 YOUNG = 1.0  # seconds in which a new folder may not yet be locked
 LOCK_REMEDY = "A lock is there while an archive is written: move it away, or choose another path."
 
@@ -94,7 +96,6 @@ def scratch(parent: Path, prefix: str, family: str = "", files: Collection[str] 
 
 
 def _lock_of(folder: Path) -> Path:
-    """The lock file next to a folder, which may be renamed."""
     return folder.with_name(f"{folder.name}.lock")
 
 
@@ -155,3 +156,13 @@ def signals_wait() -> Iterator[Stop]:
 
     with signals_to(note) as before:
         yield stop
+
+
+@contextlib.contextmanager
+def spent_on(use: str) -> Iterator[None]:
+    """A context whose seconds are counted."""
+    begun = time.perf_counter()
+    try:
+        yield
+    finally:
+        SPENT[use] += time.perf_counter() - begun

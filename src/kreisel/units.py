@@ -24,19 +24,8 @@ from kreisel.runs.run_record import RunRecord, frame_of
 if TYPE_CHECKING:
     import xarray as xr
 
-KEPT = (
-    "Conventions",
-    "title",
-    "source",
-    "references",
-    "system",
-    "equations",
-    "n",
-    "method",
-    "options",
-    "created",
-    "versions",
-)
+OF_SUBJECT = ("Conventions", "title", "source", "references", "system", "equations", "n")
+KEPT = (*OF_SUBJECT, "method", "options", "created", "versions")
 __all__ = ["Scale", "measured", "quantity", "registry", "si"]
 
 RUN_ONLY = ("kind", "conserved", "roundoff_scale", "evaluation_scale")  # attributes of variables of a run
@@ -78,8 +67,16 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
             f"expected a run and its scales, got {shown(type(run).__name__)} and {shown(scales)}. A run of a body of "
             "kr.physical knows them; for another system say which units its variables have."
         )
-    turned, scales = (run, scales) if frame is None else _with_velocity(_of_sweep(run, frame), frame, scales)
-    scales = scales if frame is None else {**_scales_of_summaries(run, frame, scales), **scales}
+    turned = run
+    if frame is not None:
+        kinds = {str(name): variable.attrs.get("kind") for name, variable in run.variables.items()}
+        bases = {name: name.rpartition("_")[0] for name, kind in kinds.items() if kind in SUMMARIES}  # of a sweep
+        axes = {name: frame.attributes(base).get(AXES) for name, base in bases.items()}
+        stated = {name: run[name].assign_attrs({AXES: value}) for name, value in axes.items() if value is not None}
+        turned, scales = _with_velocity(run.assign(stated), frame, scales)
+        rate = Scale("rad/s", 1 / frame.time_unit)
+        units = {name: rate if name.endswith("_frequency") else scales.get(base) for name, base in bases.items()}
+        scales = {**{name: scale for name, scale in units.items() if scale is not None}, **scales}
     for name in wanted:
         if name not in scales or name not in turned.variables:
             there = ", ".join(k for k in scales if k in turned.variables)
@@ -105,26 +102,6 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
     return out
 
 
-def _of_summary(run: xr.Dataset) -> dict[str, str]:
-    """The variable of each summary of a sweep, such as M_max, by name."""
-    kinds = {str(name): variable.attrs.get("kind") for name, variable in run.variables.items()}
-    return {name: name.rpartition("_")[0] for name, kind in kinds.items() if kind in SUMMARIES}
-
-
-def _of_sweep(run: xr.Dataset, frame: BodyFrame) -> xr.Dataset:
-    """A run, or a sweep whose summaries state their axes."""
-    axes = {name: frame.attributes(letter).get(AXES) for name, letter in _of_summary(run).items()}
-    said = {name: run[name].assign_attrs({AXES: value}) for name, value in axes.items() if value is not None}
-    return run.assign(said)
-
-
-def _scales_of_summaries(run: xr.Dataset, frame: BodyFrame, scales: Scales) -> dict[str, Scale]:
-    """The units of the summaries of a sweep."""
-    rate, found = Scale("rad/s", 1 / frame.time_unit), _of_summary(run)
-    known = {name: rate if name.endswith("_frequency") else scales.get(of) for name, of in found.items()}
-    return {name: scale for name, scale in known.items() if scale is not None}
-
-
 def _with_velocity(run: xr.Dataset, frame: BodyFrame, scales: Scales) -> tuple[xr.Dataset, Scales]:
     """A run along the axes of its body, with its angular velocity, if its state gives one."""
     out, record = in_body_axes(run), RunRecord.from_attrs(run.attrs)
@@ -139,9 +116,5 @@ def _with_velocity(run: xr.Dataset, frame: BodyFrame, scales: Scales) -> tuple[x
     name, meaning = ("Omega", "along the axes of the body") if body else ("omega", "in space")
     dims = tuple(d for d in ("time", "lane") if d in run.dims)
     values = (frame.vectors(values) if body else values).reshape(*(run.sizes[d] for d in dims), 3)
-    variable = (
-        (*dims, "axis"),
-        values,
-        {"long_name": f"angular velocity {name}, {meaning}", **({AXES: BODY} if body else {})},
-    )
-    return out.assign({name: variable}), {**scales, name: Scale("rad/s", 1 / frame.time_unit)}
+    attrs = {"long_name": f"angular velocity {name}, {meaning}", **({AXES: BODY} if body else {})}
+    return out.assign({name: ((*dims, "axis"), values, attrs)}), {**scales, name: Scale("rad/s", 1 / frame.time_unit)}

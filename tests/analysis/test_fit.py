@@ -253,7 +253,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"bounds": {"m": (0, 1)}}, "expected names of free values"),
     ({"bounds": {"p[2]": (2, 3)}}, "around the start 1.3"),
     ({"dt": None}, "expected the step"),
-    ({"dt": -1.0}, "dt must be positive"),
+    ({"dt": -1.0}, "dt must be a positive"),
     ({"x0": None}, "expected the state at time 0"),
     ({"evaluations": 0}, "evaluations"),
     ({"observations": seen(TIME, h=TIME), "observables": {"h": 3}}, "expected a function for h"),

@@ -59,7 +59,7 @@ CASES = [
     ("steps = 100", "steps = 100\norder = 3", ["order=3"]),
     ("steps = 100", 'steps = 100\nmethod = "dop853"\norder = 4', ["expected one of its orders (8), got order=4"]),
     ("[system]", "[system", ["not valid TOML"]),
-    ("steps = 100", "steps = 99999999999999999999", ["out of reach"]),
+    ("steps = 100", "steps = 99999999999999999999", ["steps must be an integer from 1 to"]),
     ("steps = 100", 'steps = "100"', ["steps must be an integer", "'100'"]),
     ("dt = 0.05", "dt = 1e308", ["out of reach"]),
     ("dt = 0.05", "dt = 1e-320", ["at least"]),
@@ -431,7 +431,7 @@ def test_a_name_that_no_file_system_takes(
     ids=lambda v: type(v).__name__,
 )
 def test_an_investigation_of_anything(name: str, value: object) -> None:
-    with pytest.raises(kr.InputError, match=f"{name}: expected an integer from"):
+    with pytest.raises(kr.InputError, match=f"{name} must be an integer from"):
         kr.lab.investigate("lagrange-top", **{name: value})
 
 

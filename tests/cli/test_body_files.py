@@ -320,7 +320,7 @@ def test_all_mistakes_in_one_message() -> None:
         ("[body.orbit.primary]", "'earth'"),
         ("[state]", "'axis'"),
         ("[run]", "dt must have the dimension of s"),
-        ("[run]", "t_end must be positive"),
+        ("[run]", "t_end must be a positive"),
         ("[run]", "every must be"),
         ("[run]", "'order'"),
         ("[run]", "method: expected a name"),

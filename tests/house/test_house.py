@@ -24,7 +24,7 @@ RANK = {  # a part imports what stands on its own line or above
     part: rank
     for rank, parts in enumerate(
         (
-            ("errors", "display", "stopwatch", "files", "process"),
+            ("errors", "display", "files", "process"),
             ("algebra",),
             ("record",),
             ("baecklund", "implicit"),

@@ -22,7 +22,7 @@ from kreisel.lab import exact, laws
 from kreisel.record.contract import System
 from kreisel.reduction import linear, newton
 from kreisel.reduction.groups import random_element
-from kreisel.runs.user_defined import load_system
+from kreisel.runs.operations import load_system
 from kreisel.storage.simulate import resume
 from kreisel.system import REGISTRY
 from sizes import FULL

@@ -12,7 +12,7 @@ import pytest
 
 import kreisel as kr
 from kreisel.runs import integration
-from kreisel.runs.user_defined import load_system
+from kreisel.runs.operations import load_system
 from kreisel.sweeps import workers
 from support import ROOT, ended, started
 

@@ -16,7 +16,7 @@ from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs.geometry import components, model_for, orientation_of
 from kreisel.runs.in_si import in_si, in_state_form, is_in_si, state_quantity
-from kreisel.runs.settings import finite_number, flag, whole_number
+from kreisel.runs.settings import finite_number, flag, within
 
 NODES = 12  # of the polynomial that finds a crossing
 NUDGE = 1e-5  # of an interval, for its slope
@@ -206,7 +206,7 @@ def return_map(
     lanes are not mixed.  Returns a Dataset along `event` with here, after, the time of return elapsed, and the
     coordinate lane of an ensemble.  Raises `InputError` as `events` does, and for returns < 1.
     """
-    returns = whole_number(returns, "returns")
+    returns = within(returns, "returns")
     cut = section(run, quantity, value, rising=rising, system=system)
     lanes = cut["lane"].values if "lane" in cut.coords else np.zeros(cut.sizes["event"], dtype=int)
     # `event` replaces the axis time of a run

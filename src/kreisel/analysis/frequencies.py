@@ -32,10 +32,10 @@ from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.runs import harmonics
-from kreisel.runs.in_si import of_body
+from kreisel.runs.in_si import scaled
 from kreisel.runs.propagation.of_body import propagator
 from kreisel.runs.run_record import a_run
-from kreisel.runs.settings import check_model, checked_state, initial_orientation, whole_number, within
+from kreisel.runs.settings import check_model, checked_state, initial_orientation, within
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,7 +102,7 @@ def frequencies(run: xr.Dataset, quantity: Quantity, lines: int = 8, *, power: i
 def lines_of(time: Array, values: Array, lines: int = 8, *, power: int = 3, quantity: str = "f") -> Lines:
     """The strongest lines of evenly spaced samples `values` (time,) at `time`."""
     time, values = _even(time, values)
-    lines = whole_number(lines, "lines")
+    lines = within(lines, "lines")
     within(power, "power", 0, 8)
     centre = (time[0] + time[-1]) / 2
     finder = _Finder(time - centre, values, power)
@@ -294,7 +294,7 @@ def _in_form_of_state(system: Any, x0: Any, orientation: Any, dt: Any, every: An
     """Model, start, orientation, step, steps between rows, and units; `system` may be a body."""
     if (body := as_body(system)) is None:
         return system, x0, orientation, dt, every, BodyFrame()
-    model, x0, begun, when = of_body(body, x0, orientation, {"dt": dt, "every": every})
+    model, x0, begun, when, _ = scaled(body, x0, orientation, {"dt": dt, "every": every})
     forces = model.system.perturbation
     oriented = orientation is not None or (forces is not None and bool(forces.names(ORIENTATION)))
     return model, x0, begun if oriented else None, when["dt"], when["every"], model.body_frame or BodyFrame()

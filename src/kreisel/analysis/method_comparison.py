@@ -14,6 +14,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, shown
 from kreisel.method.observing import ORIENTATION
+from kreisel.process import SPENT
 from kreisel.record.body import as_body
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import Map
@@ -22,7 +23,6 @@ from kreisel.runs.drift import all_series
 from kreisel.runs.in_si import duration
 from kreisel.runs.run_record import RunRecord
 from kreisel.runs.settings import finite_number, within
-from kreisel.stopwatch import SPENT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

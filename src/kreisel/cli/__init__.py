@@ -13,7 +13,7 @@ from typing import Any
 
 from kreisel.cli import checkcases, new, runs, subjects  # noqa: F401 - each registers its commands
 from kreisel.cli.output import NOT_CONSERVED, TOO_MUCH, app, say
-from kreisel.errors import InputError, Interrupted, RunError, Stopped, disk_trouble
+from kreisel.errors import InputError, RunError, Stopped, disk_trouble
 
 __all__ = ["NOT_CONSERVED", "app", "main"]
 
@@ -31,7 +31,7 @@ def main() -> None:
         with warnings.catch_warnings():
             warnings.showwarning = _warn
             app()
-    except (Stopped, Interrupted) as stopped:
+    except Stopped as stopped:
         say(f"kreisel: {stopped}", file=sys.stderr)
         sys.exit(128 + stopped.number)
     except (InputError, RunError) as error:

@@ -18,8 +18,8 @@ from kreisel.physical.tables import Reader
 from kreisel.record.body import Body
 from kreisel.record.model import Model, State
 from kreisel.runs.in_si import scaled_settings
+from kreisel.runs.operations import executed, load_system
 from kreisel.runs.settings import Settings
-from kreisel.runs.user_defined import executed, load_system
 from kreisel.sweeps.ensemble import by_lane, of_scaled_system
 
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")

@@ -14,7 +14,7 @@ import typer
 from kreisel.cli import output
 from kreisel.cli.output import SET, AsJson, Overwrite, OverwriteFile, a_path, app, opt, print_json, say
 from kreisel.errors import ConservationWarning, InputError
-from kreisel.stopwatch import SPENT
+from kreisel.process import SPENT
 
 if TYPE_CHECKING:
     from kreisel.cli.configuration import Config

@@ -22,8 +22,8 @@ from kreisel.lab.questions import QUESTIONS, Clues, verdict
 from kreisel.lab.subject import BESIDE, Subject, in_coordinates, on_group, subject
 from kreisel.record.contract import Parameter, System
 from kreisel.record.model import Model
+from kreisel.runs.operations import executed, own_systems
 from kreisel.runs.settings import within
-from kreisel.runs.user_defined import executed, own_systems
 from kreisel.system import find
 
 OF_A_FILE = ("names", "n", "frame", "eps", *BESIDE)

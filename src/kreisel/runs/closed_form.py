@@ -24,9 +24,9 @@ from kreisel.record.body_frame import BodyFrame
 from kreisel.record.given import in_lane
 from kreisel.runs.describing import in_memory
 from kreisel.runs.in_si import scaled, state_of, times_of
-from kreisel.runs.plan import Plan, initial_parts, planned
+from kreisel.runs.orbits import presented
+from kreisel.runs.plan import Plan, initial_parts, is_finite, planned
 from kreisel.runs.planning import begun_again, idle_plans
-from kreisel.runs.presenting import presented
 from kreisel.runs.settings import (
     Settings,
     check_model,
@@ -37,7 +37,6 @@ from kreisel.runs.settings import (
     wanted_times,
     whole_order,
 )
-from kreisel.runs.soundness import is_finite
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -94,10 +93,11 @@ def at(
     asked: dict[str, Any] = {"method": method, "dt": step, "order": order, "observe": observe}
     idle = idle_plans(model, orientation is not None, asked)
     plan = begun_again(idle, model, x0, orientation) or _plan_of_times(model, x0, orientation, **asked)
-    engine = ClosedForm(plan.scheme, plan.first, step, reach)
-    plan.engine = engine
+    plan.engine = ClosedForm(plan.scheme, plan.first, step, reach)
     with np.errstate(all="ignore"):
-        states = _continued(plan, plan.observe(engine.at(flat)), flat)
+        states = plan.observe(plan.engine.at(flat))
+    if ORIENTATION in states and isinstance(getattr(plan.scheme.orbits, "jump", None), Jump):
+        states[ORIENTATION] = algebra.continued(states[ORIENTATION], flat)  # signs of jumps are arbitrary
     _require_finite(plan, states)
     with np.errstate(all="ignore"):
         run = in_memory(plan, [states], wanted * step)
@@ -108,26 +108,14 @@ def at(
 
 
 def _require_finite(plan: Plan, states: dict[str, Array]) -> None:
-    """Raises `RunError` for states beyond the range of doubles."""
-    for name, value in states.items():
-        if not is_finite(value):
-            lanes = value.shape[1] if plan.batched else 1
-            where = in_lane(~np.isfinite(value.reshape(len(value), lanes, -1)).all((0, 2)))
-            raise RunError(f"{name} is not finite{where}: its powers leave the range of doubles. Use other units.")
-
-
-def _continued(plan: Plan, states: dict[str, Array], times: Array) -> dict[str, Array]:
-    """The states, with quaternions that keep their sign in the order of time if they are jumps of a top."""
-    orbits = plan.scheme.orbits
-    if ORIENTATION in states and orbits is not None and isinstance(orbits.jump, Jump):
-        states[ORIENTATION] = algebra.continued(states[ORIENTATION], times)
-    return states
+    for name in [name for name, value in states.items() if not is_finite(value)]:
+        bad = ~np.isfinite(states[name].reshape(-1, plan.lanes, states[name][0].size // plan.lanes)).all((0, 2))
+        raise RunError(f"{name} is not finite{in_lane(bad)}: its powers leave the range of doubles. Use other units.")
 
 
 def _plan_of_times(
     model: Model, x0: StateLike, orientation: OrientationLike | None, method: str, dt: float, order: Any, observe: Any
 ) -> Plan:
-    """A plan without steps.  Raises `InputError`."""
     check_model(model)
     state = checked_state(model, x0)
     record, oriented = find(named(method, "method")), orientation is not None

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MOST_EVENTS = 10_000  # in an attribute
+CORRECTION = "largest_correction"  # correction of the state by the projection, in units of eps_machine |state|
 FEW_TIMES = 1000  # for a run whose form is kept for the next run
 
 
@@ -55,7 +56,7 @@ def versions() -> dict[str, str]:
 
 def describe(plan: Plan) -> RunRecord:
     """The attributes of a run: everything needed to identify and repeat it."""
-    model, settings, end = plan.model, plan.settings, plan.timetable.end
+    model, settings, end = plan.model, plan.settings, plan.end
     key = __name__, plan.scheme.definition_key or (model.key, plan.scheme.name)
     return RunRecord.made(
         **reused(key, lambda: _subject(model, plan.scheme.name)),
@@ -110,13 +111,12 @@ def hash_of_start(start: Mapping[str, Floats]) -> str:
 
 
 def _event_times(plan: Plan) -> str | None:
-    """Times of the first events with the number of each, or None without events."""
     return json.dumps(plan.fired[:MOST_EVENTS]) if plan.events else None
 
 
 def at_the_end(plan: Plan) -> dict[str, Any]:
     """The attributes of an archive that are known at the end of its run."""
-    made = {"rows": plan.rows, "stopped": plan.timetable.end[1]} if plan.timetable.end else {}
+    made = {"rows": plan.rows, "stopped": plan.end[1]} if plan.end else {}
     return {"complete": 1, **made, **({"event_times": _event_times(plan)} if plan.events else {})}
 
 
@@ -148,7 +148,7 @@ def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, An
 def saved_times(plan: Plan, first: int = 0, stop: int | None = None) -> Floats:
     """Times of the saved rows first to stop - 1."""
     rows = np.arange(first, plan.rows if stop is None else stop, dtype=np.float64)
-    return plan.timetable.times_of(rows)
+    return plan.times_of(rows)
 
 
 def time_attributes(plan: Plan) -> dict[str, str]:
@@ -164,12 +164,14 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
     import kreisel.runs.accessor  # noqa: F401 - run.kreisel
 
     attrs = attributes(plan, blocks[0])
-    for name, largest in _corrections(plan).items():
+    for name, largest in largest_corrections(plan).items():
         attrs[name][CORRECTION] = largest
     when = saved_times(plan) if times is None else times
     variables = {}
     for name in plan.outcomes:
-        value = np.concatenate([block.pop(name) for block in blocks]) if blocks[1:] else _owned(blocks[0].pop(name))
+        value = np.concatenate([block.pop(name) for block in blocks]) if blocks[1:] else blocks[0].pop(name)
+        if not (value.flags.c_contiguous and value.flags.writeable and value.flags.owndata):
+            value = value.copy()
         dims = dimensions(plan, name, value.shape)
         dims, value = (dims, value) if when.ndim else (dims[1:], value[0, ...])
         variables[name] = xr.Variable(dims, value, attrs[name], fastpath=True)
@@ -179,12 +181,6 @@ def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None =
     run.variables["time"].attrs = time_attributes(plan)
     run.attrs = describe(plan).to_attrs()
     return run
-
-
-def _owned(value: Array) -> Array:
-    """An array as one that may be written and lies in a row, copied if it is not."""
-    flags = value.flags
-    return value if flags.c_contiguous and flags.writeable and flags.owndata else value.copy()
 
 
 @lru_cache(16)
@@ -208,9 +204,7 @@ def _assembled(variables: dict[str, xr.Variable], time: xr.Variable | None, coor
     return xr.Dataset._construct_direct(variables=every, coord_names={*known}, dims=sizes, attrs={}, indexes=indexes)
 
 
-CORRECTION = "largest_correction"  # correction of the state by the projection, in units of eps_machine |state|
-
-
-def _corrections(plan: Plan) -> dict[str, float]:
+def largest_corrections(plan: Plan) -> dict[str, float]:
+    """The largest correction of each variable by the projection so far."""
     found = plan.engine.projection.largest(plan.engine.z) if plan.engine.projection else {}
     return {name: largest for name, largest in found.items() if name in plan.outcomes}

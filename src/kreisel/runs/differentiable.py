@@ -151,10 +151,10 @@ def _whole(by: Any, value: Any, name: str, most: int) -> int:
     return within(value, name, 1, most)
 
 
-def _fault(system: Model, step: Step) -> str:
+def _fault(model: Model, step: Step) -> str:
     guard = step.guard
     why = f"{guard.fault}. Usual cause: {guard.cause}" if guard else "Usual cause: dt too long for this state."
-    return f"{system.system.name}: the state is no longer finite. {why} kr.simulate names the step."
+    return f"{model.system.name}: the state is no longer finite. {why} kr.simulate names the step."
 
 
 # -- the step of a method --------------------------------------------------------------------------
@@ -408,7 +408,6 @@ def _rows(
     every: int,
     parameters: Known,
 ) -> dict[str, Array]:
-    """Rows of the components at the saved steps."""
     space, known = model.system.space, constants_of(by, model, parameters)
     own = start[: len(space.letters)]
     more, stages = step.constants(own, known, dt)
@@ -436,7 +435,6 @@ def _rows(
 
 
 def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[..., dict[str, Array]]:
-    """The motion of a body in SI as a function of JAX, as `kr.differentiable` describes."""
     model = body.in_si()
     frame, forces = model.body_frame or BodyFrame(), model.system.perturbation
     if orientation is None:
@@ -490,7 +488,9 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
             "tangent: expected a run of one trajectory by equal steps, got an ensemble, or one with impulses, events "
             "or separate times. Use kr.differentiable, with jax.vmap for ensembles."
         )
-    model, steps = model_for(run, system), _steps_of(run, record.dt)
+    model, steps = model_for(run, system), float(run["time"][-1] - run["time"][0]) / record.dt
+    if round(steps) < 1 or abs(steps - round(steps)) > ON_STEP:
+        raise InputError(f"tangent: expected rows with some steps of {record.dt:g} from first to last, got {steps:g}.")
     f = differentiable(model, method=record.method, order=record.order, orientation=ORIENTATION in run)
     from kreisel.kernels import jax_numbers as by
     from kreisel.reduction.double import double, jax
@@ -520,7 +520,7 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
         state = dict(zip(space.letters, (kind.for_user(z) for kind, z in parts), strict=True))
         if ORIENTATION in run:
             state[ORIENTATION] = attitude_near(by, model, x[size:], run.g.values[0])
-        out = f(state, dt=record.dt, steps=steps, time=float(run["time"][0]))
+        out = f(state, dt=record.dt, steps=round(steps), time=float(run["time"][0]))
         flat = coordinates(out)
         return jnp.append(flat, coordinates_of_turn(out[ORIENTATION])) if ORIENTATION in run else flat
 
@@ -532,11 +532,3 @@ def tangent(run: xr.Dataset, *, system: Model | None = None) -> Array:
             "a run too long for doubles."
         )
     return J
-
-
-def _steps_of(run: xr.Dataset, dt: float) -> int:
-    """The number of steps between the first row and the last row.  Raises `InputError`."""
-    steps = float(run["time"][-1] - run["time"][0]) / dt
-    if round(steps) < 1 or abs(steps - round(steps)) > ON_STEP:
-        raise InputError(f"tangent: expected rows with some steps of {dt:g} from the first to the last, got {steps:g}.")
-    return round(steps)

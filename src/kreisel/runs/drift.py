@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -45,11 +44,7 @@ LOOKED_AT = 16  # lanes at most, in which the width of the walk is measured agai
 NUMBERS_AT_ONCE = 1 << 19  # of a variable, in memory
 TOGETHER = 64  # rows
 FEW_ROWS = 1024
-
-
-def _place_in_table(variable: xr.Variable) -> tuple[bool, int]:
-    attrs = variable.attrs
-    return not attrs.get("conserved", False), KINDS.index(attrs["kind"]) if attrs.get("kind") in KINDS else -1
+SCALES = "roundoff_scale", "evaluation_scale"  # attributes
 
 
 @explained
@@ -182,8 +177,8 @@ def _stands(variable: xr.Variable) -> bool:
 
 def _watched(run: xr.Dataset) -> list[str]:
     """The Casimirs, integrals and relations; conserved quantities first."""
-    found = [(str(name), v) for name, v in run.variables.items() if v.attrs.get("kind") in KINDS]
-    return [name for name, _ in sorted(found, key=lambda item: _place_in_table(item[1]))]
+    found = {str(name): v.attrs for name, v in run.variables.items() if v.attrs.get("kind") in KINDS}
+    return sorted(found, key=lambda name: (not found[name].get("conserved", False), KINDS.index(found[name]["kind"])))
 
 
 class _Clock:
@@ -228,7 +223,8 @@ class _Scan:
         self.labels = [f"{self.name}[{part}]" for part in range(variable.shape[-1])] if family else [self.name]
         self.shape = (variable.sizes.get("lane", 1), len(self.labels))
         lanes = run.variables["lane"].values if "lane" in run.variables else None
-        self.step_scale, self.value_scale = _scales(name, variable, lanes, self.shape)
+        scales = [scales_of_lanes(name, variable, lanes, key) for key in SCALES]
+        self.step_scale, self.value_scale = (np.array(np.broadcast_to(scale, self.shape)) for scale in scales)
         self.correction = variable.attrs.get("largest_correction", np.nan)
         self.steps = clock.steps
         self.start, self.largest, total = (np.zeros(self.shape) for _ in range(3))
@@ -353,12 +349,6 @@ def _extremes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return out[0], out[1]
 
 
-def _scales(name: str, variable: xr.Variable, lanes: Any, shape: tuple[int, int]) -> tuple[Floats, Floats]:
-    """The two scales of rounding (lanes, parts), as separate arrays that the caller may change."""
-    step, value = (scales_of_lanes(name, variable, lanes, key) for key in ("roundoff_scale", "evaluation_scale"))
-    return np.array(np.broadcast_to(step, shape)), np.array(np.broadcast_to(value, shape))
-
-
 def lane_scales(variable: xr.DataArray, key: str) -> np.ndarray:
     """An attribute of scales (lanes or 1, parts), for the lanes that the variable still has.
 
@@ -417,7 +407,7 @@ def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Fl
     )
     with np.errstate(all="ignore"):
         scales = roundoff_scales(plan, states)[name]
-    return np.array(scales["roundoff_scale"]), np.array(scales["evaluation_scale"])
+    return np.array(scales[SCALES[0]]), np.array(scales[SCALES[1]])
 
 
 MOST_SCALES = 4096  # values in an attribute
@@ -441,31 +431,30 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     many = plan.lanes > MANY_LANES and plan.scheme.coupling is None
     if many:
         plan, first = _of_some_lanes(plan, first)
-    z = _sampled_rows(plan, first)
-    n = plan.model.n
+    z, n = _sampled_rows(plan, first), plan.model.n
     samples = SAMPLES if n <= MANY_SAMPLES_N else max(2, 16 * SAMPLES // n)  # every coordinate counts
-    by = (_nudges if z.size <= MANY_LANES else _nudges.__wrapped__)(samples, z.shape) * _largest(plan, z)
-    moved = (z + by).reshape(-1, *z.shape[1:])
-    if plan.compiled is not None and plan.lanes == 1 and plan.scheme.coupling is None and n <= MANY_SAMPLES_N:
-        return _of_columns(plan, plan.compiled(plan.corrections[1](moved)).reshape(*by.shape[:2], -1), samples)
-    outputs = plan.observe(moved)
-    values = {
-        name: outputs[name].reshape((*by.shape[:2], *outputs[name].shape[1:]))
-        for name, outcome in plan.outcomes.items()
-        if outcome.kind in KINDS
-    }
-    single = [name for name, v in values.items() if v.size == v.shape[0] * v.shape[1]]
-    several = [name for name in values if name not in single]
-    groups = [single, several] if n <= MANY_SAMPLES_N else [single, *([name] for name in several)]
-    scales: dict[str, Any] = {}
-    for group in filter(None, groups):  # together: NumPy needs longer to begin than to compute
-        flat = [values[name].reshape((*by.shape[:2], -1)) for name in group]
-        felt, computed = _scales_of(np.concatenate(flat, -1), samples, n, len(group) if group is single else 0)
-        for name, place in zip(group, algebra.slices([f"R^{v.shape[-1]}" for v in flat], n), strict=True):
-            shape = values[name].shape[2:]
-            step, value = (_listed(scale[place].reshape(shape), plan, many) for scale in (felt, computed))
-            scales[name] = {"roundoff_scale": step, "evaluation_scale": value}
-    return {name: scales[name] for name in values}
+    starts, component = _components(tuple(plan.kinds), n)
+    by = (_nudges if z.size <= MANY_LANES else _nudges.__wrapped__)(samples, z.shape)
+    by = by * np.maximum.reduceat(abs(z), starts, -1)[..., component]  # the largest coordinate of each component
+    values, places = _integrals(plan, (z + by).reshape(-1, *z.shape[1:]))
+    if not places:
+        return {}
+    values = values.reshape(*by.shape[:3], -1)
+    up, down, a_bit_up, a_bit_down = values[:-1].reshape(4, samples, *values.shape[1:])
+    here, shape = values[-1], (-1, *values.shape[2:])
+    squares = np.square((up - down) / (2 * NUDGE)).reshape(shape)
+    noise = (abs(a_bit_up + a_bit_down - 2 * here) / (2 * MACHINE_EPSILON)).reshape(shape)
+    # `mean` and `max` of arrays are in Python, and need longer than these
+    felt, noise = np.sqrt(np.add.reduce(squares, 0) / len(squares)), np.maximum.reduce(noise, 0)
+    for place in places.values() if n > MANY_SAMPLES_N else ():
+        if place.stop - place.start == n * (n - 1) // 2:  # entries of one matrix
+            noise[:, place] = noise[:, place].max(-1, keepdims=True)
+    both, scales = (felt, np.maximum(noise, np.maximum.reduce(abs(here), 0))), dict[str, dict[str, list[float]]]()
+    for name, place in places.items():
+        found = [scale[:, place] for scale in both]
+        found = [scale.max(0) if plan.batched and (many or scale.size > MOST_SCALES) else scale for scale in found]
+        scales[name] = {key: scale.ravel().tolist() for key, scale in zip(SCALES, found, strict=True)}
+    return scales
 
 
 def _of_some_lanes(plan: Plan, first: Mapping[str, Array]) -> tuple[Plan, Mapping[str, Array]]:
@@ -479,38 +468,18 @@ def _of_some_lanes(plan: Plan, first: Mapping[str, Array]) -> tuple[Plan, Mappin
     return replace(plan, model=model, scheme=made, first=plan.first[lanes]), {k: v[:, lanes] for k, v in first.items()}
 
 
-def _of_columns(plan: Plan, values: Array, samples: int) -> dict[str, dict[str, list[float]]]:
-    """`roundoff_scales` of a single lane, from its observed variables as columns (states, rows, columns)."""
-    places = plan.compiled.places.items()  # type: ignore[union-attr]
-    own = [(k, place.start, place.stop) for k, (place, _) in places if plan.outcomes[k].kind in KINDS]
-    if not own:
-        return {}
-    order = sorted(own, key=lambda each: each[2] - each[1] > 1)
-    columns = [column for _, first, last in order for column in range(first, last)]
-    single = sum(last - first == 1 for _, first, last in own)
-    felt, computed = (scale.tolist() for scale in _scales_of(values.take(columns, -1), samples, plan.model.n, single))
-    scales, ends = {}, itertools.accumulate((last - first for _, first, last in order), initial=0)
-    for (name, _, _), (first, last) in zip(order, itertools.pairwise(ends), strict=True):
-        scales[name] = {"roundoff_scale": felt[first:last], "evaluation_scale": computed[first:last]}
-    return {name: scales[name] for name, _, _ in own}
-
-
-def _scales_of(values: Array, samples: int, n: int, single: int) -> tuple[Array, Array]:
-    """Both scales of integrals (states, rows, integrals) from states moved up, down, both by a hair, and not.
-
-    The sums are bitwise equal to the sums of each integral: pairs of values that are contiguous for the first
-    integrals, `single` of them, each of which is one value.
-    """
-    up, down, a_bit_up, a_bit_down = values[:-1].reshape(4, samples, *values.shape[1:])
-    here = values[-1]
-    squares = np.square((up - down) / (2 * NUDGE)).reshape(-1, values.shape[-1])
-    # `mean` and `max` of arrays are in Python, and need longer than these
-    sums = np.add.reduce(np.ascontiguousarray(squares[:, :single].T), 1), np.add.reduce(squares[:, single:], 0)
-    felt = np.sqrt(np.concatenate(sums) / len(squares))
-    noise = abs(a_bit_up + a_bit_down - 2 * here) / (2 * MACHINE_EPSILON)
-    if n > MANY_SAMPLES_N and noise.shape[-1] == n * (n - 1) // 2:
-        noise = np.broadcast_to(noise.max(-1, keepdims=True), noise.shape)  # entries of one matrix
-    return felt, np.maximum(np.maximum.reduce(noise.reshape(-1, noise.shape[-1]), 0), np.maximum.reduce(abs(here), 0))
+def _integrals(plan: Plan, z: Floats) -> tuple[Array, dict[str, slice]]:
+    """Casimirs and integrals at rows z as columns (rows, lanes, columns), and the columns of each."""
+    names = [name for name, outcome in plan.outcomes.items() if outcome.kind in KINDS]
+    if plan.compiled is not None and plan.scheme.coupling is None and names:
+        found = {name: plan.compiled.places[name][0] for name in names}
+        first, last = min(at.start for at in found.values()), max(at.stop for at in found.values())
+        places = {name: slice(at.start - first, at.stop - first) for name, at in found.items()}
+        return plan.compiled(plan.corrections[1](z))[..., first:last], places
+    outputs = plan.observe(z)
+    columns = [np.empty((*z.shape[:2], 0)), *(outputs[name].reshape(*z.shape[:2], -1) for name in names)]
+    kinds = [f"R^{column.shape[-1]}" for column in columns[1:]]
+    return np.concatenate(columns, -1), dict(zip(names, algebra.slices(kinds, plan.model.n), strict=True))
 
 
 @lru_cache(4)
@@ -518,20 +487,6 @@ def _nudges(samples: int, shape: tuple[int, ...]) -> Floats:
     """Random signs, the same in every run, by which a state is moved up, down, both by a hair, and not."""
     signs = np.random.default_rng(0).choice([-1.0, 1.0], (samples, *shape))
     return np.concatenate([factor * signs for factor in (NUDGE, -NUDGE, HAIR, -HAIR)] + [0 * signs[:1]])
-
-
-def _listed(scale: Array, plan: Plan, many: bool) -> list[float]:
-    """A scale for each part of an integral, lane after lane; the largest over the lanes if there are too many."""
-    if plan.batched and (many or scale.size > MOST_SCALES):
-        scale = scale.max(0)
-    scales: list[float] = np.ravel(scale).tolist()
-    return scales
-
-
-def _largest(plan: Plan, z: Floats) -> Floats:
-    """The largest coordinate of its component for each coordinate, in the shape of z."""
-    starts, component = _components(tuple(plan.kinds), plan.model.n)
-    return np.maximum.reduceat(abs(z), starts, -1)[..., component]
 
 
 @lru_cache(16)
@@ -544,7 +499,6 @@ def _components(kinds: tuple[str, ...], n: int) -> tuple[np.ndarray, np.ndarray]
 
 @lru_cache(16)
 def _spread(length: int, count: int) -> np.ndarray:
-    """`count` places, evenly spread."""
     return np.unique(np.linspace(0, length - 1, count).astype(int))
 
 

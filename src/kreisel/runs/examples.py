@@ -143,13 +143,14 @@ def _planned(
     """The plan with the longest step that its method accepts, if no step is given."""
     wanted = dt or rounded(A_STEP / (rate(_plan(model, state, None, 1e-6)) or 1.0))
     needed = orientation if model.system.perturbation is not None else None
-    for _ in range(HALVED):
+    for left in reversed(range(HALVED + 1)):
         try:
             plan = _plan(model, state, needed, wanted)
-            return Example(model, parameters, state, orientation, wanted, plan.scheme.name)
+            break
         except InputError:
+            if not left:
+                raise
             wanted = rounded(wanted / 2)
-    plan = _plan(model, state, needed, wanted)
     return Example(model, parameters, state, orientation, wanted, plan.scheme.name)
 
 

@@ -94,11 +94,6 @@ def unit_of(run: xr.Dataset, letter: str) -> Any:
     return 1.0 if frame is None else frame.size(letter)
 
 
-def time_unit(run: xr.Dataset) -> float:
-    """The unit of time in which a run in SI was computed, s; 1 for other runs."""
-    return float(unit_of(run, "time"))
-
-
 def in_si(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     """A run of a body in SI; `model`: of a user-defined system, else that of the attributes."""
     frame = frame_of(run)
@@ -122,13 +117,9 @@ def _times_of_attributes(run: xr.Dataset, frame: BodyFrame, forward: bool) -> di
         out["event_times"] = json.dumps([[time * factor, number] for time, number in events])
     if run.attrs.get("impulses") is not None:
         impulses = parsed(run.attrs["impulses"], "The attribute impulses")
-        out["impulses"] = json.dumps([_impulse(frame, each, forward) for each in impulses])
+        listed: Callable[..., Any] = lambda change, value: np.asarray(change(np.asarray(value))).tolist()  # noqa: E731
+        out["impulses"] = json.dumps([_mapped(frame, each, forward, listed) for each in impulses])
     return out
-
-
-def _impulse(frame: BodyFrame, impulse: Mapping[str, Any], forward: bool) -> dict[str, Any]:
-    """An impulse as an attribute describes it, in SI (forward) or in the units of the state."""
-    return _mapped(frame, impulse, forward, lambda change, value: np.asarray(change(np.asarray(value))).tolist())
 
 
 def _mapped(
@@ -197,7 +188,6 @@ def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
 def _attributes(
     attrs: Mapping[str, Any], frame: BodyFrame, letter: str, name: str, unit: str, size: Any, forward: bool
 ) -> dict[str, Any]:
-    """The attributes of a variable in its new form."""
     out = {k: v for k, v in attrs.items() if k not in (AXES, "scale_factor")}
     factor = size if forward else 1 / size
     for key in SIZED:
@@ -226,7 +216,6 @@ def _applied(variable: xr.Variable, change: Callable[[Array], Array], by_lane: b
 
 
 def _is_lazy(variable: xr.Variable) -> bool:
-    """Whether the values are still on disk."""
     return not getattr(variable, "_in_memory", True)
 
 
@@ -278,7 +267,6 @@ def _of_rows(
 
 
 def _velocity(run: xr.Dataset, frame: BodyFrame, model: Model) -> xr.Variable:
-    """The angular velocity at each row, rad/s."""
     body = model.system.frame is Frame.MOVING
 
     def values(state: list[Array]) -> Array:
@@ -321,8 +309,18 @@ def scaled(system: Any, x0: Any, orientation: Any, asked: Mapping[str, Any], eve
     body = as_body(system)
     if body is None:
         return system, x0, orientation, asked, events
-    model, *others = of_body(body, x0, orientation, asked)
-    return model, *others, scaled_events(model.body_frame or BodyFrame(), events)
+    model = body.in_si()
+    frame, (start, first) = model.body_frame or BodyFrame(), state_of(body, model, x0)
+    if orientation is False:
+        first = None
+    elif orientation is not None:
+        before, first = first, oriented(model, orientation)
+        _require_attitude_of_state(body, model, start, before, first)
+    settings = scaled_settings(model, asked)
+    end = settings.get("t_end") or (settings.get("t_start") or 0.0) + settings["dt"] * (settings.get("steps") or 0)
+    for sentence in body._doubts(end * frame.time_unit) if isinstance(end, float) else ():
+        doubt(sentence)
+    return model, start, first, settings, scaled_events(frame, events)
 
 
 TIMES = re.compile(r"\b(dt|time|t_end) (= )?\d")
@@ -338,22 +336,6 @@ def unit_of_times(model: Any) -> Iterator[None]:
         if frame is None or not frame.names or frame.time_unit == 1 or not TIMES.search(str(error)):
             raise
         raise type(error)(f"{error} (Times in this message are multiples of {frame.time_unit:.6g} s.)") from error
-
-
-def of_body(body: Body, x0: Any, orientation: Any, asked: Mapping[str, Any]) -> tuple[Model, Any, Any, dict[str, Any]]:
-    """Model, start, orientation and settings of a run, in the form of the state, from a body's in SI."""
-    model = body.in_si()
-    start, first = state_of(body, model, x0)
-    if orientation is False:
-        first = None
-    elif orientation is not None:
-        before, first = first, oriented(model, orientation)
-        _require_attitude_of_state(body, model, start, before, first)
-    settings = scaled_settings(model, asked)
-    end = settings.get("t_end") or (settings.get("t_start") or 0.0) + settings["dt"] * (settings.get("steps") or 0)
-    for sentence in body._doubts(end * (model.body_frame or BodyFrame()).time_unit) if isinstance(end, float) else ():
-        doubt(sentence)
-    return model, start, first, settings
 
 
 def _require_attitude_of_state(body: Body, model: Model, start: Any, before: Any, g: Array) -> None:
@@ -383,8 +365,14 @@ def oriented(model: Model, attitude: Any) -> Array:
 def state_of(body: Body, model: Model, x0: Any) -> tuple[Any, Any]:
     """The start in the form of the state, and its orientation: a state, a row, or the arguments of `body.state`."""
     if hasattr(x0, "data_vars"):
+        frame, expected = frame_of(x0) if is_in_si(x0) else None, model.body_frame
+        if frame is not None and expected is not None and not frame.is_like(expected, model.system.space.letters):
+            raise InputError(
+                "x0: expected a row of a run of this body, got one of a body whose state has other axes or units. "
+                "Usual cause: other moments of inertia. Give body.state(...) with the angular velocity and attitude "
+                "of the row."
+            )
         row = in_state_form(x0)
-        _require_row_of(model, x0)
         return row, row[ORIENTATION].values if ORIENTATION in row else None
     if isinstance(x0, Mapping) and not isinstance(x0, State):
         letters = model.system.space.letters
@@ -395,17 +383,6 @@ def state_of(body: Body, model: Model, x0: Any) -> tuple[Any, Any]:
             )
         x0 = body.state(**x0)
     return x0, getattr(x0, "orientation", None)
-
-
-def _require_row_of(model: Model, row: xr.Dataset) -> None:
-    """Raises `InputError` for a row of a body whose state has other axes or units."""
-    frame = frame_of(row) if is_in_si(row) else None
-    expected = model.body_frame
-    if frame is not None and expected is not None and not frame.is_like(expected, model.system.space.letters):
-        raise InputError(
-            "x0: expected a row of a run of this body, got one of a body whose state has other axes or units. Usual "
-            "cause: other moments of inertia. Give body.state(...) with the angular velocity and attitude of the row."
-        )
 
 
 def duration(frame: BodyFrame, value: Any, name: str) -> float:
@@ -477,19 +454,18 @@ def _impulses(frame: BodyFrame, asked: Any) -> Any:
     """Impulses {"time": "2 s", "momentum": (0, 0, 1)} in the units and along the axes of the state."""
     if not isinstance(asked, Mapping | list | tuple):
         return asked  # the settings report the fault
-    several = [asked] if isinstance(asked, Mapping) else asked
-    return [_scaled_impulse(frame, impulse) if isinstance(impulse, Mapping) else impulse for impulse in several]
-
-
-def _scaled_impulse(frame: BodyFrame, impulse: Mapping[str, Any]) -> dict[str, Any]:
-    measured = {}
-    for name, value in impulse.items():
-        unit = frame.units.get(frame.letters.get(str(name), str(name)), ("1", 1.0))[0]
-        measured[str(name)] = Scale(unit, 1.0).scaled(value, f"impulses: {name}")
-    scaled = _mapped(frame, measured, False, lambda change, value: change(value))
-    if "time" in impulse:
-        scaled["time"] = duration(frame, impulse["time"], "impulses: the time")
-    return scaled
+    out = []
+    for impulse in [asked] if isinstance(asked, Mapping) else asked:
+        if isinstance(impulse, Mapping):
+            units = {name: frame.units.get(frame.letters.get(str(name), str(name)), ("1", 1.0))[0] for name in impulse}
+            measured = {str(k): Scale(units[k], 1.0).scaled(v, f"impulses: {k}") for k, v in impulse.items()}
+            scaled = _mapped(frame, measured, False, lambda change, value: change(value))
+            if "time" in impulse:
+                scaled["time"] = duration(frame, impulse["time"], "impulses: the time")
+            out.append(scaled)
+        else:
+            out.append(impulse)
+    return out
 
 
 def scaled_events(frame: BodyFrame, events: Any) -> Any:

@@ -18,12 +18,11 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Flow, Orbits, Steps
+from kreisel.process import SPENT
 from kreisel.record.given import in_lane
-from kreisel.runs.plan import BREAKS, Plan
+from kreisel.runs.plan import BREAKS, Fault, Plan, faults, is_finite
 from kreisel.runs.planning import cause_of_no_numbers
 from kreisel.runs.settings import LARGE, of_forces
-from kreisel.runs.soundness import Fault, faults, is_finite
-from kreisel.stopwatch import SPENT
 
 if TYPE_CHECKING:
     from kreisel.runs.propagation.breaks import Breaks, Stop
@@ -84,6 +83,7 @@ class Integration:
         faults: dict[int, str] | None = None,
     ) -> None:
         self.plan, self.tick, self.most = plan, tick, rows_in_block or block_rows(plan)
+        self._step_of = plan.step_of
         self.faults, self._ends = faults, np.full(plan.lanes, np.iinfo(np.int64).max)  # the first row that is lost
         self._first = plan.engine.z.copy()
         self.buffer = np.empty((self.most, *plan.engine.z.shape))
@@ -113,20 +113,16 @@ class Integration:
     @property
     def lasting(self) -> int:
         """Rows that a longer run also has: without a last row that is not at a multiple of `every`."""
-        timetable = self.plan.timetable
-        ends = timetable.times is not None or timetable.end is not None  # limit of every longer run
+        ends = self.plan.times is not None or self.plan.end is not None  # limit of every longer run
         return self.plan.rows if ends else self.plan.steps // self.plan.every + 1
-
-    def _step_of(self, row: int) -> int:
-        return self.plan.timetable.step_of(row)
 
     def snapshot(self) -> Snapshot:
         """A copy of everything needed to resume.  Raises `RunError` if the state is no longer finite."""
         self._check()
         engine = {name: value.copy() for name, value in self.plan.engine.snapshot().items()} | self.plan.computed
         engine |= {} if self._breaks is None else self._breaks.snapshot()
-        if self.plan.timetable.end is not None:
-            engine[END] = np.array(self.plan.timetable.end)
+        if self.plan.end is not None:
+            engine[END] = np.array(self.plan.end)
         return Snapshot(self.flushed, self.into, self.buffer[: self.filled].copy(), engine)
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -154,7 +150,7 @@ class Integration:
         self.plan.adopt({name: snapshot.engine[name] for name in computed})
         self.plan.engine.restore(snapshot.engine)
         if END in of_breaks:
-            self.plan.timetable.end = int(of_breaks[END][0]), float(of_breaks[END][1])
+            self.plan.end = int(of_breaks[END][0]), float(of_breaks[END][1])
         if self._breaks is not None:
             self._breaks.restore(of_breaks)
 
@@ -172,9 +168,11 @@ class Integration:
 
     def _advance(self) -> None:
         """One call of the engine, of about a tick: some rows, or a part of one row."""
-        times = self.plan.timetable.times
+        times = self.plan.times
         if times is not None and self._breaks is None and isinstance(self.plan.scheme.motion, Orbits):
-            self._at_times(times)
+            when = times[self.rows : self.rows + self.most - self.filled]  # in closed form
+            self.buffer[self.filled : self.filled + len(when)] = self.plan.engine.at(when)  # type: ignore[attr-defined]
+            self.filled += len(when)
             return
         every = self._step_of(self.rows) - self._step_of(self.rows - 1)
         left = every - self.into
@@ -212,22 +210,16 @@ class Integration:
             return
         self.filled, self.into = self.filled + 1, 0
         if stop is not None:
-            self.plan.timetable.end = self.rows, stop.time
+            self.plan.end = self.rows, stop.time
 
     def _row(self) -> tuple[Floats, Stop | None]:
         """The next row, within the step that begins here, and the stop of the run before it, if any."""
-        ahead, engine = self.plan.timetable.within_step(self.rows), self.plan.engine
+        ahead, engine = self.plan.within_step(self.rows), self.plan.engine
         if not ahead:
             return engine.z, None
         if self._breaks is not None:
             return self._breaks.row(self.steps, ahead)
         return engine.between(ahead), None  # type: ignore[attr-defined]  # of a `ReferenceEngine`
-
-    def _at_times(self, times: Floats) -> None:
-        """Rows in closed form."""
-        rows = times[self.rows : self.rows + self.most - self.filled]
-        self.buffer[self.filled : self.filled + len(rows)] = self.plan.engine.at(rows)  # type: ignore[attr-defined]
-        self.filled += len(rows)
 
     def _call(self, out: Floats, every: int) -> None:
         def advance(look: Callable[[], None]) -> int:
@@ -260,8 +252,8 @@ class Integration:
         for fault in faults(plan.scheme, plan.engine, self.buffer[: self.filled], plan.dt):
 
             def text(step: int, fault: Fault = fault) -> str:
-                when = f"at or before step {step} (time {step * plan.dt:g})" if fault.seen else f"before step {step}"
-                return f"{fault.text}{' ' if fault.seen else ', '}{when}"
+                seen = f"{fault.text} at or before step {step} (time {step * plan.dt:g})"
+                return seen if fault.seen else f"{fault.text}, before step {step}"
 
             self._lose(fault.good, text, fault.cause or (lambda step: cause_of_no_numbers(plan, step)))
 
@@ -291,19 +283,14 @@ class Integration:
         if lost.any():
             rows = np.where(lost[..., None], self._first, rows)
         block = self._observed(rows)
-        for name, value in block.items():
-            if not is_finite(value):
-                finite = np.isfinite(value).reshape((self.filled, self.plan.lanes, -1)).all(-1)
-                self._lose(
-                    finite,
-                    lambda step, name=name: f"{name} is not finite, although the state is, at step {step}",  # type: ignore[misc]
-                    f"{of_forces(self.plan.model)}a state so large that its powers overflow. Use smaller units.",
-                )
-                lost = lost | ~finite
+        cause = f"{of_forces(self.plan.model)}a state so large that its powers overflow. Use smaller units."
+        for name in [name for name, value in block.items() if not is_finite(value)]:
+            finite = np.isfinite(block[name]).reshape((self.filled, self.plan.lanes, -1)).all(-1)
+            text = f"{name} is not finite, although the state is, at step {{}}"
+            self._lose(finite, text.format, cause)
+            lost = lost | ~finite
         if lost.any():
             for name, value in block.items():
-                apart = value.reshape((self.filled, self.plan.lanes, *value.shape[1 + self.plan.batched :]))
-                block[name] = np.where(lost.reshape(lost.shape + (1,) * (apart.ndim - 2)), np.nan, apart).reshape(
-                    value.shape
-                )
+                apart = value.reshape((*lost.shape, -1))
+                block[name] = np.where(lost[..., None], np.nan, apart).reshape(value.shape)
         return block

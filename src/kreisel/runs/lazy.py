@@ -24,11 +24,10 @@ class _Computed(BackendArray):
         self, shape: tuple[int, ...], lead: int, sources: Sequence[xr.Variable], function: Callable[..., Array]
     ):
         self.shape, self.dtype = shape, np.dtype(np.float64)
-        self._sources, self._function = sources, function
-        self._lead = lead
+        self._lead, self._sources, self._function = lead, sources, function
 
     def __reduce__(self) -> Any:  # a pickled run has its values
-        return _Loaded, (self._values((slice(None),) * len(self.shape)),)
+        return indexing.NumpyIndexingAdapter, (self._values((slice(None),) * len(self.shape)),)
 
     def __getitem__(self, key: Any) -> Any:
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._values)
@@ -39,18 +38,6 @@ class _Computed(BackendArray):
         with np.errstate(all="ignore"):
             values = self._function(*(np.asarray(v[rows].values) for v in self._sources))
         return values[tuple(0 if np.ndim(k) == 0 and not isinstance(k, slice) else slice(None) for k in lead) + inner]
-
-
-class _Loaded(BackendArray):
-    """Values in memory."""
-
-    def __init__(self, values: Array):
-        self._array, self.shape, self.dtype = values, values.shape, values.dtype
-
-    def __getitem__(self, key: Any) -> Any:
-        return indexing.explicit_indexing_adapter(
-            key, self.shape, indexing.IndexingSupport.BASIC, lambda k: self._array[k]
-        )
 
 
 def lazy(

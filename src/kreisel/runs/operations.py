@@ -1,4 +1,4 @@
-"""SHA-256 of the operations of user-defined functions, to which an archive, which holds no code, is bound.
+"""User-defined systems: their files, and SHA-256 of their operations, to which an archive, without code, is bound.
 
 A function is run once on recorded values.  The digest covers the operations on which its values depend: values in
 closures and globals, but neither comments nor names nor dead code.  A function that cannot be recorded has the digest
@@ -14,43 +14,35 @@ import hashlib
 import inspect
 import itertools
 import math
+import runpy
+import traceback
 import types
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra.reuse import Identity, reused
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, hint, shown
 from kreisel.files import parsed
 from kreisel.graph.graph import Graph, Number, array_of
 from kreisel.method.observing import ORIENTATION
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import call, keywords
 from kreisel.record.contract import System
+from kreisel.record.model import Model
 from kreisel.record.perturbation import FIRST, SECOND, TIME, Controller, Force
 
 if TYPE_CHECKING:
-    from kreisel.record.model import Model
     from kreisel.runs.plan import Plan
     from kreisel.runs.settings import Event
 
 MOST_NODES = 5_000  # of a graph; a longer function has the digest of its code
 NOT_RUN = {"lax", "relations", "conjugator", "lagrangian", "involution", "regularity", "darboux", "case", "pair_case"}
-NOT_RUN |= {
-    "draw",
-    "tensor",
-    "momentum",
-    "state",  # the check of states
-    "body_frame",
-    "parameters",
-    "perturbation",
-    "product",
-    "defect",
-    "pencil",
-    "factors",
-    "notes",
-}
+NOT_RUN |= {"draw", "tensor", "momentum", "state", "body_frame", "parameters", "perturbation", "product", "defect"}
+NOT_RUN |= {"pencil", "factors", "notes"}  # "state": the check of states
 
 
 def operations_of(model: Model) -> str | None:
@@ -115,7 +107,8 @@ def _of_system(system: System, model: Model) -> Any:
     if KNOWN.get(system.name) is system:
         return system.name
     if system.product:
-        return [_of_system(factor.system, _model_of(factor, model)) for factor in system.product]
+        factors = [(factor.system, type(model)(factor.system, factor.known(model.params))) for factor in system.product]
+        return [_of_system(*factor) for factor in factors]
     record = system.perturbation
     if record is None:
         about = system.frame.value, system.space.components, system.space.sign, system.n, system.numbers
@@ -124,11 +117,6 @@ def _of_system(system: System, model: Model) -> Any:
     flags = record.damping, record.inertia, record.coupling, record.inner
     law = () if record.control is None else (_of_law(record.control, model),)
     return _of_system(record.base, model), flags, sorted((k, _of_force(f, model)) for k, f in forces.items()), *law
-
-
-def _model_of(factor: Any, model: Model) -> Model:
-    """The model of one body of a product."""
-    return type(model)(factor.system, factor.known(model.params))
 
 
 def _of_record(record: Any, model: Model) -> Iterator[tuple[str, Any]]:
@@ -195,13 +183,11 @@ def _of_law(control: Controller, model: Model) -> Any:
 
 
 def _shape(model: Model, name: str) -> tuple[int, ...]:
-    """The shape of a constant without the axes of lanes."""
     shape = np.shape(model.constants[name])
     return shape[len(shape) - model.axes[name] :]
 
 
 def _component(kind: str, n: int, numbers: Iterator[Number], axial: bool) -> Any:
-    """A component of a state, made of recorded values."""
     form = algebra.KINDS[kind].shown(n) if axial else algebra.KINDS[kind]
     return form.unpack(_filled(numbers, (form.count(n),)), n)
 
@@ -290,7 +276,6 @@ def _function(f: types.FunctionType, seen: frozenset[int]) -> Any:
 
 
 def _names_in(code: types.CodeType) -> list[str]:
-    """The names of globals and attributes, including names in inner functions."""
     inner = [name for part in code.co_consts if isinstance(part, types.CodeType) for name in _names_in(part)]
     return [*code.co_names, *inner]
 
@@ -301,3 +286,56 @@ def _is_filled(cell: types.CellType) -> bool:
     except ValueError:
         return False
     return True
+
+
+# -- of a file ------------------------------------------------------------------------------------
+
+
+def load_system(
+    name: str, file: Path | None, values: Mapping[str, Any] | None = None, frame: BodyFrame | None = None
+) -> System:
+    """The system of that name: a known one, with these parameters, or from `file`.  Raises `InputError`."""
+    from kreisel.bodies import KNOWN, known_system
+
+    if file is None:
+        return known_system(name, values or {}, frame)
+    if not file.is_file():
+        raise InputError(f"No file {file}, which [system] names; it is looked for next to the TOML file.")
+    own = own_systems(executed(file))
+    if name in own:
+        if own[name].name in KNOWN:
+            raise InputError(
+                f"{file} calls its system {shown(own[name].name)}, as one of Kreisel's is called. Choose another name."
+            )
+        return own[name]
+    raise InputError(
+        f"{file} defines no system called {shown(name)} at its top level.{hint(name, own)} "
+        f"There are: {', '.join(own) or 'none'}; make one with kreisel.reduction.system(name, ...) or "
+        "kr.perturbed(...)."
+    )
+
+
+def executed(file: Path) -> dict[str, Any]:
+    """The names that a Python file defines at its top level.  Raises `InputError` with the line of any exception."""
+    try:
+        return runpy.run_path(str(file))
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
+    except Exception as error:  # any exception of a user's code
+        where = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(file)]
+        line = f", line {where[-1].lineno}" if where else f", line {getattr(error, 'lineno', '?')}"
+        raise InputError(f"{file}{line}: {type(error).__name__}: {error}") from error
+
+
+def own_systems(defined: dict[str, Any]) -> dict[str, System]:
+    """The user-defined systems among them; perturbed systems also by the name of the variable."""
+    from kreisel.bodies import KNOWN
+
+    systems = {value.name: value for value in defined.values() if isinstance(value, System)}
+    perturbed = {
+        name: value.system
+        for variable, value in defined.items()
+        if isinstance(value, Model) and value.system.perturbation is not None
+        for name in (variable, value.system.name)
+    }
+    return {k: v for k, v in (systems | perturbed).items() if KNOWN.get(k) is not v}

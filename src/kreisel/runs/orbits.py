@@ -1,10 +1,11 @@
-"""Surroundings of a satellite along its run, read from the record: orbit, Sun, shadow; angles against frames.
+"""Runs as their user receives them: of a body in SI, of a satellite with its orbit, its surroundings and its angles.
 
 Space is the frame of the elements of the orbit, whose third axis is the pole of the primary.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
@@ -14,13 +15,13 @@ from kreisel.algebra import Array
 from kreisel.bodies import find
 from kreisel.errors import InputError, hint, require_one_of, shown
 from kreisel.files import parsed
+from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.runs.geometry import attitude_of, axes_of_state
+from kreisel.runs.in_si import COMPONENT, in_si
 from kreisel.runs.run_record import RunRecord, lanes_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     import xarray as xr
 
     from kreisel.record.perturbation import Force, Perturbation
@@ -78,7 +79,10 @@ def surroundings(run: xr.Dataset) -> Surroundings:
     force = cast("Force", cast("Perturbation", model.system.perturbation).environment)
     known = {name: np.asarray(model.constants[name]) for name in force.parameters}
     time = np.asarray(run["time"].values, dtype=np.float64)
-    lanes = [_of_lane(known, model.axes, lane) for lane in range(model.batch[0])] if model.batch else [known]
+    lanes = [
+        {name: value[lane] if value.ndim > model.axes[name] else value for name, value in known.items()}
+        for lane in range(model.batch[0] if model.batch else 1)
+    ]
     rows = [force.function(time, **force.named(each.values())) for each in lanes]
     rows = rows if model.batch else rows * run.sizes.get("lane", 1)  # lanes on one orbit
     found = {
@@ -90,11 +94,6 @@ def surroundings(run: xr.Dataset) -> Surroundings:
     found = found if "lane" in run.dims else {name: value[:, 0] for name, value in found.items()}
     sunny = bool(np.any(model.constants["pressure"]) or np.any(known["solar"]))
     return Surroundings(**{**found, **({} if sunny else {"sun": None, "light": None})})
-
-
-def _of_lane(known: Mapping[str, Array], axes: Mapping[str, int], lane: int) -> dict[str, Array]:
-    """Constants of one lane."""
-    return {name: value[lane] if value.ndim > axes[name] else value for name, value in known.items()}
 
 
 VARIABLES: dict[str, tuple[str, str, tuple[int, ...]]] = {  # unit, meaning, axes
@@ -225,21 +224,14 @@ def angles_of(run: xr.Dataset, frame: str = "orbit", around: Surroundings | None
     around = around or surroundings(run)
     if frame == "orbit":
         body = axes_of_state(run) @ axes_of_angles(model)
-        third, second, first = _tait_bryan(
-            _by_lane(orbit_frame(around.position, around.velocity), g.ndim).mT @ g @ body
-        )
-        return Angles(third, second, first)
-    if frame != "inertial":
-        axes = ground_frame(around.position) if frame == "ground" else _lvlh(around)
-        g = _by_lane(axes, g.ndim).mT @ g
+        return Angles(*_tait_bryan(_by_lane(orbit_frame(around.position, around.velocity), g.ndim).mT @ g @ body))
+    if frame == "ground":
+        g = _by_lane(ground_frame(around.position), g.ndim).mT @ g
+    elif frame == "lvlh":
+        up, ahead, normal = np.moveaxis(orbit_frame(around.position, around.velocity), -1, 0)
+        g = _by_lane(np.stack([ahead, -normal, -up], -1), g.ndim).mT @ g
     yaw, pitch, roll = _tait_bryan(g)
     return Angles(pitch, roll, yaw)
-
-
-def _lvlh(around: Surroundings) -> Array:
-    """Columns ahead, right and down, in space."""
-    up, ahead, normal = np.moveaxis(orbit_frame(around.position, around.velocity), -1, 0)
-    return np.stack([ahead, -normal, -up], -1)
 
 
 def _by_lane(values: Array, ndim: int) -> Array:
@@ -249,8 +241,58 @@ def _by_lane(values: Array, ndim: int) -> Array:
 
 def _tait_bryan(R: Array) -> tuple[Array, Array, Array]:
     """The angles about the third, second and first axis: R = R_3 R_2 R_1."""
-    return (
-        np.arctan2(R[..., 1, 0], R[..., 0, 0]),
-        np.arcsin(np.clip(-R[..., 2, 0], -1, 1)),
-        np.arctan2(R[..., 2, 1], R[..., 2, 2]),
-    )
+    middle = np.arcsin(np.clip(-R[..., 2, 0], -1, 1))
+    return np.arctan2(R[..., 1, 0], R[..., 0, 0]), middle, np.arctan2(R[..., 2, 1], R[..., 2, 2])
+
+
+# -- runs as their user receives them --------------------------------------------------------------
+
+ANGLES = {
+    "pitch": "pitch against the orbit: rotation about its normal",
+    "roll": "roll against the orbit: rotation about the direction ahead",
+    "yaw": "yaw against the orbit: rotation about the direction up",
+    "pointing": "angle of the axis that points down at zero angles to the nadir",
+}
+
+
+def presented(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
+    """A run as its user receives it: in SI if its subject was a body, else unchanged."""
+    frame = model.body_frame if model is not None else RunRecord.from_attrs(run.attrs).body_frame
+    if frame is None or not frame.names:
+        return run
+    if frame.differs and "lane" not in run.coords:  # of a sweep
+        run = run.assign_coords(lane=np.arange(run.sizes["lane"]))
+    out = in_si(run, model)
+    known = of_satellite(run) and "kreisel_sweep" not in run.attrs and "time" in run.dims and ORIENTATION in run
+    return out.assign(_of_satellite(run)) if known else out
+
+
+def _of_satellite(run: xr.Dataset) -> dict[str, xr.Variable]:
+    """Orbit, surroundings and angles at each row, computed when they are read: a field has 195 terms a row."""
+    import xarray as xr
+
+    from kreisel.runs.lazy import lazy
+
+    g, time, start = run.variables[ORIENTATION], run.variables["time"], run.variables[ORIENTATION][:1].values
+    lanes = {"lane": ("lane", np.asarray(run["lane"].values))} if "lane" in run.coords else {}
+    attrs = dict(run.attrs)
+
+    def at(time: Array, g: Array) -> xr.Dataset:
+        """A run with these times and orientations only."""
+        return xr.Dataset({ORIENTATION: (run[ORIENTATION].dims, g)}, {"time": ("time", time), **lanes}, attrs)
+
+    def around(time: Array) -> xr.Dataset:
+        return environment_of(at(time, np.broadcast_to(start, (len(time), *start.shape[1:]))))
+
+    def angle(name: str, g: Array, time: Array) -> Array:
+        return pointing_error(at(time, g)) if name == "pointing" else getattr(angles_of(at(time, g)), name)
+
+    out = {}
+    for name, first in around(np.asarray(time[:1].values)).data_vars.items():
+        dims = [COMPONENT if d == "xyz" else d for d in first.dims]
+        function = partial(lambda name, time: around(time)[name].values, name)
+        out[str(name)] = lazy(dims, (len(time), *first.shape[1:]), [time], function, dict(first.attrs), 1)
+    for name, meaning in ANGLES.items():
+        units = {"units": "rad", "long_name": meaning}
+        out[name] = lazy(g.dims[:-1], g.shape[:-1], [g, time], partial(angle, name), units, 1)
+    return out

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
@@ -18,10 +19,10 @@ from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method
 from kreisel.method.observing import COUNT, ORIENTATION, with_orientation
 from kreisel.method.scheme import Flow, Orbits
+from kreisel.process import spent_on
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import TIME, require_bodies
-from kreisel.runs.settings import LARGE, MOST_STEPS, Event, Settings, Timetable, initial_orientation
-from kreisel.stopwatch import spent_on
+from kreisel.runs.settings import LARGE, MOST_STEPS, WHOLE, Event, Settings, count_of_rows, initial_orientation
 
 if TYPE_CHECKING:
     from kreisel.kernels.cpu import RowFunction
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 TIMES = "times"  # the times of the rows, next to the state in `Plan.start`
 BREAKS = "breaks/"  # prefixes of the names of impulses and events in a snapshot
+FEW = 64  # entries
 COMPUTED = ("constants", "stages", "basis")  # constants of a scheme
 
 
@@ -47,6 +49,7 @@ class Plan:
     large: Large | None = None  # of the kernel of engine="large"
     events: tuple[Event, ...] = ()
     lost: frozenset[str] = frozenset()  # integrals that the method conserves and impulses or events change
+    end: tuple[int, float] | None = None  # rows, and the time of the last, of a run that an event stopped
     fired: list[tuple[float, int]] = field(default_factory=list)  # the times and indices of past events
 
     @property
@@ -80,9 +83,36 @@ class Plan:
         return bool(self.settings.impulses or self.events)
 
     @cached_property
-    def timetable(self) -> Timetable:
-        """The saved rows."""
-        return Timetable(self.settings)
+    def times(self) -> Floats | None:
+        """The times of the rows, if they were given."""
+        return None if self.settings.times is None else np.array(self.settings.times)
+
+    @cached_property
+    def _places(self) -> tuple[list[int], list[float]]:
+        """Steps before each row at a given time, and the time after the last of these steps."""
+        times = np.array(self.settings.times)
+        steps = np.floor(times / self.dt * (1 + WHOLE))
+        within = times - steps * self.dt
+        return steps.astype(np.int64).tolist(), np.where(within > WHOLE * self.dt, within, 0.0).tolist()
+
+    def step_of(self, row: int) -> int:
+        """The steps before a row; 0 before the first."""
+        if self.times is None:
+            return min(row * self.every, self.steps)
+        return self._places[0][min(row, len(self.times) - 1)] if row >= 0 else 0
+
+    def within_step(self, row: int) -> float:
+        """The time of a row after its last step."""
+        return 0.0 if self.times is None else self._places[1][row]
+
+    def times_of(self, rows: Floats) -> Floats:
+        """The times of rows: of the steps 0, every, 2 every, ... and the last, or the given times."""
+        if self.times is None:
+            found = np.minimum(rows * self.every, self.steps) * self.dt
+            found = found + self.settings.t_start if self.settings.t_start else found
+        else:
+            found = self.times[np.minimum(rows, len(self.times) - 1).astype(int)]
+        return found if self.end is None else np.where(rows == self.end[0] - 1, self.end[1], found)
 
     @property
     def irregular(self) -> bool:
@@ -160,7 +190,9 @@ class Plan:
     @property
     def rows(self) -> int:
         """The number of saved rows."""
-        return self.timetable.rows
+        if self.end is not None:
+            return self.end[0]
+        return count_of_rows(self.steps, self.every) if self.times is None else len(self.times)
 
     @property
     def kinds(self) -> list[str]:
@@ -336,3 +368,62 @@ def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> t
             "first case only, with method='suris'. Leave engine out."
         )
     return (plan, None) if form is None else (form.on(plan, spread), Large(form, plan))
+
+
+# -- faults of rows --------------------------------------------------------------------------------
+
+
+class Fault(NamedTuple):
+    """Rows that violate a promise of a method, and the reason.
+
+    good   (rows, lanes): which rows are good; the last row is the state of the engine
+    text   the fault in words
+    cause  the usual cause and the fix; "" for values that are not finite
+    seen   whether the rows show it: it is then at the first bad row or before, else before
+    """
+
+    good: Array
+    text: str
+    cause: str
+    seen: bool = True
+
+
+def faults(scheme: Scheme, engine: Engine, rows: Floats, dt: float) -> Iterator[Fault]:
+    """The faults of rows (rows, lanes, d) and of the state of the engine, in this order: see `Fault`."""
+    good = None if is_finite(rows) and is_finite(engine.z) else _good(rows, engine.z, np.isfinite)
+    if good is not None:
+        yield Fault(good, "The state is no longer finite", "")
+    guard, projection = scheme.guard, engine.projection
+    if guard is not None and guard.component:
+        good = _good(rows, engine.z, lambda z: scheme.guarded(algebra.restore(z, scheme.kinds, scheme.n)))
+        if good is not None:
+            yield Fault(good, guard.fault, guard.cause)
+    if projection is not None and projection.worst.any():
+        with np.errstate(all="ignore"):
+            beyond = projection.beyond(dt * abs(engine.z).max(-1))
+        if beyond.any():
+            name = projection.labels[int(np.where(beyond, projection.worst, 0).max(0).argmax())]
+            yield Fault(
+                np.broadcast_to(~beyond.any(-1), (len(rows) + 1, len(engine.z))),
+                f"{name} is not conserved, although the method conserves it",
+                "a step far too long for this state, or a map or an integral that contradicts its record. Use a "
+                "smaller dt; project=False (--no-project) shows the map without projection.",
+                seen=False,
+            )
+
+
+def is_finite(x: Floats) -> bool:
+    """Whether all entries are finite."""
+    if x.size < FEW and math.isfinite(sum(x.ravel().tolist())):  # a tenth of the time of NumPy's sum
+        return True
+    with np.errstate(all="ignore"):  # the sum of finite entries may overflow
+        return math.isfinite(np.add.reduce(x, None)) or bool(np.isfinite(x).all())
+
+
+def _good(rows: Floats, z: Floats, holds: Callable[[Floats], Array]) -> Array | None:
+    """The rows and lanes that are good; None if all are, which is decided without a copy."""
+    of_rows, of_state = holds(rows), holds(z)
+    if of_rows.all() and of_state.all():
+        return None
+    both = np.concatenate([np.broadcast_to(x, (len(x), len(z), *x.shape[2:])) for x in (of_rows, of_state[None])])
+    return both.reshape((len(rows) + 1, len(z), -1)).all(-1)

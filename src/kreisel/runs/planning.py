@@ -14,7 +14,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
-from kreisel.errors import AccuracyWarning, InputError, doubt
+from kreisel.errors import AccuracyWarning, InputError, doubt, shown
 from kreisel.graph.recording import STRAIGHT_LINE_N, STRAIGHT_LINES
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.method import find, scheme
@@ -30,11 +30,11 @@ from kreisel.runs.settings import (
     Settings,
     check_model,
     checked_state,
+    finite_number,
     initial_orientation,
     observed,
     of_forces,
     whole_order,
-    within_tolerances,
 )
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from kreisel.record.model import OrientationLike, StateLike
 
 PLAIN, LISTS = (int, float, str, bool, type(None), np.float64), (tuple, list)  # of settings that an idle plan has
+LEAST_TOLERANCE = 1e-13  # of DOP853 in doubles
 IDLE = 4  # plans kept for each choice of settings
 
 
@@ -97,7 +98,10 @@ def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: Orient
     if settings.tol is not None:
         from kreisel.method.reference import with_tolerance
 
-        made = with_tolerance(made, within_tolerances(settings.tol))
+        tol = finite_number(settings.tol, "tol")
+        if not LEAST_TOLERANCE <= tol <= 1:
+            raise InputError(f"tol: expected a relative tolerance from {LEAST_TOLERANCE:g} to 1, got {shown(tol)}.")
+        made = with_tolerance(made, tol)
     observed(settings.observe, made)
     return broken_by(planned(model, made, settings, initial_parts(model, state, orientation), settings.engine))
 

@@ -6,6 +6,7 @@ import math
 import shutil
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -42,7 +43,9 @@ class Progress:
             self._bar, self._task = _bar(self.total)
         if self._bar is not None:
             rate = (self.done - self._before) / (time.perf_counter() - self._begun)
-            self._bar.update(self._task, completed=self.done, rate=f"{_with_prefix(rate)} {self._unit}/s")
+            self._bar.update(
+                self._task, completed=self.done, rate=f"{_in_thousands(rate, ('', 'k', 'M', 'G', 'T'))} {self._unit}/s"
+            )
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -65,12 +68,9 @@ def _bar(total: int) -> tuple[Any, Any]:
     return bar, bar.add_task("steps", total=total, rate="")
 
 
-def _with_prefix(x: float) -> str:
-    for unit in ("", "k", "M", "G"):
-        if x < 1000:
-            return f"{x:.3g} {unit}".rstrip()
-        x /= 1000
-    return f"{x:.3g} T"
+def _in_thousands(x: float, units: Sequence[str]) -> str:
+    power = min(len(units) - 1, next((k for k in range(len(units)) if x < 1000 ** (k + 1)), len(units)))
+    return f"{x / 1000**power:.3g} {units[power]}".rstrip()
 
 
 # Compressed size of a Lagrange top's rows: the state 0.96, Casimirs and integrals 0.06.  A run is refused if the disk
@@ -160,13 +160,7 @@ def _spent(engine: Engine, rows: int, every: int) -> float:
 
 def size_text(size: float) -> str:
     """Bytes with a unit."""
-    if not math.isfinite(size):
-        return "unknown"
-    for unit in ("bytes", "KB", "MB", "GB", "TB"):
-        if size < 1000:
-            return f"{size:.3g} {unit}"
-        size /= 1000
-    return f"{size:.3g} PB"
+    return _in_thousands(size, ("bytes", "KB", "MB", "GB", "TB", "PB")) if math.isfinite(size) else "unknown"
 
 
 def duration_text(seconds: float) -> str:

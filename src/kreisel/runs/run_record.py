@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
@@ -119,27 +119,23 @@ class Numerics:
     engine: str = "cpu"
     projection: int
 
-    @cached_property
-    def _options(self) -> dict[str, Any]:
-        return _an_object(self.options, "options")
+    def _option(self, name: str, expected: str, fits: Callable[[Any], bool]) -> Any:
+        value = _an_object(self.options, "options").get(name)
+        if value is not None and not fits(value):
+            raise InputError(f"The attribute options is damaged: expected {expected} as {name}, got {shown(value)}.")
+        return value
 
     @property
     def order(self) -> int | tuple[int, ...] | None:
         """The order of the method.  Raises `InputError`."""
-        order = self._options.get("order")
-        if isinstance(order, list) and all(isinstance(v, int) for v in order):
-            return tuple(order)
-        if not isinstance(order, int | None):
-            raise InputError(f"The attribute options is damaged: expected an integer as order, got {shown(order)}.")
-        return order
+        order = self._option("order", "an integer", lambda v: all(isinstance(k, int) for k in np.ravel(v).tolist()))
+        return tuple(order) if isinstance(order, list) else order
 
     @property
     def tolerance(self) -> float | None:
         """The tolerance of an adaptive method; None for a fixed step.  Raises `InputError`."""
-        tol = self._options.get("rtol")
-        if not isinstance(tol, float | None):
-            raise InputError(f"The attribute options is damaged: expected a number as rtol, got {shown(tol)}.")
-        return tol
+        tolerance: float | None = self._option("rtol", "a number", lambda v: isinstance(v, float))
+        return tolerance
 
     @property
     def observed(self) -> list[str] | None:

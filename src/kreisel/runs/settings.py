@@ -13,11 +13,9 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import BODIES
-from kreisel.errors import InputError, doubt, explained, hint, shown
+from kreisel.errors import InputError, doubt, explained, hint, require_one_of, shown
 from kreisel.kernels.engines import ENGINES
-from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import Scheme
 from kreisel.record.body import as_body
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
@@ -29,7 +27,6 @@ from kreisel.record.perturbation import TIME
 
 ORTHOGONAL_TOLERANCE = 1e-9
 SHORTEST_STEP = 1e-100  # its square must not underflow
-LEAST_TOLERANCE = 1e-13  # of DOP853 in doubles
 WHOLE = 1e-12  # in steps: a time of n (1 + WHOLE) steps needs n
 # n from which engine="large" is chosen: at 8 ensembles are as fast, at 4 their vector code is 4 times as fast
 LARGE = 9  # from here on the structured kernel, if there is one
@@ -58,11 +55,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     def checked(cls, **asked: Any) -> Settings:
         """The requested settings, with types and combinations checked.  Raises `InputError`."""
         wanted = {"every": 1, "project": True, **with_steps({k: v for k, v in asked.items() if v is not None})}
-        dt, steps, every = (
-            positive_number(wanted.get("dt"), "dt"),
-            whole_number(wanted.get("steps"), "steps"),
-            whole_number(wanted["every"], "every"),
-        )
+        dt, method = positive_number(wanted.get("dt"), "dt"), named(wanted.get("method"), "method")
+        steps, every = (within(wanted.get(name), name) for name in ("steps", "every"))
         flag(wanted["project"], "project")
         order, tol = _checked_order(wanted.get("order")), wanted.get("tol")
         if not math.isfinite(dt * steps):
@@ -71,12 +65,12 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             raise InputError(
                 f"every = {every} is more than steps = {steps}: nothing would be saved. Use every <= steps."
             )
-        if isinstance(order, str) and order != "auto":
-            raise InputError(f"order must be an integer, or 'auto' with method='baecklund', got {shown(order)}.")
-        if tol is not None and order != "auto" and wanted.get("method") != "dop853":
+        if order != "auto":
+            whole_order(order)
+        if tol is not None and order != "auto" and method != "dop853":
             raise InputError(
                 "tol goes with order='auto', which chooses order and step for it, or with method='dop853', got "
-                f"method={shown(wanted.get('method'))}, order={shown(order)}."
+                f"method={shown(method)}, order={shown(order)}."
             )
         if order == "auto" and wanted.get("times") is not None:
             raise InputError("times: expected an order that is given, got order='auto', whose rows are dt apart.")
@@ -84,22 +78,14 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             raise InputError(
                 f"order='auto' needs steps to be a multiple of every, got steps = {steps}, every = {every}."
             )
-        return cls(
-            dt=dt,
-            steps=steps,
-            every=every,
-            method=named(wanted.get("method"), "method"),
-            order=order,
-            tol=tol,
-            engine=_known_engine(wanted.get("engine")),
-            project=bool(wanted["project"]),
-            observe=_observed_names(wanted.get("observe")),
-            times=wanted.get("times"),
-            impulses=_checked_impulses(wanted.get("impulses", ()), steps * dt),
-            asked_dt=wanted.get("asked_dt"),
-            t_end=wanted.get("t_end"),
-            t_start=_checked_start(wanted),
-        )
+        if wanted.get("engine") is not None:
+            require_one_of(ENGINES, wanted["engine"], "engine")
+        checked = {
+            "observe": _observed_names(wanted.get("observe")),
+            "t_start": _checked_start(wanted),
+            "impulses": _checked_impulses(wanted.get("impulses", ()), steps * dt),
+        }
+        return cls(**wanted | checked | {"dt": dt, "steps": steps, "every": every, "method": method, "order": order})
 
     @property
     def time(self) -> float:
@@ -214,7 +200,6 @@ def check_model(model: Any) -> None:
 
 
 def _observed_names(value: Any) -> tuple[str, ...] | None:
-    """Names of observed quantities, or None for all.  Raises `InputError`."""
     if value is None:
         return None
     if isinstance(value, str) or not isinstance(value, Sequence) or not all(isinstance(v, str) for v in value):
@@ -235,16 +220,14 @@ def observed(value: Any, made: Scheme) -> tuple[str, ...] | None:
     return names
 
 
-def _known_engine(name: Any) -> str | None:
-    if named(name, "engine") is not None and name not in ENGINES:
-        raise InputError(f"No engine is called {shown(name)}.{hint(name, ENGINES)} There are: {', '.join(ENGINES)}.")
-    return name
-
-
 def checked_state(model: Model, x0: Any, time: float = 0.0) -> State:
     """The state of this system from the user's value, for a run that begins at that time.  Raises `InputError`."""
-    if isinstance(x0, State) and x0.frame is not None:
-        _require_same_body(model, x0.frame)
+    frame, expected = x0.frame if isinstance(x0, State) else None, model.body_frame
+    if frame is not expected and frame is not None and expected is not None and not frame.is_like(expected):
+        raise InputError(
+            "x0: expected a state of this body, got one of a body with other axes or units. Usual cause: a state that "
+            "was made before the body was changed; make it again by body.state(...)."
+        )
     if type(x0) is State and (state := model.again(x0)) is not None:
         return state
     if not isinstance(x0, Mapping):  # a State is accepted, and may belong to another system
@@ -270,17 +253,6 @@ def checked_state(model: Model, x0: Any, time: float = 0.0) -> State:
     if isinstance(x0, State):  # its 3 x 3 matrix belongs to one state, for any number of lanes in the parameters
         x0 = {letter: v if x0.axial[letter].ndim > 1 else x0.axial[letter] for letter, v in x0.items()}
     return model.checked({str(letter): value for letter, value in x0.items()})
-
-
-def _require_same_body(model: Model, frame: BodyFrame) -> None:
-    """Raises `InputError` for a state of a body with other axes or units."""
-    if frame is model.body_frame or (expected := model.body_frame) is None:
-        return
-    if not frame.is_like(expected):
-        raise InputError(
-            "x0: expected a state of this body, got one of a body with other axes or units. Usual cause: a state that "
-            "was made before the body was changed; make it again by body.state(...)."
-        )
 
 
 def _warn_of_clock(model: Model, row: Any, begin: float) -> None:
@@ -310,15 +282,12 @@ def _require_units_of_state(model: Model, x0: Mapping[str, Any]) -> None:
 def positive_number(value: Any, name: str) -> float:
     """A positive number.  Raises `InputError`."""
     array = algebra.floats(value)
-    if array.ndim or np.isnan(array):
-        raise InputError(f"{name} must be a positive number, got {shown(value)}.")
-    number = float(array)
-    if not math.isfinite(number) or number < SHORTEST_STEP:
+    if array.ndim or not SHORTEST_STEP <= array < np.inf:
         raise InputError(
-            f"{name} must be positive and finite, at least {SHORTEST_STEP:g}, got {shown(value)}. "
+            f"{name} must be a positive number, finite and at least {SHORTEST_STEP:g}, got {shown(value)}. "
             "To go back in time, reverse the momenta."
         )
-    return number
+    return float(array)
 
 
 def named(value: Any, what: str) -> str | None:
@@ -332,18 +301,13 @@ def _checked_order(value: Any) -> Any:
     """An order, a tuple of orders, "auto", or None for the default; integers of NumPy too.  Raises `InputError`."""
     if value is None or isinstance(value, str):
         return value
-    if isinstance(value, tuple | list) and value and all(_is_whole(v) for v in value):
-        return tuple(int(whole(v)) for v in value)
-    if not _is_whole(value):
+    orders = [whole(v) for v in value] if isinstance(value, tuple | list) else [whole(value)]
+    if not orders or not all(type(order) is int for order in orders):
         raise InputError(
             "order: expected an integer, or 'auto' with method='baecklund', or some with method='splitting', got "
             f"{shown(value)}."
         )
-    return int(whole(value))
-
-
-def _is_whole(value: Any) -> bool:
-    return isinstance(whole(value), int) and not isinstance(whole(value), bool)
+    return tuple(orders) if isinstance(value, tuple | list) else orders[0]
 
 
 def whole_order(value: Any) -> Any:
@@ -354,29 +318,19 @@ def whole_order(value: Any) -> Any:
     return order
 
 
-def whole_number(value: Any, name: str) -> int:
-    """A number of steps, 1 or more.  Raises `InputError`."""
-    value = whole(value)
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise InputError(f"{name} must be an integer, 1 or more, got {shown(value)}.")
-    if value > MOST_STEPS:
-        raise InputError(f"{name}: expected at most {MOST_STEPS:,}, got {shown(value)}, which is out of reach.")
-    return int(value)
-
-
 def whole(value: Any) -> Any:
     """An int if the value is an integer of any type, for example 1e6 or a NumPy integer; else the value itself."""
     number = value.item() if isinstance(value, np.generic | np.ndarray) and not value.ndim else value
     return int(number) if isinstance(number, float) and number.is_integer() else number
 
 
-def within(value: Any, name: str, least: int, most: int) -> int:
+def within(value: Any, name: str, least: int = 1, most: int = MOST_STEPS) -> int:
     """An integer from `least` to `most`.  Raises `InputError`."""
     if type(value) is int and least <= value <= most:
         return value
     value = whole(value)
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise InputError(f"{name}: expected an integer from {least:,} to {most:,}, got {shown(value)}.")
+        raise InputError(f"{name} must be an integer from {least:,} to {most:,}, got {shown(value)}.")
     return int(value)
 
 
@@ -395,14 +349,6 @@ def of_forces(model: Model) -> str:
     if model.system.perturbation is None:
         return ""
     return "a force that is not a number there (a root of a negative number, a division by 0), "
-
-
-def within_tolerances(value: Any) -> float:
-    """A relative tolerance of an adaptive method.  Raises `InputError`."""
-    tol = finite_number(value, "tol")
-    if not LEAST_TOLERANCE <= tol <= 1:
-        raise InputError(f"tol: expected a relative tolerance from {LEAST_TOLERANCE:g} to 1, got {shown(value)}.")
-    return tol
 
 
 def flag(value: Any, name: str) -> None:
@@ -445,56 +391,6 @@ def wanted_times(times: Any) -> np.ndarray:
     if wanted.ndim > 1 or wanted.size == 0 or not np.isfinite(wanted).all():
         raise InputError(f"times must be a finite number or a list of them, at least one, got {shown(times)}.")
     return wanted
-
-
-@dataclass
-class Timetable:
-    """The rows of the steps 0, every, 2 every, ... and the last, or the rows at given times.
-
-    end   rows, and the time of the last, of a run that an event stopped
-    """
-
-    settings: Settings
-    end: tuple[int, float] | None = None
-
-    @cached_property
-    def times(self) -> Floats | None:
-        """The times of the rows, if they were given."""
-        return None if self.settings.times is None else np.array(self.settings.times)
-
-    @property
-    def rows(self) -> int:
-        """The number of saved rows."""
-        if self.end is not None:
-            return self.end[0]
-        return count_of_rows(self.settings.steps, self.settings.every) if self.times is None else len(self.times)
-
-    @cached_property
-    def _places(self) -> tuple[list[int], list[float]]:
-        """Steps before each row at a given time, and the time after the last of these steps."""
-        times, dt = np.array(self.settings.times), self.settings.dt
-        steps = np.floor(times / dt * (1 + WHOLE))
-        within = times - steps * dt
-        return steps.astype(np.int64).tolist(), np.where(within > WHOLE * dt, within, 0.0).tolist()
-
-    def step_of(self, row: int) -> int:
-        """The steps before a row; 0 before the first."""
-        if self.times is None:
-            return min(row * self.settings.every, self.settings.steps)
-        return self._places[0][min(row, len(self.times) - 1)] if row >= 0 else 0
-
-    def within_step(self, row: int) -> float:
-        """The time of a row after its last step."""
-        return 0.0 if self.times is None else self._places[1][row]
-
-    def times_of(self, rows: Floats) -> Floats:
-        """The times of rows."""
-        if self.times is None:
-            found = np.minimum(rows * self.settings.every, self.settings.steps) * self.settings.dt
-            found = found + self.settings.t_start if self.settings.t_start else found
-        else:
-            found = self.times[np.minimum(rows, len(self.times) - 1).astype(int)]
-        return found if self.end is None else np.where(rows == self.end[0] - 1, self.end[1], found)
 
 
 def count_of_rows(steps: int, every: int) -> int:

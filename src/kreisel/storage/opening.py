@@ -30,7 +30,7 @@ from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import KINDS
 from kreisel.runs.describing import hash_of_start
 from kreisel.runs.integration import Snapshot
-from kreisel.runs.presenting import presented
+from kreisel.runs.orbits import presented
 from kreisel.runs.run_record import FORMAT, RunRecord
 from kreisel.storage import archive
 from kreisel.storage.archive import CHECKPOINT, LARGEST_CHUNK, Listed

@@ -103,7 +103,7 @@ class RunArchive:
             archive.require_there(self.part)
             with archive.edited(self.part) as root:  # all rows exist
                 _fit(root, self.plan, describing.at_the_end(self.plan))
-                for name, value in describing._corrections(self.plan).items():
+                for name, value in describing.largest_corrections(self.plan).items():
                     archive.arrays_of(root)[name]["attributes"][CORRECTION] = value
             if self._last is not None:
                 opening.write_checkpoint(self.part, Checkpoint(self._last, self._start, {}))

@@ -16,11 +16,11 @@ from kreisel.record.body import Body, model_of
 from kreisel.runs.drift import watched
 from kreisel.runs.in_si import scaled, scaled_events, steps_in, unit_of_times
 from kreisel.runs.integration import Integration
+from kreisel.runs.orbits import presented
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import idle_or_new, warn_of, warn_of_arrays
-from kreisel.runs.presenting import presented
 from kreisel.runs.progress import Progress, bytes_of, require_room
-from kreisel.runs.settings import Event, checked_events, flag, whole_number
+from kreisel.runs.settings import Event, checked_events, flag, within
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -164,7 +164,7 @@ def resume(
             end, events = extend, scaled_events(frame, events)
             extend = steps_in(frame, end, record.dt, "extend")
             extend -= 0 if extend is end else round((record.t_start or 0.0) / record.dt)
-        archive, integration = reopen(where, None if extend is None else whole_number(extend, "extend"), model, events)
+        archive, integration = reopen(where, None if extend is None else within(extend, "extend"), model, events)
         return presented(watched(_write(archive, integration, progress)), integration.plan.model)
 
 
@@ -185,7 +185,8 @@ def _write(archive: RunArchive, integration: Integration, progress: bool | None)
 
     def obey() -> None:
         if stop.signal is not None:
-            raise Stopped(stop.signal, kept, archive.part)
+            name = str(archive.part).removesuffix(".part")
+            raise Stopped(stop.signal, f"{kept:,} steps", archive.part, f"`kreisel resume {name}`")
 
     with (
         signals_wait() as stop,

@@ -40,12 +40,12 @@ from kreisel.record.given import axes_of
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import in_base_units
 from kreisel.runs import harmonics
-from kreisel.runs.in_si import of_body, scaled_settings
+from kreisel.runs.in_si import scaled, scaled_settings
 from kreisel.runs.integration import Integration
+from kreisel.runs.operations import load_system
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import choices, plan_of, with_choice
 from kreisel.runs.settings import Settings, with_steps
-from kreisel.runs.user_defined import load_system
 from kreisel.sweeps.design import GRIDS, Lanes, Varied
 
 TRAJECTORIES = "trajectories"
@@ -406,7 +406,7 @@ def _started(body: Body, x0: Any, changes: Changes) -> State:
         into, out = (frame.change(letter, forward) or np.asarray for forward in (False, True))
         entries = _with_entry(out(orientation if letter == ORIENTATION else parts[letter]).tolist(), q, value)
         if letter == ORIENTATION:
-            orientation = of_body(body, state, entries, {"dt": 1.0})[2]
+            orientation = scaled(body, state, entries, {"dt": 1.0})[2]
         else:
             parts[letter] = into(np.asarray(entries, dtype=np.float64))
     return model.state(**parts).started(orientation, state.frame)

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 import xarray as xr
 
-from kreisel.errors import InputError, Interrupted, explained, shown
+from kreisel.errors import InputError, Stopped, explained, shown
 from kreisel.files import shallow
 from kreisel.process import signals_wait
 from kreisel.record.body import Body, as_body
 from kreisel.record.model import Model
 from kreisel.record.perturbation import WITH_WHEELS
 from kreisel.runs.in_si import scaled
-from kreisel.runs.presenting import presented
+from kreisel.runs.orbits import presented
 from kreisel.runs.progress import Progress
 from kreisel.runs.settings import check_model, checked_state, flag, with_steps
 from kreisel.storage.archive import one_writer, target
@@ -185,7 +185,8 @@ def carry_out(
                     bar.advance(counts["lanes"])
             if stop.signal is not None:
                 kept = store.blocks - len(store.missing())
-                raise Interrupted(stop.signal, kept, store.blocks, store.part)
+                done = f"{kept:,} of {store.blocks:,} blocks"
+                raise Stopped(stop.signal, done, store.part, "the same command")
         if store.part.exists():
             store.finish()
         report.failed = SweepRecord.of_store(path).failed_lanes or 0

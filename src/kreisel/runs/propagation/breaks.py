@@ -116,7 +116,12 @@ class Breaks:
                     self.fired.append((begun + s, i))
                     return z, Stop(self._counted(z, (begun + s) / self.plan.dt), begun + s)
                 z = self._fire(i, z, begun + s, size)
-                _require_few(count, begun + s)
+                if count > MOST_IN_STEP:
+                    raise RunError(
+                        f"More than {MOST_IN_STEP:,} events happen within one step near time {begun + s:.6g}. Usual "
+                        "cause: an action after which the event happens again at once, as of a ball that comes to "
+                        "rest. Stop the run there."
+                    )
                 continue
             z, s = new, to
             if not inside:
@@ -145,7 +150,6 @@ class Breaks:
         return np.array([number_of(event.quantity, dict(state), "kr.Event") for event in self.events])
 
     def _state(self, z: Floats, time: float) -> dict[str, Any]:
-        """The state in the form for a user-defined function."""
         x = self._stepper.returned(z, time)
         return self._stepper.forms.mapping(x if self.plan.batched else x[0])
 
@@ -200,18 +204,10 @@ class Breaks:
 
 
 def _stepper(plan: Plan) -> Stepper:
-    """Steps of any length for a plan without its breaks."""
     oriented = ORIENTATION in (letter for letter, _ in plan.scheme.components)
     scheme = scheme_of(plan.model, plan.scheme.name, plan.dt, plan.scheme.options.get("order"), oriented)
     settings = plan.settings.but(observe=(), project=False, times=None, impulses=(), engine=None)
     return Stepper(plan.model, scheme, settings)
-
-
-class Requirement(NamedTuple):
-    """A condition on plans whose steps are broken, and the message if it does not hold, a format of `_words`."""
-
-    holds: Callable[[Plan, Scheme], bool]
-    message: str
 
 
 def _deformed(scheme: Scheme) -> list[str]:
@@ -227,32 +223,28 @@ OF_ONE_LENGTH: tuple[tuple[Callable[[Scheme], Any], str], ...] = (
 )
 
 
-def _changes_state(plan: Plan) -> bool:
-    return bool(plan.settings.impulses) or any(event.action for event in plan.events)
-
-
-def _independent_of_start(scheme: Scheme) -> bool:
-    return isinstance(scheme.motion, Steps | CoupledSteps) and scheme.trajectory is None
-
-
-REQUIREMENTS = (
-    Requirement(
+# Conditions on plans whose steps are broken, and the message if one does not hold: words of `_require_suitable`.
+REQUIREMENTS: tuple[tuple[Callable[[Plan, Scheme], Any], str], ...] = (
+    (
         lambda plan, scheme: plan.where in ("cpu", "cuda") and plan.model.n < LARGE,
         "{what}: expected engine='cpu' or 'cuda' and n < {large}, got {engine}, n = {n}. Go on from the last row of "
         "one run with the next, changed in between.",
     ),
-    Requirement(
+    (
         lambda plan, scheme: not any(applies(scheme) for applies, _ in OF_ONE_LENGTH),
         "{what}: expected a method whose steps may differ, such as 'baecklund' or 'splitting', got method={method!r}, "
         "which {why}.",
     ),
-    Requirement(
-        lambda plan, scheme: not _changes_state(plan) or _independent_of_start(scheme),
+    (
+        lambda plan, scheme: (
+            not (plan.settings.impulses or any(event.action for event in plan.events))
+            or (isinstance(scheme.motion, Steps | CoupledSteps) and scheme.trajectory is None)
+        ),
         "{what}: expected a method whose constants do not depend on the start, such as 'splitting' (of a perturbed "
         "body), 'variational' or 'kahan', where something changes the state, got method={method!r}. For others call "
         "kr.propagator(...).to or .until in a loop.",
     ),
-    Requirement(
+    (
         lambda plan, scheme: not plan.events or not plan.batched or scheme.coupling is not None,
         "events: expected one body, or bodies in pairs, got {lanes} lanes, each of which has them at different times. "
         "Make a run for each lane.",
@@ -262,17 +254,13 @@ REQUIREMENTS = (
 
 def _require_suitable(plan: Plan, scheme: Scheme) -> None:
     """Raises `InputError` for a plan whose steps cannot be broken; `scheme`: without constants of its trajectory."""
-    for requirement in REQUIREMENTS:
-        if not requirement.holds(plan, scheme):
-            raise InputError(requirement.message.format(**_words(plan, scheme)))
-
-
-def _words(plan: Plan, scheme: Scheme) -> dict[str, Any]:
     reasons = [reason for applies, reason in OF_ONE_LENGTH if applies(scheme)]
     why = reasons[0].format(order=scheme.options.get("order"), deformed=_deformed(scheme)) if reasons else ""
     what = "impulses" if plan.settings.impulses else "events" if plan.events else "times"
-    about = {"what": what, "why": why, "method": scheme.name, "engine": plan.where}
-    return about | {"large": LARGE, "n": plan.model.n, "lanes": plan.lanes}
+    words = {"what": what, "why": why, "method": scheme.name, "engine": plan.where, "n": plan.model.n}
+    for holds, message in REQUIREMENTS:
+        if not holds(plan, scheme):
+            raise InputError(message.format(**words, large=LARGE, lanes=plan.lanes))
 
 
 def _place(plan: Plan, time: float) -> tuple[int, float]:
@@ -305,14 +293,6 @@ def _jump(stepper: Stepper, impulse: Mapping[str, Any], lanes: int) -> Floats:
             raise InputError(f"impulses: expected {wanted} for {letter}, got {shown(impulse[letter])}.")
         out[:, place] = value
     return out
-
-
-def _require_few(count: int, time: float) -> None:
-    if count > MOST_IN_STEP:
-        raise RunError(
-            f"More than {MOST_IN_STEP:,} events happen within one step near time {time:.6g}. Usual cause: an action "
-            "after which the event happens again at once, as of a ball that comes to rest. Stop the run there."
-        )
 
 
 def not_conserved(plan: Plan) -> frozenset[str]:

@@ -20,9 +20,8 @@ from kreisel.method.scheme import Flow, Scheme
 from kreisel.record.given import in_lane
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import pairs_of, require_bodies
-from kreisel.runs.plan import Plan
+from kreisel.runs.plan import Plan, is_finite
 from kreisel.runs.settings import ORTHOGONAL_TOLERANCE, Settings, initial_orientation
-from kreisel.runs.soundness import is_finite
 
 Rows = Callable[[Floats], Floats]
 Reader = Callable[[Any], Sequence[float] | None]
@@ -244,7 +243,6 @@ def require_finite(x: Floats) -> None:
 
 
 def _reader(kind: str, n: int) -> Reader:
-    """The function from a value to the entries of a component."""
     if kind == "quaternion":
         return _quaternion
     width = algebra.KINDS[kind].count(n)

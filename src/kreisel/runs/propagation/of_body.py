@@ -60,10 +60,10 @@ class BodyPropagator:
     """
 
     def __init__(self, body: Body, motion: Propagator):
-        self._body, self._motion, self._frame = body, motion, motion.model.body_frame or BodyFrame()
-        self._unit = self._frame.time_unit
-        self.model, self.size, self.dt = motion.model, motion.size, motion.dt * self._frame.time_unit
-        self._places = {self._frame.names.get(k, k): (k, place) for k, place in motion.places.items()}
+        frame = motion.model.body_frame or BodyFrame()
+        self._body, self._motion, self._frame, self._unit = body, motion, frame, frame.time_unit
+        self.model, self.size, self.dt = motion.model, motion.size, motion.dt * self._unit
+        self._places = {frame.names.get(k, k): (k, place) for k, place in motion.places.items()}
         self.names = tuple(self._places)
         self._numbers = {letter for letter, kind in motion.model.system.space.components if kind == "scalar"}
         self._into, self._out = (self._map(forward) for forward in (False, True))
@@ -72,11 +72,9 @@ class BodyPropagator:
         return f"<kreisel propagator of {self._frame.title}: {self._motion!r}>"
 
     def _begun(self, time: Any) -> float:
-        """A time at the start, in the unit of the model."""
         return time / self._unit if type(time) is float else duration(self._frame, time, "time")
 
     def _times(self, times: Any) -> Any:
-        """Times in the unit of the model."""
         if type(times) is float:
             return times / self._unit
         scaled = times_of(self.model, times)
@@ -97,17 +95,19 @@ class BodyPropagator:
         """A state in the units and along the axes of the model.  Raises `InputError`."""
         if type(state) is np.ndarray and state.dtype == np.float64:
             return self._changed(state, self._into)
+        if not isinstance(state, Mapping):  # a `State` is one
+            return self._changed(algebra.floats(state), self._into)
         if isinstance(state, State):
-            parts = [self._entries(letter, part) for letter, part in state.axial.items()]
-            parts += [state.orientation] if ORIENTATION in self._motion.letters else []
-            batch = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
-            return np.concatenate([np.broadcast_to(part, (*batch, part.shape[-1])) for part in parts], -1)
-        if isinstance(state, Mapping):
-            if missing := [name for name in self.names if name not in state]:
-                raise InputError(f"The state: expected {', '.join(self.names)}, got none for {', '.join(missing)}.")
-            parts = [self._entries(letter, state[name]) for name, (letter, _) in self._places.items()]
-            state = np.concatenate(parts, -1)
-        return self._changed(algebra.floats(state), self._into)
+            named = {**state.axial, ORIENTATION: state.orientation}
+        elif missing := [name for name in self.names if name not in state]:
+            raise InputError(f"The state: expected {', '.join(self.names)}, got none for {', '.join(missing)}.")
+        else:
+            named = {letter: state[name] for name, (letter, _) in self._places.items()}
+        arrays = {letter: algebra.floats(named[letter]) for letter in self._motion.letters}
+        parts = [array[..., None] if letter in self._numbers else array for letter, array in arrays.items()]
+        if isinstance(state, State):  # in units of the model; its attitude may be that of all lanes
+            return np.concatenate([np.broadcast_to(x, (*parts[0].shape[:-1], x.shape[-1])) for x in parts], -1)
+        return self._changed(np.concatenate(parts, -1), self._into)
 
     def _changed(self, x: Array, by: Array) -> Array:
         if x.shape[-1:] != (self.size,):
@@ -119,47 +119,33 @@ class BodyPropagator:
 
     def _parameters(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Parameters of a call, with vectors of the body along the axes of the model."""
-        vectors = self._body.vectors
-        return {k: self._along(k, v) if k in vectors else v for k, v in parameters.items()}
-
-    def _along(self, name: str, vector: Any) -> Array:
-        try:
-            v = np.asarray(vector, dtype=np.float64)
-        except (TypeError, ValueError):  # such as "1 A m^2"
-            v = np.empty(0)
-        if v.shape[-1:] != (3,):
-            raise InputError(
-                f"{name}: expected a vector (3,) of values in SI units along the axes of the body, got {shown(vector)}."
-            )
-        return self._frame.inside(v)
+        out = dict(parameters)
+        for name in out.keys() & self._body.vectors:
+            try:
+                v = np.asarray(out[name], dtype=np.float64)
+            except (TypeError, ValueError):  # such as "1 A m^2"
+                v = np.empty(0)
+            if v.shape[-1:] != (3,):
+                raise InputError(
+                    f"{name}: expected a vector (3,) of values in SI units along the axes of the body, got "
+                    f"{shown(out[name])}."
+                )
+            out[name] = self._frame.inside(v)
+        return out
 
     def _returned(self, x: Array, state: Any) -> Any:
         """Entries of the model (..., size + observed) in the form in which a state was given."""
-        if x.shape[-1] == self.size:
-            out = self._changed(x, self._out)
-        else:
-            out = np.concatenate([self._changed(x[..., : self.size], self._out), self._observed(x)], -1)
+        out, beside = self._changed(x[..., : self.size], self._out), self._motion.beside
+        if x.shape[-1] > self.size:
+            out = np.concatenate([out, x[..., self.size :]], -1)
+            for name, place in beside.items():
+                size = self._frame.size(name)
+                out[..., place] *= size[:, None] if np.ndim(size) == 1 and not isinstance(place, int) else size
         if type(state) is np.ndarray or not isinstance(state, Mapping):
             return out
-        beside = {name: out[..., place] for name, place in self._motion.beside.items()}
-        return {name: self._component(k, out[..., place]) for name, (k, place) in self._places.items()} | beside
-
-    def _entries(self, letter: str, value: Any) -> Array:
-        """The entries (..., k) of a component."""
-        array = algebra.floats(value)
-        return array[..., None] if letter in self._numbers else array
-
-    def _component(self, letter: str, entries: Array) -> Array:
-        return entries[..., 0] if letter in self._numbers else entries
-
-    def _observed(self, x: Array) -> Array:
-        out = x[..., self.size :].copy()
-        for name, place in self._motion.beside.items():
-            where = slice(place, place + 1) if isinstance(place, int) else place
-            cut = slice(where.start - self.size, where.stop - self.size)
-            size = self._frame.size(name)
-            out[..., cut] *= size[:, None] if np.ndim(size) == 1 else size
-        return out
+        named = {name: out[..., place] for name, (_, place) in self._places.items()}
+        named = {k: v[..., 0] if self._places[k][0] in self._numbers else v for k, v in named.items()}
+        return named | {name: out[..., place] for name, place in beside.items()}
 
     @explained
     def steps(self, state: Any, n: int, every: int | None = None, time: Any = None, **parameters: Any) -> Any:

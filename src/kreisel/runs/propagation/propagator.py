@@ -12,7 +12,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, hint, shown
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
-from kreisel.method.scheme import Flow, Orbits, Scheme
+from kreisel.method.scheme import Flow, Orbits
 from kreisel.record.calling import keywords
 from kreisel.record.model import Model
 from kreisel.runs.propagation.stepper import AT_ZERO, NONE, Signs, Stepper, number_of
@@ -50,8 +50,8 @@ def of_model(
     check_model(model)
     flag(oriented, "orientation")
     flag(project, "project")
-    step = 1.0 if dt is None else positive_number(dt, "dt")
-    scheme = scheme_of(model, named(method, "method"), step, whole_order(order), bool(oriented))
+    step, order = 1.0 if dt is None else positive_number(dt, "dt"), whole_order(order)
+    scheme = scheme_of(model, named(method, "method"), step, order, bool(oriented))
     if scheme.coupling is not None and len(observe):
         raise InputError(
             f"{model.system.name}: expected observe=() for bodies that act on each other in pairs, got "
@@ -60,12 +60,7 @@ def of_model(
     if dt is None and not isinstance(scheme.motion, Orbits):
         raise InputError(f"method={scheme.name!r} needs a step dt, got none.")
     settings = Settings(dt=step, steps=1, method=method, order=order, project=bool(project))
-    return Propagator(model, scheme, settings.but(observe=observed(observe, scheme)), dt is not None)
-
-
-def _propagator_again(system: Model, settings: Settings, oriented: bool, paced: bool) -> Propagator:
-    scheme = scheme_of(system, named(settings.method, "method"), settings.dt, whole_order(settings.order), oriented)
-    return Propagator(system, scheme, settings, paced)
+    return Propagator(model, settings.but(observe=observed(observe, scheme)), bool(oriented), dt is not None)
 
 
 class Propagator:
@@ -78,24 +73,21 @@ class Propagator:
     share a propagator.
     """
 
-    def __init__(self, model: Model, scheme: Scheme, settings: Settings, paced: bool = True):
+    def __init__(self, model: Model, settings: Settings, oriented: bool, paced: bool):
+        scheme = scheme_of(model, settings.method, settings.dt, settings.order, oriented)
         self.model, self._paced = model, paced  # whether a dt was given
         self._stepper = Stepper(model, scheme, settings)
         self._forms, self._by_plan = self._stepper.forms, model.n >= LARGE
         self._known_at_times = scheme.orbits is not None
         self._varied: dict[tuple[str, ...], Stepper] = {}  # for calls with parameters of these names
         self.letters, self.size, self.dt = self._forms.letters, self._forms.size, settings.dt
+        self.places = self._forms.places  # of the components in a state (size,)
 
     def __reduce__(self) -> Any:  # kernels keep their addresses
-        return _propagator_again, (self.model, self._stepper.settings, self._forms.oriented, self._paced)
+        return Propagator, (self.model, self._stepper.settings, self._forms.oriented, self._paced)
 
     def __repr__(self) -> str:
         return f"<kreisel propagator of {self.model!r}: {self._stepper.scheme.name}>"
-
-    @property
-    def places(self) -> dict[str, slice]:
-        """The places of the components in a state (size,)."""
-        return self._forms.places
 
     @property
     def beside(self) -> dict[str, Any]:
@@ -133,7 +125,6 @@ class Propagator:
         return stepper, {name: self._value(name, value) for name, value in parameters.items()}
 
     def _require_free(self, names: tuple[str, ...]) -> None:
-        """Raises `InputError` for parameters that calls cannot have."""
         system, scheme = self.model.system, self._stepper.scheme
         fixed = {*keywords(system.derive)} if system.derive else set()
         fixed |= {p.letter for p in system.parameters if p.kind == "table"}  # whose constants are addresses

@@ -31,10 +31,9 @@ from kreisel.record.given import in_lane
 from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.record.table import require_within, tables_of_time
-from kreisel.runs.plan import planned
+from kreisel.runs.plan import faults, is_finite, planned
 from kreisel.runs.propagation.forms import StateForms
 from kreisel.runs.settings import MOST_STEPS, SHORTEST_STEP, WHOLE, Settings, finite_number, of_forces
-from kreisel.runs.soundness import faults, is_finite
 
 if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
@@ -57,7 +56,7 @@ class Stepper:
 
     def __init__(self, model: Model, scheme: Scheme, settings: Settings, given: tuple[str, ...] = ()):
         scheme = _unfolded(scheme, given)
-        self.model, self.scheme, self.settings = model, scheme, settings
+        self.model, self.scheme, self.settings, self.dt = model, scheme, settings, settings.dt
         self.forms = StateForms(model, scheme, settings)
         record = model.system.perturbation
         self.timed = record is not None and record.names(TIME)
@@ -75,11 +74,6 @@ class Stepper:
         self._jumps: dict[int, Jumps] = {}
         self._rooms = None if model.batch else deque[Room](maxlen=AT_REST)
         self._orbits: tuple[tuple[bytes, float], ClosedForm] | None = None
-
-    @property
-    def dt(self) -> float:
-        """The step."""
-        return self.settings.dt
 
     # -- steps -----------------------------------------------------------------------------------------
 
@@ -115,10 +109,12 @@ class Stepper:
             course = courses.pop()
         except IndexError:
             rows, engine = self.forms.compiled(1), self._begun(self.forms.prepared(x), count, count, self.scheme)
+            straight = isinstance(engine, CpuEngine) and engine.code.steps is not None
+            straight = straight and (engine.projection is None or bool(cast("CpuEngine", engine).code.programs))
             constants = None
-            if rows is not None and Course.takes(engine) and self.scheme.point is not None:
+            if rows is not None and straight and self.scheme.point is not None:
                 constants = bound_points(self.scheme, cast("CpuEngine", engine))
-            if rows is None or not Course.takes(engine) or (constants is None and self.scheme.point is not None):
+            if rows is None or not straight or (constants is None and self.scheme.point is not None):
                 self._courses = None
                 return None
             course = Course(cast("CpuEngine", engine), *rows, self.forms.size, constants)
@@ -130,7 +126,8 @@ class Stepper:
         if not course.step(x, count, None if time is None else self._steps_at(time)):
             courses.append(course)
             return None
-        if not course.room.is_finite() or course.projected or not course.guarded():
+        guarded = course.guard is None or course.room.row.item(course.guard[0]) <= course.guard[1]
+        if not course.room.is_finite() or course.projected or not guarded:
             self._require_sound(course.engine, course.room.row)
         y = course.room.leave()
         courses.append(course)
@@ -250,14 +247,14 @@ class Stepper:
 
     def at(self, x: Floats, times: Floats) -> Floats:
         """The states (times, lanes, entries) from x at time 0.  Raises `RunError` if values overflow."""
-        if len(x) == len(times) == 1:
+        if len(x) == len(times) == 1 and self._rooms is not None:
             return self.at_once(x, times.item())[None]
-        return self._at_times(x, times)
+        return self.forms.observed(self._require_numbers(self.states(self.forms.prepared(x), times)))
 
     def at_once(self, x: Floats, time: float) -> Floats:
         """The state (1, entries) at a time from x (1, size) at time 0.  Raises as `at`."""
         if self._rooms is None:
-            return self._at_times(x, np.array([time]))[0]
+            return self.at(x, np.array([time]))[0]
         try:
             room = self._rooms.pop()
         except IndexError:
@@ -276,9 +273,6 @@ class Stepper:
         y = room.leave()
         self._rooms.append(room)
         return y
-
-    def _at_times(self, x: Floats, times: Floats) -> Floats:
-        return self.forms.observed(self._require_numbers(self.states(self.forms.prepared(x), times)))
 
     def _require_numbers(self, rows: Floats) -> Floats:
         if not is_finite(rows):
@@ -414,17 +408,6 @@ class Course:
         self._frame, self._count = frame, ctypes.c_int64(1)
         words = [ctypes.c_int64(word) for word in (address_of(frame), address_of(self.room.row), 1, 0, 0, 0, 1)]
         self._call = partial(call, *words[:3], self._count, *words[4:])
-
-    @staticmethod
-    def takes(engine: Engine) -> bool:
-        """Whether the engine has straight-line code that also calls the projection, if any."""
-        if not isinstance(engine, CpuEngine) or engine.code.steps is None:
-            return False
-        return engine.projection is None or bool(engine.code.programs)
-
-    def guarded(self) -> bool:
-        """Whether the row is within the guard of its scheme."""
-        return self.guard is None or self.room.row.item(self.guard[0]) <= self.guard[1]
 
     def step(self, x: Floats, count: int, when: float | None) -> bool:
         """Make `count` steps from a state (1, size) at a time, in steps, unless its constants do not suit the code."""
