@@ -75,7 +75,8 @@ def begun_again(idle: deque[Plan], model: Model, x0: StateLike, orientation: Ori
         plan = idle.pop()
     except IndexError:
         return None
-    return plan if plan.begin(model, initial_parts(model, checked_state(model, x0), orientation)) else None
+    state = checked_state(model, x0, plan.settings.t_start)
+    return plan if plan.begin(model, initial_parts(model, state, orientation)) else None
 
 
 def idle_or_new(

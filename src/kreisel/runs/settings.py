@@ -82,6 +82,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             require_one_of(ENGINES, wanted["engine"], "engine")
         checked = {
             "observe": _observed_names(wanted.get("observe")),
+            "project": bool(wanted["project"]),
             "t_start": _checked_start(wanted),
             "impulses": _checked_impulses(wanted.get("impulses", ()), steps * dt),
         }
