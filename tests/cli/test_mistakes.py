@@ -103,7 +103,7 @@ CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: kr.sweep(TOP, X0, DESIGN, dt=0.1, steps=3), "path=..."),
     (lambda run: kr.sweep(TOP, X0, kr.Design(grid={"alpha": [1, 2]}), **GRID), "such as system.alpha"),
     (lambda run: kr.sweep(TOP, X0, kr.Design(grid={"system.alfa": [1, 2]}), **GRID), "Did you mean 'alpha'"),
-    (lambda run: kr.sweep(TOP, X0, DESIGN, **{**GRID, "workers": "all"}), "workers must be an integer"),
+    (lambda run: kr.sweep(TOP, X0, DESIGN, **{**GRID, "workers": "all"}), "number of processes"),
     (lambda run: kr.sweep(TOP, X0, DESIGN, **GRID, save="drift"), "must list some of"),
     (lambda run: kr.Design(grids={}), "Did you mean 'grid'"),
     (lambda run: kr.Event(), "Write Event(quantity)"),
