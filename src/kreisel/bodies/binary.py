@@ -48,6 +48,7 @@ from kreisel.algebra import (
 from kreisel.bodies.orbit import check_not_negative, check_positive
 from kreisel.bodies.satellite import check_moments, harmonics_3, harmonics_4
 from kreisel.exact import kepler, rotor_step
+from kreisel.forces.product import block_diagonal
 from kreisel.forces.records import perturbed_record
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import ClosedForm, Parameter, PhaseSpace, System
@@ -55,14 +56,7 @@ from kreisel.record.perturbation import Force, Perturbation
 
 FAR = 2.0**23  # m, the unit of R: R and V are then alike in size, as corrections of rounding errors assume
 G = 6.67430e-11  # m^3/(kg s^2), CODATA 2022
-PAIR = (
-    ("r", "vector"),
-    ("v", "vector"),
-    ("L1", "vector"),
-    ("q1", "quaternion"),
-    ("L2", "vector"),
-    ("q2", "quaternion"),
-)
+PAIR = tuple((k, "quaternion" if k[0] == "q" else "vector") for k in ("r", "v", "L1", "q1", "L2", "q2"))
 POINT = (("R", "vector"), ("V", "vector"))
 ROTATING = (("L3", "vector"), ("q3", "quaternion"))
 ROTOR = ("inverse", "rates", "curvatures")  # of `rotor_step.constants`, one after the other
@@ -205,7 +199,7 @@ def tensor(r, v, L1, q1, L2, q2, *third, reduced, reduced3=None):
     blocks = [_canonical(r, reduced), _of_rotor(L1, q1), _of_rotor(L2, q2)]
     blocks += [_canonical(third[0], FAR * reduced3)] if third else []
     blocks += [_of_rotor(*third[2:])] if third[2:] else []
-    return _diagonal(blocks)
+    return block_diagonal(blocks)
 
 
 def _canonical(r, mass):
@@ -217,16 +211,6 @@ def _of_rotor(L, q):
     turning = np.stack([_turning(identity(3)[i] + 0 * L, q) for i in range(3)], -2)  # (3, 4)
     none = 0 * turning.mT @ turning
     return np.concatenate([np.concatenate([hat(L), turning], -1), np.concatenate([-turning.mT, none], -1)], -2)
-
-
-def _diagonal(blocks):
-    size, first, rows = sum(block.shape[-1] for block in blocks), 0, []
-    for block in blocks:
-        width = block.shape[-1]
-        row = [0 * block[..., :1] * np.zeros(first), block, 0 * block[..., :1] * np.zeros(size - first - width)]
-        rows.append(np.concatenate(row, -1))
-        first += width
-    return np.concatenate(rows, -2)
 
 
 def draw(third, n, numbers):

@@ -54,14 +54,6 @@ def quaternion_rate(q: Vector, w: Vector) -> list[Any]:
     return [-0.5 * dot(v, w), *(0.5 * (s * w[i] + turned[i]) for i in range(3))]
 
 
-def _nothing(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
-    return []
-
-
-def _no_potential(w: Vector, q: Vector, x: Vector, p: Any) -> Any:
-    return 0.0
-
-
 class Law(NamedTuple):
     """A torque, further variables, and the conserved quantities.
 
@@ -76,8 +68,8 @@ class Law(NamedTuple):
     torque: Callable[[Vector, Vector, Vector, Any], Any]
     conserved: tuple[str, ...]
     further: tuple[tuple[str, int], ...] = ()
-    rates: Callable[[Vector, Vector, Vector, Any], list[Any]] = _nothing
-    potential: Callable[[Vector, Vector, Vector, Any], Any] = _no_potential
+    rates: Callable[[Vector, Vector, Vector, Any], list[Any]] = lambda w, q, x, p: []
+    potential: Callable[[Vector, Vector, Vector, Any], Any] = lambda w, q, x, p: 0.0
     stored: Callable[[Any], Any] = lambda p: [0.0, 0.0, 0.0]
     scaled: tuple[str, ...] = ()
 
@@ -85,26 +77,6 @@ class Law(NamedTuple):
         """The rates of w, q, x."""
         push = [t - g for t, g in zip(self.torque(w, q, x, p), cross(w, times(p["I"], w)), strict=True)]
         return [*times(p["inverse"], push), *quaternion_rate(q, w), *self.rates(w, q, x, p)]
-
-
-def _free(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
-    return [0.0, 0.0, 0.0]
-
-
-def _field(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
-    return cross(p["k"], rotation(q)[2])
-
-
-def _field_energy(w: Vector, q: Vector, x: Vector, p: Any) -> Any:
-    return -dot(p["k"], rotation(q)[2])
-
-
-def _wheel(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
-    return cross(p["h"], w)
-
-
-def _damped(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
-    return [-p["c"] * m for m in times(p["I"], w)]
 
 
 def _gravity_gradient(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
@@ -128,18 +100,9 @@ def _gyromagnetic(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
     return [p["gamma"] * t for t in cross(times(p["I"], w), B)]
 
 
-def _fluid(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
-    v = x[:3]
-    return cross(times(p["A"], v), v)
-
-
 def _fluid_rates(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
     v = x[:3]
     return [*times(p["A inverse"], cross(times(p["A"], v), w)), *times(rotation(q), v)]
-
-
-def _fluid_energy(w: Vector, q: Vector, x: Vector, p: Any) -> Any:
-    return 0.5 * dot(x[:3], times(p["A"], x[:3]))
 
 
 def _air(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
@@ -165,14 +128,24 @@ def _fall(w: Vector, q: Vector, x: Vector, p: Any) -> list[Any]:
     ]
 
 
-FREE = Law(_free, ("energy", "momentum"))
-FIELD = Law(_field, ("energy", "vertical momentum"), potential=_field_energy, scaled=("k",))
-GYROSTAT = Law(_wheel, ("energy", "momentum"), stored=lambda p: p["h"], scaled=("h",))
-DAMPED = Law(_damped, ())
+FREE = Law(lambda w, q, x, p: [0.0, 0.0, 0.0], ("energy", "momentum"))
+FIELD = Law(
+    lambda w, q, x, p: cross(p["k"], rotation(q)[2]),
+    ("energy", "vertical momentum"),
+    potential=lambda w, q, x, p: -dot(p["k"], rotation(q)[2]),
+    scaled=("k",),
+)
+GYROSTAT = Law(lambda w, q, x, p: cross(p["h"], w), ("energy", "momentum"), stored=lambda p: p["h"], scaled=("h",))
+DAMPED = Law(lambda w, q, x, p: [-p["c"] * m for m in times(p["I"], w)], ())
 ORBIT = Law(_gravity_gradient, ("energy",), (("radius", 2),), _circle, _gravity_gradient_energy)
 GYROMAGNETIC = Law(_gyromagnetic, (), (("field", 2),), _circle)
 FLUID = Law(
-    _fluid, ("energy", "impulse"), (("velocity", 3), ("position", 3)), _fluid_rates, _fluid_energy, scaled=("A",)
+    lambda w, q, x, p: cross(times(p["A"], x[:3]), x[:3]),
+    ("energy", "impulse"),
+    (("velocity", 3), ("position", 3)),
+    _fluid_rates,
+    lambda w, q, x, p: 0.5 * dot(x[:3], times(p["A"], x[:3])),
+    scaled=("A",),
 )
 AIR = Law(_air, (), (("u", 1), ("v", 1), ("G", 1), ("theta", 1), ("density", 1)), _fall, scaled=("S",))
 

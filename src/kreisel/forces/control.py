@@ -145,7 +145,8 @@ def sampled(system: System, body: Body, q: Array, known: Constants, axes: Mappin
     control, new = _control(system), of(system, body.state)
     sensors, generator = _seen(system, body, q, known, axes)
     results = _results(control, {**sensors, **{k: new[k] for k in control.memory}}, body, known, axes)
-    commands = [_limited(control, name, results[name], known) for name in control.commands]
+    most = {name: known[LIMIT + name] for name in control.limits}
+    commands = [_clipped(results[k], -most[k], most[k]) if k in most else results[k] for k in control.commands]
     new |= {name: results[name] for name in control.memory}
     if control.delay:
         size = sum(control.commands.values())
@@ -203,17 +204,13 @@ def _seen(
         return seen, None
     drawn, generator = normals(own[GENERATOR], 3 * len(control.noise))
     for i, name in enumerate(control.noise):
-        bias, deviation = (_spread(known[word + name], axes[word + name]) for word in (BIAS, DEVIATION))
+        names = [word + name for word in (BIAS, DEVIATION)]
+        bias, deviation = (known[each] if axes[each] else algebra.vec(known[each]) for each in names)
         off = bias + deviation * drawn[..., 3 * i : 3 * i + 3]
         seen[name] = (
             algebra.quaternion_product(seen[name], algebra.turn(off)) if name == "attitude" else seen[name] + off
         )
     return seen, generator
-
-
-def _spread(x: Array, axes: int) -> Array:
-    """A scalar (...) or a vector (..., 3), to multiply vectors."""
-    return x if axes else algebra.vec(x)
 
 
 def _results(
@@ -256,10 +253,6 @@ def called(
                 "for each wheel, and memory keeps the shape that it has at the start."
             )
     return out
-
-
-def _limited(control: Controller, name: str, value: Array, known: Constants) -> Array:
-    return _clipped(value, -known[LIMIT + name], known[LIMIT + name]) if name in control.limits else value
 
 
 def _clipped(x: Array, least: Array, most: Array) -> Array:

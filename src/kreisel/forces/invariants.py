@@ -57,7 +57,7 @@ def conserved_totals(model: Model) -> tuple[str, ...]:
 
 def surviving_parts(model: Model, function: Function) -> list[bool]:
     """The parts of a function of the state that no force changes, in any lane."""
-    each = [_survives([one], function, _apart) for one in _representatives(model)]
+    each = [_survives([one], function, list) for one in _representatives(model)]
     return [all(part) for part in zip(*each, strict=True)]
 
 
@@ -109,11 +109,6 @@ def candidates(model: Model) -> dict[str, Function]:
 
 
 Slopes = list[tuple[Any, Any]]  # (the derivative along the perturbation, its scale) of each part of a function
-
-
-def _apart(bodies: list[Slopes]) -> list[Slopes]:
-    """The slopes of each body separately."""
-    return bodies
 
 
 def _in_sum(bodies: list[Slopes]) -> list[Slopes]:

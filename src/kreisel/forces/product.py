@@ -130,19 +130,20 @@ def _integrals(models: Sequence[Model], factors: list[Factor]) -> dict[str, Call
     return found | {TOTAL + name: of_all(name) for name in shared if len({shape(m, name) for m in models}) == 1}
 
 
+def block_diagonal(blocks: Sequence[Array]) -> Array:
+    """The matrix (..., n, n) with these blocks (..., k, k) on its diagonal."""
+    rows = []
+    for i, block in enumerate(blocks):
+        zeros = [0 * block[..., :1] + np.zeros(each.shape[-1], dtype=int) for each in blocks]
+        rows.append(np.concatenate([*zeros[:i], block, *zeros[i + 1 :]], -1))
+    return np.concatenate(rows, -2)
+
+
 def _space(factors: list[Factor], names: tuple[str, ...]) -> PhaseSpace:
     spaces = [(f, f.system.space) for f in factors]
 
     def tensor(*state: Array, **known: Any) -> Array:
-        blocks = [f.call(space.tensor, state, known) for f, space in spaces]
-        rows = [
-            [
-                one if j == i else 0 * one[..., :1] + np.zeros(other.shape[-1], dtype=int)
-                for j, other in enumerate(blocks)
-            ]
-            for i, one in enumerate(blocks)
-        ]
-        return np.concatenate([np.concatenate(row, -1) for row in rows], -2)
+        return block_diagonal([f.call(space.tensor, state, known) for f, space in spaces])
 
     def casimirs(*state: Array, **known: Any) -> Array:
         return np.concatenate([f.call(s.casimirs, state, known) for f, s in spaces if s.casimirs is not None], -1)

@@ -380,13 +380,7 @@ def _plate(value: Any) -> Plate:
     size = si_number(area, "m^2", "area")
     if size < 0:
         raise InputError(f"area: expected a number >= 0, got {size:g}.")
-    return Plate(
-        _unit(si_numbers(normal, "1", "normal", ((3,),)), "normal"), si_numbers(centre, "m", "centre", ((3,),)), size
-    )
-
-
-def _unit(x: Array, name: str) -> Array:
-    length = np.linalg.norm(x)
-    if not length:
-        raise InputError(f"{name}: expected a direction, got the zero vector.")
-    return np.asarray(x / length)
+    direction = si_numbers(normal, "1", "normal", ((3,),))
+    if not direction.any():
+        raise InputError("normal: expected a direction, got the zero vector.")
+    return Plate(direction / np.linalg.norm(direction), si_numbers(centre, "m", "centre", ((3,),)), size)
