@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +24,6 @@ except ImportError:  # the extra "exact" is not installed: the same values, more
     rational = Fraction
 
 Random = Callable[[tuple[int, ...]], Array]
-T = TypeVar("T")
 
 
 class Dual(Ring):

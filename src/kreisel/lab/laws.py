@@ -21,22 +21,9 @@ from kreisel.algebra import Array
 from kreisel.algebra.complex import Complex
 from kreisel.errors import InputError, shown
 from kreisel.lab import exact
+from kreisel.lab import law as orders
 from kreisel.lab.exact import along, jacobian, random_rotation, slopes
-from kreisel.lab.law import (
-    LAWS,
-    ORDER_TOLERANCE,
-    TOLERANCE,
-    Case,
-    Law,
-    Sides,
-    Verdict,
-    baecklund_orders,
-    flowed,
-    law,
-    measured_orders,
-    residual,
-    states,
-)
+from kreisel.lab.law import LAWS, ORDER_TOLERANCE, TOLERANCE, Case, Law, Sides, Verdict, law, residual, states
 from kreisel.record.calling import call, keywords
 from kreisel.record.contract import Frame, System
 from kreisel.record.model import Model
@@ -345,8 +332,8 @@ def commuting_maps(case: Case) -> Sides:
     yield case.flat(first(*second(*case.state))), case.flat(second(*first(*case.state)))
     time = float(case.eps)
     yield (
-        case.flat(flowed(case.model, first(*case.state), time)),
-        case.flat(first(*flowed(case.model, case.state, time))),
+        case.flat(orders.flowed(case.model, first(*case.state), time)),
+        case.flat(first(*orders.flowed(case.model, case.state, time))),
     )
 
 
@@ -360,7 +347,7 @@ def order(case: Case) -> Sides:
     conjugates = [(True, 2)] if case.map.to_symmetric is not None else []
     for conjugate, claimed in [(False, case.map.order), *conjugates]:
         counts = (64, 128, 256, 512) if claimed < 3 else (8, 16, 32, 64)  # above errors of rounding
-        for slope in measured_orders(case.model, case.state, conjugate, counts=counts):
+        for slope in orders.measured_orders(case.model, case.state, conjugate, counts=counts):
             yield _distance(slope, claimed), 0.0
 
 
@@ -473,7 +460,7 @@ def commuting_baecklund(case: Case) -> Sides:
     yield case.flat(second.move(*first.move())), case.flat(first.move(*second.move()))
 
     def flow(state: tuple[Array, ...]) -> tuple[Array, ...]:
-        return flowed(curve.model, state, 0.3)
+        return orders.flowed(curve.model, state, 0.3)
 
     yield case.flat(flow(first.move())), case.flat(first.move(*flow(curve.state)))
     pair = curve.at(7 + 4j)
@@ -516,7 +503,7 @@ def conjugate_pair(case: Case) -> Sides:
 @law("the error of K maps is O(dt^(2K)) in the state and in g, for K = 1 to 3", "baecklund", exact=False)
 def order_baecklund(case: Case) -> Sides:
     for order, counts in ((2, (8, 12, 16, 24)), (4, (6, 8, 12, 16)), (6, (4, 6, 8, 12))):
-        for slope in baecklund_orders(case.model, case.state, order, counts):
+        for slope in orders.baecklund_orders(case.model, case.state, order, counts):
             yield _distance(slope, order), 0.0
 
 

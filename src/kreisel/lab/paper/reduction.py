@@ -169,8 +169,8 @@ def right_section(g: Rotation, g1: Rotation, A: Vector, xi: Skew, in_algebra: bo
 # -- Theorem 2.1: the Euler-Lagrange equation in a chart, at X(0) = 0, against the reduced one --------
 
 
-def reduced(a: Action, left: bool) -> tuple[Array, ...]:
-    """M, M' less ad*_Omega M + grad_P L <> P (right: M' plus both), its field, grad_P L, Omega and P; and of the chart."""
+def reduced(a: Action, left: bool) -> list[tuple[Array, Array]]:
+    """Both sides in the chart; the rate of the vector; and the equations against the field of H, grad_M H = Omega."""
     L, v, speed, push = a.generic(), a.vector(), a.element(), a.element()
     along = a.slopes(lambda E: L(*a.charted(speed * a.t, speed + push * a.t + E, v, left)), a.units)
     across = a.slopes(lambda E: L(*a.charted(E, speed + 0 * E, v, left)), a.units)
@@ -179,43 +179,33 @@ def reduced(a: Action, left: bool) -> tuple[Array, ...]:
     xi, sign = a.at_0(velocity), 1 if left else -1
     force = a.at_0(a.slopes(lambda E: L(xi + 0 * E, v + E), a.axes))
     turning = sign * a.plain(a.coadjoint(xi, a.at_0(M)) + a.diamond(force, v))
-    raw = a.rate(along) - a.at_0(across), a.scale * (a.rate(M) - turning)
-    rates = np.concatenate([turning, a.entries(-sign * a.phi(xi, v))])
-    field = sign * (np.concatenate([a.components(xi), -force]) @ a.tensor(a.at_0(M), v))
-    return *raw, a.rate(moved), -sign * a.phi(xi, v), rates, a.plain(field)
-
-
-def euler_lagrange(a: Action, left: bool) -> Sides:
-    """Both sides in the chart, and the rate of the vector."""
-    raw, equation, moved, rate, _, _ = reduced(a, left)
-    yield raw, equation
-    yield moved, rate
-
-
-def hamiltonian(a: Action, left: bool) -> Sides:
-    """The equations against the field of H, grad_M H = Omega, grad_P H = -grad_P L."""
-    *_, rates, field = reduced(a, left)
-    yield rates, field
+    v_rate = -sign * a.phi(xi, v)
+    field = sign * (np.concatenate([a.components(xi), -force]) @ a.tensor(a.at_0(M), v))  # grad_P H = -grad_P L
+    return [
+        (a.rate(along) - a.at_0(across), a.scale * (a.rate(M) - turning)),
+        (a.rate(moved), v_rate),
+        (np.concatenate([turning, a.entries(v_rate)]), a.plain(field)),
+    ]
 
 
 @stated("theorem-2.1a", "Section 2, Theorem 2.1 a), (EL left Ham red)")
 def theorem_2_1_a(s: Setting) -> Sides:
     """Euler-Lagrange in a chart <=> M' = ad*_Omega M + grad_P L <> P, P' = -phi(Omega) P, for a generic L(Omega, P)"""
-    yield from euler_lagrange(Action(s), left=True)
+    yield from reduced(Action(s), left=True)[:2]
 
 
 @stated("right-euler-poincare", "Section 2, (EL right Ham red)")
 def right_euler_poincare(s: Setting) -> Sides:
     """Euler-Lagrange in a chart <=> m' = -ad*_omega m - grad_a L <> a, a' = phi(omega) a, for a generic L(omega, a)"""
-    yield from euler_lagrange(Action(s), left=False)
+    yield from reduced(Action(s), left=False)[:2]
 
 
 @stated("theorem-2.1b", "Section 2, Theorem 2.1 b)", printed={"sign": -1})
 def theorem_2_1_b(s: Setting, sign: int = 1) -> Sides:
     """the reduced equations are z' = {H, z}, H = <M, Omega> - L, for a generic L (E14: not {z, H})"""
     for left in (True, False):
-        for rates, field in hamiltonian(Action(s), left):
-            yield rates, sign * field
+        rates, field = reduced(Action(s), left)[2]
+        yield rates, sign * field
 
 
 @stated("legendre", "Section 2, Hamilton function")
@@ -330,8 +320,7 @@ def theorem_2_1(s: Setting) -> Sides:
     """G = GL(n) and upper triangular matrices, V = symmetric matrices: Euler-Lagrange in a chart <=> the left and the right Euler-Poincare equations; the left ones are z' = {H, z} by (PB left red)"""
     for a in groups(s):
         for left in (True, False):
-            yield from euler_lagrange(a, left)
-        yield from hamiltonian(a, left=True)
+            yield from reduced(a, left)
 
 
 @stated("theorem-3.1-any-group", "Sections 2 and 3, any G and V: Theorem 3.1 and (dEL right Ham red)", dimensions=(3,))

@@ -11,21 +11,9 @@ from kreisel.algebra.matrices import border, diagonal
 from kreisel.algebra.skew import triangle
 from kreisel.lab.exact import coefficient, generator
 from kreisel.lab.law import Sides
-from kreisel.lab.paper import calculus
+from kreisel.lab.paper import calculus, setting
 from kreisel.lab.paper.calculus import gradient, half, left_derivative, outer, right_derivative, series, trace_log_of
-from kreisel.lab.paper.setting import (
-    Curve,
-    Diagonal,
-    Eps,
-    Lam,
-    Rotation,
-    Scalar,
-    Setting,
-    Skew,
-    Symmetric,
-    Unit,
-    Vector,
-)
+from kreisel.lab.paper.setting import Curve, Diagonal, Eps, Lam, Rotation, Scalar, Setting, Skew, Unit, Vector
 from kreisel.lab.paper.statements import printed_law, stated, stated_laws
 from kreisel.system import lagrange_top, lagrange_top_moving, symmetric_top
 
@@ -124,7 +112,7 @@ def body_frame(s: Setting, g: Rotation, Omega: Skew, turned: bool = False) -> Si
 
 
 @stated("heavy-top-lagrangian", "Section 4, (mLT Lagr 2)")
-def heavy_lagrangian(J: Symmetric, Omega: Skew, g: Rotation, p: Vector, A: Vector) -> Sides:
+def heavy_lagrangian(J: setting.Symmetric, Omega: Skew, g: Rotation, p: Vector, A: Vector) -> Sides:
     """-tr(Omega J Omega) = <Omega, J Omega + Omega J>; <p, a> = <P, A>"""
     yield -np.trace(Omega @ J @ Omega), pairing(Omega, J @ Omega + Omega @ J)
     yield dot(p, act(g, A)), dot(act(g.T, p), A)
