@@ -54,7 +54,7 @@ def test_the_choice_costs_least() -> None:
     """No other even number of stages reaches the tolerance with fewer maps, by half."""
     model, x0 = start("lagrange-top", 3)
     parts, time, tol = tuple(x0.values()), 200.0, 1e-8
-    choice = choose(model, parts, time, time, tol)
+    (choice,) = choose(model, parts, time, time, tol)
     truth = kr.at(model, x0, [0.0, time])
     for order in ORDERS:
         steps = int(choice.order * choice.steps / 2 / order)
@@ -65,9 +65,9 @@ def test_the_choice_costs_least() -> None:
 def test_the_worst_lane_counts() -> None:
     model, _ = start("lagrange-top", 3)
     a, slow, fast = (0.6, 0, 0.8), (0.1, 0.2, 0.3), (1.0, 2.0, 15.0)
-    one = choose(model, tuple(model.state(m=fast, a=a).values()), 10.0, 100.0, 1e-8)
-    both = choose(model, tuple(model.state(m=(slow, fast), a=(a, a)).values()), 10.0, 100.0, 1e-8)
-    alone = choose(model, tuple(model.state(m=slow, a=a).values()), 10.0, 100.0, 1e-8)
+    (one,) = choose(model, tuple(model.state(m=fast, a=a).values()), 10.0, 100.0, 1e-8)
+    (both,) = choose(model, tuple(model.state(m=(slow, fast), a=(a, a)).values()), 10.0, 100.0, 1e-8)
+    (alone,) = choose(model, tuple(model.state(m=slow, a=a).values()), 10.0, 100.0, 1e-8)
     assert alone.order * alone.steps < one.order * one.steps <= both.order * both.steps
 
 
@@ -90,7 +90,7 @@ def test_what_does_not_go_together(top: object, x0: object) -> None:
 
 def test_a_body_at_rest_is_one_step() -> None:
     top = kr.LagrangeTop(p=(0, 0, 1))
-    assert choose(top, tuple(top.state(m=(0, 0, 0), a=(0, 0, -1)).values()), 10.0, 100.0, 1e-8).steps == 1
+    assert choose(top, tuple(top.state(m=(0, 0, 0), a=(0, 0, -1)).values()), 10.0, 100.0, 1e-8)[0].steps == 1
 
 
 def test_a_motion_far_faster_than_dt(tmp_path: Path) -> None:

@@ -228,11 +228,8 @@ def magnitude(x: Array) -> float:
     x = np.asarray(x)
     if x.dtype.kind == "f":
         return float(abs(x).max(initial=0.0))
-    return max((abs(_as_float(v)) for v in x.flat), default=0.0)
-
-
-def _as_float(v: Any) -> float:
-    return int(v.p) / int(v.q) if hasattr(v, "q") and not hasattr(v, "__float__") else float(v)
+    fractions = (int(v.p) / int(v.q) if hasattr(v, "q") and not hasattr(v, "__float__") else v for v in x.flat)
+    return max((abs(float(v)) for v in fractions), default=0.0)
 
 
 def trace_log(A: Array) -> Array:
@@ -255,7 +252,9 @@ def floats(value: Any) -> Array:
         return np.asarray(np.nan)
     try:
         array = np.asarray(value)
-        real = array.dtype.kind in "iuf" or (array.dtype == object and all(map(_is_real, array.flat)))
+        real = array.dtype.kind in "iuf" or (
+            array.dtype == object and all(is_number(v) and hasattr(v, "__float__") for v in array.flat)
+        )
         if real:
             return array.astype(np.float64, copy=False)
     except (TypeError, ValueError, OverflowError):
@@ -268,10 +267,6 @@ def is_number(value: Any) -> bool:
     if isinstance(value, type | timedelta | complex | str | np.generic):
         return isinstance(value, np.generic) and value.dtype.kind in "iuf"
     return hasattr(value, "__mul__") and hasattr(value, "__truediv__")
-
-
-def _is_real(value: Any) -> bool:
-    return is_number(value) and hasattr(value, "__float__")
 
 
 def loses(value: Any) -> bool:

@@ -208,7 +208,7 @@ def casimirs_adjoint(M: Array, G: Array, most: int = 4) -> Array:
     return stack([c[k][i] for k in ks for i in (k, k - 1)])
 
 
-def power_traces(P: Array, most: int = 8) -> Array:
+def power_traces(M: Array, P: Array, most: int = 8) -> Array:
     """Tr P^k, k = 1, 2, ..., n: Casimirs of so(n) <x Sym(n); the first `most`."""
     powers = [P]
     while len(powers) < min(P.shape[-1], most):
@@ -216,7 +216,7 @@ def power_traces(P: Array, most: int = 8) -> Array:
     return stack([trace(power) for power in powers])
 
 
-def gram(*vectors: Array) -> Array:
+def gram(M: Array, *vectors: Array) -> Array:
     """<f_i, f_j>, i <= j: Casimirs of so(n) <x q R^n."""
     return stack([dot(f, g) for i, f in enumerate(vectors) for g in vectors[i:]])
 

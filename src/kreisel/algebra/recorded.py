@@ -267,7 +267,8 @@ def run(function: Callable[..., Any], *values: Any, **named: Any) -> Any:
     try:
         if not of_user(function):
             return function(*values, **named)
-        return _unwrapped(function(*map(_wrapped, values), **{name: _wrapped(x) for name, x in named.items()}))
+        out = function(*map(_wrapped, values), **{name: _wrapped(x) for name, x in named.items()})
+        return tuple(map(_plain_array, out)) if type(out) is tuple else _plain_array(out)
     except (TypeError, AttributeError, ValueError, LookupError, NameError) as error:
         complete = error.place if isinstance(error, NotRecorded) else isinstance(error, InputError)
         place = "" if complete else _place(error.__traceback__) or _name(function)
@@ -281,10 +282,6 @@ def of_user(function: Callable[..., Any]) -> bool:
     function = getattr(function, "func", function)  # of a partial
     code = getattr(function, "__code__", None)
     return code is None or _of_user(getattr(function, "__module__", None) or "", code)
-
-
-def _unwrapped(x: Any) -> Any:
-    return tuple(map(_plain_array, x)) if type(x) is tuple else _plain_array(x)
 
 
 def _plain_array(x: Any) -> Any:

@@ -56,21 +56,16 @@ class Choice:
     method: str = "baecklund"
 
 
-def choose(model: Model, state: State, spacing: float, time: float, tol: Any) -> Choice:
+def choose(model: Model, state: State, spacing: float, time: float, tol: Any, each: bool = False) -> list[Choice]:
     """For states saved every `spacing` until `time`; the error counts relative to the largest entry of the state.
 
-    Of an ensemble the worst lane counts.  Raises `InputError` for a tolerance that doubles cannot hold, and where no
-    order gets through the pilot.
+    The choice for the worst lane of an ensemble, or with `each` those for all lanes.  Raises `InputError` for a
+    tolerance that doubles cannot hold, and where no order gets through the pilot.
     """
     tolerance = checked_tolerance(tol)
-    return _cheapest(*_pilot_steps(model, state, time), spacing, tolerance)
-
-
-def choose_each(model: Model, state: State, spacing: float, time: float, tol: Any) -> list[Choice]:
-    """Choice for each lane, whatever the other lanes are."""
-    tolerance = checked_tolerance(tol)
     h, error = _pilot_steps(model, state, time)
-    return [_cheapest(h[:, i : i + 1], error[:, i : i + 1], spacing, tolerance) for i in range(h.shape[1])]
+    lanes = [slice(i, i + 1) for i in range(h.shape[1])] if each else [slice(None)]
+    return [_cheapest(h[:, lane], error[:, lane], spacing, tolerance) for lane in lanes]
 
 
 def _cheapest(h: Array, error: Array, spacing: float, tolerance: float) -> Choice:
@@ -149,21 +144,17 @@ def _stepped(model: Model, state: State, order: int, span: float, count: int) ->
 def _pilot(model: Model, state: State, order: int, span: float, truth: State) -> tuple[Array, Array]:
     """Longest step of each lane, of span, span/2, ..., whose error over the pilot is small, and this error."""
     step, error = np.full((2, len(state[0])), np.nan)
-    lost = ~np.isfinite(np.max([size(part) for part in truth], axis=0))
+    sizes = [size(part) for part in truth]
+    lost = ~np.isfinite(np.max(sizes, axis=0))
     for halvings in range(MOST_HALVINGS):
         coarse = ~(error < SMALL)
-        error[coarse] = _relative_difference(_stepped(model, state, order, span, 1 << halvings), truth)[coarse]
+        end = _stepped(model, state, order, span, 1 << halvings)
+        apart = [np.where(s == 0, 0.0, size(a - b) / s) for a, b, s in zip(end, truth, sizes, strict=True)]
+        error[coarse] = np.max(apart, axis=0)[coarse]
         step[coarse] = span / (1 << halvings)
         if ((error < SMALL) | lost).all():
             break
     return step, error
-
-
-def _relative_difference(one: State, other: State) -> Array:
-    """The largest difference of each lane, relative to the largest entry of each component."""
-    sizes = [size(part) for part in other]
-    apart = [size(a - b) for a, b in zip(one, other, strict=True)]
-    return np.asarray(np.max([np.where(s == 0, 0.0, d / s) for d, s in zip(apart, sizes, strict=True)], axis=0))
 
 
 # -- splittings of perturbed bodies ----------------------------------------------------------------------------

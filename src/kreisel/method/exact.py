@@ -91,17 +91,13 @@ def _spin(model: Model) -> Spin:
 
 
 def _orbit_of_top(model: Model, oriented: bool) -> Callable[..., Orbit]:
-    inside = model.system.frame is Frame.MOVING
+    jump = _jump(model)
 
     def orbit(z0: State, constants: Mapping[str, Array], reach: float) -> Orbit:
-        start = z0[2] if oriented else UNTURNED
-
-        def finish(m: Array, b: Array, q: Array) -> State:
-            state = (-algebra.hat(m) if inside else algebra.hat(m)), b
-            return (*state, algebra.inverse_turn(q) if inside else q) if oriented else state
-
+        start = jump.orientation(z0[2] if oriented else UNTURNED)
         top = motion_of_top(model, z0, constants, reach)
-        return top.orbit(finish, {}, inside=inside, start=algebra.inverse_turn(start) if inside else start)
+        inside = model.system.frame is Frame.MOVING
+        return top.orbit(lambda m, b, q: jump.finish(m, b, *(q,) * oriented), {}, inside=inside, start=start)
 
     return orbit
 

@@ -49,7 +49,7 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     """
     energy = f"Hamiltonian H, not conserved by the map: its error is of order dt^{order}"
     observe_all, outcomes = observer(model, oriented, conserved=linear_integrals(model), meanings={"energy": energy})
-    integrals = deformed_integrals(model) if order == 2 else None
+    integrals = next((known for known in KNOWN if known.applies(model)), None) if order == 2 else None
 
     def stage(old: State, turned: State, eps: Array, constants: Values) -> tuple[Any, Any, Any]:
         new, pivots = advance(model, old, eps, constants)
@@ -445,8 +445,3 @@ KNOWN = (
     ),
     Deformed(is_clebsch, clebsch_integrals, BOTH | {"clebsch_eps": "<M, BM> + <P, adj(B) P>"}, "P"),
 )
-
-
-def deformed_integrals(model: Model) -> Deformed | None:
-    """Integrals of the map of order 2, if they are in closed form."""
-    return next((integrals for integrals in KNOWN if integrals.applies(model)), None)

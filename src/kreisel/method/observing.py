@@ -147,8 +147,11 @@ def observer(
     space = model.system.space
     table = functions(model, eps, 1 if to_user is None else 2, conserved, meanings)
     outcomes = {k: Outcome("state", f"{k} ({model.system.frame.value} frame)", kind) for k, kind in space.components}
+    carried = "a = g A" if model.system.frame is Frame.REST else "P = g^T p"
+    form = "unit quaternion (w, x, y, z), continuous in time" if model.n == 3 else "orthogonal matrix"
+    turning = f"orientation g, body to space, {carried}; {form}"
     outcomes |= {name: outcome for name, (outcome, _, _) in table.items()}
-    outcomes |= {ORIENTATION: orientation_outcome(model)} if oriented else {}
+    outcomes |= {ORIENTATION: Outcome("orientation", turning, orientation_component(model.n)[1])} if oriented else {}
 
     def observe(z: tuple[Array, ...], only: Only = None, /, **constants: Array) -> dict[str, Array]:
         state, count = z[: len(space.letters)], len(space.letters)
@@ -199,10 +202,3 @@ def held_by_orientation(
         return out
 
     return held
-
-
-def orientation_outcome(model: Model) -> Outcome:
-    """Outcome of the orientation g, in the frame of the system."""
-    carried = "a = g A" if model.system.frame is Frame.REST else "P = g^T p"
-    form = "unit quaternion (w, x, y, z), continuous in time" if model.n == 3 else "orthogonal matrix"
-    return Outcome("orientation", f"orientation g, body to space, {carried}; {form}", orientation_component(model.n)[1])

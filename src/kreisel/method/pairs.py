@@ -154,22 +154,18 @@ def parameter(model: Model, state: State, dt: float) -> tuple[int, Array]:
 
 def _rate(model: Model, state: State) -> Array:
     """About the fastest rate of the motion, from its right-hand side linearised along the state."""
-    flat = np.concatenate([algebra.coordinates(state[0]), state[1]], -1)
-    slopes = []
+    flat, kinds, slopes = _flat(state), model.system.space.kinds, []
     for i in range(flat.shape[-1]):
         step = np.zeros(flat.shape[-1])
         step[i] = 1.0
-        up, down = (model.flow(*_unflat(flat + s * step)) for s in (0.5, -0.5))  # exact: the field is quadratic
+        # exact: the field is quadratic
+        up, down = (model.flow(*algebra.restore(flat + s * step, kinds, 3)) for s in (0.5, -0.5))
         slopes.append(_flat(up) - _flat(down))
     return np.linalg.norm(np.stack(slopes, -1), 2, (-2, -1))
 
 
 def _flat(z: State) -> Array:
     return np.concatenate([algebra.coordinates(z[0]), z[1]], -1)
-
-
-def _unflat(flat: Array) -> State:
-    return algebra.skew(flat[..., :3], 3), flat[..., 3:]
 
 
 def _wide(state: State) -> State:

@@ -120,24 +120,16 @@ def _momentum(M: Array, *carried: Array) -> Array:
     return M
 
 
-def _power_traces(M: Array, P: Array) -> Array:
-    return invariants.power_traces(P)
-
-
-def _gram(M: Array, P: Array, Q: Array) -> Array:
-    return invariants.gram(P, Q)
-
-
 REST_SPACE = semidirect("e*(n)", (("m", "skew"), ("a", "vector")), invariants.casimirs, -1)
 MOVING_SPACE = semidirect("e*(n)", (("M", "skew"), ("P", "vector")), invariants.casimirs)
 FREE_SPACE = semidirect("so*(n)", (("M", "skew"),), invariants.casimirs_free)
 QUADRATIC_SPACE, FIELD_SPACE = (
-    semidirect("(so(n) <x Sym(n))*", (("M", "skew"), (letter, "symmetric")), _power_traces) for letter in "PF"
+    semidirect("(so(n) <x Sym(n))*", (("M", "skew"), (letter, "symmetric")), invariants.power_traces) for letter in "PF"
 )
 ADJOINT_SPACE, ADJOINT_PAIR_SPACE = (
     semidirect("(so(n) <x so(n))*", (("M", "skew"), (letter, "skew")), invariants.casimirs_adjoint) for letter in "GP"
 )
-TWO_FIELDS_SPACE = semidirect("(so(n) <x 2 R^n)*", (("M", "skew"), ("P", "vector"), ("Q", "vector")), _gram)
+TWO_FIELDS_SPACE = semidirect("(so(n) <x 2 R^n)*", (("M", "skew"), ("P", "vector"), ("Q", "vector")), invariants.gram)
 
 
 @dataclass(frozen=True)

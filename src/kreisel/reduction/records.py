@@ -231,11 +231,9 @@ class _Record:
 
     # the functions of the record
 
-    def step(self, *state: Array, **constants: Any) -> tuple[Array, ...]:
-        return self.shown(self.discrete(constants).step(*self.coordinates(state)))
-
-    def inverse(self, *state: Array, **constants: Any) -> tuple[Array, ...]:
-        return self.shown(self.discrete(constants).inverse(*self.coordinates(state)))
+    def of(self, side: Callable[..., Any], name: str, shown: Callable[[Any], Any]) -> Callable[..., Any]:
+        """A function of `continuous` or `discrete`, of states in the user's form."""
+        return lambda *state, **constants: shown(getattr(side(constants), name)(*self.coordinates(state)))
 
     def generator(self, *old_and_new: Array, **constants: Any) -> Array:
         """X with W = cay(X), from the old state."""
@@ -256,15 +254,6 @@ class _Record:
         slope = jax.jacfwd(lambda x: inner.before(self.group.retract(x), P))(jnp.zeros(self.group.dim))
         values = jnp.linalg.svd(slope, compute_uv=False)
         return values[-1] / jnp.maximum(values[0], 1e-300)
-
-    def flow(self, *state: Array, **constants: Any) -> tuple[Array, ...]:
-        return self.shown(self.continuous(constants).flow(*self.coordinates(state)))
-
-    def energy(self, *state: Array, **constants: Any) -> Array:
-        return self.continuous(constants).energy(*self.coordinates(state))
-
-    def velocity(self, *state: Array, **constants: Any) -> Array:
-        return self.group.matrix(self.continuous(constants).velocity(*self.coordinates(state)))
 
     def check(self, **constants: Any) -> None:
         """Check the Lagrangians at these constants, for the first lane of an ensemble."""
@@ -313,9 +302,9 @@ class _Record:
     def map(self, source: str, conserved: tuple[str, ...], order: int | None) -> Map:
         both, carried = [*self.axes, *self.axes], [algebra.KINDS[self.rep.space.kind].axes]
         step: dict[str, Any] = {"eps": True, "trouble": BRANCH}
-        inverse = self.lift(self.inverse, **step)
+        inverse = self.lift(self.of(self.discrete, "inverse", self.shown), **step)
         return Map(
-            step=self.lift(self.step, **step),
+            step=self.lift(self.of(self.discrete, "step", self.shown), **step),
             inverse=inverse,
             generator=self.lift(self.generator, both, **step) if self.rotations else None,
             lagrangian=self.lift(self.unreduced, [2, 2, *carried], eps=True) if self.rotations else None,
@@ -348,6 +337,10 @@ class _Record:
             "Ad*_w m_(k+1) = m_k - grad_a Lambda <> a_k, a_(k+1) = Phi(w) a_k",
         )
         wrapped = {k: self.lift(self._integral(f)) for k, f in integrals.items()}
+
+        def lift(name: str, shown: Callable[[Any], Any]) -> Any:
+            return self.lift(self.of(self.continuous, name, shown), trouble=LEGENDRE) if has_flow else None
+
         return System(
             name=name,
             title=title,
@@ -355,9 +348,9 @@ class _Record:
             source=source,
             space=self.space(),
             parameters=self.parameters,
-            flow=self.lift(self.flow, trouble=LEGENDRE) if has_flow else None,
-            energy=self.lift(self.energy, trouble=LEGENDRE) if has_flow else None,
-            velocity=self.lift(self.velocity, trouble=LEGENDRE) if has_flow and self.rotations else None,
+            flow=lift("flow", self.shown),
+            energy=lift("energy", lambda H: H),
+            velocity=lift("velocity", self.group.matrix) if self.rotations else None,
             scaling="As in the Lagrangian.",
             integrals=wrapped,
             map=self.map(source, conserved, order),

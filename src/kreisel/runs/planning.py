@@ -176,7 +176,7 @@ def choice_of(
                 f"order='auto': expected a system whose maps have no constants to solve for, got {model.system.name}. "
                 "Use method='exact', the flow itself, or an order from 2 to 24."
             )
-        return auto.choose_each(model, parts, *when) if each else [auto.choose(model, parts, *when)]
+        return auto.choose(model, parts, *when, each)
     _, lanes = with_lanes(model, parts, (1,))
     if not each or len(lanes[0]) == 1:
         steps, rate = pilot(model, state, settings, orientation), auto.rate_of(model, parts)

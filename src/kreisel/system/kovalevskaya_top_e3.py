@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel.algebra import act, axial, cayley_act, dot, vec, wedge
 from kreisel.baecklund.kovalevskaya import ONE_FIELD
-from kreisel.record.contract import MOVING_SPACE, Relation, System, kicked_map, named
+from kreisel.record.contract import MOVING_SPACE, Relation, System, kicked_map, named, pullback
 from kreisel.system import kovalevskaya_gyrostat as gyrostat
 from kreisel.system import kovalevskaya_top as top
 from kreisel.system import kovalevskaya_top_so3 as two
@@ -42,8 +42,8 @@ def largest_step(M, P):
         return 2 / np.sqrt(np.sqrt(dot(P, P)))
 
 
-def energy(M, P, *, c, eps=0):
-    return gyrostat.energy(M, P, 0 * P, gamma=0, c=c, eps=eps)
+of_two_fields = pullback(gyrostat.SYSTEM, lambda M, P, g: ((M, P, 0 * P), {"gamma": 0}))
+energy = of_two_fields(gyrostat.energy)
 
 
 def kovalevskaya(M, P, *, c, eps=0):
@@ -57,10 +57,6 @@ def kovalevskaya(M, P, *, c, eps=0):
     m1, m2, w, square = x - eps * z * y / 2, y + eps * z * x / 2, dot(M, P) - z * S[..., 2], dot(P, P)
     J = z * z * (dot(M, M) + 2 * S[..., 0]) + 2 * m1 * w + S[..., 0] * S[..., 0] + S[..., 2] * S[..., 2] - square
     return H * H - J - eps * eps * (w * w - m2 * m2 * square) / 4
-
-
-def lax(M, P, *, c, e, h, lam):
-    return gyrostat.lax(M, P, 0 * P, gamma=0, c=c, e=e, h=h, lam=lam)
 
 
 def pencil(M, P, *, lam, mu, eps):  # 7 x 7
@@ -80,7 +76,9 @@ SYSTEM = System(
     source="Kovalevskaya 1889; Suris 2001, Introduction",
     space=MOVING_SPACE,
     parameters=(),
-    **named(flow, energy, lax),
+    flow=flow,
+    energy=energy,
+    lax=of_two_fields(gyrostat.lax),
     inverse_inertia=top.inverse_inertia,
     derive=lambda: gyrostat.shape(n=np.asarray(3)),
     scaling="Omega = (M_1, M_2, 2 M_3): the moments of inertia are 1, 1, 1/2. With the body values I, I, I/2 and M g l "

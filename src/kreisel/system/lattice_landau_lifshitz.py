@@ -185,8 +185,7 @@ SYSTEM = System(
         Parameter("n", "dimension", "half the number of sites of the ring"),
         Parameter("D", "scalar", "anisotropy: easy axis D > 0, easy plane -1 < D < 0", check_anisotropy, default=0.0),
     ),
-    flow=flow,
-    energy=energy,
+    **named(flow, energy),
     integrals={"transfer": transfer, "magnetization": magnetization},
     commuting=("transfer", "magnetization"),
     map=Map(

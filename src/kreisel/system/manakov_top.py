@@ -8,7 +8,7 @@ from kreisel.algebra.invariants import metric_spectrum
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.conjugate import MANAKOV
 from kreisel.record.checks import distinct
-from kreisel.record.contract import FREE_SPACE, Parameter, System
+from kreisel.record.contract import FREE_SPACE, Parameter, System, named
 from kreisel.system.clebsch_general import quotients
 from kreisel.system.euler_top import energy, flow, inverse_inertia
 
@@ -31,13 +31,10 @@ SYSTEM = System(
         Parameter("a", "vector", "diagonal of A, distinct entries", distinct, distinct=True, diagonal=True),
         Parameter("b", "vector", "diagonal of B", diagonal=True),
     ),
-    flow=flow,
-    energy=energy,
-    inverse_inertia=inverse_inertia,
+    **named(flow, energy, inverse_inertia, lax),
     derive=quotients,
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
-    lax=lax,
     pairs=MANAKOV,
     notes="Only the metric of a body, a = J^2, b = J, has a map here: euler-top. All have method='exact', n = 3 to 5.",
 )

@@ -17,7 +17,7 @@ from kreisel.algebra import bracket, hat, mat, pairing, vec
 from kreisel.algebra.invariants import stack, trace
 from kreisel.algebra.matrices import diagonal
 from kreisel.baecklund.steklov import RUBANOVSKII, halves
-from kreisel.record.contract import Parameter
+from kreisel.record.contract import Parameter, named
 from kreisel.system import steklov_lyapunov
 
 
@@ -71,12 +71,9 @@ SYSTEM = replace(
         Parameter("s", "scalar", "how much of Steklov's H", None, 0.0),
         Parameter("l", "scalar", "how much of Lyapunov's H", None, 1.0),
     ),
-    flow=flow,
-    energy=energy,
-    velocity=velocity,
+    **named(flow, energy, velocity, lax),
     derive=constants,
     integrals={"traces": traces},
-    lax=lax,
     pairs=RUBANOVSKII,
     n=3,
     notes="No explicit map is known; method='exact'.",

@@ -13,7 +13,7 @@ import numpy as np
 
 from kreisel.algebra import dot, vec
 from kreisel.algebra.spins import cross, shifted
-from kreisel.record.contract import Parameter, System
+from kreisel.record.contract import Parameter, System, named
 from kreisel.record.spheres import SPINS_SPACE
 
 
@@ -57,8 +57,7 @@ SYSTEM = System(
     source="Landau, Lifshitz 1935; McLachlan, Modin, Verdier 2014",
     space=SPINS_SPACE,
     parameters=PARAMETERS,
-    flow=flow,
-    energy=energy,
+    **named(flow, energy),
     derive=ends,
     scaling="Any consistent units: S is an angular momentum, H an energy.",
     notes="Not integrable. Where couplings are equal, `heisenberg-chain`, `uniaxial-chain` state the total spin.",
