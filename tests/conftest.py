@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 import gc
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,10 @@ os.environ.setdefault(
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(os.environ["KREISEL_CACHE"]) / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")  # 20 ms an operation, 5 ms from the disk
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # half of XLA's time; pages and examples run all of them
+
+with contextlib.suppress(metadata.PackageNotFoundError):
+    if metadata.version("jax").startswith("0.10."):  # XLA ends the process for flags that it does not know
+        os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")  # half of the rest of its time
 
 import kreisel as kr
 from kreisel import cli

@@ -33,7 +33,7 @@ def case(name: str, n: int, numbers: str, seed: int) -> laws.Case:
 
 @pytest.mark.parametrize(("name", "law", "n", "numbers"), CLAIMS, ids=lambda v: str(v))
 def test_law(name: str, law: str, n: int, numbers: str) -> None:
-    for seed in SEEDS[n]:
+    for seed in SEEDS[n] if FULL or law != "order" else (0,):  # a slope over many steps: half the time of all laws
         verdict = laws.test(laws.LAWS[law], case(name, n, numbers, seed), seed)
         assert verdict.holds, f"{laws.LAWS[law].statement}: residual {verdict.residual:.3g}, seed {seed}"
 
