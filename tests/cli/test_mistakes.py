@@ -23,7 +23,7 @@ GRID: dict[str, Any] = {"dt": 0.1, "steps": 3, "path": "s.zarr", "workers": 0}
 CALLS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda run: kr.simulate(TOP, X0, 0.05, 1000), "Write simulate(system, x0, dt=0.05, steps=1000)"),
     (lambda run: kr.simulate(TOP, X0, steps=10), "expected dt, got none"),
-    (lambda run: kr.simulate(), "Write simulate(system, x0, dt=...)"),
+    (lambda run: kr.simulate(), "Write simulate(system, x0)"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, step=3), "Did you mean 'steps'"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1, steps=3, metod="suris"), "Did you mean 'method'"),
     (lambda run: kr.simulate(TOP, X0, dt=0.1), "steps=..."),

@@ -282,6 +282,8 @@ def _require_units_of_state(model: Model, x0: Mapping[str, Any]) -> None:
 
 def positive_number(value: Any, name: str) -> float:
     """A positive number.  Raises `InputError`."""
+    if value is None:
+        raise InputError(f"expected {name}, got none. Give {name}=..., a positive number.")
     array = algebra.floats(value)
     if array.ndim or not SHORTEST_STEP <= array < np.inf:
         raise InputError(
