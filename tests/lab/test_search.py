@@ -199,8 +199,10 @@ def test_the_found_map_is_that_of_the_record_and_no_other_member_conserves_its_e
         x, P = (np.array([F(int(v), 7) for v in rng.integers(-9, 10, 3)], dtype=object) for _ in range(2))
         M, ours = kr.algebra.hat(x), (kappa, tilt) == (F(-1, 4), (1, 0, 0))
         new = search.spinning(1, tilt, kappa).step(M, P, eps=eps)
-        same = all((a == b).all() for a, b in zip(new, record.step(M, P, e=known["e"], eps=eps), strict=True))
-        before, after = (record.energy(*z, c=known["c"], eps=eps) for z in ((M, P), new))
+        same = all(
+            (a == b).all() for a, b in zip(new, record.SYSTEM.map.step(M, P, e=known["e"], eps=eps), strict=True)
+        )
+        before, after = (record.SYSTEM.energy(*z, c=known["c"], eps=eps) for z in ((M, P), new))
         assert (same, before == after) == (ours, ours)
 
 

@@ -551,7 +551,7 @@ def test_bad_calls_of_sweeps(whole: Path, tmp_path: Path) -> None:
         ({"design": kr.Design()}, "Nothing varies"),
         ({"design": {"grid": alphas}}, r"expected a kr\.Design"),
         ({"design": None}, r"expected a kr\.Design"),
-        ({"workers": -1}, "workers, a number of processes: expected"),
+        ({"workers": -1}, "workers, a number of processes must be"),
         ({"workers": 1, "scheduler": "tcp://127.0.0.1:1"}, "A scheduler has workers"),
         ({"design": kr.Design(together=alphas, rng=1)}, "nothing is drawn"),
         ({"design": kr.Design(together=alphas, draws=1)}, "nothing is drawn"),

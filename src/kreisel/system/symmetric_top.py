@@ -28,7 +28,7 @@ def turn(M, P, *, eps):
 
 
 def to_rest_frame(M, P, g, *, A):
-    return (-M, P), {"p": A, "alpha": 1 + 0 * A[..., 0]}
+    return (-M, P), {"p": A, "alpha": 1 + dot(A, 0 * A)}  # not by an entry: vectors of large n have none
 
 
 of_rest_frame = pullback(lagrange_top.SYSTEM, to_rest_frame)
