@@ -235,6 +235,19 @@ def test_series_are_those_of_the_worst_lane(top: System) -> None:
     assert (found["casimir[1]"].values == run.casimir.values[:, 3, 1]).all()
 
 
+def test_lanes_with_constants_of_their_own_are_measured(top: System, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps by pairs have constants for each lane, which the measure of some lanes lacks: its places are others."""
+    angle = np.linspace(0.1, 3.0, 80)[:, None] * [1.0, 2.0, 3.0]
+    start = top.state(m=1.5 * np.sin(angle), a=[0.6, 0, 0.8])
+    every = kr.simulate(top, start, dt=0.05, steps=2, method="baecklund")
+    monkeypatch.setattr(drift, "MANY_LANES", 79)
+    some = kr.simulate(top, start, dt=0.05, steps=2, method="baecklund")
+    for name in ("casimir", "energy", "spectrum", "noether"):
+        for key in drift.SCALES:
+            largest = drift.lane_scales(every[name], key).max(0)
+            np.testing.assert_allclose(some[name].attrs[key], largest, rtol=1e-12)
+
+
 def test_lanes_of_a_sweep_shout(top: System, x0: object, tmp_path: Path, strict: None) -> None:
     """One lane has a step that is far too long; momenta of 1e-9 and a top at rest are right."""
     states = {"state.m[2]": [1.5, 1e-9, 0.0, 1.5], "run.dt": [0.05, 0.05, 0.05, TOO_LONG]}

@@ -413,7 +413,8 @@ def row_function(
         inputs |= {"c": (count_of(columns), False)} if columns else {}
         return outputs_by_rows(outputs.graph, outputs.values, inputs), len(outputs.values), outputs.places
 
-    code = reused(None if scheme.definition_key is None else (*name, scheme.definition_key), make)
+    # the code has the places of the constants, which a scheme without those of its trajectories lacks in part
+    code = reused(None if scheme.definition_key is None else (*name, tuple(columns), scheme.definition_key), make)
     if code is None:
         return None
     kernel, count, places = code
