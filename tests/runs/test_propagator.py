@@ -82,6 +82,18 @@ def test_steps_are_those_of_a_run(name: str, n: int, method: str, order: int | N
         assert (p.steps(x, 250) == flat(last)).all()  # by an engine that was used before
 
 
+def test_steps_in_other_variables_are_those_of_a_run() -> None:
+    """Neumann's exact steps are in (M, P): their constants belong to the (x, q) that a call is given."""
+    model, state = case("neumann", 3)
+    start, p = np.concatenate([state[letter] for letter in ("x", "q")]), kr.propagator(model, method="exact", dt=0.02)
+    run = kr.simulate(model, state, dt=0.01, steps=7, method="exact", observe=[])
+    between = kr.simulate(model, state, dt=0.02, times=[0.05, 0.07], method="exact", observe=[])
+    expected = np.concatenate([run.x.values, run.q.values], -1)
+    assert abs(p.steps(start, 3) - expected[6]).max() < 1e-14
+    assert abs(p.to(np.array([start, start]), 0.07) - expected[7]).max() < 1e-14
+    assert abs(np.concatenate([between.x.values, between.q.values], -1) - expected[[5, 7]]).max() < 1e-14
+
+
 def test_times_are_those_of_kr_at(top: Any) -> None:
     p = kr.propagator(top, method="exact", observe=["energy"])
     x, times = np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8]), [0.0, -3.7, 1e6]

@@ -171,7 +171,10 @@ class Stepper:
 
     def _idle(self, z: Floats, steps: int, every: int, scheme: Scheme) -> Engine:
         if scheme.trajectory is not None:
-            scheme = scheme.on(algebra.restore(z, scheme.kinds, scheme.n), points)
+            x0 = algebra.restore(z, scheme.kinds, scheme.n)
+            if scheme.components[0][0] not in self.forms.letters:  # other variables than those of the state
+                x0 = self.forms.components(self.forms.observed(z[None])[0, :, : self.forms.size])
+            scheme = scheme.on(x0, points)
         try:
             engine = self._at_rest[len(z)].pop()
             if engine.begin(z, scheme, steps):
