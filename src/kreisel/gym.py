@@ -57,7 +57,7 @@ class Attitude(vector.VectorEnv[Array, Array, Array]):
             raise InputError(f"actuator: expected torque, dipole, or with wheels wheel_torque, got {shown(name)}.")
         convert_fields(self, positive=True, limit=COMMANDS[name], rates="rad/s", every="s", duration="s")
         counts = {"num_envs": self.num_envs, "duration over every": round(self.duration / self.every)}
-        _, self._steps = (within(count, key, 1, 10**6) for key, count in counts.items())
+        self.num_envs, self._steps = (within(count, key, 1, 10**6) for key, count in counts.items())
         laws: Any = (lambda command: {name: command, "command": command},)  # the memory has the actions
         laws += (lambda command, field: {name: command, "command": command, "seen": field},)
         memory = {"command": np.zeros(size)} | ({"seen": np.zeros(3)} if sees else {})

@@ -18,7 +18,7 @@ AT_REST = {"attitude": (1.0, 0.0, 0.0, 0.0), "spin": (0.0, 0.0, 0.0)}
 
 def environment(actuator: str = "torque", **more: Any) -> Any:
     usual = {"satellite": BUS, "limit": LIMIT, "actuator": actuator, "duration": 20.0, "rates": 0.02}
-    return kr.gym.Attitude(LANES, **{**usual, **more})
+    return kr.gym.Attitude(**{"num_envs": LANES, **usual, **more})
 
 
 def after(envs: Any, action: np.ndarray, steps: int) -> np.ndarray:
@@ -78,7 +78,7 @@ def test_the_interface_of_gymnasium() -> None:
     envs = environment(target=(0.0, 1.0, 0.0, 0.0))
     seen, info = envs.reset(seed=3)
     assert envs.observation_space.contains(seen) and info == {} and (seen[:, 0] >= 0).all()
-    again, _ = environment(target=(0.0, 1.0, 0.0, 0.0)).reset(seed=3)
+    again, _ = environment(num_envs=float(LANES), target=(0.0, 1.0, 0.0, 0.0)).reset(seed=3)
     assert (seen == again).all() and not (envs.reset()[0] == seen).any()
     for k in range(20):
         seen, reward, terminated, truncated, _ = envs.step(envs.action_space.sample())
