@@ -361,8 +361,12 @@ def test_step_and_order_by_default() -> None:
     assert short.attrs["dt"] == 5 and "expected_error" not in json.loads(short.attrs["options"])
     sampled = Satellite(body.inertia, LOW, control=kr.Control(lambda rates: {"torque": -1e-5 * rates}, every="2 s"))
     assert kr.simulate(sampled, sampled.state(spin), t_end="1 min", progress=False).attrs["dt"] == 2
-    for options in ({"steps": 5}, {"t_end": 60.0, "order": 4}, {"t_end": 60.0, "every": 5}, {"times": [1.0, 2.0]}):
+    rows = [{"t_end": 60.0, "every": count} for count in (5, np.int64(5))]
+    for options in ({"steps": 5}, {"t_end": 60.0, "order": 4}, *rows, {"times": [1.0, 2.0]}):
         with pytest.raises(kr.InputError, match="dt: expected the step"):
+            kr.simulate(body, start, progress=False, **options)
+    for options in ({"t_end": -60.0}, {"t_end": 0.0}, {"t_end": 60.0, "t_start": 90.0}):
+        with pytest.raises(kr.InputError, match=r"^t_end"):
             kr.simulate(body, start, progress=False, **options)
     free = kr.physical.FreeBody(body.inertia)
     with pytest.raises(kr.InputError, match="dt: expected the step"):

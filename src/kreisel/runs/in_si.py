@@ -441,12 +441,12 @@ def _usual_step(model: Model, frame: BodyFrame, asked: Mapping[str, Any]) -> dic
     placed = record is not None and record.environment is not None
     if placed and record.sampled and record.control is not None:  # type: ignore[union-attr]
         return {"dt": record.control.every}  # type: ignore[union-attr]
-    if not placed or end is None or {"order", "times"} & asked.keys() or isinstance(every, int | float):
+    if not placed or end is None or {"order", "times"} & asked.keys() or isinstance(every, int | float | np.integer):
         raise InputError(
             "dt: expected the step, a duration such as '1 ms', got none. Without it a satellite needs t_end and no "
             "order, times or number of steps: dt and order are then chosen for an error of 1e-6 rad."
         )
-    length = (end - asked.get("t_start", 0.0)) / 1000  # rows
+    length = abs(end - asked.get("t_start", 0.0)) / 1000 or 1.0  # rows; an end before the start is refused later
     return {"dt": length if every is None else duration(frame, every, "every"), "every": 1, "order": "auto"}
 
 
