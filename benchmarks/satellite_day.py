@@ -2,7 +2,8 @@
 
     python benchmarks/satellite_day.py [NAME ...]
 
-Prints the largest angle to the equations at 24 rows, rad, and the error that the run expects.  The equations: those of
+The largest angle to the equations at 24 rows, rad, and the error that the run expects, into
+benchmarks/results/satellite_day.json; a quarter of an hour.  The equations: those of
 Euler in the body axes with a quaternion, Kepler's by Newton's method; Kreisel's are only inertia tensors and plates.
 """
 
@@ -15,6 +16,7 @@ import time
 from typing import Any
 
 import numpy as np
+from cases import RESULTS, machine
 from scipy.integrate import DOP853
 
 import kreisel as kr
@@ -112,7 +114,9 @@ def by_equations(body: Satellite, spin: Any, rows: Any) -> Any:
 
 
 def main() -> None:
-    """Print a line for each case."""
+    """Print and write a row for each case."""
+    file = RESULTS / "satellite_day.json"
+    rows = json.loads(file.read_text())["cases"] if file.exists() else {}
     for name in sys.argv[1:] or CASES:
         make, spin = CASES[name]
         body, begun = make(), time.process_time()
@@ -121,10 +125,10 @@ def main() -> None:
         truth, q = by_equations(body, spin, run.time.values), run.attitude.values
         off = np.minimum(*(np.linalg.norm(q - s * truth, axis=1) for s in (1, -1)))
         expected = json.loads(run.attrs["options"])["expected_error"]
-        angle = 4 * np.arcsin(off.max() / 2)
-        print(
-            f"{name:10s} dt {run.attrs['dt']:.3g} s, off {angle:.1e} rad, expected {expected:.1e}, {seconds:.1f} s CPU"
-        )
+        angle, dt = float(4 * np.arcsin(off.max() / 2)), float(run.attrs["dt"])
+        rows[name] = {"dt": dt, "off": angle, "expected": expected, "seconds": seconds}
+        print(f"{name:10s} dt {dt:.3g} s, off {angle:.1e} rad, expected {expected:.1e}, {seconds:.1f} s CPU")
+        file.write_text(json.dumps({"machine": machine(), "cases": rows}, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -127,6 +127,25 @@ def gpu_diffrax() -> str:
     return _table(["10⁵ tops to T = 100", "seconds", "largest error"], rows)
 
 
+def satellite_day() -> str:
+    """Satellites after a day at default settings, against their equations."""
+    names = {"gravity": "gravity, 1.5 degrees per second", "fast": "gravity, 8 degrees per second",
+             "eccentric": "gravity, e = 0.7", "dipole": "magnetic dipole, e = 0.02",
+             "light": "sunlight from a fixed direction", "air": "air of 5·10⁻¹³ kg/m³"}  # fmt: skip
+    rows = [
+        [
+            names[name],
+            f"{row['dt']:.2g} s",
+            f"{row['off']:.0e} rad",
+            f"{row['expected']:.0e}",
+            f"{row['seconds']:.2g} s",
+        ]
+        for name, row in _result("satellite_day")["cases"].items()
+    ]
+    head = ["box or 3U CubeSat, 500 km", "dt", "off after a day", "`expected_error`", "CPU time with the search"]
+    return _table(head, rows)
+
+
 def calls() -> str:
     """Microseconds of a call of `kr.propagator`, one state and a lane of an ensemble."""
     rows = []
@@ -181,6 +200,7 @@ TABLES = (
     calls,
     code,
     code_single,
+    satellite_day,
 )
 
 if __name__ == "__main__":

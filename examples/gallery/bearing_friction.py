@@ -34,7 +34,7 @@ decay = abs(M3 / (M3[0] * np.exp(-time / LIFE)) - 1).max()
 print(f"M3 against exp(-c t): off by {decay:.1e} over {time[-1]:.0f} s, in which it falls to {M3[-1] / M3[0]:.2f}")
 assert decay < 1e-11  # the rounding of exp(-c h), the same in every step
 
-steady = np.array([wheel.steady_precession(*each)[0] for each in zip(tilt, spin, strict=True)])
+steady, _ = wheel.steady_precession(tilt, spin)
 textbook = wheel.weight_torque / M3
 off, beside = abs(precession / steady - 1).max(), abs(precession / textbook - 1)
 rpm = precession * 60 / (2 * np.pi)

@@ -53,6 +53,10 @@ def _lanes(**values: tuple[Any, str]) -> tuple[Array, ...]:
         raise InputError(f"{', '.join(values)}: expected lanes that fit, got {shapes}.") from None
 
 
+def _plain(x: Any) -> Any:
+    return x if np.ndim(x) else float(x)
+
+
 @explained
 @dataclass(frozen=True, repr=False)
 class Gyroscope(Forced):
@@ -167,7 +171,7 @@ class Gyroscope(Forced):
         """The textbook rate of a fast top, m g l/(I3 w3), rad/s, of each lane.  Raises `InputError` for no spin."""
         (spin,) = _lanes(spin=(spin, RATE))
         si_number(abs(spin).min(), RATE, "|spin|", positive=True)
-        return in_range("The precession", lambda: self.weight_torque / (self.axial_moment * spin))
+        return _plain(in_range("The precession", lambda: self.weight_torque / (self.axial_moment * spin)))
 
     def steady_precession(self, tilt: Any, spin: Any) -> tuple[Any, Any]:
         """The slow and the fast root W of I1 cos(theta) W^2 - I3 w3 W + m g l = 0, rad/s, of each lane.
@@ -186,12 +190,13 @@ class Gyroscope(Forced):
                 f"{2 * math.sqrt(up * self.weight_torque) / self.axial_moment:.6g} rad/s, and not 0."
             )
         with np.errstate(divide="ignore"):
-            return 2 * self.weight_torque / q, np.where(rise == 0, np.copysign(np.inf, q), q / (2 * rise))[()]
+            fast = np.where(rise == 0, np.copysign(np.inf, q), q / (2 * rise))
+        return _plain(2 * self.weight_torque / q), _plain(fast)
 
     def nutation_rate(self, spin: Any) -> Any:
         """The nutation frequency of a fast top, I3 w3/I1, rad/s, of each lane."""
         (spin,) = _lanes(spin=(spin, RATE))
-        return in_range("The nutation", lambda: self.alpha * spin)
+        return _plain(in_range("The nutation", lambda: self.alpha * spin))
 
     @property
     def sleeping_spin(self) -> float:
