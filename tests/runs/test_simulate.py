@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from kreisel import algebra
 from kreisel.algebra.reuse import forget
 from kreisel.lab import exact
 from kreisel.runs import integration as runs
+from kreisel.runs.plan import Plan
 from kreisel.system import REGISTRY
 from sizes import FULL
 
@@ -100,6 +102,21 @@ def test_a_run_that_reuses_the_last_has_its_own_bits(case: str, top: object) -> 
         kr.simulate(top, ONE | {"m": (0.1, np.nan, 1.5)}, dt=0.05, steps=100, **RUNS[case])
     with pytest.raises(kr.InputError, match="project"):
         kr.simulate(top, ONE, dt=0.05, steps=100, project=1, **RUNS[case])
+
+
+def test_plans_that_no_run_reuses_are_not_kept(top: object) -> None:
+    """The states and constants of an ensemble may be a large part of memory."""
+
+    def kept(lanes: int) -> int:
+        gc.collect()
+        return sum(type(each) is Plan and each.lanes == lanes for each in gc.get_objects())
+
+    start = {name: np.tile(value, (77, 1)) for name, value in ONE.items()}
+    kr.simulate(top, start, dt=0.05, steps=1, method="suris")
+    kr.at(top, start, [1.0])
+    assert kept(77) == 0
+    kr.simulate(top, ONE, dt=0.05, steps=1, method="suris")
+    assert kept(1) > 0
 
 
 def test_reference_drifts_and_agrees(top: object, x0: object) -> None:

@@ -103,7 +103,8 @@ def at(
         run = in_memory(plan, [states], wanted * step)
     for name in ("dt", "every"):  # no steps were made, and the rows need not be evenly spaced
         del run.attrs[name]
-    idle.append(plan)
+    if plan.repeatable:
+        idle.append(plan)
     return presented(run, plan.model)
 
 

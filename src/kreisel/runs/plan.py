@@ -148,18 +148,17 @@ class Plan:
                 project=self.settings.project,
             )
 
+    @property
+    def repeatable(self) -> bool:
+        """Whether the plan of one trajectory may be begun again; others are not kept, since they may be large."""
+        unbroken = not (self.batched or self.irregular or self.large or self.settings.t_start)
+        return unbroken and self.general is not None and not self.general.corrector
+
     @cached_property
     def _renew(self) -> Callable[[], bool] | None:
         """The call that computes the constants of another trajectory in the engine; None if there is none."""
         general, engine = self.general, self.engine
-        if (
-            self.batched
-            or self.irregular
-            or self.large
-            or general is None
-            or general.corrector
-            or self.settings.t_start
-        ):
+        if general is None or not self.repeatable:
             return None
         if general.trajectory is None and isinstance(general.motion, Orbits):
             return lambda: True

@@ -110,7 +110,8 @@ def _in_memory(plan: Plan, progress: bool | None, idle: deque[Plan]) -> xr.Datas
     warn_of_arrays(plan)
     with Progress(plan.steps * plan.lanes, progress) as bar:
         run = in_memory(plan, list(Integration(plan, bar.advance).blocks()))
-    idle.append(plan)
+    if plan.repeatable:
+        idle.append(plan)
     return run
 
 
