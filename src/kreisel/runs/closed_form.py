@@ -89,11 +89,10 @@ def at(
         raise InputError("The times of a map are its steps, integers k for the time k dt, got others.")
     from kreisel.kernels.exact.engine import ClosedForm
 
-    reach = float(abs(flat).max())
     asked: dict[str, Any] = {"method": method, "dt": step, "order": order, "observe": observe}
     idle = idle_plans(model, orientation is not None, asked)
     plan = begun_again(idle, model, x0, orientation) or _plan_of_times(model, x0, orientation, **asked)
-    plan.engine = ClosedForm(plan.scheme, plan.first, step, reach)
+    plan.engine = ClosedForm(plan.scheme, plan.first, step, float(abs(flat).max()))
     with np.errstate(all="ignore"):
         states = plan.observe(plan.engine.at(flat))
     if ORIENTATION in states and isinstance(getattr(plan.scheme.orbits, "jump", None), Jump):
