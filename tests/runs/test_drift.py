@@ -248,6 +248,15 @@ def test_lanes_with_constants_of_their_own_are_measured(top: System, monkeypatch
             np.testing.assert_allclose(some[name].attrs[key], largest, rtol=1e-12)
 
 
+def test_lanes_of_large_n_are_measured_in_their_form(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There the part of m that does not act on p is a constant, without rounding errors."""
+    top, draw = kr.LagrangeTop(p=np.eye(12)[-1]), np.random.default_rng(1)
+    start = top.state(m=algebra.skew(draw.normal(size=(20, 66)), 12), a=draw.normal(size=(20, 12)))
+    monkeypatch.setattr(drift, "MANY_LANES", 15)
+    run = kr.simulate(top, start, dt=0.05, steps=2, method="suris")
+    assert run.attrs["engine"] == "large" and not np.any(run.noether.attrs["roundoff_scale"])
+
+
 def test_lanes_of_a_sweep_shout(top: System, x0: object, tmp_path: Path, strict: None) -> None:
     """One lane has a step that is far too long; momenta of 1e-9 and a top at rest are right."""
     states = {"state.m[2]": [1.5, 1e-9, 0.0, 1.5], "run.dt": [0.05, 0.05, 0.05, TOO_LONG]}

@@ -65,6 +65,7 @@ class Gpu:
         array.set(np.ascontiguousarray(values, dtype=array.dtype))
 
     def compiled(self, key: tuple[Any, ...], arguments: int, body: Body) -> Any:
+        key = self._cupy.cuda.Device().id, *key
         if key not in self._kernels:
             text = ptx(arguments, body, self._cupy.cuda.Device().compute_capability)
             with tempfile.TemporaryDirectory() as folder:  # CuPy reads PTX only from files

@@ -426,14 +426,16 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
                       first block
     evaluation_scale  in one evaluation from a state: the size of the value, or its noise if that is larger
 
-    Of more than 4096 lanes, 512 are measured and those of the largest states and integrals.
+    Of more than 4096 lanes, 512 are measured and those of the largest states and integrals; of lanes that act on each
+    other, and in the form of large n, all are, by fewer samples.
     """
-    many = plan.lanes > MANY_LANES and plan.scheme.coupling is None
+    many = plan.lanes > MANY_LANES and plan.scheme.coupling is None and plan.large is None
     if many:
         plan, first = _of_some_lanes(plan, first)
     z, n = _sampled_rows(plan, first), plan.model.n
     samples = SAMPLES if n <= MANY_SAMPLES_N else max(2, 16 * SAMPLES // n)  # every coordinate counts
     starts, component = _components(tuple(plan.kinds), n)
+    samples = samples if many else max(1, min(samples, SAMPLES * MANY_LANES // plan.lanes))
     by = (_nudges if z.size <= MANY_LANES else _nudges.__wrapped__)(samples, z.shape)
     by = by * np.maximum.reduceat(abs(z), starts, -1)[..., component]  # the largest coordinate of each component
     values, places = _integrals(plan, (z + by).reshape(-1, *z.shape[1:]))
