@@ -201,12 +201,12 @@ def code(
     """
     from kreisel.languages.source import code as text_of
 
-    given = dict(output.parameter_of(text) for text in values or ())
+    parameters = dict(output.parameter_of(text) for text in values or ())
     shape = {"link": link, "length": length, "density": density, "mass": mass}
-    free = _free_body(subject, given, {k: v for k, v in shape.items() if v is not None})
+    free = _free_body(subject, parameters, {k: v for k, v in shape.items() if v is not None})
     asked: dict[str, Any] = {"dt": dt, "method": method, "order": order, "name": name, "single": single}
     if free is None:
-        free, asked["x0"] = _example_or_run(subject, given, asked, n, orientation)
+        free, asked["x0"] = _example_or_run(subject, parameters, asked, n, orientation)
     asked["dt"] = 1 / 60 if asked["dt"] is None else asked["dt"]
     if language != "fmu":
         print(text_of(free, language=language, convention=convention, **asked), end="")

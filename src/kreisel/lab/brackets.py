@@ -267,7 +267,7 @@ def counted(
     isospectral: bool | None = None,
 ) -> Lax:
     """Ranks and brackets of the gradients G (rows, d) at x modulo p, and of H, which has further ones."""
-    known = subject.tensor is not None
+    poisson = subject.tensor is not None
     tensor = np.eye(subject.dim, dtype=object)
     if subject.tensor is not None:
         tensor = residues_at(np.asarray(subject.tensor(x), dtype=object), 1, p)[0].astype(object)
@@ -280,10 +280,10 @@ def counted(
         rank=modular.rank(G, p),
         on_leaf=modular.rank(fields, p),
         with_more=with_more,
-        torus=with_more - modular.rank(more @ H.T % p, p) if known else 0,
+        torus=with_more - modular.rank(more @ H.T % p, p) if poisson else 0,
         equation=equation,
         isospectral=isospectral,
-        involution=not (fields @ G.T % p).any() if known else None,
+        involution=not (fields @ G.T % p).any() if poisson else None,
     )
 
 

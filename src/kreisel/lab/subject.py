@@ -297,10 +297,10 @@ def on_group(step: Function, n: int, frame: str, eps: Any, options: Mapping[str,
 
         return on_state
 
-    given = {name: of_state(name, f) for name, f in functions.items()}
-    flow, name = given.pop("flow", None), getattr(step, "__name__", "step")
+    parts = {name: of_state(name, f) for name, f in functions.items()}
+    flow, name = parts.pop("flow", None), getattr(step, "__name__", "step")
     space, title = MOVING_SPACE if frame == "moving" else REST_SPACE, "a user-defined map"
-    mapped = Map(**given)
+    mapped = Map(**parts)
     system = System(name, title=title, equations="", source="", scaling="", space=space, flow=flow, map=mapped, n=n)
     return subject(system(), eps=eps)
 

@@ -56,8 +56,8 @@ class Setting:
         """A random case of a system, of an explicit map with a step of either sign, of a top with alpha of either sign."""
         case = laws.drawn_case(system, self.n, self.numbers, self.draw)
         if "alpha" in case.model.params:
-            own = {**case.model.params, "alpha": -self.sign * abs(case.model.params["alpha"])}
-            case = replace(case, model=case.system(**own))
+            parameters = {**case.model.params, "alpha": -self.sign * abs(case.model.params["alpha"])}
+            case = replace(case, model=case.system(**parameters))
         back = case.system.map is not None and case.system.map.rational and self.scalar() < 0
         return replace(case, eps=-case.eps) if back else case
 
