@@ -91,7 +91,8 @@ def __getattr__(name: str) -> Any:
         return value
     if name in NAMED:  # __init__.pyi lists them for editors and type checkers
         return NAMED[name]
-    raise AttributeError(f"module 'kreisel' has no attribute {name!r}.{hint(name, __all__)}")
+    message = f"module 'kreisel' has no attribute {name!r}.{hint(name, __all__)}"
+    raise AttributeError(message, name=name, obj=None)  # without an object Python adds no second hint
 
 
 def __dir__() -> list[str]:

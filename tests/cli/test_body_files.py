@@ -54,7 +54,7 @@ def mistakes(text: str) -> list[str]:
 def test_every_body_has_a_file_that_plans() -> None:
     assert kinds().keys() == SAMPLES.keys()
     for name in SAMPLES:
-        text = text_of_body(name, Path("x.toml"), "# Written by `kreisel new`")
+        text = text_of_body(name, Path("x.toml"))
         assert max(map(len, text.split("\n"))) <= 120
         asked = parse(tomllib.loads(text))
         settings = {"dt": asked.run.dt, "steps": asked.run.steps, "every": asked.run.every, "order": asked.run.order}
@@ -64,7 +64,7 @@ def test_every_body_has_a_file_that_plans() -> None:
 
 def test_the_states_are_those_that_their_comments_say() -> None:
     def parts(name: str) -> tuple[Any, Any]:
-        tables = tomllib.loads(text_of_body(name, Path("x.toml"), "#"))
+        tables = tomllib.loads(text_of_body(name, Path("x.toml")))
         faults = Faults()
         reader = Reader(faults)
         body = reader.body(tables["body"])
@@ -368,14 +368,14 @@ def test_all_mistakes_of_a_binary() -> None:
 def test_without_pint(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pint", None)
     kr.units.registry.cache_clear()
-    found = mistakes(text_of_body("gyroscope", Path("x.toml"), "#"))
+    found = mistakes(text_of_body("gyroscope", Path("x.toml")))
     assert len(found) == 1 and "pip install 'kreisel[units]'" in found[0]
     monkeypatch.undo()
     kr.units.registry.cache_clear()
 
 
 def test_impulses_of_no_kind() -> None:
-    text = text_of_body("free-body", Path("x.toml"), "#").replace("[run]", "[run]\nimpulses = -1")
+    text = text_of_body("free-body", Path("x.toml")).replace("[run]", "[run]\nimpulses = -1")
     assert "impulses: expected a dict" in mistakes(text)[0]
 
 
@@ -407,14 +407,14 @@ def test_tables_of_no_body(text: str, said: str) -> None:
 
 
 def test_a_sweep_begins_from_a_body() -> None:
-    text = text_of_body("free-body", Path("x.toml"), "#").replace("# figure", "#")
+    text = text_of_body("free-body", Path("x.toml")).replace("# figure", "#")
     description, _, _ = parse_sweep(tomllib.loads(f'{text}\n[sweep.grid]\n"state.M[0]" = [0.1, 0.2]'))
     assert description["system"]["name"] == "euler-top" and description["run"]["dt"] == 0.002
     assert description["body"]["units"]["time"][1] == 1.0 and len(description["state"]["orientation"]) == 4
 
 
 def test_a_sweep_over_values_of_a_body() -> None:
-    text = text_of_body("free-body", Path("x.toml"), "#").replace("# figure", "#")
+    text = text_of_body("free-body", Path("x.toml")).replace("# figure", "#")
     table = 'body.mass = ["900 g", "1.8 kg"]\n"state.spin[1]" = ["60 rpm", "120 rpm", "180 rpm"]'
     description, _, _ = parse_sweep(tomllib.loads(f"{text}\n[sweep]\n{table}"))
     spec = description["sweep"]
@@ -431,7 +431,7 @@ def test_a_sweep_over_values_of_a_body() -> None:
 
 
 def test_a_map_over_the_shape_of_a_moon() -> None:
-    text = text_of_body("binary", Path("x.toml"), "#").replace("# figure", "#")
+    text = text_of_body("binary", Path("x.toml")).replace("# figure", "#")
     table = '"body.secondary.diameters[0]" = ["180 m", "190 m"]\n'
     table += '"body.secondary.diameters[2]" = ["100 m", "110 m", "120 m"]'
     description, _, _ = parse_sweep(tomllib.loads(f"{text}\n[sweep]\n{table}\nstate.eccentricity = [0, 0.1]"))

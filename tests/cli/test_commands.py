@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+import typer
 
 import kreisel as kr
 from kreisel import cli
@@ -84,9 +85,17 @@ def test_version_and_completion(command: Commands, monkeypatch: pytest.MonkeyPat
     )  # Typer's own, for tests: no shell to look for
     code, out, _ = command("--show-completion", "bash")
     assert code == 0 and "complete" in out
-    from kreisel.cli.output import method_names, system_names
-
-    assert "clebsch-body" in system_names("cle") and method_names("mid") == ["midpoint"]
+    commands: Any = typer.main.get_command(cli.app)
+    for word, begun, name in (
+        ("systems", "cle", "clebsch-body"),
+        ("methods", "mid", "midpoint"),
+        ("new", "gyro", "gyroscope"),
+        ("checkcase", "tumb", "tumbling-brick"),
+    ):
+        subject = commands.commands[word]
+        context = subject.make_context(word, [], resilient_parsing=True)
+        names = [item.value for item in subject.params[0].shell_complete(context, begun)]
+        assert name in names and all(each.startswith(begun) for each in names)
 
 
 def test_home(command: Commands, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -145,6 +154,13 @@ def test_the_size_of_an_archive_is_as_estimated(tmp_path: Path) -> None:
     kr.simulate(TOP, X0, **settings, path=tmp_path / "run.zarr")
     files = (f for f in (tmp_path / "run.zarr").rglob("*") if f.is_file() and "engine" not in f.parts)
     assert least < sum(f.stat().st_size for f in files) < 1.5 * likely
+
+
+def test_a_figure_that_cannot_be_saved_leaves_no_output(command: Commands) -> None:
+    (command.folder / "file").touch()
+    code, out, message = command("run", "run.toml", "--json", "--set", "output.figure=file/run.png")
+    assert (code, out) == (2, "") and "file/run.png could not be written" in message
+    assert (command.folder / "run.zarr").is_dir()
 
 
 def test_no_room_on_the_disk(command: Commands, monkeypatch: pytest.MonkeyPatch) -> None:

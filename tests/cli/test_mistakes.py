@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable
 from fractions import Fraction
@@ -362,6 +363,14 @@ def test_no_private_name_and_no_name_itself_is_suggested() -> None:
     with pytest.raises(AttributeError) as error:
         TOP.derived  # noqa: B018
     assert "_derived" not in str(error.value)
+
+
+@pytest.mark.parametrize("call", [lambda: kr.simulte, lambda: TOP.stat])
+def test_python_adds_no_second_suggestion(call: Callable[[], Any], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(AttributeError) as error:
+        call()
+    sys.__excepthook__(error.type, error.value, None)
+    assert capsys.readouterr().err.count("Did you mean") == 1
 
 
 def test_the_command_warns_without_its_source(

@@ -9,6 +9,9 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+import kreisel
 from kreisel.cli.output import AsJson, OverwriteFile, a_path, app, arg, opt, print_json, save_picture, say
 from kreisel.errors import InputError
 
@@ -19,16 +22,9 @@ DIGITS = 20  # digits of the printed exact motion
 AXES = {3: "xyz", 4: "wxyz"}
 
 
-def case_names(begun: str) -> list[str]:
-    """The check cases whose names begin with `begun`, for the shell."""
-    from kreisel.checkcases import cases
-
-    return [name for name in cases() if name.startswith(begun)]
-
-
 @app.command()
 def checkcase(
-    name: str | None = arg("A check case; none: list them.", case_names),
+    name: str | None = arg("A check case; none: list them.", lambda: kreisel.checkcases.cases()),
     at: list[float] | None = opt("A time in s at which the state is printed."),
     table: Path | None = a_path("Write the exact motion as CSV; columns are named with units.", "--csv"),
     rows: int = opt("Rows of the CSV.", default=301, min=2, max=1_000_000),
@@ -46,8 +42,7 @@ def checkcase(
     overwrite: OverwriteFile = False,
 ) -> None:
     """Print exact motions, or grade a simulator: kreisel checkcase tumbling-brick --grade mine.csv."""
-    from kreisel import checkcases
-
+    checkcases = kreisel.checkcases
     if name is None:
         if at or table or grade or figure:
             raise InputError("kreisel checkcase: expected the name of a case; `kreisel checkcase` lists them.")
@@ -74,10 +69,10 @@ def checkcase(
 
 
 def _print(case: Case, at: list[float], as_json: bool) -> None:
-    times = [Fraction(t) for t in at] or [case.duration]
-    from kreisel.checkcases.exactly import exact
+    from kreisel.checkcases.exactly import UNITS, exact, unit_of
     from kreisel.checkcases.motion import CERTAINTY
 
+    times = [Fraction(t) for t in at] or [case.duration]
     states = [case.exact(time) for time in times]
     if as_json:
         motion = [
@@ -90,7 +85,9 @@ def _print(case: Case, at: list[float], as_json: bool) -> None:
     print(textwrap.fill(case.about, 100))
     print(f"Source: {case.source}\n")
     for key, text in case.numbers.items():
-        say(f"  {key.replace('_', ' '):20} {text}{_in_si(text)}")
+        values = np.atleast_1d(exact(text))
+        in_si = f"  = {' '.join(f'{float(v):.10g}' for v in values)} in SI" if UNITS[unit_of(text)] != 1 else ""
+        say(f"  {key.replace('_', ' '):20} {text}{in_si}")
     say(f"  {'duration':20} {float(case.duration):g} s")
     say("  Angular velocity along the body axes; attitude a unit quaternion (w, x, y, z), body to space.")
     for time, (state, bounds) in zip(times, states, strict=True):
@@ -100,19 +97,9 @@ def _print(case: Case, at: list[float], as_json: bool) -> None:
             say(f"  angular velocity {letter}   {text:>24} rad/s   {in_degrees:>24} deg/s")
         for letter, text in zip("wxyz", _texts(state[3:7]), strict=True):
             say(f"  attitude {letter}           {text:>24}")
-
     print(f"\n{textwrap.fill(f'{case.digits} digits are certain: {CERTAINTY}.', 100)}")
     for answer in case.answers(case):
         say(f"  {answer.meaning}: {answer.value:.15g} {answer.unit}   ({answer.source})")
-
-
-def _in_si(text: str) -> str:
-    from kreisel.checkcases.exactly import UNITS, exact, unit_of
-
-    value, other = exact(text), UNITS[unit_of(text)]
-    if other == 1:
-        return ""
-    return f"  = {' '.join(f'{float(v):.10g}' for v in (value if isinstance(value, list) else [value]))} in SI"
 
 
 def _texts(values: list[Fraction]) -> list[str]:
@@ -224,8 +211,6 @@ def files_of(name: str, toml: Path, python: Path, head: str) -> dict[Path, str]:
 
 
 def _as_system(case: Case, kind: str) -> tuple[str, dict[str, Any], dict[str, Any]]:
-    import numpy as np
-
     p, w = case.numeric(), np.array([float(v) for v in case.angular_velocity])
     inertia = np.array(p["I"])
     J, momentum = np.trace(inertia) / 2 * np.eye(3) - inertia, inertia @ w

@@ -119,9 +119,8 @@ def parse_sweep(
     if varied:  # [sweep] body.mass = [...] is a grid
         spec["grid"] = {**spec.get("grid", {}), **varied}
     tables["sweep"] = spec
-    _check_keys(tables["sweep"], SWEEP, "sweep", faults)
-    _check_keys(tables["run"], SETTINGS, "run", faults)
-    _check_keys(tables["output"], OUTPUT, "output", faults)
+    for section, names in (("sweep", SWEEP), ("run", SETTINGS), ("output", OUTPUT)):
+        _check_keys(tables[section], names, section, faults)
     if "figure" in tables["output"]:
         faults.add("a sweep draws no figure; leave figure out of [output].")
     path = _output_path(tables["output"], "path", faults)
@@ -224,17 +223,14 @@ def _of_system(tables: Mapping[str, Mapping[str, Any]], folder: Path, faults: Fa
     parameters.pop("name", None)
     start = dict(tables["state"])
     orientation = start.pop("orientation", None)
-    if not name:
-        return Subject(name)
-    model: Model | None = None
-    with faults.noted("[system]"):
-        model = load_system(name, file, parameters)(**parameters)
-    if model is None:
-        return Subject(name)
-    with faults.noted("[state]"):
-        state = model.state(**start)
-        return Subject(name, model, state, orientation)
-    return Subject(name, model)
+    subject = Subject(name)
+    if name:
+        with faults.noted("[system]"):
+            subject = Subject(name, load_system(name, file, parameters)(**parameters))
+    if subject.model is not None:
+        with faults.noted("[state]"):
+            return Subject(name, subject.model, subject.model.state(**start), orientation)
+    return subject
 
 
 def _settings(run: Mapping[str, Any], subject: Subject, faults: Faults) -> Settings | None:
@@ -248,9 +244,15 @@ def _settings(run: Mapping[str, Any], subject: Subject, faults: Faults) -> Setti
     try:
         return Settings.checked(**asked)
     except InputError as error:
-        alone = [fault for key in asked for fault in _faults_of(key, asked[key])]
-        for fault in dict.fromkeys(alone or error.args):
-            faults.add(f"[run] {fault}")
+        messages: list[str] = []
+        for key in [key for key in asked if key != "tol"]:  # the mistakes of each setting among others that are usual
+            usual = {"dt": 1.0} if key in ("t_end", "times") else {"dt": 1.0, "steps": 10**9}
+            try:
+                Settings.checked(**{**usual, key: asked[key]})
+            except InputError as alone:
+                messages += alone.args
+        for message in messages or error.args:
+            faults.add(f"[run] {message}")
     return None
 
 
@@ -266,18 +268,6 @@ def _in_the_unit_of_time(asked: Mapping[str, Any], model: Model | None, faults: 
             out[key] = scaled_settings(usual, {"dt": step, key: asked[key]})[key]
             step = asked["dt"] if key == "dt" else step
     return out
-
-
-def _faults_of(key: str, value: Any) -> tuple[str, ...]:
-    """The mistakes of a setting among others that are usual."""
-    usual: dict[str, Any] = {"dt": 1.0, "steps": 10**9}
-    if key in ("t_end", "times"):
-        del usual["steps"]
-    try:
-        Settings.checked(**{**usual, key: value})
-    except InputError as error:
-        return () if key == "tol" else error.args
-    return ()
 
 
 def _tables(data: Mapping[str, Any], known: Sequence[str], faults: Faults) -> dict[str, Mapping[str, Any]]:

@@ -7,7 +7,7 @@ import json
 import sys
 import tempfile
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -152,23 +152,30 @@ SAMPLES = {
 }
 
 
-def text_of_body(name: str, target: Path, head: str) -> str:
+def text_of_body(name: str, target: Path) -> str:
     """The TOML file of a body, ready to run."""
     from kreisel.physical.tables import kinds
 
     sample, kind = SAMPLES[name], kinds()[name]
-    lines = [f"{head} {name}; run it by: kreisel run {target}", *comments(sample.about)]
-    lines += comments(
+    keys = (
         f"Keys of [body] and [state] are arguments of kr.physical.{kind.__name__} and of its state; values without a "
         "unit are in SI, vectors along the body axes."
     )
-    lines += ["", "[body]", f'kind = "{name}"', *_section(sample.body, "body", sample.comments)]
-    used = {*sample.body, "self"}
-    more = [k for k in inspect.signature(kind).parameters if k not in used]
-    lines[lines.index("[body]") + 2 : lines.index("[body]") + 2] = comments(f"more: {', '.join(more)}")
-    lines += ["", "[state]", *_section(sample.state, "state", sample.comments)]
-    lines += ["", "[run]", *_section(sample.run, "run", sample.comments)]
-    lines += ["", "[output]", f'path = "{target.stem}.zarr"', f'# figure = "{target.stem}.png"   # or .pdf, .svg']
+    more = ", ".join(k for k in inspect.signature(kind).parameters if k not in (*sample.body, "self"))
+    tables = {"body": sample.body, "state": sample.state, "run": sample.run}
+    sections = {key: [*_section(table, key, sample.comments)] for key, table in tables.items()}
+    sections["body"] = [f'kind = "{name}"', *comments(f"more: {more}"), *sections["body"]]
+    return _file(name, [sample.about, keys], sections, target)
+
+
+def _file(
+    name: str, about: Iterable[str], sections: Mapping[str, Sequence[str]], target: Path, verb: str = "run"
+) -> str:
+    """A TOML file of sections of lines, with comments in front and the section [output]."""
+    lines = [f"{HEAD} {name}; run it by: kreisel {verb} {target}", *comments(*about)]
+    figure = [f'# figure = "{target.stem}.png"   # or .pdf, .svg'] * (verb == "run")
+    for section, settings in (*sections.items(), ("output", [f'path = "{target.stem}.zarr"', *figure])):
+        lines += ["", f"[{section}]", *settings]
     return "\n".join(lines) + "\n"
 
 
@@ -178,9 +185,7 @@ def _section(table: Mapping[str, Any], section: str, comments: Mapping[str, str]
         if key not in inner:
             yield from commented(f"{key} = {json.dumps(value)}", comments.get(f"{section}.{key}"))
     for key, value in inner.items():
-        yield ""
-        yield f"[{section}.{key}]"
-        yield from _section(value, f"{section}.{key}", comments)
+        yield from ("", f"[{section}.{key}]", *_section(value, f"{section}.{key}", comments))
 
 
 def commented(setting: str, meaning: str | None) -> list[str]:
@@ -197,15 +202,11 @@ def comments(*paragraphs: str) -> list[str]:
 # -- the command ----------------------------------------------------------------------------------------
 
 
-def subject_names(begun: str) -> list[str]:
-    """The bodies and systems whose names begin with `begun`, for the shell."""
-    return [*(name for name in SAMPLES if name.startswith(begun)), *system_names(begun)]
-
-
 @app.command()
 def new(
     name: str | None = arg(
-        "A body: gyroscope, satellite, ...; a system (kreisel systems); with --lagrangian any name.", subject_names
+        "A body: gyroscope, satellite, ...; a system (kreisel systems); with --lagrangian any name.",
+        lambda: (*SAMPLES, *system_names()),
     ),
     case: str | None = arg("A check case, after the name checkcase."),
     out: Path | None = a_path("The file to write, by default NAME.toml.", "--out", "-o"),
@@ -242,7 +243,7 @@ def new(
     elif perturbed:
         files = forced(example(find(name), n), f"my-{name}", target, code)
     elif name in SAMPLES and not swept and n is None:
-        files = {target: text_of_body(name, target, HEAD)}
+        files = {target: text_of_body(name, target)}
     elif name in SAMPLES and name not in KNOWN:
         raise InputError(f"kreisel new: expected a system for --sweep and --n, got the body {name}.")
     else:
@@ -260,38 +261,32 @@ def text_of(sample: Example, target: Path, swept: bool = False) -> str:
     """The TOML file of a run or a sweep."""
     system = sample.model.system
     words = f"{system.title}: {system.equations}.  {system.frame.value.capitalize()} frame.  [{system.source}]"
-    about = comments(words, f"Units: {system.scaling}", *([system.notes] if system.notes else []))
-    about = [f"{HEAD} {system.name}; run it by: kreisel {'sweep' if swept else 'run'} {target}", *about]
-    return _text(sample, about, [f'name = "{system.name}"', *_parameters(system, sample.parameters)], target, swept)
-
-
-def _text(
-    sample: Example, about: list[str], system: list[str], target: Path, swept: bool = False, chosen: Any = None
-) -> str:
-    lines = [*about, "", "[system]", *system, "", "[state]", *_state(sample), "", "[run]"]
-    steps, every = (SWEEP_STEPS, SWEEP_EVERY) if swept else (STEPS, EVERY)
-    lines += commented(f"dt = {sample.dt!r}", "step, in the unit of time")
-    lines += commented(f"steps = {steps:_}", f"or t_end = {steps * sample.dt:g}")
-    lines += commented(f"every = {every}", f"save every {every}th state")
-    lines += _methods(sample) if chosen is None else chosen
-    lines += commented('# observe = ["energy"]', "which Casimirs and integrals to save; default: all")
+    sections = {"system": [f'name = "{system.name}"', *_parameters(system, sample.parameters)], "state": _state(sample)}
+    sections["run"] = _run(sample, _methods(sample), *((SWEEP_STEPS, SWEEP_EVERY) if swept else (STEPS, EVERY)))
     if swept:
-        lines += ["", *_sweep(sample)]
-    stem = Path(target.name).with_suffix("")
-    lines += ["", "[output]", f'path = "{stem}.zarr"']
-    return "\n".join(lines if swept else [*lines, f'# figure = "{stem}.png"   # or .pdf, .svg']) + "\n"
+        sections["sweep"] = _sweep(sample)
+    about = [words, f"Units: {system.scaling}", *([system.notes] if system.notes else [])]
+    return _file(system.name, about, sections, target, "sweep" if swept else "run")
+
+
+def _run(sample: Example, method: list[str], steps: int = STEPS, every: int = EVERY) -> list[str]:
+    return [
+        *commented(f"dt = {sample.dt!r}", "step, in the unit of time"),
+        *commented(f"steps = {steps:_}", f"or t_end = {steps * sample.dt:g}"),
+        *commented(f"every = {every}", f"save every {every}th state"),
+        *method,
+        *commented('# observe = ["energy"]', "which Casimirs and integrals to save; default: all"),
+    ]
 
 
 def _parameters(system: System, values: Mapping[str, Any]) -> list[str]:
     lines: list[str] = []
     for p in system.parameters:
-        meaning = f"{p.kind}: {p.meaning}"
+        meaning, usual = f"{p.kind}: {p.meaning}", p.default.tolist() if hasattr(p.default, "tolist") else p.default
         if p.letter in values:
             lines += commented(f"{p.letter} = {_toml(values[p.letter])}", meaning)
-            continue
-        value = p.default.tolist() if hasattr(p.default, "tolist") else p.default
-        if value is not None and not (isinstance(value, list) and p.kind == "array"):
-            lines += commented(f"# {p.letter} = {_toml(value)}", f"{meaning}; this is the default")
+        elif usual is not None and not (isinstance(usual, list) and p.kind == "array"):
+            lines += commented(f"# {p.letter} = {_toml(usual)}", f"{meaning}; this is the default")
     return lines
 
 
@@ -315,11 +310,11 @@ def _methods(sample: Example) -> list[str]:
     from kreisel.method import METHODS
 
     others = [m.name for m in METHODS.values() if m.applies(sample.model) and m.name != sample.method]
-    orders, default = METHODS[sample.method].order_text, METHODS[sample.method].default
+    method = METHODS[sample.method]
     also = f"; also {', '.join(others)}: `kreisel methods`" if others else ""
     lines = commented(f'# method = "{sample.method}"', f"the default here{also}")
-    if default is not None:
-        lines += commented(f"# order = {_toml(default)}", f"the default; {sample.method} has {orders}")
+    if method.default is not None:
+        lines += commented(f"# order = {_toml(method.default)}", f"the default; {method.name} has {method.order_text}")
     return lines
 
 
@@ -328,7 +323,6 @@ def _sweep(sample: Example) -> list[str]:
     quantity, value = _varied(sample)
     low, high = _ends(value)
     return [
-        "[sweep]",
         *commented('save = ["drift", "extremes", "frequencies"]', 'of each lane; also "trajectories"'),
         "# rng = 1                      # the seed of the draws in [sweep.random]",
         "# draws = 50",
@@ -342,32 +336,32 @@ def _sweep(sample: Example) -> list[str]:
 
 
 def _varied(sample: Example) -> tuple[str, float]:
-    free = not sample.model.system.space.constraints and sample.model.system.perturbation is None
-    for letter, kind in sample.model.system.space.components:
+    """A quantity of the example that may be 0.8 to 1.2 of its value, and the value."""
+    system = sample.model.system
+
+    def allowed(letter: str, *values: Any) -> bool:
+        try:
+            return all(system(**{**sample.parameters, letter: value}) is not None for value in values)
+        except InputError:
+            return False
+
+    free = not system.space.constraints and system.perturbation is None
+    for letter, kind in system.space.components:
         if free and kind == "skew" and sample.model.n == 3:
             place = max(range(3), key=lambda k: abs(sample.state[letter][k]))
             return f'state."{letter}[{place}]"', sample.state[letter][place]
     for letter, value in sample.parameters.items():
-        if isinstance(value, float) and all(_allowed(sample, letter, end) for end in _ends(value)):
+        if isinstance(value, float) and allowed(letter, *_ends(value)):
             return f"system.{letter}", value
     for letter, value in sample.parameters.items():
         *others, last = value if isinstance(value, list) else [None]
-        if isinstance(last, float) and last and all(_allowed(sample, letter, [*others, end]) for end in _ends(last)):
+        if isinstance(last, float) and last and allowed(letter, *([*others, end] for end in _ends(last))):
             return f'system."{letter}[{len(others)}]"', last
     return "run.dt", sample.dt
 
 
-def _ends(value: float) -> tuple[float, float]:
-    low, high = sorted((round(0.8 * value, 12), round(1.2 * value, 12)))
-    return low, high
-
-
-def _allowed(sample: Example, letter: str, value: Any) -> bool:
-    try:
-        sample.model.system(**{**sample.parameters, letter: value})
-    except InputError:
-        return False
-    return True
+def _ends(value: float) -> list[float]:
+    return sorted((round(0.8 * value, 12), round(1.2 * value, 12)))
 
 
 def _toml(value: Any) -> str:
@@ -404,57 +398,38 @@ def forced(sample: Example, name: str, target: Path, code: Path) -> dict[Path, s
     """The two files of a system under forces, tried.  Raises `InputError` for a system that accepts none."""
     from kreisel.cli.configuration import read
     from kreisel.runs.planning import make_plan
-
-    why = ""
-    for method in ("splitting", "dop853"):
-        files = {code: _forces(sample, name), target: _of_forces(sample, name, target, code, method)}
-        with tempfile.TemporaryDirectory() as folder:
-            for path, text in files.items():
-                Path(folder, path.name).write_text(text, encoding="utf-8")
-            try:
-                asked = read(Path(folder, target.name))
-                make_plan(
-                    asked.model, asked.state, dt=asked.run.dt, steps=1, method=method, orientation=asked.orientation
-                )
-            except InputError as error:
-                why = why or str(error).replace(f"{folder}/", "")
-            else:
-                return files
-    raise InputError(f"--perturbed: no forces of this kind for {sample.model.system.name}: {why}")
-
-
-def _size(sample: Example) -> float:
-    """A hundredth of the rate of the motion."""
-    return round(0.0005 / sample.dt, 6)
-
-
-def _forces(sample: Example, name: str) -> str:
     from kreisel.system import NAMED
 
-    system = sample.model.system
+    system, why = sample.model.system, ""
     called = next((title for title, record in NAMED.items() if record is system), None)
     if called is None or sample.model.n != 3:
         raise InputError(f"--perturbed: expected a system of `kreisel systems` with n = 3, got {system.name}.")
     parameters = ", ".join(f"{k}={v!r}" for k, v in sample.parameters.items())
     carried = [system.space.components[place] for place in system.space.carried]
     letters = [letter for letter, kind in carried if kind == "vector"]
-    size = _size(sample)
+    size = round(0.0005 / sample.dt, 6)  # a hundredth of the rate of the motion
     forces = POTENTIAL.format(letters[0]) if letters else TORQUE
-    if letters and system.space.of_body:
-        forces += DAMPING.format(size)
-    return FORCES.format(
-        head=HEAD, title=system.title, sample=f"{called}({parameters})", forces=forces, strength=size, name=name
-    )
-
-
-def _of_forces(sample: Example, name: str, target: Path, code: Path, method: str) -> str:
-    system = sample.model.system
-    about = comments(f"{system.title} under the forces of {code.name}, which is run, because this file names it.")
-    about = [f"{HEAD} {system.name} --perturbed; run it by: kreisel run {target}", *about]
-    strength = commented(f"# strength = {_size(sample)!r}", "the forces' own parameter")
-    lines = [f'file = "{code.name}"', f'name = "{name}"', *strength]
-    chosen = commented(f'method = "{method}"', "the forces and the integrable motion alternate; or dop853")
-    return _text(sample, about, lines, target, chosen=chosen)
+    forces += DAMPING.format(size) if letters and system.space.of_body else ""
+    words = {"head": HEAD, "title": system.title, "sample": f"{called}({parameters})", "name": name}
+    strength = commented(f"# strength = {size!r}", "the forces' own parameter")
+    sections = {"system": [f'file = "{code.name}"', f'name = "{name}"', *strength], "state": _state(sample)}
+    about = [f"{system.title} under the forces of {code.name}, which is run, because this file names it."]
+    for method in ("splitting", "dop853"):
+        chosen = commented(f'method = "{method}"', "the forces and the integrable motion alternate; or dop853")
+        text = _file(f"{system.name} --perturbed", about, {**sections, "run": _run(sample, chosen)}, target)
+        files = {code: FORCES.format(forces=forces, strength=size, **words), target: text}
+        with tempfile.TemporaryDirectory() as folder:
+            for path, text in files.items():
+                Path(folder, path.name).write_text(text, encoding="utf-8")
+            try:
+                asked = read(Path(folder, target.name))
+                settings = {"dt": asked.run.dt, "steps": 1, "method": method, "orientation": asked.orientation}
+                make_plan(asked.model, asked.state, **settings)
+            except InputError as error:
+                why = why or str(error).replace(f"{folder}/", "")
+            else:
+                return files
+    raise InputError(f"--perturbed: no forces of this kind for {system.name}: {why}")
 
 
 LAGRANGIAN = """{head} --lagrangian: a user-defined body by its Lagrangian; it needs the extra reduction (JAX).
@@ -476,24 +451,11 @@ TOP = red.system("{name}", group=red.SO(3), lagrangian=lagrangian, title="{name}
 
 
 def _of_lagrangian(name: str, target: Path, code: Path) -> str:
-    stem = Path(target.name).with_suffix("")
-    return f"""{HEAD} {name} --lagrangian; run it by: kreisel run {target}
-# The Lagrangian is in {code.name}, which is run, because this file names it.  It needs the extra reduction (JAX).
-
-[system]
-file = "{code.name}"
-name = "{name}"
-c = 1.0                      # the Lagrangian's own parameter
-
-[state]
-M = [0.1, 0.2, 1.5]          # axial vector: the angular momentum, in the body
-P = [0.6, 0.0, 0.8]          # 3 values: the vertical, seen from the body
-
-[run]
-dt = 0.05
-steps = 2_000
-every = 2
-
-[output]
-path = "{stem}.zarr"
-"""
+    about = f"The Lagrangian is in {code.name}, which is run, because this file names it; it needs the extra reduction."
+    parameter = commented("c = 1.0", "the Lagrangian's own parameter")
+    momentum = commented("M = [0.1, 0.2, 1.5]", "axial vector: the angular momentum, in the body")
+    vertical = commented("P = [0.6, 0.0, 0.8]", "3 values: the vertical, seen from the body")
+    sections = {"system": [f'file = "{code.name}"', f'name = "{name}"', *parameter], "state": momentum + vertical}
+    return _file(
+        f"{name} --lagrangian", [about], sections | {"run": ["dt = 0.05", "steps = 2_000", "every = 2"]}, target
+    )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,9 +35,13 @@ def opt(text: str, *names: str, default: Any = None, **settings: Any) -> Any:
     return typer.Option(default, *names, help=text, **settings)
 
 
-def arg(text: str, complete: Any = None, default: Any = None) -> Any:
-    """An argument; `complete` has the names that begin with a word, for the shell."""
-    return typer.Argument(default, help=text, autocompletion=complete)
+def arg(text: str, names: Callable[[], Iterable[str]] | None = None, default: Any = None) -> Any:
+    """An argument; the shell completes one of `names`."""
+
+    def begin(begun: str) -> list[str]:
+        return [name for name in (names or list)() if name.startswith(begun)]
+
+    return typer.Argument(default, help=text, autocompletion=begin if names else None)
 
 
 def a_path(text: str, *names: str, default: Any = None) -> Any:
@@ -59,15 +64,14 @@ def _from_home(path: Any) -> Any:
 
 
 def _version(asked: bool) -> None:
-    if not asked:
-        return
-    from importlib.metadata import version
+    if asked:
+        from importlib.metadata import version
 
-    import kreisel
+        import kreisel
 
-    beside = ", ".join(f"{name} {version(name)}" for name in ("numpy", "llvmlite", "xarray", "zarr"))
-    print(f"kreisel {kreisel.__version__} (Python {sys.version.split()[0]}, {beside})")
-    raise typer.Exit
+        beside = ", ".join(f"{name} {version(name)}" for name in ("numpy", "llvmlite", "xarray", "zarr"))
+        print(f"kreisel {kreisel.__version__} (Python {sys.version.split()[0]}, {beside})")
+        raise typer.Exit
 
 
 @app.callback()
@@ -77,18 +81,11 @@ def common(
     """Simulate spinning bodies and keep every first integral to round-off."""
 
 
-def system_names(begun: str) -> list[str]:
-    """The systems whose names begin with `begun`, for the shell."""
+def system_names() -> Iterable[str]:
+    """The names of all systems, for the shell."""
     from kreisel.bodies import KNOWN
 
-    return [name for name in KNOWN if name.startswith(begun)]
-
-
-def method_names(begun: str) -> list[str]:
-    """The methods whose names begin with `begun`, for the shell."""
-    from kreisel.method import METHODS
-
-    return [name for name in METHODS if name.startswith(begun)]
+    return KNOWN
 
 
 def say(text: str, file: Any = None) -> None:
@@ -100,14 +97,12 @@ def parameter_of(text: str) -> tuple[str, Any]:
     """A parameter and its values, from NAME=NUMBERS."""
     from fractions import Fraction
 
-    name, sign, value = text.partition("=")
-    try:
+    name, _, value = text.partition("=")
+    with contextlib.suppress(ValueError, ZeroDivisionError):
         numbers = [Fraction(number) for number in value.split(",")]
-    except (ValueError, ZeroDivisionError):
-        numbers = []
-    if not sign or not name or not numbers:
-        raise InputError(f"--set needs a name and values, such as b=1,2,4 or alpha=1/2, got {shown(text)}.")
-    return name, numbers[0] if len(numbers) == 1 else numbers
+        if name:
+            return name, numbers[0] if len(numbers) == 1 else numbers
+    raise InputError(f"--set needs a name and values, such as b=1,2,4 or alpha=1/2, got {shown(text)}.")
 
 
 def save_picture(picture: Figure, target: Path, overwrite: bool = True) -> None:
@@ -164,10 +159,8 @@ def print_drift(table: pd.DataFrame) -> None:
 
 def records(table: pd.DataFrame | None) -> list[dict[str, Any]]:
     """Rows as plain data; JSON has no infinity, so a change beyond any rounding error has the ratio null."""
-    if table is None:
-        return []
-    rows = table.to_dict("index").items()
-    return [{"integral": str(name), **{str(k): finite(v) for k, v in row.items()}} for name, row in rows]
+    rows = {} if table is None else table.to_dict("index")
+    return [{"integral": str(name), **{str(k): finite(v) for k, v in row.items()}} for name, row in rows.items()]
 
 
 def finite(value: Any) -> Any:

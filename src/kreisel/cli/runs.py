@@ -17,7 +17,7 @@ from kreisel.errors import ConservationWarning, InputError
 from kreisel.process import SPENT
 
 if TYPE_CHECKING:
-    from kreisel.cli.configuration import Config
+    import xarray as xr
 
 ARCHIVE = "The archive, NAME.zarr or NAME.zarr.part."
 MAY_BE_LONG = 1_000_000  # steps times n: from here on a pilot estimates the time
@@ -57,7 +57,8 @@ def run(
     Exit code 3: an invariant of the method is not conserved; the archive is kept.
     """
     from kreisel.cli.configuration import read
-    from kreisel.runs.drift import broken, table_of
+    from kreisel.runs.planning import make_plan
+    from kreisel.runs.progress import estimate
     from kreisel.runs.run_record import RunRecord
     from kreisel.storage.simulate import simulate
 
@@ -68,11 +69,13 @@ def run(
     settings = asked.run.but(project=asked.run.project and project).keywords()
     settings["orientation"] = asked.orientation
     SPENT.clear()
-    _say_how_long(settings, asked)
+    if asked.run.steps * asked.model.n >= MAY_BE_LONG and asked.run.order != "auto":
+        duration = estimate(make_plan(asked.model, asked.state, **settings), asked.path)
+        if duration.seconds > LONG_SECONDS or duration.bytes > LARGE:
+            say(f"{duration.text}; Ctrl-C stops it, `kreisel resume {asked.path}` goes on", file=sys.stderr)
     with catch_warnings(action="ignore", category=ConservationWarning):  # the table and the exit code report it
         result = simulate(asked.model, asked.state, **settings, path=asked.path, overwrite=overwrite)
-    seconds = time.perf_counter() - begun
-    table, record = table_of(result), RunRecord.from_attrs(result.attrs)
+    seconds, record = time.perf_counter() - begun, RunRecord.from_attrs(result.attrs)
     summary = {
         "archive": str(asked.path),
         "figure": str(asked.figure) if figure else None,
@@ -87,41 +90,40 @@ def run(
         "seconds_of_kernels": round(SPENT["kernels"], 3),
         "seconds_of_steps": round(SPENT["steps"], 3),
     }
-    if as_json:
-        print_json({**summary, "drift": output.records(table), "broken": broken(table)})
-    else:
-        say(record.title if asked.is_body else f"{record.title}: {asked.model}")
-        _say_what_was_done(summary, record.pace)
-        output.print_drift(table)
     if figure:
         from kreisel.viewer.plots import plot as drawn
 
         output.save_picture(drawn(result), asked.figure)
-        if not as_json:
-            say(f"figure: {asked.figure}")
-    output.shout(broken(table))
+    title = record.title if asked.is_body else f"{record.title}: {asked.model}"
+    _report(result, summary, [title, *_what_was_done(summary, record.pace)], as_json)
 
 
-def _say_what_was_done(summary: dict[str, Any], pace: str) -> None:
-    if summary["options"]:
-        say(", ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in summary["options"].items()))
-    say(f"{pace} -> {summary['archive']} ({summary['rows']:,} rows)")
+def _what_was_done(summary: dict[str, Any], pace: str) -> list[str]:
+    def text(value: Any) -> str:
+        return f"({', '.join(map(text, value))})" if isinstance(value, list) else f"{value:g}"
+
+    options = ", ".join(f"{name.replace('_', ' ')} {text(value)}" for name, value in summary["options"].items())
     seconds, kernels, steps = summary["seconds"], summary["seconds_of_kernels"], summary["seconds_of_steps"]
-    parts = {"compile or load": kernels, "stepping": steps, "integrals and output": seconds - kernels - steps}
-    shares = (f"{name} {f'{part:.2f}' if part >= 0.01 else '< 0.01'} s" for name, part in parts.items())
-    say(f"Took {seconds:.2f} s: {', '.join(shares)}")
+    uses = {"compile or load": kernels, "stepping": steps, "integrals and output": seconds - kernels - steps}
+    shares = (f"{name} {f'{share:.2f}' if share >= 0.01 else '< 0.01'} s" for name, share in uses.items())
+    done = f"{pace} -> {summary['archive']} ({summary['rows']:,} rows)"
+    return [*filter(None, [options]), done, f"Took {seconds:.2f} s: {', '.join(shares)}"]
 
 
-def _say_how_long(settings: dict[str, Any], asked: Config) -> None:
-    """Print an estimate on stderr before a run that may be long."""
-    if asked.run.steps * asked.model.n < MAY_BE_LONG or asked.run.order == "auto":
-        return
-    from kreisel.runs.planning import make_plan
-    from kreisel.runs.progress import estimate
+def _report(result: xr.Dataset, summary: dict[str, Any], lines: list[str], as_json: bool) -> None:
+    """Print a run and its drift; exit code 3 if an invariant is not conserved."""
+    from kreisel.runs.drift import broken, table_of
 
-    duration = estimate(make_plan(asked.model, asked.state, **settings), asked.path)
-    if duration.seconds > LONG_SECONDS or duration.bytes > LARGE:
-        say(f"{duration.text}; Ctrl-C stops it, `kreisel resume {asked.path}` goes on", file=sys.stderr)
+    table = table_of(result)
+    if as_json:
+        print_json({**summary, "drift": output.records(table), "broken": broken(table)})
+    else:
+        for line in lines:
+            say(line)
+        output.print_drift(table)
+        if summary.get("figure"):
+            say(f"figure: {summary['figure']}")
+    output.shout(broken(table))
 
 
 @app.command()
@@ -131,27 +133,18 @@ def resume(
     as_json: AsJson = False,
 ) -> None:
     """Resume an interrupted run, bit for bit as if it had not been interrupted; or extend a finished run."""
-    from kreisel.runs.drift import broken, table_of
     from kreisel.runs.run_record import RunRecord
     from kreisel.storage.simulate import resume as go_on
 
-    with catch_warnings(action="ignore", category=ConservationWarning):  # the table and the exit code report it
-        result = go_on(archive, extend=_count_or_text(extend))
-    table, record = table_of(result), RunRecord.from_attrs(result.attrs)
-    if as_json:
-        summary = {"archive": str(archive), "steps": record.steps, "drift": output.records(table)}
-        print_json({**summary, "broken": broken(table)})
-    else:
-        say(f"{record.title}: {record.steps:,} steps, {result.sizes['time']:,} rows")
-        output.print_drift(table)
-    output.shout(broken(table))
-
-
-def _count_or_text(text: str | None) -> int | str | None:
     try:
-        return text if text is None else int(text)
+        end: Any = None if extend is None else int(extend)
     except ValueError:
-        return text
+        end = extend
+    with catch_warnings(action="ignore", category=ConservationWarning):  # the table and the exit code report it
+        result = go_on(archive, extend=end)
+    record = RunRecord.from_attrs(result.attrs)
+    line = f"{record.title}: {record.steps:,} steps, {result.sizes['time']:,} rows"
+    _report(result, {"archive": str(archive), "steps": record.steps}, [line], as_json)
 
 
 @app.command(help=SWEEP_HELP)
@@ -347,7 +340,3 @@ def _serve(archive: Path, host: str, port: int, lane: list[int] | None) -> None:
             serving.serve_forever()
         except KeyboardInterrupt:
             print("ended", file=sys.stderr)
-
-
-def _text(value: Any) -> str:
-    return f"({', '.join(map(_text, value))})" if isinstance(value, list) else f"{value:g}"

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import typer
 
+import kreisel
 from kreisel.cli import output
-from kreisel.cli.output import AsJson, a_path, app, arg, method_names, opt, print_json, say, system_names
+from kreisel.cli.output import AsJson, a_path, app, arg, opt, print_json, say, system_names
 from kreisel.errors import InputError, shown
 
 
@@ -24,32 +25,34 @@ def systems(
     from kreisel.cli.new import SAMPLES
     from kreisel.viewer.record import record, summary, table
 
-    if name is not None:
-        system = find(name)
-        print(json.dumps(summary(system), indent=1) if as_json else record(system))
-    elif as_json:
-        print_json([summary(system) for system in KNOWN.values()])
-    else:
-        print(table(KNOWN.values()))
+    _records(name, as_json, find, KNOWN.values(), summary, record, table)
+    if name is None and not as_json:
         print(f"\nThe last {len(BODIES)} are bodies under forces, in SI units and in axes that suit the equations.")
         print(f"Bodies of kr.physical, for `kreisel new NAME` and [body] of a TOML file: {', '.join(SAMPLES)}.")
 
 
+def _records(
+    name: str | None, as_json: bool, find: Any, everything: Iterable[Any], summary: Any, record: Any, table: Any
+) -> None:
+    """Print a record, or a list of all, as text or JSON."""
+    if as_json:
+        print_json([summary(each) for each in everything] if name is None else summary(find(name)))
+    else:
+        print(table(everything) if name is None else record(find(name)))
+
+
 @app.command()
 def methods(
-    name: str | None = arg("One method, for its complete record.", method_names), as_json: AsJson = False
+    name: str | None = arg(
+        "One method, for its complete record.", lambda: [method.name for method in kreisel.methods()]
+    ),
+    as_json: AsJson = False,
 ) -> None:
     """List the methods, or print the record of one."""
     from kreisel.method import METHODS, find
     from kreisel.viewer.record import method_record, method_table
 
-    if name is not None:
-        method = find(name)
-        print(json.dumps(method.summary(), indent=1) if as_json else method_record(method))
-    elif as_json:
-        print_json([method.summary() for method in METHODS.values()])
-    else:
-        print(method_table(METHODS.values()))
+    _records(name, as_json, find, METHODS.values(), lambda method: method.summary(), method_record, method_table)
 
 
 @app.command()
@@ -80,10 +83,10 @@ def verify(
                 n, over_q, floats, verdict = statements.cells(findings[-1])
                 print(f"{statement.name}: {statement.place}\n    {statement.text}")
                 print(f"    n = {n}   over Q: {over_q}   floats: {floats}   {verdict}", flush=True)
+    failing = [finding.statement.name for finding in findings if not finding.holds]
     if as_json:
         print_json([_as_data(finding) for finding in findings])
-    failing = [finding.statement.name for finding in findings if not finding.holds]
-    if not as_json:
+    else:
         errata = sum(finding.statement.printed is not None for finding in findings)
         holding = len(findings) - len(failing)
         say(f"{len(findings)} statements, {holding} hold; {errata} printed forms fail, as they should")

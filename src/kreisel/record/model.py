@@ -204,10 +204,11 @@ class Model:
             raise AttributeError(name)
         if name in self.params:
             raise AttributeError(f"the parameter {name} of {system.name} is .params[{name!r}]")
-        raise AttributeError(
+        message = (
             f"{system.name} has no attribute {name!r}.{hint(name, dir(self))} Functions take it as their first "
             "argument: kr.simulate(system, x0, dt=..., steps=...)."
         )
+        raise AttributeError(message, name=name, obj=None)  # without an object Python adds no second hint
 
     def __reduce__(self) -> Any:
         return Model, (self.system, self.params, self.body_frame)
