@@ -233,7 +233,7 @@ def heavy_top() -> Any:
         (lambda top, p: kr.propagator(top, dt=0.1, observe="energy"), "expected a list of names"),
         (lambda top, p: kr.propagator(3, dt=0.1), "A system with its parameters was expected"),
         (lambda top, p: p.steps(np.zeros(5), 1), "an array of these 6 values"),
-        (lambda top, p: p.steps(np.full(6, np.nan), 1), "expected finite values"),
+        (lambda top, p: kr.propagator(top, dt=0.05).steps(np.full(6, np.nan), 1), "expected finite values"),
         (lambda top, p: p.steps({"m": (1, 2, 3)}, 1), "needs a"),
         (lambda top, p: p.steps({"m": (1, 2, 3), "a": (0, 0, 1), "g": (1, 0, 0, 0)}, 1), "expected no orientation"),
         (lambda top, p: p.steps(np.ones(6), 0), "n must be an integer from 1"),

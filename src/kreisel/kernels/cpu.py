@@ -8,10 +8,8 @@ after the other, except for the forms of `kreisel.kernels.large`.  An ensemble r
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +31,7 @@ from kreisel.graph.recording import (
     recorded_outputs,
     special_constants,
 )
+from kreisel.kernels.chain import Link
 from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.kernels.projection import arrays
 from kreisel.kernels.projection.corrections import ALONE, Corrections, interval
@@ -378,13 +377,10 @@ class RowFunction:
                 named[name] = out[..., place] if shape else out[..., place.start]
         return named
 
-    def bound(self, z: Floats, out: Floats) -> Callable[[], None]:
-        """The call from one array to another, which must live as long."""
-        words = address_of(z), *self._addresses, address_of(out), *z.shape[:2]
-        # half the time of Python's integers; of types that are not checked, and a lock that is not released, 0.8 of it
-        call: Any = ctypes.PYFUNCTYPE(None)(self._kernel.address)
-        call.kernel = self._kernel  # the code lives as long as the call
-        return partial(call, *map(ctypes.c_int64, words))
+    def link(self, z: Floats, out: Floats) -> Link:
+        """The call from one array to another."""
+        constants = (self.constants,) if self._addresses else ()
+        return self._kernel, (z, *constants, out, *z.shape[:2])
 
 
 def row_function(
@@ -502,31 +498,22 @@ def points(scheme: Scheme, x0: tuple[Array, ...], mus: Array) -> Array | None:
     return np.moveaxis(out[..., 1].reshape(len(mus), *lead), 0, -1)
 
 
-def bound_points(scheme: Scheme, engine: SteppedEngine) -> Callable[[], bool] | None:
-    """The call that puts the constants of an engine's only trajectory where its steps read them.
+def point_links(scheme: Scheme, engine: SteppedEngine) -> tuple[list[Link], list[Floats]] | None:
+    """The calls that put the constants of an engine's only trajectory where its steps read them, and these places.
 
-    It tells whether they are finite.  None if other constants depend on the trajectory, for code into which a rho
-    is folded, and for code that is not compiled.
+    None if other constants depend on the trajectory, for code into which a rho is folded, and for code that is not
+    compiled.
     """
     rows = [(True, engine.stages[0])] if engine.stages.size else []
     if "mu" in engine.columns:
         start = engine.columns["mu"].start
         rows.append((False, engine.constants[:, start : start + 2]))  # mu and, behind it, rho
-    columns = {name: engine.columns[name] for name in scheme.constants}
-    calls, mus = list[Callable[[], None]](), [out[:, : out.shape[1] // 2].copy() for _, out in rows]
-    for (pair, out), mu in zip(rows, mus, strict=True):
+    columns, links = {name: engine.columns[name] for name in scheme.constants}, list[Link]()
+    for pair, out in rows:
         kernel = compiled_point(scheme, columns, pair)
         if kernel is None or not {*engine.columns} - {*scheme.constants} <= {"mu", "rho"}:
             return None
-        words = [*map(address_of, (mu, engine.z, engine.constants, out)), len(out), 1]
-        calls.append(partial(kernel.call, *map(ctypes.c_int64, words)))
+        mu = out[:, : out.shape[1] // 2].copy()
+        links.append((kernel, (mu, engine.z, engine.constants, out, len(out), 1)))
     places = [out.ravel() for _, out in rows]
-    if places[-1][-1] in FOLDED:
-        return None
-
-    def put(held: Any = mus) -> bool:
-        for call in calls:
-            call()
-        return math.isfinite(sum(sum(place.tolist()) for place in places))
-
-    return put
+    return None if places[-1][-1] in FOLDED else (links, places)

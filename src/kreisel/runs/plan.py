@@ -13,7 +13,8 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
-from kreisel.kernels.cpu import CpuEngine, bound_points, points
+from kreisel.kernels.chain import Chain
+from kreisel.kernels.cpu import CpuEngine, point_links, points
 from kreisel.kernels.engines import Engine, Rows, corrections, engine_of
 from kreisel.kernels.layout import Floats
 from kreisel.method import Outcome, Scheme, default_method
@@ -164,7 +165,13 @@ class Plan:
             return lambda: True
         if not isinstance(engine, CpuEngine) or (general.trajectory and general.point is None):
             return None
-        return bound_points(general, engine) if general.trajectory else lambda: True
+        if not general.trajectory:
+            return lambda: True
+        links = point_links(general, engine)
+        if links is None:
+            return None
+        chain = Chain(*links)
+        return lambda: math.isfinite(chain())
 
     def begin(self, model: Model, parts: tuple[Array, ...]) -> bool:
         """Begin again from another state, for rows in memory; false if a plan must be made for it.

@@ -7,7 +7,6 @@ rotation about p; over the remaining time it is `count` times D_eps, minus the r
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from typing import Any, NamedTuple
@@ -25,6 +24,7 @@ from kreisel.graph.graph import Graph, Operand, array_of, nearest, where_less
 from kreisel.graph.llvm import DOUBLE, Function, Integer, Lanes, Value
 from kreisel.graph.machine import Kernel, address_of, kernel, register_width
 from kreisel.graph.recording import as_operands, count_of, flat_constants
+from kreisel.kernels.chain import Link
 from kreisel.kernels.exact.elliptic import of_turns
 from kreisel.kernels.exact.nutating import leap
 from kreisel.kernels.exact.rotating import rotated
@@ -243,25 +243,19 @@ def _most(f: Function, count: Value) -> Integer:
     return result
 
 
-class Leap:
-    """A jump of one state, whose memory a kernel has the address of once.
+class Leap(NamedTuple):
+    """Memory of a jump of one state, and the link that makes it.
 
-    z    the state (1, d) at time 0
-    row  the state (1, 1, d) at the time of the call
+    z      the state (1, d) at time 0
+    row    the state (1, 1, d) at `time` (1,)
+    error  (1,), at most TOLERANCE if the row is right
     """
 
-    def __init__(self, jump: Kernel, constants: Floats, d: int):
-        self._room, self._held = np.empty(3 + 2 * d), constants
-        self._room[0] = 1.0  # the unit of time
-        self.z, self.row = self._room[2 : 2 + d].reshape(1, d), self._room[2 + d : 2 + 2 * d].reshape(1, 1, d)
-        words = address_of(self._room), address_of(constants), 0, 1, 1, 1
-        self._call = partial(jump.call, *map(ctypes.c_int64, words))  # half the time of Python's integers
-
-    def __call__(self, time: float) -> bool:
-        """Jump to a time; whether the row is right."""
-        self._room[1] = time
-        self._call()
-        return bool(self._room[-1] <= TOLERANCE)
+    z: Floats
+    row: Floats
+    time: Floats
+    error: Floats
+    link: Link
 
 
 def jumps_of(scheme: Scheme, lanes: int) -> Jumps:
@@ -285,7 +279,9 @@ class Jumps:
 
     def single(self, d: int) -> Leap:
         """A jump of one state of d scalars."""
-        return Leap(self._jump, self._constants, d)
+        room = np.ones(3 + 2 * d)  # the first is the unit of time
+        link = self._jump, (room, self._constants, 0, 1, 1, 1)
+        return Leap(room[2 : 2 + d].reshape(1, d), room[2 + d : -1].reshape(1, 1, d), room[1:2], room[-1:], link)
 
     def at(self, z: Floats, times: Floats, unit: float = 1.0) -> tuple[Floats, Array]:
         """The states (times, lanes, d) from z (lanes, d) at time 0, and which of them are right (times, lanes).

@@ -46,7 +46,7 @@ class StateForms:
         self.size = algebra.coordinate_count(self._kinds, model.n)
         self.places = dict(zip(self.letters, algebra.slices(self._kinds, model.n), strict=True))
         single = not model.batch and pairs_of(model) is None
-        self._single = (self.size,) if single else None  # the shapes of one state that are accepted
+        self.single = (self.size,) if single else None  # the shapes of one state that are accepted
         self._checks = model.system.checks.state
         vectors = all(dict(components)[letter] == "vector" for letter in self._checks)
         free = single and vectors and not model.system.space.constraints
@@ -61,7 +61,7 @@ class StateForms:
 
     def given(self, state: Any) -> tuple[Floats, bool]:
         """A state as rows (lanes, size), and whether it has lanes.  Raises `InputError`."""
-        if type(state) is np.ndarray and state.shape == self._single and state.dtype is DOUBLE and state.flags.carray:
+        if type(state) is np.ndarray and state.shape == self.single and state.dtype is DOUBLE and state.flags.carray:
             if not math.isfinite(sum(state.tolist())):
                 require_finite(state[None])
             return state[None], False

@@ -15,6 +15,7 @@ from kreisel.method import scheme as scheme_of
 from kreisel.method.scheme import Flow, Orbits
 from kreisel.record.calling import keywords
 from kreisel.record.model import Model
+from kreisel.runs.propagation.forms import DOUBLE
 from kreisel.runs.propagation.stepper import AT_ZERO, NONE, Signs, Stepper, number_of
 from kreisel.runs.settings import (
     LARGE,
@@ -80,6 +81,7 @@ class Propagator:
         self._forms, self._by_plan = self._stepper.forms, model.n >= LARGE
         self._known_at_times = scheme.orbits is not None
         self._varied: dict[tuple[str, ...], Stepper] = {}  # for calls with parameters of these names
+        self._shape = self._forms.single  # of an array that needs no other check than of its dtype
         self.letters, self.size, self.dt = self._forms.letters, self._forms.size, settings.dt
         self.places = self._forms.places  # of the components in a state (size,)
 
@@ -107,11 +109,14 @@ class Propagator:
         count = within(n, "n", 1, MOST_STEPS)
         between = None if every is None else within(every, "every", 1, count)
         stepper, given = self._with(parameters) if parameters else (self._stepper, NONE)
-        x, batched = self._forms.given(state)
-        if self._by_plan:
-            found = stepper.by_a_plan(x, count, between)
-        else:
-            found = stepper.steps(x, count, between, time, given)
+        plain = type(state) is np.ndarray and state.dtype is DOUBLE and state.shape == self._shape
+        x, batched = (state, False) if plain else self._forms.given(state)
+        if between is None and (plain or len(x) == 1):
+            y = stepper.steps_at_once(x, count, time, given)
+            if y is not None:
+                return y if plain else self._forms.returned(y[None], state, batched)
+        x, batched = self._forms.given(state) if plain else (x, batched)
+        found = stepper.by_a_plan(x, count, between) if self._by_plan else stepper.steps(x, count, between, time, given)
         return self._forms.returned(found, state, batched)
 
     def _with(self, parameters: Mapping[str, Any]) -> tuple[Stepper, Mapping[str, Array]]:
@@ -156,10 +161,12 @@ class Propagator:
                 f"No closed form of method={self._stepper.scheme.name!r} for {self.model.system.name} is known here. "
                 "Use .steps(state, n), or kr.simulate."
             )
-        if type(times) is float and math.isfinite(times):
-            x, batched = self._forms.given(state)
-            found = self._stepper.at_once(x, times) if len(x) == 1 else self._stepper.at(x, np.array([times]))[0]
-            return self._forms.returned(found, state, batched)
+        if type(times) is float:
+            plain = type(state) is np.ndarray and state.dtype is DOUBLE and state.shape == self._shape
+            x, batched = (state, False) if plain else self._forms.given(state)
+            y = self._stepper.at_once(x, times) if plain or len(x) == 1 else None
+            if y is not None:
+                return y if plain else self._forms.returned(y[None], state, batched)
         wanted = wanted_times(times)
         x, batched = self._forms.given(state)
         found = self._stepper.at(x, wanted if wanted.ndim else wanted[None])

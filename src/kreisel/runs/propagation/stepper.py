@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 import sys
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, RunError, shown
 from kreisel.forces.control import require_no_sample
-from kreisel.graph.machine import address_of
 from kreisel.graph.recording import fill
-from kreisel.kernels.cpu import CpuEngine, RowFunction, bound_points, frame_of, points
+from kreisel.kernels.chain import Chain, Link
+from kreisel.kernels.cpu import CpuEngine, RowFunction, frame_of, point_links, points
 from kreisel.kernels.engines import Engine, corrections
-from kreisel.kernels.exact.jumps import FEW, Jumps, Leap
+from kreisel.kernels.exact.jumps import FEW, TOLERANCE, Jumps
 from kreisel.kernels.layout import Floats
 from kreisel.method import scheme as scheme_of
 from kreisel.method.observing import COUNT, ORIENTATION
@@ -32,8 +31,8 @@ from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME
 from kreisel.record.table import require_within, tables_of_time
 from kreisel.runs.plan import faults, is_finite, planned
-from kreisel.runs.propagation.forms import StateForms
-from kreisel.runs.settings import MOST_STEPS, SHORTEST_STEP, WHOLE, Settings, finite_number, of_forces
+from kreisel.runs.propagation.forms import StateForms, require_finite
+from kreisel.runs.settings import LARGE, MOST_STEPS, SHORTEST_STEP, WHOLE, Settings, finite_number, of_forces
 
 if TYPE_CHECKING:
     from kreisel.kernels.exact.engine import ClosedForm
@@ -67,12 +66,12 @@ class Stepper:
         self._back, self._out = corrections(scheme)
         self._at_rest: dict[int, deque[Engine]] = {}
         fixed = scheme.trajectory is None or scheme.point is not None
-        plain = isinstance(scheme.motion, Steps) and fixed and scheme.corrector is None
-        self._courses = deque[Course](maxlen=AT_REST) if plain and not model.batch else None
+        plain = isinstance(scheme.motion, Steps) and fixed and scheme.corrector is None and model.n < LARGE
+        self._courses = list[Course]() if plain and not model.batch else None
         jump = None if scheme.orbits is None else scheme.orbits.jump
         self._jumping, self._of_top = jump is not None, isinstance(jump, Jump)
         self._jumps: dict[int, Jumps] = {}
-        self._rooms = None if model.batch else deque[Room](maxlen=AT_REST)
+        self._rooms = list[Room]() if self._jumping and not model.batch else None
         self._orbits: tuple[tuple[bytes, float], ClosedForm] | None = None
 
     # -- steps -----------------------------------------------------------------------------------------
@@ -85,10 +84,6 @@ class Stepper:
             self.forms.require_on_phase_space(x)
         if self._tabled and time is not None:
             require_within(self.model, finite_number(time, "time"), time + count * self.dt)
-        if self._courses is not None and every is None and self.timed == (time is not None) and len(x) == 1:
-            y = self._on_course(x, count, self._courses, time, given)
-            if y is not None:
-                return y
         z = self.forms.prepared(x)
         if self.timed or time is not None:
             z = self._at_time(z, time)
@@ -101,37 +96,43 @@ class Stepper:
         self._keep(engine, out)
         return self.forms.observed(self._out(out))[0]
 
-    def _on_course(
-        self, x: Floats, count: int, courses: deque[Course], time: float | None, given: Mapping[str, Array]
-    ) -> Floats | None:
-        """The states by a course; None without one, or if its code is not for this trajectory."""
+    def steps_at_once(self, x: Floats, count: int, time: float | None, given: Mapping[str, Array]) -> Floats | None:
+        """The state (entries,) after `count` steps from x (size,), by one call; None if only `steps` can tell it."""
+        if self._courses is None or self.timed != (time is not None):
+            return None
+        if self._tabled and time is not None:
+            require_within(self.model, finite_number(time, "time"), time + count * self.dt)
         try:
-            course = courses.pop()
+            course = self._courses.pop()
         except IndexError:
-            rows, engine = self.forms.compiled(1), self._begun(self.forms.prepared(x), count, count, self.scheme)
-            straight = isinstance(engine, CpuEngine) and engine.code.steps is not None
-            straight = straight and (engine.projection is None or bool(cast("CpuEngine", engine).code.programs))
-            constants = None
-            if rows is not None and straight and self.scheme.point is not None:
-                constants = bound_points(self.scheme, cast("CpuEngine", engine))
-            if rows is None or not straight or (constants is None and self.scheme.point is not None):
+            x = np.atleast_2d(x)
+            require_finite(x)
+            new = self._course(x, count)
+            if new is None:
                 self._courses = None
                 return None
-            course = Course(cast("CpuEngine", engine), *rows, self.forms.size, constants)
-            course.time = self.column_of(COUNT) if self.timed else None
-            guard = self.scheme.guard
-            course.guard = (self.column_of(guard.component), guard.limit) if guard and guard.component else None
+            course = new
         if given:
             fill(course.engine.constants, course.engine.columns, given, self.scheme.axes)
-        if not course.step(x, count, None if time is None else self._steps_at(time)):
-            courses.append(course)
-            return None
-        guarded = course.guard is None or course.room.row.item(course.guard[0]) <= course.guard[1]
-        if not course.room.is_finite() or course.projected or not guarded:
-            self._require_sound(course.engine, course.room.row)
-        y = course.room.leave()
-        courses.append(course)
+        sound = course.run(x, count, None if time is None else self._steps_at(time))
+        if sound and course.projected:
+            self._require_sound(course.engine, course.row)
+        y = course.y.copy() if sound else None
+        self._courses.append(course)
         return y
+
+    def _course(self, x: Floats, count: int) -> Course | None:
+        """A new course; None without straight-line code, or if constants of the trajectory are not compiled."""
+        rows, engine = self.forms.compiled(1), self._begun(self.forms.prepared(x), count, count, self.scheme)
+        if rows is None or not isinstance(engine, CpuEngine) or engine.code.steps is None:
+            return None
+        points = ([], []) if self.scheme.point is None else point_links(self.scheme, engine)
+        if points is None or (engine.projection is not None and not engine.code.programs):
+            return None
+        course = Course(engine, *rows, self.forms.size, points, self.column_of(COUNT) if self.timed else None)
+        guard = self.scheme.guard
+        course.guard = (self.column_of(guard.component), guard.limit) if guard and guard.component else None
+        return course
 
     def by_a_plan(self, x: Floats, count: int, every: int | None) -> Floats:
         """The states of `steps` by an engine like that of a run, for dimensions whose kernels depend on the state."""
@@ -250,32 +251,30 @@ class Stepper:
 
     def at(self, x: Floats, times: Floats) -> Floats:
         """The states (times, lanes, entries) from x at time 0.  Raises `RunError` if values overflow."""
-        if len(x) == len(times) == 1 and self._rooms is not None:
-            return self.at_once(x, times.item())[None]
         return self.forms.observed(self._require_numbers(self.states(self.forms.prepared(x), times)))
 
-    def at_once(self, x: Floats, time: float) -> Floats:
-        """The state (1, entries) at a time from x (1, size) at time 0.  Raises as `at`."""
+    def at_once(self, x: Floats, time: float) -> Floats | None:
+        """The state (entries,) at a time from x (size,) at time 0, by one call; None if only `at` can tell it."""
         if self._rooms is None:
-            return self.at(x, np.array([time]))[0]
+            return None
         try:
             room = self._rooms.pop()
         except IndexError:
             rows = self.forms.compiled(1)
             if rows is None:
                 self._rooms = None
-                return self.at_once(x, time)
-            z = self.forms.prepared(x)
-            leap = self._jumps_of(1).single(z.shape[1]) if self._jumping else None
-            room = Room(*rows, self.forms.size, z if leap is None else leap.z, leap)
-        z = room.enter(x)
-        if room.leap is None or not room.leap(time):
-            room.row[:] = self.states(z, np.array([time]))
-        if not room.is_finite():
-            self._require_numbers(room.row)
-        y = room.leave()
+                return None
+            leap = self._jumps_of(1).single(algebra.coordinate_count(self.scheme.kinds, self.model.n))
+            x0, y0 = np.empty((1, 1, self.forms.size)), np.empty((1, 1, rows[1].count))
+            chain = Chain([rows[0].link(x0, leap.z[None]), leap.link, rows[1].link(leap.row, y0)], [x0, leap.row])
+            room = Room(chain, x0.ravel(), leap.time, y0.ravel(), leap.error)
+        chain, entries, when, y, error = room
+        entries[...], when[0] = x, time
+        chain.call()
+        right = math.isfinite(chain.total.value) and error[0] <= TOLERANCE
+        out = y.copy() if right else None
         self._rooms.append(room)
-        return y
+        return out
 
     def _require_numbers(self, rows: Floats) -> Floats:
         if not is_finite(rows):
@@ -362,69 +361,63 @@ def _unfolded(scheme: Scheme, given: tuple[str, ...]) -> Scheme:
     return replace(scheme, constants={**scheme.constants, **constants})
 
 
-class Room:
-    """Memory of one state at fixed addresses for compiled conversions.
+class Room(NamedTuple):
+    """A compiled jump of one state, by `chain`, from the entries x to y at a time; right if the error is small."""
 
-    z    variables of the method at the state that `enter` is given
-    row  variables (1, 1, d) at the state that `leave` returns
-    leap from z to row, if the flow is known as a jump
-    """
-
-    def __init__(self, into: RowFunction, out: RowFunction, size: int, z: Floats, leap: Leap | None = None):
-        self.z, self.row, self.leap = z, np.empty((1, *z.shape)) if leap is None else leap.row, leap
-        x, y, self._numbers = np.empty((1, 1, size)), np.empty((1, 1, out.count)), self.row.ravel()
-        self._x, self._y, self._into, self._out = x[0], y[0], into.bound(x, z[None]), out.bound(self.row, y)
-
-    def enter(self, x: Floats) -> Floats:
-        """The variables at a state (1, size)."""
-        self._x[...] = x
-        self._into()
-        return self.z
-
-    def leave(self) -> Floats:
-        """The state (1, entries) of the row."""
-        self._out()
-        return self._y.copy()
-
-    def is_finite(self) -> bool:
-        """Whether the sum of the row is finite."""
-        return math.isfinite(sum(self._numbers.tolist()))
+    chain: Chain
+    x: Floats
+    time: Floats
+    y: Floats
+    error: Floats
 
 
 class Course:
-    """Steps of one state by an engine with straight-line code: its room, and the call of its kernel.
+    """Memory of steps of one state by an engine with straight-line code, and their compiled call from x to y.
 
-    time   column of the time among the variables
-    guard  column of the guard's component, and its limit
+    points  the links that compute the constants of the trajectory, and where they put them
+    time    column of the time among the variables; None if forces do not depend on it
+    guard   column of the guard's component, and its limit
     """
 
-    time: int | None = None
     guard: tuple[int, float] | None = None
 
-    def __init__(self, engine: CpuEngine, into: RowFunction, out: RowFunction, size: int, constants: Any = None):
-        self.engine, self.room, self._constants = engine, Room(into, out, size, engine.z), constants
-        projection: Any = engine.projection
-        self._projection, self.projected = projection, False
-        self._every = sys.maxsize if projection is None else projection.every
-        frame, self._held = frame_of(engine.code, engine.z, engine.constants, engine.stages, projection, 0)
-        call: Any = engine.code.steps and engine.code.steps.kernel.call
-        self._frame, self._count = frame, ctypes.c_int64(1)
-        words = [ctypes.c_int64(word) for word in (address_of(frame), address_of(self.room.row), 1, 0, 0, 0, 1)]
-        self._call = partial(call, *words[:3], self._count, *words[4:])
+    def __init__(
+        self,
+        engine: CpuEngine,
+        into: RowFunction,
+        out: RowFunction,
+        size: int,
+        points: tuple[list[Link], list[Floats]],
+        time: int | None,
+    ):
+        self.engine, self._time, self._projection, self.projected = engine, time, cast("Any", engine.projection), False
+        self.row, x, y = np.empty((1, *engine.z.shape)), np.empty((1, 1, size)), np.empty((1, 1, out.count))
+        frame, self._held = frame_of(engine.code, engine.z, engine.constants, engine.stages, self._projection, 0)
+        steps: Any = engine.code.steps
+        links = [*points[0], (steps.kernel, (frame, self.row, 1, 1, 0, 0, 1)), out.link(self.row, y)]
+        enter = into.link(x, engine.z[None])
+        self._before = [enter, *points[0]]
+        self._chain = Chain([enter, *links] if time is None else links, [x, self.row, *points[1]])
+        self._count = self._chain.argument(-2, 3)
+        self.x, self.y = x.ravel(), y.ravel()
 
-    def step(self, x: Floats, count: int, when: float | None) -> bool:
-        """Make `count` steps from a state (1, size) at a time, in steps, unless its constants do not suit the code."""
-        z = self.room.enter(x)
-        if self.time is not None and when is not None:
-            z[0, self.time] = when
-        if self._constants is not None and not self._constants():
-            return False
-        self.projected = count >= self._every
+    @cached_property
+    def _enter(self) -> Chain:
+        return Chain(self._before, [])
+
+    def run(self, x: Floats, count: int, time: float | None) -> bool:
+        """Make `count` steps from a state x (size,) at a time, in steps; whether the state is finite and guarded."""
+        self.x[...] = x
+        self.projected = self._projection is not None and count >= self._projection.every
+        if self._time is not None or self.projected:
+            self._enter.call()
+        if self._time is not None:
+            self.engine.z[0, self._time] = time
         if self.projected:
             self._projection.begin(count)
-        self._count.value = count
-        self._call()
-        return True
+        self._count[0] = count
+        sound = math.isfinite(self._chain())
+        return sound and (self.guard is None or self.row.item(self.guard[0]) <= self.guard[1])
 
 
 class Signs:

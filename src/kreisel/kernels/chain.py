@@ -1,0 +1,56 @@
+"""Kernels on fixed memory, called one after the other by one call from Python, which needs as long as each of them."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from kreisel.graph.llvm import Function
+from kreisel.graph.machine import Kernel, address_of, kernel
+from kreisel.kernels.layout import Floats
+
+Link = tuple[Kernel, tuple[Any, ...]]  # a kernel and its arguments: integers, and arrays for their addresses
+
+
+class Chain:
+    """Calls of kernels, and the sum of the entries of some arrays after them, which is finite only if they are.
+
+    call     the calls; then `total.value` is the sum
+    """
+
+    def __init__(self, links: Sequence[Link], summed: Sequence[Floats]):
+        self._held, self.total = (links, summed), ctypes.c_double()  # the arrays live as long as the calls
+        calls = [(code.address, *(x if type(x) is int else address_of(x) for x in more)) for code, more in links]
+        words = [*sum(calls, ()), *(word for x in summed for word in (address_of(x), x.size))]
+        self._words, counts = np.array([*words, ctypes.addressof(self.total)]), [len(words) for words in calls]
+
+        def write(f: Function) -> None:
+            place, memory, total = 0, f.integers(f.arguments[0]), f.variables(1)[0]
+            for count in counts:
+                f.call(*memory.get(count, place))
+                place += count
+            total[0] = 0.0
+            for at in range(place, place + 2 * len(summed), 2):
+                with f.loop(0, memory[at + 1]) as i:
+                    total[0] = f.builder.fadd(total[0], f.doubles(memory[at])[i])
+            f.doubles(memory[place + 2 * len(summed)])[0] = total[0]
+
+        self._kernel = kernel(("chain", counts, len(summed)), 1, write)
+        # of types that are not checked, and a lock that is not released: half the time of `Kernel.call`
+        call: Any = ctypes.PYFUNCTYPE(None)(self._kernel.address)
+        call.kernel = self._kernel  # the code lives as long as the call
+        self.call = partial(call, ctypes.c_int64(address_of(self._words)))
+
+    def __call__(self) -> float:
+        """The sum after the calls."""
+        self.call()
+        return self.total.value
+
+    def argument(self, link: int, place: int) -> Any:
+        """The memory (1,) of an integer argument of a link, which may be changed."""
+        before = sum(1 + len(more) for _, more in self._held[0][:link])
+        return self._words[before + 1 + place :][:1]
