@@ -211,6 +211,13 @@ def test_a_propagator_goes_on_at_the_time_it_is_given() -> None:
     assert abs(p.steps(p.steps(x, 10, time=0.0), 20, time=0.0)["M"] - whole["M"]).max() > 1e-4
 
 
+def test_parameters_of_a_call_are_those_of_the_corrector_too() -> None:
+    p, strong = kr.propagator(top(1e-3), order=(10, 2), dt=0.4), kr.propagator(top(2e-3), order=(10, 2), dt=0.4)
+    x = np.array([*M0, *P0])
+    for steps in (lambda p, **d: p.steps(x, 20, **d), lambda p, **d: p.steps(x, 20, every=5, **d)[-1]):
+        assert abs(steps(p, d=2e-3) - steps(strong)).max() < 1e-13 < 1e-5 < abs(steps(p) - steps(strong)).max()
+
+
 def test_a_longer_run_is_one_that_was_not_stopped(tmp_path: Path) -> None:
     asked: dict[str, Any] = {"dt": 0.2, "every": 10, "order": (10, 2), "orientation": Q}
     kr.simulate(driven(0.1), {"M": M0}, steps=50, path=tmp_path / "short.zarr", **asked).close()

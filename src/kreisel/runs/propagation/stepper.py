@@ -23,6 +23,7 @@ from kreisel.kernels.cpu import CpuEngine, RowFunction, frame_of, point_links, p
 from kreisel.kernels.engines import Engine, corrections
 from kreisel.kernels.exact.jumps import FEW, TOLERANCE, Jumps
 from kreisel.kernels.layout import Floats
+from kreisel.kernels.projection.corrections import FAR
 from kreisel.method import scheme as scheme_of
 from kreisel.method.observing import COUNT, ORIENTATION
 from kreisel.method.scheme import Flow, Jump, Orbits, Scheme, Steps
@@ -35,6 +36,7 @@ from kreisel.runs.propagation.forms import StateForms, require_finite
 from kreisel.runs.settings import LARGE, MOST_STEPS, SHORTEST_STEP, WHOLE, Settings, finite_number, of_forces
 
 if TYPE_CHECKING:
+    from kreisel.graph.project import CompiledProjection
     from kreisel.kernels.exact.engine import ClosedForm
 
 NONE: Mapping[str, Array] = MappingProxyType({})
@@ -66,7 +68,7 @@ class Stepper:
         self._back, self._out = corrections(scheme)
         self._at_rest: dict[int, deque[Engine]] = {}
         fixed = scheme.trajectory is None or scheme.point is not None
-        plain = isinstance(scheme.motion, Steps) and fixed and scheme.corrector is None and model.n < LARGE
+        plain = isinstance(scheme.motion, Steps) and fixed and model.n < LARGE
         self._courses = list[Course]() if plain and not model.batch else None
         jump = None if scheme.orbits is None else scheme.orbits.jump
         self._jumping, self._of_top = jump is not None, isinstance(jump, Jump)
@@ -87,14 +89,17 @@ class Stepper:
         z = self.forms.prepared(x)
         if self.timed or time is not None:
             z = self._at_time(z, time)
-        z = self._back(z[None])[0]
+        back, ahead = self._back, self._out
+        if given and self.scheme.corrector is not None:
+            back, ahead = corrections(replace(self.scheme, constants={**self.scheme.constants, **given}))
+        z = back(z[None])[0]
         if every is not None:
-            return self.forms.observed(self._out(self._rows(z, count, every, self.scheme, given)))
+            return self.forms.observed(ahead(self._rows(z, count, every, self.scheme, given)))
         engine = self._begun(z, count, count, self.scheme, given)
         out = np.empty((1, *z.shape))
         engine.advance(out, count)
         self._keep(engine, out)
-        return self.forms.observed(self._out(out))[0]
+        return self.forms.observed(ahead(out))[0]
 
     def steps_at_once(self, x: Floats, count: int, time: float | None, given: Mapping[str, Array]) -> Floats | None:
         """The state (entries,) after `count` steps from x (size,), by one call; None if only `steps` can tell it."""
@@ -112,10 +117,10 @@ class Stepper:
                 self._courses = None
                 return None
             course = new
-        if given:
-            fill(course.engine.constants, course.engine.columns, given, self.scheme.axes)
+        for engine in course.engines if given else ():
+            fill(engine.constants, engine.columns, given, self.scheme.axes)
         sound = course.run(x, count, None if time is None else self._steps_at(time))
-        if sound and course.projected:
+        if sound and course.doubtful:
             self._require_sound(course.engine, course.row)
         y = course.y.copy() if sound else None
         self._courses.append(course)
@@ -123,15 +128,21 @@ class Stepper:
 
     def _course(self, x: Floats, count: int) -> Course | None:
         """A new course; None without straight-line code, or if constants of the trajectory are not compiled."""
-        rows, engine = self.forms.compiled(1), self._begun(self.forms.prepared(x), count, count, self.scheme)
-        if rows is None or not isinstance(engine, CpuEngine) or engine.code.steps is None:
+        z, scheme = self.forms.prepared(x), self.scheme
+        rows, engine = self.forms.compiled(1), self._begun(z, count, count, scheme)
+        engines = [engine]
+        if scheme.corrector is not None:
+            back, ahead = (CpuEngine(scheme.by(which), z) for which in (scheme.corrector.back, scheme.corrector.out))
+            engines = [back, engine, ahead]
+        if rows is None or not all(isinstance(e, CpuEngine) and e.code.steps is not None for e in engines):
             return None
-        points = ([], []) if self.scheme.point is None else point_links(self.scheme, engine)
-        if points is None or (engine.projection is not None and not engine.code.programs):
+        straight = cast("list[CpuEngine]", engines)
+        points = ([], []) if scheme.point is None else point_links(scheme, cast("CpuEngine", engine))
+        if points is None or (engine.projection is not None and not cast("CpuEngine", engine).code.programs):
             return None
-        course = Course(engine, *rows, self.forms.size, points, self.column_of(COUNT) if self.timed else None)
-        guard = self.scheme.guard
-        course.guard = (self.column_of(guard.component), guard.limit) if guard and guard.component else None
+        course = Course(straight, *rows, self.forms.size, points, self.column_of(COUNT) if self.timed else None)
+        if scheme.guard and scheme.guard.component:
+            course.guard = self.column_of(scheme.guard.component), scheme.guard.limit
         return course
 
     def by_a_plan(self, x: Floats, count: int, every: int | None) -> Floats:
@@ -372,51 +383,75 @@ class Room(NamedTuple):
 
 
 class Course:
-    """Memory of steps of one state by an engine with straight-line code, and their compiled call from x to y.
+    """Memory of steps of one state by engines with straight-line code, and their compiled calls from x to y.
 
-    points  the links that compute the constants of the trajectory, and where they put them
-    time    column of the time among the variables; None if forces do not depend on it
-    guard   column of the guard's component, and its limit
+    engines   the engine of the steps; with a corrector between the engines of its inverse and of itself
+    points    the links that compute the constants of the trajectory, and where they put them
+    time      column of the time among the variables; None if forces do not depend on it
+    guard     column of the guard's component, and its limit
+    doubtful  whether a correction by the projection is larger than roundings of slow motions
     """
 
     guard: tuple[int, float] | None = None
 
     def __init__(
         self,
-        engine: CpuEngine,
+        engines: list[CpuEngine],
         into: RowFunction,
         out: RowFunction,
         size: int,
         points: tuple[list[Link], list[Floats]],
         time: int | None,
     ):
-        self.engine, self._time, self._projection, self.projected = engine, time, cast("Any", engine.projection), False
-        self.row, x, y = np.empty((1, *engine.z.shape)), np.empty((1, 1, size)), np.empty((1, 1, out.count))
-        frame, self._held = frame_of(engine.code, engine.z, engine.constants, engine.stages, self._projection, 0)
-        steps: Any = engine.code.steps
-        links = [*points[0], (steps.kernel, (frame, self.row, 1, 1, 0, 0, 1)), out.link(self.row, y)]
-        enter = into.link(x, engine.z[None])
-        self._before = [enter, *points[0]]
-        self._chain = Chain([enter, *links] if time is None else links, [x, self.row, *points[1]])
-        self._count = self._chain.argument(-2, 3)
+        self.engines, self.engine, self._time, self.doubtful = engines, engines[len(engines) // 2], time, False
+        self._projection = cast("CompiledProjection | None", self.engine.projection)
+        self.row, x, y = np.empty((1, *self.engine.z.shape)), np.empty((1, 1, size)), np.empty((1, 1, out.count))
+        rows, self._held, steps = [*(engine.z for engine in engines[1:]), self.row], list[Any](), list[Link]()
+        for engine, row in zip(engines, rows, strict=True):
+            projection = self._projection if engine is self.engine else None
+            frame, held = frame_of(engine.code, engine.z, engine.constants, engine.stages, projection, 0)
+            self._held.append(held)
+            steps.append((cast("Any", engine.code.steps).kernel, (frame, row, 1, 1, 0, 0, 1)))
+        ahead = len(engines) // 2
+        self._summed, self._main = [x, self.row, *points[1]], steps[ahead]
+        self._links = (
+            [into.link(x, engines[0].z[None])],
+            [*steps[:ahead], *points[0]],
+            [*steps[ahead:], out.link(self.row, y)],
+        )
         self.x, self.y = x.ravel(), y.ravel()
 
+    def _chain(self, links: list[Link]) -> tuple[Chain, Any]:
+        chain = Chain(links, self._summed)
+        return chain, chain.argument(links.index(self._main), 3)
+
     @cached_property
-    def _enter(self) -> Chain:
-        return Chain(self._before, [])
+    def _whole(self) -> tuple[Chain, Any]:
+        return self._chain([link for links in self._links for link in links])
+
+    @cached_property
+    def _apart(self) -> tuple[Chain, Chain, Chain, Any]:
+        enter, before, after = self._links
+        return Chain(enter, []), Chain(before, []), *self._chain(after)
 
     def run(self, x: Floats, count: int, time: float | None) -> bool:
         """Make `count` steps from a state x (size,) at a time, in steps; whether the state is finite and guarded."""
         self.x[...] = x
-        self.projected = self._projection is not None and count >= self._projection.every
-        if self._time is not None or self.projected:
-            self._enter.call()
-        if self._time is not None:
-            self.engine.z[0, self._time] = time
-        if self.projected:
-            self._projection.begin(count)
-        self._count[0] = count
-        sound = math.isfinite(self._chain())
+        projection = None if self._projection is None or count < self._projection.every else self._projection
+        if projection is not None or self._time is not None:
+            enter, before, chain, counted = self._apart
+            enter.call()
+            if self._time is not None:
+                self.engines[0].z[0, self._time] = time
+            before.call()
+        else:
+            chain, counted = self._whole
+        if projection is not None:
+            projection.begin(count)
+        counted[0], self.doubtful = count, False
+        sound = math.isfinite(chain())
+        if projection is not None:
+            self.doubtful = not max(projection.worst.ravel().tolist()) <= FAR * math.sqrt(projection.every)
         return sound and (self.guard is None or self.row.item(self.guard[0]) <= self.guard[1])
 
 
