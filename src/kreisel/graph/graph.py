@@ -167,22 +167,20 @@ class Graph:
             else None
         )
 
-    def needed(self, outputs: Iterable[Operand]) -> list[int]:
-        """The nodes that the outputs depend on, in order; not those inside loops."""
-        return self._reached(outputs, len(self.nodes), lambda at: True)
+    def needed(self, outputs: Iterable[Operand], members: Container[int] | None = None) -> list[int]:
+        """The nodes that the outputs depend on, in order, of all or of those in `members`; not those inside loops."""
+        nodes, reached = self.nodes, set[int]()
+        waiting = [x.at for x in outputs if isinstance(x, Number)]
+        while waiting:
+            at = waiting.pop()
+            if at not in reached and (members is None or at in members):
+                reached.add(at)
+                waiting += [x.at for x in nodes[at] if type(x) is Number]
+        return sorted(reached)
 
-    def needed_inside(self, loop: Loop | Branch) -> list[int]:
+    def needed_inside(self, body: Loop | Branch) -> list[int]:
         """The nodes of a body that its results depend on, in order."""
-        members = frozenset(loop.body)
-        return self._reached(loop.new, len(self.nodes), members.__contains__)
-
-    def _reached(self, outputs: Iterable[Operand], count: int, within: Callable[[int], bool]) -> list[int]:
-        wanted = {x.at for x in outputs if isinstance(x, Number) and within(x.at)}
-        last = max(wanted, default=-1)
-        for at in range(last, -1, -1):
-            if at in wanted:
-                wanted.update(x.at for x in operands_of(self.nodes[at]) if within(x.at))
-        return sorted(wanted)
+        return self.needed(body.new, frozenset(body.body))
 
     def digest(self, outputs: Sequence[Any]) -> str:
         """SHA-256 of the operations that the outputs depend on, in whatever order they were recorded.
@@ -219,7 +217,7 @@ class Graph:
 
 def operands_of(node: Node) -> list[Number]:
     """The operands of a node that are nodes."""
-    return [x for x in node[1:] if isinstance(x, Number)]
+    return [x for x in node if type(x) is Number]
 
 
 def _key(operation: str, operands: Sequence[Operand]) -> tuple[Any, ...]:
