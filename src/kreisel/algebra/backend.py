@@ -139,6 +139,15 @@ def parts(z: Array) -> tuple[Array, Array]:
     return (np.real(z), np.imag(z)) if np.iscomplexobj(z) else (z, None)
 
 
+def rounded(x: Any) -> Any:
+    """Values of more digits as doubles: of NumPy's extended types, of double-doubles."""
+    if isinstance(x, Complex):
+        return Complex(rounded(x.re), rounded(x.im))
+    if isinstance(x, np.ndarray | np.generic) and not holds_objects(x):
+        return x.astype(complex if x.dtype.kind == "c" else float)
+    return getattr(x, "upper", x)
+
+
 def conjugate(z: Any) -> Any:
     """The conjugate of a complex scalar."""
     return Complex(z.re, -z.im) if isinstance(z, Complex) else np.conj(z)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -123,3 +125,19 @@ def axial(X: Array) -> Array:
 def cross(x: Array, y: Array) -> Array:
     """The cross product x x y, n = 3."""
     return act(hat(x), y)
+
+
+def pfaffians(X: Array, *vectors: Array) -> dict[tuple[int, ...], tuple[Any, ...]]:
+    """Pfaffians of principal parts of skew X (..., n, n) by their indices, of odd parts with a border v (..., n) each.
+
+    det(diag(d) + X) is the sum of Pf^2 prod d_i, i not in the part, over even parts, and v^T adj(diag(d) + X) w the sum
+    of Pf_v Pf_w prod d_i over odd ones, up to terms that are odd in X.  No terms cancel for v = w, d > 0.
+    """
+    out: dict[tuple[int, ...], tuple[Any, ...]] = {(): (1,)}
+    for count in range(1, X.shape[-1] + 1):
+        for part in combinations(range(X.shape[-1]), count):
+            columns, members = (vectors, part) if count % 2 else ((X[..., part[-1]],), part[:-1])
+            minors = [out[tuple(k for k in members if k != i)][0] for i in members]
+            terms = [[(-1) ** j * y[..., i][()] * minors[j] for j, i in enumerate(members)] for y in columns]
+            out[part] = tuple(sum(each[1:], each[0]) for each in terms)
+    return out

@@ -11,6 +11,8 @@ method from that of the start.
 Ragnisco 2004]
 """
 
+from functools import reduce
+
 import numpy as np
 
 from kreisel.algebra import (
@@ -20,6 +22,7 @@ from kreisel.algebra import (
     identity,
     mat,
     parts,
+    pfaffians,
     project_out,
     shifted_resolvent,
     skew,
@@ -32,6 +35,8 @@ from kreisel.algebra import (
 from kreisel.algebra.matrices import border
 from kreisel.record.contract import Baecklund, named
 
+FEW = 5  # dimensions up to which curves are polynomials, by 2^n Pfaffians, in which no terms cancel
+
 
 def eigenvector(m, a, *, p, mu, rho):
     e, h = 2 * shifted_resolvent(mu, m, a - vec(rho) * p), 2 * shifted_resolvent(mu, m, p + 0 * a)
@@ -39,14 +44,37 @@ def eigenvector(m, a, *, p, mu, rho):
 
 
 def curve(m, a, *, p, mu):  # <e, e> = 4 rho, the root of a quadratic equation with rho mu^2 -> |a|^2
-    u, w = 2 * shifted_resolvent(mu, m, a), 2 * shifted_resolvent(mu, m, p + 0 * a)
-    half, product = 2 + dot(u, w), dot(u, u) * dot(w, w)
+    aa, ap, pp = _products(m, a, p, mu)
+    half, product = 1 + 2 * ap, 4 * aa * pp
     root = sqrt(half * half - product)
-    near, far = dot(u, u) / (half + root), dot(u, u) / (half - root)
+    near, far = 2 * aa / (half + root), 2 * aa / (half - root)
     (_, i), (_, y) = parts(far), parts(mu)
     if y is None:
         return near
     return where_less(i * y, 0, where_less(0, parts(near)[1] * y, far, near), near)  # as Im mu^-2 the right Im rho
+
+
+def _products(m, a, p, mu):
+    """<a, Ra>, <a, Rp>, <p, Rp> of the resolvent R = (mu^2 - m^2)^-1."""
+    n = m.shape[-1]
+    if n > FEW:
+        u, w = shifted_resolvent(mu, m, a), shifted_resolvent(mu, m, p + 0 * a)
+        return dot(u, u), dot(u, w), dot(w, w)
+    inverse, above, below = 1 / (mu * mu), [[0] * (n + 1) for _ in range(3)], [0] * (n + 1)
+    for part, values in pfaffians(m, a, p).items():
+        k, (x, y) = len(part), (values[0], values[-1])
+        if k % 2 == 0:
+            below[k] = below[k] + x * x
+        else:
+            for row, square in zip(above, (x * x, x * y, y * y), strict=True):
+                row[k] = row[k] + square
+    scale = inverse / polynomial_value(below[::2], inverse)
+    return tuple(polynomial_value(row[1::2], inverse) * scale for row in above)
+
+
+def polynomial_value(coefficients, x):
+    """c_0 + c_1 x + ..."""
+    return reduce(lambda total, y: total * x + y, reversed(coefficients))
 
 
 def step(m, a, e, *, p):

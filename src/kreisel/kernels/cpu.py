@@ -453,7 +453,7 @@ def _rate_of_arrays(scheme: Scheme, columns: Mapping[str, slice]) -> Callable[[f
 # -- constants rho of trajectories, compiled for double-doubles --------------------------------------
 
 
-MOST = 4000  # operations; of a pair of the Lagrange top, n = 3: 2300
+MOST = 6000  # operations; of a pair of Clebsch's case, n = 5: 5200
 FOLDED = (0.0, 1.0, -1.0)  # into the code of a step
 
 

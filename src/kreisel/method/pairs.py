@@ -140,7 +140,8 @@ def parameter(model: Model, state: State, dt: float) -> tuple[int, Array]:
     copies = max(1, int(np.ceil(dt * fastest / REACH)))
     record: Any = model.system.baecklund
     first = np.asarray(complex(pade_zeros(2)[0]) / dt)
-    alive = np.isfinite(model.call(record.point, *state, mu=first)).all()
+    with np.errstate(all="ignore"):
+        alive = np.isfinite(model.call(record.point, *state, mu=first)).all()
     for _ in range(MOST_TRIALS if alive else 0):
         mu, found = _newton(model, state, dt / copies)
         if found.all():
