@@ -337,7 +337,7 @@ def plain(function: Any) -> Any:
 
 
 GRAPH, ARRANGING, LLVM, STEPS = "graph.graph:", "graph.arranging:", "graph.llvm:Function.", "kernels.steps:"
-PROJECT, LARGE = "graph.project:Projection.", "kernels.large.kernel:_Step."
+PROJECT, LARGE = "graph.project:Projection.", "kernels.large.kernel:_Lane."
 SAVED = 'store(saved.beyond(row * words["lanes"] * count))'
 MUTANTS = [
     # branches within loops
@@ -406,7 +406,7 @@ MUTANTS = [
     Mutant("tables", "graph.project:_Looping.only", '"=="', '"!="'),
     # large n
     Mutant("large", "kernels.large.kernel:Sum.value", "self._f.builder.fadd(places[0], number)", "places[0]"),
-    Mutant("large", "kernels.large.kernel:Stretch.run", "< now]", "< now + 2]"),
+    Mutant("large", LARGE + "compute", "before_last()", "pass"),
     Mutant("large", LARGE + "times", "scale[0] = 0.0", "pass"),
     Mutant("large", LARGE + "times", "back[0] = builder.fsub(", "back[0] = builder.fadd("),
     Mutant("large", LARGE + "times", "(x[i], x.beyond(start)", "(x[0], x.beyond(start)"),

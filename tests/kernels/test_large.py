@@ -1,6 +1,5 @@
 """engine="large": kernels of O(n) and O(n^2) a step against the definition, which they are recorded from."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +11,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.kernels.large import forms
 from kreisel.kernels.large import kernel as large
-from kreisel.kernels.large.kernel import Stretch
-from kreisel.kernels.large.structured import StructuredMatrix, StructuredVector
+from kreisel.kernels.large.structured import Dense, Matrix, Vector
 from kreisel.method import Scheme, scheme
 from kreisel.method.scheme import Steps
 from kreisel.record.model import Model
@@ -77,10 +75,8 @@ def test_kernel_is_the_definition(name: str, n: int, method: str, order: int) ->
 
 def test_a_wrong_solve_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mutant: Woodbury's formula without its second term, in a step of which the first is most."""
-    right = StructuredMatrix.record_solve
-    monkeypatch.setattr(
-        StructuredMatrix, "record_solve", lambda self, v: right(StructuredMatrix(self.n, self.diagonal, self.turn), v)
-    )
+    right = Matrix.record_solve
+    monkeypatch.setattr(Matrix, "record_solve", lambda self, v: right(Matrix(self.n, self.diagonal, self.turn), v))
     dense, z, own, kernel = prepared("lagrange-top", 9, "suris", 1)
     kernel.advance(np.empty((1, *kernel.z.shape)), 1)
     found = own.observe(algebra.restore(kernel.z[0], [kind for _, kind in own.components], 9))
@@ -126,8 +122,8 @@ def test_inverse_that_is_not_made_anew_is_seen(monkeypatch: pytest.MonkeyPatch) 
 
 def test_inverse_that_does_not_follow_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mutant: Woodbury's formula with a lost sign.  The residual sees it: steps stay right, by elimination."""
-    right = forms.changed_inverse
-    monkeypatch.setattr(forms, "changed_inverse", lambda *given: [(-x, r) for x, r in right(*given)])
+    right = Dense.change
+    monkeypatch.setattr(Dense, "change", lambda *given: [(-x, r) for x, r in right(*given)])
     dense, z, own, kernel = prepared("clebsch", 10, "suris", 1)
     after(1, kernel, own, 10)
     M = algebra.restore(kernel.z[0, :55], ("skew", "vector"), 10)[0]
@@ -208,12 +204,12 @@ def test_orientation_is_that_of_the_definition(name: str, n: int) -> None:
 
 def test_a_lost_pair_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mutant: the orientation's solve without its second pair, a ^ a'; the state does not have it."""
-    right = StructuredMatrix._solved
+    right = Matrix._solved
 
-    def first_pair(self: StructuredMatrix, v: StructuredVector) -> StructuredVector:
-        return right(replace(self, pairs=dict([*self.pairs.items()][:1])), v)
+    def first_pair(self: Matrix, v: Vector, pairs: list[Any]) -> Vector:
+        return right(self, v, pairs[:1])
 
-    monkeypatch.setattr(StructuredMatrix, "_solved", first_pair)
+    monkeypatch.setattr(Matrix, "_solved", first_pair)
     wanted, found = oriented("lagrange-top", 9, 1)
     assert abs(found["a"] - wanted["a"]).max() < 1e-14
     assert abs(found["g"] - wanted["g"]).max() > 1e-6
@@ -307,6 +303,6 @@ def test_entries_beyond_the_last_do_not_count(n: int, monkeypatch: pytest.Monkey
         return float(abs(engine.z[0] - x / ((x + 1) @ (x + 1))).max())
 
     assert off() < 1e-15
-    monkeypatch.setattr(Stretch, "_within", lambda self, k, value: value)
+    monkeypatch.setattr(large._Lane, "_within", lambda self, k, value: value)
     monkeypatch.setattr(large, "NEAR", large.NEAR / 2)  # part of the kernel's key
     assert (off() > 1e-3) == (n % 8 > 0)
