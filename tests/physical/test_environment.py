@@ -116,7 +116,7 @@ def test_the_sun_is_that_of_astropy(date: str) -> None:
         then = first + later * u.day
         frame = PrecessedGeocentric(equinox=first, obstime=then)
         want = get_sun(then).transform_to(frame).cartesian.xyz.to_value("au")
-        got, near = formulas.sunlight(later * 86400, **earth.sun(days(date)))
+        got, near = formulas.sunlight(later * 86400, **earth.motion_of_sun(days(date)))
         distance = np.linalg.norm(want)
         assert np.arccos(got @ want / distance) < np.radians(0.01)
         assert near == pytest.approx(1 / distance, rel=1e-4)

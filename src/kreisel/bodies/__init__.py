@@ -48,8 +48,7 @@ def known_system(name: str, values: Mapping[str, Any], frame: BodyFrame | None) 
 
     letters = {p.letter for p in body.parameters}
     own, of_wheels = ({k: v for k, v in values.items() if (k in letters) == there} for there in (True, False))
-    units = (1.0, 1.0) if frame is None else (frame.time_unit, frame.size(body.space.letters[0]))
-    return with_wheels(Model(body, own, frame), of_wheels, *units).system
+    return with_wheels(Model(body, own, frame), of_wheels).system
 
 
 BODIES = Records(_PAGES, _stated)

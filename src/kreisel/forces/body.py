@@ -15,7 +15,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, hint, shown
 from kreisel.forces import kicks
-from kreisel.forces.in_body import InBody, Several
+from kreisel.forces.in_body import InBody
 from kreisel.forces.invariants import surviving_parts
 from kreisel.forces.kicks import COUPLING, DAMPING, INERTIA, ORIENTATION, Body
 from kreisel.forces.pairs import constants_of_pairs, parameters_of_pairs
@@ -127,7 +127,7 @@ def _record(
         what: None
         if function is None
         else replace(function.of(model), tables=_tables(own, function.params), units=dict.fromkeys(own, function.time))
-        if isinstance(function, InBody | Several)
+        if isinstance(function, InBody)
         else _force(function, what, (*(of_two if what == "pair_potential" else letters), TIME), model, own)
         for what, function in functions.items()
     }

@@ -17,7 +17,7 @@ in the rest frame v_body = R g^T v_state.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -45,16 +45,17 @@ from kreisel.forces.kicks import (
     to_body,
 )
 from kreisel.forces.records import perturbed_record
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import Portable
 from kreisel.record.contract import Parameter, PhaseSpace, System
 from kreisel.record.model import Model
-from kreisel.record.perturbation import TIME, WITH_WHEELS, Controller, Perturbation
+from kreisel.record.perturbation import WITH_WHEELS, Controller, Perturbation
 
 QUEUE, WHEEL_LIMIT = "queue", "wheel_limit"
 DEVIATION, BIAS, LIMIT = "noise_", "bias_", "limit_"
 SENSORS = {"rates": (3,), "attitude": (4,), "time": (), WHEELS: (-1,), **OF_PLACE}
 COMMANDS = {"dipole": "A m^2", "torque": "N m", WHEEL_TORQUE: "N m", "impulse": "N m s"}
+
+WHOLE_SAMPLES = 1e-9  # relative
 
 State = tuple[Array, ...]
 
@@ -79,52 +80,49 @@ def meanings(control: Controller) -> dict[str, str]:
     """The meaning of each of these."""
     words = {WHEELS: "momenta of the wheels", QUEUE: "commands that are delayed", GENERATOR: "generator of the noise"}
     words |= {name: f"memory of the law: {name}" for name in control.memory}
-    words |= {
-        HELD
-        + name: f"{name.replace('_', ' ')} that is commanded{'' if name == WHEEL_TORQUE else ', along the body axes'}"
-        for name in control.commands
-    }
+    for name in control.commands:
+        axes = "" if name == WHEEL_TORQUE else ", along the body axes"
+        words[HELD + name] = f"{name.replace('_', ' ')} that is commanded{axes}"
     return {letter: words[letter] for letter, _ in components(control)}
 
 
 def changed_by_samples(system: System) -> tuple[int, ...]:
     """The places of the components that a sample changes."""
-    letters, control = system.space.letters, _control(system)
-    still = {WHEELS} if "impulse" in control.commands else {letters[0], WHEELS}
-    return tuple(i for i, letter in enumerate(letters) if letter not in still)
+    still = {WHEELS} | (set() if "impulse" in _control(system).commands else {system.space.letters[0]})
+    return tuple(i for i, letter in enumerate(system.space.letters) if letter not in still)
 
 
-WHOLE_SAMPLES = 1e-9  # relative
+def _sampler(model: Model) -> Controller | None:
+    record = model.system.perturbation
+    return record.control if record is not None and record.sampled else None
 
 
 def require_whole_samples(model: Model, dt: float, start: float = 0.0) -> None:
     """Raises `InputError` for steps that do not divide the time between two samples of a controller, or miss them."""
-    record = model.system.perturbation
-    if record is None or record.control is None or not record.sampled:
+    control = _sampler(model)
+    if control is None:
         return
-    unit = record.control.time
-    every, dt = record.control.every * unit, dt * unit
-    steps = every / dt
+    every, dt = control.every * control.time, dt * control.time
+    steps, count = every / dt, start * control.time / dt
     if round(steps) < 1 or abs(steps - round(steps)) > WHOLE_SAMPLES * steps:
         raise InputError(
             f"dt: expected a step that divides the time between two samples of the controller, every = {every:g} s, "
             f"got dt = {dt:g} s. Usual cause: a t_end that is not a multiple of dt, for which steps are a little "
-            f"shorter. "
-            f"Use dt = {every / max(1, round(steps)):g} s."
+            f"shorter. Use dt = {every / max(1, round(steps)):g} s."
         )
-    count = start * unit / dt
     if abs(count - round(count)) > WHOLE_SAMPLES * max(1.0, abs(count)):
         raise InputError(
-            f"t_start: expected a multiple of dt = {dt:g} s, at which the controller is sampled, got {start * unit:g}."
+            f"t_start: expected a multiple of dt = {dt:g} s, at which the controller is sampled, got "
+            f"{start * control.time:g}."
         )
 
 
 def require_no_sample(model: Model, time: float, end: float) -> None:
     """Raises `InputError` if there is a sample between two times: shorter steps would miss it."""
-    record = model.system.perturbation
-    if record is None or record.control is None or not record.sampled:
+    control = _sampler(model)
+    if control is None:
         return
-    every, unit = record.control.every, record.control.time
+    every, unit = control.every, control.time
     if np.floor(time / every * (1 + WHOLE_SAMPLES)) + 1 < end / every * (1 - WHOLE_SAMPLES):
         raise InputError(
             f"times: expected times at complete steps of dt, since the controller is sampled every {every * unit:g} s, "
@@ -132,19 +130,20 @@ def require_no_sample(model: Model, time: float, end: float) -> None:
         )
 
 
-def of(system: System, state: State) -> dict[str, Array]:
-    """The components of a state by letter."""
-    return dict(zip(system.space.letters, state, strict=True))
-
-
 # -- a sample ----------------------------------------------------------------------------------------------
 
 
 def sampled(system: System, body: Body, q: Array, known: Constants, axes: Mapping[str, int]) -> tuple[State, Any]:
     """The state after a sample, and the work of an impulse; q the orientation as a quaternion."""
-    control, new = _control(system), of(system, body.state)
+    control, new = _control(system), dict(zip(system.space.letters, body.state, strict=True))
     sensors, generator = _seen(system, body, q, known, axes)
-    results = _results(control, {**sensors, **{k: new[k] for k in control.memory}}, body, known, axes)
+    given, shapes, tape = {**sensors, **{k: new[k] for k in control.memory}}, {**SENSORS, **control.memory}, list[Any]()
+    arguments = {
+        name: traced(tape, given[name], len(shapes[name])) if name in given else traced(tape, known[name], axes[name])
+        for name in control.arguments
+    }
+    found = called(control.law, arguments, control.commands, control.memory, all_commands=True)
+    results = {name: kicks.values_of(value, body) for name, value in found.items()}
     most = {name: known[LIMIT + name] for name in control.limits}
     commands = [_clipped(results[k], -most[k], most[k]) if k in most else results[k] for k in control.commands]
     new |= {name: results[name] for name in control.memory}
@@ -156,9 +155,9 @@ def sampled(system: System, body: Body, q: Array, known: Constants, axes: Mappin
         commands = [first[..., end - k : end] for end, k in zip(ends, control.commands.values(), strict=True)]
     applied = dict(zip(control.commands, commands, strict=True))
     if WHEEL_TORQUE in applied and WHEEL_LIMIT in known:
-        h, most, steady = new[WHEELS], known[WHEEL_LIMIT], known[WHEEL_TORQUE]
+        h, largest, steady = new[WHEELS], known[WHEEL_LIMIT], known[WHEEL_TORQUE]
         seconds = control.every * control.time  # in which the motors do not leave these limits
-        bounds = (-most - h) / seconds - steady, (most - h) / seconds - steady
+        bounds = (-largest - h) / seconds - steady, (largest - h) / seconds - steady
         applied[WHEEL_TORQUE] = _clipped(applied[WHEEL_TORQUE], *bounds)
     new |= {HELD + name: value for name, value in applied.items()}
     if generator is not None:
@@ -183,23 +182,25 @@ def _seen(
     system: System, body: Body, q: Array, known: Constants, axes: Mapping[str, int]
 ) -> tuple[dict[str, Any], Array | None]:
     """Values of the sensors by name, and the generator after the draws of the noise."""
-    control, own = _control(system), of(system, body.state)
+    control, own = _control(system), dict(zip(system.space.letters, body.state, strict=True))
     R, inside = to_body(known), kicks.from_body(system, body, known).mT
     wanted = [name for name in SENSORS if name in control.arguments]
     placed = any(name in OF_PLACE for name in wanted if name != "field" or body.field is None)
     fields = surroundings(system, body, known, axes) if placed else {}
     fields |= {} if body.field is None else {"field": body.field}
-
-    def exactly(name: str) -> Any:
+    seen = dict[str, Any]()
+    for name in wanted:
         if name == "rates":
-            return algebra.act(inside, algebra.axial(kicks.velocity(system, body.state, known))) / control.time
-        if name == "attitude":
-            return algebra.quaternion_product(q, algebra.inverse_turn(known[BODY_AXES]))
-        if name in (TIME, "time", WHEELS, "light"):
-            return {"time": body.t * control.time, WHEELS: own.get(WHEELS), "light": fields.get("light")}[name]
-        return algebra.act(R, algebra.act(body.g.mT, fields[name]))  # type: ignore[union-attr]
-
-    seen = {name: exactly(name) for name in wanted}
+            omega = algebra.axial(kicks.velocity(system, body.state, known))
+            seen[name] = algebra.act(inside, omega) / control.time
+        elif name == "attitude":
+            seen[name] = algebra.quaternion_product(q, algebra.inverse_turn(known[BODY_AXES]))
+        elif name == "time":
+            seen[name] = body.t * control.time
+        elif name in (WHEELS, "light"):
+            seen[name] = own[WHEELS] if name == WHEELS else fields["light"]
+        else:
+            seen[name] = algebra.act(R, algebra.act(body.g.mT, fields[name]))  # type: ignore[union-attr]
     if not control.noise:
         return seen, None
     drawn, generator = normals(own[GENERATOR], 3 * len(control.noise))
@@ -207,24 +208,9 @@ def _seen(
         names = [word + name for word in (BIAS, DEVIATION)]
         bias, deviation = (known[each] if axes[each] else algebra.vec(known[each]) for each in names)
         off = bias + deviation * drawn[..., 3 * i : 3 * i + 3]
-        seen[name] = (
-            algebra.quaternion_product(seen[name], algebra.turn(off)) if name == "attitude" else seen[name] + off
-        )
+        turned = name == "attitude"
+        seen[name] = algebra.quaternion_product(seen[name], algebra.turn(off)) if turned else seen[name] + off
     return seen, generator
-
-
-def _results(
-    control: Controller, given: Mapping[str, Any], body: Body, known: Constants, axes: Mapping[str, int]
-) -> dict[str, Array]:
-    """Results of the law, of the kind of number of the state.  Raises `InputError`."""
-    tape: list[Any] = []
-    shapes = {**SENSORS, **control.memory}
-    arguments = {
-        name: traced(tape, given[name], len(shapes[name])) if name in given else traced(tape, known[name], axes[name])
-        for name in control.arguments
-    }
-    found = called(control.law, arguments, control.commands, control.memory, all_commands=True)
-    return {name: kicks.values_of(value, body) for name, value in found.items()}
 
 
 def called(
@@ -271,57 +257,47 @@ OF_WHEELS = (
 )
 
 
-def with_wheels(model: Model, values: Mapping[str, Any], time: float = 1.0, momentum: float = 1.0) -> Model:
+def with_wheels(model: Model, values: Mapping[str, Any]) -> Model:
     """The model with wheels and no law, with these values of `OF_WHEELS`.  Raises `InputError`."""
     axes = algebra.floats(values.get(WHEEL_AXES, 0.0))
     if axes.ndim < 2 or not {BODY_AXES, WHEEL_TORQUE} <= values.keys():
         raise InputError(f"parameters: expected the axes and torques of wheels, got {shown(sorted(values))}.")
-    control = Controller(wheels=axes.shape[-2], time=time, momentum=momentum)
-    return controlled(model, control, parameters_of_wheels(values))
+    return controlled(model, Controller(wheels=axes.shape[-2]), [], values)
 
 
-def parameters_of_wheels(values: Mapping[str, Any]) -> list[Parameter]:
-    """The parameters among `OF_WHEELS` that have a value, with it."""
-    return [replace(p, default=values[p.letter]) for p in OF_WHEELS if p.letter in values]
+def controlled(
+    model: Model, control: Controller, parameters: Sequence[Parameter], of_wheels: Mapping[str, Any]
+) -> Model:
+    """The perturbed body with a controller, whose units are those of the body.
+
+    parameters   that the law adds, with their values;  of_wheels: values of `OF_WHEELS`
+    """
+    frame = model.body_frame
+    parameters = [*parameters, *(replace(p, default=of_wheels[p.letter]) for p in OF_WHEELS if p.letter in of_wheels)]
+    if frame is not None:
+        control = replace(control, time=frame.time_unit, momentum=frame.size(model.system.space.letters[0]))
+        more = {HELD + name: (unit, 1.0) for name, unit in COMMANDS.items() if name in control.commands}
+        more |= {WHEELS: ("N m s", 1.0)} if control.wheels else {}
+        more |= dict.fromkeys(("work", "balance"), frame.units["energy"]) if "energy" in frame.units else {}
+        frame = replace(frame, units={**frame.units, **more})
+    return Model(_record(model, Portable(control.law), replace(control, law=None), parameters), {}, frame)
 
 
-def controlled(model: Model, control: Controller, parameters: list[Parameter]) -> Model:
-    """The perturbed body with a controller; `parameters`: those that control and wheels add, with their values."""
-    record = _record(model, control, parameters)
-    law, said = Portable(control.law), replace(control, law=None)
-    return Model(record.remade_by(_record_again, model, said, law, parameters), {}, _in_units(model, control))
-
-
-def _record_again(model: Model, control: Controller, law: Portable, parameters: list[Parameter]) -> System:
-    return controlled(model, replace(control, law=law.function), parameters).system
-
-
-def _in_units(model: Model, control: Controller) -> BodyFrame | None:
-    """The axes and units of the body, of commands and of wheels."""
-    if model.body_frame is None:
-        return None
-    more = {HELD + name: (unit, 1.0) for name, unit in COMMANDS.items() if name in control.commands}
-    more |= {WHEELS: ("N m s", 1.0)} if control.wheels else {}
-    units = model.body_frame.units
-    more |= dict.fromkeys(("work", "balance"), units["energy"]) if "energy" in units else {}
-    return replace(model.body_frame, units={**units, **more})
-
-
-def _record(model: Model, control: Controller, parameters: list[Parameter]) -> System:
+def _record(model: Model, law: Portable, control: Controller, parameters: Sequence[Parameter]) -> System:
     system = model.system
     if control.wheels and (system.perturbation.base if system.perturbation else system).closed_form.moments is None:
         raise InputError(
             f"wheels: expected a free body or a satellite, whose motion with wheels is known, got {system.name}."
         )
     space, more = system.space, components(control)
+    count = algebra.coordinate_count([kind for _, kind in more], 3)
 
     def tensor(*state: Array) -> Array:
         inner = space.tensor(*state[: len(space.letters)])
-        count = algebra.coordinate_count([kind for _, kind in more], 3)
         return np.pad(inner, [(0, 0)] * (inner.ndim - 2) + [(0, count)] * 2)
 
     wide = PhaseSpace(
-        name=f"{space.name} x R^{algebra.coordinate_count([kind for _, kind in more], 3)}",
+        name=f"{space.name} x R^{count}",
         components=(*space.components, *more),
         tensor=tensor,
         casimirs=None,
@@ -329,17 +305,18 @@ def _record(model: Model, control: Controller, parameters: list[Parameter]) -> S
         carried=space.carried,
     )
     every = f"controlled every {control.every * control.time:g} s"
-    kind, how = ("controlled", every) if control.law else ("with wheels", "wheels, whose motors have steady torques")
+    kind, how = ("controlled", every) if law.function else ("with wheels", "wheels, whose motors have steady torques")
     kept = ("source", "scaling", "derive", "body_frame", "checks", "n")
     axes = {**model.axes, **{p.letter: np.ndim(p.default) if p.axes is None else p.axes for p in parameters}}
-    return perturbed_record(
-        replace(system.perturbation or Perturbation(system), control=control),
+    record = perturbed_record(
+        replace(system.perturbation or Perturbation(system), control=replace(control, law=law.function)),
         axes,
         **{name: getattr(system, name) for name in kept},
-        name=f"controlled-{system.name}" if control.law else f"{system.name}{WITH_WHEELS}",
+        name=f"controlled-{system.name}" if law.function else f"{system.name}{WITH_WHEELS}",
         title=f"{system.title}, {kind}",
         equations=f"{system.equations}; {how}",
         space=wide,
         integrals={},
         parameters=(*(replace(p, default=model.params[p.letter]) for p in system.parameters), *parameters),
     )
+    return record.remade_by(_record, model, law, control, parameters)

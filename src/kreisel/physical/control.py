@@ -24,7 +24,7 @@ from kreisel.forces.control import (
     called,
     components,
     controlled,
-    parameters_of_wheels,
+    with_wheels,
 )
 from kreisel.forces.kicks import BODY_AXES, OF_PLACE, WHEEL_AXES, WHEEL_TORQUE, WHEELS, perturbation_of
 from kreisel.physical.measures import finite_floats, si_number, si_numbers
@@ -107,7 +107,15 @@ class Control:
             raise InputError(f"law: expected a function of sensors and memory, got {shown(self.law)}.")
         object.__setattr__(self, "every", si_number(self.every, "s", "every", positive=True))
         for name, known in (("memory", None), ("parameters", None), ("noise", NOISY), ("limits", COMMANDS)):
-            _names(getattr(self, name), name, known)
+            given = getattr(self, name)
+            good = isinstance(given, Mapping) and all(isinstance(key, str) and key.isidentifier() for key in given)
+            wrong = [key for key in given if known is not None and key not in known] if good else []
+            if not good or wrong:
+                names = "user-defined names" if known is None else ", ".join(known)
+                near = hint(wrong[0], known) if wrong and known else ""
+                raise InputError(
+                    f"{name}: expected a dict with {names}, got {shown(wrong[0] if wrong else given)}.{near}"
+                )
         memory = {name: finite_floats(value, "1", name) for name, value in self.memory.items()}
         if any(value.ndim > 1 or not value.size for value in memory.values()):
             raise InputError(f"memory: expected values or arrays (k,), got {shown(dict(self.memory))}.")
@@ -117,59 +125,55 @@ class Control:
         if any((value < 0).any() for value in limits.values()):
             raise InputError(f"limits: expected sizes >= 0, got {shown(dict(self.limits))}.")
         object.__setattr__(self, "limits", limits)
-        for name, least in (("seed", 0), ("delay", 0)):
+        for name in ("seed", "delay"):
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
                 raise InputError(f"{name}: expected an integer >= 0, got {shown(value)}.")
 
-    def on(self, model: Model, axes: Array, wheels: Wheels | None, time: float = 1.0, momentum: float = 1.0) -> Model:
-        """The model with this controller; its units, and the axes of its state along the body axes, as columns.
-
-        Raises `InputError`.
-        """
+    def on(self, model: Model, wheels: Wheels | None, of_wheels: Mapping[str, Any]) -> Model:
+        """The model with this controller, in the units of its body.  Raises `InputError`."""
         count = 0 if wheels is None else len(wheels.axes)
         parameters = [_parameter(name, value, "of the law") for name, value in self.parameters.items()]
-        taken = {*model.params, *model.system.space.letters, *SENSORS, *self.memory} & {*self.parameters}
-        taken |= {*model.params, *model.system.space.letters, *SENSORS} & {*self.memory}
+        used = {*model.params, *model.system.space.letters, *SENSORS}
+        taken = (used | {*self.memory}) & {*self.parameters} | used & {*self.memory}
         if taken:
             raise InputError(f"Control: expected names that neither sensors nor the body have, got {', '.join(taken)}.")
-        arguments = self._arguments(model, count)
+        record, frame = model.system.perturbation, model.body_frame
+        placed = record is not None and record.environment is not None  # a body on an orbit, in a field
+        arguments = self._arguments(count, placed)
         shapes = {**SENSORS, WHEELS: (count,), **{name: value.shape for name, value in self.memory.items()}}
         shapes |= {p.letter: (3,) if p.kind == "vector" else () for p in parameters}
         lengths = {name: count if name == WHEEL_TORQUE else 3 for name in COMMANDS}
-        lengths = {k: v for k, v in lengths.items() if v and (k != "dipole" or _has_place(model))}
-        commands = self._tried(arguments, shapes, lengths)
-        control = Controller(
-            law=self.law,
-            arguments=arguments,
-            every=self.every / time,
-            memory={name: shapes[name] for name in self.memory},
-            commands=commands,
-            wheels=count,
-            delay=int(self.delay),
-            noise=tuple(self.noise),
-            limits=tuple(self.limits),
-            time=time,
-            momentum=momentum,
-        )
-        deaf = [name for name in self.noise if name not in arguments]
-        if deaf:
-            raise InputError(f"noise: expected sensors of the law, {', '.join(arguments)}, got {shown(deaf[0])}.")
+        commands = self._tried(arguments, shapes, {k: v for k, v in lengths.items() if v and (placed or k != "dipole")})
         for name, values in self.noise.items():
-            for word, what in ((DEVIATION, "standard deviation"), (BIAS, "bias")):
-                parameters.append(_parameter(word + name, values[word], f"{what} of the sensor {name}, {NOISY[name]}"))
+            if name not in arguments:
+                raise InputError(f"noise: expected sensors of the law, {', '.join(arguments)}, got {shown(name)}.")
+            for word, meaning in ((DEVIATION, "standard deviation"), (BIAS, "bias")):
+                parameters.append(
+                    _parameter(word + name, values[word], f"{meaning} of the sensor {name}, {NOISY[name]}")
+                )
         for name, value in self.limits.items():
             if name not in commands or value.shape not in ((), (commands[name],)):
                 raise InputError(
                     f"limits: expected a number or one for each entry of {', '.join(commands) or 'a command'}, got "
                     f"{name}: {shown(value.tolist())}."
                 )
-            parameters.append(
-                Parameter(LIMIT + name, "array", f"largest {name}", None, np.broadcast_to(value, commands[name]))
-            )
-        return controlled(model, control, [*parameters, *parameters_of_wheels(of_wheels(axes, wheels))])
+            most = np.broadcast_to(value, commands[name])
+            parameters.append(Parameter(LIMIT + name, "array", f"largest {name}", None, most))
+        control = Controller(
+            law=self.law,
+            arguments=arguments,
+            every=self.every / (1.0 if frame is None else frame.time_unit),
+            memory={name: shapes[name] for name in self.memory},
+            commands=commands,
+            wheels=count,
+            delay=int(self.delay),
+            noise=tuple(self.noise),
+            limits=tuple(self.limits),
+        )
+        return controlled(model, control, parameters, of_wheels)
 
-    def _arguments(self, model: Model, wheels: int) -> tuple[str, ...]:
+    def _arguments(self, wheels: int, placed: bool) -> tuple[str, ...]:
         """The arguments of the law by name.  Raises `InputError` for others than it may have."""
         try:
             signature = inspect.signature(self.law)
@@ -177,9 +181,8 @@ class Control:
             raise InputError(
                 f"law: expected a Python function that names its arguments, got {shown(self.law)}."
             ) from None
-        known = [*(name for name in SENSORS if wheels or name != WHEELS), *self.memory, *self.parameters]
-        if not _has_place(model):
-            known = [name for name in known if name not in OF_PLACE]
+        sensors = [name for name in SENSORS if (wheels or name != WHEELS) and (placed or name not in OF_PLACE)]
+        known = [*sensors, *self.memory, *self.parameters]
         for p in signature.parameters.values():
             if p.kind not in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) or p.name not in known:
                 raise InputError(
@@ -188,9 +191,7 @@ class Control:
                 )
         return tuple(signature.parameters)
 
-    def _tried(
-        self, arguments: Sequence[str], shapes: Mapping[str, tuple[int, ...]], lengths: Mapping[str, int]
-    ) -> dict[str, int]:
+    def _tried(self, arguments: Sequence[str], shapes: Mapping[str, Any], lengths: dict[str, int]) -> dict[str, int]:
         """The lengths of the commands that the law returns, run twice on random values.  Raises `InputError`."""
         rng, runs = np.random.default_rng(0), []
         values = {name: np.asarray(rng.normal(size=shapes[name])) for name in arguments}
@@ -198,8 +199,9 @@ class Control:
             tape: list[Any] = []
             given = {name: traced(tape, value, value.ndim) for name, value in values.items()}
             with np.errstate(all="ignore"):
-                runs.append(called(self.law, given, lengths, {name: shapes[name] for name in self.memory}))
-        if any(_plain(runs[0][name]) != _plain(value) for name, value in runs[1].items()):
+                found = called(self.law, given, lengths, {name: shapes[name] for name in self.memory})
+            runs.append({k: [float(getattr(v, "value", v)) for v in value.flat] for k, value in found.items()})
+        if any(runs[0][name] != value for name, value in runs[1].items()):
             raise InputError(
                 "law: expected the same result from the same values, got two. Usual cause: random values, or a list "
                 "or a global that the law changes. Noise is noise={...}, values kept between samples are memory={...}."
@@ -207,9 +209,14 @@ class Control:
         return {name: lengths[name] for name in COMMANDS if name in runs[0]}
 
 
-def _has_place(model: Model) -> bool:
-    """Whether it is a body on an orbit, in a field."""
-    return model.system.perturbation is not None and model.system.perturbation.environment is not None
+def controlled_by(model: Model, control: Control | None, wheels: Wheels | None) -> Model:
+    """The model with wheels and a controller.  Raises `InputError`."""
+    axes = np.eye(3) if model.body_frame is None else model.body_frame.axes
+    of_wheels = {BODY_AXES: algebra.unit_quaternion(axes)}
+    if wheels is not None:
+        of_wheels |= {WHEEL_AXES: wheels.axes, WHEEL_TORQUE: wheels.torque}
+        of_wheels |= {} if wheels.limit is None else {WHEEL_LIMIT: wheels.limit}
+    return with_wheels(model, of_wheels) if control is None else control.on(model, wheels, of_wheels)
 
 
 def at_the_start(model: Model, control: Control | None, wheels: Wheels | None, lanes: int) -> dict[str, Array]:
@@ -219,25 +226,6 @@ def at_the_start(model: Model, control: Control | None, wheels: Wheels | None, l
     if control is not None and GENERATOR in out:
         out[GENERATOR] = streams(int(control.seed), lanes) if lanes > 1 else streams(int(control.seed), 1)[0]
     return out | ({} if wheels is None else {WHEELS: wheels.momenta}) | ({} if control is None else {**control.memory})
-
-
-def of_wheels(axes: Array, wheels: Wheels | None) -> dict[str, Array]:
-    """The values of `forces.control.OF_WHEELS`; axes of the state along the body axes, as columns."""
-    out = {BODY_AXES: algebra.unit_quaternion(axes)}
-    if wheels is not None:
-        out |= {WHEEL_AXES: wheels.axes, WHEEL_TORQUE: wheels.torque}
-        out |= {} if wheels.limit is None else {WHEEL_LIMIT: wheels.limit}
-    return out
-
-
-def _names(given: Any, what: str, known: Mapping[str, Any] | None) -> None:
-    """Raises `InputError` for anything but a dict of names, `known` ones if they are given."""
-    good = isinstance(given, Mapping) and all(isinstance(name, str) and name.isidentifier() for name in given)
-    wrong = [name for name in given if known is not None and name not in known] if good else []
-    if not good or wrong:
-        names = "user-defined names" if known is None else ", ".join(known)
-        near = hint(wrong[0], known) if wrong and known else ""
-        raise InputError(f"{what}: expected a dict with {names}, got {shown(wrong[0] if wrong else given)}.{near}")
 
 
 def _parameter(name: str, value: Any, meaning: str) -> Parameter:
@@ -254,7 +242,3 @@ def _noise(name: str, value: Any) -> dict[str, Array]:
     if (std < 0).any():
         raise InputError(f"noise: expected a standard deviation >= 0 for {name}, got {shown(std.tolist())}.")
     return {DEVIATION: std, BIAS: bias}
-
-
-def _plain(found: Array) -> list[Any]:
-    return [float(getattr(v, "value", v)) for v in found.flat]

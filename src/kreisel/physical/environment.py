@@ -8,11 +8,10 @@ Dates are days of UTC after 2000-01-01 12:00; UTC is used for UT1 and TT, which 
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,27 +27,6 @@ CENTURY = 36_525.0  # days
 DEGREE = 13  # of IGRF
 TURNS_A_DAY = 1.00273781191135448  # of the Earth against the stars, IERS Conventions (2010), equation 5.15
 ROTATION = 2 * np.pi * TURNS_A_DAY / DAY  # rad/s
-
-
-class Environment(NamedTuple):
-    """Models of the environment of a primary, of days of UTC after 2000-01-01 12:00.
-
-    field      (days, degree) -> coefficients and their rates, (degree (degree + 2), 2), T and T/s
-    meridian   days -> angle of the prime meridian from the equinox, rad, and its rate, rad/s
-    sun        days -> the motion of the Sun: `sun_ahead` and `solar`
-    air        tables by name: height, m; density by night and in the bulge, kg/m^3
-    rotation   rate of the primary and its air about the axis, rad/s
-    """
-
-    field: Callable[[float, int], Array]
-    meridian: Callable[[float], Array]
-    sun: Callable[[float], dict[str, Array]]
-    air: Mapping[str, Array]
-    rotation: float
-
-    def __repr__(self) -> str:
-        """A short form: the tables fill a page."""
-        return f"<environment with the air {', '.join(self.air)}>"
 
 
 # -- magnetic field --------------------------------------------------------------------------------
@@ -107,7 +85,7 @@ def meridian(days: float) -> Array:
 PRECESSION = 5028.796195 / 3600  # degrees a century along the ecliptic, IAU 2006
 
 
-def sun(days: float) -> dict[str, Array]:
+def motion_of_sun(days: float) -> dict[str, Array]:
     """Motion of the Sun seen from the Earth, with aberration, to 0.01 degrees.
 
     [Meeus, Astronomical Algorithms, 2nd ed., 1998, chapter 25, low accuracy, without the term in 3M; equation 22.2]
@@ -163,7 +141,6 @@ HARRIS_PRIESTER = _table("""
     960 1.560e-15 2.360e-14;  1000 1.150e-15 1.810e-14
 """)
 TABLES = {"exponential": EXPONENTIAL, "harris-priester": HARRIS_PRIESTER}
-ENVIRONMENT = Environment(igrf, meridian, sun, TABLES, ROTATION)
 
 
 def rows_between(table: Array, low: float, high: float) -> Array:
@@ -187,76 +164,61 @@ def rows_between(table: Array, low: float, high: float) -> Array:
 FIELDS = ("igrf", "dipole", "tilted-dipole")
 
 
-@dataclass(frozen=True)
-class Choice:
-    """The models that a `Satellite` asks for: its arguments of these names."""
+def environment_of(
+    orbit: Orbit, orbits: Sequence[Orbit], magnetic_field: Any, degree: int, air: Any, density: float, sun: Any,
+    eclipse: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """Parameters of `kreisel.bodies.environment` for a `Satellite` with these arguments.  Raises `InputError`.
 
-    field: str | None
-    degree: int
-    air: str | None
-    density: float
-    sun: Any
-    eclipse: bool | None
+    orbits   of all lanes, whose heights the table of the air covers
+    """
+    dated = orbit.epoch is not None and orbit.primary.earthly
+    magnetic_field = magnetic_field or ("igrf" if dated else "dipole")
+    require_one_of(FIELDS, magnetic_field, "magnetic_field")
+    out: dict[str, Any] = {"field": orbit.primary.field}
+    if magnetic_field != "dipole":
+        _require_date(orbit, f"magnetic_field={magnetic_field!r}")
+        gauss = igrf(orbit.days, degree if magnetic_field == "igrf" else 1)
+        out = {"field": 0.0, "gauss": gauss, "meridian": meridian(orbit.days)}
+    if eclipse is not None and not isinstance(eclipse, bool):
+        raise InputError(f"eclipse: expected True or False, got {shown(eclipse)}.")
+    moves = dated if sun is None else isinstance(sun, str)
+    out["eclipse"] = float(moves if eclipse is None else eclipse)
+    if moves:
+        if sun not in (None, "ephemeris"):
+            raise InputError(f"sun: expected 'ephemeris' or a direction in space, got {shown(sun)}.")
+        _require_date(orbit, "sun='ephemeris'")
+        out |= motion_of_sun(orbit.days)
+    elif sun is not None:
+        direction = si_numbers(sun, "1", "sun", ((3,),))
+        if not direction.any():
+            raise InputError("sun: expected a direction, got the zero vector.")
+        out["sun"] = direction / np.linalg.norm(direction)
+    return out | ({"density": density} if air is None else _air(orbit, orbits, air, density, sun))
 
-    def parameters(self, orbit: Orbit, orbits: Sequence[Orbit] = ()) -> dict[str, Any]:
-        """Parameters of `kreisel.bodies.environment` for an orbit among others.  Raises `InputError`."""
-        return self._field(orbit) | self._sun(orbit) | self._air(orbit, orbits or [orbit])
 
-    def _models(self, orbit: Orbit, wish: str) -> Environment:
-        """The models of the primary at the epoch."""
-        if orbit.primary.environment is None:
-            raise InputError(f"{wish}: expected an orbit of the Earth, got one of the primary {orbit.primary.name}.")
-        if orbit.epoch is None:
-            raise InputError(f"{wish}: expected a date, Orbit(..., epoch='2026-03-20T14:46:00') in UTC, got none.")
-        return orbit.primary.environment
+def _require_date(orbit: Orbit, wish: str) -> None:
+    if not orbit.primary.earthly:
+        raise InputError(f"{wish}: expected an orbit of the Earth, got one of the primary {orbit.primary.name}.")
+    if orbit.epoch is None:
+        raise InputError(f"{wish}: expected a date, Orbit(..., epoch='2026-03-20T14:46:00') in UTC, got none.")
 
-    def _dated(self, orbit: Orbit) -> bool:
-        return orbit.epoch is not None and orbit.primary.environment is not None
 
-    def _field(self, orbit: Orbit) -> dict[str, Any]:
-        field = self.field or ("igrf" if self._dated(orbit) else "dipole")
-        require_one_of(FIELDS, field, "magnetic_field")
-        if field == "dipole":
-            return {"field": orbit.primary.field}
-        models = self._models(orbit, f"magnetic_field={field!r}")
-        gauss = models.field(orbit.days, self.degree if field == "igrf" else 1)
-        return {"field": 0.0, "gauss": gauss, "meridian": models.meridian(orbit.days)}
-
-    def _sun(self, orbit: Orbit) -> dict[str, Any]:
-        if self.eclipse is not None and not isinstance(self.eclipse, bool):
-            raise InputError(f"eclipse: expected True or False, got {shown(self.eclipse)}.")
-        moves = self._dated(orbit) if self.sun is None else isinstance(self.sun, str)
-        eclipse = float(moves if self.eclipse is None else self.eclipse)
-        if self.sun is None and not moves:
-            return {"eclipse": eclipse}
-        if not moves:
-            direction = si_numbers(self.sun, "1", "sun", ((3,),))
-            if not direction.any():
-                raise InputError("sun: expected a direction, got the zero vector.")
-            return {"sun": direction / np.linalg.norm(direction), "eclipse": eclipse}
-        if self.sun not in (None, "ephemeris"):
-            raise InputError(f"sun: expected 'ephemeris' or a direction in space, got {shown(self.sun)}.")
-        return self._models(orbit, "sun='ephemeris'").sun(orbit.days) | {"eclipse": eclipse}
-
-    def _air(self, orbit: Orbit, orbits: Sequence[Orbit]) -> dict[str, Any]:
-        if self.air is None:
-            return {"density": self.density}
-        if orbit.primary.environment is None:
-            raise InputError(f"air: expected an orbit of the Earth, got one of the primary {orbit.primary.name}.")
-        tables = orbit.primary.environment.air
-        require_one_of(tables, self.air, "air")
-        if self.density:
-            raise InputError("air: expected no density with it, got both. Give one of the two.")
-        bulges = self.air == "harris-priester"
-        if bulges and self.sun is None:
-            self._models(orbit, "air='harris-priester'")  # the Sun by its date
-        R, f = orbit.primary.radius, orbit.primary.flattening
-        low = min(each.semi_major_axis * (1 - each.eccentricity) for each in orbits) - R
-        high = max(each.semi_major_axis * (1 + each.eccentricity) for each in orbits) - R * (1 - f)
-        return {
-            "density": 1.0,
-            "air": rows_between(tables[self.air], low, high),
-            "bulge": 2 + 4 * np.sin(orbit.inclination) ** 2,
-            "flattening": f,
-            "air_rate": orbit.primary.environment.rotation,
-        }
+def _air(orbit: Orbit, orbits: Sequence[Orbit], air: Any, density: float, sun: Any) -> dict[str, Any]:
+    if not orbit.primary.earthly:
+        raise InputError(f"air: expected an orbit of the Earth, got one of the primary {orbit.primary.name}.")
+    require_one_of(TABLES, air, "air")
+    if density:
+        raise InputError("air: expected no density with it, got both. Give one of the two.")
+    if air == "harris-priester" and sun is None:
+        _require_date(orbit, "air='harris-priester'")  # the Sun by its date
+    R, f = orbit.primary.radius, orbit.primary.flattening
+    low = min(each.semi_major_axis * (1 - each.eccentricity) for each in orbits) - R
+    high = max(each.semi_major_axis * (1 + each.eccentricity) for each in orbits) - R * (1 - f)
+    return {
+        "density": 1.0,
+        "air": rows_between(TABLES[air], low, high),
+        "bulge": 2 + 4 * np.sin(orbit.inclination) ** 2,
+        "flattening": f,
+        "air_rate": ROTATION,
+    }

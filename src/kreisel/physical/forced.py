@@ -12,9 +12,8 @@ from kreisel import algebra
 from kreisel.algebra import Array, cross
 from kreisel.errors import InputError, explained, shown
 from kreisel.forces.body import perturbed
-from kreisel.forces.control import with_wheels
 from kreisel.forces.in_body import AXES_OF_LANES, MOTION, UNIT_OF_LANES, in_body
-from kreisel.physical.control import Control, Wheels, at_the_start, of_wheels
+from kreisel.physical.control import Control, Wheels, at_the_start, controlled_by
 from kreisel.physical.ensemble import Varied
 from kreisel.physical.measures import finite_floats, si_numbers
 from kreisel.record.body import started
@@ -56,33 +55,19 @@ class Forced(Varied):
         by_torque = by_functions(self.torque) if self.steady else self.torque is not None
         return by_torque or self.potential is not None or self.damping is not None
 
-    def forced(
-        self,
-        model: Model,
-        time: float = 1.0,
-        momentum: float = 1.0,
-        turn: Array | None = None,
-        quantities: tuple[str, ...] = MOTION,
-    ) -> Model:
-        """The model with these forces; units of time and momentum, and axes, as in `InBody`."""
+    def forced(self, model: Model, quantities: tuple[str, ...] = MOTION) -> Model:
+        """The model of the body with these forces, functions of these quantities.  Raises `InputError`."""
         if not self.forced_by:
             return model
         if "_forced" not in self.__dict__:
-            turn = np.eye(3) if turn is None else turn
-            forced = self._with_functions(model, time, momentum, turn, quantities) if self._by_functions else model
-            object.__setattr__(self, "_forced", self._controlled(forced, turn, time, momentum))
+            for name, kind in (("wheels", Wheels), ("control", Control)):
+                if not isinstance(value := getattr(self, name), kind | None):
+                    raise InputError(f"{name}: expected kr.physical.{kind.__name__}(...), got {shown(value)}.")
+            model = self._with_functions(model, quantities) if self._by_functions else model
+            if self.control is not None or self.wheels is not None:
+                model = controlled_by(model, self.control, self.wheels)
+            object.__setattr__(self, "_forced", model)
         return self.__dict__["_forced"]
-
-    def _controlled(self, model: Model, axes: Array, time: float, momentum: float) -> Model:
-        """The model with wheels and a controller.  Raises `InputError`."""
-        for name, kind in (("wheels", Wheels), ("control", Control)):
-            if not isinstance(getattr(self, name), kind | None):
-                raise InputError(
-                    f"{name}: expected kr.physical.{kind.__name__}(...), got {shown(getattr(self, name))}."
-                )
-        if self.control is not None:
-            return self.control.on(model, axes, self.wheels, time, momentum)
-        return model if self.wheels is None else with_wheels(model, of_wheels(axes, self.wheels), time, momentum)
 
     def _started(self, orientation: Array, M: Array, **components: Any) -> State:
         """The state with the momentum M (..., 3), and with wheels, memory and commands at the start."""
@@ -91,21 +76,19 @@ class Forced(Varied):
         M = M if M.ndim == 1 else algebra.hat(M)  # 3 x 3 values may be one matrix or three vectors
         return started(model, orientation, **{model.system.space.letters[0]: M}, **components, **more)
 
-    def _with_functions(
-        self, model: Model, time: float, momentum: float, turn: Array, quantities: tuple[str, ...]
-    ) -> Model:
-        """The model with forces by functions."""
+    def _with_functions(self, model: Model, quantities: tuple[str, ...]) -> Model:
         params = {} if self.params is None else self.params
         if not isinstance(params, Mapping):
             raise InputError(f"params: expected a dict of names and values, got {shown(params)}.")
         axes = model.body_frame or BodyFrame()
-        frame: dict[str, Any] = {"turn": turn, "time": time, "momentum": momentum}
+        turn, momentum = axes.axes, axes.size(model.system.space.letters[0])
+        frame: dict[str, Any] = {"turn": turn, "time": axes.time_unit, "momentum": momentum}
         if self._lanes:
             params = {**params, **dict(zip(AXES_OF_LANES, turn.T, strict=True)), UNIT_OF_LANES: momentum}
             frame |= {"turn": None, "momentum": None}
         still = tuple(name for name in quantities if name not in ("M", "Omega"))
-        damping = None if self.damping is None else finite_floats(self.damping, "1/s", "damping") * time
-        if damping is not None and damping.shape[-1:] == (3,) and (turn != np.eye(3)).any():
+        damping = None if self.damping is None else finite_floats(self.damping, "1/s", "damping") * axes.time_unit
+        if damping is not None and damping.shape[-1:] == (3,) and axes.turned:
             raise InputError(
                 "damping: expected one rate for a body in other than principal axes, got three. Give rates of the axes "
                 "as torque=lambda Omega: -D @ Omega."

@@ -124,7 +124,7 @@ class FreeBody(Forced):
         J = _mass_moments(self.principal.moments, self.unit_moment)
         J[abs(J) < CLOSE] = 0
         free = REGISTRY["euler-top"](J=J).of_body(frame_of(self.time_unit, self.momentum_unit, self.principal.axes))
-        return self.forced(free, self.time_unit, self.momentum_unit, self.principal.axes)
+        return self.forced(free)
 
     def _scaled(self, parameters: dict[str, Any]) -> dict[str, Any]:
         """J for the principal moments."""

@@ -125,7 +125,7 @@ class Gyroscope(Forced):
         top = REGISTRY["lagrange-top"](p=(0.0, 0.0, weight), alpha=self.alpha).of_body(
             frame_of(self.time_unit, self.momentum_unit, letter="m")
         )
-        return self.forced(top, self.time_unit, self.momentum_unit)
+        return self.forced(top)
 
     def state(self, tilt: Any, spin: Any, precession: Any = 0.0, nutation: Any = 0.0) -> State:
         """The scaled state at azimuth 0: a = (sin theta, 0, cos theta), m = I1 a x a' + I3 w3 a.

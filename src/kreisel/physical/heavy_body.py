@@ -110,7 +110,7 @@ class HeavyBody(Forced):
         top = REGISTRY["heavy-top"](J=turn.T @ J @ turn, A=A @ turn).of_body(
             frame_of(self.time_unit, self.momentum_unit, turn)
         )
-        return self.forced(top, self.time_unit, self.momentum_unit, turn)
+        return self.forced(top)
 
     @property
     def _turn(self) -> Array:

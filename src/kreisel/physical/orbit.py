@@ -16,8 +16,6 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import cached_property
 from kreisel.bodies import orbit as formulas_of_orbits
 from kreisel.errors import InputError, InputWarning, doubt, explained, shown
-from kreisel.physical import environment as earth
-from kreisel.physical.environment import Environment
 from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number, si_numbers
 from kreisel.record.table import EMPTY, Reader, Table, form_of
 from kreisel.runs.orbits import orbit_frame
@@ -29,7 +27,7 @@ formulas = cast("Any", formulas_of_orbits)  # of a page, without types
 class Primary(NamedTuple):
     """The central body: gravitational parameter mu, m^3/s^2; radius R, m; magnetic field R^3 g_1^0, T m^3; J2.
 
-    Then the flattening of its ellipsoid, and the models of its field, rotation, Sun and air at a date, None for none.
+    Then the flattening of its ellipsoid, and whether it has the Earth's field, rotation, Sun and air at a date.
 
     B = -grad V,  V = R (R/r)^2 g_1^0 cos(theta) of the dipole along the axis: g_1^0 < 0 for the Earth, whose field
     points north over its equator.
@@ -41,7 +39,7 @@ class Primary(NamedTuple):
     field: float = 0.0
     J2: float = 0.0
     flattening: float = 0.0
-    environment: Environment | None = None
+    earthly: bool = False
 
 
 # mu, radius: WGS 84 for the Earth, with its flattening, JPL's planetary satellite ephemerides (SAT441) for Saturn,
@@ -50,13 +48,7 @@ class Primary(NamedTuple):
 # 60268 km, Burton et al., Geophysical Research Letters 37 (2010) L24105.  J2: WGS 84, and of Saturn 16290.57e-6
 # for 60330 km, Iess et al., Science 364 (2019) eaat2965.
 EARTH = Primary(
-    "Earth",
-    formulas.EARTH,
-    6_378_137.0,
-    -29_350.0e-9 * 6_371_200.0**3,
-    1.08262998905e-3,
-    1 / 298.257223563,
-    earth.ENVIRONMENT,
+    "Earth", formulas.EARTH, 6_378_137.0, -29_350.0e-9 * 6_371_200.0**3, 1.08262998905e-3, 1 / 298.257223563, True
 )
 SATURN = Primary("Saturn", 3.7931206e16, 6.0268e7, 21_136.0e-9 * 60_268_000.0**3, 16_290.57e-6 * (60_330 / 60_268) ** 2)
 ASTRONOMICAL_UNIT = 149_597_870_700.0  # m, IAU 2012

@@ -163,8 +163,9 @@ class Satellite(Forced):
     @cached_property
     def _surroundings(self) -> dict[str, Any]:
         """Parameters of the environment."""
-        choice = earth.Choice(self.magnetic_field, self.degree, self.air, self.density, self.sun, self.eclipse)
-        return choice.parameters(self.orbit, [body.orbit for body in self._lanes])
+        orbits = [body.orbit for body in self._lanes] or [self.orbit]
+        chosen = self.magnetic_field, self.degree, self.air, self.density, self.sun, self.eclipse
+        return earth.environment_of(self.orbit, orbits, *chosen)
 
     def environment(self, run: xr.Dataset) -> xr.Dataset:
         """Environment of the satellite along a run, in space: vectors (time, [lane,] axis), scalars (time, [lane]).
@@ -213,7 +214,7 @@ class Satellite(Forced):
         date = self.orbit.epoch
         epoch = "" if date is None else date.replace(tzinfo=None).isoformat()
         model = model.of_body(replace(frame_of(1.0, 1.0, along, work=("J", 1.0), balance=("J", 1.0)), epoch=epoch))
-        return self.forced(model, turn=along, quantities=(*MOTION, *PLACE))
+        return self.forced(model, (*MOTION, *PLACE))
 
     def state(self, spin: Any = None, axis: Any = None, attitude: Any = None) -> State:
         """The state M = I Omega, kg m^2/s, along the principal axes, for an angular velocity in the body.

@@ -138,7 +138,7 @@ class SubmergedBody(Forced):
             linear_drag=self.linear_drag,
             quadratic_drag=self.quadratic_drag,
         )
-        return self.forced(model, turn=model.constants["turn"], quantities=("Omega", "g", "t"))
+        return self.forced(model, ("Omega", "g", "t"))
 
     @cached_property
     def _place(self) -> tuple[Array, Array]:

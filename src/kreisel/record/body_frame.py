@@ -153,6 +153,15 @@ class BodyFrame:
         matrix = (self.axes.mT if forward else self.axes) * (size[..., None] if np.ndim(size) else size)
         return partial(self._along, matrix=matrix)
 
+    def components(self, values: Mapping[Any, Any], forward: bool) -> dict[str, Any]:
+        """Components by name, changed to SI and words (forward), or to letters, units and axes of the state."""
+        out = {}
+        for name, value in values.items():
+            new = (self.names if forward else self.letters).get(str(name), str(name))
+            change = self.change(str(name) if forward else new, forward)
+            out[new] = value if change is None else change(np.asarray(value))
+        return out
+
 
 def scaling(factor: Any) -> Callable[[Array], Array] | None:
     """Multiplication by a factor; None for 1."""

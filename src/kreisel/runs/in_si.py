@@ -99,39 +99,23 @@ def in_si(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     frame = frame_of(run)
     if frame is None or is_in_si(run):
         return run
-    out = _converted(run, frame, forward=True)
-    model = _model_of(run, model)
-    if model is not None:
-        out = out.assign(_with_axial_energy(run, out, frame, model, 1.0))
-        out = out.assign({VELOCITY: _velocity(run, frame, model)} if model.system.velocity is not None else {})
     title = {"title": f"{frame.title}: {run.attrs['method']}"} if frame.title and "method" in run.attrs else {}
-    return out.assign_attrs({FORM: SI, **title, **_times_of_attributes(run, frame, True)})
+    out = _converted(run, frame, forward=True).assign_attrs({FORM: SI, **title})
+    model = _model_of(run, model)
+    if model is None:
+        return out
+    out = out.assign(_with_spin(out, run, model, frame.size("energy") / 2))
+    if model.system.velocity is None:
+        return out
+    body = model.system.frame is Frame.MOVING
 
+    def velocity(state: list[Array]) -> Array:
+        omega = algebra.axial(model.call(model.system.velocity, *state))
+        return (frame.vectors(omega) if body else omega) / frame.time_unit
 
-def _times_of_attributes(run: xr.Dataset, frame: BodyFrame, forward: bool) -> dict[str, Any]:
-    """The attributes that are times, and the impulses, in SI (forward) or in the units of the state."""
-    factor = frame.time_unit if forward else 1 / frame.time_unit
-    out = {name: run.attrs[name] * factor for name in (*CLOCKS, "stopped") if run.attrs.get(name) is not None}
-    if run.attrs.get("event_times") is not None:
-        events = parsed(run.attrs["event_times"], "The attribute event_times")
-        out["event_times"] = json.dumps([[time * factor, number] for time, number in events])
-    if run.attrs.get("impulses") is not None:
-        impulses = parsed(run.attrs["impulses"], "The attribute impulses")
-        listed: Callable[..., Any] = lambda change, value: np.asarray(change(np.asarray(value))).tolist()  # noqa: E731
-        out["impulses"] = json.dumps([_mapped(frame, each, forward, listed) for each in impulses])
-    return out
-
-
-def _mapped(
-    frame: BodyFrame, values: Mapping[str, Any], forward: bool, apply: Callable[[Any, Any], Any]
-) -> dict[str, Any]:
-    """Components by name, in SI by words (forward) or by letters in the units of the state."""
-    out = {}
-    for name, value in values.items():
-        new = (frame.names if forward else frame.letters).get(str(name), str(name))
-        change = frame.change(str(name) if forward else new, forward)
-        out[new] = value if change is None else apply(change, value)
-    return out
+    meaning = f"angular velocity, along the axes of {'the body' if body else 'space'}"
+    attrs = {"long_name": meaning, "units": "rad/s"} | ({AXES: BODY} if body else {})
+    return out.assign({VELOCITY: _of_rows(run, model, velocity, attrs, axes=(COMPONENT,))})
 
 
 def in_state_form(run: Any) -> Any:
@@ -143,9 +127,8 @@ def in_state_form(run: Any) -> Any:
         raise InputError("The run is damaged: it is in SI, and lacks the attribute body that describes its units.")
     out = _converted(run, frame, forward=False).drop_vars(ADDED, errors="ignore")
     out.attrs.pop(FORM)
-    out.attrs |= _times_of_attributes(run, frame, False)
     model = _model_of(out, None)
-    return out if model is None else out.assign(_with_axial_energy(out, out, BodyFrame(), model, -1.0))
+    return out if model is None else out.assign(_with_spin(out, out, model, -0.5))
 
 
 def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
@@ -158,38 +141,37 @@ def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
     coords: dict[str, xr.Variable] = {}
     for name, variable in run.variables.items():
         base, _, suffix = str(name).rpartition("_") if variable.attrs.get("kind") in SUMMARIES else (str(name), "", "")
-        letter = base if forward else names.get(base, base)
-        unit, size = frame.units.get(letter, ("1", 1.0))
-        if suffix == "frequency":
-            unit, size = "rad/s", 1 / frame.time_unit
+        letter, new = base if forward else names.get(base, base), names.get(base, base)
+        unit, size = frame.units.get(letter, ("1", 1.0)) if suffix != "frequency" else ("rad/s", 1 / frame.time_unit)
         change = scaling(size if forward else 1 / size) if suffix else frame.change(letter, forward)
-        new = names.get(base, base) + (f"_{suffix}" if suffix else "")
-        out = variable if change is None else _applied(variable, change, frame.differs)
-        attrs = _attributes(variable.attrs, frame, letter, new, unit, size, forward)
+        out = variable.copy(deep=False) if change is None else _rows(variable.dims, [variable], change, frame.differs)
+        out.attrs = _attributes(variable.attrs, frame, letter, new, unit, size if forward else 1 / size, forward)
         if suffix and letter in frame.along and frame.turned:
-            attrs[AXES] = STATE  # minima and maxima along the axes given do not follow from those along others
-        if out is variable:
-            out = variable.copy(deep=False)
-        out.attrs = attrs
+            out.attrs[AXES] = STATE  # minima and maxima along the axes given do not follow from those along others
         out.dims = tuple(axes.get(str(d), d) for d in out.dims)
         if name == "lane" and frame.lanes:
             ids = lanes_of(run, frame)
-            out = xr.Variable(variable.dims, np.array(frame.lanes)[ids] if forward else ids, attrs)
-        hidden = name in INTERNAL
-        (coords if (forward if hidden else name in run.coords) else data)[new] = out
-    indexed = {k: v for k, v in coords.items() if k in run.xindexes}
-    made = xr.Dataset(data, indexed, dict(run.attrs))
-    rest = {k: v for k, v in coords.items() if k not in indexed}
-    if rest:
-        made = made.assign_coords(xr.Coordinates(rest, indexes={}))
-    return made
+            out = xr.Variable(variable.dims, np.array(frame.lanes)[ids] if forward else ids, out.attrs)
+        beside = forward if name in INTERNAL else name in run.coords
+        (coords if beside else data)[f"{new}_{suffix}" if suffix else new] = out
+    result = xr.Dataset(data, {k: v for k, v in coords.items() if k in run.xindexes}, dict(run.attrs))
+    more = {k: v for k, v in coords.items() if k not in run.xindexes}
+    result = result.assign_coords(xr.Coordinates(more, indexes={})) if more else result
+    factor, attrs = frame.time_unit if forward else 1 / frame.time_unit, run.attrs
+    result.attrs |= {k: attrs[k] * factor for k in (*CLOCKS, "stopped") if attrs.get(k) is not None}
+    if attrs.get("event_times") is not None:
+        events = parsed(attrs["event_times"], "The attribute event_times")
+        result.attrs["event_times"] = json.dumps([[time * factor, number] for time, number in events])
+    if attrs.get("impulses") is not None:
+        impulses = [frame.components(each, forward) for each in parsed(attrs["impulses"], "The attribute impulses")]
+        result.attrs["impulses"] = json.dumps(impulses, default=np.ndarray.tolist)
+    return result
 
 
 def _attributes(
-    attrs: Mapping[str, Any], frame: BodyFrame, letter: str, name: str, unit: str, size: Any, forward: bool
+    attrs: Mapping[str, Any], frame: BodyFrame, letter: str, name: str, unit: str, factor: Any, forward: bool
 ) -> dict[str, Any]:
     out = {k: v for k, v in attrs.items() if k not in (AXES, "scale_factor")}
-    factor = size if forward else 1 / size
     for key in SIZED:
         if key in out and np.any(factor != 1):
             out[key] = (np.asarray(out[key], dtype=np.float64) * factor).tolist()
@@ -204,101 +186,75 @@ def _attributes(
     return out | {"units": unit} | ({AXES: BODY} if inside or letter == ORIENTATION else {})
 
 
-def _applied(variable: xr.Variable, change: Callable[[Array], Array], by_lane: bool) -> xr.Variable:
-    """The variable with changed values: at once if it is in memory, else when it is read."""
+def _rows(
+    dims: Any, sources: list[xr.Variable], function: Callable[..., Array], by_lane: bool, attrs: Any = None
+) -> xr.Variable:
+    """A variable computed from others: at once if they are in memory, else when it is read."""
     import xarray as xr
 
-    if not _is_lazy(variable):
-        return xr.Variable(variable.dims, change(np.asarray(variable.values)), encoding=variable.encoding)
+    if all(getattr(variable, "_in_memory", True) for variable in sources):
+        with np.errstate(all="ignore"):
+            return xr.Variable(dims, function(*(np.asarray(variable.values) for variable in sources)), attrs)
     from kreisel.runs.lazy import lazy
 
-    return lazy(variable.dims, variable.shape, [variable], lambda values: change(values), by_lane=by_lane)
-
-
-def _is_lazy(variable: xr.Variable) -> bool:
-    return not getattr(variable, "_in_memory", True)
+    sizes = {**sources[0].sizes, COMPONENT: 3}
+    return lazy(dims, tuple(sizes[d] for d in dims), sources, function, attrs, by_lane=by_lane)
 
 
 def _model_of(run: xr.Dataset, model: Model | None) -> Model | None:
     """The model of the rows of a run, of user-defined forces its integrable part, which has the angular velocity.
 
-    None if an archive does not hold it, or the run lacks a part of its state.
+    None if an archive does not hold it, if forces change its angular velocity, or if the run lacks a part of its state.
     """
     record = RunRecord.from_attrs(run.attrs)
-    if model is None and "parameters" in run.attrs:
-        model = _integrable_part(record) if record.is_own else record.model
+    if model is None and "parameters" in run.attrs and not record.is_own:
+        model = record.model
+    elif model is None and "parameters" in run.attrs:
+        from kreisel.bodies import KNOWN
+        from kreisel.forces.kicks import COUPLING, INERTIA
+
+        system = KNOWN.get(re.sub("^((perturbed|controlled)-)*", "", record.bare))
+        values = parsed(record.parameters, "The attribute parameters")
+        if (
+            system is None
+            or not {*system.space.components} <= {*record.kinds.items()}
+            or {INERTIA, COUPLING} & {*values}
+        ):
+            return None
+        model = Model(system, {p.letter: values[p.letter] for p in system.parameters}, record.body_frame)
     if model is None or record.missing_from(run) or "time" not in run.coords:
         return None
     return model.lanes(lanes_of(run, record.body_frame)) if model.batch and "lane" in run.coords else model
 
 
-def _integrable_part(record: RunRecord) -> Model | None:
-    """The model of a known system with user-defined forces that leave its angular velocity unchanged, else None."""
-    from kreisel.bodies import KNOWN
-    from kreisel.forces.kicks import COUPLING, INERTIA
-
-    system = KNOWN.get(re.sub("^((perturbed|controlled)-)*", "", record.bare))
-    values = parsed(record.parameters, "The attribute parameters")
-    if system is None or not {*system.space.components} <= {*record.kinds.items()} or {INERTIA, COUPLING} & {*values}:
-        return None
-    return Model(system, {p.letter: values[p.letter] for p in system.parameters}, record.body_frame)
-
-
 def _of_rows(
-    run: xr.Dataset, model: Model, function: Callable[..., Array], more: list[xr.Variable], axes: tuple[str, ...]
+    run: xr.Dataset, model: Model, function: Callable[..., Array], attrs: Any, more: Any = (), axes: Any = ()
 ) -> xr.Variable:
     """A function of the components of the state and of further variables at each row, read when it is needed."""
-    import xarray as xr
-
     letters, kinds = zip(*model.system.space.components, strict=True)
 
     def values(*parts: Array) -> Array:
         state = [algebra.KINDS[kind].from_user(v, 3) for kind, v in zip(kinds, parts, strict=False)]
         return function(state, *parts[len(kinds) :])
 
-    parts = [run.variables[letter] for letter in letters] + more
-    dims, shape = (*parts[0].dims[:-1], *axes), (*parts[0].shape[:-1], *(3 for _ in axes))
-    if any(map(_is_lazy, parts)):
-        from kreisel.runs.lazy import lazy
-
-        return lazy(dims, shape, parts, values, by_lane=bool(model.batch))
-    with np.errstate(all="ignore"):
-        return xr.Variable(dims, values(*(np.asarray(v.values) for v in parts)))
-
-
-def _velocity(run: xr.Dataset, frame: BodyFrame, model: Model) -> xr.Variable:
-    body = model.system.frame is Frame.MOVING
-
-    def values(state: list[Array]) -> Array:
-        omega = algebra.axial(model.call(model.system.velocity, *state))
-        return (frame.vectors(omega) if body else omega) / frame.time_unit
-
-    out = _of_rows(run, model, values, [], (COMPONENT,))
-    meaning = f"angular velocity, along the axes of {'the body' if body else 'space'}"
-    out.attrs = {"long_name": meaning, "units": "rad/s"} | ({AXES: BODY} if body else {})
-    return out
+    sources = [*(run.variables[letter] for letter in letters), *more]
+    return _rows((*sources[0].dims[:-1], *axes), sources, values, bool(model.batch), attrs)
 
 
 ENERGIES = ("energy", "total_energy", "balance")
 
 
-def _with_axial_energy(
-    run: xr.Dataset, out: xr.Dataset, frame: BodyFrame, model: Model, sign: float
-) -> dict[str, xr.Variable]:
-    """Energies with <M, spin>/2, which the Hamiltonian of a symmetric top leaves out: it is constant on its orbits."""
+def _with_spin(out: xr.Dataset, run: xr.Dataset, model: Model, factor: float) -> dict[str, xr.Variable]:
+    """Energies with factor <M, spin>, which the Hamiltonian of a symmetric top leaves out: it is constant on orbits."""
     if model.system.spin is None or model.system.name != run.attrs["system"]:  # forces may change the spin
         return {}
-    size = frame.size("energy")
 
     def values(state: list[Array], energy: Array) -> Array:
         spin = algebra.axial(model.call(model.system.spin, *state))
-        return energy + sign * size * algebra.dot(algebra.axial(state[0]), spin) / 2
+        return energy + factor * algebra.dot(algebra.axial(state[0]), spin)
 
-    found = {}
-    for name in (k for k in ENERGIES if k in out):
-        found[name] = _of_rows(run, model, values, [out.variables[name]], ())
-        found[name].attrs = out.variables[name].attrs
-    return found
+    energies = {name: out.variables[name] for name in ENERGIES if name in out}
+    return {name: _of_rows(run, model, values, energy.attrs, [energy]) for name, energy in energies.items()}
 
 
 # -- arguments of a body in SI ---------------------------------------------------------------------
@@ -431,7 +387,8 @@ def scaled_settings(model: Model, asked: Mapping[str, Any]) -> dict[str, Any]:
     if "every" in out:
         out["every"] = steps_in(frame, out["every"], out["dt"], "every")
     if out.get("impulses"):
-        out["impulses"] = _impulses(frame, out["impulses"])
+        several = out["impulses"] if isinstance(out["impulses"], list | tuple) else [out["impulses"]]
+        out["impulses"] = [_impulse(frame, each) for each in several]
     return {**asked, **out}
 
 
@@ -439,7 +396,7 @@ def _usual_step(model: Model, frame: BodyFrame, asked: Mapping[str, Any]) -> dic
     """The step of a satellite for which none is given: chosen by the run, or one for each sample of its controller."""
     record, every, end = model.system.perturbation, asked.get("every"), asked.get("t_end")
     placed = record is not None and record.environment is not None
-    if placed and record.sampled and record.control is not None:  # type: ignore[union-attr]
+    if placed and record.sampled:  # type: ignore[union-attr]
         return {"dt": record.control.every}  # type: ignore[union-attr]
     if not placed or end is None or {"order", "times"} & asked.keys() or isinstance(every, int | float | np.integer):
         raise InputError(
@@ -450,22 +407,15 @@ def _usual_step(model: Model, frame: BodyFrame, asked: Mapping[str, Any]) -> dic
     return {"dt": length if every is None else duration(frame, every, "every"), "every": 1, "order": "auto"}
 
 
-def _impulses(frame: BodyFrame, asked: Any) -> Any:
-    """Impulses {"time": "2 s", "momentum": (0, 0, 1)} in the units and along the axes of the state."""
-    if not isinstance(asked, Mapping | list | tuple):
-        return asked  # the settings report the fault
-    out = []
-    for impulse in [asked] if isinstance(asked, Mapping) else asked:
-        if isinstance(impulse, Mapping):
-            units = {name: frame.units.get(frame.letters.get(str(name), str(name)), ("1", 1.0))[0] for name in impulse}
-            measured = {str(k): Scale(units[k], 1.0).scaled(v, f"impulses: {k}") for k, v in impulse.items()}
-            scaled = _mapped(frame, measured, False, lambda change, value: change(value))
-            if "time" in impulse:
-                scaled["time"] = duration(frame, impulse["time"], "impulses: the time")
-            out.append(scaled)
-        else:
-            out.append(impulse)
-    return out
+def _impulse(frame: BodyFrame, impulse: Any) -> Any:
+    """An impulse {"time": "2 s", "momentum": (0, 0, 1)} in the units and along the axes of the state."""
+    if not isinstance(impulse, Mapping):
+        return impulse  # the settings report the fault
+    units = {name: frame.units.get(frame.letters.get(str(name), str(name)), ("1", 1.0))[0] for name in impulse}
+    measured = {str(k): Scale(units[k], 1.0).scaled(v, f"impulses: {k}") for k, v in impulse.items()}
+    return frame.components(measured, False) | (
+        {"time": duration(frame, impulse["time"], "impulses: the time")} if "time" in impulse else {}
+    )
 
 
 def scaled_events(frame: BodyFrame, events: Any) -> Any:
@@ -473,28 +423,16 @@ def scaled_events(frame: BodyFrame, events: Any) -> Any:
     several = [events] if isinstance(events, Event) else events
     if not isinstance(several, Sequence) or not all(isinstance(each, Event) for each in several):
         return events
-    return [
-        Event(
-            _of_si_state(frame, each.quantity, False),
-            None if each.action is None else _of_si_state(frame, each.action, True),
-            each.rising,
-        )
-        for each in several
-    ]
 
+    def of_state(function: Any) -> Any:
+        @wraps(function)
+        def each(state: Mapping[str, Any]) -> Any:
+            result = function(frame.components(state, True))
+            return frame.components(result, False) if isinstance(result, Mapping) else result
 
-def _of_si_state(frame: BodyFrame, function: Callable[[Any], Any], changes: bool) -> Callable[[Any], Any]:
-    """A function of a state in SI as a function of the state; `changes`: its result is a state too."""
+        return each
 
-    def each(state: Mapping[str, Any], forward: bool) -> dict[str, Any]:
-        return _mapped(frame, state, forward, lambda change, value: change(np.asarray(value)))
-
-    @wraps(function)
-    def of_state(state: Mapping[str, Any]) -> Any:
-        result = function(each(state, True))
-        return each(result, False) if changes and isinstance(result, Mapping) else result
-
-    return of_state
+    return [Event(of_state(e.quantity), e.action and of_state(e.action), e.rising) for e in several]
 
 
 def letters_of(model: Model, names: Any) -> Any:
