@@ -49,7 +49,7 @@ class OfLanes(type):
         return full.replace(parameters=list(full.parameters.values())[1:], return_annotation=inspect.Signature.empty)
 
     def __call__(cls, *values: Any, **named: Any) -> Any:  # noqa: D102 - of the class
-        return _created(super().__call__, getattr(cls, "__match_args__", ()), values, named)
+        return _created(super().__call__, getattr(cls, "__match_args__", ()), values, named)[0]
 
 
 def _of_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -57,9 +57,8 @@ def _of_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(function)
     def constructor(cls: Any, *values: Any, **named: Any) -> Any:
-        body = _created(functools.partial(function, cls), names, values, named)
+        body, arguments = _created(functools.partial(function, cls), names, values, named)
         if isinstance(body, cls):
-            arguments = {**dict(zip(names, values, strict=False)), **named}
             object.__setattr__(body, "_made", (cls, function.__name__, arguments))
         return body
 
@@ -67,10 +66,10 @@ def _of_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _created(call: Callable[..., Any], names: Sequence[str], values: tuple[Any, ...], named: Arguments) -> Any:
-    """call(*values, **named), or the ensemble of its bodies."""
+    """call(*values, **named), or the ensemble of its bodies; the arguments by name."""
     arguments = {**dict(zip(names, values, strict=False)), **named}
     lanes = _lanes(arguments) if len(arguments) == len(values) + len(named) else []
-    return Ensemble(_each(call, lanes)) if lanes else call(*values, **named)
+    return Ensemble(_each(call, lanes)) if lanes else call(*values, **named), arguments
 
 
 @explained
@@ -88,8 +87,7 @@ class Varied(Body, metaclass=OfLanes):
 
     def dt(self, duration: Any) -> float:
         """A duration, s, in the unit of time of the scaled system.  Raises `InputError`."""
-        seconds = si_number(duration, "s", "dt")
-        return float(in_range("dt", lambda: seconds / self._body_frame.time_unit))
+        return float(in_range("dt", lambda: si_number(duration, "s", "dt") / self._body_frame.time_unit))
 
     def orientation(self, attitude: Any = UPRIGHT) -> Array:
         """The `orientation` of the axes of the scaled system for `kr.simulate`, from the attitude of the body axes.
@@ -142,9 +140,7 @@ def _replaced(record: Any, changes: Mapping[str, Any], path: str) -> Any:
 
 def _table(record: Any) -> dict[str, Any]:
     """The arguments of a record."""
-    return (
-        {each.name: getattr(record, each.name) for each in fields(record) if each.init} if is_dataclass(record) else {}
-    )
+    return {f.name: getattr(record, f.name) for f in fields(record) if f.init} if is_dataclass(record) else {}
 
 
 @explained
@@ -218,19 +214,13 @@ class Ensemble(Body):
             self.members = [body._as_lane(self.bodies, differ) for body in self.bodies]
             models = _each(lambda body: body.model(), [{"body": body} for body in self.members])
             first, frames = models[0], [model.body_frame or BodyFrame() for model in models]
-            wrong = next((k for k, model in enumerate(models) if model.system.name != first.system.name), None)
-            shapes = [[value.shape for value in model.params.values()] for model in models]
-            if (
-                wrong is None
-                and all(frame.is_like(frames[0]) for frame in frames)
-                and shapes.count(shapes[0]) == len(models)
-            ):
+            alike = len({model.system.name for model in models}) == 1 and all(f.is_like(frames[0]) for f in frames)
+            if alike and len({tuple(v.shape for v in model.params.values()) for model in models}) == 1:
                 break
-        if wrong is not None:
-            raise InputError(f"Lane {wrong}: expected the system {first.system.name}, got {models[wrong].system.name}.")
-        for lane, model in enumerate(models):
-            same = _functions(self.members[lane]) == _functions(self.members[0])
-            if not same and operations_of(model) != operations_of(first):
+        for lane, (body, model) in enumerate(zip(self.members, models, strict=True)):
+            if model.system.name != first.system.name:
+                raise InputError(f"Lane {lane}: expected the system {first.system.name}, got {model.system.name}.")
+            if _functions(body) != _functions(self.members[0]) and operations_of(model) != operations_of(first):
                 raise InputError(
                     f"Lane {lane}: expected the functions of lane 0, which act in all lanes, got others. Numbers that "
                     "differ are params={...} of forces, parameters={...} of a Control; its every and delay are common."
@@ -244,7 +234,18 @@ class Ensemble(Body):
                     f"Lane {unequal}: expected {p.letter} as in lane 0, of shape {values[0].shape}, got others."
                 )
             params[p.letter] = values[0] if unequal is None else np.stack(values)
-        self._model = Model(first.system, params, _joined_frame(frames, first.system.space.letters, self.names))
+        frame, letters = frames[0], first.system.space.letters
+        units, axes = dict(frame.units), np.stack([each.axes for each in frames])
+        for name, (unit, size) in frame.units.items():
+            sizes = np.array([each.size(name) for each in frames])
+            if (sizes != size).any():  # of vectors (lanes, 1)
+                units[name] = unit, sizes[:, None] if name in letters else sizes
+        axes = axes if (axes != frame.axes).any() else frame.axes
+        epoch = frame.epoch if all(each.epoch == frame.epoch for each in frames) else ""
+        self._model = Model(first.system, params, replace(frame, axes=axes, units=units, epoch=epoch, lanes=self.names))
+
+    def _doubts(self, seconds: float) -> Sequence[str]:
+        return next((found for body in self.bodies if (found := body._doubts(seconds))), ())
 
     def state(self, *args: Any, **kwargs: Any) -> State:
         """The states of the bodies; an argument with an axis of lanes in front has a value for each."""
@@ -269,19 +270,6 @@ class Ensemble(Body):
     def title(self) -> str:
         """The name of the bodies in the title of their runs."""
         return f"{len(self)} of {self.bodies[0].title}"
-
-
-def _joined_frame(frames: Sequence[BodyFrame], letters: Sequence[str], names: tuple[str, ...]) -> BodyFrame:
-    """The frame of all lanes: sizes of vectors have the shape (lanes, 1)."""
-    first = frames[0]
-    units, axes = dict(first.units), np.stack([frame.axes for frame in frames])
-    for name, (unit, size) in first.units.items():
-        sizes = np.array([frame.size(name) for frame in frames])
-        if (sizes != size).any():
-            units[name] = unit, sizes[:, None] if name in letters else sizes
-    axes = axes if (axes != first.axes).any() else first.axes
-    epoch = first.epoch if all(frame.epoch == first.epoch for frame in frames) else ""
-    return replace(first, axes=axes, units=units, epoch=epoch, lanes=names)
 
 
 def _functions(body: Any) -> tuple[Any, ...]:

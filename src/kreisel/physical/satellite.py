@@ -31,7 +31,7 @@ from kreisel.physical.measures import (
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SATURN, SUN, Orbit
 from kreisel.record.model import Model, State
 from kreisel.runs.geometry import orientation_of, require_of_body
-from kreisel.runs.orbits import Angles, angles_of, environment_of
+from kreisel.runs.orbits import Angles, angles_of, axes_of_angles, environment_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -236,15 +236,9 @@ class Satellite(Forced):
         return self._started(self.orientation(self.pointing() if attitude is None else attitude), M=M)
 
     @cached_property
-    def _order(self) -> Array:
-        """The principal axes of yaw, roll and pitch: of the least moment, the middle, the largest."""
-        return np.argsort(self.body.principal.moments, kind="stable")
-
-    @cached_property
     def _axes_of_orbit(self) -> Array:
         """Up, ahead and the normal along the body axes at zero angles, as columns: right-handed."""
-        axes = self._principal_axes[:, self._order]
-        return axes * np.array([1.0, np.sign(np.linalg.det(axes)), 1.0])
+        return self._principal_axes @ axes_of_angles(self.body.principal.moments)
 
     def pointing(self, yaw: Any = 0.0, pitch: Any = 0.0, roll: Any = 0.0) -> Array:
         """The attitude at t = 0 with the axis of the least moment up and the axis of the largest along the normal.
@@ -305,7 +299,7 @@ class Satellite(Forced):
         pitch^2 = 3 n^2 k;  roll and yaw: w^4 - (1 + 3 k1 + k1 k3) n^2 w^2 + 4 k1 k3 n^4 = 0,
         k = (I_r - I_y)/I_p,  k1 = (I_p - I_y)/I_r,  k3 = (I_p - I_r)/I_y.
         """
-        y, r, p = self.body.principal.moments[self._order]
+        y, r, p = np.sort(self.body.principal.moments)
         k, k1, k3 = (r - y) / p, (p - y) / r, (p - r) / y
         middle = 1 + 3 * k1 + k1 * k3
         with np.errstate(invalid="ignore"):

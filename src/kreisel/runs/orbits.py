@@ -78,17 +78,13 @@ def surroundings(run: xr.Dataset) -> Surroundings:
     model = satellite_model(run)
     force = cast("Force", cast("Perturbation", model.system.perturbation).environment)
     known = {name: np.asarray(model.constants[name]) for name in force.parameters}
-    time = np.asarray(run["time"].values, dtype=np.float64)
-    lanes = [
-        {name: value[lane] if value.ndim > model.axes[name] else value for name, value in known.items()}
-        for lane in range(model.batch[0] if model.batch else 1)
-    ]
-    rows = [force.function(time, **force.named(each.values())) for each in lanes]
+    time, rows = np.asarray(run["time"].values, dtype=np.float64), []
+    for lane in range(model.batch[0] if model.batch else 1):
+        values = [value[lane] if value.ndim > model.axes[name] else value for name, value in known.items()]
+        rows.append(force.function(time, **force.named(values)))
     rows = rows if model.batch else rows * run.sizes.get("lane", 1)  # lanes on one orbit
     found = {
-        name: np.moveaxis(np.stack([np.broadcast_to(row[name], (*axes, len(time))) for row in rows], -1), 0, -1)
-        if axes
-        else np.stack([np.broadcast_to(row[name], len(time)) for row in rows], -1)
+        name: np.stack([np.broadcast_to(row[name], (*axes, len(time))).T for row in rows], 1)
         for name, (_, _, axes) in VARIABLES.items()
     }
     found = found if "lane" in run.dims else {name: value[:, 0] for name, value in found.items()}
@@ -139,15 +135,14 @@ def ground_frame(r: Array) -> Array:
     return np.stack([np.cross(east, down), east, down], -1)
 
 
-def axes_of_angles(model: Model) -> Array:
-    """Up, ahead and the normal of the orbit at zero angles along the axes of the state, as columns: right-handed.
+def axes_of_angles(moments: Array) -> Array:
+    """Up, ahead and the normal of the orbit at zero angles along the principal axes, as columns: right-handed.
 
-    They are the principal axes of the least moment, the middle and the largest.
+    They are the axes of the least of the moments (..., 3), the middle and the largest.
     """
-    order = np.argsort(np.broadcast_to(model.params["moments"], (*model.batch, 3)), axis=-1, kind="stable")
-    axes = np.moveaxis(np.eye(3)[order], -1, -2)
-    signs = np.stack([np.ones(model.batch), np.linalg.det(axes), np.ones(model.batch)], -1)
-    return np.asarray(axes * signs[..., None, :])
+    axes = np.eye(3)[np.argsort(moments, axis=-1, kind="stable")].swapaxes(-1, -2)
+    axes[..., 1] *= np.linalg.det(axes)[..., None]
+    return axes
 
 
 def axis_of_pointing(run: xr.Dataset, axis: Any = None) -> Array:
@@ -156,7 +151,9 @@ def axis_of_pointing(run: xr.Dataset, axis: Any = None) -> Array:
     Raises `InputError` for anything but three finite entries that are not all 0.
     """
     if axis is None:
-        return -np.asarray(axes_of_state(run) @ axes_of_angles(satellite_model(run))[..., 0][..., None])[..., 0]
+        return -np.asarray(
+            axes_of_state(run) @ axes_of_angles(satellite_model(run).params["moments"])[..., 0][..., None]
+        )[..., 0]
     return _direction(axis, "axis")
 
 
@@ -223,7 +220,7 @@ def angles_of(run: xr.Dataset, frame: str = "orbit", around: Surroundings | None
     model, g = satellite_model(run), algebra.rotation_matrix(attitude_of(run))
     around = around or surroundings(run)
     if frame == "orbit":
-        body = axes_of_state(run) @ axes_of_angles(model)
+        body = axes_of_state(run) @ axes_of_angles(model.params["moments"])
         return Angles(*_tait_bryan(_by_lane(orbit_frame(around.position, around.velocity), g.ndim).mT @ g @ body))
     if frame == "ground":
         g = _by_lane(ground_frame(around.position), g.ndim).mT @ g
@@ -273,25 +270,21 @@ def _of_satellite(run: xr.Dataset) -> dict[str, xr.Variable]:
 
     from kreisel.runs.lazy import lazy
 
-    g, time, start = run.variables[ORIENTATION], run.variables["time"], run.variables[ORIENTATION][:1].values
+    g, time, attrs, out = run.variables[ORIENTATION], run.variables["time"], dict(run.attrs), dict[str, xr.Variable]()
     lanes = {"lane": ("lane", np.asarray(run["lane"].values))} if "lane" in run.coords else {}
-    attrs = dict(run.attrs)
 
-    def at(time: Array, g: Array) -> xr.Dataset:
-        """A run with these times and orientations only."""
-        return xr.Dataset({ORIENTATION: (run[ORIENTATION].dims, g)}, {"time": ("time", time), **lanes}, attrs)
-
-    def around(time: Array) -> xr.Dataset:
-        return environment_of(at(time, np.broadcast_to(start, (len(time), *start.shape[1:]))))
+    def around(name: str, time: Array) -> Array:
+        return environment_of(xr.Dataset({}, {"time": ("time", time), **lanes}, attrs))[name].values
 
     def angle(name: str, g: Array, time: Array) -> Array:
-        return pointing_error(at(time, g)) if name == "pointing" else getattr(angles_of(at(time, g)), name)
+        rows = xr.Dataset({ORIENTATION: (run[ORIENTATION].dims, g)}, {"time": ("time", time), **lanes}, attrs)
+        return pointing_error(rows) if name == "pointing" else getattr(angles_of(rows), name)
 
-    out = {}
-    for name, first in around(np.asarray(time[:1].values)).data_vars.items():
-        dims = [COMPONENT if d == "xyz" else d for d in first.dims]
-        function = partial(lambda name, time: around(time)[name].values, name)
-        out[str(name)] = lazy(dims, (len(time), *first.shape[1:]), [time], function, dict(first.attrs), 1)
+    first = environment_of(xr.Dataset({}, {"time": ("time", np.asarray(time[:1].values)), **lanes}, attrs))
+    for name, value in first.data_vars.items():
+        dims = [COMPONENT if d == "xyz" else d for d in value.dims]
+        shape = len(time), *value.shape[1:]
+        out[str(name)] = lazy(dims, shape, [time], partial(around, str(name)), dict(value.attrs), 1)
     for name, meaning in ANGLES.items():
         units = {"units": "rad", "long_name": meaning}
         out[name] = lazy(g.dims[:-1], g.shape[:-1], [g, time], partial(angle, name), units, 1)
