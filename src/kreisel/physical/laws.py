@@ -34,15 +34,14 @@ def bdot(gain: Any, every: Any = 1.0, **more: Any) -> Control:
 
     gain     N m s: the torque is about -gain (w - b (b.w)).  Advised: 2 n (1 + sin i) I, n the mean motion, i the
              inclination of the orbit to the magnetic equator, I the least moment of inertia
-    every    s, between two samples, whose difference is dB/dt; the satellite rotates by less than half a revolution
-    in it more     arguments of `kr.Control`: limits={"dipole": 0.2}, noise={"field": 1e-7}
+    every    s, between two samples, whose difference is dB/dt; the satellite rotates by less than pi in between
+    more     arguments of `kr.Control`: limits={"dipole": 0.2}, noise={"field": 1e-7}
 
     [Stickler, Alfriend, J. Spacecraft Rockets 13 (1976) 282; gain: Avanzini, Giulietti, J. Guid. Control Dyn. 35
     (2012) 1326; Markley, Crassidis, Fundamentals of Spacecraft Attitude Determination and Control, 2014, section 7.5]
     """
-    seconds = si_number(every, "s", "every", positive=True)
-    parameters = {"gain": si_number(gain, "N m s", "gain"), "every": seconds}
-    return Control(_along_rate, seconds, {"before": np.zeros(3), "begun": 0.0}, parameters, **more)
+    parameters = _numbers(gain=(gain, "N m s"), every=(every, "s"))
+    return Control(_along_rate, parameters["every"], {"before": np.zeros(3), "begun": 0.0}, parameters, **more)
 
 
 def _against_rates(field: Array, rates: Array, *, gain: Any) -> dict[str, Array]:
@@ -85,9 +84,12 @@ def pointing(
     if isinstance(target, str) and target != ORBIT:
         raise InputError(f"target: expected 'orbit' or an attitude (w, x, y, z), got {shown(target)}.")
     aim = None if isinstance(target, str) else attitude_quaternion(target, "target")
-    numbers = {"stiffness": (stiffness, "N m/rad"), "damping": (damping, "N m s"), "unloading": (unloading, "1/s")}
-    parameters = {name: si_number(value, unit, name) for name, (value, unit) in numbers.items()}
+    parameters = _numbers(stiffness=(stiffness, "N m/rad"), damping=(damping, "N m s"), unloading=(unloading, "1/s"))
     return Control(_Pointing(wheels.axes, aim), every, {}, parameters, **more)
+
+
+def _numbers(**values: tuple[Any, str]) -> dict[str, float]:
+    return {name: si_number(value, unit, name) for name, (value, unit) in values.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,22 +100,14 @@ class _Pointing:
     aim: Array | None
 
     def __call__(
-        self,
-        rates: Array,
-        attitude: Array,
-        position: Array,
-        velocity: Array,
-        wheels: Array,
-        field: Array,
-        *,
-        stiffness: Any,
-        damping: Any,
-        unloading: Any,
-    ) -> dict[str, Array]:
+        self, rates: Any, attitude: Any, position: Any, velocity: Any, wheels: Any, field: Any, *, stiffness: Any,
+        damping: Any, unloading: Any,
+    ) -> dict[str, Array]:  # fmt: skip
         if self.aim is None:
             turn, error = _from_orbit(position, velocity)
-        else:
-            turn, error = 0 * rates, _from_attitude(self.aim, attitude)
+        else:  # 2 sin(a/2) about the axis of the rotation, by the shorter way
+            off = algebra.quaternion_product(algebra.inverse_turn(self.aim), attitude)
+            turn, error = 0 * rates, algebra.where_less(off[0], 0, -2.0, 2.0) * off[1:]
         torque = -stiffness * error - damping * (rates - turn)
         h = wheels @ self.axes
         dipole = unloading * algebra.cross(h, field) / algebra.dot(field, field)
@@ -127,12 +121,6 @@ def _from_orbit(r: Array, v: Array) -> tuple[Array, Array]:
     ahead = algebra.cross(across, down)
     error = sum(algebra.cross(to, axis) for to, axis in zip((ahead, across, down), np.eye(3), strict=True))
     return w, error / 2
-
-
-def _from_attitude(aim: Array, q: Array) -> Array:
-    """The rotation of the body from the attitude: 2 sin(a/2) about its axis, by the shorter way."""
-    off = algebra.quaternion_product(algebra.inverse_turn(aim), q)
-    return algebra.where_less(off[0], 0, -2.0, 2.0) * off[1:]
 
 
 def _towards_sun(
@@ -150,8 +138,7 @@ def sun_pointing(axis: Any, stiffness: Any, damping: Any, every: Any = 1.0, **mo
     direction = si_numbers(axis, "1", "axis", ((3,),))
     if not direction.any():
         raise InputError("axis: expected a direction, got the zero vector.")
-    numbers = {"stiffness": (stiffness, "N m/rad"), "damping": (damping, "N m s")}
-    parameters = {name: si_number(value, unit, name) for name, (value, unit) in numbers.items()}
+    parameters: dict[str, Any] = _numbers(stiffness=(stiffness, "N m/rad"), damping=(damping, "N m s"))
     return Control(_towards_sun, every, {}, {**parameters, "axis": direction / np.linalg.norm(direction)}, **more)
 
 
@@ -177,9 +164,9 @@ def hysteresis_rods(
     directions = si_numbers(axes, "1", "axes")
     directions = np.atleast_2d(directions) / np.linalg.norm(np.atleast_2d(directions), axis=-1, keepdims=True)
     count = len(directions)
-    numbers = {"volume": (volume, "m^3"), "coercivity": (coercivity, "A/m")}
-    numbers |= {"remanence": (remanence, "T"), "saturation": (saturation, "T")}
-    sizes = {k: si_numbers(value, unit, k, ((), (count,))) + np.zeros(count) for k, (value, unit) in numbers.items()}
+    names = ("volume", "m^3"), ("coercivity", "A/m"), ("remanence", "T"), ("saturation", "T")
+    given = zip((volume, coercivity, remanence, saturation), names, strict=True)
+    sizes = {k: si_numbers(value, unit, k, ((), (count,))) + np.zeros(count) for value, (k, unit) in given}
     for name, value in {**sizes, "saturation - remanence": sizes["saturation"] - sizes["remanence"]}.items():
         if not (value > 0).all() or not np.isfinite(directions).all():
             raise InputError(f"hysteresis_rods: expected {name} > 0 and axes with directions, got {shown(value)}.")

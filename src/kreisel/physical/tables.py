@@ -57,21 +57,18 @@ class Reader:
     folder: Path = Path()
     names: Table = field(default_factory=dict)
 
-    def kind_of(self, table: Table, where: str) -> type[Body] | None:
-        """The class that a table names."""
-        known, name = kinds(), table.get("kind")
+    def kind_of(self, table: Table, where: str, known: Mapping[str, Any] | None = None) -> Any:
+        """The class or function that a table names, among `known` ones, by default bodies; None after a mistake."""
+        known, name = kinds() if known is None else known, table.get("kind")
         if isinstance(name, str) and name in known:
             return known[name]
-        hinted = hint(name, known)
-        self.faults.add(f"[{where}] kind: expected one of {', '.join(known)}, got {shown(name)}.{hinted}")
+        self.faults.add(f"[{where}] kind: expected one of {', '.join(known)}, got {shown(name)}.{hint(name, known)}")
         return None
 
-    def body(self, table: Table, where: str = "body") -> Body | None:
-        """The body of a table; None after a mistake."""
-        kind = self.kind_of(table, where)
-        if kind is None:
-            return None
-        return self.record(kind, {k: v for k, v in table.items() if k != "kind"}, where)
+    def body(self, table: Table, where: str = "body", known: Mapping[str, Any] | None = None) -> Any:
+        """The body, or another part, of a table; None after a mistake."""
+        kind = self.kind_of(table, where, known)
+        return kind and self.record(kind, {k: v for k, v in table.items() if k != "kind"}, where)
 
     def state(self, kind: type[Body], body: Body | None, table: Table, where: str = "state") -> State | None:
         """The state of a body; without it, only the names of the arguments are checked."""
@@ -119,25 +116,24 @@ class Reader:
             return dict.fromkeys(("mass", "inertia", "center_of_mass", "arm"))
         return {}
 
-    def _constructor(
-        self, kind: Callable[..., Any], table: dict[str, Any], part: Table, where: str
-    ) -> Callable[..., Any] | None:
+    def _constructor(self, kind: Any, table: dict[str, Any], part: Table, where: str) -> Callable[..., Any] | None:
         """The class, or the class method that `shape` names or that the keys of a table belong to."""
         methods = _class_methods(kind)
         if "shape" in table:
             shape = table.pop("shape")
             name = shape.replace("-", "_") if isinstance(shape, str) else ""
             if name not in methods:
-                self.faults.add(
-                    f"[{where}] shape: expected one of {', '.join(methods)}, got {shown(shape)}.{hint(name, methods)}"
-                )
+                got = f"{shown(shape)}.{hint(name, methods)}"
+                self.faults.add(f"[{where}] shape: expected one of {', '.join(methods)}, got {got}")
             return methods.get(name)
         if part and ABOUT_CENTRE in methods:
             return methods[ABOUT_CENTRE]
         common = set(inspect.signature(kind).parameters)
-        found = {name: set(inspect.signature(call).parameters) - common for name, call in methods.items()}
-        best = max(methods, key=lambda name: len(found[name] & table.keys()), default="")
-        return methods[best] if best and found[best] & table.keys() else kind
+        fits = {
+            k: len((inspect.signature(call).parameters.keys() - common) & table.keys()) for k, call in methods.items()
+        }
+        best = max(methods, key=lambda name: fits[name], default="")
+        return methods[best] if best and fits[best] else kind
 
     def _check_names(self, call: Callable[..., Any], table: Table, where: str) -> None:
         """Note unknown keys, and arguments that are missing."""
@@ -161,41 +157,38 @@ class Reader:
         records = list(records_of(kind))
         if isinstance(value, str) and value in self.names:
             return self.names[value]
-        if isinstance(value, Mapping) and "kind" in value:
-            return self._named(value, where)
+        if isinstance(value, Mapping) and "kind" in value:  # a part, {kind = "bdot", gain = 1e-4}
+            return self.body(value, where, parts())
         if isinstance(value, str) and "PathLike" in str(kind):
             return self.folder / value
         if records and isinstance(value, Mapping):  # of Orbit | ThirdBody, the one with most of these arguments
             return self.record(max(records, key=lambda each: len(types_of(each).keys() & value)), value, where)
-        for record in records:
-            if isinstance(value, list):
-                return [self._value(v, record, where) if isinstance(v, Mapping) else v for v in value]
-            if isinstance(value, str):
-                constants = {k.lower(): v for k, v in vars(physical).items() if isinstance(v, record)}
-                if value.lower() in constants:
-                    return constants[value.lower()]
-                expected = f"one of {', '.join(constants)}, or a table" if constants else "a table"
-                self.faults.add(f"[{where}] expected {expected}, got {shown(value)}.{hint(value, constants)}")
-        if isinstance(value, list) and any(isinstance(v, Mapping) for v in value):
-            return [self._value(v, None, where) for v in value]
+        if isinstance(value, list) and (records or any(isinstance(v, Mapping) for v in value)):
+            record = next(iter(records), None)
+            return [self._value(v, record, where) if isinstance(v, Mapping) or not records else v for v in value]
+        for record in records if isinstance(value, str) else ():
+            constants = {k.lower(): v for k, v in vars(physical).items() if isinstance(v, record)}
+            if value.lower() in constants:
+                return constants[value.lower()]
+            expected = f"one of {', '.join(constants)}, or a table" if constants else "a table"
+            self.faults.add(f"[{where}] expected {expected}, got {shown(value)}.{hint(value, constants)}")
         if isinstance(value, Mapping):  # coefficients, {"3,1" = [C, S]}
             return {tuple(map(int, k.split(","))) if re.fullmatch(r"\d+,\d+", k) else k: v for k, v in value.items()}
         return self._quantity(value, where)
 
-    def _named(self, table: Table, where: str) -> Any:
-        """A part of a body that an inner table names: {kind = "bdot", gain = 1e-4}."""
-        known, name = parts(), table["kind"]
-        if isinstance(name, str) and name in known:
-            return self.record(known[name], {k: v for k, v in table.items() if k != "kind"}, where)
-        self.faults.add(f"[{where}] kind: expected one of {', '.join(known)}, got {shown(name)}.{hint(name, known)}")
-        return None
-
     def _quantity(self, value: Any, where: str) -> Any:
         """The value; texts that begin like a quantity must have a known unit."""
-        for text in texts(value):
-            if match := QUANTITY.fullmatch(text):
-                with self.faults.noted(f"[{where}]"):
-                    _check_unit(match["unit"], text)
+        for each in value if isinstance(value, list) else ():
+            self._quantity(each, where)
+        if isinstance(value, str) and (match := QUANTITY.fullmatch(value)):
+            with self.faults.noted(f"[{where}]"):
+                try:
+                    si(value, match["unit"], "the quantity")
+                except InputError as error:
+                    if "pint" in str(error):
+                        raise
+                    text = f"expected a quantity such as '5 deg/s', got {shown(value)}: its unit is not known."
+                    raise InputError(text) from None
         return value
 
 
@@ -205,24 +198,6 @@ def _class_methods(kind: Callable[..., Any]) -> dict[str, Callable[..., Any]]:
     return {k: getattr(kind, k) for k in names if isinstance(inspect.getattr_static(kind, k), classmethod)}
 
 
-def _check_unit(unit: str, text: str) -> None:
-    """Raises `InputError` for an unknown unit."""
-    try:
-        si(text, unit, "the quantity")
-    except InputError as error:
-        if "pint" in str(error):
-            raise
-        raise InputError(f"expected a quantity such as '5 deg/s', got {shown(text)}: its unit is not known.") from None
-
-
-def texts(value: Any) -> Iterator[str]:
-    """The texts in a value, in lists too."""
-    if isinstance(value, str):
-        yield value
-    for each in value if isinstance(value, list) else ():
-        yield from texts(each)
-
-
 def types_of(call: Callable[..., Any]) -> dict[str, Any]:
     """The types of the arguments of a function or class."""
     return {name: _type_of(call, p.annotation) for name, p in inspect.signature(call).parameters.items()}
@@ -230,12 +205,9 @@ def types_of(call: Callable[..., Any]) -> dict[str, Any]:
 
 def _type_of(call: Callable[..., Any], annotation: Any) -> Any:
     """The type that an annotation names, Any if the module of the function does not know it."""
+    names = {**vars(physical), **vars(sys.modules[call.__module__])}
     try:
-        return (
-            Any
-            if annotation is inspect.Parameter.empty
-            else eval(str(annotation), {**vars(physical), **vars(sys.modules[call.__module__])})
-        )
+        return Any if annotation is inspect.Parameter.empty else eval(str(annotation), names)
     except NameError:
         return Any
 

@@ -78,9 +78,14 @@ def si(value: Any, unit: str, name: str) -> Any:
             raise InputError(f"{name} must have the dimension of {unit}, got {shown(value)}: {error}.") from None
     value = value.tolist() if isinstance(value, np.ndarray) and value.dtype.kind in "OU" else value
     if isinstance(value, str):
-        value = _parsed(value, unit, name)
+        value = parsed(registry().Quantity, value, f"{name} must be a quantity such as '1 {unit}'")
     elif one_unit(value):
-        value = _floats(value[0], unit, name) * parsed_unit(value[1], name)
+        try:
+            entries = np.asarray(value[0], dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            got = shown(value[0])
+            raise InputError(f"{name}: expected values and one unit, (values, '{unit}'), got {got}.") from None
+        value = entries * parsed_unit(value[1], name)
     elif isinstance(value, list | tuple) and _has_units(value):
         parts = [si(v, unit, name) for v in value]
         return np.array(parts) if len({np.shape(part) for part in parts}) == 1 else value
@@ -114,13 +119,9 @@ def size_in_si(attribute: str | None, unit: str, size: float, name: str) -> floa
 
 def one_unit(value: Any) -> bool:
     """Whether it is (values, unit), such as ([1, 2, 3], "cm") or (3, "cm"); "3 cm" is a single quantity."""
-    if (
-        not isinstance(value, list | tuple)
-        or len(value) != 2
-        or not isinstance(value[1], str)
-        or isinstance(value[0], str)
-        or _is_quantity(value[0])
-    ):
+    if not isinstance(value, list | tuple) or len(value) != 2 or not isinstance(value[1], str):
+        return False
+    if isinstance(value[0], str) or _is_quantity(value[0]):
         return False
     return isinstance(value[0], list | tuple | np.ndarray) or value[1].strip()[:1].isalpha()
 
@@ -132,51 +133,34 @@ def _has_units(value: Any, levels: int = MOST_AXES) -> bool:
     return isinstance(value, str) or _is_quantity(value) or hasattr(value, "to_value")
 
 
-def _floats(value: Any, unit: str, name: str) -> Any:
-    try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name}: expected values and one unit, (values, '{unit}'), got {shown(value)}.") from None
-
-
 def _is_quantity(value: Any) -> bool:
     return hasattr(value, "magnitude") and hasattr(value, "to")
 
 
-def _turns(value: Any) -> bool:
-    """Whether a unit counts angles: rpm and deg/s do, Hz and 1/s do not, which pint converts to rad/s."""
-    return "radian" in dict((1 * value).to_root_units().unit_items())
-
-
-def _parsed(text: str, unit: str, name: str) -> Any:
+def parsed(kind: Any, text: str, expected: str) -> Any:
+    """A quantity or a unit of pint from text.  Raises `InputError`."""
     try:
-        return registry().Quantity(text)
-    except InputError:
-        raise
+        return kind(text)
     except Exception as error:  # pint raises tokenize, syntax, attribute and further errors
-        raise InputError(f"{name} must be a quantity such as '1 {unit}', got {shown(text)}: {error}.") from None
+        raise InputError(f"{expected}, got {shown(text)}: {error}.") from None
 
 
 def parsed_unit(unit: str, name: str) -> Any:
     """A unit of pint from text.  Raises `InputError`."""
-    try:
-        return registry().Unit(unit)
-    except Exception as error:  # as above
-        raise InputError(f"{name} needs a unit that pint knows, such as 'rad/s', got {shown(unit)}: {error}.") from None
+    return parsed(registry().Unit, unit, f"{name} needs a unit that pint knows, such as 'rad/s'")
 
 
 def converted(value: Any, unit: str, name: str) -> Any:
-    """A quantity of pint in another unit.  Raises `InputError`."""
+    """A quantity of pint in another unit.  Raises `InputError`, also for Hz and 1/s, which pint converts to rad/s."""
     import pint
 
     target = parsed_unit(unit, name)
-    if str(value.dimensionality) == str(target.dimensionality) == "1 / [time]" and _turns(value) != _turns(target):
+    counts = ["radian" in dict((1 * each).to_root_units().unit_items()) for each in (value, target)]
+    if str(value.dimensionality) == str(target.dimensionality) == "1 / [time]" and counts[0] != counts[1]:
         raise InputError(
             f"{name} must be in {unit}, got {value:~}, which may count revolutions or radians. Usual cause: a "
-            f"frequency for "
-            f"an angular velocity. Three revolutions a second are '3 turn/s' or '180 rpm', 3 * 2 pi = 18.85 rad/s; "
-            f"three "
-            "radians a second are '3 rad/s'."
+            f"frequency for an angular velocity. Three revolutions a second are '3 turn/s' or '180 rpm', 3 * 2 pi = "
+            "18.85 rad/s; three radians a second are '3 rad/s'."
         )
     try:
         return value.to(target)

@@ -16,7 +16,6 @@ import hashlib
 import math
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import WeakValueDictionary
 
@@ -66,16 +65,11 @@ def _size(packed: Array) -> int:
 
 
 class Form(NamedTuple):
-    """The parts of a table that a kernel is compiled for.
+    """The parts of a table that a kernel is compiled for."""
 
-    columns    of a vector; 0 for scalars
-    degree     of the polynomials
-    halvings   of the bisection; 0 for equally spaced times
-    """
-
-    columns: int
-    degree: int
-    halvings: int
+    columns: int  # of a vector; 0 for scalars
+    degree: int  # of the polynomials
+    halvings: int  # of the bisection; 0 for equally spaced times
 
 
 @explained
@@ -112,7 +106,17 @@ class Table:
             )
         if kind not in KINDS or not isinstance(hold, bool):
             raise InputError(f"Table: expected kind='spline' or 'pchip' and hold=True or False, got {shown(kind)}.")
-        each = _derivatives(t, y, derivatives, kind)
+        if derivatives is None:
+            from scipy.interpolate import CubicSpline, PchipInterpolator
+
+            derivatives = (CubicSpline if kind == "spline" else PchipInterpolator)(t, y).derivative()(t)
+        several = derivatives if isinstance(derivatives, tuple) else (derivatives,)
+        each = [_floats(x, "derivatives") for x in several]
+        if len(each) > 2 or any(x.shape != y.shape for x in each):
+            raise InputError(
+                f"Table: expected derivatives of the shape {y.shape} of the values, or a tuple of first and second "
+                f"ones, got {', '.join(str(x.shape) for x in each) or 'none'}."
+            )
         head = [len(t), y.shape[1] if y.ndim > 1 else 0, len(each), hold]
         self.packed = np.concatenate([head, t, *(np.ravel(x) for x in (y, *each))])
         self.packed.flags.writeable = False
@@ -126,8 +130,8 @@ class Table:
         first, last = self.span
         if not self.holds and t.size and not (first <= t.min() and t.max() <= last):
             raise InputError(f"Table: expected times from {first:g} to {last:g}, got {t.min():g} to {t.max():g}.")
-        read = handles(self.packed)
-        return Reader(read.values, form_of(self.packed))(t, order)
+        handle, _rows = handles(self.packed)  # rows, which are kept
+        return Reader(handle, form_of(self.packed))(t, order)
 
     @property
     def times(self) -> Array:
@@ -156,21 +160,6 @@ def _floats(value: Any, name: str) -> Array:
     if not np.isfinite(array).all():
         raise InputError(f"Table: expected finite {name}, got {shown(value)}. Usual cause: NaN for a missing value.")
     return array
-
-
-def _derivatives(t: Array, y: Array, given: Any, kind: str) -> list[Array]:
-    """The first, and maybe second, derivatives at the times.  Raises `InputError`."""
-    if given is None:
-        from scipy.interpolate import CubicSpline, PchipInterpolator
-
-        return [(CubicSpline if kind == "spline" else PchipInterpolator)(t, y).derivative()(t)]
-    each = [_floats(x, "derivatives") for x in (given if isinstance(given, tuple) else (given,))]
-    if len(each) > 2 or any(x.shape != y.shape for x in each):
-        raise InputError(
-            f"Table: expected derivatives of the shape {y.shape} of the values, or a tuple of first and second ones, "
-            f"got {', '.join(str(x.shape) for x in each) or 'none'}."
-        )
-    return each
 
 
 # -- as a parameter: checked, its rows in memory, its handle ------------------------------------------------------
@@ -212,17 +201,13 @@ def check(packed: Array, name: str, form: Form) -> None:
 _ROWS: WeakValueDictionary[bytes, np.ndarray] = WeakValueDictionary()
 
 
-def _rows(packed: Array) -> Array:
+def _rows_of(packed: Array) -> Array:
     """Rows of t_r, 1/(t_(r+1) - t_r) and the coefficients of each component, (rows, 2 + components (degree + 1))."""
     key = hashlib.sha256(packed.tobytes()).digest()
     found = _ROWS.get(key)
-    if found is None:
-        found = _ROWS[key] = _computed_rows(packed)
-    return found
-
-
-def _computed_rows(packed: Array) -> Array:
-    t, (y, m, *s) = _parts(packed)[0], _parts(packed)[1]
+    if found is not None:
+        return found
+    t, (y, m, *s) = _parts(packed)
     h = np.diff(t)[:, None]
     D, m0, m1 = np.diff(y, axis=0), h * m[:-1], h * m[1:]
     if s:
@@ -231,37 +216,30 @@ def _computed_rows(packed: Array) -> Array:
         powers = [y[:-1], m0, s0 / 2, *more, 6 * D - 3 * (m0 + m1) - (s0 - s1) / 2]
     else:
         powers = [y[:-1], m0, 3 * D - 2 * m0 - m1, m0 + m1 - 2 * D]
-    polynomials = np.stack(powers, -1).reshape(len(h), -1)
-    rows = np.concatenate([t[:-1, None], 1 / h, polynomials], -1)
+    rows = np.concatenate([t[:-1, None], 1 / h, np.stack(powers, -1).reshape(len(h), -1)], -1)
     if packed[3]:
         ends = np.zeros((2, rows.shape[1]))
         ends[:, 0], ends[:, 2 :: len(powers)] = t[[0, -1]], y[[0, -1]]
         rows = np.concatenate([ends[:1], rows, ends[1:]])
-    return np.ascontiguousarray(rows)
+    out = _ROWS[key] = np.ascontiguousarray(rows)
+    return out
 
 
-class Handles(NamedTuple):
-    """Tables in memory: the address of the rows, the last row, a time and a rate, (..., 4); the rows.
+def handles(packed: Array) -> tuple[Array, tuple[Array, ...]]:
+    """The handles (..., 4) of packed tables (..., size), and the rows in memory, which must be kept as long as these.
 
-    With equally spaced times the row is the integer next to rate (t - time).  Addresses are valid as long as the rows
-    are kept.
+    A handle has the address of the rows, the last row, a time and a rate: with equally spaced times the row is the
+    integer next to rate (t - time).
     """
-
-    values: Array
-    rows: tuple[Array, ...]
-
-
-def handles(packed: Array) -> Handles:
-    """The handles of packed tables (..., size)."""
     each = packed.reshape(-1, packed.shape[-1])
     out, rows = np.zeros((len(each), 4)), list[Array]()
     for i, one in enumerate(each):
         if one[0]:
             t, held = _parts(one)[0], bool(one[3])
             h = _spacing(t) or 1.0
-            rows.append(_rows(one))
+            rows.append(_rows_of(one))
             out[i] = memory.address_of(rows[-1]), len(rows[-1]) - 1, t[0] + (0.5 - held) * h, 1 / h
-    return Handles(out.reshape((*packed.shape[:-1], 4)), tuple(rows))
+    return out.reshape((*packed.shape[:-1], 4)), tuple(rows)
 
 
 class Reader(NamedTuple):
@@ -287,14 +265,10 @@ def _plain(x: Any) -> Any:
     return x.item() if isinstance(x, np.ndarray) and x.dtype == object else x
 
 
-def _given(y: Any, _: Any) -> Any:
-    return y
-
-
 def _read(handle: Sequence[Any], t: Any, form: Form, order: int) -> list[Any]:
     if isinstance(t, TracedNumber):
         values, slopes = (_read(handle, t.value, form, k) for k in (order, order + 1))
-        return [with_slope(partial(_given, y), t, slope) for y, slope in zip(values, slopes, strict=True)]
+        return [with_slope(lambda _, y=y: y, t, slope) for y, slope in zip(values, slopes, strict=True)]  # type: ignore[misc]
     t = _plain(t)
     address, last, first, rate = handle
     per = form.degree + 1
@@ -331,9 +305,7 @@ def tables_of_time(model: Model) -> Iterator[tuple[str, Array, float]]:
     record = model.system.perturbation
     forces = [] if record is None else [*record.functions.values(), *([record.pair] if record.pair else [])]
     units = {name: force.units.get(name, 1.0) for force in forces if force.names("t") for name in force.tables}
-    for name, unit in units.items():
-        if model.params[name].shape[-1] > HEAD:
-            yield name, model.params[name], unit
+    return ((k, model.params[k], unit) for k, unit in units.items() if model.params[k].shape[-1] > HEAD)
 
 
 def require_none(model: Model, what: str) -> None:
