@@ -25,7 +25,7 @@ which has no angle of the place and is regular at the poles.  [S. Pines, AIAA Jo
 from __future__ import annotations
 
 from itertools import pairwise
-from math import isqrt, pi
+from math import isqrt, pi, prod
 from math import sqrt as root
 from typing import Any, NamedTuple
 
@@ -33,8 +33,7 @@ import numpy as np
 
 from kreisel.algebra import sqrt
 from kreisel.algebra.gradient import cos, exp, log, sin
-from kreisel.bodies.orbit import TINY, arcsine, check_not_negative, polynomial, size
-from kreisel.errors import InputError, shown
+from kreisel.bodies.orbit import TINY, arcsine, check_not_negative, expected, polynomial, size
 from kreisel.record.contract import Parameter
 
 SEGMENT = [2 / 3, 1 / 5, 3 / 28, 5 / 72, 35 / 704]  # arcsin w - w sqrt(1 - w^2) = w^3 (2/3 + w^2/5 + ...)
@@ -50,9 +49,14 @@ def ramp(x):
 # -- magnetic field --------------------------------------------------------------------------------
 
 
+def dot(x, y):
+    """The scalar product along the first axis."""
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+
+
 def of_dipole(r, f):
     """B of a dipole along the third axis, f = R^3 g_10."""
-    square = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+    square = dot(r, r)
     z = r[2] / square
     return np.array([3 * z * r[0], 3 * z * r[1], 3 * z * r[2] - 1]) * (f / (square * sqrt(square)))
 
@@ -67,10 +71,7 @@ def scale(n, m):
     product = 1.0 if m == 0 else 2.0
     for k in range(n - m + 1, n + m + 1):
         product /= k
-    odd = 1.0
-    for k in range(1, 2 * m, 2):
-        odd *= k
-    return root(product) * odd
+    return root(product) * float(prod(range(1, 2 * m, 2)))
 
 
 def field(r, t, *, gauss, reference_radius, meridian):
@@ -85,19 +86,14 @@ def field(r, t, *, gauss, reference_radius, meridian):
 
 def scaled(gauss):
     """The rows in the normalization of `scale`."""
-    rows = iter(gauss)
-    return [
-        scale(n, m) * next(rows)
-        for n in range(1, degree_of(gauss) + 1)
-        for m in range(n + 1)
-        for _ in range(1 if m == 0 else 2)
-    ]
+    places = [(n, m) for n in range(1, degree_of(gauss) + 1) for m in range(n + 1) for _ in range(1 + (m > 0))]
+    return [scale(n, m) * row for (n, m), row in zip(places, gauss, strict=True)]
 
 
 def field_of(r, values, R):
     """B in the frame of the primary, of coefficients in the normalization of `scale`."""
     N = degree_of(values)
-    length = sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+    length = sqrt(dot(r, r))
     (s, t, u), q = r / length, R / length
     P = legendre(N + 1, u * q, q)
     across, ahead, up, out = 0.0, 0.0, 0.0, 0.0
@@ -162,12 +158,12 @@ def light(r, s, near, *, eclipse, shadow, disc):
     with the radii A, B of the circles in the stereographic projection that has the Sun in its centre, where circles
     are circles.  Needs A < B/3: for the Earth, distances up to 70 of its radii.
     """
-    length = sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+    length = sqrt(dot(r, r))
     sin_a, sin_b = disc * near, shadow / length
     cos_a, cos_b = sqrt(1 - sin_a * sin_a), sqrt(ramp(1 - sin_b * sin_b) + TINY)
-    cos_c = -(r[0] * s[0] + r[1] * s[1] + r[2] * s[2]) / length
+    cos_c = -dot(r, s) / length
     x = [r[1] * s[2] - r[2] * s[1], r[2] * s[0] - r[0] * s[2], r[0] * s[1] - r[1] * s[0]]
-    sin_c = sqrt((x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) / (length * length) + IN_LINE)
+    sin_c = sqrt(dot(x, x) / (length * length) + IN_LINE)
     between, most = cos_b - cos_a * cos_c, sin_a * sin_c + TINY
     cosine = within((size(between + most) - size(between - most)) / (2 * most))
     sine = sqrt(ramp(1 - cosine * cosine) + TINY)
@@ -208,7 +204,7 @@ def density_of_air(r, s, *, density, air, bulge, radius, flattening):
     night, day = map(exp, logs)
     c, lag = LAG
     apex = [c * s[0] - lag * s[1], lag * s[0] + c * s[1], s[2]]
-    toward = (r[0] * apex[0] + r[1] * apex[1] + r[2] * apex[2]) / sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+    toward = dot(r, apex) / sqrt(dot(r, r))
     return density * (night + (day - night) * exp(bulge / 2 * log(ramp((1 + toward) / 2) + TINY)))
 
 
@@ -221,16 +217,14 @@ def through_air(r, v, *, air_rate):
 
 
 class Around(NamedTuple):
-    """The environment at a place: field of the coefficients `gauss`, T, direction of the Sun, 1 au over its distance,
-    fraction of its disc that is seen, density of the air, kg/m^3, and the velocity in it, m/s.
-    """
+    """The environment at a place."""
 
-    field: Any
-    sun: Any
-    near: Any
-    light: Any
-    density: Any
-    stream: Any
+    field: Any  # of the coefficients `gauss`, T
+    sun: Any  # direction of the Sun
+    near: Any  # 1 au over its distance
+    light: Any  # fraction of its disc that is seen
+    density: Any  # of the air, kg/m^3
+    stream: Any  # velocity in it, m/s
 
 
 def around(
@@ -238,50 +232,31 @@ def around(
 ):
     """The environment at the place r, with the velocity v, at the time t."""
     s, near = sunlight(t, sun=sun, sun_ahead=sun_ahead, solar=solar)
-    return Around(
-        field(r, t, gauss=gauss, reference_radius=reference_radius, meridian=meridian),
-        s,
-        near,
-        light(r, s, near, eclipse=eclipse, shadow=radius, disc=disc),
-        density_of_air(r, s, radius=radius, **air),
-        through_air(r, v, air_rate=air_rate),
-    )
+    B = field(r, t, gauss=gauss, reference_radius=reference_radius, meridian=meridian)
+    seen = light(r, s, near, eclipse=eclipse, shadow=radius, disc=disc)
+    density = density_of_air(r, s, radius=radius, **air)
+    return Around(B, s, near, seen, density, through_air(r, v, air_rate=air_rate))
 
 
 # -- parameters ------------------------------------------------------------------------------------
 
 
-def check_direction(value, name):
-    if not (abs((value * value).sum(-1) - 1) < 1e-9).all():
-        raise InputError(f"{name}: expected a vector of length 1, got {shown(value.tolist())}.")
+def is_gauss(value):
+    return value.ndim == 2 and value.shape[1] == 2 and degree_of(value) * (degree_of(value) + 2) == len(value)
 
 
-def check_gauss(value, name):
-    if value.ndim != 2 or value.shape[1] != 2 or degree_of(value) * (degree_of(value) + 2) != len(value):
-        raise InputError(
-            f"{name}: expected N (N + 2) rows (g, its rate) of g_10, g_11, h_11, g_20, ..., got shape {value.shape}."
-        )
-
-
-def check_meridian(value, name):
-    if value.shape != (2,):
-        raise InputError(f"{name}: expected 2 values, angle and rate, got {shown(value.tolist())}.")
-
-
-def check_solar(value, name):
-    if value.shape != (9,) or not abs(value[8]) < 1:
-        raise InputError(f"{name}: expected 9 values, L, n, M_0, m, C_1, C_2, a, b, k, got {shown(value.tolist())}.")
-
-
-def check_air(value, name):
+def is_air(value):
     rows = value.ndim == 2 and value.shape[1] == 3 and len(value) > 1
-    if not rows or not (np.diff(value[:, 0]) > 0).all() or not (value[:, 1:] > 0).all():
-        raise InputError(
-            f"{name}: expected two or more rows (height, density by night, density in the bulge), rising heights and "
-            f"densities > 0, got {shown(value.tolist())}."
-        )
+    return rows and (np.diff(value[:, 0]) > 0).all() and (value[:, 1:] > 0).all()
 
 
+check_direction = expected(lambda v: abs((v * v).sum(-1) - 1) < 1e-9, "a vector of length 1")
+check_gauss = expected(is_gauss, "N (N + 2) rows (g, its rate) of g_10, g_11, h_11, g_20, ...")
+check_meridian = expected(lambda v: v.shape == (2,), "2 values, angle and rate")
+check_solar = expected(lambda v: v.shape == (9,) and abs(v[8]) < 1, "9 values, L, n, M_0, m, C_1, C_2, a, b, k")
+check_air = expected(
+    is_air, "two or more rows (height, density by night, density in the bulge), rising heights and densities > 0"
+)
 FIELD = (
     Parameter("gauss", "array", "rows g, g' of g_10, g_11, h_11, ..., T, T/s", check_gauss, np.zeros((3, 2)), rank=2),
     Parameter("reference_radius", "scalar", "of the coefficients gauss, m", default=6_371_200.0),

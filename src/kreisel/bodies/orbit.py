@@ -153,9 +153,14 @@ def doubtful_orbit(pericentre, radius, name="primary"):
         )
 
 
-def check_eccentricity(value, name):
-    if not ((value >= 0) & (value < 1)).all():
-        raise InputError(f"{name}: expected an ellipse, 0 <= e < 1, got {shown(value.tolist())}.")
+def expected(good, text):
+    """A check of a parameter: raises `InputError` unless good(value), with a text of the values that are expected."""
+
+    def check(value, name):
+        if not np.all(good(value)):
+            raise InputError(f"{name}: expected {text}, got {shown(value.tolist())}.")
+
+    return check
 
 
 def check_pericentre(distance, radius, name="primary"):
@@ -166,16 +171,9 @@ def check_pericentre(distance, radius, name="primary"):
         )
 
 
-def check_positive(value, name):
-    if not (value > 0).all():
-        raise InputError(f"{name}: expected a number > 0, got {shown(value.tolist())}.")
-
-
-def check_not_negative(value, name):
-    if not (value >= 0).all():
-        raise InputError(f"{name}: expected a number >= 0, got {shown(value.tolist())}.")
-
-
+check_positive = expected(lambda x: x > 0, "a number > 0")
+check_not_negative = expected(lambda x: x >= 0, "a number >= 0")
+check_eccentricity = expected(lambda x: (x >= 0) & (x < 1), "an ellipse, 0 <= e < 1")
 EARTH = 3.986004418e14  # mu, m^3/s^2, WGS 84
 ORBIT = (
     Parameter("semi_major_axis", "scalar", "of the orbit, m", check_positive),

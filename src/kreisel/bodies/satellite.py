@@ -41,6 +41,7 @@ from kreisel.bodies.orbit import (
     check_not_negative,
     check_pericentre,
     doubtful_orbit,
+    expected,
     of_elements,
     place,
 )
@@ -152,30 +153,18 @@ def check_moments(value, name):
     require_body(value.sum(-1, keepdims=True) / 2 - value, name)
 
 
-def check_part(value, name):
-    if not ((value >= 0) & (value <= 1)).all():
-        raise InputError(f"{name}: expected a part of the light, from 0 to 1, got {shown(value.tolist())}.")
-
-
-def check_degree(value, name):
-    count = 7 if name == "degree_3" else 9
-    if value.shape != (count,):
-        raise InputError(f"{name}: expected {count} values, C_l0, C_l1, S_l1, ..., got {shown(value.tolist())}.")
-
-
-def check_plates(value, name):
-    if value.ndim != 2 or value.shape[1] != 7 or (value[:, 6] < 0).any():
-        raise InputError(
-            f"{name}: expected rows of 7 values, the normal (3), the centre (3) and the area >= 0, got "
-            f"{shown(value.tolist())}."
-        )
-
-
+check_part = expected(lambda x: (x >= 0) & (x <= 1), "a part of the light, from 0 to 1")
+check_degree_3 = expected(lambda x: x.shape == (7,), "7 values, C_30, C_31, S_31, ...")
+check_degree_4 = expected(lambda x: x.shape == (9,), "9 values, C_40, C_41, S_41, ...")
+check_plates = expected(
+    lambda x: x.ndim == 2 and x.shape[1] == 7 and (x[:, 6] >= 0).all(),
+    "rows of 7 values, the normal (3), the centre (3) and the area >= 0",
+)
 PARAMETERS = (
     Parameter("moments", "vector", "principal moments of inertia, kg m^2", check_moments, diagonal=True),
     *ORBIT,
-    Parameter("degree_3", "array", "body's m R^3 (C_30, C_31, S_31, ...), kg m^3", check_degree, np.zeros(7), rank=1),
-    Parameter("degree_4", "array", "body's m R^4 (C_40, C_41, S_41, ...), kg m^4", check_degree, np.zeros(9), rank=1),
+    Parameter("degree_3", "array", "body's m R^3 (C_30, C_31, S_31, ...), kg m^3", check_degree_3, np.zeros(7), rank=1),
+    Parameter("degree_4", "array", "body's m R^4 (C_40, C_41, S_41, ...), kg m^4", check_degree_4, np.zeros(9), rank=1),
     Parameter("dipole", "vector", "magnetic moment, A m^2, along the principal axes", default=np.zeros(3)),
     Parameter("field", "scalar", "of the primary's dipole, R^3 g_1^0, T m^3; -7.59e15 for the Earth", default=0.0),
     Parameter("torque", "vector", "steady torque, N m, along the principal axes", default=np.zeros(3)),

@@ -23,7 +23,8 @@ import numpy as np
 
 from kreisel.algebra import act, axial, cross, hat, identity, mat, principal_axes, solve, sqrt, vec
 from kreisel.algebra.invariants import trace
-from kreisel.errors import InputError, shown
+from kreisel.bodies.orbit import expected
+from kreisel.errors import InputError
 from kreisel.forces.records import perturbed_record
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import Parameter
@@ -104,16 +105,8 @@ def check_mass_matrix(value, name):
         )
 
 
-def check_drag(value, name):
-    if value.shape != (6,) or not (value >= 0).all():
-        raise InputError(f"{name}: expected 6 values >= 0, of U and of Omega, got {shown(value.tolist())}.")
-
-
-def check_force(value, name):
-    if not (value >= 0).all():
-        raise InputError(f"{name}: expected a force >= 0, got {shown(value.tolist())}.")
-
-
+check_drag = expected(lambda x: x.shape == (6,) and (x >= 0).all(), "6 values >= 0, of U and of Omega")
+check_force = expected(lambda x: x >= 0, "a force >= 0")
 PARAMETERS = (
     Parameter("mass_matrix", "array", "of mass and added mass about O, of (U, Omega), SI", check_mass_matrix, rank=2),
     Parameter("weight", "scalar", "N", check_force, 0.0),

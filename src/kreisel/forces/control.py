@@ -31,19 +31,7 @@ from kreisel.algebra.random import GENERATOR, normals
 from kreisel.algebra.recorded import run
 from kreisel.errors import InputError, shown
 from kreisel.forces import kicks
-from kreisel.forces.kicks import (
-    BODY_AXES,
-    HELD,
-    OF_PLACE,
-    WHEEL_AXES,
-    WHEEL_TORQUE,
-    WHEELS,
-    Body,
-    Constants,
-    perturbation_of,
-    surroundings,
-    to_body,
-)
+from kreisel.forces.kicks import BODY_AXES, HELD, OF_PLACE, WHEEL_AXES, WHEEL_TORQUE, WHEELS, Body, Constants
 from kreisel.forces.records import perturbed_record
 from kreisel.record.calling import Portable
 from kreisel.record.contract import Parameter, PhaseSpace, System
@@ -172,7 +160,7 @@ def sampled(system: System, body: Body, q: Array, known: Constants, axes: Mappin
 
 
 def _control(system: System) -> Controller:
-    control = perturbation_of(system).control
+    control = kicks.perturbation_of(system).control
     if control is None:
         raise TypeError(f"{system.name} has no control")
     return control
@@ -183,10 +171,10 @@ def _seen(
 ) -> tuple[dict[str, Any], Array | None]:
     """Values of the sensors by name, and the generator after the draws of the noise."""
     control, own = _control(system), dict(zip(system.space.letters, body.state, strict=True))
-    R, inside = to_body(known), kicks.from_body(system, body, known).mT
+    R, inside = kicks.to_body(known), kicks.from_body(system, body, known).mT
     wanted = [name for name in SENSORS if name in control.arguments]
     placed = any(name in OF_PLACE for name in wanted if name != "field" or body.field is None)
-    fields = surroundings(system, body, known, axes) if placed else {}
+    fields = kicks.surroundings(system, body, known, axes) if placed else {}
     fields |= {} if body.field is None else {"field": body.field}
     seen = dict[str, Any]()
     for name in wanted:

@@ -14,18 +14,8 @@ from kreisel.algebra import Array
 from kreisel.algebra.gradient import traced
 from kreisel.algebra.random import GENERATOR, streams
 from kreisel.errors import InputError, explained, hint, shown
-from kreisel.forces.control import (
-    BIAS,
-    COMMANDS,
-    DEVIATION,
-    LIMIT,
-    SENSORS,
-    WHEEL_LIMIT,
-    called,
-    components,
-    controlled,
-    with_wheels,
-)
+from kreisel.forces import control as sampling
+from kreisel.forces.control import BIAS, COMMANDS, DEVIATION, LIMIT, SENSORS, WHEEL_LIMIT
 from kreisel.forces.kicks import BODY_AXES, OF_PLACE, WHEEL_AXES, WHEEL_TORQUE, WHEELS, perturbation_of
 from kreisel.physical.measures import finite_floats, si_number, si_numbers
 from kreisel.record.contract import Parameter
@@ -171,7 +161,7 @@ class Control:
             noise=tuple(self.noise),
             limits=tuple(self.limits),
         )
-        return controlled(model, control, parameters, of_wheels)
+        return sampling.controlled(model, control, parameters, of_wheels)
 
     def _arguments(self, wheels: int, placed: bool) -> tuple[str, ...]:
         """The arguments of the law by name.  Raises `InputError` for others than it may have."""
@@ -199,7 +189,7 @@ class Control:
             tape: list[Any] = []
             given = {name: traced(tape, value, value.ndim) for name, value in values.items()}
             with np.errstate(all="ignore"):
-                found = called(self.law, given, lengths, {name: shapes[name] for name in self.memory})
+                found = sampling.called(self.law, given, lengths, {name: shapes[name] for name in self.memory})
             runs.append({k: [float(getattr(v, "value", v)) for v in value.flat] for k, value in found.items()})
         if any(runs[0][name] != value for name, value in runs[1].items()):
             raise InputError(
@@ -216,12 +206,12 @@ def controlled_by(model: Model, control: Control | None, wheels: Wheels | None) 
     if wheels is not None:
         of_wheels |= {WHEEL_AXES: wheels.axes, WHEEL_TORQUE: wheels.torque}
         of_wheels |= {} if wheels.limit is None else {WHEEL_LIMIT: wheels.limit}
-    return with_wheels(model, of_wheels) if control is None else control.on(model, wheels, of_wheels)
+    return sampling.with_wheels(model, of_wheels) if control is None else control.on(model, wheels, of_wheels)
 
 
 def at_the_start(model: Model, control: Control | None, wheels: Wheels | None, lanes: int) -> dict[str, Array]:
     """The components of a state in addition to the body's: 0, the momenta of the wheels, the memory of the law."""
-    more = components(cast("Controller", perturbation_of(model.system).control)) if control or wheels else ()
+    more = sampling.components(cast("Controller", perturbation_of(model.system).control)) if control or wheels else ()
     out = {letter: np.zeros(() if kind == "scalar" else int(kind[2:])) for letter, kind in more}
     if control is not None and GENERATOR in out:
         out[GENERATOR] = streams(int(control.seed), lanes) if lanes > 1 else streams(int(control.seed), 1)[0]
