@@ -180,10 +180,7 @@ def friction(r, v, L1, q1, L2, q2, *third, m1, m2, reduced, rotor1, rotor2, tide
     """The rates of the state by the lag of tides, and of the work."""
     square = dot(r, r)
     along, total, rates, power = vec(2 * dot(r, v) / square) * r, 0 * v, [], 0
-    for L, q, rotor, strength in (
-        (L1, q1, rotor1, m2 * m2 * tide1 * lag1),
-        (L2, q2, rotor2, m1 * m1 * tide2 * lag2),
-    ):
+    for L, q, rotor, strength in ((L1, q1, rotor1, m2 * m2 * tide1 * lag1), (L2, q2, rotor2, m1 * m1 * tide2 * lag2)):
         slip = v - cross(spin(L, q, rotor), r)
         force = vec(-3 * G * strength / (square * square * square * square)) * (slip + along)
         total, power = total + force, power + dot(force, slip)

@@ -71,13 +71,11 @@ class BodyPropagator:
     def __repr__(self) -> str:
         return f"<kreisel propagator of {self._frame.title}: {self._motion!r}>"
 
-    def _begun(self, time: Any) -> float:
-        return time / self._unit if type(time) is float else duration(self._frame, time, "time")
-
-    def _times(self, times: Any) -> Any:
-        if type(times) is float:
-            return times / self._unit
-        scaled = times_of(self.model, times)
+    def _time(self, value: Any, name: str = "") -> Any:
+        """Times in the unit of the model; with a name, one time."""
+        if type(value) is float:
+            return value / self._unit
+        scaled = times_of(self.model, value) if not name else np.array(duration(self._frame, value, name))
         return scaled if scaled.ndim else float(scaled)
 
     def _map(self, forward: bool) -> Array:
@@ -98,7 +96,7 @@ class BodyPropagator:
         if not isinstance(state, Mapping):  # a `State` is one
             return self._changed(algebra.floats(state), self._into)
         if isinstance(state, State):
-            named = {**state.axial, ORIENTATION: state.orientation}
+            named: dict[str, Any] = {**state.axial, ORIENTATION: state.orientation}
         elif missing := [name for name in self.names if name not in state]:
             raise InputError(f"The state: expected {', '.join(self.names)}, got none for {', '.join(missing)}.")
         else:
@@ -117,21 +115,20 @@ class BodyPropagator:
             )
         return x * by if by.ndim == 1 else x @ by if by.ndim == 2 else (x[..., None, :] @ by)[..., 0, :]
 
-    def _parameters(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    def _parameters(self, parameters: dict[str, Any]) -> dict[str, Any]:
         """Parameters of a call, with vectors of the body along the axes of the model."""
-        out = dict(parameters)
-        for name in out.keys() & self._body.vectors:
+        for name in parameters.keys() & self._body.vectors:
             try:
-                v = np.asarray(out[name], dtype=np.float64)
+                v = np.asarray(parameters[name], dtype=np.float64)
             except (TypeError, ValueError):  # such as "1 A m^2"
                 v = np.empty(0)
             if v.shape[-1:] != (3,):
                 raise InputError(
                     f"{name}: expected a vector (3,) of values in SI units along the axes of the body, got "
-                    f"{shown(out[name])}."
+                    f"{shown(parameters[name])}."
                 )
-            out[name] = self._frame.inside(v)
-        return out
+            parameters[name] = self._frame.inside(v)
+        return parameters
 
     def _returned(self, x: Array, state: Any) -> Any:
         """Entries of the model (..., size + observed) in the form in which a state was given."""
@@ -141,30 +138,30 @@ class BodyPropagator:
             for name, place in beside.items():
                 size = self._frame.size(name)
                 out[..., place] *= size[:, None] if np.ndim(size) == 1 and not isinstance(place, int) else size
-        if type(state) is np.ndarray or not isinstance(state, Mapping):
+        if not isinstance(state, Mapping):
             return out
-        named = {name: out[..., place] for name, (_, place) in self._places.items()}
-        named = {k: v[..., 0] if self._places[k][0] in self._numbers else v for k, v in named.items()}
+        named = {
+            name: out[..., place.start if letter in self._numbers else place]
+            for name, (letter, place) in self._places.items()
+        }
         return named | {name: out[..., place] for name, place in beside.items()}
 
     @explained
     def steps(self, state: Any, n: int, every: int | None = None, time: Any = None, **parameters: Any) -> Any:
         """The state after n steps of dt, as `Propagator.steps`; `parameters` such as dipole along the axes given."""
-        begun = None if time is None else self._begun(time)
-        return self._returned(
-            self._motion.steps(self._given(state), n, every, begun, **self._parameters(parameters)), state
-        )
+        begun, values = None if time is None else self._time(time, "time"), self._parameters(parameters)
+        return self._returned(self._motion.steps(self._given(state), n, every, begun, **values), state)
 
     @explained
     def at(self, state: Any, times: Any) -> Any:
         """The state at a time, or at times (times,) along a first axis, as `Propagator.at`."""
-        return self._returned(self._motion.at(self._given(state), self._times(times)), state)
+        return self._returned(self._motion.at(self._given(state), self._time(times)), state)
 
     @explained
     def to(self, state: Any, times: Any, time: Any = 0.0, **parameters: Any) -> Any:
         """The state at a time, or at times in order, from the state at `time`, as `Propagator.to`."""
-        begun, ends = self._begun(time), self._times(times)
-        return self._returned(self._motion.to(self._given(state), ends, begun, **self._parameters(parameters)), state)
+        ends, begun, values = self._time(times), self._time(time, "time"), self._parameters(parameters)
+        return self._returned(self._motion.to(self._given(state), ends, begun, **values), state)
 
     @explained
     def until(
@@ -175,7 +172,7 @@ class BodyPropagator:
         def measure(x: Array) -> Any:
             return quantity(self._returned(x, state))
 
-        begun, last = duration(self._frame, time, "time"), duration(self._frame, end, "end")
+        begun, last = self._time(time, "time"), self._time(end, "end")
         found = self._motion.until(self._given(state), measure, last, time=begun, rising=rising)
         return Crossing(self._returned(found.state, state), found.time * self._frame.time_unit, found.crossed)
 
