@@ -49,7 +49,7 @@ SLOW = {"kr.fit": 0.2, "kr.differentiable": 0.2, "kr.tangent": 0.4, "kr.view": 0
 OFTEN = ("kr.", "analysis.", "Propagator.")
 INFINITE = {"physical.Gyroscope.motion", "physical.Gyroscope.steady_precession",
             "physical.FreeBody.stability", "physical.FreeBody.periods", "analysis.light_curve",
-            "Comparison.apart", "Comparison.growth", "physical.Units", "units.measured",
+            "Comparison.apart", "Comparison.growth", "units.measured",
             "units.si", "analysis.rates", "analysis.mean_rates", "kr.drift",
             "analysis.angular_velocity", "analysis.compare", "kr.nutation", "kr.to_numpy"}  # fmt: skip
 KIND_OF = {
@@ -222,7 +222,6 @@ BY_CALL = {
     "physical.Binary.angles(run)": "run of a body",
     "physical.Binary.angles(body)": "count",
     "physical.Binary.spins(run)": "run of a body",
-    "physical.Units(length)": "lever",
     "physical.Facets.from_damit(path)": "numbers file",
     "physical.read_added_mass(path)": "numbers file",
     "physical.Primary(name)": "text",

@@ -26,7 +26,7 @@ from kreisel.physical.gravity_body import GravityBody
 from kreisel.physical.gyroscope import Gyroscope, Motion
 from kreisel.physical.heavy_body import HeavyBody
 from kreisel.physical.laws import bdot, hysteresis_rods, magnetic_damping, pointing, sun_pointing
-from kreisel.physical.measures import SI, STANDARD_GRAVITY, Units
+from kreisel.physical.measures import STANDARD_GRAVITY
 from kreisel.physical.orbit import EARTH, SATURN, SUN, Orbit, Primary
 from kreisel.physical.satellite import SOLAR_PRESSURE, Asteroid, Harmonics, Plate, Satellite
 from kreisel.physical.shapes import Facets, Part, read_mesh, read_robot
@@ -35,7 +35,6 @@ from kreisel.physical.submerged import Course, SubmergedBody, read_added_mass
 __all__ = [
     "EARTH",
     "SATURN",
-    "SI",
     "SOLAR_PRESSURE",
     "STANDARD_GRAVITY",
     "SUN",
@@ -62,7 +61,6 @@ __all__ = [
     "Satellite",
     "SubmergedBody",
     "ThirdBody",
-    "Units",
     "Wheels",
     "bdot",
     "hysteresis_rods",

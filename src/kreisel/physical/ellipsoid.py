@@ -14,8 +14,6 @@ from kreisel.errors import InputError, explained
 from kreisel.physical.ensemble import Varied
 from kreisel.physical.measures import (
     RATE,
-    SI,
-    Units,
     attitude_quaternion,
     convert_fields,
     frame_of,
@@ -106,28 +104,25 @@ class Ellipsoid(Varied):
     def _inertia(self) -> Array:
         return self.moments + self.added_moments
 
-    def model(self, units: Units = SI) -> Model:
-        """`Kirchhoff`: c_jk = 1/(I_l + added moment) with l normal to (j, k), B = -diag(1/(mass + added mass)).
+    def model(self) -> Model:
+        """`Kirchhoff`, in SI: c_jk = 1/(I_l + added moment) with l normal to (j, k), B = -diag(1/(mass + added mass)).
 
         For a = b it is `KirchhoffRevolution`, which moves alike and has maps that conserve all integrals.
         """
-        x, y, z = units.mass * units.length**2 / self._inertia
-        inverse_masses = units.mass / (self.mass + self.added_masses)
+        (x, y, z), inverse_masses = 1 / self._inertia, 1 / (self.mass + self.added_masses)
         if self.semi_axes[0] == self.semi_axes[1] and not self._lanes:
             made = REGISTRY["kirchhoff-revolution"](a1=x, a3=z, c1=inverse_masses[0], c3=inverse_masses[2])
         else:
             made = REGISTRY["kirchhoff"](C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-inverse_masses)
-        momentum = units.mass * units.length / units.time
-        return made.of_body(frame_of(units.time, momentum * units.length, P=("kg m/s", momentum)))
+        return made.of_body(frame_of(1.0, 1.0, P=("kg m/s", 1.0)))
 
-    def state(self, velocity: Any, angular_velocity: Any, units: Units = SI, attitude: Any = UPRIGHT) -> State:
-        """The impulse of a motion, P = (mass + added mass) U and M = (I + added moment) Omega, in `units`.
+    def state(self, velocity: Any, angular_velocity: Any, attitude: Any = UPRIGHT) -> State:
+        """The impulse of a motion, P = (mass + added mass) U and M = (I + added moment) Omega.
 
         U (..., 3) in m/s and Omega (..., 3) in rad/s along the body axes.  A run of the body begins with this
         attitude, a unit quaternion (..., 4) = (w, x, y, z).  Raises `InputError`.
         """
         U, Omega = si_numbers(velocity, "m/s", "velocity"), si_numbers(angular_velocity, RATE, "angular_velocity")
-        momentum = units.mass * units.length / units.time
-        P = in_range("The impulse", lambda: U * (self.mass + self.added_masses) / momentum)
-        M = in_range("The impulse", lambda: Omega * self._inertia / (momentum * units.length))
-        return started(self.model(units), attitude_quaternion(attitude, "attitude"), M=algebra.hat(M), P=P)
+        P = in_range("The impulse", lambda: U * (self.mass + self.added_masses))
+        M = in_range("The impulse", lambda: Omega * self._inertia)
+        return started(self.model(), attitude_quaternion(attitude, "attitude"), M=algebra.hat(M), P=P)

@@ -104,10 +104,9 @@ class Varied(Body, metaclass=OfLanes):
         q = attitude_quaternion(g, "g")
         return q if getattr(g, "attrs", {}).get(AXES) == BODY else self._body_frame.attitude(q)
 
-    def scales(self, *units: Any) -> Scales:
-        """The units of the variables of a run of `model(*units)`, for `kreisel.units.measured`."""
-        frame = self.model(*units).body_frame or BodyFrame()
-        return {name: Scale(unit, size) for name, (unit, size) in frame.units.items()}
+    def scales(self) -> Scales:
+        """The units of the variables of a run of `model()`, for `kreisel.units.measured`."""
+        return {name: Scale(unit, size) for name, (unit, size) in self._body_frame.units.items()}
 
     @cached_property
     def _body_frame(self) -> BodyFrame:

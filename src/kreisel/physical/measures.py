@@ -1,9 +1,8 @@
-"""Values in SI units, checked, and the units of scaled systems."""
+"""Values in SI units, checked."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array, floats
-from kreisel.errors import InputError, doubt, explained, shown
+from kreisel.errors import InputError, doubt, shown
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.checks import doubtful_angle
 from kreisel.record.given import by_lane
@@ -101,20 +100,6 @@ def in_range(what: str, value: Callable[[], Any]) -> Any:
     return got
 
 
-@explained
-@dataclass(frozen=True)
-class Units:
-    """Units of a scaled system: mass in kg, length in m, time in s.  Raises `InputError` unless all are > 0."""
-
-    mass: float = 1.0
-    length: float = 1.0
-    time: float = 1.0
-
-    def __post_init__(self) -> None:
-        convert_fields(self, positive=True, mass="kg", length="m", time="s")
-
-
-SI = Units()
 MOMENT, RATE = "kg m^2", "rad/s"
 
 
