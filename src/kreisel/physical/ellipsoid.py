@@ -18,6 +18,7 @@ from kreisel.physical.measures import (
     convert_fields,
     frame_of,
     in_range,
+    require_range,
     si_number,
     si_numbers,
     three,
@@ -54,8 +55,7 @@ class Ellipsoid(Varied):
         convert_fields(self, fluid_density="kg/m^3")
         if self.fluid_density < 0:
             raise InputError(f"fluid_density: expected 0 or more kg/m^3, got {self.fluid_density!r}.")
-        for name in ("displaced_mass", "added_masses", "added_moments", "moments"):
-            in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
+        require_range(self, "displaced_mass", "added_masses", "added_moments", "moments")
         in_range("1/mass and 1/moment", lambda: 1 / np.concatenate([self.mass + self.added_masses, self._inertia]))
 
     @classmethod

@@ -19,6 +19,7 @@ from kreisel.physical.measures import (
     finite_floats,
     frame_of,
     in_range,
+    require_range,
     si_number,
     si_numbers,
 )
@@ -86,8 +87,7 @@ class Gyroscope(Forced):
         half = self.axial_moment / 2
         rounding = CLOSE * self.transverse_moment  # central is a difference
         require_body((half, half, central - half + rounding), "about its centre of mass", PIVOT)
-        for name in ("alpha", "weight_torque", "time_unit", "momentum_unit", "sleeping_spin"):
-            in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
+        require_range(self, "alpha", "weight_torque", "time_unit", "momentum_unit", "sleeping_spin")
 
     @classmethod
     def flat(

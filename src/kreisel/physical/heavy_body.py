@@ -21,6 +21,7 @@ from kreisel.physical.measures import (
     frame_of,
     in_range,
     momentum_in_body,
+    require_range,
     si_number,
     si_numbers,
 )
@@ -60,12 +61,11 @@ class HeavyBody(Forced):
         if self.gravity < 0:
             raise InputError(f"gravity must not be negative: it points down, along -e3, got {self.gravity!r}.")
         object.__setattr__(self, "inertia", inertia_tensor(self.inertia))
-        object.__setattr__(self, "arm", si_numbers(self.arm, "m", "arm", ((3,),)))
+        convert_fields(self, shapes=((3,),), arm="m")
         central = np.linalg.eigvalsh(mass_tensor(self.inertia - steiner(self.mass, self.arm)))
         rounding = CLOSE * np.trace(self.inertia)  # of a difference, 0 for a point on a light rod
         require_body(central + rounding, "about its centre of mass", PIVOT, rod=True)
-        for name in ("weight_torque", "time_unit", "momentum_unit"):
-            in_range(name, lambda name=name: getattr(self, name))  # type: ignore[misc]
+        require_range(self, "weight_torque", "time_unit", "momentum_unit")
 
     @classmethod
     def about_centre(
@@ -147,7 +147,7 @@ class HeavyBody(Forced):
         An array is read as M of a state of this body; the variable M of a run states its units.  Raises `InputError`,
         also if a moment of inertia is 0.
         """
-        momentum = momentum_in_body(M, frame_of(self.time_unit, self.momentum_unit, self._turn))[..., None]
+        momentum = momentum_in_body(M, self._body_frame)[..., None]
         try:
             return in_range("Omega", lambda: np.linalg.solve(self.inertia, momentum)[..., 0])
         except np.linalg.LinAlgError:

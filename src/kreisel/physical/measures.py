@@ -78,10 +78,21 @@ def finite_floats(value: Any, unit: str, name: str) -> Array:
     return array
 
 
-def convert_fields(body: Any, *, positive: bool = False, **units: str) -> None:
-    """Fields of a frozen record, converted from quantities to floats in SI.  Raises `InputError`."""
+def convert_fields(body: Any, *, positive: bool = False, shapes: Any = None, **units: str) -> None:
+    """Fields of a frozen record, converted from quantities to floats, or arrays of these shapes, in SI.
+
+    Raises `InputError`.
+    """
     for name, unit in units.items():
-        object.__setattr__(body, name, si_number(getattr(body, name), unit, name, positive=positive))
+        value = getattr(body, name)
+        value = si_numbers(value, unit, name, shapes) if shapes else si_number(value, unit, name, positive=positive)
+        object.__setattr__(body, name, value)
+
+
+def require_range(body: Any, *names: str) -> None:
+    """Raises `InputError` for attributes that leave the range of doubles."""
+    for name in names:
+        in_range(name, partial(getattr, body, name))
 
 
 def in_range(what: str, value: Callable[[], Any]) -> Any:

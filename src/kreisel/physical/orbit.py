@@ -67,7 +67,6 @@ def _checked(primary: Any) -> Primary:
 
 
 DAY, MOST_DEGREE, MOST_ROWS = 86_400.0, 5, 2_000_000
-TLE = (r"1 .{67}", r"2 .{67}")
 AHEAD_OF_UTC = {"TDB": 69.184, "TT": 69.184, "TAI": 37.0, "GPS": 18.0}  # s
 J2000 = dt.datetime(2000, 1, 1, 12, tzinfo=dt.UTC)
 
@@ -76,7 +75,15 @@ def _date(epoch: Any) -> dt.datetime | None:
     """A date in UTC, from ISO text, a date of Python, NumPy or pandas; None for None.  Raises `InputError`."""
     if epoch is None:
         return None
-    epoch = _in_utc(epoch) if isinstance(epoch, str) else epoch
+    if isinstance(epoch, str):
+        day, scale = re.fullmatch(r"(.*?)\s*([A-Za-z]{2,}\d?)?\s*", epoch, re.DOTALL).groups()  # type: ignore[union-attr]
+        scale = (scale or "").upper()
+        if scale in AHEAD_OF_UTC:
+            raise InputError(
+                f"epoch: expected a date in UTC, got {scale}, which is {AHEAD_OF_UTC[scale]:g} s ahead since 2017. "
+                "Subtract these seconds, and leave the scale out."
+            )
+        epoch = day if scale == "UTC" else epoch
     try:
         day = epoch.item() if isinstance(epoch, np.datetime64) else epoch
         if isinstance(day, int):  # of nanoseconds
@@ -87,18 +94,6 @@ def _date(epoch: Any) -> dt.datetime | None:
         raise InputError(
             f"epoch: expected a date in UTC such as '2026-03-20T14:46:00', or a datetime, got {shown(epoch)}."
         ) from None
-
-
-def _in_utc(epoch: str) -> str:
-    """The text of a date without "UTC" behind it.  Raises `InputError` for other scales of time."""
-    day, scale = re.fullmatch(r"(.*?)\s*([A-Za-z]{2,}\d?)?\s*", epoch, re.DOTALL).groups()  # type: ignore[union-attr]
-    ahead = AHEAD_OF_UTC.get((scale or "").upper())
-    if ahead is not None:
-        raise InputError(
-            f"epoch: expected a date in UTC, got {scale.upper()}, which is {ahead:g} s ahead since 2017. Subtract "
-            "these seconds, and leave the scale out."
-        )
-    return day if (scale or "").upper() == "UTC" else epoch
 
 
 class Rates(NamedTuple):
@@ -188,7 +183,30 @@ class Orbit:
         """
         r, v = (si_numbers(x, unit, name, ((3,),)) for x, unit, name in ((r, "m", "r"), (v, "m/s", "v")))
         primary = _checked(primary)
-        return cls(**_elements_of(r, v, primary), primary=primary, epoch=epoch, J2=J2)
+        h, size = np.cross(r, v), np.linalg.norm(r)
+        energy = v @ v / 2 - primary.mu / size if size else 0.0
+        if not energy < 0 or not h.any():
+            raise InputError(
+                f"r, v: expected a state on an ellipse, v^2 < 2 mu/r, got |r| = {size:g} m, |v| = "
+                f"{np.linalg.norm(v):g} m/s. Usual cause: km for m, or a velocity along the position."
+            )
+        node = math.atan2(h[0], 0.0 - h[1])  # an angle that is not defined is 0
+        ascending = np.array([math.cos(node), math.sin(node), 0.0])
+        across = np.cross(h / np.linalg.norm(h), ascending)
+        to_perigee = np.cross(v, h) / primary.mu - r / size
+        perigee = math.atan2(to_perigee @ across, to_perigee @ ascending)
+        latitude = math.atan2(r @ across, r @ ascending)  # from the node
+        return cls(
+            -primary.mu / (2 * energy),
+            float(np.linalg.norm(to_perigee)),
+            math.atan2(math.hypot(h[0], h[1]), h[2]),
+            node,
+            perigee,
+            primary,
+            epoch=epoch,
+            J2=J2,
+            true_anomaly=latitude - perigee,
+        )
 
     @classmethod
     def from_tle(cls, line1: str, line2: str, span: Any = None, every: Any = 60.0) -> Orbit:
@@ -201,7 +219,23 @@ class Orbit:
         Space is TEME, the true equator and mean equinox of the epoch.  Raises `InputError` for a set with another form
         or checksum, and for a satellite that decays within the span.
         """
-        sat, date = _tle(line1, line2)
+        try:
+            from sgp4.api import Satrec
+        except ImportError:
+            raise InputError("Orbit.from_tle needs the package sgp4: pip install 'kreisel[orbit]'.") from None
+        for number, line in enumerate((line1, line2), 1):
+            if not isinstance(line, str) or not re.fullmatch(f"{number} .{{67}}", line.rstrip()):
+                raise InputError(
+                    f"line{number}: expected line {number} of a two-line element set, 69 characters that begin with "
+                    f"'{number} ', got {shown(line)}. Usual cause: the line with the name, or blanks that were lost."
+                )
+            digits = sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10
+            if digits != int(line[68]):
+                raise InputError(f"line{number}: expected the checksum {digits}, got {line[68]}: a digit is wrong.")
+        sat = Satrec.twoline2rv(line1, line2)
+        if sat.error:
+            raise InputError(f"two-line elements: expected an orbit, got error {sat.error} of sgp4.")
+        date = J2000 + dt.timedelta(days=(sat.jdsatepoch - 2451545.0) + sat.jdsatepochF)
         n = sat.xke * sat.a**-1.5 / 60  # rad/s
         elements = {"inclination": sat.inclo, "node": sat.nodeo, "perigee": sat.argpo, "mean_anomaly": sat.mo}
         mean = cls((EARTH.mu / n**2) ** (1 / 3), sat.ecco, **elements, epoch=date, J2=True)
@@ -231,7 +265,12 @@ class Orbit:
         elements `period` and the like have; with unequal times, resampled at equal ones.  Raises `InputError` for times
         that do not increase, positions inside the primary, and times too unequal for that.
         """
-        t, epoch = _seconds(times, epoch)
+        dates, t = np.asarray([times]) if isinstance(times, str) else np.asarray(times), None
+        if dates.dtype.kind in "MUO":
+            with contextlib.suppress(TypeError, ValueError, AttributeError, InputError):
+                each: list[Any] = [_date(day) for day in (dates if dates.dtype.kind == "M" else dates.tolist())]
+                t, epoch = np.array([(day - each[0]).total_seconds() for day in each]), epoch or each[0]
+        t = finite_floats(times, "s", "times") if t is None else t
         r = si_numbers(positions, "m", "positions")
         v = None if velocities is None else si_numbers(velocities, "m/s", "velocities")
         primary = _checked(primary)
@@ -340,16 +379,6 @@ class Orbit:
         return np.linalg.norm(np.cross(r, v), axis=-1) / (r * r).sum(-1)
 
 
-def _seconds(times: Any, epoch: Any) -> tuple[Array, Any]:
-    """Times in s, and the epoch: the first date if they are dates."""
-    dates = np.asarray(times) if not isinstance(times, str) else np.asarray([times])
-    if dates.dtype.kind in "MUO":
-        with contextlib.suppress(TypeError, ValueError, AttributeError, InputError):
-            each = [cast("dt.datetime", _date(day)) for day in (dates if dates.dtype.kind == "M" else dates.tolist())]
-            return np.array([(day - each[0]).total_seconds() for day in each]), each[0] if epoch is None else epoch
-    return finite_floats(times, "s", "times"), epoch
-
-
 def _equally_spaced(table: Table) -> Table:
     """The table, or one that has its values at equally spaced times to 1 m.  Raises `InputError`."""
     if not form_of(table.packed).halvings:
@@ -365,50 +394,3 @@ def _equally_spaced(table: Table) -> Table:
         f"from_table: expected times that are about equally spaced, got steps from {np.diff(t).min():g} to "
         f"{np.diff(t).max():g} s. Choose positions at equal steps from the ephemeris."
     )
-
-
-def _elements_of(r: Array, v: Array, primary: Primary) -> dict[str, Any]:
-    """The elements of the Kepler orbit through a state.  An angle that is not defined is 0.  Raises `InputError`."""
-    h, size = np.cross(r, v), np.linalg.norm(r)
-    energy = v @ v / 2 - primary.mu / size if size else 0.0
-    if not energy < 0 or not h.any():
-        raise InputError(
-            f"r, v: expected a state on an ellipse, v^2 < 2 mu/r, got |r| = {size:g} m, |v| = {np.linalg.norm(v):g} "
-            "m/s. Usual cause: km for m, or a velocity along the position."
-        )
-    node = math.atan2(h[0], 0.0 - h[1])
-    ascending = np.array([math.cos(node), math.sin(node), 0.0])
-    across = np.cross(h / np.linalg.norm(h), ascending)
-    to_perigee = np.cross(v, h) / primary.mu - r / size
-    perigee = math.atan2(to_perigee @ across, to_perigee @ ascending)
-    latitude = math.atan2(r @ across, r @ ascending)  # from the node
-    return {
-        "semi_major_axis": -primary.mu / (2 * energy),
-        "eccentricity": float(np.linalg.norm(to_perigee)),
-        "inclination": math.atan2(math.hypot(h[0], h[1]), h[2]),
-        "node": node,
-        "perigee": perigee,
-        "true_anomaly": latitude - perigee,
-    }
-
-
-def _tle(line1: Any, line2: Any) -> tuple[Any, dt.datetime]:
-    """The satellite of sgp4, and the epoch of the elements.  Raises `InputError`."""
-    try:
-        from sgp4.api import Satrec
-    except ImportError:
-        raise InputError("Orbit.from_tle needs the package sgp4: pip install 'kreisel[orbit]'.") from None
-    for number, line in enumerate((line1, line2), 1):
-        if not isinstance(line, str) or not re.fullmatch(TLE[number - 1], line.rstrip()):
-            raise InputError(
-                f"line{number}: expected line {number} of a two-line element set, 69 characters that begin with "
-                f"'{number} ', got {shown(line)}. Usual cause: the line with the name, or blanks that were lost."
-            )
-        digits = sum(int(c) if c.isdigit() else c == "-" for c in line[:68])
-        if digits % 10 != int(line[68]):
-            raise InputError(f"line{number}: expected the checksum {digits % 10}, got {line[68]}: a digit is wrong.")
-    sat = Satrec.twoline2rv(line1, line2)
-    if sat.error:
-        raise InputError(f"two-line elements: expected an orbit, got error {sat.error} of sgp4.")
-    days = (sat.jdsatepoch - 2451545.0) + sat.jdsatepochF
-    return sat, J2000 + dt.timedelta(days=days)

@@ -121,9 +121,9 @@ class Satellite(Forced):
         inertia = inertia_tensor(self.inertia)
         object.__setattr__(self, "inertia", inertia)
         object.__setattr__(self, "body", FreeBody(inertia, time_unit=float(np.trace(inertia)) / 3))  # M in kg m^2/s
-        for name, unit in {"magnetic_moment": "A m^2", "torque": "N m"}.items():
-            if name != "torque" or not by_functions(self.torque):
-                object.__setattr__(self, name, si_numbers(getattr(self, name), unit, name, ((3,),)))
+        convert_fields(self, shapes=((3,),), magnetic_moment="A m^2")
+        if not by_functions(self.torque):
+            convert_fields(self, shapes=((3,),), torque="N m")
         convert_fields(self, density="kg/m^3", drag="1", light="N/m^2", mirror="1", diffuse="1")
         for name in ("density", "drag", "light", "mirror", "diffuse"):
             if getattr(self, name) < 0:

@@ -86,8 +86,7 @@ class SubmergedBody(Forced):
             raise InputError(f"displaced_mass, gravity: expected >= 0, got {displaced:g}, {self.gravity:g}.")
         object.__setattr__(self, "displaced_mass", displaced)
         object.__setattr__(self, "inertia", FreeBody(self.inertia).inertia)
-        for name, unit in (("center_of_mass", "m"), ("center_of_buoyancy", "m"), ("current", "m/s")):
-            object.__setattr__(self, name, si_numbers(getattr(self, name), unit, name, ((3,),)))
+        convert_fields(self, shapes=((3,),), center_of_mass="m", center_of_buoyancy="m", current="m/s")
         for name, shapes in (("added_mass", SIX), ("linear_drag", SIX[:1]), ("quadratic_drag", SIX[:1])):
             object.__setattr__(self, name, _six(getattr(self, name), name, shapes))
         if self.added_mass.ndim == 1:
