@@ -23,6 +23,7 @@ from kreisel.physical.measures import RATE, attitude_quaternion, convert_fields,
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SUN, Orbit, Primary
 from kreisel.record.model import Model, State
 from kreisel.runs.in_si import in_state_form
+from kreisel.runs.orbits import orbit_frame, tait_bryan
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -188,7 +189,13 @@ class Binary(Varied):
             R, V, inertia = self._third_body.position, self._third_body.velocity, self._third_body.inertia
             total = self.primary.mass + self.secondary.mass
             for body, share in ((self.primary, -self.secondary.mass), (self.secondary, self.primary.mass)):
-                _require_outside(np.linalg.norm(R - share / total * r, axis=-1).min(), body.size)
+                distance = np.linalg.norm(R - share / total * r, axis=-1).min()
+                if distance <= body.size:
+                    raise InputError(
+                        f"third: expected a body apart from both, got one {distance:g} m from the centre of one of "
+                        f"{body.size:g} m. Usual cause: a position relative to the primary for one to the barycentre, "
+                        "or km for m."
+                    )
             parts |= {"R": R / formulas.FAR, "V": V}
             parts |= {} if inertia is None else _rotation(3, inertia, spin3, attitude3, R, V)
         if not (spin3 is attitude3 is None or "L3" in parts):
@@ -310,13 +317,9 @@ class Binary(Varied):
             raise InputError(
                 f"body: expected 1, the primary, 2, the secondary, or 3, a third body with inertia, got {shown(body)}."
             )
-        frame = _towards(*(run[letter].values for letter in ("RV" if body == 3 else "rv")))
-        C = frame.mT @ algebra.rotation_matrix(run[f"q{body}"].values)
-        return (
-            np.arctan2(C[..., 2, 1], C[..., 2, 2]),
-            np.arcsin(np.clip(-C[..., 2, 0], -1, 1)),
-            np.arctan2(C[..., 1, 0], C[..., 0, 0]),
-        )
+        frame = orbit_frame(*(run[letter].values for letter in ("RV" if body == 3 else "rv")))
+        yaw, pitch, roll = tait_bryan(frame.mT @ algebra.rotation_matrix(run[f"q{body}"].values))
+        return roll, pitch, yaw
 
 
 def _of_binary(run: Any) -> Any:
@@ -332,15 +335,6 @@ def _spinning(distance: float, hours: float | None = None) -> dict[str, Any]:
     return {"separation": distance} | ({} if hours is None else {"spin1": (0.0, 0.0, 2 * math.pi / 3600 / hours)})
 
 
-def _require_outside(distance: float, size: float) -> None:
-    """Raises `InputError` for a third body that begins inside one of the pair."""
-    if distance <= size:
-        raise InputError(
-            f"third: expected a body apart from both, got one {distance:g} m from the centre of one of {size:g} m. "
-            "Usual cause: a position relative to the primary for one to the barycentre, or km for m."
-        )
-
-
 def _rotation(i: int, inertia: Array, spin: Any, attitude: Any, r: Array, v: Array) -> dict[str, Array]:
     """L and q of body i on an orbit.  Raises `InputError`."""
     normal = np.cross(r, v)
@@ -348,13 +342,11 @@ def _rotation(i: int, inertia: Array, spin: Any, attitude: Any, r: Array, v: Arr
         raise InputError(
             f"state: expected attitude{i} for a body that moves along a line, got none: its orbit has no normal."
         )
-    q = algebra.unit_quaternion(_towards(r, v)) if attitude is None else attitude_quaternion(attitude, f"attitude{i}")
+    q = (
+        algebra.unit_quaternion(orbit_frame(r, v))
+        if attitude is None
+        else attitude_quaternion(attitude, f"attitude{i}")
+    )
     rate = np.linalg.norm(normal, axis=-1, keepdims=True) / (r * r).sum(-1, keepdims=True)
     Omega = rate * np.array([0.0, 0.0, 1.0]) if spin is None else si_numbers(spin, RATE, f"spin{i}")
     return {f"L{i}": algebra.act(algebra.rotation_matrix(q), inertia * Omega), f"q{i}": q}
-
-
-def _towards(r: Array, v: Array) -> Array:
-    """The axes along r, ahead and along the normal r x v, as columns (..., 3, 3)."""
-    x, z = (u / np.linalg.norm(u, axis=-1, keepdims=True) for u in (r, np.cross(r, v)))
-    return np.stack([x, np.cross(z, x), z], -1)

@@ -13,7 +13,7 @@ from kreisel.algebra import Array
 from kreisel.bodies import satellite
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.inertia import inertia_tensor, principal
-from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number, si_numbers, three
+from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number, three
 from kreisel.physical.shapes import solid
 
 formulas = cast("Any", satellite)  # of a page, without types
@@ -49,8 +49,8 @@ class GravityBody:
         convert_fields(self, positive=True, mass="kg")
         convert_fields(self, size="m", love="1", lag="s")
         object.__setattr__(self, "inertia", diagonal_inertia(self.inertia))
-        for name, count in (("degree_3", 7), ("degree_4", 9)):
-            object.__setattr__(self, name, si_numbers(getattr(self, name), f"kg m^{name[-1]}", name, ((count,),)))
+        convert_fields(self, shapes=((7,),), degree_3="kg m^3")
+        convert_fields(self, shapes=((9,),), degree_4="kg m^4")
         for name in ("size", "love", "lag"):
             if getattr(self, name) < 0:
                 raise InputError(f"{name}: expected a number >= 0, got {getattr(self, name):g}.")

@@ -221,13 +221,13 @@ def angles_of(run: xr.Dataset, frame: str = "orbit", around: Surroundings | None
     around = around or surroundings(run)
     if frame == "orbit":
         body = axes_of_state(run) @ axes_of_angles(model.params["moments"])
-        return Angles(*_tait_bryan(_by_lane(orbit_frame(around.position, around.velocity), g.ndim).mT @ g @ body))
+        return Angles(*tait_bryan(_by_lane(orbit_frame(around.position, around.velocity), g.ndim).mT @ g @ body))
     if frame == "ground":
         g = _by_lane(ground_frame(around.position), g.ndim).mT @ g
     elif frame == "lvlh":
         up, ahead, normal = np.moveaxis(orbit_frame(around.position, around.velocity), -1, 0)
         g = _by_lane(np.stack([ahead, -normal, -up], -1), g.ndim).mT @ g
-    yaw, pitch, roll = _tait_bryan(g)
+    yaw, pitch, roll = tait_bryan(g)
     return Angles(pitch, roll, yaw)
 
 
@@ -236,7 +236,7 @@ def _by_lane(values: Array, ndim: int) -> Array:
     return values if values.ndim == ndim else values[:, None]
 
 
-def _tait_bryan(R: Array) -> tuple[Array, Array, Array]:
+def tait_bryan(R: Array) -> tuple[Array, Array, Array]:
     """The angles about the third, second and first axis: R = R_3 R_2 R_1."""
     middle = np.arcsin(np.clip(-R[..., 2, 0], -1, 1))
     return np.arctan2(R[..., 1, 0], R[..., 0, 0]), middle, np.arctan2(R[..., 2, 1], R[..., 2, 2])
