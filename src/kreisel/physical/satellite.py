@@ -160,13 +160,6 @@ class Satellite(Forced):
     def _principal_axes(self) -> Array:
         return self.body.principal.axes
 
-    @cached_property
-    def _surroundings(self) -> dict[str, Any]:
-        """Parameters of the environment."""
-        orbits = [body.orbit for body in self._lanes] or [self.orbit]
-        chosen = self.magnetic_field, self.degree, self.air, self.density, self.sun, self.eclipse
-        return earth.environment_of(self.orbit, orbits, *chosen)
-
     def environment(self, run: xr.Dataset) -> xr.Dataset:
         """Environment of the satellite along a run, in space: vectors (time, [lane,] axis), scalars (time, [lane]).
 
@@ -177,7 +170,7 @@ class Satellite(Forced):
         return environment_of(run)
 
     def _doubts(self, seconds: float) -> list[str]:
-        until = earth.igrf_until() - self.orbit.days if "gauss" in self._surroundings else np.inf
+        until = earth.igrf_until() - self.orbit.days if np.any(self._built.params["gauss"]) else np.inf
         if seconds / earth.DAY <= until:
             return []
         return [
@@ -197,6 +190,8 @@ class Satellite(Forced):
     def _built(self) -> Model:
         along = self._principal_axes
         rows = [[*(p.normal @ along), *(p.centre @ along), p.area] for p in self.plates]
+        orbits = [body.orbit for body in self._lanes] or [self.orbit]
+        chosen = self.magnetic_field, self.degree, self.air, self.density, self.sun, self.eclipse
         parameters = {
             "moments": self.body.principal.moments,
             **self.orbit.elements,
@@ -207,7 +202,7 @@ class Satellite(Forced):
             "pressure": self.light,
             "mirror": self.mirror,
             "diffuse": self.diffuse,
-            **self._surroundings,
+            **earth.environment_of(self.orbit, orbits, *chosen),
             **({} if self.harmonics is None else _moments(self.harmonics, along)),
         }
         model = BODIES["satellite"](**parameters)
@@ -225,13 +220,13 @@ class Satellite(Forced):
                    default: `pointing()`.  A run of the satellite begins with it
         """
         attitude = self.pointing(**attitude) if isinstance(attitude, Mapping) else attitude
-        if spin is None and attitude is None:
+        if spin is not None:
+            Omega = angular_velocity_of(spin, axis)
+        elif attitude is None:
             Omega = self.orbit.rate() * self._axes_of_orbit[:, 2]
-        elif spin is None:
+        else:
             R = algebra.rotation_matrix(attitude_quaternion(attitude, "attitude"))
             Omega = self.orbit.rate() * self.orbit.first_frame[:, 2] @ R
-        else:
-            Omega = angular_velocity_of(spin, axis)
         M = in_range("The momentum", lambda: Omega @ self.inertia @ self._principal_axes)
         return self._started(self.orientation(self.pointing() if attitude is None else attitude), M=M)
 

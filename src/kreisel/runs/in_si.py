@@ -65,11 +65,15 @@ def is_in_si(run: Any) -> bool:
     return bool(getattr(run, "attrs", {}).get(FORM) == SI)
 
 
+def frame_in_si(run: Any) -> BodyFrame | None:
+    """The axes and units of a run in SI; None for others."""
+    return frame_of(run) if is_in_si(run) else None
+
+
 def names_of_state(run: xr.Dataset) -> list[str]:
     """The names of the components of the state in a run: letters, in SI words."""
-    record = RunRecord.from_attrs(run.attrs)
-    frame = record.body_frame if is_in_si(run) else None
-    return [frame.names.get(letter, letter) if frame else letter for letter in record.kinds]
+    names, kinds = getattr(frame_in_si(run), "names", {}), RunRecord.from_attrs(run.attrs).kinds
+    return [names.get(letter, letter) for letter in kinds]
 
 
 def in_cf(model: Model, name: str) -> dict[str, Any]:
@@ -90,7 +94,7 @@ def in_cf(model: Model, name: str) -> dict[str, Any]:
 
 def unit_of(run: xr.Dataset, letter: str) -> Any:
     """The unit of the state in which a run in SI was computed, for a variable, in SI; 1 for other runs."""
-    frame = frame_of(run) if is_in_si(run) else None
+    frame = frame_in_si(run)
     return 1.0 if frame is None else frame.size(letter)
 
 
@@ -321,7 +325,7 @@ def oriented(model: Model, attitude: Any) -> Array:
 def state_of(body: Body, model: Model, x0: Any) -> tuple[Any, Any]:
     """The start in the form of the state, and its orientation: a state, a row, or the arguments of `body.state`."""
     if hasattr(x0, "data_vars"):
-        frame, expected = frame_of(x0) if is_in_si(x0) else None, model.body_frame
+        frame, expected = frame_in_si(x0), model.body_frame
         if frame is not None and expected is not None and not frame.is_like(expected, model.system.space.letters):
             raise InputError(
                 "x0: expected a row of a run of this body, got one of a body whose state has other axes or units. "
@@ -486,7 +490,7 @@ def observations_of(model: Model, data: Any) -> Any:
 
 def state_quantity(run: xr.Dataset, quantity: Any) -> Any:
     """A quantity of a run in SI, "momentum[2]" or a function in SI, as a function of the components of its state."""
-    frame = frame_of(run) if is_in_si(run) else None
+    frame = frame_in_si(run)
     if frame is None or not (isinstance(quantity, str) or callable(quantity)):
         return quantity
     if frame.differs and "lane" in run.dims:
