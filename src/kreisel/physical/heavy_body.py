@@ -147,7 +147,7 @@ class HeavyBody(Forced):
         An array is read as M of a state of this body; the variable M of a run states its units.  Raises `InputError`,
         also if a moment of inertia is 0.
         """
-        momentum = momentum_in_body(M, self._body_frame)[..., None]
+        momentum = momentum_in_body(M, frame_of(self.time_unit, self.momentum_unit, self._turn))[..., None]
         try:
             return in_range("Omega", lambda: np.linalg.solve(self.inertia, momentum)[..., 0])
         except np.linalg.LinAlgError:
