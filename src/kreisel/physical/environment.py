@@ -8,10 +8,9 @@ Dates are days of UTC after 2000-01-01 12:00; UTC is used for UT1 and TT, which 
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Sequence
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from kreisel.physical.measures import si_numbers
 
 if TYPE_CHECKING:
     from kreisel.physical.orbit import Orbit
+    from kreisel.physical.satellite import Satellite
 
 DAY = 86_400.0  # s
 CENTURY = 36_525.0  # days
@@ -164,21 +164,16 @@ def rows_between(table: Array, low: float, high: float) -> Array:
 FIELDS = ("igrf", "dipole", "tilted-dipole")
 
 
-def environment_of(
-    orbit: Orbit, orbits: Sequence[Orbit], magnetic_field: Any, degree: int, air: Any, density: float, sun: Any,
-    eclipse: Any,
-) -> dict[str, Any]:  # fmt: skip
-    """Parameters of `kreisel.bodies.environment` for a `Satellite` with these arguments.  Raises `InputError`.
-
-    orbits   of all lanes, whose heights the table of the air covers
-    """
+def environment_of(body: Satellite) -> dict[str, Any]:
+    """Parameters of `kreisel.bodies.environment` for a satellite, or for all lanes.  Raises `InputError`."""
+    orbit, sun, eclipse = body.orbit, body.sun, body.eclipse
     dated = orbit.epoch is not None and orbit.primary.earthly
-    magnetic_field = magnetic_field or ("igrf" if dated else "dipole")
+    magnetic_field = body.magnetic_field or ("igrf" if dated else "dipole")
     require_one_of(FIELDS, magnetic_field, "magnetic_field")
     out: dict[str, Any] = {"field": orbit.primary.field}
     if magnetic_field != "dipole":
         _require_date(orbit, f"magnetic_field={magnetic_field!r}")
-        gauss = igrf(orbit.days, degree if magnetic_field == "igrf" else 1)
+        gauss = igrf(orbit.days, body.degree if magnetic_field == "igrf" else 1)
         out = {"field": 0.0, "gauss": gauss, "meridian": meridian(orbit.days)}
     if eclipse is not None and not isinstance(eclipse, bool):
         raise InputError(f"eclipse: expected True or False, got {shown(eclipse)}.")
@@ -194,7 +189,7 @@ def environment_of(
         if not direction.any():
             raise InputError("sun: expected a direction, got the zero vector.")
         out["sun"] = direction / np.linalg.norm(direction)
-    return out | ({"density": density} if air is None else _air(orbit, orbits, air, density, sun))
+    return out | ({"density": body.density} if body.air is None else _air(body))
 
 
 def _require_date(orbit: Orbit, wish: str) -> None:
@@ -204,20 +199,22 @@ def _require_date(orbit: Orbit, wish: str) -> None:
         raise InputError(f"{wish}: expected a date, Orbit(..., epoch='2026-03-20T14:46:00') in UTC, got none.")
 
 
-def _air(orbit: Orbit, orbits: Sequence[Orbit], air: Any, density: float, sun: Any) -> dict[str, Any]:
+def _air(body: Satellite) -> dict[str, Any]:
+    orbit = body.orbit
     if not orbit.primary.earthly:
         raise InputError(f"air: expected an orbit of the Earth, got one of the primary {orbit.primary.name}.")
-    require_one_of(TABLES, air, "air")
-    if density:
+    require_one_of(TABLES, body.air, "air")
+    if body.density:
         raise InputError("air: expected no density with it, got both. Give one of the two.")
-    if air == "harris-priester" and sun is None:
+    if body.air == "harris-priester" and body.sun is None:
         _require_date(orbit, "air='harris-priester'")  # the Sun by its date
     R, f = orbit.primary.radius, orbit.primary.flattening
+    orbits = [each.orbit for each in body._lanes] or [orbit]
     low = min(each.semi_major_axis * (1 - each.eccentricity) for each in orbits) - R
     high = max(each.semi_major_axis * (1 + each.eccentricity) for each in orbits) - R * (1 - f)
     return {
         "density": 1.0,
-        "air": rows_between(TABLES[air], low, high),
+        "air": rows_between(TABLES[cast("str", body.air)], low, high),
         "bulge": 2 + 4 * np.sin(orbit.inclination) ** 2,
         "flattening": f,
         "air_rate": ROTATION,

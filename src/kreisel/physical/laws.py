@@ -100,9 +100,18 @@ class _Pointing:
     aim: Array | None
 
     def __call__(
-        self, rates: Any, attitude: Any, position: Any, velocity: Any, wheels: Any, field: Any, *, stiffness: Any,
-        damping: Any, unloading: Any,
-    ) -> dict[str, Array]:  # fmt: skip
+        self,
+        rates: Any,
+        attitude: Any,
+        position: Any,
+        velocity: Any,
+        wheels: Any,
+        field: Any,
+        *,
+        stiffness: Any,
+        damping: Any,
+        unloading: Any,
+    ) -> dict[str, Array]:
         if self.aim is None:
             turn, error = _from_orbit(position, velocity)
         else:  # 2 sin(a/2) about the axis of the rotation, by the shorter way

@@ -190,8 +190,6 @@ class Satellite(Forced):
     def _built(self) -> Model:
         along = self._principal_axes
         rows = [[*(p.normal @ along), *(p.centre @ along), p.area] for p in self.plates]
-        orbits = [body.orbit for body in self._lanes] or [self.orbit]
-        chosen = self.magnetic_field, self.degree, self.air, self.density, self.sun, self.eclipse
         parameters = {
             "moments": self.body.principal.moments,
             **self.orbit.elements,
@@ -202,7 +200,7 @@ class Satellite(Forced):
             "pressure": self.light,
             "mirror": self.mirror,
             "diffuse": self.diffuse,
-            **earth.environment_of(self.orbit, orbits, *chosen),
+            **earth.environment_of(self),
             **({} if self.harmonics is None else _moments(self.harmonics, along)),
         }
         model = BODIES["satellite"](**parameters)
