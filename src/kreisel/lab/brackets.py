@@ -12,7 +12,6 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -22,10 +21,10 @@ from kreisel.algebra import Array, objects
 from kreisel.algebra.complex import Complex
 from kreisel.errors import InputError
 from kreisel.lab import modular
-from kreisel.lab.exact import Pole, fractions, independent, slopes
+from kreisel.lab.exact import Pole, independent, slopes
 from kreisel.lab.integrals import MOST_MONOMIALS, SPARE, Polynomial, monomial_values, monomials, rational_kernel
 from kreisel.lab.modular import PRIMES, Mod, random_residues, residues_at, without_poles
-from kreisel.lab.subject import Subject
+from kreisel.lab.subject import Subject, difference, differential
 
 
 @dataclass(frozen=True)
@@ -55,24 +54,18 @@ class Volume:
 def jacobians(subject: Subject, p: int, seed: list[int], points: int) -> tuple[Array, Array, Array]:
     """x and f(x) (points, d) and df_i/dx_j (points, d, d), modulo p at random points."""
     x = subject.point(random_residues(np.random.default_rng([*seed, p]), p, points))
-    new = subject.over(p)(independent(x))
-    J = slopes(new, subject.dim)
-    values = np.array([getattr(v, "value", v) for v in new], dtype=object)
-    return residues_at(x, points, p), residues_at(values, points, p), residues_at(J, points, p)
+    new, J = differential(subject.over(p), x)
+    return residues_at(x, points, p), residues_at(new, points, p), residues_at(J, points, p)
 
 
-def preserves(subject: Subject, tensor: Callable[[Array], Array], seed: int = 0, points: int = 20) -> bool:
-    """Whether J Pi(x) J^T = Pi(f(x)) at random points, for tensor(x) -> Pi (d, d)."""
-    p = PRIMES[0]
+def defect(subject: Subject, tensor: Callable[[Array], Array], seed: int = 0) -> float:
+    """The `difference` of J Pi(x) J^T and Pi(f(x)), for tensor(x) -> Pi (d, d), at 20 points."""
 
-    def test(attempt: int) -> bool:
-        x, new, J = jacobians(subject, p, [seed, attempt], points)
-        numbers = ([Mod(column, p) for column in v.T] for v in (x, new))
-        before, after = (residues_at(np.asarray(tensor(objects(z)), dtype=object), points, p) for z in numbers)
-        left = np.einsum("pij,pjk->pik", J.astype(object), before.astype(object)) % p
-        return bool((np.einsum("pij,pkj->pik", left, J.astype(object)) % p == after).all())
+    def sides(x: Array, step: Callable[[Array], Array], _: Any) -> tuple[Array, Array]:
+        new, J = differential(step, x)
+        return J @ np.asarray(tensor(x)) @ J.T, np.asarray(tensor(new))
 
-    return bool(without_poles(subject.name, test))
+    return difference(subject, sides, seed, points=20)
 
 
 def brackets(subject: Subject, degree: int = 1, seed: int = 0) -> list[Bivector]:
@@ -236,25 +229,35 @@ def lax(
     )
     if subject.lax is None:
         raise InputError(f"{subject.name} has no Lax matrix: give L(x, lam), and V(x, lam) if it is known.")
-    name = f"The Lax pair of {subject.name}"
-    return without_poles(name, lambda attempt: _tested(subject, [seed, attempt]), (Pole, ZeroDivisionError))
 
+    def at(function: Any, x: Array, old: Array, constants: dict[str, Any]) -> Array:
+        lam = Mod(np.random.default_rng([seed, old[0].p]).integers(1, old[0].p, POINTS), old[0].p)
+        return _matrix(subject, function, x, lam, constants)
 
-def _tested(subject: Subject, seed: list[int]) -> Lax:
+    def conjugated(x: Array, step: Any, constants: dict[str, Any]) -> tuple[Array, Array]:
+        pairs = (subject.conjugator, x), (subject.lax, x), (subject.lax, step(x))
+        V, L, L1 = (at(function, z, x, constants) for function, z in pairs)
+        if V.shape != L.shape:
+            raise InputError(f"L and V of {subject.name} must have one shape, got {L.shape} and {V.shape}.")
+        return V @ L1, L @ V
+
+    def spectra(x: Array, step: Any, constants: dict[str, Any]) -> list[Array]:
+        both = (residues_at(at(subject.lax, z, x, constants), POINTS, x[0].p) for z in (x, step(x)))
+        return [np.array([modular.matrix(L, x[0].p).charpoly().coeffs() for L in L_of_z], object) for L_of_z in both]
+
     equation = isospectral = None
     if not subject.implicit:
-        isospectral = all(_isospectral(subject, seed, p) for p in PRIMES[:2])
-        if subject.conjugator is not None:
-            equation = _residual_over_q(subject, seed)
-            for p in PRIMES[:2]:
-                x, lam = _random(subject, seed, p)
-                off = _residual(subject, x, lam, subject.modulo(p), subject.over(p)(x))
-                equation &= not residues_at(off, POINTS, p).any()
-    p = PRIMES[0]
-    x = subject.point(random_residues(np.random.default_rng([*seed, p]), p, 1))
-    G = _spectral_gradients(subject, x, p, seed)
-    more = [] if subject.integrals is None else [modular.gradients([subject.stated], x, p).astype(object)]
-    return counted(subject, x, G, np.concatenate([G, *more]), p, equation, isospectral)
+        isospectral = difference(subject, spectra, seed, POINTS) == 0
+        equation = None if subject.conjugator is None else difference(subject, conjugated, seed, POINTS) == 0
+
+    def ranks(attempt: int) -> Lax:
+        p = PRIMES[0]
+        x = subject.point(random_residues(np.random.default_rng([seed, attempt, p]), p, 1))
+        G = _spectral_gradients(subject, x, p, [seed, attempt])
+        further = [] if subject.integrals is None else [modular.gradients([subject.stated], x, p).astype(object)]
+        return counted(subject, x, G, np.concatenate([G, *further]), p, equation, isospectral)
+
+    return without_poles(f"The Lax pair of {subject.name}", ranks, (Pole, ZeroDivisionError))
 
 
 def counted(
@@ -287,62 +290,20 @@ def counted(
     )
 
 
-def _matrix(subject: Subject, function: Any, x: Array, lam: Any, constants: dict[str, Any]) -> Array:
+def _matrix(subject: Subject, function: Any, x: Array, lam: Mod, constants: dict[str, Any]) -> Array:
     try:
         out = np.asarray(function(x, lam, **constants), dtype=object)
     except (TypeError, AttributeError) as error:
         raise InputError(
             f"The Lax pair of {subject.name} failed in exact arithmetic: {error}. It must be rational in the "
-            f"coordinates "
-            "and in lam, and accept the constants of the map by keyword."
+            "coordinates and in lam, and accept the constants of the map by keyword."
         ) from error
-    out = _without_complex(out, lam.p if isinstance(lam, Mod) else 0)
+    p = lam.p  # complex entries re + i im as re + r im with r^2 = -1 modulo p (1 modulo 4), which keeps all identities
+    root = pow(modular.ROOT, (p - 1) // 4, p)
+    out = objects((v.re + root * v.im if isinstance(v, Complex) else v for v in out.flat), out.shape)
     if out.ndim != 2 or out.shape[0] != out.shape[1]:
         raise InputError(f"The Lax pair of {subject.name} must be square matrices, got shape {out.shape}.")
     return out
-
-
-def _without_complex(out: Array, p: int) -> Array:
-    """Complex entries re + i im as re + r im with r^2 = -1 modulo p (1 modulo 4), which keeps all identities."""
-    if not p or not any(isinstance(v, Complex) for v in out.flat):
-        return out
-    root = pow(modular.ROOT, (p - 1) // 4, p)
-    return objects((v.re + root * v.im if isinstance(v, Complex) else v for v in out.flat), out.shape)
-
-
-def _random(subject: Subject, seed: list[int], p: int) -> tuple[Array, Mod]:
-    rng = np.random.default_rng([*seed, p])
-    return subject.point(random_residues(rng, p, POINTS)), Mod(rng.integers(1, p, POINTS), p)
-
-
-def _residual(subject: Subject, x: Array, lam: Any, constants: dict[str, Any], new: Array) -> Array:
-    V, L, L1 = (
-        _matrix(subject, f, z, lam, constants)
-        for f, z in ((subject.conjugator, x), (subject.lax, x), (subject.lax, new))
-    )
-    if V.shape != L.shape:
-        raise InputError(f"L and V of {subject.name} must have one shape, got {L.shape} and {V.shape}.")
-    return V @ L1 - L @ V
-
-
-def _residual_over_q(subject: Subject, seed: list[int]) -> bool:
-    rng = np.random.default_rng(seed)
-
-    def draw(shape: tuple[int, ...]) -> Array:
-        draws = range(math.prod(shape))
-        return objects((Fraction(int(rng.integers(1, 12)), int(rng.integers(1, 9))) for _ in draws), shape)
-
-    x, lam = subject.point(draw), Fraction(int(rng.integers(2, 9)), 7)
-    constants = {k: fractions(v) for k, v in subject.constants.items()}
-    off = _residual(subject, x, lam, constants, subject.step(x, **constants))
-    return all(v == 0 for part in algebra.parts(off) if part is not None for v in part.flat)
-
-
-def _isospectral(subject: Subject, seed: list[int], p: int) -> bool:
-    (x, lam), constants = _random(subject, seed, p), subject.modulo(p)
-    both = [residues_at(_matrix(subject, subject.lax, z, lam, constants), POINTS, p) for z in (x, subject.over(p)(x))]
-    polynomials = [[modular.matrix(L, p).charpoly() for L in matrices] for matrices in both]
-    return bool(polynomials[0] == polynomials[1])
 
 
 def _spectral_gradients(subject: Subject, x: Array, p: int, seed: list[int]) -> Array:

@@ -99,10 +99,18 @@ def certify(
 
         if functions is None:
             functions = {} if subject.energy is None else {"energy": partial(subject.energy, **constants)}
-        named = {k: _of_balls(f) for k, f in functions.items()}
+        named = {  # with the coefficients of polynomials as balls
+            k: replace(f, terms={e: _balls(c) for e, c in f.terms.items()}) if isinstance(f, Polynomial) else f
+            for k, f in functions.items()
+        }
         start, box = np.asarray(_balls(x)), flint.arb(0, _balls(radius))
         reached, stopped, X, ranges = _lohner(flint, step, start, box, steps, tolerance, named)
-        alone = _alone(step, start + box, steps, tolerance) if plain else None
+        alone, z = 0 if plain else None, start + box
+        while alone is not None and alone < steps:
+            z = step(z)
+            if not _all_finite(z) or max(float(v.rad()) for v in z) > tolerance:
+                break
+            alone += 1
         middle = np.array([float(v.mid()) for v in X])
         radii = max(float(v.rad()) for v in X)
     return Certified(subject.name, precision, tolerance, reached, stopped, radii, middle, X, ranges, alone)
@@ -111,13 +119,6 @@ def certify(
 def _balls(v: Any) -> Any:
     """Exact balls of a number or an array of values."""
     return np.vectorize(require_flint().arb, otypes=[object])(rationals(v))[()]
-
-
-def _of_balls(f: Any) -> Function:
-    """A function on balls: the coefficients of a polynomial become rationals that balls know."""
-    if not isinstance(f, Polynomial):
-        return f
-    return replace(f, terms={e: _balls(c) for e, c in f.terms.items()})
 
 
 def _lohner(
@@ -133,7 +134,12 @@ def _lohner(
         # the mean value theorem needs the segments from c to the set; cut unchanged, the box may have lost c itself
         X = np.array([a.union(b) for a, b in zip(X, c, strict=True)], dtype=object)
         for name, f in named.items():
-            ranges[name] = _wider(ranges.get(name), _mean_value_form(f, c, X, Q, r))
+            value = f(independent(X))
+            if isinstance(value, Dual):  # by the mean-value form, cut with the value on the box
+                value = (f(c) + value.slope @ Q @ r).intersection(value.value)
+            low, high = ranges.get(name, (np.inf, -np.inf))
+            lowest, highest = np.nextafter((float(value.lower()), float(value.upper())), (-np.inf, np.inf))
+            ranges[name] = min(low, float(lowest)), max(high, float(highest))
         if done == steps:
             return done, "", X, ranges
         new, images = step(c), step(independent(X))
@@ -145,15 +151,10 @@ def _lohner(
         back = np.array(flint.arb_mat(d, d, list(U.ravel())).inv().tolist(), dtype=object)
         inner = (back @ A) @ r + back @ (new - following)
         mapped = (getattr(v, "value", v) for v in images)
-        box_of = np.array([_both(a, b) for a, b in zip(following + U @ inner, mapped, strict=True)], dtype=object)
+        box_of = np.array([a.intersection(b) for a, b in zip(following + U @ inner, mapped, strict=True)], dtype=object)
         if max(float(v.rad()) for v in box_of) > tolerance:
             return done, f"the next enclosure is wider than {tolerance:g}", X, ranges
         c, Q, r, X, done = following, U, inner, box_of, done + 1
-
-
-def _both(a: Any, b: Any) -> Any:
-    """The intersection of two enclosures of one number."""
-    return a.intersection(b)
 
 
 def _all_finite(values: Array) -> bool:
@@ -166,26 +167,6 @@ def _orthogonal(flint: Any, A: Array, r: Array) -> Array:
     sizes = np.linalg.norm(middle, axis=0) * np.array([float(abs(v).upper()) for v in r])
     Q = np.linalg.qr(middle[:, np.argsort(-sizes, kind="stable")])[0]
     return np.array([[flint.arb(float(v)) for v in row] for row in Q], dtype=object)
-
-
-def _mean_value_form(f: Function, c: Array, X: Array, Q: Array, r: Array) -> Any:
-    """f on the set, by the mean-value form, cut with its value on the box."""
-    at = f(independent(X))
-    return _both(f(c) + at.slope @ Q @ r, at.value) if isinstance(at, Dual) else at
-
-
-def _wider(bounds: tuple[float, float] | None, value: Any) -> tuple[float, float]:
-    low = float(np.nextafter(float(value.lower()), -np.inf))
-    high = float(np.nextafter(float(value.upper()), np.inf))
-    return (low, high) if bounds is None else (min(low, bounds[0]), max(high, bounds[1]))
-
-
-def _alone(step: Function, x: Array, steps: int, tolerance: float) -> int:
-    for done in range(steps):
-        x = step(x)
-        if not _all_finite(x) or max(float(v.rad()) for v in x) > tolerance:
-            return done
-    return steps
 
 
 # -- identities proved -----------------------------------------------------------------------------------
@@ -220,7 +201,18 @@ def prove(claimed: System | Model, names: tuple[str, ...] = ("casimir", "energy"
         if functions.get(name) is None:
             raise InputError(f"{system.name} states no {shown(name)}; it states {', '.join(functions)}.")
     n = claimed.n if isinstance(claimed, Model) else n
-    state, constants, unknowns = _symbols(claimed, system, n)
+    parameters = system.parameters if isinstance(claimed, System) else ()
+    for p in parameters:
+        if p.kind not in ("scalar", "vector"):
+            raise InputError(f"The parameter {p.letter} of {system.name} is not a scalar or vector: give a model.")
+    named = [*system.space.components, *((p.letter, p.kind) for p in parameters)]
+    unknowns = (*coordinate_names(tuple(named), n), "eps")
+    *coordinates, eps = generators(unknowns)
+    values = algebra.restore(np.array(coordinates, dtype=object), [kind for _, kind in named], n)
+    state, given = values[: len(system.space.letters)], values[len(system.space.letters) :]
+    constants: dict[str, Any] = {"eps": eps, **{p.letter: v for p, v in zip(parameters, given, strict=True)}}
+    if isinstance(claimed, Model):
+        constants |= {k: rationals(v) for k, v in claimed.constants.items()}
     new = tuple(call(mapped.step, state, constants))
     proofs = []
     for name in names:
@@ -228,21 +220,3 @@ def prove(claimed: System | Model, names: tuple[str, ...] = ("casimir", "energy"
         holds = all(getattr(difference, "n", difference) == 0 for difference in after - before)
         proofs.append(Proof(f"{system.name}, n = {n}: {name}", holds, unknowns))
     return proofs
-
-
-def _symbols(
-    claimed: System | Model, system: System, n: int
-) -> tuple[tuple[Array, ...], dict[str, Any], tuple[str, ...]]:
-    parameters = system.parameters if isinstance(claimed, System) else ()
-    for p in parameters:
-        if p.kind not in ("scalar", "vector"):
-            raise InputError(f"The parameter {p.letter} of {system.name} is not a scalar or vector: give a model.")
-    named = [*system.space.components, *((p.letter, p.kind) for p in parameters)]
-    names = (*coordinate_names(tuple(named), n), "eps")
-    *coordinates, eps = generators(names)
-    values = algebra.restore(np.array(coordinates, dtype=object), [kind for _, kind in named], n)
-    size = len(system.space.letters)
-    constants = {"eps": eps, **{p.letter: value for p, value in zip(parameters, values[size:], strict=True)}}
-    if isinstance(claimed, Model):
-        constants |= {k: rationals(v) for k, v in claimed.constants.items()}
-    return values[:size], constants, names

@@ -168,9 +168,8 @@ def _of_cofactor(
         A, B = _rows(data[p], C, exponents, p)
         return (A - B) % p
 
-    if len(modular.kernel(rows(PRIMES[0]), PRIMES[0])) <= len(earlier):
-        return []
-    return integrals.rational_kernel(rows, exponents, earlier)
+    few = len(modular.kernel(rows(PRIMES[0]), PRIMES[0])) <= len(earlier)
+    return [] if few else integrals.rational_kernel(rows, exponents, earlier)
 
 
 def _points(subject: Subject, factors: list[Polynomial], p: int, points: int, seed: int) -> Points:
@@ -191,34 +190,30 @@ def _relations(
     """Products with cofactor 1, and with the cofactor det f'."""
     if not polynomials:
         return (), ()
-    numbers = [c for c, _ in (*cofactors, jacobian)]
-    product_of = math.prod(abs(c.numerator) * c.denominator for c in numbers)
-    primes = [int(q) for q, _ in require_flint().fmpz(product_of).factor()]
+    flint = require_flint()
 
-    def row(C: Cofactor) -> list[int]:
-        return [*C[1], *(_valuation(C[0], q) for q in primes)]
+    def powers_of_primes(c: Fraction) -> dict[int, int]:
+        over, under = (flint.fmpz(v).factor() for v in (abs(c.numerator), c.denominator))
+        return {**{int(q): k for q, k in over}, **{int(q): -k for q, k in under}}
+
+    numbers = [powers_of_primes(c) for c, _ in (*cofactors, jacobian)]
+    primes = sorted(set().union(*numbers))
+    *table, last_row = (
+        [*powers, *(number.get(q, 0) for q in primes)]
+        for number, (_, powers) in zip(numbers, (*cofactors, jacobian), strict=True)
+    )
 
     def product(powers: list[int]) -> Product:
+        return Product(tuple((P, k) for P, k in zip(polynomials, powers, strict=True) if k))
+
+    conserved, densities = [], []
+    for powers in _whole_kernel(table):
         negative = sum(k for k, (c, _) in zip(powers, cofactors, strict=True) if c < 0) % 2
-        return Product(tuple((P, k * (1 + negative)) for P, k in zip(polynomials, powers, strict=True) if k))
-
-    table = [row(C) for C in cofactors]
-    conserved = [product(powers) for powers in _whole_kernel(table)]
-    densities = []
-    for *powers, last in _whole_kernel([*table, [-k for k in row(jacobian)]]):
+        conserved.append(product([k * (1 + negative) for k in powers]))
+    for *powers, last in _whole_kernel([*table, [-k for k in last_row]]):
         if last and all(k % last == 0 for k in powers):
-            chosen = [k // last for k in powers]
-            densities.append(Product(tuple((P, k) for P, k in zip(polynomials, chosen, strict=True) if k)))
+            densities.append(product([k // last for k in powers]))
     return tuple(conserved), tuple(densities)
-
-
-def _valuation(c: Fraction, q: int) -> int:
-    k = 0
-    while c.numerator % q == 0:
-        c, k = c / q, k + 1
-    while c.denominator % q == 0:
-        c, k = c * q, k - 1
-    return k
 
 
 def _whole_kernel(table: list[list[int]]) -> list[list[int]]:
@@ -290,7 +285,13 @@ def _counted(subject: Subject, x: Array, exponents: list[Exponents], p: int) -> 
     With the basis in reduced form, a coefficient is a function u of x with A u = -b: A are the columns of the pivots, b
     the others.  A du = -(db + dA u).
     """
-    values, derivatives = _along(subject, x, exponents, p)
+    step, moving, rows = subject.over(p), independent(x), []
+    for _ in range(len(exponents) + SPARE_POINTS):
+        rows.append(monomial_values(moving, exponents, None))
+        moving = step(moving)
+    table = np.array(rows)  # the monomials along the orbit of x (points, l), with their derivatives by x
+    values = residues_at(objects((getattr(v, "value", v) for v in table.flat), table.shape), 1, p)[0]
+    derivatives = residues_at(slopes(table, subject.dim), 1, p)[0]
     null = modular.kernel(values, p)
     if not len(null):
         return 0, 0
@@ -298,17 +299,6 @@ def _counted(subject: Subject, x: Array, exponents: list[Exponents], p: int) -> 
     moved: list[Array] = []
     for vector in null:
         change = (derivatives * vector[:, None] % p).sum(1)  # of sum_j c_j f_j: (points, dim)
-        table, _ = modular.reduced(np.concatenate([A, -change % p], 1), p)
-        moved.append(table[: A.shape[1], A.shape[1] :])  # u with A u = -change, of full rank and consistent
+        reduced, _ = modular.reduced(np.concatenate([A, -change % p], 1), p)
+        moved.append(reduced[: A.shape[1], A.shape[1] :])  # u with A u = -change, of full rank and consistent
     return len(null), modular.rank(np.concatenate(moved), p)
-
-
-def _along(subject: Subject, x: Array, exponents: list[Exponents], p: int) -> tuple[Array, Array]:
-    """The monomials along the orbit of x (points, l), and their derivatives by x (points, l, dim)."""
-    step, moving, rows = subject.over(p), independent(x), []
-    for _ in range(len(exponents) + SPARE_POINTS):
-        rows.append(monomial_values(moving, exponents, None))
-        moving = step(moving)
-    table = np.array(rows)
-    values = objects((getattr(v, "value", v) for v in table.flat), table.shape)
-    return residues_at(values, 1, p)[0], residues_at(slopes(table, subject.dim), 1, p)[0]

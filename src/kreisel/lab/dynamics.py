@@ -21,15 +21,13 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
 from kreisel.graph.graph import Graph, TooLong
 from kreisel.kernels.adjoint import Code, recorded
-from kreisel.lab import exact
-from kreisel.lab.subject import Subject
+from kreisel.lab.subject import Subject, float_start
 
 EVERY = 10  # steps between two orthogonalizations
 PARTS = 10  # of an orbit, for the uncertainty of an exponent
 ALIGNED = 1e-12  # SALI below which two vectors are one, but for rounding
 CLEAR = 5.0  # exponents above CLEAR log(T)/T do not belong to a regular orbit
 FURTHEST = 1e8  # an orbit beyond it has escaped
-STARTS = 50
 MOST_NODES = 20_000  # of a step
 NEIGHBOURS = 8  # iterates on each side in the interpolation of a section
 
@@ -67,11 +65,14 @@ class Dynamics:
         """The largest exponent is as small as for a regular orbit, and the tangent vectors stay apart."""
         return self.sali > ALIGNED and float(self.exponents[0]) < self.threshold
 
+    @property
+    def word(self) -> str:
+        return "chaotic" if self.chaotic else "regular" if self.regular else "unknown"
+
     def __str__(self) -> str:
-        word = "chaotic" if self.chaotic else "regular" if self.regular else "unknown"
         shown = ", ".join(f"{v:.2g}" for v in self.exponents)
         return (
-            f"{word}: exponents a step {shown} (+- {self.errors[0]:.1g} of the first) over {self.steps:,} steps, "
+            f"{self.word}: exponents a step {shown} (+- {self.errors[0]:.1g} of the first) over {self.steps:,} steps, "
             f"SALI {self.sali:.1e} at step {self.reached:,}"
         )
 
@@ -173,16 +174,6 @@ def _pushed_by_jax(step: Callable[..., Array]) -> Callable[..., tuple[Array, Arr
     return jax.jit(pushed)
 
 
-def float_start(subject: Subject, seed: int = 0) -> Array:
-    """A random point of size about 1, at which the record allows the step."""
-    rng = np.random.default_rng(seed)
-    for _ in range(STARTS):
-        x = np.asarray(subject.point(exact.float_random(rng)), dtype=np.float64)
-        if subject.allowed is None or subject.allowed(x, **subject.floats):
-            return x
-    raise RunError(f"The step of {subject.name} is too long for {STARTS} random starts. Use a smaller eps.")
-
-
 def tangents(subject: Subject, x: Array, count: int | None, seed: int = 0) -> Array:
     """Random orthonormal tangent vectors (k, d) at x: as many as the phase space has dimensions, or `count`."""
     vectors, free = np.random.default_rng([seed, 7]).normal(size=(subject.dim, subject.dim)), subject.dim
@@ -272,6 +263,7 @@ def section(
     polynomial through 2 NEIGHBOURS iterates.  f needs points (..., d).  Near-identity maps only: where the iterates
     are so far apart that two polynomials, of NEIGHBOURS and of one fewer on each side, differ, it states so.
     """
+    from scipy.interpolate import BarycentricInterpolator
     from scipy.optimize import brentq
 
     orbit = points(subject, x, steps, seed)
@@ -284,7 +276,8 @@ def section(
     for k in np.nonzero(wanted)[0]:
         if not NEIGHBOURS <= k < len(orbit) - NEIGHBOURS:
             continue
-        curve, check = (_interpolant(orbit, int(k), m) for m in (NEIGHBOURS, NEIGHBOURS - 1))
+        nodes = (np.arange(1 - m, m + 1) for m in (NEIGHBOURS, NEIGHBOURS - 1))
+        curve, check = (BarycentricInterpolator(near, orbit[k + near]) for near in nodes)
         t = float(brentq(lambda s, curve=curve: float(f(curve(s)[None])[0]), 0.0, 1.0, xtol=1e-15))
         times.append(k + t)
         places.append(curve(t))
@@ -295,19 +288,3 @@ def section(
             "Use a smaller step."
         )
     return np.array(times), np.array(places).reshape(-1, subject.dim)
-
-
-def _interpolant(orbit: Array, k: int, m: int) -> Callable[[float], Array]:
-    """The polynomial through the iterates k - m + 1 ... k + m, at k + s; barycentric."""
-    nodes = np.arange(1 - m, m + 1)
-    weights = np.array([(-1.0) ** j * math.comb(2 * m - 1, j) for j in range(2 * m)])
-    rows = orbit[k + nodes]
-
-    def curve(s: float) -> Array:
-        gap = s - nodes
-        if (gap == 0).any():
-            return rows[int(np.argmin(np.abs(gap)))]
-        scale = weights / gap
-        return scale @ rows / scale.sum()
-
-    return curve

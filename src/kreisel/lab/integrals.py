@@ -22,7 +22,7 @@ from kreisel.errors import InputError, RunError
 from kreisel.lab import dynamics, modular
 from kreisel.lab.exact import Pole, fraction, rationals, ring
 from kreisel.lab.modular import PRIMES, Mod, random_residues, residue, without_poles
-from kreisel.lab.subject import Subject
+from kreisel.lab.subject import Subject, float_start
 
 STEPS = 6  # of each orbit: few, over many orbits, so that no integral is a constant by chance
 SPARE = 30  # rows more than monomials: a false integral passes with probability p^-SPARE
@@ -104,7 +104,19 @@ def integrals(
     require_few_monomials(subject, degree, MOST_MONOMIALS)
 
     def sought(attempt: int) -> list[Polynomial | Product]:
-        polynomials = _polynomials(subject, degree, [seed, attempt])
+        polynomials: list[Polynomial] = []
+        for d in range(1, degree + 1):  # modulo the products of those of lower degrees
+            # leading monomials first
+            exponents = sorted(list(monomials(subject.dim, d))[1:], key=lambda e: (sum(e), e), reverse=True)
+            earlier = [expanded([polynomials[i] for i in c]) for c in products([f.degree for f in polynomials], d)]
+
+            def rows(p: int, exponents: list[Exponents] = exponents) -> Array:
+                values = _along_orbits(subject, exponents, [seed, attempt], p, len(exponents) + SPARE)
+                return (values[1:] - values[:1]).reshape(-1, len(exponents)) % p
+
+            new = [Polynomial(terms, subject.names) for terms in rational_kernel(rows, exponents, earlier)]
+            by_length = sorted(new, key=lambda f: len(f.terms))
+            polynomials += _independent(subject, by_length, [seed, attempt], polynomials)
         return [*polynomials, *(_quotients(subject, degree, polynomials, [seed, attempt]) if quotients else [])]
 
     return without_poles(subject.name, sought)
@@ -129,23 +141,6 @@ def monomial_values(points: Array, exponents: list[Exponents], p: int | None) ->
     return np.stack([np.asarray(values[e], dtype=None if p else object) for e in exponents], -1)
 
 
-def _polynomials(subject: Subject, degree: int, seed: list[int]) -> list[Polynomial]:
-    """Degree by degree, modulo the products of those found before."""
-    polynomials: list[Polynomial] = []
-    for d in range(1, degree + 1):
-        # leading monomials first
-        exponents = sorted(list(monomials(subject.dim, d))[1:], key=lambda e: (sum(e), e), reverse=True)
-        earlier = [expanded([polynomials[i] for i in c]) for c in products([f.degree for f in polynomials], d)]
-
-        def rows(p: int, exponents: list[Exponents] = exponents) -> Array:
-            values = _along_orbits(subject, exponents, seed, p, len(exponents) + SPARE)
-            return (values[1:] - values[:1]).reshape(-1, len(exponents)) % p
-
-        new = [Polynomial(terms, subject.names) for terms in rational_kernel(rows, exponents, earlier)]
-        polynomials += _independent(subject, sorted(new, key=lambda f: len(f.terms)), seed, polynomials)
-    return polynomials
-
-
 def rational_kernel(
     rows: Callable[[int], Array], labels: list[Any], modulo: list[dict[Any, Fraction]] | None = None
 ) -> list[dict[Any, Fraction]]:
@@ -155,8 +150,12 @@ def rational_kernel(
     """
     bases = []
     for p in PRIMES[:2]:
-        vectors = [[residue(vector.get(label, Fraction(0)), p) for label in labels] for vector in modulo or []]
-        bases.append(_complement(modular.kernel(rows(p), p), np.array(vectors, dtype=np.int64), p))
+        space = modular.kernel(rows(p), p)
+        if modulo:
+            vectors = [[residue(vector.get(label, Fraction(0)), p) for label in labels] for vector in modulo]
+            spanned, leads = modular.reduced(np.array(vectors, dtype=np.int64), p)
+            space = (space - modular.product(space[:, leads], spanned, p)) % p
+        bases.append(modular.reduced(space, p)[0])
     if len(bases[0]) != len(bases[1]):
         raise Pole("two primes find null spaces of different size")
     basis, p = [], PRIMES[2]
@@ -171,14 +170,6 @@ def rational_kernel(
             )
         basis.append(terms)
     return basis
-
-
-def _complement(space: Array, spanned: Array, p: int) -> Array:
-    """A reduced basis of `space` modulo the span of `spanned`, which is a part of it."""
-    if len(spanned):
-        rows, leads = modular.reduced(spanned, p)
-        space = (space - modular.product(space[:, leads], rows, p)) % p
-    return modular.reduced(space, p)[0]
 
 
 def products(degrees: Sequence[int], most: int) -> Iterator[tuple[int, ...]]:
@@ -375,7 +366,7 @@ def integrals_in_floats(subject: Subject, degree: int = 2, seed: int = 0) -> Num
     while sum(map(len, rows)) < wanted and k < 3 * wanted // FLOAT_STEPS + 10:
         k += 1
         try:
-            orbit = dynamics.points(subject, dynamics.float_start(subject, seed + 100 + k), FLOAT_STEPS)
+            orbit = dynamics.points(subject, float_start(subject, seed + 100 + k), FLOAT_STEPS)
         except RunError as error:
             trouble = str(error)
             continue
@@ -387,36 +378,23 @@ def integrals_in_floats(subject: Subject, degree: int = 2, seed: int = 0) -> Num
         raise RunError(trouble or "the orbits are too short")
     _, sizes, V = np.linalg.svd(table / scale)
     sizes = sizes / sizes[0]
-    still, x = int((sizes < ROUND_OFF).sum()), dynamics.float_start(subject, seed + 7)
-    G = V[len(sizes) - still :] / scale @ _monomial_gradients(x, exponents)
+    still, x = int((sizes < ROUND_OFF).sum()), float_start(subject, seed + 7)
+    lower = np.maximum(exponents - np.eye(subject.dim, dtype=int)[:, None], 0)  # in each coordinate (d, monomials, d)
+    G = V[len(sizes) - still :] / scale @ (exponents * np.prod(x**lower, axis=-1).T)
     pi = np.zeros((subject.dim, subject.dim)) if subject.tensor is None else np.asarray(subject.tensor(x), dtype=float)
     fields, lengths = G @ pi, np.linalg.norm(G, axis=1)
     both, size, turn = fields @ G.T, float(np.linalg.norm(G)), float(np.linalg.norm(pi))
-    on_leaf = _numerical_rank(fields, size * turn)
+    count, on_leaf, leaf, not_commuting = (
+        int(np.linalg.matrix_rank(A, tol=1e-7 * scale))
+        for A, scale in ((G, size), (fields, size * turn), (pi, turn), (both, size**2 * turn))
+    )
     return Numerical(
         degree=degree,
-        count=_numerical_rank(G),
+        count=count,
         on_leaf=on_leaf,
-        leaf=_numerical_rank(pi),
-        torus=on_leaf - _numerical_rank(both, size**2 * turn),
+        leaf=leaf,
+        torus=on_leaf - not_commuting,
         largest=float(sizes[len(sizes) - still]) if still else 0.0,
         next=float(sizes[len(sizes) - still - 1]),
         involution=float((np.abs(both) / np.outer(lengths, lengths)).max(initial=0.0)),
     )
-
-
-def _monomial_gradients(x: Array, exponents: Array) -> Array:
-    """d monomial / d x_i at x, (monomials, d)."""
-    out = np.empty(exponents.shape)
-    for i in range(len(x)):
-        lower = exponents.copy()
-        lower[:, i] = np.maximum(lower[:, i] - 1, 0)
-        out[:, i] = exponents[:, i] * np.prod(x**lower, axis=-1)
-    return out
-
-
-def _numerical_rank(A: Array, scale: float | None = None) -> int:
-    if not A.size:
-        return 0
-    sizes = np.linalg.svd(A, compute_uv=False)
-    return int((sizes > 1e-7 * (scale or max(float(sizes[0]), 1e-300))).sum())

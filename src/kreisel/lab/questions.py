@@ -9,23 +9,21 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from kreisel.algebra import Array, objects
+from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError
 from kreisel.lab import brackets, dynamics, growth, integrals
-from kreisel.lab.brackets import Lax, counted, lax
+from kreisel.lab.brackets import Lax, counted
 from kreisel.lab.darboux import Bases, Darboux, bases, darboux
-from kreisel.lab.exact import independent, slopes
-from kreisel.lab.growth import singularities
-from kreisel.lab.integrals import Numerical, Stated, integrals_in_floats, stated
-from kreisel.lab.modular import PRIMES, Mod, gradients, random_residues, without_poles
-from kreisel.lab.subject import Subject
+from kreisel.lab.modular import PRIMES, gradients, random_residues
+from kreisel.lab.subject import CLOSE, Subject, difference, differential, float_start
 
 MONOMIALS = 400  # of the integral finder, as a rule
 UNKNOWNS = 150  # of the search for brackets and volumes
@@ -35,7 +33,6 @@ PERIODS = 24
 DARBOUX = {2: (2, 4), 3: (2, 4), 4: (2,)}  # number of coordinates -> degrees
 QUOTIENTS = {2: 4, 3: 2}
 ORBITS = 3
-CLOSE = 2.0**24 * float(np.finfo(float).eps)
 TIME, COUNTS = 0.5, (64, 128, 256, 512)  # for the order
 LARGEST = 8  # coordinates of maps of which Hirota-Kimura bases are looked for
 
@@ -60,7 +57,7 @@ class Clues:
         self.clock = ""  # a coordinate that counts the steps
         self.lax: Lax | None = None
         self.ranks: Lax | None = None
-        self.numeric: Numerical | None = None  # of a map that is not a rational function
+        self.numeric: integrals.Numerical | None = None  # of a map that is not a rational function
         self.in_floats = False
         self.orbits: list[dynamics.Dynamics] = []
 
@@ -79,12 +76,10 @@ class Clues:
     def rational(self) -> bool:
         return not self.subject.implicit
 
-    def float_jacobian(self) -> tuple[Array, Array, Array]:
-        """A point, its image and the Jacobian in floats."""
-        x = dynamics.float_start(self.subject, self.seed)
-        new = self.subject.step(independent(x), **self.subject.floats)
-        values = np.array([float(getattr(v, "value", v)) for v in new])
-        return x, values, np.asarray(slopes(new, self.subject.dim), dtype=float)
+    @property
+    def independent(self) -> int:
+        """How many independent integrals are known, as functions or as coefficients of bases."""
+        return max(len(self.integrals), self.bases.integrals if self.bases else 0)
 
 
 # -- the verdict -------------------------------------------------------------------------------------
@@ -117,19 +112,7 @@ def rank_on_leaves(c: Clues) -> None:
 
 def by_volume(c: Clues) -> bool:
     """Whether all integrals but one and a volume are conserved: {x_i, x_j} = minors of the gradients / rho."""
-    return bool(c.volume) and 1 < c.subject.dim <= max(len(c.integrals), c.bases.integrals if c.bases else 0) + 1
-
-
-def coefficients(c: Clues) -> None:
-    """Looks for Hirota-Kimura bases: where integrals are too few, and the degrees may not grow."""
-    if filled(c) or (c.growth is not None and c.growth.exponential) or c.subject.dim > LARGEST:
-        return
-    try:
-        hirota_kimura = bases(c.subject, 2, c.seed)
-    except InputError:
-        return
-    if hirota_kimura.integrals > len(c.integrals):
-        c.bases = hirota_kimura
+    return bool(c.volume) and 1 < c.subject.dim <= c.independent + 1
 
 
 def filled(c: Clues) -> bool:
@@ -171,7 +154,7 @@ def verdict(c: Clues) -> tuple[str, str]:
             count = _counted(c.numeric.on_leaf, "integral")
             for_it.append(f"{count} on leaves of dimension {c.numeric.leaf} conserved in floats")
     if not for_it and by_volume(c):
-        count = _counted(max(len(c.integrals), c.bases.integrals if c.bases else 0), "independent integral")
+        count = _counted(c.independent, "independent integral")
         for_it.append(f"{count} and {c.volume} in {c.subject.dim} dimensions, found exactly")
     if c.growth is not None and c.growth.exponential:
         against.append(f"the degrees grow exponentially (entropy {c.growth.entropy:.3g})")
@@ -205,58 +188,44 @@ Answer = tuple[str, str]  # with its evidence
 
 
 def _poisson(c: Clues) -> Answer:
-    subject = c.subject
-    if subject.tensor is not None and c.rational:
-        if brackets.preserves(subject, subject.tensor, c.seed):
-            c.tensor, c.leaves = subject.tensor, _casimirs_conserved(c)
-            return "yes", "J Pi(x) J^T = Pi(x') modulo a prime at 20 random points, the bracket given with it"
-        return _other_bracket(c, "the bracket given with it is not preserved")
-    if subject.tensor is not None:
-        x, new, J = c.float_jacobian()
-        before, after = (np.asarray(subject.tensor(v), dtype=float) for v in (x, new))
-        off = abs(J @ before @ J.T - after).max() / (1 + abs(after).max())
+    subject, tensor, casimirs = c.subject, c.subject.tensor, c.subject.casimirs
+    why = "no bracket is stated"
+    if tensor is not None:
+        off = brackets.defect(subject, tensor, c.seed)
         if off < CLOSE:
-            c.tensor, c.in_floats, c.leaves = subject.tensor, True, _casimirs_conserved(c)
-        return "yes" if off < CLOSE else "no", f"J Pi(x) J^T - Pi(x') is {off:.1e} in floats"
-    return _other_bracket(c, "no bracket is stated")
-
-
-def _casimirs_conserved(c: Clues) -> bool:
-    subject = c.subject
-    if subject.casimirs is None:
-        return False
-    if not c.rational:
-        old, new = (subject.casimirs(x) for x in c.float_jacobian()[:2])
-        return bool(abs(new - old).max() < CLOSE * (1 + abs(old).max()))
-    x = subject.some_orbits(PRIMES[0], c.seed + 23, 8, 1)
-    old, new = (subject.casimirs(objects(Mod(v, PRIMES[0]) for v in z)) for z in x)
-    return not any(np.any((v - w).v) for v, w in zip(old, new, strict=True))
-
-
-def _other_bracket(c: Clues, why: str) -> Answer:
-    if c.subject.dim < 2:
+            c.tensor, c.in_floats = tensor, not c.rational
+            c.leaves = casimirs is not None and CLOSE > difference(
+                subject, lambda x, step, _: (casimirs(step(x)), casimirs(x)), c.seed
+            )
+        if not c.rational:
+            return "yes" if off < CLOSE else "no", f"J Pi(x) J^T - Pi(x') is {off:.1e} in floats"
+        if off < CLOSE:
+            return "yes", "J Pi(x) J^T = Pi(x') modulo a prime at 20 random points, the bracket given with it"
+        why = "the bracket given with it is not preserved"
+    if subject.dim < 2:
         return "does not apply", "one coordinate"
-    pairs = math.comb(c.subject.dim, 2)
-    degree = next((d for d in (2, 1, 0) if pairs * math.comb(c.subject.dim + d, d) <= UNKNOWNS), 0)
-    bivectors = brackets.brackets(c.subject, degree, c.seed)
-    good = next((b for b in bivectors if b.poisson), None)
-    if good is None:
-        return "no bracket found", f"{why}; none with entries of degree {degree} or less"
+    pairs = math.comb(subject.dim, 2)
+    degree = next((d for d in (2, 1, 0) if pairs * math.comb(subject.dim + d, d) <= UNKNOWNS), 0)
+    bivectors = brackets.brackets(subject, degree, c.seed)
     c.unaided = [partial(brackets.tensor_of, b.entries) for b in bivectors if b.poisson]
-    c.tensor = c.unaided[0]
+    if not c.unaided:
+        return "no bracket found", f"{why}; none with entries of degree {degree} or less"
+    c.tensor, good = c.unaided[0], next(b for b in bivectors if b.poisson)
     return "yes", f"{why}, but {good} is preserved ({len(bivectors)} of degree {degree} or less)"
 
 
 def _volume(c: Clues) -> Answer:
-    if c.subject.model is not None and c.subject.model.system.space.constraints:
+    subject = c.subject
+    if subject.model is not None and subject.model.system.space.constraints:
         answer = "yes" if c.tensor is not None else "unknown"
         return answer, "its coordinates are not free; a Poisson map preserves the volume of the leaves"
     if not c.rational:
-        det = float(np.linalg.det(c.float_jacobian()[2]))
-        return "yes" if abs(det - 1) < CLOSE else "no", f"det J - 1 = {det - 1:.1e} in floats"
-    degree = next(d for d in (2, 1, 0) if math.comb(c.subject.dim + d, d) <= UNKNOWNS // 4 or d == 0)
-    densities = [str(v) for v in brackets.volumes(c.subject, degree, c.seed)]
-    for further in DARBOUX.get(c.subject.dim, ()):
+        _, J = differential(partial(subject.step, **subject.floats), float_start(subject, c.seed))
+        off = float(np.linalg.det(J)) - 1
+        return "yes" if abs(off) < CLOSE else "no", f"det J - 1 = {off:.1e} in floats"
+    degree = next(d for d in (2, 1, 0) if math.comb(subject.dim + d, d) <= UNKNOWNS // 4 or d == 0)
+    densities = [str(v) for v in brackets.volumes(subject, degree, c.seed)]
+    for further in DARBOUX.get(subject.dim, ()):
         more = None if densities else c.darboux(further)
         densities = densities if more is None else [f"dx / ({D})" for D in more.densities]
     if not densities:
@@ -273,8 +242,7 @@ def _period(c: Clues) -> Answer:
     c.period = max(returns) if all(returns) else 0
     if c.period:
         return str(c.period), f"step^{c.period} = 1 at random points modulo two primes"
-    x, p = c.subject.some_orbits(PRIMES[0], c.seed + 19, 8, 4), PRIMES[0]
-    steps = np.diff(x, axis=0) % p  # (steps, d, lanes)
+    steps = np.diff(orbits[0][:5], axis=0) % PRIMES[0]  # (steps, d, lanes)
     same = [i for i in range(c.subject.dim) if (steps[:, i] == steps[0, i, 0]).all() and steps[0, i, 0]]
     c.clock = c.subject.names[same[0]] if same else ""
     return "none", f"no iterate up to {PERIODS} is the identity{f'; {c.clock} counts the steps' if same else ''}"
@@ -282,47 +250,31 @@ def _period(c: Clues) -> Answer:
 
 def _reversible(c: Clues) -> Answer:
     subject = c.subject
+
+    def reverses(R: Callable[..., Array]) -> bool:
+        def sides(x: Array, step: Callable[[Array], Array], constants: Mapping[str, Any]) -> tuple[Array, Array]:
+            return R(step(R(step(x), **constants)), **constants), x
+
+        try:
+            return difference(subject, sides, c.seed, 4) < CLOSE
+        except InputError:
+            return False
+
     if subject.involution is not None:
-        held = _reverses(c, subject.involution)
-        return "yes" if held else "no", "R step R step = 1 for the involution of the record"
+        return "yes" if reverses(subject.involution) else "no", "R step R step = 1 for the involution of the record"
     if not c.rational:
         return "unknown", "no involution is stated"
-    involutions = _involutions(subject.dim)
-    for R in involutions:
-        if _reverses(c, R):
-            images = [("-" if v < 0 else "") + subject.names[abs(v) - 1] for v in R(np.arange(1, subject.dim + 1))]
-            return "yes", f"R step R step = 1 for R: ({', '.join(subject.names)}) -> ({', '.join(images)})"
-    return "unknown", f"none of {len(involutions)} changes of signs, with a swap in the plane, reverses it"
-
-
-def _involutions(dim: int) -> list[Callable[..., Array]]:
-    out: list[Callable[..., Array]] = []
-    for order in [list(range(dim))] + ([[1, 0]] if dim == 2 else []):
-        for signs in itertools.product((1, -1), repeat=min(dim, 8)):
-            s = np.array([*signs, *[1] * (dim - len(signs))])
-            if order != [1, 0] or s[0] == s[1]:  # the others are of order 4
-                out.append(lambda x, order=order, s=s, **constants: x[order] * s)
-    return out
-
-
-def _reverses(c: Clues, R: Callable[..., Array]) -> bool:
-    subject = c.subject
-    if not c.rational:
-        constants, x = subject.floats, dynamics.float_start(subject, c.seed)
-        back = R(subject.step(R(subject.step(x, **constants), **constants), **constants), **constants)
-        return bool(abs(back - x).max() < CLOSE)
-    p = PRIMES[0]
-    constants, step = subject.modulo(p), subject.over(p)
-
-    def tried(attempt: int) -> bool:
-        x = subject.point(random_residues(np.random.default_rng([c.seed, attempt, 11]), p, 4))
-        back = R(step(R(step(x), **constants)), **constants)
-        return not any(np.any((v - w).v) for v, w in zip(back, x, strict=True))
-
-    try:
-        return without_poles(subject.name, tried)
-    except InputError:
-        return False
+    places, count = np.arange(subject.dim), 0
+    for order in [places] + ([places[::-1]] if subject.dim == 2 else []):
+        for signs in itertools.product((1, -1), repeat=min(subject.dim, 8)):
+            s = np.array([*signs, *[1] * (subject.dim - len(signs))])
+            if order[0] != 0 and s[0] != s[1]:  # of order 4
+                continue
+            count += 1
+            if reverses(lambda x, order=order, s=s, **constants: x[order] * s):
+                images = [("-" if sign < 0 else "") + subject.names[k] for k, sign in zip(order, s, strict=True)]
+                return "yes", f"R step R step = 1 for R: ({', '.join(subject.names)}) -> ({', '.join(images)})"
+    return "unknown", f"none of {count} changes of signs, with a swap in the plane, reverses it"
 
 
 def _order(c: Clues) -> Answer:
@@ -335,10 +287,9 @@ def _order(c: Clues) -> Answer:
 
     from kreisel.lab.law import fitted_orders
 
-    x, constants = dynamics.float_start(subject, c.seed), subject.floats
-    rate: Any = subject.flow
+    x, rate = float_start(subject, c.seed), partial(subject.flow, **subject.floats)
     try:
-        flowed = solve_ivp(lambda t, y: rate(y, **constants), (0, TIME), x, method="DOP853", rtol=1e-13, atol=1e-14)
+        flowed = solve_ivp(lambda t, y: rate(y), (0, TIME), x, method="DOP853", rtol=1e-13, atol=1e-14)
         ends = []
         for count in COUNTS:
             finer = replace(subject, constants={**subject.constants, "eps": TIME / count})
@@ -372,7 +323,7 @@ def _singularities(c: Clues) -> Answer:
     if not c.rational or c.subject.dim != 2 or c.subject.model is not None:
         return "not followed", "this needs a rational map of the plane"
     try:
-        curves = singularities(replace(c.subject, start=None), seed=c.seed)
+        curves = growth.singularities(replace(c.subject, start=None), seed=c.seed)
     except (InputError, ArithmeticError) as error:
         return "unknown", str(error)
     if not curves:
@@ -385,7 +336,7 @@ def _integrals(c: Clues) -> Answer:
     subject = c.subject
     if not c.rational:
         try:
-            numeric = c.numeric = integrals_in_floats(replace(subject, tensor=c.tensor), 2, c.seed)
+            numeric = c.numeric = integrals.integrals_in_floats(replace(subject, tensor=c.tensor), 2, c.seed)
         except RunError as error:
             return "unknown", str(error)
         counts = f"{numeric.on_leaf} on leaves of dimension {numeric.leaf}"
@@ -393,69 +344,64 @@ def _integrals(c: Clues) -> Answer:
     c.integrals = list(integrals.integrals(subject, c.degree, seed=c.seed))
     rank_on_leaves(c)
 
-    def add(functions: Iterable[Any]) -> None:
-        c.integrals = integrals.without_dependent(subject, [*c.integrals, *functions], c.seed)
-        rank_on_leaves(c)
+    def add(functions: Sequence[Any]) -> None:
+        if functions:
+            c.integrals = integrals.without_dependent(subject, [*c.integrals, *functions], c.seed)
+            rank_on_leaves(c)
 
     for degree in DARBOUX.get(subject.dim, ()):
         more = None if filled(c) else c.darboux(degree)
-        if more is not None and more.integrals:
-            add(more.integrals)
-    if not filled(c) and (claimed := stated(subject, c.seed)):
-        add(claimed)
+        add(() if more is None else more.integrals)
+    if not filled(c):
+        add(integrals.stated(subject, c.seed))
     if not filled(c) and subject.dim in QUOTIENTS:
         add(integrals.integrals(subject, QUOTIENTS[subject.dim], quotients=True, seed=c.seed))
-    coefficients(c)
-    ranks = c.ranks
-    of_record = sum(isinstance(f, Stated) for f in c.integrals)
+    # Hirota-Kimura bases if integrals are too few, and the degrees may not grow
+    if not filled(c) and not (c.growth is not None and c.growth.exponential) and subject.dim <= LARGEST:
+        with suppress(InputError):
+            hirota_kimura = bases(subject, 2, c.seed)
+            c.bases = hirota_kimura if hirota_kimura.integrals > len(c.integrals) else None
+    of_record = sum(isinstance(f, integrals.Stated) for f in c.integrals)
     count = f"{len(c.integrals) - of_record} of degree {c.degree} or less"
     count += f", {of_record} stated" if of_record else ""
-    if ranks is not None:
-        count += f"; {ranks.with_more} on leaves of dimension {ranks.leaf}, "
-        count += "in involution" if ranks.involution else "not all in involution"
+    if c.ranks is not None:
+        count += f"; {c.ranks.with_more} on leaves of dimension {c.ranks.leaf}, "
+        count += "in involution" if c.ranks.involution else "not all in involution"
     answers = [count] if c.integrals else []
     texts = (text if len(text) < 160 else text[:150] + " ..." for text in map(str, c.integrals))
     shown = ["; ".join(texts) or f"none of degree {c.degree} or less"]
-    if c.bases is not None and c.bases.integrals:
+    if c.bases is not None:
         answers.append(f"{c.bases.integrals} as coefficients")
         shown.append(f"Hirota-Kimura bases, {c.bases}")
     return "; ".join(answers) or "none found", "; ".join(shown)
 
 
 def _lax(c: Clues) -> Answer:
-    subject = c.subject
-    if subject.lax is None and subject.model is not None and subject.model.map.pencil is not None:
+    subject, matrix = c.subject, c.subject.lax
+    if matrix is None and subject.model is not None and subject.model.map.pencil is not None:
         return "of a pencil", "the law discrete-lax-pencil tests it"
-    if subject.lax is None:
+    if matrix is None:
         return "none stated", "give lax and conjugator to test one"
-    ranks = lax(replace(subject, tensor=c.tensor), seed=c.seed)
-    if ranks.isospectral is None and _isospectral_in_floats(c):
-        ranks = replace(ranks, isospectral=True)
-        c.in_floats = True
-    c.lax = ranks
-    answer = "complete" if ranks.complete else "superintegrable" if ranks.superintegrable else "not complete"
+    ranks = c.lax = brackets.lax(replace(subject, tensor=c.tensor), seed=c.seed)
+    if ranks.isospectral is None:
+
+        def spectra(x: Array, step: Callable[[Array], Array], constants: Mapping[str, Any]) -> list[Array]:
+            at = ([np.asarray(matrix(z, lam, **constants), dtype=float) for lam in (0.7, 1.9)] for z in (step(x), x))
+            return [np.array([np.poly(L) for L in matrices]) for matrices in at]
+
+        if difference(subject, spectra, c.seed) < CLOSE:
+            ranks = c.lax = replace(ranks, isospectral=True)
+            c.in_floats = True
     if ranks.isospectral is not True:
-        answer = "no Lax pair of this map"
-    return answer, str(ranks)
-
-
-def _isospectral_in_floats(c: Clues) -> bool:
-    subject, constants = c.subject, c.subject.floats
-    x: Array = dynamics.float_start(subject, c.seed)
-    matrix: Any = subject.lax
-    off = []
-    for lam in (0.7, 1.9):
-        points = x, subject.step(x, **constants)
-        old, new = (np.poly(np.asarray(matrix(z, lam, **constants), dtype=float)) for z in points)
-        off.append(abs(old - new).max() / abs(old).max())
-    return bool(max(off) < CLOSE)
+        return "no Lax pair of this map", str(ranks)
+    return "complete" if ranks.complete else "superintegrable" if ranks.superintegrable else "not complete", str(ranks)
 
 
 def _chaos(c: Clues) -> Answer:
     c.orbits, trouble = dynamics.several(c.subject, c.steps, ORBITS, c.seed)
     if not c.orbits:
         return "unknown", trouble
-    kinds = ["chaotic" if o.chaotic else "regular" if o.regular else "unknown" for o in c.orbits]
+    kinds = [o.word for o in c.orbits]
     worst = max(c.orbits, key=lambda o: (o.chaotic, float(o.exponents[0])))
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
     return f"{counts} of {len(kinds)} orbits", str(worst)

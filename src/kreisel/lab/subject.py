@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,12 +15,16 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, shown
-from kreisel.lab import exact, modular
-from kreisel.lab.exact import Pole, fraction
-from kreisel.lab.modular import random_residues, residues
+from kreisel.lab import exact
+from kreisel.lab.exact import Pole, float_random, fraction, independent, slopes
+from kreisel.lab.modular import PRIMES, random_residues, residues, residues_at, without_poles
 from kreisel.record.calling import call
 from kreisel.record.contract import MOVING_SPACE, REST_SPACE, Map, System
 from kreisel.record.model import Model
+
+Function = Callable[..., Any]
+STARTS = 50
+CLOSE = 2.0**24 * float(np.finfo(float).eps)  # relative difference of equal sides in floats
 
 
 @dataclass(frozen=True)
@@ -111,7 +117,7 @@ class Subject:
 
     def some_orbits(self, p: int, seed: int, lanes: int, steps: int) -> Array:
         """`orbits` of a seed that meets no pole.  Raises `InputError` if all that are tried do."""
-        return modular.without_poles(self.name, lambda attempt: self.orbits(p, seed + attempt, lanes, steps))
+        return without_poles(self.name, lambda attempt: self.orbits(p, seed + attempt, lanes, steps))
 
     def orbits(self, p: int, seed: int, lanes: int, steps: int) -> Array:
         """Residues (steps + 1, d, lanes) along orbits from random points."""
@@ -127,6 +133,42 @@ class Subject:
 def stacked(x: Array, lanes: int) -> Array:
     """Numbers of residues as integers (d, lanes)."""
     return np.stack([np.broadcast_to(number.v, lanes) for number in x])
+
+
+def float_start(subject: Subject, seed: int = 0) -> Array:
+    """A random point of size about 1, at which the record allows the step."""
+    rng = np.random.default_rng(seed)
+    for _ in range(STARTS):
+        x = np.asarray(subject.point(float_random(rng)), dtype=np.float64)
+        if subject.allowed is None or subject.allowed(x, **subject.floats):
+            return x
+    raise RunError(f"The step of {subject.name} is too long for {STARTS} random starts. Use a smaller eps.")
+
+
+def differential(step: Function, x: Array) -> tuple[Array, Array]:
+    """The image (d,) of x by a step and the Jacobian (d, d), for residues or floats."""
+    new = step(independent(x))
+    values, J = algebra.objects(getattr(v, "value", v) for v in new), slopes(new, len(x))
+    return (values, J) if x.dtype == object else (values.astype(float), J.astype(float))
+
+
+def difference(subject: Subject, sides: Function, seed: int, points: int = 8) -> float:
+    """The relative difference of two arrays, sides(x, step, constants), at a random point in floats.
+
+    Of a rational map it is 0 or infinite: exact, at random points modulo two primes.
+    """
+    if subject.implicit:
+        constants = subject.floats
+        left, right = sides(float_start(subject, seed), lambda x: subject.step(x, **constants), constants)
+        return float(abs(left - right).max() / (1 + abs(right).max()))
+
+    def equal(p: int, attempt: int) -> bool:
+        x = subject.point(random_residues(np.random.default_rng([seed, attempt, p]), p, points))
+        left, right = sides(x, subject.over(p), subject.modulo(p))
+        return not residues_at(np.asarray(left - right, dtype=object), points, p).any()
+
+    poles = Pole, ZeroDivisionError
+    return 0.0 if all(without_poles(subject.name, partial(equal, p), poles) for p in PRIMES[:2]) else math.inf
 
 
 def subject(
@@ -228,10 +270,8 @@ def coordinate_names(components: tuple[tuple[str, str], ...], n: int) -> tuple[s
 # Functions of the state: step, flow, involution -> a state; lax, conjugator (with lam) -> (k, k); in coordinates also
 # tensor -> (d, d) and start(draw) -> a state.  Each needs, after the state, the constants that it names.
 
-Function = Callable[..., Any]
-OF_POINTS = ("flow", "involution")
 OF_LAMBDA = ("lax", "conjugator")
-BESIDE = (*OF_POINTS, "tensor", *OF_LAMBDA, "start")  # optional data of a step
+BESIDE = ("flow", "involution", "tensor", *OF_LAMBDA, "start")  # optional data of a step
 EXPECTED: dict[str, tuple[type[Exception], ...]] = {  # errors with which the instruments deal
     "step": (TypeError, AttributeError, ArithmeticError),
     **dict.fromkeys(OF_LAMBDA, (ArithmeticError,)),
