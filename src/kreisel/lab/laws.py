@@ -531,7 +531,7 @@ def drawn_case(system: System | Model, n: int, numbers: str, draw: exact.Random)
     state = record.space.point(n, draw)
     eps = abs(draw((1,)))[0] / 4  # short enough for the logarithms of Lagrangians in floats
     if record.map is not None and record.map.largest_step is not None and numbers == "float":
-        eps = min(eps, float(model.call(record.map.largest_step, *state)) / 4)
+        eps = min(eps, model.largest_step(*state) / 4)
     lam = draw((1,))[0] * 97 / 89  # no parameter is drawn with such a denominator: Lax matrices have poles there
     return Case(model, state, eps, lam, draw, numbers)
 

@@ -10,7 +10,6 @@ from kreisel.errors import InputError, hint, shown
 from kreisel.method.observing import held_by_orientation
 from kreisel.method.records import METHODS, Method
 from kreisel.method.scheme import Outcome, Scheme
-from kreisel.record.contract import System
 from kreisel.record.model import Model
 
 __all__ = ["METHODS", "Method", "Outcome", "Scheme", "default_method", "find", "scheme"]
@@ -34,23 +33,6 @@ def find(name: Any) -> Method:
     return METHODS[name]
 
 
-def _turns(system: System) -> bool:
-    """Whether it is of bodies that rotate, by an angular velocity or by the rotation of a step."""
-    return system.velocity is not None or (system.map is not None and system.map.generator is not None)
-
-
-def _require_samples(model: Model, method: str, dt: float | None) -> None:
-    """Raises `InputError` for a method that has no samples, and for a dt that does not divide the time between two."""
-    from kreisel.forces.control import require_whole_samples
-
-    if method != "splitting":
-        raise InputError(
-            f"method: expected 'splitting', which calls the controller of {model.system.name}, got {shown(method)}."
-        )
-    if dt is not None:
-        require_whole_samples(model, dt)
-
-
 def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bool, kept: bool = True) -> Scheme:
     """The scheme of that name, kept for the next time.
 
@@ -58,14 +40,20 @@ def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bo
     """
     record = find(default_method(model, stepped=order is not None) if method is None else method)
     record.check(model)
-    if oriented and not _turns(model.system):
+    system, forces = model.system, model.system.perturbation
+    if oriented and system.velocity is None and (system.map is None or system.map.generator is None):
         raise InputError(
-            f"orientation: expected a body that rotates, got {model.system.name}, which has no orientation. Leave "
-            f"it out."
+            f"orientation: expected a body that rotates, got {system.name}, which has no orientation. Leave it out."
         )
     order = record.order(order)
-    if model.system.perturbation is not None and model.system.perturbation.sampled:
-        _require_samples(model, record.name, dt if kept else None)
+    if forces is not None and forces.sampled and record.name != "splitting":
+        raise InputError(
+            f"method: expected 'splitting', which calls the controller of {system.name}, got {shown(record.name)}."
+        )
+    if forces is not None and forces.sampled and kept:
+        from kreisel.forces.control import require_whole_samples
+
+        require_whole_samples(model, dt)
     key, without_dt = (Scheme, model.key, record.name, dt, order, oriented), (model.key, record.name, order, oriented)
 
     def make() -> Scheme:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
 
@@ -62,7 +62,7 @@ def iterated(model: Model, z0: State, constants: Mapping[str, Array], reach: flo
     return top.orbit(finish, {"eps": np.asarray(float(eps)), "shift": float(s * r) * p.astype(np.float64)}, clock())
 
 
-def _jump(model: Model) -> Jump:
+def _top(model: Model, oriented: bool) -> Orbits:
     """In the moving frame (-M, P, A) is the (m, a, p) of the rest frame."""
     inside = model.system.frame is Frame.MOVING
 
@@ -77,63 +77,50 @@ def _jump(model: Model) -> Jump:
     def finish(m: Array, b: Array, *q: Array) -> State:
         return (-algebra.hat(m) if inside else algebra.hat(m), b, *map(orientation, q))
 
-    return Jump(begin, orientation, finish)
+    def orbit(z0: State, constants: Mapping[str, Array], reach: float) -> Orbit:
+        start = orientation(z0[2] if oriented else UNTURNED)
+        top = motion_of_top(model, z0, constants, reach)
+        return top.orbit(lambda m, b, q: finish(m, b, *(q,) * oriented), {}, inside=inside, start=start)
+
+    return Orbits(orbit, Jump(begin, orientation, finish))
 
 
-def _spin(model: Model) -> Spin:
+def _body(model: Model, oriented: bool) -> Orbits:
+    form, letters = model.system.closed_form.moments, [p.letter for p in model.system.parameters]
+
+    def orbit(z0: State, constants: Mapping[str, Array], reach: float) -> Orbit:
+        moments = call(form, (), {letter: rationals(constants[letter]) for letter in letters})
+        return Rotor(algebra.axial(z0[0]), moments, reach, z0[1] if oriented else None).orbit()
+
     def begin(M: Array, *g: Array) -> State:
         return algebra.axial(M), *g
 
     def moments(**constants: Array) -> Array:
-        return np.asarray(call(model.system.closed_form.moments, (), constants))
+        return np.asarray(call(form, (), constants))
 
-    return Spin(begin, moments, lambda M, *g: (algebra.hat(M), *g))
-
-
-def _orbit_of_top(model: Model, oriented: bool) -> Callable[..., Orbit]:
-    jump = _jump(model)
-
-    def orbit(z0: State, constants: Mapping[str, Array], reach: float) -> Orbit:
-        start = jump.orientation(z0[2] if oriented else UNTURNED)
-        top = motion_of_top(model, z0, constants, reach)
-        inside = model.system.frame is Frame.MOVING
-        return top.orbit(lambda m, b, q: jump.finish(m, b, *(q,) * oriented), {}, inside=inside, start=start)
-
-    return orbit
+    return Orbits(orbit, Spin(begin, moments, lambda M, *g: (algebra.hat(M), *g)))
 
 
-def _orbit_of_body(model: Model, oriented: bool) -> Callable[..., Orbit]:
-    def orbit(z0: State, constants: Mapping[str, Array], reach: float) -> Orbit:
-        exactly = {p.letter: rationals(constants[p.letter]) for p in model.system.parameters}
-        moments = call(model.system.closed_form.moments, (), exactly)
-        return Rotor(algebra.axial(z0[0]), moments, reach, z0[1] if oriented else None).orbit()
+def _gyrostat(model: Model, dt: float, oriented: bool) -> Scheme:
+    """The exact flow of a gyrostat; see `kreisel.exact.gyrostat`."""
+    observed = observer(model, oriented, conserved=("casimir", "energy"))
 
-    return orbit
+    def of(z: State, constants: Mapping[str, Array]) -> gyrostat.Body:
+        params = {p.letter: constants[p.letter] for p in model.system.parameters}
+        return gyrostat.Body(algebra.axial(z[0]), params, model.system, oriented)
 
+    def orbit(z0: State, constants: Mapping[str, Array], reach: float) -> States:
+        body = of(z0, constants)
 
-def _orbit_of_gyrostat(model: Model, oriented: bool) -> Callable[..., States]:
-    letters = [p.letter for p in model.system.parameters]
-
-    def orbit(z0: tuple[Array, ...], given: Mapping[str, Array], reach: float) -> States:
-        body = gyrostat.Body(algebra.axial(z0[0]), {k: given[k] for k in letters}, model.system, oriented)
-
-        def states(mantissa: Array, exponent: Array) -> tuple[Array, ...]:
+        def states(mantissa: Array, exponent: Array) -> State:
             times = [Fraction(int(m)) * Fraction(2) ** int(e) for m, e in zip(mantissa, exponent, strict=True)]
             M, *g = body.after(times, z0[1:])
             return algebra.hat(M.astype(float)), *(v.astype(float) for v in g)
 
         return states
 
-    return orbit
-
-
-def _gyrostat(model: Model, dt: float, oriented: bool) -> Scheme:
-    """The exact flow of a gyrostat; see `kreisel.exact.gyrostat`."""
-    observed = observer(model, oriented, conserved=("casimir", "energy"))
-    letters = [p.letter for p in model.system.parameters]
-
-    def trajectory(x0: tuple[Array, ...]) -> tuple[dict[str, Array], dict[str, Array]]:
-        body = gyrostat.Body(algebra.axial(x0[0]), {k: model.constants[k] for k in letters}, model.system, oriented)
+    def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
+        body = of(x0, model.constants)
         time = np.full(body.L.shape, dt, dtype=np.longdouble)
         if not oriented:
             for lane in np.argwhere(body.speed * dt > gyrostat.FAR):
@@ -142,7 +129,7 @@ def _gyrostat(model: Model, dt: float, oriented: bool) -> Scheme:
         stages = {k: np.repeat(np.expand_dims(v.astype(float), time.ndim), maps, time.ndim) for k, v in stage.items()}
         return {k: v.astype(float) for k, v in known.items()}, stages
 
-    motion = Steps(gyrostat.step, iterates=Orbits(_orbit_of_gyrostat(model, oriented)))
+    motion = Steps(gyrostat.step, iterates=Orbits(orbit))
     axes = {**model.axes, **gyrostat.AXES}
     return scheme_of("exact", model, motion, observed, oriented, axes=axes, trajectory=trajectory)
 
@@ -160,6 +147,5 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
         return exact_pair(model, dt, oriented)
     observe, outcomes = observer(model, oriented)
     outcomes = {k: replace(o, conserved=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
-    top = Orbits(_orbit_of_top(model, oriented), _jump(model))
-    motion = Orbits(_orbit_of_body(model, oriented), _spin(model)) if known.moments is not None else top
-    return scheme_of("exact", model, motion, (observe, outcomes), oriented)
+    motion = _top if known.moments is None else _body
+    return scheme_of("exact", model, motion(model, oriented), (observe, outcomes), oriented)

@@ -153,10 +153,16 @@ def linear_integrals(model: Model) -> list[str]:
 def _differences_vanish(model: Model, function: Callable[..., Any] | None, order: int) -> bool:
     """Whether differences of that order vanish at random points, where parameters that vary are mixed at random."""
     rng = np.random.default_rng(1)
-    constants = _of_one_lane(model, rng)
+    constants, count = _of_one_lane(model, rng), algebra.coordinate_count(model.system.space.kinds, model.n)
     signs = {2: (1, -2, 1), 3: (-1, 3, -3, 1)}[order]
     for _ in range(POINTS):
-        start, along = (_random(model, rng) for _ in range(2))
+        start, along = (
+            [
+                Fraction(int(a), int(b))
+                for a, b in zip(rng.integers(-99, 99, count), rng.integers(1, 99, count), strict=True)
+            ]
+            for _ in range(2)
+        )
         total: Any = 0
         for k, sign in enumerate(signs):
             state = state_of(model.system.space, [x + k * y for x, y in zip(start, along, strict=True)], model.n)
@@ -169,13 +175,6 @@ def _differences_vanish(model: Model, function: Callable[..., Any] | None, order
         if any(v != 0 for v in total):
             return False
     return True
-
-
-def _random(model: Model, rng: np.random.Generator) -> list[Fraction]:
-    count = algebra.coordinate_count(model.system.space.kinds, model.n)
-    return [
-        Fraction(int(a), int(b)) for a, b in zip(rng.integers(-99, 99, count), rng.integers(1, 99, count), strict=True)
-    ]
 
 
 def has_a_small_quadratic_flow(model: Model) -> bool:
@@ -247,20 +246,18 @@ def euler_integrals(model: Model, seen: Values, dt: Any, constants: Values) -> d
 
 def is_lagrange_top(model: Model) -> bool:
     """Whether the flow is m' = a ^ p, a' = m a with m = M at rest and -M in the moving frame: exactly, in one lane."""
-    name, sign = _field(model), _sign(model)
+    name, sign = _field_and_sign(model)
 
     def rate(constants: Values, M: Array, a: Array) -> Sequence[Array]:
-        return sign * algebra.wedge(a, constants[name or ""]), sign * algebra.act(M, a)
+        return sign * algebra.wedge(a, constants[name]), sign * algebra.act(M, a)
 
-    return None not in (name, model.system.energy) and _moves_as(model, ("skew", "vector"), rate)
-
-
-def _field(model: Model) -> str | None:
-    return next((name for name in ("p", "A") if name in model.constants), None)
+    return bool(name) and model.system.energy is not None and _moves_as(model, ("skew", "vector"), rate)
 
 
-def _sign(model: Model) -> int:
-    return 1 if model.system.frame is Frame.REST else -1
+def _field_and_sign(model: Model) -> tuple[str, int]:
+    """The name of the constant vector, "" if there is none, and the sign of m = M."""
+    name = next((name for name in ("p", "A") if name in model.constants), "")
+    return name, 1 if model.system.frame is Frame.REST else -1
 
 
 def lagrange_integrals(model: Model, seen: Values, dt: Any, constants: Values) -> dict[str, Array]:
@@ -268,8 +265,8 @@ def lagrange_integrals(model: Model, seen: Values, dt: Any, constants: Values) -
 
     l = <m, a>/(1 - k <p, a>), and |m|^2/2 + (<p, a> + k <p, a>^2/2)/(1 - k^2 |p|^2 C) is the energy.
     """
-    m, a = (seen[letter] for letter in model.system.space.letters)
-    m, p, k = _sign(model) * algebra.axial(m), constants[_field(model) or ""], dt * dt / 4
+    (m, a), (name, sign) = (seen[letter] for letter in model.system.space.letters), _field_and_sign(model)
+    m, p, k = sign * algebra.axial(m), constants[name], dt * dt / 4
     u, p2 = algebra.dot(p, a), algebra.dot(p, p)
     length = algebra.dot(m, a) / (1 - k * u)
     whole = algebra.dot(m, m) + 2 * k * algebra.dot(m, p + 0 * m) * length + k * k * p2 * length * length
@@ -314,14 +311,6 @@ def clebsch_integrals(model: Model, seen: Values, dt: Any, constants: Values) ->
     rate = (cross(q, m) + cross(p, algebra.axial(new[0]))) / 2
     work = algebra.dot(rate, cross(p, m)) / 2
     change = (work - (algebra.dot(p, p) * across + algebra.dot(p, b * p) * ahead) / 4) / (ahead * D)
-    return {
-        "casimir_eps": stack([J, J * J * pitch * pitch]),
-        "energy_eps": change + J * pitch * pitch / 2,
-        "clebsch_eps": _fourth(m, p, b, k, J, J1, pitch),
-    }
-
-
-def _fourth(m: Array, p: Array, b: Array, k: Any, J: Array, J1: Array, pitch: Array) -> Array:
     C = 1 - k * algebra.vec(J) * b
     r, share, whole = b / C, J / (J + J1), C[..., 0] * C[..., 1] * C[..., 2]
     v = algebra.vec(share * pitch)
@@ -330,7 +319,11 @@ def _fourth(m: Array, p: Array, b: Array, k: Any, J: Array, J1: Array, pitch: Ar
     w = second + third - r + s * second * third
     terms = r * (2 + s * r) * (n * n + v * v * p * p) - 2 * v * w * n * p + algebra.vec(whole * share) * w * w * p * p
     trace, pairs = b.sum(-1), (b * b[..., algebra.SECOND]).sum(-1)
-    return algebra.dot(C, terms) / 2 + J * (pairs + (pitch * pitch - trace) * trace / 4)
+    return {
+        "casimir_eps": stack([J, J * J * pitch * pitch]),
+        "energy_eps": change + J * pitch * pitch / 2,
+        "clebsch_eps": algebra.dot(C, terms) / 2 + J * (pairs + (pitch * pitch - trace) * trace / 4),
+    }
 
 
 # -- the Euler top in so(4) ------------------------------------------------------------------------------

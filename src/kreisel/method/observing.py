@@ -97,39 +97,35 @@ def functions(
     by_map = eps is not None
     named_by_map = system.map.conserves if by_map and system.map is not None else ()
     out: dict[str, tuple[Outcome, Callable[..., Array], bool]] = {}
+
+    def add(
+        name: str, kind: str, meaning: str, function: Any, stays: bool = False, of_map: bool = False, **extra: Any
+    ) -> None:
+        def value(*state: Array, **known: Any) -> Array:
+            return model.call(function, *state, **extra, **known)
+
+        out[name] = Outcome(kind, meaning, conserved=stays), value, of_map
+
     if system.space.casimirs is not None:
-        meaning = f"Casimirs of {system.space.name}"
         by_this_map = by_map and (system.map is None or system.map.poisson or "casimir" in (named_by_map or ()))
         stays = by_this_map or "casimir" in conserved
-        out["casimir"] = (Outcome("casimir", meaning, conserved=stays), _bind(model, system.space.casimirs), False)
+        add("casimir", "casimir", f"Casimirs of {system.space.name}", system.space.casimirs, stays)
     named = {"energy": system.energy} if system.energy is not None else {}
     for name, function in {**named, **system.integrals}.items():
         by_this_map = named_by_map is None or name in named_by_map
-        deforms = by_map and "eps" in keywords(function)
         meaning = "Hamiltonian H" if name == "energy" else f"{name} of the flow"
-        if deforms:
-            oscillates = (
-                f"{meaning}, not conserved by the map: it oscillates by O(dt{'' if order == 1 else f'^{order}'})"
-            )
-            out[name] = (Outcome("integral", oscillates), _bind(model, function), False)
-        if deforms and by_this_map:
-            deformed = f"deformed {name}, conserved exactly by the map"
-            out[f"{name}_eps"] = (Outcome("integral", deformed, conserved=True), _bind(model, function, eps=eps), True)
-        elif not deforms:
-            meaning = (meanings or {}).get(name, meaning)
-            out[name] = (
-                Outcome("integral", meaning, conserved=by_this_map or name in conserved),
-                _bind(model, function),
-                True,
-            )
+        if by_map and "eps" in keywords(function):
+            bound = f"O(dt{'' if order == 1 else f'^{order}'})"
+            add(name, "integral", f"{meaning}, not conserved by the map: it oscillates by {bound}", function)
+            if by_this_map:
+                deformed = f"deformed {name}, conserved exactly by the map"
+                add(f"{name}_eps", "integral", deformed, function, True, True, eps=eps)
+        else:
+            stays = by_this_map or name in conserved
+            add(name, "integral", (meanings or {}).get(name, meaning), function, stays, True)
     for name, (function, _) in system.invariant.items():
-        meaning = f"{name}: f with f' = k f, so that f = 0 stays; no integral"
-        out[name] = (Outcome("relation", meaning), _bind(model, function), False)
+        add(name, "relation", f"{name}: f with f' = k f, so that f = 0 stays; no integral", function)
     return out
-
-
-def _bind(model: Model, function: Callable[..., Array], **extra: Any) -> Callable[..., Array]:
-    return lambda *state, **known: model.call(function, *state, **extra, **known)
 
 
 def observer(

@@ -403,8 +403,13 @@ def integrable(model: Model) -> Integrable:
                 for factor in record.base.product
             ]
         )
-    if record.control is not None and record.control.wheels:
-        return _with_wheels(record.base)
+    if record.control is not None and record.control.wheels:  # a free body: M + h is the momentum of a gyrostat
+
+        def numbers(constants: Constants) -> Constants:
+            w = 1 / _moments(record.base, constants)
+            return {"w": w, "b": w * constants[STORED]}
+
+        return _rotor("a gyrostat", quadrics, numbers, STORED)
     return _integrable(record.base, record.inner, model.n, model.constants)
 
 
@@ -464,11 +469,20 @@ def _stated(base: System) -> Integrable:
 
 def closed_form(base: System, n: int) -> Integrable | None:
     """The motion of a free body, a gyrostat or a Lagrange top, n = 3; None if no form for a short step is known."""
-    if n == 3 and base.closed_form.moments is not None:
-        return _free_body(base)
-    if n == 3 and base.closed_form.gyrostat is not None and base.space.kinds == ("skew",):
-        return _gyrostat(lambda constants: call(base.closed_form.gyrostat, (), constants), lambda constants: 0)
-    return _top(base) if n == 3 and base.closed_form.top is not None else None
+    form = base.closed_form
+    if n != 3:
+        return None
+    if form.moments is not None:
+        return _rotor("a free body", rotor_step, lambda known: rotor_step.constants(_moments(base, known)))
+    if form.gyrostat is not None and base.space.kinds == ("skew",):
+        return _rotor(
+            "a gyrostat", quadrics, lambda known: dict(zip("wb", call(form.gyrostat, (), known), strict=True)), 0
+        )
+    return _top(base) if form.top is not None else None
+
+
+def _moments(base: System, constants: Constants) -> Array:
+    return np.asarray(call(base.closed_form.moments, (), constants))
 
 
 def _turn_of(M: Array, g: State) -> Array:
@@ -476,46 +490,28 @@ def _turn_of(M: Array, g: State) -> Array:
     return g[0] if g else np.concatenate([1 + 0 * M[..., :1], 0 * M], -1)
 
 
-def _free_body(base: System) -> Integrable:
-    def moments(constants: Constants) -> Array:
-        return np.asarray(call(base.closed_form.moments, (), constants))
+def _rotor(body: str, form: Any, numbers: Callable[[Constants], Constants], beside: Any = None) -> Integrable:
+    """The momentum by `form.step` and `form.reach`, with their constants by `numbers`.
 
-    def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
+    beside  0, or the name of a constant: a momentum that is added to M meanwhile
+    """
+
+    def added(constants: Constants) -> Any:
+        return constants[beside] if beside else 0
+
+    def momentum(state: State, constants: Constants) -> Array:
         M = algebra.axial(state[0])
-        N, q = rotor_step.step(M, _turn_of(M, g), h=h, **rotor_step.constants(moments(constants)))
-        return (algebra.hat(N),), (q,) * len(g)
-
-    def reach(state: State, h: Any, constants: Constants) -> Any:
-        return rotor_step.reach(algebra.axial(state[0]), h, **rotor_step.constants(moments(constants)))
-
-    return Integrable("the closed form of a free body", move, reach)
-
-
-def _with_wheels(base: System) -> Integrable:
-    """A free body with wheels, whose momentum is h: M + h is that of a gyrostat."""
-
-    def inverse(constants: Constants) -> Array:
-        return 1 / np.asarray(call(base.closed_form.moments, (), constants))
-
-    return _gyrostat(
-        lambda constants: (inverse(constants), inverse(constants) * constants[STORED]),
-        lambda constants: constants[STORED],
-    )
-
-
-def _gyrostat(numbers: Callable[[Constants], tuple[Array, Array]], beside: Callable[[Constants], Any]) -> Integrable:
-    """M' = M x (w M - b), with w and b by `numbers`, of M less the term of `beside`."""
+        return M if beside is None else M + added(constants)
 
     def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
-        M, (w, b) = algebra.axial(state[0]) + beside(constants), numbers(constants)
-        N, q = quadrics.step(M, _turn_of(M, g), h=h, w=w, b=b)
-        return (algebra.hat(N - beside(constants)),), (q,) * len(g)
+        M = momentum(state, constants)
+        N, q = form.step(M, _turn_of(M, g), h=h, **numbers(constants))
+        return (algebra.hat(N if beside is None else N - added(constants)),), (q,) * len(g)
 
     def reach(state: State, h: Any, constants: Constants) -> Any:
-        w, b = numbers(constants)
-        return quadrics.reach(algebra.axial(state[0]) + beside(constants), h, w=w, b=b)
+        return form.reach(momentum(state, constants), h, **numbers(constants))
 
-    return Integrable("the closed form of a gyrostat", move, reach)
+    return Integrable(f"the closed form of {body}", move, reach)
 
 
 def _top(base: System) -> Integrable:

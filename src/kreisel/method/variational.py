@@ -27,7 +27,8 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.iteration import repeat
 from kreisel.method.composition import DEFECT, composed
-from kreisel.method.observing import State, observer, turned
+from kreisel.method.observing import State, observer
+from kreisel.method.observing import turned as rotated
 from kreisel.method.scheme import Guard, Scheme
 from kreisel.record.calling import call
 from kreisel.record.contract import System
@@ -70,7 +71,10 @@ def stage(
     """The symmetric step of order 2: the new state, the orientations `turned` along, and the defect."""
     state = kick(system, state, eps / 2, constants)
     X, defect = half_turn(system, state, eps, constants)
-    turned = tuple(_turned_as_carried(system, state, X, g, eps, constants) for g in turned)
+    if turned and system.spin is not None:  # which does not change the carried vectors
+        spin = eps / 2 * call(system.spin, state, constants)
+        turned = tuple(rotated(system.frame, spin, g) for g in turned)
+    turned = tuple(rotated(system.frame, system.space.sign * X, g) for g in turned)
     return kick(system, coadjoint(system, X, state), eps / 2, constants), turned, defect
 
 
@@ -156,11 +160,3 @@ def fixed_point_sweep(turn: Linear, M: Array, N: Array) -> tuple[Array, Array]:
 
 def _square(X: Array) -> Array:
     return algebra.pairing(X, X)
-
-
-def _turned_as_carried(system: System, state: State, X: Array, g: Array, eps: Array, constants: Constants) -> Array:
-    """The orientation, turned like the vector; first by the spin, if any, which does not change the vector."""
-    turns = [] if system.spin is None else [eps / 2 * call(system.spin, state, constants)]
-    for Y in (*turns, system.space.sign * X):
-        g = turned(system.frame, Y, g)
-    return g

@@ -83,8 +83,7 @@ def lagrangian(g, h, p, *, b, eps):  # (dClebsch spec Lagr) with 2/eps for 4/eps
 
 def largest_step(M, P, *, b):
     """The denominator 1 + eps^2/4 <P, BP> stays positive on |P| = const for smaller |eps|."""
-    with np.errstate(divide="ignore"):
-        return 2 / np.sqrt(dot(P, P) * np.maximum(-b.min(-1), 0))
+    return 2 / np.sqrt(dot(P, P) * np.maximum(-b.min(-1), 0))
 
 
 MAP = kicked_map(

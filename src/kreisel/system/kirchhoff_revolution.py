@@ -10,20 +10,8 @@ P), then the rotation by cay(eps/2 (a_3 - a_1) N).  Plus bracket, F' = {H, F}.
 
 import numpy as np
 
-from kreisel.algebra import (
-    act,
-    cayley,
-    cayley_act,
-    cayley_conjugate,
-    dot,
-    identity,
-    mat,
-    pairing,
-    project_out,
-    solve,
-    vec,
-    wedge,
-)
+from kreisel.algebra import act, dot, identity, mat, pairing, project_out, solve, vec, wedge
+from kreisel.algebra.cayley import cayley, cayley_act, cayley_conjugate
 from kreisel.baecklund.kirchhoff_revolution import BAECKLUND
 from kreisel.record.checks import positive
 from kreisel.record.contract import MOVING_SPACE, Parameter, Relation, System, kicked_map, named, pullback

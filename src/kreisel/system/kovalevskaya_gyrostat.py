@@ -119,8 +119,7 @@ def largest_step(M, P, Q):
     """det(1 - (eps^2/4) F_11) stays positive for smaller |eps|, by the largest singular value of F."""
     p, q, both = dot(P, P), dot(Q, Q), dot(P, Q)
     square = (p + q) / 2 + np.sqrt((p - q) * (p - q) / 4 + both * both)
-    with np.errstate(divide="ignore"):
-        return 2 / np.sqrt(np.sqrt(square))
+    return 2 / np.sqrt(np.sqrt(square))
 
 
 # -- integrals and Lax pairs -------------------------------------------------------------------------------

@@ -38,8 +38,7 @@ def generator(M, P, M1, P1, *, e, eps):
 
 def largest_step(M, P):
     """The denominator 1 - (eps^2/4) P_1 stays positive on |P| = const for smaller |eps|."""
-    with np.errstate(divide="ignore"):
-        return 2 / np.sqrt(np.sqrt(dot(P, P)))
+    return 2 / np.sqrt(np.sqrt(dot(P, P)))
 
 
 of_two_fields = pullback(gyrostat.SYSTEM, lambda M, P, g: ((M, P, 0 * P), {"gamma": 0}))

@@ -64,8 +64,7 @@ def generator(M, P, M1, P1, *, eps):
 
 def largest_step(M, P):
     """1 - (eps^2/8) (P_1 + i P_2) is not 0 on |P| = const for smaller |eps|."""
-    with np.errstate(divide="ignore"):
-        return np.sqrt(8 / np.sqrt(dot(P, P)))
+    return np.sqrt(8 / np.sqrt(dot(P, P)))
 
 
 def energy(M, P, *, eps=0):

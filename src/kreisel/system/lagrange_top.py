@@ -5,20 +5,8 @@ the rest frame; p is the constant gravity vector (potential <p, a>).  Minus brac
 [Suris 2001, sections 5 and 6.1; any |a| by erratum E11, alpha != 0; integrals complete with noether, erratum E12]
 """
 
-from kreisel.algebra import (
-    act,
-    cayley_act,
-    dot,
-    identity,
-    log,
-    mat,
-    moebius,
-    pairing,
-    project_out,
-    trace_log,
-    vec,
-    wedge,
-)
+from kreisel.algebra import act, dot, identity, log, mat, pairing, project_out, trace_log, vec, wedge
+from kreisel.algebra.cayley import cayley_act, moebius
 from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top import BAECKLUND, spin

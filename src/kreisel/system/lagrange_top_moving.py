@@ -6,23 +6,8 @@ mass tensor: alpha/2, ..., alpha/2 and 1 - alpha/2 along A.
 [Suris 2001, sections 5 and 6.2; U of the discrete Lax pair with +lambda A^T (erratum E2), any |A|]
 """
 
-from kreisel.algebra import (
-    act,
-    cayley,
-    cayley_act,
-    cayley_conjugate,
-    dot,
-    identity,
-    log,
-    mat,
-    moebius,
-    pairing,
-    project_out,
-    resolvent,
-    trace_log,
-    vec,
-    wedge,
-)
+from kreisel.algebra import act, dot, identity, log, mat, pairing, project_out, trace_log, vec, wedge
+from kreisel.algebra.cayley import cayley, cayley_act, cayley_conjugate, moebius, resolvent
 from kreisel.algebra.invariants import bordered_spectrum
 from kreisel.algebra.matrices import border
 from kreisel.baecklund.lagrange_top_moving import BAECKLUND

@@ -83,8 +83,7 @@ def largest_step(x, q, *, b):
     slope[..., :n, :n], slope[..., :n, n + 1] = diagonal(b), -q
     u = np.linalg.eigvals(np.linalg.solve(A, slope))
     real = np.where(abs(u.imag) <= 1e-9 * (abs(u).max(-1, keepdims=True) + 1e-300), u.real, 0)
-    with np.errstate(divide="ignore"):
-        return 1 / np.sqrt(np.maximum(np.maximum(real.max(-1), b.max(-1)), 0))
+    return 1 / np.sqrt(np.maximum(np.maximum(real.max(-1), b.max(-1)), 0))
 
 
 SYSTEM = replace(

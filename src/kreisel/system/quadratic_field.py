@@ -14,24 +14,11 @@ clebsch has F = P P^T, kovalevskaya-gyrostat the F of fields in so(n) x so(2), r
 
 import numpy as np
 
-from kreisel.algebra import (
-    KINDS,
-    SECOND,
-    THIRD,
-    axial,
-    bracket,
-    cayley,
-    dot,
-    hat,
-    identity,
-    mat,
-    pairing,
-    solve,
-    symmetric,
-    trace_log,
-)
+from kreisel.algebra import KINDS, bracket, dot, hat, identity, mat, pairing, solve, symmetric, trace_log
+from kreisel.algebra.cayley import cayley
 from kreisel.algebra.invariants import determinant, stack
 from kreisel.algebra.matrices import blocks, diagonal
+from kreisel.algebra.skew import SECOND, THIRD, axial
 from kreisel.baecklund.conjugate import QUADRATIC, in_letter
 from kreisel.record.contract import FIELD_SPACE, Parameter, System, kicked_map, named
 
@@ -171,8 +158,7 @@ def largest_step(M, F, *, b):
     (up, above), (down, below) = ((np.maximum((sign * x).max(-1), 0) for x in (b, f)) for sign in (1, -1))
     mixed = (up * down > 0) & (above * below > 0)
     worst = np.where(mixed, np.maximum(up, down) * np.maximum(above, below), np.maximum(up * below, down * above))
-    with np.errstate(divide="ignore"):
-        return 2 / np.sqrt(worst)
+    return 2 / np.sqrt(worst)
 
 
 MAP = kicked_map(kick, turn, **named(step, generator, lagrangian, pencil, factors, largest_step), source="Kreisel")

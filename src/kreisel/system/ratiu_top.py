@@ -13,25 +13,10 @@ Conclusions; the map was made here]
 
 import numpy as np
 
-from kreisel.algebra import (
-    KINDS,
-    axial,
-    bracket,
-    cayley,
-    cayley_conjugate,
-    coordinates,
-    cross,
-    dot,
-    hat,
-    identity,
-    mat,
-    pairing,
-    skew,
-    solve,
-    vec,
-    wedge,
-)
+from kreisel.algebra import KINDS, bracket, dot, hat, identity, mat, pairing, skew, solve, vec, wedge
+from kreisel.algebra.cayley import cayley, cayley_conjugate
 from kreisel.algebra.invariants import trace_of_product
+from kreisel.algebra.skew import axial, coordinates, cross
 from kreisel.record.checks import positive
 from kreisel.record.contract import ADJOINT_SPACE, Parameter, System, kicked_map, named
 from kreisel.system import quadratic_field as general
@@ -126,8 +111,7 @@ def factors(M, G, *, X, C, h, spins, lam, eps):
 
 def largest_step(M, G, *, X, h):
     """det(1 + (k eps/2) chi G) stays positive as G rotates, by its largest singular value, for smaller |eps|."""
-    with np.errstate(divide="ignore"):
-        return 2 / np.sqrt(h * np.sqrt(pairing(X, X)) * np.linalg.norm(G, 2, axis=(-2, -1)))
+    return 2 / np.sqrt(h * np.sqrt(pairing(X, X)) * np.linalg.norm(G, 2, axis=(-2, -1)))
 
 
 MAP = kicked_map(kick, turn, **named(generator, pencil, factors, largest_step), source="Kreisel")

@@ -68,8 +68,7 @@ def factors(M, P, *, A, lam, eps):
 
 def largest_step(M, P, *, A):
     """The denominator 1 - (eps^2/4) <A, P> stays positive on |P| = const for smaller |eps|."""
-    with np.errstate(divide="ignore"):
-        return 2 / np.sqrt(np.sqrt(dot(P, P) * dot(A, A)))
+    return 2 / np.sqrt(np.sqrt(dot(P, P) * dot(A, A)))
 
 
 SYSTEM = replace(
