@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import os
 import platform
+import re
 import shutil
 import subprocess
 import tempfile
@@ -70,33 +71,32 @@ def cases(n: int = 3, generic: bool = False) -> list[BenchCase]:
     b = np.array([0.3, 0.7, 1.9, 1.1])[:n]
     models = [kr.LagrangeTop(p=axis), kr.Clebsch(b=b)]
     if n == 3:
-        moving = [kr.LagrangeTopMoving(A=axis, alpha=0.7), kr.SymmetricTop(A=axis)]
-        models = [models[0], *moving, models[1], kr.Neumann(b=b)]
-    return [BenchCase(model.system.name, model, _start_states(model.system.space.components, n)) for model in models]
-
-
-def _start_states(components: Sequence[tuple[str, str]], n: int) -> dict[str, dict[str, Any]]:
-    (first, kind), (second, _) = components
-    on_sphere = kind == "vector"  # x, q of T*S^(n-1)
-    standard = {first: (0.1, 0.2, 1.5), second: (0.6, 0.0, 0.8)}
-    if on_sphere:
-        standard = {first: (0.6, 0.0, 0.8), second: (0.8, 0.5, -0.6)}
-    states: dict[str, dict[str, Any]] = {"standard": standard} if n == 3 else {}
-    for seed in SEEDS:
-        rng = np.random.default_rng(seed)
-        if on_sphere:
-            x, q = unit(rng.standard_normal(n)), rng.standard_normal(n)
-            states[f"seed {seed}"] = {first: x, second: q - x * (x @ q)}
-        else:
-            X = rng.standard_normal((n, n))
-            states[f"seed {seed}"] = {first: X - X.T, second: unit(rng.standard_normal(n))}
-    return states
+        models[1:1] = kr.LagrangeTopMoving(A=axis, alpha=0.7), kr.SymmetricTop(A=axis)
+        models.append(kr.Neumann(b=b))
+    out = []
+    for model in models:
+        (first, kind), (second, _) = model.system.space.components
+        on_sphere = kind == "vector"  # x, q of T*S^(n-1)
+        pair = ((0.6, 0.0, 0.8), (0.8, 0.5, -0.6)) if on_sphere else ((0.1, 0.2, 1.5), (0.6, 0.0, 0.8))
+        states: dict[str, dict[str, Any]] = {"standard": {first: pair[0], second: pair[1]}} if n == 3 else {}
+        for seed in SEEDS:
+            rng = np.random.default_rng(seed)
+            if on_sphere:
+                x, q = unit(rng.standard_normal(n)), rng.standard_normal(n)
+                states[f"seed {seed}"] = {first: x, second: q - x * (x @ q)}
+            else:
+                X = rng.standard_normal((n, n))
+                states[f"seed {seed}"] = {first: X - X.T, second: unit(rng.standard_normal(n))}
+        out.append(BenchCase(model.system.name, model, states))
+    return out
 
 
 def machine() -> dict[str, Any]:
     """Processor, system and versions."""
+    info = Path("/proc/cpuinfo")
+    cpu = re.search(r"model name\s*: (.*)", info.read_text() if info.is_file() else "")
     return {
-        "cpu": _cpu(),
+        "cpu": cpu[1] if cpu else platform.processor(),
         "cores": os.cpu_count(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
@@ -105,28 +105,17 @@ def machine() -> dict[str, Any]:
     }
 
 
-def _cpu() -> str:
-    try:
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor()
-
-
 # -- C++ by hand, compiled on the spot ------------------------------------------------------------------
 
 
 def compiler() -> str | None:
-    """The path of g++, None if there is none that works."""
+    """The path of g++, None if there is none that compiles a library with these flags that can be loaded."""
     path = shutil.which("g++")
-    return path if path and _works(path) else None
+    return _working(path) if path else None
 
 
 @cache
-def _works(path: str) -> bool:
-    """Whether g++ compiles a library with these flags that can be loaded."""
+def _working(path: str) -> str | None:
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "one.cpp", Path(folder) / "one.so"
         source.write_text('extern "C" double one() { return 1; }')
@@ -134,8 +123,8 @@ def _works(path: str) -> bool:
             subprocess.run([path, *FLAGS, str(source), "-o", str(target)], check=True, capture_output=True, timeout=60)
             ctypes.CDLL(str(target))
         except (OSError, subprocess.SubprocessError):
-            return False
-    return True
+            return None
+    return path
 
 
 def build(source: str | Path, folder: Path) -> ctypes.CDLL:

@@ -157,7 +157,7 @@ def _numbers(data: Points, powers: Powers, exponents: list[Any]) -> list[Fractio
     leads = modular.reduced(vectors.T, p)[1]
     moved = modular.product(modular.entries(M), vectors, p)
     matrix = modular.matrix(vectors[leads], p).solve(modular.matrix(moved[leads], p))
-    numbers = [modular.reconstructed(-int(f[0]) % p, p) for f, _ in matrix.charpoly().factor()[1] if f.degree() == 1]
+    numbers = [modular.reconstructed(int(root), p) for root, _ in matrix.charpoly().roots()]
     return sorted({c for c in numbers if c and max(abs(c.numerator), c.denominator) < LARGEST})
 
 

@@ -426,9 +426,8 @@ def _on_curve(curve: Polynomial, p: int, rng: np.random.Generator) -> list[int] 
             term = residue(c, p) * pow(drawn, e[1 - place], p)
             coefficients[e[place]] = (coefficients.get(e[place], 0) + term) % p
         polynomial = flint.nmod_poly([coefficients.get(k, 0) for k in range(max(coefficients) + 1)], p)
-        roots = [f for f, _ in polynomial.factor()[1] if f.degree() == 1]
-        if roots:
-            root = -int(roots[0][0]) % p
+        if roots := polynomial.roots():
+            root = int(roots[0][0])
             return [drawn, root] if place else [root, drawn]
     return None
 

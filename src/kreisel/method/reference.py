@@ -10,15 +10,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.forces.kicks import Body
 from kreisel.forces.pairs import of_bodies
-from kreisel.method.driven import (
-    coupling_of,
-    outcomes_of_totals,
-    outcomes_of_work,
-    power,
-    require_orientation,
-    with_work,
-    zero,
-)
+from kreisel.method import driven
 from kreisel.method.observing import ORIENTATION, WORK, Only, State, as_matrix, observer, scheme_of, with_orientation
 from kreisel.method.scheme import Flow, Scheme
 from kreisel.record.calling import call
@@ -38,14 +30,14 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
     """
     observe, outcomes = observer(model, oriented)
     space, record = model.system.space, model.system.perturbation
-    require_orientation(model, oriented)
+    driven.require_orientation(model, oriented)
     count = len(space.letters)
     end = count + oriented
-    timed, driven = (False, False) if record is None else (record.names(TIME), record.driven)
-    beside = ((TIME, "scalar"),) * timed + ((WORK, "scalar"),) * driven
+    timed, works = (False, False) if record is None else (record.names(TIME), record.driven)
+    beside = ((TIME, "scalar"),) * timed + ((WORK, "scalar"),) * works
 
     def prepare(x0: State) -> State:
-        return (*x0, *(zero(model.system, x0) for _ in beside))
+        return (*x0, *(driven.zero(model.system, x0) for _ in beside))
 
     def where(z: State) -> dict[str, Array]:
         g = tuple(as_matrix(model, algebra.unit(q) if model.n == 3 else q) for q in z[count:end])
@@ -58,20 +50,20 @@ def dop853(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme
             omega = call(model.system.velocity, state, constants)
             out += (turning(model.system.frame, omega, g),)
         out += (1.0,) * timed
-        return (*out, power(model, state, constants)) if driven else out
+        return (*out, driven.power(model, state, constants)) if works else out
 
     def observe_all(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
         place = where(z) if record is not None else {}
         out = observe(z[:end], only, **{**constants, **place})
         if oriented and model.n == 3:
             out[ORIENTATION] = algebra.unit(z[count])
-        return with_work(out, z[-1]) if driven else out
+        return driven.with_work(out, z[-1]) if works else out
 
-    if driven:
-        outcomes |= outcomes_of_work("not conserved by this method")
-    outcomes |= outcomes_of_totals(model, "not conserved by this method")
-    coupling = coupling_of(
-        model, lambda z, constants: Body(z[:count], where(z).get(ORIENTATION), where(z).get(TIME)), driven
+    if works:
+        outcomes |= driven.outcomes_of_work("not conserved by this method")
+    outcomes |= driven.outcomes_of_totals(model, "not conserved by this method")
+    coupling = driven.coupling_of(
+        model, lambda z, constants: Body(z[:count], where(z).get(ORIENTATION), where(z).get(TIME)), works
     )
     return scheme_of(
         "dop853",

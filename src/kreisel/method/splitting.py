@@ -38,28 +38,9 @@ from kreisel.forces.kicks import Body, inverse_inertia_columns, perturbation_of,
 from kreisel.forces.pairs import of_bodies
 from kreisel.forces.product import Factor
 from kreisel.forces.turns import turns_of
+from kreisel.method import driven, observing
 from kreisel.method.composition import symmetric_composition
-from kreisel.method.driven import (
-    coupling_of,
-    outcomes_of_totals,
-    outcomes_of_work,
-    require_orientation,
-    with_work,
-    zero,
-)
-from kreisel.method.observing import (
-    COUNT,
-    ORIENTATION,
-    WORK,
-    Observed,
-    Only,
-    State,
-    as_matrix,
-    observer,
-    scheme_of,
-    turned_by_map,
-    with_orientation,
-)
+from kreisel.method.observing import COUNT, ORIENTATION, WORK, Observed, Only, State, as_matrix, scheme_of
 from kreisel.method.scheme import COUPLED_N, Corrector, CoupledSteps, Guard, Numbers, Scheme, Steps, too_large_to_couple
 from kreisel.method.splitting_coefficients import Splitting as Fractions
 from kreisel.method.splitting_coefficients import corrector, inverse, splitting
@@ -84,7 +65,7 @@ class Splitting:
         self.model, self.dt, self.record = model, dt, perturbation_of(model.system)
         self.count = len(model.system.space.letters)
         self.oriented = oriented
-        require_orientation(model, oriented)
+        driven.require_orientation(model, oriented)
         self.timed, self.driven = self.record.names(TIME), self.record.driven
         self.fractions = splitting(order)
         self.part: Integrable = integrable(model)
@@ -276,7 +257,7 @@ class Splitting:
 
     def begin(self, x: State) -> State:
         """The state and the orientation with the other values at time 0."""
-        nothing = zero(self.model.system, x)
+        nothing = driven.zero(self.model.system, x)
         empty = algebra.vec(nothing) + np.zeros(windows.SIZE)
         return (*x, *(empty if name == windows.WINDOW else nothing for name in self.extra))
 
@@ -298,7 +279,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
         REACH,
         1.0,
     )
-    coupling = coupling_of(model, body.where, body.driven, {"_node": np.zeros(()), "_dt": np.array(dt / TICKS)})
+    coupling = driven.coupling_of(model, body.where, body.driven, {"_node": np.zeros(()), "_dt": np.array(dt / TICKS)})
     return scheme_of(
         "splitting",
         model,
@@ -306,7 +287,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
         if coupling is None
         else CoupledSteps(body.drift, body.kick, coupling.forces, body.close),
         _observer(body, order),
-        components=(*with_orientation(model, oriented), *body.extra.items()),
+        components=(*observing.with_orientation(model, oriented), *body.extra.items()),
         constants={**of_bodies(model), **constants},
         axes={**model.axes, **dict.fromkeys((*stages, *constants), 0)},
         stages=stages,
@@ -353,10 +334,10 @@ def _observer(body: Splitting, order: Any) -> Observed:
         bound += ", O(dt) where it jumps"
     oscillates = f"not conserved: it oscillates by {bound}, without a trend"
     energy = f"Hamiltonian H of the perturbed body, {'which changes by work' if body.driven else oscillates}"
-    plain, outcomes = observer(model, body.oriented, conserved=names, meanings={"energy": energy})
+    plain, outcomes = observing.observer(model, body.oriented, conserved=names, meanings={"energy": energy})
     if body.driven:
-        outcomes |= outcomes_of_work(oscillates)
-    outcomes |= outcomes_of_totals(model, oscillates)
+        outcomes |= driven.outcomes_of_work(oscillates)
+    outcomes |= driven.outcomes_of_totals(model, oscillates)
     if record.control is not None:
         meanings = control.meanings(record.control)
         outcomes |= {name: replace(outcomes[name], meaning=meaning) for name, meaning in meanings.items()}
@@ -369,7 +350,7 @@ def _observer(body: Splitting, order: Any) -> Observed:
         if record.names(ORIENTATION):
             where[ORIENTATION] = body.turn(g)
         out = plain((*state, *g), only, **constants, **where)
-        return with_work(out, more[WORK]) if body.driven else out
+        return driven.with_work(out, more[WORK]) if body.driven else out
 
     return observe, outcomes
 
@@ -575,7 +556,7 @@ def _composed(base: System, phi: Map, order: int) -> Integrable:
             more = {**constants, "eps": float(fraction) * h}
             old = state if phi.symmetric else call(phi.from_symmetric, state, more)
             new = call(phi.step, old, more)
-            g = tuple(turned_by_map(phi, base.frame, old, new, more, h) for h in g)
+            g = tuple(observing.turned_by_map(phi, base.frame, old, new, more, h) for h in g)
             state = new if phi.symmetric else call(phi.to_symmetric, new, more)
         return tuple(state), g
 

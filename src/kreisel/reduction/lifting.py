@@ -92,24 +92,16 @@ class _Batched:
         lanes = [_as_lanes(a, n, batch) for a, n in zip(args, self.axes, strict=True)]
         spread = frozenset(k for k, v in constants.items() if v.ndim > axes[k])
         constants = {k: _as_lanes(v, axes[k], batch) if k in spread else v for k, v in constants.items()}
-        out = self._in_pieces(lanes, constants, spread, int(np.prod(batch)))
-        count = int(np.prod(batch))
+        count, out = int(np.prod(batch)), []
+        size = 1 if count == 1 else LONGEST
+        for start in range(0, count, size):
+            places = np.minimum(np.arange(start, start + size), count - 1)
+            piece = {k: v[places] if k in spread else v for k, v in constants.items()}
+            out.append(jax.tree.map(np.asarray, self.compiled(spread)([a[places] for a in lanes], piece)))
         whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:count].reshape(batch + parts[0].shape[1:]), *out)
         if not all(np.isfinite(v).all() for v in jax.tree.leaves(whole)) and all(np.isfinite(a).all() for a in args):
             raise RunError(self.trouble)
         return jax.tree.map(lambda v: v[()] if v.ndim == 0 else v, whole)
-
-    def _in_pieces(
-        self, lanes: list[Array], constants: dict[str, Any], spread: frozenset[str], count: int
-    ) -> list[Any]:
-        size = 1 if count == 1 else LONGEST
-        out = []
-        for start in range(0, count, size):
-            places = np.minimum(np.arange(start, start + size), count - 1)
-            piece = {k: v[places] if k in spread else v for k, v in constants.items()}
-            result = self.compiled(spread)([a[places] for a in lanes], piece)
-            out.append(jax.tree.map(np.asarray, result))
-        return out
 
 
 def _as_lanes(a: Array, axes: Any, batch: tuple[int, ...]) -> Array:
@@ -125,19 +117,16 @@ def _on_duals(run: _Batched, args: Sequence[Any], constants: Mapping[str, Any]) 
         raise InputError(
             "Functions of kreisel.reduction accept floats, got rationals. Use numbers=('float',) in the laws."
         )
-    values = [np.vectorize(_plain_number, otypes=[float])(a) for a in args]
+    values = [np.vectorize(lambda v: getattr(v, "value", v), otypes=[float])(a) for a in args]
     if some is None:
         return run(values, constants)
     slopes = np.array([getattr(v, "slope", 0 * some.slope) for v in flat], dtype=np.float64)
     constants = {k: np.asarray(v, dtype=np.float64) for k, v in constants.items()}
     out, rates = run.pushed(values, constants, slopes.T)
-    return jax.tree.map(lambda v, r: _dual_array(type(some), np.asarray(v), np.asarray(r)), out, rates)
 
+    def duals(value: Any, rate: Any) -> Any:
+        value, rate = np.asarray(value), np.asarray(rate).astype(object)
+        pairs = (type(some)(float(value[place]), rate[place]) for place in np.ndindex(value.shape))
+        return objects(pairs, value.shape)[()]
 
-def _plain_number(number: Any) -> float:
-    return float(getattr(number, "value", number))
-
-
-def _dual_array(kind: Any, value: Array, rates: Array) -> Any:
-    duals = (kind(float(value[place]), rates[place].astype(object)) for place in np.ndindex(value.shape))
-    return objects(duals, value.shape)[()]
+    return jax.tree.map(duals, out, rates)

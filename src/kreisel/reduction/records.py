@@ -148,7 +148,11 @@ def system(
             f"representation: expected one of the group {group.name}, got one of {rep.group.name}, whose basis or "
             f"retraction is another. Make both from the same group: red.standard(G), red.trivial(G), group=G."
         )
-    record = _Record(rep, _frame(frame), lagrangian, discrete, {p.letter: p for p in parameters})
+    try:
+        side = Frame(frame)
+    except ValueError:
+        raise InputError(f"frame must be 'moving' (M, P) or 'rest' (m, a), got {shown(frame)}.") from None
+    record = _Record(rep, side, lagrangian, discrete, {p.letter: p for p in parameters})
     result = record.system(name, title or name, source, dict(integrals or {}), tuple(conserved), order)
     return result.remade_by(_again, stated)
 
@@ -156,13 +160,6 @@ def system(
 def _again(stated: Mapping[str, Any]) -> System:
     plain = {key: value.function if isinstance(value, Portable) else value for key, value in stated.items()}
     return system(**{**plain, "integrals": {key: f.function for key, f in stated["integrals"].items()}})
-
-
-def _frame(frame: str | Frame) -> Frame:
-    try:
-        return Frame(frame)
-    except ValueError:
-        raise InputError(f"frame must be 'moving' (M, P) or 'rest' (m, a), got {shown(frame)}.") from None
 
 
 def lagrangian_constants(function: Callable[..., Any] | None) -> dict[str, Any]:
@@ -189,7 +186,9 @@ class _Record:
         self.rotations = rep.group.skew and rep.name == "standard"  # e(n): the orientation can also be integrated
         self.spaces = (self.group.dual, rep.space)[: 2 if rep.dim else 1]
         defaults = {**lagrangian_constants(lagrangian), **lagrangian_constants(discrete)}
-        self.parameters = tuple(stated.get(k, _lagrangian_parameter(k, v)) for k, v in defaults.items())
+        meaning, absent = "a constant of the Lagrangian", inspect.Parameter.empty
+        arrays = {k: None if v is absent else np.asarray(v) for k, v in defaults.items()}
+        self.parameters = tuple(stated.get(k, Parameter(k, "array", meaning, default=v)) for k, v in arrays.items())
         for letter in stated:
             if letter not in defaults:
                 raise InputError(
@@ -276,28 +275,22 @@ class _Record:
             parts = [s.coordinates(z) for s, z in zip(self.spaces, state, strict=True)]
             return sign * rep.tensor(parts[0], parts[1] if rep.dim else parts[0][..., :0])
 
+        Q: Any = [] if self.rotations else quadratic_casimirs(rep)  # found numerically
+
+        def casimirs(*state: Array) -> Array:
+            library = np if isinstance(state[0], np.ndarray) else jnp
+            z = library.concatenate([s.coordinates(x) for s, x in zip(self.spaces, state, strict=True)], -1)
+            return library.stack([((z @ form) * z).sum(-1) for form in Q], -1)
+
         dual = f"{self.group.name.lower()}*" if not rep.dim else f"({self.group.name.lower()} <x V)*, dim V = {rep.dim}"
         return PhaseSpace(
             name=f"e*({self.group.n})" if self.rotations else dual,
             components=tuple((k, s.kind) for k, s in zip(letters, self.spaces, strict=False)),
             tensor=tensor,
-            casimirs=invariants.casimirs if self.rotations else self._casimirs(),
+            casimirs=invariants.casimirs if self.rotations else casimirs if len(Q) else None,
             sign=sign,
             carried=tuple(range(1, len(self.spaces))),
         )
-
-    def _casimirs(self) -> Function | None:
-        """The quadratic Casimirs, found numerically."""
-        Q = quadratic_casimirs(self.rep)
-        if not len(Q):
-            return None
-
-        def casimirs(*state: Array) -> Array:
-            library = np if isinstance(state[0], np.ndarray) else jax.numpy
-            z = library.concatenate([s.coordinates(x) for s, x in zip(self.spaces, state, strict=True)], -1)
-            return library.stack([((z @ form) * z).sum(-1) for form in Q], -1)
-
-        return casimirs
 
     def map(self, source: str, conserved: tuple[str, ...], order: int | None) -> Map:
         both, carried = [*self.axes, *self.axes], [algebra.KINDS[self.rep.space.kind].axes]
@@ -367,8 +360,3 @@ class _Record:
         if unknown:
             raise InputError(f"An integral names {shown(unknown[0])}, which is not a parameter of any Lagrangian.")
         return lambda *state, **constants: function(*state, **{k: constants[k] for k in mine})
-
-
-def _lagrangian_parameter(letter: str, default: Any) -> Parameter:
-    absent = default is inspect.Parameter.empty
-    return Parameter(letter, "array", "a constant of the Lagrangian", default=None if absent else np.asarray(default))
