@@ -138,28 +138,27 @@ def float_random(rng: np.random.Generator) -> Random:
 
 def random_model(system: System, n: int, draw: Random) -> Model:
     """A system with random parameters inside their valid ranges."""
-    return system(**{p.letter: _random_parameter(p, n, draw) for p in system.parameters})
 
-
-def _random_parameter(p: Parameter, n: int, draw: Random) -> Array:
-    if p.kind == "array":
-        if p.default is None:
-            raise InputError(f"The laws need a value of {p.letter}: give a default, or check(model) with parameters.")
-        return p.default
-    if p.kind == "dimension":
-        return n
-    if p.kind == "scalar" and p.positive:
-        return abs(draw((1,)))[0] + 1
-    if p.kind == "scalar":
-        value = draw((1,))
-        return value[0] if algebra.holds_objects(value) else abs(value)[0]  # floats keep clear of poles
-    if p.kind == "vector":
-        value = draw((n,))
+    def value(p: Parameter) -> Array:
+        if p.kind == "array":
+            if p.default is None:
+                cause = f"The laws need a value of {p.letter}"
+                raise InputError(f"{cause}: give a default, or check(model) with parameters.")
+            return p.default
+        if p.kind == "dimension":
+            return n
+        if p.kind == "symmetric":
+            square = draw((n, n))
+            return (square @ square.T) / n + algebra.identity(n)
+        x = draw((n,) if p.kind == "vector" else (1,))
+        if p.kind == "scalar":
+            keeps_its_sign = algebra.holds_objects(x) and not p.positive  # floats keep clear of poles
+            return x[0] if keeps_its_sign else abs(x)[0] + int(p.positive)
         if p.positive:
-            return abs(value) / 8 + (1 + np.cumsum(0 * value + 1)) / 2
-        return value / 4 + 2 * np.cumsum(0 * value + 1) if p.distinct else value
-    square = draw((n, n))
-    return (square @ square.T) / n + algebra.identity(n)
+            return abs(x) / 8 + (1 + np.cumsum(0 * x + 1)) / 2
+        return x / 4 + 2 * np.cumsum(0 * x + 1) if p.distinct else x
+
+    return system(**{p.letter: value(p) for p in system.parameters})
 
 
 def random_rotation(n: int, draw: Random) -> Array:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -25,7 +25,7 @@ from kreisel.lab import dynamics
 from kreisel.lab.exact import fraction, fractions
 from kreisel.lab.questions import QUESTIONS, Clues, filled
 from kreisel.lab.subject import Subject, coordinate_names, subject
-from kreisel.method.kahan import advance, eliminate
+from kreisel.method.kahan import eliminate
 from kreisel.record.contract import FIELD_SPACE, MOVING_SPACE, TWO_FIELDS_SPACE, Map, PhaseSpace, System
 from kreisel.record.model import Model
 from kreisel.sweeps.workers import check_workers, pool
@@ -315,16 +315,14 @@ def kahan(flow: Any, names: Sequence[str], eps: Any = Fraction(1, 3), adjustment
 def kahan_map(model: Model, eps: Any = Fraction(1, 3)) -> Subject:
     """Kahan's map of a model whose flow is quadratic in the state."""
     model = Model(model.system, {k: fractions(v) for k, v in model.params.items()})  # derived parameters are exact too
-    space, n = model.system.space, model.n
-    letters = {f"parameter_{k}": fractions(v) for k, v in model.constants.items()}
+    kinds, n = model.system.space.kinds, model.n
 
-    def step(coordinates: Array, /, *, eps: Any, **constants: Any) -> Array:
-        consts = {k.removeprefix("parameter_"): v for k, v in constants.items()}
-        new, _ = advance(model, algebra.restore(coordinates, space.kinds, n), eps, consts)
-        return algebra.flatten(new, space.kinds)
+    def flow(x: Array) -> Array:
+        return algebra.flatten(model.flow(*algebra.restore(x, kinds, n)), kinds)
 
-    names = coordinate_names(space.components, n)
-    return Subject(f"Kahan's map of {model.system.name}", step, names, {**letters, "eps": fraction(eps)})
+    return replace(
+        kahan(flow, coordinate_names(model.system.space.components, n), eps), name=f"Kahan's map of {model.system.name}"
+    )
 
 
 def kahan_gyrostat(h: Sequence[Any] = (0, 0, 0), J: Sequence[Any] = (1, 2, 4), eps: Any = Fraction(1, 3)) -> Subject:

@@ -288,11 +288,10 @@ def in_coordinates(step: Function, names: Sequence[str], eps: Any, options: Mapp
     shapes = {**dict.fromkeys(("flow", "involution", "start"), (len(names),)), "tensor": (len(names),) * 2}
 
     def of_x(name: str, function: Function) -> Function:
-        state = ["draw" if name == "start" else "x", *(["lam"] if name in OF_LAMBDA else [])]
-        takes = _taken(name, function, state, constants)
+        wrapped = _wrapped(name, function, ["draw" if name == "start" else "x"], constants)
 
         def of_coordinates(x: Any, *lam: Any, **values: Any) -> Any:
-            value = _called(name, function, (x, *lam), {k: values.get(k, constants[k]) for k in takes})
+            value = wrapped(x, *lam, **values)
             if name not in shapes:
                 return value
             array = np.asarray(value, dtype=getattr(x, "dtype", object))
@@ -319,14 +318,12 @@ def on_group(step: Function, n: int, frame: str, eps: Any, options: Mapping[str,
     named = {k: np.asarray(v, dtype=object) for k, v in constants.items()}
 
     def of_state(name: str, function: Function) -> Any:
-        more = name in OF_LAMBDA
-        takes = _taken(name, function, ["M", "P", *(["lam"] if more else [])], {**named, "eps": None})
+        wrapped = _wrapped(name, function, ["M", "P"], {**named, "eps": None})
 
         def on_state(*state: Array, eps: Any, lam: Any = None) -> Any:
-            values = {k: eps if k == "eps" else named[k] for k in takes}
-            new = _called(name, function, (*state, lam) if more else state, values)
-            if more:
-                return new
+            if name in OF_LAMBDA:
+                return wrapped(*state, lam, eps=eps)
+            new = wrapped(*state, eps=eps)
             if not isinstance(new, tuple | list) or [np.shape(v) for v in new] != [np.shape(v) for v in state]:
                 sizes = ", ".join(map(str, map(np.shape, state)))
                 raise InputError(f"{name}: expected M and P, of the shapes {sizes}, got {shown(new)}.")
@@ -358,8 +355,12 @@ def _parameters(function: Function) -> Mapping[str, inspect.Parameter]:
         return {}
 
 
-def _taken(name: str, function: Function, state: Sequence[str], constants: Mapping[str, Any]) -> list[str]:
-    """The constants that a function needs after the state.  Raises `InputError` for one that needs no state."""
+def _wrapped(name: str, function: Function, state: Sequence[str], constants: Mapping[str, Any]) -> Function:
+    """The function of the state, and lam, with the constants that it needs by keyword, or other values of them.
+
+    Raises `InputError` for a function that needs no state, and for what a user's code raises.
+    """
+    state = [*state, *(["lam"] if name in OF_LAMBDA else [])]
     parameters = [*_parameters(function).values()]
     places = [p for p in parameters if p.kind in POSITIONAL]
     many = any(p.kind is p.VAR_POSITIONAL for p in parameters)
@@ -376,17 +377,18 @@ def _taken(name: str, function: Function, state: Sequence[str], constants: Mappi
             f"The state is {', '.join(state)}."
         )
     every = any(p.kind is p.VAR_KEYWORD for p in parameters)
-    return [*constants] if every else [p.name for p in after if p.name in constants]
-
-
-def _called(name: str, function: Function, state: tuple[Any, ...], values: Mapping[str, Any]) -> Any:
+    takes = [*constants] if every else [p.name for p in after if p.name in constants]
     expected: tuple[type[Exception], ...] = (InputError, RunError, *EXPECTED.get(name, (Pole,)))
-    try:
-        return function(*state, **values)
-    except expected:
-        raise
-    except Exception as error:  # whatever a user's code raises
-        raise InputError(
-            f"{name} failed: {type(error).__name__}: {error}. It gets the state as the step does, of any kind of "
-            "kind: + - * / and integer powers."
-        ) from error
+
+    def wrapped(*arguments: Any, **values: Any) -> Any:
+        try:
+            return function(*arguments, **{k: values.get(k, constants[k]) for k in takes})
+        except expected:
+            raise
+        except Exception as error:  # whatever a user's code raises
+            raise InputError(
+                f"{name} failed: {type(error).__name__}: {error}. It gets the state as the step does, of any kind of "
+                "number: + - * / and integer powers."
+            ) from error
+
+    return wrapped

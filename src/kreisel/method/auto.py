@@ -296,13 +296,7 @@ def separates(one: Steps, other: Steps, choice: Choice, rate: float, spacing: fl
 
 
 def witnessed(
-    steps: Steps,
-    choice: Choice,
-    rate: float,
-    spacing: float,
-    time: float,
-    tol: Any,
-    chaotic: bool = False,
+    steps: Steps, choice: Choice, rate: float, spacing: float, time: float, tol: Any, chaotic: bool = False
 ) -> Choice:
     """The choice, with shorter steps if it is off by more than `tol` in a run of some pilots against half the step.
 

@@ -181,9 +181,7 @@ COMPOSED = {4: ("suzuki1990", "hairer2006"), 6: ("kahan1997", "hairer2006"), 8: 
 COMPOSITIONS: dict[str, Any] = {"orders": (2, *COMPOSED), "default": 2, "composed": COMPOSED}
 SPINS = "(so(3)*)^n"
 POINTS = Suits(
-    either=("pairs", "exact_map"),
-    test="kreisel.method.conjugate:has_points",
-    maker="kreisel.method.conjugate:products",
+    either=("pairs", "exact_map"), test="kreisel.method.conjugate:has_points", maker="kreisel.method.conjugate:products"
 )
 
 _RECORDS = (
@@ -219,10 +217,7 @@ _RECORDS = (
         name="baecklund",
         title="products of commuting Bäcklund transformations",
         needs="a system whose Bäcklund transformations are known",
-        cases=(
-            Suits(states=("baecklund",)),
-            POINTS,
-        ),
+        cases=(Suits(states=("baecklund",)), POINTS),
         default_for=(Suits(states=("baecklund",)),),
         orders=tuple(range(2, 26, 2)),
         default=2,

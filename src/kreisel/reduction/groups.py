@@ -391,12 +391,7 @@ def trivial(group: Group) -> Representation:
     return Representation("trivial", group, numbers(0, group.n), lambda g, v: v, np.zeros((group.dim, 0, 0)))
 
 
-def representation(
-    group: Group,
-    Phi: Callable[[Array, Array], Array],
-    dim: int,
-    name: str = "Phi",
-) -> Representation:
+def representation(group: Group, Phi: Callable[[Array, Array], Array], dim: int, name: str = "Phi") -> Representation:
     """A user-defined representation: Phi(g, v) for g (N, N) and v (dim,), in JAX.
 
     Raises `InputError` unless Phi is linear in v and Phi(g h) = Phi(g) Phi(h) at random elements.

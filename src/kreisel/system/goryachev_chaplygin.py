@@ -47,10 +47,7 @@ SYSTEM = System(
     equations="M' = M x Omega + P x e_1,  P' = P x Omega,  Omega = (M_1, M_2, 4 M_3 + gamma)",
     source="Goryachev 1900, Chaplygin 1901; Suris 2001, Introduction",
     space=replace(
-        MOVING_SPACE,
-        name="e*(3), <M, P> = 0",
-        constraints={"<M, P>": lambda M, P: dot(axial(M), P)},
-        draw=on_leaf,
+        MOVING_SPACE, name="e*(3), <M, P> = 0", constraints={"<M, P>": lambda M, P: dot(axial(M), P)}, draw=on_leaf
     ),
     parameters=(Parameter("gamma", "scalar", "the momentum of a rotor along the third axis", None, 0.0),),
     **named(flow, energy, velocity),

@@ -188,11 +188,7 @@ SYSTEM = System(
     **named(flow, energy),
     integrals={"transfer": transfer, "magnetization": magnetization},
     commuting=("transfer", "magnetization"),
-    map=Map(
-        **named(step, inverse, largest_step),
-        rational=False,
-        source="Krajnik, Ilievski, Prosen, Pasquier 2021",
-    ),
+    map=Map(**named(step, inverse, largest_step), rational=False, source="Krajnik, Ilievski, Prosen, Pasquier 2021"),
     scaling="The length of a spin is 1; H and time are in units of the coupling.",
     numbers="real",
     notes="`transfer` has half the trace of the monodromy at up to 8 values of the spectral parameter, of 2n - 1 that "

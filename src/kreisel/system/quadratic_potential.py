@@ -124,11 +124,7 @@ SYSTEM = replace(
     closed_form=ClosedForm(),
     pairs=of_body(QUADRATIC),
     map=implicit_map(
-        turn,
-        move,
-        **named(involution, lagrangian, conjugator, largest_step),
-        lax=lax_matrix,
-        source="Suris 2000",
+        turn, move, **named(involution, lagrangian, conjugator, largest_step), lax=lax_matrix, source="Suris 2000"
     ),
     relations=(),
 )

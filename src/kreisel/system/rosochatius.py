@@ -94,12 +94,7 @@ SYSTEM = System(
     space=replace(SPHERE_SPACE, draw=lambda n, draw: random_on_sphere(n, draw, least=1)),
     parameters=(
         Parameter(
-            "b",
-            "vector",
-            "diagonal of B, distinct entries: H has -<x, Bx>/2",
-            distinct,
-            distinct=True,
-            diagonal=True,
+            "b", "vector", "diagonal of B, distinct entries: H has -<x, Bx>/2", distinct, distinct=True, diagonal=True
         ),
         Parameter("mu", "vector", "strengths of the walls x_i = 0: H has mu_i^2/(2 x_i^2)", nonzero),
     ),

@@ -49,25 +49,25 @@ LAWS = {
         ("kirchhoff-equations", "Section 7, (Kirch) and its Hamilton function"): (
             "M' = [M, Omega] + P ^ BP, P' = -Omega P, Omega_jk = c_jk M_jk is z' = {H, z}",
             "hamiltonian-flow",
-        ),
+        )
     },
     "clebsch-general": {
         ("clebsch-lax", "Section 7, Lax representation of Clebsch's case"): (
             "L' = [L, U], L = lambda A + M + P P^T/lambda, U = lambda B + Omega; the spectrum is in involution",
             "lax-equation involution",
-        ),
+        )
     },
     "clebsch-body": {
         ("clebsch-quadratic", "Section 7, the flow of the earlier paper"): (
             "c_jk = 1/(J_j + J_k), b = J is Clebsch's case with a = J^2; the flow is that of a body, J(Omega) = J Omega + Omega J, in a quadratic potential, with P P^T for its P",
             "relations",
-        ),
+        )
     },
     "neumann": {
         ("neumann-map", "Section 7, end, Adler's discretization"): (
             "the map on the leaf in (x, q), in second-order form, and as a Poisson map of T*S^(n-1) with a Lax pair",
             "relations second-order-form poisson integrals-of-the-map discrete-lax-equation involution",
-        ),
+        )
     },
 }
 stated_laws(LAWS)

@@ -37,7 +37,7 @@ LAWS = {
         ("heavy-top-hamiltonian", "Section 4, Hamilton function and brackets"): (
             "(mLT left) is z' = {H, z} with H = <M, Omega>/2 + <P, A>; the bracket satisfies Jacobi's identity",
             "hamiltonian-flow jacobi-identity casimirs",
-        ),
+        )
     },
     "lagrange-top": {
         ("introduction-any-top", "Section 1, first display"): (
