@@ -146,23 +146,18 @@ def _fractions(order: Any) -> tuple[list[Any], list[Any]]:
         a, b = ([mpmath.mpf(text) for text in half] for half in PUBLISHED[order])
         odd = len(a) > len(b)  # the middle one is an a
         return a + (a[-2::-1] if odd else a[::-1]), b + (b[::-1] if odd else b[-2::-1])
-    if isinstance(order, tuple):
-        return _gauss(1 if order in CORRECTED else order[0] // 2)
+    if isinstance(order, tuple):  # kicks at the nodes of Gauss and Legendre, with their weights
+        count = 1 if order in CORRECTED else order[0] // 2
+        legendre = mpmath.taylor(lambda x: mpmath.legendre(count, x), 0, count)[::-1]
+        nodes = sorted(mpmath.polyroots(legendre), key=mpmath.re)
+        weights = [2 / ((1 - x * x) * mpmath.diff(lambda t: mpmath.legendre(count, t), x) ** 2) for x in nodes]
+        times = [mpmath.mpf(0), *((1 + x) / 2 for x in nodes), mpmath.mpf(1)]
+        return [y - x for x, y in pairwise(times)], [w / 2 for w in weights]
     half = [mpmath.mpf(gamma) for gamma in FIRST_HALVES[order]]
     half[-1] = 1 - 2 * sum(half[:-1])
     b = half + half[-2::-1]
     ends = [0, *b, 0]
     return [(x + y) / 2 for x, y in pairwise(ends)], b
-
-
-def _gauss(count: int) -> tuple[list[Any], list[Any]]:
-    """Kicks at the nodes of Gauss and Legendre, with their weights."""
-    import mpmath
-
-    nodes = sorted(mpmath.polyroots(mpmath.taylor(lambda x: mpmath.legendre(count, x), 0, count)[::-1]), key=mpmath.re)
-    weights = [2 / ((1 - x * x) * mpmath.diff(lambda t: mpmath.legendre(count, t), x) ** 2) for x in nodes]
-    times = [mpmath.mpf(0), *((1 + x) / 2 for x in nodes), mpmath.mpf(1)]
-    return [y - x for x, y in pairwise(times)], [w / 2 for w in weights]
 
 
 def conditions(orders: tuple[int, ...]) -> Iterator[tuple[int, tuple[int, ...]]]:

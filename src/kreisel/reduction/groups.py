@@ -82,10 +82,28 @@ class Group:
     skew: bool = False
 
     def __post_init__(self) -> None:
-        basis = _basis(self.basis, self.name)
-        object.__setattr__(self, "basis", basis)
-        object.__setattr__(self, "n", self.n or basis.shape[-1])
-        _check_closed(self)
+        try:
+            E = np.asarray(self.basis)
+            E = E.astype(np.complex128 if np.iscomplexobj(E) else np.float64)
+        except (TypeError, ValueError, OverflowError):
+            E = np.empty(0)
+        if E.ndim != 3 or E.shape[-1] != E.shape[-2] or not E.size or not np.isfinite(E).all():
+            shape = np.shape(self.basis)
+            raise InputError(f"The basis of {self.name} must be finite matrices (d, N, N), got shape {shape}.")
+        if np.linalg.matrix_rank(_real(E)) < len(E):
+            raise InputError(
+                f"The basis of {self.name} must be linearly independent over the reals; its rank is less than d."
+            )
+        object.__setattr__(self, "basis", E)
+        object.__setattr__(self, "n", self.n or E.shape[-1])
+        brackets = E[:, None] @ E[None, :] - E[None, :] @ E[:, None]
+        off = abs(_real(brackets) - self.structure @ _real(E))
+        if off.max() > CLOSED * max(abs(brackets).max(), 1):
+            i, j = np.unravel_index(off.max(-1).argmax(), off.shape[:2])
+            raise InputError(
+                f"The basis of {self.name} does not close under the bracket: [E_{i}, E_{j}] lies outside its span by "
+                f"{off.max():.3g}. Usual cause: a basis element is missing or has a wrong sign."
+            )
         if self.retraction not in ("", *RETRACTIONS):
             raise InputError(f"retraction must be one of {', '.join(RETRACTIONS)}, got {shown(self.retraction)}.")
         stays = self.retraction != "exponential" and _cayley_stays(self)
@@ -194,35 +212,10 @@ class Group:
         return self.Ad(g).T @ M
 
 
-def _basis(basis: Any, name: str) -> np.ndarray:
-    try:
-        E = np.asarray(basis)
-        E = E.astype(np.complex128 if np.iscomplexobj(E) else np.float64)
-    except (TypeError, ValueError, OverflowError):
-        E = np.empty(0)
-    if E.ndim != 3 or E.shape[-1] != E.shape[-2] or not E.size or not np.isfinite(E).all():
-        raise InputError(f"The basis of {name} must be finite matrices (d, N, N), got shape {np.shape(basis)}.")
-    if np.linalg.matrix_rank(_real(E)) < len(E):
-        raise InputError(f"The basis of {name} must be linearly independent over the reals; its rank is less than d.")
-    return E
-
-
 def _real(E: np.ndarray) -> np.ndarray:
     """Matrices (..., N, N) as rows of real entries."""
     flat = E.reshape((*E.shape[:-2], -1))
     return np.concatenate([flat.real, flat.imag], -1) if np.iscomplexobj(E) else flat
-
-
-def _check_closed(group: Group) -> None:
-    E = group.basis
-    brackets = E[:, None] @ E[None, :] - E[None, :] @ E[:, None]
-    off = abs(_real(brackets) - group.structure @ _real(E))
-    if off.max() > CLOSED * max(abs(brackets).max(), 1):
-        i, j = np.unravel_index(off.max(-1).argmax(), off.shape[:2])
-        raise InputError(
-            f"The basis of {group.name} does not close under the bracket: [E_{i}, E_{j}] lies outside its span by "
-            f"{off.max():.3g}. Usual cause: a basis element is missing or has a wrong sign."
-        )
 
 
 def _cayley_stays(group: Group) -> bool:
@@ -335,20 +328,14 @@ class Representation:
 
     def tensor(self, M: Array, P: Array) -> Array:
         """The plus Lie-Poisson tensor at coordinates M (..., d), P (..., q), for any kind of number."""
-        T = self._linear()
-        z = np.concatenate([M, P], -1) if isinstance(M, np.ndarray) else jnp.concatenate([M, P], -1)
-        size = len(T)
-        return (z @ T.reshape(size, size * size)).reshape((*z.shape[:-1], size, size))
-
-    def _linear(self) -> np.ndarray:
-        """T[k, a, b] with {z_a, z_b} = sum_k z_k T[k, a, b], z = (M, P)."""
-        d, q = self.group.dim, self.dim
-        T = np.zeros((d + q, d + q, d + q))
+        d, size = self.group.dim, self.group.dim + self.dim
+        T = np.zeros((size, size, size))  # {z_a, z_b} = sum_k z_k T[k, a, b], z = (M, P)
         T[:d, :d, :d] = self.group.structure.transpose(2, 0, 1)
         mixed = -self.phi.transpose(2, 0, 1)  # [b, i, a]: {M_i, P_a} = -sum_b phi_i[a, b] P_b
         T[d:, :d, d:] = mixed
         T[d:, d:, :d] = -mixed.transpose(0, 2, 1)
-        return T
+        z = np.concatenate([M, P], -1) if isinstance(M, np.ndarray) else jnp.concatenate([M, P], -1)
+        return (z @ T.reshape(size, size * size)).reshape((*z.shape[:-1], size, size))
 
     def isotropy(self, p: Array) -> np.ndarray:
         """A basis (k, d), in coordinates, of the isotropy algebra {xi: phi(xi) p = 0}."""

@@ -67,10 +67,6 @@ def conjugator(M, P, *, b, lam, eps):  # V^-1 = cay(-eps/(2 lambda) Q),   Q = P 
     return moebius(-eps / (2 * lam) * Q)
 
 
-def inverse_inertia(M):  # Omega = M
-    return M
-
-
 def generator(M, P, M1, P1, *, eps):  # g_(k+1) = g_k cay(eps/2 M_(k+1))
     return eps / 2 * M1
 
@@ -108,7 +104,8 @@ SYSTEM = System(
             diagonal=True,
         ),
     ),
-    **named(flow, energy, translation, inverse_inertia, lax),
+    **named(flow, energy, translation, lax),
+    inverse_inertia=lambda M: M,
     scaling="The one moment of inertia is 1.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),

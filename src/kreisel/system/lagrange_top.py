@@ -58,10 +58,6 @@ def conjugator(m, a, *, p, lam, eps):  # v_k, from the old a_k
     return moebius(eps / 2 * border(0 * m, lam * a))
 
 
-def inverse_inertia(m):  # dH/dm
-    return m
-
-
 def generator(m, a, m1, a1, *, alpha, eps):  # w_k = cay(X), from (dLT m expr)
     return eps / 2 * m1 / mat(alpha) + mat((1 - alpha) / alpha / (dot(a, a) + dot(a, a1))) * wedge(a, a1)
 
@@ -101,7 +97,8 @@ SYSTEM = System(
             1.0,
         ),
     ),
-    **named(flow, energy, inverse_inertia, lax),
+    **named(flow, energy, lax),
+    inverse_inertia=lambda m: m,
     spin=spin,
     scaling="The transverse moment of inertia is 1: with body values I1, M g l use the time unit sqrt(I1/(M g l)), "
     "momenta in sqrt(I1 M g l), |a| = |p| = 1.",

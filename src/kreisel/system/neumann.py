@@ -79,20 +79,12 @@ of_clebsch = pullback(clebsch.SYSTEM, to_clebsch)
 lax = of_clebsch(clebsch.lax)
 
 
-def inverse_inertia(M):
-    return M
-
-
 def generator(x, q, x1, q1):  # (eps/2) M_(k+1) = x_k ^ x_(k+1) / (1 + <x_k, x_(k+1)>)
     return wedge(x, x1) / mat(1 + dot(x, x1))
 
 
 def lagrangian(x, x1, p, *, b, eps):
     return 2 / eps * (log(clebsch.denominator(x, b=b, eps=eps)) - log(1 + dot(x, x1)))
-
-
-def largest_step(x, q, *, b):
-    return clebsch.largest_step(q, x, b=b)
 
 
 SYSTEM = System(
@@ -102,13 +94,15 @@ SYSTEM = System(
     source="Suris 2001, section 7, end",
     space=SPHERE_SPACE,
     parameters=(Parameter("b", "vector", "diagonal of B: the potential energy is -<x, Bx>/2", diagonal=True),),
-    **named(flow, energy, inverse_inertia),
+    **named(flow, energy),
+    inverse_inertia=lambda M: M,
     scaling="The mass and the radius of the sphere are 1.",
     integrals={"spectrum": spectrum},
     commuting=("spectrum",),
     lax=lax,
     map=Map(
-        **named(step, inverse, involution, generator, lagrangian, largest_step, second_order),
+        **named(step, inverse, involution, generator, lagrangian, second_order),
+        largest_step=lambda x, q, *, b: clebsch.largest_step(q, x, b=b),
         conjugator=of_clebsch(clebsch.conjugator),
         to_symmetric=half_kick,
         lax=of_clebsch(clebsch.lax_matrix),

@@ -99,7 +99,7 @@ SYSTEM = System(
         Parameter("mu", "vector", "strengths of the walls x_i = 0: H has mu_i^2/(2 x_i^2)", nonzero),
     ),
     **named(flow, energy, lax),
-    inverse_inertia=neumann.inverse_inertia,
+    inverse_inertia=lambda M: M,
     scaling="The mass and the radius of the sphere are 1.",
     checks=Checks(state={"x": off_the_walls}),
     integrals={"squares": squares},

@@ -43,10 +43,6 @@ def noether(M, P, *, A):
     return project_out(M, A)
 
 
-def inverse_inertia(M):  # Omega = M
-    return M
-
-
 def generator(M, P, M1, P1, *, eps):  # g_(k+1) = g_k cay(eps/2 M_(k+1))
     return eps / 2 * M1
 
@@ -85,7 +81,8 @@ SYSTEM = System(
             "A", "vector", "from the fixed point to the centre of mass, in the body", nonzero_vector, fixed="body"
         ),
     ),
-    **named(flow, inverse_inertia),
+    flow=flow,
+    inverse_inertia=lambda M: M,
     energy=of_rest_frame(lagrange_top.energy),
     lax=of_rest_frame(lagrange_top.lax),
     scaling="The one moment of inertia is 1; |A| |P| is M g l in that unit.",
