@@ -83,14 +83,11 @@ def certify(
     Ends where an enclosure is larger than `tolerance` or meets a pole.  Raises `InputError` without python-flint, for
     implicit maps and for a start that does not fit.
     """
-    if subject.implicit:
-        raise InputError(f"{subject.implicit}: a certified step must be a rational function. Choose an explicit map.")
+    subject.require_rational(x)
     if steps < 1 or precision < 24 or not tolerance > 0:
         values = f"{steps}, {precision} and {tolerance}"
         raise InputError(f"steps >= 1, precision >= 24 and tolerance > 0 were expected, got {values}.")
     flint = require_flint()
-    if np.shape(x) != (subject.dim,):
-        raise InputError(f"A start has {subject.dim} values, {', '.join(subject.names)}, got shape {np.shape(x)}.")
     with flint.ctx.workprec(precision):
         constants = {k: _balls(v) for k, v in subject.constants.items()}
 

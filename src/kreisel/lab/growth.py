@@ -164,8 +164,7 @@ def _degree(flint: Any, values: Array, coset: int, p: int) -> int | None:
 def fitted_growth(d: tuple[int, ...]) -> Growth:
     """The growth of a sequence of degrees: by a linear recurrence that further terms confirm, else by estimates."""
     for after in range(max(1, len(d) // 3)):
-        recurrence = _polynomial(d[after:]) or _recurrence(d[after:])
-        if recurrence is not None:
+        if recurrence := _recurrence(d[after:]):
             power, entropy = _roots(recurrence)
             return Growth(d, recurrence, after, power, entropy, 0.0)
     late = [math.log(b / a) for a, b in zip(d[len(d) // 2 :], d[len(d) // 2 + 1 :], strict=False) if a > 0 and b > 0]
@@ -174,19 +173,15 @@ def fitted_growth(d: tuple[int, ...]) -> Growth:
     return Growth(d, None, 0, None, late[-1], max(late) - min(late) + abs(late[-1] - late[0]))
 
 
-def _polynomial(d: tuple[int, ...]) -> tuple[int, ...] | None:
-    """The recurrence of a polynomial in k, (x - 1)^order, if three terms more than its coefficients confirm it.
+def _recurrence(d: tuple[int, ...]) -> tuple[int, ...] | None:
+    """The shortest recurrence over the integers, if at least three terms more than it needs confirm it.
 
-    Six degrees tell that they are 2k^2 + 1, where a recurrence of unknown coefficients needs nine.
+    That of a polynomial in k, (x - 1)^order, first: six degrees tell that they are 2k^2 + 1, where one of unknown
+    coefficients needs nine.
     """
     for order in range(1, len(d) - 2):
         if not np.diff(np.array(d, dtype=object), order).any():
             return tuple((-1) ** (order - j) * math.comb(order, j) for j in range(order + 1))
-    return None
-
-
-def _recurrence(d: tuple[int, ...]) -> tuple[int, ...] | None:
-    """The shortest recurrence over the integers, if at least three terms more than it needs confirm it."""
     for order in range(1, (len(d) - 3) // 2 + 1):
         rows = [list(d[k : k + order + 1]) for k in range(len(d) - order)]
         kernel, nullity = require_flint().fmpz_mat(rows).nullspace()
@@ -245,10 +240,7 @@ def exact_orbit(subject: Subject, x: Any, steps: int) -> list[Array]:
     Raises `InputError` at a pole, and if the coordinates get too large.
     """
     x = np.asarray(x, dtype=object)
-    if x.shape != (subject.dim,):
-        raise InputError(f"A start has {subject.dim} values, {', '.join(subject.names)}, got shape {x.shape}.")
-    if subject.implicit:
-        raise InputError(f"{subject.implicit}: its orbits are not rational. Choose an explicit map.")
+    subject.require_rational(x)
     constants, x, out = {k: rationals(v) for k, v in subject.constants.items()}, rationals(x), []
     for k in range(steps + 1):
         try:

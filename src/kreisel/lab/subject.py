@@ -75,16 +75,22 @@ class Subject:
         """A point of random coordinates."""
         return draw((self.dim,)) if self.start is None else self.start(draw)
 
-    def over(self, p: int) -> Callable[[Array], Array]:
-        """The step over residues modulo p, or over values made of them.
-
-        Raises `InputError` if it is not a rational function.
-        """
+    def require_rational(self, start: Any = None) -> None:
+        """Raises `InputError` for a map that is not a rational function, and for a start that does not fit."""
         if self.implicit:
             raise InputError(
                 f"{self.implicit}: its step is a root, not a rational function, and exact experiments need one. "
                 "Choose a system with an explicit map."
             )
+        if start is not None and np.shape(start) != (self.dim,):
+            raise InputError(f"A start has {self.dim} values, {', '.join(self.names)}, got shape {np.shape(start)}.")
+
+    def over(self, p: int) -> Callable[[Array], Array]:
+        """The step over residues modulo p, or over values made of them.
+
+        Raises `InputError` if it is not a rational function.
+        """
+        self.require_rational()
         constants = self.modulo(p)
 
         def step(x: Array) -> Array:

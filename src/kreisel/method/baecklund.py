@@ -112,19 +112,15 @@ class Product:
     def pair(self, *z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **constants: Array) -> State:
         """A conjugate pair of maps."""
         mu, rho = algebra.complex_number(mu_re, mu_im), algebra.complex_number(rho_re, rho_im)
-        return self._stage(z, {**constants, "mu": mu, "rho": rho}, True)
+        return stage(self.record, z, self.count, {**constants, "mu": mu, "rho": rho}, True, not self.rest)
 
     def close(self, *z: Array, **constants: Array) -> State:
         """The real map and the rotations."""
-        z = self._stage(z, constants, False) if self.single else z
+        z = stage(self.record, z, self.count, constants, False, not self.rest) if self.single else z
         state, g = z[: self.count], z[self.count :]
         if self.spins:
             state = turned_with_body(self.model.system.space.kinds, state, constants, self.record.axis)
         return (*state, *(_turned_by_constants(h, constants, self.rest, self.record.spin is not None) for h in g))
-
-    def _stage(self, z: State, constants: dict[str, Array], paired: bool) -> State:
-        state, (x, y) = one_stage(self.record, z[: self.count], constants, paired)
-        return (*state, *(algebra.double_turn(x, y, h, right=not self.rest) for h in z[self.count :]))
 
     def _rho(self, x0: State, mus: Array, points: Points | None) -> Array:
         """The constants of the trajectory (..., points): compiled, and by NumPy where that gives none."""
@@ -218,13 +214,12 @@ def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     )
 
 
-def one_stage(
-    record: Baecklund, state: State, constants: dict[str, Array], paired: bool
-) -> tuple[State, tuple[Array, Array]]:
-    """One map, or one conjugate pair, and the rotation of the carried vector as (x, y)."""
-    e = call(record.vector, state, constants)
+def stage(record: Baecklund, z: State, count: int, constants: dict[str, Array], paired: bool, right: bool) -> State:
+    """One map, or one conjugate pair, of a state of `count` components; orientations behind it, turned as P is."""
+    e = call(record.vector, z[:count], constants)
     move, arc = (record.pair, record.arc_of_pair) if paired else (record.step, record.arc)
-    return tuple(call(move, (*state, e), constants)), call(arc, (*state, e), constants)
+    state, (x, y) = (call(function, (*z[:count], e), constants) for function in (move, arc))
+    return (*state, *(algebra.double_turn(x, y, g, right=right) for g in z[count:]))
 
 
 # -- rotations that are the same at every step ----------------------------------------------------------

@@ -16,14 +16,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.method.baecklund import (
-    SPINS,
-    one_stage,
-    pade_zeros,
-    spin_turns,
-    stage_points,
-    turned_with_body,
-)
+from kreisel.method.baecklund import SPINS, pade_zeros, spin_turns, stage, stage_points, turned_with_body
 from kreisel.method.observing import Only, State, observer, scheme_of
 from kreisel.method.records import METHODS
 from kreisel.method.scheme import Scheme, Steps
@@ -77,8 +70,7 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
             "mu": algebra.complex_number(mu_re, mu_im),
             "rho": algebra.complex_number(rho_re, rho_im),
         }
-        state, (x, y) = one_stage(record, z[:2], constants, True)
-        return (*state, *(algebra.double_turn(x, y, g, right=True) for g in z[2:]))
+        return stage(record, z, 2, constants, True, True)
 
     def close(*z: Array, **constants: Array) -> State:
         state = turned_with_body(body.system.space.kinds, z[:2], constants, record.axis) if spins else z[:2]
@@ -183,8 +175,7 @@ def _pair(model: Model, z: State, mu: Array) -> State:
     with np.errstate(all="ignore"):
         constants = {**_wide_constants(model), "mu": mu}
         constants["rho"] = call(record.point, z[:2], constants)
-        state, (x, y) = one_stage(record, z[:2], constants, True)
-        return (*state, *(algebra.double_turn(x, y, g, right=True) for g in z[2:]))
+        return stage(record, z, 2, constants, True, True)
 
 
 def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
@@ -204,7 +195,9 @@ def _newton(model: Model, state: State, h: float) -> tuple[Array, Array]:
         slopes = [
             (_flat(_pair(model, z, (mu + change * way)[()])) - target - miss) / change[..., None] for way in (1, 1j)
         ]
-        mu = mu + _limited(_least_squares(slopes, -miss), abs(mu) / 3)
+        change, most = _least_squares(slopes, -miss), abs(mu) / 3
+        size_of = abs(change)
+        mu = mu + change * np.where(size_of > most, most / np.where(size_of > 0, size_of, 1), 1)
     near = (abs(miss).max(-1) <= SETTLED * last * size) & (mu.real * h > LEAST_REAL)
     return mu, near
 
@@ -251,8 +244,3 @@ def _least_squares(slopes: list[Array], want: Array) -> Array:
     ridge = np.finfo(np.longdouble).eps * (aa + bb)
     det = (aa + ridge) * (bb + ridge) - ab * ab
     return ((bb + ridge) * aw - ab * bw + 1j * ((aa + ridge) * bw - ab * aw)) / det
-
-
-def _limited(change: Array, most: Array) -> Array:
-    size = abs(change)
-    return change * np.where(size > most, most / np.where(size > 0, size, 1), 1)
