@@ -144,7 +144,11 @@ def _lohner(
         following = np.array([v.mid() for v in new], dtype=object)
         if not _all_finite(A) or not _all_finite(new):
             return done, "an enclosure meets a pole", X, ranges
-        U = _orthogonal(flint, A, r)
+        # columns sorted by their contribution; the entries of U are exact
+        middle = np.array([[float(v.mid()) for v in row] for row in A])
+        sizes = np.linalg.norm(middle, axis=0) * np.array([float(abs(v).upper()) for v in r])
+        near = np.linalg.qr(middle[:, np.argsort(-sizes, kind="stable")])[0]
+        U = np.array([[flint.arb(float(v)) for v in row] for row in near], dtype=object)
         back = np.array(flint.arb_mat(d, d, list(U.ravel())).inv().tolist(), dtype=object)
         inner = (back @ A) @ r + back @ (new - following)
         mapped = (getattr(v, "value", v) for v in images)
@@ -161,14 +165,6 @@ def _both(a: Any, b: Any) -> Any:
 
 def _all_finite(values: Array) -> bool:
     return all(getattr(v, "is_finite", lambda: True)() for v in np.ravel(values))
-
-
-def _orthogonal(flint: Any, A: Array, r: Array) -> Array:
-    """Q of the QR decomposition of the middle of A, its columns sorted by their contribution; entries are exact."""
-    middle = np.array([[float(v.mid()) for v in row] for row in A])
-    sizes = np.linalg.norm(middle, axis=0) * np.array([float(abs(v).upper()) for v in r])
-    Q = np.linalg.qr(middle[:, np.argsort(-sizes, kind="stable")])[0]
-    return np.array([[flint.arb(float(v)) for v in row] for row in Q], dtype=object)
 
 
 # -- identities proved -----------------------------------------------------------------------------------

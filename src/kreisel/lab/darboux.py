@@ -62,7 +62,14 @@ def darboux(subject: Subject, degree: int = 2, seed: int = 0) -> Darboux:
     for d in range(1, degree + 1):
         exponents = list(monomials(subject.dim, d))
         data = {p: _points(subject, factors, p, 3 * len(exponents) + SPARE, seed) for p in PRIMES}
-        for powers in _candidates(factors, d, most):
+        limit = d * (most - 1)  # powers of the factors, not more than the degrees of both sides allow
+        ranges = [range(-d, limit // max(1, f.degree) + 1) for f in factors]
+        candidates = [
+            powers
+            for powers in itertools.islice(itertools.product(*ranges), 200_000)
+            if -d * most <= sum(f.degree * k for f, k in zip(factors, powers, strict=True)) <= limit
+        ]
+        for powers in sorted(candidates, key=lambda powers: sum(map(abs, powers)))[:MOST_COFACTORS]:
             for c in _numbers(data[PRIMES[0]], powers, exponents):
                 products = _products(polynomials, cofactors, (c, powers), exponents)
                 for terms in _of_cofactor(data, (c, powers), exponents, products):
@@ -102,18 +109,6 @@ def _factors(subject: Subject) -> tuple[list[Polynomial], Cofactor, int]:
 def jacobian_factors(subject: Subject) -> list[Polynomial]:
     """The irreducible factors of det f' and of the denominators of a rational map."""
     return _factors(subject)[0]
-
-
-def _candidates(factors: list[Polynomial], degree: int, most: int) -> list[Powers]:
-    """Powers of the factors, not more than the degrees of both sides allow."""
-    limit = degree * (most - 1)
-    ranges = [range(-degree, limit // max(1, f.degree) + 1) for f in factors]
-
-    def fits(C: Powers) -> bool:
-        return -degree * most <= sum(f.degree * k for f, k in zip(factors, C, strict=True)) <= limit
-
-    chosen = filter(fits, itertools.islice(itertools.product(*ranges), 200_000))
-    return sorted(chosen, key=lambda C: sum(map(abs, C)))[:MOST_COFACTORS]
 
 
 def _products(

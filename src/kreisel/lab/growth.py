@@ -400,7 +400,14 @@ def _followed(subject: Subject, curve: Polynomial, steps: int, seed: int) -> Sin
             for _ in range(steps):
                 x = step(x)
                 orbits[-1].append([s.limit for s in x])
-    points = [tuple(map(_limit, *pair)) for pair in zip(*orbits, strict=False)]
+
+    def shown(x: int | None, y: int | None) -> str:
+        if x != y or x is None:
+            return FREE if x != y else INFINITY
+        q = reconstructed(x, p)
+        return str(q) if q is not None and max(abs(q.numerator), q.denominator) < LARGEST else OTHER
+
+    points = [tuple(map(shown, *pair)) for pair in zip(*orbits, strict=False)]
     free = [FREE in point for point in points]
     if all(free[:2]):
         return None  # not contracted
@@ -422,12 +429,3 @@ def _on_curve(curve: Polynomial, p: int, rng: np.random.Generator) -> list[int] 
             root = int(roots[0][0])
             return [drawn, root] if place else [root, drawn]
     return None
-
-
-def _limit(x: int | None, y: int | None) -> str:
-    if x != y:
-        return FREE
-    if x is None:
-        return INFINITY
-    q = reconstructed(x, PRIMES[0])
-    return str(q) if q is not None and max(abs(q.numerator), q.denominator) < LARGEST else OTHER

@@ -20,7 +20,7 @@ from kreisel.files import place, written
 from kreisel.lab.exact import fraction
 from kreisel.lab.questions import QUESTIONS, Clues, verdict
 from kreisel.lab.subject import BESIDE, Subject, in_coordinates, on_group, subject
-from kreisel.record.contract import Parameter, System
+from kreisel.record.contract import System
 from kreisel.record.model import Model
 from kreisel.runs.operations import executed, own_systems
 from kreisel.runs.settings import within
@@ -143,20 +143,18 @@ def investigate(
     clues = Clues(x, degree, iterates, steps, seed)
     findings = tuple(Finding(label, *question(clues)) for label, question in QUESTIONS.items())
     stated = x.constants if x.model is None or not x.model.params else {**x.model.params, "eps": x.constants["eps"]}
-    shown = ", ".join(f"{k} = {_plain_text(v)}" for k, v in stated.items())
+    listed = []
+    for k, v in stated.items():
+        exact = [fraction(x) for x in np.ravel(np.asarray(v, dtype=object))]
+        texts = [str(q) if q.denominator < 10_000 else f"{float(q):g}" for q in exact]
+        listed.append(f"{k} = {texts[0] if np.ndim(v) == 0 else '(' + ', '.join(texts) + ')'}")
     return Investigation(
         x.name,
-        f"{x.dim} coordinates {', '.join(x.names)}{'; ' + shown if shown else ''}",
+        f"{x.dim} coordinates {', '.join(x.names)}{'; ' + ', '.join(listed) if listed else ''}",
         *verdict(clues),
         findings,
         clues.growth.degrees if clues.growth else (),
     )
-
-
-def _plain_text(v: Any) -> str:
-    exact = [fraction(x) for x in np.ravel(np.asarray(v, dtype=object))]
-    texts = [str(q) if q.denominator < 10_000 else f"{float(q):g}" for q in exact]
-    return texts[0] if np.ndim(v) == 0 else f"({', '.join(texts)})"
 
 
 def investigate_file(file: Path, /, **options: Any) -> Investigation:
@@ -229,21 +227,19 @@ def typical(system: System, n: int = 3, values: Mapping[str, Any] | None = None)
         raise InputError(
             f"{system.name} has no map to investigate. Systems with one: see `kreisel systems`; or give a map of yours."
         )
-    values = dict(values or {})
-    parameters = {p.letter: values.pop(p.letter, _typical(p, n, i)) for i, p in enumerate(system.parameters)}
-    return system(**parameters, **values)
-
-
-def _typical(p: Parameter, n: int, place: int) -> Any:
-    if p.kind == "dimension":
-        return n
-    if p.kind == "array" or (p.default is not None and p.kind != "scalar"):
-        return p.default
-    if p.kind == "scalar":
-        return Fraction(place + 1, place + 2)  # two are not equal
-    if p.fixed:
-        return (0,) * (n - 1) + (1,)
-    return tuple(2**i if place == 0 else Fraction(i + 1, 8) for i in range(n))
+    parameters: dict[str, Any] = {}
+    for k, p in enumerate(system.parameters):
+        if p.kind == "dimension":
+            parameters[p.letter] = n
+        elif p.kind == "array" or (p.default is not None and p.kind != "scalar"):
+            parameters[p.letter] = p.default
+        elif p.kind == "scalar":
+            parameters[p.letter] = Fraction(k + 1, k + 2)  # two are not equal
+        elif p.fixed:
+            parameters[p.letter] = (0,) * (n - 1) + (1,)
+        else:
+            parameters[p.letter] = tuple(2**i if k == 0 else Fraction(i + 1, 8) for i in range(n))
+    return system(**{**parameters, **(values or {})})
 
 
 # -- the page, for the terminal and as one HTML file ---------------------------------------------------

@@ -251,11 +251,13 @@ def discrete_euler_lagrange(case: Case) -> Sides:
         carried = tuple(algebra.KINDS[case.kinds[i]].rotated(g, first[i]) for i in places)
         momentum = second[0]
 
-    def action(function_of: Callable[[Array], tuple[Array, Array]]) -> Array:
-        varied = function_of(_perturbed_orientation(q1, in_rest_frame, n))
-        return slopes(case.call(case.map.lagrangian, *varied, *carried), n * (n - 1) // 2)
-
-    before, after = action(lambda q: (q0, q)), action(lambda q: (q, q2))
+    # exp(eta) g (rest frame), g exp(eta) (moving frame) or exp(-eta) x, to first order in eta's coordinates
+    zero = 0 * algebra.coordinates(q1 if q1.ndim == 2 else algebra.wedge(q1, q1))
+    eta = algebra.skew(exact.independent(zero), n)
+    q = q1 - algebra.act(eta, q1) if q1.ndim == 1 else q1 + (eta @ q1 if in_rest_frame else q1 @ eta)
+    before, after = (
+        slopes(case.call(case.map.lagrangian, *pair, *carried), n * (n - 1) // 2) for pair in ((q0, q), (q, q2))
+    )
     yield before + after, 0 * before
     yield before, algebra.coordinates(momentum)
 
@@ -263,15 +265,6 @@ def discrete_euler_lagrange(case: Case) -> Sides:
 def _turned_by_generator(case: Case, g: Array, old: tuple[Array, ...], new: tuple[Array, ...]) -> Array:
     X = case.call(case.map.generator, *old, *new)
     return algebra.turn_left(X, g) if case.system.frame is Frame.REST else algebra.turn_right(g, X)
-
-
-def _perturbed_orientation(q: Array, in_rest_frame: bool, n: int) -> Array:
-    """exp(eta) g (rest frame), g exp(eta) (moving frame) or exp(-eta) x, to first order in eta's coordinates."""
-    zero = 0 * algebra.coordinates(q if q.ndim == 2 else algebra.wedge(q, q))
-    eta = algebra.skew(exact.independent(zero), n)
-    if q.ndim == 1:
-        return q - algebra.act(eta, q)
-    return q + (eta @ q if in_rest_frame else q @ eta)
 
 
 @law("the same motion in the related system: flows, and maps if the record states it", "relations")

@@ -64,28 +64,24 @@ def choose(model: Model, state: State, spacing: float, time: float, tol: Any, ea
     """
     tolerance = checked_tolerance(tol)
     h, error = _pilot_steps(model, state, time)
-    lanes = [slice(i, i + 1) for i in range(h.shape[1])] if each else [slice(None)]
-    return [_cheapest(h[:, lane], error[:, lane], spacing, tolerance) for lane in lanes]
-
-
-def _cheapest(h: Array, error: Array, spacing: float, tolerance: float) -> Choice:
-    """The cheapest order, from the steps (orders, lanes) of the pilots and the error of each at the end of the run."""
-    best: tuple[float, Choice] | None = None
-    for order, length, growth in zip(ORDERS, h, error, strict=True):
-        step = (length * (tolerance / growth) ** (1 / order)).min()
-        if not step > 0:  # NaN
-            continue
-        steps = max(1, math.ceil(spacing / step))
-        expected = float((growth * (spacing / steps / length) ** order).max())
-        cost = order * steps
-        if best is None or cost < best[0]:
-            best = cost, Choice(order, steps, expected)
-    if best is None:
-        raise InputError(
-            "order='auto' finds no step: the state is not finite after a few revolutions at any order. Usual cause: "
-            "numbers that are too large. Check the parameters and the initial state."
-        )
-    return best[1]
+    choices = []
+    for lane in [slice(i, i + 1) for i in range(h.shape[1])] if each else [slice(None)]:
+        best: tuple[float, Choice] | None = None
+        for order, length, growth in zip(ORDERS, h[:, lane], error[:, lane], strict=True):
+            step = (length * (tolerance / growth) ** (1 / order)).min()
+            if not step > 0:  # NaN
+                continue
+            steps = max(1, math.ceil(spacing / step))
+            expected = float((growth * (spacing / steps / length) ** order).max())
+            if best is None or order * steps < best[0]:
+                best = order * steps, Choice(order, steps, expected)
+        if best is None:
+            raise InputError(
+                "order='auto' finds no step: the state is not finite after a few revolutions at any order. Usual "
+                "cause: numbers that are too large. Check the parameters and the initial state."
+            )
+        choices.append(best[1])
+    return choices
 
 
 def checked_tolerance(tol: Any) -> float:

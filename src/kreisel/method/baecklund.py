@@ -144,11 +144,8 @@ class Product:
                 rho = call(self.record.point, wide_state, {**self.known, "mu": mus.astype(wide)})
             except np.linalg.LinAlgError:  # next to values so large the others vanish
                 rho = np.array(np.nan)
-        if not np.isfinite(rho).all():
-            self._explain(state, mus)
-        return rho.astype(mus.dtype)
-
-    def _explain(self, state: State, mus: Array) -> None:
+        if np.isfinite(rho).all():
+            return rho.astype(mus.dtype)
         name = self.model.system.name
         if self.record.largest_step is None or np.iscomplexobj(mus):
             raise InputError(

@@ -158,17 +158,14 @@ def observer(
         for name in table if only is None else table.keys() & set(only):
             _, function, takes_own = table[name]
             value = function(*(state if takes_own else user), **known)
-            out[name] = _entries(value) if np.ndim(value) == batch + 2 else value
+            if np.ndim(value) == batch + 2:  # a skew block: as an axial vector for n = 3, else by its entries
+                value = algebra.axial(value) if value.shape[-1] == 3 else algebra.coordinates(value)
+            out[name] = value
         if len(z) > count:
             out[ORIENTATION] = z[count]  # of q and -q a method carries the one that is continuous in time
         return out
 
     return observe, outcomes
-
-
-def _entries(X: Array) -> Array:
-    """A skew block as axial vector for n = 3, else by its independent entries."""
-    return algebra.axial(X) if X.shape[-1] == 3 else algebra.coordinates(X)
 
 
 def held_by_orientation(

@@ -8,7 +8,7 @@ The integrals of the map are those of the flow.  A rotation that commutes with t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -74,7 +74,13 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
 
     def close(*z: Array, **constants: Array) -> State:
         state = turned_with_body(body.system.space.kinds, z[:2], constants, record.axis) if spins else z[:2]
-        return (*state, *(_turned(g, SPINS if spins else (), **constants) for g in z[2:]))
+        for g in z[2:]:  # turned in space by the quaternion (cos, sin), and in the body by the spin
+            turn = algebra.quaternion(constants["cos"], constants["sin"] + 0 * g[..., 1:])
+            g = algebra.unit(algebra.quaternion_product(turn, g))
+            for half in SPINS if spins else ():
+                g = algebra.turn_right(g, constants[half])
+            state = (*state, g)
+        return tuple(state)
 
     numbers = dict.fromkeys(["mu_re", "mu_im", "rho_re", "rho_im", "cos"], 0)
     return scheme_of(
@@ -89,15 +95,6 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         trajectory=trajectory,
         between=BETWEEN,
     )
-
-
-def _turned(g: Array, spins: Sequence[str], *, cos: Array, sin: Array, **constants: Array) -> Array:
-    """The orientation, turned in space by the quaternion (cos, sin), and in the body by the spin."""
-    turn = algebra.quaternion(cos, sin + 0 * g[..., 1:])
-    g = algebra.unit(algebra.quaternion_product(turn, g))
-    for half in spins:
-        g = algebra.turn_right(g, constants[half])
-    return g
 
 
 def _in_coadjoint(model: Model) -> tuple[Model, Callable[[State], State], Callable[[State], State]]:
