@@ -229,7 +229,13 @@ def _of_model(model: Model, eps: Any) -> Subject:
         place, sign = abs(turn) - 1, np.sign(turn)
         return (model.call(space.tensor, *unpacked(x)) * (sign[:, None] * sign))[np.ix_(place, place)]
 
-    extra = _beyond_the_spectrum(system, mapped)
+    # the integrals of the map that its Lax matrix does not give
+    by_lax, keeps = system.commuting if mapped.lax is not None else (), mapped.conserves
+    named = {
+        **({"energy": system.energy} if mapped.lax is None and system.energy is not None else {}),
+        **system.integrals,
+    }
+    extra = [f for name, f in named.items() if name not in by_lax and (keeps is None or name in keeps)]
 
     def integrals(x: Array, **values: Array) -> Array:
         return np.concatenate([np.ravel(call(f, unpacked(x), values)) for f in extra])
@@ -252,16 +258,6 @@ def _of_model(model: Model, eps: Any) -> Subject:
         implicit=implicit,
         model=model,
     )
-
-
-def _beyond_the_spectrum(system: System, mapped: Map) -> list[Callable[..., Any]]:
-    """The integrals of the map that its Lax matrix does not give."""
-    by_lax = system.commuting if mapped.lax is not None else ()
-    keeps = mapped.conserves
-    extra = [f for name, f in system.integrals.items() if name not in by_lax and (keeps is None or name in keeps)]
-    if mapped.lax is None and system.energy is not None and (keeps is None or "energy" in keeps):
-        return [system.energy, *extra]
-    return extra
 
 
 def coordinate_names(components: tuple[tuple[str, str], ...], n: int) -> tuple[str, ...]:

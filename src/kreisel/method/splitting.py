@@ -225,29 +225,21 @@ class Splitting:
     ) -> tuple[State, State, Any]:
         state, gained = body.state, 0.0
         if self.kicked:
-            there = body._replace(g=self.turn(g))
-            others = self._others(constants, pulled)
-            state, gained = kicks.kicked(self.model.system, there, h, constants, self.model.axes, others)
+            left, inner = self.part.left, len(self.record.base.space.letters)
+            rates, power = pulled or ((0.0,) * self.count, 0.0)
+
+            def others(state: State) -> tuple[State, Any]:  # rates that other bodies and the integrable part add
+                if left is None:
+                    return rates, power
+                of_part = (*left(state[:inner], constants), *(0 * z for z in state[inner:]))
+                return tuple(x + y for x, y in zip(of_part, rates, strict=True)), power
+
+            there, more = body._replace(g=self.turn(g)), None if left is None and pulled is None else others
+            state, gained = kicks.kicked(self.model.system, there, h, constants, self.model.axes, more)
         for turn in self.turns[::-1]:
             state, g = turn(state, g, h / 2, constants)
         state, after = self._damped(state, h / 2, constants)
         return state, g, gained + after
-
-    def _others(
-        self, constants: Constants, pulled: tuple[State, Any] | None
-    ) -> Callable[[State], tuple[State, Any]] | None:
-        """Rates that other bodies and the integrable part add in a kick."""
-        left = self.part.left
-        if left is None:
-            return None if pulled is None else lambda state: pulled
-        rest, power = pulled or ((0.0,) * self.count, 0.0)
-        own = len(self.record.base.space.letters)
-
-        def rates(state: State) -> tuple[State, Any]:
-            inner = (*left(state[:own], constants), *(0 * z for z in state[own:]))
-            return tuple(x + y for x, y in zip(inner, rest, strict=True)), power
-
-        return rates
 
     def _damped(self, state: State, h: Array, constants: Constants) -> tuple[State, Any]:
         system = self.model.system
@@ -395,8 +387,16 @@ def integrable(model: Model) -> Integrable:
 
 
 def _integrable(base: System, inner: int | None, n: int, constants: Constants) -> Integrable:
-    if base.closed_form.step is not None:
-        return _stated(base)
+    form = base.closed_form
+    if form.step is not None:  # with the attitudes among its components
+
+        def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
+            return tuple(call(form.step, state, {**constants, "h": h})), g
+
+        def reach(state: State, h: Any, constants: Constants) -> Any:
+            return call(form.reach, state, {**constants, "h": h})
+
+        return Integrable("the closed form", move, reach)
     closed = closed_form(base, n) if inner is None else None
     if closed is not None:
         return closed
@@ -433,19 +433,6 @@ def _side_by_side(parts: list[tuple[Factor, Integrable]]) -> Integrable:
         reach if any(part.reach for _, part in parts) else None,
         left if any(part.left for _, part in parts) else None,
     )
-
-
-def _stated(base: System) -> Integrable:
-    """The motion that a record states, with the attitudes among its components."""
-    form = base.closed_form
-
-    def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
-        return tuple(call(form.step, state, {**constants, "h": h})), g
-
-    def reach(state: State, h: Any, constants: Constants) -> Any:
-        return call(form.reach, state, {**constants, "h": h})
-
-    return Integrable("the closed form", move, reach)
 
 
 def closed_form(base: System, n: int) -> Integrable | None:

@@ -437,25 +437,17 @@ def quadratic_casimirs(rep: Representation) -> np.ndarray:
     gradients[:, places, i] += z[:, j]
     gradients[:, places, j] += z[:, i]
     equations = gradients @ rep.tensor(z[:, :d], z[:, d:])
-    rows = _echelon(_null_space(equations.transpose(0, 2, 1).reshape(-1, len(i))))
-    Q = np.zeros((len(rows), size, size))
-    Q[:, i, j] = rows / 2
-    return Q + Q.transpose(0, 2, 1)
-
-
-def _echelon(rows: np.ndarray) -> np.ndarray:
-    """The reduced row echelon form of independent rows, without noise."""
-    A, row = rows.copy(), 0
+    A, row = _null_space(equations.transpose(0, 2, 1).reshape(-1, len(i))), 0
     for column in range(A.shape[1]):
-        if row == len(A):
-            break
-        pivot = row + int(abs(A[row:, column]).argmax())
-        if abs(A[pivot, column]) < SAME:
+        pivot = row + int(abs(A[row:, column]).argmax()) if row < len(A) else 0
+        if row == len(A) or abs(A[pivot, column]) < SAME:
             continue
         A[[row, pivot]] = A[[pivot, row]]
         A[row] /= A[row, column]
         others = np.arange(len(A)) != row
         A[others] -= A[others, column, None] * A[row]
         row += 1
-    whole = np.round(A)
-    return np.where(abs(A - whole) < SAME, whole, A)
+    rows = np.where(abs(A - np.round(A)) < SAME, np.round(A), A)  # without noise
+    Q = np.zeros((len(rows), size, size))
+    Q[:, i, j] = rows / 2
+    return Q + Q.transpose(0, 2, 1)

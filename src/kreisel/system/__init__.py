@@ -39,11 +39,6 @@ class Records(Mapping[str, "System"]):
         return name in self._names
 
 
-def _class_name(name: str) -> str:
-    """LagrangeTopSU2 for lagrange-top-su2."""
-    return "".join(part.upper() if part[-1].isdigit() else part.capitalize() for part in name.split("-"))
-
-
 def _stated(name: str) -> System:
     """The record of a page, which pickle and copy find again by its name."""
     system: System = importlib.import_module(f"{__name__}.{name.replace('-', '_')}").SYSTEM
@@ -59,5 +54,8 @@ def find(name: str, known: Mapping[str, System] | None = None) -> System:
 
 
 REGISTRY = Records((page.name.replace("_", "-") for page in pkgutil.iter_modules(__path__)), _stated)
-_NAMES = {_class_name(name): name for name in REGISTRY}
+_NAMES = {  # LagrangeTopSU2 for lagrange-top-su2
+    "".join(part.upper() if part[-1].isdigit() else part.capitalize() for part in name.split("-")): name
+    for name in REGISTRY
+}
 NAMED = Records(_NAMES, lambda name: REGISTRY[_NAMES[name]])  # as attributes of `kreisel`

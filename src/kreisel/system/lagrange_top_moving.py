@@ -100,6 +100,11 @@ def lagrangian(g, h, p, *, A, alpha, eps):  # (dmLT Lagr body), with |A|^2 for 1
     return -kinetic - 2 * (1 - alpha) / eps * log(dot(A, A) + dot(A, act(W, A))) - eps * dot(p, act(h, A))
 
 
+def to_heavy_top(M, P, g, *, A, alpha):  # J is alpha/2 across A and 1 - alpha/2 along it
+    along = A[..., :, None] * A[..., None, :] / mat(dot(A, A))
+    return (M, P), {"A": A, "J": mat(alpha / 2) * identity(A.shape[-1]) + mat(1 - alpha) * along}
+
+
 MAP = Map(
     **named(step, inverse, involution, generator, lagrangian, conjugator),
     to_symmetric=lambda M, P, *, A, eps: half_kick(M, P, A=A, eps=-eps),
@@ -129,7 +134,7 @@ SYSTEM = System(
     relations=(
         Relation(
             "heavy-top",
-            lambda M, P, g, *, A, alpha: ((M, P), {"A": A, "J": _mass_tensor(A, alpha)}),
+            to_heavy_top,
             meaning="a heavy top with equal transverse moments and its centre of mass on the axis",
             exact=False,  # its mass tensor is diagonal only if A is along an axis
         ),
@@ -137,9 +142,3 @@ SYSTEM = System(
     notes="For n >= 4 the spectrum is not complete: noether, the block Pi M Pi, is needed too. "
     "For n = 3 and alpha < 0, which no body has, the step divides by alpha + eps^2/4 <M_perp, M_perp>.",
 )
-
-
-def _mass_tensor(A, alpha):
-    """alpha/2 across A and 1 - alpha/2 along it."""
-    along = A[..., :, None] * A[..., None, :] / mat(dot(A, A))
-    return mat(alpha / 2) * identity(A.shape[-1]) + mat(1 - alpha) * along

@@ -10,8 +10,10 @@ also has the printed form, which must fail.
 """
 
 from kreisel.lab.paper import clebsch, fields, records, reduction, tops  # noqa: F401  - they register
-from kreisel.lab.paper.statements import STATEMENTS, Statement, StatementResult, in_order, tested, verify
+from kreisel.lab.paper.statements import STATEMENTS, Statement, StatementResult, section, tested, verify
 
 __all__ = ["STATEMENTS", "Statement", "StatementResult", "tested", "verify"]
 
-in_order()
+_ordered = sorted(STATEMENTS.items(), key=section)
+STATEMENTS.clear()
+STATEMENTS.update(_ordered)

@@ -135,16 +135,10 @@ def printed_law(name: str, system: System, law: str, **printed_functions: Any) -
     STATEMENTS[name] = replace(STATEMENTS[name], printed=partial(by_laws, system=other, names=(law,)))
 
 
-def in_order() -> None:
-    """Sorts the statements by sections; those that a section does not contain come last."""
-
-    def section(item: tuple[str, Statement]) -> float:
-        number = re.match(r"Sections? (\d(\.\d)?)", item[1].place)
-        return float(number[1]) if number else 9.0
-
-    ordered = sorted(STATEMENTS.items(), key=section)
-    STATEMENTS.clear()
-    STATEMENTS.update(ordered)
+def section(item: tuple[str, Statement]) -> float:
+    """The section of a named statement, 9 for those that a section does not contain."""
+    number = re.match(r"Sections? (\d(\.\d)?)", item[1].place)
+    return float(number[1]) if number else 9.0
 
 
 # -- testing ------------------------------------------------------------------------------------------
