@@ -38,12 +38,9 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
     Raises `InputError` where no pair is found.
     """
     body, carry, back = _in_coadjoint(model)
-    record = body.system.baecklund
-    if record is None:
-        raise TypeError(f"{body.system.name} states no Bäcklund transformation")
+    record: Any = body.system.baecklund
     spins = record.spin is not None
-    conserved = ("casimir", "energy", *model.system.integrals)
-    observe, outcomes = observer(model, oriented, conserved=conserved)
+    observe, outcomes = observer(model, oriented, conserved=("casimir", "energy", *model.system.integrals))
 
     def observed(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
         out = observe((*back(z[:2]), *z[2:]), only, **constants)
@@ -65,12 +62,8 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         return constants | (spin_turns(body, state, dt) if spins else {}), stages
 
     def step(*z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **constants: Array) -> State:
-        constants = {
-            **constants,
-            "mu": algebra.complex_number(mu_re, mu_im),
-            "rho": algebra.complex_number(rho_re, rho_im),
-        }
-        return stage(record, z, 2, constants, True, True)
+        mu, rho = algebra.complex_number(mu_re, mu_im), algebra.complex_number(rho_re, rho_im)
+        return stage(record, z, 2, {**constants, "mu": mu, "rho": rho}, True, True)
 
     def close(*z: Array, **constants: Array) -> State:
         state = turned_with_body(body.system.space.kinds, z[:2], constants, record.axis) if spins else z[:2]
