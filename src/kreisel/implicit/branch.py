@@ -51,7 +51,8 @@ def turn(M, J, Q, square, eps):
         state, _ = repeat(doubled, state, SMALL, MOST_DOUBLINGS, ("matrix", "symmetric", "symmetric"))
     W = (state[1] - middle) / (2 * mat(gamma)) + eps / 2 * M  # Q W J
     QD = Q @ D
-    return skew_part(D @ solve(W + QD, W - QD) / J[..., None, :])  # (W + 1)^-1 (W - 1)
+    X = D @ solve(W + QD, W - QD) / J[..., None, :]  # (W + 1)^-1 (W - 1)
+    return (X - X.mT) / 2
 
 
 def through_inverse(S: Array, A: Array) -> tuple[Array, Array, Array]:
@@ -77,14 +78,6 @@ def corrected(X, residual, c):
     """X - c o residual(X), and the square of the correction, which tells how far X was off."""
     change = c * residual(X)
     return X - change, pairing(change, change)
-
-
-def symmetric_part(A):
-    return (A + A.mT) / 2
-
-
-def skew_part(A):
-    return (A - A.mT) / 2
 
 
 def largest_step(M, J, P, enough=np.inf):

@@ -51,7 +51,8 @@ def deviation(P, eps):
     one, square = identity(P.shape[-1]), eps * eps
     R = change = P / 2
     for _ in range(ROOT_STEPS):
-        change = branch.symmetric_part(square / 2 * (change @ solve(one - square * R, change)))
+        change = square / 2 * (change @ solve(one - square * R, change))
+        change = (change + change.mT) / 2
         R = R + change
     return R
 
