@@ -16,19 +16,10 @@ from kreisel.algebra import Array
 from kreisel.algebra.reuse import Identity
 from kreisel.display import show
 from kreisel.errors import InputError, hint, shown
+from kreisel.record import given
 from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import Function, call, require_names
-from kreisel.record.given import (
-    axes_of,
-    by_lane,
-    component,
-    of_axial,
-    parameter,
-    require_on_phase_space,
-    shape_of,
-    text_of,
-    whole_dimension,
-)
+from kreisel.record.given import axes_of, by_lane, component, of_axial, parameter, require_on_phase_space, text_of
 from kreisel.record.table import handles
 
 if TYPE_CHECKING:
@@ -157,8 +148,8 @@ class Model:
         try:
             self.batch = np.broadcast_shapes(*batches)
         except ValueError:
-            given = ", ".join(f"{k} {b}" for k, b in zip(self.params, batches, strict=True))
-            raise InputError(f"The batch axes of the parameters of {system.name} do not fit: {given}.") from None
+            shapes = ", ".join(f"{k} {b}" for k, b in zip(self.params, batches, strict=True))
+            raise InputError(f"The batch axes of the parameters of {system.name} do not fit: {shapes}.") from None
         spread = {
             k: np.broadcast_to(v, self.batch + v.shape[len(b) :])
             for (k, v), b in zip(self.params.items(), batches, strict=True)
@@ -247,15 +238,15 @@ class Model:
             return self.system.n
         stated = [p.letter for p in self.system.parameters if p.kind == "dimension"]
         if stated:
-            return whole_dimension(self.params[stated[0]], stated[0], self.system.name)
+            return given.whole_dimension(self.params[stated[0]], stated[0], self.system.name)
         sizes = {
             p.letter: self.params[p.letter].shape[-1]
             for p in self.system.parameters
             if p.kind in ("vector", "symmetric")
         }
         if len(set(sizes.values())) != 1:
-            given = ", ".join(f"{k} has n = {v}" for k, v in sizes.items())
-            raise InputError(f"All parameters of {self.system.name} live in the same R^n, but {given}.")
+            listed = ", ".join(f"{k} has n = {v}" for k, v in sizes.items())
+            raise InputError(f"All parameters of {self.system.name} live in the same R^n, but {listed}.")
         letter, n = next(iter(sizes.items()))
         if n < 3:
             raise InputError(
@@ -265,8 +256,8 @@ class Model:
         return n
 
     def __repr__(self) -> str:
-        given = ", ".join(f"{k}={text_of(v)}" for k, v in self.params.items())
-        return f"{self.system.name}({given})"
+        listed = ", ".join(f"{k}={text_of(v)}" for k, v in self.params.items())
+        return f"{self.system.name}({listed})"
 
     def _repr_html_(self) -> str:
         return str(show("model", self))
@@ -317,7 +308,7 @@ class Model:
     def _of_values(self, *values: Any) -> State:
         """The state with these components, in order.  Raises `InputError`."""
         space, parts = self.system.space, {}
-        vectors = [shape_of(v) for kind, v in zip(space.kinds, values, strict=True) if kind == "vector"]
+        vectors = [given.shape_of(v) for kind, v in zip(space.kinds, values, strict=True) if kind == "vector"]
         three_lanes = self.batch == (3,) or (3, 3) in vectors
         for (letter, kind), value in zip(space.components, values, strict=True):
             parts[letter] = component(letter, kind, value, self.n, self._in_pairs, three_lanes)
