@@ -8,6 +8,7 @@ vector has the bits of a number.
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import reduce
 from typing import Any
@@ -447,11 +448,16 @@ class Function:
                 room[0] = self.value(x, inside, kind)
         values[at] = [room[0] for room in memory]
 
+    def _any(self, bits: Value) -> Value:
+        """Whether a bit of a vector is set."""
+        count = bits.type.count
+        return self.builder.icmp_unsigned("!=", self.builder.bitcast(bits, ir.IntType(count)), ir.IntType(count)(0))
+
     def _loop(self, graph: Graph, at: int, operands: list[Any], values: dict[int, Value], kind: ir.Type) -> None:
-        """Lanes of a vector, which would end at different times, only allow loops of a fixed length."""
+        """Lanes of a vector end at different times: one that has ended keeps its values."""
         loop = graph.loops[operands[0]]
         memory = self.variables(len(loop.variables) + 1, kind)
-        for room, x in zip(memory, operands[1:], strict=False):
+        for room, x in zip(memory, [*operands[1 : len(memory)], math.inf], strict=True):
             room[0] = self.value(x, values, kind)
         (ended,) = self.variables(1, INTEGER)
         ended[0] = 0
@@ -466,10 +472,14 @@ class Function:
             inside.update({x.at: room[0] for x, room in zip(loop.variables, memory, strict=False)})
             self.emit(graph, graph.needed_inside(loop), inside, kind)
             new = [self.value(x, inside, kind) for x in loop.new]
+            if loop.small != ops.NEVER:
+                if isinstance(kind, ir.VectorType):  # `memory` has the last defect, at first infinite
+                    active = self.builder.fcmp_unordered(">", memory[-1][0], constant(kind, loop.small))
+                    new = [self.builder.select(active, x, room[0]) for x, room in zip(new, memory, strict=True)]
+                left = self.builder.fcmp_unordered(">", new[-1], constant(kind, loop.small))
+                somewhere = self._any(left) if isinstance(kind, ir.VectorType) else left
+                ended[0] = Integer(self.builder, self.builder.zext(self.builder.not_(somewhere), INTEGER))
             for room, x in zip(memory, new, strict=True):
                 room[0] = x
-            if loop.small != ops.NEVER:
-                small = self.builder.fcmp_ordered("<=", new[-1], constant(kind, loop.small))
-                ended[0] = Integer(self.builder, self.builder.zext(small, INTEGER))
             count[0] = count[0] + 1
         values[at] = [room[0] for room in memory]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +19,10 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
-from kreisel.graph.graph import TooLong
+from kreisel.graph.graph import IN, Graph, Operand, TooLong, depending
 from kreisel.graph.invariants import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
-from kreisel.graph.machine import Kernel, address_of
+from kreisel.graph.llvm import Function, Lanes, kind_of
+from kreisel.graph.machine import Kernel, address_of, kernel, register_width
 from kreisel.graph.project import WIDE, CompiledProjection, compiled
 from kreisel.graph.recording import (
     Recording,
@@ -45,7 +47,6 @@ import math
 
 from kreisel.algebra.complex import Complex
 from kreisel.graph.double import DoubleDouble
-from kreisel.graph.graph import Graph
 from kreisel.graph.recording import as_operands, fill, recorded_arguments
 
 WORK = 20_000  # operations that NumPy needs as long as for those of a step to begin
@@ -457,8 +458,8 @@ MOST = 6000  # operations; of a pair of Clebsch's case, n = 5: 5200
 FOLDED = (0.0, 1.0, -1.0)  # into the code of a step
 
 
-def compiled_point(scheme: Scheme, columns: Mapping[str, slice], pair: bool) -> Kernel | None:
-    """kernel(mu, z, c, out, points, lanes): mu and rho (points, lanes, 4 or 2) by mu (points, lanes, 2 or 1).
+def compiled_point(scheme: Scheme, columns: Mapping[str, slice], pair: bool, width: int) -> Kernel | None:
+    """kernel(mu, z, c, out, points, lanes): mu and rho (points, lanes, 4 or 2) by mu (points, 2 or 1).
 
     None if the definition cannot be recorded, or is too long.
     """
@@ -477,10 +478,33 @@ def compiled_point(scheme: Scheme, columns: Mapping[str, slice], pair: bool) -> 
         if operation_count(graph, outputs) > MOST:
             return (None,)
         count = algebra.coordinate_count(scheme.kinds, scheme.n)
-        inputs = {"s": (1 + pair, True), "z": (count, False), "c": (count_of(columns), False)}
-        return (outputs_by_rows(graph, outputs, inputs),)
+        key = "points", graph.digest(outputs), count, count_of(columns), width
+        return (kernel(key, 6, partial(_write_points, graph, outputs, (count, count_of(columns)), width)),)
 
-    return reused(None if scheme.kernel_key is None else (compiled_point, scheme.kernel_key, pair), make)[0]
+    key = None if scheme.kernel_key is None else (compiled_point, scheme.kernel_key, pair, width)
+    return reused(key, make)[0]
+
+
+def _write_points(graph: Graph, outputs: list[Operand], counts: tuple[int, int], width: int, f: Function) -> None:
+    """All that does not depend on mu first, for each vector of lanes."""
+    (mu, z, c, out), (points, lanes) = map(f.doubles, f.arguments[:4]), f.arguments[4:]
+    nodes, kind, size = graph.needed(outputs), kind_of(width), len(outputs)
+    varying = depending(graph, nodes, "s".__eq__)
+    f.vectors(width)
+    with f.loop(0, lanes, width) as first:
+        at, fixed = f.lanes(first, width, lanes), dict[int, Any]()
+        rows = {"z": Lanes(z, at, counts[0]), "c": Lanes(c, at, counts[1])}
+
+        def compute(members: list[int], values: dict[int, Any]) -> None:
+            values.update({i: rows[node[1]][node[2]] for i in members if (node := graph.nodes[i])[0] == IN})
+            f.emit(graph, members, values, kind)
+
+        compute([i for i in nodes if i not in varying], fixed)
+        with f.loop(0, points) as point:
+            values = dict(fixed)
+            rows["s"] = Lanes(mu, [point] * width, size // 2)
+            compute([i for i in nodes if i in varying], values)
+            Lanes(out, [point * lanes + lane for lane in at], size).put([f.value(x, values, kind) for x in outputs])
 
 
 def points(scheme: Scheme, x0: tuple[Array, ...], mus: Array) -> Array | None:
@@ -488,13 +512,12 @@ def points(scheme: Scheme, x0: tuple[Array, ...], mus: Array) -> Array | None:
     z = np.ascontiguousarray(algebra.flatten(x0, scheme.kinds), dtype=np.float64)
     lead, lanes = z.shape[:-1], math.prod(z.shape[:-1])
     c, columns = flat_constants(scheme, lanes)
-    kernel = compiled_point(scheme, columns, np.iscomplexobj(mus))
-    if kernel is None:
+    code = compiled_point(scheme, columns, np.iscomplexobj(mus), register_width() if lanes > 1 else 1)
+    if code is None:
         return None
-    mu = np.repeat(mus, lanes)
     out = np.empty((len(mus), lanes, 2), mus.dtype)
-    numbers = (x.view(np.float64) for x in (mu, z, c, out))
-    kernel(*map(address_of, numbers), len(mus), lanes)
+    numbers = (x.view(np.float64) for x in (mus, z, c, out))
+    code(*map(address_of, numbers), len(mus), lanes)
     return np.moveaxis(out[..., 1].reshape(len(mus), *lead), 0, -1)
 
 
@@ -510,10 +533,10 @@ def point_links(scheme: Scheme, engine: SteppedEngine) -> tuple[list[Link], list
         rows.append((False, engine.constants[:, start : start + 2]))  # mu and, behind it, rho
     columns, links = {name: engine.columns[name] for name in scheme.constants}, list[Link]()
     for pair, out in rows:
-        kernel = compiled_point(scheme, columns, pair)
-        if kernel is None or not {*engine.columns} - {*scheme.constants} <= {"mu", "rho"}:
+        code = compiled_point(scheme, columns, pair, 1)
+        if code is None or not {*engine.columns} - {*scheme.constants} <= {"mu", "rho"}:
             return None
         mu = out[:, : out.shape[1] // 2].copy()
-        links.append((kernel, (mu, engine.z, engine.constants, out, len(out), 1)))
+        links.append((code, (mu, engine.z, engine.constants, out, len(out), 1)))
     places = [out.ravel() for _, out in rows]
     return None if places[-1][-1] in FOLDED else (links, places)
