@@ -11,6 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -123,18 +124,21 @@ def _linear(operation: str, *operands: Any) -> Number:
 
 
 def _key(x: Any) -> Any:
-    return x.at if isinstance(x, Number) else x if isinstance(x, tuple) else None
+    return x.at if type(x) is Number else x if type(x) is tuple else None
 
 
 def _fused(graph: Graph, nodes: Sequence[int], outputs: Sequence[Operand]) -> list[_Step]:
     steps = _with_reciprocals([_Step(at, graph.nodes[at][0], graph.nodes[at][1:]) for at in nodes])
-    uses = Counter(_key(x) for step in steps for x in _read(step))
-    uses.update(x.at for x in {x.at: x for x in outputs if isinstance(x, Number)}.values())
+    uses = Counter(chain.from_iterable(map(_read, steps)))
+    uses.update({x.at for x in outputs if isinstance(x, Number)})
     products = {step.place: step.operands for step in steps if step.operation == ops.TIMES and uses[step.place] == 1}
     out, gone = list[_Step](), set[Any]()
     for step in steps:
-        x, y = step.operands if step.operation in (ops.PLUS, ops.MINUS) else (None, None)
-        apart = [v for v in (x, y) if v is not None and _key(v) in products]
+        if step.operation not in (ops.PLUS, ops.MINUS):
+            out.append(step)
+            continue
+        x, y = step.operands
+        apart = [v for v in (x, y) if _key(v) in products]
         if not apart:
             out.append(step)
             continue
@@ -151,9 +155,10 @@ def _fused(graph: Graph, nodes: Sequence[int], outputs: Sequence[Operand]) -> li
     return [step for step in out if step.place not in gone]
 
 
-def _read(step: _Step) -> Collection[Any]:
-    read = [x for x in step.operands if _key(x) is not None]
-    return list({x.at: x for x in read}.values()) if step.operation in (ops.LOOP, ops.BRANCH) else read
+def _read(step: _Step) -> list[Any]:
+    """Keys of the operands, as often as they are read; of a body once."""
+    read = [_key(x) for x in step.operands if type(x) in (Number, tuple)]
+    return list(dict.fromkeys(read)) if step.operation in (ops.LOOP, ops.BRANCH) else read
 
 
 def _with_reciprocals(steps: list[_Step]) -> list[_Step]:
