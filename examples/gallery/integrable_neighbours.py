@@ -22,7 +22,7 @@ from kreisel.system import ratiu_bitop
 from kreisel.viewer.charts import figure
 
 SMALL = "KREISEL_SMALL" in os.environ
-T = 20.0 if SMALL else 240.0
+T = 8.0 if SMALL else 240.0
 skew = lambda *x: algebra.skew(np.array(x), 4)  # noqa: E731
 half = lambda X: ratiu_bitop.halves(X)[0]  # noqa: E731
 rolled = lambda x: x  # noqa: E731

@@ -81,7 +81,7 @@ def test_the_trial_sees_a_check_that_accepts_everything(tmp_path: Path) -> None:
     before = os.environ.get("PYTHONPATH", "")
     os.environ["PYTHONPATH"] = os.pathsep.join([str(tmp_path), *filter(None, [before])])
     try:
-        code, parts = parts_of(tmp_path, 0.5, "--part", "corruptions")
+        code, parts = parts_of(tmp_path, 0.15, "--part", "corruptions")
     finally:
         os.environ["PYTHONPATH"] = before
     assert code == 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import tokenize
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,7 @@ def counts(texts: list[str], patterns: dict[str, str] = PATTERNS) -> dict[str, i
     return {pattern: len(re.findall(pattern, joined, re.MULTILINE)) for pattern in patterns}
 
 
+@cache
 def collected() -> dict[str, list[str]]:
     pages = [*(ROOT / "docs").glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
     pages = [page for page in pages if page.name not in ("verified.md", "changelog.md") and "registry" not in page.name]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import subprocess
-import sys
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -655,27 +655,23 @@ path = "{path}"
 """
 
 
-def kreisel(*arguments: object) -> subprocess.CompletedProcess[str]:
-    code = "import sys; from kreisel.cli import main; main()"
-    command = [sys.executable, "-c", code, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300)
-
-
-def test_a_config_names_a_file_of_the_users_own(tmp_path: Path) -> None:
+def test_a_config_names_a_file_of_the_users_own(
+    tmp_path: Path, kreisel: Callable[..., subprocess.CompletedProcess[str]]
+) -> None:
     (tmp_path / "own.py").write_text(FILE)
     config, archive = tmp_path / "run.toml", tmp_path / "run.zarr"
     config.write_text(TOML.format(name="quartic-top", file="own.py", path=archive))
-    ran = kreisel("run", config)
+    ran = kreisel("run", str(config))
     assert (ran.returncode, ran.stderr) == (0, "")
     assert archive.with_suffix(".png").stat().st_size > 10_000
     (tmp_path / "own.py").write_text("raise RuntimeError('an archive is data: this must not run')")
-    checked = kreisel("check", archive)
+    checked = kreisel("check", str(archive))
     assert checked.returncode == 0, checked.stderr
     assert "a user-defined system: its integrals were not computed again" in checked.stdout
     with pytest.raises(kr.InputError, match="holds no code"):
         resume(archive, extend=80)
     config.write_text(TOML.format(name="quartic-topp", file="own.py", path=archive))
-    failed = kreisel("run", config)
+    failed = kreisel("run", str(config))
     assert (failed.returncode, failed.stderr.count("Traceback")) == (2, 0)
     assert "line 1: RuntimeError: an archive is data" in failed.stderr
 

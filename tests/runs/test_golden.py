@@ -11,10 +11,13 @@ import pytest
 
 import golden
 import kreisel as kr
+from sizes import costly
 from support import ROOT
 
 TABLE = json.loads((ROOT / "tests" / "golden.json").read_text())
 RUNS = {name: value for name, value in TABLE.items() if name != "machine"}
+SYSTEMS = sorted({name.split()[0] for name in RUNS})
+SOME = [name for name in SYSTEMS if name in (*golden.THOROUGH, "archive", "sweep") or not costly(name)]
 
 
 def test_the_table_is_whole() -> None:
@@ -24,7 +27,7 @@ def test_the_table_is_whole() -> None:
     assert TABLE["machine"].count("numpy") == 1
 
 
-@pytest.mark.parametrize("system", sorted({name.split()[0] for name in RUNS}))
+@pytest.mark.parametrize("system", SOME)
 def test_bits_are_those_of_the_table(system: str) -> None:
     if TABLE["machine"] != golden.machine():
         pytest.skip("the table of bits is of another processor or of other versions")

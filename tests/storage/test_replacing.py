@@ -170,7 +170,12 @@ def killed_at(monkeypatch: pytest.MonkeyPatch, call: int) -> Iterator[int]:
 
 @pytest.mark.parametrize("swept", [False, True])
 def test_a_kill_at_any_rename_leaves_the_old_or_the_new(
-    swept: bool, top: Any, x0: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    swept: bool,
+    top: Any,
+    x0: Any,
+    tmp_path: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Whatever the moment: one of the two opens, the next command ends the rest, and nothing is left beside it."""
     make, options = (kr.sweep, SWEPT) if swept else (kr.simulate, OPTIONS)
@@ -184,11 +189,12 @@ def test_a_kill_at_any_rename_leaves_the_old_or_the_new(
             return next(calls)
 
     make(top, x0, path=path, **options)
+    old = shutil.copytree(path, tmp_path_factory.mktemp("old") / path.name)
     total = killed(10**6)
     renames = total - sum(1 for _ in path.rglob("*")) - 6  # before all that removes the old one
     for call in [*range(0, renames, 11 if FULL else 37), *range(renames, renames + 12), total - 1]:
         shutil.rmtree(path)
-        make(top, x0, path=path, **options)
+        shutil.copytree(old, path)
         killed(call)
         path.with_name("run.zarr.lock").unlink(missing_ok=True)  # the system takes a lock away from a dead process
         states.add(tuple(sorted(p.name for p in tmp_path.iterdir())))
