@@ -85,12 +85,18 @@ def brackets(subject: Subject, degree: int = 1, seed: int = 0) -> list[Bivector]
             out[:, a, a] = (out[:, a, a] - after) % p
         return out.reshape(-1, count)
 
-    bivectors = []
+    bivectors, p = [], PRIMES[2]
+    at = random_residues(np.random.default_rng(subject.dim), p, 1)((subject.dim,))
     for terms in _lifted_kernel(subject, rows, seed, [(pair, e) for pair in pairs for e in exponents]):
         entries = {
             pair: Polynomial({e: c for (q, e), c in terms.items() if q == pair}, subject.names) for pair in pairs
         }
-        bivectors.append(Bivector(entries, subject.names, _jacobi(entries, subject.dim)))
+        # sum over the cyclic (i, j, k) of Pi_il d_l Pi_jk, at a random point modulo a prime
+        value = residues_at(tensor_of(entries, at), 1, p)[0].astype(object)
+        slope = residues_at(slopes(tensor_of(entries, independent(at)), subject.dim), 1, p)[0].astype(object)
+        total = np.einsum("il,jkl->ijk", value, slope)
+        cyclic = total + total.transpose(1, 2, 0) + total.transpose(2, 0, 1)
+        bivectors.append(Bivector(entries, subject.names, not (cyclic % p).any()))
     return bivectors
 
 
@@ -133,16 +139,6 @@ def tensor_of(entries: dict[tuple[int, int], Polynomial], x: Array) -> Array:
         out[i, j] = f(x)
         out[j, i] = -out[i, j]
     return out
-
-
-def _jacobi(entries: dict[tuple[int, int], Polynomial], dim: int) -> bool:
-    """Sum over the cyclic (i, j, k) of Pi_il d_l Pi_jk = 0, at a random point modulo a prime."""
-    p = PRIMES[2]
-    x = random_residues(np.random.default_rng(dim), p, 1)((dim,))
-    value = residues_at(tensor_of(entries, x), 1, p)[0].astype(object)
-    slope = residues_at(slopes(tensor_of(entries, independent(x)), dim), 1, p)[0].astype(object)
-    total = np.einsum("il,jkl->ijk", value, slope)
-    return not ((total + total.transpose(1, 2, 0) + total.transpose(2, 0, 1)) % p).any()
 
 
 # -- Lax pairs ----------------------------------------------------------------------------------------
