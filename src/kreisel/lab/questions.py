@@ -200,10 +200,7 @@ def _poisson(c: Clues) -> Answer:
         if not c.rational:
             return "yes" if off < CLOSE else "no", f"J Pi(x) J^T - Pi(x') is {off:.1e} in floats"
         if off < CLOSE:
-            return (
-                "yes",
-                "J Pi(x) J^T = Pi(x') at 20 random points modulo each of two primes, the bracket given with it",
-            )
+            return "yes", "J Pi(x) J^T = Pi(x') at 20 random points modulo two primes, the bracket given with it"
         why = "the bracket given with it is not preserved"
     if subject.dim < 2:
         return "does not apply", "one coordinate"
