@@ -51,27 +51,20 @@ State = tuple[Array, ...]
 # -- the state -------------------------------------------------------------------------------------------
 
 
-def components(control: Controller) -> tuple[tuple[str, str], ...]:
-    """Letters and kinds of the state's variables beyond the body's, in order."""
-    held = sum(control.commands.values())
-    sizes = {
-        **({WHEELS: (control.wheels,)} if control.wheels else {}),
-        **control.memory,
-        **{HELD + name: (size,) for name, size in control.commands.items()},
-        **({QUEUE: (control.delay * held,)} if control.delay else {}),
-        **({GENERATOR: (6,)} if control.noise else {}),
-    }
-    return tuple((letter, f"R^{shape[0]}" if shape else "scalar") for letter, shape in sizes.items())
-
-
-def meanings(control: Controller) -> dict[str, str]:
-    """The meaning of each of these."""
-    words = {WHEELS: "momenta of the wheels", QUEUE: "commands that are delayed", GENERATOR: "generator of the noise"}
-    words |= {name: f"memory of the law: {name}" for name in control.memory}
-    for name in control.commands:
+def components(control: Controller) -> dict[str, tuple[str, str]]:
+    """Kinds and meanings of the state's variables beyond the body's, by letter, in order."""
+    out: dict[str, tuple[tuple[int, ...], str]] = {}
+    if control.wheels:
+        out[WHEELS] = (control.wheels,), "momenta of the wheels"
+    out |= {name: (shape, f"memory of the law: {name}") for name, shape in control.memory.items()}
+    for name, size in control.commands.items():
         axes = "" if name == WHEEL_TORQUE else ", along the body axes"
-        words[HELD + name] = f"{name.replace('_', ' ')} that is commanded{axes}"
-    return {letter: words[letter] for letter, _ in components(control)}
+        out[HELD + name] = (size,), f"{name.replace('_', ' ')} that is commanded{axes}"
+    if control.delay:
+        out[QUEUE] = (control.delay * sum(control.commands.values()),), "commands that are delayed"
+    if control.noise:
+        out[GENERATOR] = (6,), "generator of the noise"
+    return {letter: (f"R^{shape[0]}" if shape else "scalar", words) for letter, (shape, words) in out.items()}
 
 
 def changed_by_samples(system: System) -> tuple[int, ...]:
@@ -130,7 +123,7 @@ def sampled(system: System, body: Body, q: Array, known: Constants, axes: Mappin
         name: traced(tape, given[name], len(shapes[name])) if name in given else traced(tape, known[name], axes[name])
         for name in control.arguments
     }
-    found = called(control.law, arguments, control.commands, control.memory, all_commands=True)
+    found = called(control.law, arguments, control.commands, control.memory, every=True)
     results = {name: kicks.values_of(value, body) for name, value in found.items()}
     most = {name: known[LIMIT + name] for name in control.limits}
     commands = [_clipped(results[k], -most[k], most[k]) if k in most else results[k] for k in control.commands]
@@ -202,16 +195,12 @@ def _seen(
 
 
 def called(
-    law: Any,
-    arguments: Mapping[str, Any],
-    commands: Mapping[str, int],
-    memory: Mapping[str, tuple[int, ...]],
-    all_commands: bool = False,
+    law: Any, arguments: Mapping[str, Any], commands: Mapping[str, int], memory: Mapping[str, Any], every: bool = False
 ) -> dict[str, Array]:
-    """Results of the law, as arrays of objects: memory, and some of the commands or all.  Raises `InputError`."""
+    """Results of the law, as arrays of objects: memory, and some commands, or every one.  Raises `InputError`."""
     found = run(law, **arguments)
     shapes = {**{name: (size,) for name, size in commands.items()}, **memory}
-    needed = shapes if all_commands else memory
+    needed = shapes if every else memory
     if not isinstance(found, Mapping) or not set(needed) <= set(found) <= set(shapes):
         lacking = [name for name in needed if name not in found] if isinstance(found, Mapping) else []
         raise InputError(
@@ -277,8 +266,8 @@ def _record(model: Model, law: Portable, control: Controller, parameters: Sequen
         raise InputError(
             f"wheels: expected a free body or a satellite, whose motion with wheels is known, got {system.name}."
         )
-    space, more = system.space, components(control)
-    count = algebra.coordinate_count([kind for _, kind in more], 3)
+    space, more = system.space, {letter: kind for letter, (kind, _) in components(control).items()}
+    count = algebra.coordinate_count([*more.values()], 3)
 
     def tensor(*state: Array) -> Array:
         inner = space.tensor(*state[: len(space.letters)])
@@ -286,7 +275,7 @@ def _record(model: Model, law: Portable, control: Controller, parameters: Sequen
 
     wide = PhaseSpace(
         name=f"{space.name} x R^{count}",
-        components=(*space.components, *more),
+        components=(*space.components, *more.items()),
         tensor=tensor,
         casimirs=None,
         sign=space.sign,

@@ -331,7 +331,7 @@ def _observer(body: Splitting, order: Any) -> Observed:
         outcomes |= driven.outcomes_of_work(oscillates)
     outcomes |= driven.outcomes_of_totals(model, oscillates)
     if record.control is not None:
-        meanings = control.meanings(record.control)
+        meanings = {k: words for k, (_, words) in control.components(record.control).items()}
         outcomes |= {name: replace(outcomes[name], meaning=meaning) for name, meaning in meanings.items()}
 
     def observe(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:

@@ -211,8 +211,8 @@ def controlled_by(model: Model, control: Control | None, wheels: Wheels | None) 
 
 def at_the_start(model: Model, control: Control | None, wheels: Wheels | None, lanes: int) -> dict[str, Array]:
     """The components of a state in addition to the body's: 0, the momenta of the wheels, the memory of the law."""
-    more = sampling.components(cast("Controller", perturbation_of(model.system).control)) if control or wheels else ()
-    out = {letter: np.zeros(() if kind == "scalar" else int(kind[2:])) for letter, kind in more}
+    more = sampling.components(cast("Controller", perturbation_of(model.system).control)) if control or wheels else {}
+    out = {letter: np.zeros(() if kind == "scalar" else int(kind[2:])) for letter, (kind, _) in more.items()}
     if control is not None and GENERATOR in out:
         out[GENERATOR] = streams(int(control.seed), lanes) if lanes > 1 else streams(int(control.seed), 1)[0]
     return out | ({} if wheels is None else {WHEELS: wheels.momenta}) | ({} if control is None else {**control.memory})
