@@ -12,14 +12,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from kreisel import algebra
 from kreisel.errors import InputError, explained, shown
-from kreisel.record.body_frame import AXES, BODY, BodyFrame
-from kreisel.record.contract import Frame
 from kreisel.record.quantities import Scale, Scales, converted, parsed_unit, registry, si
-from kreisel.runs.geometry import in_body_axes, model_for, velocity_of
-from kreisel.runs.in_si import SUMMARIES, is_in_si
-from kreisel.runs.run_record import RunRecord, frame_of
+from kreisel.runs.in_si import in_units, is_in_si
+from kreisel.runs.run_record import frame_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -56,35 +52,23 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
     frame = None if is_in_si(run) or not hasattr(run, "attrs") else frame_of(run)
     if frame is not None and frame.differs:
         raise InputError("expected a run in SI, got one of bodies in different units: simulate the ensemble itself.")
-    if is_in_si(run):
-        units = {str(name): variable.attrs.get("units", "1") for name, variable in run.variables.items()}
+    turned = run if frame is None else in_units(run, frame)
+    if frame is not None or is_in_si(run):
+        units = {str(name): variable.attrs.get("units", "1") for name, variable in turned.variables.items()}
         scales = {name: Scale(unit, 1.0) for name, unit in units.items() if unit != "1"}
-    elif scales is None and frame is not None:
-        scales = {name: Scale(unit, size) for name, (unit, size) in frame.units.items()}
     scaled = isinstance(scales, Mapping) and all(isinstance(scale, Scale) for scale in scales.values())
     if not hasattr(run, "data_vars") or not isinstance(scales, Mapping) or not scaled:
         raise InputError(
             f"expected a run and its scales, got {shown(type(run).__name__)} and {shown(scales)}. A run of a body of "
             "kr.physical knows them; for another system say which units its variables have."
         )
-    turned = run
-    if frame is not None:
-        kinds = {str(name): variable.attrs.get("kind") for name, variable in run.variables.items()}
-        bases = {name: name.rpartition("_")[0] for name, kind in kinds.items() if kind in SUMMARIES}  # of a sweep
-        axes = {name: frame.attributes(base).get(AXES) for name, base in bases.items()}
-        stated = {name: run[name].assign_attrs({AXES: value}) for name, value in axes.items() if value is not None}
-        turned, scales = _with_velocity(run.assign(stated), frame, scales)
-        rate = Scale("rad/s", 1 / frame.time_unit)
-        units = {name: rate if name.endswith("_frequency") else scales.get(base) for name, base in bases.items()}
-        scales = {**{name: scale for name, scale in units.items() if scale is not None}, **scales}
     for name in wanted:
         if name not in scales or name not in turned.variables:
             there = ", ".join(k for k in scales if k in turned.variables)
             raise InputError(f"Only {there} of this run have units, got {shown(name)}.")
     kept = {k: run.attrs[k] for k in KEPT if k in run.attrs}
     along = "; along the axes in which the body was given" if frame is not None or is_in_si(run) else ""
-    mark = "SI units or named ones" + along
-    out = turned.drop_attrs().assign_attrs(kept, kreisel_measured=mark)
+    out = turned.drop_attrs().assign_attrs(kept, kreisel_measured="SI units or named ones" + along)
     for name in map(str, turned.variables):
         variable = turned[name].variable
         attrs = {k: v for k, v in variable.attrs.items() if k not in RUN_ONLY}
@@ -97,24 +81,6 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
             size *= converted(registry().Quantity(1.0, scale.unit), wanted[name], name).magnitude
             unit = wanted[name]
         variable = variable if size == 1 else variable * size
-        out = out.assign_coords({name: variable}) if name in run.coords else out.assign({name: variable})
+        out = out.assign_coords({name: variable}) if name in turned.coords else out.assign({name: variable})
         out[name].attrs = {**attrs, "units": unit}
     return out
-
-
-def _with_velocity(run: xr.Dataset, frame: BodyFrame, scales: Scales) -> tuple[xr.Dataset, Scales]:
-    """A run along the axes of its body, with its angular velocity, if its state gives one."""
-    out, record = in_body_axes(run), RunRecord.from_attrs(run.attrs)
-    if record.is_own or "parameters" not in run.attrs or "event" in run.dims or record.missing_from(run):
-        return out, scales
-    rows = run if "time" in run.dims else run.expand_dims("time")
-    model = model_for(rows, None)
-    if model.system.velocity is None:
-        return out, scales
-    values = algebra.axial(velocity_of(rows, model))
-    body = model.system.frame is Frame.MOVING
-    name, meaning = ("Omega", "along the axes of the body") if body else ("omega", "in space")
-    dims = tuple(d for d in ("time", "lane") if d in run.dims)
-    values = (frame.vectors(values) if body else values).reshape(*(run.sizes[d] for d in dims), 3)
-    attrs = {"long_name": f"angular velocity {name}, {meaning}", **({AXES: BODY} if body else {})}
-    return out.assign({name: ((*dims, "axis"), values, attrs)}), {**scales, name: Scale("rad/s", 1 / frame.time_unit)}

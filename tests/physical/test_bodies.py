@@ -17,7 +17,7 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 
 import kreisel as kr
-from kreisel.physical import Ellipsoid, FreeBody, Gyroscope, HeavyBody, Orbit, Satellite, SubmergedBody
+from kreisel.physical import Ellipsoid, Ensemble, FreeBody, Gyroscope, HeavyBody, Orbit, Satellite, SubmergedBody
 from kreisel.storage.checking import check_archive
 
 from .test_given_axes import ADDED, CENTRE, LONG, ORBIT, RATE, ROWS, SHORT, TENSOR, TYPED, case, same
@@ -389,3 +389,7 @@ def test_a_run_beyond_igrf_warns() -> None:
     with pytest.warns(kr.InputWarning, match="holds until 2030-01-01, 1 days after the epoch, and the run takes 2"):
         run = kr.simulate(body, body.state(), dt="10 min", t_end="2 day", progress=False)
     assert np.array_equal(body.field(run), run.field) and body.field(run).attrs["units"] == "T"
+    many = Ensemble([body, body])
+    for asked in ({"t_end": "2 day"}, {"steps": 288}, {"times": ["1 h", "2 day"]}):  # a method that stops the run
+        with pytest.warns(kr.InputWarning, match="and the run takes 2"), pytest.raises(kr.InputError, match="method"):
+            kr.simulate(many, many.state(), dt="10 min", **asked, method="none")

@@ -145,8 +145,8 @@ class BodyFrame:
     def change(self, letter: str, forward: bool) -> Callable[[Array], Array] | None:
         """The change of the values of a variable to SI and the user's axes (forward), or back; None for none."""
         if letter == ORIENTATION:
-            turn = algebra.inverse_turn(self.quaternion) if forward else self.quaternion
-            return (lambda g: algebra.quaternion_product(g, turn)) if self.turned else None
+            back = partial(algebra.quaternion_product, b=self.quaternion)
+            return (self.attitude if forward else back) if self.turned else None
         size = self.size(letter) if forward else 1 / self.size(letter)
         if letter not in self.along or not self.turned:
             return scaling(size)

@@ -13,7 +13,6 @@ from kreisel.errors import InputError, shown
 from kreisel.files import read_values
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, model_of
-from kreisel.record.body_frame import AXES, BODY
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
 from kreisel.runs.in_si import in_state_form
@@ -196,23 +195,6 @@ def axes_of_state(run: xr.Dataset) -> Array:
     """The axes (3, 3) of the state along the user's axes of the body, as columns; 1 for other systems."""
     frame = frame_of(run)
     return np.eye(3) if frame is None else frame.axes
-
-
-def in_body_axes(run: xr.Dataset) -> xr.Dataset:
-    """A run or a sweep with its vectors and its orientation along the user's axes of the body.
-
-    The result is for reading: it has neither parameters nor the attribute `body`, so no function rotates it again.
-    """
-    run = in_state_form(run)
-    frame = frame_of(run)
-    out = run.copy(deep=False)
-    for name in ("body", "parameters", "components", "start_sha256"):
-        out.attrs.pop(name, None)
-    if frame is not None:
-        for name in (letter for letter in (*frame.along, ORIENTATION) if letter in run):
-            turned = attitude_of(run) if name == ORIENTATION else frame.vectors(np.asarray(run[name].values))
-            out[name] = run[name].copy(data=turned).assign_attrs({AXES: BODY})
-    return out
 
 
 def velocity_of(run: xr.Dataset, model: Model) -> Array:

@@ -10,6 +10,7 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import wraps
 from typing import TYPE_CHECKING, Any
 
@@ -109,8 +110,20 @@ def in_si(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     if model is None:
         return out
     out = out.assign(_with_spin(out, run, model, frame.size("energy") / 2))
-    if model.system.velocity is None:
-        return out
+    return out if model.system.velocity is None else out.assign({VELOCITY: _velocity(run, frame, model)})
+
+
+def in_units(run: xr.Dataset, frame: BodyFrame) -> xr.Dataset:
+    """A run of a scaled system in SI along the axes of its body, under its names, with Omega, or omega in space."""
+    out = _converted(run, replace(frame, names={}), forward=True)
+    model = None if RunRecord.from_attrs(run.attrs).is_own or "event" in run.dims else _model_of(run, None)
+    if model is not None and model.system.velocity is not None:
+        name = "Omega" if model.system.frame is Frame.MOVING else "omega"
+        out = out.assign({name: _velocity(run, frame, model)})
+    return out.rename({COMPONENT: "axis"}) if COMPONENT in out.dims else out
+
+
+def _velocity(run: xr.Dataset, frame: BodyFrame, model: Model) -> xr.Variable:
     body = model.system.frame is Frame.MOVING
 
     def velocity(state: list[Array]) -> Array:
@@ -119,7 +132,7 @@ def in_si(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
 
     meaning = f"angular velocity, along the axes of {'the body' if body else 'space'}"
     attrs = {"long_name": meaning, "units": "rad/s"} | ({AXES: BODY} if body else {})
-    return out.assign({VELOCITY: _of_rows(run, model, velocity, attrs, axes=(COMPONENT,))})
+    return _of_rows(run, model, velocity, attrs, axes=(COMPONENT,))
 
 
 def in_state_form(run: Any) -> Any:
@@ -278,6 +291,7 @@ def scaled(system: Any, x0: Any, orientation: Any, asked: Mapping[str, Any], eve
         _require_attitude_of_state(body, model, start, before, first)
     settings = scaled_settings(model, asked)
     end = settings.get("t_end") or (settings.get("t_start") or 0.0) + settings["dt"] * (settings.get("steps") or 0)
+    end = end if settings.get("times") is None else float(np.max(settings["times"], initial=0.0))
     for sentence in body._doubts(end * frame.time_unit) if isinstance(end, float) else ():
         doubt(sentence)
     return model, start, first, settings, scaled_events(frame, events)

@@ -17,7 +17,6 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, shown
 from kreisel.files import NPZ_ATTRIBUTES, read_values, require_file, written
 from kreisel.method.observing import ORIENTATION
-from kreisel.runs.geometry import in_body_axes
 from kreisel.runs.in_si import is_in_si
 from kreisel.runs.orbits import FRAMES, angles_of
 from kreisel.runs.run_record import RunRecord
@@ -28,6 +27,7 @@ from kreisel.units import measured
 
 NUMBERS_AT_ONCE = 1 << 20
 TEXT = np.dtype("O", metadata={"vlen": str})  # to HDF5
+OF_STATE = ("body", "parameters", "components", "start_sha256")  # attributes that a file in SI does not have
 ROWS = ("time", "event", "frequency", "lane")  # axes along which Parquet has its rows
 
 
@@ -236,7 +236,9 @@ def _presented(run: xr.Dataset) -> xr.Dataset:
     """A Dataset in the form of a file: for a body in SI units, along the user's axes of the body."""
     if not _of_body(run):
         return run
-    return measured(run).assign_attrs(in_body_axes(run).attrs if "kreisel_sweep" in run.attrs else {})
+    out = measured(run)
+    kept = {name: value for name, value in run.attrs.items() if name not in OF_STATE}
+    return out.assign_attrs(kept) if "kreisel_sweep" in run.attrs else out
 
 
 def _columns(block: xr.Dataset) -> Iterator[tuple[str, Array]]:
