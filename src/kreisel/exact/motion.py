@@ -446,8 +446,3 @@ def _unit_vector(x: Array) -> Array:
     x = x * 2.0 ** -min(max(math.frexp(float(abs(x).max()))[1], -1000), 1000)  # exactly; the square may underflow
     length = math.sqrt(algebra.dot(x, x))
     return np.asarray(x / length if length else x, dtype=np.float64)
-
-
-def rotation(axis: Array, angle: Array) -> Array:
-    """The rotation about an axis, of any length, as a unit quaternion."""
-    return np.concatenate([np.cos(angle / 2)[..., None], np.sin(angle / 2)[..., None] * _unit_vector(axis)], -1)
