@@ -219,7 +219,7 @@ def tip_in_picture(run: xr.Dataset) -> np.ndarray:
 
 def skipped(monkeypatch: pytest.MonkeyPatch) -> None:
     """A mutant: nothing is turned from the axes of the state."""
-    monkeypatch.setattr(BodyFrame, "vectors", lambda self, v: v)
+    monkeypatch.setattr(BodyFrame, "_along", lambda self, v, matrix: v)
     monkeypatch.setattr(BodyFrame, "attitude", lambda self, g: g)
 
 
