@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.resources
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from kreisel.errors import InputError, explained
@@ -56,9 +56,11 @@ def cite(what: xr.Dataset | Model | System) -> str:
         record = RunRecord.from_attrs(attrs)
         references, version = record.references, record.source.removeprefix("kreisel ")
         method, order = record.method, record.order
-    known = bibliography()
-    here, unknown = _keys(references, known)
-    keys = dict.fromkeys([*here, *(METHODS[method].cited(order) if method in METHODS else ())])
+    known, sources = bibliography(), dict.fromkeys(re.findall(r"([A-Z][\w-]+(?:,? [A-Z][\w-]+)*) (\d{4})", references))
+    named = {f"{name.split()[0].strip(',').lower()}{year}": f"{name} {year}" for name, year in sources}
+    cited = METHODS[method].cited(order) if method in METHODS else ()
+    keys = dict.fromkeys([*(key for key in named if key in known), *cited])
+    unknown = [name for key, name in named.items() if key not in known]
     comment = [f"% further: {', '.join(unknown)}"] if unknown else []
     return "\n\n".join([SOFTWARE.format(version=version), *(known[key] for key in keys), *comment])
 
@@ -67,10 +69,3 @@ def bibliography() -> dict[str, str]:
     """The entries of refs.bib by key."""
     text = importlib.resources.files("kreisel").joinpath("refs.bib").read_text(encoding="utf-8")
     return {re.split(r"[{,]", entry)[1]: entry.strip() for entry in re.split(r"\n(?=@)", text) if entry.strip()}
-
-
-def _keys(text: str, known: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Keys of the sources in a text ("Suris 2001" is suris2001), and the sources that are not in the list."""
-    found = dict.fromkeys(re.findall(r"([A-Z][\w-]+(?:,? [A-Z][\w-]+)*) (\d{4})", text))
-    keys = {f"{name.split()[0].strip(',').lower()}{year}": f"{name} {year}" for name, year in found}
-    return [key for key in keys if key in known], [name for key, name in keys.items() if key not in known]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -121,27 +121,23 @@ def _plan_of_times(
     record, oriented = find(named(method, "method")), orientation is not None
     made = scheme(model, record.name, dt, whole_order(order), oriented) if record.applies(model) else None
     if made is None or made.orbits is None:
-        raise InputError(_without(model, record.name, oriented))
+        exact = find("exact")
+        known = exact.applies(model) and scheme(model, "exact", 1.0, None, oriented).orbits is not None
+        if record.name != "exact" and known:
+            way = "method='exact' knows its flow: kr.at(system, x0, times)."
+        else:
+            exactly = has_points(model) and not (oriented and model.system.exact_map is not None)
+            steps = "exact" if exactly else default_method(model, stepped=True)
+            way = (
+                f"Steps of method={steps!r} reach the same times: kr.simulate(system, x0, "
+                f"{'method=' + repr(steps) + ', ' if exactly else ''}dt=..., times=[...]), in order and from 0 on."
+            )
+        raise InputError(
+            f"kr.at: no closed form of method={record.name!r} is known for {model.system.name}, n = {model.n}"
+            f"{' and an orientation' * oriented}. {way}"
+        )
     settings = Settings(dt=dt, steps=0, method=method, order=order, observe=observed(observe, made))
     return planned(model, made, settings, initial_parts(model, state, orientation), "cpu")
-
-
-def _without(model: Model, method: str, oriented: bool) -> str:
-    """The message that there is no closed form, and the alternative for this system."""
-    exact = find("exact")
-    known = exact.applies(model) and scheme(model, "exact", 1.0, None, oriented).orbits is not None
-    if method != "exact" and known:
-        way = "method='exact' knows its flow: kr.at(system, x0, times)."
-    else:
-        exactly = has_points(model) and not (oriented and model.system.exact_map is not None)
-        steps = "exact" if exactly else default_method(model, stepped=True)
-        named = f"method={steps!r}, " * (steps == "exact")
-        way = (
-            f"Steps of method={steps!r} reach the same times: kr.simulate(system, x0, "
-            f"{named}dt=..., times=[...]), in order and from 0 on."
-        )
-    also = " and an orientation" * oriented
-    return f"kr.at: no closed form of method={method!r} is known for {model.system.name}, n = {model.n}{also}. {way}"
 
 
 @dataclass(frozen=True)
@@ -196,28 +192,21 @@ def nutation(system: Model | Body, x0: StateLike) -> Figures:
     if model.batch or parts[0].ndim > 2 or parts[1].ndim > 1:
         raise InputError("kr.nutation needs one motion, got an ensemble. Pass one lane at a time.")
     try:
-        figures = _figures(model, parts)
-        return replace(figures, period=figures.period * unit, spin=figures.spin / unit)
+        motion = motion_of_top(model, parts, model.constants, reach=0.0)
+        kind, known, ctx, (x1, x2, _) = _kind(motion), motion.integrals, motion.nutation.ctx, motion.nutation.x
+        height, alpha = mp_number(ctx, known.E), ctx.convert(float(model.constants.get("alpha", 1.0)))
+        return Figures(
+            kind=kind,
+            period=math.inf if known.separatrix else float(2 * motion.nutation.half_period) * unit,
+            lowest=float((x2 if kind.startswith("sleeping") else x1) / 2 + height),
+            highest=float(x2 / 2 + height),
+            precession=float(_precession(ctx, known)),
+            spin=float(mp_number(ctx, known.J) / ctx.sqrt(mp_number(ctx, known.A)) / alpha) / unit,
+        )
     except ZeroDivisionError:
         raise InputError(
             "expected a motion whose period a double can hold, got a slower one. Use other units."
         ) from None
-
-
-def _figures(system: Model, parts: tuple[Any, ...]) -> Figures:
-    here = motion_of_top(system, parts, system.constants, reach=0.0)
-    top, kind = here.nutation, _kind(here)
-    known, ctx, (x1, x2, _) = top.integrals, top.ctx, top.x
-    height = mp_number(ctx, known.E)
-    alpha = ctx.convert(float(system.constants.get("alpha", 1.0)))
-    return Figures(
-        kind=kind,
-        period=math.inf if known.separatrix else float(2 * top.half_period),
-        lowest=float((x2 if kind.startswith("sleeping") else x1) / 2 + height),
-        highest=float(x2 / 2 + height),
-        precession=float(_precession(ctx, known)),
-        spin=float(mp_number(ctx, known.J) / ctx.sqrt(mp_number(ctx, known.A)) / alpha),
-    )
 
 
 def _kind(here: TopMotion) -> str:

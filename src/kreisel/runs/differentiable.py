@@ -20,7 +20,7 @@ from kreisel.method.baecklund import SPINS, Product
 from kreisel.method.conjugate import NUMBERS, fractions
 from kreisel.method.driven import zero
 from kreisel.method.observing import COUNT, ORIENTATION, as_matrix, turned, with_orientation
-from kreisel.method.scheme import Components, Guard, JaxSteps, Scheme, Steps
+from kreisel.method.scheme import Guard, JaxSteps, Scheme, Steps
 from kreisel.method.splitting import REACH, closed_form
 from kreisel.method.splitting import make as splitting
 from kreisel.record.body import Body, as_body
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from kreisel.record.model import Model, OrientationLike
 
 SPIN = "spin"
+USUAL = "Usual cause: dt too long for this state."
 MOST_N = 10  # beyond, a step has too many operations for straight-line code
 Known = dict[str, Any]
 Parts = tuple[Array, ...]
@@ -48,27 +49,15 @@ Parts = tuple[Array, ...]
 class Step(NamedTuple):
     """A step in the form that JAX needs.
 
-    components       of z, with their kinds: the state, the orientation g, if any, further variables
-    begin, end       the method's variables from the state, and back: (*state, **constants) -> state
-    take             (*z, **constants) -> z, once for each stage; close(*z, **constants) after them, or None
+    scheme      the step, (*z, **constants) -> z for each stage, and its components: state, orientation, further ones
     constants(own, known, dt)  -> constants of the trajectory, and of the stages (stage, ...)
-    guard            bound on z
-    arrays           whether its arguments are arrays of JAX, not scalars
+    begin, end  the method's variables from the state, and back: (*state, **constants) -> state; None: the same
     """
 
-    components: Components
-    begin: Callable[..., Parts]
-    end: Callable[..., Parts]
-    take: Callable[..., Parts]
-    close: Callable[..., Parts] | None
+    scheme: Scheme
     constants: Callable[[Parts, Known, Any], tuple[Known, Known]]
-    guard: Guard | None
-    arrays: bool = False
-
-    @property
-    def kinds(self) -> list[str]:
-        """The kinds of the components."""
-        return [kind for _, kind in self.components]
+    begin: Callable[..., Parts] | None = None
+    end: Callable[..., Parts] | None = None
 
 
 @explained
@@ -123,23 +112,20 @@ def differentiable(
         step = step_with(bool(parameters))
         with double():
             require_double(dt, time, *state.values(), *parameters.values())
-            _require_times(by, model, dt, time, count)
+            if not by.is_traced(dt):
+                require_whole_samples(model, float(dt))
+                if not by.is_traced(time):
+                    require_within(model, float(time), float(time) + float(dt) * count)
             start = _given(by, model, state, oriented, begin)
             rows = _rows(by, model, step, start, dt, time, count // between, between, parameters)
             out = {k: v if every is not None else v[-1] for k, v in rows.items()}
             if not any(by.is_traced(v) for v in out.values()) and not all(np.isfinite(v).all() for v in out.values()):
-                raise RunError(_fault(model, step))
+                guard = step.scheme.guard
+                why = f"{guard.fault}. Usual cause: {guard.cause}" if guard else USUAL
+                raise RunError(f"{model.system.name}: the state is no longer finite. {why} kr.simulate names the step.")
         return out
 
     return motion
-
-
-def _require_times(by: Any, model: Model, dt: Any, time: Any, steps: int) -> None:
-    """Raises `InputError` for times, known while JAX traces, that tables or samples of the body do not suit."""
-    if not by.is_traced(dt):
-        require_whole_samples(model, float(dt))
-        if not by.is_traced(time):
-            require_within(model, float(time), float(time) + float(dt) * steps)
 
 
 def _whole(by: Any, value: Any, name: str, most: int) -> int:
@@ -149,12 +135,6 @@ def _whole(by: Any, value: Any, name: str, most: int) -> int:
             f"jax.jit(..., static_argnames={name!r}), or close over it."
         )
     return within(value, name, 1, most)
-
-
-def _fault(model: Model, step: Step) -> str:
-    guard = step.guard
-    why = f"{guard.fault}. Usual cause: {guard.cause}" if guard else "Usual cause: dt too long for this state."
-    return f"{model.system.name}: the state is no longer finite. {why} kr.simulate names the step."
 
 
 # -- the step of a method --------------------------------------------------------------------------
@@ -169,7 +149,7 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
     sampled = record is not None and record.control is not None and record.sampled
     made = scheme(model, method, record.control.every if sampled else 1.0, order, oriented)  # type: ignore[union-attr]
     if isinstance(made.motion, JaxSteps):
-        return Step(made.components, _same, _same, made.motion.step, None, _linear(model, made, oriented), None, True)
+        return Step(made, _linear(model, made, oriented))
     if made.name == "exact":
         return _closed(model, made, oriented)
     if made.name == "baecklund" and model.system.pairs is not None and model.system.baecklund is None:
@@ -189,14 +169,11 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
         )
     if made.name == "splitting" and (varied or sampled):
         made = splitting(model, 1.0, made.options["order"], oriented, all_turns=True)
-    begin, end = _same, _same
-    if made.name == "suris" and made.options["order"] == 2:
-        count = len(model.system.space.letters)
-        begin, end = (_of(f, count) for f in (model.map.from_symmetric, model.map.to_symmetric))
-    motion = cast("Steps", made.motion)
     if made.name != "baecklund":
-        constants = _linear(model, made, oriented)
-        return Step(made.components, begin, end, motion.step, motion.close, constants, made.guard)
+        ends: tuple[Any, ...] = ()
+        if made.name == "suris" and made.options["order"] == 2:
+            ends = model.map.from_symmetric, model.map.to_symmetric
+        return Step(made, _linear(model, made, oriented), *ends)
     if oriented:
         raise InputError(
             "Derivatives of the orientation: expected another method, such as 'exact' or 'suris', got "
@@ -204,29 +181,17 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
             "kr.simulate for kr.tangent, or orientation=False."
         )
     if model.system.exact_map is not None:
-        return Step(made.components, begin, end, motion.step, None, _of_map(model, made), made.guard)
-    constants = _of_baecklund(model, made)
-    close = motion.close and _spun(model, motion.close)
-    return Step(made.components, begin, end, _spun(model, motion.step), close, constants, made.guard)
+        return Step(made, _of_map(model, made))
 
-
-def _spun(model: Model, function: Callable[..., Parts]) -> Callable[..., Parts]:
-    """The function with rotation matrices computed from their coordinates, which are fewer."""
-
-    def spun(*z: Array, **known: Any) -> Parts:
+    def spun(function: Callable[..., Parts], *z: Array, **known: Any) -> Parts:
+        """The function with rotation matrices computed from their coordinates, which are fewer."""
         if SPIN in known:
             known |= dict.fromkeys(SPINS, algebra.skew(known.pop(SPIN), model.n))
         return function(*z, **known)
 
-    return spun
-
-
-def _same(*z: Array, **known: Any) -> Parts:
-    return z
-
-
-def _of(function: Any, count: int) -> Callable[..., Parts]:
-    return lambda *z, **known: (*call(function, z[:count], known), *z[count:])
+    motion = cast("Steps", made.motion)
+    motion = Steps(partial(spun, motion.step), motion.close and partial(spun, motion.close))
+    return Step(replace(made, motion=motion), _of_baecklund(model, made))
 
 
 def _linear(model: Model, made: Scheme, oriented: bool) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
@@ -264,7 +229,8 @@ def _closed(model: Model, made: Scheme, oriented: bool) -> Step:
 
     guard = Guard(f"A step is longer than {part.name} is precise for", "more than some radians a step.", REACH, 1.0)
     components = (*with_orientation(model, oriented), (REACH, "scalar"))
-    return Step(components, _same, _same, take, None, lambda own, known, dt: ({"eps": dt}, {}), guard)
+    step = replace(made, components=components, motion=Steps(take, None), guard=guard)
+    return Step(step, lambda own, known, dt: ({"eps": dt}, {}))
 
 
 def _of_baecklund(model: Model, made: Scheme) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
@@ -412,23 +378,25 @@ def _rows(
     own = start[: len(space.letters)]
     more, stages = step.constants(own, known, dt)
     known |= {k: by.mixed(v) for k, v in more.items()}
-    shown = step.components[: len(start)]
-    z = step.begin(*start, **known)
-    count = by.mixed(by.jnp.asarray(time / dt, dtype=float)) + zero(model.system, own)
-    z = (*z, *(count if name == COUNT else zero(model.system, own) for name, _ in step.components[len(z) :]))
-    flat = by.values(algebra.flatten(z, step.kinds))
-    if step.arrays:
-        flat = by.orbit_of_arrays(step.take, step.kinds, model.n, flat, known, rows, every)
+    made, motion, count = step.scheme, step.scheme.motion, len(space.letters)
+    shown = made.components[: len(start)]
+    z = start if step.begin is None else (*call(step.begin, own, known), *start[count:])
+    clock = by.mixed(by.jnp.asarray(time / dt, dtype=float)) + zero(model.system, own)
+    z = (*z, *(clock if name == COUNT else zero(model.system, own) for name, _ in made.components[len(z) :]))
+    flat = by.values(algebra.flatten(z, made.kinds))
+    if isinstance(motion, JaxSteps):
+        flat = by.orbit_of_arrays(motion.step, made.kinds, model.n, flat, known, rows, every)
     else:
-        flat = by.orbit(step.take, step.close, step.kinds, model.n, flat, known, stages, rows, every)
+        steps = cast("Steps", motion)
+        flat = by.orbit(steps.step, steps.close, made.kinds, model.n, flat, known, stages, rows, every)
 
     def shown_row(row: Array) -> dict[str, Array]:
-        parts = algebra.restore(by.numbers(row), step.kinds, model.n)
-        x = step.end(*parts[: len(shown)], **known)
+        x = algebra.restore(by.numbers(row), made.kinds, model.n)[: len(shown)]
+        x = x if step.end is None else (*call(step.end, x[:count], known), *x[count:])
         out = {k: by.values(algebra.KINDS[kind].for_user(v)) for (k, kind), v in zip(shown, x, strict=True)}
-        if step.guard is None:
+        if made.guard is None:
             return out
-        return {k: by.jnp.where(row[-1] <= step.guard.limit, v, by.jnp.nan) for k, v in out.items()}
+        return {k: by.jnp.where(row[-1] <= made.guard.limit, v, by.jnp.nan) for k, v in out.items()}
 
     out = by.jax.vmap(shown_row)(flat)
     return {letter: out[letter] for letter, _ in shown}

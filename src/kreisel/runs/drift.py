@@ -98,25 +98,66 @@ def table_of(run: xr.Dataset) -> pd.DataFrame:
 
 def _rows(run: xr.Dataset, names: list[str], sloping: bool = True) -> dict[str, dict[str, Any]]:
     run = run if "time" in run.dims else run.expand_dims("time")
-    clock = _Clock(run)
-    rows = {}
+    clock, rows = _Clock(run), dict[str, dict[str, Any]]()
     for name in names:
         scan = _Scan(name, run, run.variables[name], clock, sloping)
-        judge = _Judge(run, scan)
+        width, unknown = _widths(run, scan)
         for part, label in enumerate(scan.labels):
-            lane, width = judge.worst(part)
-            unit = MACHINE_EPSILON * max(scan.value_scale[lane, part], scan.step_scale[lane, part])
+            lane = int(_ratio(scan.largest[:, part], width[:, part]).argmax())  # the worst
+            change, limit = float(scan.largest[lane, part]), float(width[lane, part])
+            scale = scan.step_scale[lane, part]
+            off = scan.conserved and change > FAR * limit and lane not in unknown
+            if off:  # dt times the largest entry of the state: about the angle of rotation in a step
+                states = in_state_form(run)
+                turn = max(_sizes(states, lane, slice(None)), default=0.0) * float(states.attrs.get("dt", 0.0))
+                off = bool(far(change, limit, scale + abs(scan.start[lane, part]), turn))
             rows[label] = {
                 "kind": scan.kind,
                 "conserved": scan.conserved,
                 "start": float(scan.start[lane, part]) + 0.0,
-                "max_change": float(scan.largest[lane, part]),
-                "ulps": float(_ratio(scan.largest[lane, part], unit)),
+                "max_change": change,
+                "ulps": float(_ratio(change, MACHINE_EPSILON * max(scan.value_scale[lane, part], scale))),
                 "slope": float(scan.slope[lane, part]),
                 "correction": float(scan.correction),
-                "broken": judge.broken(lane, part, width),
+                "broken": off,
             }
     return rows
+
+
+def _widths(run: xr.Dataset, scan: _Scan) -> tuple[np.ndarray, set[int]]:
+    """The widths of the walks of rounding errors, and lanes of which they are not known.
+
+    The worst suspect lanes are measured again, by states of all blocks: the first may rest.  If this is impossible, as
+    for a user-defined system, lanes whose state has grown are unknown.
+    """
+    width = scan.width()
+    ratios = _ratio(scan.largest, width)
+    lanes = np.flatnonzero((ratios > FAR).any(1))
+    if not scan.conserved or not lanes.size:
+        return width, set()
+    lanes = lanes[np.argsort(-ratios.max(1)[lanes])][:LOOKED_AT]
+    unit, run = unit_of(run, scan.name), in_state_form(run)
+    scales = whole_run(run, scan.name, lanes)
+    if scales is not None:
+        for mine, new in zip((scan.step_scale, scan.value_scale), scales, strict=True):
+            mine[lanes] = np.maximum(mine[lanes], unit * new.reshape(len(lanes), -1))
+        return scan.width(), set()
+    first = slice(0, max(1, int(run.attrs.get("rows_in_block", 1))))
+
+    def has_grown(lane: int) -> bool:
+        sizes = zip(_sizes(run, lane, slice(None)), _sizes(run, lane, first), strict=True)
+        return any(whole > GROWN * begun for whole, begun in sizes)
+
+    return width, {lane for lane in lanes.tolist() if has_grown(lane)}
+
+
+def _sizes(run: xr.Dataset, lane: int, rows: slice) -> list[float]:
+    """The largest entry of each component of the state in a lane, in some rows."""
+    some = run.isel(time=rows)
+    some = some.isel(lane=lane) if "lane" in some.dims else some
+    states = [v for v in some.data_vars.values() if v.attrs.get("kind") == "state" and "time" in v.dims]
+    blocks = list(_Clock(some).blocks(max((v[0].size for v in states), default=1)))
+    return [max(float(abs(read_values(v[rows])).max()) for rows in blocks) for v in states]
 
 
 def broken(table: pd.DataFrame) -> list[str]:
@@ -138,41 +179,38 @@ def _sentence(name: str, row: Any) -> str:
 
 
 def watched(run: xr.Dataset, loaded: bool = False) -> xr.Dataset:
-    """The run itself; `loaded`: it is in memory.  Warns with `ConservationWarning` if an invariant is broken."""
-    if not loaded or not all(_stands(v) for v in run.variables.values() if v.attrs.get("conserved")):
+    """The run itself; `loaded`: it is in memory.
+
+    Warns with `ConservationWarning` if an invariant is broken, with `AccuracyWarning` if the energy, minus the work,
+    oscillates by a large part of its terms.
+    """
+
+    def rests(variable: xr.Variable) -> bool:
+        """Whether no value changed by more than the error of an evaluation, at a tenth of the cost of a scan."""
+        low, high = _extremes(variable.values)
+        least = min(variable.attrs["evaluation_scale"], default=0.0)
+        return bool((high - low).max(initial=0.0) <= FAR * MACHINE_EPSILON * least)
+
+    if not loaded or not all(rests(v) for v in run.variables.values() if v.attrs.get("conserved")):
         conserved = [name for name in _watched(run) if run.variables[name].attrs.get("conserved")]
         rows = _rows(run, conserved, sloping=False)
         if sentences := [_sentence(name, row) for name, row in rows.items() if row["broken"]]:
             warnings.warn(" ".join(sentences), ConservationWarning, stacklevel=4)
-    _warn_of_a_long_step(run)
-    return run
-
-
-def _warn_of_a_long_step(run: xr.Dataset) -> None:
-    """Warns with `AccuracyWarning` if the energy, minus the work, oscillates by a large part of its terms."""
     kept = ["balance"] if "work" in run.variables else ["total_energy", "energy"]
-    name = next((name for name in kept if name in run.variables), None)
-    if name is None or run.attrs.get("impulses") or run.attrs.get("events"):
-        return
-    if run.variables[name].attrs.get("conserved"):
-        return
-    ((_, row),) = _rows(run, [name], sloping=False).items()
-    if row["max_change"] > LOOSE * lane_scales(run[name], "evaluation_scale").max():
+    energy = next((name for name in kept if name in run.variables), None)
+    changed = run.attrs.get("impulses") or run.attrs.get("events")
+    if energy is None or changed or run.variables[energy].attrs.get("conserved"):
+        return run
+    ((_, row),) = _rows(run, [energy], sloping=False).items()
+    if row["max_change"] > LOOSE * lane_scales(run[energy], "evaluation_scale").max():
         warnings.warn(
-            f"{name} oscillates by {row['max_change']:.2g} about {row['start']:.4g}: the step is too long for this "
+            f"{energy} oscillates by {row['max_change']:.2g} about {row['start']:.4g}: the step is too long for this "
             "motion and order, and the state is off. Use a smaller dt or a higher order; baecklund and splitting "
             "choose both for order='auto' with tol=....",
             AccuracyWarning,
-            stacklevel=5,
+            stacklevel=4,
         )
-
-
-def _stands(variable: xr.Variable) -> bool:
-    """Whether no value changed by more than the error of an evaluation, at a tenth of the cost of a scan."""
-    values = variable.values
-    low, high = _extremes(values)
-    least = min(variable.attrs["evaluation_scale"], default=0.0)
-    return bool((high - low).max(initial=0.0) <= FAR * MACHINE_EPSILON * least)
+    return run
 
 
 def _watched(run: xr.Dataset) -> list[str]:
@@ -245,64 +283,6 @@ class _Scan:
     def width(self) -> np.ndarray:
         """The width of a random walk of rounding errors, in every lane and part."""
         return MACHINE_EPSILON * (self.step_scale * np.sqrt(self.steps) + self.value_scale)
-
-
-class _Judge:
-    """Limits of round-off for each part of a variable."""
-
-    def __init__(self, run: xr.Dataset, scan: _Scan):
-        self._run, self._scan, self._width = in_state_form(run), scan, scan.width()
-        self._unit = unit_of(run, scan.name)
-        self._unknown: set[int] = set()
-        suspects = np.flatnonzero((_ratio(scan.largest, self._width) > FAR).any(1))
-        if scan.conserved and suspects.size:
-            self._look_again(suspects)
-
-    def worst(self, part: int) -> tuple[int, float]:
-        """The lane whose change is the largest multiple of the width of its walk, and that width."""
-        lane = int(_ratio(self._scan.largest[:, part], self._width[:, part]).argmax())
-        return lane, float(self._width[lane, part])
-
-    def broken(self, lane: int, part: int, width: float) -> bool:
-        """Whether the change of a conserved quantity exceeds rounding errors."""
-        scan = self._scan
-        change = scan.largest[lane, part]
-        if not scan.conserved or change <= FAR * width or lane in self._unknown:
-            return False
-        scale = scan.step_scale[lane, part] + abs(scan.start[lane, part])
-        return bool(far(change, width, scale, self._turn(lane)))
-
-    def _turn(self, lane: int) -> float:
-        """dt times the largest entry of the state in a lane: about the angle of rotation in a step."""
-        return max(self._sizes(lane, slice(None)), default=0.0) * float(self._run.attrs.get("dt", 0.0))
-
-    def _sizes(self, lane: int, rows: slice) -> list[float]:
-        """The largest entry of each component of the state in a lane, in some rows."""
-        some = self._run.isel(time=rows)
-        some = some.isel(lane=lane) if "lane" in some.dims else some
-        states = [v for v in some.data_vars.values() if v.attrs.get("kind") == "state" and "time" in v.dims]
-        blocks = list(_Clock(some).blocks(max((v[0].size for v in states), default=1)))
-        return [max(float(abs(read_values(v[rows])).max()) for rows in blocks) for v in states]
-
-    def _look_again(self, suspects: np.ndarray) -> None:
-        """Measure the widths of the worst of these lanes again, by states of all blocks: the first may rest.
-
-        If this is impossible, as for a user-defined system, lanes whose state has grown pass.
-        """
-        scan = self._scan
-        ratios = _ratio(scan.largest, self._width).max(1)
-        lanes = suspects[np.argsort(-ratios[suspects])][:LOOKED_AT]
-        found = whole_run(self._run, scan.name, lanes)
-        if found is not None:
-            for mine, other in zip((scan.step_scale, scan.value_scale), found, strict=True):
-                mine[lanes] = np.maximum(mine[lanes], self._unit * other.reshape(len(lanes), -1))
-            self._width = scan.width()
-            return
-        first = slice(0, max(1, int(self._run.attrs.get("rows_in_block", 1))))
-        for lane in lanes.tolist():
-            sizes = zip(self._sizes(lane, slice(None)), self._sizes(lane, first), strict=True)
-            if any(whole > GROWN * begun for whole, begun in sizes):
-                self._unknown.add(lane)
 
 
 @dataclass(frozen=True)

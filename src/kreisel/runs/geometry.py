@@ -112,17 +112,17 @@ def require_of_body(run: xr.Dataset, known: Mapping[str, Any]) -> None:
     record = RunRecord.from_attrs(run.attrs)
     found = {} if "parameters" not in run.attrs or record.is_own else record.model.params
     varied = [k for k in known for name in run.coords if f"{name}[".startswith(f"system.{k}[")]
-    others = [k for k in known if k in found and not _alike(found[k], known[k])]
+
+    def alike(x: Array, y: Any) -> bool:
+        fits = np.ndim(x) < 1 or np.ndim(y) < 1 or np.shape(x)[-1] == np.shape(y)[-1]
+        return fits and np.allclose(x, y, SAME, 0.0)
+
+    others = [k for k in known if k in found and not alike(found[k], known[k])]
     if varied or others:
         raise InputError(
             f"expected a run of this body, got one with another {(varied + others)[0]}. Usual cause: a run of another "
             "body or orbit, or lanes of several: read each with its body."
         )
-
-
-def _alike(x: Array, y: Any) -> bool:
-    fits = np.ndim(x) < 1 or np.ndim(y) < 1 or np.shape(x)[-1] == np.shape(y)[-1]
-    return fits and np.allclose(x, y, SAME, 0.0)
 
 
 def is_upright(model: Model) -> bool:

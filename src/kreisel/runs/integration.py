@@ -25,7 +25,7 @@ from kreisel.runs.planning import cause_of_no_numbers
 from kreisel.runs.settings import LARGE, of_forces
 
 if TYPE_CHECKING:
-    from kreisel.runs.propagation.breaks import Breaks, Stop
+    from kreisel.runs.propagation.breaks import Breaks
 
 BLOCK_BYTES = 1 << 21  # of states, held at once
 END = BREAKS + "end"  # in a snapshot: the rows and the last time of a run that an event stopped
@@ -205,21 +205,16 @@ class Integration:
         if stop is not None:
             self.buffer[self.filled] = stop.z
         elif steps == left:
-            self.buffer[self.filled], stop = self._row()
+            ahead, self.buffer[self.filled] = self.plan.within_step(self.rows), self.plan.engine.z
+            if ahead and self._breaks is not None:
+                self.buffer[self.filled], stop = self._breaks.row(self.steps, ahead)
+            elif ahead:  # by a `ReferenceEngine`
+                self.buffer[self.filled] = self.plan.engine.between(ahead)  # type: ignore[attr-defined]
         else:
             return
         self.filled, self.into = self.filled + 1, 0
         if stop is not None:
             self.plan.end = self.rows, stop.time
-
-    def _row(self) -> tuple[Floats, Stop | None]:
-        """The next row, within the step that begins here, and the stop of the run before it, if any."""
-        ahead, engine = self.plan.within_step(self.rows), self.plan.engine
-        if not ahead:
-            return engine.z, None
-        if self._breaks is not None:
-            return self._breaks.row(self.steps, ahead)
-        return engine.between(ahead), None  # type: ignore[attr-defined]  # of a `ReferenceEngine`
 
     def _call(self, out: Floats, every: int) -> None:
         def advance(look: Callable[[], None]) -> int:
@@ -269,20 +264,16 @@ class Integration:
             self._ends[lane] = min(self._ends[lane], row)
             self.faults.setdefault(lane, f"{fault(self._step_of(row))}. Usual cause: {cause}")
 
-    def _observed(self, rows: Floats) -> dict[str, Array]:
-        """The outputs of rows, a chunk at a time: temporary arrays stay small."""
-        step = chunk_rows(self.most)
-        with np.errstate(all="ignore"):
-            parts = [self.plan.observe(rows[first : first + step]) for first in range(0, len(rows), step)]
-        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
     def _finished(self) -> dict[str, Array]:
         self._check()
         rows = self.buffer[: self.filled].copy()  # the buffer is filled again
         lost = np.arange(self.flushed, self.flushed + self.filled)[:, None] >= self._ends
         if lost.any():
             rows = np.where(lost[..., None], self._first, rows)
-        block = self._observed(rows)
+        step = chunk_rows(self.most)  # at once: temporary arrays stay small
+        with np.errstate(all="ignore"):
+            parts = [self.plan.observe(rows[first : first + step]) for first in range(0, len(rows), step)]
+        block = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         cause = f"{of_forces(self.plan.model)}a state so large that its powers overflow. Use smaller units."
         for name in [name for name, value in block.items() if not is_finite(value)]:
             finite = np.isfinite(block[name]).reshape((self.filled, self.plan.lanes, -1)).all(-1)

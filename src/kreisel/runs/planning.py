@@ -284,7 +284,24 @@ LONG_KICK = (
 
 def warn_of(plan: Plan) -> None:
     """Warns of steps too long for the motion or its forces, of impossible moments of inertia, and of doubtful input."""
-    for sentence in (*_long_step(plan), *_long_kick(plan), *_no_body(plan)):
+    sentences, said = [], (plan.model.body_frame or BodyFrame()).time_text
+    if plan.scheme.name not in CLOSED and "expected_error" not in plan.scheme.options:  # order="auto" has measured it
+        turn = plan.dt * rate(plan)
+        if turn > math.pi:
+            sentences.append(
+                f"dt = {said(plan.dt)} is {turn:.3g} rad of this motion in a step, more than half a revolution: the "
+                "rows are states of the map, and show little of the motion between them. "
+                f"Use a dt of {said(GOOD * plan.dt / turn, '.1g')} or so."
+            )
+    sentences += _long_kick(plan)
+    alpha = plan.model.params.get("alpha") if plan.model.n == 3 else None
+    if alpha is not None and plan.model.system.perturbation is None and not ((alpha > 0) & (alpha <= 2)).all():
+        sentences.append(
+            f"alpha = {float(np.max(alpha) if np.min(alpha) > 0 else np.min(alpha)):g}: a body has 0 < alpha = "
+            "I_axial/I_transverse <= 2, since no moment is more than the sum of the other two. The equations are "
+            "solved all the same."
+        )
+    for sentence in sentences:
         warnings.warn(sentence, AccuracyWarning, stacklevel=4)
     if plan.model.system.checks.doubts is not None:
         for sentence in call(plan.model.system.checks.doubts, (), plan.model.params):
@@ -323,19 +340,6 @@ def rate(plan: Plan) -> float:
     return max(value for value in found if math.isfinite(value))
 
 
-def _long_step(plan: Plan) -> Iterator[str]:
-    if plan.scheme.name in CLOSED or "expected_error" in plan.scheme.options:  # order="auto" has measured its step
-        return
-    turn = plan.dt * rate(plan)
-    if turn > math.pi:
-        said = (plan.model.body_frame or BodyFrame()).time_text
-        yield (
-            f"dt = {said(plan.dt)} is {turn:.3g} rad of this motion in a step, more than half a revolution: the "
-            "rows are states of the map, and show little of the motion between them. "
-            f"Use a dt of {said(GOOD * plan.dt / turn, '.1g')} or so."
-        )
-
-
 def _long_kick(plan: Plan) -> Iterator[str]:
     """Comparison of a few steps of a splitting from the start with half steps, which shows steps that are too long."""
     if plan.scheme.name != "splitting" or "expected_error" in plan.scheme.options or plan.first.size > MOST_NUMBERS:
@@ -344,7 +348,16 @@ def _long_kick(plan: Plan) -> Iterator[str]:
     said = (plan.model.body_frame or BodyFrame()).time_text
 
     def apart(h: float, count: int) -> float:
-        return _apart(plan, steps(h, count), steps(h / 2, 2 * count))
+        """The largest difference of a component, relative to its largest entry in all lanes and at the start."""
+        one, other, worst = steps(h, count), steps(h / 2, 2 * count), 0.0
+        if one is None or other is None:
+            return math.inf
+        with np.errstate(all="ignore"):
+            for x, y, start in zip(one, other, plan.start.values(), strict=False):
+                off, size = np.max(abs(x - y)), max(np.max(abs(y)), np.max(abs(start)))
+                relative = float(off / size) if off else 0.0
+                worst = max(worst, relative if math.isfinite(relative) else math.inf)
+        return worst
 
     found = apart(plan.dt, count)
     if found <= APART:
@@ -387,25 +400,3 @@ def _steps(plan: Plan) -> Callable[[float, int], tuple[Array, ...] | None]:
         return None if found is None else found.state
 
     return steps
-
-
-def _apart(plan: Plan, one: tuple[Array, ...] | None, other: tuple[Array, ...] | None) -> float:
-    """The largest difference of a component, relative to its largest entry in all lanes and at the start."""
-    if one is None or other is None:
-        return math.inf
-    found, before = [0.0], list(plan.start.values())
-    with np.errstate(all="ignore"):
-        for x, y, start in zip(one, other, before, strict=False):
-            apart, size = np.max(abs(x - y)), max(np.max(abs(y)), np.max(abs(start)))
-            found.append(float(apart / size) if apart else 0.0)
-    return max(value if math.isfinite(value) else math.inf for value in found)
-
-
-def _no_body(plan: Plan) -> Iterator[str]:
-    alpha = plan.model.params.get("alpha") if plan.model.n == 3 else None
-    if alpha is not None and plan.model.system.perturbation is None and not ((alpha > 0) & (alpha <= 2)).all():
-        yield (
-            f"alpha = {float(np.max(alpha) if np.min(alpha) > 0 else np.min(alpha)):g}: a body has 0 < alpha = "
-            "I_axial/I_transverse <= 2, since no moment is more than the sum of the other two. The equations are "
-            "solved all the same."
-        )

@@ -125,7 +125,15 @@ def free_at(path: Path) -> float:
 
 def estimate(plan: Plan, path: Path) -> Estimate:
     """The estimate from a pilot of some milliseconds, whose kernels the run reuses."""
-    of_steps = _seconds_of_steps(plan)
+    engine, count = plan.engine_at(plan.first), 1
+    if isinstance(plan.scheme.motion, Orbits):  # by rows, and the set-up of each call
+        count = max(1, min(PILOT_ROWS, plan.rows // 8))
+        once, twice = (_spent(engine, rows, plan.every) for rows in (count, 2 * count))
+        of_steps = once + max(0.0, twice - once) / count * plan.rows
+    else:
+        while (spent := _spent(engine, 1, count)) < PILOT_SECONDS / 2 and 8 * count < plan.steps:
+            count *= 2
+        of_steps = spent / count * plan.steps
     rows = np.repeat(plan.first[None], min(PILOT_ROWS, plan.rows), 0)
     with np.errstate(all="ignore"):
         plan.observe(rows[:1])  # its kernel
@@ -134,18 +142,6 @@ def estimate(plan: Plan, path: Path) -> Estimate:
     a_row = (time.perf_counter() - begun) / len(rows)
     a_row += SECONDS_A_BYTE * sum(value.nbytes for value in row.values()) / len(rows)
     return Estimate(of_steps + plan.rows * a_row, bytes_of(plan)[0], free_at(path))
-
-
-def _seconds_of_steps(plan: Plan) -> float:
-    """Seconds by steps, or in closed form by rows plus the set-up of each call."""
-    engine, count = plan.engine_at(plan.first), 1
-    if isinstance(plan.scheme.motion, Orbits):
-        count = max(1, min(PILOT_ROWS, plan.rows // 8))
-        once, twice = (_spent(engine, rows, plan.every) for rows in (count, 2 * count))
-        return once + max(0.0, twice - once) / count * plan.rows
-    while (spent := _spent(engine, 1, count)) < PILOT_SECONDS / 2 and 8 * count < plan.steps:
-        count *= 2
-    return spent / count * plan.steps
 
 
 def _spent(engine: Engine, rows: int, every: int) -> float:

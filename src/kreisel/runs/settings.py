@@ -109,7 +109,14 @@ def with_steps(asked: Mapping[str, Any]) -> dict[str, Any]:
     out = dict(asked)
     end = out.pop("t_end", None)
     if out.get("times") is not None:
-        return _with_times(out, end)
+        times, dt = in_order(out["times"]), positive_number(out.get("dt"), "dt")
+        if not times[-1] / dt <= MOST_STEPS:
+            last = f"times to {times[-1]:g}"
+            raise InputError(f"times: expected at most {MOST_STEPS:,} steps of dt = {dt:g}, got {last}.")
+        count = max(1, math.ceil(times[-1] / dt * (1 - WHOLE)))
+        if end is not None or out.get("steps", count) != count or out.get("every", 1) != 1:
+            raise InputError("times: expected only rows at these times, got steps, t_end or every too. Leave them out.")
+        return {**out, "times": times, "steps": count, "every": 1}
     if end is None:
         if "steps" not in out:
             raise InputError("expected steps=..., an integer of them, t_end=..., a time, or times=..., got none.")
@@ -133,17 +140,6 @@ def _checked_start(asked: Mapping[str, Any]) -> float:
     if start and (asked.get("times") is not None or asked.get("impulses")):
         raise InputError(f"t_start: expected 0 for a run with times or impulses, which count from 0, got {start:g}.")
     return start
-
-
-def _with_times(asked: dict[str, Any], end: Any) -> dict[str, Any]:
-    """The settings with rows at given times, and the number of steps of dt that reaches the last."""
-    times, dt = in_order(asked["times"]), positive_number(asked.get("dt"), "dt")
-    if not times[-1] / dt <= MOST_STEPS:
-        raise InputError(f"times: expected at most {MOST_STEPS:,} steps of dt = {dt:g}, got times to {times[-1]:g}.")
-    count = max(1, math.ceil(times[-1] / dt * (1 - WHOLE)))
-    if end is not None or asked.get("steps", count) != count or asked.get("every", 1) != 1:
-        raise InputError("times: expected only rows at these times, got steps, t_end or every too. Leave them out.")
-    return {**asked, "times": times, "steps": count, "every": 1}
 
 
 def in_order(times: Any) -> tuple[float, ...]:

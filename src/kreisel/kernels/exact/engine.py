@@ -193,13 +193,6 @@ def circle() -> Floats:
         return np.array([float(f(a)) for f in (mpmath.cospi, mpmath.sinpi) for a in angles])
 
 
-def _in_lines(shape: tuple[int, ...]) -> Floats:
-    """An empty array that begins with a line of the cache, 64 bytes."""
-    store = np.empty(math.prod(shape) + 7)
-    first = -store.ctypes.data % 64 // 8
-    return store[first : first + math.prod(shape)].reshape(shape)
-
-
 class Samples:
     """The states of one orbit that a function of the time states."""
 
@@ -221,7 +214,10 @@ class OrbitRows:
         values = [np.asarray(v, dtype=np.float64) for v in orbit.constants.values()]
         self._constants = np.concatenate([np.empty(0), *(v.ravel() for v in values)])
         dense = orbit.places <= MOST_PLACES
-        self._table = _in_lines((1 << orbit.places if dense else 0, *self._numbers(0).shape))
+        shape = 1 << orbit.places if dense else 0, *self._numbers(0).shape
+        store = np.empty(math.prod(shape) + 7)
+        first = -store.ctypes.data % 64 // 8  # with a line of the cache, 64 bytes
+        self._table = store[first : first + math.prod(shape)].reshape(shape)
         self._known = np.zeros(len(self._table), dtype=np.int64)  # 1 if it is
         self._sparse: dict[int, Array] = {}
         self._one_at_a_time = Lock()  # scalars in many digits change their context

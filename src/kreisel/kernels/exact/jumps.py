@@ -222,7 +222,11 @@ def _write_maps(f: Function, rows: Rows, start: Recorded, mapped: Formula, finis
     inputs = graph.inputs("x", count + 7)
     step = where_less(inputs[-1], inputs[-3], inputs[-2], 0.0)  # of the map's number, their count and eps
     new = as_operands(mapped(inputs[: count + 3], step, inputs[count + 3]))
-    with f.loop(0, _most(f, maps)) as k:
+    (most,) = f.variables(1, f.arguments[0].value.type)  # the largest of the counts, at most MOST
+    most[0], largest = MOST, f.largest(maps)
+    with f.where(f.builder.fcmp_ordered("<", largest, DOUBLE(float(MOST)))):
+        most[0] = Integer(f.builder, f.builder.fptosi(largest, f.arguments[0].value.type))
+    with f.loop(0, most[0]) as k:
         state = [room[0] for room in memory]
         known = [*state, *p, r, maps, eps, f.spread(k.double(), kind)]
         for room, x in zip(memory, f.outputs(graph, new, lambda _, i: known[i], kind), strict=True):
@@ -230,17 +234,6 @@ def _write_maps(f: Function, rows: Rows, start: Recorded, mapped: Formula, finis
     graph = Graph()
     arguments = [*(room[0] for room in memory), *last]
     rows.new.put(f.outputs(graph, finish(graph.inputs("x", count + 5)), lambda _, i: arguments[i], kind))
-
-
-def _most(f: Function, count: Value) -> Integer:
-    """The largest of the counts, at most MOST."""
-    (most,) = f.variables(1, f.arguments[0].value.type)
-    most[0] = MOST
-    largest = f.largest(count)
-    with f.where(f.builder.fcmp_ordered("<", largest, DOUBLE(float(MOST)))):
-        most[0] = Integer(f.builder, f.builder.fptosi(largest, f.arguments[0].value.type))
-    result: Integer = most[0]
-    return result
 
 
 class Leap(NamedTuple):

@@ -171,7 +171,8 @@ def about_the_third_kind(constants: Any, chi: Any, t: Any) -> Any:
     odd = whole - 2.0 * nearest(0.5 * whole)
     back = where_less(0.5, odd * odd, -1.0, 1.0)
     N1, N2, N3 = _times(a1, cn * back), _times(a2, sn * back), _times(a3, dn)
-    cos, sin = of_turns(_within(chi * turns + 0.5 * TURN[0] * ripple))
+    rotation = chi * turns + 0.5 * TURN[0] * ripple
+    cos, sin = of_turns(rotation - nearest(rotation))
     w, x, y, z = between(first, (N1, N2, N3), upper(L), cos, sin)
 
     periods = abs(upper(halves))
@@ -185,10 +186,6 @@ def about_the_third_kind(constants: Any, chi: Any, t: Any) -> Any:
     least = 1.0 / maximum(1.0 / upper(L), maximum(1.0 / upper(I1), 1.0 / upper(I3)))
     far = where_less(LARGEST, largest, 1.0, where_less(least, SMALLEST, 1.0, 0.0))
     return N1, N2, N3, w, x, y, z, off + far + lost * rest
-
-
-def _within(turns: Any) -> Any:
-    return turns - nearest(turns)
 
 
 def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any) -> Any:

@@ -47,7 +47,11 @@ class Breaks:
         self._stepper = _stepper(plan)
         _require_suitable(plan, self._stepper.scheme)
         self._jumps = [_jump(self._stepper, impulse, plan.lanes) for impulse in plan.settings.impulses]
-        self._places = [_place(plan, impulse["time"]) for impulse in plan.settings.impulses]
+        self._places = list[tuple[int, float]]()  # the step of each impulse, its end included, and the time in the step
+        for impulse in plan.settings.impulses:
+            step = max(0, int(np.ceil(impulse["time"] / plan.dt * (1 - WHOLE))) - 1)
+            within = impulse["time"] - step * plan.dt
+            self._places.append((step, plan.dt if within > plan.dt * (1 - WHOLE) else within))
         self._broken = sorted({step for step, _ in self._places})
         self._signs = Signs(self._values, self._step, [event.rising for event in self.events])
         if self.events:
@@ -107,9 +111,9 @@ class Breaks:
         while True:
             to = inside[0][0] if inside else length
             new = end if end is not None and s == 0 and to == self.plan.dt else self._step(z, begun + s, to - s)
-            found = self._first(z, new, begun + s, to - s)
-            if found is not None:
-                i, after = found
+            hits = self._signs.changed(self._values(new, begun + to))
+            if hits:
+                after, i = min((self._signs.place(i, z, begun + s, to - s), i) for i in hits)
                 size = abs(self._values(z, begun + s)[i]) + abs(self._values(new, begun + to)[i])
                 z, s, count = self._step(z, begun + s, after), s + after, count + 1
                 if self.events[i].action is None:
@@ -138,12 +142,6 @@ class Breaks:
         if abs(values[i]) <= AT_ZERO * size:  # still there: the side to which the motion continues
             self._signs.sides[i] = 0.0
         return z
-
-    def _first(self, z: Floats, new: Floats, begun: float, length: float) -> tuple[int, float] | None:
-        """The first event between two states, its index and its time after the first; then the sides do not change."""
-        hits = self._signs.changed(self._values(new, begun + length))
-        places = [(self._signs.place(i, z, begun, length), i) for i in hits]
-        return min(places)[::-1] if places else None
 
     def _values(self, z: Floats, time: float) -> Floats:
         state = self._state(z, time) if self.events else {}
@@ -261,13 +259,6 @@ def _require_suitable(plan: Plan, scheme: Scheme) -> None:
     for holds, message in REQUIREMENTS:
         if not holds(plan, scheme):
             raise InputError(message.format(**words, large=LARGE, lanes=plan.lanes))
-
-
-def _place(plan: Plan, time: float) -> tuple[int, float]:
-    """The step that contains a time after 0, its end included, and the time since its beginning."""
-    step = max(0, int(np.ceil(time / plan.dt * (1 - WHOLE))) - 1)
-    within = time - step * plan.dt
-    return step, plan.dt if within > plan.dt * (1 - WHOLE) else within
 
 
 def _jump(stepper: Stepper, impulse: Mapping[str, Any], lanes: int) -> Floats:

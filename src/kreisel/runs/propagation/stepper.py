@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -66,7 +66,7 @@ class Stepper:
         self.is_flow = isinstance(scheme.motion, Orbits)
         self._set_up = isinstance(scheme.motion, Flow | Orbits)  # by the state
         self._back, self._out = corrections(scheme)
-        self._at_rest: dict[int, deque[Engine]] = {}
+        self._at_rest = defaultdict[int, deque[Engine]](lambda: deque(maxlen=AT_REST))
         fixed = scheme.trajectory is None or scheme.point is not None
         plain = isinstance(scheme.motion, Steps) and fixed and model.n < LARGE
         self._courses = list[Course]() if plain and not model.batch else None
@@ -92,14 +92,8 @@ class Stepper:
         back, ahead = self._back, self._out
         if given and self.scheme.corrector is not None:
             back, ahead = corrections(replace(self.scheme, constants={**self.scheme.constants, **given}))
-        z = back(z[None])[0]
-        if every is not None:
-            return self.forms.observed(ahead(self._rows(z, count, every, self.scheme, given)))
-        engine = self._begun(z, count, count, self.scheme, given)
-        out = np.empty((1, *z.shape))
-        engine.advance(out, count)
-        self._keep(engine, out)
-        return self.forms.observed(ahead(out))[0]
+        rows = self._rows(back(z[None])[0], count, every or count, self.scheme, given)
+        return self.forms.observed(ahead(rows)) if every else self.forms.observed(ahead(rows[1:]))[0]
 
     def steps_at_once(self, x: Floats, count: int, time: float | None, given: Mapping[str, Array]) -> Floats | None:
         """The state (entries,) after `count` steps from x (size,), by one call; None if only `steps` can tell it."""
@@ -148,8 +142,7 @@ class Stepper:
     def by_a_plan(self, x: Floats, count: int, every: int | None) -> Floats:
         """The states of `steps` by an engine like that of a run, for dimensions whose kernels depend on the state."""
         plan = planned(self.model, self.scheme, self.settings, self.forms.components(x), None)
-        rows = self._advanced(plan.engine, plan.first, count, count if every is None else every)
-        self._require_sound(plan.engine, rows)
+        rows = self._advanced(plan.engine, plan.first, count, every or count)
         out = self.forms.of_plan(plan.observe(rows))
         out = out if plan.batched else out[:, None]
         return out if every is not None else out[-1]
@@ -170,30 +163,8 @@ class Stepper:
     def _rows(self, z: Floats, count: int, every: int, scheme: Scheme, given: Mapping[str, Array] = NONE) -> Floats:
         engine = self._begun(z, count, every, scheme, given)
         rows = self._advanced(engine, z, count, every)
-        self._keep(engine, rows)
+        self._at_rest[len(z)].append(engine)
         return rows
-
-    def _begun(self, z: Floats, steps: int, every: int, scheme: Scheme, given: Mapping[str, Array] = NONE) -> Engine:
-        """An engine at the start z with the given parameters: an idle one, or a new one."""
-        engine = self._idle(z, steps, every, scheme)
-        if given:
-            stepped = cast("CpuEngine", engine)
-            fill(stepped.constants, stepped.columns, given, scheme.axes)
-        return engine
-
-    def _idle(self, z: Floats, steps: int, every: int, scheme: Scheme) -> Engine:
-        if scheme.trajectory is not None:
-            x0 = algebra.restore(z, scheme.kinds, scheme.n)
-            if scheme.components[0][0] not in self.forms.letters:  # other variables than those of the state
-                x0 = self.forms.components(self.forms.observed(z[None])[0, :, : self.forms.size])
-            scheme = scheme.on(x0, points)
-        try:
-            engine = self._at_rest[len(z)].pop()
-            if engine.begin(z, scheme, steps):
-                return engine
-        except (KeyError, IndexError):
-            pass
-        return self.forms.plan(scheme, z, steps, every).engine
 
     def _advanced(self, engine: Engine, z: Floats, count: int, every: int) -> Floats:
         rows, rest = divmod(count, every)
@@ -202,15 +173,26 @@ class Stepper:
         engine.advance(out[1 : 1 + rows], every)
         if rest:
             engine.advance(out[1 + rows :], rest)
+        self._require_sound(engine, out)
         return out
 
-    def _keep(self, engine: Engine, rows: Floats) -> None:
-        """Check the rows of an engine, and keep it for the next call."""
-        self._require_sound(engine, rows)
-        lanes = rows.shape[1]
-        if lanes not in self._at_rest:
-            self._at_rest.setdefault(lanes, deque(maxlen=AT_REST))
-        self._at_rest[lanes].append(engine)
+    def _begun(self, z: Floats, steps: int, every: int, scheme: Scheme, given: Mapping[str, Array] = NONE) -> Engine:
+        """An engine at the start z with the given parameters: an idle one, or a new one."""
+        if scheme.trajectory is not None:
+            x0 = algebra.restore(z, scheme.kinds, scheme.n)
+            if scheme.components[0][0] not in self.forms.letters:  # other variables than those of the state
+                x0 = self.forms.components(self.forms.observed(z[None])[0, :, : self.forms.size])
+            scheme = scheme.on(x0, points)
+        try:
+            engine = self._at_rest[len(z)].pop()
+        except IndexError:
+            engine = None
+        if engine is None or not engine.begin(z, scheme, steps):
+            engine = self.forms.plan(scheme, z, steps, every).engine
+        if given:
+            stepped = cast("CpuEngine", engine)
+            fill(stepped.constants, stepped.columns, given, scheme.axes)
+        return engine
 
     def _require_sound(self, engine: Engine, rows: Floats) -> None:
         """Raises `RunError` if rows are not finite or violate a promise of the method."""
@@ -262,7 +244,11 @@ class Stepper:
 
     def at(self, x: Floats, times: Floats) -> Floats:
         """The states (times, lanes, entries) from x at time 0.  Raises `RunError` if values overflow."""
-        return self.forms.observed(self._require_numbers(self.states(self.forms.prepared(x), times)))
+        rows = self.states(self.forms.prepared(x), times)
+        if not is_finite(rows):
+            where = in_lane(~np.isfinite(rows).all((0, 2)))
+            raise RunError(f"The state is not finite{where}: its powers leave the range of doubles. Use other units.")
+        return self.forms.observed(rows)
 
     def at_once(self, x: Floats, time: float) -> Floats | None:
         """The state (entries,) at a time from x (size,) at time 0, by one call; None if only `at` can tell it."""
@@ -287,42 +273,32 @@ class Stepper:
         self._rooms.append(room)
         return out
 
-    def _require_numbers(self, rows: Floats) -> Floats:
-        if not is_finite(rows):
-            where = in_lane(~np.isfinite(rows).all((0, 2)))
-            raise RunError(f"The state is not finite{where}: its powers leave the range of doubles. Use other units.")
-        return rows
-
     def states(self, z: Floats, times: Floats) -> Floats:
         """Rows (times, lanes, d): by compiled jumps if all are accurate, else by orbits set up for this state."""
+        out, right = None, np.array(False)
         if self._jumping and len(times) <= FEW:
             out, right = self._jumps_of(len(z)).at(z, times)
-            if right.item() if right.size == 1 else right.all():
-                return self._in_one_sheet(out, times)
-        from kreisel.kernels.exact.engine import ClosedForm
+        if out is None or not right.all():
+            from kreisel.kernels.exact.engine import ClosedForm
 
-        with np.errstate(over="ignore"):
-            reach = min(2.0 ** np.ceil(np.log2(max(float(abs(times).max()), self.dt))), sys.float_info.max)
-        orbits = self._orbits
-        if orbits is None or orbits[0] != (z.tobytes(), reach):
-            self.forms.require_on_phase_space(self.forms.observed(z[None])[0, :, : self.forms.size])
-            orbits = (z.tobytes(), reach), ClosedForm(self.scheme, z, self.dt, reach)
-        with np.errstate(all="ignore"):
-            out = orbits[1].at(times)
-        self._orbits = orbits  # the last motion, for further times of it
-        return self._in_one_sheet(out, times)
+            with np.errstate(over="ignore"):
+                reach = min(2.0 ** np.ceil(np.log2(max(float(abs(times).max()), self.dt))), sys.float_info.max)
+            orbits = self._orbits
+            if orbits is None or orbits[0] != (z.tobytes(), reach):
+                self.forms.require_on_phase_space(self.forms.observed(z[None])[0, :, : self.forms.size])
+                orbits = (z.tobytes(), reach), ClosedForm(self.scheme, z, self.dt, reach)
+            with np.errstate(all="ignore"):
+                out = orbits[1].at(times)
+            self._orbits = orbits  # the last motion, for further times of it
+        if self.forms.oriented and len(times) > 1 and self._of_top:  # quaternions keep their sign in the order of time
+            place = self.column_of(ORIENTATION)
+            out[..., place : place + 4] = algebra.continued(out[..., place : place + 4], times)
+        return out
 
     def _jumps_of(self, lanes: int) -> Jumps:
         if lanes not in self._jumps:
             self._jumps[lanes] = Jumps(self.scheme, lanes)
         return self._jumps[lanes]
-
-    def _in_one_sheet(self, out: Floats, times: Floats) -> Floats:
-        """The states (times, lanes, d) with quaternions that keep their sign in the order of time, unlike jumps."""
-        if self.forms.oriented and len(times) > 1 and self._of_top:
-            place = self.column_of(ORIENTATION)
-            out[..., place : place + 4] = algebra.continued(out[..., place : place + 4], times)
-        return out
 
     # -- any times -------------------------------------------------------------------------------------
 
