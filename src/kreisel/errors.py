@@ -44,12 +44,9 @@ def shown(value: object) -> str:
 
 def brief(text: object, most: int = LONGEST) -> str:
     """Printable text, shortened in the middle if it is longer; fractions and NumPy's values in their usual form."""
-    readable, end = FRACTION.sub(_written, NUMPY.sub(r"\1", printable(text))), most // 3
+    plain = NUMPY.sub(r"\1", printable(text))
+    readable, end = FRACTION.sub(lambda m: m[1] if m[2] == "1" else f"{m[1]}/{m[2]}", plain), most // 3
     return readable if len(readable) <= most else f"{readable[: most - end - 5]} ... {readable[-end:]}"
-
-
-def _written(fraction: re.Match[str]) -> str:
-    return fraction[1] if fraction[2] == "1" else f"{fraction[1]}/{fraction[2]}"
 
 
 class InputError(ValueError):
@@ -211,16 +208,12 @@ def _mistyped(call: Callable[..., Any], given: tuple[Any, ...], named: Mapping[s
     """The first argument whose type differs from the signature, as a message; "" if there is none."""
     bound = inspect.signature(call).bind(*given, **named).arguments
     for name, kind in call.__annotations__.items():
-        if name in bound and isinstance(kind, str) and not any(_is_of(bound[name], k, call) for k in _union(kind)):
+        bare = kind if isinstance(kind, str) else ""
+        while "[" in bare:  # "str | Sequence" of "str | Sequence[int | str]"
+            bare = re.sub(r"\[[^\[\]]*\]", "", bare)
+        if name in bound and bare and not any(_is_of(bound[name], k, call) for k in bare.split(" | ")):
             return f"{_title(call)}: expected {name} of the type {kind}, got {shown(bound[name])}."
     return ""
-
-
-def _union(kind: str) -> list[str]:
-    """The types of a union without their brackets: ["str", "Sequence"] for "str | Sequence[int | str]"."""
-    while "[" in kind:
-        kind = re.sub(r"\[[^\[\]]*\]", "", kind)
-    return kind.split(" | ")
 
 
 def _is_of(value: Any, kind: str, call: Callable[..., Any]) -> bool:

@@ -68,16 +68,11 @@ def shallow(value: Any, what: str) -> Any:
                 raise InputError(
                     f"{what}: expected integers of at most {MOST_BITS:,} bits, got one of {number.bit_length():,}."
                 )
-        level = [inner for outer in level for inner in _inside(outer)]
+        nested = [value.values() if isinstance(value, dict) else value for value in level if isinstance(value, NESTING)]
+        level = [inner for values in nested for inner in values]
     if any(isinstance(rest, NESTING) for rest in level):
         raise InputError(_too_deep(what))
     return value
-
-
-def _inside(value: Any) -> Any:
-    if isinstance(value, dict):
-        return value.values()
-    return value if isinstance(value, NESTING) else ()
 
 
 def _too_deep(what: str) -> str:

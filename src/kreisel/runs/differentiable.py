@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from kreisel.record.model import Model, OrientationLike
 
 SPIN = "spin"
-USUAL = "Usual cause: dt too long for this state."
 MOST_N = 10  # beyond, a step has too many operations for straight-line code
 Known = dict[str, Any]
 Parts = tuple[Array, ...]
@@ -118,12 +117,7 @@ def differentiable(
                     require_within(model, float(time), float(time) + float(dt) * count)
             start = _given(by, model, state, oriented, begin)
             rows = _rows(by, model, step, start, dt, time, count // between, between, parameters)
-            out = {k: v if every is not None else v[-1] for k, v in rows.items()}
-            if not any(by.is_traced(v) for v in out.values()) and not all(np.isfinite(v).all() for v in out.values()):
-                guard = step.scheme.guard
-                why = f"{guard.fault}. Usual cause: {guard.cause}" if guard else USUAL
-                raise RunError(f"{model.system.name}: the state is no longer finite. {why} kr.simulate names the step.")
-        return out
+            return {k: v if every is not None else v[-1] for k, v in rows.items()}
 
     return motion
 
@@ -399,6 +393,10 @@ def _rows(
         return {k: by.jnp.where(row[-1] <= made.guard.limit, v, by.jnp.nan) for k, v in out.items()}
 
     out = by.jax.vmap(shown_row)(flat)
+    if not any(by.is_traced(v) for v in out.values()) and not all(np.isfinite(v).all() for v in out.values()):
+        guard = made.guard
+        why = f"{guard.fault}. Usual cause: {guard.cause}" if guard else "Usual cause: dt too long for this state."
+        raise RunError(f"{model.system.name}: the state is no longer finite. {why} kr.simulate names the step.")
     return {letter: out[letter] for letter, _ in shown}
 
 

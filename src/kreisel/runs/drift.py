@@ -411,7 +411,14 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
     """
     many = plan.lanes > MANY_LANES and plan.scheme.coupling is None and plan.large is None
     if many:
-        plan, first = _of_some_lanes(plan, first)
+        values = [first[name] for name, outcome in plan.outcomes.items() if outcome.kind in KINDS]
+        sizes = [abs(x).reshape(-1, plan.lanes, x[0, 0].size).max((0, 2)) for x in (plan.first[None], *values)]
+        largest = [np.argpartition(size, -LARGEST)[-LARGEST:] for size in sizes]
+        lanes = np.unique(np.concatenate([_spread(plan.lanes, SOME_LANES), *largest]))
+        model, order = plan.model.lanes(lanes), plan.scheme.options.get("order")
+        made = scheme(model, plan.scheme.name, plan.dt, order, ORIENTATION in plan.start)
+        plan = replace(plan, model=model, scheme=made, first=plan.first[lanes])
+        first = {name: value[:, lanes] for name, value in first.items()}
     z, n = _sampled_rows(plan, first), plan.model.n
     samples = SAMPLES if n <= MANY_SAMPLES_N else max(2, 16 * SAMPLES // n)  # every coordinate counts
     starts, component = _components(tuple(plan.kinds), n)
@@ -437,17 +444,6 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
         found = [scale.max(0) if plan.batched and (many or scale.size > MOST_SCALES) else scale for scale in found]
         scales[name] = {key: scale.ravel().tolist() for key, scale in zip(SCALES, found, strict=True)}
     return scales
-
-
-def _of_some_lanes(plan: Plan, first: Mapping[str, Array]) -> tuple[Plan, Mapping[str, Array]]:
-    """The plan and the first block of lanes evenly spread, and of those with the largest state and integrals."""
-    values = [first[name] for name, outcome in plan.outcomes.items() if outcome.kind in KINDS]
-    sizes = [abs(x).reshape(-1, plan.lanes, x[0, 0].size).max((0, 2)) for x in (plan.first[None], *values)]
-    largest = [np.argpartition(size, -LARGEST)[-LARGEST:] for size in sizes]
-    lanes = np.unique(np.concatenate([_spread(plan.lanes, SOME_LANES), *largest]))
-    model, order = plan.model.lanes(lanes), plan.scheme.options.get("order")
-    made = scheme(model, plan.scheme.name, plan.dt, order, ORIENTATION in plan.start)
-    return replace(plan, model=model, scheme=made, first=plan.first[lanes]), {k: v[:, lanes] for k, v in first.items()}
 
 
 def _integrals(plan: Plan, z: Floats) -> tuple[Array, dict[str, slice]]:

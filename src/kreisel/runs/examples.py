@@ -186,7 +186,10 @@ def _values(p: Parameter, n: int, place: int) -> list[Any]:
 
 
 def _states(model: Model) -> Iterator[dict[str, Any]]:
-    """States that may lie on the phase space."""
+    """States that may lie on the phase space.
+
+    Vectors have length 1; those of the next place are orthogonal to them, and the last of a place has no entry 0.
+    """
     n, components = model.n, model.system.space.components
     if model.system.space.name in ("(so(3)*)^n", "(S^2)^(2n)"):
         spins = [SPINS[k % len(SPINS)] for k in range(n)]
@@ -201,7 +204,11 @@ def _states(model: Model) -> Iterator[dict[str, Any]]:
         elif kind == "symmetric":
             choices.append([[[1.0 + 0.3 * i if i == j else 0.1 for j in range(n)] for i in range(n)]])
         else:
-            choices.append(_vectors(n, before))
+            ends, between = ((0.8, -0.6), 0.5) if before else ((0.6, 0.8), 0.0)
+            even = [0.48, 0.6, 0.64] if n == 3 else [n**-0.5] * n
+            last = [even[1], -even[0], *[0.0] * (n - 2)] if before else even
+            first = [list(UNIT[before % 3])] if n == 3 else []
+            choices.append([*first, [ends[0], *[between] * (n - 2), ends[1]], last])
     for values in itertools.product(*choices):
         yield dict(zip((letter for letter, _ in components), values, strict=True))
 
@@ -209,12 +216,3 @@ def _states(model: Model) -> Iterator[dict[str, Any]]:
 def _skew(n: int, place: int) -> list[list[float]]:
     return [[0.0 if i == j else round((1 if j > i else -1) * (0.2 * (i + j) - 0.3 * place), 3) for j in range(n)]
             for i in range(n)]  # fmt: skip
-
-
-def _vectors(n: int, place: int) -> list[list[float]]:
-    """Vectors of length 1, and vectors orthogonal to them for the next place; the last has no entry 0."""
-    ends, between = ((0.8, -0.6), 0.5) if place else ((0.6, 0.8), 0.0)
-    found = [list(UNIT[place % 3])] if n == 3 else []
-    found.append([ends[0], *[between] * (n - 2), ends[1]])
-    even = [0.48, 0.6, 0.64] if n == 3 else [n**-0.5] * n
-    return [*found, [even[1], -even[0], *[0.0] * (n - 2)] if place else even]

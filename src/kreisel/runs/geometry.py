@@ -54,7 +54,10 @@ def components(run: xr.Dataset, model: Model) -> tuple[Array, ...]:
 
 
 def model_for(run: xr.Dataset, system: Model | Body | None) -> Model:
-    """The model of a run, for its lanes; required for a user-defined system.  Raises `InputError`."""
+    """The model of a run, for its lanes; required for a user-defined system.
+
+    Raises `InputError`, also if the Casimirs of the run differ from those of its first or last state.
+    """
     run, system = in_state_form(run), model_of(system)
     record = RunRecord.of(run, "system")
     if system is None:
@@ -75,7 +78,21 @@ def model_for(run: xr.Dataset, system: Model | Body | None) -> Model:
             "Give the run as kr.simulate returned it, and the system of it."
         )
     model = system.lanes(lanes)
-    _require_its_casimirs(run, model)
+    casimirs, name = model.system.space.casimirs, "casimir"
+    if casimirs is None or name not in run or run.attrs.get("engine") == "cuda-float32" or "event" in run.dims:
+        return model
+    ends = run.isel(time=[0, -1])
+    stored, attrs = np.asarray(read_values(ends[name])), run[name].attrs
+    with np.errstate(all="ignore"):
+        values = np.asarray(model.call(casimirs, *components(ends, model)))
+        sizes = [abs(values), *(attrs.get(k, 0.0) for k in ("evaluation_scale", "roundoff_scale"))]
+        scale = max(float(np.max(size, initial=0.0)) for size in sizes)
+        good = stored.size == values.size and (abs(stored.reshape(values.shape) - values) <= CASIMIR * scale).all()
+    if not good and np.isfinite(stored).all():
+        raise InputError(
+            "expected a run whose Casimirs belong to its state, got others. Usual cause: arithmetic on the run, "
+            "which changes its values and keeps its attributes; use the variables, such as 2 * run.energy."
+        )
     return model
 
 
@@ -86,25 +103,6 @@ def require_unchanged(run: xr.Dataset) -> None:
     known = {"system", "parameters"} <= run.attrs.keys() and not record.is_own
     if known and "time" in run.dims and not record.missing_from(run):
         model_for(run, None)
-
-
-def _require_its_casimirs(run: xr.Dataset, model: Model) -> None:
-    """Raises `InputError` if the Casimirs of a run differ from the Casimirs of its first or last state."""
-    casimirs, name = model.system.space.casimirs, "casimir"
-    if casimirs is None or name not in run or run.attrs.get("engine") == "cuda-float32" or "event" in run.dims:
-        return
-    ends = run.isel(time=[0, -1])
-    stored, attrs = np.asarray(read_values(ends[name])), run[name].attrs
-    with np.errstate(all="ignore"):
-        found = np.asarray(model.call(casimirs, *components(ends, model)))
-        sizes = [abs(found), *(attrs.get(k, 0.0) for k in ("evaluation_scale", "roundoff_scale"))]
-        scale = max(float(np.max(size, initial=0.0)) for size in sizes)
-        good = stored.size == found.size and (abs(stored.reshape(found.shape) - found) <= CASIMIR * scale).all()
-    if not good and np.isfinite(stored).all():
-        raise InputError(
-            "expected a run whose Casimirs belong to its state, got others. Usual cause: arithmetic on the run, "
-            "which changes its values and keeps its attributes; use the variables, such as 2 * run.energy."
-        )
 
 
 def require_of_body(run: xr.Dataset, known: Mapping[str, Any]) -> None:

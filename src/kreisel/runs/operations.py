@@ -8,6 +8,7 @@ have side effects; lists and dicts, to which it may append, are left out.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -263,7 +264,11 @@ def _code(x: Any, seen: frozenset[int] = frozenset()) -> Any:
 def _function(f: types.FunctionType, seen: frozenset[int]) -> Any:
     """Code, defaults, closure and globals; functions of libraries, Kreisel's too, by their names and closures."""
     defaults = _code((f.__defaults__, tuple(sorted((f.__kwdefaults__ or {}).items()))), seen)
-    cells = [_code(cell.cell_contents, seen) for cell in f.__closure__ or () if _is_filled(cell)]
+    contents = []
+    for cell in f.__closure__ or ():
+        with contextlib.suppress(ValueError):  # an empty cell
+            contents.append(cell.cell_contents)
+    cells = [_code(value, seen) for value in contents]
     if f.__module__.partition(".")[0] == "kreisel" or "site-packages" in f.__code__.co_filename:
         return f.__module__, f.__qualname__, defaults, cells
     globals_used = [
@@ -278,14 +283,6 @@ def _function(f: types.FunctionType, seen: frozenset[int]) -> Any:
 def _names_in(code: types.CodeType) -> list[str]:
     inner = [name for part in code.co_consts if isinstance(part, types.CodeType) for name in _names_in(part)]
     return [*code.co_names, *inner]
-
-
-def _is_filled(cell: types.CellType) -> bool:
-    try:
-        cell.cell_contents  # noqa: B018
-    except ValueError:
-        return False
-    return True
 
 
 # -- of a file ------------------------------------------------------------------------------------

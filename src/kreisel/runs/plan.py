@@ -356,24 +356,19 @@ def _lanes(
     )
     plan, large = plan.on(spread, points), None
     if engine == "large" or (engine is None and plan.n >= LARGE):
-        plan, large = _structured(plan, spread, engine)
+        from kreisel.kernels.large.forms import LEAST_N, form_of
+        from kreisel.kernels.large.kernel import Large
+
+        form = form_of(plan)
+        if form is None and engine is not None:
+            raise InputError(
+                f"No kernel of O(n) or O(n^2) a step of method={shown(plan.name)} is known for this system, n = "
+                f"{plan.n}. engine='large' needs n >= {LEAST_N}, and one of these: momenta that change along one "
+                "constant vector other than 0; only vectors; one momentum and a single real stage. It carries an "
+                "orientation in the first case only, with method='suris'. Leave engine out."
+            )
+        plan, large = (plan, None) if form is None else (form.on(plan, spread), Large(form, plan))
     return plan, np.asarray(algebra.flatten(plan.prepare(spread), plan.kinds)), large
-
-
-def _structured(plan: Scheme, spread: tuple[Array, ...], asked: str | None) -> tuple[Scheme, Large | None]:
-    """The scheme in the form of engine="large", and the form; without such a form the scheme itself."""
-    from kreisel.kernels.large.forms import LEAST_N, form_of
-    from kreisel.kernels.large.kernel import Large
-
-    form = form_of(plan)
-    if form is None and asked is not None:
-        raise InputError(
-            f"No kernel of O(n) or O(n^2) a step of method={shown(plan.name)} is known for this system, n = {plan.n}. "
-            f"engine='large' needs n >= {LEAST_N}, and one of these: momenta that change along one constant vector "
-            "other than 0; only vectors; one momentum and a single real stage. It carries an orientation in the "
-            "first case only, with method='suris'. Leave engine out."
-        )
-    return (plan, None) if form is None else (form.on(plan, spread), Large(form, plan))
 
 
 # -- faults of rows --------------------------------------------------------------------------------

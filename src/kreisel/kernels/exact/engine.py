@@ -25,7 +25,7 @@ from kreisel.kernels.exact import jumps
 from kreisel.kernels.exact.jumps import Jumps, jumps_of
 from kreisel.kernels.layout import LANES, Floats, Look, no_look
 from kreisel.kernels.threads import on_threads
-from kreisel.method.scheme import Orbits, Scheme, Spin
+from kreisel.method.scheme import Scheme, Spin
 from kreisel.record.contract import Orbit, States
 
 AT_ONCE = 4096  # times that a function is asked for
@@ -44,28 +44,6 @@ ARGUMENTS = (
 ROW_WORK = 8  # a row is worth this number of steps of a map in an ensemble
 
 
-def closed_form_of(scheme: Scheme) -> Orbits:
-    """That of a scheme.  Raises `TypeError` where it states none."""
-    if scheme.orbits is None:
-        raise TypeError(f"the scheme {scheme.name} states no orbit")
-    return scheme.orbits
-
-
-def orbits(scheme: Scheme, z0: Floats, reach: float, which: Iterable[int]) -> list[Orbit | States]:
-    """The orbits of these lanes of z0 (lanes, d), up to |time| = reach.  Raises `InputError` if there is none."""
-    orbit = closed_form_of(scheme).orbit
-    kinds = [kind for _, kind in scheme.components]
-    starts = algebra.restore(z0.copy(), kinds, scheme.n)  # an engine keeps changing its rows
-    lanes = len(z0)
-    constants = {}
-    for name, value in scheme.constants.items():
-        array = np.asarray(value, dtype=np.float64)
-        constants[name] = np.broadcast_to(array, (lanes, *array.shape[array.ndim - scheme.axes[name] :]))
-    return [
-        orbit(tuple(part[lane] for part in starts), {k: v[lane] for k, v in constants.items()}, reach) for lane in which
-    ]
-
-
 def dyadic(times: Floats) -> tuple[Array, Array]:
     """Doubles as M 2^e, exactly: M Python integers in an object array."""
     fraction, exponent = np.frexp(times)
@@ -82,9 +60,11 @@ class ClosedForm:
     projection = None
 
     def __init__(self, scheme: Scheme, z0: Floats, dt: float, reach: float, every: int = 1):
-        self.z = np.array(z0, dtype=np.float64)
+        if scheme.orbits is None:
+            raise TypeError(f"the scheme {scheme.name} states no orbit")
+        self.z, self._orbits = np.array(z0, dtype=np.float64), scheme.orbits
         self._scheme, self._start, self._reach, self._unit = scheme, self.z.copy(), reach, dt
-        self._done, self._jumped = 0, jumps.ROWS * every if isinstance(closed_form_of(scheme).jump, Spin) else 0
+        self._done, self._jumped = 0, jumps.ROWS * every if isinstance(self._orbits.jump, Spin) else 0
         self._known: dict[int, OrbitRows | Samples] = {}
         self._compiled: tuple[list[int], Kernel] | None = None
 
@@ -100,11 +80,18 @@ class ClosedForm:
 
     def _lanes(self, which: Iterable[int]) -> dict[int, OrbitRows | Samples]:
         """These lanes, set up in many digits.  Raises `InputError` if there is no closed form."""
-        which = list(which)
+        which, scheme, lanes = list(which), self._scheme, len(self._start)
         new = [lane for lane in which if lane not in self._known]
-        kinds = [kind for _, kind in self._scheme.components]
-        set_up = orbits(self._scheme, self._start, self._reach, new) if new else []  # of no lane 17 us too
-        for lane, orbit in zip(new, set_up, strict=True):
+        if not new:  # of no lane 17 us too
+            return {lane: self._known[lane] for lane in which}
+        kinds, constants = scheme.kinds, dict[str, Array]()
+        starts = algebra.restore(self._start.copy(), kinds, scheme.n)
+        for name, value in scheme.constants.items():
+            array = np.asarray(value, dtype=np.float64)
+            constants[name] = np.broadcast_to(array, (lanes, *array.shape[array.ndim - scheme.axes[name] :]))
+        for lane in new:
+            values = {name: value[lane] for name, value in constants.items()}
+            orbit = self._orbits.orbit(tuple(part[lane] for part in starts), values, self._reach)
             self._known[lane] = (
                 OrbitRows(orbit, *self._kernel(orbit, kinds)) if isinstance(orbit, Orbit) else Samples(orbit, kinds)
             )
@@ -166,7 +153,7 @@ class ClosedForm:
 
     def at(self, times: Floats) -> Floats:
         """The states (times, lanes, d) at times in any order."""
-        if closed_form_of(self._scheme).jump is None or len(times) > jumps.FEW:
+        if self._orbits.jump is None or len(times) > jumps.FEW:
             out, which = np.empty((len(times), *self.z.shape)), list(range(len(self.z)))
         else:
             out, right = self._jumps.at(self._start, times)

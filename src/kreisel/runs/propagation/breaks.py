@@ -137,7 +137,14 @@ class Breaks:
     def _fire(self, i: int, z: Floats, time: float, size: float) -> Floats:
         """The state after the action of an event whose quantity has this size within the step."""
         self.fired.append((time, i))
-        z = self._acted(z, time, self.events[i].action)
+        state, action = self._state(z, time), self.events[i].action
+        state = {letter: np.array(value) for letter, value in state.items()}
+        new = action(state) if action else state
+        if not isinstance(new, Mapping) or set(new) != set(state):
+            raise InputError(
+                f"kr.Event: expected an action that returns the state, a dict of {', '.join(state)}, got {shown(new)}."
+            )
+        z = self._changed(z, time, self._stepper.forms.given(new)[0])
         values = self._signs.begin(z, time)
         if abs(values[i]) <= AT_ZERO * size:  # still there: the side to which the motion continues
             self._signs.sides[i] = 0.0
@@ -153,15 +160,6 @@ class Breaks:
 
     def _step(self, z: Floats, time: float, h: float) -> Floats:
         return self._stepper.stepped(z, time, h, 1, 1)[-1] if h > WHOLE * self.plan.dt else z
-
-    def _acted(self, z: Floats, time: float, action: Callable[[Any], Any] | None) -> Floats:
-        state = {letter: np.array(value) for letter, value in self._state(z, time).items()}
-        new = action(state) if action else state
-        if not isinstance(new, Mapping) or set(new) != set(state):
-            raise InputError(
-                f"kr.Event: expected an action that returns the state, a dict of {', '.join(state)}, got {shown(new)}."
-            )
-        return self._changed(z, time, self._stepper.forms.given(new)[0])
 
     def _changed(self, z: Floats, time: float, x: Floats) -> Floats:
         """The method's variables of another state x; only the state changes, and the work includes the change."""

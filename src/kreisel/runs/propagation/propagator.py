@@ -124,24 +124,21 @@ class Propagator:
         names = tuple(parameters)
         stepper = self._varied.get(names)
         if stepper is None:
-            self._require_free(names)
+            system, scheme = self.model.system, self._stepper.scheme
+            fixed = {*keywords(system.derive)} if system.derive else set()
+            fixed |= {p.letter for p in system.parameters if p.kind == "table"}  # whose constants are addresses
+            free = [name for name in self.model.params if name in scheme.constants and name not in fixed]
+            plain = scheme.trajectory is None and not self._stepper.is_flow and not self._by_plan
+            if not plain or self._stepper.settings.observe or not {*names} <= {*free}:
+                wrong = next((name for name in names if name not in free), names[0])
+                raise InputError(
+                    f"parameters of a call: expected some of {', '.join(free) or 'none'}, of a method that makes steps "
+                    f"which do not depend on the start, and observe=(), got {shown(wrong)}.{hint(wrong, free)} For "
+                    "others make a propagator of a body with other parameters."
+                )
             stepper = Stepper(self.model, self._stepper.scheme, self._stepper.settings, names)
             self._varied[names] = stepper
         return stepper, {name: self._value(name, value) for name, value in parameters.items()}
-
-    def _require_free(self, names: tuple[str, ...]) -> None:
-        system, scheme = self.model.system, self._stepper.scheme
-        fixed = {*keywords(system.derive)} if system.derive else set()
-        fixed |= {p.letter for p in system.parameters if p.kind == "table"}  # whose constants are addresses
-        free = [name for name in self.model.params if name in scheme.constants and name not in fixed]
-        plain = scheme.trajectory is None and not self._stepper.is_flow and not self._by_plan
-        if not plain or self._stepper.settings.observe or not {*names} <= {*free}:
-            wrong = next((name for name in names if name not in free), names[0])
-            raise InputError(
-                f"parameters of a call: expected some of {', '.join(free) or 'none'}, of a method that makes steps "
-                f"which do not depend on the start, and observe=(), got {shown(wrong)}.{hint(wrong, free)} For others "
-                "make a propagator of a body with other parameters."
-            )
 
     def _value(self, name: str, value: Any) -> Array:
         array, like = np.asarray(value, dtype=np.float64), np.shape(self._stepper.scheme.constants[name])
