@@ -158,14 +158,14 @@ class Propagator:
                 f"No closed form of method={self._stepper.scheme.name!r} for {self.model.system.name} is known here. "
                 "Use .steps(state, n), or kr.simulate."
             )
-        if type(times) is float:
-            plain = type(state) is np.ndarray and state.dtype is DOUBLE and state.shape == self._shape
-            x, batched = (state, False) if plain else self._forms.given(state)
-            y = self._stepper.at_once(x, times) if plain or len(x) == 1 else None
+        plain = type(state) is np.ndarray and state.dtype is DOUBLE and state.shape == self._shape
+        x, batched = (state, False) if plain else self._forms.given(state)
+        if type(times) is float and (plain or len(x) == 1):
+            y = self._stepper.at_once(x, times)
             if y is not None:
                 return y if plain else self._forms.returned(y[None], state, batched)
         wanted = wanted_times(times)
-        x, batched = self._forms.given(state)
+        x, batched = self._forms.given(state) if plain else (x, batched)
         found = self._stepper.at(x, wanted if wanted.ndim else wanted[None])
         return self._forms.returned(found if wanted.ndim else found[0], state, batched)
 
