@@ -77,6 +77,7 @@ def measure() -> dict[str, Any]:
         many = np.tile(x, (LANES, 1))
         found[f"{name}, exact"] = {
             "a state at a time us": took(lambda p=p, x=x: p.at(x, 37.7)),
+            "its machine code us": took(p._stepper._rooms[-1].chain.call),
             "a state at a time us a lane": took(lambda p=p, many=many: p.at(many, 37.7)) / LANES,
         }
         found[f"{name}, exact, at a time"] = forms(model, lambda state, p=p: p.at(state, 37.7), x)
