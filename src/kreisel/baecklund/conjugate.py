@@ -20,17 +20,18 @@ section 7, and docs/baecklund.md]
 
 import inspect
 from dataclasses import replace
-from functools import cache
+from functools import cache, reduce
 from typing import Any
 
 import numpy as np
 
-from kreisel.algebra import KINDS, act, bracket, dot, identity, mat, parts, sign, together, vec
+from kreisel.algebra import KINDS, act, bracket, dot, identity, mat, parts, sign, sqrt, together, vec, where_less
 from kreisel.algebra.matrices import adjugate, diagonal
 from kreisel.record.calling import call
 from kreisel.record.contract import ConjugatePairs
 
 SPREAD, HEIGHTS = 6.0, 14  # of |lam| tried: between the scales of the state, and this factor beyond them
+LARGE, ROUNDING, LAGUERRE = 1e300, 1e-15, 20  # of scales; of a squared step; most steps
 APART = 1e-8  # of two scales, one of which may be rounding of zero: each has HEIGHTS points around it
 
 
@@ -110,19 +111,78 @@ def turned(X, z, kind):  # by V(0) = cay(-X)
     return KINDS[kind].turned(-X, z)
 
 
-def heights(*scales):
-    """Im lam of points to try, between the scales of lam, and their distances from 0."""
-    sizes = np.array([s for s in scales if np.isfinite(s) and s > 0] or [1.0], float)
-    low, high = (sizes.min(), sizes.max()) if sizes.min() > APART * sizes.max() else (sizes, sizes)
-    y = np.geomspace(low / SPREAD, high * SPREAD, HEIGHTS).ravel()
-    return y, y
+def heights(*scales, origin=0.0, side=1):
+    """Rows (origin, side, low, high): points iy with y = origin + side e, e from low to high; low = 0 for none.
+
+    One row from the least to the largest scale, or one for each if they are far apart.
+    """
+    sizes = [where_less(0, s, where_less(s, LARGE, s, 0), 0) for s in scales]
+    low, high = LARGE, 0
+    for s in sizes:
+        low, high = where_less(0, s, where_less(s, low, s, low), low), where_less(high, s, s, high)
+    apart, some = (lambda yes, no: where_less(APART * high, low, no, yes)), (lambda s: where_less(0, high, s, 1))
+    rows = [(apart(sizes[0], some(low)), apart(sizes[0], some(high)))]
+    rows += [(apart(s, 0), s) for s in sizes[1:]]
+    return [(origin, side, low / SPREAD, high * SPREAD) for low, high in rows]
+
+
+def norm(x):
+    return sqrt((x * x).sum())
+
+
+def spread(x):
+    """The difference of the largest and the least entry."""
+    return reduce(largest, x) + reduce(largest, -x)
+
+
+def largest(x, y):
+    return where_less(x, y, y, x)
 
 
 def scales(M, F, a):
     """Values of |lam| at which two of the terms of L are of one size."""
-    with np.errstate(all="ignore"):
-        A, M, F = np.ptp(a) / 2, np.linalg.norm(M), np.linalg.norm(F - np.trace(F) / len(F) * identity(len(F)))
-        return heights(M / A, F / M, np.sqrt(F / A))
+    A, M, F = spread(a) / 2, norm(M), norm(F - np.trace(F) / len(F) * identity(len(F)))
+    return heights(M / A, F / M, sqrt(F / A))
+
+
+def levels(H):
+    """The real eigenvalues of a matrix (n, n) of recorded complex values, a Hermitian one up to a change of basis.
+
+    Laguerre's method from above for the largest one, again and again, and a quadratic equation for the last two.
+    """
+    n = len(H)
+    middle = parts(np.trace(H))[0] / n
+    H = H - middle * identity(n)
+    sums, power = [0.0], H
+    for k in range(2, n + 1):
+        sums.append(parts((power * H.T).sum())[0])
+        power = power @ H if k < n else power
+    e = [1.0]  # elementary symmetric functions
+    for k in range(1, n + 1):
+        e.append(sum((-1) ** (i - 1) * e[k - i] * sums[i - 1] for i in range(1, k + 1)) / k)
+    p, roots, square = [(-1) ** k * v for k, v in enumerate(e)], [], sums[1]
+    for degree in range(n, 2, -1):
+
+        def nearer(x, p=p, degree=degree):
+            value, slope, bend = p[0], 0.0, 0.0
+            for c in p[1:]:
+                value, slope, bend = value * x[0] + c, slope * x[0] + value, bend * x[0] + slope
+            m = degree - 1
+            size = m * m * slope * slope - 2 * degree * m * value * bend
+            step = degree * value / (slope + sqrt(where_less(0, size, size, 0)))
+            return [where_less(0, step * step, x[0] - step, x[0])], step * step / square
+
+        start = -p[1] / degree + sqrt(square)
+        (root,), _ = start.graph.loop(lambda x, f=nearer: f(x), [start], ROUNDING, LAGUERRE)
+        roots.append(root)
+        shorter = [p[0]]
+        for c in p[1:-1]:
+            shorter.append(shorter[-1] * root + c)
+        p = shorter
+    half = -p[1] / 2
+    size = half * half - p[2]
+    wide = sqrt(where_less(0, size, size, 0))
+    return [middle + x for x in (*roots, half + wide, half - wide)]
 
 
 def rates(lam, Pi, a):
@@ -173,6 +233,7 @@ FUNCTIONS = {
     "projector": ("lam", "mu"),
     "rates": ("lam", "Pi"),
     "pair": ("lam", "mu"),
+    "spectrum": ("y",),
 }
 
 
@@ -192,7 +253,7 @@ def under(record, letters, constants, enter=lambda *z: z, leave=lambda z: z, dim
         function.__dict__["__signature__"] = inspect.Signature(names)
         return function
 
-    functions = {name: adapted(name, more) for name, more in FUNCTIONS.items()}
+    functions = {name: adapted(name, more) for name, more in FUNCTIONS.items() if getattr(record, name) is not None}
     return replace(record, **functions, dimensions=dimensions)
 
 

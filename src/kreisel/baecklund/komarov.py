@@ -223,4 +223,4 @@ def pairs_of(curve, energy, matrix):
         L = np.asarray(lam)[..., None, None] * PENCIL + matrix(M, P, beta=beta, c=c, gamma=gamma)
         return L[..., BLOCKS[:, None], BLOCKS]
 
-    return ConjugatePairs(matrix_of, heights, projector, rates, pair_of, levels, metric, dimensions=(3,))
+    return ConjugatePairs(matrix_of, heights, projector, rates, pair_of, None, levels, metric, dimensions=(3,))

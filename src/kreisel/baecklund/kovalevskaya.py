@@ -14,9 +14,23 @@ matrix: Reyman, Semenov-Tian-Shansky 1987, Bobenko, Reyman, Semenov-Tian-Shansky
 
 import numpy as np
 
-from kreisel.algebra import KINDS, act, dot, identity, mat, pairing, parts, shifted_resolvent, together, wedge
+from kreisel.algebra import (
+    KINDS,
+    act,
+    dot,
+    identity,
+    mat,
+    pairing,
+    parts,
+    shifted_resolvent,
+    sqrt,
+    together,
+    wedge,
+    where_less,
+)
+from kreisel.algebra.complex import Complex
 from kreisel.algebra.matrices import adjugate
-from kreisel.baecklund.conjugate import HEIGHTS, longest, projector_of, under
+from kreisel.baecklund.conjugate import longest, norm, projector_of, under
 from kreisel.record.contract import ConjugatePairs
 
 LOW, HIGH, CLEAR = 0.3, 12.0, 1.05  # |l| that are tried, in units of the largest |M|; |mu| is larger than |M| by CLEAR
@@ -40,17 +54,31 @@ def matrix(M, P, Q, *, lam, gamma=0):
     return np.concatenate([top, np.concatenate([G.mT, rotor(M, gamma) + 0 * G[..., :2, :]], -1)], -2)
 
 
-def heights(M, P, Q, *, gamma=0):
-    """Im l for which |mu| is larger than |M| is anywhere on the orbit, so that mu - M is never singular."""
+def largest(M, P, Q, gamma):
+    """A bound of |M| on the orbit, from the energy."""
     energy = pairing(M, M) / 2 + M[0, 1] * M[0, 1] / 2 - gamma * M[0, 1] + P[0] + Q[1]
-    largest = np.sqrt(float(2 * (energy + np.sqrt(dot(P, P)) + np.sqrt(dot(Q, Q))) + gamma * gamma)) or 1.0
-    y = np.geomspace(LOW, HIGH, 4 * HEIGHTS) * largest
-    L = matrix(M, P, Q, gamma=gamma, lam=1j * y).astype(complex)
+    square = 2 * (energy + norm(P) + norm(Q)) + gamma * gamma
+    return sqrt(where_less(0, square, square, 1))
+
+
+def heights(M, P, Q, *, gamma=0):
+    unit = largest(M, P, Q, gamma)
+    return [(0.0, 1, LOW * unit, HIGH * unit)]
+
+
+def spectrum(M, P, Q, *, y, gamma=0):
+    """alpha and beta at l = iy, where the eigenvalues are 0, +-i alpha, +-i beta; positive if mu - M is never singular.
+
+    Then |mu| is larger than |M| is anywhere on the orbit.
+    """
+    L, least = matrix(M, P, Q, gamma=gamma, lam=Complex(0.0, y)), CLEAR * largest(M, P, Q, gamma)
     square = L @ L  # its eigenvalues are 0, two -alpha^2, two -beta^2
-    half, fourth = -np.trace(square, 0, -2, -1).real / 4, (square * square.mT).sum((-2, -1)).real / 4
-    y = y[half - np.sqrt(np.maximum(fourth - half * half, 0)) > (CLEAR * largest) ** 2]
-    y = y[:: max(1, len(y) // HEIGHTS)]
-    return y, y
+    half, fourth = -parts(np.trace(square))[0] / 4, parts((square * square.mT).sum())[0] / 4
+    size = fourth - half * half
+    root = sqrt(where_less(0, size, size, 0))
+    low = half - root
+    alpha, beta = sqrt(half + root), sqrt(where_less(0, low, low, 0))
+    return (alpha, beta, -alpha, -beta), low - least * least
 
 
 def rates(M, P, Q, *, lam, Pi):
@@ -103,5 +131,5 @@ def pair(M, P, Q, *, lam, mu, gamma=0):
     return (M, *(KINDS["vector"].turned(-Y, KINDS["vector"].turned(-X, V)) for V in (P, Q))), (X, Y)
 
 
-TWO_FIELDS = ConjugatePairs(matrix, heights, projector, rates, pair, dimensions=(3,))
+TWO_FIELDS = ConjugatePairs(matrix, heights, projector, rates, pair, spectrum=spectrum, dimensions=(3,))
 ONE_FIELD = under(TWO_FIELDS, (), dict, lambda M, P: (M, P, 0 * P), lambda z: z[:2], (3,))

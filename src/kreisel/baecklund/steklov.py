@@ -13,12 +13,13 @@ With a rotor h, n = 3, X(s) has (s - B)^-1 h in addition, which all of this leav
 """
 
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
-from kreisel.algebra import KINDS, axial, bracket, dot, hat, mat, parts, together, vec, wedge
+from kreisel.algebra import KINDS, axial, bracket, dot, hat, mat, parts, sqrt, together, vec, wedge, where_less
 from kreisel.algebra.matrices import adjugate, diagonal
-from kreisel.baecklund.conjugate import eigenvector, heights, projector_of, under
+from kreisel.baecklund.conjugate import eigenvector, heights, largest, norm, projector_of, under
 from kreisel.record.contract import ConjugatePairs
 
 NOISE = 1e-8  # relative: an M0 that is left by rounding, at whose scale s - b would be lost
@@ -40,14 +41,13 @@ def matrix(M, P, *, b, lam, h=None):
     return (X if h is None else X + hat(h / (s - b))) / (s - b)[..., None]
 
 
-def points(M, P, *, b, h=0.0):
-    """s beyond the largest and below the least b, where C is definite and mu imaginary, and the distances of these."""
-    M0 = M - halves(b) * P
-    with np.errstate(all="ignore"):
-        size = np.linalg.norm(P)
-        scales = np.linalg.norm(M0) / size, np.sqrt(np.linalg.norm(h) / size)
-    away, _ = heights(np.ptp(b), *(scale if scale > NOISE * abs(b).max() else 0 for scale in scales))
-    return np.append(b.max() + away, b.min() - away), np.append(away, away)
+def points(M, P, *, b, h=None):
+    """s beyond the largest and below the least b, where C is definite and mu imaginary."""
+    size, large, low = norm(P), reduce(largest, b), -reduce(largest, -b)
+    sizes = norm(M - halves(b) * P) / size, sqrt(0.0 if h is None else norm(h) / size)
+    noise = NOISE * reduce(largest, abs(b))
+    scales = large - low, *(where_less(noise, scale, scale, 0) for scale in sizes)
+    return [*heights(*scales, origin=large), *heights(*scales, origin=low, side=-1)]
 
 
 def projector(M, P, *, b, lam, mu, h=None):

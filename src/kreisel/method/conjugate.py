@@ -17,29 +17,31 @@ zeros of `kreisel.method.baecklund`, the order is 2 K.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import reduce
+from math import acosh, ceil, isfinite
 from pkgutil import resolve_name
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
+from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError
 from kreisel.exact.quadrics import lift
 from kreisel.method.baecklund import constant_turns, stage_points
 from kreisel.method.observing import State, as_matrix, observer, scheme_of, with_lanes
 from kreisel.method.scheme import Scheme, Steps
-from kreisel.record.calling import Function, call
+from kreisel.record.calling import call
 from kreisel.record.contract import ConjugatePairs, ExactMap
 from kreisel.record.model import Model
 
 REACH, FARTHEST = 0.4, 0.6  # of the distance of a branch point: of an x at the start of Newton's method, and later
+LEAST = 0.25  # of the largest share of such a distance: that of any pair
 DIGITS = 44.0  # natural logarithm of the relative error of the integrals: 11 nodes at FARTHEST
 RANK, CERTAIN = 1e-10, 1e-5  # relative: fields that depend on others, and that surely do not
-SPAN = 1e-8  # relative: the distance of the flow from the other fields
-SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
+SPAN, ROUNDING = 1e-8, 1e-15  # relative: the distance of the flow from the other fields, and that of a body at rest
 STEPS, MORE = (4, 1), (0, 2)  # of Newton's method, in doubles and in double-doubles; if fields are nearly dependent
 CLOSE = 1e-10  # a change, relative to the interval, whose square is rounding
 ENOUGH, SMALL = 1e-12, 1e-5  # a miss, relative to the move; a move, relative to the state
@@ -49,7 +51,7 @@ BETWEEN = 10  # steps between projections: the least interval, so that more pair
 BETWEEN_MAPS = 4  # of a single map, whose rounding errors in |P|^2 are 3 last places a step
 LIKE = 1e-6  # the orientation is off by 1e-16 over this ratio of two fields
 COMPILED = "kreisel.kernels.exact.pairs"
-PATH, NODES = 8, 12  # points on the way to the branch of a complex x; of Gauss's rule from there, and in a time
+NODES = 12  # of Gauss's rule, of a path without solving, and in a time
 RULE = np.polynomial.legendre.leggauss(NODES)
 SHARES, WEIGHTS = [*((1 + RULE[0]) / 2).tolist(), 1.0], (RULE[1] / 2).tolist()
 NUMBERS = ("lam_re", "lam_im", "mu_re", "mu_im")
@@ -83,7 +85,7 @@ def by_pairs(model: Model, dt: float, oriented: bool, order: int | None = None) 
         if not oriented:
             return {}, stages
         g = as_matrix(model, x0[count])
-        return constant_turns("turn", g @ turn @ g.mT, lambda theta: theta), stages
+        return constant_turns("turn", g @ algebra.skew(turn, model.n) @ g.mT, lambda theta: theta), stages
 
     def step(*z: Array, lam_re: Array, lam_im: Array, mu_re: Array, mu_im: Array, **known: Array) -> State:
         point = {"lam": algebra.complex_number(lam_re, lam_im), "mu": algebra.complex_number(mu_re, mu_im)}
@@ -244,15 +246,21 @@ def _named(order: int | None) -> tuple[str, dict[str, Any]]:
 
 
 def constants(model: Model, state: State, dt: float, order: int | None = None) -> tuple[Array, Array]:
-    """Points (..., 4, stages), `NUMBERS` of each, and the missing rotation of the body in a step (..., n,
-    n).
-    """
-    batch, lanes = _lanes(model, state)
+    """Points (..., 4, stages), `NUMBERS` of each, and the missing rotation of the body in a step, its coordinates."""
+    batch, spread = with_lanes(model, state)
+    z = np.ascontiguousarray(algebra.flatten(spread, model.system.space.kinds), float)
+    lanes, c = z.reshape(-1, z.shape[-1]), [np.empty((*batch, 0))]
+    for p in model.system.parameters:
+        if p.kind != "dimension":
+            value, axes = model.params[p.letter], model.axes[p.letter]
+            core = value.shape[value.ndim - axes :]
+            c.append(np.broadcast_to(value, batch + core).reshape(*batch, -1))
+    rows = np.ascontiguousarray(np.concatenate(c, -1), float).reshape(len(lanes), -1)
     try:
-        steps = [Torus(model, *lane).step(dt, order) for lane in lanes]
+        steps = [Torus(model, *lane).step(dt, order) for lane in zip(lanes, rows, strict=True)]
     except np.linalg.LinAlgError as error:
         raise _out_of_range(model.system.name) from error
-    turns = np.stack([turn for _, _, turn in steps])
+    turns = np.array([turn for _, _, turn in steps])
     return _stacked(batch, [step[:2] for step in steps]), turns.reshape(batch + turns.shape[1:])
 
 
@@ -280,182 +288,140 @@ def _lanes(model: Model, state: State) -> tuple[tuple[int, ...], list[tuple[Stat
     ]
 
 
-class Points(NamedTuple):
-    """Points lam = iy, x of their pairs in a unit of small times, distances of branch points; mu and fields there."""
-
-    y: Array
-    x: Array
-    radius: Array
-    mu: Array
-    fields: Array
-
-
 class Torus:
-    """The commuting fields at one state, and points for its flow."""
+    """The commuting fields at one state z (d,), and points for its flow, by compiled code; c: the parameters."""
 
-    def __init__(self, model: Model, state: State, params: dict[str, Array]):
-        system = model.system
-        self.system, self.record = system, cast("ConjugatePairs", system.pairs)
-        self.state, self._compiled = state, resolve_name(COMPILED)
-        self.paths = self._compiled.paths(model)
-        self._parameters = np.concatenate([np.empty(0), *(np.ravel(params[k]) for k in self.paths.axes)])
-        with np.errstate(all="ignore"):
-            self.constants = params | (call(system.derive, (), params) if system.derive is not None else {})
-            rates = call(system.flow, state, self.constants)
-            units = [np.full(z.shape, size) for z, size in zip(state, self._sizes(rates), strict=True)]
-            self.z, self.units, flow = (algebra.flatten(x, system.space.kinds) for x in (state, units, rates))
-            self.flow = flow / self.units
-            self.points = self._points()
-
-    def _sizes(self, rates: State) -> list[Any]:
-        """Units of the components: sizes that they have or reach before the body rotates by about a radian.
-
-        M may be far smaller than it soon becomes; Newton's method must not solve for its last places then.
-        """
-        velocity = self.system.velocity
-        turns = [z[0] if velocity is None else call(velocity, z, self.constants) for z in (self.state, rates)]
-        now, later = map(np.linalg.norm, turns)
-        time = 1 / rate if (rate := now + np.sqrt(later)) else 0.0
-        pairs = zip(self.state, rates, strict=True)
-        return [max(abs(z).max(initial=0), time * abs(rate).max(initial=0)) or 1.0 for z, rate in pairs]
-
-    def _of_record(self, function: Function, lam: Array, **more: Any) -> Any:
-        return call(function, self.state, {**self.constants, "lam": lam, **more})
-
-    def _points(self) -> Points:
-        """The points with the least sum of |x|/radius."""
-        y, pole = (np.asarray(v, np.float64) for v in call(self.record.heights, self.state, self.constants))
-        lam, near = 1j * y, 1e-5 * pole
-        L, after, before = self._of_record(self.record.matrix, np.stack([lam, lam + near, lam - near]))
-        if not (L.size and np.isfinite(L).all() and np.isfinite(self.flow).all()):
+    def __init__(self, model: Model, z: Array, c: Array):
+        self.model, self.system, self.z, self.c = model, model.system, z, c
+        self.record = cast("ConjugatePairs", self.system.pairs)
+        self.room = room = resolve_name(COMPILED).Room(model, z, c)
+        tried = np.empty(0) if self.record.levels is None else self._tried()
+        room.choose(tried, room.most)
+        if room["least"][0] < CERTAIN:
+            room.choose(tried, self._rank() // 2)
+        (count,), (self.size,), self.y, self.mu = room["count"], room["size"], room["y"], room["mu"]
+        self.x, self.radius, self.pairs = room["x"][::2], room["radius"], int(count)
+        if not (room["heights"][0] and isfinite(self.size)):
             raise _out_of_range(self.system.name)
-        if self.record.levels is None:
-            mu, vectors = np.linalg.eig(L)
-            left, right = np.linalg.inv(vectors), vectors.mT
-        else:
-            mu, left, right = self._of_record(self.record.levels, lam)
-        count = mu.shape[-1]
-        change = left @ ((after - before) / (2 * near[:, None, None])) @ right.mT
-        gap, ends = mu[:, :, None] - mu[:, None, :], np.diagonal(change, 0, -2, -1)
-        # Two levels meet where (gap + t (a - b))^2 + 4 t^2 c d = 0.
-        meet = abs(gap) / np.sqrt(abs((ends[:, :, None] - ends[:, None, :]) ** 2 + 4 * change * change.mT))
-        radius = np.minimum(np.where(np.eye(count) > 0, np.inf, meet).min(-1), pole[:, None]).ravel()
-        mu, (left, right) = mu.ravel(), (v.reshape(-1, v.shape[-1]) for v in (left, right))
-        Pi = right[:, :, None] * left[:, None, :]
-        fields = algebra.flatten(
-            self._of_record(self.record.rates, lam.repeat(count), Pi=Pi)[0], self.system.space.kinds
-        )
-        C = (fields.real / self.units * radius[:, None]).T
-        if not self.flow.any():  # at rest: the pair of any mu but an eigenvalue is the identity for x = 0
-            return Points(y[:1], np.zeros(1), pole[:1], 2 * abs(mu).max(keepdims=True) + pole[:1], C[:, :1])
-        chosen, x = least(C, self.flow, lambda: self._rank() // 2)
-        C = C[:, chosen]
-        if not abs(C @ x - self.flow).max() <= SPAN * abs(self.flow).max():
+        if not self.size:  # at rest: the pair of any mu but an eigenvalue is the identity for x = 0
+            self.y[0], pole, *mu = room["first"]
+            self.x, self.pairs, self.mu[:2] = [0.0], 1, [0.0, 2 * max(map(abs, mu)) + pole]
+        elif not room["off"][0] <= max(SPAN * self.size, ROUNDING * room["rate"][0]):
             raise InputError(
                 f"{self.system.name}: expected a flow that combines the flows of its Lax matrix, got another. Usual "
                 "cause: parameters that are equal, or components of the state of very different sizes. Use another "
                 "method, such as 'dop853'."
             )
-        radius = radius[chosen]
-        return Points(y.repeat(count)[chosen], x * radius, radius, mu[chosen], C / radius)
+        self.x, self.y = self.x[: self.pairs], self.y[: self.pairs]
+
+    @cached_property
+    def state(self) -> State:
+        """The components."""
+        return algebra.restore(self.z, self.system.space.kinds, self.model.n)
+
+    @cached_property
+    def constants(self) -> dict[str, Array]:
+        """Parameters and what the record derives from them."""
+        params, rest, n = {"n": np.asarray(self.model.n)}, self.c, self.model.n
+        for p in self.system.parameters:
+            if p.kind != "dimension":
+                shape = (n,) * self.model.axes[p.letter]
+                params[p.letter], rest = np.split(rest, [n ** len(shape)])
+                params[p.letter] = params[p.letter].reshape(shape)[()]
+        return params | (call(self.system.derive, (), params) if self.system.derive is not None else {})
+
+    def _tried(self) -> Array:
+        """Points to try: y, distances of poles, Im mu."""
+        with np.errstate(all="ignore"):
+            y, pole = (np.asarray(v, np.float64) for v in call(self.record.heights, self.state, self.constants))
+            mu = call(self.record.levels, self.state, {**self.constants, "lam": 1j * y})[0]
+        return np.concatenate([np.stack([y, pole], -1), mu.imag.astype(float)], -1)
 
     def _rank(self) -> int:
         """The rank of the bracket in units of each component: small fields count as large ones do."""
-        tensor = call(self.system.space.tensor, self.state, self.constants)
-        return int(np.linalg.matrix_rank(tensor / self.units[:, None] / self.units, rtol=RANK))
-
-    def far(self, dt: float) -> float:
-        """Largest x of a step, relative to the distance of a branch point."""
-        return float((abs(self.points.x * dt) / self.points.radius).max())
+        tensor, units = call(self.system.space.tensor, self.state, self.constants), np.array(self.room["units"])
+        return int(np.linalg.matrix_rank(tensor / units[:, None] / units, rtol=RANK))
 
     def copies(self, dt: float) -> int:
         """How many copies of the pairs a step needs.  Raises `InputError` for too many."""
-        far = self.far(dt) / REACH
+        far = max(abs(x * dt) / r for x, r in zip(self.x, self.radius, strict=False)) / REACH
         if not far < MOST_COPIES:
             raise InputError(
                 f"dt: expected at most {abs(dt) * MOST_COPIES / far:.3g}, {MOST_COPIES:,} pairs of maps of "
                 f"{self.system.name}, for method='exact', got {dt:g}. Use a smaller dt, and every=... to save as few "
                 "rows."
             )
-        return max(1, int(np.ceil(far)))
+        return max(1, ceil(far))
 
     def step(self, dt: float, order: int | None = None) -> tuple[Array, Array, Array]:
-        """`NUMBERS` (4, ...) of all pairs of a step, (4,) of the identity, and the rest of the rotation, if exact.
+        """`NUMBERS` (4, ...) of all pairs of a step, (4,) of the identity, and the rest of the rotation, coordinates.
 
         Each lane has its number of pairs, so that none depends on the others: the identity fills the shorter ones.
         Raises `InputError` where no points are found.
         """
-        points = self.points
-        identity, still = _numbers(1j * points.y[0], points.mu[0]), np.zeros((self.state[0].shape[-1],) * 2)
-        if not points.x.any():
-            turn = (
-                still if self.system.velocity is None else dt * call(self.system.velocity, self.state, self.constants)
-            )
-            return identity[:, None], identity, turn
+        identity = np.array([0.0, self.y[0], *self.mu[:2]])
+        if not any(self.x):
+            velocity = self.system.velocity
+            still = np.zeros_like(self.state[0]) if velocity is None else call(velocity, self.state, self.constants)
+            return identity[:, None], identity, dt * algebra.coordinates(still)
         if order is not None:
-            x = np.multiply.outer(points.x, fractions(dt, order))
-            ends, turns = zip(*(self._unsolved(column, dt / x.shape[1]) for column in x.T), strict=True)
-            return (
-                _numbers((1j * points.y[:, None] + x).ravel(), np.stack(ends, -1).ravel()),
-                identity,
-                sum(turns, still),
-            )
+            shares = fractions(dt, order)
+            numbers, turns = zip(*(self._unsolved(share, dt / len(shares)) for share in shares), strict=True)
+            return np.concatenate(numbers, -1), identity, sum(turns)
         copies = self.copies(dt)
         for _ in range(TRIALS):
-            for share in (FARTHEST / REACH * self.far(dt) / copies, FARTHEST):
-                if (done := self.solved(dt, copies, share)) is not None:
+            for share in (None, FARTHEST):
+                if (done := self.solved(dt / copies, share)) is not None:
                     numbers, turn = done
-                    return np.tile(numbers, copies), identity, turn
+                    return np.tile(numbers, copies) if copies > 1 else numbers, identity, copies * turn
             copies += max(1, copies // 2)
         raise InputError(
             f"No conjugate pairs were found that are the flow of {self.system.name} over dt = {dt:g} or parts of it. "
             "Use another method, such as 'dop853', for this state."
         )
 
-    def _run(
-        self, table: Array, steps: tuple[int, int], x: Array, h: float = 0.0, y: Any = None, mu: Any = None
-    ) -> dict[str, Array]:
-        """Steps of Newton's method from x; by none, mu at the ends of the paths from mu at iy."""
-        points, dual = self.points, np.zeros((len(self.units), self.paths.most))
-        y, mu = points.y if y is None else y, points.mu if mu is None else mu
-        if h:
-            dual[:, : len(points.x)] = np.linalg.pinv(points.fields).T / self.units[:, None]
-        values = {"h": [h], "y": y, "x": _real(x), "mu": _real(mu), "fields": dual.ravel()}
-        result: dict[str, Array] = self.paths.run(self.z, self._parameters, table, steps, **values)
-        return result
-
-    def _unsolved(self, x: Array, h: float) -> tuple[Array, Array]:
-        """mu at points iy + x, and the missing rotation of the body in a time h.
+    def _unsolved(self, share: complex, h: float) -> tuple[Array, Array]:
+        """`NUMBERS` of the points iy + share x, and the missing rotation of the body in a time h.
 
         The rotation by each pair is int Re Omega from i Im(iy + x) on; what it leaves of the flow's does not change
         what the body carries.
         """
-        end, middle = (_complex(self._run(self._compiled.evenly(PATH), (0, 0), v)["end"]) for v in (x, 1j * x.imag))
-        turn = self._run(self._compiled.gauss(NODES), (0, 1), x.real, h, self.points.y + x.imag, middle[: len(x)])[
-            "turn"
-        ]
+        room, count, y, x = self.room, self.pairs, np.array(self.y), share * np.array(self.x)
+        ends = []
+        for way in (1j * x.imag, x):
+            room["y"], room["x"], room["mu"] = y, _real(way), self.mu
+            room.follow([NODES] * count)
+            ends.append(_complex(room["end"])[:count])
+        middle, mu = ends
+        room["h"], room["y"], room["x"], room["mu"] = [h], y + x.imag, _real(x.real + 0j), _real(middle)
+        room.follow([NODES] * count, wide=1)
         carried = [self.state[i] for i in self.system.space.carried or (0,)]
-        return end[: len(x)], commuting(algebra.skew(turn, self.state[0].shape[-1]), carried)
+        Omega = commuting(algebra.skew(np.array(room["turn"]), self.model.n), carried)
+        return _numbers(1j * y + x, mu), algebra.coordinates(Omega)
 
-    def solved(self, dt: float, copies: int, share: float) -> tuple[Array, Array] | None:
-        """`NUMBERS` (4, count) of the pairs of a part of a step, and the missing rotation of the body in the step.
+    def solved(self, h: float, share: float | None = None) -> tuple[Array, Array] | None:
+        """`NUMBERS` (4, count) of the pairs that are the flow over h, and the missing rotation of the body.
 
         None if Newton's method leaves a share of the way to the branch points, or misses.
         """
-        points, h = self.points, dt / copies
-        nodes = int(np.ceil(DIGITS / 4 / np.arccosh(1 / share))) + 1
-        table, reach, x = self._compiled.gauss(nodes), share * points.radius, points.x * h
-        for steps in (STEPS, MORE):
-            found = self._run(table, steps, x, h)
-            x, mu = (_complex(found[name])[: len(x)] for name in ("x", "end"))
-            if not (abs(x) < reach).all():
+        room, count = self.room, self.pairs
+        far = [abs(x * h) / r for x, r in zip(self.x, self.radius, strict=False)]
+        more = FARTHEST / REACH
+        shares = [share or max(more * x, LEAST * more * max(far)) for x in far]
+        room["h"], room["x"] = [h], [v for x in self.x for v in (x * h, 0.0)]
+        for narrow, wide in (STEPS, MORE):
+            room.follow([ceil(DIGITS / 4 / acosh(1 / x)) + 1 for x in shares], narrow, wide)
+            x = room["x"][: 2 * count : 2]
+            reach = [a * r for a, r in zip(shares, self.radius, strict=False)]
+            if not all(abs(a) < b for a, b in zip(x, reach, strict=True)):
                 return None
-            if (abs(found["change"][: len(x)]) <= CLOSE * reach).all():
+            if all(abs(a) <= CLOSE * b for a, b in zip(room["change"], reach, strict=False)):
                 break
-        if not (abs(found["miss"] / self.units) <= ENOUGH * max(abs(h * self.flow).max(), SMALL)).all():
+        enough = ENOUGH * max(abs(h) * self.size, SMALL)
+        if not all(abs(a) <= enough * b for a, b in zip(room["miss"], room["units"], strict=True)):
             return None
-        n = self.state[0].shape[-1]
-        return _numbers(x.real + 1j * points.y, mu), copies * algebra.skew(found["turn"], n)
+        mu = room["end"]
+        return np.array([x, self.y, mu[: 2 * count : 2], mu[1 : 2 * count : 2]]), np.array(room["turn"])
 
 
 def commuting(Omega: Array, carried: list[Array]) -> Array:
@@ -475,32 +441,3 @@ def _real(x: Array) -> Array:
 
 def _complex(x: Array) -> Array:
     return np.ascontiguousarray(x).view(complex)
-
-
-def least(C: Array, f: Array, most: Callable[[], int]) -> tuple[list[int], Array]:
-    """Columns of C and factors x with the least sum |x_j| among those with sum x_j C_j = f, by the simplex method.
-
-    most()  the rank of C without rounding errors, which small singular values may be
-    """
-    C = np.where(np.isfinite(C), C, 0)
-    U, sizes, _ = np.linalg.svd(C, full_matrices=False)
-    rank = int((sizes > RANK * sizes[0]).sum())
-    rank = min(rank, most()) if rank and sizes[rank - 1] < CERTAIN * sizes[0] else rank
-    C, f = U[:, :rank].T @ C, U[:, :rank].T @ f
-    rest, chosen, x = C.copy(), list[int](), np.zeros(rank)
-    for _ in range(rank):
-        chosen.append(int((rest * rest).sum(0).argmax()))
-        unit = rest[:, chosen[-1]] / np.linalg.norm(rest[:, chosen[-1]])
-        rest = rest - np.outer(unit, unit @ rest)
-    for _ in range(100 * rank):
-        inverse = np.linalg.inv(C[:, chosen])
-        x = inverse @ f
-        signs = np.where(x < 0, -1.0, 1.0)
-        price = signs @ inverse @ C
-        entering = int(abs(price).argmax())
-        if abs(price[entering]) <= 1 + SLACK:
-            break
-        slope = inverse @ C[:, entering] * np.sign(price[entering])
-        reach = np.where(slope * signs > 0, x / slope, np.inf)
-        chosen[int(reach.argmin())] = entering
-    return chosen, x

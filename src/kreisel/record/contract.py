@@ -335,14 +335,18 @@ class ConjugatePairs:
     nearer they are to the identity.  The flow over a time is a product of them (`kreisel.method.conjugate`).
 
     matrix(*state, lam)              L (..., m, m) for complex lam (...), one state
-    heights(*state)                  (y, r): Im lam of points to try, with imaginary mu, and the distances of poles
+    heights(*state)                  rows (origin, side, low, high) of recorded numbers: Im lam of points to try, with
+                                     imaginary mu, is origin + side r, r from low to high the distance of poles
     projector(*state, lam, mu)       Pi (m, m) of the eigenvalue mu of L, of recorded numbers
     rates(*state, lam, Pi)           with respect to Re lam: the rates of the state and the angular velocity of the
                                      body, analytic in lam; Pi (..., m, m)
     pair(*state, lam, mu)            (state, turns): the state, and rotations g cay(X) of the body, one after another,
                                      except one that commutes with all it carries; mu: nearest eigenvalue of this state
     metric()                         the diagonal S (m,), maybe singular, if L q = mu S q; then Pi = q p^T, p^T S q = 1
-    levels(*state, lam)              (mu (..., k), left, right (..., k, m)): then some of the branches and their vectors
+    spectrum(*state, y)              (Im mu of some of the branches at iy, positive where they may be used), recorded;
+                                     without, all eigenvalues of L, a matrix that is similar to i times a Hermitian one
+    levels(*state, lam)              (mu (..., k), left, right (..., k, m)): some of the branches and their vectors, of
+                                     arrays; then heights(*state) are arrays (y, r)
     dimensions                       n
     """
 
@@ -351,6 +355,7 @@ class ConjugatePairs:
     projector: Function
     rates: Function
     pair: Function
+    spectrum: Function | None = None
     levels: Function | None = None
     metric: Function | None = None
     dimensions: tuple[int, ...] = (3, 4, 5)
