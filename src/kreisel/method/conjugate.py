@@ -18,8 +18,8 @@ zeros of `kreisel.method.baecklund`, the order is 2 K.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import reduce
-from math import acosh, ceil, isfinite
+from functools import cache, reduce
+from math import acosh, ceil, isfinite, prod
 from pkgutil import resolve_name
 from typing import Any, cast
 
@@ -38,7 +38,7 @@ from kreisel.record.contract import ConjugatePairs, ExactMap
 from kreisel.record.model import Model
 
 REACH, FARTHEST = 0.4, 0.6  # of the distance of a branch point: of an x at the start of Newton's method, and later
-LEAST = 0.25  # of the largest share of such a distance: that of any pair
+MARGIN, LEAST = 1.25, 0.25  # of a share of such a distance, before Newton's method; of the largest: that of any pair
 DIGITS = 44.0  # natural logarithm of the relative error of the integrals: 11 nodes at FARTHEST
 RANK, CERTAIN = 1e-10, 1e-5  # relative: fields that depend on others, and that surely do not
 SPAN, ROUNDING = 1e-8, 1e-15  # relative: the distance of the flow from the other fields, and that of a body at rest
@@ -50,7 +50,7 @@ MOST_COPIES = 1_000_000
 BETWEEN = 10  # steps between projections: the least interval, so that more pairs in other lanes change nothing
 BETWEEN_MAPS = 4  # of a single map, whose rounding errors in |P|^2 are 3 last places a step
 LIKE = 1e-6  # the orientation is off by 1e-16 over this ratio of two fields
-COMPILED = "kreisel.kernels.exact.pairs"
+COMPILED = "kreisel.kernels.exact.pairs:Room"
 NODES = 12  # of Gauss's rule, of a path without solving, and in a time
 RULE = np.polynomial.legendre.leggauss(NODES)
 SHARES, WEIGHTS = [*((1 + RULE[0]) / 2).tolist(), 1.0], (RULE[1] / 2).tolist()
@@ -75,12 +75,12 @@ def products(model: Model, dt: float, order: int | None, oriented: bool) -> Sche
 def by_pairs(model: Model, dt: float, oriented: bool, order: int | None = None) -> Scheme:
     """The exact flow, or a step of an order, by conjugate pairs."""
     record = cast("ConjugatePairs", model.system.pairs)
-    count = len(model.system.space.letters)
+    count, params = len(model.system.space.letters), parameter_rows(model)
 
     def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
         if oriented:
             _require_like_fields(model, x0[:count])
-        points, turn = constants(model, x0[:count], dt, order)
+        points, turn = constants(model, x0[:count], dt, order, params)
         stages = {name: points[..., i, :] for i, name in enumerate(NUMBERS)}
         if not oriented:
             return {}, stages
@@ -245,23 +245,34 @@ def _named(order: int | None) -> tuple[str, dict[str, Any]]:
 # -- the points of a trajectory -----------------------------------------------------------------------
 
 
-def constants(model: Model, state: State, dt: float, order: int | None = None) -> tuple[Array, Array]:
-    """Points (..., 4, stages), `NUMBERS` of each, and the missing rotation of the body in a step, its coordinates."""
-    batch, spread = with_lanes(model, state)
-    z = np.ascontiguousarray(algebra.flatten(spread, model.system.space.kinds), float)
-    lanes, c = z.reshape(-1, z.shape[-1]), [np.empty((*batch, 0))]
-    for p in model.system.parameters:
-        if p.kind != "dimension":
-            value, axes = model.params[p.letter], model.axes[p.letter]
-            core = value.shape[value.ndim - axes :]
-            c.append(np.broadcast_to(value, batch + core).reshape(*batch, -1))
-    rows = np.ascontiguousarray(np.concatenate(c, -1), float).reshape(len(lanes), -1)
+def constants(
+    model: Model, state: State, dt: float, order: int | None = None, params: Array | None = None
+) -> tuple[Array, Array]:
+    """Points (..., 4, stages), `NUMBERS` of each, and the missing rotation of the body in a step, its coordinates.
+
+    params: those of `parameter_rows`
+    """
+    z, c = algebra.flatten(state, model.system.space.kinds), parameter_rows(model) if params is None else params
+    batch = np.broadcast_shapes(c.shape[:-1], z.shape[:-1])
+    spread = (np.broadcast_to(x, batch + x.shape[-1:]).reshape(prod(batch), x.shape[-1]) for x in (z, c))
+    rows = [np.ascontiguousarray(x, float) for x in spread]
     try:
-        steps = [Torus(model, *lane).step(dt, order) for lane in zip(lanes, rows, strict=True)]
+        steps = [Torus(model, *lane).step(dt, order) for lane in zip(*rows, strict=True)]
     except np.linalg.LinAlgError as error:
         raise _out_of_range(model.system.name) from error
     turns = np.array([turn for _, _, turn in steps])
     return _stacked(batch, [step[:2] for step in steps]), turns.reshape(batch + turns.shape[1:])
+
+
+def parameter_rows(model: Model) -> Array:
+    """The entries of the parameters (..., count), in order."""
+    rows = [np.empty((*model.batch, 0))]
+    for p in model.system.parameters:
+        if p.kind != "dimension":
+            value, axes = model.params[p.letter], model.axes[p.letter]
+            core = value.shape[value.ndim - axes :]
+            rows.append(np.broadcast_to(value, model.batch + core).reshape(*model.batch, -1))
+    return np.concatenate(rows, -1)
 
 
 def _out_of_range(name: str) -> InputError:
@@ -273,9 +284,11 @@ def _out_of_range(name: str) -> InputError:
 
 def _stacked(batch: tuple[int, ...], steps: list[tuple[Array, Array]]) -> Array:
     """Points (..., 4, stages), the shorter lanes filled with their identities."""
-    count = max(numbers.shape[-1] for numbers, _ in steps)
-    points = np.stack([np.append(a, b[:, None].repeat(count - a.shape[-1], -1), -1) for a, b in steps])
-    return points.reshape(batch + points.shape[1:])
+    rows, count = len(steps[0][0]), max(numbers.shape[-1] for numbers, _ in steps)
+    points = np.empty((len(steps), rows, count))
+    for row, (numbers, identity) in zip(points, steps, strict=True):
+        row[:, : numbers.shape[-1]], row[:, numbers.shape[-1] :] = numbers, identity[:, None]
+    return points.reshape(*batch, rows, count)
 
 
 def _lanes(model: Model, state: State) -> tuple[tuple[int, ...], list[tuple[State, dict[str, Array]]]]:
@@ -288,13 +301,18 @@ def _lanes(model: Model, state: State) -> tuple[tuple[int, ...], list[tuple[Stat
     ]
 
 
+@cache
+def _room() -> Any:
+    return resolve_name(COMPILED)
+
+
 class Torus:
     """The commuting fields at one state z (d,), and points for its flow, by compiled code; c: the parameters."""
 
     def __init__(self, model: Model, z: Array, c: Array):
         self.model, self.system, self.z, self.c = model, model.system, z, c
         self.record = cast("ConjugatePairs", self.system.pairs)
-        self.room = room = resolve_name(COMPILED).Room(model, z, c)
+        self.room = room = _room()(model, z, c)
         tried = np.empty(0) if self.record.levels is None else self._tried()
         room.choose(tried, room.most)
         if room["least"][0] < CERTAIN:
@@ -406,11 +424,10 @@ class Torus:
         """
         room, count = self.room, self.pairs
         far = [abs(x * h) / r for x, r in zip(self.x, self.radius, strict=False)]
-        more = FARTHEST / REACH
-        shares = [share or max(more * x, LEAST * more * max(far)) for x in far]
+        shares = [share or MARGIN * max(x, LEAST * max(far)) for x in far]
         room["h"], room["x"] = [h], [v for x in self.x for v in (x * h, 0.0)]
         for narrow, wide in (STEPS, MORE):
-            room.follow([ceil(DIGITS / 4 / acosh(1 / x)) + 1 for x in shares], narrow, wide)
+            room.follow([ceil(DIGITS / 4 / acosh(1 / x)) for x in shares], narrow, wide)
             x = room["x"][: 2 * count : 2]
             reach = [a * r for a, r in zip(shares, self.radius, strict=False)]
             if not all(abs(a) < b for a, b in zip(x, reach, strict=True)):

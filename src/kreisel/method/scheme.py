@@ -294,7 +294,10 @@ class Scheme:
     @property
     def stage_count(self) -> int:
         """How many stages a step of the method has."""
-        counts = {np.shape(v)[np.ndim(v) - self.axes[k] - 1] for k, v in self.stages.items()}
+        return self._count(self.stages)
+
+    def _count(self, stages: Mapping[str, Array]) -> int:
+        counts = {np.shape(v)[np.ndim(v) - self.axes[k] - 1] for k, v in stages.items()}
         if len(counts) > 1:
             raise ValueError(f"all constants of the stages of {self.name} need the same number of stages: {counts}")
         return counts.pop() if counts else 1
@@ -308,11 +311,10 @@ class Scheme:
             return self
         compiled = () if points is None or self.point is None else (partial(points, self),)
         constants, stages = self.trajectory(x0, *compiled)
-        made = replace(
-            self, constants={**self.constants, **constants}, stages={**self.stages, **stages}, trajectory=None
-        )
+        stages = {**self.stages, **stages}
         # How many stages there are may depend on the state.
-        return replace(made, kernel_key=made.kernel_key and (*made.kernel_key, made.stage_count))
+        key = self.kernel_key and (*self.kernel_key, self._count(stages))
+        return replace(self, constants={**self.constants, **constants}, stages=stages, trajectory=None, kernel_key=key)
 
     def by(self, numbers: Numbers) -> Scheme:
         """The scheme with other values, without a corrector."""

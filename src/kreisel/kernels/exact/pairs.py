@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache, reduce
+from operator import add
 from typing import Any, cast
 
 import numpy as np
@@ -23,7 +24,7 @@ from kreisel.baecklund.conjugate import HEIGHTS
 from kreisel.graph.arranging import arranged
 from kreisel.graph.double import DoubleDouble, upper
 from kreisel.graph.graph import Graph
-from kreisel.graph.llvm import INTEGER, Function, Integer, Memory, Value
+from kreisel.graph.llvm import DOUBLE, INTEGER, Function, Integer, Lanes, Value, kind_of
 from kreisel.graph.machine import address_of, kernel
 from kreisel.graph.recording import as_operands
 from kreisel.kernels.layout import Floats
@@ -39,7 +40,7 @@ NEAR = 1e-18  # relative: a squared change of mu, after which the next one is ro
 RANK = 1e-10  # relative: fields that depend on others
 SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
 CHANGES = 100  # of points, for each pair: the most
-NODES = 14  # of a path, at most
+NODES, WIDTH = 14, 4  # of a path, at most; of vectors of nodes in double-doubles
 CLOSE = 1e-9  # a change of x, relative to the distance of a branch point, whose square is rounding
 BESIDE = 1e-5  # of the distance of a pole: between two points for a derivative
 Recorded = Callable[..., list[Any]]
@@ -135,10 +136,10 @@ class Choice(Formulas):
             self.heights, self.spectrum = self._record(self._heights), self._record(self._spectrum, ("x", 1))
             pieces += self.heights, self.spectrum
             self.rows, self.levels = len(self.heights[1]) // 4, len(self.spectrum[1]) - 1
-            self.tried = HEIGHTS if self.pairs.spectrum is None else 4 * HEIGHTS
+            self.tried = HEIGHTS if self.pairs.spectrum is None else 2 * HEIGHTS
         self.used = self.levels if self.pairs.spectrum is self.pairs.levels is None else self.levels // 2
         self.room = self.rows * self.tried  # of heights
-        self.columns = 1 + self.d + min(self.room, 2 * self.rows * HEIGHTS) * self.used
+        self.columns = 1 + self.d + self.rows * HEIGHTS * self.used
         key = "choice", self.tried, *(graph.digest(outputs) for graph, outputs in pieces)
         self.kernel = kernel(key, 6, lambda f: _Choosing(self, f).write())
 
@@ -280,8 +281,7 @@ class _Choosing:
 
     def find_candidates(self) -> None:
         f, of, d, memory = self.f, self.of, self.d, self.memory["v"]
-        step, at = self.count[0] // (of.rows * HEIGHTS), f.variables(1, INTEGER)[0]
-        step = step + step.below(1)
+        step, at = (self.count[0] + of.rows * HEIGHTS - 1) // (of.rows * HEIGHTS), f.variables(1, INTEGER)[0]
         size, w = 2 + 4 * of.width + d, 2 * of.width
         at[0] = 0
         with f.while_(lambda: at[0].compared("<", self.count[0])):
@@ -433,9 +433,10 @@ class Paths(Formulas):
         v = len(start[1])
         follow = self._record(self.follow, ("x", 4), ("v", v))
         add = self._record(self.add, ("x", 7), ("v", v), ("s", sums))
+        together = self._record(self.together, ("v", sums * WIDTH))
         step = self._record(self.step, ("h", 1), ("s", sums), ("e", m * d), ("dual", m * d), ("none", m))
-        key = "pairs", *(graph.digest(outputs) for graph, outputs in (start, follow, add, step))
-        self.kernel = kernel(key, 7, lambda f: self._write(f, start, follow, add, step))
+        key = "pairs", *(graph.digest(outputs) for graph, outputs in (start, follow, add, together, step))
+        self.kernel = kernel(key, 7, lambda f: self._write(f, start, follow, add, together, step))
 
     # -- formulas ------------------------------------------------------------------------------------------
 
@@ -471,6 +472,11 @@ class Paths(Formulas):
         new = [DoubleDouble(*pair) + re * weight * rate for pair, rate in zip(total.reshape(-1, 2), rates, strict=True)]
         return [part for x in new for part in (x.upper, x.lower)]
 
+    def together(self, z: Array, known: Any, total: Array) -> list[Any]:
+        """The sums of double-doubles over lanes (..., 2, lanes)."""
+        sums = [reduce(add, map(DoubleDouble, *lanes)) for lanes in total.reshape(-1, 2, WIDTH)]
+        return [part for x in sums for part in (x.upper, x.lower)]
+
     def step(self, z: Array, known: Any, h: Array, total: Array, ends: Array, dual: Array, none: Array) -> list[Any]:
         """Defects of the integrals, h f minus them, changes of x, and the missing rotation of the body.
 
@@ -492,7 +498,7 @@ class Paths(Formulas):
 
     # -- code ----------------------------------------------------------------------------------------------
 
-    def _write(self, f: Function, start: Piece, follow: Piece, add: Piece, step: Piece) -> None:
+    def _write(self, f: Function, start: Piece, follow: Piece, add: Piece, together: Piece, step: Piece) -> None:
         room, z, c, table, pairs, narrow, wide = f.arguments
         numbers, rows, d, width = f.doubles(room), f.doubles(table), self.d, len(start[1])
         at = {name: place.start for name, place in self.places.items()}
@@ -501,18 +507,28 @@ class Paths(Formulas):
         kept, (turn,) = f.room(self.most * (NODES + 2) * width), f.variables(1, INTEGER)
         plus, times, last = f.builder.fadd, f.builder.fmul, narrow + wide
 
-        def run(piece: Piece, x: Sequence[Value] = (), v: Memory | None = None) -> list[Value]:
-            def of(letter: str, i: int) -> Value:
-                return x[i] if letter == "x" else v[i] if letter == "v" and v is not None else memory[letter][i]
+        kind = kind_of(WIDTH)
+        wide_sums = f.room(2 * (d + self.turns), kind)
+        f.vectors(WIDTH)
 
-            return f.outputs(*piece, of)
+        def run(piece: Piece, x: Sequence[Value] = (), v: Any = None, in_lanes: bool = False) -> list[Value]:
+            numbers_kind = kind if in_lanes else DOUBLE
+
+            def value(letter: str, i: int) -> Value:
+                if letter in "xv":
+                    return (x if letter == "x" else v)[i]
+                return wide_sums[i] if in_lanes and letter == "s" else f.spread(memory[letter][i], numbers_kind)
+
+            return f.outputs(*piece, value, numbers_kind)
 
         memory["e"].put([0.0] * (self.most * d))
         turn[0] = 0
         with f.while_(lambda: turn[0].compared("<=", last)):
             later = turn[0].compared(">", 0)
             final = f.builder.and_(later, turn[0].compared("==", last))
+            exact = f.builder.and_(turn[0].compared(">=", narrow), turn[0].compared("<", last))
             own = Integer(f.builder, f.builder.zext(later, INTEGER))
+            wide_sums.put([0.0] * (2 * (d + self.turns)))
             memory["s"].put([0.0] * (2 * (d + self.turns)))
             with f.loop(0, pairs) as p:
                 y, x, slot = numbers[p + at["y"]], numbers.get(2, p * 2 + at["x"]), p * (NODES + 2)
@@ -521,18 +537,21 @@ class Paths(Formulas):
                 with f.where(own.compared("==", 0)):
                     kept.put(run(start, [y, *numbers.get(2, p * 2 + at["mu"])]), slot * width)
                 with f.loop(Integer(f.builder, begin), end) as k:
-                    t, low, *weight = rows.get(4, (k + Integer(f.builder, row)) * 4)
+                    t, _, weight, _ = rows.get(4, (k + Integer(f.builder, row)) * 4)
                     new = run(follow, [y, *x, t], kept.beyond((slot + k + own) * width))
                     kept.put(new[:-d], (slot + k + 1) * width)
                     numbers.put(new[:2], p * 2 + at["end"])
                     memory["e"].put(new[-d:], p * d)
-                    with f.otherwise(turn[0].compared("<", narrow)) as (double, wider):
-                        with double:
-                            for i, rate in enumerate(new[-d:]):
-                                memory["s"][2 * i] = plus(memory["s"][2 * i], times(times(x[0], weight[0]), rate))
-                        with wider, f.where(turn[0].compared("<", last)):
-                            there = kept.beyond((slot + k + 1) * width)
-                            memory["s"].put(run(add, [y, *x, t, low, *weight], there))
+                    for i, rate in enumerate(new[-d:]):
+                        memory["s"][2 * i] = plus(memory["s"][2 * i], times(times(x[0], weight), rate))
+                with f.where(exact), f.loop(0, end, WIDTH) as k:  # the end of the table has no weight
+                    lanes = f.lanes(k, WIDTH, end)
+                    vectors = Lanes(kept, [slot + lane + 1 for lane in lanes], width)
+                    node = Lanes(rows, [lane + Integer(f.builder, row) for lane in lanes], 4).get(range(4))
+                    x_wide = [*(f.spread(value, kind) for value in (y, *x)), *node]
+                    wide_sums.put(run(add, x_wide, vectors, True))
+            with f.where(exact):
+                memory["s"].put(run(together, v=wide_sums.of(DOUBLE)))
             with f.where(turn[0].compared("<", last)):
                 numbers.put(run(step), at["miss"])
                 (far,) = f.variables(1)
