@@ -168,8 +168,8 @@ def test_a_right_map_never_shouts(name: str, n: int, method: str) -> None:
     for label, z in states(model, n):
         z = tuple(np.asarray(part, dtype=np.float64) for part in z)
         state = dict(zip(model.system.space.letters, z, strict=True))
-        longest = phi.largest_step if method in ("suris", "veselov") and phi is not None else None
-        steps = [0.3] + ([0.99 * min(1e3, float(np.min(model.call(longest, *z))))] if longest else [])
+        bounded = method in ("suris", "veselov") and phi is not None and phi.largest_step is not None
+        steps = [0.3] + ([0.99 * min(1e3, model.largest_step(*z))] if bounded else [])
         for dt in steps:
             try:
                 with warnings.catch_warnings():
