@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -165,13 +166,20 @@ def mean_rates(run: xr.Dataset, system: Model | None = None) -> pd.DataFrame:
     if "lane" in run.dims:
         raise InputError("mean_rates needs one trajectory: choose a lane, run.isel(lane=0).")
     model = model_for(run, system)
-    height, climb = _height(model)
+    space = model.system.space
+
+    def climb(*values: Array) -> Array:
+        """The derivative of cos(tilt), of the stored components."""
+        state = tuple(algebra.KINDS[k].from_user(v, model.n) for k, v in zip(space.kinds, values, strict=True))
+        e, k = geometry.vertical_and_axis(model, state[space.leading])
+        return dot(e, np.cross(axial(model.call(model.system.velocity, *state)), k))
+
     peaks = events(run, climb, rising=False, system=model)
     if peaks.sizes["event"] < 2:
         raise InputError("Fewer than two nutations are in the run: the motion is steady, or the run too short.")
     lows = events(run, climb, rising=True, system=model)
-    letters = model.system.space.letters
-    low, high = (float(height(*(at[c].values for c in letters)).mean()) for at in (lows, peaks))
+    carried = (at[space.letters[space.leading]].values for at in (lows, peaks))
+    low, high = (float(dot(*geometry.vertical_and_axis(model, v)).mean()) for v in carried)
     spin = _rates(model, components(run.isel(time=slice(0, 1)), model))["spin"]
     nutations, time = peaks.sizes["event"] - 1, peaks["time"].values
     advance = _advance(run, model, peaks) / nutations
@@ -185,23 +193,6 @@ def mean_rates(run: xr.Dataset, system: Model | None = None) -> pd.DataFrame:
 
 
 POWERS_OF_TIME = {"nutation_period": 1, "nutation_frequency": -1, "mean_precession": -1, "spin": -1}
-
-
-def _height(model: Model) -> tuple[Any, Any]:
-    """cos(tilt) and its derivative as functions of the stored components."""
-    place, kinds = model.system.space.leading, [algebra.KINDS[kind] for kind in model.system.space.kinds]
-
-    def height(*parts: Array) -> Array:
-        e, k = geometry.vertical_and_axis(model, parts[place])
-        return dot(e, k)
-
-    def climb(*parts: Array) -> Array:
-        state = tuple(kind.from_user(v, model.n) for kind, v in zip(kinds, parts, strict=True))
-        e, k = geometry.vertical_and_axis(model, state[place])
-        omega = axial(model.call(model.system.velocity, *state))
-        return dot(e, np.cross(omega, k))
-
-    return height, climb
 
 
 def _nutation(period: float, advance: float, lowest: float, highest: float, spin: float) -> dict[str, float]:
@@ -221,9 +212,7 @@ def _advance(run: xr.Dataset, model: Model, peaks: xr.Dataset) -> float:
     rate = _rates(model, components(run, model))["precession"]
     gap = np.diff(run["time"].values).max()
     if np.nanmax(np.abs(rate)) * gap > np.pi / 2:
-        raise InputError(
-            "The axis moves too far between two saved rows to count its revolutions: save more often (every)."
-        )
+        raise InputError("The axis moves too far between two saved rows to count revolutions: save more often (every).")
     rows, cut = _azimuth(run, model), _azimuth(peaks, model)
     if rows is None or cut is None:
         return float("nan")
@@ -328,30 +317,21 @@ def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | Non
             "one that only rotates."
         )
     rows = parts_of(run, model, _matrices(run, model))
-    time = np.asarray(run["time"].values, dtype=np.float64)
-    x = np.zeros((len(time), rows[0].shape[1], model.n))
-    x[1:] = np.cumsum(_displacements(model, rows, np.diff(time)), 0)
+    count, lanes = rows[0].shape[:2]
+    h, x = np.repeat(np.diff(run["time"].values), lanes), np.zeros((count * lanes, model.n))
+    begin, following = ([v[cut].reshape(-1, *v.shape[2:]) for v in rows] for cut in (slice(-1), slice(1, None)))
+    for first in range(0, len(h), ROWS_AT_ONCE):
+        piece = slice(first, min(first + ROWS_AT_ONCE, len(h)))
+        carry = Carrier(model, np.arange(len(h))[piece] % lanes, oriented=True, moving=True)
+        state = (np.zeros((len(h[piece]), model.n)), *(v[piece] for v in begin))
+        x[lanes:][piece] = carry(state, h[piece], tuple(v[piece] for v in following))[0]
+    x = np.cumsum(x.reshape(count, lanes, model.n), 0)
     if model.system.perturbation is None:
         x = _by_momenta(rows[:3], x)
     x = x + (0 if start is None else _start(start, x.shape[1:]))
     lead, coords = rows_of(given)
     attrs = {"long_name": "position in space"} | ({"units": "m"} if is_in_si(given) else {})
     return xr.DataArray(x if "lane" in run.dims else x[:, 0], coords, (*lead, "axis"), "x", attrs)
-
-
-def _displacements(model: Model, rows: tuple[Array, ...], steps: Array) -> Array:
-    lanes = rows[0].shape[1]
-    h = np.repeat(steps, lanes)
-    flat, following = ([v[cut].reshape(-1, *v.shape[2:]) for v in rows] for cut in (slice(-1), slice(1, None)))
-    batched = {k: v for k, v in model.constants.items() if model.batch and v.ndim > model.axes[k]}
-    out = np.empty((len(h), model.n))
-    for first in range(0, len(h), ROWS_AT_ONCE):
-        piece = slice(first, first + ROWS_AT_ONCE)
-        lane = np.arange(len(h))[piece] % lanes
-        z = (np.zeros((len(lane), model.n)), *(v[piece] for v in flat))
-        carry = Carrier(model, {k: v[lane] for k, v in batched.items()}, moving=True)
-        out[piece] = carry(z, h[piece], tuple(v[piece] for v in following))[0]
-    return out.reshape(len(steps), lanes, model.n)
 
 
 def _by_momenta(rows: tuple[Array, ...], x: Array) -> Array:
@@ -372,13 +352,11 @@ def _matrices(run: xr.Dataset, model: Model) -> Array:
 
 
 def _start(value: Any, shape: tuple[int, ...]) -> Array:
-    try:
+    with contextlib.suppress(ValueError):
         start = np.broadcast_to(algebra.floats(value), shape)
-    except ValueError:
-        raise InputError(f"start: expected {shape[-1]} values, got {shown(value)}.") from None
-    if not np.isfinite(start).all():
-        raise InputError(f"start: expected finite values, got {shown(value)}.")
-    return start
+        if np.isfinite(start).all():
+            return start
+    raise InputError(f"start: expected {shape[-1]} values, finite, got {shown(value)}.")
 
 
 @explained

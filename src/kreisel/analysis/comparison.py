@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from kreisel.algebra import Array
 from kreisel.analysis.quantities import rows_of
 from kreisel.errors import InputError, explained
 from kreisel.method import find
@@ -80,14 +79,21 @@ def compare(run: xr.Dataset, second_run: xr.Dataset) -> Comparison:
             raise InputError(f"Runs of one system can be compared; {key} is {first} and {second}.")
     if run.sizes.get("lane") != second_run.sizes.get("lane"):
         raise InputError("Both runs must have the same lanes; select one lane of each with isel(lane=...).")
-    i, j = _common(np.asarray(run["time"].values), np.asarray(second_run["time"].values))
+    times, second_times = (np.asarray(each["time"].values) for each in (run, second_run))
+    if min(len(times), len(second_times)) < 2:
+        raise InputError("Each run needs two saved times or more.")
+    tolerance = 1e-9 * min(np.diff(times).min(), np.diff(second_times).min())
+    near = np.clip(np.searchsorted(second_times, times - tolerance), 0, len(second_times) - 1)
+    same = np.abs(second_times[near] - times) <= np.maximum(tolerance, 4 * np.finfo(float).eps * np.abs(times))
+    if same.sum() < 2:
+        raise InputError("The runs have fewer than two saved times in common. Choose other steps or `every`.")
     tables = [table_of(each).max_change for each in (run, second_run)]
     both = tables[0].index.intersection(tables[1].index, sort=False)
     table = pd.DataFrame({"first": tables[0][both], "second": tables[1][both]})
     with np.errstate(all="ignore"):
         table["ratio"] = table["second"] / table["first"]
     first, second = (f"{r.method}, dt = {r.step_text(r.dt)}" if r.stepped else "exact" for r in records)
-    return Comparison(_distances(run.isel(time=i), second_run.isel(time=j)), table, (first, second))
+    return Comparison(_distances(run.isel(time=same), second_run.isel(time=near[same])), table, (first, second))
 
 
 @explained
@@ -126,19 +132,6 @@ def error(run: xr.Dataset, system: Model | Body | None = None) -> xr.Dataset:
     return compare(run, fine).distance
 
 
-def _common(first: Array, two: Array) -> tuple[Array, Array]:
-    if len(first) < 2 or len(two) < 2:
-        raise InputError("Each run needs two saved times or more.")
-    tolerance = 1e-9 * min(np.diff(first).min(), np.diff(two).min())
-    near = np.clip(np.searchsorted(two, first - tolerance), 0, len(two) - 1)
-    same = np.abs(two[near] - first) <= np.maximum(tolerance, 4 * np.finfo(float).eps * np.abs(first))
-    if same.sum() < 2:
-        raise InputError(
-            "The runs have fewer than two saved times in common. Choose steps and `every` so that they have."
-        )
-    return np.nonzero(same)[0], near[same]
-
-
 def _distances(run: xr.Dataset, second_run: xr.Dataset) -> xr.Dataset:
     given, run, second_run = run, in_state_form(run), in_state_form(second_run)
     data: dict[str, Any] = {}
@@ -147,9 +140,7 @@ def _distances(run: xr.Dataset, second_run: xr.Dataset) -> xr.Dataset:
     for letter in RunRecord.from_attrs(run.attrs).kinds:
         if letter not in run or letter not in second_run:
             raise InputError(f"expected two runs with {letter} of their state, got one without.")
-        first, two = (
-            np.asarray(each[letter].values).reshape((*each[letter].shape[:lead], -1)) for each in (run, second_run)
-        )
+        first, two = (np.asarray(r[letter].values).reshape((*r[letter].shape[:lead], -1)) for r in (run, second_run))
         with np.errstate(all="ignore"):
             size = np.linalg.norm(first, axis=-1).max() or 1.0
             apart = np.linalg.norm(first - two, axis=-1) / size

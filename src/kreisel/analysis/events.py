@@ -48,29 +48,33 @@ def events(
     model, value = model_for(run, system), finite_number(value, "value")
     if rising is not None:
         flag(rising, "rising")
-    measure = of_state(quantity, model)
+    of_components, letters = of_state(quantity, model), model.system.space.letters
+
+    def measure(parts: tuple[Array, ...]) -> Array:
+        return np.asarray(of_components(parts[: len(letters)]) - value)
+
     oriented = ORIENTATION in run and model.n == 3
     rows = parts_of(run, model, algebra.rotation_matrix(orientation_of(run)) if oriented else None)
-    time, lanes = np.asarray(run["time"].values), rows[0].shape[1]
-    flat = tuple(v.reshape(-1, *v.shape[2:]) for v in rows)
-    f = np.asarray(measure(flat[: len(model.system.space.letters)]) - value).reshape(len(time), lanes)
+    time = np.asarray(run["time"].values)
+    f = measure(tuple(v.reshape(-1, *v.shape[2:]) for v in rows)).reshape(rows[0].shape[:2])
     if f.dtype.kind == "c" or not np.isfinite(f).all():
         raise InputError("expected a quantity that is a finite real number at every row, got others.")
-    place, lane = np.nonzero(_crossed(f, rising))
+    side = np.sign(f)
+    for row in range(1, len(side)):  # a row at the value belongs to the side of the row before
+        np.copyto(side[row], side[row - 1], where=side[row] == 0)
+    way = {None: (-1, 1), True: (1,), False: (-1,)}[rising]
+    place, lane = np.nonzero((side[1:] * side[:-1] < 0) & np.isin(side[1:], way))
     upward = f[place + 1, lane] > f[place, lane]
-    h = np.zeros(len(place))
-    state = tuple(v[place, lane] for v in rows)
+    h, state = np.zeros(len(place)), tuple(v[place, lane] for v in rows)
     if len(place):
-        carry = _carrier(model, rows)
-        h = _crossing_times(carry, measure, value, time, f, place, lane, len(model.system.space.letters))
-        state = carry(h, place, lane)
+        h, state = _located(model, rows, oriented, measure, time, f, place, lane)
     order = np.argsort(time[place] + h, kind="stable")
     data: dict[str, Any] = {"rising": ("event", upward[order])}
     for (letter, kind), v in zip(model.system.space.components, state, strict=False):
         values = algebra.KINDS[kind].for_user(v)
         data[letter] = (("event", *run[letter].dims[run[letter].ndim - values.ndim + 1 :]), values[order])
     if oriented:
-        q = algebra.unit_quaternion(state[len(model.system.space.letters)])
+        q = algebra.unit_quaternion(state[len(letters)])
         for of_lane in (lane == k for k in np.unique(lane)):
             q[of_lane] = algebra.continued(q[of_lane], (time[place] + h)[of_lane])
         data[ORIENTATION] = (("event", "quaternion"), q[order])
@@ -92,52 +96,40 @@ def parts_of(run: xr.Dataset, model: Model, g: Array | None) -> tuple[Array, ...
     return parts
 
 
-def _crossed(f: Array, rising: bool | None) -> Array:
-    """Whether f changes its side, or leaves the value for the other side, between rows i and i + 1."""
-    side = np.sign(f)
-    for row in range(1, len(side)):  # a row at the value belongs to the side of the row before
-        np.copyto(side[row], side[row - 1], where=side[row] == 0)
-    changed = side[1:] * side[:-1] < 0
-    if rising is not None:
-        changed &= side[1:] > 0 if rising else side[1:] < 0
-    return changed
+def _located(
+    model: Model,
+    rows: tuple[Array, ...],
+    oriented: bool,
+    measure: Any,
+    time: Array,
+    f: Array,
+    place: Array,
+    lane: Array,
+) -> tuple[Array, tuple[Array, ...]]:
+    """Times after the rows `place` at which `measure` is 0, 0 at a row where it is, and the states there."""
 
+    def carry(h: Array, at: Any, to_next: bool = False) -> tuple[Array, ...]:
+        start, following = (tuple(v[row[at], lane[at]] for v in rows) for row in (place, place + 1))
+        return Carrier(model, lane[at], oriented=oriented)(start, np.asarray(h), following if to_next else None)
 
-def _carrier(model: Model, rows: tuple[Array, ...]) -> Any:
-    """carry(h, row, lane), the states h after those rows; `to_next`: at the next row, which they must meet."""
-    batched = {k: v for k, v in model.constants.items() if model.batch and v.ndim > model.axes[k]}
+    def off(h: Array, at: Any) -> Array:
+        return np.asarray(measure(carry(h, at)))
 
-    def carry(h: Array, row: Array, lane: Array, to_next: bool = False) -> tuple[Array, ...]:
-        of_lane = {k: v[lane] for k, v in batched.items()}
-        start, following = (tuple(v[at, lane] for v in rows) for at in (row, row + 1))
-        return Carrier(model, of_lane)(start, np.asarray(h), following if to_next else None)
-
-    return carry
-
-
-def _crossing_times(
-    carry: Any, measure: Any, value: float, time: Array, f: Array, place: Array, lane: Array, count: int
-) -> Array:
-    gap = time[place + 1] - time[place]
-
-    def off(h: Array, at: Array, to_next: bool = False) -> Array:
-        return np.asarray(measure(carry(h, place[at], lane[at], to_next)[:count]) - value)
-
-    number = np.arange(len(place))
+    number, before, after = np.arange(len(place)), f[place, lane], f[place + 1, lane]
     # by a method that is not exact, the flow from one row need not end exactly at the next: search slightly beyond it
-    right = gap.copy()
-    ends = off(right, number, to_next=True)
+    right = time[place + 1] - time[place]
+    ends = measure(carry(right, number, to_next=True))
     for _ in range(4):
-        outside = np.sign(ends) == np.sign(np.where(f[place, lane] == 0, -f[place + 1, lane], f[place, lane]))
+        outside = np.sign(ends) == np.sign(np.where(before == 0, -after, before))
         if not outside.any():
             break
         right = np.where(outside, 1.25 * right, right)
         ends = off(right, number)
     roots = _roots_within(off, right, number)
-    at_row = f[place, lane] == 0
-    if not (np.isfinite(roots) | at_row).all():
+    if not (np.isfinite(roots) | (before == 0)).all():
         raise InputError("A crossing between two rows could not be found again by the flow: save more often (every).")
-    return np.where(at_row, 0.0, roots)
+    h = np.where(before == 0, 0.0, roots)
+    return h, carry(h, slice(None))
 
 
 def _roots_within(off: Any, right: Array, number: Array) -> Array:

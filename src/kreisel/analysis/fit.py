@@ -158,18 +158,18 @@ def fit(
     """
     model, x0, orientation, dt, observations, free = _scaled(system, x0, orientation, dt, observations, free)
     check_model(model)
-    within(evaluations, "evaluations", 1, 10**6)
     dt = _step_of(observations) if dt is None else positive_number(dt, "dt")
     state = checked_state(model, _first(model, observations) if x0 is None else x0)
     functions = dict(observables or {})
     attitude = _attitude(model, observations, orientation)
     unknown, starts = unknowns(model, state, attitude, free, bounds or {}, functions)
     seen = observed(model, observations, dt, functions, starts)
-    _require_enough(seen, unknown)
     settings: dict[str, Any] = {"method": method, "order": order}
     f = differentiable(model, **settings, orientation=attitude is not None)
     observers = tuple((name, Identity(function)) for name, function in functions.items())
-    key = model.key, _axes_of(model, observations), method, order, dt, observers
+    axes = b"" if model.body_frame is None else model.body_frame.axes.tobytes()
+    of_variables = tuple((name, variable.attrs.get(AXES)) for name, variable in observations.variables.items())
+    key = model.key, axes, of_variables, method, order, dt, observers
     predicted = _predictions(f, model, unknown, starts, seen, key)
     solution = _least_squares(predicted, seen, unknown, evaluations, model)
     start, last = (model, state, attitude), predicted(solution.x.tobytes())[0]
@@ -185,19 +185,6 @@ def _scaled(system: Any, x0: Any, orientation: Any, dt: Any, observations: Any, 
     step = _step_of(observations) if dt is None else dt
     model, x0, orientation, asked, _ = scaled(system, x0, orientation, {"dt": step})
     return model, x0, orientation, asked["dt"], observations_of(model, observations), letters_of(model, free)
-
-
-def _require_enough(seen: Observations, unknown: list[Unknown]) -> None:
-    if seen.size < len(unknown):
-        raise InputError(
-            f"observations: expected at least as many values as unknowns, got {seen.size} for {len(unknown)}: "
-            f"{', '.join(u.name for u in unknown)}."
-        )
-
-
-def _axes_of(model: Model, observations: xr.Dataset) -> tuple[Any, ...]:
-    axes = b"" if model.body_frame is None else model.body_frame.axes.tobytes()
-    return (axes, *((name, variable.attrs.get(AXES)) for name, variable in observations.variables.items()))
 
 
 def _step_of(observations: Any) -> float:
@@ -293,6 +280,11 @@ def _least_squares(
 ) -> Any:
     from scipy.optimize import least_squares
 
+    if seen.size < len(unknown):
+        raise InputError(
+            f"observations: expected at least as many values as unknowns, got {seen.size} for {len(unknown)}: "
+            f"{', '.join(u.name for u in unknown)}."
+        )
     start = np.array([u.start for u in unknown])
 
     def value(x: Array) -> Array:
@@ -309,7 +301,8 @@ def _least_squares(
         )
     options: dict[str, Any] = dict.fromkeys(("ftol", "xtol", "gtol"), PRECISION)
     bounds = [u.low for u in unknown], [u.high for u in unknown]
-    solution = least_squares(value, start, slope, bounds, x_scale="jac", max_nfev=evaluations, **options)
+    most = within(evaluations, "evaluations", 1, 10**6)
+    solution = least_squares(value, start, slope, bounds, x_scale="jac", max_nfev=most, **options)
     if not solution.success:
         text = f"fit: the search did not converge: {solution.message} Begin nearer, or raise evaluations."
         warnings.warn(text, AccuracyWarning, stacklevel=3)

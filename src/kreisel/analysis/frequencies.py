@@ -70,8 +70,6 @@ class Lines:
     @property
     def table(self) -> pd.DataFrame:
         """frequency, amplitude and phase of each line."""
-        import pandas as pd
-
         amplitude = {"amplitude": np.abs(self.amplitude), "phase": np.angle(self.amplitude)}
         return pd.DataFrame({"frequency": self.frequency, **amplitude})
 
@@ -102,23 +100,20 @@ def frequencies(run: xr.Dataset, quantity: Quantity, lines: int = 8, *, power: i
 def lines_of(time: Array, values: Array, lines: int = 8, *, power: int = 3, quantity: str = "f") -> Lines:
     """The strongest lines of evenly spaced samples `values` (time,) at `time`."""
     time, values = _even(time, values)
-    lines = within(lines, "lines")
     within(power, "power", 0, 8)
     centre = (time[0] + time[-1]) / 2
-    finder = _Finder(time - centre, values, power)
+    finder, floor = _Finder(time - centre, values, power), 4 * np.finfo(float).eps * _root_mean_square(values)
     omegas: list[float] = []
-    change, remainder = 0.0, values
-    floor = 4 * np.finfo(float).eps * _root_mean_square(values)
-    for _ in range(lines):
+    change, amplitude, remainder = 0.0, np.zeros(0, dtype=complex), values
+    for _ in range(within(lines, "lines")):
         if _root_mean_square(remainder) <= floor:
             break
         new = finder.strongest(remainder)
         if min((abs(new - old) for old in omegas), default=np.inf) < finder.width:
             break  # the remainder of a line that exists
         omegas, change = finder.settled([*omegas, new])
-        remainder = values - finder.model(omegas, finder.fit(omegas))
-    amplitude = finder.fit(omegas)
-    remainder = values - finder.model(omegas, amplitude)
+        amplitude = finder.fit(omegas)
+        remainder = values - finder.model(omegas, amplitude)
     omega = np.array(omegas)
     amplitude = amplitude * np.exp(-1j * omega * centre)
     order = np.argsort(-np.abs(amplitude), kind="stable")
@@ -141,9 +136,7 @@ def _even(time: Array, values: Array) -> tuple[Array, Array]:
     with np.errstate(all="ignore"):
         finite = np.isfinite((np.abs(values) ** 2).sum())
     if gaps.min() < gaps.max() * (1 - 1e-6) or gaps.min() <= 0 or not finite:
-        raise InputError(
-            "expected values with finite squares at evenly spaced times, as kr.simulate saves them, got others."
-        )
+        raise InputError("expected values with finite squares at evenly spaced times, as of kr.simulate, got others.")
     return time, values.astype(complex if values.dtype.kind == "c" else float)
 
 
@@ -198,15 +191,15 @@ def power_spectrum(run: xr.Dataset, quantity: Quantity) -> xr.Dataset:
 
     values, time = series(a_run(run), quantity), np.asarray(run["time"].values)
     flat = values.reshape(len(values), -1)
-    columns: list[Any] = []
+    power: list[Array] = []
     for column in flat.T:
         even, signal = _even(time, column)
-        columns.append(periodogram(signal, fs=2 * np.pi / (even[1] - even[0]), window="hann", detrend="constant"))
-    frequency = np.fft.fftshift(columns[0][0]) if columns[0][0].min() < 0 else columns[0][0]
-    power = [np.fft.fftshift(p) if f.min() < 0 else p for f, p in columns]
-    dims = ("frequency",) if values.ndim == 1 else ("frequency", "lane")
-    data = power[0] if values.ndim == 1 else np.stack(power, -1)
-    return xr.Dataset({"power": (dims, data)}, {"frequency": frequency}, {"quantity": label(quantity)})
+        rate = 2 * np.pi / (even[1] - even[0])
+        frequency, density = periodogram(signal, fs=rate, window="hann", detrend="constant")
+        order = np.argsort(frequency, kind="stable")
+        power.append(density[order])
+    dims, data = (("frequency",), power[0]) if values.ndim == 1 else (("frequency", "lane"), np.stack(power, -1))
+    return xr.Dataset({"power": (dims, data)}, {"frequency": frequency[order]}, {"quantity": label(quantity)})
 
 
 # -- regular or chaotic ----------------------------------------------------------------------------

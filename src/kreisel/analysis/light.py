@@ -73,7 +73,16 @@ def light_curve(
     g = attitude_of(a_run(run, "system"))
     dims, coords = rows_of(run)
     times = np.asarray(run["time"].values, dtype=np.float64)
-    shape = _shape_of(run) if shape is None else shape
+    if shape is None:
+        frame = frame_of(run)
+        kind, *half = frame.shape if frame is not None and frame.shape else ("",)
+        if kind not in ("ellipsoid", "box"):
+            raise InputError(
+                "shape: expected half axes (3,) of an ellipsoid, or kr.physical.Facets, got none, and a body without a "
+                "shape, such as FreeBody.ellipsoid has one."
+            )
+        corners = np.array(np.meshgrid(*((-x, x) for x in half))).reshape(3, -1).T
+        shape = np.array(half) if kind == "ellipsoid" else Facets.hull(corners)
     light = brightness(shape, law=law, phase=phase)
     ways = [_vectors(v, times, name) for v, name in ((sun, "sun"), (observer, "observer"))]
     flux, facets = np.empty(g.shape[:-1]), len(shape.faces) if isinstance(shape, Facets) else 1
@@ -233,20 +242,6 @@ def weights_of(law: Any) -> dict[str, float]:
             f"{shown(law)}."
         )
     return {name: w for name, w in weights.items() if w}
-
-
-def _shape_of(run: xr.Dataset) -> Any:
-    """The half axes of the ellipsoid, or the box, that a body was made as.  Raises `InputError`."""
-    frame = frame_of(run)
-    kind, *half = frame.shape if frame is not None and frame.shape else ("",)
-    if kind == "ellipsoid":
-        return np.array(half)
-    if kind == "box":
-        return Facets.hull(np.array(np.meshgrid(*((-x, x) for x in half))).reshape(3, -1).T)
-    raise InputError(
-        "shape: expected half axes (3,) of an ellipsoid, or kr.physical.Facets, got none, and a body without a shape, "
-        "such as FreeBody.ellipsoid has one."
-    )
 
 
 def _vectors(value: Any, times: Array, name: str) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -99,26 +100,30 @@ def compare(
     listed = [_subject(each) for each in (subjects.values() if isinstance(subjects, Mapping) else subjects)]
     if not listed:
         raise InputError("subjects: expected one system or more, got none.")
-    dt, t_end, unit = _in_units_of(listed, dt, t_end)
+    frame = listed[0].frame
+    if any((each.frame is None) != (frame is None) for each in listed):
+        raise InputError("subjects: expected either bodies or systems, got both. Use body.model() and its units.")
+    unit, number = (1.0, finite_number) if frame is None else (frame.time_unit, partial(duration, frame))
+    dt, t_end = number(dt, "dt"), number(t_end, "t_end")
     halvings = within(halvings, "halvings", 1, 10)
     state = _common_state([each.model for each in listed], start)
     if not (dt > 0 and t_end >= dt):
         raise InputError(f"expected 0 < dt <= t_end, got dt = {unit * dt:g} and t_end = {unit * t_end:g}.")
-    truth = _end(Subject(listed[0].model, {"method": "dop853", "tol": 1e-13}), state, dt, SHORT)
+    truth = _end(Subject(listed[0].model, {"method": "dop853", "tol": 1e-13}), state, dt=dt, steps=SHORT, every=SHORT)
     steps = [dt / 2**k for k in range(halvings + 1)]
     rows, errors, drifts, names = list[dict[str, Any]](), list[list[float]](), list[Array](), list[str]()
     for each in listed:
-        ends = [_end(each, state, step, SHORT * 2**k) for k, step in enumerate(steps)]
+        ends = [_end(each, state, dt=h, steps=SHORT * 2**k, every=SHORT * 2**k) for k, h in enumerate(steps)]
         errors.append([float(np.linalg.norm(end - truth) / np.linalg.norm(truth)) for end in ends])
-        run, cost = _timed(each, state, dt, t_end)
+        count, before = max(1, round(t_end / dt)), SPENT["steps"]
+        run = _simulated(each, state, dt=dt, steps=count, every=max(1, count // ROWS))
+        cost = 1e9 * (SPENT["steps"] - before) / count
         time, drift, worst = _drift(run)
         drifts.append(drift)
         names.append(_name(run, listed))
-        adaptive = RunRecord.from_attrs(run.attrs).tolerance is not None
-        order = float("nan") if adaptive else _order(steps, errors[-1])
-        defect = _poisson_defect(each, state, dt)
+        order = float("nan") if RunRecord.from_attrs(run.attrs).tolerance is not None else _order(steps, errors[-1])
         measured = {"order": order, "error": errors[-1][0], "cost": cost, "drift": drift[-1], "worst": worst}
-        rows.append({**measured, "poisson_defect": defect})
+        rows.append({**measured, "poisson_defect": _poisson_defect(each, state, dt)})
     names = list(map(str, subjects)) if isinstance(subjects, Mapping) else names
     return MethodComparison(
         pd.DataFrame(rows, index=pd.Index(names, name="method")),
@@ -149,16 +154,6 @@ def _subject(given: Any) -> Subject:
     return Subject(model, options, None if body is None else model.body_frame or BodyFrame())
 
 
-def _in_units_of(listed: list[Subject], dt: Any, t_end: Any) -> tuple[float, float, float]:
-    """Step and duration in the unit of time of the systems, and this unit, s for bodies.  Raises `InputError`."""
-    frame = listed[0].frame
-    if any((each.frame is None) != (frame is None) for each in listed):
-        raise InputError("subjects: expected either bodies or systems, got both. Use body.model() and its units.")
-    if frame is None:
-        return finite_number(dt, "dt"), finite_number(t_end, "t_end"), 1.0
-    return duration(frame, dt, "dt"), duration(frame, t_end, "t_end"), frame.time_unit
-
-
 def _common_state(models: list[Model], start: Any) -> dict[str, Array]:
     """The start as arrays, if all systems have its variables and the same flow there.  Raises `InputError`."""
     first = models[0]
@@ -182,21 +177,12 @@ def _simulated(subject: Subject, state: Any, **options: Any) -> xr.Dataset:
     return simulate(subject.model, state, progress=False, **subject.options, **options)
 
 
-def _last(run: xr.Dataset, model: Model) -> Array:
-    last, space = run.isel(time=-1), model.system.space
-    state = model.state(**{letter: last[letter].values for letter in space.letters})
-    return np.asarray(algebra.flatten(tuple(state.values()), space.kinds), dtype=np.float64)
-
-
-def _end(subject: Subject, state: Any, dt: float, steps: int) -> Array:
-    return _last(_simulated(subject, state, dt=dt, steps=steps, every=steps), subject.model)
-
-
-def _timed(subject: Subject, state: Any, dt: float, t_end: float) -> tuple[xr.Dataset, float]:
-    steps = max(1, round(t_end / dt))
-    before = SPENT["steps"]
-    run = _simulated(subject, state, dt=dt, steps=steps, every=max(1, steps // ROWS))
-    return run, 1e9 * (SPENT["steps"] - before) / steps
+def _end(subject: Subject, state: Any, **options: Any) -> Array:
+    """The last state of a run, flat."""
+    space = subject.model.system.space
+    last = _simulated(subject, state, **options).isel(time=-1)
+    end = subject.model.state(**{letter: last[letter].values for letter in space.letters})
+    return np.asarray(algebra.flatten(tuple(end.values()), space.kinds), dtype=np.float64)
 
 
 def _drift(run: xr.Dataset) -> tuple[Array, Array, str]:
@@ -227,13 +213,11 @@ def _poisson_defect(subject: Subject, state: Mapping[str, Array], dt: float) -> 
     kinds, n = model.system.space.kinds, model.n
     middle = np.asarray(algebra.flatten(tuple(model.state(**state).values()), kinds), dtype=np.float64)
     nudge = NUDGE * float(abs(middle).max())
-    moves = [
-        (k, sign * j, sign * weight) for j, weight in STENCIL.items() for sign in (1, -1) for k in range(middle.size)
-    ]
+    moves = [(k, s * j, s * weight) for j, weight in STENCIL.items() for s in (1, -1) for k in range(middle.size)]
     starts = np.stack([middle, *(middle + nudge * j * np.eye(middle.size)[k] for k, j, _ in moves)])
     lanes = dict(zip(model.system.space.letters, algebra.restore(starts, kinds, n), strict=True))
     try:
-        ends = _last(_simulated(subject, model.state(**lanes), dt=dt, steps=1), model)
+        ends = _end(subject, model.state(**lanes), dt=dt, steps=1)
     except InputError:
         return float("nan")
     J = np.zeros((middle.size, middle.size))

@@ -50,7 +50,10 @@ def unknowns(
 
     Raises `InputError`.
     """
-    asked = _by_name(free)
+    names: Any = free if isinstance(free, Mapping | Sequence) and not isinstance(free, str) else [None]
+    if not all(isinstance(name, str) for name in names):
+        raise InputError(f"free: expected a list of names such as ['p', 'm[2]'], or a dict, got {shown(free)}.")
+    asked: dict[str, Any] = dict(free) if isinstance(free, Mapping) else dict.fromkeys(names)
     parameters = {p.letter: p.kind for p in model.system.parameters if p.kind not in ("dimension", "table")}
     kinds = {**parameters, **dict(model.system.space.components)}
     starts: dict[str, Array] = {**model.params, **state.axial}
@@ -95,41 +98,26 @@ def unknowns(
     return [_bounded(u, bounds, out) for u in out.values()], starts
 
 
-def _by_name(free: Any) -> dict[str, Any]:
-    if isinstance(free, Mapping):
-        starts = dict(free)
-    elif isinstance(free, Sequence) and not isinstance(free, str):
-        starts = dict.fromkeys(name if isinstance(name, str) else None for name in free)
-    else:
-        starts = {None: None}
-    if not all(isinstance(name, str) for name in starts):
-        raise InputError(
-            f"free: expected a list of names such as ['p', 'm[2]'], or a dict of starts, got {shown(free)}."
-        )
-    return starts
-
-
 def _entries(kind: str, array: Array, index: Any) -> list[tuple[tuple[int, ...], Array]]:
     """Indices of the independent entries, and the array that is 1 there (and at the dependent entries).
 
     All, or the diagonal of a diagonal matrix; or the entry of that index, if an index is given.
     """
-    out = []
     square = array.ndim == 2 and array.shape[0] == array.shape[1]
     odd = square and kind == "skew"
     even = square and (kind == "symmetric" or (kind == "array" and (array == array.T).all()))
     diagonal = even and not index and not (array - np.diag(np.diag(array))).any()
+    out = []
     for place in np.ndindex(array.shape):
         if index and place != index:
             continue
         pattern = np.zeros(array.shape)
-        pattern[place] = 1
         if even or odd:
             i, j = place
             if i > j or (odd and i == j) or (diagonal and i != j):
                 continue
-            if i != j:
-                pattern[j, i] = -1 if odd else 1
+            pattern[j, i] = -1 if odd else 1
+        pattern[place] = 1
         out.append((place, pattern))
     return out
 
@@ -230,15 +218,11 @@ class Observations(NamedTuple):
 
     def residuals(self, predicted: list[Array]) -> xr.Dataset:
         """Observed - predicted."""
-        import xarray as xr
-
         pieces = zip(self.variables, self.differences(predicted), strict=True)
         return xr.Dataset({v.name: (v.dims, np.where(v.mask, off, np.nan)) for v, off in pieces}, {"time": self.time})
 
 
-def observed(
-    model: Model, data: Any, dt: float, observables: dict[str, Any], starts: Mapping[str, Array]
-) -> Observations:
+def observed(model: Model, data: Any, dt: float, observables: Any, starts: Mapping[str, Array]) -> Observations:
     """The observations.  Raises `InputError` for names, shapes and times that do not fit."""
     if not isinstance(data, xr.Dataset) or "time" not in data.coords or data["time"].dims != ("time",):
         raise InputError(
@@ -259,10 +243,20 @@ def observed(
     for name in names:
         show = _show(model, name, observables, data[name].attrs.get(AXES), oriented)
         size = _size_of_unit(model, data[name], name)
-        value = _numbers(data, name) / size
-        sigma = _sigma(data, name, value) / size if SIGMA + name in data else np.ones(value.shape)
+        value, sigma = _values(data, name, size)
         variables.append(Variable(name, value, sigma, np.isfinite(value), show, tuple(map(str, data[name].dims))))
-    time = _times(data) / _size_of_unit(model, data["time"], "time")
+    time = data["time"].values
+    if time.dtype.kind not in "iuf" or not len(time) or not np.isfinite(time.astype(np.float64)).all():
+        raise InputError(
+            f"observations: expected times as finite values in the unit of the system, got {time.dtype} "
+            f"{shown(time[:3])}. For dates use (time - time[0]) / np.timedelta64(1, 's')."
+        )
+    if time.min() < 0:
+        raise InputError(
+            f"observations: expected times from 0 on, when the state is x0, got {float(time.min()):g} before the "
+            "start. Use data.assign_coords(time=data.time - data.time[0])."
+        )
+    time = np.asarray(time, dtype=np.float64) / _size_of_unit(model, data["time"], "time")
     _check_shapes(model, variables, starts)
     weighted = [name for name in names if SIGMA + name in data]
     if weighted and weighted != names:
@@ -282,54 +276,36 @@ def _size_of_unit(model: Model, variable: Any, name: str) -> float:
     return size / size_in_si(variable.attrs.get("units"), unit, size, name)
 
 
-def _numbers(data: Any, name: str) -> Array:
+def _values(data: Any, name: str, size: float) -> tuple[Array, Array]:
+    """The values of a variable in units of that size, and their errors, 1 if it has none.  Raises `InputError`."""
     variable = data[name]
     if not variable.dims or variable.dims[0] != "time" or "lane" in variable.dims or variable.dtype.kind not in "iuf":
         raise InputError(
             f"observations: expected values {name} (time, ...) of one body, got the dimensions {variable.dims} of "
             f"{variable.dtype}. Use .isel(lane=0) for a lane."
         )
-    if np.isinf(variable.values).any():
+    values = variable.values.astype(np.float64)
+    if np.isinf(values).any():
         raise InputError(f"observations: expected finite values, or NaN for missing ones, got infinity in {name}.")
-    return variable.values.astype(np.float64)
-
-
-def _times(data: Any) -> Array:
-    time = data["time"].values
-    if time.dtype.kind not in "iuf" or not len(time) or not np.isfinite(time.astype(np.float64)).all():
-        raise InputError(
-            f"observations: expected times as finite values in the unit of the system, got {time.dtype} "
-            f"{shown(time[:3])}. "
-            "For dates use (time - time[0]) / np.timedelta64(1, 's')."
-        )
-    if time.min() < 0:
-        raise InputError(
-            f"observations: expected times from 0 on, when the state is x0, got {float(time.min()):g} before the "
-            "start. Use data.assign_coords(time=data.time - data.time[0])."
-        )
-    return np.asarray(time, dtype=np.float64)
-
-
-def _sigma(data: Any, name: str, values: Array) -> Array:
-    variable = data[SIGMA + name]
+    if SIGMA + name not in data:
+        return values / size, np.ones(values.shape)
+    errors = data[SIGMA + name]
     try:
-        sigma = variable.broadcast_like(data[name]).transpose(*data[name].dims).values.astype(np.float64)
+        sigma = errors.broadcast_like(variable).transpose(*variable.dims).values.astype(np.float64)
     except (ValueError, TypeError):
         sigma = np.zeros(0)
     if sigma.shape != values.shape or not (sigma[np.isfinite(values)] > 0).all():
         raise InputError(
             f"observations: expected {SIGMA}{name} > 0, of the shape of {name}, {values.shape}, or spread over it, got "
-            f"the shape {variable.shape}."
+            f"the shape {errors.shape}."
         )
-    return np.where(np.isfinite(sigma), sigma, 1)
+    return values / size, np.where(np.isfinite(sigma), sigma, 1) / size
 
 
 def _grid(time: Array, dt: float) -> tuple[int, int, Array, Array, Array]:
     """steps, every, rows, remainder, between."""
     if time.max() / dt > MOST_NUMBERS:
-        raise InputError(
-            f"dt: expected at most {MOST_NUMBERS:,} steps to the last time {time.max():g}, got dt = {dt:g}."
-        )
+        raise InputError(f"dt: expected at most {MOST_NUMBERS:,} steps to the time {time.max():g}, got dt = {dt:g}.")
     number = np.floor(time / dt + ON_STEP).astype(np.int64)
     remainder = time - number * dt
     remainder = np.where(remainder > ON_STEP * dt, remainder, 0.0)
@@ -380,9 +356,7 @@ def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None
         frame = model.body_frame
         turned = frame is not None and frame.turned and model.system.frame is Frame.MOVING
 
-        def velocity(
-            *state: Any, **constants: Any
-        ) -> Any:  # of a body along the user's axes, axial; in space unchanged
+        def velocity(*state: Any, **constants: Any) -> Any:  # of a body along the user's axes
             omega = call(model.system.velocity, state, constants)
             return algebra.act(frame.axes, algebra.axial(omega)) if frame is not None and turned else omega
 
@@ -391,9 +365,7 @@ def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None
         along = axes == BODY if letter in space.letters else axes != STATE
         body = model.body_frame if along and model.body_frame is not None else BodyFrame()
         turn = body.attitude(np.eye(4)).T if letter == ORIENTATION else body.axes
-        return lambda by, state_of, t, constants, values: (
-            turn @ state_of[letter] if body.turned else state_of[letter]
-        )[index]
+        return lambda by, state_of, *_: (turn @ state_of[letter] if body.turned else state_of[letter])[index]
     if letter not in table:
         known_names = [*space.letters, *(ORIENTATION,) * oriented, *table, *observables]
         raise InputError(

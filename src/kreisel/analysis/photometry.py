@@ -132,7 +132,8 @@ def fit_light_curve(
     delta = si_number(delta, "1", "delta", positive=True)
     if not all(0 < low < high for low, high in bounds):
         raise InputError(f"expected periods 0 < low < high, got {shown(precession)} and {shown(rotation)}.")
-    span = float(np.ptp(seen.time[seen.apparition == np.argmax(np.bincount(seen.apparition))]))
+    first = np.argmax(np.bincount(seen.apparition))
+    span = float(np.ptp(seen.time[seen.apparition == first]))
     if span < bounds[0][0]:
         raise InputError(
             f"time: expected observations over a period of the precession or more, {bounds[0][0]:g} s, got {span:g} s "
@@ -141,11 +142,11 @@ def fit_light_curve(
     modes = [modes] if isinstance(modes, str) else list(modes)
     if not modes or not set(modes) <= set(ORDERS):
         raise InputError(f"modes: expected some of {', '.join(ORDERS)}, got {shown(modes)}.")
-    first = np.argmax(np.bincount(seen.apparition))
     half_turn = not isinstance(shape, Facets)  # of an ellipsoid in the body, which is not seen
     motions = [_scanned(seen.some(seen.apparition == first), mode, bounds, half_turn) for mode in modes]
     now = seen.apparition == first
-    for k in _by_distance(seen, first):
+    middle = {int(k): seen.time[seen.apparition == k].mean() for k in np.unique(seen.apparition)}
+    for k in sorted(middle.keys() - {int(first)}, key=lambda k: abs(middle[k] - middle[int(first)])):  # by distance
         motions, now = _pruned(seen.some(now), motions, half_turn), now | (seen.apparition == k)
         motions = [_continued(seen, now, k, half_turn, *each) for each in motions if len(each[1])]
     motions = _pruned(seen, motions, half_turn, delta + SLACK, 10 * MOST)
@@ -251,9 +252,7 @@ def _starts(seen: Photometry, mode: str, bounds: Sequence[Array], half_turn: boo
     """Unknowns (k, 8) whose light is near, of the cells of a grid."""
     periods, turns = _grid(bounds, np.ptp(seen.time)), np.arange(TURNS) * (np.pi if half_turn else 2 * np.pi) / TURNS
     ratio, every = (periods[:, 1] / periods[:, 0])[:, None, None], np.linspace(0.05, 0.95, 37)
-    bodies = np.isfinite(
-        tumbling.moments_of(every, np.array(AMPLITUDES)[:, None], ratio, mode)[..., 1]
-    )  # one after another
+    bodies = np.isfinite(tumbling.moments_of(every, np.array(AMPLITUDES)[:, None], ratio, mode)[..., 1])
     places = np.multiply.outer(bodies.sum(-1) - 1, PARTS).astype(int) + bodies.argmax(-1)[..., None]
     shape = (*places.shape, TURNS)
     cells, amplitudes, parts, phases = np.nonzero(np.broadcast_to(bodies.any(-1)[..., None, None], shape))
@@ -291,23 +290,20 @@ def _minima(data: Sequence[Photometry], x: Array, mode: str, half_turn: bool, mo
 
 def _neighbours(x: Array, span: float) -> Array:
     """Unknowns (k, 8) with frequencies some half cycles of the apparition away, and two amplitudes."""
-    steps = np.arange(-2, 3) / (2 * span)
-    changes = [c for c in product(steps, steps, (1.0, 0.8)) if any(c[:2])]
+    steps, periods = np.arange(-2, 3) / (2 * span), slice(PRECESSION, ROTATION + 1)
+    changes = np.array([c for c in product(steps, steps, (1.0, 0.8)) if any(c[:2])])[:, None]
     out = np.tile(x, (len(changes), 1, 1))
-    for new, (of_precession, of_rotation, part) in zip(out, changes, strict=True):
-        new[:, PRECESSION] = 1 / abs(1 / new[:, PRECESSION] + of_precession)
-        new[:, ROTATION] = 1 / abs(1 / new[:, ROTATION] + of_rotation)
-        new[:, AMPLITUDE] *= part
+    out[..., periods] = 1 / abs(1 / out[..., periods] + changes[..., :2])
+    out[..., AMPLITUDE] *= changes[..., 2]
     return out.reshape(-1, len(UNKNOWNS))
 
 
 def _mirrored(x: Array) -> Array:
     """Unknowns (k, 8) with the pole mirrored, where other minima of nearly the same light are, and other phases."""
-    changes = list(product((0, np.pi), (1, -1), np.arange(4) * np.pi / 2, (1, -1)))
+    changes = np.array(list(product((0, np.pi), (1, -1), np.arange(4) * np.pi / 2, (1, -1))))[:, None]
     out = np.tile(x, (len(changes), 1, 1))
-    for new, (lon, lat, phi, psi) in zip(out, changes, strict=True):
-        new[:, [0, 2]] += lon, phi
-        new[:, [1, 3]] *= lat, psi
+    out[..., [0, 2]] += changes[..., [0, 2]]
+    out[..., [1, 3]] *= changes[..., [1, 3]]
     return out.reshape(-1, len(UNKNOWNS))
 
 
@@ -324,12 +320,6 @@ def _in_blocks(seen: Photometry, x: Array, mode: str, iterations: int) -> tuple[
 
 
 # -- solutions, their aliases, further apparitions -------------------------------------------------
-
-
-def _by_distance(seen: Photometry, first: Any) -> list[int]:
-    """The other apparitions, the nearest in time first."""
-    middle = {int(k): seen.time[seen.apparition == k].mean() for k in np.unique(seen.apparition)}
-    return sorted((k for k in middle if k != first), key=lambda k: abs(middle[k] - middle[int(first)]))
 
 
 def _pruned(
@@ -367,28 +357,25 @@ def _apart(d: Array, A: Array, half_turn: bool) -> Array:
 
 
 def _continued(seen: Photometry, now: Array, k: int, half_turn: bool, mode: str, x: Array, _: Array) -> Motions:
-    """Solutions of the observations `now`, apparition k among them, from solutions of the others."""
+    """Solutions of the observations `now`, apparition k among them, from solutions of the others.
+
+    They begin at frequencies within the errors of these solutions, some to a cycle over the distance in time.
+    """
     before, after = seen.some(now & (seen.apparition != k)), seen.some(now)
-    starts = [_lattice(before, each, mode, abs(seen.time[seen.apparition == k]).max()) for each in x]
+    unit, starts = 1 / (FINE * abs(seen.time[seen.apparition == k]).max()), []
+    for start, J in zip(x, before.jacobian(x, mode)[1], strict=True):
+        frequencies = np.zeros((2, 8))
+        frequencies[[0, 1], [PRECESSION, ROTATION]] = -1 / start[PRECESSION : ROTATION + 1] ** 2
+        mixed = _inverse(J) @ frequencies.T
+        spread = frequencies @ mixed
+        counts = np.minimum(np.ceil(SIGMAS * np.sqrt(np.diag(spread)) / unit), 40).astype(int)
+        axes = (unit * np.arange(-n, n + 1) for n in counts)
+        lattice = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
+        inverse = np.linalg.inv(spread + np.eye(2) * unit**2)
+        lattice = lattice[np.einsum("ki,ij,kj->k", lattice, inverse, lattice) <= SIGMAS**2]
+        starts.append(start + lattice @ np.linalg.solve(spread, mixed.T))
+        starts[-1][:, PRECESSION : ROTATION + 1] = 1 / (1 / start[PRECESSION : ROTATION + 1] + lattice)
     return mode, *_minima((after, after), np.concatenate(starts), mode, half_turn, 4 * MOST)
-
-
-def _lattice(seen: Photometry, x: Array, mode: str, distance: float) -> Array:
-    """Unknowns (k, 8) with frequencies within their errors, some to a cycle over a distance in time."""
-    J = seen.jacobian(x[None], mode)[1][0]
-    C = _inverse(J)
-    frequencies = np.zeros((2, 8))
-    frequencies[[0, 1], [PRECESSION, ROTATION]] = -1 / x[PRECESSION : ROTATION + 1] ** 2
-    mixed = C @ frequencies.T
-    spread = frequencies @ mixed
-    unit, sizes = 1 / (FINE * distance), np.sqrt(np.diag(spread))
-    counts = np.minimum(np.ceil(SIGMAS * sizes / unit), 40).astype(int)
-    lattice = np.stack(np.meshgrid(*(unit * np.arange(-n, n + 1) for n in counts), indexing="ij"), -1).reshape(-1, 2)
-    inverse = np.linalg.inv(spread + np.eye(2) * unit**2)
-    lattice = lattice[np.einsum("ki,ij,kj->k", lattice, inverse, lattice) <= SIGMAS**2]
-    out = x + lattice @ np.linalg.solve(spread, mixed.T)
-    out[:, PRECESSION : ROTATION + 1] = 1 / (1 / x[PRECESSION : ROTATION + 1] + lattice)
-    return out
 
 
 def _inverse(J: Array) -> Array:

@@ -57,9 +57,8 @@ def series(run: xr.Dataset, quantity: Quantity) -> Array:
     if isinstance(quantity, str):
         name, index = parse_quantity(quantity)
         if name not in run:
-            raise InputError(
-                f"The run has no {shown(name)}.{hint(name, map(str, run))} It has {', '.join(map(str, run))}."
-            )
+            names = [*map(str, run)]
+            raise InputError(f"The run has no {shown(name)}.{hint(name, names)} It has {', '.join(names)}.")
         return np.asarray(pick(run[name], index, name, lead).values)
     RunRecord.of(run, "system", rows=False)
     letters = names_of_state(run)

@@ -45,27 +45,6 @@ def energies(moments: Array, q: Array) -> tuple[Array, ...]:
     return *periods_of(moments, E, rest), np.sqrt(np.stack(squares, -1)), rest
 
 
-def _separation(moments: Array, ratio: Array) -> tuple[Array, Array]:
-    """The q (...) with this ratio of the periods, and whether it exists: by the Illinois rule of false position."""
-
-    def off(q: Array) -> Array:
-        period, rate = energies(moments, q)[:2]
-        return period * rate / (2 * np.pi * ratio) - 1
-
-    x, y = np.full(ratio.shape, 1e-9), np.full(ratio.shape, FAR)
-    u, v = off(x), off(y)
-    certain = (u < 0) & (v > 0)
-    for _ in range(60):
-        q = np.where(certain, y - v * (y - x) / (v - u), 1.0)
-        w = off(q)
-        crossed = (w > 0) != (v > 0)
-        x, u = np.where(crossed, y, x), np.where(crossed, v, u / 2)
-        y, v = q, w
-        if not (certain & (abs(w) > 1e-14)).any():
-            break
-    return y, certain & (abs(v) < 1e-11)
-
-
 def moments_of(a: Array, amplitude: Array, ratio: Array, mode: str) -> Array:
     """The moments (..., 3) over the largest, NaN where a body or a motion with this ratio P_psi/P_phi cannot have them.
 
@@ -92,9 +71,24 @@ def by_periods(x: Array, mode: str) -> tuple[Array, Array, Array]:
     moments = moments_of(x[:, MOMENT], x[:, AMPLITUDE], ratio, mode)
     good = np.isfinite(moments[:, 0])
     moments = np.where(good[:, None], moments, (0.5, 0.8, 1.0))
-    with np.errstate(all="ignore"):
-        q, certain = _separation(moments[:, order], np.where(good, ratio, 1.0))
-        good &= certain
+
+    def off(q: Array) -> Array:
+        period, rate = energies(moments[:, order], q)[:2]
+        return period * rate / (2 * np.pi * np.where(good, ratio, 1.0)) - 1
+
+    with np.errstate(all="ignore"):  # q with this ratio of the periods, by the Illinois rule of false position
+        y, q = np.full(ratio.shape, 1e-9), np.full(ratio.shape, FAR)
+        u, v = off(y), off(q)
+        certain = (u < 0) & (v > 0)
+        for _ in range(60):
+            between = np.where(certain, q - v * (q - y) / (v - u), 1.0)
+            w = off(between)
+            crossed = (w > 0) != (v > 0)
+            y, u = np.where(crossed, q, y), np.where(crossed, v, u / 2)
+            q, v = between, w
+            if not (certain & (abs(w) > 1e-14)).any():
+                break
+        good &= certain & (abs(v) < 1e-11)
         period, _, amplitudes, rest = energies(moments[:, order], np.where(good, q, 1.0))
         sn, cn, dn, _ = ellipj(4 * ellipkm1(rest) * x[:, PHASE] / (2 * np.pi), 1 - rest)
     N = amplitudes * np.stack([cn, sn, dn], -1)
