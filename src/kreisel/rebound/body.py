@@ -206,10 +206,6 @@ class Row(NamedTuple):
     places: tuple[int, int, int, int]
     factors: dict[str, Any]
 
-    def values(self) -> Array:
-        """The factors in a row, in the order of `PAIR`."""
-        return np.concatenate([np.ravel(self.factors[name]) for name in PAIR])
-
 
 def interactions(one: Side, two: Side, h: float, gravity: float) -> list[Row]:
     """The kick of a pair for a time h, and the friction of its tides, as far as there are any."""
@@ -259,4 +255,5 @@ class Pairs(NamedTuple):
         rows.sort(key=lambda row: row.kind.lags > 0)  # frictions last: kicks do not wait for the results of each other
         kinds = tuple(sorted({row.kind for row in rows}))
         places = np.array([[kinds.index(row.kind), *row.places] for row in rows], dtype=np.int64)
-        return cls(key, kinds, rows, places, np.array([row.values() for row in rows]))
+        factors = [np.concatenate([np.ravel(row.factors[name]) for name in PAIR]) for row in rows]
+        return cls(key, kinds, rows, places, np.array(factors))

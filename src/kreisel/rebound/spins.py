@@ -41,6 +41,12 @@ FIELDS = {"N": "N", "steps_done": "steps_done", "modified": "did_modify_particle
 
 
 OFFSETS = {"x": 0, "y": 8, "z": 16, "vx": 24, "vy": 32, "vz": 40, "m": 72}  # bytes, of a particle
+SPECIAL = "coordinates", "kernel", "corrector", "corrector2"  # of WHFast: 0 for one kick in Jacobi's coordinates
+MODIFYING = "_heartbeat", "_pre_timestep_modifications", "_post_timestep_modifications"
+FORMAT = 3  # of a file: NumPy's archive of plain arrays, one of them the bytes of REBOUND's simulation
+NEEDED = "The simulation and its bodies need a file name such as spins.npz"
+FILES = "simulation", "whole.npz"
+SHAPES = {"z": 7, "c": int(ENDS[-1])}
 
 
 @cache
@@ -57,10 +63,6 @@ def rebound() -> ModuleType:
             "another version than the one that kreisel[rebound] asks for."
         )
     return library
-
-
-SPECIAL = "coordinates", "kernel", "corrector", "corrector2"  # of WHFast: 0 for one kick in Jacobi's coordinates
-MODIFYING = "_heartbeat", "_pre_timestep_modifications", "_post_timestep_modifications"
 
 
 @cache
@@ -99,9 +101,7 @@ def check_simulation(sim: Any) -> None:
     if str(sim.boundary) not in ("none", "open"):
         raise InputError(f"sim.boundary: expected 'none' or 'open', got {sim.boundary!r}.")
     if str(sim.integrator) in ("whfast", "saba") and option(sim, "keep_unsynchronized")[0]:
-        raise InputError(
-            "sim.integrator.keep_unsynchronized: expected 0, got 1. The bodies act on synchronized particles."
-        )
+        raise InputError("sim.integrator.keep_unsynchronized: expected 0, got 1. Bodies act on synchronized particles.")
     if sim.simulationarchive_filename:
         raise InputError(
             f"expected no archive that REBOUND writes, got {sim.simulationarchive_filename!r}. It has no "
@@ -111,25 +111,14 @@ def check_simulation(sim: Any) -> None:
 
 def index_of(sim: Any, name: int | str) -> int:
     """The index of a particle.  Raises `InputError`."""
-    names = [p.name for p in sim.particles]
-    if isinstance(name, str) and name in names:
+    names = particle_names(sim)
+    if isinstance(name, str) and name and name in names:
         return names.index(name)
     if isinstance(name, int | np.integer) and not isinstance(name, bool) and 0 <= name < sim.N:
         return int(name)
     named = [n for n in names if n]
-    raise InputError(
-        f"expected an index below {sim.N} or the name of a particle, one of {named}, got {shown(name)}."
-        + hint(name, named)
-    )
-
-
-# -- files: NumPy's archive of plain arrays, one of them the bytes of REBOUND's simulation ---------
-
-
-FORMAT = 3
-NEEDED = "The simulation and its bodies need a file name such as spins.npz"
-FILES = "simulation", "whole.npz"
-SHAPES = {"z": 7, "c": int(ENDS[-1])}
+    expected = f"expected an index below {sim.N} or the name of a particle, one of {named}"
+    raise InputError(f"{expected}, got {shown(name)}.{hint(name, named)}")
 
 
 def particle_names(sim: Any) -> list[str]:
@@ -148,54 +137,6 @@ def restored(data: bytes, names: Iterable[str]) -> Any:
         if name and particle.name != name:
             particle.name = name
     return sim
-
-
-def write_file(path: str | os.PathLike[str], sim: Any, parts: Mapping[str, Any]) -> None:
-    """Write `path` completely or not at all.  Raises `RunError` if the disk refuses."""
-    target = place(path, NEEDED)
-    with on_disk(path, "be written"), scratch(target.parent, ".kreisel-", files=FILES) as folder:
-        simulation_file, whole = (folder / name for name in FILES)
-        sim.save_to_file(str(simulation_file))
-        data = np.frombuffer(simulation_file.read_bytes(), dtype=np.uint8)
-        with whole.open("wb") as file:
-            known = np.array(particle_names(sim), dtype=np.str_)
-            np.savez(file, format=np.array(FORMAT), simulation=data, particles=known, **parts)
-            file.flush()
-            os.fsync(file.fileno())
-        whole.replace(target)
-
-
-def read_file(path: str | os.PathLike[str]) -> tuple[Any, dict[str, np.ndarray]]:
-    """The simulation and the arrays of the file.
-
-    Raises `InputError` for any other file, `RunError` if it cannot be read.
-    """
-    source = place(path, NEEDED)
-    try:
-        with on_disk(path, "be read"), source.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in ("format", "simulation", "particles", "z", "c", "names", "dt")}
-    except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: expected a file that spins.save wrote, got {shown(error)}.") from error
-    names = arrays["names"] if arrays["names"].ndim == 1 and arrays["names"].dtype.kind == "U" else np.empty(0, str)
-    fits = [arrays[name].shape == (len(names), width) for name, width in SHAPES.items()]
-    fits += [name.startswith("#") or name.isdecimal() for name in names.tolist()]
-    fits += [arrays[name].shape == () and arrays[name].dtype.kind in "if" for name in ("format", "dt")]
-    fits += [arrays["simulation"].dtype == np.uint8]
-    if not all(fits) or arrays["format"] != FORMAT:
-        raise InputError(f"{path}: expected format {FORMAT} of kreisel.rebound, got {shown(arrays['format'])}.")
-    try:
-        with warnings.catch_warnings(record=True) as said:
-            warnings.simplefilter("always")
-            sim = restored(arrays["simulation"].tobytes(), arrays["particles"].tolist())
-    except (RuntimeError, ValueError) as error:
-        raise RunError(
-            f"{path}: REBOUND could not read its part: {error}. Usual cause: another version of it."
-        ) from error
-    for each in said:
-        if "corrupted" in str(each.message):
-            raise RunError(f"{path}: REBOUND could not read its part: {each.message}")
-        warnings.warn(str(each.message), RuntimeWarning, stacklevel=2)
-    return sim, arrays
 
 
 # -- the bodies of a simulation --------------------------------------------------------------------------
@@ -372,11 +313,25 @@ class Spins:
         return float(total)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write one file with the simulation, as REBOUND's data, and the bodies; `kreisel.rebound.load` reads it."""
-        names = [("#" if isinstance(name, str) else "") + str(name) for name in self.names]
-        kick = np.nan if self._kick is None else self._kick
-        parts = {"z": self._z, "c": self._c, "names": np.array(names), "dt": np.array(kick)}
-        write_file(path, self.sim, parts)
+        """Write one file with the simulation, as REBOUND's data, and the bodies; `kreisel.rebound.load` reads it.
+
+        The file is complete or not there.  Raises `RunError` if the disk refuses.
+        """
+        target, names = place(path, NEEDED), [("#" * isinstance(name, str)) + str(name) for name in self.names]
+        with on_disk(path, "be written"), scratch(target.parent, ".kreisel-", files=FILES) as folder:
+            simulation, whole = (folder / name for name in FILES)
+            self.sim.save_to_file(str(simulation))
+            arrays: dict[str, Any] = {
+                "format": FORMAT,
+                "simulation": np.frombuffer(simulation.read_bytes(), dtype=np.uint8),
+            }
+            arrays |= {"particles": np.array(particle_names(self.sim), dtype=np.str_), "names": names}
+            with whole.open("wb") as file:
+                kick = np.nan if self._kick is None else self._kick
+                np.savez(file, allow_pickle=False, **arrays, z=self._z, c=self._c, dt=kick)
+                file.flush()
+                os.fsync(file.fileno())
+            whole.replace(target)
 
     # -- data of the kernels --------------------------------------------------------------------------------
 
@@ -416,9 +371,8 @@ class Spins:
 
     def _number(self, which: int | str) -> int:
         if which not in self.names:
-            raise InputError(
-                f"expected one of the bodies {self.names}, got {shown(which)}.{hint(which, map(str, self.names))}"
-            )
+            near = hint(which, map(str, self.names))
+            raise InputError(f"expected one of the bodies {self.names}, got {shown(which)}.{near}")
         return self.names.index(which)
 
     def _check(self) -> None:
@@ -492,7 +446,28 @@ def load(path: str | os.PathLike[str]) -> Spins:
     Forces, heartbeats and other functions of the simulation are not in the file: set them again.  Raises `InputError`
     for any other file, `RunError` if it cannot be read.
     """
-    sim, arrays = read_file(path)
-    names = [name[1:] if name.startswith("#") else int(name) for name in arrays["names"].tolist()]
-    kick = None if np.isnan(arrays["dt"]) else float(arrays["dt"])
-    return Spins(sim, names, arrays["z"], arrays["c"], kick)
+    source = place(path, NEEDED)
+    try:
+        with on_disk(path, "be read"), source.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in ("format", "simulation", "particles", "z", "c", "names", "dt")}
+    except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: expected a file that spins.save wrote, got {shown(error)}.") from error
+    names = arrays["names"] if arrays["names"].ndim == 1 and arrays["names"].dtype.kind == "U" else np.empty(0, str)
+    fits = [arrays[name].shape == (len(names), width) for name, width in SHAPES.items()]
+    fits += [name.startswith("#") or name.isdecimal() for name in names.tolist()]
+    fits += [arrays[name].shape == () and arrays[name].dtype.kind in "if" for name in ("format", "dt")]
+    fits += [arrays["simulation"].dtype == np.uint8]
+    if not all(fits) or arrays["format"] != FORMAT:
+        raise InputError(f"{path}: expected format {FORMAT} of kreisel.rebound, got {shown(arrays['format'])}.")
+    try:
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            sim = restored(arrays["simulation"].tobytes(), arrays["particles"].tolist())
+    except (RuntimeError, ValueError) as error:
+        raise RunError(f"{path}: REBOUND could not read its part: {error}. Usual cause: another version.") from error
+    for each in said:
+        if "corrupted" in str(each.message):
+            raise RunError(f"{path}: REBOUND could not read its part: {each.message}")
+        warnings.warn(str(each.message), RuntimeWarning, stacklevel=2)
+    keys = [name[1:] if name.startswith("#") else int(name) for name in names.tolist()]
+    return Spins(sim, keys, arrays["z"], arrays["c"], None if np.isnan(arrays["dt"]) else float(arrays["dt"]))

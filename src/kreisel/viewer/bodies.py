@@ -131,11 +131,9 @@ def _along(axis: Array, tensor: Array | None, length: float) -> Callable[[Body],
 
 def top(axis: Array, tensor: Array | None, length: float) -> Body:
     """A top about the point 0 along `axis`, its disc stretched by the inertia across the axis."""
-    shape = _revolved(TOP)
+    shape, (low, high) = _revolved(TOP), TOP_METAL
     height = shape.points[shape.faces][:, :, 2].mean(1)
-    low, high = TOP_METAL
-    sector = _sector(shape)
-    colour = np.where((height < low) | (height > high), METAL, np.where(sector, FIRST, SECOND))
+    colour = np.where((height < low) | (height > high), METAL, np.where(_sector(shape), FIRST, SECOND))
     return _along(axis, tensor, length)(replace(shape, colour=colour))
 
 
@@ -284,11 +282,11 @@ def _obj(raw: bytes) -> tuple[Array, Array]:
             x, y, z, *_ = map(float, entries)
             points.append([x, y, z])
         elif word == "f":
-            numbers = [int(each.split("/")[0]) for each in entries]  # from 1 on, or negative, from the end
-            for number in numbers:
+            corners = []
+            for number in (int(each.split("/")[0]) for each in entries):  # from 1 on, or negative, from the end
                 if not 0 < abs(number) <= len(points):
                     raise ValueError(f"a face names the point {number} of {len(points)}")
-            corners = [number - 1 if number > 0 else len(points) + number for number in numbers]
+                corners.append(number - 1 if number > 0 else len(points) + number)
             if len(corners) < 3:
                 raise ValueError("a face has fewer than three corners")
             faces += [(corners[0], b, c) for b, c in pairwise(corners[1:])]

@@ -54,17 +54,15 @@ class Frames:
 
 def frames(run: xr.Dataset, record: RunRecord, model: Model | None, most: int = MOST_FRAMES) -> Frames:
     """The frames of a run with some of its lanes.  Raises `InputError` for states that are not finite."""
-    names = [*record.kinds, *([ORIENTATION] if ORIENTATION in run else [])]
-    bare = run[names]
+    bare = run[[*record.kinds, *([ORIENTATION] if ORIENTATION in run else [])]]
     count, lanes = run.sizes["time"], run.sizes.get("lane", 1)
     entries = sum(math.prod(bare[name].shape[1:]) for name in record.kinds) // lanes
     most = max(400, most // (lanes * max(1, entries // 6)))
     time = np.asarray(run["time"].values, dtype=np.float64)
     sample = bare.isel(time=evenly(count, SAMPLED))
     _finite(sample, record)
-    rate = _rate(sample, record, model)
-    if rate is None:
-        rate = _measured_rate(bare.isel(time=slice(0, SAMPLED)), record)
+    stated = _rate(sample, record, model)
+    rate = _measured_rate(bare.isel(time=slice(0, SAMPLED)), record) if stated is None else stated
     dense = np.diff(time) * rate <= DENSE
     rows = _rows(bare[record.carried], dense, most)
     shown = bare.isel(time=rows)
@@ -78,9 +76,7 @@ def frames(run: xr.Dataset, record: RunRecord, model: Model | None, most: int = 
     elif joined.any():
         between = "where states are close it is interpolated between them; elsewhere playing jumps to the next stretch"
     else:
-        between = (
-            "the saved states are too far apart for the motion between them to be known: they are shown one by one"
-        )
+        between = "the saved states are too far apart to know the motion between them: they are shown one by one"
     text = "; ".join(filter(None, (note, between)))
     return Frames(shown, joined, rate, text[:1].upper() + text[1:] + "." if text else "")
 
@@ -202,23 +198,18 @@ def _replayed(shown: xr.Dataset, record: RunRecord, model: Model, rate: float, n
     return merged.assign_attrs(shown.attrs), "; ".join(filter(None, (note, text)))
 
 
-def _carried_on(
-    starts: xr.Dataset, record: RunRecord, model: Model, step: float, every: int, length: int
-) -> dict[str, Array]:
+def _carried_on(starts: Any, record: RunRecord, model: Model, step: float, every: int, length: int) -> dict[str, Array]:
     """The states (length + 1, starts, lane, ...) from each of the starts."""
     from kreisel.runs.propagation.of_body import propagator
 
-    oriented = ORIENTATION in starts
-    names = [*record.kinds, *([ORIENTATION] if oriented else [])]
-    alone = "lane" not in starts.dims and not model.batch
-    together = alone and model.system.perturbation is None and pairs_of(model) is None
-    moving = propagator(model, method=record.method, order=record.order, dt=step, orientation=oriented)
-    if together:
+    names, forced = [*record.kinds, *([ORIENTATION] if ORIENTATION in starts else [])], model.system.perturbation
+    moving = propagator(model, method=record.method, order=record.order, dt=step, orientation=ORIENTATION in starts)
+    if "lane" not in starts.dims and not model.batch and forced is None and pairs_of(model) is None:  # all at once
         states = moving.steps({k: starts[k].values for k in names}, length * every, every)
         return {k: np.asarray(states[k]) for k in names}
     runs = []
     for row, begun in enumerate(np.asarray(starts["time"].values, dtype=np.float64).tolist()):
-        clock = {} if model.system.perturbation is None else {"time": begun}
+        clock = {} if forced is None else {"time": begun}
         runs.append(moving.steps({k: starts[k].values[row] for k in names}, length * every, every, **clock))
     return {k: np.stack([np.asarray(states[k]) for states in runs], 1) for k in names}
 
@@ -247,9 +238,9 @@ def as_matrices(q: Array) -> Array:
     return algebra.rotation_matrix(q / np.linalg.norm(q, axis=-1, keepdims=True))
 
 
-def windows(joined: Array) -> list[tuple[int, int]]:
-    """First and last frame of each stretch of joined frames."""
-    edges = np.diff(np.concatenate([[0], joined.astype(int), [0]]))
+def windows(flags: Array) -> list[tuple[int, int]]:
+    """First place and end of each stretch of flags: first and last frame of joined frames."""
+    edges = np.diff(np.concatenate([[0], flags.astype(int), [0]]))
     return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
 
 
@@ -334,10 +325,10 @@ class Clock(NamedTuple):
 
 def clock_of(run: xr.Dataset) -> Clock:
     """The unit that suits the length of a run of a body: at most 600 s, 180 min, 72 h."""
-    frame, unit = frame_of(run), run["time"].attrs.get("units")
-    if unit != "s" and frame is None:
+    frame, in_si = frame_of(run), run["time"].attrs.get("units") == "s"
+    if frame is None and not in_si:
         return Clock("", 1.0)
-    second = 1.0 if unit == "s" else 1 / frame.time_unit if frame is not None else 1.0
+    second = 1.0 if in_si or frame is None else 1 / frame.time_unit
     ends = np.asarray(run["time"][[0, -1]].values, dtype=np.float64)
     span = float(abs(ends[1] - ends[0])) / second
     name, size, _ = next(row for row in CLOCKS if span <= row[2])
@@ -379,10 +370,7 @@ def panels_of(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> list[
 
 def shadows_of(run: xr.Dataset) -> list[tuple[float, float]]:
     """First and last times of the rows in each shadow, for a single satellite whose Sun is known."""
-    light = surroundings(run).light
+    light, time = surroundings(run).light, np.asarray(run["time"].values, dtype=np.float64)
     if light is None or light.ndim > 1:
         return []
-    edges = np.diff(np.concatenate([[0], (light < 0.5).astype(int), [0]]))
-    time = np.asarray(run["time"].values, dtype=np.float64)
-    begin, end = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return [(float(time[a]), float(time[b])) for a, b in zip(begin, end, strict=True)]
+    return [(float(time[first]), float(time[end - 1])) for first, end in windows(light < 0.5)]

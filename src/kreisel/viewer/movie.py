@@ -95,10 +95,9 @@ class _Film:
         return body
 
     def _turns(self, body: dict[str, Any], times: Array) -> Array:
-        q = body["turn"]
-        if len(q) == 1:
-            return np.broadcast_to(as_matrices(q), (len(times), 3, 3))
-        return as_matrices(between(q, self._places(times), self.joined))
+        still, places = len(body["turn"]) == 1, self._places(times)
+        q = body["turn"].repeat(len(times), 0) if still else between(body["turn"], places, self.joined)
+        return as_matrices(q)
 
     def _places(self, times: Array) -> Array:
         i = np.clip(np.searchsorted(self.time, times, "right") - 1, 0, len(self.time) - 2)
@@ -117,27 +116,30 @@ class _Film:
                 tips = self._turns(body, times) @ np.array(body["axis"])
             else:
                 tips = between(body["tip"], self._places(times), self.joined)[:, self.data["coordinates"]]
-            self._trail(axes, tips)
+            flat = tips @ self.camera.T
+            pieces, front = np.stack([flat[:-1, :2], flat[1:, :2]], 1), flat[1:, 2] > 0
+            colours = np.tile(to_rgba(self.theme.colours[0]), (len(pieces), 1))
+            colours[:, 3] = np.linspace(0.02, 1, len(pieces)) ** 1.4
+            for side, order in ((~front, 1), (front, 5)):
+                lines = LineCollection(cast("Any", pieces[side]), colors=colours[side], linewidths=2.2, zorder=order)
+                axes.add_collection(lines)
             if "corners" in body:
                 self._solid(axes, body, self._turns(body, times[-1:])[0], tips[-1])
             end = tips[-1]
             if body["nose"] is not None:
                 end = end + self._turns(body, times[-1:])[0] @ np.array(body["nose"])
-            self._arrows(axes, body, times[-1:])
+            for each in body["arrows"]:
+                way = between(each["to"].astype(float), self._places(times[-1:]), self.joined)[0]
+                tip = self.camera @ (1.12 * self.radius / np.linalg.norm(way) * way)
+                colour, order = self.theme.colour(each["colour"]), 6 if tip[2] > 0 else 2
+                style = {"arrowstyle": "-|>", "color": colour, "linewidth": 2}
+                axes.annotate("", tip[:2], (0, 0), arrowprops=style, zorder=order)
+                axes.text(*(1.1 * tip[:2]), each["name"], color=colour, ha="center", va="center", zorder=order)
             x, y, depth = self.camera @ end
             axes.plot([x], [y], "o", color=self.theme.colours[1], markersize=6, zorder=6 if depth > 0 else 2)
         clock = self.data["clock"]
         text = f"{self.data['title']}\ntime {time / clock['size']:.4g} {clock['unit']}".rstrip()
         axes.text(-0.95 * wide, 0.78 * wide, text, va="top", parse_math=False)
-
-    def _arrows(self, axes: Any, body: dict[str, Any], times: Array) -> None:
-        for each in body["arrows"]:
-            way = between(each["to"].astype(float), self._places(times), self.joined)[0]
-            end = self.camera @ (1.12 * self.radius / np.linalg.norm(way) * way)
-            colour, order = self.theme.colour(each["colour"]), 6 if end[2] > 0 else 2
-            style = {"arrowstyle": "-|>", "color": colour, "linewidth": 2}
-            axes.annotate("", end[:2], (0, 0), arrowprops=style, zorder=order)
-            axes.text(*(1.1 * end[:2]), each["name"], color=colour, ha="center", va="center", zorder=order)
 
     def _still(self, axes: Any) -> None:
         r, angle = self.radius, np.linspace(0, 2 * np.pi, 97)
@@ -155,16 +157,6 @@ class _Film:
             arrow = {"arrowstyle": "-|>", "color": self.theme.colours[2], "linewidth": 2}
             axes.annotate("", (x[1], y[1]), (x[0], y[0]), arrowprops=arrow)
             axes.text(x[0], y[0] + 0.03 * r, "gravity", color=self.theme.colours[2], ha="center")
-
-    def _trail(self, axes: Any, tips: Array) -> None:
-        flat = tips @ self.camera.T
-        pieces = np.stack([flat[:-1, :2], flat[1:, :2]], 1)
-        colours = np.tile(to_rgba(self.theme.colours[0]), (len(pieces), 1))
-        colours[:, 3] = np.linspace(0.02, 1, len(pieces)) ** 1.4
-        front = flat[1:, 2] > 0
-        for side, order in ((~front, 1), (front, 5)):
-            lines = LineCollection(cast("Any", pieces[side]), colors=colours[side], linewidths=2.2, zorder=order)
-            axes.add_collection(lines)
 
     def _solid(self, axes: Any, body: dict[str, Any], g: Array, tip: Array) -> None:
         corners = body["corners"] @ g.T + (tip if self.data["kind"] == "path" else 0)

@@ -128,17 +128,16 @@ def version() -> str:
 
 def _carries() -> bool:
     """Whether this cell is the one that carries the library, or nothing is shared between cells."""
-    if "google.colab" in sys.modules:  # each output is a separate page
-        return True
     ask = getattr(sys.modules.get("IPython"), "get_ipython", None)
     try:  # the notebook's name of the running cell, if it gives one
         name = str(ask().get_parent()["metadata"]["cellId"])  # type: ignore[misc]
     except (AttributeError, KeyError, TypeError):
         name = None
-    if _carried["cell"] is None:
-        _carried["cell"] = name or "the first"
+    first = _carried["cell"] is None
+    if "google.colab" in sys.modules:  # each output is a separate page
         return True
-    return name is not None and _carried["cell"] == name
+    _carried["cell"] = (name or "the first") if first else _carried["cell"]
+    return first or (name is not None and _carried["cell"] == name)
 
 
 @explained

@@ -107,8 +107,7 @@ def _title(run: xr.Dataset, record: RunRecord, *others: RunRecord) -> str:
     compared = "".join(f" and {_named(each, record)}" for each in others)
     lanes = f", {run.sizes['lane']:,} lanes" if "lane" in run.dims else ""
     clock = clock_of(run)
-    step = f"{record.dt:g}" if not clock.unit else f"{record.dt / clock.second:g} s"
-    n = "" if clock.unit else f", n = {record.n}"
+    n, step = ("", f"{record.dt / clock.second:g} s") if clock.unit else (f", n = {record.n}", f"{record.dt:g}")
     return f"{brief(record.title, MOST_TITLE)}{compared}{n}{lanes}, {record.steps:,} steps of {step}"
 
 
@@ -152,14 +151,12 @@ def _keeps_its_length(vector: xr.DataArray) -> bool:
 
 def _seen(run: xr.Dataset, letter: str, rows: int) -> np.ndarray:
     """The first rows of a component; a vector in the body is along the user's axes."""
-    values = read_values(run[letter][:rows])
+    values, frame = read_values(run[letter][:rows]), frame_of(run)
     if not (abs(values) < LARGEST).all():
         raise InputError(f"expected a run whose {letter} is finite and below {LARGEST:g}, got one beyond.")
-    frame = frame_of(run)
-    if frame is None:
-        return values
-    values = frame.vectors(values) if letter in frame.along else values
-    return values * _words(run, letter).size
+    if frame is not None and letter in frame.along:
+        values = frame.vectors(values)
+    return values if frame is None else values * _words(run, letter).size
 
 
 class Words(NamedTuple):
@@ -371,7 +368,15 @@ def sweep_figure(run: xr.Dataset, show: str | None = None, theme: str = "light")
     Over one quantity of the grid each lane is a point; over two the colour is the median of the lanes that share both;
     without a grid the first varying quantity is the axis.  Raises `InputError` if the sweep has no such variable.
     """
-    axes = _axes_of(run)
+    inputs = {
+        str(name): np.asarray(v.values, dtype=float)
+        for name, v in run.variables.items()
+        if v.attrs.get("kind") == "input" and v.ndim == 1 and "flag_meanings" not in v.attrs
+    }
+    varied = {k: v for k, v in inputs.items() if len(np.unique(v)) > 1}
+    grids = {k: v for k, v in varied.items() if len(np.unique(v)) < len(v)}  # whose values occur in several lanes
+    chosen = dict(list(grids.items())[:2] or list(varied.items())[:1])
+    axes = chosen or {"lane": np.arange(run.sizes["lane"], dtype=float)}
     panels = _panels(run) if show is None else {show: _entry(run, show)}
     with figure(theme, 4.1 * len(panels) + 0.6, 3.9) as (picture, colours):
         for place, (label, value) in enumerate(panels.items()):
@@ -382,32 +387,19 @@ def sweep_figure(run: xr.Dataset, show: str | None = None, theme: str = "light")
     return picture
 
 
-def _axes_of(run: xr.Dataset) -> dict[str, np.ndarray]:
-    """One or two scalar quantities that vary: a grid, whose values occur in several lanes, comes first."""
-    inputs = {
-        str(name): np.asarray(v.values, dtype=float)
-        for name, v in run.variables.items()
-        if v.attrs.get("kind") == "input" and v.ndim == 1 and "flag_meanings" not in v.attrs
-    }
-    varied = {k: v for k, v in inputs.items() if len(np.unique(v)) > 1}
-    grids = {k: v for k, v in varied.items() if len(np.unique(v)) < len(v)}
-    chosen = list(grids.items())[:2] or list(varied.items())[:1]
-    return dict(chosen) or {"lane": np.arange(run.sizes["lane"], dtype=float)}
-
-
 def _panels(run: xr.Dataset) -> dict[str, np.ndarray]:
     out: dict[str, np.ndarray] = {}
     highest = [str(name) for name in run.variables if str(name).endswith("_max") and name != "g_max"]
-    for name in highest[-1:]:
-        letter = name.removesuffix("_max")
-        value = np.asarray(run[name].values) - np.asarray(run[f"{letter}_min"].values)
+    for letter in (name.removesuffix("_max") for name in highest[-1:]):
+        value = np.asarray(run[f"{letter}_max"].values) - np.asarray(run[f"{letter}_min"].values)
         last = f"[{value.shape[1] - 1}]" if value.ndim == 2 else ""
         out[f"{letter}{last}: max - min"] = value.reshape(len(value), -1)[:, -1]
         if f"{letter}_frequency" in run.variables:
-            frequency = np.asarray(run[f"{letter}_frequency"].values)
-            out[f"{letter}{last}: frequency"] = frequency.reshape(len(value), -1)[:, -1]
-    drifts = {k: v for k, v in run.variables.items() if str(k).endswith("_drift")}
-    kept = [v.values for v in drifts.values() if "not conserved" not in str(v.attrs.get("long_name"))]
+            out[f"{letter}{last}: frequency"] = np.asarray(run[f"{letter}_frequency"].values).reshape(len(value), -1)[
+                :, -1
+            ]
+    drifts = [v for k, v in run.variables.items() if str(k).endswith("_drift")]
+    kept = [v.values for v in drifts if "not conserved" not in str(v.attrs.get("long_name"))]
     if kept:
         out["max drift"] = np.max([np.asarray(v).reshape(run.sizes["lane"], -1).max(1) for v in kept], 0)
     if not out:

@@ -105,8 +105,8 @@ def table(systems: Iterable[System]) -> str:
 
 def method_table(methods: Iterable[Method]) -> str:
     """One line for each method."""
-    rows: list[tuple[str, ...]] = [("name", "orders", "Poisson", "conserves", "title")]
-    return _aligned([*rows, *((m.name, m.order_text, m.poisson, m.conserves, m.title) for m in methods)])
+    rows = [(m.name, m.order_text, m.poisson, m.conserves, m.title) for m in methods]
+    return _aligned([("name", "orders", "Poisson", "conserves", "title"), *rows])
 
 
 def method_record(method: Method) -> str:
@@ -129,10 +129,8 @@ def _aligned(rows: list[tuple[str, ...]]) -> str:
 
 def parameter_text(p: Parameter) -> str:
     """The meaning of a parameter, and its default."""
-    if p.default is None:
-        return p.meaning
-    value = f"{p.default:g}" if np.ndim(p.default) == 0 else str(np.asarray(p.default).tolist())
-    return f"{p.meaning} (default {value})"
+    value = f"{p.default:g}" if p.default is not None and np.ndim(p.default) == 0 else np.asarray(p.default).tolist()
+    return p.meaning if p.default is None else f"{p.meaning} (default {value})"
 
 
 # -- HTML ------------------------------------------------------------------------------------------
@@ -154,13 +152,10 @@ def system_html(system: System) -> str:
 
 def model_html(model: Model) -> str:
     """A system with its parameters."""
-    system = model.system
-    rows = [
-        ("equations", system.equations),
-        ("dimension", f"n = {model.n}" + (f", {model.batch[0]:,} lanes" if len(model.batch) == 1 else "")),
-        *((letter, _numbers_html(value)) for letter, value in model.params.items()),
-        ("state", ", ".join(f"{letter} ({kind})" for letter, kind in system.space.components)),
-    ]
+    system, lanes = model.system, f", {model.batch[0]:,} lanes" if len(model.batch) == 1 else ""
+    rows = [("equations", system.equations), ("dimension", f"n = {model.n}{lanes}")]
+    rows += [(letter, _numbers_html(value)) for letter, value in model.params.items()]
+    rows += [("state", ", ".join(f"{letter} ({kind})" for letter, kind in system.space.components))]
     return _block(f"{escape(system.title)} <code>{escape(system.name)}</code>", _html_table(rows))
 
 

@@ -19,7 +19,7 @@ import base64
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import xarray as xr
@@ -32,7 +32,6 @@ from kreisel.files import parsed
 from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.contract import Frame
-from kreisel.record.model import Model
 from kreisel.record.perturbation import pairs_of
 from kreisel.runs import geometry, orbits
 from kreisel.runs.drift import all_series
@@ -53,14 +52,6 @@ ARROWS = {"nadir": 2, "velocity": 0, "sun": 4, "field": 3, "target": 6}  # place
 MOST_READ = 200_000  # rows of which the charts of the motion are computed
 
 
-class Wanted(NamedTuple):
-    """Choices of the user: the body or the name of its shape; for a satellite the axis and the target to compare."""
-
-    body: str | Body | None = None
-    axis: Any = None
-    target: Any = "nadir"
-
-
 class Shown:
     """Tip, rotations, body and arrow of one trajectory, in the coordinates of the picture: the vertical points up.
 
@@ -71,8 +62,9 @@ class Shown:
     up       the meaning of the vertical: "gravity", "momentum" or ""
     """
 
-    def __init__(self, run: xr.Dataset, record: RunRecord, model: Model | None, joined: bool, wanted: Wanted):
-        self.run, self.record, self.model, self.joined, self._wanted = run, record, model, joined, wanted
+    def __init__(self, run: xr.Dataset, record: RunRecord, joined: bool, body: Any, axis: Any, target: Any):
+        self.run, self.record, self.joined, self._asked = run, record, joined, body
+        self.model = None if record.is_own else model_for(run, None)
         self.letter, self.kinds = record.carried, record.kinds
         names = record.body_frame.names if record.body_frame is not None else {}
         self.word = names.get(self.letter, self.letter).replace("_", " ")  # of a run in SI
@@ -89,10 +81,6 @@ class Shown:
         self.up, self.callout = "", ""
         self.legend: dict[str, str] = {}
         self.coordinates = [0, 1, 2]
-        self._choose()
-        self.radius = float(np.linalg.norm(self.tip, axis=-1).max(initial=0.0)) or 1.0
-
-    def _choose(self) -> None:
         plain = self.carried.shape[1] == 3 and self.record.n == 3
         if plain and "skew" not in self.kinds.values():
             self.kind, self.tip, self.frame = "particle", self.carried, np.eye(3)
@@ -100,15 +88,14 @@ class Shown:
         elif plain and ORIENTATION in self.run:
             x = self._path()
             if of_satellite(self.run):
-                self._on_its_orbit()
+                self._on_its_orbit(axis, target)
             else:
                 self._in_space() if x is None else self._on_its_path(x)
-        elif plain and self.space:
-            self._along_the_axis()
         elif plain:
-            self._from_the_body()
+            self._along_the_axis() if self.space else self._from_the_body()
         else:
             self._projected()
+        self.radius = float(np.linalg.norm(self.tip, axis=-1).max(initial=0.0)) or 1.0
 
     def _fixed(self, where: str) -> Array | None:
         v = None if self.model is None else fixed_vector(self.model, where)
@@ -123,7 +110,7 @@ class Shown:
         return None if tensor is None else self.axes @ tensor @ self.axes.T
 
     def _made(self, usual: str, axis: Array, tensor: Array | None, size: float) -> Body:
-        body, frame = self._wanted.body, self.record.body_frame
+        body, frame = self._asked, self.record.body_frame
         if body is None and usual != "top" and frame is not None and frame.shape:
             kind, *half = frame.shape
             body = bodies.of_shape(kind, np.array(half))
@@ -134,7 +121,7 @@ class Shown:
     def _marked(self, tensor: Array | None) -> tuple[Array, str]:
         """The axis of the body whose tip is drawn, and its name; the axis of its known shape, if that is drawn."""
         frame = self.record.body_frame
-        known = self._wanted.body is None and frame is not None and frame.shape
+        known = self._asked is None and frame is not None and frame.shape
         return bodies.marked_axis(tensor, np.array(frame.shape[1:]) if known and frame is not None else None)
 
     def _path(self) -> Array | None:
@@ -160,17 +147,17 @@ class Shown:
         self.legend["tip"] = f"{word} of {self.subject}"
         self.note = "The body on its path against the fluid, not to scale; the third axis of space points up."
 
-    def _on_its_orbit(self) -> None:
-        wanted, around, q = self._wanted, surroundings(self.run), attitude_of(self.run)
-        axis = orbits.axis_of_pointing(self.run, wanted.axis)
+    def _on_its_orbit(self, axis: Any, target: Any) -> None:
+        around, q = surroundings(self.run), attitude_of(self.run)
+        axis = orbits.axis_of_pointing(self.run, axis)
         self.kind, self.frame, self.around, self.turn, self.axis = "satellite", np.eye(3), around, q, axis
         self.model = orbits.satellite_model(self.run)  # also of a satellite with a controller, whose own model has code
         self.body = self._made("satellite", axis, self._inertia(), 0.82)
         self.tip = algebra.rotation_matrix(q) @ axis
         self.arrows = orbits.directions(around)
-        if not isinstance(wanted.target, str) or wanted.target not in self.arrows:
-            self.arrows["target"] = orbits.target_of(around, wanted.target)
-        aim = wanted.target if isinstance(wanted.target, str) else "the target"
+        if not isinstance(target, str) or target not in self.arrows:
+            self.arrows["target"] = orbits.target_of(around, target)
+        aim = target if isinstance(target, str) else "the target"
         self.legend["tip"] = f"axis of the body that is compared with {aim}"
         self.note = "The satellite, larger than it is, about its centre; space has its third axis up."
 
@@ -279,26 +266,28 @@ def scene(
     target: Any = "nadir",
 ) -> dict[str, Any]:
     """The data of the page.  Raises `InputError` for anything but a run with its state and this lane."""
-    wanted = Wanted(body, axis, target)
-    measured, run, record = run, *_required(run)
+    record, measured, run = RunRecord.of(run, "system"), run, in_state_form(run)
+    if "time" not in run.dims or run.sizes["time"] < 1:
+        raise InputError("A run of kr.simulate or kr.open_run was expected, with at least one saved state.")
+    if missing := record.missing_from(run):
+        raise InputError(f"The run lacks {', '.join(missing)} of its state, which the page needs.")
+    require_unchanged(run)
     chosen, lanes = _lanes(run, lane)
     model = None if record.is_own else model_for(chosen, None)
     shown_frames = frames(chosen, record, model if model is None or pairs_of(model) is None else None)
     every, joined = shown_frames.run, bool(shown_frames.joined.all())
     alone = [every.isel(lane=i) for i in range(len(lanes))] if "lane" in every.dims else [every]
-    bodies = [Shown(each, record, None if record.is_own else model_for(each, None), joined, wanted) for each in alone]
-    first = bodies[0]
-    radius = max(each.radius for each in bodies)
+    bodies = [Shown(each, record, joined, body, axis, target) for each in alone]
+    first, radius = bodies[0], max(each.radius for each in bodies)
     if not all(np.isfinite(each.tip).all() for each in bodies):
         raise InputError(f"{record.carried} is not finite at every saved time; `kreisel check` reports where.")
     time = np.asarray(shown_frames.run["time"].values, dtype=np.float64)
-    span = float(time[-1] - time[0]) or 1.0
-    rate = shown_frames.rate if shown_frames.rate > 0 else 2 * math.pi / span
+    rate = shown_frames.rate if shown_frames.rate > 0 else 2 * math.pi / (float(time[-1] - time[0]) or 1.0)
     meshes, places = _meshes(bodies)
     clock = clock_of(chosen)
     return {
         "title": _text(run.attrs.get("title", "")),
-        "facts": [_text(v) for v in _facts(run, lanes)],
+        "facts": [_text(v) for v in _facts(run, record, lanes)],
         "kind": first.kind,
         "note": " ".join(filter(None, (first.note, shown_frames.note))),
         "callout": first.callout,
@@ -314,7 +303,7 @@ def scene(
         "meshes": meshes,
         "bodies": [_packed_body(each, name, place) for each, name, place in zip(bodies, lanes, places, strict=True)],
         "globe": _globe(first),
-        "charts": _charts(chosen, wanted),
+        "charts": _charts(chosen, axis, target),
         "clock": {"label": clock.label, "unit": clock.unit, "size": clock.size},
         "time": packed(time, "f8"),
         "windows": windows(shown_frames.joined),
@@ -329,36 +318,19 @@ def scene(
     }
 
 
-def _required(run: xr.Dataset) -> tuple[xr.Dataset, RunRecord]:
-    record = RunRecord.of(run, "system")
-    run = in_state_form(run)
-    if "time" not in run.dims or run.sizes["time"] < 1:
-        raise InputError("A run of kr.simulate or kr.open_run was expected, with at least one saved state.")
-    missing = record.missing_from(run)
-    if missing:
-        raise InputError(f"The run lacks {', '.join(missing)} of its state, which the page needs.")
-    require_unchanged(run)
-    return run, record
-
-
 def _lanes(run: xr.Dataset, lane: Any) -> tuple[xr.Dataset, list[str]]:
     """The shown lanes, with a dimension even for a single lane, and their names."""
     if "lane" not in run.dims:
         if lane is not None:
             within(lane, "lane", 0, 0)
         return run, [""]
-    count = run.sizes["lane"]
-    if lane is None:
-        chosen = evenly(count, MOST_LANES).tolist()
-    elif isinstance(lane, Sequence | np.ndarray) and not isinstance(lane, str):
-        chosen = [within(each, "lane", 0, count - 1) for each in lane]
-    else:
-        chosen = [within(lane, "lane", 0, count - 1)]
+    count, several = run.sizes["lane"], isinstance(lane, Sequence | np.ndarray) and not isinstance(lane, str)
+    asked = evenly(count, MOST_LANES).tolist() if lane is None else lane if several else [lane]
+    chosen = [within(each, "lane", 0, count - 1) for each in asked]
     if not 1 <= len(chosen) <= MOST_LANES or len(set(chosen)) < len(chosen):
         raise InputError(f"lane: expected one lane, or up to {MOST_LANES} different ones, got {shown(lane)}.")
-    each = lane_names(run)
-    names = [each[i] for i in chosen]
-    return (run.isel(lane=chosen) if len(chosen) > 1 else run.isel(lane=chosen[0])), names
+    names = lane_names(run)
+    return run.isel(lane=chosen if len(chosen) > 1 else chosen[0]), [names[i] for i in chosen]
 
 
 def _meshes(bodies: list[Shown]) -> tuple[list[dict[str, Any]], list[int | None]]:
@@ -366,18 +338,13 @@ def _meshes(bodies: list[Shown]) -> tuple[list[dict[str, Any]], list[int | None]
     meshes: list[dict[str, Any]] = []
     places: list[int | None] = []
     for body in (each.body for each in bodies):
-        if body is None:
-            places.append(None)
-            continue
-        wide = len(body.points) > 65_535
-        mesh: dict[str, Any] = {
-            "points": packed(body.points, "f4"),
-            "faces": packed(body.faces, "u4" if wide else "u2"),
-        }
-        mesh |= {"wide": wide, "colour": packed(body.colour, "u1")}
-        if mesh not in meshes:
-            meshes.append(mesh)
-        places.append(meshes.index(mesh))
+        mesh: dict[str, Any] | None = None
+        if body is not None:
+            wide = len(body.points) > 65_535
+            mesh = {"points": packed(body.points, "f4"), "faces": packed(body.faces, "u4" if wide else "u2")}
+            mesh |= {"wide": wide, "colour": packed(body.colour, "u1")}
+            meshes += [mesh] if mesh not in meshes else []
+        places.append(None if mesh is None else meshes.index(mesh))
     return meshes, places
 
 
@@ -414,15 +381,14 @@ def _globe(first: Shown) -> dict[str, Any] | None:
     }
 
 
-def _charts(run: xr.Dataset, wanted: Wanted) -> dict[str, Any] | None:
+def _charts(run: xr.Dataset, axis: Any, target: Any) -> dict[str, Any] | None:
     """Angles, rates and shadows of a satellite; for several lanes only the pointing error."""
     if not of_satellite(run) or ORIENTATION not in run:
         return None
     run = run.isel(time=evenly(run.sizes["time"], MOST_READ))
-    panels = panels_of(run, wanted.axis, wanted.target)
+    panels = panels_of(run, axis, target)
     if "lane" in run.dims:
-        error = panels[0]
-        panels = [error._replace(names=tuple(_lanes(run, None)[1]), values=error.values[..., 0])]
+        panels = [panels[0]._replace(names=tuple(_lanes(run, None)[1]), values=panels[0].values[..., 0])]
     rows = extremes(np.concatenate([each.values for each in panels], -1), 2 * MOST_STRETCHES)
     return {
         "time": packed(np.asarray(run["time"].values, dtype=np.float64)[rows], "f8"),
@@ -446,17 +412,15 @@ def _section(section: xr.Dataset, lanes: list[str]) -> dict[str, Any]:
     if "lane" in section.coords:
         chosen = [int(name.split()[1]) for name in lanes if name]
         section = section.isel(event=np.isin(section["lane"].values, chosen))
-    names, columns = [], []
+    series: dict[str, Array] = {}
     for letter in section.data_vars:
         values = np.asarray(section[letter].values, dtype=np.float64).reshape(section.sizes["event"], -1)
-        for i in range(values.shape[1]):
-            if f"{letter}[{i}]" != str(section.attrs["quantity"]) and np.isfinite(values[:, i]).all():
-                names.append(f"{letter}[{i}]")
-                columns.append(values[:, i])
-    columns, names = columns[:MOST_SERIES], names[:MOST_SERIES]
-    if len(columns) < 2:
+        series |= {f"{letter}[{i}]": column for i, column in enumerate(values.T) if np.isfinite(column).all()}
+    series.pop(str(section.attrs["quantity"]), None)
+    names = list(series)[:MOST_SERIES]
+    if len(names) < 2:
         raise InputError("section: expected at least two finite values at each point.")
-    table = np.stack(columns, -1)[:MOST_POINTS]
+    table = np.stack([series[name] for name in names], -1)[:MOST_POINTS]
     lane = section["lane"].values if "lane" in section.coords else np.zeros(section.sizes["event"], dtype=int)
     order = {name: i for i, name in enumerate(np.unique(lane).tolist())}
     return {
@@ -482,12 +446,9 @@ def packed(values: Array, kind: str) -> str:
     return base64.b64encode(kept.tobytes()).decode("ascii")
 
 
-def _facts(run: xr.Dataset, lanes: list[str]) -> list[str]:
-    record, rows = RunRecord.from_attrs(run.attrs), run.sizes["time"]
-    out = [str(run.attrs.get("equations", ""))]
-    if record.stepped:
-        out.append(f"{record.method}, n = {record.n}, {record.pace}")
-    out.append(f"{rows:,} saved states")
+def _facts(run: xr.Dataset, record: RunRecord, lanes: list[str]) -> list[str]:
+    method = [f"{record.method}, n = {record.n}, {record.pace}"] * record.stepped
+    out = [str(run.attrs.get("equations", "")), *method, f"{run.sizes['time']:,} saved states"]
     return [*out, *([f"{len(lanes)} of {run.sizes['lane']:,} lanes"] if len(lanes) > 1 else [n for n in lanes if n])]
 
 

@@ -72,35 +72,30 @@ class Handler(BaseHTTPRequestHandler):
     server_version, sys_version, timeout = "kreisel", "", 30
 
     def do_GET(self) -> None:
-        """The page or its data."""
-        self._answer(body=True)
-
-    def do_HEAD(self) -> None:
-        """The headers of the page or its data, without a body."""
-        self._answer(body=False)
-
-    def _answer(self, body: bool) -> None:
+        """The page or its data; for HEAD only their headers."""
         named = urlsplit(f"//{self.headers.get('Host', '')}").hostname
         if self.server.host in LOOPBACK and named not in LOOPBACK:
-            return self._send(421, b"", "text/plain", body)
+            return self._send(421, b"", "text/plain")
         if urlsplit(self.path).path != "/":
-            return self._send(404, b"Expected the address of the page: /\n", "text/plain", body)
+            return self._send(404, b"Expected the address of the page: /\n", "text/plain")
         tag, data = self.server.source.read()
         wants_data = "application/json" in self.headers.get("Accept", "")
         tag = f'"{tag}-{"data" if wants_data else "page"}"'
         if self.headers.get("If-None-Match") == tag:
-            return self._send(304, b"", "text/plain", body, tag)
+            return self._send(304, b"", "text/plain", tag)
         text = as_json({**data, "follow": EVERY}) if wants_data else page(data, EVERY)
         kind = "application/json" if wants_data else "text/html; charset=utf-8"
-        return self._send(200, text.encode(), kind, body, tag)
+        return self._send(200, text.encode(), kind, tag)
 
-    def _send(self, status: int, text: bytes, kind: str, body: bool, tag: str = "") -> None:
+    do_HEAD = do_GET
+
+    def _send(self, status: int, text: bytes, kind: str, tag: str = "") -> None:
         self.send_response(status)
         headers = {"Content-Type": kind, "Content-Length": str(len(text)), **HEADERS, **({"ETag": tag} if tag else {})}
         for name, value in headers.items():
             self.send_header(name, value)
         self.end_headers()
-        if body:
+        if self.command != "HEAD":
             self.wfile.write(text)
 
     def log_message(self, format: str, *args: Any) -> None:
