@@ -235,20 +235,28 @@ def _of_system(tables: Mapping[str, Mapping[str, Any]], folder: Path, faults: Fa
 
 def _settings(run: Mapping[str, Any], subject: Subject, faults: Faults) -> Settings | None:
     _check_keys(run, SETTINGS, "run", faults)
-    asked = {k: v for k, v in run.items() if k in SETTINGS}
+    asked, model = {k: v for k, v in run.items() if k in SETTINGS}, subject.model
     if "dt" not in asked:
         faults.add("[run] needs dt, a step, got nothing.")
         return None
-    if subject.model is None or subject.model.body_frame is not None:
-        asked = _in_the_unit_of_time(asked, subject.model, faults)
+    if model is None or model.body_frame is not None:  # durations in the unit of the model; without one, to check them
+        usual, given = model or FreeBody((1.0, 1.0, 1.0)).in_si(), dict(asked)
+        step: Any = 1.0
+        for key in [k for k in ("dt", "t_end", "times", "every", "impulses") if k in asked]:
+            unit = 1.0 if key == "dt" else asked["dt"]
+            harmless = {"dt": unit, "t_end": 1e6 * unit, "times": (unit,), "every": 1, "impulses": ()}[key]
+            asked[key] = harmless  # after a mistake, so that the others can be checked
+            with faults.noted("[run]"):
+                asked[key] = scaled_settings(usual, {"dt": step, key: given[key]})[key]
+                step = given["dt"] if key == "dt" else step
     try:
         return Settings.checked(**asked)
     except InputError as error:
         messages: list[str] = []
-        for key in [key for key in asked if key != "tol"]:  # the mistakes of each setting among others that are usual
-            usual = {"dt": 1.0} if key in ("t_end", "times") else {"dt": 1.0, "steps": 10**9}
+        for name in [name for name in asked if name != "tol"]:  # the mistakes of each among others that are usual
+            among = {"dt": 1.0} if name in ("t_end", "times") else {"dt": 1.0, "steps": 10**9}
             try:
-                Settings.checked(**{**usual, key: asked[key]})
+                Settings.checked(**{**among, name: asked[name]})
             except InputError as alone:
                 messages += alone.args
         for message in messages or error.args:
@@ -256,27 +264,11 @@ def _settings(run: Mapping[str, Any], subject: Subject, faults: Faults) -> Setti
     return None
 
 
-def _in_the_unit_of_time(asked: Mapping[str, Any], model: Model | None, faults: Faults) -> dict[str, Any]:
-    """The settings with durations in the unit of the model; without one the model only serves to check them."""
-    usual, out = model or FreeBody((1.0, 1.0, 1.0)).in_si(), dict(asked)
-    step: Any = 1.0
-    for key in [k for k in ("dt", "t_end", "times", "every", "impulses") if k in asked]:
-        unit = 1.0 if key == "dt" else out["dt"]
-        harmless = {"dt": unit, "t_end": 1e6 * unit, "times": (unit,), "every": 1, "impulses": ()}[key]
-        out[key] = harmless  # after a mistake, so that the others can be checked
-        with faults.noted("[run]"):
-            out[key] = scaled_settings(usual, {"dt": step, key: asked[key]})[key]
-            step = asked["dt"] if key == "dt" else step
-    return out
-
-
 def _tables(data: Mapping[str, Any], known: Sequence[str], faults: Faults) -> dict[str, Mapping[str, Any]]:
     """The sections of a configuration, each a table; either `system` or `body`."""
     for section in data:
         if section not in known:
-            faults.add(
-                f"unknown section or key {shown(section)}; expected are {', '.join(known)}.{hint(section, known)}"
-            )
+            faults.add(f"unknown section or key {shown(section)}; expected {', '.join(known)}.{hint(section, known)}")
     subject = "body" if "body" in data else "system"
     if {"body", "system"} <= data.keys():
         faults.add("expected a section [system] or [body], got both. A body of kr.physical is in [body].")

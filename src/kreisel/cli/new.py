@@ -7,7 +7,7 @@ import json
 import sys
 import tempfile
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -168,9 +168,7 @@ def text_of_body(name: str, target: Path) -> str:
     return _file(name, [sample.about, keys], sections, target)
 
 
-def _file(
-    name: str, about: Iterable[str], sections: Mapping[str, Sequence[str]], target: Path, verb: str = "run"
-) -> str:
+def _file(name: str, about: Iterable[str], sections: dict[str, list[str]], target: Path, verb: str = "run") -> str:
     """A TOML file of sections of lines, with comments in front and the section [output]."""
     lines = [f"{HEAD} {name}; run it by: kreisel {verb} {target}", *comments(*about)]
     figure = [f'# figure = "{target.stem}.png"   # or .pdf, .svg'] * (verb == "run")
@@ -389,9 +387,7 @@ BODY = kr.perturbed(
 """
 POTENTIAL = "    potential=lambda {0}, t, *, strength: strength * {0}[0] * np.cos(t),  # V, of {0}, g, the time t"
 DAMPING = "\n    damping={0!r},  # M' = ... - damping M"
-TORQUE = (
-    "    torque=lambda M, *, strength: -strength * M * np.sqrt(M @ M),  # added to the rate of M: quadratic friction"
-)
+TORQUE = "    torque=lambda M, *, strength: -strength * M * np.sqrt(M @ M),  # added to M': quadratic friction"
 
 
 def forced(sample: Example, name: str, target: Path, code: Path) -> dict[Path, str]:

@@ -308,7 +308,16 @@ def view(
     if serve:
         if swept:
             raise InputError(f"--serve: expected a run, got the sweep {archive}. `kreisel view` shows a lane.")
-        _serve(archive, host, port, lane)
+        from kreisel.viewer.serve import LOOPBACK, address, server
+
+        with server(archive, host=host, port=port, lane=lane or None) as serving:
+            if host not in LOOPBACK:
+                say(f"kreisel: anyone who reaches {host} can read this page", file=sys.stderr)
+            say(f"{address(serving)}  (Ctrl-C ends it)")
+            try:
+                serving.serve_forever()
+            except KeyboardInterrupt:
+                print("ended", file=sys.stderr)
         return
     place = movie or out or (archive if archive.name else archive.resolve()).with_suffix(".html")
     film = {k: v for k, v in (("seconds", seconds), ("fps", fps), ("speed", speed)) if v is not None}
@@ -327,16 +336,3 @@ def view(
         return
     page.save(place)
     say(f"page: {place}")
-
-
-def _serve(archive: Path, host: str, port: int, lane: list[int] | None) -> None:
-    from kreisel.viewer.serve import LOOPBACK, address, server
-
-    with server(archive, host=host, port=port, lane=lane or None) as serving:
-        if host not in LOOPBACK:
-            say(f"kreisel: anyone who reaches {host} can read this page", file=sys.stderr)
-        say(f"{address(serving)}  (Ctrl-C ends it)")
-        try:
-            serving.serve_forever()
-        except KeyboardInterrupt:
-            print("ended", file=sys.stderr)

@@ -43,9 +43,7 @@ def _records(
 
 @app.command()
 def methods(
-    name: str | None = arg(
-        "One method, for its complete record.", lambda: [method.name for method in kreisel.methods()]
-    ),
+    name: str | None = arg("One method, for its complete record.", lambda: [m.name for m in kreisel.methods()]),
     as_json: AsJson = False,
 ) -> None:
     """List the methods, or print the record of one."""

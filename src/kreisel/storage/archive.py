@@ -407,9 +407,7 @@ def remove_scratch(store: Path, unlisted: bool = False) -> None:
 def part_of(path: Path) -> Path:
     """The path of an unfinished archive.  Raises `InputError` for the name of an unfinished archive."""
     if path.suffix == ".part":
-        raise InputError(
-            f"{path}: expected a name that does not end in .part, as the name of an unfinished archive does."
-        )
+        raise InputError(f"{path}: expected a name that does not end in .part, as unfinished archives have.")
     return path.with_name(f"{path.name}.part")
 
 
@@ -428,10 +426,18 @@ def why_not(path: Path) -> str | None:
     here, inner = Path.cwd().resolve(), path.resolve()
     if inner == here or inner in here.parents:
         return "is the working folder, or one around it"
-    foreign = next(_foreign(path), None)
-    if foreign is not None:
-        return f"holds {foreign}, which Kreisel did not write"
-    if not _says_so(path) and not all(CHUNK.fullmatch(name) for name in file_names(path)):
+    lists = [name for name in listed(path, strict=False) if name.endswith("/zarr.json")]
+    arrays, names = {name.removesuffix("/zarr.json") for name in lists} - {"engine"}, sorted(file_names(path))
+    for name in names:
+        foreign = arrays and "/" in name and name.split("/")[0] not in ("engine", *arrays)
+        if foreign or not MADE.fullmatch(name) or not stat.S_ISREG(os.lstat(path / name).st_mode):
+            return f"holds {name}, which Kreisel did not write"
+    if stands(path / "zarr.json"):
+        attrs = _attributes(path)
+        marked = isinstance(attrs, dict) and not attrs.keys().isdisjoint(("kreisel_format", "kreisel_sweep"))
+    else:  # a kill leaves an empty folder of an archive just begun
+        marked = stands(path / CHECKSUMS) or all(map(is_scratch, names))
+    if not marked and not all(map(CHUNK.fullmatch, names)):
         return "does not say that it is an archive of Kreisel"
     return None
 
@@ -455,25 +461,6 @@ def require_replaceable(path: Path) -> None:
             f"{path} is unchanged: expected nothing there or an archive of Kreisel, but it {why}. Choose another "
             "path, or move it away."
         )
-
-
-def _says_so(store: Path) -> bool:
-    """Whether a folder is marked as a run or a sweep, or is empty: a kill leaves this of an archive just begun."""
-    if not stands(store / "zarr.json"):
-        return stands(store / CHECKSUMS) or all(map(is_scratch, file_names(store)))
-    attrs = _attributes(store)
-    return isinstance(attrs, dict) and not attrs.keys().isdisjoint(("kreisel_format", "kreisel_sweep"))
-
-
-def _foreign(store: Path) -> Iterator[str]:
-    """Names that neither Kreisel nor Zarr creates, of special files, or of files that belong to other arrays."""
-    known = listed(store, strict=False)
-    arrays = {name.removesuffix("/zarr.json") for name in known if name.endswith("/zarr.json")} - {"engine"}
-    for name in sorted(file_names(store)):
-        first = name.split("/")[0]
-        added = arrays and "/" in name and first not in ("engine", *arrays)
-        if added or not MADE.fullmatch(name) or not stat.S_ISREG(os.lstat(store / name).st_mode):
-            yield name
 
 
 def remove(store: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -72,7 +72,7 @@ def check_rows(path: Path) -> tuple[xr.Dataset | None, list[str]]:
         faults = _file_faults(path, known, bool(cut))
         run = opening.open_rows(path, indexed=False) if cut else opening.ordered(opened(path, known))
     except InputError as error:
-        return None, [*cut, *(([] if cut else _unreadable(path)) or [str(error)])]
+        return None, [*cut, *(([] if cut else _file_faults(path)) or [str(error)])]
     run, rows, expected = _without_lost(path, run), run.sizes.get("time", 0), record.row_count
     short = run.attrs.get("complete", 1) and rows != expected
     sizes = [f"{expected} rows were expected, {rows} are there"] if short else []
@@ -94,7 +94,7 @@ def check_lanes(path: Path) -> tuple[xr.Dataset | None, list[str]]:
         record, known = SweepRecord.from_attrs(run.attrs, path), archive.listed(path)
     except InputError as error:
         archive.require_plain(path)
-        return None, _unreadable(path) or [str(error)]
+        return None, _file_faults(path) or [str(error)]
     run = _without_lost(path, run)
     faults = _file_faults(path, known, not record.complete) + opening.too_large(run)
     if run.sizes.get("lane") != record.lanes or "failed" not in run:
@@ -136,9 +136,7 @@ def blocks(run: xr.Dataset, axis: str, width: int) -> Iterator[tuple[int, dict[s
             if not along and first:
                 continue
             try:
-                values[str(name)] = np.asarray(
-                    (variable.isel({axis: slice(first, last + 1)}) if along else variable).values
-                )
+                values[str(name)] = np.asarray(variable[{axis: slice(first, last + 1)} if along else {}].values)
             except Exception as error:  # any exception of the libraries for a damaged chunk
                 why = error.why if isinstance(error, Damaged) else str(error) or type(error).__name__
                 unread.append(Unread(str(name), first, last, {"time": "row"}.get(axis, axis) if along else "", why))
@@ -149,18 +147,15 @@ def _without_lost(path: Path, run: xr.Dataset) -> xr.Dataset:
     return run.drop_vars([name for name in run.variables if not stands(path / str(name))])
 
 
-def _unreadable(path: Path) -> list[str]:
-    known = archive.listed(path, strict=False)
-    return [message for _, message in archive.faults(path, known)] if known else []
+def _file_faults(path: Path, known: archive.Listed | None = None, cut: bool = False) -> list[str]:
+    """The faults of files other than listed chunks; an interrupted archive may have some that are not listed.
 
-
-def _file_faults(path: Path, known: archive.Listed, cut: bool) -> list[str]:
-    """The faults of files other than listed chunks; an interrupted archive may have some that are not listed."""
-
-    def counts(name: str) -> bool:
-        return not cut or not (name == CHECKPOINT or archive.is_scratch(name) or archive.is_chunk(name))
-
-    return [message for name, message in archive.faults(path, known) if counts(name)]
+    Without `known`, by the valid lines of damaged lists; none without any.
+    """
+    found = archive.faults(path, lines) if (lines := known or archive.listed(path, strict=False)) else []
+    expected = (CHECKPOINT,) if cut else ()
+    may_be = (archive.is_scratch, archive.is_chunk) if cut else ()
+    return [text for name, text in found if name not in expected and not any(test(name) for test in may_be)]
 
 
 def recover(path: Path, out: Path) -> tuple[int, int]:
@@ -235,24 +230,18 @@ def _block_faults(block: xr.Dataset, first: int, record: RunRecord, again: Schem
             row = int(np.argmin(np.isfinite(variable.values.reshape(len(variable), -1)).all(1)))
             yield f"{name} is not finite at row {first + row}"
             return
-    if again is not None:
-        yield from _recomputed(block, first, again)
-
-
-def _recomputed(block: xr.Dataset, first: int, again: Scheme) -> Iterator[str]:
-    """Differences between integrals of the saved states and the saved integrals."""
+    if again is None:
+        return
     kinds = {name: o.axes for name, o in again.outcomes.items() if o.kind == "state"}
     state = tuple(algebra.KINDS[kind].from_user(block[k].values, again.n) for k, kind in kinds.items())
-    outputs: Mapping[str, Array] = again.observe(again.reopen(state))
-    for name, value in outputs.items():
-        if again.outcomes[name].kind in KINDS and name in block:
-            off = abs(value - block[name].values)
-            size = lane_scales(block[name], "evaluation_scale")
+    for label, value in again.observe(again.reopen(state)).items():
+        if again.outcomes[label].kind in KINDS and label in block:
+            size = lane_scales(block[label], "evaluation_scale")
             scale = size.reshape(np.shape(value)[1:] if len(size) > 1 else (-1,)) + abs(value)
-            worst = float((off / np.maximum(scale, 1e-300)).max())
+            worst = float((abs(value - block[label].values) / np.maximum(scale, 1e-300)).max())
             if worst > RELATIVE:
-                rows = f"rows {first} to {first + len(off) - 1}"
-                yield f"{name} does not belong to the saved states: it is off by {worst:.2g} relative in {rows}"
+                where = f"rows {first} to {first + len(value) - 1}"
+                yield f"{label} does not belong to the saved states: it is off by {worst:.2g} relative in {where}"
 
 
 def steps_again(run: xr.Dataset) -> list[str]:

@@ -77,14 +77,20 @@ def export(
 
     Raises `InputError` for a Dataset that cannot be exported, and `RunError` if the file cannot be written.
     """
-    where = target(out)
     flag(overwrite, "overwrite")
-    end = _format(where, out, labels | ({} if epoch is None else {"epoch": epoch}), angles)
+    _write(run, target(out), overwrite, epoch, angles, labels)
+
+
+def _write(run: Any, where: Path, overwrite: bool, epoch: Any, angles: str | None, labels: dict[str, Any]) -> None:
+    end = where.suffix.lower()
+    if end not in (*WRITERS, *MESSAGES):
+        raise InputError(f"The export must end in {', '.join((*WRITERS, *MESSAGES))}, got {str(where)!r}.")
+    first = next(iter(labels | ({} if epoch is None else {"epoch": epoch})), "")
+    name, others = ("angles", [*WRITERS]) if angles is not None else (first, [*MESSAGES])
+    if name and end not in others:
+        raise InputError(f"{name}: expected a file that ends in {', '.join(others)}, got {where.name}.")
     require_file(where, overwrite)
-    _write(_opened(run, angles), where, end, overwrite, epoch, labels)
-
-
-def _write(data: xr.Dataset, where: Path, end: str, overwrite: bool, epoch: Any, labels: dict[str, Any]) -> None:
+    data = _opened(run, angles)
     try:
         if end in MESSAGES:
             write_message(data, where, epoch, labels, overwrite)
@@ -100,17 +106,6 @@ def _write(data: xr.Dataset, where: Path, end: str, overwrite: bool, epoch: Any,
             f"{where} could not be written: {error}. Usual cause: a damaged archive, a full disk, or a name or a type "
             "that the format cannot hold."
         ) from error
-
-
-def _format(where: Path, out: object, labels: dict[str, Any], angles: str | None) -> str:
-    """The ending of the file.  Raises `InputError` for an unknown ending, and for labels of another format."""
-    end = where.suffix.lower()
-    if end not in (*WRITERS, *MESSAGES):
-        raise InputError(f"The export must end in {', '.join((*WRITERS, *MESSAGES))}, got {str(out)!r}.")
-    name, others = ("angles", [*WRITERS]) if angles is not None else (next(iter(labels), ""), [*MESSAGES])
-    if name and end not in others:
-        raise InputError(f"{name}: expected a file that ends in {', '.join(others)}, got {where.name}.")
-    return end
 
 
 def _opened(run: Any, angles: str | None = None) -> xr.Dataset:
@@ -176,11 +171,11 @@ def _netcdf_value(value: Any) -> Any:
     if isinstance(value, str):
         return value.encode(errors="backslashreplace").decode().replace("\0", "\\x00")
     value = value.tolist() if isinstance(value, np.ndarray) else value
-    entries = value if isinstance(value, list) else [value]
-    if not all(isinstance(v, int | float | np.generic) for v in entries):
-        return _json(value)
-    numbers = np.asarray(value)
-    return (numbers * 1)[()] if numbers.dtype.kind in "biuf" else _json(value)
+    if all(isinstance(v, int | float | np.generic) for v in (value if isinstance(value, list) else [value])):
+        numbers = np.asarray(value)
+        if numbers.dtype.kind in "biuf":
+            return (numbers * 1)[()]
+    return _json(value)
 
 
 def _json(value: Any) -> str:

@@ -57,7 +57,6 @@ STOP_TIME = {stop}
 {types}META_STOP
 
 """
-ATTITUDE = "ATTITUDE_TYPE = QUATERNION\nQUATERNION_TYPE = LAST\n"
 LONGEST = 2**53 // 10**6  # seconds, whose microseconds a double counts
 LEAPS = (  # of UTC, [IERS Bulletin C]: TAI - UTC is 10 s from the first date on, and a second more from each other date
     "1972-01 1972-07 1973-01 1974-01 1975-01 1976-01 1977-01 1978-01 1979-01 1980-01 1981-07 1982-07 1983-07 1985-07 "
@@ -168,30 +167,28 @@ def to_j2000(date: np.datetime64) -> Array:
     return about(2, zeta) @ about(1, -theta) @ about(2, z)
 
 
-def _aem(rows: Rows) -> None:
-    frames = f"REF_FRAME_A = {rows.labels['frame']}\nREF_FRAME_B = SC_BODY_1\nATTITUDE_DIR = A2B"
-    comment = "the axes in which the body was given are REF_FRAME_B"
-    texts = {"kind": "CCSDS_AEM_VERS = 1.0", "comment": comment, "frames": frames, "types": ATTITUDE}
-    _write(rows, _attitudes(rows)[:, [1, 2, 3, 0]], texts, "DATA_START\n", "DATA_STOP\n")
-
-
-def _oem(rows: Rows) -> None:
-    around, frames = surroundings(rows.run), f"REF_FRAME = {rows.labels['frame']}"
-    values = np.concatenate([around.position @ rows.turn.T, around.velocity @ rows.turn.T], -1) / 1000
-    texts = {"kind": "CCSDS_OEM_VERS = 2.0", "comment": "space of the run is REF_FRAME", "frames": frames, "types": ""}
-    _write(rows, values, texts)
-
-
-def _attitudes(rows: Rows) -> Array:
-    return np.asarray(algebra.quaternion_product(algebra.unit_quaternion(rows.turn), attitude_of(rows.run)))
-
-
-def _write(rows: Rows, values: Array, texts: Mapping[str, str], before: str = "", after: str = "") -> None:
+def _ccsds(rows: Rows) -> None:
+    """Write an AEM or an OEM."""
+    frame, before, after = rows.labels["frame"], "", ""
+    if rows.out.suffix.lower() == ".aem":
+        before, after, values = "DATA_START\n", "DATA_STOP\n", _attitudes(rows)[:, [1, 2, 3, 0]]
+        texts = {"kind": "CCSDS_AEM_VERS = 1.0", "comment": "the axes in which the body was given are REF_FRAME_B"}
+        texts["frames"] = f"REF_FRAME_A = {frame}\nREF_FRAME_B = SC_BODY_1\nATTITUDE_DIR = A2B"
+        texts["types"] = "ATTITUDE_TYPE = QUATERNION\nQUATERNION_TYPE = LAST\n"
+    else:
+        around = surroundings(rows.run)
+        values = np.concatenate([around.position @ rows.turn.T, around.velocity @ rows.turn.T], -1) / 1000
+        texts = {"kind": "CCSDS_OEM_VERS = 2.0", "comment": "space of the run is REF_FRAME", "types": ""}
+        texts["frames"] = f"REF_FRAME = {frame}"
     dates = rows.dates
     head = META.format(created=_now(), start=dates[0], stop=dates[-1], **texts, **rows.labels)
     lines = [f"{date} {' '.join(map(repr, row))}\n" for date, row in zip(dates, values.tolist(), strict=True)]
     with written(rows.out, rows.overwrite) as scratch:
         scratch.write_text(f"{head}{before}{''.join(lines)}{after}", encoding="ascii", errors="replace")
+
+
+def _attitudes(rows: Rows) -> Array:
+    return np.asarray(algebra.quaternion_product(algebra.unit_quaternion(rows.turn), attitude_of(rows.run)))
 
 
 # -- dates -----------------------------------------------------------------------------------------
@@ -299,4 +296,4 @@ def _rates(run: xr.Dataset, unit: float) -> Array | None:
     return np.asarray(omega / unit)
 
 
-MESSAGES: dict[str, Callable[..., None]] = {".aem": _aem, ".oem": _oem, ".bc": _ck}
+MESSAGES: dict[str, Callable[..., None]] = {".aem": _ccsds, ".oem": _ccsds, ".bc": _ck}

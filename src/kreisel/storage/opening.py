@@ -83,9 +83,7 @@ class SweepRecord(msgspec.Struct, frozen=True, kw_only=True):
     def from_attrs(cls, attrs: Mapping[str, Any], where: object) -> SweepRecord:
         """The record in attributes, checked.  Raises `InputError` for attributes that are damaged or not of a sweep."""
         if attrs.get("kreisel_sweep") != SWEEP_FORMAT:
-            raise InputError(
-                f"{where} is not a sweep of Kreisel (no kreisel_sweep = {SWEEP_FORMAT} in its attributes)."
-            )
+            raise InputError(f"{where} is not a sweep of Kreisel (no kreisel_sweep = {SWEEP_FORMAT} as an attribute).")
         try:
             record = msgspec.convert(dict(attrs), cls)
         except msgspec.ValidationError as error:
@@ -171,11 +169,9 @@ def open_rows(path: Path, indexed: bool = True) -> xr.Dataset:
     record = run_record(path)
     archive.require_plain(path)
     known = archive.listed(path)
-    if is_cut(path, record):  # an archive with the attribute `complete` has all its rows, and was not sealed
-        run = opened(path, known) if record.complete else _until_checkpoint(path, record, known)
-        run = run.assign_attrs(complete=0)
-    else:
-        run = opened(path, known)
+    cut = is_cut(path, record)  # an archive with the attribute `complete` has all its rows, and was not sealed
+    run = _until_checkpoint(path, record, known) if cut and not record.complete else opened(path, known)
+    run = run.assign_attrs(complete=0) if cut else run
     for name, variable in run.data_vars.items():
         if variable.attrs.get("kind") in KINDS and variable.dims[:1] != ("time",):
             raise InputError(f"{path} is damaged: {name} has no axis of time. `kreisel check {path}`.")

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -110,9 +109,7 @@ class RunArchive:
             archive.seal(self.part)
             archive.take_name(self.path)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         stopped = isinstance(error, Stopped | KeyboardInterrupt)
         if error is not None and not (stopped or self._worth_keeping):
             with contextlib.suppress(OSError, InputError):
@@ -176,7 +173,12 @@ def reopen(
         why = "at given times" if record.stopped is None else f"that an event stopped at {record.stopped:g}"
         raise InputError(f"{path}: expected a run with rows at every dt for --extend, got one {why}.")
     point = opening.checked_checkpoint(store, record, archive.listed(store))
-    plan = broken_by(_plan_of_run(record, point.start, steps, system), checked_events(events))
+    same = {name: getattr(record, name) for name in ("dt", "every", "method", "order", "engine", "t_start")}
+    same |= {"tol": record.tolerance, "project": record.projection > 0, "observe": record.observed}
+    asked = Settings.checked(steps=steps, times=point.start.get(TIMES), impulses=record.struck, **same)
+    state = {letter: value for letter, value in point.start.items() if letter not in (ORIENTATION, TIMES)}
+    model = record.model if system is None else _same(system, record)
+    plan = broken_by(plan_of(model, state, asked, point.start.get(ORIENTATION)), checked_events(events))
     require_events(plan, record.events)
     flushed = point.snapshot.flushed
     block = record.rows_in_block if flushed else block_rows(plan)
@@ -186,42 +188,22 @@ def reopen(
     integration.restore(point.snapshot)
     root = archive.metadata(store)
     fresh = archive.new_metadata(root["attributes"], layouts(plan, block))
-    if flushed:
-        _require_arrays(store, root, fresh)
+    saved = archive.arrays_of(root)
     for name, node in archive.arrays_of(fresh).items():
-        node["attributes"] = archive.arrays_of(root).get(name, node)["attributes"]
+        keys = [k for k in node if k not in ("shape", "attributes")]
+        if flushed and (name not in saved or any(saved[name].get(k) != node[k] for k in keys)):
+            raise InputError(f"{store} is damaged: {name} is not as the run made it. `kreisel check {store}`.")
+        node["attributes"] = saved.get(name, node)["attributes"]
     with _disk(path, "be opened again"):
         if store == path:
             os.replace(path, part)
-        _continue(part, plan, point, fresh, block)
+        archive.unseal(part)  # no longer complete, and as long as the plan
+        opening.write_checkpoint(part, point._replace(outputs=observed(plan, point.snapshot)))  # rows in no block
+        _fit(fresh, plan, {"complete": 0, "steps": plan.steps, "rows_in_block": block})
+        archive.note_versions(fresh["attributes"], describing.versions())
+        archive.write_metadata(part, fresh)
+        archive.drop_blocks(part, flushed // block)
     return RunArchive(path, plan, resumed=True, rows_in_block=block), integration
-
-
-def _continue(part: Path, plan: Plan, point: Checkpoint, root: dict[str, Any], block: int) -> None:
-    """Prepare an archive to resume after its finished blocks: no longer complete, and as long as the plan."""
-    archive.unseal(part)
-    opening.write_checkpoint(part, point._replace(outputs=observed(plan, point.snapshot)))  # rows in no block
-    _fit(root, plan, {"complete": 0, "steps": plan.steps, "rows_in_block": block})
-    archive.note_versions(root["attributes"], describing.versions())
-    archive.write_metadata(part, root)
-    archive.drop_blocks(part, point.snapshot.flushed // block)
-
-
-def _require_arrays(store: Path, root: Mapping[str, Any], fresh: Mapping[str, Any]) -> None:
-    found = archive.arrays_of(root)
-    for name, node in archive.arrays_of(fresh).items():
-        same = [k for k in node if k not in ("shape", "attributes")]
-        if name not in found or any(found[name].get(k) != node[k] for k in same):
-            raise InputError(f"{store} is damaged: {name} is not as the run made it. `kreisel check {store}`.")
-
-
-def _plan_of_run(record: RunRecord, start: Mapping[str, Floats], steps: int, system: Model | None = None) -> Plan:
-    same = {name: getattr(record, name) for name in ("dt", "every", "method", "order", "engine", "t_start")}
-    same |= {"tol": record.tolerance, "project": record.projection > 0, "observe": record.observed}
-    asked = Settings.checked(steps=steps, times=start.get(TIMES), impulses=record.struck, **same)
-    state = {letter: value for letter, value in start.items() if letter not in (ORIENTATION, TIMES)}
-    model = record.model if system is None else _same(system, record)
-    return plan_of(model, state, asked, start.get(ORIENTATION))
 
 
 def _same(model: Model, record: RunRecord) -> Model:

@@ -12,7 +12,7 @@ import re
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -25,10 +25,7 @@ LARGEST_DESCRIPTION = 32 << 20  # bytes of JSON
 DRAWN_AT_ONCE = 1024  # lanes that share a generator
 SECTIONS = ("system", "state", "run")
 GRIDS = ("grid", "list", "random", "draws", "rng")
-RANGES = {
-    "linear": lambda a, b, count: np.linspace(a, b, count),
-    "log": lambda a, b, count: np.geomspace(a, b, count),
-}
+RANGES: dict[str, Callable[..., Any]] = {"linear": np.linspace, "log": np.geomspace}
 KEY = re.compile(r"([A-Za-z_][A-Za-z_0-9]*(?:\.[A-Za-z_][A-Za-z_0-9]*)*)(?:\[([0-9]+(?:\s*,\s*[0-9]+)*)\])?")
 
 
@@ -88,26 +85,13 @@ def _on_sphere(rng: np.random.Generator, shape: tuple[int, ...], radius: Array) 
     return np.asarray(radius * normal / np.sqrt((normal * normal).sum(-1, keepdims=True)))
 
 
-DRAWS: dict[
-    str, tuple[int, Callable[..., Any]]
-] = {  # the number of bounds, and values by a generator, their shape, bounds
+# the number of bounds, and values by a generator, their shape, bounds
+DRAWS: dict[str, tuple[int, Callable[..., Any]]] = {
     "uniform": (2, lambda rng, shape, a, b: a + (b - a) * rng.random(shape)),
     "loguniform": (2, lambda rng, shape, a, b: np.exp(np.log(a) + (np.log(b) - np.log(a)) * rng.random(shape))),
     "normal": (2, lambda rng, shape, mean, deviation: mean + deviation * rng.standard_normal(shape)),
     "sphere": (1, _on_sphere),
 }
-
-
-class Draw(NamedTuple):
-    """Random values: the kind of distribution, its bounds, and the shape of one value."""
-
-    kind: str
-    bounds: tuple[Array, ...]
-    shape: tuple[int, ...]
-
-    def sample(self, rng: np.random.Generator, count: int) -> Array:
-        """Random values (count, ...)."""
-        return np.asarray(DRAWS[self.kind][1](rng, (count, *self.shape), *self.bounds))
 
 
 class Lanes:
@@ -131,7 +115,7 @@ class Lanes:
         self._shown = {_varied(k, "shown", True): np.asarray(v) for k, v in spec.get("shown", {}).items()}
         self._axes = spec.get("axes")
         self.base = {section: dict(base.get(section, {})) for section in SECTIONS}
-        quantities = {part: _quantities(spec.get(part, {}), part, words) for part in ("grid", "list", "random")}
+        quantities = {part: [*_quantities(spec.get(part, {}), part, words)] for part in ("grid", "list", "random")}
         self.grid, self.listed = ({k: _values(k, v, words) for k, v in quantities[part]} for part in ("grid", "list"))
         self.draws = {k: self._draw(k, v) for k, v in quantities["random"]}
         self._check_names()
@@ -204,7 +188,8 @@ class Lanes:
             if quantity.section == "run" and quantity in self.draws:
                 raise InputError(f"{quantity.name} cannot be drawn at random; vary it in [sweep.grid] or [sweep.list].")
 
-    def _draw(self, quantity: Varied, spec: Any) -> Draw:
+    def _draw(self, quantity: Varied, spec: Any) -> Callable[[np.random.Generator], Array]:
+        """A function that draws values (1024, ...) of a quantity."""
         if not isinstance(spec, Mapping) or len(spec) != 1 or next(iter(spec)) not in DRAWS:
             raise InputError(
                 f"{quantity.name} in [sweep.random] must be one of {{ uniform = [a, b] }}, {{ loguniform = [a, b] }}, "
@@ -227,33 +212,29 @@ class Lanes:
             raise InputError(f"{quantity.name}: loguniform needs positive bounds, got {shown(values)}.")
         if quantity.index and shape:
             raise InputError(f"{quantity.name} is a scalar, got bounds of shape {shape}.")
-        return Draw(kind, bounds, shape)
+        return lambda rng: np.asarray(DRAWS[kind][1](rng, (DRAWN_AT_ONCE, *shape), *bounds))
 
     def values(self, first: int, stop: int) -> dict[Varied, Array]:
-        """The values of lanes first to stop - 1 (lanes, ...), for every quantity that varies."""
+        """The values of lanes first to stop - 1 (lanes, ...), for every quantity that varies.
+
+        Random values are drawn by one generator for each quantity and each 1024 lanes, whatever else varies.
+        """
         places = np.unravel_index(np.arange(first, stop), [size for _, size in self.axes])
         out = {
             quantity: self.tables[quantity][place]
             for (quantities, _), place in zip(self.axes, places, strict=True)
             for quantity in quantities
         }
-        out |= {quantity: self._drawn(quantity, draw, first, stop) for quantity, draw in self.draws.items()}
-        if (
-            self.noisy and NOISE not in out
-        ):  # of controllers: each generator has a separate stream, the first for [state]
+        chunks = range(first // DRAWN_AT_ONCE, -(-stop // DRAWN_AT_ONCE))
+        for quantity, draw in self.draws.items():
+            keys = ((zlib.crc32(quantity.name.encode()), chunk) for chunk in chunks)
+            seeds = (np.random.SeedSequence(self.seed, spawn_key=key) for key in keys)
+            values = np.concatenate([draw(np.random.Generator(np.random.PCG64(seed))) for seed in seeds])
+            out[quantity] = values[first - chunks.start * DRAWN_AT_ONCE :][: stop - first]
+        if self.noisy and NOISE not in out:  # each generator of a controller has its stream, the first for [state]
             begin = [int(v) for v in _number_array(self.base[NOISE.section][NOISE.letter], NOISE.name)]
             out[NOISE] = streams_from(begin, stop - first, first)
         return out
-
-    def _drawn(self, quantity: Varied, draw: Draw, first: int, stop: int) -> Array:
-        """Values drawn by one generator for each quantity and each 1024 lanes, independent of other quantities."""
-        chunks = range(first // DRAWN_AT_ONCE, -(-stop // DRAWN_AT_ONCE))
-        name, pieces = zlib.crc32(quantity.name.encode()), []
-        for chunk in chunks:
-            sequence = np.random.SeedSequence(self.seed, spawn_key=(name, chunk))
-            pieces.append(draw.sample(np.random.Generator(np.random.PCG64(sequence)), DRAWN_AT_ONCE))
-        begin = chunks.start * DRAWN_AT_ONCE
-        return np.concatenate(pieces)[first - begin : stop - begin]
 
     def filled(self, values: Mapping[Varied, Array]) -> dict[str, dict[str, Any]]:
         """The sections with these values in place: arrays with an axis of lanes if a quantity varies."""
@@ -273,19 +254,15 @@ class Lanes:
         return out
 
 
-def _quantities(spec: Any, where: str, words: bool) -> list[tuple[Varied, Any]]:
+def _quantities(spec: Any, where: str, words: bool, prefix: str = "") -> Iterator[tuple[Varied, Any]]:
     """Pairs of [sweep.grid] and the others; `system.p`, `[sweep.grid.system]` and `"system.p"` are equivalent."""
     if not isinstance(spec, Mapping):
         raise InputError(f"[sweep.{where}] must be a table of quantities and their values, got {shown(spec)}.")
-    return [(_varied(key, where, words), value) for key, value in _flat(spec, "")]
-
-
-def _flat(table: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
-    for key, value in table.items():
+    for key, value in spec.items():
         if isinstance(value, Mapping) and not value.keys() & {"from", *DRAWS} and "[" not in key:
-            yield from _flat(value, f"{prefix}{key}.")
+            yield from _quantities(value, where, words, f"{prefix}{key}.")
         else:
-            yield prefix + key, value
+            yield _varied(prefix + key, where, words), value
 
 
 def _varied(key: str, where: str, words: bool) -> Varied:
@@ -306,15 +283,12 @@ def _values(quantity: Varied, spec: Any, words: bool) -> Array:
     if isinstance(spec, Mapping):
         return _range(quantity, spec)
     if isinstance(spec, str) or not isinstance(spec, Sequence | np.ndarray) or len(spec) == 0:
-        raise InputError(
-            f"{quantity.name} needs a list of values or {{ from = a, to = b, count = k }}, got {shown(spec)}."
-        )
-    if words and np.asarray(spec).dtype.kind == "U":
+        raise InputError(f"{quantity.name} needs a list or {{ from = a, to = b, count = k }}, got {shown(spec)}.")
+    text = all(isinstance(v, str) for v in spec)
+    if text and not words and (quantity.section != "run" or quantity.index):
+        raise InputError(f"{quantity.name} must be numeric, got {shown(spec)}.")
+    if text or (words and np.asarray(spec).dtype.kind == "U"):
         return np.asarray(spec)
-    if all(isinstance(v, str) for v in spec):
-        if quantity.section != "run" or quantity.index:
-            raise InputError(f"{quantity.name} must be numeric, got {shown(spec)}.")
-        return np.array(spec)
     table = _number_array(spec, quantity.name)
     if quantity.index and table.ndim != 1:
         raise InputError(f"{quantity.name} is a scalar, got values of shape {table.shape[1:]}.")
@@ -333,9 +307,7 @@ def _range(quantity: Varied, spec: Mapping[str, Any]) -> Array:
     if spacing == "log" and not ((low > 0).all() and (high > 0).all()):
         raise InputError(f"{quantity.name}: a logarithmic range needs positive ends, got {shown(spec)}.")
     if low.shape != high.shape or low.size * count > 8 * MOST_LANES:
-        raise InputError(
-            f"{quantity.name}: expected from and to of the same shape and at most {8 * MOST_LANES:,} values."
-        )
+        raise InputError(f"{quantity.name}: expected from and to of the same shape, at most {8 * MOST_LANES:,} values.")
     return np.asarray(RANGES[spacing](low, high, count))
 
 

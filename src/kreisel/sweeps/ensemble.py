@@ -216,15 +216,12 @@ class Sweep:
 
     def groups(self, values: Mapping[Varied, Array], count: int) -> list[Array]:
         """Lanes that can be stepped together: lanes with equal run settings."""
-        apart = [
-            v for q, v in values.items() if q.section == "run" or (q.section == "system" and q.letter in self.shared)
-        ]
-        if not apart:
-            return [np.arange(count)]
+        shared = {("system", letter) for letter in self.shared}
+        apart = [v for q, v in values.items() if q.section == "run" or (q.section, q.letter) in shared]
         keys: dict[tuple[bytes, ...], list[int]] = {}
-        for lane in range(count):
+        for lane in range(count) if apart else ():
             keys.setdefault(tuple(np.asarray(v[lane]).tobytes() for v in apart), []).append(lane)
-        return [np.array(ids) for ids in keys.values()]
+        return [np.array(ids) for ids in keys.values()] or [np.arange(count)]
 
     def results(
         self, first: int, stop: int, known: Mapping[str, tuple[tuple[int, ...], int]]
@@ -374,11 +371,8 @@ def by_lane(body: Body, x0: Any, run: Mapping[str, Any], spec: Mapping[str, Any]
 
 def _settings(model: Model, run: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """The settings of a run in the units of the state: lists of settings that vary."""
-    fixed = {name: value for name, value in run.items() if value is not None}
-    each = [
-        with_steps(scaled_settings(model, {**fixed, **change}))
-        for change in changes[: len(changes) if changes[0] else 1]
-    ]
+    fixed, several = {name: value for name, value in run.items() if value is not None}, bool(changes[0])
+    each = [with_steps(scaled_settings(model, {**fixed, **c})) for c in (changes if several else changes[:1])]
     names = {*changes[0], *(("dt", "steps") if "dt" in changes[0] else ())} & each[0].keys()
     out = {**each[0], **{name: [settings[name] for settings in each] for name in names}}
     return {name: value for name, value in out.items() if name not in ("asked_dt", "t_end")}

@@ -42,12 +42,18 @@ def broken_lanes(result: xr.Dataset, file: Path | None = None) -> list[str]:
         sweep = Sweep(SweepRecord.from_attrs(result.attrs, "The sweep").description, file)
     except (InputError, KeyError):
         return []
-    score = np.max([_score(*pair) for pair in changes.values()], 0)
+    scores = []  # the largest relative change of an entry of a family in each lane; 1 for a small entry that is lost
+    for start, drift in changes.values():
+        size = abs(start).max(1, keepdims=True)
+        lost = (drift > SMALL * abs(start)) & (drift > NOTHING * size)
+        relative = np.divide(drift, size, out=np.where(drift > 0, 1.0, 0.0), where=size > 0)
+        scores.append(np.where(lost, np.maximum(relative, SMALL), relative).max(1))
+    score = np.max(scores, 0)
     score = np.where(read_values(result["failed"]) == COMPUTED, score, 0.0)
     lanes = np.argsort(-score)[:LOOKED_AT]
     sentences = []
     for lane in lanes[score[lanes] > FAR_RELATIVE].tolist():
-        here = {name: (start[lane], drift[lane]) for name, (start, drift) in changes.items()}
+        here = {name: (first[lane], change[lane]) for name, (first, change) in changes.items()}
         sentences += [f"lane {lane}: {name}" for name in _broken(result, sweep, lane, here)[:1]]
     return [
         f"{where} is not conserved, although the method conserves it. Usual cause: a step far too long for this state, "
@@ -77,14 +83,6 @@ def _changes(result: xr.Dataset) -> dict[str, tuple[Floats, Floats]]:
         drift = read_values(variable.transpose("lane", ...))
         out[family] = start.reshape(len(start), -1), drift.reshape(len(drift), -1)
     return out
-
-
-def _score(start: Floats, drift: Floats) -> Floats:
-    """The largest relative change of a part of a family in each lane; 1 for a small part that is lost."""
-    size = abs(start).max(1, keepdims=True)
-    lost = (drift > SMALL * abs(start)) & (drift > NOTHING * size)
-    relative = np.divide(drift, size, out=np.where(drift > 0, 1.0, 0.0), where=size > 0)
-    return np.asarray(np.where(lost, np.maximum(relative, SMALL), relative).max(1))
 
 
 def _broken(result: xr.Dataset, sweep: Sweep, lane: int, changes: dict[str, tuple[Floats, Floats]]) -> list[str]:

@@ -5,6 +5,7 @@ A block is idempotent: its content depends only on the description in the attrib
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.metadata
 import itertools
@@ -43,10 +44,8 @@ class Store:
 
     def __init__(self, path: Path, sweep: Sweep):
         self.path, self.part, self.sweep = path, archive.part_of(path), sweep
-        self._text = as_json(sweep.description)
-        self.digest = hashlib.sha256(self._text.encode()).hexdigest()
-        self._plans = list(_templates(sweep))
-        self.width = _block_lanes(sweep, self._plans)
+        self._text, self._plans = as_json(sweep.description), list(_templates(sweep))
+        self.digest, self.width = hashlib.sha256(self._text.encode()).hexdigest(), _block_lanes(sweep, self._plans)
 
     @property
     def blocks(self) -> int:
@@ -60,8 +59,8 @@ class Store:
 
     def lanes_done(self, todo: Sequence[int]) -> int:
         """Lanes of the blocks that are not in `todo`."""
-        last = self.sweep.lanes.total - (self.blocks - 1) * self.width
-        return self.sweep.lanes.total - sum(last if k == self.blocks - 1 else self.width for k in todo)
+        total, width = self.sweep.lanes.total, self.width
+        return total - sum(min(width, total - k * width) for k in todo)
 
     def open(self, overwrite: bool) -> list[int]:
         """Create the archive or resume it; the blocks to compute.  Raises `InputError` if another is in the way."""
@@ -86,13 +85,18 @@ class Store:
         return self.missing()
 
     def _same(self, where: Path) -> None:
-        record = SweepRecord.of_store(where)
+        record, parts = SweepRecord.of_store(where), list[str]()
         archive.require_plain(where)
-        if record.sweep != self._text or record.block_lanes != self.width:
-            raise InputError(
-                f"{where} holds another sweep{_difference(record.sweep, self._text)} and is unchanged. Choose "
-                "another path, or replace it with --overwrite (overwrite=True)."
-            )
+        if record.sweep == self._text and record.block_lanes == self.width:
+            return
+        with contextlib.suppress(ValueError, TypeError, KeyError, AttributeError):
+            other, here = (parsed(text, "The attribute sweep") for text in (record.sweep, self._text))
+            parts = [f"{s}.{k}" for s in here for k in {**here[s], **other[s]} if here[s].get(k) != other[s].get(k)]
+        differs = f" (it differs in {', '.join(sorted(parts)[:5])})" if parts else ""
+        raise InputError(
+            f"{where} holds another sweep{differs} and is unchanged. Choose another path, or replace it with "
+            "--overwrite (overwrite=True)."
+        )
 
     def _fit(self) -> None:
         """Compare the metadata with their checksum; note other versions; remove files that a kill left incomplete."""
@@ -184,42 +188,9 @@ class Store:
             archive.take_name(self.path)
 
 
-def _difference(theirs: str, mine: str) -> str:
-    try:
-        other = parsed(theirs, "The attribute sweep")
-        here = parsed(mine, "The attribute sweep")
-        parts = [f"{s}.{k}" for s in here for k in {**here[s], **other[s]} if here[s].get(k) != other[s].get(k)]
-    except (ValueError, TypeError, KeyError, AttributeError):
-        return ""
-    return f" (it differs in {', '.join(sorted(parts)[:5])})" if parts else ""
-
-
 def _templates(sweep: Sweep) -> Iterator[Plan]:
     """A plan for each method and order that occur, since their variables differ.  Raises `InputError`."""
     varied = {q.name for q in sweep.lanes.quantities} & {"run.dt", "run.steps", "run.every"}
-    for combination in _combinations(sweep):
-        last: Exception | None = None
-        for lane in combination.tolist():
-            try:
-                plan = sweep.plan_of_lane(lane)
-            except TROUBLES as error:
-                last = last or error
-                continue
-            if TRAJECTORIES in sweep.save and varied:
-                raise InputError(
-                    f"Trajectories need the same times in all lanes, but {', '.join(sorted(varied))} varies. Save "
-                    "summaries, or make a sweep for each."
-                )
-            rows = plan.steps // plan.every + 1
-            if "frequencies" in sweep.save and rows < FEWEST_ROWS:
-                raise InputError(f"Frequencies need at least {FEWEST_ROWS} saved states, got {rows}. Use more steps.")
-            yield plan
-            break
-        else:
-            raise InputError(f"No lane of the sweep can be simulated. The first one: {last}")
-
-
-def _combinations(sweep: Sweep) -> Iterator[Array]:
     lanes = sweep.lanes
     sizes, choices = [size for _, size in lanes.axes], list[list[int] | None]()
     for quantities, size in lanes.axes:  # the first place of each combination along an axis; None: any place
@@ -230,7 +201,25 @@ def _combinations(sweep: Sweep) -> Iterator[Array]:
     count = math.prod(free)
     tried = np.unravel_index(np.unique(np.linspace(0, count - 1, min(count, TEMPLATES)).astype(int)), free)
     for each in itertools.product(*([0] if choice is None else choice for choice in choices)):
-        yield np.ravel_multi_index(tuple(place + at for place, at in zip(tried, each, strict=True)), sizes)
+        combination = np.ravel_multi_index(tuple(place + at for place, at in zip(tried, each, strict=True)), sizes)
+        last: Exception | None = None
+        for lane in combination.tolist():
+            try:
+                plan = sweep.plan_of_lane(lane)
+                break
+            except TROUBLES as error:
+                last = last or error
+        else:
+            raise InputError(f"No lane of the sweep can be simulated. The first one: {last}")
+        if TRAJECTORIES in sweep.save and varied:
+            raise InputError(
+                f"Trajectories need the same times in all lanes, but {', '.join(sorted(varied))} varies. Save "
+                "summaries, or make a sweep for each."
+            )
+        rows = plan.steps // plan.every + 1
+        if "frequencies" in sweep.save and rows < FEWEST_ROWS:
+            raise InputError(f"Frequencies need at least {FEWEST_ROWS} saved states, got {rows}. Use more steps.")
+        yield plan
 
 
 def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
@@ -239,9 +228,9 @@ def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
     for plan in plans:  # bytes that a lane holds at once
         sizes = {name: v[0, 0].size for name, v in plan.example.items()}
         states = sum(size for name, size in sizes.items() if plan.outcomes[name].kind in STATES)
-        held = 40 * sum(sizes.values())  # a row, its outputs, temporary arrays for them, the summaries
-        held += 3 * plan.rows * sum(sizes.values()) if TRAJECTORIES in sweep.save else 0
-        held += plan.rows * states if "frequencies" in sweep.save else 0
+        rows = 3 * plan.rows * (TRAJECTORIES in sweep.save)
+        held = (40 + rows) * sum(sizes.values())  # a row, its outputs, temporary arrays for them, the summaries
+        held += plan.rows * states * ("frequencies" in sweep.save)
         each = max(each, 8 * int(held + MESSAGE_BYTES // 4))
     fitting, asked = (spec["memory"] << 20) // each, spec.get("block")
     if fitting < (asked or 1):
@@ -250,10 +239,9 @@ def _block_lanes(sweep: Sweep, plans: Sequence[Plan]) -> int:
             f"memory = {spec['memory']} in [sweep]. Save less often "
             "(every), save no trajectories or frequencies, or allow more memory."
         )
-    if asked:
-        return int(min(asked, sweep.lanes.total))
     patience = max(1, LONGEST_BLOCK // max(plan.steps for plan in plans))
-    return int(min(MOST_IN_BLOCK, fitting, patience, -(-sweep.lanes.total // FEWEST_BLOCKS)))
+    usual = min(MOST_IN_BLOCK, fitting, patience, -(-sweep.lanes.total // FEWEST_BLOCKS))
+    return int(min(asked, sweep.lanes.total) if asked else usual)
 
 
 def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any]]:

@@ -138,21 +138,11 @@ def _of_system(system: Any, x0: Any, orientation: Any, run: dict[str, Any], spec
             f"{model.system.name} is a user-defined system: workers need its Python file. Write a TOML file with "
             'file = "..." in [system], and run `kreisel sweep`.'
         )
-    state = checked_state(model, x0).axial
-    return {
-        **_of_body(model),
-        "system": {"name": model.system.name, **model.params},
-        "state": {**state, **({} if orientation is None else {"orientation": orientation})},
-        "run": run,
-        "sweep": spec,
-    }
-
-
-def _of_body(model: Model) -> dict[str, Any]:
-    """Axes and units of the body from which a model was created, unless they follow from its parameters."""
     frame, derived = model.body_frame, Model(model.system, model.params).body_frame
-    known = frame is None or (derived is not None and derived.table == frame.table)
-    return {} if frame is None or known else {"body": frame.table}
+    given = frame is not None and (derived is None or derived.table != frame.table)  # unless parameters give it
+    state = dict(checked_state(model, x0).axial) | ({} if orientation is None else {"orientation": orientation})
+    sections = {"system": {"name": model.system.name, **model.params}, "state": state, "run": run, "sweep": spec}
+    return {"body": frame.table, **sections} if frame is not None and given else sections
 
 
 def carry_out(

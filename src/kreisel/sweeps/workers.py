@@ -197,9 +197,7 @@ def pool(workers: int | None, scheduler: str | None, progress: bool | None) -> I
             client = distributed.Client(address, timeout=PATIENCE if scheduler is None else ANSWER)
             stack.callback(_closed, client)
         except (OSError, ValueError, TypeError) as error:
-            raise InputError(
-                f"No Dask scheduler answers at {scheduler}: {error}. Is `dask scheduler` running?"
-            ) from None
+            raise InputError(f"No Dask scheduler answers at {scheduler}: {error}. Run `dask scheduler`.") from None
         if sys.stderr.isatty() if progress is None else progress:
             print(f"dashboard: {client.dashboard_link}", file=sys.stderr)
         yield Pool(client, scheduler)
