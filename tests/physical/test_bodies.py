@@ -377,6 +377,18 @@ def test_a_body_with_forces_has_its_angular_velocity_in_an_archive(tmp_path: Pat
     assert same(run.angular_velocity, np.linalg.solve(TENSOR, run.momentum.values[..., None])[..., 0], 1e-12)
 
 
+def test_a_sweep_of_satellites_has_the_times_and_the_step_of_a_run(tmp_path: Path) -> None:
+    """Without dt the step is chosen; orbit and rows begin at t_start."""
+    moments, start = [(0.0, 0.0, 0.1), (0.0, 0.1, 0.0)], {"spin": (0.01, 0.02, 0.0)}
+    orbit, when = Orbit.circular("500 km", "97 deg"), {"t_start": "100 s", "t_end": "160 s", "every": "20 s"}
+    many = Satellite((0.05, 0.045, 0.02), orbit, magnetic_moment=moments)
+    want = kr.simulate(many, many.state(**start), **when)
+    asked = {"over": {"magnetic_moment": moments}, "save": ["trajectories"], "workers": 0, "progress": False}
+    swept = kr.sweep(many[0], start, path=tmp_path / "s.zarr", **asked, **when)
+    assert swept.time.values.tolist() == want.time.values.tolist() == [100.0, 120.0, 140.0, 160.0]
+    assert np.array_equal(swept.momentum, want.momentum) and np.ptp(want.momentum.values[-1], axis=0).max() > 0
+
+
 def test_bodies_show_the_arguments_that_were_given() -> None:
     assert repr(FreeBody((1, 2, 2.5), mass="2 kg")) == (
         "FreeBody(inertia=[[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.5]], mass=2.0)"
