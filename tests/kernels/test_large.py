@@ -46,7 +46,7 @@ def prepared(name: str, n: int, method: str, order: int) -> tuple[Scheme, tuple[
     assert form is not None
     own = form.on(dense, x0)
     start = algebra.flatten(own.prepare(x0), [kind for _, kind in own.components])
-    return dense, dense.prepare(x0), own, cpu_engine(own, start[None], large.Large(form, dense))
+    return dense, dense.prepare(x0), own, cpu_engine(own, start[None], form)
 
 
 CASES = [
@@ -185,7 +185,7 @@ def oriented(name: str, n: int, steps: int = 30) -> tuple[dict[str, Array], dict
     assert form is not None
     own, z = form.on(dense, x0), dense.prepare(x0)
     kinds = [kind for _, kind in own.components]
-    kernel = cpu_engine(own, algebra.flatten(own.prepare(x0), kinds)[None], large.Large(form, dense))
+    kernel = cpu_engine(own, algebra.flatten(own.prepare(x0), kinds)[None], form)
     for _ in range(steps):
         z = dense.advance(*z)
     kernel.advance(np.empty((1, *kernel.z.shape)), steps)
@@ -298,7 +298,7 @@ def test_entries_beyond_the_last_do_not_count(n: int, monkeypatch: pytest.Monkey
     assert form is not None
 
     def off() -> float:
-        engine = cpu_engine(form.on(plan, (x,)), x[None], large.Large(form, plan))
+        engine = cpu_engine(form.on(plan, (x,)), x[None], form)
         engine.advance(np.empty((1, 1, n)), 1)
         return float(abs(engine.z[0] - x / ((x + 1) @ (x + 1))).max())
 

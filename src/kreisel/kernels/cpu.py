@@ -42,7 +42,7 @@ from kreisel.kernels.threads import on_threads
 from kreisel.method.scheme import Scheme
 
 if TYPE_CHECKING:
-    from kreisel.kernels.large.kernel import Large
+    from kreisel.kernels.large.forms import LargeForm
 import math
 
 from kreisel.algebra.complex import Complex
@@ -158,7 +158,7 @@ class CpuEngine(SteppedEngine):
     With `project` the state is projected to its invariants now and then (`kreisel.graph.project`).
     """
 
-    def __init__(self, scheme: Scheme, z0: Floats, large: Large | None = None, project: bool = False):
+    def __init__(self, scheme: Scheme, z0: Floats, large: LargeForm | None = None, project: bool = False):
         super().__init__(scheme, z0)
         self._woven: CompiledProjection | None = None  # the projection, where the kernel calls it
         self._between: Corrections | None = None  # where it does not
@@ -176,12 +176,12 @@ class CpuEngine(SteppedEngine):
             self._between = recordable(lambda: projection_between(self, work, arrays_only=large is None))
             self.projection = self._between
 
-    def _large(self, large: Large) -> Code:
+    def _large(self, large: LargeForm) -> Code:
         from kreisel.kernels.large.kernel import compiled_large
 
         def make() -> Code:
             n, steps = self.scheme.n, compiled_large(large, self.columns, self.stage_columns)
-            return Code(steps, 200 * n + 4 * n * n if large.form.inverses else 60 + 4 * n)  # measured: n = 10 and 100
+            return Code(steps, 200 * n + 4 * n * n if large.inverses else 60 + 4 * n)  # measured: n = 10 and 100
 
         return reused(None if self.scheme.kernel_key is None else (Code, self.scheme.kernel_key), make)
 

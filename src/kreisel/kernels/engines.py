@@ -16,7 +16,7 @@ from kreisel.kernels.layout import Floats, Look, no_look
 from kreisel.method.scheme import CoupledSteps, Flow, JaxSteps, Numbers, Orbits, Scheme, Steps
 
 if TYPE_CHECKING:
-    from kreisel.kernels.large.kernel import Large
+    from kreisel.kernels.large.forms import LargeForm
     from kreisel.kernels.projection.corrections import Corrections
 
 ENGINES = ("cpu", "large", "cuda", "cuda-float32")
@@ -60,7 +60,7 @@ def engine_of(
     dt: float,
     steps: int,
     every: int,
-    large: Large | None,
+    large: LargeForm | None,
     project: bool,
 ) -> Engine:
     """The engine of that name for rows z (lanes, d), which it may change, for so many steps, each `every`-th a row.

@@ -27,7 +27,7 @@ from kreisel.runs.settings import LARGE, MOST_STEPS, WHOLE, Event, Settings, cou
 
 if TYPE_CHECKING:
     from kreisel.kernels.cpu import RowFunction
-    from kreisel.kernels.large.kernel import Large
+    from kreisel.kernels.large.forms import LargeForm
     from kreisel.record.model import OrientationLike
 
 TIMES = "times"  # the times of the rows, next to the state in `Plan.start`
@@ -47,7 +47,7 @@ class Plan:
     batched: bool
     start: Mapping[str, Floats]  # the state at time 0 as given by the user, the orientation, and the times of rows
     general: Scheme | None = None  # the scheme without the constants of the trajectories
-    large: Large | None = None  # of the kernel of engine="large"
+    large: LargeForm | None = None  # of the kernel of engine="large"
     events: tuple[Event, ...] = ()
     lost: frozenset[str] = frozenset()  # integrals that the method conserves and impulses or events change
     end: tuple[int, float] | None = None  # rows, and the time of the last, of a run that an event stopped
@@ -330,7 +330,7 @@ def _parts_by_name(model: Model, parts: tuple[Array, ...]) -> dict[str, Array]:
 
 def _lanes(
     model: Model, plan: Scheme, parts: tuple[Array, ...], engine: str | None
-) -> tuple[Scheme, Floats, Large | None]:
+) -> tuple[Scheme, Floats, LargeForm | None]:
     """The scheme with its constants of the trajectories, the prepared start (d,) or (lanes, d), and its large form.
 
     The batch axes of states and parameters become one.  With engine="large", or with None if that engine is known and
@@ -357,17 +357,16 @@ def _lanes(
     plan, large = plan.on(spread, points), None
     if engine == "large" or (engine is None and plan.n >= LARGE):
         from kreisel.kernels.large.forms import LEAST_N, form_of
-        from kreisel.kernels.large.kernel import Large
 
-        form = form_of(plan)
-        if form is None and engine is not None:
+        large = form_of(plan)
+        if large is None and engine is not None:
             raise InputError(
                 f"No kernel of O(n) or O(n^2) a step of method={shown(plan.name)} is known for this system, n = "
                 f"{plan.n}. engine='large' needs n >= {LEAST_N}, and one of these: momenta that change along one "
                 "constant vector other than 0; only vectors; one momentum and a single real stage. It carries an "
                 "orientation in the first case only, with method='suris'. Leave engine out."
             )
-        plan, large = (plan, None) if form is None else (form.on(plan, spread), Large(form, plan))
+        plan = plan if large is None else large.on(plan, spread)
     return plan, np.asarray(algebra.flatten(plan.prepare(spread), plan.kinds)), large
 
 

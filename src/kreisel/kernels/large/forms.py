@@ -12,7 +12,7 @@ The form of a step, if it has one, is found by recording it (`kreisel.kernels.la
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
 from typing import Any, NamedTuple
@@ -96,7 +96,7 @@ class LargeForm:
              the axis, a rotation in the planes of T, or a vector
     kinds    of the components
     by_rows  whether an orientation is known by its rows, not by its columns
-    inverses of the dense momentum
+    pieces   the functions of the scheme, recorded
     """
 
     n: int
@@ -104,12 +104,17 @@ class LargeForm:
     roles: Mapping[str, tuple[str, str]]
     kinds: tuple[str, ...]
     by_rows: bool = False
-    inverses: int = 0
+    pieces: tuple[LargeFunction, ...] = field(default=(), repr=False, compare=False)
 
     @property
     def h(self) -> int:
         """Entries in a block: planes of p^perp, or n."""
         return self.n // 2 if self.axis else self.n
+
+    @property
+    def inverses(self) -> int:
+        """How many of the dense momentum there are."""
+        return len(self.pieces[0].solves) if self.pieces else 0
 
     @property
     def dense(self) -> bool:
@@ -380,11 +385,11 @@ def form_of(scheme: Scheme) -> LargeForm | None:
     def first() -> LargeForm | None:
         for form in forms:
             try:
-                pieces = [form.recorded(part) for part in scheme.parts]
+                pieces = tuple(form.recorded(part) for part in scheme.parts)
             except (TypeError, KeyError, AttributeError):
                 continue
             if (not form.dense and "matrix" not in kinds) or (len(pieces) == 1 and scheme.stage_count == 1):
-                return replace(form, inverses=len(pieces[0].solves))
+                return replace(form, pieces=pieces)
         return None
 
     return reused(None if scheme.kernel_key is None else (form_of, scheme.kernel_key), first)

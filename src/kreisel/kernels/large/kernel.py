@@ -17,7 +17,6 @@ from kreisel.graph.machine import kernel
 from kreisel.kernels.large.forms import LargeForm, LargeFunction, Solve
 from kreisel.kernels.large.structured import KEPT, MOMENTUM, TOTAL, TURNED
 from kreisel.kernels.steps import FRAME, Steps
-from kreisel.method.scheme import Scheme
 
 # Rows of 4096 bytes fall on the same places of the first cache: at n = 1000 a step took three times as long.
 ALIASED = 64
@@ -30,16 +29,9 @@ VECTOR = kind_of(WIDTH)
 PRODUCTS = (MOMENTUM, KEPT, TURNED)
 
 
-class Large(NamedTuple):
-    """A form, and the scheme as it was before it was put in this form."""
-
-    form: LargeForm
-    scheme: Scheme
-
-
-def compiled_large(large: Large, columns: Mapping[str, slice], stage_columns: Mapping[str, slice]) -> Steps:
-    """The kernel of a scheme in a form; `columns` say where each constant is in its row."""
-    form, pieces = large.form, [large.form.recorded(part) for part in large.scheme.parts]
+def compiled_large(form: LargeForm, columns: Mapping[str, slice], stage_columns: Mapping[str, slice]) -> Steps:
+    """The kernel of a form; `columns` say where each constant is in its row."""
+    pieces = form.pieces
     place = {f"{letter}_{name}": at for letter, of in (("c", columns), ("s", stage_columns)) for name, at in of.items()}
     length = -(-form.h // WIDTH) * WIDTH
     length += 2 * WIDTH if length > ALIASED and length % ALIASED == 0 else 0
