@@ -385,13 +385,22 @@ class Function:
         self, graph: Graph, outputs: Sequence[Operand], inputs: Callable[[str, int], Value], kind: ir.Type = DOUBLE
     ) -> list[Value]:
         """The outputs of a graph, whose inputs are loaded as they are first needed."""
-        nodes, values = graph.needed(outputs), dict[int, Value]()
-        for at in nodes:
-            operation, *operands = graph.nodes[at]
-            if operation == ops.IN:
-                values[at] = inputs(*operands)
-        self.emit(graph, nodes, values, kind)
+        values = dict[int, Value]()
+        self.compute(graph, graph.needed(outputs), values, inputs, kind)
         return [self.value(x, values, kind) for x in outputs]
+
+    def compute(
+        self,
+        graph: Graph,
+        nodes: Sequence[int],
+        values: dict[int, Value],
+        inputs: Callable[[str, int], Value],
+        kind: ir.Type,
+    ) -> None:
+        """Nodes, in this order, into `values`, after the inputs among them."""
+        loaded = [at for at in nodes if graph.nodes[at][0] == ops.IN and at not in values]
+        values.update({at: inputs(*graph.nodes[at][1:]) for at in loaded})
+        self.emit(graph, nodes, values, kind)
 
     def _entry(self, numbers: list[Value], column: int, stride: int) -> Value:
         kind, builder = numbers[0].type, self.builder

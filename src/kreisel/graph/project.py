@@ -261,19 +261,15 @@ def _straight(
     needs = [graph.needed(list(outputs.values())) for outputs in results]
     values: dict[int, Any] = {}
 
-    def compute(nodes: Sequence[int], into: dict[int, Any]) -> None:
-        for at in nodes:
-            operation, *place = graph.nodes[at]
-            if operation == IN and at not in into:
-                into[at] = lanes[place[0]][place[1]]
-        f.emit(graph, nodes, into, kind)
+    def load(letter: str, i: int) -> Any:
+        return lanes[letter][i]
 
-    compute(sorted({*needs[0]} & {*needs[1]}), values)
+    f.compute(graph, sorted({*needs[0]} & {*needs[1]}), values, load, kind)
     with f.otherwise(begin.compared("!=", 0)) as blocks:
         for block, nodes, outputs in zip(blocks, needs, results, strict=True):
             with block:
                 into = dict(values)
-                compute(nodes, into)
+                f.compute(graph, nodes, into, load, kind)
                 for (letter, i), x in outputs.items():
                     lanes[letter][i] = f.value(x, into, kind)
 

@@ -15,7 +15,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra.reuse import cached_property
 from kreisel.graph.arranging import arranged, independent, latest, pulled, pushed
-from kreisel.graph.graph import APPLIED, BRANCH, IN, Graph, Number, Operand, array_of, evaluated, where_less
+from kreisel.graph.graph import APPLIED, BRANCH, Graph, Number, Operand, array_of, evaluated, where_less
 from kreisel.graph.llvm import DOUBLE, Function, Integer, Memory, Value, kind_of
 from kreisel.graph.machine import Kernel, address_of, kernel
 from kreisel.graph.recording import as_operands
@@ -173,16 +173,16 @@ class Code:
             nodes = graph.needed(outputs)
             still = independent(graph, nodes, "zcs")
             fixed, moving = ([at for at in nodes if (at in still) == chosen] for chosen in (True, False))
-            values = _loaded(graph, fixed, motion.inputs(stage))
-            f.emit(graph, latest(graph, fixed), values, DOUBLE)
+            values: dict[int, Value] = {}
+            f.compute(graph, latest(graph, fixed), values, motion.inputs(stage), DOUBLE)
             motion.state = [f.value(x, values, DOUBLE) for x in outputs[: self.dim]]
             spread = {at: f.spread(values[at], kind) for at in fixed}
             columns = [("z", vz), ("c", vc), ("s", vs.beyond(stage * self.sizes[2] * blocks))]
             with f.loop(0, blocks) as block:
                 inputs = zip(columns, self.sizes if wide else self.sizes[:1], strict=False)
                 along = {f"v{k}": [x[blocks * i + block] for i in range(count)] for (k, x), count in inputs}
-                inside = spread | _loaded(graph, moving, along)
-                f.emit(graph, latest(graph, moving), inside, kind)
+                inside = dict(spread)
+                f.compute(graph, latest(graph, moving), inside, lambda letter, i: along[letter][i], kind)
                 for i, x in enumerate(outputs[self.dim :]):
                     vz[blocks * i + block] = f.value(x, inside, kind)
 
@@ -259,15 +259,16 @@ class _Motion:
     def state(self, values: Sequence[Value]) -> None:
         _put(self._room, values)
 
-    def inputs(self, stage: Integer) -> dict[str, Any]:
+    def inputs(self, stage: Integer, **more: Any) -> Callable[[str, int], Value]:
         """The entries of each letter."""
-        return {"z": self.state, "c": self._c, "s": self._s.beyond(stage * self._of_stage)}
+        entries: dict[str, Any] = {"z": self.state, "c": self._c, "s": self._s.beyond(stage * self._of_stage)} | more
+        return lambda letter, i: entries[letter][i]
 
     def outputs(self, part: Part, stage: Integer, **more: Any) -> list[Value]:
         """Those of a graph."""
         nodes = part.graph.needed(part.outputs)
-        values = _loaded(part.graph, nodes, self.inputs(stage) | more)
-        self._f.emit(part.graph, latest(part.graph, nodes), values, DOUBLE)
+        values: dict[int, Value] = {}
+        self._f.compute(part.graph, latest(part.graph, nodes), values, self.inputs(stage, **more), DOUBLE)
         return [self._f.value(x, values, DOUBLE) for x in part.outputs]
 
     def advance(self, k: int, stage: Integer) -> None:
@@ -283,11 +284,6 @@ class _Motion:
             write(0, stage)
         if closes and not reverse:
             write(1, self._stages)
-
-
-def _loaded(graph: Graph, nodes: Sequence[int], numbers: Mapping[str, Any]) -> dict[int, Value]:
-    inputs = {at: graph.nodes[at][1:] for at in nodes if graph.nodes[at][0] == IN}
-    return {at: numbers[letter][i] for at, (letter, i) in inputs.items()}
 
 
 def _get(rooms: Sequence[Memory]) -> list[Value]:

@@ -19,7 +19,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
-from kreisel.graph.graph import IN, Graph, Operand, TooLong, depending
+from kreisel.graph.graph import Graph, Operand, TooLong, depending
 from kreisel.graph.invariants import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
 from kreisel.graph.llvm import Function, Lanes, kind_of
 from kreisel.graph.machine import Kernel, address_of, kernel, register_width
@@ -495,15 +495,14 @@ def _write_points(graph: Graph, outputs: list[Operand], counts: tuple[int, int],
         at, fixed = f.lanes(first, width, lanes), dict[int, Any]()
         rows = {"z": Lanes(z, at, counts[0]), "c": Lanes(c, at, counts[1])}
 
-        def compute(members: list[int], values: dict[int, Any]) -> None:
-            values.update({i: rows[node[1]][node[2]] for i in members if (node := graph.nodes[i])[0] == IN})
-            f.emit(graph, members, values, kind)
+        def load(letter: str, i: int) -> Any:
+            return rows[letter][i]
 
-        compute([i for i in nodes if i not in varying], fixed)
+        f.compute(graph, [i for i in nodes if i not in varying], fixed, load, kind)
         with f.loop(0, points) as point:
             values = dict(fixed)
             rows["s"] = Lanes(mu, [point] * width, size // 2)
-            compute([i for i in nodes if i in varying], values)
+            f.compute(graph, [i for i in nodes if i in varying], values, load, kind)
             Lanes(out, [point * lanes + lane for lane in at], size).put([f.value(x, values, kind) for x in outputs])
 
 

@@ -69,13 +69,7 @@ class Split(NamedTuple):
 
     def values(self, f: Function, nodes: Sequence[int], rows: Any, kind: ir.Type, known: dict[int, Value]) -> None:
         """Compute nodes that do not vary with the step into `known`; rows: of each letter the `Lanes`."""
-        graph = self.piece.graph
-        for at in nodes:
-            operation, *operands = graph.nodes[at]
-            if operation == IN:
-                letter, index = operands
-                known[at] = rows[letter][index]
-        f.emit(graph, nodes, known, kind)
+        f.compute(self.piece.graph, nodes, known, lambda letter, i: rows[letter][i], kind)
 
     def outputs(
         self,
