@@ -86,8 +86,7 @@ def sweep(
     Its dimensions are the quantities of the grid, with their values as coordinates, then `list` and `draw`; `lane` is
     the index of each lane in the store.  Without a grid the dimension is `lane`, as in `kr.open_run(path)`.
 
-    system, x0   the common start of all lanes; as in `kr.simulate`, whose arguments dt to impulses are the same;
-                 with a dt every=1 by default
+    system, x0   common start of all lanes; arguments dt to impulses as for `kr.simulate`, every=1 if there is a dt
     design       the varied quantities, a `kr.Design`
     over         of a body of `kr.physical`: values by name, {"mass": ["1 kg", "2 kg"], "spin": [...]}, whose grid is
                  computed: values of the body, arguments of `body.state`, variables of a run such as "momentum[0]"
@@ -107,16 +106,14 @@ def sweep(
     if not isinstance(design, Design):
         raise InputError(f"design: expected a kr.Design, such as kr.Design(grid={{...}}), got {shown(design)}.")
     spec = {**design.table, "save": save, "block": block, "memory": memory}
-    every = 1 if every is None and dt is not None else every
     run = {"dt": dt, "every": every, "impulses": impulses, "steps": steps, "method": method, "order": order, "tol": tol}
-    run |= {"project": project, **{k: v for k, v in (("t_end", t_end), ("t_start", t_start)) if v is not None}}
+    run |= {"project": project, "t_end": t_end, "t_start": t_start}
     if body is not None and not of_scaled_system(body.model(), spec):
         description = by_lane(body, x0, {**run, "orientation": orientation}, spec, body._varied)
     else:
         description = _of_system(system, x0, orientation, run, spec)
-    report = carry_out(
-        description, target(path), workers=workers, scheduler=scheduler, overwrite=overwrite, progress=progress
-    )
+    options: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "overwrite": overwrite, "progress": progress}
+    report = carry_out(description, target(path), **options)
     return gridded(presented(watched_lanes(open_lanes(report.path))))
 
 
