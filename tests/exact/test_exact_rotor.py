@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import cache
 from typing import Any
 
 import mpmath as mp
@@ -22,7 +23,7 @@ from sizes import FULL
 
 ULP = 2.0**-52
 STATE, TURN, KEPT = 8 * ULP, 16 * ULP, 4 * ULP  # 2.4, 5.8 and 1.6 measured
-KINDS = ["skew", "quaternion"]
+KINDS, DIGITS = ["skew", "quaternion"], 60
 START = np.array([0.5, -0.7, 0.1, 0.5])
 TIMES = np.array([0.37, -11.3, 1e3, -2e6, 1e12])
 
@@ -98,14 +99,20 @@ def jumped(J: Any, M: Any, times: Any) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return *parted(rows), right
 
 
+@cache
+def truth(reference: Any, J: tuple[Any, ...], M: tuple[float, ...], t: float) -> tuple[Any, Any]:
+    """(M, g) at time t by a reference."""
+    with mp.workdps(DIGITS):
+        return reference(moments(J), M, [mp.mpf(float(v)) for v in START / np.linalg.norm(START)], t, DIGITS)
+
+
 def off(got: tuple[np.ndarray, np.ndarray], J: Any, M: Any, times: Any, reference: Any) -> tuple[float, float]:
     """The largest errors of M, over |M|, and of g up to its sign."""
-    state, turn, digits = 0.0, 0.0, 60
-    with mp.workdps(digits):
-        g = [mp.mpf(float(v)) for v in START / np.linalg.norm(START)]
+    state, turn = 0.0, 0.0
+    with mp.workdps(DIGITS):
         size = mp.sqrt(mp.fsum(mp.mpf(float(v)) ** 2 for v in M))
         for M1, g1, t in zip(*got, np.asarray(times, dtype=float), strict=True):
-            want, q = reference(moments(J), [float(v) for v in M], g, float(t), digits)
+            want, q = truth(reference, tuple(J), tuple(map(float, M)), float(t))
             state = max(state, *(float(abs(mp.mpf(float(x)) - y) / size) for x, y in zip(M1, want, strict=True)))
             near = [[mp.mpf(float(x)) - sign * y for x, y in zip(g1, q, strict=True)] for sign in (1, -1)]
             turn = max(turn, min(float(max(map(abs, v))) for v in near))
