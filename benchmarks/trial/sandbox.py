@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import shutil
 import stat
 import subprocess
 import sys
@@ -53,6 +54,9 @@ def enter(folder: Path, private: bool) -> str:
     home = folder / "home"
     for name in ("home", "cache", "tmp", "cases"):
         (folder / name).mkdir(exist_ok=True)
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    for fonts in Path(os.environ.get("MPLCONFIGDIR") or caches / "matplotlib").glob("fontlist-*.json"):
+        shutil.copy(fonts, home)  # Matplotlib would look for them again in each trial
     cache = folder / "cache"
     folders: dict[str, object] = {"HOME": home, "KREISEL_CACHE": cache}
     folders |= {"XDG_CACHE_HOME": home, "XDG_CONFIG_HOME": home, "MPLCONFIGDIR": home, "TMPDIR": folder / "tmp"}
