@@ -1,4 +1,4 @@
-"""Bäcklund transformations of Neumann's system, state (x, q): those of `clebsch` on the leaf M = x ^ q, P = x."""
+"""Bäcklund transformations of Neumann's system, state (x, q): as in `clebsch`, on the leaf M = x ^ q, P = x."""
 
 import numpy as np
 

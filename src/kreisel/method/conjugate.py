@@ -38,10 +38,13 @@ from kreisel.record.contract import ConjugatePairs, ExactMap
 from kreisel.record.model import Model
 
 REACH, FARTHEST = 0.4, 0.6  # of the distance of a branch point: of an x at the start of Newton's method, and later
-MARGIN, LEAST = 1.25, 0.25  # of a share of such a distance, before Newton's method; of the largest: that of any pair
+MARGIN, LEAST = (
+    1.25,
+    0.25,
+)  # of a share of such a distance, before Newton's method; of the largest, for any pair
 DIGITS = 44.0  # natural logarithm of the relative error of the integrals: 11 nodes at FARTHEST
 RANK, CERTAIN = 1e-10, 1e-5  # relative: fields that depend on others, and that surely do not
-SPAN, ROUNDING = 1e-8, 1e-15  # relative: the distance of the flow from the other fields, and that of a body at rest
+SPAN, ROUNDING = 1e-8, 1e-15  # relative: the distance of the flow from the other fields, and for a body at rest
 STEPS, MORE = (4, 1), (0, 2)  # of Newton's method, in doubles and in double-doubles; if fields are nearly dependent
 CLOSE = 1e-10  # a change, relative to the interval, whose square is rounding
 ENOUGH, SMALL = 1e-12, 1e-5  # a miss, relative to the move; a move, relative to the state
@@ -132,7 +135,7 @@ def by_map(model: Model, dt: float, oriented: bool, order: int | None = None) ->
     """The exact flow by copies of one map, or a step of an order by several.
 
     The body rotates by g(t) = g z(psi) p, p P(t) = P the shortest rotation, z(psi) the rotation about P by psi' =
-    |P| Omega.(P + P(t))/(|P|^2 + P.P(t)), by Gauss's rule: the states at its nodes are those of more maps.
+    |P| Omega.(P + P(t))/(|P|^2 + P.P(t)), by Gauss's rule: the states at its nodes result from more maps.
     """
     record, size = cast("ExactMap", model.system.exact_map), 1 + NODES * oriented
     if oriented and order is not None:
@@ -250,7 +253,7 @@ def constants(
 ) -> tuple[Array, Array]:
     """Points (..., 4, stages), `NUMBERS` of each, and the missing rotation of the body in a step, its coordinates.
 
-    params: those of `parameter_rows`
+    params: the result of `parameter_rows`
     """
     z, c = algebra.flatten(state, model.system.space.kinds), parameter_rows(model) if params is None else params
     batch = np.broadcast_shapes(c.shape[:-1], z.shape[:-1])
@@ -339,7 +342,7 @@ class Torus:
 
     @cached_property
     def constants(self) -> dict[str, Array]:
-        """Parameters and what the record derives from them."""
+        """Parameters and derived constants."""
         params, rest, n = {"n": np.asarray(self.model.n)}, self.c, self.model.n
         for p in self.system.parameters:
             if p.kind != "dimension":
@@ -401,8 +404,8 @@ class Torus:
     def _unsolved(self, share: complex, h: float) -> tuple[Array, Array]:
         """`NUMBERS` of the points iy + share x, and the missing rotation of the body in a time h.
 
-        The rotation by each pair is int Re Omega from i Im(iy + x) on; what it leaves of the flow's does not change
-        what the body carries.
+        The rotation by each pair is int Re Omega from i Im(iy + x) on; the remainder of the flow's rotation
+        leaves the vectors and matrices that the body carries constant.
         """
         room, count, y, x = self.room, self.pairs, np.array(self.y), share * np.array(self.x)
         ends = []
@@ -414,7 +417,7 @@ class Torus:
         room["h"], room["y"], room["x"], room["mu"] = [h], y + x.imag, _real(x.real + 0j), _real(middle)
         room.follow([NODES] * count, wide=1)
         carried = [self.state[i] for i in self.system.space.carried or (0,)]
-        Omega = commuting(algebra.skew(np.array(room["turn"]), self.model.n), carried)
+        Omega = commuting(algebra.skew(np.array(room["rotation"]), self.model.n), carried)
         return _numbers(1j * y + x, mu), algebra.coordinates(Omega)
 
     def solved(self, h: float, share: float | None = None) -> tuple[Array, Array] | None:
@@ -438,7 +441,7 @@ class Torus:
         if not all(abs(a) <= enough * b for a, b in zip(room["miss"], room["units"], strict=True)):
             return None
         mu = room["end"]
-        return np.array([x, self.y, mu[: 2 * count : 2], mu[1 : 2 * count : 2]]), np.array(room["turn"])
+        return np.array([x, self.y, mu[: 2 * count : 2], mu[1 : 2 * count : 2]]), np.array(room["rotation"])
 
 
 def commuting(Omega: Array, carried: list[Array]) -> Array:

@@ -335,7 +335,7 @@ class ConjugatePairs:
     nearer they are to the identity.  The flow over a time is a product of them (`kreisel.method.conjugate`).
 
     matrix(*state, lam)              L (..., m, m) for complex lam (...), one state
-    heights(*state)                  rows (origin, side, low, high) of recorded numbers: Im lam of points to try, with
+    heights(*state)                  rows (origin, side, low, high) of recorded values: Im lam of points to try, with
                                      imaginary mu, is origin + side r, r from low to high the distance of poles
     projector(*state, lam, mu)       Pi (m, m) of the eigenvalue mu of L, of recorded numbers
     rates(*state, lam, Pi)           with respect to Re lam: the rates of the state and the angular velocity of the

@@ -53,10 +53,11 @@ class Formulas:
     count, y, x, radius, mu   how many pairs, lam = iy and mu there, x in a unit of small times and then of a step
                               (complex), distances of branch points
     dual, none                of the fields at iy (d, most); 1 for each missing pair
-    units, size, off, rate    of components; of the flow in these; of what the fields do not span; of the rotation
+    units, size, off, rate    of components; of the flow in these; of its part beyond the fields; of the rotation
     least, heights, first     the last pivot over the first; how many points were tried, and the first of them
     h, close, nodes, row      time; changes of x to be neglected; nodes of each path, and the first of its table
-    end, miss, change, turn   mu at iy + x; defects of the integrals, changes of x, the missing rotation of the body
+    end, miss, change         mu at iy + x; defects of the integrals, changes of x
+    rotation                  of the body, which is missing
     """
 
     def __init__(self, model: Model):
@@ -69,7 +70,7 @@ class Formulas:
         sizes = dict.fromkeys(("count", "heights", "size", "least", "off", "rate", "h"), 1)
         sizes |= dict.fromkeys(("y", "radius", "none", "close", "nodes", "row"), most)
         sizes |= {"x": 2 * most, "mu": 2 * most, "end": 2 * most, "dual": d * most, "units": d}
-        sizes |= {"miss": d, "change": most, "turn": self.turns, "first": 2 + max(self.n, 4)}
+        sizes |= {"miss": d, "change": most, "rotation": self.turns, "first": 2 + max(self.n, 4)}
         ends = np.cumsum([0, *sizes.values()]).tolist()
         self.places = {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:], strict=False)}
         self.size, self.most = ends[-1], most
@@ -423,7 +424,7 @@ class Paths(Formulas):
 
     kernel(room, z, c, table, pairs, narrow, wide): Newton's steps in doubles, until changes are below `close`, and in
     double-doubles, then mu at the ends of the paths.  table (rows, 4) has nodes and weights, two doubles each; a path
-    ends with a node 1.  At first a path follows the vectors from node to node; then each node has its own.
+    ends with a node 1.  At first a path follows the vectors from node to node; then from those stored there.
     """
 
     def __init__(self, model: Model):
@@ -587,7 +588,7 @@ class Room:
         self.values[self._choice.places[name].start :][: len(values)] = values
 
     def choose(self, tried: Floats, most: int) -> None:
-        """At most so many pairs; tried: see `Choice`."""
+        """Write the points of `most` pairs or fewer; tried: list of `Choice`."""
         self._choice.kernel(*self._addresses, address_of(tried), len(tried), most)
 
     def follow(self, nodes: Sequence[int], narrow: int = 0, wide: int = 0) -> None:
