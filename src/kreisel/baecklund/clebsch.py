@@ -37,7 +37,8 @@ from kreisel.algebra.iteration import repeat
 from kreisel.baecklund.lagrange_top import FEW, block, polynomial_value
 from kreisel.record.contract import Baecklund, named
 
-CLOSE, MOST = 1e-12, 80  # relative change by the last step in doubles, at most so many: 2 to 9, 79 of 3000 wild cases
+CLOSE, STILL = 1e-7, 1e-12  # relative change by the last step in doubles, and a change that is not made
+MOST = 80  # steps: 2 to 9, in one of 3000 wild cases 79
 
 
 def shifted_diagonal(*, b):
@@ -70,33 +71,37 @@ def curve(M, P, *, c, mu):
     def improve(x):
         r = x[..., 0][()] if real else complex_number(x[..., 0][()], x[..., 1][()])
         G, slope = image(r, *doubles)
-        change = (G / r - 1) / (1 - slope)
+        change = (G / r - 1) / (1 - slope())
         size = sum(x * x for x in parts(change) if x is not None)
         new, mean = r + r * change, sqrt(nu * r) * sqrt(nu * G) / nu
         new = where_less(0, where_less(size, 1, parts(nu * new)[0], -1), new, mean)
-        return columns(where_less(size, CLOSE * CLOSE, r, new)), size  # each lane as if it were a separate run
+        return columns(where_less(size, STILL * STILL, r, new)), size  # each lane as if it were a separate run
 
     start = columns(rounded(dot(P, P)) / (nu * nu))
     x = repeat(improve, start, CLOSE * CLOSE, MOST, (f"R^{start[0].shape[-1]}",))[0][0]
     r = x[..., 0][()] if real else complex_number(x[..., 0][()], x[..., 1][()])
     miss, rho = rounded(image(r, *digits)[0] - r), mu * r
-    return rho + rounded(rho) * (miss / r / (1 - image(r, *doubles)[1]))
+    return rho + rounded(rho) * (miss / r / (1 - image(r, *doubles)[1]()))
 
 
 def _by_solving(r, M, P, c, mu):
-    """G and its slope from Q."""
+    """G, and its slope, from Q."""
     d = vec(mu) * (1 - vec(r) * c)
-    Q, Y = diagonal_resolvent(d, M, P), diagonal_resolvent(d, -M, P)
-    return dot(P, Q) / mu, dot(Y, c * Q)
+    Q = diagonal_resolvent(d, M, P)
+    return dot(P, Q) / mu, lambda: dot(diagonal_resolvent(d, -M, P), c * Q)
 
 
 def _by_pfaffians(r, *coefficients):
-    """G and its slope from the n coefficients of its numerator and the n of its denominator."""
+    """G, and its slope, from the n coefficients of its numerator and the n of its denominator."""
     n = len(coefficients) // 2
     above, below = coefficients[:n], coefficients[n:]
     G = polynomial_value(above, r) / polynomial_value(below, r)
-    up, down = (polynomial_value([k * x for k, x in enumerate(row)][1:], r) for row in (above, below))
-    return G, (up - G * down) / polynomial_value(below, r)
+
+    def slope():
+        up, down = (polynomial_value([k * x for k, x in enumerate(row)][1:], r) for row in (above, below))
+        return (up - G * down) / polynomial_value(below, r)
+
+    return G, slope
 
 
 def _coefficients(M, P, c, mu):
