@@ -1,6 +1,6 @@
 """Double-doubles: unevaluated sums of two scalars, recorded ones or floats, about 31 digits.
 
-The operations are those of Dekker and Knuth with fused products.  The last one or two of 106 bits may be wrong, in a
+The operations are Dekker's and Knuth's, with fused products.  The last one or two of 106 bits may be wrong, in a
 sum those of the larger term: half the operations of one that is as exact where terms cancel.
 """
 

@@ -19,7 +19,7 @@ from kreisel.algebra.complex import Ring
 from kreisel.algebra.memory import entry
 from kreisel.algebra.recorded import POWER, NotRecorded, Recorded
 
-# Operations: those of arithmetic; MAX (x unless y > x), SIGN (-1 where x < 0, else 1), SIZE (|x|), NEAREST (the
+# Operations: arithmetic; MAX (x unless y > x), SIGN (-1 where x < 0, else 1), SIZE (|x|), NEAREST (the
 # integer next to x, of two the even one) and WHERE (of x, y, a, b: a where x < y, else b).
 # ENTRY (address, row, last, column, stride): the entry of a table in memory (`kreisel.algebra.memory`).
 PLUS, MINUS, TIMES, OVER, FMA, SQRT, MAX, SIGN = "+", "-", "*", "/", "fma", "sqrt", "max", "sign"

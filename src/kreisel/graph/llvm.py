@@ -1,7 +1,7 @@
 """Graphs, loops and memory as LLVM's operations, for a number or a vector of lanes.
 
 A `Function` is written by Python code that runs once: `loop` and `where` are its blocks, `Integer` and `Memory` its
-values at run time.  Operations on vectors are those of a number in each place, rounded alike, so a lane of a
+values at run time.  Operations on vectors act on each place like operations on scalars, rounded alike, so a lane of a
 vector has the bits of a number.
 """
 

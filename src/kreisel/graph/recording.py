@@ -1,6 +1,6 @@
 """A scheme's functions on recorded scalars: the graphs that every engine reads.
 
-Inputs are called by a letter: z the state, c the constants of a scheme, s those of its stages, p those of a pair.
+Inputs are called by a letter: z the state, c the constants of a scheme, s of its stages, p of a pair.
 """
 
 from __future__ import annotations

@@ -49,10 +49,10 @@ from kreisel.algebra.complex import Complex
 from kreisel.graph.double import DoubleDouble
 from kreisel.graph.recording import as_operands, fill, recorded_arguments
 
-WORK = 20_000  # operations that NumPy needs as long as for those of a step to begin
+WORK = 20_000  # operations in the time that NumPy needs to begin a step
 OBSERVED_N, OBSERVED_LINES = 8, 1000  # as many operations compile in a second
 MOST_LARGE_N = 500  # up to which kernels of O(n) are projected: recording needs a second
-# Invariants of a position and a momentum that are recorded beyond MOST_N too: those of Rosochatius need minutes.
+# Invariants of a position and a momentum that are recorded beyond MOST_N too: Rosochatius' need minutes.
 FEW = 20
 
 
@@ -410,7 +410,7 @@ def row_function(
         inputs |= {"c": (count_of(columns), False)} if columns else {}
         return outputs_by_rows(outputs.graph, outputs.values, inputs), len(outputs.values), outputs.places
 
-    # the code has the places of the constants, which a scheme without those of its trajectories lacks in part
+    # the code has the places of the constants, which a scheme without constants of its trajectories lacks in part
     code = reused(None if scheme.definition_key is None else (*name, tuple(columns), scheme.definition_key), make)
     if code is None:
         return None

@@ -1,6 +1,6 @@
 """Ensembles on an NVIDIA GPU: the kernel of `kreisel.kernels.steps`, one thread a trajectory, the time loop inside.
 
-It is written from the same graph, so in float64 each operation is that of the CPU; float32 is for those who ask for it.
+It is written from the same graph, so in float64 each operation is the CPU's; float32 is for those who ask for it.
 Arrays and kernels of the GPU are CuPy's; tests run the same code on this processor, one thread after the other.
 """
 
@@ -176,7 +176,7 @@ class GpuProjection(Corrections):
         self._call(1)
 
     def __getattr__(self, name: str) -> Any:
-        """`targets`, `worst`, `bound` stay on the device: copies would take longer than the steps."""
+        """`targets`, `worst`, `bound` stay on the device: copies would last longer than the steps."""
         if name not in vars(self).get("_arrays", ()):
             raise AttributeError(name)
         return self._device.host(self._arrays[name])

@@ -59,7 +59,7 @@ def _projection(
 ) -> tuple[Callable[..., Any], ...]:
     """Compiled: the values of the invariants by name, and a corrected state with its correction; kept for further runs.
 
-    They depend on the record, whose step is one function, and on eps.
+    They depend on the record, whose step is a single function, and on eps.
     """
     kinds, n = tuple(scheme.kinds), scheme.n
     own = sum(letter != ORIENTATION for letter, _ in scheme.components)

@@ -182,7 +182,7 @@ def orbit(
     """States (rows + 1, d) at every `every` steps: `take` once for each stage, then `close`.
 
     By compiled kernels; by XLA where the step has a loop or is too long for them, or JAX not on the CPU.
-    The reverse sweep keeps the states at the ends of about sqrt(every) parts, and those of one part, made again.
+    The reverse sweep keeps the states at the ends of about sqrt(every) parts, and the states of one part, made again.
     """
     names, constants = _named("c", known)
     count = max((np.shape(v)[0] for v in stages.values()), default=1)

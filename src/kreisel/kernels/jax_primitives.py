@@ -1,7 +1,7 @@
 """Compiled motions as primitives of JAX: an orbit, its tangent map (`push`) and the transpose of that (`pull`).
 
 Each is linear in the arguments of its derivative, so JAX makes jvp, grad, vmap and scan of them; derivatives of the
-second order are those of the same record by XLA.  All arguments are rows of lanes: z (l, d), c (l, constants),
+second order come from the same record, by XLA.  All arguments are rows of lanes: z (l, d), c (l, constants),
 s (l, stages, of a stage); tangents and slopes have a second axis of columns.
 """
 

@@ -25,7 +25,7 @@ from kreisel.graph.recording import Piece, Recording
 # hundred operations ahead: kovalevskaya-top (78) 3.1 and 3.5 without, ratiu-top (46) 3.0 and 3.5; symmetric-top (32)
 # 1.5 and 1.4, n = 5: lagrange-top 5.0 and 4.7.
 FOUR_VECTORS, TWO_VECTORS = 120, 300  # operations of a step up to which it needs so many; beyond, in recorded order
-ALTERNATING = 45  # operations of a step from which those of two vectors alternate
+ALTERNATING = 45  # operations of a step from which two vectors alternate
 
 # The words of a frame, which an engine keeps: addresses of the rows z (lanes, d), c (lanes, constants) and
 # s (lanes, stages, constants), and of room for scalars of the stages; how many lanes and stages; steps between two
@@ -163,12 +163,12 @@ class Writing(NamedTuple):
 
 
 def written_steps(record: Recording, lanes: int, projected: bool) -> Writing:
-    """The kernel of a recorded map for so many lanes."""
+    """The kernel of a recorded map for `lanes` lanes."""
     width = register_width() if lanes > 1 and record.straight else 1
     splits = [Split.of(record, piece) for piece in record.pieces]
     operations = sum(split.operations for split in splits)
     vectors = 1 if width == 1 else 4 if operations <= FOUR_VECTORS else 2 if operations <= TWO_VECTORS else 1
-    while vectors > 1 and (vectors - 1) * width >= lanes:  # one of them would have no lane of its own
+    while vectors > 1 and (vectors - 1) * width >= lanes:  # one of them would have no separate lane
         vectors //= 2
     counts = record.count("c"), record.count("s")
     key = "steps", record.digest(), record.state, counts, record.stages, width, vectors, projected
@@ -276,7 +276,7 @@ def _woven(
 def outputs_by_rows(graph: Graph, outputs: Sequence[Operand], inputs: dict[str, tuple[int, bool]]) -> Kernel:
     """kernel(z, c, out, rows, lanes): outputs of each row and lane, from z (rows, lanes, d) and c (lanes, constants).
 
-    `inputs`: of each letter how many values a lane has, and whether rows have their own.
+    `inputs`: of each letter how many values a lane has, and whether rows differ.
     """
 
     def write(f: Function) -> None:

@@ -222,7 +222,7 @@ class Stepped:
 
     @cached_property
     def begins(self) -> bool:
-        """Whether the variables of the method are others than those of the user."""
+        """Whether the variables of the method differ from the user's."""
         c, s = self._inputs()
         new = self.begin(c, s)
         pairs = ((x, y) for k in self.letters for x, y in zip(np.ravel(s[k]), np.ravel(new[f"s.{k}"]), strict=True))

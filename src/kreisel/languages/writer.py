@@ -259,7 +259,7 @@ class Body:
 
 
 def numbers_of(graph: Graph, name: str, fields: Mapping[str, Field], staged: bool = False) -> dict[str, Any]:
-    """The fields of a type as inputs of a graph; `staged`: those of one stage."""
+    """The fields of a type as inputs of a graph; `staged`: fields of one stage."""
     out = {}
     for each, f in fields.items():
         count = f.stage if staged and f.stage else f.count

@@ -92,7 +92,7 @@ class LargeForm:
     """How the state and the constants of a scheme are laid out: blocks of h entries, and scalars.
 
     axis     the letter of the constant p, or "" for the other forms
-    roles    of each constant whether it belongs to the trajectory (c) or to the stage (s), and what it is: a number,
+    roles    of each constant whether it belongs to the trajectory (c) or to the stage (s), and its kind: a number,
              the axis, a rotation in the planes of T, or a vector
     kinds    of the components
     by_rows  whether an orientation is known by its rows, not by its columns

@@ -1,6 +1,6 @@
 """The kernel of a step in a form of `kreisel.kernels.large.forms`, written level by level.
 
-A loop over complete vectors of entries is one level; sums over all entries and products with matrices lie between two.
+A level is a loop over complete vectors of entries; sums over all entries and products with matrices lie between two.
 Vectors have the same width on every processor, and so sums the same bits.
 """
 
@@ -20,9 +20,9 @@ from kreisel.kernels.steps import FRAME, Steps
 
 # Rows of 4096 bytes fall on the same places of the first cache: at n = 1000 a step took three times as long.
 ALIASED = 64
-# The largest residual of a solve, relative and squared.  A solve is corrected by its residual, once, so what is left of
-# an error of 1e-9 is below round-off.  An inverse that follows the changes loses sqrt(steps) ulp: its
-# residuals are 1e-14 after 65,000 steps (n = 10, eps = 0.05 to 5).
+# The largest residual of a solve, relative and squared.  A solve is corrected by its residual, once, so the remainder
+# of an error of 1e-9 is below round-off.  An inverse that follows the changes loses sqrt(steps) ulp: its residuals are
+# 1e-14 after 65,000 steps (n = 10, eps = 0.05 to 5).
 NEAR = 1e-18
 WIDTH = 8  # entries at once
 VECTOR = kind_of(WIDTH)
@@ -87,7 +87,7 @@ class Sum:
 
 
 class Known(NamedTuple):
-    """What is computed of a graph: rows of entries, and numbers."""
+    """Computed values of a graph: rows of entries, and scalars."""
 
     graph: Graph
     rows: dict[int, Memory]
@@ -232,7 +232,7 @@ class _Lane:
     def _loop(
         self, known: Known, made: Sequence[int], sums: Mapping[int, Sum], stores: Sequence[tuple[Memory, Operand]]
     ) -> None:
-        """The loop of a level: the entries that it makes, sums of entries, and what is stored."""
+        """The loop of a level: the entries that it makes, sums of entries, and stores."""
         (graph, rows, numbers), f = known, self.f
         summed = {at: graph.nodes[at][1] for at in sums}
         read = [x for at in made for x in operands_of(graph.nodes[at])]

@@ -1,4 +1,4 @@
-"""Recorded vectors and matrices of O(n) scalars, on which the definition of a step runs as it is written.
+"""Recorded vectors and matrices of O(n) scalars, on which the definition of a step runs unchanged.
 
 A vector is one block of h entries or, about an axis p, blocks x and y and a number along p.  A matrix is D + T + sum
 c s ^ t: D a number or a diagonal, T skew and constant in the step, few pairs s, t.  A recorded scalar represents the
@@ -32,7 +32,7 @@ TOTAL, MOMENTUM, KEPT, TURNED = "total", "momentum", "kept", "turned"
 
 
 def total(x: Entry) -> Entry:
-    """The sum of an entry over all places; of an array that of its entries."""
+    """The sum of an entry over all places; of an array the sum of its entries."""
     if isinstance(x, Complex):
         return Complex(total(x.re), total(x.im))
     if isinstance(x, Number):
@@ -50,7 +50,7 @@ def is_number(x: Any) -> bool:
 
 
 def key_of(x: Any) -> Any:
-    """Equal for what is the same in a graph."""
+    """Equal for equal values in a graph."""
     if isinstance(x, np.ndarray | tuple):
         return tuple(map(key_of, x))
     if isinstance(x, Vector):
@@ -64,7 +64,7 @@ def is_identity(x: Any) -> bool:
 
 
 class Linear:
-    """Operators of a linear space by `+` and products with numbers."""
+    """Operators of a linear space by `+` and products with scalars."""
 
     n: int
     __array_ufunc__: ClassVar[None] = None  # NumPy leaves the operators to this class
@@ -105,7 +105,7 @@ class Linear:
 class Vector(Linear):
     """A vector; `axis`: whether it is the axis.
 
-    rows  for what is done to all columns (False) or all rows (True) of a matrix alike; None for a vector
+    rows  whether it represents all rows (True) or all columns (False) of a matrix; None for a vector
     """
 
     n: int
