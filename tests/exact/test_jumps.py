@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -74,15 +76,17 @@ def worst(count: int, monkeypatch: pytest.MonkeyPatch, g: object = None, alpha: 
     return max(errors)
 
 
-def test_states_that_jumps_know_are_not_set_up_in_many_digits(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_states_that_jumps_know_are_not_set_up_in_many_digits() -> None:
     top = kr.LagrangeTop(p=(0, 0, 1))
     made = scheme(top, "exact", 0.1, None, False)
     start = np.array([[0.1, 0.2, 1.5, 0.6, 0.0, 0.8]])
     z = algebra.flatten(made.prepare((algebra.skew(start[:, [2, 1, 0]] * (-1, 1, -1), 3), start[:, 3:])), made.kinds)
     times = np.array([0.5, 70.0])
     right = engine.ClosedForm(made, z, 1.0, 100.0).at(times)
-    monkeypatch.setattr(engine, "orbits", None)
-    assert (engine.ClosedForm(made, z, 1.0, 100.0).at(times) == right).all()
+    without = replace(made, motion=replace(made.motion, orbit=None))
+    assert (engine.ClosedForm(without, z, 1.0, 100.0).at(times) == right).all()
+    with pytest.raises(TypeError):
+        engine.ClosedForm(without, z, 1.0, 100.0).at(np.zeros(jumps.FEW + 1))
 
 
 def test_jumps_of_many_tops(monkeypatch: pytest.MonkeyPatch) -> None:
