@@ -9,8 +9,8 @@ primary, whose equator has the radius R, mean elements change at the secular rat
     perigee' = (3/4) n J2 (R/p)^2 (5 cos^2 i - 1)
     M'       = n (1 + (3/4) J2 (R/p)^2 sqrt(1 - e^2) (3 cos^2 i - 1))
 
-without the oscillations within a revolution, of about J2 R, some km in a low orbit of the Earth.  The table `path`, if
-there is one, has the differences of positions, such as an ephemeris has, from the ellipse.  Space is the frame of
+without the oscillations within a revolution, of about J2 R, some km in a low orbit of the Earth.  The table `path` has
+the differences of positions, such as an ephemeris has, from the ellipse.  Space is the frame of
 the elements, whose third axis is the pole of the primary.  [W. M. Kaula, Theory of Satellite Geodesy, 1966, chapter 3]
 """
 

@@ -353,7 +353,7 @@ def _solved(flow: Flow, start: list[float], end: float) -> Callable[[Array], Arr
     return lambda rows: np.where((np.abs(rows) <= abs(times[-1]))[:, None], solution(rows).T, np.nan)
 
 
-SCHEMES = {  # acceleration; whether w is kept along the axes of space in a step; whether the new w turns q
+SCHEMES = {  # acceleration; whether w is kept along the axes of space in a step; whether the new w rotates q
     "explicit Euler of w along the body axes, q by the old w": ("explicit", False, False),
     "explicit Euler of w along the axes of space, q by the old w": ("explicit", True, False),
     "explicit Euler of w, q by the new w": ("explicit", False, True),

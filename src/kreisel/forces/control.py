@@ -11,7 +11,7 @@ and between two samples, with B the field and W the axes of the wheels as rows, 
 
 with motors = wheel_torque, the steady torque of the motors and the one that is commanded.
 
-Sensors and commands are in SI along the body axes, v_body = R v_state, R that of the quaternion `body_axes`; of a state
+Sensors and commands are in SI along the body axes, v_body = R v_state, R from the quaternion `body_axes`; of a state
 in the rest frame v_body = R g^T v_state.
 """
 
@@ -245,7 +245,7 @@ def with_wheels(model: Model, values: Mapping[str, Any]) -> Model:
 def controlled(
     model: Model, control: Controller, parameters: Sequence[Parameter], of_wheels: Mapping[str, Any]
 ) -> Model:
-    """The perturbed body with a controller, whose units are those of the body.
+    """The perturbed body with a controller, in the units of the body.
 
     parameters   that the law adds, with their values;  of_wheels: values of `OF_WHEELS`
     """

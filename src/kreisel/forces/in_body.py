@@ -27,7 +27,7 @@ PLACE = {
     "r": "position", "v": "velocity", "B": "field", "B_rate": "field_rate", "sun": "sun",
     "light": "light", "density": "density",
 }  # fmt: skip
-AXES_OF_LANES = ("body_axis_1", "body_axis_2", "body_axis_3")  # parameters: the columns of `turn`, if lanes differ
+AXES_OF_LANES = ("body_axis_1", "body_axis_2", "body_axis_3")  # parameters: the columns of `axes`, if lanes differ
 UNIT_OF_LANES = "unit_of_momentum"
 NEAR = 1.0  # s: a difference over twice this time has the rate of the field to 1e-7
 SCALARS = ("light", "density")
@@ -38,14 +38,14 @@ class InBody:
     """A torque, N m, or a potential, J: the sum of user-defined functions of quantities of a body in SI.
 
     functions  with the names of their arguments: quantities, and `params`
-    turn       (3, 3), v_body = turn v_state; None if it differs from lane to lane, as the unit of momentum then does
+    axes       (3, 3), v_body = axes v_state; None if it differs from lane to lane, as the unit of momentum then does
     time, momentum   units of the model, s and N m s
     """
 
     what: str
     functions: tuple[tuple[Portable, tuple[str, ...]], ...]
     params: tuple[str, ...]
-    turn: Array | None
+    axes: Array | None
     time: float
     momentum: float | None
 
@@ -61,19 +61,19 @@ class InBody:
         if "Omega" in names:
             base = system if record is None else record.base
             constants += [*sorted(keywords(base.velocity)), *[COUPLING] * (record is not None and record.coupling)]  # type: ignore[arg-type]
-        constants += [*AXES_OF_LANES, UNIT_OF_LANES] if self.turn is None else []
+        constants += [*AXES_OF_LANES, UNIT_OF_LANES] if self.axes is None else []
 
         def force(*values: Any, **known: Any) -> Any:
             there = dict(zip(arguments, values, strict=True))
-            turn = np.stack([known[k] for k in AXES_OF_LANES], -1) if self.turn is None else self.turn
+            axes = np.stack([known[k] for k in AXES_OF_LANES], -1) if self.axes is None else self.axes
             momentum = known[UNIT_OF_LANES] if self.momentum is None else self.momentum
             body = dict[str, Any]()
             if turned:
-                g = body["g"] = there[ORIENTATION] @ turn.T
+                g = body["g"] = there[ORIENTATION] @ axes.T
             if TIME in there:
                 body["t"] = there[TIME] * self.time
             if letters:
-                body["M"] = momentum * (turn @ there[letters[0]] if moving else there[letters[0]] @ g)
+                body["M"] = momentum * (axes @ there[letters[0]] if moving else there[letters[0]] @ g)
             if "Omega" in names:
                 state = tuple(
                     algebra.hat(there[letter]) if kind == "skew" else there[letter]
@@ -83,7 +83,7 @@ class InBody:
                     call(system.velocity, state, known) if record is None else kicks.velocity(system, state, known)
                 )
                 Omega = algebra.axial(velocity)
-                body["Omega"] = (turn @ Omega if moving else Omega @ g) / self.time
+                body["Omega"] = (axes @ Omega if moving else Omega @ g) / self.time
             if place is not None:
                 at = partial(run, place.function, **place.named(known[name] for name in place.parameters))
                 found = at(body["t"])
@@ -100,7 +100,7 @@ class InBody:
                         raise InputError(
                             f"torque: expected a vector (3,) along the body axes, N m, got shape {out.shape}."
                         )
-                    out = out @ turn if moving else g @ out
+                    out = out @ axes if moving else g @ out
                 parts.append(out[()] / (momentum / self.time))
             return reduce(add, parts)
 

@@ -275,7 +275,7 @@ def _functions(body: Any) -> tuple[Any, ...]:
     """The functions of a body and their attributes: bodies with equal ones share their operations."""
     control, torque = getattr(body, "control", None), getattr(body, "torque", None)
     out = () if control is None else (control.law, control.every, control.delay, *control.noise, *control.limits)
-    if control is not None or getattr(body, "wheels", None) is not None:  # whose units are those of all lanes
+    if control is not None or getattr(body, "wheels", None) is not None:  # whose units are common to all lanes
         out += (getattr(body, "time_unit", 1.0), getattr(body, "momentum_unit", 1.0))
     steady = None if isinstance(torque, np.ndarray) else torque
     return (*out, steady, getattr(body, "potential", None), getattr(body, "damping", None) is None)
@@ -339,6 +339,6 @@ def _at(value: Any, lane: int, count: int, has_lanes: bool) -> Any:
     out = dict(value)
     for name, each in value.items():
         shape = () if callable(each) else np.shape(each)
-        if shape[:1] == (count,) and (len(shape) > 1 or count != 3):  # three numbers are a vector
+        if shape[:1] == (count,) and (len(shape) > 1 or count != 3):  # three values are a vector
             out[name] = np.reshape(each, (count, *(() if shape[1:] == (1,) else shape[1:])))[lane]
     return out

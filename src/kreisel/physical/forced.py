@@ -82,10 +82,10 @@ class Forced(Varied):
             raise InputError(f"params: expected a dict of names and values, got {shown(params)}.")
         axes = model.body_frame or BodyFrame()
         turn, momentum = axes.axes, axes.size(model.system.space.letters[0])
-        frame: dict[str, Any] = {"turn": turn, "time": axes.time_unit, "momentum": momentum}
+        frame: dict[str, Any] = {"axes": turn, "time": axes.time_unit, "momentum": momentum}
         if self._lanes:
             params = {**params, **dict(zip(AXES_OF_LANES, turn.T, strict=True)), UNIT_OF_LANES: momentum}
-            frame |= {"turn": None, "momentum": None}
+            frame |= {"axes": None, "momentum": None}
         still = tuple(name for name in quantities if name not in ("M", "Omega"))
         damping = None if self.damping is None else finite_floats(self.damping, "1/s", "damping") * axes.time_unit
         if damping is not None and damping.shape[-1:] == (3,) and axes.turned:

@@ -49,8 +49,9 @@ class GravityBody:
         convert_fields(self, positive=True, mass="kg")
         convert_fields(self, size="m", love="1", lag="s")
         object.__setattr__(self, "inertia", diagonal_inertia(self.inertia))
-        convert_fields(self, shapes=((7,),), degree_3="kg m^3")
-        convert_fields(self, shapes=((9,),), degree_4="kg m^4")
+        for k in (3, 4):
+            units: dict[str, Any] = {f"degree_{k}": f"kg m^{k}"}
+            convert_fields(self, shapes=((2 * k + 1,),), **units)
         for name in ("size", "love", "lag"):
             if getattr(self, name) < 0:
                 raise InputError(f"{name}: expected a number >= 0, got {getattr(self, name):g}.")

@@ -74,7 +74,7 @@ def pointing(
     stiffness, damping   N m/rad and N m s: I f^2 and 2 z I f for a frequency f and a damping ratio z
     target     "orbit": the body axes x ahead, y against the normal of the orbit, z down; or an attitude in space,
                (w, x, y, z)
-    unloading  1/s: the rate at which magnets take the momentum of the wheels, the dipole unloading h x B/|B|^2
+    unloading  1/s: the rate at which magnets remove momentum from the wheels, the dipole unloading h x B/|B|^2
     more       arguments of `kr.Control`
 
     [Wie, Weiss, Arapostathis, J. Guid. Control Dyn. 12 (1989) 375; Markley, Crassidis 2014, sections 7.2 and 7.5]
