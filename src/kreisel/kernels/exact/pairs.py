@@ -8,10 +8,10 @@ vectors in doubles has the digits of double-doubles.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache, reduce
 from operator import add
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -20,403 +20,17 @@ from kreisel.algebra import Array
 from kreisel.algebra.complex import Complex
 from kreisel.algebra.reuse import Identity, reused
 from kreisel.baecklund import conjugate
-from kreisel.baecklund.conjugate import HEIGHTS
-from kreisel.graph.arranging import arranged
 from kreisel.graph.double import DoubleDouble, upper
-from kreisel.graph.graph import Graph
-from kreisel.graph.llvm import DOUBLE, INTEGER, Function, Integer, Lanes, Value, kind_of
+from kreisel.graph.llvm import DOUBLE, INTEGER, Function, Integer, Lanes, Memory, Value, kind_of
 from kreisel.graph.machine import address_of, kernel
-from kreisel.graph.recording import as_operands
+from kreisel.kernels.exact.points import Choice, Formulas, Piece, complex_values
 from kreisel.kernels.layout import Floats
 from kreisel.record.calling import call
-from kreisel.record.contract import ConjugatePairs
 from kreisel.record.model import Model
 
-columns: Callable[..., Any] = conjugate.longest
-largest: Callable[..., Any] = conjugate.largest
-levels: Callable[..., Any] = conjugate.levels
 ROUNDS = 4  # of quotient and vectors at a node: an error of 0.2 of the vectors falls below 1e-10
 NEAR = 1e-18  # relative: a squared change of mu, after which the next one is rounding
-RANK = 1e-10  # relative: fields that depend on others
-SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
-CHANGES = 100  # of points, for each pair: the most
 NODES, WIDTH = 14, 4  # of a path, at most; of vectors of nodes in double-doubles
-CLOSE = 1e-9  # a change of x, relative to the distance of a branch point, whose square is rounding
-BESIDE = 1e-5  # of the distance of a pole: between two points for a derivative
-Recorded = Callable[..., list[Any]]
-Piece = tuple[Graph, list[Any]]
-
-
-class Formulas:
-    """The formulas of the pairs of a system, recorded, and the places in a row of doubles that kernels share.
-
-    count, y, x, radius, mu   how many pairs, lam = iy and mu there, x in a unit of small times and then of a step
-                              (complex), distances of branch points
-    dual, none                of the fields at iy (d, most); 1 for each missing pair
-    units, size, off, rate    of components; of the flow in these; of its part beyond the fields; of the rotation
-    least, heights, first     the last pivot over the first; how many points were tried, and the first of them
-    h, close, nodes, row      time; changes of x to be neglected; nodes of each path, and the first of its table
-    end, miss, change         mu at iy + x; defects of the integrals, changes of x
-    rotation                  of the body, which is missing
-    """
-
-    def __init__(self, model: Model):
-        self.system, self.n = model.system, model.n
-        self.pairs = cast("ConjugatePairs", self.system.pairs)
-        self.kinds = model.system.space.kinds
-        self.d, self.turns = algebra.coordinate_count(self.kinds, self.n), self.n * (self.n - 1) // 2
-        self.axes = {p.letter: model.axes[p.letter] for p in model.system.parameters if p.kind != "dimension"}
-        d, most = self.d, self.d // 2
-        sizes = dict.fromkeys(("count", "heights", "size", "least", "off", "rate", "h"), 1)
-        sizes |= dict.fromkeys(("y", "radius", "none", "close", "nodes", "row"), most)
-        sizes |= {"x": 2 * most, "mu": 2 * most, "end": 2 * most, "dual": d * most, "units": d}
-        sizes |= {"miss": d, "change": most, "rotation": self.turns, "first": 2 + max(self.n, 4)}
-        ends = np.cumsum([0, *sizes.values()]).tolist()
-        self.places = {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:], strict=False)}
-        self.size, self.most = ends[-1], most
-
-    def _record(self, function: Recorded, *letters: tuple[str, int]) -> Piece:
-        """A function of state and constants, and of inputs of these letters, as a graph."""
-        graph = Graph()
-        shapes = {k: (self.n,) * axes for k, axes in self.axes.items()}
-        ends = np.cumsum([0, *(int(np.prod(s)) for s in shapes.values())]).tolist()
-        z, c = graph.inputs("z", self.d), graph.inputs("c", ends[-1])
-        known = {k: c[a:b].reshape(s)[()] for (k, s), a, b in zip(shapes.items(), ends, ends[1:], strict=False)}
-        more = [graph.inputs(letter, size) for letter, size in letters]
-        return arranged(graph, as_operands(function(z, known, *more)))
-
-    def _known(self, z: Array, known: dict[str, Array], kind: Any) -> tuple[tuple[Array, ...], dict[str, Array]]:
-        """State and constants of a kind of number."""
-        wide = np.frompyfunc(kind, 1, 1)
-        constants = {k: wide(v) for k, v in known.items()} | {"n": np.asarray(self.n)}
-        if self.system.derive is not None:
-            constants |= call(self.system.derive, (), constants)
-        return algebra.restore(wide(z), self.kinds, self.n), constants
-
-    def _of_pairs(self, name: str, state: Any, known: Any, lam: Complex, **more: Any) -> Any:
-        return call(getattr(self.pairs, name), state, {**known, "lam": lam, **more})
-
-    def _rates(self, state: Any, known: Any, lam: Complex, Pi: Array) -> list[Any]:
-        """The real parts of the fields and of Omega."""
-        rates, Omega = self._of_pairs("rates", state, known, algebra.objects([lam], ()), Pi=Pi)
-        flat = [*algebra.flatten(rates, self.kinds), *algebra.coordinates(Omega)]
-        return [x.re if isinstance(x, Complex) else x for x in flat]
-
-    def _quotient(self, state: Any, known: Any, lam: Complex, vectors: Array) -> Any:
-        left, right = vectors.reshape(2, -1)
-        size = (self._weighted(left, known) * right).sum()
-        return (left * (self._of_pairs("matrix", state, known, lam) @ right)).sum() / size
-
-    def _vectors(self, state: Any, known: Any, lam: Complex, mu: Complex) -> tuple[list[Any], Array]:
-        """The parts of the left and the right vector, and the projector."""
-        Pi = self._of_pairs("projector", state, known, lam, mu=mu)
-        return [x for V in (Pi.mT, Pi) for pair in zip(*columns(V)[:2], strict=True) for x in pair], Pi
-
-    def _weighted(self, vector: Array, known: Any) -> Array:
-        return vector if self.pairs.metric is None else vector * call(self.pairs.metric, (), known)
-
-
-class Choice(Formulas):
-    """Points of pairs for the flow at one state: those with the least sum |x|/radius, by the simplex method.
-
-    kernel(room, z, c, list, count, most): list (count, 2 + levels) has y, the distance of a pole and Im mu of points to
-    try, which are found if count is 0; most: of the pairs.
-
-    The tableau has a row for each coordinate of the state; its columns are the flow, the identity, and the candidates,
-    fields times the distances of branch points.  Its largest entries are eliminated up to the rank, then those that
-    prices name.
-    """
-
-    def __init__(self, model: Model):
-        super().__init__(model)
-        self.begin, self.level = self._record(self._start), self._record(self._level, ("x", 3))
-        self.width = (len(self.level[1]) - self.d - 2) // 4  # of a vector
-        self.meet = self._record(self._meet, ("v", 8 * self.width), ("x", 4))
-        pieces, self.rows, self.levels, self.tried = [self.begin, self.level, self.meet], 2, 4, HEIGHTS
-        if self.pairs.levels is None:
-            self.heights, self.spectrum = self._record(self._heights), self._record(self._spectrum, ("x", 1))
-            pieces += self.heights, self.spectrum
-            self.rows, self.levels = len(self.heights[1]) // 4, len(self.spectrum[1]) - 1
-            self.tried = HEIGHTS if self.pairs.spectrum is None else 2 * HEIGHTS
-        self.used = self.levels if self.pairs.spectrum is self.pairs.levels is None else self.levels // 2
-        self.room = self.rows * self.tried  # of heights
-        self.columns = 1 + self.d + self.rows * HEIGHTS * self.used
-        key = "choice", self.tried, *(graph.digest(outputs) for graph, outputs in pieces)
-        self.kernel = kernel(key, 6, lambda f: _Choosing(self, f).write())
-
-    # -- formulas ------------------------------------------------------------------------------------------
-
-    def _start(self, z: Array, known: Any) -> list[Any]:
-        """The flow in units of the components, these, and the rate of a rotation.
-
-        They are sizes that components have or reach before the body rotates by about a radian: M may be far smaller
-        than it soon becomes; Newton's method must not solve for its last places then.
-        """
-        state, constants = self._known(z, known, lambda v: v)
-        rates, velocity = call(self.system.flow, state, constants), self.system.velocity
-        turns = [y[0] if velocity is None else call(velocity, y, constants) for y in (state, rates)]
-        now, later = (algebra.sqrt((turn * turn).sum()) for turn in turns)
-        rate = now + algebra.sqrt(later)
-        time, units = algebra.where_less(0, rate, 1 / rate, 0), []
-        for part, change in zip(state, rates, strict=True):
-            size, soon = (reduce(largest, abs(x).ravel()) for x in (part, change))
-            unit = largest(size, time * soon)
-            units.append(algebra.objects([algebra.where_less(0, unit, unit, 1.0)] * part.size, part.shape))
-        units = algebra.flatten(units, self.kinds)
-        exact = algebra.flatten(call(self.system.flow, *self._known(z, known, DoubleDouble)), self.kinds)
-        return [*(upper(f) / unit for f, unit in zip(exact, units, strict=True)), *units, rate]  # 0 where terms cancel
-
-    def _heights(self, z: Array, known: Any) -> list[Any]:
-        state, constants = self._known(z, known, lambda v: v)
-        return [x for row in call(self.pairs.heights, state, constants) for x in row]
-
-    def _spectrum(self, z: Array, known: Any, x: Array) -> list[Any]:
-        """Im mu of the branches at iy, and a number that is positive if they may be used."""
-        state, constants = self._known(z, known, lambda v: v)
-        if self.pairs.spectrum is None:
-            i = Complex(0.0, 1.0)
-            return [*(-m for m in levels(i * self._of_pairs("matrix", state, constants, i * x[0]))), 1.0]
-        mu, use = call(self.pairs.spectrum, state, {**constants, "y": x[0]})
-        return [*mu, use]
-
-    def _level(self, z: Array, known: Any, x: Array) -> list[Any]:
-        """mu, the left vector with <p, S q> = 1, L' q, the real field at iy; x: y, the distance of a pole, Im mu."""
-        state, constants = self._known(z, known, lambda v: v)
-        y, pole, m = x
-        lam, near = Complex(0.0, y), BESIDE * pole
-        vectors, _ = self._vectors(state, constants, lam, Complex(0.0, m))
-        mu = self._quotient(state, constants, lam, _complex(vectors))
-        vectors, Pi = self._vectors(state, constants, lam, mu)
-        left, right = _complex(vectors).reshape(2, -1)
-        after, before = (self._of_pairs("matrix", state, constants, lam + s * near) for s in (1, -1))
-        left = left * (1 / (self._weighted(left, constants) * right).sum())
-        values = [mu, *left, *(((after - before) @ right) / (2 * near))]
-        rates = self._rates(state, constants, lam, Pi)[: self.d]
-        return [p for v in values for p in algebra.parts(v)] + rates
-
-    def _meet(self, z: Array, known: Any, v: Array, x: Array) -> list[Any]:
-        """The square of the distance at which two levels meet: (gap + t (a - b))^2 + 4 t^2 c d = 0."""
-        left, change, other, change_of_other = _complex(v).reshape(4, -1)
-        a, b = (left * change).sum(), (other * change_of_other).sum()
-        slope = (a - b) * (a - b) + 4 * (left * change_of_other).sum() * (other * change).sum()
-        gap = (x[0] - x[2]) * (x[0] - x[2]) + (x[1] - x[3]) * (x[1] - x[3])
-        return [gap / algebra.sqrt(slope.re * slope.re + slope.im * slope.im)]
-
-
-class _Choosing:
-    """Writes the kernel of a `Choice`."""
-
-    def __init__(self, of: Choice, f: Function):
-        self.of, self.f, self.d = of, f, of.d
-        out, z, c, rows, self.given, self.most = f.arguments
-        self.out, self.rows = f.doubles(out), f.doubles(rows)
-        self.memory = {"z": f.doubles(z), "c": f.doubles(c), "v": f.room(8 * of.width)}
-        self.table, self.list = f.room(self.d * of.columns), f.room(of.room * (2 + of.levels))
-        self.known = f.room(of.levels * (2 + 4 * of.width + self.d))  # levels of a height: mu, left, right, L' q, field
-        self.chosen = f.room(of.columns * 4)  # of the candidates: y, radius, mu
-        self.basis, self.signs = f.room(self.d, INTEGER), f.room(self.d)
-        self.count, self.candidates = f.variables(2, INTEGER)
-        b = f.builder
-        self.plus, self.minus, self.times, self.over = b.fadd, b.fsub, b.fmul, b.fdiv
-
-    def piece(self, piece: Piece, *x: Value) -> list[Value]:
-        return self.f.outputs(*piece, lambda letter, i: x[i] if letter == "x" else self.memory[letter][i])
-
-    def size(self, x: Value) -> Value:
-        return self.f.intrinsic("fabs", x)
-
-    def less(self, x: Value, y: Value) -> Value:
-        return self.f.builder.fcmp_ordered("<", x, y)
-
-    def larger_of(self, x: Value, y: Value) -> Value:
-        return self.f.builder.select(self.less(x, y), y, x)
-
-    def value(self, x: float) -> Value:
-        return self.out.value_of(x)
-
-    def at(self, name: str) -> int:
-        return self.of.places[name].start
-
-    def write(self) -> None:
-        f, d, out = self.f, self.d, self.out
-        start, large = self.piece(self.of.begin), self.value(0.0)
-        with f.loop(0, d * (1 + d)) as k:
-            self.table[(k // (1 + d)) * self.of.columns + k % (1 + d)] = 0.0
-        for i, x in enumerate(start[:d]):
-            self.table[i * self.of.columns], self.table[i * self.of.columns + 1 + i] = x, 1.0
-            # NaN and infinity stay
-            large = self.plus(self.larger_of(large, self.size(x)), self.times(x, self.value(0.0)))
-        out[self.at("size")] = large
-        out.put(start[d : 2 * d], self.at("units"))
-        out[self.at("rate")] = start[2 * d]
-        self.count[0] = self.candidates[0] = 0
-        if self.of.pairs.levels is None:
-            self.find_heights()
-        with f.loop(0, self.given * (2 + self.of.levels)) as k:
-            self.list[k] = self.rows[k]
-        self.count[0] = self.count[0] + self.given
-        out[self.at("heights")] = self.count[0].double()
-        out.put(self.list.get(2 + self.of.levels), self.at("first"))
-        self.find_candidates()
-        self.solve()
-        self.put_points()
-
-    def find_heights(self) -> None:
-        f, stride = self.f, 2 + self.of.levels
-        rows = f.room(4 * self.of.rows)
-        rows.put(self.piece(self.of.heights))
-        with f.loop(0, self.of.rows) as row:
-            origin, side, low, high = rows.get(4, row * 4)
-            with f.where(self.less(self.value(0.0), low)):
-                e, ratio = f.variables(2)
-                e[0] = low
-                share = self.value(1 / (self.of.tried - 1))
-                ratio[0] = f.intrinsic("exp", self.times(f.intrinsic("log", self.over(high, low)), share))
-                with f.loop(0, self.of.tried):
-                    y = self.plus(origin, self.times(side, e[0]))
-                    *mu, use = self.piece(self.of.spectrum, y)
-                    with f.where(self.less(self.value(0.0), use)):
-                        self.list.put([y, e[0], *mu], self.count[0] * stride)
-                        self.count[0] = self.count[0] + 1
-                    e[0] = self.times(e[0], ratio[0])
-
-    def find_candidates(self) -> None:
-        f, of, d, memory = self.f, self.of, self.d, self.memory["v"]
-        step, at = (self.count[0] + of.rows * HEIGHTS - 1) // (of.rows * HEIGHTS), f.variables(1, INTEGER)[0]
-        size, w = 2 + 4 * of.width + d, 2 * of.width
-        at[0] = 0
-        with f.while_(lambda: at[0].compared("<", self.count[0])):
-            here = at[0] * (2 + of.levels)
-            y, pole = self.list.get(2, here)
-            with f.loop(0, of.levels) as k:
-                self.known.put(self.piece(of.level, y, pole, self.list[here + k + 2]), k * size)
-            with f.loop(0, of.used) as k:
-                (radius,) = f.variables(1)
-                radius[0] = self.times(pole, pole)
-                first = k * size
-                memory.put(self.known.get(w, first + 2))
-                memory.put(self.known.get(w, first + 2 + w), w)
-                with f.loop(0, of.levels) as other:
-                    second = other * size
-                    memory.put(self.known.get(w, second + 2), 2 * w)
-                    memory.put(self.known.get(w, second + 2 + w), 3 * w)
-                    mus = self.known.get(2, first) + self.known.get(2, second)
-                    (square,) = self.piece(of.meet, *mus)
-                    nearer = f.builder.and_(self.less(square, radius[0]), other.compared("!=", k))
-                    radius[0] = f.builder.select(nearer, square, radius[0])
-                distance = f.intrinsic("sqrt", radius[0])
-                fields = self.known.get(d, first + 2 + 4 * of.width)
-                units = self.out.get(d, self.at("units"))
-                column = [self.over(self.times(x, distance), u) for x, u in zip(fields, units, strict=True)]
-                total = self.times(reduce(self.plus, column), self.value(0.0))
-                sound = f.builder.fcmp_ordered("==", total, self.value(0.0))
-                n = self.candidates[0]
-                for i, x in enumerate(column):
-                    self.table[n + (i * of.columns + 1 + d)] = f.builder.select(sound, x, self.value(0.0))
-                self.chosen.put([y, distance, *self.known.get(2, first)], n * 4)
-                self.candidates[0] = n + 1
-            at[0] = at[0] + step
-
-    def solve(self) -> None:
-        """The basis of the tableau: its candidates, by rows."""
-        f, of, d, less = self.f, self.of, self.d, self.less
-        rank, going, steps, row, column = f.variables(5, INTEGER)
-        first, last, best, sign, reach = f.variables(5)
-        rank[0] = steps[0] = 0
-        going[0] = 1
-        first[0] = last[0] = 0.0
-        with f.loop(0, d) as i:
-            self.basis[i], self.signs[i] = -1, 0.0
-        width, candidates = of.columns, self.candidates[0]
-        with f.while_(lambda: going[0].compared(">", 0)):
-            row[0], best[0] = -1, 0.0
-            with f.otherwise(going[0].compared("==", 1)) as (by_size, by_price):
-                with by_size:
-                    with f.loop(0, d) as i, f.where(self.basis[i].compared("<", 0)), f.loop(0, candidates) as j:
-                        x = self.size(self.table[i * width + j + (1 + d)])
-                        with f.where(less(best[0], x)):
-                            best[0], row[0], column[0] = x, i, j
-                    with f.where(rank[0].compared("==", 0)):
-                        first[0] = best[0]
-                    enough = less(self.times(first[0], self.value(RANK)), best[0])
-                    enough = f.builder.and_(enough, rank[0].compared("<", self.most))
-                    with f.otherwise(enough) as (more, done):
-                        with more:
-                            last[0], rank[0] = best[0], rank[0] + 1
-                        with done:
-                            row[0], going[0] = -1, 2
-                with by_price:
-                    with f.loop(0, d) as i:
-                        x = self.table[i * width]
-                        value = f.builder.select(less(x, self.value(0.0)), self.value(-1.0), self.value(1.0))
-                        self.signs[i] = f.builder.select(self.basis[i].compared("<", 0), self.value(0.0), value)
-                    (price,) = f.variables(1)
-                    with f.loop(0, candidates) as j:
-                        price[0] = 0.0
-                        with f.loop(0, d) as i:
-                            product = self.times(self.signs[i], self.table[i * width + j + (1 + d)])
-                            price[0] = self.plus(price[0], product)
-                        with f.where(less(best[0], self.size(price[0]))):
-                            best[0], column[0] = self.size(price[0]), j
-                            sign[0] = f.builder.select(
-                                less(price[0], self.value(0.0)), self.value(-1.0), self.value(1.0)
-                            )
-                    steps[0] = steps[0] + 1
-                    useful = less(self.value(1 + SLACK), best[0])
-                    useful = f.builder.and_(useful, steps[0].compared("<", rank[0] * CHANGES))
-                    with f.where(useful):
-                        reach[0] = np.inf
-                        with f.loop(0, d) as i:
-                            slope = self.times(sign[0], self.table[i * width + column[0] + (1 + d)])
-                            x = self.over(self.table[i * width], slope)
-                            toward = less(self.value(0.0), self.times(slope, self.signs[i]))
-                            with f.where(f.builder.and_(toward, less(x, reach[0]))):
-                                reach[0], row[0] = x, i
-                    with f.where(row[0].compared("<", 0)):
-                        going[0] = 0
-            with f.where(row[0].compared(">=", 0)):
-                self.eliminate(row[0], column[0])
-        self.out[self.at("least")] = self.over(last[0], first[0])
-
-    def eliminate(self, row: Any, column: Any) -> None:
-        """Make the entry 1, and the others of its column 0."""
-        f, table, width = self.f, self.table, self.of.columns
-        self.basis[row] = column
-        begin, all_columns = row * width, self.candidates[0] + (1 + self.d)
-        inverse = self.over(self.value(1.0), table[begin + column + (1 + self.d)])
-        with f.loop(0, all_columns) as k:
-            table[begin + k] = self.times(table[begin + k], inverse)
-        with f.loop(0, self.d) as i, f.where(i.compared("!=", row)):
-            factor = table[i * width + column + (1 + self.d)]
-            with f.loop(0, all_columns) as k:
-                change = self.times(factor, table[begin + k])
-                table[i * width + k] = self.minus(table[i * width + k], change)
-
-    def put_points(self) -> None:
-        f, out, d, most = self.f, self.out, self.d, self.of.most
-        (off,), (count,) = f.variables(1), f.variables(1, INTEGER)
-        off[0], count[0] = 0.0, 0
-        with f.loop(0, d) as i:
-            begin = i * self.of.columns
-            x = self.table[begin]
-            with f.otherwise(self.basis[i].compared("<", 0)) as (left, used):
-                with left:
-                    off[0] = self.larger_of(off[0], self.size(x))
-                with used:
-                    y, radius, re, im = self.chosen.get(4, self.basis[i] * 4)
-                    k = count[0]
-                    out[k + self.at("y")], out[k + self.at("radius")] = y, radius
-                    out.put([self.times(x, radius), self.value(0.0)], k * 2 + self.at("x"))
-                    out.put([re, im], k * 2 + self.at("mu"))
-                    out[k + self.at("close")] = self.times(radius, self.value(CLOSE))
-                    for j in range(d):
-                        value = self.times(self.table[begin + (1 + j)], radius)
-                        out[k + (self.at("dual") + most * j)] = self.over(value, out[self.at("units") + j])
-                    count[0] = k + 1
-        out[self.at("off")] = off[0]
-        out[self.at("count")] = count[0].double()
-        with f.loop(count[0], most) as k:
-            out[k + self.at("none")] = 1.0
 
 
 class Paths(Formulas):
@@ -453,13 +67,13 @@ class Paths(Formulas):
         lam = Complex(re * t, y + im * t)
 
         def nearer(vectors: Sequence[Any]) -> tuple[Sequence[Any], Any]:
-            mu = self._quotient(state, constants, lam, _complex(vectors[2:]))
+            mu = self._quotient(state, constants, lam, complex_values(vectors[2:]))
             change, size = mu - Complex(*vectors[:2]), mu.re * mu.re + mu.im * mu.im
             new = self._vectors(state, constants, lam, mu)[0]
             return [mu.re, mu.im, *new], (change.re * change.re + change.im * change.im) / size
 
         new, _ = y.graph.loop(nearer, [*vectors], NEAR, ROUNDS)
-        left, right = _complex(new[2:]).reshape(2, -1)
+        left, right = complex_values(new[2:]).reshape(2, -1)
         Pi = right[:, None] * (left * (1 / (self._weighted(left, constants) * right).sum()))
         return [*new, *self._rates(state, constants, lam, Pi)[: self.d]]
 
@@ -468,7 +82,7 @@ class Paths(Formulas):
         state, constants = self._known(z, known, DoubleDouble)
         re, (t, weight) = DoubleDouble(x[1]), (DoubleDouble(*x[k : k + 2]) for k in (3, 5))
         lam = Complex(re * t, DoubleDouble(x[0]))
-        mu = self._quotient(state, constants, lam, _complex([DoubleDouble(v) for v in vectors[2:]]))
+        mu = self._quotient(state, constants, lam, complex_values([DoubleDouble(v) for v in vectors[2:]]))
         rates = self._rates(state, constants, lam, self._of_pairs("projector", state, constants, lam, mu=mu))
         new = [DoubleDouble(*pair) + re * weight * rate for pair, rate in zip(total.reshape(-1, 2), rates, strict=True)]
         return [part for x in new for part in (x.upper, x.lower)]
@@ -555,19 +169,22 @@ class Paths(Formulas):
                 memory["s"].put(run(together, v=wide_sums.of(DOUBLE)))
             with f.where(turn[0].compared("<", last)):
                 numbers.put(run(step), at["miss"])
-                (far,) = f.variables(1)
-                far[0] = -np.inf
-                for i in range(self.most):
-                    change = numbers[at["change"] + i]
-                    numbers[at["x"] + 2 * i] = plus(numbers[at["x"] + 2 * i], change)
-                    beyond = f.builder.fsub(f.intrinsic("fabs", change), numbers[at["close"] + i])
-                    far[0] = f.builder.select(f.builder.fcmp_ordered("<", far[0], beyond), beyond, far[0])
-                near = f.builder.and_(
-                    f.builder.fcmp_ordered("<=", far[0], numbers.value_of(0.0)), turn[0].compared("<", narrow)
-                )
+                near = f.builder.and_(self._moved(f, numbers), turn[0].compared("<", narrow))
                 with f.where(near):
                     turn[0] = narrow - 1
             turn[0] = turn[0] + 1
+
+    def _moved(self, f: Function, numbers: Memory) -> Value:
+        """Whether all changes of x, which are added, are below `close`: a bit."""
+        (far,) = f.variables(1)
+        far[0] = -np.inf
+        x, changes, close = (self.places[name].start for name in ("x", "change", "close"))
+        for i in range(self.most):
+            change = numbers[changes + i]
+            numbers[x + 2 * i] = f.builder.fadd(numbers[x + 2 * i], change)
+            beyond = f.builder.fsub(f.intrinsic("fabs", change), numbers[close + i])
+            far[0] = f.builder.select(f.builder.fcmp_ordered("<", far[0], beyond), beyond, far[0])
+        return f.builder.fcmp_ordered("<=", far[0], numbers.value_of(0.0))
 
 
 class Room:
@@ -606,8 +223,3 @@ def gauss() -> Floats:
         first = columns.astype(float)
         tables.append(np.stack([first, (columns - first).astype(float)], -1).swapaxes(0, 1).reshape(-1, 4))
     return np.concatenate(tables)
-
-
-def _complex(values: Sequence[Any]) -> Array:
-    """Complex values of their parts."""
-    return algebra.objects(Complex(*values[k : k + 2]) for k in range(0, len(values), 2))
