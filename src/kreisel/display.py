@@ -8,7 +8,7 @@ from typing import Any
 SHOWN: dict[str, str] = {}  # name: module:function
 
 
-def show(what: str, shown: Any, **options: Any) -> Any:
+def show(label: str, shown: Any, **options: Any) -> Any:
     """The result of the function registered under that name."""
-    module, _, function = SHOWN[what].partition(":")
+    module, _, function = SHOWN[label].partition(":")
     return getattr(importlib.import_module(module), function)(shown, **options)

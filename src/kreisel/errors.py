@@ -128,7 +128,7 @@ class Stopped(RunError):
         RunError.__init__(self, f"stopped by {name} after {done}, which are kept in {part}; {remedy} resumes.")
 
 
-def disk_trouble(error: OSError, path: object, what: str, kept: str) -> RunError:
+def disk_trouble(error: OSError, path: object, action: str, kept: str) -> RunError:
     """The error of the file system as one message with the fix."""
     fix = {
         errno.ENOSPC: "The disk is full: free some space, save less often (every), or choose another disk.",
@@ -138,16 +138,16 @@ def disk_trouble(error: OSError, path: object, what: str, kept: str) -> RunError
         errno.ENOTDIR: "A part of the path is a file: choose another folder.",
         errno.ENAMETOOLONG: "Choose a shorter name.",
     }.get(error.errno or 0, "Check the path and the disk.")
-    return RunError(f"{path} could not {what}: {error.strerror or error}. {fix}{kept}")
+    return RunError(f"{path} could not {action}: {error.strerror or error}. {fix}{kept}")
 
 
 @contextlib.contextmanager
-def on_disk(path: object, what: str, kept: Callable[[], str] = str) -> Iterator[None]:
+def on_disk(path: object, action: str, kept: Callable[[], str] = str) -> Iterator[None]:
     """A context that reports errors of the file system as `RunError` with the fix; `kept` states the safe data."""
     try:
         yield
     except OSError as error:
-        raise disk_trouble(error, path, what, kept()) from error
+        raise disk_trouble(error, path, action, kept()) from error
 
 
 def hint(word: object, known: Iterable[str]) -> str:
@@ -162,10 +162,10 @@ def hint(word: object, known: Iterable[str]) -> str:
     return f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
 
 
-def require_one_of(known: Collection[str], name: object, argument: str) -> None:
+def require_one_of(names: Collection[str], name: object, argument: str) -> None:
     """Raises `InputError` for another name, with the known name most like it."""
-    if not isinstance(name, str) or name not in known:
-        raise InputError(f"{argument}: expected one of {', '.join(known)}, got {shown(name)}.{hint(name, known)}")
+    if not isinstance(name, str) or name not in names:
+        raise InputError(f"{argument}: expected one of {', '.join(names)}, got {shown(name)}.{hint(name, names)}")
 
 
 def explained(call: F) -> F:
@@ -221,12 +221,12 @@ def _is_of(value: Any, kind: str, call: Callable[..., Any]) -> bool:
     if kind in ("int", "float"):
         quantity = isinstance(value, str) or hasattr(value, "magnitude")
         return (hasattr(value, "__float__") and not getattr(value, "ndim", 0)) or (kind == "float" and quantity)
-    first, *rest = kind.split(".")
-    found = call.__globals__.get(first, getattr(builtins, first, None))
-    for part in rest:
-        found = getattr(found, part, None)
-    if isinstance(found, type) and found is not Any:
-        return isinstance(value, (list, tuple) if found is tuple else found)
+    first, *remainder = kind.split(".")
+    result = call.__globals__.get(first, getattr(builtins, first, None))
+    for part in remainder:
+        result = getattr(result, part, None)
+    if isinstance(result, type) and result is not Any:
+        return isinstance(value, (list, tuple) if result is tuple else result)
     if kind.split(".")[-1] in UNLOADED:
         return any(kind.split(".")[-1] == base.__name__ for base in type(value).__mro__)
     return kind != "None" or value is None

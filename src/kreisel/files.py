@@ -46,38 +46,38 @@ FILE_MARKS = (  # the beginning of a kind of file, and the mark in it if Kreisel
 HEAD = 1 << 20  # bytes at either end of a file that are searched for its mark
 
 
-def parsed(text: str | bytes, what: str) -> Any:
-    """The data in a JSON text; `what` names it in the message.  Raises `InputError`."""
+def parsed(text: str | bytes, label: str) -> Any:
+    """The data in a JSON text; `label` names it in the message.  Raises `InputError`."""
     if not isinstance(text, str | bytes):
-        raise InputError(f"{what}: expected text, got {shown(text)}.")
+        raise InputError(f"{label}: expected text, got {shown(text)}.")
     try:
         value = json.loads(text)
     except RecursionError:
-        raise InputError(_too_deep(what)) from None
+        raise InputError(_too_deep(label)) from None
     except ValueError as error:
-        raise InputError(f"{what} is damaged, it is not valid JSON: {error}.") from error
-    return shallow(value, what)
+        raise InputError(f"{label} is damaged, it is not valid JSON: {error}.") from error
+    return shallow(value, label)
 
 
-def shallow(value: Any, what: str) -> Any:
+def shallow(value: Any, label: str) -> Any:
     """The value itself.  Raises `InputError` if lists and tables are nested too deeply."""
     level = [value]
     for _ in range(DEEPEST):
         for number in level:
             if isinstance(number, int) and number.bit_length() > MOST_BITS:
                 raise InputError(
-                    f"{what}: expected integers of at most {MOST_BITS:,} bits, got one of {number.bit_length():,}."
+                    f"{label}: expected integers of at most {MOST_BITS:,} bits, got one of {number.bit_length():,}."
                 )
         nested = [value.values() if isinstance(value, dict) else value for value in level if isinstance(value, NESTING)]
         level = [inner for values in nested for inner in values]
-    if any(isinstance(rest, NESTING) for rest in level):
-        raise InputError(_too_deep(what))
+    if any(isinstance(remainder, NESTING) for remainder in level):
+        raise InputError(_too_deep(label))
     return value
 
 
-def _too_deep(what: str) -> str:
+def _too_deep(label: str) -> str:
     return (
-        f"{what} is nested too deep: at most {DEEPEST} lists or tables inside one another were expected. "
+        f"{label} is nested too deep: at most {DEEPEST} lists or tables inside one another were expected. "
         "It is damaged, or was not made by Kreisel."
     )
 

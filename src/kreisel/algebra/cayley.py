@@ -10,11 +10,11 @@ from kreisel.algebra.skew import SECOND, THIRD, act, axial, cross, dot, hat, wed
 
 def resolvent(X: Array, V: Array) -> Array:
     """(I - X)^-1 V for X (..., n, n) skew and columns V; for n = 3 (I + X + u u^T) V/(1 + |u|^2), X = hat(u)."""
-    one = identity(X.shape[-1])
+    unit = identity(X.shape[-1])
     if X.shape[-1] != 3:
-        return solve(one - X, V)
+        return solve(unit - X, V)
     u = axial(X)
-    return ((one + X) @ V + u[..., :, None] * act(V.mT, u)[..., None, :]) * (1 / mat(1 + dot(u, u)))
+    return ((unit + X) @ V + u[..., :, None] * act(V.mT, u)[..., None, :]) * (1 / mat(1 + dot(u, u)))
 
 
 def shifted_resolvent(mu: Array, X: Array, v: Array) -> Array:

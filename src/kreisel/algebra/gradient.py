@@ -197,28 +197,28 @@ def value_and_gradient(function: Callable[..., Any], arguments: Sequence[tuple[A
     Raises `InputError` for anything but a scalar.
     """
     tape: list[TracedNumber] = []
-    given = [traced(tape, x, axes) for x, axes in arguments]
-    out = function(*given)
+    values = [traced(tape, x, axes) for x, axes in arguments]
+    out = function(*values)
     out = out.item() if isinstance(out, np.ndarray) and out.size == 1 else out
     if not isinstance(out, TracedNumber | Real):
         raise InputError(f"expected one number, got {type(out).__name__} of shape {np.shape(out)}")
     if not isinstance(out, TracedNumber):
         return out, [0 * x for x, _ in arguments]
     slopes = _swept(tape, out)
-    return out.value, [_assembled(x, node, slopes, axes) for (x, axes), node in zip(arguments, given, strict=True)]
+    return out.value, [_assembled(x, node, slopes, axes) for (x, axes), node in zip(arguments, values, strict=True)]
 
 
 def _assembled(x: Array, nodes: Any, slopes: list[Any], axes: int) -> Any:
     """The slopes of the entries of an argument, as an array of its shape."""
-    found = [slopes[v.place] if v.place < len(slopes) else 0 for v in np.ravel(np.array(nodes, dtype=object))]
+    result = [slopes[v.place] if v.place < len(slopes) else 0 for v in np.ravel(np.array(nodes, dtype=object))]
     if axes == 0:
-        return found[0]
+        return result[0]
     shape = np.shape(x)[np.ndim(x) - axes :]
     if holds_objects(x):
-        return objects(found, shape)
+        return objects(result, shape)
     batch = np.shape(x)[: np.ndim(x) - axes]
-    kind = np.result_type(x.dtype, *(np.asarray(v).dtype for v in found))
-    columns = [np.broadcast_to(np.asarray(v, dtype=kind), np.broadcast_shapes(batch, np.shape(v))) for v in found]
+    kind = np.result_type(x.dtype, *(np.asarray(v).dtype for v in result))
+    columns = [np.broadcast_to(np.asarray(v, dtype=kind), np.broadcast_shapes(batch, np.shape(v))) for v in result]
     spread = np.broadcast_arrays(*columns)
     return np.stack(spread, -1).reshape((*spread[0].shape, *shape))
 

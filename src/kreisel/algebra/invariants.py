@@ -280,8 +280,8 @@ def lie_poisson(kinds: Sequence[str], M: Array, *carried: Array) -> Array:
     """
     n = M.shape[-1]
     i, j = triangle(n)
-    one = identity(n)
-    E = one[i][:, :, None] * one[j][:, None, :] - one[j][:, :, None] * one[i][:, None, :]
+    unit = identity(n)
+    E = unit[i][:, :, None] * unit[j][:, None, :] - unit[j][:, :, None] * unit[i][:, None, :]
     moved = []
     for kind, z in zip(map(KINDS.__getitem__, kinds), (M, *carried), strict=True):
         of_all = z[(..., None, *(slice(None),) * kind.axes)]

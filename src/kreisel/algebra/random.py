@@ -28,8 +28,8 @@ SECOND = [[0, 1, 0], [0, 0, 1], [-1370589, 0, 527612]]
 
 def remainder(x: Any, m: float) -> Any:
     """x mod m, in [0, m), of integers |x| < 2^53."""
-    rest = x - nearest(x / m) * m
-    return where_less(rest, 0.0, rest + m, rest)
+    remainder = x - nearest(x / m) * m
+    return where_less(remainder, 0.0, remainder + m, remainder)
 
 
 def uniform(state: Array) -> tuple[Any, Array]:

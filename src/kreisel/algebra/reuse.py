@@ -34,8 +34,8 @@ class Identity:
     @property
     def place(self) -> dict[str, Any] | None:
         """The dictionary for values of the object; None for a function, which cloudpickle would send with it."""
-        found = None if isinstance(self._what, FunctionType) else getattr(self._what, "__dict__", None)
-        return found if isinstance(found, dict) else None
+        result = None if isinstance(self._what, FunctionType) else getattr(self._what, "__dict__", None)
+        return result if isinstance(result, dict) else None
 
 
 class Table(OrderedDict[Hashable, Any]):
@@ -112,8 +112,8 @@ def reused(key: Hashable | None, make: Callable[[], Made]) -> Made:
         table = _table(key)
         if key in table:
             table.move_to_end(key)
-            found: Made = table[key]
-            return found
+            result: Made = table[key]
+            return result
     made = _made(make)  # outside the lock: two threads may both compute it
     if made is not None:
         with _one_at_a_time:

@@ -276,7 +276,7 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
     time of the run: see the attribute `units` of the result.  A frame other than the state's requires a run
     with an orientation.  Raises `InputError` if it has none, and for systems without a rotating body.
     """
-    run = in_state_form(given := a_run(run))
+    run = in_state_form(run_of_user := a_run(run))
     model = model_for(run, system)
     if frame not in (BODY, SPACE):
         raise InputError(f"frame: expected 'body' or 'space', got {shown(frame)}.")
@@ -289,7 +289,7 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
     values, axes = (algebra.axial(omega), ("axis",)) if model.n == 3 else (omega, ("row", "column"))
     if body_frame is not None:
         values = (body_frame.vectors(values) if frame == BODY else values) / body_frame.time_unit
-    lead, coords = rows_of(given)
+    lead, coords = rows_of(run_of_user)
     unit = "1" if body_frame is None else "rad/s"
     meaning = "Omega, along the axes of the body" if frame == BODY else "omega, in space"
     return xr.DataArray(values, coords, (*lead, *axes), "angular_velocity", {"long_name": meaning, "units": unit})
@@ -309,7 +309,7 @@ def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | Non
     In the unit of length of P U = energy.  Raises `InputError` for other systems, without an orientation, and if the
     flow does not lead from a row to the next.
     """
-    run = in_state_form(given := a_run(run))
+    run = in_state_form(run_of_user := a_run(run))
     model = model_for(run, system)
     if model.system.translation is None:
         raise InputError(
@@ -329,8 +329,8 @@ def path(run: xr.Dataset, system: Model | None = None, *, start: ArrayLike | Non
     if model.system.perturbation is None:
         x = _by_momenta(rows[:3], x)
     x = x + (0 if start is None else _start(start, x.shape[1:]))
-    lead, coords = rows_of(given)
-    attrs = {"long_name": "position in space"} | ({"units": "m"} if is_in_si(given) else {})
+    lead, coords = rows_of(run_of_user)
+    attrs = {"long_name": "position in space"} | ({"units": "m"} if is_in_si(run_of_user) else {})
     return xr.DataArray(x if "lane" in run.dims else x[:, 0], coords, (*lead, "axis"), "x", attrs)
 
 

@@ -133,9 +133,9 @@ def error(run: xr.Dataset, system: Model | Body | None = None) -> xr.Dataset:
 
 
 def _distances(run: xr.Dataset, second_run: xr.Dataset) -> xr.Dataset:
-    given, run, second_run = run, in_state_form(run), in_state_form(second_run)
+    run_of_user, run, second_run = run, in_state_form(run), in_state_form(second_run)
     data: dict[str, Any] = {}
-    dims, coords = rows_of(given)
+    dims, coords = rows_of(run_of_user)
     lead = len(dims)
     for letter in RunRecord.from_attrs(run.attrs).kinds:
         if letter not in run or letter not in second_run:
@@ -152,6 +152,6 @@ def _distances(run: xr.Dataset, second_run: xr.Dataset) -> xr.Dataset:
         nearest = np.minimum(np.linalg.norm(q - r, axis=-1), np.linalg.norm(q + r, axis=-1))
         angle = 4 * np.arcsin(np.clip(nearest / 2, 0, 1))
         data[ORIENTATION] = (dims, angle, {"long_name": "angle between the orientations", "units": "rad"})
-    names = dict(zip(RunRecord.from_attrs(run.attrs).kinds, names_of_state(given), strict=True))
-    names |= {ORIENTATION: "attitude"} if is_in_si(given) else {}
+    names = dict(zip(RunRecord.from_attrs(run.attrs).kinds, names_of_state(run_of_user), strict=True))
+    names |= {ORIENTATION: "attitude"} if is_in_si(run_of_user) else {}
     return xr.Dataset({names.get(letter, letter): value for letter, value in data.items()}, coords)

@@ -44,7 +44,7 @@ def events(
     state, and the orientation if the run has one.  Raises `InputError` for unknown quantities, and if the flow does not
     lead from a row to the next.  [T. R. Chandrupatla, Adv. Eng. Softw. 28 (1997) 145]
     """
-    given, quantity, run = run, state_quantity(run, quantity), in_state_form(run)
+    run_of_user, quantity, run = run, state_quantity(run, quantity), in_state_form(run)
     model, value = model_for(run, system), finite_number(value, "value")
     if rising is not None:
         flag(rising, "rising")
@@ -83,7 +83,7 @@ def events(
         coords["lane"] = ("event", run["lane"].values[lane][order])
     attrs = {k: run.attrs[k] for k in ("title", "system", "n", "components", "frame", "body") if k in run.attrs}
     cut = xr.Dataset(data, coords, {**attrs, "quantity": label(quantity), "value": float(value)})
-    return in_si(cut, model) if is_in_si(given) else cut
+    return in_si(cut, model) if is_in_si(run_of_user) else cut
 
 
 def parts_of(run: xr.Dataset, model: Model, g: Array | None) -> tuple[Array, ...]:

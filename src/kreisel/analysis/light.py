@@ -206,15 +206,15 @@ def of_ellipsoid(axes: Array, weights: Mapping[str, float]) -> Light:
     return light
 
 
-def _shares(y2: Array, rest: Array, where: Any) -> tuple[Array, Array]:
+def _shares(y2: Array, remainder: Array, where: Any) -> tuple[Array, Array]:
     """h = (1 - (1 - y^2) A)/y^2 and A = artanh(y)/y, by y^2 and 1 - y^2."""
     thin = y2 < THIN
     y = algebra.sqrt(where(thin, THIN, y2))
-    ratio = (algebra.log(1 + y) - algebra.log(where(thin, 1 - THIN, rest)) / 2) / y
+    ratio = (algebra.log(1 + y) - algebra.log(where(thin, 1 - THIN, remainder)) / 2) / y
     h, A = 0 * y2, 0 * y2
     for k in range(TERMS - 1, -1, -1):
         h, A = h * y2 + 2 / ((2 * k + 1) * (2 * k + 3)), A * y2 + 1 / (2 * k + 1)
-    return where(thin, h, (1 - rest * ratio) / (y * y)), where(thin, A, ratio)
+    return where(thin, h, (1 - remainder * ratio) / (y * y)), where(thin, A, ratio)
 
 
 def _cross_squared(p: Array, q: Array) -> Array:

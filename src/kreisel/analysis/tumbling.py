@@ -40,9 +40,9 @@ def energies(moments: Array, q: Array) -> tuple[Array, ...]:
     edge = I3 / I2 - 1
     D = -edge * np.expm1(-q)
     E = (I3 - I1 - D * I1) / I3
-    rest = (I3 - I1) * (I2 / I3 * edge * np.exp(-q)) / ((I3 - I2) * E)
+    remainder = (I3 - I1) * (I2 / I3 * edge * np.exp(-q)) / ((I3 - I2) * E)
     squares = I1 * D / (I3 - I1), I2 * D / (I3 - I2), I3 * E / (I3 - I1)
-    return *periods_of(moments, E, rest), np.sqrt(np.stack(squares, -1)), rest
+    return *periods_of(moments, E, remainder), np.sqrt(np.stack(squares, -1)), remainder
 
 
 def moments_of(a: Array, amplitude: Array, ratio: Array, mode: str) -> Array:
@@ -89,8 +89,8 @@ def by_periods(x: Array, mode: str) -> tuple[Array, Array, Array]:
             if not (certain & (abs(w) > 1e-14)).any():
                 break
         good &= certain & (abs(v) < 1e-11)
-        period, _, amplitudes, rest = energies(moments[:, order], np.where(good, q, 1.0))
-        sn, cn, dn, _ = ellipj(4 * ellipkm1(rest) * x[:, PHASE] / (2 * np.pi), 1 - rest)
+        period, _, amplitudes, remainder = energies(moments[:, order], np.where(good, q, 1.0))
+        sn, cn, dn, _ = ellipj(4 * ellipkm1(remainder) * x[:, PHASE] / (2 * np.pi), 1 - remainder)
     N = amplitudes * np.stack([cn, sn, dn], -1)
     M = np.empty_like(N)
     M[:, order] = N

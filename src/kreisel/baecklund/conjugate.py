@@ -82,10 +82,10 @@ def eigenvector(re, im, weights=None, shift=0):
 
 def eigenvector_of_pencil(M, F, a, lam, mu):
     """(u, w) of L(lam) for the eigenvalue next to mu; M, F real."""
-    (x, y), (s, t), one = parts(lam), parts(mu), identity(M.shape[-1])
+    (x, y), (s, t), unit = parts(lam), parts(mu), identity(M.shape[-1])
     square, D = x * x + y * y, diagonal(a)
     return eigenvector(
-        mat(x) * D + M + mat(x / square) * F - mat(s) * one, mat(y) * D - mat(y / square) * F - mat(t) * one
+        mat(x) * D + M + mat(x / square) * F - mat(s) * unit, mat(y) * D - mat(y / square) * F - mat(t) * unit
     )
 
 
@@ -259,7 +259,7 @@ def under(record, letters, constants, enter=lambda *z: z, leave=lambda z: z, dim
 
 def in_letter(record, letter, diagonal_of=lambda x: x, **options):
     """The pairs of a system with a = `diagonal_of` of the parameter of that letter, such as J^2."""
-    return under(record, (letter,), lambda **known: {"a": diagonal_of(known[letter])}, **options)
+    return under(record, (letter,), lambda **constants: {"a": diagonal_of(constants[letter])}, **options)
 
 
 def of_body(record):

@@ -69,12 +69,12 @@ def branches(curve, lam):
 
 def eliminated(M, P, n, e, kappa, beta, lam, mu):
     """The matrix for (b_1, b_2) after elimination: its adjugate, and (a, q_6, q_7) for the two unit vectors."""
-    one, square = identity(3), beta * beta * mu
+    unit, square = identity(3), beta * beta * mu
     along = resolvent(mu, M, P)
     scale = 1 / (kappa * square * mu - lam * lam - square * dot(P, along))
     columns, rows = [], []
     for i in (0, 1):
-        X = resolvent(mu, M, one[i])
+        X = resolvent(mu, M, unit[i])
         sixth = lam * (e[i] + square * dot(P, X)) * scale
         a = vec(lam) * X + vec(sixth) * along
         seventh = (kappa * mu * sixth - dot(P, a)) / lam

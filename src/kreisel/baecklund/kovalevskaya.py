@@ -39,8 +39,8 @@ TWO = identity(2)
 
 def columns(P, Q, lam):
     """G = l E - F/l."""
-    one = identity(3)
-    return np.stack([lam * one[0] - P / lam, lam * one[1] - Q / lam], -1)
+    unit = identity(3)
+    return np.stack([lam * unit[0] - P / lam, lam * unit[1] - Q / lam], -1)
 
 
 def rotor(M, gamma):

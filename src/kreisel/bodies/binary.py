@@ -158,7 +158,7 @@ def potential(
     return -G * m1 * m2 * (1.5 * (a1 + a2) + higher) / (square * distance)
 
 
-def potential_of_three(r, q1, q2, R, q3=None, *, m1, m2, m3, D1, D2, D3=None, **known):
+def potential_of_three(r, q1, q2, R, q3=None, *, m1, m2, m3, D1, D2, D3=None, **constants):
     R = FAR * R
     mass, square = m1 + m2, R @ R
     distance = sqrt(square)
@@ -173,7 +173,7 @@ def potential_of_three(r, q1, q2, R, q3=None, *, m1, m2, m3, D1, D2, D3=None, **
         w3 = None if q3 is None else away @ rotation_matrix(q3)
         moments = D @ (w * w) + (0 if w3 is None else D3 @ (w3 * w3))
         V = V - m * 1.5 * moments / (square * square * root**5)
-    return potential(r, q1, q2, m1=m1, m2=m2, D1=D1, D2=D2, **known) + G * m3 * V / distance
+    return potential(r, q1, q2, m1=m1, m2=m2, D1=D1, D2=D2, **constants) + G * m3 * V / distance
 
 
 def friction(r, v, L1, q1, L2, q2, *third, m1, m2, reduced, rotor1, rotor2, tide1, tide2, lag1, lag2):

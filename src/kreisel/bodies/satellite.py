@@ -85,9 +85,9 @@ def harmonics_4(w):
     return np.array([zonal, near * x, near * y, middle * c2, middle * s2, *far])
 
 
-def torque(g, t, *, orbit, path, torque, dipole, plates, drag, pressure, mirror, diffuse, **known):
+def torque(g, t, *, orbit, path, torque, dipole, plates, drag, pressure, mirror, diffuse, **constants):
     r, v = place(t, orbit, path)
-    there = around(r, v, t, **known)
+    there = around(r, v, t, **constants)
     v, s = there.stream @ g, there.sun @ g
     air, lighting = -there.density * drag / 2 * v, pressure * there.near * there.near * there.light
     torque = torque + cross(dipole, there.field @ g)
@@ -99,10 +99,10 @@ def torque(g, t, *, orbit, path, torque, dipole, plates, drag, pressure, mirror,
     return torque
 
 
-def surroundings(t, *, orbit, path, field, **known):
+def surroundings(t, *, orbit, path, field, **constants):
     """The environment in space at t, s, by name; of times (...) vectors are (3, ...)."""
     r, v = (x.T for x in place(t, orbit, path))
-    there = around(r, v, t, **known)
+    there = around(r, v, t, **constants)
     B = there.field + of_dipole(r, field)
     return {"position": r, "velocity": v, "field": B, "sun": there.sun, "light": there.light, "density": there.density}
 
@@ -131,21 +131,21 @@ def derive(*, moments, semi_major_axis, eccentricity, inclination, node, perigee
     return {"J": J, **euler_top.sums(J=J), "orbit": of_elements(**size, **angles)}
 
 
-def doubts(**known):
+def doubts(**constants):
     """Sentences on angles, orbits in the air, the sign of the Earth's field, and causes without an effect."""
     for name in ("inclination", "node", "perigee", "mean_anomaly"):
-        yield from doubtful_angle(known[name], name)
-    yield from doubtful_orbit(known["semi_major_axis"] * (1 - known["eccentricity"]), known["radius"])
-    field = known["field"]
-    if np.all(abs(known["mu"] / EARTH - 1) < 1e-2) and np.any(field > 0):
+        yield from doubtful_angle(constants[name], name)
+    yield from doubtful_orbit(constants["semi_major_axis"] * (1 - constants["eccentricity"]), constants["radius"])
+    field = constants["field"]
+    if np.all(abs(constants["mu"] / EARTH - 1) < 1e-2) and np.any(field > 0):
         yield (
             f"field = {np.max(field):g} T m^3 points south over the equator; the Earth's points north: expected "
             "R^3 g_1^0, here -7.59e15. Usual cause: the strength of the dipole for its signed coefficient."
         )
-    if np.any(known["dipole"]) and not np.any(field) and not np.any(known["gauss"]):
+    if np.any(constants["dipole"]) and not np.any(field) and not np.any(constants["gauss"]):
         yield "dipole: expected field too, the primary's, -7.59e15 T m^3 for the Earth, got 0: nothing rotates it."
     for name in ("density", "pressure"):
-        if np.any(known[name]) and not np.any(known["plates"][..., 6]):
+        if np.any(constants[name]) and not np.any(constants["plates"][..., 6]):
             yield f"{name}: expected plates too, on which it acts, got none: the satellite does not feel it."
 
 

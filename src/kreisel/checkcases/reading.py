@@ -317,12 +317,12 @@ def _without_unit(words: list[str]) -> tuple[list[str], str | None]:
 
 def _groups(table: _Table) -> list[Group]:
     """The quantities in the columns, by their names."""
-    found = dict[tuple[tuple[str, ...], str | None], dict[str, str]]()
+    result = dict[tuple[tuple[str, ...], str | None], dict[str, str]]()
     for name in table.columns:
         words, unit, component = _parsed(name)
-        found.setdefault((words, unit), {}).setdefault(component, name)
+        result.setdefault((words, unit), {}).setdefault(component, name)
     groups = []
-    for (words, unit), members in found.items():
+    for (words, unit), members in result.items():
         for components in (("",), *COMPONENTS):
             role = _role(set(words), components)
             if role and all(c in members for c in components):

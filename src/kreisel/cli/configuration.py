@@ -264,16 +264,16 @@ def _settings(run: Mapping[str, Any], subject: Subject, faults: Faults) -> Setti
     return None
 
 
-def _tables(data: Mapping[str, Any], known: Sequence[str], faults: Faults) -> dict[str, Mapping[str, Any]]:
+def _tables(data: Mapping[str, Any], names: Sequence[str], faults: Faults) -> dict[str, Mapping[str, Any]]:
     """The sections of a configuration, each a table; either `system` or `body`."""
     for section in data:
-        if section not in known:
-            faults.add(f"unknown section or key {shown(section)}; expected {', '.join(known)}.{hint(section, known)}")
+        if section not in names:
+            faults.add(f"unknown section or key {shown(section)}; expected {', '.join(names)}.{hint(section, names)}")
     subject = "body" if "body" in data else "system"
     if {"body", "system"} <= data.keys():
         faults.add("expected a section [system] or [body], got both. A body of kr.physical is in [body].")
     out: dict[str, Mapping[str, Any]] = {}
-    for section in known:
+    for section in names:
         table = data.get(section, {} if (section, subject) == ("state", "body") else None)
         if section in ("system", "body") and section != subject:
             continue

@@ -61,24 +61,24 @@ LEAN = {"lean_" + k: max(0, v - 1) for k, v in FORMS.items()}  # and of its scal
 AXES = {**FORMS, **BELOW, **TURN, **LEAN, "size": 0, "inverse": 0, "still": 0}
 
 
-def step(M: Array, *g: Array, size: Array, inverse: Array, **known: Array) -> tuple[Array, ...]:
+def step(M: Array, *g: Array, size: Array, inverse: Array, **constants: Array) -> tuple[Array, ...]:
     """The state after one map."""
     x = algebra.axial(M) * algebra.vec(inverse)
-    step = change(x, known)
+    step = change(x, constants)
     new = x + step
-    return M + algebra.hat(step * algebra.vec(size)), *(turned(x, new, q, known) for q in g)
+    return M + algebra.hat(step * algebra.vec(size)), *(turned(x, new, q, constants) for q in g)
 
 
-def turned(x: Array, y: Array, g: Array, known: Mapping[str, Array]) -> Array:
+def turned(x: Array, y: Array, g: Array, constants: Mapping[str, Array]) -> Array:
     """The orientation after one map, from x = M/L to y: of what the forms say, the part that carries x to y."""
     squares, products = x * x, x[..., algebra.SECOND] * x[..., algebra.THIRD]
-    turn = algebra.act(known["turn_squares"], squares) + algebra.act(known["turn_products"], products)
-    turn = turn + algebra.act(known["turn_linear"], x) + known["turn_fixed"]
-    lean = algebra.dot(known["lean_squares"], squares) + algebra.dot(known["lean_products"], products)
-    q = algebra.quaternion(lean + algebra.dot(known["lean_linear"], x) + known["lean_fixed"], turn)
+    turn = algebra.act(constants["turn_squares"], squares) + algebra.act(constants["turn_products"], products)
+    turn = turn + algebra.act(constants["turn_linear"], x) + constants["turn_fixed"]
+    lean = algebra.dot(constants["lean_squares"], squares) + algebra.dot(constants["lean_products"], products)
+    q = algebra.quaternion(lean + algebra.dot(constants["lean_linear"], x) + constants["lean_fixed"], turn)
     shortest, half = lift(x, y), algebra.quaternion(0 * lean, x + y)
     carrying = algebra.vec(algebra.dot(q, shortest)) * shortest + algebra.vec(algebra.dot(q, half)) * half
-    q = carrying + algebra.vec(known["still"]) * (q - carrying)
+    q = carrying + algebra.vec(constants["still"]) * (q - carrying)
     return algebra.unit(algebra.quaternion_product(g, q))
 
 
@@ -113,13 +113,13 @@ class Body:
         maps = max(1, math.ceil(most))
         part = time / maps
         K = self._K * algebra.mat(part)
-        known, stage = {"size": self.L, "inverse": self.inverse}, forms(K)
+        constants, stage = {"size": self.L, "inverse": self.inverse}, forms(K)
         if self._oriented:
-            known["still"] = 1.0 * (self.L == 0)
-            found = coefficients(self._turn(K, part))
-            stage |= {f"turn_{k}": v[..., 1:, :] if v.ndim > K.ndim - 1 else v[..., 1:] for k, v in found.items()}
-            stage |= {f"lean_{k}": v[..., 0, :] if v.ndim > K.ndim - 1 else v[..., 0] for k, v in found.items()}
-        return known, stage, maps
+            constants["still"] = 1.0 * (self.L == 0)
+            result = coefficients(self._turn(K, part))
+            stage |= {f"turn_{k}": v[..., 1:, :] if v.ndim > K.ndim - 1 else v[..., 1:] for k, v in result.items()}
+            stage |= {f"lean_{k}": v[..., 0, :] if v.ndim > K.ndim - 1 else v[..., 0] for k, v in result.items()}
+        return constants, stage, maps
 
     def _turn(self, K: Array, part: Array) -> Array:
         """Forms of the quaternion of a map: those of the state at half the time, taken to it by a matrix.
@@ -150,10 +150,10 @@ class Body:
         """The quaternions of a map from each x (..., SAMPLES, 3), by Gauss's rule."""
         size, w, b = (v[..., None, :] for v in (algebra.vec(self.L), w, self.b))
         angle = np.zeros(x.shape[:-1], dtype=x.dtype)
-        for known, weight in zip(nodes[:-1], WEIGHT, strict=True):
-            angle = angle + weight * rate(x, x + change(x, known), size, w, b)
-        rest = -b * (size == 0)  # M = 0: the body rotates against its wheel
-        z = algebra.turn(algebra.vec(angle) * part[..., None, None] * x + rest * part[..., None, None])
+        for constants, weight in zip(nodes[:-1], WEIGHT, strict=True):
+            angle = angle + weight * rate(x, x + change(x, constants), size, w, b)
+        remainder = -b * (size == 0)  # M = 0: the body rotates against its wheel
+        z = algebra.turn(algebra.vec(angle) * part[..., None, None] * x + remainder * part[..., None, None])
         return algebra.unit(algebra.quaternion_product(z, lift(x, x + change(x, nodes[-1]))))
 
     def after(self, times: list[Fraction], g: tuple[Array, ...]) -> tuple[Array, ...]:
@@ -204,8 +204,8 @@ class Body:
 
     def _exactly(self, lane: tuple[int, ...]) -> tuple[Array, Array]:
         """w and b of one lane as rationals."""
-        given = {k: rationals(np.broadcast_to(v, self.x.shape)[lane]) for k, v in self._parameters.items()}
-        w, b = call(self._system.closed_form.gyrostat, (), given)
+        values = {k: rationals(np.broadcast_to(v, self.x.shape)[lane]) for k, v in self._parameters.items()}
+        w, b = call(self._system.closed_form.gyrostat, (), values)
         return w, b
 
 
@@ -214,9 +214,9 @@ def _nodes(K: Array) -> list[dict[str, Array]]:
     return [forms(K * node) for node in [*NODE, 1]]
 
 
-def _spread(known: Mapping[str, Array]) -> dict[str, Array]:
+def _spread(constants: Mapping[str, Array]) -> dict[str, Array]:
     """Remainders for the samples of a motion."""
-    return {k: np.expand_dims(v, v.ndim - FORMS.get(k, 1)) for k, v in known.items()}
+    return {k: np.expand_dims(v, v.ndim - FORMS.get(k, 1)) for k, v in constants.items()}
 
 
 def remainders(
@@ -267,7 +267,7 @@ def remainders(
         digits = TURN_DIGITS + _figures(max(abs(n) for n in whole))
         angle = turn_of_a_period(ctx, M, w, b, fastest, period, digits)
         none = np.array([_without(ctx, n * angle, 4 * ctx.pi)[0] for n in whole])
-    return [rest for rest, _ in parts], none, never
+    return [remainder for remainder, _ in parts], none, never
 
 
 def evenly(M: Array, w: Fraction, times: list[Fraction]) -> Array:

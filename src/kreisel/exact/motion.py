@@ -119,22 +119,22 @@ class TopMotion:
 
         self.ctx = ctx = mpmath.MPContext()
         self.m, self.b, self.p = (rationals(v) for v in (m, b, p))
-        self.integrals = known = Integrals.of(self.m, self.b, self.p)
-        if max(abs(v) for v in astuple(known)) > LARGEST:
+        self.integrals = integrals = Integrals.of(self.m, self.b, self.p)
+        if max(abs(v) for v in astuple(integrals)) > LARGEST:
             raise InputError(
                 f"The integrals |a|^2, |p|^2, <m, a>, <m, p> and energy must be at most {LARGEST:g} in size for the "
                 "closed form, so that their products do not overflow, got larger ones. Use other units."
             )
         three = self.m, self.b, self.p  # along one line, the top is asleep, or hangs, and spins
-        steady = known.A > 0 and not any(algebra.cross(v, self.b).any() for v in three)
-        self.apart = known.separatrix or steady  # without a period: it tends to a steady motion, or is one
+        steady = integrals.A > 0 and not any(algebra.cross(v, self.b).any() for v in three)
+        self.apart = integrals.separatrix or steady  # without a period: it tends to a steady motion, or is one
         self.steady = steady
         self.places, self.part = LEAST_PLACES, ctx.one
         ctx.dps, self.binary = self._digits(reach), BINARY
-        self.nutation = Nutation(ctx, known)
+        self.nutation = Nutation(ctx, integrals)
         self.begin()
         fastest = self._clock(reach, spin_factor)
-        if self.places > LEAPT and not self.apart and known.A and known.P2:
+        if self.places > LEAPT and not self.apart and integrals.A and integrals.P2:
             self._take_fewer_parts(fastest)
 
     def begin(self) -> None:
@@ -153,32 +153,32 @@ class TopMotion:
 
     def _digits(self, reach: float) -> int:
         """Digits for the set-up: number of periods, closeness of roots, e-foldings along a separatrix."""
-        ctx, known = self.ctx, self.integrals
+        ctx, integrals = self.ctx, self.integrals
         scale = max(
-            mp_number(ctx, abs(known.E)),
-            ctx.sqrt(mp_number(ctx, known.A * known.P2)),
-            ctx.sqrt(abs(mp_number(ctx, known.J * known.c))),
+            mp_number(ctx, abs(integrals.E)),
+            ctx.sqrt(mp_number(ctx, integrals.A * integrals.P2)),
+            ctx.sqrt(abs(mp_number(ctx, integrals.J * integrals.c))),
         )
         if scale == 0:
             return DIGITS
         periods = max(0, int(ctx.log10(1 + reach * ctx.sqrt(scale))) + 1)
         if self.steady:
             return DIGITS + periods
-        if known.separatrix:
+        if integrals.separatrix:
             away = self.e_foldings()
             return DIGITS + periods + (int(2 * (SETTLED + away) / math.log(10)) if math.isfinite(away) else 0)
-        if known.discriminant == 0:
+        if integrals.discriminant == 0:
             return DIGITS + periods
-        closeness = ctx.log10((4 * scale) ** 6 / mp_number(ctx, known.discriminant))
+        closeness = ctx.log10((4 * scale) ** 6 / mp_number(ctx, integrals.discriminant))
         return int(DIGITS + periods + max(0, closeness))
 
     def e_foldings(self) -> float:
         """How far a separatrix motion is from the steady one that it tends to, x = x3; infinite if it is that."""
-        ctx, known = self.ctx, self.integrals
-        if known.coincident is None:
+        ctx, integrals = self.ctx, self.integrals
+        if integrals.coincident is None:
             return 0.0
-        x1, _, x3 = known.coincident
-        gap = x3 - 2 * (algebra.dot(self.b, self.p) - known.E)
+        x1, _, x3 = integrals.coincident
+        gap = x3 - 2 * (algebra.dot(self.b, self.p) - integrals.E)
         return float(ctx.log(mp_number(ctx, 4 * (x3 - x1) / gap)) / 2) if gap else math.inf
 
     def _clock(self, reach: float, spin_factor: Fraction) -> float:
@@ -186,16 +186,16 @@ class TopMotion:
 
         Returns a bound of the rates of the equations.
         """
-        ctx, nutation, known = self.ctx, self.nutation, self.integrals
+        ctx, nutation, integrals = self.ctx, self.nutation, self.integrals
         turn = 2 * ctx.pi
         self.settled = 0
         turns = [0, 0] if self.apart else [nutation.period_turn(dual) / turn for dual in (False, True)]
         self.means = [t and (t - ctx.nint(t)) / (2 * nutation.half_period) for t in turns]
-        bp = ctx.sqrt(mp_number(ctx, known.A * known.P2))
+        bp = ctx.sqrt(mp_number(ctx, integrals.A * integrals.P2))
         most: list[
             tuple[MpNumber, MpNumber, MpNumber]
         ] = []  # of the sizes of m less the mean rotation, and of the mean rotations
-        for seen, turning, spinning in zip((known, known.dual), self.means, self.means[::-1], strict=True):
+        for seen, turning, spinning in zip((integrals, integrals.dual), self.means, self.means[::-1], strict=True):
             w = turn * turning  # |m - w p/|p||^2, m^2 <= -x1
             along = 2 * w * mp_number(ctx, seen.c) / ctx.sqrt(mp_number(ctx, seen.P2)) if seen.P2 else 0
             most.append((ctx.sqrt(max(w * w - along - nutation.x[0], 0)), abs(w), abs(turn * spinning)))
@@ -215,8 +215,8 @@ class TopMotion:
             self.part = 2 * unit / 2**self.places
         spread = max(0, *(int(ctx.mag(ctx.mpf(reach) / unit)) for unit in (1, self.part)) if reach else (0,))
         self.bits = 64 + PHASE_BITS + 53 + spread
-        self.spin = mp_number(ctx, spin_factor * known.J) / ctx.sqrt(mp_number(ctx, known.A)) / turn
-        self.sleeping = mp_number(ctx, known.J) / ctx.sqrt(mp_number(ctx, known.A)) / turn
+        self.spin = mp_number(ctx, spin_factor * integrals.J) / ctx.sqrt(mp_number(ctx, integrals.A)) / turn
+        self.sleeping = mp_number(ctx, integrals.J) / ctx.sqrt(mp_number(ctx, integrals.A)) / turn
         return float(rate)
 
     def _settled(self) -> int:
@@ -233,10 +233,10 @@ class TopMotion:
 
     def _whole_turns(self) -> tuple[int, int]:
         """The rotations about p and about the axis, in a period, beyond the fractions that the integrals tell."""
-        ctx, known, nutation = self.ctx, self.integrals, self.nutation
+        ctx, integrals, nutation = self.ctx, self.integrals, self.nutation
         x1, x2, x3 = nutation.x
-        A, p = (ctx.sqrt(mp_number(ctx, v)) for v in (known.A, known.P2))
-        c, J, E = mp_number(ctx, known.c) / p, mp_number(ctx, known.J) / A, mp_number(ctx, known.E)
+        A, p = (ctx.sqrt(mp_number(ctx, v)) for v in (integrals.A, integrals.P2))
+        c, J, E = mp_number(ctx, integrals.c) / p, mp_number(ctx, integrals.J) / A, mp_number(ctx, integrals.E)
         one, other = ctx.zero, ctx.zero
         for k in range(SAMPLES):
             t = nutation.half_period * (k + ctx.mpf(1) / 2) / SAMPLES
@@ -250,12 +250,12 @@ class TopMotion:
 
     def _take_fewer_parts(self, fastest: float) -> None:
         """Leave out all complete rotations, where that makes fewer parts do; `fastest`, a rate of the equations."""
-        ctx, known = self.ctx, self.integrals
+        ctx, integrals = self.ctx, self.integrals
         before = ctx.dps, self.binary, self.nutation, self.means, self.places, self.part
         lost = ORDERS * math.log10(max(10.0, fastest * float(self.nutation.half_period)))
         ctx.dps += int(lost)
         self.binary += int(lost * math.log2(10))
-        self.nutation = Nutation(ctx, known)
+        self.nutation = Nutation(ctx, integrals)
         self.begin()
         period, turn = 2 * self.nutation.half_period, 2 * ctx.pi
         fractions = [self.nutation.period_turn(dual) / turn for dual in (False, True)]
@@ -275,8 +275,8 @@ class TopMotion:
         worst = np.zeros(ORDERS)
         for j in range(1 << PLACES):
             for inside in (False, True):
-                found, _ = self.series(j, inside)
-                sizes = abs(np.ldexp(found.astype(np.float64), -self.binary))
+                result, _ = self.series(j, inside)
+                sizes = abs(np.ldexp(result.astype(np.float64), -self.binary))
                 for first, last in ((0, 3), (3, 6), (6, 10)):
                     own = sizes[:, first:last].sum(1)
                     worst = np.maximum(worst, own / max(own[0], np.finfo(float).tiny))
@@ -340,20 +340,22 @@ class TopMotion:
         turn, spin = (v if sign > 0 else algebra.inverse_turn(v) for v in (leap.turn, leap.spin))
         q = algebra.quaternion_product(algebra.quaternion_product(turn, q), spin)
         R = algebra.rotation_matrix(turn)
-        found = R @ algebra.axial(hat_m), R @ b, q / self.ctx.sqrt(algebra.dot(q, q))
-        m, b, q = (np.array([self.ctx.re(v) for v in part], dtype=object) for part in found)
+        result = R @ algebra.axial(hat_m), R @ b, q / self.ctx.sqrt(algebra.dot(q, q))
+        m, b, q = (np.array([self.ctx.re(v) for v in part], dtype=object) for part in result)
         return m, b, q
 
     def _leap(self, h: MpNumber) -> Leap:
         """Steps of the flow over h > 0: `count` times D_eps, then rotations about p and the axis."""
-        ctx, nutation, known = self.ctx, self.nutation, self.integrals
+        ctx, nutation, integrals = self.ctx, self.nutation, self.integrals
         count = 2 if h > nutation.half_period / 2 else 1
         while ctx.isnan(eps := nutation.epsilon(h / count)):
             count += 1
-        A = ctx.sqrt(mp_number(ctx, known.A))
+        A = ctx.sqrt(mp_number(ctx, integrals.A))
         along, across = (2 * ctx.pi * mean * h for mean in self.means)
         left = -count * nutation.theta(eps) - along
-        right = count * (nutation.theta(eps, dual=True) + 2 * nutation.angle(eps, mp_number(ctx, known.J) / A)) + across
+        right = (
+            count * (nutation.theta(eps, dual=True) + 2 * nutation.angle(eps, mp_number(ctx, integrals.J) / A)) + across
+        )
         turn, spin = self._about(self._mp[2], left), self._about(self._mp[1], right)
         return Leap(count, eps, nutation.length(eps), turn, spin)
 
@@ -403,9 +405,9 @@ class TopMotion:
         asleep = int(self.ctx.floor(self.ctx.ldexp(self.sleeping * self.part / 2, self.bits)))
 
         def row(
-            place: Array, left: Array, right: Array, *, up: Array, axis: Array, start: Array, **known: Array
+            place: Array, left: Array, right: Array, *, up: Array, axis: Array, start: Array, **constants: Array
         ) -> tuple[Array, ...]:
-            return finish(*turned(place, left, right, up=up, axis=axis, start=start), **known)
+            return finish(*turned(place, left, right, up=up, axis=axis, start=start), **constants)
 
         return orbit_in_parts(
             partial(self._place_of_two if twice else self.place, inside=inside),

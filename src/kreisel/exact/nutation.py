@@ -131,13 +131,18 @@ class Nutation:
 
     def theta(self, eps: MpNumber, dual: bool = False) -> MpNumber:
         """The angle about p of D_eps beyond the flow, odd in eps; 0 if p = 0.  `dual`: about A in the body."""
-        known, ctx = self.integrals.dual if dual else self.integrals, self.ctx
-        if known.P2 == 0:
+        integrals, ctx = self.integrals.dual if dual else self.integrals, self.ctx
+        if integrals.P2 == 0:
             return ctx.zero
         eps = ctx.convert(eps)
-        P2, c, K, x0 = mp_number(ctx, known.P2), mp_number(ctx, known.c), mp_number(ctx, known.K), ctx.re(4 / eps**2)
+        P2, c, K, x0 = (
+            mp_number(ctx, integrals.P2),
+            mp_number(ctx, integrals.c),
+            mp_number(ctx, integrals.K),
+            ctx.re(4 / eps**2),
+        )
         p = ctx.sqrt(P2)
-        third = ctx.elliprj(*(x0 - x for x in self.x), x0 + c**2 / P2) if known.K else ctx.zero
+        third = ctx.elliprj(*(x0 - x for x in self.x), x0 + c**2 / P2) if integrals.K else ctx.zero
         return turning(p, c, K, self.tau(eps), self._direction(eps) * third) + self.angle(eps, c / p)
 
     def _direction(self, eps: MpNumber) -> MpNumber:
@@ -153,16 +158,16 @@ class Nutation:
 
     def period_turn(self, dual: bool = False) -> MpNumber:
         """theta_P: the flow over the period 2 omega_1 is Rot_p(theta_P), mod 2 pi; 0 if p = 0."""
-        known, ctx = self.integrals.dual if dual else self.integrals, self.ctx
-        if known.P2 == 0:
+        integrals, ctx = self.integrals.dual if dual else self.integrals, self.ctx
+        if integrals.P2 == 0:
             return ctx.zero
-        P2, c = mp_number(ctx, known.P2), mp_number(ctx, known.c)
+        P2, c = mp_number(ctx, integrals.P2), mp_number(ctx, integrals.c)
         p, (x1, x2, x3) = ctx.sqrt(P2), self.x
-        if known.K == 0:  # -c^2/P2 is a root
+        if integrals.K == 0:  # -c^2/P2 is a root
             nearest = min(self.x, key=lambda x: abs(x + c**2 / P2))
             return c * self.half_period / p + (ctx.pi if nearest == x2 else 0)
         third = ctx.elliprj(x3 - x1, x3 - x2, 0, x3 + c**2 / P2)
-        return ctx.pi - 2 * turning(p, c, mp_number(ctx, known.K), self.half_period, third)
+        return ctx.pi - 2 * turning(p, c, mp_number(ctx, integrals.K), self.half_period, third)
 
     def beyond(self, eps: MpNumber) -> tuple[MpNumber, MpNumber]:
         """(tau, theta) of the map on the other branch of r, where the square root in it is negative.
@@ -170,11 +175,11 @@ class Nutation:
         With growing step the map comes there through x0 = x3, tau = omega_1; as eps -> 0 it becomes the half-turn
         about p.
         """
-        ctx, known, eps = self.ctx, self.integrals, self.ctx.convert(eps)
+        ctx, integrals, eps = self.ctx, self.integrals, self.ctx.convert(eps)
         time = ctx.sign(eps) * 2 * self.half_period - self.tau(eps)
-        if known.P2 == 0:
+        if integrals.P2 == 0:
             return time, ctx.zero
-        lean = 2 * ctx.atan(eps * mp_number(ctx, known.c) / (2 * ctx.sqrt(mp_number(ctx, known.P2))))
+        lean = 2 * ctx.atan(eps * mp_number(ctx, integrals.c) / (2 * ctx.sqrt(mp_number(ctx, integrals.P2))))
         return time, ctx.sign(eps) * (ctx.pi - self.period_turn()) - self.theta(eps) + lean
 
     def epsilon(self, h: MpNumber) -> MpNumber:
@@ -200,8 +205,8 @@ class Nutation:
 
     def length(self, eps: MpNumber) -> MpNumber:
         """The constant r = |a|^2 on the branch that is |b|^2 at eps = 0."""
-        known, s = self.integrals, self.ctx.convert(eps) ** 2 / 4
-        A, J, c, E = (mp_number(self.ctx, v) for v in (known.A, known.J, known.c, known.E))
+        integrals, s = self.integrals, self.ctx.convert(eps) ** 2 / 4
+        A, J, c, E = (mp_number(self.ctx, v) for v in (integrals.A, integrals.J, integrals.c, integrals.E))
         root = self.ctx.one
         for x in self.x:
             root = root * self.ctx.sqrt(1 - s * x)

@@ -177,20 +177,20 @@ def forms(K: Array) -> dict[str, Array]:
     """M/L after the unit of time is (x + n(x))/(1 + d(x)): coefficients of n, by FORMS, and of d, by BELOW."""
     Q, _ = moved(K)
     Q[..., range(3), range(3), 3] -= 0.5
-    found = coefficients(Q)
-    below = {f"below_{k}": v[..., 3, :] for k, v in found.items() if k != "fixed"}
-    return {k: v[..., :3, :] for k, v in found.items() if k != "fixed"} | below | {"fixed": found["fixed"][..., :3]}
+    result = coefficients(Q)
+    below = {f"below_{k}": v[..., 3, :] for k, v in result.items() if k != "fixed"}
+    return {k: v[..., :3, :] for k, v in result.items() if k != "fixed"} | below | {"fixed": result["fixed"][..., :3]}
 
 
-def change(x: Array, known: Mapping[str, Array], which: str = "") -> Array:
+def change(x: Array, constants: Mapping[str, Array], which: str = "") -> Array:
     """By how much a map changes x = M/L."""
     squares, products = x * x, x[..., algebra.SECOND] * x[..., algebra.THIRD]
-    above = algebra.act(known["squares" + which], squares) + algebra.act(known["products" + which], products)
-    above = above + (algebra.act(known["linear" + which], x) + known["fixed" + which])
-    below = algebra.dot(known["below_squares" + which], squares) + algebra.dot(
-        known["below_products" + which], products
+    above = algebra.act(constants["squares" + which], squares) + algebra.act(constants["products" + which], products)
+    above = above + (algebra.act(constants["linear" + which], x) + constants["fixed" + which])
+    below = algebra.dot(constants["below_squares" + which], squares) + algebra.dot(
+        constants["below_products" + which], products
     )
-    below = algebra.vec(below + algebra.dot(known["below_linear" + which], x))
+    below = algebra.vec(below + algebra.dot(constants["below_linear" + which], x))
     return (above - x * below) / (1 + below)
 
 

@@ -81,13 +81,13 @@ class Rotor:
         import mpmath
 
         self.ctx = mpmath.MPContext()
-        mu, given = rationals(mu), rationals(moments)
-        self.L2, self.T2 = (mu * mu).sum(), (mu * mu / given).sum()
-        self.axes = Axes.of(mu, given, self.L2, self.T2)
-        self.I, self.start = [Fraction(given[k]) for k in self.axes.i], start
+        mu, values = rationals(mu), rationals(moments)
+        self.L2, self.T2 = (mu * mu).sum(), (mu * mu / values).sum()
+        self.axes = Axes.of(mu, values, self.L2, self.T2)
+        self.I, self.start = [Fraction(values[k]) for k in self.axes.i], start
         self.N = [mu[k] for k in self.axes.i]
         self.N[2] *= self.axes.side
-        rates = [mu[j] * mu[k] * (1 / given[j] - 1 / given[k]) for j, k in ((1, 2), (2, 0), (0, 1))]
+        rates = [mu[j] * mu[k] * (1 / values[j] - 1 / values[k]) for j, k in ((1, 2), (2, 0), (0, 1))]
         self.steady = not any(rates)
         self.ctx.dps = DIGITS
         self._constants()

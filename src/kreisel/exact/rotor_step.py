@@ -56,23 +56,23 @@ def step(
     orders: int = ORDERS,
     restore: bool = True,
     tiny: float = TINY,
-    **known: Array,
+    **constants: Array,
 ) -> tuple[Array, Array]:
-    """(M, g) after the time h, M (..., 3) axial, g (..., 4) a unit quaternion; `known`: of `constants`.
+    """(M, g) after the time h, M (..., 3) axial, g (..., 4) a unit quaternion, by `constants`.
 
     For lambda h up to 2.5, lambda the rate of the elliptic functions, at most the difference of two rates L/I_i, and
     turns up to 8 radians.
     """
-    L2, energy, curve = algebra.dot(M, M), (known["inverse"] * (M * M)).sum(-1), _curve(M, h, orders, **known)
+    L2, energy, curve = algebra.dot(M, M), (constants["inverse"] * (M * M)).sum(-1), _curve(M, h, orders, **constants)
     share = 1 / (L2 + tiny)
     half, square = _ratios((1.0, 1.0, 1.0), curve)
     root = algebra.sqrt(square)
-    middle = _moved(M, half, square, root, 0.5, h, curve.bend, **known)
+    middle = _moved(M, half, square, root, 0.5, h, curve.bend, **constants)
     full, square2 = _doubled(half * half)
     root2 = half[..., 0] * half[..., 1] * half[..., 2] * root
-    end = _moved(M, full, square2 * square, root2, 1.0, h, curve.bend, **known)
-    end = restored(end, M, known["inverse"]) if restore else end
-    psi = 0.5 * h * _angle(middle, h, (L2, share, energy), curve, nodes, **known)
+    end = _moved(M, full, square2 * square, root2, 1.0, h, curve.bend, **constants)
+    end = restored(end, M, constants["inverse"]) if restore else end
+    psi = 0.5 * h * _angle(middle, h, (L2, share, energy), curve, nodes, **constants)
     return end, algebra.quaternion_product(g, _turn(M, middle, end, psi, share, algebra.dot(g, g)))
 
 
@@ -98,13 +98,13 @@ def _turn(M: Array, middle: Array, end: Array, psi: Array, share: Array, square:
 
 
 def _angle(
-    middle: Array, h: Array, integrals: tuple[Array, Array, Array], curve: Curve, nodes: int, **known: Array
+    middle: Array, h: Array, integrals: tuple[Array, Array, Array], curve: Curve, nodes: int, **constants: Array
 ) -> Array:
     """The mean of L psi'; `integrals`: L^2, 1/L^2, 2T."""
-    (L2, share, energy), inverse, rates = integrals, known["inverse"], known["rates"]
+    (L2, share, energy), inverse, rates = integrals, constants["inverse"], constants["rates"]
     h = algebra.vec(h)
     squares = middle * middle
-    bend, odd = algebra.dot(squares, 0.25 * h * h * known["curvatures"]), h * rates
+    bend, odd = algebra.dot(squares, 0.25 * h * h * constants["curvatures"]), h * rates
     along, Omega = algebra.vec(3 * share) * squares, (3 * inverse) * squares
     less = (1 / 12 * L2) * (along[..., 0] * along[..., 1] * along[..., 2])
     power = less * L2

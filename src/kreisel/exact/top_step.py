@@ -62,24 +62,24 @@ class Level(NamedTuple):
 def step(m: Array, a: Array, *g: Array, p: Array, alpha: Array, h: Array) -> tuple[Array, ...]:
     """(m, a) or (m, a, g) after the time h: axial vectors (..., 3), g (..., 4) a unit quaternion.  With g, a != 0."""
     f = algebra.vec(h) * p
-    known = _known(m, a, f, h)
-    e, levels = _vector(known, m, a, f, h), _levels(known)
+    integrals = _known(m, a, f, h)
+    e, levels = _vector(integrals, m, a, f, h), _levels(integrals)
     kick = algebra.cross(f, e)
     mean = algebra.vec(h) * (m + kick / 2)
     lean = _lean(levels, f, h)
     state = algebra.conjugated(lean, m + kick), algebra.conjugated(lean, a + algebra.cross(mean, e))
     if not g:
         return state
-    q = algebra.quaternion_product(lean, _within(known, a, e, levels, alpha))
+    q = algebra.quaternion_product(lean, _within(integrals, a, e, levels, alpha))
     return *state, algebra.unit(algebra.quaternion_product(q, g[0]))
 
 
 def step_inside(M: Array, P: Array, *g: Array, A: Array, alpha: Array, h: Array) -> tuple[Array, ...]:
     """(M, P) or (M, P, g) of the moving frame after the time h: M, A, P as m, a, p in the frame where g = 1 before."""
     f = algebra.vec(h) * P
-    known = _known(M, A, f, h)
-    e, levels = _vector(known, M, A, f, h), _levels(known)
-    q = _within(known, A, e, levels, alpha)
+    integrals = _known(M, A, f, h)
+    e, levels = _vector(integrals, M, A, f, h), _levels(integrals)
+    q = _within(integrals, A, e, levels, alpha)
     back = algebra.inverse_turn(q)
     state = algebra.conjugated(back, M + algebra.cross(f, e)), algebra.conjugated(back, P)
     if not g:
@@ -106,8 +106,8 @@ def _known(m: Array, a: Array, f: Array, h: Array) -> Known:
     return Known(A, P, J, c, E, laurent(g2 / 20, g3 / 28, ORDERS))
 
 
-def _level(known: Known, X: float) -> Level:
-    A, P, J, c, E, series = known
+def _level(constants: Known, X: float) -> Level:
+    A, P, J, c, E, series = constants
     wp = series[-1]
     for coefficient in reversed(series[:-1]):
         wp = wp * X + coefficient
@@ -118,9 +118,9 @@ def _level(known: Known, X: float) -> Level:
     return Level(kappa, N, T, (2 * J) * T - (X * c) * N)
 
 
-def _vector(known: Known, m: Array, a: Array, f: Array, h: Array) -> Array:
+def _vector(constants: Known, m: Array, a: Array, f: Array, h: Array) -> Array:
     """e/h, f = h p.  1/mu is rounded and then taken as exact, as is f: no error is the same in all steps."""
-    kappa, N, T, _ = _level(known, 1.0)
+    kappa, N, T, _ = _level(constants, 1.0)
     half = 1 / algebra.sqrt(4 * kappa)  # 1/(mu h)
     v, b = algebra.vec(half) * (algebra.vec(h) * m), a - algebra.vec(h * N / (2 * T)) * f
     e = b + algebra.cross(v, b) + algebra.vec(algebra.dot(v, b)) * v
@@ -134,8 +134,8 @@ def _rule(nodes: int) -> list[tuple[float, float]]:
     return [(float(x * x), float(w)) for x, w in zip(points, weights, strict=True) if x > 0]
 
 
-def _levels(known: Known) -> list[Level]:
-    return [_level(known, X) for X, _ in _rule(NODES)]
+def _levels(constants: Known) -> list[Level]:
+    return [_level(constants, X) for X, _ in _rule(NODES)]
 
 
 def _lean(levels: list[Level], f: Array, h: Array) -> Array:
@@ -146,9 +146,9 @@ def _lean(levels: list[Level], f: Array, h: Array) -> Array:
     return algebra.turn(algebra.vec(-theta * h) * f, *LEAN)
 
 
-def _within(known: Known, a: Array, e: Array, levels: list[Level], alpha: Array) -> Array:
+def _within(constants: Known, a: Array, e: Array, levels: list[Level], alpha: Array) -> Array:
     """H_e H_a and the rotation about a before it, not of unit length."""
-    psi = (1 / alpha - 1) * known.J / known.A
+    psi = (1 / alpha - 1) * constants.J / constants.A
     for (_, weight), (kappa, N, _, lever) in zip(_rule(NODES), levels, strict=True):
         psi = psi + (weight / 4) * (lever / (kappa * N))
     lift = algebra.quaternion(algebra.dot(a, e), algebra.cross(a, e))

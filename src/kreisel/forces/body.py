@@ -91,19 +91,19 @@ def perturbed(
     if all(value is None for value in (*functions.values(), *given.values(), pairs)) and not body.system.product:
         return body
     _require_base(body)
-    own = _parameters(body, params or {})
-    record = _record(body, functions, given, own, inner)
+    parameters = _parameters(body, params or {})
+    record = _record(body, functions, given, parameters, inner)
     _require_suitable(body, record)
-    own |= _matrices(body, damping, inertia, coupling)
-    own |= parameters_of_pairs(record, pairs, own)
-    model = _tried(body, record, list(own.values()), name)
+    parameters |= _matrices(body, damping, inertia, coupling)
+    parameters |= parameters_of_pairs(record, pairs, parameters)
+    model = _tried(body, record, list(parameters.values()), name)
     numbers = copy.deepcopy({**given, "pairs": pairs, "params": params, "inner": inner, "name": name})
-    portable = {what: Portable(function) for what, function in functions.items()}
+    portable = {kind: Portable(function) for kind, function in functions.items()}
     return Model(_with_own_casimirs(model).remade_by(_system_again, body, portable, numbers), {}, body.body_frame)
 
 
 def _system_again(body: Model, functions: Mapping[str, Portable], numbers: Mapping[str, Any]) -> System:
-    arguments: dict[str, Any] = {what: each.function for what, each in functions.items()}
+    arguments: dict[str, Any] = {kind: each.function for kind, each in functions.items()}
     return perturbed(body, **arguments, **numbers).system
 
 
@@ -119,17 +119,25 @@ def _base(system: Any) -> Model:
 
 
 def _record(
-    model: Model, functions: Mapping[str, Any], given: Mapping[str, Any], own: Mapping[str, Parameter], inner: Any
+    model: Model,
+    functions: Mapping[str, Any],
+    given: Mapping[str, Any],
+    parameters: Mapping[str, Parameter],
+    inner: Any,
 ) -> Perturbation:
     letters = (*model.system.space.letters, ORIENTATION)
     of_two = tuple(letter + mark for letter in letters for mark in (FIRST, SECOND))
     forces = {
-        what: None
+        kind: None
         if function is None
-        else replace(function.of(model), tables=_tables(own, function.params), units=dict.fromkeys(own, function.time))
+        else replace(
+            function.of(model),
+            tables=_tables(parameters, function.params),
+            units=dict.fromkeys(parameters, function.time),
+        )
         if isinstance(function, InBody)
-        else _force(function, what, (*(of_two if what == "pair_potential" else letters), TIME), model, own)
-        for what, function in functions.items()
+        else _force(function, kind, (*(of_two if kind == "pair_potential" else letters), TIME), model, parameters)
+        for kind, function in functions.items()
     }
     record = Perturbation(
         base=model.system,
@@ -153,7 +161,7 @@ def _added(system: System, old: Perturbation, new: Perturbation) -> Perturbation
             "already, got others. Give all forces of an integrable system at once."
         )
     sums: dict[str, Any] = {
-        what: together(getattr(old, what), getattr(new, what)) for what in ("potential", "torque", "force")
+        kind: together(getattr(old, kind), getattr(new, kind)) for kind in ("potential", "torque", "force")
     }
     return replace(old, damping=old.damping or new.damping, **sums)
 
@@ -188,12 +196,12 @@ def _force(function: Any, what: str, letters: tuple[str, ...], model: Model, par
         raise InputError(
             f"{what}: expected a Python function that names its arguments, got {shown(function)}."
         ) from None
-    known = (*params, *(p.letter for p in model.system.parameters))
+    constants = (*params, *(p.letter for p in model.system.parameters))
     arguments: list[str] = []
     parameters: list[str] = []
     for parameter in signature.parameters.values():
         place = parameter.kind is PLACE
-        names, kind = (letters, "arguments") if place else (known, "parameters after *")
+        names, kind = (letters, "arguments") if place else (constants, "parameters after *")
         if parameter.kind not in (PLACE, inspect.Parameter.KEYWORD_ONLY) or parameter.name not in names:
             raise InputError(
                 f"{what}: expected {kind} among {', '.join(names) or 'none'}, got {shown(parameter.name)}."
@@ -358,7 +366,7 @@ def _require_suitable(model: Model, record: Perturbation) -> None:
         kicks.require_principal(system, model.constants)
 
 
-def _system(model: Model, record: Perturbation, own: list[Parameter], name: str | None) -> System:
+def _system(model: Model, record: Perturbation, parameters: list[Parameter], name: str | None) -> System:
     """The record of the perturbed system.  Raises `InputError` for a bad name."""
     base = model.system
     if name is not None and (not isinstance(name, str) or not name.isprintable() or not name.strip()):
@@ -370,11 +378,11 @@ def _system(model: Model, record: Perturbation, own: list[Parameter], name: str 
         stated = {field: getattr(base, field) for field in STATED} | {"checks": replace(base.checks, doubts=None)}
     return perturbed_record(
         record,
-        {**model.axes, **{p.letter: axes_of(p, np.asarray(p.default)) for p in own}},
+        {**model.axes, **{p.letter: axes_of(p, np.asarray(p.default)) for p in parameters}},
         name=name or f"perturbed-{base.name}",
         title=f"{base.title}, perturbed",
         equations=f"{base.equations}; perturbed by {in_words(record)}",
-        parameters=(*(replace(p, default=model.params[p.letter]) for p in base.parameters), *own),
+        parameters=(*(replace(p, default=model.params[p.letter]) for p in base.parameters), *parameters),
         **stated,
     )
 
@@ -389,18 +397,18 @@ def _with_own_casimirs(model: Model) -> System:
         return system
     chosen = np.flatnonzero(parts)
 
-    def casimirs(*state: Array, **known: Any) -> Array:
-        return given(*state, **known)[..., chosen]
+    def casimirs(*state: Array, **constants: Any) -> Array:
+        return given(*state, **constants)[..., chosen]
 
     named = naming(casimirs, tuple(keywords(given))) if len(chosen) else None
     return replace(system, space=replace(space, casimirs=named))
 
 
-def _tried(body: Model, record: Perturbation, own: list[Parameter], name: str | None) -> Model:
+def _tried(body: Model, record: Perturbation, parameters: list[Parameter], name: str | None) -> Model:
     """The model of these forces, which are marked if they choose values by comparisons."""
-    model = Model(_system(body, record, own, name), {})
+    model = Model(_system(body, record, parameters, name), {})
     chosen: dict[str, Any] = {k: replace(getattr(record, k), chooses=True) for k in _try(model)}
-    return Model(_system(body, replace(record, **chosen), own, name), {}) if chosen else model
+    return Model(_system(body, replace(record, **chosen), parameters, name), {}) if chosen else model
 
 
 def _try(model: Model) -> set[str]:
@@ -416,7 +424,9 @@ def _try(model: Model) -> set[str]:
 
     state = space.point(n, draw)
     g = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
-    known = {letter: v.reshape(-1, *v.shape[v.ndim - model.axes[letter] :])[0] for letter, v in model.constants.items()}
+    constants = {
+        letter: v.reshape(-1, *v.shape[v.ndim - model.axes[letter] :])[0] for letter, v in model.constants.items()
+    }
     try:
         with np.errstate(all="ignore"):
             body, chosen = Body(state, g, np.float64(0.5)), set[str]()
@@ -426,10 +436,10 @@ def _try(model: Model) -> set[str]:
                 kicks.pulls(model.system, (body, body), values, axes)
                 pair = kicks.seen_by_pair(model.system, (body, body))
                 chosen |= {"pair"} if kicks.chooses(record.pair, pair, values, axes) else set()
-            kicks.rates(model.system, body, known, model.axes)
-            tau = kicks.torque(model.system, body, known, model.axes)
+            kicks.rates(model.system, body, constants, model.axes)
+            tau = kicks.torque(model.system, body, constants, model.axes)
             there = kicks.seen(model.system, body)
-            chosen |= {k for k, force in record.functions.items() if kicks.chooses(force, there, known, model.axes)}
+            chosen |= {k for k, force in record.functions.items() if kicks.chooses(force, there, constants, model.axes)}
     except InputError:
         raise
     except Exception as error:

@@ -114,18 +114,20 @@ def require_no_sample(model: Model, time: float, end: float) -> None:
 # -- a sample ----------------------------------------------------------------------------------------------
 
 
-def sampled(system: System, body: Body, q: Array, known: Constants, axes: Mapping[str, int]) -> tuple[State, Any]:
+def sampled(system: System, body: Body, q: Array, constants: Constants, axes: Mapping[str, int]) -> tuple[State, Any]:
     """The state after a sample, and the work of an impulse; q the orientation as a quaternion."""
     control, new = _control(system), dict(zip(system.space.letters, body.state, strict=True))
-    sensors, generator = _seen(system, body, q, known, axes)
+    sensors, generator = _seen(system, body, q, constants, axes)
     given, shapes, tape = {**sensors, **{k: new[k] for k in control.memory}}, {**SENSORS, **control.memory}, list[Any]()
     arguments = {
-        name: traced(tape, given[name], len(shapes[name])) if name in given else traced(tape, known[name], axes[name])
+        name: traced(tape, given[name], len(shapes[name]))
+        if name in given
+        else traced(tape, constants[name], axes[name])
         for name in control.arguments
     }
-    found = called(control.law, arguments, control.commands, control.memory, every=True)
-    results = {name: kicks.values_of(value, body) for name, value in found.items()}
-    most = {name: known[LIMIT + name] for name in control.limits}
+    result = called(control.law, arguments, control.commands, control.memory, every=True)
+    results = {name: kicks.values_of(value, body) for name, value in result.items()}
+    most = {name: constants[LIMIT + name] for name in control.limits}
     commands = [_clipped(results[k], -most[k], most[k]) if k in most else results[k] for k in control.commands]
     new |= {name: results[name] for name in control.memory}
     if control.delay:
@@ -135,8 +137,8 @@ def sampled(system: System, body: Body, q: Array, known: Constants, axes: Mappin
         ends = np.cumsum([*control.commands.values()]).tolist()
         commands = [first[..., end - k : end] for end, k in zip(ends, control.commands.values(), strict=True)]
     applied = dict(zip(control.commands, commands, strict=True))
-    if WHEEL_TORQUE in applied and WHEEL_LIMIT in known:
-        h, largest, steady = new[WHEELS], known[WHEEL_LIMIT], known[WHEEL_TORQUE]
+    if WHEEL_TORQUE in applied and WHEEL_LIMIT in constants:
+        h, largest, steady = new[WHEELS], constants[WHEEL_LIMIT], constants[WHEEL_TORQUE]
         seconds = control.every * control.time  # in which the motors do not leave these limits
         bounds = (-largest - h) / seconds - steady, (largest - h) / seconds - steady
         applied[WHEEL_TORQUE] = _clipped(applied[WHEEL_TORQUE], *bounds)
@@ -145,10 +147,10 @@ def sampled(system: System, body: Body, q: Array, known: Constants, axes: Mappin
         new[GENERATOR] = generator
     work: Any = 0
     if "impulse" in control.commands:
-        J = algebra.act(kicks.from_body(system, body, known), new[HELD + "impulse"]) / control.momentum
+        J = algebra.act(kicks.from_body(system, body, constants), new[HELD + "impulse"]) / control.momentum
         M, J = body.state[0], algebra.hat(J)
         new[system.space.letters[0]] = M + J
-        work = algebra.pairing(J, kicks.velocity(system, (M + J / 2, *body.state[1:]), known))
+        work = algebra.pairing(J, kicks.velocity(system, (M + J / 2, *body.state[1:]), constants))
     return tuple(new.values()), work
 
 
@@ -160,22 +162,22 @@ def _control(system: System) -> Controller:
 
 
 def _seen(
-    system: System, body: Body, q: Array, known: Constants, axes: Mapping[str, int]
+    system: System, body: Body, q: Array, constants: Constants, axes: Mapping[str, int]
 ) -> tuple[dict[str, Any], Array | None]:
     """Values of the sensors by name, and the generator after the draws of the noise."""
     control, own = _control(system), dict(zip(system.space.letters, body.state, strict=True))
-    R, inside = kicks.to_body(known), kicks.from_body(system, body, known).mT
+    R, inside = kicks.to_body(constants), kicks.from_body(system, body, constants).mT
     wanted = [name for name in SENSORS if name in control.arguments]
     placed = any(name in OF_PLACE for name in wanted if name != "field" or body.field is None)
-    fields = kicks.surroundings(system, body, known, axes) if placed else {}
+    fields = kicks.surroundings(system, body, constants, axes) if placed else {}
     fields |= {} if body.field is None else {"field": body.field}
     seen = dict[str, Any]()
     for name in wanted:
         if name == "rates":
-            omega = algebra.axial(kicks.velocity(system, body.state, known))
+            omega = algebra.axial(kicks.velocity(system, body.state, constants))
             seen[name] = algebra.act(inside, omega) / control.time
         elif name == "attitude":
-            seen[name] = algebra.quaternion_product(q, algebra.inverse_turn(known[BODY_AXES]))
+            seen[name] = algebra.quaternion_product(q, algebra.inverse_turn(constants[BODY_AXES]))
         elif name == "time":
             seen[name] = body.t * control.time
         elif name in (WHEELS, "light"):
@@ -187,7 +189,7 @@ def _seen(
     drawn, generator = normals(own[GENERATOR], 3 * len(control.noise))
     for i, name in enumerate(control.noise):
         names = [word + name for word in (BIAS, DEVIATION)]
-        bias, deviation = (known[each] if axes[each] else algebra.vec(known[each]) for each in names)
+        bias, deviation = (constants[each] if axes[each] else algebra.vec(constants[each]) for each in names)
         off = bias + deviation * drawn[..., 3 * i : 3 * i + 3]
         turned = name == "attitude"
         seen[name] = algebra.quaternion_product(seen[name], algebra.turn(off)) if turned else seen[name] + off
@@ -198,17 +200,17 @@ def called(
     law: Any, arguments: Mapping[str, Any], commands: Mapping[str, int], memory: Mapping[str, Any], every: bool = False
 ) -> dict[str, Array]:
     """Results of the law, as arrays of objects: memory, and some commands, or every one.  Raises `InputError`."""
-    found = run(law, **arguments)
+    result = run(law, **arguments)
     shapes = {**{name: (size,) for name, size in commands.items()}, **memory}
     needed = shapes if every else memory
-    if not isinstance(found, Mapping) or not set(needed) <= set(found) <= set(shapes):
-        lacking = [name for name in needed if name not in found] if isinstance(found, Mapping) else []
+    if not isinstance(result, Mapping) or not set(needed) <= set(result) <= set(shapes):
+        lacking = [name for name in needed if name not in result] if isinstance(result, Mapping) else []
         raise InputError(
             f"law: expected a dict of commands ({', '.join(commands)}) and of the complete memory "
-            f"({', '.join(memory) or 'none'}), got {shown([*found] if isinstance(found, Mapping) else found)}"
+            f"({', '.join(memory) or 'none'}), got {shown([*result] if isinstance(result, Mapping) else result)}"
             f"{f' without {lacking[0]}' if lacking else ''}. Memory that does not change is returned too."
         )
-    out = {name: np.asarray(found[name], dtype=object) for name in shapes if name in found}
+    out = {name: np.asarray(result[name], dtype=object) for name in shapes if name in result}
     for name, value in out.items():
         if value.shape != shapes[name]:
             raise InputError(

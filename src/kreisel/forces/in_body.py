@@ -63,10 +63,10 @@ class InBody:
             constants += [*sorted(keywords(base.velocity)), *[COUPLING] * (record is not None and record.coupling)]  # type: ignore[arg-type]
         constants += [*AXES_OF_LANES, UNIT_OF_LANES] if self.axes is None else []
 
-        def force(*values: Any, **known: Any) -> Any:
+        def force(*values: Any, **constants: Any) -> Any:
             there = dict(zip(arguments, values, strict=True))
-            axes = np.stack([known[k] for k in AXES_OF_LANES], -1) if self.axes is None else self.axes
-            momentum = known[UNIT_OF_LANES] if self.momentum is None else self.momentum
+            axes = np.stack([constants[k] for k in AXES_OF_LANES], -1) if self.axes is None else self.axes
+            momentum = constants[UNIT_OF_LANES] if self.momentum is None else self.momentum
             body = dict[str, Any]()
             if turned:
                 g = body["g"] = there[ORIENTATION] @ axes.T
@@ -80,21 +80,23 @@ class InBody:
                     for letter, kind in system.space.components
                 )
                 velocity = (
-                    call(system.velocity, state, known) if record is None else kicks.velocity(system, state, known)
+                    call(system.velocity, state, constants)
+                    if record is None
+                    else kicks.velocity(system, state, constants)
                 )
                 Omega = algebra.axial(velocity)
                 body["Omega"] = (axes @ Omega if moving else Omega @ g) / self.time
             if place is not None:
-                at = partial(run, place.function, **place.named(known[name] for name in place.parameters))
-                found = at(body["t"])
+                at = partial(run, place.function, **place.named(constants[name] for name in place.parameters))
+                result = at(body["t"])
                 if "B_rate" in names:
                     later, earlier = (at(body["t"] + h)["field"] for h in (NEAR, -NEAR))
-                    found["field_rate"] = (later - earlier) / (2 * NEAR)
+                    result["field_rate"] = (later - earlier) / (2 * NEAR)
                 for name in (k for k in PLACE if k in names):
-                    body[name] = found[PLACE[name]] if name in SCALARS else found[PLACE[name]] @ g
+                    body[name] = result[PLACE[name]] if name in SCALARS else result[PLACE[name]] @ g
             parts = []
             for function, wanted in self.functions:
-                out = np.asarray(run(function.function, **{k: {**known, **body}[k] for k in wanted}), dtype=object)
+                out = np.asarray(run(function.function, **{k: {**constants, **body}[k] for k in wanted}), dtype=object)
                 if self.what == "torque":
                     if out.shape != (3,):
                         raise InputError(
@@ -107,7 +109,7 @@ class InBody:
         return Force(force, arguments, tuple(dict.fromkeys([*constants, *self.params])))
 
 
-def in_body(what: str, function: Any, params: Mapping[str, Any], quantities: tuple[str, ...], **frame: Any) -> Any:
+def in_body(kind: str, function: Any, params: Mapping[str, Any], quantities: tuple[str, ...], **frame: Any) -> Any:
     """A force of these quantities and parameters by name; None without a function.  Raises `InputError`.
 
     A list of functions is their sum.
@@ -115,19 +117,19 @@ def in_body(what: str, function: Any, params: Mapping[str, Any], quantities: tup
     if function is None:
         return None
     several = function if isinstance(function, list | tuple) and function else [function]
-    known = (*quantities, *(name for name in params if name not in (*MOTION, *PLACE)))
+    allowed = (*quantities, *(name for name in params if name not in (*MOTION, *PLACE)))
     functions = []
     for each in several:
         try:
             names = tuple(inspect.signature(each).parameters)
         except (TypeError, ValueError):
-            raise InputError(f"{what}: expected a function such as lambda Omega: ..., got {shown(each)}.") from None
-        wrong = next((name for name in (*names, *params) if name not in known), None)
+            raise InputError(f"{kind}: expected a function such as lambda Omega: ..., got {shown(each)}.") from None
+        wrong = next((name for name in (*names, *params) if name not in allowed), None)
         if wrong is not None:
             raise InputError(
-                f"{what}: expected arguments among {', '.join(known)}, got {wrong}.{hint(wrong, known)} Give other "
+                f"{kind}: expected arguments among {', '.join(allowed)}, got {wrong}.{hint(wrong, allowed)} Give other "
                 "parameters as params={...}, by names that no quantity has."
             )
         functions.append((Portable(each), names))
     used = tuple(dict.fromkeys(name for _, names in functions for name in names if name in params))
-    return InBody(what, tuple(functions), used, **frame)
+    return InBody(kind, tuple(functions), used, **frame)

@@ -86,7 +86,7 @@ def _with_any_choice(model: Model) -> Model:
     return Model(replace(model.system, perturbation=replace(record, **chosen)), model.params) if chosen else model
 
 
-def _any_force(what: str, force: Force, n: int) -> Force:
+def _any_force(kind: str, force: Force, n: int) -> Force:
     """A constant load, or a potential that is linear in its arguments."""
     weights = np.random.default_rng(3).integers(1, 10**6, 1000).tolist()
 
@@ -94,11 +94,11 @@ def _any_force(what: str, force: Force, n: int) -> Force:
         return sum(w * x for w, x in zip(weights, [x for each in arguments for x in np.ravel(each)], strict=False))
 
     def load(*_: Any) -> Any:
-        if what == "force" or n == 3:
+        if kind == "force" or n == 3:
             return np.array(weights[:n], dtype=object)
         return algebra.skew(np.array(weights[: n * (n - 1) // 2], dtype=object), n)
 
-    return Force(load if what in ("torque", "force") else potential, force.arguments, ())
+    return Force(load if kind in ("torque", "force") else potential, force.arguments, ())
 
 
 def candidates(model: Model) -> dict[str, Function]:
@@ -161,8 +161,8 @@ def _slopes(models: list[Model], function: Function, number: Callable[[float], A
     space, n = model.system.space, model.n
 
     def draw(shape: tuple[int, ...]) -> Array:
-        found = np.array([number(v) for v in rng.normal(size=shape).flat])
-        return found.reshape(shape)
+        result = np.array([number(v) for v in rng.normal(size=shape).flat])
+        return result.reshape(shape)
 
     times = TIMES if number is float and kicks.perturbation_of(model.system).names(TIME) else None
     for _ in range(POINTS):

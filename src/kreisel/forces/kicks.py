@@ -58,23 +58,25 @@ def perturbation_of(system: System) -> Perturbation:
 # -- values ------------------------------------------------------------------------------------------
 
 
-def potential(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> tuple[Any, dict[str, Array]]:
+def potential(
+    system: System, body: Body, constants: Constants, axes: Mapping[str, int]
+) -> tuple[Any, dict[str, Array]]:
     """V, and its derivatives with respect to its letters, g and t."""
     force = perturbation_of(system).potential
     if force is None:
         return 0, {}
-    value, slopes = _value_and_slopes(force, "potential", seen(system, body), known, axes)
+    value, slopes = _value_and_slopes(force, "potential", seen(system, body), constants, axes)
     return value, {name: _back(system, name, slope, body) for name, slope in slopes.items()}
 
 
 def potential_of_pair(
-    system: System, pair: tuple[Body, Body], known: Constants, axes: Mapping[str, int]
+    system: System, pair: tuple[Body, Body], constants: Constants, axes: Mapping[str, int]
 ) -> tuple[Any, tuple[dict[str, Array], dict[str, Array]], Any]:
     """V of two bodies, its derivatives with respect to the letters and g of each, and t."""
     force = perturbation_of(system).pair
     if force is None:
         raise TypeError(f"{system.name} has no pair potential")
-    value, slopes = _value_and_slopes(force, "pair_potential", seen_by_pair(system, pair), known, axes)
+    value, slopes = _value_and_slopes(force, "pair_potential", seen_by_pair(system, pair), constants, axes)
     first, second = (
         {name[:-1]: _back(system, name[:-1], slope, body) for name, slope in slopes.items() if name[-1] == mark}
         for body, mark in zip(pair, (FIRST, SECOND), strict=True)
@@ -83,19 +85,19 @@ def potential_of_pair(
 
 
 def pulls(
-    system: System, pair: tuple[Body, Body], known: Constants, axes: Mapping[str, int]
+    system: System, pair: tuple[Body, Body], constants: Constants, axes: Mapping[str, int]
 ) -> tuple[tuple[Array, ...], tuple[Array, ...], Any]:
     """The rates of the states of two bodies by their interaction, and of the work."""
-    _, slopes, power = potential_of_pair(system, pair, known, axes)
-    first, second = (force_of_potential(system, body, by, known) for body, by in zip(pair, slopes, strict=True))
+    _, slopes, power = potential_of_pair(system, pair, constants, axes)
+    first, second = (force_of_potential(system, body, by, constants) for body, by in zip(pair, slopes, strict=True))
     return first, second, power
 
 
 def _value_and_slopes(
-    force: Force, what: str, there: Mapping[str, tuple[Any, int]], known: Constants, axes: Mapping[str, int]
+    force: Force, kind: str, there: Mapping[str, tuple[Any, int]], constants: Constants, axes: Mapping[str, int]
 ) -> tuple[Any, dict[str, Any]]:
     """The value of a potential and its derivatives with respect to its arguments; `there` has (value, axes) of each."""
-    more = [(known[name], axes[name]) for name in force.parameters]
+    more = [(constants[name], axes[name]) for name in force.parameters]
 
     def of_numbers(*numbers: Any) -> Any:
         return _called(force, numbers)
@@ -103,72 +105,77 @@ def _value_and_slopes(
     try:
         value, slopes = value_and_gradient(of_numbers, [*(there[name] for name in force.arguments), *more])
     except InputError as error:
-        raise InputError(f"{what}: {error}") from None
+        raise InputError(f"{kind}: {error}") from None
     return value, dict(zip(force.arguments, slopes, strict=False))
 
 
-def torque(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array | None:
+def torque(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> Array | None:
     """tau as a skew matrix (..., n, n); None without a torque."""
     n = body.state[0].shape[-1]
-    found = _load(system, "torque", ((3,), (n, n))[n != 3 :], body, known, axes)
-    if found is None:
+    result = _load(system, "torque", ((3,), (n, n))[n != 3 :], body, constants, axes)
+    if result is None:
         return None
-    tau, shape = found
+    tau, shape = result
     return algebra.hat(tau) if shape == (3,) else tau
 
 
-def force(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array | None:
+def force(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> Array | None:
     """F (..., n); None without a force."""
-    found = _load(system, "force", ((body.state[0].shape[-1],),), body, known, axes)
-    return None if found is None else found[0]
+    result = _load(system, "force", ((body.state[0].shape[-1],),), body, constants, axes)
+    return None if result is None else result[0]
 
 
 def _load(
-    system: System, what: str, shapes: Sequence[tuple[int, ...]], body: Body, known: Constants, axes: Mapping[str, int]
+    system: System,
+    kind: str,
+    shapes: Sequence[tuple[int, ...]],
+    body: Body,
+    constants: Constants,
+    axes: Mapping[str, int],
 ) -> tuple[Array, tuple[int, ...]] | None:
     """The values of a load, and its shape without lanes, one of `shapes`."""
-    function = perturbation_of(system).functions.get(what)
+    function = perturbation_of(system).functions.get(kind)
     if function is None:
         return None
     there = seen(system, body)
     given = [there[name] for name in function.arguments]
     tape: list[Any] = []
-    more = [(known[name], axes[name]) for name in function.parameters]
-    found = np.asarray(_called(function, [traced(tape, x, own) for x, own in (*given, *more)]), dtype=object)
-    if found.shape not in shapes:
+    more = [(constants[name], axes[name]) for name in function.parameters]
+    result = np.asarray(_called(function, [traced(tape, x, own) for x, own in (*given, *more)]), dtype=object)
+    if result.shape not in shapes:
         n = shapes[0][0]
         wanted = (
-            f"{n} values, a{'n axial' * (what == 'torque')} vector"
+            f"{n} values, a{'n axial' * (kind == 'torque')} vector"
             if len(shapes[0]) == 1
             else f"a skew {n} x {n} matrix"
         )
-        raise InputError(f"{what}: expected {wanted}, got shape {found.shape}.")
-    return values_of(found, body), found.shape
+        raise InputError(f"{kind}: expected {wanted}, got shape {result.shape}.")
+    return values_of(result, body), result.shape
 
 
-def loads(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> tuple[tuple[Any, ...], Any]:
+def loads(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> tuple[tuple[Any, ...], Any]:
     """The rates of the state by torque, force and motors of wheels, and of their work, Omega.tau + U.F."""
     record, rates = perturbation_of(system), [0 * z for z in body.state]
-    tau, F, power = torque(system, body, known, axes), force(system, body, known, axes), 0
+    tau, F, power = torque(system, body, constants, axes), force(system, body, constants, axes), 0
     if record.control is not None:
-        rates = actuated(system, body, known, axes)
+        rates = actuated(system, body, constants, axes)
         tau = rates[0] if tau is None else tau + rates[0]
     if tau is not None:
         rates[0] = tau
-        power = power + algebra.pairing(velocity(system, body.state, known), tau)
+        power = power + algebra.pairing(velocity(system, body.state, constants), tau)
     if F is not None:
         rates[1] = F
-        power = power + algebra.dot(translation(system, body, known, axes), F)
+        power = power + algebra.dot(translation(system, body, constants, axes), F)
     return tuple(rates), power
 
 
 def seen(system: System, body: Body) -> dict[str, tuple[Any, int]]:
     """The possible arguments of a force, by name: (value, its axes)."""
-    known: dict[str, tuple[Any, int]] = {}
+    constants: dict[str, tuple[Any, int]] = {}
     for (letter, kind), z in zip(system.space.components, body.state, strict=True):
         shown = algebra.KINDS[kind].shown(body.state[0].shape[-1])
-        known[letter] = algebra.KINDS[kind].for_user(z), shown.axes
-    return known | {ORIENTATION: (body.g, 2), TIME: (body.t, 0)}
+        constants[letter] = algebra.KINDS[kind].for_user(z), shown.axes
+    return constants | {ORIENTATION: (body.g, 2), TIME: (body.t, 0)}
 
 
 def seen_by_pair(system: System, pair: tuple[Body, Body]) -> dict[str, tuple[Any, int]]:
@@ -179,10 +186,10 @@ def seen_by_pair(system: System, pair: tuple[Body, Body]) -> dict[str, tuple[Any
     return there
 
 
-def chooses(force: Force, there: Mapping[str, tuple[Any, int]], known: Constants, axes: Mapping[str, int]) -> bool:
+def chooses(force: Force, there: Mapping[str, tuple[Any, int]], constants: Constants, axes: Mapping[str, int]) -> bool:
     """Whether a force chooses values by comparisons; `there` has (value, axes) of its arguments."""
     tape: list[Any] = []
-    more = [(known[name], axes[name]) for name in force.parameters]
+    more = [(constants[name], axes[name]) for name in force.parameters]
     _called(force, [traced(tape, *each) for each in (*(there[name] for name in force.arguments), *more)])
     return any(isinstance(x, ChosenNumber) for x in tape)
 
@@ -198,26 +205,28 @@ def _back(system: System, name: str, slope: Array, body: Body) -> Array:
     return slope if kind is None else algebra.KINDS[kind].from_user(slope, body.state[0].shape[-1])
 
 
-def values_of(found: Array, body: Body) -> Array:
+def values_of(result: Array, body: Body) -> Array:
     """Traced values, as the kind of number of the state."""
-    flat = [getattr(v, "value", v) for v in found.flat]
+    flat = [getattr(v, "value", v) for v in result.flat]
     if algebra.holds_objects(body.state[0]):
-        return algebra.objects(flat, found.shape)
+        return algebra.objects(flat, result.shape)
     columns = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in flat))
-    return np.stack(columns, -1).reshape((*columns[0].shape, *found.shape))
+    return np.stack(columns, -1).reshape((*columns[0].shape, *result.shape))
 
 
 # -- rates -------------------------------------------------------------------------------------------
 
 
-def force_of_potential(system: System, body: Body, slopes: Mapping[str, Array], known: Constants) -> tuple[Array, ...]:
+def force_of_potential(
+    system: System, body: Body, slopes: Mapping[str, Array], constants: Constants
+) -> tuple[Array, ...]:
     """The rates of the state by V: {x, V} from the letters, and the torque from g."""
     space, state = system.space, body.state
     rates: list[Array] = [0 * z for z in state]
     if any(letter in slopes for letter in space.letters):
         by = [slopes.get(letter, 0 * z) for letter, z in zip(space.letters, state, strict=True)]
         flat = algebra.flatten(by, space.kinds)
-        tensor = call(space.tensor, state, known)
+        tensor = call(space.tensor, state, constants)
         rates = list(algebra.restore(algebra.act(tensor.mT, flat), space.kinds, state[0].shape[-1]))
     if ORIENTATION in slopes:
         G, g = slopes[ORIENTATION], body.g
@@ -226,15 +235,15 @@ def force_of_potential(system: System, body: Body, slopes: Mapping[str, Array], 
     return tuple(rates)
 
 
-def inverse_inertia_columns(base: System, known: Constants, like: Any = 0) -> list[Array]:
+def inverse_inertia_columns(base: System, constants: Constants, like: Any = 0) -> list[Array]:
     """The columns (..., 3) of Omega as a function of M, n = 3; `like`: vectors with the axes of lanes."""
-    one = algebra.identity(3)
-    return [algebra.axial(call(base.inverse_inertia, (algebra.hat(one[i] + 0 * like),), known)) for i in range(3)]
+    unit = algebra.identity(3)
+    return [algebra.axial(call(base.inverse_inertia, (algebra.hat(unit[i] + 0 * like),), constants)) for i in range(3)]
 
 
-def require_principal(base: System, known: Constants) -> None:
+def require_principal(base: System, constants: Constants) -> None:
     """Raises `InputError` if the axes of coordinates are not principal axes, n = 3."""
-    inverse = np.stack(inverse_inertia_columns(base, known), -1)
+    inverse = np.stack(inverse_inertia_columns(base, constants), -1)
     off = abs(inverse * (1 - np.eye(3))).max()
     if off > DIAGONAL * abs(inverse).max():
         raise InputError(
@@ -243,46 +252,46 @@ def require_principal(base: System, known: Constants) -> None:
         )
 
 
-def inverse_moments(system: System, known: Constants) -> Array:
+def inverse_moments(system: System, constants: Constants) -> Array:
     """1/I_i - 1/I_i of the integrable motion, n = 3 (..., 3): the change by the perturbation."""
-    columns = inverse_inertia_columns(perturbation_of(system).base, known, known[INERTIA])
-    return 1 / known[INERTIA] - np.stack([column[..., i] for i, column in enumerate(columns)], -1)
+    columns = inverse_inertia_columns(perturbation_of(system).base, constants, constants[INERTIA])
+    return 1 / constants[INERTIA] - np.stack([column[..., i] for i, column in enumerate(columns)], -1)
 
 
-def velocity(system: System, state: tuple[Array, ...], known: Constants) -> Array:
+def velocity(system: System, state: tuple[Array, ...], constants: Constants) -> Array:
     """The angular velocity, with the moments of the perturbed body."""
     record = perturbation_of(system)
-    out = call(record.base.velocity, state[: len(record.base.space.letters)], known)
+    out = call(record.base.velocity, state[: len(record.base.space.letters)], constants)
     if record.inertia:
-        out = out + algebra.hat(inverse_moments(system, known) * algebra.axial(state[0]))
-    return out + algebra.hat(algebra.act(known[COUPLING], state[1])) if record.coupling else out
+        out = out + algebra.hat(inverse_moments(system, constants) * algebra.axial(state[0]))
+    return out + algebra.hat(algebra.act(constants[COUPLING], state[1])) if record.coupling else out
 
 
-def momentum_of_wheels(system: System, state: tuple[Array, ...], known: Constants) -> Array | None:
+def momentum_of_wheels(system: System, state: tuple[Array, ...], constants: Constants) -> Array | None:
     """h (..., 3) along the axes of the state; None without wheels."""
     control = perturbation_of(system).control
     if control is None or not control.wheels:
         return None
-    return along_state(state[system.space.letters.index(WHEELS)], known) / control.momentum
+    return along_state(state[system.space.letters.index(WHEELS)], constants) / control.momentum
 
 
-def to_body(known: Constants) -> Array:
+def to_body(constants: Constants) -> Array:
     """R (..., 3, 3) of a body with control: v_body = R v_state."""
-    return algebra.rotation_matrix(known[BODY_AXES])
+    return algebra.rotation_matrix(constants[BODY_AXES])
 
 
-def from_body(system: System, body: Body, known: Constants) -> Array:
+def from_body(system: System, body: Body, constants: Constants) -> Array:
     """The matrix (..., 3, 3) that maps vectors along the body axes to those along the axes of the state."""
-    back = to_body(known).mT
+    back = to_body(constants).mT
     return back if system.frame is Frame.MOVING or body.g is None else body.g @ back
 
 
-def along_state(wheels: Array, known: Constants) -> Array:
+def along_state(wheels: Array, constants: Constants) -> Array:
     """The sum (..., 3) of values of wheels (..., k) times their axes, along the axes of the state."""
-    return algebra.act(to_body(known).mT, (wheels[..., None, :] @ known[WHEEL_AXES])[..., 0, :])
+    return algebra.act(to_body(constants).mT, (wheels[..., None, :] @ constants[WHEEL_AXES])[..., 0, :])
 
 
-def surroundings(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> dict[str, Array]:
+def surroundings(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> dict[str, Array]:
     """The fields at the place of the body, in space, by name.  Raises `InputError` for a body without a place."""
     force = perturbation_of(system).environment
     if force is None:
@@ -291,42 +300,42 @@ def surroundings(system: System, body: Body, known: Constants, axes: Mapping[str
             f"{', '.join(OF_PLACE)}, or a dipole. Only a body on an orbit has them: kr.physical.Satellite."
         )
     tape: list[Any] = []
-    more = force.named(traced(tape, known[name], axes[name]) for name in force.parameters)
-    found = run(force.function, traced(tape, body.t, 0), **more)
-    return {name: values_of(np.asarray(value, dtype=object), body) for name, value in found.items()}
+    more = force.named(traced(tape, constants[name], axes[name]) for name in force.parameters)
+    result = run(force.function, traced(tape, body.t, 0), **more)
+    return {name: values_of(np.asarray(value, dtype=object), body) for name, value in result.items()}
 
 
-def field_of(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array:
+def field_of(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> Array:
     """The magnetic field at the place of the body, in space.  Raises `InputError` for a body without a place."""
-    return surroundings(system, body, known, axes)["field"] if body.field is None else body.field
+    return surroundings(system, body, constants, axes)["field"] if body.field is None else body.field
 
 
-def actuated(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> list[Any]:
+def actuated(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> list[Any]:
     """The rates of the state by the commands that are held."""
     control = perturbation_of(system).control
-    held, back = dict(zip(system.space.letters, body.state, strict=True)), from_body(system, body, known)
+    held, back = dict(zip(system.space.letters, body.state, strict=True)), from_body(system, body, constants)
     rates: list[Any] = [0 * z for z in body.state]
     tau: Any = 0 * algebra.axial(body.state[0])
     if HELD + "dipole" in held:
-        B = algebra.act(body.g.mT, field_of(system, body, known, axes))  # type: ignore[union-attr]
+        B = algebra.act(body.g.mT, field_of(system, body, constants, axes))  # type: ignore[union-attr]
         tau = tau + algebra.cross(algebra.act(back, held[HELD + "dipole"]), B)
     if HELD + "torque" in held:
         tau = tau + algebra.act(back, held[HELD + "torque"])
     if WHEELS in held:
-        motors = held.get(HELD + WHEEL_TORQUE, 0 * held[WHEELS]) + known[WHEEL_TORQUE]
-        tau = tau - along_state(motors, known)
+        motors = held.get(HELD + WHEEL_TORQUE, 0 * held[WHEELS]) + constants[WHEEL_TORQUE]
+        tau = tau - along_state(motors, constants)
         rates[system.space.letters.index(WHEELS)] = motors * control.time  # type: ignore[union-attr]
     rates[0] = algebra.hat(tau * (control.time / control.momentum))  # type: ignore[union-attr]
     return rates
 
 
-def translation(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> Array:
+def translation(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> Array:
     """U = dH/dP, including a potential of P and a coupling."""
     record = perturbation_of(system)
-    out = call(record.base.translation, body.state[: len(record.base.space.letters)], known)
+    out = call(record.base.translation, body.state[: len(record.base.space.letters)], constants)
     if record.coupling:
-        out = out + algebra.act(known[COUPLING], algebra.axial(body.state[0]))
-    return out + potential(system, body, known, axes)[1].get(system.space.letters[1], 0)
+        out = out + algebra.act(constants[COUPLING], algebra.axial(body.state[0]))
+    return out + potential(system, body, constants, axes)[1].get(system.space.letters[1], 0)
 
 
 def damped(system: System, state: tuple[Array, ...], factors: Array, by_axis: bool) -> Array:
@@ -345,32 +354,32 @@ def damped(system: System, state: tuple[Array, ...], factors: Array, by_axis: bo
     return algebra.hat(factors[..., :1] * (m - along) + factors[..., 2:] * along)
 
 
-def rates(system: System, body: Body, known: Constants, axes: Mapping[str, int]) -> tuple[tuple[Array, ...], Any]:
+def rates(system: System, body: Body, constants: Constants, axes: Mapping[str, int]) -> tuple[tuple[Array, ...], Any]:
     """The rates of the state by the perturbation only, and of the work."""
     record = perturbation_of(system)
-    _, slopes = potential(system, body, known, axes)
-    out = list(force_of_potential(system, body, slopes, known))
+    _, slopes = potential(system, body, constants, axes)
+    out = list(force_of_potential(system, body, slopes, constants))
     work = slopes.get(TIME, 0)
     if record.loaded:
-        by_loads, power = loads(system, body, known, axes)
+        by_loads, power = loads(system, body, constants, axes)
         out, work = [x + y for x, y in zip(out, by_loads, strict=True)], work + power
     if record.damping:
-        lost = damped(system, body.state, known[DAMPING], axes[DAMPING] > 0)
+        lost = damped(system, body.state, constants[DAMPING], axes[DAMPING] > 0)
         out[0] = out[0] - lost
-        work = work - algebra.pairing(velocity(system, body.state, known), lost)
+        work = work - algebra.pairing(velocity(system, body.state, constants), lost)
     if record.friction is not None:
-        slow, power = call(record.friction, body.state, known)
+        slow, power = call(record.friction, body.state, constants)
         out, work = [x + y for x, y in zip(out, slow, strict=True)], work + power
     if record.inertia:
-        X = algebra.hat(inverse_moments(system, known) * algebra.axial(body.state[0]))
+        X = algebra.hat(inverse_moments(system, constants) * algebra.axial(body.state[0]))
         for i, kind in enumerate(system.space.kinds):
             out[i] = out[i] - algebra.KINDS[kind].rate(X, body.state[i])
-    h = momentum_of_wheels(system, body.state, known)
+    h = momentum_of_wheels(system, body.state, constants)
     if h is not None:
-        out[0] = out[0] + algebra.hat(algebra.cross(h, algebra.axial(velocity(system, body.state, known))))
+        out[0] = out[0] + algebra.hat(algebra.cross(h, algebra.axial(velocity(system, body.state, constants))))
     if record.coupling:
         M, P = algebra.axial(body.state[0]), body.state[1]
-        KM, KP = (algebra.act(known[COUPLING], v) for v in (M, P))
+        KM, KP = (algebra.act(constants[COUPLING], v) for v in (M, P))
         out[0] = out[0] + algebra.hat(algebra.cross(M, KP) + algebra.cross(P, KM))
         out[1] = out[1] + algebra.cross(P, KP)
     return tuple(out), work
@@ -383,7 +392,7 @@ def kicked(
     system: System,
     body: Body,
     h: Any,
-    known: Constants,
+    constants: Constants,
     axes: Mapping[str, int],
     others: Callable[[tuple[Array, ...]], tuple[tuple[Any, ...], Any]] | None = None,
 ) -> tuple[tuple[Array, ...], Any]:
@@ -394,12 +403,12 @@ def kicked(
 
     def without_loads(state: tuple[Array, ...]) -> tuple[tuple[Any, ...], Any]:
         there = body._replace(state=state)
-        _, slopes = potential(system, there, known, axes)
-        rates, power = force_of_potential(system, there, slopes, known), slopes.get(TIME, 0)
+        _, slopes = potential(system, there, constants, axes)
+        rates, power = force_of_potential(system, there, slopes, constants), slopes.get(TIME, 0)
         return _sum((rates, power), others(state)) if others is not None else (rates, power)
 
     def by_loads(state: tuple[Array, ...]) -> tuple[tuple[Any, ...], Any]:
-        return loads(system, body._replace(state=state), known, axes)
+        return loads(system, body._replace(state=state), constants, axes)
 
     if not perturbation_of(system).loaded:
         rates, power = without_loads(body.state)
@@ -442,19 +451,19 @@ def _by_runge_kutta(
 
 
 def decayed(
-    system: System, state: tuple[Array, ...], h: Any, known: Constants, axes: Mapping[str, int]
+    system: System, state: tuple[Array, ...], h: Any, constants: Constants, axes: Mapping[str, int]
 ) -> tuple[tuple[Array, ...], Any]:
     """The state after linear damping for the time h, exactly, and the work."""
     by_axis = axes[DAMPING] > 0
-    lost = expm1(-(algebra.vec(h) if by_axis else h) * known[DAMPING])
+    lost = expm1(-(algebra.vec(h) if by_axis else h) * constants[DAMPING])
     new = (state[0] + damped(system, state, lost, by_axis), *state[1:])
-    return new, kinetic(system, new, known) - kinetic(system, state, known)
+    return new, kinetic(system, new, constants) - kinetic(system, state, constants)
 
 
-def rubbed(system: System, state: tuple[Array, ...], h: Any, known: Constants) -> tuple[tuple[Array, ...], Any]:
+def rubbed(system: System, state: tuple[Array, ...], h: Any, constants: Constants) -> tuple[tuple[Array, ...], Any]:
     """The state after friction for the time h, and the work."""
     function = perturbation_of(system).friction
-    return _by_runge_kutta(system, state, h, lambda there: call(function, there, known))
+    return _by_runge_kutta(system, state, h, lambda there: call(function, there, constants))
 
 
 def expm1(x: Any) -> Any:
@@ -468,18 +477,18 @@ def expm1(x: Any) -> Any:
     return out
 
 
-def kinetic(system: System, state: tuple[Array, ...], known: Constants) -> Any:
+def kinetic(system: System, state: tuple[Array, ...], constants: Constants) -> Any:
     """The part of H that depends on M: <M, Omega>/2 with the moments of the perturbed body, and half of a coupling."""
-    out = algebra.pairing(state[0], velocity(system, state, known)) / 2
+    out = algebra.pairing(state[0], velocity(system, state, constants)) / 2
     if perturbation_of(system).coupling:
-        out = out + algebra.dot(algebra.axial(state[0]), algebra.act(known[COUPLING], state[1])) / 2
+        out = out + algebra.dot(algebra.axial(state[0]), algebra.act(constants[COUPLING], state[1])) / 2
     return out
 
 
-def energy_of_spin(system: System, state: tuple[Array, ...], known: Constants) -> Any:
+def energy_of_spin(system: System, state: tuple[Array, ...], constants: Constants) -> Any:
     """The energy of the spin, which the Hamiltonian of the rest frame omits as a function of Casimirs."""
     base = perturbation_of(system).base
     state = state[: len(base.space.letters)]
     at_rest = (0 * state[0], *state[1:])
-    in_hamiltonian = call(base.energy, state, known) - call(base.energy, at_rest, known)
-    return algebra.pairing(state[0], call(base.velocity, state, known)) / 2 - in_hamiltonian
+    in_hamiltonian = call(base.energy, state, constants) - call(base.energy, at_rest, constants)
+    return algebra.pairing(state[0], call(base.velocity, state, constants)) / 2 - in_hamiltonian

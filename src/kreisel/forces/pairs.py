@@ -17,7 +17,7 @@ from kreisel.record.perturbation import PAIRS, Perturbation, pairs_of
 MOST_BODIES = 10**6
 
 
-def parameters_of_pairs(record: Perturbation, pairs: Any, own: Mapping[str, Parameter]) -> dict[str, Parameter]:
+def parameters_of_pairs(record: Perturbation, pairs: Any, parameters: Mapping[str, Parameter]) -> dict[str, Parameter]:
     """`pairs` as a parameter, and parameters of the pair potential that differ between pairs.  Raises `InputError`."""
     if (record.pair is None) != (pairs is None):
         raise InputError(
@@ -25,44 +25,44 @@ def parameters_of_pairs(record: Perturbation, pairs: Any, own: Mapping[str, Para
         )
     if record.pair is None:
         return {}
-    found = _checked(pairs)
-    out = {PAIRS: Parameter(PAIRS, "array", "the bodies that act on each other, (pairs, 2)", _whole, found)}
+    result = _checked(pairs)
+    out = {PAIRS: Parameter(PAIRS, "array", "the bodies that act on each other, (pairs, 2)", _whole, result)}
     of_one = {name for force in record.functions.values() for name in force.parameters}
     for name in record.pair.parameters:
-        if name not in own:
+        if name not in parameters:
             raise InputError(
                 f"pair_potential: expected parameters of params={{...}}, got {name}, which belongs to a body. Give its "
                 "value as a parameter of another name."
             )
-        value, vector = np.asarray(own[name].default), own[name].kind == "vector"
+        value, vector = np.asarray(parameters[name].default), parameters[name].kind == "vector"
         if value.ndim == vector:
-            if vector and len(value) == len(found):
+            if vector and len(value) == len(result):
                 raise InputError(
                     f"params: expected one {name}, or one for each pair, got {len(value)} values, where n is "
-                    f"{len(value)} and there are {len(found)} pairs. Give ({len(found)}, 1) values for one of each, "
-                    f"or ({len(found)}, {len(value)}) for vectors."
+                    f"{len(value)} and there are {len(result)} pairs. Give ({len(result)}, 1) values for one of each, "
+                    f"or ({len(result)}, {len(value)}) for vectors."
                 )
             continue
         if name in of_one:
             raise InputError(
                 f"params: expected one {name} for all, since forces on one body and on pairs use it, got "
-                f"{shown(own[name].default)}."
+                f"{shown(parameters[name].default)}."
             )
-        if len(value) != len(found):
-            raise InputError(f"params: expected one {name}, or {len(found)}, one for each pair, got {len(value)}.")
-        out[name] = Parameter(name, "array", own[name].meaning, None, value)
+        if len(value) != len(result):
+            raise InputError(f"params: expected one {name}, or {len(result)}, one for each pair, got {len(value)}.")
+        out[name] = Parameter(name, "array", parameters[name].meaning, None, value)
     return out
 
 
 def _checked(pairs: Any) -> Array:
     try:
-        found = np.asarray(pairs)
+        result = np.asarray(pairs)
     except ValueError:
-        found = np.empty(0)
-    if found.ndim != 2 or found.shape[1:] != (2,) or not len(found) or found.dtype.kind not in "iu":
+        result = np.empty(0)
+    if result.ndim != 2 or result.shape[1:] != (2,) or not len(result) or result.dtype.kind not in "iu":
         raise InputError(f"pairs: expected pairs of integers, such as [(0, 1), (1, 2)], got {shown(pairs)}.")
-    _whole(found, PAIRS)
-    return found
+    _whole(result, PAIRS)
+    return result
 
 
 def _whole(value: Array, name: str) -> None:

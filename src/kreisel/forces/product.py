@@ -34,13 +34,13 @@ class Factor:
     mark: str
     names: tuple[str, ...]
 
-    def known(self, known: Mapping[str, Any]) -> dict[str, Any]:
+    def known(self, constants: Mapping[str, Any]) -> dict[str, Any]:
         """The constants of this body by its letters."""
-        return {name: known[name + self.mark] for name in self.names if name + self.mark in known}
+        return {name: constants[name + self.mark] for name in self.names if name + self.mark in constants}
 
-    def call(self, function: Any, state: State, known: Mapping[str, Any]) -> Any:
+    def call(self, function: Any, state: State, constants: Mapping[str, Any]) -> Any:
         """A function of its record at the state of all bodies."""
-        return call(function, state[self.place], {**known, **self.known(known)})
+        return call(function, state[self.place], {**constants, **self.known(constants)})
 
 
 def product(models: Sequence[Any]) -> Model:
@@ -77,20 +77,20 @@ def _record(models: Sequence[Model], factors: list[Factor]) -> System:
         for p in f.system.parameters
     ]
 
-    def flow(*state: Array, **known: Any) -> State:
-        return tuple(rate for f in factors for rate in f.call(f.system.flow, state, known))
+    def flow(*state: Array, **constants: Any) -> State:
+        return tuple(rate for f in factors for rate in f.call(f.system.flow, state, constants))
 
-    def energy(*state: Array, **known: Any) -> Any:
-        return sum(f.call(f.system.energy, state, known) for f in factors)
+    def energy(*state: Array, **constants: Any) -> Any:
+        return sum(f.call(f.system.energy, state, constants) for f in factors)
 
-    def derive(**known: Any) -> dict[str, Any]:
-        found = [(f, call(f.system.derive, (), f.known(known))) for f in factors if f.system.derive]
-        return {name + f.mark: value for f, values in found for name, value in values.items()}
+    def derive(**constants: Any) -> dict[str, Any]:
+        result = [(f, call(f.system.derive, (), f.known(constants))) for f in factors if f.system.derive]
+        return {name + f.mark: value for f, values in result for name, value in values.items()}
 
-    def check_parameters(**known: Any) -> None:
+    def check_parameters(**constants: Any) -> None:
         for f in factors:
             if f.system.checks.parameters is not None:
-                call(f.system.checks.parameters, (), f.known(known))
+                call(f.system.checks.parameters, (), f.known(constants))
 
     checks_of_state = {k + f.mark: check for f in factors for k, check in f.system.checks.state.items()}
     return System(
@@ -115,19 +115,19 @@ def _integrals(models: Sequence[Model], factors: list[Factor]) -> dict[str, Call
     """Integrals of each body, and the sums of integrals that all bodies have, in one shape."""
 
     def of_one(f: Factor, name: str) -> Callable[..., Any]:
-        return lambda *state, **known: f.call(f.system.integrals[name], state, known)
+        return lambda *state, **constants: f.call(f.system.integrals[name], state, constants)
 
     def of_all(name: str) -> Callable[..., Any]:
-        return lambda *state, **known: sum(of_one(f, name)(*state, **known) for f in factors)
+        return lambda *state, **constants: sum(of_one(f, name)(*state, **constants) for f in factors)
 
     def shape(m: Model, name: str) -> tuple[int, ...]:
         kinds = m.system.space.kinds
         point = algebra.restore(np.ones(algebra.coordinate_count(kinds, m.n)), kinds, m.n)
         return np.shape(m.call(m.system.integrals[name], *point))
 
-    found = {name + f.mark: of_one(f, name) for f in factors for name in f.system.integrals}
+    result = {name + f.mark: of_one(f, name) for f in factors for name in f.system.integrals}
     shared = [name for name in factors[0].system.integrals if all(name in f.system.integrals for f in factors)]
-    return found | {TOTAL + name: of_all(name) for name in shared if len({shape(m, name) for m in models}) == 1}
+    return result | {TOTAL + name: of_all(name) for name in shared if len({shape(m, name) for m in models}) == 1}
 
 
 def block_diagonal(blocks: Sequence[Array]) -> Array:
@@ -142,11 +142,11 @@ def block_diagonal(blocks: Sequence[Array]) -> Array:
 def _space(factors: list[Factor], names: tuple[str, ...]) -> PhaseSpace:
     spaces = [(f, f.system.space) for f in factors]
 
-    def tensor(*state: Array, **known: Any) -> Array:
-        return block_diagonal([f.call(space.tensor, state, known) for f, space in spaces])
+    def tensor(*state: Array, **constants: Any) -> Array:
+        return block_diagonal([f.call(space.tensor, state, constants) for f, space in spaces])
 
-    def casimirs(*state: Array, **known: Any) -> Array:
-        return np.concatenate([f.call(s.casimirs, state, known) for f, s in spaces if s.casimirs is not None], -1)
+    def casimirs(*state: Array, **constants: Any) -> Array:
+        return np.concatenate([f.call(s.casimirs, state, constants) for f, s in spaces if s.casimirs is not None], -1)
 
     def draw(n: int, numbers: Callable[..., Array]) -> State:
         return tuple(z for f, s in spaces for z in s.point(n, numbers))

@@ -36,13 +36,13 @@ def perturbed_record(record: Perturbation, axes: Mapping[str, int], **stated: An
     """The system of these forces; `axes` of each constant, without axes of lanes; `stated`: fields of the record."""
     made = replace(record.base, **{**UNKNOWN, **stated}, perturbation=record)
     names = (*axes, *(letter for letter in (ORIENTATION, TIME) if record.names(letter)))
-    named: dict[str, Any] = {what: naming(f, names) for what, f in _functions(made, axes).items()}
+    named: dict[str, Any] = {kind: naming(f, names) for kind, f in _functions(made, axes).items()}
     return replace(made, **named)
 
 
 def in_words(record: Perturbation) -> str:
     """The forces, for a line of text."""
-    parts = [f"a {what} of ({', '.join(force.arguments)})" for what, force in record.functions.items()]
+    parts = [f"a {kind} of ({', '.join(force.arguments)})" for kind, force in record.functions.items()]
     parts += [f"a pair potential of ({', '.join(record.pair.arguments)})"] if record.pair else []
     parts += ["linear damping"] * record.damping + ["other moments of inertia"] * record.inertia
     parts += ["a coupling of M and P"] * record.coupling
@@ -53,33 +53,33 @@ def in_words(record: Perturbation) -> str:
 def _functions(system: System, axes: Mapping[str, int]) -> dict[str, Callable[..., Any]]:
     """Flow, energy and velocity of the perturbed system, as far as the integrable system has them."""
     record = kicks.perturbation_of(system)
-    base, own = record.base, len(record.base.space.letters)
+    base, count = record.base, len(record.base.space.letters)
     turned = base.frame is Frame.REST and (record.loaded or record.damping or record.names(ORIENTATION))
 
-    def flow(*state: Array, **known: Any) -> tuple[Array, ...]:
-        rates, _ = kicks.rates(system, _body(state, known), known, axes)
-        inner = call(base.flow, state[:own], known)
-        return (*(x + y for x, y in zip(inner, rates, strict=False)), *rates[own:])
+    def flow(*state: Array, **constants: Any) -> tuple[Array, ...]:
+        rates, _ = kicks.rates(system, _body(state, constants), constants, axes)
+        inner = call(base.flow, state[:count], constants)
+        return (*(x + y for x, y in zip(inner, rates, strict=False)), *rates[count:])
 
-    def energy(*state: Array, **known: Any) -> Array:
-        V, _ = kicks.potential(system, _body(state, known), known, axes)
-        out = call(base.energy, state[:own], known) + V
+    def energy(*state: Array, **constants: Any) -> Array:
+        V, _ = kicks.potential(system, _body(state, constants), constants, axes)
+        out = call(base.energy, state[:count], constants) + V
         if record.inertia:
             M = algebra.axial(state[0])
-            out = out + algebra.dot(M * M, kicks.inverse_moments(system, known)) / 2
+            out = out + algebra.dot(M * M, kicks.inverse_moments(system, constants)) / 2
         if record.coupling:
-            out = out + algebra.dot(algebra.axial(state[0]), algebra.act(known[COUPLING], state[1]))
-        return out + kicks.energy_of_spin(system, state, known) if turned else out
+            out = out + algebra.dot(algebra.axial(state[0]), algebra.act(constants[COUPLING], state[1]))
+        return out + kicks.energy_of_spin(system, state, constants) if turned else out
 
-    def velocity(*state: Array, **known: Any) -> Array:
-        return kicks.velocity(system, state, known)
+    def velocity(*state: Array, **constants: Any) -> Array:
+        return kicks.velocity(system, state, constants)
 
-    def translation(*state: Array, **known: Any) -> Array:
-        return kicks.translation(system, _body(state, known), known, axes)
+    def translation(*state: Array, **constants: Any) -> Array:
+        return kicks.translation(system, _body(state, constants), constants, axes)
 
-    found = {"flow": flow, "energy": energy, "velocity": velocity, "translation": translation}
-    return {what: function for what, function in found.items() if getattr(base, what) is not None}
+    result = {"flow": flow, "energy": energy, "velocity": velocity, "translation": translation}
+    return {kind: function for kind, function in result.items() if getattr(base, kind) is not None}
 
 
-def _body(state: tuple[Array, ...], known: Mapping[str, Any]) -> Body:
-    return Body(state, known.get(ORIENTATION), known.get(TIME))
+def _body(state: tuple[Array, ...], constants: Mapping[str, Any]) -> Body:
+    return Body(state, constants.get(ORIENTATION), constants.get(TIME))

@@ -40,17 +40,17 @@ def turns_of(model: Model, everything: bool = False) -> list[Turn]:
         axes = np.flatnonzero(everything | (change > SAME * (1 / model.constants[INERTIA]).max())).tolist()
         out += [about_axis(system, axis) for axis in axes]
     if record.coupling:
-        found = [np.asarray(weight(model.constants[COUPLING], term)) for term in range(6)]
-        out += [along_coupling(system, term) for term in range(6) if everything or found[term].any()]
+        result = [np.asarray(weight(model.constants[COUPLING], term)) for term in range(6)]
+        out += [along_coupling(system, term) for term in range(6) if everything or result[term].any()]
     return out
 
 
 def about_axis(system: System, axis: int) -> Turn:
     """The change of one principal moment."""
 
-    def turn(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
-        rate = inverse_moments(system, known)[..., axis] * algebra.axial(own[0])[..., axis]
-        return turned(system, own, g, rate * h, np.eye(3)[axis])
+    def turn(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
+        rate = inverse_moments(system, constants)[..., axis] * algebra.axial(state[0])[..., axis]
+        return turned(system, state, g, rate * h, np.eye(3)[axis])
 
     return turn
 
@@ -59,20 +59,20 @@ def along_coupling(system: System, term: int) -> Turn:
     """One k (v.M)(v.P)."""
     v, length = direction(term), float(np.linalg.norm(direction(term)))
 
-    def turn(own: State, g: State, h: Any, known: Constants) -> tuple[State, State]:
-        M, P, *rest = own
-        k, m = weight(known[COUPLING], term), algebra.axial(M)
+    def turn(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
+        M, P, *remainder = state
+        k, m = weight(constants[COUPLING], term), algebra.axial(M)
         u = algebra.vec(h * k * algebra.dot(m, v + 0 * m)) * (v + 0 * m)
-        own = (M + algebra.hat(algebra.cross(P, u)), P, *rest)
-        return turned(system, own, g, h * k * algebra.dot(P, v + 0 * P) * length, v / length)
+        state = (M + algebra.hat(algebra.cross(P, u)), P, *remainder)
+        return turned(system, state, g, h * k * algebra.dot(P, v + 0 * P) * length, v / length)
 
     return turn
 
 
 def direction(term: int) -> Array:
     """e_1, e_2, e_3, e_1 + e_2, e_2 + e_3, e_3 + e_1."""
-    one = np.eye(3)
-    return one[term] if term < 3 else one[PAIRS[term - 3][0]] + one[PAIRS[term - 3][1]]
+    unit = np.eye(3)
+    return unit[term] if term < 3 else unit[PAIRS[term - 3][0]] + unit[PAIRS[term - 3][1]]
 
 
 def weight(K: Array, term: int) -> Array:
@@ -83,10 +83,10 @@ def weight(K: Array, term: int) -> Array:
     return K[..., i, j]
 
 
-def turned(system: System, own: State, g: State, angle: Any, axis: Array) -> tuple[State, State]:
+def turned(system: System, state: State, g: State, angle: Any, axis: Array) -> tuple[State, State]:
     """The state and the unit quaternion g after a rotation of the body by that angle about a unit vector."""
     s, c = sin(angle / 2), cos(angle / 2)
     q = algebra.vec(c) * algebra.identity(4)[0] + algebra.vec(s) * np.append(0.0, axis)
     W = algebra.rotation_matrix(q)
-    new = tuple(algebra.KINDS[kind].rotated(W.mT, z) for kind, z in zip(system.space.kinds, own, strict=True))
+    new = tuple(algebra.KINDS[kind].rotated(W.mT, z) for kind, z in zip(system.space.kinds, state, strict=True))
     return new, tuple(algebra.quaternion_product(x, q) for x in g)

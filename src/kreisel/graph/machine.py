@@ -162,10 +162,10 @@ def kernel(key: Sequence[Any], arguments: int, write: Callable[[Function], None]
     """
     text = f"{_writers().hex()} {version()} {arguments} {tuple(key)!r}"
     name = hashlib.sha256(text.encode()).hexdigest()
-    found = _loaded.get(name)
-    if found is None:
-        found = _loaded[name] = Kernel(kept(name, lambda: object_code(arguments, write)), arguments)
-    return found
+    result = _loaded.get(name)
+    if result is None:
+        result = _loaded[name] = Kernel(kept(name, lambda: object_code(arguments, write)), arguments)
+    return result
 
 
 def object_code(arguments: int, write: Callable[[Function], None]) -> bytes:

@@ -78,8 +78,8 @@ def _targets() -> None:
 @cache
 def _libdevice() -> bytes:
     """NVIDIA's functions.  Raises `InputError` where the package is missing."""
-    found = importlib.util.find_spec("nvidia.cuda_nvcc") if importlib.util.find_spec("nvidia") else None
-    for folder in (found.submodule_search_locations or ()) if found else ():
+    result = importlib.util.find_spec("nvidia.cuda_nvcc") if importlib.util.find_spec("nvidia") else None
+    for folder in (result.submodule_search_locations or ()) if result else ():
         for file in Path(folder).glob("nvvm/libdevice/libdevice*.bc"):
             return file.read_bytes()
     raise InputError(

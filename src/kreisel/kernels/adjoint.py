@@ -100,12 +100,12 @@ class Code:
 
     def _kernel(self, write: Callable[..., None], arguments: int, derive: Callable[..., Any] | None, *more: Any) -> Any:
         """The kernel that write(function, derivatives, *more) writes, with those that derive(part) gives."""
-        found = self._made.get((write.__name__, *more))
-        if found is None:
+        result = self._made.get((write.__name__, *more))
+        if result is None:
             parts = [Part(*arranged(*derive(part))) for part in self._parts] if derive else []
             key = write.__name__, *more, self._key, *(part.graph.digest(part.outputs) for part in parts)
-            found = self._made[write.__name__, *more] = kernel(key, arguments, lambda f: write(f, parts, *more))
-        return found
+            result = self._made[write.__name__, *more] = kernel(key, arguments, lambda f: write(f, parts, *more))
+        return result
 
     def _forward(self, f: Function, _: Sequence[Part]) -> None:
         """(z, c, s, stages, marks, count, every, part): the state at the ends of parts of every `every` steps."""

@@ -330,8 +330,8 @@ def projection_between(engine: SteppedEngine, work: float, arrays_only: bool = F
             return CompiledProjection([program], compiled([program], width), every, z, constants, width)
         if not too_long:
             return None
-    found = arrays.ArrayProjection(observed, work) if by_arrays else None
-    return found if found and found.labels else None
+    result = arrays.ArrayProjection(observed, work) if by_arrays else None
+    return result if result and result.labels else None
 
 
 def _program_between(

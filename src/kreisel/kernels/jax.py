@@ -44,9 +44,9 @@ def _compiled_loop(
             return jnp.where(alive[:, None], new, z), alive, count + alive
 
         def fill(row: Array, carry: Any) -> Any:
-            out, *rest = carry
-            rest = lax.fori_loop(0, every, advance, tuple(rest))
-            return (out.at[row].set(rest[0]), *rest)
+            out, *remainder = carry
+            remainder = lax.fori_loop(0, every, advance, tuple(remainder))
+            return (out.at[row].set(remainder[0]), *remainder)
 
         alive, count = jnp.ones(len(z), bool), jnp.zeros(len(z), jnp.int64)
         return lax.fori_loop(0, rows, fill, (jnp.zeros((ROWS, *z.shape)), z, alive, count))
@@ -62,20 +62,24 @@ def _projection(
     They depend on the record, whose step is a single function, and on eps.
     """
     kinds, n = tuple(scheme.kinds), scheme.n
-    own = sum(letter != ORIENTATION for letter, _ in scheme.components)
+    count = sum(letter != ORIENTATION for letter, _ in scheme.components)
     key = _projection, steps_of(scheme).step, kinds, n, lanes, repr(scheme.constants.get("eps"))
 
-    def invariants(z: Array, known: Mapping[str, Array]) -> dict[str, Array]:
-        found = scheme.observe(algebra.restore(z, kinds, n)[:own], **known)
-        names = sorted(name for name in found if scheme.outcomes[name].conserved)  # the order in which JAX returns them
-        return {name: jnp.ravel(found[name]) for name in names}
+    def invariants(z: Array, constants: Mapping[str, Array]) -> dict[str, Array]:
+        result = scheme.observe(algebra.restore(z, kinds, n)[:count], **constants)
+        names = sorted(
+            name for name in result if scheme.outcomes[name].conserved
+        )  # the order in which JAX returns them
+        return {name: jnp.ravel(result[name]) for name in names}
 
-    def values(z: Array, known: Mapping[str, Array]) -> Array:
-        return jnp.concatenate([jnp.zeros(0), *invariants(z, known).values()])
+    def values(z: Array, constants: Mapping[str, Array]) -> Array:
+        return jnp.concatenate([jnp.zeros(0), *invariants(z, constants).values()])
 
-    def correction(z: Array, known: Mapping[str, Array], targets: Array, worst: Array) -> tuple[Array, Array, Array]:
+    def correction(
+        z: Array, constants: Mapping[str, Array], targets: Array, worst: Array
+    ) -> tuple[Array, Array, Array]:
         start, _, size, lead = targets.T
-        J, lack = jax.jacrev(values)(z, known), values(z, known) - start
+        J, lack = jax.jacrev(values)(z, constants), values(z, constants) - start
         there = jnp.isfinite(J).all(-1) & jnp.isfinite(lack)
         J, lack, lead = jnp.where(there[:, None], J, 0), jnp.where(there, lack, 0), jnp.where(there, lead, 0)
         scale, unit = scales(z, J, size)

@@ -117,15 +117,15 @@ def is_traced(x: Any) -> bool:
 def array(value: Any, name: str) -> Array:
     """An array in float64.  Raises `InputError` for single precision and for anything but an array of real values."""
     try:
-        found = value if isinstance(value, jax.Array) else np.asarray(value)
+        result = value if isinstance(value, jax.Array) else np.asarray(value)
     except ValueError:
-        found = np.asarray(None)
-    if found.dtype == np.float32:
+        result = np.asarray(None)
+    if result.dtype == np.float32:
         raise InputError(f"{name}: expected float64, got an array in float32. Convert it at its source.")
-    if found.dtype.kind not in "iuf":
-        raise InputError(f"{name}: expected an array of real values, got {found.dtype}.")
-    require_double(found)
-    return jnp.asarray(found, dtype=jnp.float64)
+    if result.dtype.kind not in "iuf":
+        raise InputError(f"{name}: expected an array of real values, got {result.dtype}.")
+    require_double(result)
+    return jnp.asarray(result, dtype=jnp.float64)
 
 
 def mixed(x: Any) -> Any:
@@ -133,7 +133,7 @@ def mixed(x: Any) -> Any:
     return numbers(x) if isinstance(x, jax.Array) else x
 
 
-def first_of(first: Callable[[], Any], second: Callable[[], Any], what: str) -> Any:
+def first_of(first: Callable[[], Any], second: Callable[[], Any], label: str) -> Any:
     """The result of the first, on arrays of JAX, else of the second, on scalars.  Raises `InputError` if both fail."""
     try:
         return first()
@@ -141,7 +141,7 @@ def first_of(first: Callable[[], Any], second: Callable[[], Any], what: str) -> 
         try:
             return second()
         except (TypeError, AttributeError) as error:
-            raise InputError(f"{what} cannot be differentiated: {error}") from error
+            raise InputError(f"{label} cannot be differentiated: {error}") from error
 
 
 def from_host(function: Callable[..., Array], size: int, *args: Any) -> Array:
@@ -156,13 +156,13 @@ def half_turn(K: Any, dt: Any) -> Array:
         K = np.asarray(K, dtype=np.float64)
         if not K.any():
             return K
-    part, one = values(K) * dt / 512, jnp.eye(K.shape[-1])
+    part, unit = values(K) * dt / 512, jnp.eye(K.shape[-1])
     E = part
     for k in range(9, 1, -1):
-        E = part @ (one + E / k) if k < 9 else part
+        E = part @ (unit + E / k) if k < 9 else part
     for _ in range(8):
         E = 2 * E + E @ E
-    return linear.solve((E + 2 * one).T, E.T).T
+    return linear.solve((E + 2 * unit).T, E.T).T
 
 
 # -- orbits --------------------------------------------------------------------------------------------
@@ -199,20 +199,20 @@ def orbit(
 def _named(letter: str, known: Mapping[str, Any], fold: bool = True) -> tuple[dict[str, Any], list[Any]]:
     """Inputs of a graph in place of entries, and the entries; 0, 1, -1 stay if they may `fold`, and other kinds."""
     names: dict[str, Any] = {}
-    found: list[Any] = []
+    result: list[Any] = []
     graph = Graph()
 
     def named(entry: Any) -> Any:
         if fold and not isinstance(entry, Number) and float(entry) in adjoint.PLAIN:
             return float(entry)
-        found.append(entry)
-        return graph.input(letter, len(found) - 1)
+        result.append(entry)
+        return graph.input(letter, len(result) - 1)
 
     for key, value in known.items():
         entries = _entries(value)
         numeric = entries.dtype.kind in "fO"
         names[key] = array_of([*map(named, entries.flat)]).reshape(entries.shape) if numeric else value
-    return names, found
+    return names, result
 
 
 def _entries(x: Any) -> Array:

@@ -33,8 +33,8 @@ lax = jax.lax
 
 def orbit(code: Code, z: Any, c: Any, s: Any, rows: int, every: int) -> Any:
     """Rows (rows + 1, d) at every `every` steps from z (d,), with constants c (count,) and s (stages, count)."""
-    found, _ = orbit_p.bind(z[None], c[None], s[None], code=code, rows=rows, every=every, part=every)
-    return jnp.concatenate([z[None], found[0]])
+    result, _ = orbit_p.bind(z[None], c[None], s[None], code=code, rows=rows, every=every, part=every)
+    return jnp.concatenate([z[None], result[0]])
 
 
 def _array(*shape: int) -> ShapedArray:
@@ -190,10 +190,10 @@ def _primitive(
 ) -> Any:
     """A primitive by a function of NumPy arrays, which does not read the argument at the place `unread`."""
 
-    def function(*args: Any, **known: Any) -> list[Any]:
+    def function(*args: Any, **constants: Any) -> list[Any]:
         read = [x for i, x in enumerate(args) if i != unread]
-        out = [Struct(v.shape, v.dtype) for v in shapes(*args, **known)]
-        return list(on_host(lambda *arrays: host(*arrays, **known), out, *read))
+        out = [Struct(v.shape, v.dtype) for v in shapes(*args, **constants)]
+        return list(on_host(lambda *arrays: host(*arrays, **constants), out, *read))
 
     made: Any = Primitive(name)
     made.multiple_results = True
@@ -212,53 +212,53 @@ def _is_zero(x: Any) -> bool:
     return type(x) is ad.Zero
 
 
-def _orbit_jvp(at: Sequence[Any], along: Sequence[Any], **known: Any) -> Any:
-    known["part"] = max(1, isqrt(known["every"]))  # steps between two states that the reverse sweep keeps
-    found, marks = orbit_p.bind(*at, **known)
+def _orbit_jvp(at: Sequence[Any], along: Sequence[Any], **constants: Any) -> Any:
+    constants["part"] = max(1, isqrt(constants["every"]))  # steps between two states that the reverse sweep keeps
+    result, marks = orbit_p.bind(*at, **constants)
     wide = not (_is_zero(along[1]) and _is_zero(along[2]))
     columns = [ad.instantiate_zeros(v)[:, None] for v in along[: 3 if wide else 1]]
-    (tangent,) = push_p.bind(*at, marks, *columns, wide=wide, **known)
-    return [found, marks], [tangent[:, 0], ad.Zero(jax.typeof(marks).to_tangent_aval())]
+    (tangent,) = push_p.bind(*at, marks, *columns, wide=wide, **constants)
+    return [result, marks], [tangent[:, 0], ad.Zero(jax.typeof(marks).to_tangent_aval())]
 
 
 def _linear_jvp(own: Any, count: int, by_xla: Callable[..., Any]) -> Callable[..., Any]:
     """The rule of a primitive that is linear in its arguments from `count` on; `by_xla` where another moves."""
 
-    def rule(at: Sequence[Any], along: Sequence[Any], **known: Any) -> Any:
-        value = own.bind(*at, **known)
+    def rule(at: Sequence[Any], along: Sequence[Any], **constants: Any) -> Any:
+        value = own.bind(*at, **constants)
         if all(_is_zero(v) for v in along[:3]):
             moving = [ad.instantiate_zeros(v) for v in along[count:]]
-            return value, own.bind(*at[:count], *moving, **known)
+            return value, own.bind(*at[:count], *moving, **constants)
         moving = [i for i, v in enumerate(along) if not _is_zero(v) and i != 3]
 
         def by_moving(*x: Any) -> list[Any]:
-            found = by_xla(*(x[moving.index(i)] if i in moving else v for i, v in enumerate(at)), **known)
-            return list(found)
+            result = by_xla(*(x[moving.index(i)] if i in moving else v for i, v in enumerate(at)), **constants)
+            return list(result)
 
         return value, jax.jvp(by_moving, tuple(at[i] for i in moving), tuple(along[i] for i in moving))[1]
 
     return rule
 
 
-def _push_transpose(slopes: Sequence[Any], *args: Any, **known: Any) -> list[Any]:
+def _push_transpose(slopes: Sequence[Any], *args: Any, **constants: Any) -> list[Any]:
     (g,) = slopes
     if _is_zero(g):
         return [None] * len(args)
-    found = pull_p.bind(*args[:4], g, **known)
-    return [None] * 4 + [v if ad.is_undefined_primal(x) else None for v, x in zip(found, args[4:], strict=True)]
+    result = pull_p.bind(*args[:4], g, **constants)
+    return [None] * 4 + [v if ad.is_undefined_primal(x) else None for v, x in zip(result, args[4:], strict=True)]
 
 
-def _pull_transpose(slopes: Sequence[Any], *args: Any, **known: Any) -> list[Any]:
+def _pull_transpose(slopes: Sequence[Any], *args: Any, **constants: Any) -> list[Any]:
     z, c, s, marks, g = args
-    shapes = _pull_shapes(z, c, s, marks, g.aval, **known)
+    shapes = _pull_shapes(z, c, s, marks, g.aval, **constants)
     columns = [jnp.zeros(v.shape) if _is_zero(x) else x for x, v in zip(slopes, shapes, strict=True)]
-    return [None] * 4 + push_p.bind(z, c, s, marks, *columns, **known)
+    return [None] * 4 + push_p.bind(z, c, s, marks, *columns, **constants)
 
 
 def _batched(own: Any, lanes: int) -> Callable[..., Any]:
     """More lanes where one of the first `lanes` arguments is a batch, else more columns."""
 
-    def rule(args: Sequence[Any], places: Sequence[Any], **known: Any) -> Any:
+    def rule(args: Sequence[Any], places: Sequence[Any], **constants: Any) -> Any:
         size = next(x.shape[p] for x, p in zip(args, places, strict=True) if p is not None)
         if any(p is not None for p in places[:lanes]):
             to, chosen = 0, range(len(args))
@@ -273,7 +273,7 @@ def _batched(own: Any, lanes: int) -> Callable[..., Any]:
             return many.reshape((*many.shape[:to], size * many.shape[to + 1], *many.shape[to + 2 :]))
 
         given = [merged(x, p) if i in chosen else x for i, (x, p) in enumerate(zip(args, places, strict=True))]
-        out = own.bind(*given, **known)
+        out = own.bind(*given, **constants)
         return [v.reshape((*v.shape[:to], size, v.shape[to] // size, *v.shape[to + 1 :])) for v in out], [to] * len(out)
 
     return rule
@@ -319,12 +319,12 @@ def iterated(step: Callable[[Array, Any], Array], z: Array, constants: Any, rows
         return lax.scan(lambda z, _: (once(z, constants), None), z, length=count)[0]
 
     part = isqrt(every)
-    parts, rest = divmod(every, part)
+    parts, remainder = divmod(every, part)
     block = jax.checkpoint(lambda z, constants: several(z, constants, part), prevent_cse=False)
 
     def row(z: Array, _: None) -> tuple[Array, Array]:
         new, _ = lax.scan(lambda z, _: (block(z, constants), None), z, length=parts)
-        new = several(new, constants, rest) if rest else new
+        new = several(new, constants, remainder) if remainder else new
         return new, new
 
     return jnp.concatenate([z[None], lax.scan(row, z, length=rows)[1]])

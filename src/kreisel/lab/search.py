@@ -251,11 +251,11 @@ def spinning(s: Any = 0, tilt: Sequence[Any] = (1, 0, 0), kappa: Any = 0, b: Any
 
 def _turn(M: Array, t: Any) -> Array:
     """cay(t M) of only the block of the plane (1, 2): without a linear solve."""
-    one = identity(M.shape[-1])
-    flat = np.arange(len(one)) < 2
-    q, plane = t * t * (M[..., 0, 1] * M[..., 0, 1]), one * flat
+    unit = identity(M.shape[-1])
+    flat = np.arange(len(unit)) < 2
+    q, plane = t * t * (M[..., 0, 1] * M[..., 0, 1]), unit * flat
     turned = mat(1 - q) * plane + mat(2 * t + 0 * q) * (M * (flat[:, None] & flat))
-    return one - plane + mat(1 / (1 + q)) * turned
+    return unit - plane + mat(1 / (1 + q)) * turned
 
 
 def quadratic_field(c: Any = 2, b: Sequence[Any] = (1, 2, 4)) -> Model:

@@ -76,8 +76,8 @@ class Stepped:
         """With dt and parameters among the constants of the file."""
         if self.fitted:
             return self.fixed
-        known = self._known(c)
-        return self._recorded(c["dt"], {k: known[k] for k in self.model.constants if k in known}) or self.fixed
+        constants = self._known(c)
+        return self._recorded(c["dt"], {k: constants[k] for k in self.model.constants if k in constants}) or self.fixed
 
     @property
     def parameters(self) -> dict[str, Field]:
@@ -153,14 +153,14 @@ class Stepped:
         return watched(self._moved, True, c, s) if self.held else self._moved(c, s)
 
     def _moved(self, c: Values, s: Values) -> dict[str, Any]:
-        known = {**self._known(c, True), **{name: s[name][0] for name in self.orbit}}
+        constants = {**self._known(c, True), **{name: s[name][0] for name in self.orbit}}
         motion: Any = self.scheme(c).motion
         if isinstance(motion, Orbits):
             z, count = self._inside(s), len(self.model.system.space.letters)
             closed: Any = closed_form(self.model.system, self.model.n)
-            state, g = closed.move(z[:count], z[count:], c["dt"], known)
+            state, g = closed.move(z[:count], z[count:], c["dt"], constants)
             return self._outside((*state, *g))
-        return self._outside(motion.step(*self._inside(s), **known))
+        return self._outside(motion.step(*self._inside(s), **constants))
 
     def close(self, c: Values, s: Values) -> dict[str, Any]:
         """The end of a step that has stages."""
@@ -172,8 +172,8 @@ class Stepped:
         x = tuple(z for z, name in zip(self._inside(s), self.kinds, strict=True) if name in self.letters)
         out = self._outside(self.scheme(c).reopen(x))
         if self.turning is not None:
-            state, known = x[: len(self.model.system.space.letters)], self._known(c)
-            made = [call(self.turning, state, {**known, "eps": eps}) for eps in c["eps"]]
+            state, constants = x[: len(self.model.system.space.letters)], self._known(c)
+            made = [call(self.turning, state, {**constants, "eps": eps}) for eps in c["eps"]]
             out |= {f"s.{name}": np.stack([values[name] for values in made]) for name in self.orbit}
         return out
 
@@ -255,7 +255,7 @@ def _head(stepped: Stepped, names: list[str]) -> list[str]:
     plan, system = stepped.plan, stepped.model.system
     method, order = find(stepped.fixed.name), stepped.fixed.options.get("order")
     conserved = [n for n, o in plan.outcomes.items() if o.conserved]
-    known = ", ".join(f"{k} = {np.asarray(v).tolist()}" for k, v in stepped.model.params.items())
+    constants = ", ".join(f"{k} = {np.asarray(v).tolist()}" for k, v in stepped.model.params.items())
     return [
         f"{system.title}: {system.equations}",
         f"[{system.source}]",
@@ -264,5 +264,5 @@ def _head(stepped: Stepped, names: list[str]) -> list[str]:
         "Skew matrices are axial vectors for n = 3, else the entries above the diagonal, row by row; symmetric ones "
         "those on and above it; g is a unit quaternion (w, x, y, z), body to space, or a matrix.",
         f"Outputs: {', '.join(names)}.",
-        *([f"{known}, dt = {plan.dt!r}.  {ORBIT}"] if stepped.fitted else []),
+        *([f"{constants}, dt = {plan.dt!r}.  {ORBIT}"] if stepped.fitted else []),
     ]

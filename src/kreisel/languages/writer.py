@@ -270,13 +270,13 @@ def numbers_of(graph: Graph, name: str, fields: Mapping[str, Field], staged: boo
 def text_of(body: Body, function: Function, dialect: Dialect, words: Mapping[str, str]) -> str:
     """A function, written."""
     types = {"constants": body.constants, "state": body.state}
-    graph, given, staged = Rolled(tables=bool(dialect.room)), dict[str, Any](), "k" in function.arguments
+    graph, values, staged = Rolled(tables=bool(dialect.room)), dict[str, Any](), "k" in function.arguments
     for name, (kind, count) in function.arguments.items():
         if kind.endswith(("state", "read constants")):
-            given[name] = numbers_of(graph, name, types[kind.split()[1]], staged)
+            values[name] = numbers_of(graph, name, types[kind.split()[1]], staged)
         elif kind in ("number", "array"):
-            given[name] = graph.inputs(name, count) if count else graph.input(name, 0)
-    results = function.apply(**given)
+            values[name] = graph.inputs(name, count) if count else graph.input(name, 0)
+    results = function.apply(**values)
 
     def place(letter: str, i: int) -> str:
         thing, _, name = letter.partition(".")

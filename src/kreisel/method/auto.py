@@ -227,12 +227,12 @@ def choose_splitting(steps: Steps, rate: float, spacing: float, time: float, tol
     best: tuple[float, Choice] | None = None
     for order in METHODS["splitting"].orders:
         for count in counts:
-            found = steps(order, span / count, count)
-            expected = np.inf if found is None else grows * max(_apart(found.state, truth), doubt, LEAST_ERROR)
-            if found is None or not expected <= tolerance:
+            result = steps(order, span / count, count)
+            expected = np.inf if result is None else grows * max(_apart(result.state, truth), doubt, LEAST_ERROR)
+            if result is None or not expected <= tolerance:
                 continue
             in_spacing = max(1, int(np.ceil(spacing * count / span * (1 - 1e-12))))
-            cost = found.cost * in_spacing + found.row
+            cost = result.cost * in_spacing + result.row
             if best is None or cost < best[0]:
                 best = cost, Choice(order, in_spacing, float(expected), "splitting")
             break
@@ -309,11 +309,11 @@ def witnessed(
         ends = [end.state for end in both if end is not None]
         if len(ends) < 2:
             break
-        found = margin * _apart(*ends) * max(time / (h * count), 1.0)
-        tried.append(replace(choice, expected=found if tried else max(choice.expected, found)))
-        if found <= tolerance or found >= best:  # shorter steps do not help
+        result = margin * _apart(*ends) * max(time / (h * count), 1.0)
+        tried.append(replace(choice, expected=result if tried else max(choice.expected, result)))
+        if result <= tolerance or result >= best:  # shorter steps do not help
             break
-        best = min(best, found)
+        best = min(best, result)
         choice = replace(choice, steps=int(np.ceil(choice.steps * SHORTER)))
     return min(tried, key=lambda one: one.expected, default=choice)
 
@@ -332,7 +332,7 @@ def _truth(steps: Steps, span: float, counts: list[int]) -> tuple[State, float]:
     before: State | None = None  # of the only splitting that gets there, with longer steps
     for count in counts[len(counts) // 2 :: 2]:
         both = [steps(order, span / count, count) for order in TRUTHS]
-        known = [found.state for found in both if found is not None]
+        known = [result.state for result in both if result is not None]
         others = known[:-1] or ([] if before is None else [before])
         before = known[0] if len(known) == 1 else None
         if known and others and (best is None or _apart(others[0], known[-1]) < best[0]):
@@ -346,5 +346,5 @@ def _apart(one: State, other: State) -> float:
     """The largest difference of a component of a lane, relative to its largest entry."""
     with np.errstate(all="ignore"):
         apart = [np.where((x == y).all(-1), 0, size(x - y) / size(y)) for x, y in zip(one, other, strict=True)]
-    found = float(np.max(apart))
-    return found if np.isfinite(found) else np.inf
+    result = float(np.max(apart))
+    return result if np.isfinite(result) else np.inf

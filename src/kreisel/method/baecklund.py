@@ -237,10 +237,10 @@ def constant_turns(name: str, K: Array, angle: Callable[[Array], Array]) -> dict
     return {f"{name}0": V, f"{name}1": V if twice else 0 * V}
 
 
-def _turned_by_constants(g: Array, constants: dict[str, Array], rest: bool, spins: bool) -> Array:
+def _turned_by_constants(g: Array, constants: dict[str, Array], remainder: bool, spins: bool) -> Array:
     for j in (0, 1):
         V = constants[f"turn{j}"]
-        g = algebra.turn_right(g, V) if rest else algebra.turn_left(V, g)
+        g = algebra.turn_right(g, V) if remainder else algebra.turn_left(V, g)
         g = algebra.turn_right(g, constants[f"body{j}"]) if spins else g
     return g
 

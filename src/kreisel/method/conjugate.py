@@ -90,12 +90,12 @@ def by_pairs(model: Model, dt: float, oriented: bool, order: int | None = None) 
         g = as_matrix(model, x0[count])
         return constant_turns("turn", g @ algebra.skew(turn, model.n) @ g.mT, lambda theta: theta), stages
 
-    def step(*z: Array, lam_re: Array, lam_im: Array, mu_re: Array, mu_im: Array, **known: Array) -> State:
+    def step(*z: Array, lam_re: Array, lam_im: Array, mu_re: Array, mu_im: Array, **constants: Array) -> State:
         point = {"lam": algebra.complex_number(lam_re, lam_im), "mu": algebra.complex_number(mu_re, mu_im)}
-        state, turns = call(record.pair, z[:count], {**known, **point})
+        state, turns = call(record.pair, z[:count], {**constants, **point})
         return (*state, *(reduce(algebra.turn_right, turns, g) for g in z[count:]))
 
-    def close(*z: Array, turn0: Array, turn1: Array, **known: Array) -> State:
+    def close(*z: Array, turn0: Array, turn1: Array, **constants: Array) -> State:
         return (*z[:count], algebra.turn_left(turn1, algebra.turn_left(turn0, z[count])))
 
     name, options = _named(order)
@@ -159,13 +159,13 @@ def by_map(model: Model, dt: float, oriented: bool, order: int | None = None) ->
         stages = {name: points[..., i, :, :] if oriented else points[..., i, :, 0] for i, name in enumerate(NUMBERS)}
         return {}, stages | ({"span": span} if oriented else {})
 
-    def step(M: Array, P: Array, g: Array, *, span: Array, **known: Array) -> State:
+    def step(M: Array, P: Array, g: Array, *, span: Array, **constants: Array) -> State:
         def at(node: int) -> State:
-            numbers = {name: known[name][..., node][()] for name in NUMBERS}
-            return tuple(call(record.step, (M, P), {**known, **numbers}))
+            numbers = {name: constants[name][..., node][()] for name in NUMBERS}
+            return tuple(call(record.step, (M, P), {**constants, **numbers}))
 
         def rate(M: Array, P: Array) -> Array:
-            Omega, x = algebra.axial(call(model.system.velocity, (M, P), known)), P * algebra.vec(share)
+            Omega, x = algebra.axial(call(model.system.velocity, (M, P), constants)), P * algebra.vec(share)
             return algebra.dot(Omega, e + x) / (1 + algebra.dot(e, x))
 
         share, psi = 1 / algebra.sqrt(algebra.dot(P, P)), 0 * span
@@ -343,11 +343,11 @@ class Torus:
     @cached_property
     def constants(self) -> dict[str, Array]:
         """Parameters and derived constants."""
-        params, rest, n = {"n": np.asarray(self.model.n)}, self.c, self.model.n
+        params, remainder, n = {"n": np.asarray(self.model.n)}, self.c, self.model.n
         for p in self.system.parameters:
             if p.kind != "dimension":
                 shape = (n,) * self.model.axes[p.letter]
-                params[p.letter], rest = np.split(rest, [n ** len(shape)])
+                params[p.letter], remainder = np.split(remainder, [n ** len(shape)])
                 params[p.letter] = params[p.letter].reshape(shape)[()]
         return params | (call(self.system.derive, (), params) if self.system.derive is not None else {})
 

@@ -80,17 +80,17 @@ def coupling_of(
 ) -> Coupling | None:
     """Coupling of the bodies in pairs; None without pairs.
 
-    where(z, known) -> the body, from what a method steps; `at_rows`: what it needs of `known` at saved rows.  What acts
-    on a body are the rates of its state and, if `driven`, of the work.
+    where(z, constants) -> the body, from what a method steps; `at_rows`: what it needs of `constants` at saved rows.
+    What acts on a body are the rates of its state and, if `driven`, of the work.
     """
     pairs = pairs_of(model)
     if pairs is None:
         return None
     constants, axes = constants_of_pairs(model)
 
-    def pull(*z: Array, **known: Array) -> tuple[Array, ...]:
-        both = where(z[: len(z) // 2], known), where(z[len(z) // 2 :], known)
-        first, second, gain = kicks.pulls(model.system, both, known, axes)
+    def pull(*z: Array, **constants: Array) -> tuple[Array, ...]:
+        both = where(z[: len(z) // 2], constants), where(z[len(z) // 2 :], constants)
+        first, second, gain = kicks.pulls(model.system, both, constants, axes)
         return (*first, *(gain / 2,) * driven, *second, *(gain / 2,) * driven)
 
     return Coupling(

@@ -111,13 +111,13 @@ def eliminate(matrix: list[list[Any]], right: list[Any]) -> tuple[list[Any], lis
         row[k + 1 :] = [inverse * v for v in row[k + 1 :]]
         for other in rows[k + 1 :]:
             other[k + 1 :] = [v - other[k] * w for v, w in zip(other[k + 1 :], row[k + 1 :], strict=True)]
-    found: list[Any] = []
+    result: list[Any] = []
     for k, row in reversed(list(enumerate(rows))):
         value = row[-1]
-        for v, x in zip(row[k + 1 : -1], found, strict=True):
+        for v, x in zip(row[k + 1 : -1], result, strict=True):
             value = value - v * x
-        found.insert(0, value)
-    return found, pivots
+        result.insert(0, value)
+    return result, pivots
 
 
 def numbers_of(space: PhaseSpace, state: State) -> list[Any]:
@@ -196,7 +196,7 @@ def _moves_as(model: Model, kinds: tuple[str, ...], rate: Callable[..., Sequence
     x, y = (np.array([Fraction(int(v), 7) for v in rng.integers(1, 99, 3)], dtype=object) for _ in range(2))
     state = (algebra.hat(x), y)[: len(kinds)]
     pairs = zip(call(model.system.flow, state, constants), rate(constants, *state), strict=True)
-    return all(bool((found == expected).all()) for found, expected in pairs)
+    return all(bool((result == expected).all()) for result, expected in pairs)
 
 
 def one_lane(value: Array, axes: int, rng: np.random.Generator) -> Any:
@@ -217,8 +217,8 @@ def is_euler_top(model: Model) -> bool:
     """Whether the flow is x_i' = alpha_i x_j x_k, with an energy: exactly, in one lane."""
 
     def rate(constants: Values, M: Array) -> Sequence[Array]:
-        ahead, back, rest = (call(model.system.energy, (sign * M,), constants) for sign in (1, -1, 0))
-        even = int(ahead == back and rest == 0)  # else no quadratic form
+        ahead, back, remainder = (call(model.system.energy, (sign * M,), constants) for sign in (1, -1, 0))
+        even = int(ahead == back and remainder == 0)  # else no quadratic form
         return (algebra.hat(even * _alphas(model, constants) * _others(algebra.axial(M))),)
 
     return model.system.energy is not None and _moves_as(model, ("skew",), rate)

@@ -75,9 +75,9 @@ def advance(model: Model, state: State, eps: Array, constants: Mapping[str, Arra
         a = tuple(algebra.vec(eps) * length * inverse * x for x in cross(c, X))
         aw = cross(a, w)
         half = 2 / (1 + inner(a, a))
-        found = tuple(x + half * (y + v) for x, y, v in zip(w, aw, cross(a, aw), strict=True))
-        change = tuple(x - y for x, y in zip(found, new, strict=True))
-        return found, (inverse * inner(change, change)).sum(-1) / sites
+        result = tuple(x + half * (y + v) for x, y, v in zip(w, aw, cross(a, aw), strict=True))
+        change = tuple(x - y for x, y in zip(result, new, strict=True))
+        return result, (inverse * inner(change, change)).sum(-1) / sites
 
     new, defect = repeat(improved, w, SMALL**2, MOST, ("vector",) * 3)
     total = tuple(x + y for x, y in zip(w, new, strict=True))

@@ -63,15 +63,15 @@ def turned(frame: Frame, X: Array, g: Array) -> Array:
 
 
 def turned_by_map(
-    phi: Map, frame: Frame, old: tuple[Array, ...], new: tuple[Array, ...], known: Mapping[str, Array], g: Array
+    phi: Map, frame: Frame, old: tuple[Array, ...], new: tuple[Array, ...], constants: Mapping[str, Array], g: Array
 ) -> Array:
     """The orientation turned along with a step of a map, by its generator."""
-    return turned(frame, call(phi.generator, (*old, *new), known), g)
+    return turned(frame, call(phi.generator, (*old, *new), constants), g)
 
 
-def turned_by_velocity(model: Model, middle: State, g: Array, eps: Array, known: Mapping[str, Array]) -> Array:
+def turned_by_velocity(model: Model, middle: State, g: Array, eps: Array, constants: Mapping[str, Array]) -> Array:
     """The orientation turned along with a step eps, by the angular velocity at a state in its middle."""
-    X = algebra.mat(eps) / 2 * call(model.system.velocity, middle, known)
+    X = algebra.mat(eps) / 2 * call(model.system.velocity, middle, constants)
     return turned(model.system.frame, X, g)
 
 
@@ -101,8 +101,8 @@ def functions(
     def add(
         name: str, kind: str, meaning: str, function: Any, stays: bool = False, of_map: bool = False, **extra: Any
     ) -> None:
-        def value(*state: Array, **known: Any) -> Array:
-            return model.call(function, *state, **extra, **known)
+        def value(*state: Array, **constants: Any) -> Array:
+            return model.call(function, *state, **extra, **constants)
 
         out[name] = Outcome(kind, meaning, conserved=stays), value, of_map
 
@@ -178,7 +178,7 @@ def held_by_orientation(
     the carried vectors; else only its orthogonality stays.
     """
     space = model.system.space
-    count, rest = len(space.letters), model.system.frame is Frame.REST
+    count, remainder = len(space.letters), model.system.frame is Frame.REST
     if components[:count] != space.components or len(components) == count or components[count][0] != ORIENTATION:
         return None
 
@@ -188,7 +188,7 @@ def held_by_orientation(
         if not bound:
             return out
         turn = algebra.rotation_matrix(g) if g.ndim == 1 else g
-        turn = turn.mT if rest else turn
+        turn = turn.mT if remainder else turn
         for i in space.carried or (0,) * (model.system.perturbation is None):
             kind = algebra.KINDS[space.kinds[i]]
             out.append(kind.pack(kind.rotated(turn, z[i])))

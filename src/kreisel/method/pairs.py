@@ -125,8 +125,8 @@ def parameter(model: Model, state: State, dt: float) -> tuple[int, Array]:
     with np.errstate(all="ignore"):
         alive = np.isfinite(model.call(record.point, *state, mu=first)).all()
     for _ in range(MOST_TRIALS if alive else 0):
-        mu, found = _newton(model, state, dt / copies)
-        if found.all():
+        mu, result = _newton(model, state, dt / copies)
+        if result.all():
             return copies, mu.astype(complex)
         copies = copies + max(1, copies // 2)
     raise InputError(

@@ -147,17 +147,17 @@ class Method:
         """The order that was asked for, or the default.  Raises `InputError` for one that the method has not."""
         if asked is None:
             return self.default
-        found = tuple(asked) if isinstance(asked, list) else asked
-        if isinstance(found, Integral) and not isinstance(found, bool):
-            found = int(found)
+        result = tuple(asked) if isinstance(asked, list) else asked
+        if isinstance(result, Integral) and not isinstance(result, bool):
+            result = int(result)
             if self.words:
-                return found
-        if type(found) not in (int, tuple) or found not in self.orders:
+                return result
+        if type(result) not in (int, tuple) or result not in self.orders:
             raise InputError(
                 f"method={self.name!r}: expected one of its orders ({self.order_text}), got order={shown(asked)}."
                 + ("" if self.orders else " Leave order out.")
             )
-        return found
+        return result
 
     def cited(self, order: Any) -> tuple[str, ...]:
         """Keys of refs.bib for a run of that order."""

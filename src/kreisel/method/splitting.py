@@ -197,11 +197,11 @@ class Splitting:
         h_of_wheels = kicks.momentum_of_wheels(self.model.system, state, constants)
         if h_of_wheels is not None:
             constants = {**constants, STORED: h_of_wheels}
-        own = len(self.record.base.space.letters)
+        count = len(self.record.base.space.letters)
         if self.part.reach is not None:
-            more = {**more, REACH: algebra.maximum(more[REACH], self.part.reach(state[:own], h, constants))}
-        moved, g = self.part.move(state[:own], g, h, constants)
-        return (*moved, *state[own:]), g, more
+            more = {**more, REACH: algebra.maximum(more[REACH], self.part.reach(state[:count], h, constants))}
+        moved, g = self.part.move(state[:count], g, h, constants)
+        return (*moved, *state[count:]), g, more
 
     def perturbed(
         self, body: Body, g: State, h: Array, constants: Constants, pulled: tuple[State, Any] | None
@@ -417,8 +417,8 @@ def _side_by_side(parts: list[tuple[Factor, Integrable]]) -> Integrable:
         return tuple(z for f, part in parts for z in part.move(state[f.place], (), h, f.known(constants))[0]), g
 
     def reach(state: State, h: Any, constants: Constants) -> Any:
-        found = [part.reach(state[f.place], h, f.known(constants)) for f, part in parts if part.reach is not None]
-        return reduce(algebra.maximum, found)
+        result = [part.reach(state[f.place], h, f.known(constants)) for f, part in parts if part.reach is not None]
+        return reduce(algebra.maximum, result)
 
     def left(state: State, constants: Constants) -> State:
         return tuple(
@@ -484,7 +484,7 @@ def _rotor(body: str, form: Any, numbers: Callable[[Constants], Constants], besi
 
 def _top(base: System) -> Integrable:
     """In the rest frame (m, a, p), in the moving frame (M, A, P) of the record."""
-    rest, unequal = base.frame is Frame.REST, any(p.letter == "alpha" for p in base.parameters)
+    remainder, unequal = base.frame is Frame.REST, any(p.letter == "alpha" for p in base.parameters)
 
     def of(state: State, constants: Constants) -> tuple[Array, Array, Array, Array]:
         m, a, p = call(base.closed_form.top, state, constants)
@@ -492,7 +492,7 @@ def _top(base: System) -> Integrable:
 
     def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
         m, a, p, alpha = of(state, constants)
-        if rest:
+        if remainder:
             m, b, *turned = top_step.step(m, a, *g, p=p, alpha=alpha, h=h)
         else:
             m, b, *turned = top_step.step_inside(m, p, *g, A=a, alpha=alpha, h=h)

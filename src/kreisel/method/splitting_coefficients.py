@@ -98,9 +98,9 @@ def corrector(order: Any) -> Splitting | None:
         return None
     with mpmath.workdps(DIGITS):
         step = Splitting(*map(tuple, _fractions(order)))
-        found = _correcting(step, CORRECTED[order])
-        require_conditions(order, *joined(inverse(found), step, found))
-        return Splitting(tuple(map(float, found.a)), tuple(map(float, found.b)))
+        result = _correcting(step, CORRECTED[order])
+        require_conditions(order, *joined(inverse(result), step, result))
+        return Splitting(tuple(map(float, result.a)), tuple(map(float, result.b)))
 
 
 def inverse(parts: Splitting) -> Splitting:

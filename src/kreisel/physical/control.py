@@ -97,14 +97,14 @@ class Control:
             raise InputError(f"law: expected a function of sensors and memory, got {shown(self.law)}.")
         object.__setattr__(self, "every", si_number(self.every, "s", "every", positive=True))
         for name, known in (("memory", None), ("parameters", None), ("noise", NOISY), ("limits", COMMANDS)):
-            given = getattr(self, name)
-            good = isinstance(given, Mapping) and all(isinstance(key, str) and key.isidentifier() for key in given)
-            wrong = [key for key in given if known is not None and key not in known] if good else []
+            values = getattr(self, name)
+            good = isinstance(values, Mapping) and all(isinstance(key, str) and key.isidentifier() for key in values)
+            wrong = [key for key in values if known is not None and key not in known] if good else []
             if not good or wrong:
                 names = "user-defined names" if known is None else ", ".join(known)
                 near = hint(wrong[0], known) if wrong and known else ""
                 raise InputError(
-                    f"{name}: expected a dict with {names}, got {shown(wrong[0] if wrong else given)}.{near}"
+                    f"{name}: expected a dict with {names}, got {shown(wrong[0] if wrong else values)}.{near}"
                 )
         memory = {name: finite_floats(value, "1", name) for name, value in self.memory.items()}
         if any(value.ndim > 1 or not value.size for value in memory.values()):
@@ -189,8 +189,8 @@ class Control:
             tape: list[Any] = []
             given = {name: traced(tape, value, value.ndim) for name, value in values.items()}
             with np.errstate(all="ignore"):
-                found = sampling.called(self.law, given, lengths, {name: shapes[name] for name in self.memory})
-            runs.append({k: [float(getattr(v, "value", v)) for v in value.flat] for k, value in found.items()})
+                result = sampling.called(self.law, given, lengths, {name: shapes[name] for name in self.memory})
+            runs.append({k: [float(getattr(v, "value", v)) for v in value.flat] for k, value in result.items()})
         if any(runs[0][name] != value for name, value in runs[1].items()):
             raise InputError(
                 "law: expected the same result from the same values, got two. Usual cause: random values, or a list "

@@ -111,10 +111,10 @@ class Ellipsoid(Varied):
         """
         (x, y, z), inverse_masses = 1 / self._inertia, 1 / (self.mass + self.added_masses)
         if self.semi_axes[0] == self.semi_axes[1] and not self._lanes:
-            made = REGISTRY["kirchhoff-revolution"](a1=x, a3=z, c1=inverse_masses[0], c3=inverse_masses[2])
+            model = REGISTRY["kirchhoff-revolution"](a1=x, a3=z, c1=inverse_masses[0], c3=inverse_masses[2])
         else:
-            made = REGISTRY["kirchhoff"](C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-inverse_masses)
-        return made.of_body(frame_of(1.0, 1.0, P=("kg m/s", 1.0)))
+            model = REGISTRY["kirchhoff"](C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-inverse_masses)
+        return model.of_body(frame_of(1.0, 1.0, P=("kg m/s", 1.0)))
 
     def state(self, velocity: Any, angular_velocity: Any, attitude: Any = UPRIGHT) -> State:
         """The impulse of a motion, P = (mass + added mass) U and M = (I + added moment) Omega.

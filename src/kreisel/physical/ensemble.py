@@ -127,8 +127,8 @@ def _replaced(record: Any, changes: Mapping[str, Any], path: str) -> Any:
     """A record, or a dict, with values changed by functions of them, by name."""
     inner: dict[str, dict[str, Any]] = {}
     for name, value in changes.items():
-        first, _, rest = name.partition(".")
-        inner.setdefault(first, {})[rest] = value
+        first, _, remainder = name.partition(".")
+        inner.setdefault(first, {})[remainder] = value
     table = dict(record) if isinstance(record, Mapping) else _table(record)
     for name, each in inner.items():
         if name not in table and (path != "body" or "" not in each):
@@ -244,7 +244,7 @@ class Ensemble(Body):
         self._model = Model(first.system, params, replace(frame, axes=axes, units=units, epoch=epoch, lanes=self.names))
 
     def _doubts(self, seconds: float) -> Sequence[str]:
-        return next((found for body in self.bodies if (found := body._doubts(seconds))), ())
+        return next((result for body in self.bodies if (result := body._doubts(seconds))), ())
 
     def state(self, *args: Any, **kwargs: Any) -> State:
         """The states of the bodies; an argument with an axis of lanes in front has a value for each."""

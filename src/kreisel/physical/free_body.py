@@ -162,12 +162,12 @@ class FreeBody(Forced):
         momentum = momentum_in_body(M, self._body_frame)
         return in_range("Omega", lambda: momentum @ axes / moments @ axes.T)
 
-    def _moments(self, what: str) -> Array:
+    def _moments(self, label: str) -> Array:
         """The principal moments.  Raises `InputError` if one is 0."""
         moments = self.principal.moments
         if moments.min() <= CLOSE * moments.max():
             raise InputError(
-                f"{what} is not determined by the momentum: expected three moments > 0, got {moments.tolist()}. Usual "
+                f"{label} is not determined by the momentum: expected three moments > 0, got {moments.tolist()}. Usual "
                 "cause: a rod without thickness. Give it its thickness."
             )
         return moments
@@ -220,15 +220,15 @@ class FreeBody(Forced):
         rate = abs(si_number(spin, RATE, "spin"))
         moments, axes = self._moments("The stability"), self.principal.axes
         in_range("The growth", lambda: rate * moments.max() / moments.min())
-        found = []
+        result = []
         for i in range(3):
             a, b, c = moments[[i, (i + 1) % 3, (i + 2) % 3]]
             square = (a / b - 1) * (1 - a / c)
             s = rate * math.sqrt(abs(square))
             kind = "neutral" if square == 0 else "unstable" if square > 0 else "stable"
             period = 2 * math.pi / s if kind == "stable" and s else math.inf
-            found.append(AxisStability(axes[:, i].copy(), float(a), kind, s if kind == "unstable" else 0.0, period))
-        return tuple(found)
+            result.append(AxisStability(axes[:, i].copy(), float(a), kind, s if kind == "unstable" else 0.0, period))
+        return tuple(result)
 
 
 def _mass_moments(moments: Any, unit: float) -> Any:

@@ -218,7 +218,7 @@ class Periods(NamedTuple):
     short_axis: Array
 
 
-def periods_of(moments: Array, E: Array, rest: Array) -> tuple[Array, Array]:
+def periods_of(moments: Array, E: Array, remainder: Array) -> tuple[Array, Array]:
     """P_psi |M| and 2 pi/(P_phi |M|) by moments (..., 3) in the order of the closed form, E/L^2 and k'^2, in doubles.
 
         P_psi = 4 K/lambda,   2 pi/P_phi = (L/I_3) (1 + (I_3 - I_1)/I_1 Pi(n, k)/K),
@@ -229,8 +229,8 @@ def periods_of(moments: Array, E: Array, rest: Array) -> tuple[Array, Array]:
     from scipy.special import ellipkm1, elliprf, elliprj
 
     I1, I2, I3 = (moments[..., i] for i in range(3))
-    K, n = ellipkm1(rest), -I3 * (I2 - I1) / (I1 * (I3 - I2))
-    third = elliprf(0, rest, 1) + n / 3 * elliprj(0, rest, 1, 1 - n)
+    K, n = ellipkm1(remainder), -I3 * (I2 - I1) / (I1 * (I3 - I2))
+    third = elliprf(0, remainder, 1) + n / 3 * elliprj(0, remainder, 1, 1 - n)
     return 4 * K * np.sqrt(I1 * I2 * I3 / ((I3 - I2) * E)), (1 + (I3 - I1) / I1 * third / K) / I3
 
 

@@ -95,7 +95,7 @@ def require_range(body: Any, *names: str) -> None:
         in_range(name, partial(getattr, body, name))
 
 
-def in_range(what: str, value: Callable[[], Any]) -> Any:
+def in_range(label: str, value: Callable[[], Any]) -> Any:
     """A computed value.  Raises `InputError` if it leaves the range of doubles."""
     try:
         with np.errstate(all="ignore"):
@@ -105,7 +105,7 @@ def in_range(what: str, value: Callable[[], Any]) -> Any:
         parts = [np.asarray(np.nan)]
     if not all(np.isfinite(part).all() for part in parts):
         raise InputError(
-            f"{what} leaves the range of doubles: expected data whose products lie between 1e-300 and 1e300 in SI "
+            f"{label} leaves the range of doubles: expected data whose products lie between 1e-300 and 1e300 in SI "
             "units, got smaller or larger ones. Usual cause: a wrong unit."
         )
     return got

@@ -387,9 +387,9 @@ def _equally_spaced(table: Table) -> Table:
     count = math.ceil((t[-1] - t[0]) / np.diff(t).min())
     if count < MOST_ROWS:
         even = np.linspace(t[0], t[-1], count + 1)
-        found = Table(even, table(even), (table(even, 1), table(even, 2)))
-        if abs(found(t) - table(t)).max() <= 1.0:
-            return found
+        result = Table(even, table(even), (table(even, 1), table(even, 2)))
+        if abs(result(t) - table(t)).max() <= 1.0:
+            return result
     raise InputError(
         f"from_table: expected times that are about equally spaced, got steps from {np.diff(t).min():g} to "
         f"{np.diff(t).max():g} s. Choose positions at equal steps from the ephemeris."

@@ -199,12 +199,12 @@ def read_robot(robot: str | os.PathLike[str], link: str | None = None) -> Part:
 
 def _links(element: ElementTree.Element, prefix: str) -> list[tuple[str, ElementTree.Element]]:
     """The links of a robot, a model or a world, by name; in nested models "model::link"."""
-    found = [(prefix + each.get("name", ""), each) for each in element.findall("link")]
+    result = [(prefix + each.get("name", ""), each) for each in element.findall("link")]
     for group in ("world", "model"):
         for each in element.findall(group):
             inner = prefix if group == "world" or element.tag == "sdf" else ""
-            found += _links(each, f"{inner}{each.get('name', '')}::" if group == "model" else prefix)
-    return found
+            result += _links(each, f"{inner}{each.get('name', '')}::" if group == "model" else prefix)
+    return result
 
 
 def _of_inertial(inertial: ElementTree.Element, name: str, sdf: bool) -> Part:

@@ -57,17 +57,17 @@ class Reader:
     folder: Path = Path()
     names: Table = field(default_factory=dict)
 
-    def kind_of(self, table: Table, where: str, known: Mapping[str, Any] | None = None) -> Any:
-        """The class or function that a table names, among `known` ones, by default bodies; None after a mistake."""
-        known, name = kinds() if known is None else known, table.get("kind")
-        if isinstance(name, str) and name in known:
-            return known[name]
-        self.faults.add(f"[{where}] kind: expected one of {', '.join(known)}, got {shown(name)}.{hint(name, known)}")
+    def kind_of(self, table: Table, where: str, names: Mapping[str, Any] | None = None) -> Any:
+        """The class or function that a table names, among `names`, by default those of bodies; None after a mistake."""
+        names, name = kinds() if names is None else names, table.get("kind")
+        if isinstance(name, str) and name in names:
+            return names[name]
+        self.faults.add(f"[{where}] kind: expected one of {', '.join(names)}, got {shown(name)}.{hint(name, names)}")
         return None
 
-    def body(self, table: Table, where: str = "body", known: Mapping[str, Any] | None = None) -> Any:
+    def body(self, table: Table, where: str = "body", names: Mapping[str, Any] | None = None) -> Any:
         """The body, or another part, of a table; None after a mistake."""
-        kind = self.kind_of(table, where, known)
+        kind = self.kind_of(table, where, names)
         return kind and self.record(kind, {k: v for k, v in table.items() if k != "kind"}, where)
 
     def state(self, kind: type[Body], body: Body | None, table: Table, where: str = "state") -> State | None:
@@ -89,14 +89,14 @@ class Reader:
         call = self._constructor(kind, table, part, where)
         if call is None:
             return None
-        known = {k: v for k, v in part.items() if k in inspect.signature(call).parameters and k not in table}
-        self._check_names(call, {**known, **table}, where)
+        names = {k: v for k, v in part.items() if k in inspect.signature(call).parameters and k not in table}
+        self._check_names(call, {**names, **table}, where)
         hints = {**types_of(kind), **types_of(call)}
         values = {k: self._value(v, hints.get(k), f"{where}.{k}") for k, v in table.items()}
         if len(self.faults.messages) > before:
             return None
         with self.faults.noted(f"[{where}]"):
-            return call(**known, **values)
+            return call(**names, **values)
         return None
 
     def _part(self, kind: Callable[..., Any], table: dict[str, Any], where: str) -> dict[str, Any]:
@@ -139,13 +139,13 @@ class Reader:
         """Note unknown keys, and arguments that are missing."""
         parameters = {k: p for k, p in inspect.signature(call).parameters.items() if k != "self"}
         needed = [k for k, p in parameters.items() if p.default is p.empty and p.kind is not p.VAR_KEYWORD]
-        known = [k for k, p in parameters.items() if p.kind is not p.VAR_KEYWORD]
-        if len(known) < len(parameters):  # **more are options of the class
+        names = [k for k, p in parameters.items() if p.kind is not p.VAR_KEYWORD]
+        if len(names) < len(parameters):  # **more are options of the class
             options = inspect.signature(_type_of(call, inspect.signature(call).return_annotation)).parameters
-            known += [k for k, p in options.items() if p.default is not p.empty and k not in known]
+            names += [k for k, p in options.items() if p.default is not p.empty and k not in names]
         for key in table:
-            if key not in known:
-                self.faults.add(f"[{where}] expected {', '.join(known)}, got {shown(key)}.{hint(key, known)}")
+            if key not in names:
+                self.faults.add(f"[{where}] expected {', '.join(names)}, got {shown(key)}.{hint(key, names)}")
         missing = [k for k in needed if k not in table]
         if missing:
             shapes = ", ".join(_class_methods(call)) if isinstance(call, type) else ""

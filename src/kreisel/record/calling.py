@@ -15,13 +15,13 @@ from kreisel.errors import InputError, shown
 Function = Callable[..., Any]
 
 
-def require_names(unnamed: tuple[Any, ...], what: str, letters: Sequence[str]) -> None:
+def require_names(unnamed: tuple[Any, ...], label: str, letters: Sequence[str]) -> None:
     """Raises `InputError` if keyword arguments come without names."""
     if unnamed:
         if not letters:
-            raise InputError(f"{what}: expected no arguments, got {shown(unnamed[0])}.")
+            raise InputError(f"{label}: expected no arguments, got {shown(unnamed[0])}.")
         raise InputError(
-            f"{what}: expected arguments by name, {', '.join(f'{k}=...' for k in letters)}; got {shown(unnamed[0])} "
+            f"{label}: expected arguments by name, {', '.join(f'{k}=...' for k in letters)}; got {shown(unnamed[0])} "
             "without a name."
         )
 
@@ -32,12 +32,12 @@ _keywords: WeakKeyDictionary[Function, frozenset[str]] = WeakKeyDictionary()
 def keywords(function: Function) -> frozenset[str]:
     """The keyword-only arguments that a function names."""
     function = getattr(function, "__func__", function)  # a method is a new object each time
-    found = _keywords.get(function)
-    if found is None:
+    result = _keywords.get(function)
+    if result is None:
         signature = inspect.signature(function)
-        found = frozenset(p.name for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY)
-        _keywords[function] = found
-    return found
+        result = frozenset(p.name for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY)
+        _keywords[function] = result
+    return result
 
 
 def naming(function: Function, *sources: Function | Iterable[str]) -> Function:

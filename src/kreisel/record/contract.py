@@ -253,18 +253,18 @@ def kicked_map(kick: Function, turn: Function, **claims: Any) -> Map:
     Its inverse, its reversing involution and half a kick follow; `claims` are the other fields.
     """
 
-    def step(M: Array, *carried: Array, **known: Any) -> Any:
-        return call(turn, (M + call(kick, carried, known), *carried), known)
+    def step(M: Array, *carried: Array, **constants: Any) -> Any:
+        return call(turn, (M + call(kick, carried, constants), *carried), constants)
 
-    def inverse(*state: Array, eps: Any, **known: Any) -> Any:
-        M, *carried = call(turn, state, {**known, "eps": -eps})
-        return M - call(kick, tuple(carried), {**known, "eps": eps}), *carried
+    def inverse(*state: Array, eps: Any, **constants: Any) -> Any:
+        M, *carried = call(turn, state, {**constants, "eps": -eps})
+        return M - call(kick, tuple(carried), {**constants, "eps": eps}), *carried
 
-    def involution(M: Array, *carried: Array, **known: Any) -> Any:
-        return -M - call(kick, carried, known), *carried
+    def involution(M: Array, *carried: Array, **constants: Any) -> Any:
+        return -M - call(kick, carried, constants), *carried
 
-    def to_symmetric(M: Array, *carried: Array, **known: Any) -> Any:
-        return M + call(kick, carried, known) / 2, *carried
+    def to_symmetric(M: Array, *carried: Array, **constants: Any) -> Any:
+        return M + call(kick, carried, constants) / 2, *carried
 
     both = {f.__name__: naming(f, kick, turn) for f in (step, inverse)}
     alone = {f.__name__: naming(f, kick) for f in (involution, to_symmetric)}
@@ -274,11 +274,11 @@ def kicked_map(kick: Function, turn: Function, **claims: Any) -> Map:
 def implicit_map(turn: Function, move: Function, **claims: Any) -> Map:
     """The symmetric map move(*state, X, eps) with X, defect = `turn(*state, eps)`, of order 2; see `Map`."""
 
-    def step(*state: Array, **known: Any) -> Any:
-        return call(move, (*state, call(turn, state, known)[0]), known)
+    def step(*state: Array, **constants: Any) -> Any:
+        return call(move, (*state, call(turn, state, constants)[0]), constants)
 
-    def generator(*old_and_new: Array, **known: Any) -> Any:
-        return call(turn, old_and_new[: len(old_and_new) // 2], known)[0]
+    def generator(*old_and_new: Array, **constants: Any) -> Any:
+        return call(turn, old_and_new[: len(old_and_new) // 2], constants)[0]
 
     derived = {"step": naming(step, turn, move), "generator": naming(generator, turn), "turn": turn, "move": move}
     return Map(**(derived | {"symmetric": True, "rational": False, "commutes": True, "order": 2} | claims))
@@ -399,9 +399,9 @@ def pullback(target: System, carry: Function) -> Callable[[Function], Function]:
     letters = {p.letter for p in target.parameters}
 
     def pulled(function: Function) -> Function:
-        def at_image(*state: Array, **known: Any) -> Any:
-            there, params = call(carry, (*state, None), known)
-            return call(function, there, {**known, **params})
+        def at_image(*state: Array, **constants: Any) -> Any:
+            there, params = call(carry, (*state, None), constants)
+            return call(function, there, {**constants, **params})
 
         return naming(at_image, carry, keywords(function) - letters)
 
@@ -466,10 +466,10 @@ class Checks:
 
 
 def _velocity(
-    momentum: Function, inverse_inertia: Function, spin: Function | None, *state: Array, **known: Any
+    momentum: Function, inverse_inertia: Function, spin: Function | None, *state: Array, **constants: Any
 ) -> Array:
-    Omega = call(inverse_inertia, (momentum(*state),), known)
-    return Omega if spin is None else Omega + call(spin, state, known)
+    Omega = call(inverse_inertia, (momentum(*state),), constants)
+    return Omega if spin is None else Omega + call(spin, state, constants)
 
 
 @dataclass(frozen=True)
@@ -568,9 +568,9 @@ class System:
         text = f"{self.title}: {self.equations}  [{self.source}]\n\nParameters:\n{letters}\n\n{self.scaling}"
         object.__setattr__(self, "__doc__", text)
         if self.velocity is None and self.inverse_inertia is not None and self.space.momentum is not None:
-            rest = () if self.spin is None else (self.spin,)
+            remainder = () if self.spin is None else (self.spin,)
             velocity = partial(_velocity, self.space.momentum, self.inverse_inertia, self.spin)
-            object.__setattr__(self, "velocity", naming(velocity, self.inverse_inertia, *rest))
+            object.__setattr__(self, "velocity", naming(velocity, self.inverse_inertia, *remainder))
 
     @property
     def __signature__(self) -> inspect.Signature:

@@ -26,9 +26,9 @@ Check = Callable[..., T]
 
 def whole_dimension(value: Array, letter: str, system: str) -> int:
     """The n of a parameter.  Raises `InputError` for anything but an integer from 3 on."""
-    found = np.unique(value)
-    n = int(found[0]) if len(found) == 1 else 0
-    if n < 3 or n != found[0]:
+    result = np.unique(value)
+    n = int(result[0]) if len(result) == 1 else 0
+    if n < 3 or n != result[0]:
         raise InputError(f"{system}'s parameter {letter} is the dimension, an integer from 3 on, got {value.tolist()}.")
     check_dimension(n, f"{system}'s parameter {letter}")
     return n

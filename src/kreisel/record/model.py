@@ -121,12 +121,12 @@ class Model:
 
     def __init__(self, system: System, params: Mapping[str, Any], body_frame: BodyFrame | None = None):
         self.system = system
-        known = [p.letter for p in system.parameters]
+        names = [p.letter for p in system.parameters]
         for letter in params:
-            if letter not in known:
+            if letter not in names:
                 raise InputError(
-                    f"{system.name} has {'the parameters ' if known else 'no parameters'}{', '.join(known)}, got "
-                    f"{shown(letter)}.{hint(letter, known)}"
+                    f"{system.name} has {'the parameters ' if names else 'no parameters'}{', '.join(names)}, got "
+                    f"{shown(letter)}.{hint(letter, names)}"
                 )
         self.params: dict[str, Array] = {}
         for p in system.parameters:
@@ -178,16 +178,16 @@ class Model:
         """Further constants, computed once.  Raises `InputError` if they leave the range of doubles."""
         try:
             with np.errstate(all="ignore"):
-                found = dict(call(self.system.derive, (), spread))
+                result = dict(call(self.system.derive, (), spread))
         except np.linalg.LinAlgError:  # of a matrix that is singular after rounding
-            found = {"an inverse matrix": np.asarray(np.nan)}
-        lost = [k for k, v in found.items() if np.asarray(v).dtype.kind == "f" and not np.isfinite(v).all()]
+            result = {"an inverse matrix": np.asarray(np.nan)}
+        lost = [k for k, v in result.items() if np.asarray(v).dtype.kind == "f" and not np.isfinite(v).all()]
         if lost and not self.batch:  # in an ensemble, the failing lanes
             raise InputError(
                 f"{self.system.name}: expected parameters whose products and ratios a double can hold, got some with "
                 f"which {', '.join(lost)} is not finite. Use other units."
             )
-        return found
+        return result
 
     def __getattr__(self, name: str) -> Any:
         system = None if name.startswith("_") else self.__dict__.get("system")

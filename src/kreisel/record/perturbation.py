@@ -89,10 +89,10 @@ def together(*forces: Force | None) -> Force | None:
     arguments = tuple(dict.fromkeys(name for force in present for name in force.arguments))
     parameters = tuple(dict.fromkeys(name for force in present for name in force.parameters))
 
-    def total(*values: Any, **known: Any) -> Any:
+    def total(*values: Any, **constants: Any) -> Any:
         there = dict(zip(arguments, values, strict=True))
         each = [
-            run(f.function, *(there[name] for name in f.arguments), **{name: known[name] for name in f.parameters})
+            run(f.function, *(there[name] for name in f.arguments), **{name: constants[name] for name in f.parameters})
             for f in present
         ]
         return sum(np.asarray(out, dtype=object)[()] for out in each)
@@ -148,7 +148,7 @@ class Perturbation:
     def functions(self) -> dict[str, Force]:
         """The forces on one body that are functions."""
         named = {"potential": self.potential, "torque": self.torque, "force": self.force}
-        return {what: force for what, force in named.items() if force is not None}
+        return {label: force for label, force in named.items() if force is not None}
 
     def names(self, letter: str) -> bool:
         """Whether this letter is an argument of a force."""

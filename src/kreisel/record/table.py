@@ -204,9 +204,9 @@ _ROWS: WeakValueDictionary[bytes, np.ndarray] = WeakValueDictionary()
 def _rows_of(packed: Array) -> Array:
     """Rows of t_r, 1/(t_(r+1) - t_r) and the coefficients of each component, (rows, 2 + components (degree + 1))."""
     key = hashlib.sha256(packed.tobytes()).digest()
-    found = _ROWS.get(key)
-    if found is not None:
-        return found
+    result = _ROWS.get(key)
+    if result is not None:
+        return result
     t, (y, m, *s) = _parts(packed)
     h = np.diff(t)[:, None]
     D, m0, m1 = np.diff(y, axis=0), h * m[:-1], h * m[1:]
@@ -308,12 +308,12 @@ def tables_of_time(model: Model) -> Iterator[tuple[str, Array, float]]:
     return ((k, model.params[k], unit) for k, unit in units.items() if model.params[k].shape[-1] > HEAD)
 
 
-def require_none(model: Model, what: str) -> None:
+def require_none(model: Model, label: str) -> None:
     """Raises `InputError` for a model with a table."""
     for p in model.system.parameters:
         if p.kind == "table" and model.params[p.letter].shape[-1] > HEAD:
             raise InputError(
-                f"{what}: expected forces by formulas, got the table {p.letter}, which it does not hold. "
+                f"{label}: expected forces by formulas, got the table {p.letter}, which it does not hold. "
                 "Write the force as a formula of the time."
             )
 

@@ -193,15 +193,15 @@ def nutation(system: Model | Body, x0: StateLike) -> Figures:
         raise InputError("kr.nutation needs one motion, got an ensemble. Pass one lane at a time.")
     try:
         motion = motion_of_top(model, parts, model.constants, reach=0.0)
-        kind, known, ctx, (x1, x2, _) = _kind(motion), motion.integrals, motion.nutation.ctx, motion.nutation.x
-        height, alpha = mp_number(ctx, known.E), ctx.convert(float(model.constants.get("alpha", 1.0)))
+        kind, integrals, ctx, (x1, x2, _) = _kind(motion), motion.integrals, motion.nutation.ctx, motion.nutation.x
+        height, alpha = mp_number(ctx, integrals.E), ctx.convert(float(model.constants.get("alpha", 1.0)))
         return Figures(
             kind=kind,
-            period=math.inf if known.separatrix else float(2 * motion.nutation.half_period) * unit,
+            period=math.inf if integrals.separatrix else float(2 * motion.nutation.half_period) * unit,
             lowest=float((x2 if kind.startswith("sleeping") else x1) / 2 + height),
             highest=float(x2 / 2 + height),
-            precession=float(_precession(ctx, known)),
-            spin=float(mp_number(ctx, known.J) / ctx.sqrt(mp_number(ctx, known.A)) / alpha) / unit,
+            precession=float(_precession(ctx, integrals)),
+            spin=float(mp_number(ctx, integrals.J) / ctx.sqrt(mp_number(ctx, integrals.A)) / alpha) / unit,
         )
     except ZeroDivisionError:
         raise InputError(
@@ -210,12 +210,12 @@ def nutation(system: Model | Body, x0: StateLike) -> Figures:
 
 
 def _kind(here: TopMotion) -> str:
-    known = here.integrals
-    if known.P2 == 0:
+    integrals = here.integrals
+    if integrals.P2 == 0:
         return "free"
-    if known.coincident is None:
+    if integrals.coincident is None:
         return "nutating"
-    x1, x2, x3 = known.coincident
+    x1, x2, x3 = integrals.coincident
     if x2 < x3:
         return "steady"
     if x1 == x3:
@@ -223,25 +223,26 @@ def _kind(here: TopMotion) -> str:
     return "falling asleep" if math.isfinite(here.e_foldings()) else "sleeping, unstable"
 
 
-def _precession(ctx: Any, known: Integrals) -> MpNumber:
+def _precession(ctx: Any, integrals: Integrals) -> MpNumber:
     """The integral of |p| (c A - z J)/(A P2 - z^2) over a period, in two complete integrals of the third kind.
 
     z = z1 + (z2 - z1) sn^2 splits it into 1/(|b||p| - z) and 1/(|b||p| + z); a pole on the orbit has the weight 0.  If
     the orbit passes close to a pole, the distance is computed in more digits.
     """
-    if known.P2 == 0 or known.separatrix:
+    if integrals.P2 == 0 or integrals.separatrix:
         return ctx.nan
-    vertical = known.c**2 * known.A == known.J**2 * known.P2  # the orbit reaches +p, -p, or both
+    vertical = integrals.c**2 * integrals.A == integrals.J**2 * integrals.P2  # the orbit reaches +p, -p, or both
     signs = [
         sign
         for sign in (1, -1)
-        if not vertical or known.c * sign != abs(known.c) * (1 if known.J > 0 else -1 if known.J < 0 else 0)
+        if not vertical
+        or integrals.c * sign != abs(integrals.c) * (1 if integrals.J > 0 else -1 if integrals.J < 0 else 0)
     ]
     digits = ctx.dps
     while True:
-        x1, x2, x3 = Nutation(ctx, known).x
-        A, J, c, E = (mp_number(ctx, v) for v in (known.A, known.J, known.c, known.E))
-        top_most, low, swing = ctx.sqrt(mp_number(ctx, known.A * known.P2)), x1 / 2 + E, (x2 - x1) / 2
+        x1, x2, x3 = Nutation(ctx, integrals).x
+        A, J, c, E = (mp_number(ctx, v) for v in (integrals.A, integrals.J, integrals.c, integrals.E))
+        top_most, low, swing = ctx.sqrt(mp_number(ctx, integrals.A * integrals.P2)), x1 / 2 + E, (x2 - x1) / 2
         closest = min((top_most - sign * (low if sign < 0 else low + swing) for sign in signs), default=top_most)
         if closest > top_most * ctx.mpf(10) ** (-ctx.dps // 2):
             break
@@ -253,4 +254,4 @@ def _precession(ctx: Any, known: Integrals) -> MpNumber:
     total = sum(w / gap * ctx.ellippi(n, m) for w, gap, n in zip(weights, gaps, poles, strict=True))
     if vertical and x1 == x2:
         return ctx.nan  # asleep or hanging
-    return 4 * ctx.sqrt(mp_number(ctx, known.P2)) / ctx.sqrt(x3 - x1) * total
+    return 4 * ctx.sqrt(mp_number(ctx, integrals.P2)) / ctx.sqrt(x3 - x1) * total

@@ -206,5 +206,5 @@ def _assembled(variables: dict[str, xr.Variable], time: xr.Variable | None, coor
 
 def largest_corrections(plan: Plan) -> dict[str, float]:
     """The largest correction of each variable by the projection so far."""
-    found = plan.engine.projection.largest(plan.engine.z) if plan.engine.projection else {}
-    return {name: largest for name, largest in found.items() if name in plan.outcomes}
+    result = plan.engine.projection.largest(plan.engine.z) if plan.engine.projection else {}
+    return {name: largest for name, largest in result.items() if name in plan.outcomes}

@@ -177,11 +177,11 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
     if model.system.exact_map is not None:
         return Step(made, _of_map(model, made))
 
-    def spun(function: Callable[..., Parts], *z: Array, **known: Any) -> Parts:
+    def spun(function: Callable[..., Parts], *z: Array, **constants: Any) -> Parts:
         """The function with rotation matrices computed from their coordinates, which are fewer."""
-        if SPIN in known:
-            known |= dict.fromkeys(SPINS, algebra.skew(known.pop(SPIN), model.n))
-        return function(*z, **known)
+        if SPIN in constants:
+            constants |= dict.fromkeys(SPINS, algebra.skew(constants.pop(SPIN), model.n))
+        return function(*z, **constants)
 
     motion = cast("Steps", made.motion)
     motion = Steps(partial(spun, motion.step), motion.close and partial(spun, motion.close))
@@ -196,7 +196,7 @@ def _linear(model: Model, made: Scheme, oriented: bool) -> Callable[[Parts, Know
     else:
         twice = find(made.name).make(model, 2.0, order, oriented)
 
-    def at(own: Parts, known: Known, dt: Any) -> tuple[Known, Known]:
+    def at(state: Parts, constants: Known, dt: Any) -> tuple[Known, Known]:
         def value(x: Any, y: Any) -> Any:
             rate = np.asarray(y, dtype=np.float64) - x
             return x if not rate.any() else x - rate + rate * dt
@@ -217,14 +217,14 @@ def _closed(model: Model, made: Scheme, oriented: bool) -> Step:
         )
     reach, count = part.reach, len(model.system.space.letters)
 
-    def take(*z: Array, eps: Any, **known: Any) -> Parts:
-        own, g = part.move(z[:count], z[count:-1], eps, known)
-        return (*own, *g, algebra.maximum(z[-1], reach(z[:count], eps, known)))
+    def take(*z: Array, eps: Any, **constants: Any) -> Parts:
+        state, g = part.move(z[:count], z[count:-1], eps, constants)
+        return (*state, *g, algebra.maximum(z[-1], reach(z[:count], eps, constants)))
 
     guard = Guard(f"A step is longer than {part.name} is precise for", "more than some radians a step.", REACH, 1.0)
     components = (*with_orientation(model, oriented), (REACH, "scalar"))
     step = replace(made, components=components, motion=Steps(take, None), guard=guard)
-    return Step(step, lambda own, known, dt: ({"eps": dt}, {}))
+    return Step(step, lambda state, known, dt: ({"eps": dt}, {}))
 
 
 def _of_baecklund(model: Model, made: Scheme) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
@@ -237,23 +237,23 @@ def _of_baecklund(model: Model, made: Scheme) -> Callable[[Parts, Known, Any], t
     unit = Product(model, 1.0, order, False)
     pairs, points = len(unit.pairs), len(unit.points)
 
-    def host(dt: Array, own: list[Array], given: Known) -> Array:
+    def host(dt: Array, state: list[Array], given: Known) -> Array:
         lane, known = copy(model), {k: np.asarray(v) for k, v in given.items()}
         lane.constants = {**model.constants, **known}
         by_kernel = partial(points_of, replace(made, constants={**made.constants, **known}))
         try:
             maps = Product(lane, float(dt), order, False)
-            constants, stages = maps.trajectory(tuple(map(np.asarray, own)), by_kernel)
+            constants, stages = maps.trajectory(tuple(map(np.asarray, state)), by_kernel)
         except InputError:
             return np.full(2 * points, np.nan)
         rho = np.append(stages["rho_re"] + 1j * stages["rho_im"] if pairs else (), constants.get("rho", ()))
         return np.concatenate([rho.real, rho.imag])
 
-    def at(own: Parts, known: Known, dt: Any) -> tuple[Known, Known]:
+    def at(state: Parts, known: Known, dt: Any) -> tuple[Known, Known]:
         from kreisel.kernels import jax_numbers as by
 
         given = {k: by.values(v) for k, v in known.items()}
-        rho = by.from_host(host, 2 * points, dt, [by.values(x) for x in own], given)
+        rho = by.from_host(host, 2 * points, dt, [by.values(x) for x in state], given)
         constants: Known = {}
         stages: Known = {}
         if pairs:
@@ -263,7 +263,7 @@ def _of_baecklund(model: Model, made: Scheme) -> Callable[[Parts, Known, Any], t
         if unit.single:
             constants = {"mu": unit.single[0] / dt, "rho": rho[pairs]}
         if unit.spins:
-            turn = by.half_turn(call(unit.record.spin, own, known), dt)
+            turn = by.half_turn(call(unit.record.spin, state, known), dt)
             constants[SPIN] = algebra.coordinates(turn)
         return constants, stages
 
@@ -274,12 +274,12 @@ def _of_map(model: Model, made: Scheme) -> Callable[[Parts, Known, Any], tuple[K
     """lam = 2i/eps and mu of `ExactMap`, with derivatives."""
     unit = 2j / fractions(1.0, made.options["order"])
 
-    def at(own: Parts, known: Known, dt: Any) -> tuple[Known, Known]:
+    def at(state: Parts, constants: Known, dt: Any) -> tuple[Known, Known]:
         from kreisel.kernels import jax_numbers as by
 
         lam = unit / by.values(dt)
-        given = {k: by.values(v) for k, v in known.items()}
-        mu = call(cast("ExactMap", model.system.exact_map).level, tuple(map(by.values, own)), {**given, "lam": lam})
+        given = {k: by.values(v) for k, v in constants.items()}
+        mu = call(cast("ExactMap", model.system.exact_map).level, tuple(map(by.values, state)), {**given, "lam": lam})
         return {}, dict(zip(NUMBERS, (lam.real, lam.imag, mu.real, mu.imag), strict=True))
 
     return at
@@ -369,14 +369,14 @@ def _rows(
     parameters: Known,
 ) -> dict[str, Array]:
     space, known = model.system.space, constants_of(by, model, parameters)
-    own = start[: len(space.letters)]
-    more, stages = step.constants(own, known, dt)
+    state = start[: len(space.letters)]
+    more, stages = step.constants(state, known, dt)
     known |= {k: by.mixed(v) for k, v in more.items()}
     made, motion, count = step.scheme, step.scheme.motion, len(space.letters)
     shown = made.components[: len(start)]
-    z = start if step.begin is None else (*call(step.begin, own, known), *start[count:])
-    clock = by.mixed(by.jnp.asarray(time / dt, dtype=float)) + zero(model.system, own)
-    z = (*z, *(clock if name == COUNT else zero(model.system, own) for name, _ in made.components[len(z) :]))
+    z = start if step.begin is None else (*call(step.begin, state, known), *start[count:])
+    clock = by.mixed(by.jnp.asarray(time / dt, dtype=float)) + zero(model.system, state)
+    z = (*z, *(clock if name == COUNT else zero(model.system, state) for name, _ in made.components[len(z) :]))
     flat = by.values(algebra.flatten(z, made.kinds))
     if isinstance(motion, JaxSteps):
         flat = by.orbit_of_arrays(motion.step, made.kinds, model.n, flat, known, rows, every)

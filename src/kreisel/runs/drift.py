@@ -215,8 +215,10 @@ def watched(run: xr.Dataset, loaded: bool = False) -> xr.Dataset:
 
 def _watched(run: xr.Dataset) -> list[str]:
     """The Casimirs, integrals and relations; conserved quantities first."""
-    found = {str(name): v.attrs for name, v in run.variables.items() if v.attrs.get("kind") in KINDS}
-    return sorted(found, key=lambda name: (not found[name].get("conserved", False), KINDS.index(found[name]["kind"])))
+    result = {str(name): v.attrs for name, v in run.variables.items() if v.attrs.get("kind") in KINDS}
+    return sorted(
+        result, key=lambda name: (not result[name].get("conserved", False), KINDS.index(result[name]["kind"]))
+    )
 
 
 class _Clock:
@@ -440,9 +442,9 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
             noise[:, place] = noise[:, place].max(-1, keepdims=True)
     both, scales = (felt, np.maximum(noise, np.maximum.reduce(abs(here), 0))), dict[str, dict[str, list[float]]]()
     for name, place in places.items():
-        found = [scale[:, place] for scale in both]
-        found = [scale.max(0) if plan.batched and (many or scale.size > MOST_SCALES) else scale for scale in found]
-        scales[name] = {key: scale.ravel().tolist() for key, scale in zip(SCALES, found, strict=True)}
+        result = [scale[:, place] for scale in both]
+        result = [scale.max(0) if plan.batched and (many or scale.size > MOST_SCALES) else scale for scale in result]
+        scales[name] = {key: scale.ravel().tolist() for key, scale in zip(SCALES, result, strict=True)}
     return scales
 
 
@@ -450,9 +452,9 @@ def _integrals(plan: Plan, z: Floats) -> tuple[Array, dict[str, slice]]:
     """Casimirs and integrals at rows z as columns (rows, lanes, columns), and the columns of each."""
     names = [name for name, outcome in plan.outcomes.items() if outcome.kind in KINDS]
     if plan.compiled is not None and plan.scheme.coupling is None and names:
-        found = {name: plan.compiled.places[name][0] for name in names}
-        first, last = min(at.start for at in found.values()), max(at.stop for at in found.values())
-        places = {name: slice(at.start - first, at.stop - first) for name, at in found.items()}
+        result = {name: plan.compiled.places[name][0] for name in names}
+        first, last = min(at.start for at in result.values()), max(at.stop for at in result.values())
+        places = {name: slice(at.start - first, at.stop - first) for name, at in result.items()}
         return plan.compiled(plan.corrections[1](z))[..., first:last], places
     outputs = plan.observe(z)
     columns = [np.empty((*z.shape[:2], 0)), *(outputs[name].reshape(*z.shape[:2], -1) for name in names)]

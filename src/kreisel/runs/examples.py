@@ -111,17 +111,17 @@ class Example:
     meanings: Mapping[str, str] = field(default_factory=dict)  # of components of the state, if the record has none
 
 
-def example(system: System, n: int | None = None, given: Mapping[str, Any] | None = None) -> Example:
+def example(system: System, n: int | None = None, values: Mapping[str, Any] | None = None) -> Example:
     """An example of a system, in n dimensions or with n sites.  Raises `InputError` if none is found."""
     body = OF_BODIES.get(system.name) if system is BODIES.get(system.name) else None
     if body is not None:
-        parameters = {**body["parameters"], **(given or {})}
+        parameters = {**body["parameters"], **(values or {})}
         first = [*body["orientation"]] if "orientation" in body else None
         made = _planned(system(**parameters), parameters, body["state"], first, body["dt"])
         return replace(made, meanings=body["meanings"])
     size = n or system.n or (SITES if system.space.name.startswith("(so(3)") else 3)
     last: Exception = InputError(f"{system.name}: no example was found.")
-    for parameters in itertools.islice(_parameters(system, size, given or {}), TRIED):
+    for parameters in itertools.islice(_parameters(system, size, values or {}), TRIED):
         try:
             model = system(**parameters)
         except InputError as error:

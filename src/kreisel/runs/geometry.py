@@ -100,22 +100,22 @@ def require_unchanged(run: xr.Dataset) -> None:
     """Raises `InputError` for a changed run, for example 2 * run, whose attributes xarray keeps."""
     run = in_state_form(run)
     record = RunRecord.from_attrs(run.attrs)
-    known = {"system", "parameters"} <= run.attrs.keys() and not record.is_own
-    if known and "time" in run.dims and not record.missing_from(run):
+    parameters = {"system", "parameters"} <= run.attrs.keys() and not record.is_own
+    if parameters and "time" in run.dims and not record.missing_from(run):
         model_for(run, None)
 
 
-def require_of_body(run: xr.Dataset, known: Mapping[str, Any]) -> None:
-    """Raises `InputError` for a run of a body whose parameters are not `known`, or vary in a sweep."""
+def require_of_body(run: xr.Dataset, parameters: Mapping[str, Any]) -> None:
+    """Raises `InputError` for a run of a body whose parameters are not `parameters`, or vary in a sweep."""
     record = RunRecord.from_attrs(run.attrs)
-    found = {} if "parameters" not in run.attrs or record.is_own else record.model.params
-    varied = [k for k in known for name in run.coords if f"{name}[".startswith(f"system.{k}[")]
+    result = {} if "parameters" not in run.attrs or record.is_own else record.model.params
+    varied = [k for k in parameters for name in run.coords if f"{name}[".startswith(f"system.{k}[")]
 
     def alike(x: Array, y: Any) -> bool:
         fits = np.ndim(x) < 1 or np.ndim(y) < 1 or np.shape(x)[-1] == np.shape(y)[-1]
         return fits and np.allclose(x, y, SAME, 0.0)
 
-    others = [k for k in known if k in found and not alike(found[k], known[k])]
+    others = [k for k in parameters if k in result and not alike(result[k], parameters[k])]
     if varied or others:
         raise InputError(
             f"expected a run of this body, got one with another {(varied + others)[0]}. Usual cause: a run of another "

@@ -82,10 +82,10 @@ def events_of(plan: Plan) -> list[dict[str, Any]]:
 
 def require_events(plan: Plan, expected: str | None) -> None:
     """Raises `InputError` if the events of a plan differ from the attribute `events` of a run."""
-    found, wanted = events_of(plan), [] if expected is None else parsed(expected, "The attribute events")
-    if found == wanted:
+    result, wanted = events_of(plan), [] if expected is None else parsed(expected, "The attribute events")
+    if result == wanted:
         return
-    names = [", ".join(f"{e['name']} (rising={e['rising']})" for e in each) or "none" for each in (wanted, found)]
+    names = [", ".join(f"{e['name']} (rising={e['rising']})" for e in each) or "none" for each in (wanted, result)]
     got = names[1] if names[0] != names[1] else "other functions under these names"
     raise InputError(
         f"events: expected the events of the run, {shown(names[0])}, which an archive does not hold, got "
@@ -127,7 +127,7 @@ def _of_record(record: Any, model: Model) -> Iterator[tuple[str, Any]]:
         if field.name in NOT_RUN or value is None:
             continue
         if dataclasses.is_dataclass(value):
-            yield from ((f"{field.name}.{name}", found) for name, found in _of_record(value, model))
+            yield from ((f"{field.name}.{name}", result) for name, result in _of_record(value, model))
         elif isinstance(value, Mapping):
             for name, function in value.items():
                 for i, each in enumerate(function if isinstance(function, tuple) else (function,)):
@@ -159,8 +159,8 @@ def _of_force(force: Force, model: Model) -> Any:
             kind = "matrix" if name == ORIENTATION else "scalar" if name == TIME else kinds[name]
             return _component(kind, model.n, numbers, axial=True)
 
-        given = tuple(of(letter) for letter in force.arguments)
-        return given, force.named(_filled(numbers, _shape(model, name)) for name in force.parameters)
+        values = tuple(of(letter) for letter in force.arguments)
+        return values, force.named(_filled(numbers, _shape(model, name)) for name in force.parameters)
 
     return force.arguments, force.parameters, _recorded(force.function, arguments)
 
@@ -174,8 +174,8 @@ def _of_law(control: Controller, model: Model) -> Any:
 
     def arguments(graph: Graph) -> Any:
         numbers = _numbers(graph)
-        given = [_filled(numbers, shapes[k] if k in shapes else _shape(model, k)) for k in control.arguments]
-        named = dict(zip(control.arguments, given, strict=True))
+        values = [_filled(numbers, shapes[k] if k in shapes else _shape(model, k)) for k in control.arguments]
+        named = dict(zip(control.arguments, values, strict=True))
         later = keywords(control.law) if control.law else ()
         return tuple(value for name, value in named.items() if name not in later), named
 
@@ -208,8 +208,8 @@ def _recorded(function: Callable[..., Any], arguments: Callable[[Graph], Any]) -
     """The digest of the operations of a function of recorded values, or else of its code."""
     graph = Graph(most=MOST_NODES)
     try:
-        given, known = arguments(graph)
-        return graph.digest(list(_numbers_in(call(function, given, known))))
+        values, known = arguments(graph)
+        return graph.digest(list(_numbers_in(call(function, values, known))))
     except Exception:  # any exception of a function that does not accept recorded values
         return _code(function)
 

@@ -50,8 +50,8 @@ def parameters_of(run: xr.Dataset) -> dict[str, Any]:
     """Parameters of the satellite of a run, with or without a controller; empty for another run."""
     if "parameters" not in run.attrs:
         return {}
-    known = parsed(run.attrs["parameters"], "The attribute parameters")
-    return known if isinstance(known, dict) and {"semi_major_axis", "moments"} <= known.keys() else {}
+    parameters = parsed(run.attrs["parameters"], "The attribute parameters")
+    return parameters if isinstance(parameters, dict) and {"semi_major_axis", "moments"} <= parameters.keys() else {}
 
 
 def of_satellite(run: xr.Dataset) -> bool:
@@ -64,12 +64,12 @@ def satellite_model(run: xr.Dataset) -> Model:
 
     Raises `InputError` for any other run than of a satellite.
     """
-    record, known = RunRecord.of(run, "system"), parameters_of(run)
-    if not known:
+    record, parameters = RunRecord.of(run, "system"), parameters_of(run)
+    if not parameters:
         raise InputError(f"expected the run of a satellite, kr.physical.Satellite, got one of {shown(record.system)}.")
     system = find("satellite")
     letters = [p.letter for p in system.parameters]
-    model = Model(system, {k: v for k, v in known.items() if k in letters}, record.body_frame)
+    model = Model(system, {k: v for k, v in parameters.items() if k in letters}, record.body_frame)
     return model.lanes(lanes_of(run, record.body_frame)) if model.batch and "lane" in run.coords else model
 
 
@@ -77,19 +77,19 @@ def surroundings(run: xr.Dataset) -> Surroundings:
     """Orbit and environment at each row.  Raises `InputError` for any other run than of a satellite."""
     model = satellite_model(run)
     force = cast("Force", cast("Perturbation", model.system.perturbation).environment)
-    known = {name: np.asarray(model.constants[name]) for name in force.parameters}
+    parameters = {name: np.asarray(model.constants[name]) for name in force.parameters}
     time, rows = np.asarray(run["time"].values, dtype=np.float64), []
     for lane in range(model.batch[0] if model.batch else 1):
-        values = [value[lane] if value.ndim > model.axes[name] else value for name, value in known.items()]
+        values = [value[lane] if value.ndim > model.axes[name] else value for name, value in parameters.items()]
         rows.append(force.function(time, **force.named(values)))
     rows = rows if model.batch else rows * run.sizes.get("lane", 1)  # lanes on one orbit
-    found = {
+    result = {
         name: np.stack([np.broadcast_to(row[name], (*axes, len(time))).T for row in rows], 1)
         for name, (_, _, axes) in VARIABLES.items()
     }
-    found = found if "lane" in run.dims else {name: value[:, 0] for name, value in found.items()}
-    sunny = bool(np.any(model.constants["pressure"]) or np.any(known["solar"]))
-    return Surroundings(**{**found, **({} if sunny else {"sun": None, "light": None})})
+    result = result if "lane" in run.dims else {name: value[:, 0] for name, value in result.items()}
+    sunny = bool(np.any(model.constants["pressure"]) or np.any(parameters["solar"]))
+    return Surroundings(**{**result, **({} if sunny else {"sun": None, "light": None})})
 
 
 VARIABLES: dict[str, tuple[str, str, tuple[int, ...]]] = {  # unit, meaning, axes
@@ -169,8 +169,8 @@ TARGETS = ("nadir", "velocity", "sun")
 
 def directions(around: Surroundings) -> dict[str, Array]:
     """Unit vectors (time, [lane,] 3) in space to the targets that are known at each row."""
-    found = {"nadir": -around.position, "velocity": around.velocity, "sun": around.sun, "field": around.field}
-    return {k: v / np.linalg.norm(v, axis=-1, keepdims=True) for k, v in found.items() if v is not None and v.any()}
+    result = {"nadir": -around.position, "velocity": around.velocity, "sun": around.sun, "field": around.field}
+    return {k: v / np.linalg.norm(v, axis=-1, keepdims=True) for k, v in result.items() if v is not None and v.any()}
 
 
 def target_of(around: Surroundings, target: Any) -> Array:
@@ -260,8 +260,8 @@ def presented(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     if frame.differs and "lane" not in run.coords:  # of a sweep
         run = run.assign_coords(lane=np.arange(run.sizes["lane"]))
     out = in_si(run, model)
-    known = of_satellite(run) and "kreisel_sweep" not in run.attrs and "time" in run.dims and ORIENTATION in run
-    return out.assign(_of_satellite(run)) if known else out
+    parameters = of_satellite(run) and "kreisel_sweep" not in run.attrs and "time" in run.dims and ORIENTATION in run
+    return out.assign(_of_satellite(run)) if parameters else out
 
 
 def _of_satellite(run: xr.Dataset) -> dict[str, xr.Variable]:

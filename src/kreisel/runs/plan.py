@@ -109,11 +109,11 @@ class Plan:
     def times_of(self, rows: Floats) -> Floats:
         """The times of rows: of the steps 0, every, 2 every, ... and the last, or the given times."""
         if self.times is None:
-            found = np.minimum(rows * self.every, self.steps) * self.dt
-            found = found + self.settings.t_start if self.settings.t_start else found
+            result = np.minimum(rows * self.every, self.steps) * self.dt
+            result = result + self.settings.t_start if self.settings.t_start else result
         else:
-            found = self.times[np.minimum(rows, len(self.times) - 1).astype(int)]
-        return found if self.end is None else np.where(rows == self.end[0] - 1, self.end[1], found)
+            result = self.times[np.minimum(rows, len(self.times) - 1).astype(int)]
+        return result if self.end is None else np.where(rows == self.end[0] - 1, self.end[1], result)
 
     @property
     def irregular(self) -> bool:
@@ -249,8 +249,8 @@ class Plan:
         """The outputs, and the outputs of all lanes together if lanes act on each other."""
         if self.scheme.coupling is None or self.settings.observe == ():
             return outputs
-        found = self.scheme.coupling.together(outputs, algebra.restore(z, self.kinds, self.model.n))
-        return {name: found[name] for name in self.outcomes}
+        result = self.scheme.coupling.together(outputs, algebra.restore(z, self.kinds, self.model.n))
+        return {name: result[name] for name in self.outcomes}
 
     def _plainly(self, z: Floats) -> dict[str, Array]:
         return self.variables(algebra.restore(z, self.kinds, self.model.n), **self.scheme.known)
@@ -336,15 +336,15 @@ def _lanes(
     The batch axes of states and parameters become one.  With engine="large", or with None if that engine is known and
     faster, scheme and start are in its form and form has its name.
     """
-    own = len(model.system.space.letters)
-    components = with_orientation(model, len(parts) > own)
+    count = len(model.system.space.letters)
+    components = with_orientation(model, len(parts) > count)
     batches = [z.shape[: z.ndim - algebra.KINDS[kind].axes] for z, (_, kind) in zip(parts, components, strict=True)]
     batch = model.batch
     if any(b != batch for b in batches):
         try:
             batch = np.broadcast_shapes(batch, *batches)
         except ValueError:
-            raise InputError(f"The batch axes do not fit: parameters {model.batch}, state {batches[:own]}.") from None
+            raise InputError(f"The batch axes do not fit: parameters {model.batch}, state {batches[:count]}.") from None
     if 0 in batch:
         raise InputError("At least one lane was expected, got a batch of none. Check how the batch was made.")
     if len(batch) > 1:

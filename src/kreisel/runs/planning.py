@@ -325,7 +325,7 @@ def warn_of_arrays(plan: Plan) -> None:
 
 def rate(plan: Plan) -> float:
     """Radians per unit of time at the start: the largest |Omega| of the lanes, or |z'|/|z| if that is larger."""
-    model, system, found = plan.model, plan.model.system, [0.0]
+    model, system, result = plan.model, plan.model.system, [0.0]
     state = tuple(plan.start[letter] for letter in system.space.letters)
 
     def largest(part: Array) -> float:
@@ -333,11 +333,11 @@ def rate(plan: Plan) -> float:
 
     with np.errstate(all="ignore"):
         if system.velocity is not None:
-            found.append(largest(model.call(system.velocity, *state)))
+            result.append(largest(model.call(system.velocity, *state)))
         if system.perturbation is None and system.flow is not None:
             size = max(map(largest, state))
-            found += [largest(part) / size for part in model.flow(*state)] if size else []
-    return max(value for value in found if math.isfinite(value))
+            result += [largest(part) / size for part in model.flow(*state)] if size else []
+    return max(value for value in result if math.isfinite(value))
 
 
 def _long_kick(plan: Plan) -> Iterator[str]:
@@ -359,17 +359,17 @@ def _long_kick(plan: Plan) -> Iterator[str]:
                 worst = max(worst, relative if math.isfinite(relative) else math.inf)
         return worst
 
-    found = apart(plan.dt, count)
-    if found <= APART:
+    result = apart(plan.dt, count)
+    if result <= APART:
         return
     tried = f"step{'s' * (count > 1)} from the start"
-    fault = f"{count} {tried} and {2 * count} of half the length differ by {found:.2g} of the state"
+    fault = f"{count} {tried} and {2 * count} of half the length differ by {result:.2g} of the state"
     for halving in range(1, HALVINGS + 1):
         h = plan.dt / 2**halving
         if apart(h, count * 2**halving) <= APART / 10:
             yield (
                 f"dt = {said(plan.dt)} is too long for the forces or for this motion: "
-                f"{fault if math.isfinite(found) else f'{count} {tried} fail'}. Usual cause: a torque, a force or a "
+                f"{fault if math.isfinite(result) else f'{count} {tried} fail'}. Usual cause: a torque, a force or a "
                 "potential that changes the motion by much within a step, or a body that rotates by radians in it. "
                 f"Use a dt of {said(h, '.2g')} or so, or order='auto' with tol=..., which chooses it."
             )
@@ -396,7 +396,7 @@ def _steps(plan: Plan) -> Callable[[float, int], tuple[Array, ...] | None]:
 
     def steps(h: float, count: int) -> tuple[Array, ...] | None:
         with np.errstate(all="ignore"):
-            found = run(plan.scheme.options["order"], h, count)
-        return None if found is None else found.state
+            result = run(plan.scheme.options["order"], h, count)
+        return None if result is None else result.state
 
     return steps

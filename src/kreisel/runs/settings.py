@@ -144,12 +144,18 @@ def _checked_start(asked: Mapping[str, Any]) -> float:
 
 def in_order(times: Any) -> tuple[float, ...]:
     """Times of rows.  Raises `InputError` if they do not increase from 0 on."""
-    found = algebra.floats(times)
-    if found.ndim != 1 or not found.size or not np.isfinite(found).all() or found[0] < 0 or (np.diff(found) <= 0).any():
+    result = algebra.floats(times)
+    if (
+        result.ndim != 1
+        or not result.size
+        or not np.isfinite(result).all()
+        or result[0] < 0
+        or (np.diff(result) <= 0).any()
+    ):
         raise InputError(f"times: expected a list of times from 0 on, each after the one before, got {shown(times)}.")
-    if found[-1] == 0:
+    if result[-1] == 0:
         raise InputError("times: expected a time after 0, got only 0.")
-    return tuple(found.tolist())
+    return tuple(result.tolist())
 
 
 def _checked_impulses(given: Any, end: float) -> tuple[dict[str, Any], ...]:
@@ -289,10 +295,10 @@ def positive_number(value: Any, name: str) -> float:
     return float(array)
 
 
-def named(value: Any, what: str) -> str | None:
+def named(value: Any, label: str) -> str | None:
     """A string, or None for the default.  Raises `InputError`."""
     if value is not None and not isinstance(value, str):
-        raise InputError(f"{what}: expected a name, got {shown(value)}. Leave {what} out for the default.")
+        raise InputError(f"{label}: expected a name, got {shown(value)}. Leave {label} out for the default.")
     return value
 
 
@@ -337,10 +343,10 @@ def finite_number(value: Any, name: str) -> float:
     """A finite float.  Raises `InputError`."""
     if type(value) is float and math.isfinite(value):
         return value
-    found = algebra.floats(value)
-    if found.ndim or not np.isfinite(found):
+    result = algebra.floats(value)
+    if result.ndim or not np.isfinite(result):
         raise InputError(f"{name}: expected a finite number, got {shown(value)}.")
-    return float(found)
+    return float(result)
 
 
 def of_forces(model: Model) -> str:
@@ -438,7 +444,7 @@ def _event(quantity: Portable, action: Portable, rising: bool | None) -> Event:
 
 def checked_events(events: Any) -> tuple[Event, ...]:
     """One event or several.  Raises `InputError`."""
-    found = (events,) if isinstance(events, Event) else () if events is None else events
-    if not isinstance(found, Sequence) or not all(isinstance(event, Event) for event in found):
+    result = (events,) if isinstance(events, Event) else () if events is None else events
+    if not isinstance(result, Sequence) or not all(isinstance(event, Event) for event in result):
         raise InputError(f"events: expected kr.Event(quantity), or a list of them, got {shown(events)}.")
-    return tuple(found)
+    return tuple(result)

@@ -163,11 +163,11 @@ def _pairs(path: Path) -> set[tuple[str, str]]:
         lines = path.read_bytes().decode().splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path} cannot be read: {error}. `kreisel check` lists its intact parts.") from error
-    found = [LINE.fullmatch(line) for line in lines]
-    if None in found:
-        line = lines[found.index(None)]
+    result = [LINE.fullmatch(line) for line in lines]
+    if None in result:
+        line = lines[result.index(None)]
         raise InputError(f"{path} is damaged: expected lines of a SHA-256 and a name, got {line[:80]!r}.")
-    return {(match[2], match[1]) for match in found if match is not None}
+    return {(match[2], match[1]) for match in result if match is not None}
 
 
 def _write_list(store: Path, pairs: Iterable[tuple[str, str]], name: str = CHECKSUMS, durable: bool = False) -> None:
@@ -223,24 +223,24 @@ def file_names(store: Path) -> set[str]:
     return names
 
 
-def faults(store: Path, known: Listed) -> list[tuple[str, str]]:
+def faults(store: Path, listed: Listed) -> list[tuple[str, str]]:
     """The faults of all files but listed chunks, each with its sentence.  Chunks are compared when arrays are read."""
-    found, names = [], file_names(store)
-    for name in sorted(names | set(known)):
+    faults, names = [], file_names(store)
+    for name in sorted(names | set(listed)):
         array = name.removesuffix("/zarr.json")
-        if name in (CHECKSUMS, REPLACES) or name.startswith(f"{BLOCKS}/") or (is_chunk(name) and name in known):
+        if name in (CHECKSUMS, REPLACES) or name.startswith(f"{BLOCKS}/") or (is_chunk(name) and name in listed):
             continue
-        if name not in known:
-            found.append((name, f"{array} was added after the run"))
+        if name not in listed:
+            faults.append((name, f"{array} was added after the run"))
         elif name not in names:
-            found.append((name, f"{array} is missing"))
+            faults.append((name, f"{array} is missing"))
         else:
             try:
-                if digest(store / name) not in known[name]:
-                    found.append((name, f"{name} was changed after the run"))
+                if digest(store / name) not in listed[name]:
+                    faults.append((name, f"{name} was changed after the run"))
             except OSError as error:
-                found.append((name, f"{name} cannot be read: {error.strerror}"))
-    return found
+                faults.append((name, f"{name} cannot be read: {error.strerror}"))
+    return faults
 
 
 def list_all(store: Path) -> None:

@@ -68,9 +68,9 @@ def check_rows(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     archive.require_plain(path)
     cut = ["the run was interrupted before its end: `kreisel resume` resumes it"] if is_cut(path, record) else []
     try:
-        known = archive.listed(path)
-        faults = _file_faults(path, known, bool(cut))
-        run = opening.open_rows(path, indexed=False) if cut else opening.ordered(opened(path, known))
+        listed = archive.listed(path)
+        faults = _file_faults(path, listed, bool(cut))
+        run = opening.open_rows(path, indexed=False) if cut else opening.ordered(opened(path, listed))
     except InputError as error:
         return None, [*cut, *(([] if cut else _file_faults(path)) or [str(error)])]
     run, rows, expected = _without_lost(path, run), run.sizes.get("time", 0), record.row_count
@@ -79,7 +79,7 @@ def check_rows(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     sizes += opening.too_large(run)
     if sizes or "time" not in run.variables:
         return None, [*cut, *faults, *sizes]
-    unread = [each for _, _, found in blocks(run, "time", record.rows_in_block) for each in found]
+    unread = [each for _, _, result in blocks(run, "time", record.rows_in_block) for each in result]
     faults += [each.sentence for each in unread]
     run = run.drop_vars({each.name for each in unread})
     faults += [] if faults else _number_faults(run)
@@ -91,12 +91,12 @@ def check_lanes(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     """The check of a sweep, which is read block by block."""
     try:
         run = opening.open_lanes(path)
-        record, known = SweepRecord.from_attrs(run.attrs, path), archive.listed(path)
+        record, listed = SweepRecord.from_attrs(run.attrs, path), archive.listed(path)
     except InputError as error:
         archive.require_plain(path)
         return None, _file_faults(path) or [str(error)]
     run = _without_lost(path, run)
-    faults = _file_faults(path, known, not record.complete) + opening.too_large(run)
+    faults = _file_faults(path, listed, not record.complete) + opening.too_large(run)
     if run.sizes.get("lane") != record.lanes or "failed" not in run:
         faults.append(f"{record.lanes:,} lanes were expected, {run.sizes.get('lane', 0):,} are there")
     if faults:
@@ -147,15 +147,15 @@ def _without_lost(path: Path, run: xr.Dataset) -> xr.Dataset:
     return run.drop_vars([name for name in run.variables if not stands(path / str(name))])
 
 
-def _file_faults(path: Path, known: archive.Listed | None = None, cut: bool = False) -> list[str]:
+def _file_faults(path: Path, listed: archive.Listed | None = None, cut: bool = False) -> list[str]:
     """The faults of files other than listed chunks; an interrupted archive may have some that are not listed.
 
-    Without `known`, by the valid lines of damaged lists; none without any.
+    Without `listed`, by the valid lines of damaged lists; none without any.
     """
-    found = archive.faults(path, lines) if (lines := known or archive.listed(path, strict=False)) else []
+    result = archive.faults(path, lines) if (lines := listed or archive.listed(path, strict=False)) else []
     expected = (CHECKPOINT,) if cut else ()
     may_be = (archive.is_scratch, archive.is_chunk) if cut else ()
-    return [text for name, text in found if name not in expected and not any(test(name) for test in may_be)]
+    return [text for name, text in result if name not in expected and not any(test(name) for test in may_be)]
 
 
 def recover(path: Path, out: Path) -> tuple[int, int]:
@@ -170,8 +170,8 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     require_file(out)
     record = run_record(path)
     archive.require_plain(path)
-    known = archive.listed(path) if archive.begun(path) else None
-    run = opening.open_rows(path, indexed=False) if is_cut(path, record) else opening.ordered(opened(path, known))
+    listed = archive.listed(path) if archive.begun(path) else None
+    run = opening.open_rows(path, indexed=False) if is_cut(path, record) else opening.ordered(opened(path, listed))
     rows, keep = run.sizes.get("time", 0), np.ones(run.sizes.get("time", 0), dtype=bool)
     for _, _, unread in blocks(run, "time", record.rows_in_block):
         for each in unread:
@@ -183,7 +183,7 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
         raise InputError(f"No row of {path} is complete in every variable. Run it again from its TOML file.")
     sound = run.isel(time=np.flatnonzero(keep)).load().drop_encoding()
     lost = not (run.attrs["complete"] and keep.all())
-    note = "" if known else ", not compared with any checksum"
+    note = "" if listed else ", not compared with any checksum"
     sound.attrs.update(complete=int(not lost), recovered=f"{int(keep.sum())} of {rows} rows of {path.name}{note}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

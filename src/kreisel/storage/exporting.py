@@ -248,13 +248,13 @@ def _columns(block: xr.Dataset) -> Iterator[tuple[str, Array]]:
             rows = variable.values.reshape(-1, variable.shape[-1]).tolist()
             texts = [bytes(row).rstrip(b"\0").decode(errors="replace") for row in rows]
             variable = xr.Variable(variable.dims[:-1], np.array(texts, dtype=object).reshape(variable.shape[:-1]))
-        rest = [d for d in variable.dims if d not in lead]
-        full = variable.set_dims({**dict(zip(lead, sizes, strict=True)), **{d: variable.sizes[d] for d in rest}})
-        shape = [variable.sizes[d] for d in rest]
-        values = full.transpose(*lead, *rest).values.reshape(math.prod(sizes), math.prod(shape))
+        remainder = [d for d in variable.dims if d not in lead]
+        full = variable.set_dims({**dict(zip(lead, sizes, strict=True)), **{d: variable.sizes[d] for d in remainder}})
+        shape = [variable.sizes[d] for d in remainder]
+        values = full.transpose(*lead, *remainder).values.reshape(math.prod(sizes), math.prod(shape))
         for place in range(values.shape[1]):
-            index = ",".join(str(i) for i in np.unravel_index(place, shape)) if rest else ""
-            yield f"{name}[{index}]" if rest else str(name), values[:, place]
+            index = ",".join(str(i) for i in np.unravel_index(place, shape)) if remainder else ""
+            yield f"{name}[{index}]" if remainder else str(name), values[:, place]
 
 
 def _csv(run: xr.Dataset, out: Path) -> None:

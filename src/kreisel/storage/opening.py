@@ -135,13 +135,13 @@ def run_record(store: Path) -> RunRecord:
 
 def too_large(run: xr.Dataset) -> list[str]:
     """The variables whose chunks claim to be too large to be read, each in one sentence."""
-    found = []
+    faults = []
     for name, variable in run.variables.items():
         shapes = [variable.encoding.get(key) for key in ("shards", "chunks")]
         size = max((math.prod(shape) for shape in shapes if shape), default=0) * variable.dtype.itemsize
         if size > LARGEST_CHUNK:
-            found.append(f"{name} claims to have chunks of {size:,} bytes: not read")
-    return found
+            faults.append(f"{name} claims to have chunks of {size:,} bytes: not read")
+    return faults
 
 
 def open_archive(path: Path) -> xr.Dataset:
@@ -168,9 +168,9 @@ def open_rows(path: Path, indexed: bool = True) -> xr.Dataset:
 
     record = run_record(path)
     archive.require_plain(path)
-    known = archive.listed(path)
+    listed = archive.listed(path)
     cut = is_cut(path, record)  # an archive with the attribute `complete` has all its rows, and was not sealed
-    run = _until_checkpoint(path, record, known) if cut and not record.complete else opened(path, known)
+    run = _until_checkpoint(path, record, listed) if cut and not record.complete else opened(path, listed)
     run = run.assign_attrs(complete=0) if cut else run
     for name, variable in run.data_vars.items():
         if variable.attrs.get("kind") in KINDS and variable.dims[:1] != ("time",):
@@ -207,23 +207,23 @@ def is_cut(store: Path, record: RunRecord) -> bool:
     return record.recovered is None and (unsealed or not record.complete)
 
 
-def checked_checkpoint(store: Path, record: RunRecord, known: Listed) -> Checkpoint:
+def checked_checkpoint(store: Path, record: RunRecord, listed: Listed) -> Checkpoint:
     """The checkpoint of a run.  Raises `InputError` if it is damaged, or belongs to another run."""
     point = read_checkpoint(store)
-    for name in ("zarr.json", *({CHECKPOINT} & known.keys())):
-        Verified(store, known).verify(name)
+    for name in ("zarr.json", *({CHECKPOINT} & listed.keys())):
+        Verified(store, listed).verify(name)
     flushed, block = point.snapshot.flushed, record.rows_in_block
     if hash_of_start(point.start) != record.start_sha256 or flushed % block:
         raise InputError(f"The checkpoint of {store} does not belong to its run. Run it again from its TOML file.")
-    if any(f"time/c/{k}" not in known for k in range(flushed // block)):
+    if any(f"time/c/{k}" not in listed for k in range(flushed // block)):
         raise InputError(f"{store} is damaged: blocks before its checkpoint are missing. `kreisel check {store}`.")
     return point
 
 
-def _until_checkpoint(path: Path, record: RunRecord, known: Listed) -> xr.Dataset:
+def _until_checkpoint(path: Path, record: RunRecord, listed: Listed) -> xr.Dataset:
     import zarr
 
-    point = checked_checkpoint(path, record, known)
+    point = checked_checkpoint(path, record, listed)
     files: dict[str, Buffer] = {"zarr.json": cpu.Buffer.from_bytes((path / "zarr.json").read_bytes())}
     first = point.snapshot.flushed
     stop = first + min((len(value) for value in point.outputs.values()), default=0)
@@ -235,7 +235,7 @@ def _until_checkpoint(path: Path, record: RunRecord, known: Listed) -> xr.Datase
                 array[first:stop] = point.outputs[name][: stop - first]
     except Exception as error:  # any exception of the libraries for outputs that fit no array
         raise InputError(f"The checkpoint of {path} is damaged: its rows fit no array, {error}.") from error
-    return opened(path, known, files=files).isel(time=slice(0, stop))
+    return opened(path, listed, files=files).isel(time=slice(0, stop))
 
 
 # -- files, each compared with its checksum -------------------------------------------------------------
@@ -254,9 +254,9 @@ class Verified(LocalStore):
     files     files that need precedence: the rows of an interrupted run after its last block
     """
 
-    def __init__(self, root: Path | str, known: Listed, partial: bool = False, files: dict[str, Buffer] | None = None):
+    def __init__(self, root: Path | str, listed: Listed, partial: bool = False, files: dict[str, Buffer] | None = None):
         super().__init__(root, read_only=True)
-        self._known, self._partial, self._files = known, partial, files or {}
+        self._known, self._partial, self._files = listed, partial, files or {}
         self._seen: dict[str, tuple[int, ...]] = {}
 
     def with_read_only(self, read_only: bool = False) -> Verified:
@@ -328,9 +328,9 @@ def dataset(path: Path, store: Any, **options: Any) -> xr.Dataset:
         raise InputError(f"{path} cannot be read as a Zarr archive: {error}") from error
 
 
-def opened(path: Path, known: Listed | None, files: dict[str, Buffer] | None = None) -> xr.Dataset:
+def opened(path: Path, listed: Listed | None, files: dict[str, Buffer] | None = None) -> xr.Dataset:
     """The unchanged arrays of an archive, without indexes; compared with its checksums if these are known."""
-    store: Any = path if known is None else Verified(path, known, files=files)
+    store: Any = path if listed is None else Verified(path, listed, files=files)
     return dataset(path, store, create_default_indexes=False)
 
 

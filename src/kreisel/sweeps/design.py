@@ -266,8 +266,8 @@ def _quantities(spec: Any, where: str, words: bool, prefix: str = "") -> Iterato
 
 
 def _varied(key: str, where: str, words: bool) -> Varied:
-    section, _, rest = key.partition(".")
-    match = KEY.fullmatch(rest)
+    section, _, remainder = key.partition(".")
+    match = KEY.fullmatch(remainder)
     nested = match is not None and "." in match[1] and section != "body"
     if section not in (*SECTIONS, *("body",) * words) or match is None or nested:
         raise InputError(

@@ -169,13 +169,13 @@ class Sweep:
         model, start, orientation, settings = self._asked(sections, ids, varied)
         if settings.order != "auto":
             return [(ids, None)]
-        found: dict[tuple[int, int], tuple[list[int], Choice]] = {}
+        result: dict[tuple[int, int], tuple[list[int], Choice]] = {}
         each = choices(model, model.state(**start), settings, orientation)
         if len(each) != len(ids):
             return [(ids, None)]  # `plan` reports the fault
         for lane, choice in zip(ids.tolist(), each, strict=True):
-            found.setdefault((choice.order, choice.steps), ([], choice))[0].append(lane)
-        return [(np.array(lanes), choice) for lanes, choice in found.values()]
+            result.setdefault((choice.order, choice.steps), ([], choice))[0].append(lane)
+        return [(np.array(lanes), choice) for lanes, choice in result.values()]
 
     def _asked(
         self, sections: Mapping[str, Mapping[str, Any]], ids: Array, varied: set[tuple[str, str]]
@@ -224,15 +224,15 @@ class Sweep:
         return [np.array(ids) for ids in keys.values()] or [np.arange(count)]
 
     def results(
-        self, first: int, stop: int, known: Mapping[str, tuple[tuple[int, ...], int]]
+        self, first: int, stop: int, layouts: Mapping[str, tuple[tuple[int, ...], int]]
     ) -> tuple[dict[str, Array], dict[int, str]]:
-        """Every variable in `known`, name -> (shape, axis of lanes), of lanes first to stop - 1; failures by lane.
+        """Every variable in `layouts`, name -> (shape, axis of lanes), of lanes first to stop - 1; failures by lane.
 
         Summaries of lanes that failed are NaN, and so are their trajectories from the failure on.
         """
         values = self.lanes.values(first, stop)
         sections, varied = self.lanes.filled(values), {(q.section, q.letter) for q in values}
-        out = {name: np.full(shape, np.nan) for name, (shape, _) in known.items()}
+        out = {name: np.full(shape, np.nan) for name, (shape, _) in layouts.items()}
         faults: dict[int, str] = {}
         pending: list[tuple[Array, Choice | None, bool]]  # lanes, their choices, and whether these are final
         pending = [(ids, None, False) for ids in reversed(self.groups(values, stop - first))]
@@ -251,7 +251,7 @@ class Sweep:
                     pending += [(ids[half:], choice, chosen), (ids[:half], choice, chosen)]
                 continue
             for name in out.keys() & part.keys():
-                out[name][(*(slice(None),) * known[name][1], ids)] = part[name]
+                out[name][(*(slice(None),) * layouts[name][1], ids)] = part[name]
             faults |= {int(ids[lane]): why for lane, why in failed.items()}
         return out, faults
 

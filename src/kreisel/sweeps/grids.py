@@ -42,8 +42,8 @@ class _Folded(BackendArray):
         values = np.asarray(self.flat[(*before, chosen, *after)].values)
         axis = sum(np.ndim(k) > 0 or isinstance(k, slice) for k in before)
         shape = tuple(len(i) for i, k in zip(index, grid, strict=True) if np.ndim(k) > 0 or isinstance(k, slice))
-        found = values.take(back, axis)
-        return found.reshape(*found.shape[:axis], *shape, *found.shape[axis + 1 :])
+        result = values.take(back, axis)
+        return result.reshape(*result.shape[:axis], *shape, *result.shape[axis + 1 :])
 
 
 def gridded(run: xr.Dataset) -> xr.Dataset:

@@ -111,8 +111,15 @@ class Store:
         total, width = self.sweep.lanes.total, self.width
         out: dict[str, dict[str, Any]] = {}
 
-        def add(name: str, rest: tuple[int, ...], dims: tuple[str, ...], attrs: Mapping[str, Any], **more: Any) -> None:
-            layout = {"shape": (total, *rest), "chunks": (width, *rest), "dtype": np.dtype("f8"), "fill_value": np.nan}
+        def add(
+            name: str, remainder: tuple[int, ...], dims: tuple[str, ...], attrs: Mapping[str, Any], **more: Any
+        ) -> None:
+            layout = {
+                "shape": (total, *remainder),
+                "chunks": (width, *remainder),
+                "dtype": np.dtype("f8"),
+                "fill_value": np.nan,
+            }
             out[name] = {**layout, "dimension_names": ("lane", *dims), "attributes": dict(attrs), **more}
 
         for quantity, example in self.sweep.lanes.inputs(0, 1).items():
@@ -248,12 +255,12 @@ def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any
     """Each variable of a run: a shard for each block, with chunks along time."""
     out = {}
     for name, value in plan.example.items():
-        rest, outcome = value.shape[2:], plan.outcomes[name]
-        inner = max(1, min(plan.rows, CHUNK_BYTES // (8 * width * math.prod(rest))))
+        remainder, outcome = value.shape[2:], plan.outcomes[name]
+        inner = max(1, min(plan.rows, CHUNK_BYTES // (8 * width * math.prod(remainder))))
         out[name] = {
-            "shape": (plan.rows, total, *rest),
-            "chunks": (inner, width, *rest),
-            "shards": (-(-plan.rows // inner) * inner, width, *rest),
+            "shape": (plan.rows, total, *remainder),
+            "chunks": (inner, width, *remainder),
+            "shards": (-(-plan.rows // inner) * inner, width, *remainder),
             "dtype": np.dtype("f8"),
             "fill_value": np.nan,
             "dimension_names": dimensions(plan, name, value.shape),
@@ -309,8 +316,8 @@ def _opened_sweep(part: str, file: str | None, digest: str) -> tuple[Sweep, dict
     record = SweepRecord.of_store(Path(part))
     if hashlib.sha256(record.sweep.encode()).hexdigest() != digest:
         raise RunError(f"{part} is no longer the store of this sweep: another one was written there.")
-    found = archive.opened_arrays(Path(part))
-    arrays = {name: array for name, array in found.items() if "lane" in (array.metadata.dimension_names or ())}
+    result = archive.opened_arrays(Path(part))
+    arrays = {name: array for name, array in result.items() if "lane" in (array.metadata.dimension_names or ())}
     return Sweep(record.description, Path(file) if file else None), arrays, record.block_lanes
 
 

@@ -14,8 +14,8 @@ from kreisel.record.contract import MOVING_SPACE, Parameter, Relation, System, n
 
 def quotients(*, a, b):
     """c_jk = (b_j - b_k)/(a_j - a_k), 0 on the diagonal."""
-    one = identity(a.shape[-1])
-    return {"c": (b[..., :, None] - b[..., None, :]) / (a[..., :, None] - a[..., None, :] + one)}
+    unit = identity(a.shape[-1])
+    return {"c": (b[..., :, None] - b[..., None, :]) / (a[..., :, None] - a[..., None, :] + unit)}
 
 
 def inverse_inertia(M, *, c):  # Omega_jk = c_jk M_jk

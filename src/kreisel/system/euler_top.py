@@ -24,9 +24,9 @@ from kreisel.record.contract import FREE_SPACE, ClosedForm, Parameter, Relation,
 
 def sums(*, J):
     """c_jk = 1/(J_j + J_k) off the diagonal."""
-    one = identity(J.shape[-1])
+    unit = identity(J.shape[-1])
     pairs = J[..., :, None] + J[..., None, :]
-    return {"c": (1 - one) / (pairs * (1 - one) + one)}
+    return {"c": (1 - unit) / (pairs * (1 - unit) + unit)}
 
 
 def inverse_inertia(M, *, c):  # Omega_jk = M_jk / (J_j + J_k)
@@ -62,13 +62,13 @@ def trajectory(M, *, J, eps):
 
 def turn_by_doubling(M, J, c, eps):
     """For n > 3: X J + J X = (eps/2)(M - [X, M] - X M X)."""
-    one = identity(M.shape[-1]) + 0 * M
+    unit = identity(M.shape[-1]) + 0 * M
 
     def residual(X):
         XM = X @ M
         return (X * J[..., :, None] + X * J[..., None, :]) - eps / 2 * (M - (XM - XM.mT) - XM @ X)
 
-    return branch.corrected(branch.turn(M, J, one, one, eps), residual, c)
+    return branch.corrected(branch.turn(M, J, unit, unit, eps), residual, c)
 
 
 def move(M, X):

@@ -19,12 +19,12 @@ def principal(*, J):
     principal axes have no derivative where two moments are equal, and are not rational: JAX and exact values use W.
     """
     n = J.shape[-1]
-    one, zero = identity(n), 0 * J
-    diagonal = is_known_zero(J * (1 - one))
+    unit, zero = identity(n), 0 * J
+    diagonal = is_known_zero(J * (1 - unit))
     if n > 3 and (diagonal or (isinstance(J, np.ndarray) and J.dtype.kind == "f")):
-        d, R = (np.diagonal(J, axis1=-2, axis2=-1), one + zero) if diagonal else np.linalg.eigh(J)
+        d, R = (np.diagonal(J, axis1=-2, axis2=-1), unit + zero) if diagonal else np.linalg.eigh(J)
         pairs = d[..., :, None] + d[..., None, :]
-        return {"R": R, "c": (1 - one) / (pairs + one * (1 - pairs)), "W": zero}
+        return {"R": R, "c": (1 - unit) / (pairs + unit * (1 - pairs)), "W": zero}
     planes, J = skew(identity(n * (n - 1) // 2), n), J[..., None, :, :]
     return {"R": zero, "c": zero, "W": solve(coordinates(J @ planes + planes @ J), identity(len(planes)))}
 

@@ -70,8 +70,8 @@ def conjugator(M, P, *, a1, a3, b, e, lam, eps):
 
 
 def generator(M, P, M1, P1, *, a1, a3, e, eps):  # X with cay(X) = cay(V) cay(U),  U = eps/2 a1 M_(k+1)
-    U, V, one = mat(a1 * eps / 2) * M1, half_turn(M, a1, a3, e, eps), identity(M.shape[-1])
-    return solve(one - V, U + V) @ solve(one + V @ U, one - V)
+    U, V, unit = mat(a1 * eps / 2) * M1, half_turn(M, a1, a3, e, eps), identity(M.shape[-1])
+    return solve(unit - V, U + V) @ solve(unit + V @ U, unit - V)
 
 
 of_clebsch = pullback(clebsch.SYSTEM, lambda M, P, g, *, a1, b: ((mat(a1) * M, P), {"b": b}))

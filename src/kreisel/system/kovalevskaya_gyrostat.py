@@ -26,9 +26,9 @@ from kreisel.system import quadratic_field as general
 def shape(*, n):
     """e = e_1, h = e_2, and c_jk = 1, but 2 in their plane."""
     lanes = (0 * np.asarray(n)).astype(np.int8)
-    one = identity(int(np.asarray(n).flat[0])) + mat(lanes)
-    corner = 1 * (np.arange(one.shape[-1]) < 2)
-    return {"c": 1 + one * 0 + corner[:, None] * corner, "e": one[..., 0], "h": one[..., 1]}
+    unit = identity(int(np.asarray(n).flat[0])) + mat(lanes)
+    corner = 1 * (np.arange(unit.shape[-1]) < 2)
+    return {"c": 1 + unit * 0 + corner[:, None] * corner, "e": unit[..., 0], "h": unit[..., 1]}
 
 
 def velocity(M, P, Q, *, gamma, c, e, h):  # Omega = dH/dM
@@ -106,8 +106,8 @@ def half_kick(M, P, Q, *, e, h, eps):
 
 
 def composed(M, N, eps):  # X with cay(X) = cay((eps/2) M) cay(-(eps/2) N)
-    W, one = cayley(eps / 2 * M) @ cayley(-eps / 2 * N), identity(M.shape[-1])
-    return solve(one + W, W - one)
+    W, unit = cayley(eps / 2 * M) @ cayley(-eps / 2 * N), identity(M.shape[-1])
+    return solve(unit + W, W - unit)
 
 
 def generator(M, P, Q, M1, P1, Q1, *, gamma, e, h, eps):

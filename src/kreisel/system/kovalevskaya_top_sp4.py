@@ -102,11 +102,11 @@ def pencil(M, P, *, lam, mu, eps):  # 8 x 8
 def factors(M, P, *, lam, eps):
     N = M + kick(P, eps=eps)
     (big, _), F = whole(N, P), whole(M, P)[1]
-    one = identity(4) + 0 * F
+    unit = identity(4) + 0 * F
     plane = turns(N, eps)[1].mT[..., :2, :2]
     zero = 0 * plane
-    back = blocks([[one[..., :2, :2], zero], [zero, plane]])
-    return general.turned(general.factors_of(F, one, B, lam=lam, eps=eps), back, cayley(eps / 2 * big) @ back)
+    back = blocks([[unit[..., :2, :2], zero], [zero, plane]])
+    return general.turned(general.factors_of(F, unit, B, lam=lam, eps=eps), back, cayley(eps / 2 * big) @ back)
 
 
 SYSTEM = replace(

@@ -63,8 +63,8 @@ def lagrangian(x, x1, p, *, b, eps):
 
 
 def lax_matrix(x, q, *, b, lam, eps):  # (J + l x x1^T)(J - l x1 x^T) = J^2 + l eps x ^ q - l^2 x x^T
-    one = identity(b.shape[-1])
-    return one - eps * eps * diagonal(b) + lam * eps * wedge(x, q) - lam * lam * x[..., :, None] * x[..., None, :]
+    unit = identity(b.shape[-1])
+    return unit - eps * eps * diagonal(b) + lam * eps * wedge(x, q) - lam * lam * x[..., :, None] * x[..., None, :]
 
 
 def conjugator(x, q, *, b, lam, eps):  # J + l x x1^T

@@ -38,9 +38,9 @@ def pencil_of(M, P, R, B, *, lam, mu, eps):
 
 def factors_of(P, R, B, *, lam, eps):
     """U, V = 1 - (2/lambda) N with N^2 = 0, of rank r: U L_(k+1) = L_k V but for the rotations of the two blocks."""
-    k, one = eps / 2, identity(P.shape[-1])
+    k, unit = eps / 2, identity(P.shape[-1])
     G = k * (R.mT @ P)
-    E, minus = one + k * k * (R.mT @ B @ P), -one + 0 * G
+    E, minus = unit + k * k * (R.mT @ B @ P), -unit + 0 * G
     left = blocks([[P], [G]]) @ solve(E, blocks([[k * R.mT, minus]]))
     right = blocks([[k * P], [minus]]) @ solve(E, blocks([[R.mT, G]]))
     return tuple(identity(left.shape[-1]) - 2 / lam * N for N in (left, right))
@@ -58,10 +58,10 @@ def values_of(M, F, X, B, *, eps, points):
 
     det(1 + s B F) det(Mm + lambda (B - s B X B) - mu (1 - s (X B + B X)) + (1 - s mu^2) X/lambda).
     """
-    XB, BX, square, one = X @ B, B @ X, eps * eps, identity(M.shape[-1])
-    mean, along, across = M + eps * (XB - BX) / 2, B - square * (BX @ B) / 4, one - square * (XB + BX) / 4
+    XB, BX, square, unit = X @ B, B @ X, eps * eps, identity(M.shape[-1])
+    mean, along, across = M + eps * (XB - BX) / 2, B - square * (BX @ B) / 4, unit - square * (XB + BX) / 4
     schur = (mean + lam * along - mu * across + (X - square * mu * mu * X / 4) / lam for lam, mu in points)
-    scale = determinant(one + square * (B @ F) / 4)
+    scale = determinant(unit + square * (B @ F) / 4)
     return stack([scale * determinant(A) for A in schur])
 
 
@@ -143,13 +143,13 @@ def pencil(M, F, *, B, lam, mu, eps):
 
 
 def factors(M, F, *, b, B, lam, eps):
-    one, W = identity(M.shape[-1]) + 0 * F, cayley(eps / 2 * (M + kick(F, b=b, eps=eps)))
-    return turned(factors_of(F, one, B, lam=lam, eps=eps), one, W)
+    unit, W = identity(M.shape[-1]) + 0 * F, cayley(eps / 2 * (M + kick(F, b=b, eps=eps)))
+    return turned(factors_of(F, unit, B, lam=lam, eps=eps), unit, W)
 
 
 def lagrangian(g, h, A, *, B, eps):  # -(1/eps) tr log(2 + W + W^T) + (2/eps) tr log(1 + s B F)
-    W, one = g.mT @ h, identity(B.shape[-1])
-    return 2 / eps * trace_log(one + eps * eps / 4 * (B @ (g.mT @ A @ g))) - trace_log(2 * one + W + W.mT) / eps
+    W, unit = g.mT @ h, identity(B.shape[-1])
+    return 2 / eps * trace_log(unit + eps * eps / 4 * (B @ (g.mT @ A @ g))) - trace_log(2 * unit + W + W.mT) / eps
 
 
 def largest_step(M, F, *, b):

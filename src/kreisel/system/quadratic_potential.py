@@ -48,10 +48,10 @@ def deviation(P, eps):
     Newton's method for the square root from 1, in the increments of R (Iannazzo 2006): from (Q + Q^-1 (1 - eps^2 P))/2
     rounding grows by half the root of the condition in each step.
     """
-    one, square = identity(P.shape[-1]), eps * eps
+    unit, square = identity(P.shape[-1]), eps * eps
     R = change = P / 2
     for _ in range(ROOT_STEPS):
-        change = square / 2 * (change @ solve(one - square * R, change))
+        change = square / 2 * (change @ solve(unit - square * R, change))
         change = (change + change.mT) / 2
         R = R + change
     return R
@@ -59,15 +59,15 @@ def deviation(P, eps):
 
 def solved(M, P, R, *, J, c, eps):
     """X with W = cay(X), and the square of its estimated error; from R."""
-    D, one, square = diagonal(J), identity(M.shape[-1]), eps * eps
-    Q = one - square * R
+    D, unit, square = diagonal(J), identity(M.shape[-1]), eps * eps
+    Q = unit - square * R
     tilt = square * bracket(R, D) + eps * M  # Q J - J Q = -eps^2 [R, J]
 
     def residual(X):  # (Q W J - J W^T Q - eps M)/2 with W = 1 + 2 (1 - X)^-1 X
         A = Q @ resolvent(X, X) @ D
         return A - A.mT - tilt / 2
 
-    return branch.corrected(branch.turn(M, J, Q, one - square * P, eps), residual, c)
+    return branch.corrected(branch.turn(M, J, Q, unit - square * P, eps), residual, c)
 
 
 def turn(M, P, *, J, c, eps):

@@ -103,9 +103,11 @@ def lax_matrix(M, G, *, C, h, lam, eps):  # L = lambda^2 C + lambda M + Gt
 
 def conjugator(M, G, *, X, h, u, v, lam, eps):  # (1 - h/lambda G+)(1 - h/lambda G-) R
     k, Gd = mat(h * eps) / lam, dual(G)
-    one = identity(4)
+    unit = identity(4)
     return (
-        (one - k / 2 * (G + Gd)) @ (one - k / 2 * (G - Gd)) @ cayley(about(M + eps * bracket(G, X), u=u, v=v, eps=eps))
+        (unit - k / 2 * (G + Gd))
+        @ (unit - k / 2 * (G - Gd))
+        @ cayley(about(M + eps * bracket(G, X), u=u, v=v, eps=eps))
     )
 
 

@@ -24,18 +24,18 @@ from kreisel.system import quadratic_field as general
 
 def planes(*, n, a, b, chi):
     """c_jk = 1/(J_j + J_k) and the matrix X = chi e_1 ^ e_2."""
-    one = identity(int(np.asarray(n).flat[0]))
-    ends, plane = one[0] + one[1], wedge(one[0], one[1])
+    unit = identity(int(np.asarray(n).flat[0]))
+    ends, plane = unit[0] + unit[1], wedge(unit[0], unit[1])
     both, none = ends[:, None] * ends, (1 - ends)[:, None] * (1 - ends)
     mixed = 1 - both - none
     c = both * mat(1 / (2 * a)) + none * mat(1 / (2 * b)) + mixed * mat(1 / (a + b))
     spins = both * mat(1 / (2 * a) - 1 / (a + b)) + none * mat(1 / (2 * b) - 1 / (a + b))
     return {
-        "c": (1 - one) * c,
+        "c": (1 - unit) * c,
         "X": mat(chi) * plane,
         "C": mat((a + b) * chi) * plane,
         "h": np.asarray(1 / (a + b)),
-        "spins": (1 - one) * spins,
+        "spins": (1 - unit) * spins,
     }
 
 
@@ -69,8 +69,8 @@ def turns(M, G, X, h, spins, eps):
 
 def generator(M, G, M1, G1, *, X, h, spins, eps):
     W, R = turns(M, G, X, h, spins, eps)
-    one = identity(M.shape[-1])
-    return solve(one + W @ R, W @ R - one)
+    unit = identity(M.shape[-1])
+    return solve(unit + W @ R, W @ R - unit)
 
 
 def energy(M, G, *, c, X, C, h, eps=0):

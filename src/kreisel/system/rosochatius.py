@@ -38,9 +38,9 @@ def energy(x, q, *, b, mu):
 def squares(x, q, *, b, mu):
     """F_i = x_i^2 + sum_j (M_ij^2 + mu_i^2 x_j^2/x_i^2 + mu_j^2 x_i^2/x_j^2)/(b_j - b_i), M = x ^ q."""
     M, ratio = wedge(x, q), (mu / x)[..., :, None] * x[..., None, :]
-    one = identity(x.shape[-1])
-    terms = (M * M + ratio * ratio + (ratio * ratio).mT) * (1 - one)
-    F = x * x + (terms / (b[..., None, :] - b[..., :, None] + one)).sum(-1)
+    unit = identity(x.shape[-1])
+    terms = (M * M + ratio * ratio + (ratio * ratio).mT) * (1 - unit)
+    F = x * x + (terms / (b[..., None, :] - b[..., :, None] + unit)).sum(-1)
     return stack([F[..., i] for i in range(x.shape[-1])])
 
 

@@ -62,8 +62,8 @@ def pencil(M, P, *, A, lam, mu, eps):  # of size n + 3
 
 def factors(M, P, *, A, lam, eps):
     (_, _, B), (left, right) = whole(M, P, A), ranks(P)
-    one = identity(P.shape[-1] + 1) + 0 * B
-    return general.turned(general.factors_of(left, right, B, lam=lam, eps=eps), one, one[..., :2, :2])
+    unit = identity(P.shape[-1] + 1) + 0 * B
+    return general.turned(general.factors_of(left, right, B, lam=lam, eps=eps), unit, unit[..., :2, :2])
 
 
 def largest_step(M, P, *, A):

@@ -181,11 +181,11 @@ def about_the_third_kind(constants: Any, chi: Any, t: Any) -> Any:
     off = (1.0 + periods + abs(upper(t * L / I3))) * (PLACE * (1.0 + rough) + last)
     off = off + (1.0 + periods) * TRIPLE * close * (1.0 - lost)
     foldings = abs(upper(t * breadth * A))
-    rest = where_less(abs(first[0]), LEAST_START * amplitudes[0], 1.0, where_less(FOLDINGS, foldings, 1.0, 0.0))
+    remainder = where_less(abs(first[0]), LEAST_START * amplitudes[0], 1.0, where_less(FOLDINGS, foldings, 1.0, 0.0))
     largest = maximum(upper(L), maximum(upper(I1), upper(I3)))
     least = 1.0 / maximum(1.0 / upper(L), maximum(1.0 / upper(I1), 1.0 / upper(I3)))
     far = where_less(LARGEST, largest, 1.0, where_less(least, SMALLEST, 1.0, 0.0))
-    return N1, N2, N3, w, x, y, z, off + far + lost * rest
+    return N1, N2, N3, w, x, y, z, off + far + lost * remainder
 
 
 def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any) -> Any:
@@ -197,7 +197,7 @@ def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any)
     part, late = time
     flat = where_less(0.0, amplitudes[0], 0.0, 1.0)  # a rotation about the axis: cn = 1
     cn0, sn0, dn0 = (N[0] + flat) / (amplitudes[0] + flat), N[1] / (amplitudes[1] + flat), N[2] / amplitudes[2]
-    k2, rest = 4.0 * k1 / ((1.0 + k1) * (1.0 + k1)), G / a
+    k2, remainder = 4.0 * k1 / ((1.0 + k1) * (1.0 + k1)), G / a
 
     least = maximum(abs(part), LEAST_PART)
     cos, sin = of_turns(0.5 * least)
@@ -209,12 +209,12 @@ def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any)
     dv = sqrt(c * c + k1_prime * k1_prime * s2)
     under = 1.0 + k1 * s2
     sn1 = (1.0 + k1) * s / under * sign(part)
-    cn1, dn1 = c * dv / under, (c * c + s2 * rest) / under
+    cn1, dn1 = c * dv / under, (c * c + s2 * remainder) / under
 
     below = 1.0 / (cn1 * cn1 + sn1 * sn1 * dn0 * dn0)
     cn = (cn0 * cn1 - sn0 * sn1 * dn0 * dn1) * below
     sn = (sn0 * cn1 * dn1 + sn1 * cn0 * dn0) * below
-    k_prime = rest / (1.0 + k1)
+    k_prime = remainder / (1.0 + k1)
     dn = sqrt(k_prime * k_prime + k2 * (cn * cn))
     cn, sn = _on_circle(cn - late * dn * sn, sn + late * dn * cn)
     dn = sqrt(k_prime * k_prime + k2 * (cn * cn))
@@ -224,7 +224,7 @@ def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any)
     cell = 0.5 * (1.0 - there) * sign(part)
     before, after = (sn0 * here, cn0 * here, dn0), (sn * here * there, cn * here * there, dn)
     beta = both - 1.0
-    change = _third_kind(after, k1, rest, beta) - _third_kind(before, k1, rest, beta)
+    change = _third_kind(after, k1, remainder, beta) - _third_kind(before, k1, remainder, beta)
     near = strength * (change + 2.0 * whole * (cell - part))
 
     def far() -> list[Any]:
@@ -255,13 +255,13 @@ def _on_circle(cn: Any, sn: Any) -> Any:
     return fma(left, cn, cn), fma(left, sn, sn)
 
 
-def _third_kind(functions: Any, k1: Any, rest: Any, beta: Any) -> Any:
-    """Q of (v, k_1), from the functions at u = (1 + k_1) v; `rest`: 1 - k_1."""
+def _third_kind(functions: Any, k1: Any, remainder: Any, beta: Any) -> Any:
+    """Q of (v, k_1), from the functions at u = (1 + k_1) v; `remainder`: 1 - k_1."""
     sn, cn, dn = functions
     above = 1.0 + dn
     s = 2.0 * sn / ((1.0 + k1) * above)
     s2 = s * s
-    d2 = (rest + dn * (1.0 + k1)) / above
+    d2 = (remainder + dn * (1.0 + k1)) / above
     delta = s2 * s2 * s2 * beta * (1.0 + beta) * (k1 * k1 + beta)
     c2 = 4.0 * cn * cn / (above * above * d2)
     return s * s2 * third_kind(c2, d2, 1.0, 1.0 + beta * s2, delta) / 3.0
@@ -269,12 +269,12 @@ def _third_kind(functions: Any, k1: Any, rest: Any, beta: Any) -> Any:
 
 def _behind(functions: Any, shape: Any) -> Any:
     """2T t/L - psi from u = 0, cn >= 0, where k' is small: it stays below pi, and small errors of u are small in it."""
-    (sn, cn, dn), ((a1, a2, a3), L, rest) = functions, shape
+    (sn, cn, dn), ((a1, a2, a3), L, remainder) = functions, shape
     M1, M2, M3 = a1 * cn, a2 * sn, a3 * dn
     x = M1 * M2 * (M1 * M1 + M2 * M2) / ((L + M3) * (L * M1 * M1 + M2 * M2 * M3))
     first, third = a1 / L, a3 / L
     c2, s2, d2 = cn * cn, sn * sn, dn * dn
-    small = rest * s2
+    small = remainder * s2
     p = c2 + small * (third * third)
     delta = small * small * (first * first) * (third * third) * (1.0 - p)
     area = first * (a2 / L) * third * small * sn * third_kind(c2, d2, 1.0, p, delta, BEYOND) / 3.0

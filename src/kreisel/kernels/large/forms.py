@@ -223,9 +223,11 @@ class LargeForm:
         def into(z: tuple[Array, ...]) -> tuple[Array, ...]:
             return self._into(z, **plane)
 
-        def observe(z: tuple[Array, ...], only: Collection[str] | None = None, /, **known: Array) -> dict[str, Array]:
-            state = self._back(z, **{name: known.pop(name, value) for name, value in plane.items()})
-            return scheme.observe(state, only, **known)
+        def observe(
+            z: tuple[Array, ...], only: Collection[str] | None = None, /, **constants: Array
+        ) -> dict[str, Array]:
+            state = self._back(z, **{name: constants.pop(name, value) for name, value in plane.items()})
+            return scheme.observe(state, only, **constants)
 
         return replace(
             scheme,

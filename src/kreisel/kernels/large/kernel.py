@@ -184,7 +184,7 @@ class _Lane:
 
     def compute(
         self,
-        known: Known,
+        constants: Known,
         nodes: Sequence[int],
         stores: Sequence[tuple[Memory, Operand]] = (),
         early: Collection[int] = (),
@@ -196,7 +196,7 @@ class _Lane:
         stores  are written in the last loop; `early` nodes are known before it, when `before_last` is called
         keep    entries that stay in their rows
         """
-        graph, rows, numbers = known
+        graph, rows, numbers = constants
         operation = {at: graph.nodes[at][0] for at in nodes}
         needs = {at: [x.at for x in operands_of(graph.nodes[at])] for at in nodes}
         entries, rank = {*rows}, dict.fromkeys(nodes, 0) | dict.fromkeys(early, 1)  # levels up to the last
@@ -215,7 +215,7 @@ class _Lane:
         totals, touched = dict[int, Sum](), set[Any]()
         for level in range(max(rank.values(), default=0), -1, -1):
             present = [at for at in nodes if rank[at] == level]
-            self._products(known, [at for at in present if operation[at] in PRODUCTS], touched)
+            self._products(constants, [at for at in present if operation[at] in PRODUCTS], touched)
             for at in present:
                 if operation[at] == TOTAL:
                     numbers[at] = totals[at].value()
@@ -226,14 +226,14 @@ class _Lane:
             loop = [at for at in present if at in made]
             targets = [(rows.setdefault(at, self.row()), Number(graph, at)) for at in loop if at in outlive]
             added = {at: Sum(self.f) for at in sums if sums[at] == level}
-            self._loop(known, loop, added, [*targets, *(stores if level == 0 else ())])
+            self._loop(constants, loop, added, [*targets, *(stores if level == 0 else ())])
             totals |= added
 
     def _loop(
-        self, known: Known, made: Sequence[int], sums: Mapping[int, Sum], stores: Sequence[tuple[Memory, Operand]]
+        self, constants: Known, made: Sequence[int], sums: Mapping[int, Sum], stores: Sequence[tuple[Memory, Operand]]
     ) -> None:
         """The loop of a level: the entries that it makes, sums of entries, and stores."""
-        (graph, rows, numbers), f = known, self.f
+        (graph, rows, numbers), f = constants, self.f
         summed = {at: graph.nodes[at][1] for at in sums}
         read = [x for at in made for x in operands_of(graph.nodes[at])]
         read += [*summed.values(), *(x for _, x in stores if isinstance(x, Number))]
@@ -327,14 +327,14 @@ class _Lane:
             self.form.places[self.form.letter_of("skew") if name == MOMENTUM else f"inverse{name}"].start
         )
 
-    def _products(self, known: Known, products: Sequence[int], touched: set[Any]) -> None:
+    def _products(self, constants: Known, products: Sequence[int], touched: set[Any]) -> None:
         """The products of a level, one way through each matrix, the first one with the changes that wait."""
         groups: dict[Any, tuple[list[Any], list[Any]]] = {}
         for at in products:
-            operation, _, *numbers, x = known.graph.nodes[at]
-            known.rows[at] = self.row()
+            operation, _, *numbers, x = constants.graph.nodes[at]
+            constants.rows[at] = self.row()
             group = groups.setdefault(numbers[0] if numbers else MOMENTUM, ([], []))
-            group[operation == TURNED].append((known.rows[x.at], known.rows[at]))
+            group[operation == TURNED].append((constants.rows[x.at], constants.rows[at]))
         for name, (plain, turned) in groups.items():
             self.times(name, name not in touched, plain, turned)
             touched.add(name)
@@ -399,18 +399,18 @@ class _Lane:
         for scale, _, _ in changes:
             scale[0] = 0.0
 
-    def _renew(self, k: int, solve: Solve, known: Known) -> None:
+    def _renew(self, k: int, solve: Solve, constants: Known) -> None:
         """W = (D + theta M)^-1; a state that is no longer finite is reported elsewhere.
 
         By elimination without pivoting, which is safe for a positive diagonal, as in `kreisel.algebra.solve`.
         """
         f, h, builder, M, W = self.f, self.h, self.f.builder, self._matrix(MOMENTUM), self._matrix(k)
-        D, theta = solve.diagonal, f.value(solve.turn, known.numbers, DOUBLE)
+        D, theta = solve.diagonal, f.value(solve.turn, constants.numbers, DOUBLE)
         (place,) = f.variables(1, INTEGER)
         place[0] = 0
         with f.loop(0, h) as i:
-            entries = {at: row[i] for at, row in known.rows.items() if isinstance(D, Number) and D.at == at}
-            W[i * h + i] = f.value(D, known.numbers | entries, DOUBLE)
+            entries = {at: row[i] for at, row in constants.rows.items() if isinstance(D, Number) and D.at == at}
+            W[i * h + i] = f.value(D, constants.numbers | entries, DOUBLE)
             with f.loop(i + 1, h) as j:
                 entry = builder.fmul(theta, M[place[0]])
                 W[i * h + j], W[j * h + i] = entry, builder.fneg(entry)

@@ -70,8 +70,8 @@ class InDoubles(Corrections):
 
     def _begin(self, z: Floats, every: int) -> None:
         """Take the values at the start from the rows z."""
-        found = self._values(z)
-        labels = tuple(f"{k}[{i}]" if v.shape[1] > 1 else k for k, v in found.items() for i in range(v.shape[1]))
+        result = self._values(z)
+        labels = tuple(f"{k}[{i}]" if v.shape[1] > 1 else k for k, v in result.items() for i in range(v.shape[1]))
         super().__init__(labels, every, len(z))
         if not labels:
             return
@@ -82,7 +82,7 @@ class InDoubles(Corrections):
         def largest(size: Floats, other: Floats) -> Floats:
             return np.fmax(size, np.where(np.isfinite(other), abs(other), 0))
 
-        here = np.concatenate(list(found.values()), -1)
+        here = np.concatenate(list(result.values()), -1)
         rms, size = np.sqrt((z * z).sum(-1, keepdims=True) / z.shape[-1]), largest(0 * here, here)
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, z.shape[-1]))
         for sign in signs:
@@ -143,13 +143,13 @@ class Observed:
         """The conserved variables at z[lane] with the values of `row` in place of its first ones."""
         return self._at(row, lane, self._known[lane])
 
-    def _at(self, row: Any, lane: int, known: Mapping[str, Array]) -> dict[str, Array]:
+    def _at(self, row: Any, lane: int, constants: Mapping[str, Array]) -> dict[str, Array]:
         parts: list[Array] = []
         for kind, place in zip(self._kinds, algebra.slices(self._kinds, self.scheme.n), strict=True):
             numbers = row[place] if place.stop <= self.own else self.z[lane, place]
             parts.append(algebra.KINDS[kind].unpack(numbers, self.scheme.n))
-        found = self.function(tuple(parts), **known)
-        return {name: value for name, value in found.items() if self.scheme.outcomes[name].conserved}
+        result = self.function(tuple(parts), **constants)
+        return {name: value for name, value in result.items() if self.scheme.outcomes[name].conserved}
 
     def _changing(self) -> dict[str, Array]:
         """By random scalars in place of state and constants, so that lanes do not depend on each other."""
@@ -169,10 +169,10 @@ class Observed:
         """`at` of all lanes, with the first scalars of `z`, by the definitions on arrays of all lanes."""
         rows = np.concatenate([z[:, : self.own], self.z[:, self.own :]], -1)
         known = self.scheme.known
-        found = self.scheme.observe(algebra.restore(rows, self._kinds, self.scheme.n), **known)
+        result = self.scheme.observe(algebra.restore(rows, self._kinds, self.scheme.n), **known)
         return {
             name: np.broadcast_to(value, (len(z), *np.shape(value)[1:])).reshape(len(z), -1)
-            for name, value in found.items()
+            for name, value in result.items()
             if self.scheme.outcomes[name].conserved
         }
 
@@ -185,8 +185,8 @@ class ArrayProjection(InDoubles):
         if not observed.members:
             super().__init__((), 1, len(self._z))
             return
-        (first, own), d = self._recorded(self._z[0], 0), observed.own
-        gradient(first, own)  # operations without an adjoint fail here
+        (first, state), d = self._recorded(self._z[0], 0), observed.own
+        gradient(first, state)  # operations without an adjoint fail here
         k = first.shape[0]
         work *= min(1.0, VECTORS * d / observed.scheme.n**2)
         self._begin(self._z[:, :d], interval(STEPS * (cost(first) + k * k * d + k**3 / 3), work))
@@ -194,14 +194,14 @@ class ArrayProjection(InDoubles):
     def _recorded(self, row: Floats, lane: int) -> tuple[Traced, Traced]:
         """The invariants (k,) at z[lane] with the first scalars of `row`, and these scalars, traced."""
         z = Traced(row[: self._observed.own])
-        found = self._observed.at(z, lane)
+        result = self._observed.at(z, lane)
         members = self._observed.members.items()
-        return Namespace.concatenate([np.ravel(found[name])[kept] for name, kept in members]), z
+        return Namespace.concatenate([np.ravel(result[name])[kept] for name, kept in members]), z
 
     def _values(self, z: Floats) -> dict[str, Floats]:
         with np.errstate(all="ignore"):
-            found = self._observed.together(z)
-        return {name: found[name][:, kept] for name, kept in self._observed.members.items()}
+            result = self._observed.together(z)
+        return {name: result[name][:, kept] for name, kept in self._observed.members.items()}
 
     def _corrected(self, z: Floats) -> tuple[Floats, Floats, Floats]:
         new, worst, d = z.copy(), self.worst.copy(), self._observed.own
@@ -209,8 +209,8 @@ class ArrayProjection(InDoubles):
         with np.errstate(all="ignore"):
             for lane, row in enumerate(new):
                 for again in range(STEPS):
-                    values, own = self._recorded(row, lane)
-                    J, lack = gradient(values, own), values.value - start[lane]
+                    values, state = self._recorded(row, lane)
+                    J, lack = gradient(values, state), values.value - start[lane]
                     known = np.isfinite(J).all(-1) & np.isfinite(lack)
                     J, lack = np.where(known[:, None], J, 0), np.where(known, lack, 0)
                     scale, unit = scales(row[:d], J, size[lane])

@@ -339,13 +339,13 @@ def _product(x: Any, y: Any) -> Traced:
 
 def _reached(y: Traced) -> list[Traced]:
     """All arrays that y was made of, y among them, the last one first."""
-    found, waiting = {y.place: y}, [y]
+    result, waiting = {y.place: y}, [y]
     while waiting:
         for parent, _ in waiting.pop().parents:
-            if parent.place not in found:
-                found[parent.place] = parent
+            if parent.place not in result:
+                result[parent.place] = parent
                 waiting.append(parent)
-    return [found[place] for place in sorted(found, reverse=True)]
+    return [result[place] for place in sorted(result, reverse=True)]
 
 
 def gradient(y: Traced, z: Traced) -> Floats:

@@ -47,8 +47,8 @@ def rank(vectors: Array) -> int:
         pivots = count + np.flatnonzero(A[count:, column] != 0)
         if len(pivots):
             A[[count, pivots[0]]] = A[[pivots[0], count]]
-            rest = pivots[1:]
-            A[rest] = A[rest] - np.multiply.outer(A[rest, column] / A[count, column], A[count])
+            remainder = pivots[1:]
+            A[remainder] = A[remainder] - np.multiply.outer(A[remainder, column] / A[count, column], A[count])
             count += 1
     return count
 

@@ -239,9 +239,9 @@ def aux6(s: Setting, k: Proof, e: Eps, lam: Lam, order: int = 3) -> Sides:
     value = k.R @ (k.script1 - k.script) @ k.Q
     yield value, 0 * value
     B, R, Q, M, M1, P, P1 = (s.draw((s.n, s.n)) for _ in range(7))  # (aux1) for any matrices in the powers of lambda
-    one, t = identity(s.n), e / 2
-    new = (one - t / lam * R) @ (lam * B + M1 + P1 / lam) @ (one + t / lam * Q)
-    old = (one + t / lam * R) @ (lam * B + M + P / lam) @ (one - t / lam * Q)
+    unit, t = identity(s.n), e / 2
+    new = (unit - t / lam * R) @ (lam * B + M1 + P1 / lam) @ (unit + t / lam * Q)
+    old = (unit + t / lam * R) @ (lam * B + M + P / lam) @ (unit - t / lam * Q)
     at_0 = M1 - M - 2 * t * (R @ B - B @ Q)
     at_1 = P1 - P - t * (R @ (M1 + M) - (M1 + M) @ Q)
     at_2 = t * ((P1 + P) @ Q - R @ (P1 + P)) - t**2 * R @ (M1 - M) @ Q

@@ -75,8 +75,8 @@ def element(s: Setting, units: tuple[Array, ...]) -> Array:
 
 def moved(M: Array, F: Array, B: Array, eps: Any) -> tuple[Array, Array, Array, Array]:
     """X, M~, c and F' of the step."""
-    one = identity(len(M))
-    X = solve(one + eps * eps / 4 * (F @ B), F)
+    unit = identity(len(M))
+    X = solve(unit + eps * eps / 4 * (F @ B), F)
     M = M + eps * (X @ B - B @ X)
     c = moebius(-eps / 2 * M)
     return X, M, c, c @ F @ moebius(eps / 2 * M)
@@ -84,8 +84,10 @@ def moved(M: Array, F: Array, B: Array, eps: Any) -> tuple[Array, Array, Array, 
 
 def block_pencil(M: Array, F: Array, B: Array, eps: Any, nu: Any, mu: Any) -> Array:
     """[[nu B + M - mu, 1 + k M], [-(1 - k M), nu F^-1 + s mu + s M]]."""
-    one, k = identity(len(M)), eps / 2
-    return blocks([[nu * B + M - mu * one, one + k * M], [k * M - one, nu * solve(F, one) + k * k * (mu * one + M)]])
+    unit, k = identity(len(M)), eps / 2
+    return blocks(
+        [[nu * B + M - mu * unit, unit + k * M], [k * M - unit, nu * solve(F, unit) + k * k * (mu * unit + M)]]
+    )
 
 
 @stated("field-theorem", FIELDS, dimensions=(3, 4), numbers=("exact",))
@@ -103,14 +105,14 @@ def field_theorem(s: Setting, eps: Eps, nu: Lam, mu: Scalar) -> Sides:
         yield star(X), X
         yield star(after), -after
         yield star(field), field
-        k, one = eps / 2, identity(len(M))
-        Z, row, zero = blocks([[-k * one], [one]]), blocks([[-k * one, one]]), 0 * one
-        S = blocks([[one, zero], [zero, -k * k * one]])
+        k, unit = eps / 2, identity(len(M))
+        Z, row, zero = blocks([[-k * unit], [unit]]), blocks([[-k * unit, unit]]), 0 * unit
+        S = blocks([[unit, zero], [zero, -k * k * unit]])
         A = 2 / k * Z @ X @ row
         yield row @ S @ Z, zero + 0 * k
         yield block_pencil(M, F, B, eps, 0 * nu, -1 / k) @ Z, 0 * Z
         U, V = identity(2 * len(M)) + S @ A / nu, identity(2 * len(M)) - A @ S / nu
-        left, right = (blocks([[one, zero], [zero, -x]]) for x in (c, star(c)))
+        left, right = (blocks([[unit, zero], [zero, -x]]) for x in (c, star(c)))
         yield left @ U @ block_pencil(M, F, B, eps, nu, mu) @ V @ right, block_pencil(after, field, B, eps, nu, mu)
 
 

@@ -135,19 +135,19 @@ def _block(M: Array, v: Array) -> Array:
 
 def _cayley_of(X: Array, V: Array) -> Sides:
     """V = (I + X)/(I - X)."""
-    one = identity(len(X))
-    yield V @ (one - X), one + X
+    unit = identity(len(X))
+    yield V @ (unit - X), unit + X
 
 
 @stated("record-heavy-top", "Section 4, (mLT left), its Hamilton function")
 def record_heavy_top(M: Skew, P: Vector, A: Vector, J: Diagonal) -> Sides:
     """flow, energy and velocity of the record: H = sum of M_jk^2/(J_j + J_k)/2 over j < k + sum P_k A_k"""
     J = abs(J) + 1
-    known, Omega = heavy_top.principal(J=diagonal(J)), M / (J[:, None] + J)
-    yield heavy_top.inverse_inertia(M, **known), Omega
+    constants, Omega = heavy_top.principal(J=diagonal(J)), M / (J[:, None] + J)
+    yield heavy_top.inverse_inertia(M, **constants), Omega
     rates = M @ Omega - Omega @ M + _wedge(A, P), -(Omega @ P)
-    yield from zip(heavy_top.flow(M, P, A=A, **known), rates, strict=True)
-    yield heavy_top.energy(M, P, A=A, **known), _pairs(M, Omega) / 2 + (P * A).sum()
+    yield from zip(heavy_top.flow(M, P, A=A, **constants), rates, strict=True)
+    yield heavy_top.energy(M, P, A=A, **constants), _pairs(M, Omega) / 2 + (P * A).sum()
 
 
 @stated(
@@ -176,40 +176,40 @@ def record_lagrange_top(m: Skew, a: Unit, p: Vector, e: Eps, lam: Lam) -> Sides:
 )
 def record_lagrange_top_moving(W: Rotation, P: Vector, A: Unit, alpha: Scalar, e: Eps, lam: Lam) -> Sides:
     """velocity, flow, energy, step, deformed energy less the energy of the spin (E16) and both Lax pairs of the record, with +lambda A^T in U (E2), |A| = 1"""
-    M, known = momentum(W, A, alpha, e), {"A": A, "alpha": alpha}
-    Omega = lagrange_top_moving.inverse_inertia(M, **known)
+    M, constants = momentum(W, A, alpha, e), {"A": A, "alpha": alpha}
+    Omega = lagrange_top_moving.inverse_inertia(M, **constants)
     yield alpha * Omega + (1 - alpha) * (Omega @ outer(A) + outer(A) @ Omega), M
     rates = M @ Omega - Omega @ M + _wedge(A, P), -(Omega @ P)
-    yield from zip(lagrange_top_moving.flow(M, P, **known), rates, strict=True)
+    yield from zip(lagrange_top_moving.flow(M, P, **constants), rates, strict=True)
     H, across = _pairs(M, Omega) / 2 + (P * A).sum(), identity(len(A)) - outer(A)
-    yield lagrange_top_moving.energy(M, P, **known), H
+    yield lagrange_top_moving.energy(M, P, **constants), H
     N = across @ M @ across
     spin, Hbar = (1 / alpha - 1) * _pairs(N, N) / 2, _pairs(M, M) / 2 + (P * A).sum() + e / 2 * _pairs(M, _wedge(P, A))
-    yield lagrange_top_moving.energy(M, P, eps=e, **known) - spin, Hbar
+    yield lagrange_top_moving.energy(M, P, eps=e, **constants) - spin, Hbar
     pair = _block(M, lam * A - P / lam), _block(Omega, lam * A)
-    yield from zip(lagrange_top_moving.lax(M, P, lam=lam, **known), pair, strict=True)
-    M1, P1 = lagrange_top_moving.step(M, P, eps=e, **known)
+    yield from zip(lagrange_top_moving.lax(M, P, lam=lam, **constants), pair, strict=True)
+    M1, P1 = lagrange_top_moving.step(M, P, eps=e, **constants)
     yield P1, W.T @ P
     yield M1, W.T @ M @ W + e * _wedge(A, P1)
     B = A + e / 2 * (M @ A) + e * e / 4 * P
     yield lagrange_top_moving.lax_matrix(M, P, A=A, lam=lam, eps=e), _block(M, lam * B - P / lam)
     back = _block(W.T, 0 * A)
     back[-1, -1] = 1 + 0 * A[0]
-    V = lagrange_top_moving.conjugator(M, P, lam=lam, eps=e, **known)
+    V = lagrange_top_moving.conjugator(M, P, lam=lam, eps=e, **constants)
     yield from _cayley_of(e / 2 * _block(0 * M, lam * A), back @ V)
 
 
 @stated("record-kirchhoff", "Section 7, (Kirch), its Hamilton function; Clebsch's L and U")
 def record_kirchhoff(M: Skew, P: Vector, a: Diagonal, b: Vector, lam: Lam) -> Sides:
     """flow and energy of both records, L = lambda A + M + P P^T/lambda, U = lambda B + Omega with c_jk = (b_j - b_k)/(a_j - a_k)"""
-    one = identity(len(a))
-    c = (b[:, None] - b + one) / (a[:, None] - a + one)
+    unit = identity(len(a))
+    c = (b[:, None] - b + unit) / (a[:, None] - a + unit)
     Omega, H = c * M, _pairs(c * M, M) / 2 - (b * P * P).sum() / 2
     rates = M @ Omega - Omega @ M + _wedge(P, b * P), -(Omega @ P)
     own = {"b": b, "c": clebsch_general.quotients(a=a, b=b)["c"]}
-    for record, known in ((kirchhoff, {"C": c, "B": diagonal(b)}), (clebsch_general, own)):
-        yield from zip(record.flow(M, P, **known), rates, strict=True)
-        yield record.energy(M, P, **known), H
+    for record, constants in ((kirchhoff, {"C": c, "B": diagonal(b)}), (clebsch_general, own)):
+        yield from zip(record.flow(M, P, **constants), rates, strict=True)
+        yield record.energy(M, P, **constants), H
     pair = lam * diagonal(a) + M + outer(P) / lam, lam * diagonal(b) + Omega
     yield from zip(clebsch_general.lax(M, P, a=a, lam=lam, **own), pair, strict=True)
 
@@ -217,15 +217,15 @@ def record_kirchhoff(M: Skew, P: Vector, a: Diagonal, b: Vector, lam: Lam) -> Si
 @stated("record-clebsch", "Section 7: (Clebsch spec), its H, L and U+; (dClebsch spec), L_k, V_k")
 def record_clebsch(M: Skew, P: Unit, b: Diagonal, e: Eps, lam: Lam) -> Sides:
     """flow, energy, step and both Lax pairs of the record, |P| = 1"""
-    one, B = identity(len(b)), diagonal(b)
+    unit, B = identity(len(b)), diagonal(b)
     yield from zip(clebsch.flow(M, P, b=b), (_wedge(P, b * P), -(M @ P)), strict=True)
     yield clebsch.energy(M, P, b=b), _pairs(M, M) / 2 - (b * P * P).sum() / 2
     yield from zip(clebsch.lax(M, P, b=b, lam=lam), (lam * B + M + outer(P) / lam, lam * B + M), strict=True)
     M1, P1 = clebsch.MAP.step(M, P, b=b, eps=e)
-    S, divisor = one + e * e / 4 * B, 1 + e * e / 4 * (b * P * P).sum()
+    S, divisor = unit + e * e / 4 * B, 1 + e * e / 4 * (b * P * P).sum()
     yield M1, M + e / divisor * _wedge(P, b * P)
     yield P1 + e / 2 * (M1 @ P1), P - e / 2 * (M1 @ P)
-    script = (one + e / 2 * M) @ outer(P) @ (one - e / 2 * M)
+    script = (unit + e / 2 * M) @ outer(P) @ (unit - e / 2 * M)
     yield S @ clebsch.lax_matrix(M, P, b=b, lam=lam, eps=e), lam * B + M + script / lam
     V = clebsch.conjugator(M, P, b=b, lam=lam, eps=e)
     yield from _cayley_of(-e / (2 * lam * divisor) * outer(P) @ S, V)  # of V_k^-1

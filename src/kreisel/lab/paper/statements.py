@@ -123,7 +123,7 @@ def stated_laws(
         for (name, place), (text, listed) in table[system].items():
             names = tuple(listed.split())
             kinds = [laws.LAWS[law].numbers(record) for law in names]
-            numbers = tuple(kind for kind in ("exact", "float") if all(kind in known for known in kinds))
+            numbers = tuple(kind for kind in ("exact", "float") if all(kind in constants for constants in kinds))
             sides = partial(by_laws, system=record, names=names)
             STATEMENTS[name] = Statement(name, place, text, sides, None, numbers, sizes, by_laws=names)
 
@@ -178,12 +178,12 @@ def chosen(name: str | None) -> list[Statement]:
         return list(STATEMENTS.values())
     if name in STATEMENTS:
         return [STATEMENTS[name]]
-    found = [s for s in STATEMENTS.values() if s.name.startswith(name)]
-    if not found:
+    result = [s for s in STATEMENTS.values() if s.name.startswith(name)]
+    if not result:
         raise InputError(
             f"No statement is called {shown(name)}.{hint(name, STATEMENTS)} `kreisel verify --list` names them all."
         )
-    return found
+    return result
 
 
 def verify(name: str | None = None, dimensions: Iterable[int] = DIMENSIONS, seed: int = 0) -> Iterator[StatementResult]:

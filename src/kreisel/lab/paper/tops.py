@@ -366,9 +366,9 @@ printed_law("theorem-6.2", TOP, "discrete-lax-equation", lax=printed_lax)
 def rest_lax_polynomial(m: Skew, a: Unit, p: Vector, e: Eps, lam: Lam) -> Sides:
     """(I + eps/2 u) l_(k+1) (I - eps/2 u) = (I - eps/2 u) l_k (I + eps/2 u); with |a| = 1 as printed"""
     m1, a1 = lagrange_top.MAP.step(m, a, p=p, eps=e)
-    u, one = border(0 * m, lam * a), identity(len(a) + 1)
+    u, unit = border(0 * m, lam * a), identity(len(a) + 1)
     old, new = (printed_lax(*z, p=p, lam=lam, eps=e) for z in ((m, a), (m1, a1)))
-    yield (one + e / 2 * u) @ new @ (one - e / 2 * u), (one - e / 2 * u) @ old @ (one + e / 2 * u)
+    yield (unit + e / 2 * u) @ new @ (unit - e / 2 * u), (unit - e / 2 * u) @ old @ (unit + e / 2 * u)
 
 
 @stated("integrals-differ", "Section 6.1, after Theorem 6.2", numbers=("exact",))

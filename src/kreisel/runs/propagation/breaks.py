@@ -307,5 +307,5 @@ def not_conserved(plan: Plan) -> frozenset[str]:
 
 def _observed(plan: Plan, z: Floats) -> dict[str, Floats]:
     parts = algebra.restore(z[None], plan.kinds, plan.model.n)
-    found = plan.scheme.observe(parts, **plan.scheme.known)
-    return found if plan.scheme.coupling is None else plan.scheme.coupling.together(found, parts)
+    result = plan.scheme.observe(parts, **plan.scheme.known)
+    return result if plan.scheme.coupling is None else plan.scheme.coupling.together(result, parts)

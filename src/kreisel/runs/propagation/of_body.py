@@ -173,8 +173,8 @@ class BodyPropagator:
             return quantity(self._returned(x, state))
 
         begun, last = self._time(time, "time"), self._time(end, "end")
-        found = self._motion.until(self._given(state), measure, last, time=begun, rising=rising)
-        return Crossing(self._returned(found.state, state), found.time * self._frame.time_unit, found.crossed)
+        result = self._motion.until(self._given(state), measure, last, time=begun, rising=rising)
+        return Crossing(self._returned(result.state, state), result.time * self._frame.time_unit, result.crossed)
 
     def __reduce__(self) -> Any:  # kernels keep their addresses
         return BodyPropagator, (self._body, self._motion)

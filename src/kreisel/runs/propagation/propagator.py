@@ -116,8 +116,10 @@ class Propagator:
             if y is not None:
                 return y if plain else self._forms.returned(y[None], state, batched)
         x, batched = self._forms.given(state) if plain else (x, batched)
-        found = stepper.by_a_plan(x, count, between) if self._by_plan else stepper.steps(x, count, between, time, given)
-        return self._forms.returned(found, state, batched)
+        result = (
+            stepper.by_a_plan(x, count, between) if self._by_plan else stepper.steps(x, count, between, time, given)
+        )
+        return self._forms.returned(result, state, batched)
 
     def _with(self, parameters: Mapping[str, Any]) -> tuple[Stepper, Mapping[str, Array]]:
         """The stepper for calls with these parameters, and their values.  Raises `InputError`."""
@@ -166,8 +168,8 @@ class Propagator:
                 return y if plain else self._forms.returned(y[None], state, batched)
         wanted = wanted_times(times)
         x, batched = self._forms.given(state) if plain else (x, batched)
-        found = self._stepper.at(x, wanted if wanted.ndim else wanted[None])
-        return self._forms.returned(found if wanted.ndim else found[0], state, batched)
+        result = self._stepper.at(x, wanted if wanted.ndim else wanted[None])
+        return self._forms.returned(result if wanted.ndim else result[0], state, batched)
 
     @explained
     def to(self, state: Any, times: Any, time: float = 0.0, **parameters: Any) -> Any:

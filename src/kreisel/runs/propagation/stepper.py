@@ -55,8 +55,8 @@ class Stepper:
     given  the parameters that every call has, by name
     """
 
-    def __init__(self, model: Model, scheme: Scheme, settings: Settings, given: tuple[str, ...] = ()):
-        scheme = _unfolded(scheme, given)
+    def __init__(self, model: Model, scheme: Scheme, settings: Settings, parameters: tuple[str, ...] = ()):
+        scheme = _unfolded(scheme, parameters)
         self.model, self.scheme, self.settings, self.dt = model, scheme, settings, settings.dt
         self.forms = StateForms(model, scheme, settings)
         record = model.system.perturbation
@@ -79,7 +79,7 @@ class Stepper:
     # -- steps -----------------------------------------------------------------------------------------
 
     def steps(
-        self, x: Floats, count: int, every: int | None, time: float | None, given: Mapping[str, Array] = NONE
+        self, x: Floats, count: int, every: int | None, time: float | None, parameters: Mapping[str, Array] = NONE
     ) -> Floats:
         """The states (lanes, entries) after `count` steps from x; with `every`, rows of the steps 0, every, ..."""
         if self._set_up:
@@ -90,12 +90,14 @@ class Stepper:
         if self.timed or time is not None:
             z = self._at_time(z, time)
         back, ahead = self._back, self._out
-        if given and self.scheme.corrector is not None:
-            back, ahead = corrections(replace(self.scheme, constants={**self.scheme.constants, **given}))
-        rows = self._rows(back(z[None])[0], count, every or count, self.scheme, given)
+        if parameters and self.scheme.corrector is not None:
+            back, ahead = corrections(replace(self.scheme, constants={**self.scheme.constants, **parameters}))
+        rows = self._rows(back(z[None])[0], count, every or count, self.scheme, parameters)
         return self.forms.observed(ahead(rows)) if every else self.forms.observed(ahead(rows[1:]))[0]
 
-    def steps_at_once(self, x: Floats, count: int, time: float | None, given: Mapping[str, Array]) -> Floats | None:
+    def steps_at_once(
+        self, x: Floats, count: int, time: float | None, parameters: Mapping[str, Array]
+    ) -> Floats | None:
         """The state (entries,) after `count` steps from x (size,), by one call; None if only `steps` can tell it."""
         if self._courses is None or self.timed != (time is not None):
             return None
@@ -111,8 +113,8 @@ class Stepper:
                 self._courses = None
                 return None
             course = new
-        for engine in course.engines if given else ():
-            fill(engine.constants, engine.columns, given, self.scheme.axes)
+        for engine in course.engines if parameters else ():
+            fill(engine.constants, engine.columns, parameters, self.scheme.axes)
         sound = course.run(x, count, None if time is None else self._steps_at(time))
         if sound and course.doubtful:
             self._require_sound(course.engine, course.row)
@@ -148,7 +150,7 @@ class Stepper:
         return out if every is not None else out[-1]
 
     def stepped(
-        self, z: Floats, time: float, h: float, count: int, every: int, given: Mapping[str, Array] = NONE
+        self, z: Floats, time: float, h: float, count: int, every: int, parameters: Mapping[str, Array] = NONE
     ) -> Floats:
         """Rows 0, every, ... of `count` steps of length h from z at a time, (rows, lanes, d)."""
         if self.is_flow:
@@ -157,26 +159,30 @@ class Stepper:
         if h != self.dt:
             order = scheme.options.get("order")
             scheme = scheme_of(self.model, scheme.name, h, order, self.forms.oriented, kept=False)
-            scheme = _unfolded(scheme, (*given,))
-        return self._rows(self.at_time(z, time, h), count, every, scheme, given)
+            scheme = _unfolded(scheme, (*parameters,))
+        return self._rows(self.at_time(z, time, h), count, every, scheme, parameters)
 
-    def _rows(self, z: Floats, count: int, every: int, scheme: Scheme, given: Mapping[str, Array] = NONE) -> Floats:
-        engine = self._begun(z, count, every, scheme, given)
+    def _rows(
+        self, z: Floats, count: int, every: int, scheme: Scheme, parameters: Mapping[str, Array] = NONE
+    ) -> Floats:
+        engine = self._begun(z, count, every, scheme, parameters)
         rows = self._advanced(engine, z, count, every)
         self._at_rest[len(z)].append(engine)
         return rows
 
     def _advanced(self, engine: Engine, z: Floats, count: int, every: int) -> Floats:
-        rows, rest = divmod(count, every)
-        out = np.empty((1 + rows + (rest > 0), *z.shape))
+        rows, remainder = divmod(count, every)
+        out = np.empty((1 + rows + (remainder > 0), *z.shape))
         out[0] = z
         engine.advance(out[1 : 1 + rows], every)
-        if rest:
-            engine.advance(out[1 + rows :], rest)
+        if remainder:
+            engine.advance(out[1 + rows :], remainder)
         self._require_sound(engine, out)
         return out
 
-    def _begun(self, z: Floats, steps: int, every: int, scheme: Scheme, given: Mapping[str, Array] = NONE) -> Engine:
+    def _begun(
+        self, z: Floats, steps: int, every: int, scheme: Scheme, parameters: Mapping[str, Array] = NONE
+    ) -> Engine:
         """An engine at the start z with the given parameters: an idle one, or a new one."""
         if scheme.trajectory is not None:
             x0 = algebra.restore(z, scheme.kinds, scheme.n)
@@ -189,9 +195,9 @@ class Stepper:
             engine = None
         if engine is None or not engine.begin(z, scheme, steps):
             engine = self.forms.plan(scheme, z, steps, every).engine
-        if given:
+        if parameters:
             stepped = cast("CpuEngine", engine)
-            fill(stepped.constants, stepped.columns, given, scheme.axes)
+            fill(stepped.constants, stepped.columns, parameters, scheme.axes)
         return engine
 
     def _require_sound(self, engine: Engine, rows: Floats) -> None:
@@ -306,7 +312,7 @@ class Stepper:
         """The state after a single step of length h from z at a time."""
         return self.stepped(z, time, h, 1, 1)[-1] if h > SHORTEST_STEP else z
 
-    def walked(self, z: Floats, time: float, end: float, given: Mapping[str, Array] = NONE) -> Floats:
+    def walked(self, z: Floats, time: float, end: float, parameters: Mapping[str, Array] = NONE) -> Floats:
         """The state at a later time, in equal steps of at most dt."""
         self.require_reach(time, end)
         gap = end - time
@@ -314,10 +320,10 @@ class Stepper:
             return z
         count = self.whole_steps(time, end)
         if count is not None:
-            return self.stepped(z, time, self.dt, count, count, given)[-1]
+            return self.stepped(z, time, self.dt, count, count, parameters)[-1]
         require_no_sample(self.model, time, end)
         count = math.ceil(gap / self.dt)
-        return self.stepped(z, time, gap / count, count, count, given)[-1]
+        return self.stepped(z, time, gap / count, count, count, parameters)[-1]
 
     def whole_steps(self, time: float, end: float) -> int | None:
         """The number of steps of dt between two times, up to their rounding; None if it is not an integer."""
@@ -340,11 +346,11 @@ class Stepper:
         return self.forms.observed(self.at_time(z, time, self.dt)[None])[0]
 
 
-def _unfolded(scheme: Scheme, given: tuple[str, ...]) -> Scheme:
+def _unfolded(scheme: Scheme, parameters: tuple[str, ...]) -> Scheme:
     """The scheme with values for some constants that are not folded into its code."""
-    if not given:
+    if not parameters:
         return scheme
-    constants = {name: np.full(np.shape(scheme.constants[name]), NOT_FOLDED) for name in given}
+    constants = {name: np.full(np.shape(scheme.constants[name]), NOT_FOLDED) for name in parameters}
     return replace(scheme, constants={**scheme.constants, **constants})
 
 
@@ -457,12 +463,12 @@ class Signs:
     def changed(self, values: Floats) -> list[int]:
         """The indices of the quantities whose sign has changed; else the sides become the signs of the values."""
         signs = np.sign(values)
-        found = [
+        result = [
             i for i in np.flatnonzero(self.sides * signs < 0).tolist() if self._rising[i] in (None, bool(signs[i] > 0))
         ]
-        if not found:
+        if not result:
             self.sides = np.where(signs == 0, self.sides, signs)
-        return found
+        return result
 
     def place(self, i: int, z: Floats, time: float, h: float) -> float:
         """The time after z at which a quantity leaves its side, within a step of length h: by Brent's method."""
