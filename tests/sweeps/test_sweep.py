@@ -506,7 +506,7 @@ BAD = [
     ("{ from = 0.5, to = 1.5, count = 4 }", "{ from = 0.5, to = 1.5, count = 1e3 }", "count must be"),
     ("{ from = 0.5, to = 1.5, count = 4 }", "{ from = 0.5, to = [1.5, 2], count = 4 }", "the same shape"),
     ("{ from = 0.5, to = 1.5, count = 4 }", '{ from = -1, to = 1, count = 4, spacing = "log" }', "positive"),
-    ("{ from = 0.5, to = 1.5, count = 4 }", "[]", "list of values"),
+    ("{ from = 0.5, to = 1.5, count = 4 }", "[]", "needs a list or"),
     ("{ from = 0.5, to = 1.5, count = 4 }", "[1, [2]]", "the same shape"),
     ("{ from = 0.5, to = 1.5, count = 4 }", '["a", "b"]', "must be numeric"),
     ("{ from = 0.5, to = 1.5, count = 4 }", "[nan]", "finite"),

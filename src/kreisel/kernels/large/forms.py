@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -21,7 +20,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.reuse import reused
+from kreisel.algebra.reuse import cached_property, reused
 from kreisel.errors import InputError
 from kreisel.graph.arranging import arranged, independent
 from kreisel.graph.graph import IN, Graph, Number, Operand
