@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import os
+import sys
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -189,12 +191,35 @@ def test_what_is_returned_is_not_changed_by_the_next_call(top: Any) -> None:
     assert (x.tobytes(), y.tobytes()) == before
 
 
+def test_other_threads_run_while_many_steps_are_made(top: Any) -> None:
+    """Python never takes its lock from the caller here, so the other thread runs only if the call releases it."""
+    p = kr.propagator(top, method="suris", dt=0.05)
+    x, ticks, end, interval = np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8]), [0], threading.Event(), sys.getswitchinterval()
+
+    def tick() -> None:
+        while not end.wait(1e-4):
+            ticks[0] += 1
+
+    p.steps(x, 10**4)
+    sys.setswitchinterval(60.0)
+    thread = threading.Thread(target=tick)
+    thread.start()
+    try:
+        before = ticks[0]
+        p.steps(x, 10**7)
+        assert ticks[0] > before
+    finally:
+        end.set()
+        sys.setswitchinterval(interval)
+        thread.join()
+
+
 def test_threads_share_a_propagator(top: Any) -> None:
     p = kr.propagator(top, method="baecklund", dt=0.05)
     starts = np.array([0.1, 0.2, 1.5, 0.6, 0.0, 0.8]) + 0.01 * np.arange(40)[:, None]
-    alone = [p.steps(x, 500) for x in starts]
+    alone = [p.steps(x, 3000) for x in starts]
     with ThreadPoolExecutor(8) as pool:
-        together = list(pool.map(lambda x: p.steps(x, 500), starts))
+        together = list(pool.map(lambda x: p.steps(x, 3000), starts))
     assert all((a == b).all() for a, b in zip(alone, together, strict=True))
 
 

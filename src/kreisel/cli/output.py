@@ -69,8 +69,8 @@ def _version(asked: bool) -> None:
 
         import kreisel
 
-        beside = ", ".join(f"{name} {version(name)}" for name in ("numpy", "llvmlite", "xarray", "zarr"))
-        print(f"kreisel {kreisel.__version__} (Python {sys.version.split()[0]}, {beside})")
+        packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "llvmlite", "xarray", "zarr"))
+        print(f"kreisel {kreisel.__version__} (Python {sys.version.split()[0]}, {packages})")
         raise typer.Exit
 
 

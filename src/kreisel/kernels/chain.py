@@ -20,6 +20,7 @@ class Chain:
     """Calls of kernels, and the sum of the entries of some arrays after them, which is finite only if they are.
 
     call     the calls; then `total.value` is the sum
+    long     the calls, while other threads run
     """
 
     def __init__(self, links: Sequence[Link], summed: Sequence[Floats]):
@@ -40,14 +41,18 @@ class Chain:
             f.doubles(memory[place + 2 * len(summed)])[0] = total[0]
 
         self._kernel = kernel(("chain", counts, len(summed)), 1, write)
-        # of types that are not checked, and a lock that is not released: half the time of `Kernel.call`
-        call: Any = ctypes.PYFUNCTYPE(None)(self._kernel.address)
-        call.kernel = self._kernel  # the code lives as long as the call
-        self.call = partial(call, ctypes.c_int64(address_of(self._words)))
 
-    def __call__(self) -> float:
+        def called(kind: Any) -> Any:
+            call = kind(None)(self._kernel.address)  # of types that are not checked
+            call.kernel = self._kernel  # the code lives as long as the call
+            return partial(call, ctypes.c_int64(address_of(self._words)))
+
+        # a short call keeps Python's lock, since to release it takes as long as some steps
+        self.call, self.long = called(ctypes.PYFUNCTYPE), called(ctypes.CFUNCTYPE)
+
+    def __call__(self, long: bool = False) -> float:
         """The sum after the calls."""
-        self.call()
+        (self.long if long else self.call)()
         return self.total.value
 
     def argument(self, link: int, place: int) -> Any:

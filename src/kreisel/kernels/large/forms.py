@@ -117,7 +117,7 @@ class LargeForm:
 
     @property
     def dense(self) -> bool:
-        """Whether the momentum is."""
+        """Whether the momentum is a full matrix: skew, without an axis."""
         return "skew" in self.kinds and not self.axis
 
     def _blocks(self, kind: str) -> str:

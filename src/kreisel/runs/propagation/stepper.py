@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 NONE: Mapping[str, Array] = MappingProxyType({})
 WHOLE_STEPS = 1e-9  # relative
 NOT_FOLDED = 0.5  # neither 0 nor 1
+MANY = 1000  # steps of a call during which other threads run
 AT_REST = 16  # engines kept for the next call, for each number of lanes
 EXACT = 4 * float(np.finfo(float).eps)  # relative, of the time within a step; the least that SciPy accepts
 AT_ZERO = 1e-10  # of the largest value within a step: then the start is the end of the last search
@@ -431,7 +432,7 @@ class Course:
         if projection is not None:
             projection.begin(count)
         counted[0], self.doubtful = count, False
-        sound = math.isfinite(chain())
+        sound = math.isfinite(chain(count > MANY))
         if projection is not None:
             self.doubtful = not max(projection.worst.ravel().tolist()) <= FAR * math.sqrt(projection.every)
         return sound and (self.guard is None or self.row.item(self.guard[0]) <= self.guard[1])
