@@ -10,6 +10,8 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
+import scipy.integrate
+import scipy.linalg
 
 import kreisel as kr
 from kreisel import algebra
@@ -36,6 +38,8 @@ TESTED = {  # label of a formula: the test below
     "gcflow": "test_goryachev_chaplygin_step",
     **dict.fromkeys(("komarov", "komarovcurve"), "test_komarov_curve"),
     "komarovpair": "test_komarov_pair",
+    "komarovsingle": "test_a_single_map_is_poisson",
+    "bound": "test_branch_points_are_beyond_the_bound",
     "gc": "test_goryachev_chaplygin",
 }
 EPS = Fraction(2, 7)
@@ -644,29 +648,27 @@ def test_step_condition(name: str) -> None:
     assert abs(total - flow).max() < 1e-12 * abs(flow).max()
 
 
-@pytest.mark.parametrize("case", ["unequal", "steklov"])
-def test_one_map_is_poisson(case: str) -> None:
-    """J Pi J^T = Pi for a single complex map, by differences in 40 digits; not for a stronger one."""
-    with mpmath.workdps(40):
-        rng = np.random.default_rng(47)
-        model = (
+def _images(case: str, rng: np.random.Generator) -> tuple[int, Any, Any]:
+    """The dimension, the map (x, lam, near, strength) -> x' and Poisson's tensor; `near` holds the eigenvalue."""
+
+    def level(L: Any, near: list[Any]) -> Any:
+        values = mpmath.eig(mpmath.matrix(L.tolist()), left=False, right=False)
+        near[:] = [near[0] if near else values[0]]
+        return _vector(L, min(values, key=lambda v: abs(v - near[0])))
+
+    if case in ("unequal", "steklov"):
+        model: Any = (
             kr.QuadraticPotential(J=(1, 1.6, 2.3))
             if case == "unequal"
             else kr.Rubanovskii(b=(0.3, 0.7, 1.9), s=1, l=1, h=(0, 0, 0))
         )
-        kinds, A, h = model.system.space.kinds, np.diag(_floats(rng, 3)), mpmath.mpf(10) ** -14
-        x, lam = _floats(rng, 9 if case == "unequal" else 6), mpmath.mpc("0.4", "1.3")
-        square = np.array([[mpmath.mpf(i == j) for j in range(3)] for i in range(3)], object)
-        C = square if case == "unequal" else lam * square - A
-        near: list[Any] = []
+        kinds, A, square = model.system.space.kinds, np.diag(_floats(rng, 3)), _square(3)
 
-        def image(x: Any, strength: int) -> Any:
+        def image(x: Any, lam: Any, near: list[Any], strength: int) -> Any:
             M, F = algebra.restore(x, kinds, 3)
+            C = square if case == "unequal" else lam * square - A
             L = lam * A + M + F / lam if case == "unequal" else M - (A @ F + F @ A) / 2 + lam * F
-            ratio = mpmath.inverse(mpmath.matrix(C.tolist())) * mpmath.matrix(L.tolist())
-            values = mpmath.eig(ratio, left=False, right=False)
-            near.append(values[0] if not near else min(values, key=lambda v: abs(v - near[0])))
-            q = _vector(np.array(ratio.tolist(), dtype=object), near[-1])
+            q = level(_inverse(C) @ L, near)
             P = np.outer(q, q) / sum(q * q)
             R = square - 2 * P
             if case == "unequal":
@@ -675,15 +677,162 @@ def test_one_map_is_poisson(case: str) -> None:
             M0 = R @ (M - (A @ F + F @ A) / 2) @ R + W.T @ F @ R + R @ F @ W
             return algebra.flatten((M0 + (A @ F1 + F1 @ A) / 2, F1), kinds)
 
-        def tensor(x: Any) -> Any:
-            return model.call(model.system.space.tensor, *algebra.restore(x, kinds, 3))
+        size = 9 if case == "unequal" else 6
+        return size, image, lambda x: model.call(model.system.space.tensor, *algebra.restore(x, kinds, 3))
 
+    if case == "top":  # so(3) x so(2) and two fields, N free: Gamma = N + E^T M E is not 0
+
+        def parts(x: Any) -> tuple[Any, Any, Any]:
+            return algebra.hat(x[:3]), x[3] * J, x[4:].reshape(3, 2)
+
+        def packed(M: Any, N: Any, F: Any) -> Any:
+            return np.array([M[2, 1], M[0, 2], M[1, 0], N[0, 1], *F.ravel()], dtype=object)
+
+        def moved(x: Any, lam: Any, near: list[Any], strength: int) -> Any:
+            M, N, F = parts(x)
+            v = level(_lax(M, N, F, lam), near)
+            x1, y1, E, norm = v[:3], v[3:], _square(3)[:, :2], sum(v[3:] * v[3:])
+            left, right = (np.outer(w, z) / norm for w, z in ((E @ y1, x1), (E.T @ x1, y1)))
+            M, N = M + 2 * strength * lam * (left - left.T), N + 2 * strength * lam * (right - right.T)
+            first, second = (_square(len(w)) - 2 * np.outer(w, w) / norm for w in (x1, y1))
+            return packed(M, N, first @ F @ second)
+
+        def bracket(x: Any) -> Any:  # M' = [M, U], N' = [N, V], F' = F V - U F for the linear Hamiltonians of U and V
+            M, N, F = parts(x)
+            out = np.zeros((10, 10), dtype=object)
+            for i, axis in enumerate(_square(10)[:4]):
+                U, V, _ = parts(axis)
+                out[:, i] = packed(M @ U - U @ M, N @ V - V @ N, F @ V - U @ F)
+            out[:4, 4:] = -out[4:, :4].T
+            return out
+
+        return 10, moved, bracket
+
+    places = [(0, 1), (0, 2), (1, 2), (0, 5), (1, 5), (2, 5), (3, 4), (3, 6), (4, 6)]  # even under J
+    _, weights, S = _komarov(_floats(rng, 3), _floats(rng, 3), mpmath.mpf("-0.4"), mpmath.mpf("0.6"), 1, 1)
+
+    def full(x: Any) -> Any:
+        m = np.zeros((7, 7), dtype=object)
+        for value, (i, k) in zip(x, places, strict=True):
+            m[i, k], m[k, i] = value, -value
+        return m
+
+    def single(x: Any, lam: Any, near: list[Any], strength: int) -> Any:
+        q = level(_inverse(S) @ (lam * weights + full(x)), near)
+        Jq = q * np.array([1, 1, 1, -1, -1, 1, -1])
+        T = (np.outer(q, q) - np.outer(Jq, Jq)) @ S / (q @ S @ q)
+        new = full(x) + 2 * strength * lam * (weights @ T - T.T @ weights)
+        return np.array([new[place] for place in places], dtype=object)
+
+    def manakov(x: Any) -> Any:
+        m = full(x)
+        return np.array(
+            [
+                [m[a, d] * S[b, c] - m[c, b] * S[d, a] - m[a, c] * S[b, d] + m[d, b] * S[c, a] for c, d in places]
+                for a, b in places
+            ],
+            dtype=object,
+        )
+
+    return 9, single, manakov
+
+
+def _square(n: int) -> Any:
+    return np.array([[mpmath.mpf(i == j) for j in range(n)] for i in range(n)], object)
+
+
+def _inverse(A: Any) -> Any:
+    return np.array(mpmath.inverse(mpmath.matrix(A.tolist())).tolist(), dtype=object)
+
+
+@pytest.mark.parametrize("case", ["unequal", "steklov", "top", "komarov"])
+def test_a_single_map_is_poisson(case: str) -> None:
+    """J Pi J^T = Pi for a single complex map, by differences in 40 digits; not for a stronger one."""
+    with mpmath.workdps(40):
+        size, image, tensor = _images(case, rng := np.random.default_rng(47))
+        x, lam, h, near = _floats(rng, size), mpmath.mpc("0.4", "1.3"), mpmath.mpf(10) ** -14, list[Any]()
         for strength in (1, 2):
-            new = image(x, strength)
-            steps = [h * np.array([mpmath.mpf(i == j) for j in range(len(x))], object) for i in range(len(x))]
-            J = np.stack([(image(x + e, strength) - image(x - e, strength)) / (2 * h) for e in steps], -1)
-            miss = abs(J @ tensor(x) @ J.T - tensor(new)).max()
+            new = image(x, lam, near, strength)
+            ends = ([image(x + s * e, lam, near, strength) for s in (1, -1)] for e in h * _square(size))
+            slope = np.stack([(forward - back) / (2 * h) for forward, back in ends], -1)
+            miss = abs(slope @ tensor(x) @ slope.T - tensor(new)).max()
             assert (miss < 1e-20) == (strength == 1)
+
+
+@pytest.mark.parametrize("field", ["none", "rank one"])
+def test_pairs_make_steps_for_n_6(field: str) -> None:
+    """Fields of pairs on the axis span half of a leaf, and so many pairs are the flow; not at points 1 + 1e-6 times."""
+    n, h, rng = 6, 0.02, np.random.default_rng(3)
+    a = np.linspace(0.5, 2, n)
+    A, c = np.diag(a), 1 / np.add.outer(np.sqrt(a), np.sqrt(a))  # Omega = c M for B = sqrt(A)
+    M, P = algebra.skew(rng.normal(size=15), n), rng.normal(size=n) * (field != "none")
+    F, nodes, weights = np.outer(P, P), *np.polynomial.legendre.leggauss(16)
+
+    def level(M: Any, F: Any, lam: Any, near: Any) -> tuple[Any, Any, Any]:
+        values, vectors = np.linalg.eig(lam * A + M + F / lam)
+        k = abs(values - near).argmin()
+        q, p = vectors[:, k], np.linalg.inv(vectors)[k]
+        Pi = np.outer(q, p)
+        Omega = -2 / lam * (Pi - Pi.T)
+        change = (-2 * ((Pi + Pi.T) @ A - A @ (Pi + Pi.T)), F @ Omega - Omega @ F)
+        return values[k], np.concatenate([v.ravel() for v in change]), q
+
+    axis = [(y, mu) for y in np.geomspace(0.4, 6, 8) for mu in np.linalg.eigvals(1j * y * A + M + F / (1j * y))]
+    fields = np.stack([level(M, F, 1j * y, mu)[1].real for y, mu in axis], -1)
+    fields = fields / np.linalg.norm(fields, axis=0)
+    count = 6 if field == "none" else 9
+    assert np.linalg.matrix_rank(fields, 1e-9) == count
+    chosen = scipy.linalg.qr(fields, mode="r", pivoting=True)[1][:count]
+
+    def rate(t: float, z: Any) -> Any:
+        M, F = z.reshape(2, n, n)
+        B = np.diag(np.sqrt(a))
+        return np.concatenate([v.ravel() for v in (M @ (c * M) - c * M @ M + F @ B - B @ F, F @ (c * M) - c * M @ F)])
+
+    start = np.concatenate([M.ravel(), F.ravel()])
+    x, ends = np.zeros(count), np.zeros(count, complex)
+    for _ in range(8):  # Newton's method for (conditions)
+        total, slopes = -h * rate(0.0, start), np.empty((len(start), count))
+        for j, (y, near) in enumerate(axis[i] for i in chosen):
+            for node, weight in zip(nodes, weights, strict=True):
+                near, v, _ = level(M, F, 1j * y + x[j] * (node + 1) / 2, near)
+                total = total + weight / 2 * x[j] * v.real
+            ends[j], v, _ = level(M, F, 1j * y + x[j], near)
+            slopes[:, j] = v.real
+        x = x - np.linalg.lstsq(slopes, total, rcond=None)[0]
+    truth = scipy.integrate.solve_ivp(rate, (0, h), start, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    for stretch, holds in ((1.0, True), (1 + 1e-6, False)):
+        state = M.astype(complex), F.astype(complex)
+        for j, i in enumerate(chosen):
+            for sign in (1, -1):
+                lam, mu = (v if sign > 0 else v.conjugate() for v in (stretch * x[j] + 1j * axis[i][0], ends[j]))
+                q = level(*state, lam, mu)[2]
+                Q = np.outer(q, q) / (q @ q)
+                R = np.eye(n) - 2 * Q
+                state = state[0] - 2 * lam * (Q @ A - A @ Q), R @ state[1] @ R
+        miss = abs(np.concatenate([v.ravel() for v in state]) - truth).max()
+        assert (miss < 1e-9) == holds
+
+
+def test_branch_points_are_beyond_the_bound() -> None:
+    """Zeros of the discriminant of det(L - mu), n = 3, are beyond (bound); some are not twice as far."""
+    rng, near = np.random.default_rng(59), list[float]()
+    for _ in range(60):
+        M, P, a, y = *rng.normal(size=(3, 3)), 10 ** rng.uniform(-1, 1)
+        A, M, F = np.diag(a), algebra.hat(M), np.outer(P, P) + np.diag(rng.normal(size=3))
+        # lam^6 times the discriminant is a polynomial of degree 12 in lam: from its values at 13 roots of 1
+        circle = np.exp(2j * np.pi * np.arange(13) / 13)
+        levels = (np.linalg.eigvals(lam * A + M + F / lam) for lam in circle)
+        values = circle**6 * [np.prod(np.subtract.outer(mu, mu)[np.triu_indices(3, 1)] ** 2) for mu in levels]
+        branches = np.roots((np.fft.fft(values) / 13)[::-1])
+        half = [np.ptp(np.linalg.eigvalsh(X)) / 2 for X in (A, F)]
+        gap = (
+            np.diff(np.linalg.eigvalsh(y * A - 1j * M - F / y)).min() / 2
+        )  # a r + f r/(y (y - r)) = gap: a quadratic equation
+        roots = np.roots([-half[0] * y, half[0] * y * y + half[1] + gap * y, -gap * y * y])
+        radius = min(r.real for r in roots if 0 < r.real < y)
+        near.append(abs(branches - 1j * y).min() / radius)
+    assert 1 <= min(near) < 2
 
 
 def test_r_matrix() -> None:
