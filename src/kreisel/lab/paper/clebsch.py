@@ -152,7 +152,7 @@ printed_law("theorem-7.1-lax", CLEBSCH, "discrete-lax-equation", lax=printed_pen
     "clebsch-completeness",
     'Section 7, Theorem 7.1, "completely integrable"',
     printed={"distinct": False},
-    numbers=("exact",),
+    ranks=True,
 )
 def clebsch_completeness(s: Setting, b: Diagonal, M: Skew, P: Unit, distinct: bool = True) -> Sides:
     """det(L_k(lambda) - mu) has half the dimension of the leaf, 2, 4, 6, 9 for n = 3...6, for distinct b; not if three coincide (E17)"""
@@ -167,7 +167,7 @@ def clebsch_completeness(s: Setting, b: Diagonal, M: Skew, P: Unit, distinct: bo
     yield calculus.rank_on_leaf(CLEBSCH, (M, P), [coefficients]), calculus.HALF_LEAF[s.n]
 
 
-@stated("clebsch-two-maps", "Conclusion, last remark", numbers=("exact",))
+@stated("clebsch-two-maps", "Conclusion, last remark", ranks=True)
 def clebsch_two_maps(s: Setting, M: Skew, P: Vector, J: Diagonal, e: Eps) -> Sides:
     """both discretized flows have the Lax matrix with A = J^2, but the maps have different integrals: the rank of both is the dimension of the leaf, 4, 8, 12, 18, of each half of it"""
     body, c = {"b": J * J}, 1 / (J[:, None] + J)
@@ -283,7 +283,7 @@ def leaf_point(s: Setting) -> tuple[Array, Array]:
 Leaf = Annotated[Any, leaf_point]
 
 
-@stated("neumann-leaf", "Section 7, end, the smallest leaf", printed={"codimension": 0}, numbers=("exact",))
+@stated("neumann-leaf", "Section 7, end, the smallest leaf", printed={"codimension": 0}, ranks=True)
 def neumann_leaf(z: Leaf, codimension: int = 2) -> Sides:
     """at M = x ^ q, P = x the bracket has rank 2(n - 1) (printed 2n, E6)"""
     x, q = z

@@ -116,7 +116,7 @@ def field_theorem(s: Setting, eps: Eps, nu: Lam, mu: Scalar) -> Sides:
         yield left @ U @ block_pencil(M, F, B, eps, nu, mu) @ V @ right, block_pencil(after, field, B, eps, nu, mu)
 
 
-@stated("field-pairs", FIELDS, dimensions=(3, 4), numbers=("exact",))
+@stated("field-pairs", FIELDS, dimensions=(3, 4))
 def field_pairs(s: Setting, eps: Eps) -> Sides:
     """an automorphism with M even, F and B odd is kept by the step: so(p) x so(q), u(p) x u(q), sp(p) x sp(q), so(n) x so(n) (Ratiu), u(n) with complex symmetric fields (sp(2n, R)) and with complex skew fields (so*(2n))"""
     for pair in PAIRS:
@@ -130,7 +130,7 @@ def field_pairs(s: Setting, eps: Eps) -> Sides:
         yield g @ field @ g.T, -field
 
 
-@stated("field-reductions", FIELDS, dimensions=(3,), numbers=("exact",))
+@stated("field-reductions", FIELDS, dimensions=(3,), ranks=True)
 def field_reductions(s: Setting, b: Diagonal) -> Sides:
     """with each b_i twice, or four times, the map of quadratic-field keeps complex, or quaternionic, M and F: these are u(n) with Hermitian fields and sp(n) with quaternionic ones; on u(n) energy and spectrum have the rank n (n - 1), half the dimension of a leaf"""
     field = quadratic_field
@@ -229,7 +229,7 @@ def komarov_square(M: Skew, P: Vector, kappa: Scalar, beta: Scalar, c: Scalar) -
     yield (root.re * root.re + root.im * root.im) / 4, square
 
 
-@stated("field-ranks", FIELDS, dimensions=(3, 4, 5), numbers=("exact",))
+@stated("field-ranks", FIELDS, dimensions=(3, 4, 5), ranks=True)
 def field_ranks(s: Setting) -> Sides:
     """energy and spectrum of the maps have on a leaf the rank n (n - 1)/2 in a quadratic field, half its dimension; 2 n - 3 for Kovalevskaya's tops and gyrostats, half of it for n = 3, 4; n - 1 for Lagrange's and 2, 4, 7 for Ratiu's"""
     ranks = {

@@ -28,6 +28,7 @@ class Statement:
     """Name, place and text of a statement, its two sides, and for an erratum, which the text names, the printed form.
 
     `numbers` are the kinds in which it is tested; the printed form must fail for each n of `misprinted`, and hold for others.
+    `ranks`: its sides are ranks of differentials.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Statement:
     dimensions: tuple[int, ...] = DIMENSIONS
     misprinted: tuple[int, ...] = DIMENSIONS
     by_laws: tuple[str, ...] = ()
+    ranks: bool = False
 
     @property
     def erratum(self) -> str:
@@ -62,7 +64,7 @@ class StatementResult:
         """The quantities that are compared, in words."""
         if self.statement.by_laws:
             return "laws " + ", ".join(self.statement.by_laws)
-        return "ranks of differentials" if "float" not in self.statement.numbers else "both sides"
+        return "ranks of differentials" if self.statement.ranks else "both sides"
 
     @property
     def verdict(self) -> str:
@@ -90,11 +92,14 @@ def drawn(function: Callable[..., Sides], **more: Any) -> SidesOf:
     return sides
 
 
-def stated(name: str, place: str, printed: Mapping[str, Any] | None = None, **more: Any) -> Decorator:
+def stated(
+    name: str, place: str, printed: Mapping[str, Any] | None = None, ranks: bool = False, **more: Any
+) -> Decorator:
     """Register the decorated function as a statement, which its docstring states.
 
-    `printed` are the arguments with which the function gives the printed form instead: it must fail.
+    `printed` are the arguments with which the function gives the printed form instead: it must fail.  Ranks are exact.
     """
+    more = {"ranks": ranks, **({"numbers": ("exact",)} if ranks else {}), **more}
 
     def register(sides: Callable[..., Sides]) -> Callable[..., Sides]:
         if name in STATEMENTS:

@@ -371,7 +371,7 @@ def rest_lax_polynomial(m: Skew, a: Unit, p: Vector, e: Eps, lam: Lam) -> Sides:
     yield (unit + e / 2 * u) @ new @ (unit - e / 2 * u), (unit - e / 2 * u) @ old @ (unit + e / 2 * u)
 
 
-@stated("integrals-differ", "Section 6.1, after Theorem 6.2", numbers=("exact",))
+@stated("integrals-differ", "Section 6.1, after Theorem 6.2", ranks=True)
 def integrals_differ(s: Setting, m: Skew, a: Vector, p: Vector, e: Eps) -> Sides:
     """the integrals are those of the flow with b for a, and do not coincide with them: the rank of both is 3, 5, 6, 8 on the leaf, of each 2, 3, 4, 5"""
     b = lagrange_top.shifted(m, a, p=p, eps=e)
@@ -385,7 +385,7 @@ def integrals_differ(s: Setting, m: Skew, a: Vector, p: Vector, e: Eps) -> Sides
     "rest-completeness",
     "Section 6.1, after Theorem 6.2",
     printed={"ranks": calculus.HALF_LEAF},
-    numbers=("exact",),
+    ranks=True,
     misprinted=(4, 5, 6),
 )
 def rest_completeness(s: Setting, ranks: dict[int, int] = calculus.SPECTRAL_RANK) -> Sides:
@@ -492,7 +492,7 @@ def printed_conjugator(M: Array, P: Array, *, A: Array, alpha: Any, lam: Any, ep
 printed_law("theorem-6.4", MOVING, "discrete-lax-equation", conjugator=printed_conjugator)
 
 
-@stated("moving-completeness", 'Section 6.2, Theorem 6.3, "complete"', numbers=("exact",))
+@stated("moving-completeness", 'Section 6.2, Theorem 6.3, "complete"', ranks=True)
 def moving_completeness(s: Setting) -> Sides:
     """rank on the leaf as in the rest frame: complete only with Pi M Pi for n > 3 (E12)"""
     case = s.case(MOVING)
