@@ -174,6 +174,20 @@ def test_regular_orbits_are_not_called_chaotic() -> None:
         assert abs(found.exponents.sum()) < 1e-6
 
 
+def test_gali_of_a_regular_orbit_falls_by_known_powers() -> None:
+    """On a torus of N = 2 dimensions in 4 GALI_j is constant for j <= N, t^(-2 (j - N)) beyond (Skokos 2007)."""
+    twist = Subject("twist", lambda x: array(x[0] + x[1], x[1], x[2] + x[3], x[3]), ("q", "p", "r", "s"), start=None)
+    first, last = (dynamics.dynamics(twist, np.zeros(4), steps).gali for steps in (2000, 16_000))
+    assert np.allclose(np.log(first / last) / np.log(8), [0, 2, 4], atol=0.01) and first[0] > 0.1
+
+
+def test_gali_of_a_hyperbolic_orbit_falls_by_its_exponents() -> None:
+    """Like exp(-k sum_i (s_1 - s_i)): here the exponents are s, 0, -s with s = log(51/50)."""
+    saddle = Subject("saddle", lambda x: array(F(51, 50) * x[0], x[1], F(50, 51) * x[2]), ("x", "y", "z"), start=None)
+    first, last = (dynamics.dynamics(saddle, np.zeros(3), steps).gali for steps in (1000, 1100))
+    assert np.allclose(np.log(first / last) / (100 * math.log(1.02)), [1, 3], atol=1e-3)
+
+
 def test_an_orbit_that_escapes_is_named() -> None:
     with pytest.raises(kr.RunError, match="escapes"):
         dynamics.dynamics(plane(area), np.array([3.0, 3.0]), 2000)
