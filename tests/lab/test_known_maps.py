@@ -18,6 +18,7 @@ from support import ROOT, docs_tool
 
 known_maps = docs_tool("known_maps")
 SLOWER = ("Lyness, a = 2", "asymmetric QRT", "QRT, multiplicative", "Kahan, Lotka and Volterra", "Kahan, Lorenz")
+SLOWER += ("Kovalevskaya", "Kovalevskaya, a neighbour")
 QUICK = [known for known in known_maps.MAPS if known.name not in SLOWER]
 
 
