@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from fractions import Fraction
@@ -973,3 +974,31 @@ def test_the_table_of_degrees() -> None:
         assert (neighbours == []) == (neighbour is None)
         if neighbour is not None:
             assert list(growth.degrees(subject(neighbour, names=names), len(neighbours) - 1)) == neighbours
+
+
+MEASURED = {  # first words of a row: those of a system in the results of the benchmark
+    "Clebsch": "clebsch-general",
+    "Manakov": "manakov-top",
+    "Brun": "quadratic-potential",
+    "Kovalevskaya &": "kovalevskaya-top-e3",
+    "Kovalevskaya, two": "kovalevskaya-gyrostat",
+    "Komarov": "komarov(kappa=-0.4",
+    "Rubanovskii": "rubanovskii",
+    "Steklov": "steklov-lyapunov",
+    "Goryachev": "goryachev-chaplygin",
+}
+
+
+def test_the_table_of_exact_steps_is_that_of_the_benchmark() -> None:
+    text = (ROOT / "paper" / "maps.tex").read_text(encoding="utf-8")
+    results = json.loads((ROOT / "benchmarks" / "results" / "exact_pairs.json").read_text(encoding="utf-8"))["rows"]
+    table = text[text.index("\\label{tab:exact}") :]
+    lines = [line for line in table[: table.index("\\bottomrule")].splitlines() if line.count("&") == 5][1:]
+    assert len(lines) == len(MEASURED)
+    for line in lines:
+        name = next(v for k, v in MEASURED.items() if line.startswith(k))
+        row = next(row for row in results if row["system"].startswith(name))
+        _, pairs, *values = line.rstrip("\\").split("&")
+        printed = [float(v.strip(" $").replace("\\cdot10^{", "e").rstrip("}")) for v in values]
+        assert "one map" in pairs or int(pairs) == row["pairs"]
+        assert printed == pytest.approx([row[key] for key in ("error", "ulps", "a step", "ns")], rel=0.03)
