@@ -51,7 +51,7 @@ def carried(folder: Path, text: str = SWEEP, count: int = 0, **more: Any) -> Pat
     folder.mkdir(exist_ok=True)
     (folder / "sweep.toml").write_text(text)
     description, file, path = read_sweep(folder / "sweep.toml")
-    return carry_out(description, folder / path, file=file, workers=count, progress=False, **more).path
+    return carry_out(description, folder / path, source=file, workers=count, progress=False, **more).path
 
 
 @pytest.fixture(scope="module")

@@ -16,11 +16,12 @@ from kreisel.files import place, shallow
 from kreisel.physical import Ensemble, FreeBody
 from kreisel.physical.tables import Reader
 from kreisel.record.body import Body
+from kreisel.record.contract import System
 from kreisel.record.model import Model, State
 from kreisel.runs.in_si import scaled_settings
 from kreisel.runs.operations import executed, load_system
 from kreisel.runs.settings import Settings
-from kreisel.sweeps.ensemble import by_lane, of_scaled_system
+from kreisel.sweeps.ensemble import by_lane, of_scaled_system, user_defined
 
 SWEEP = ("grid", "list", "random", "draws", "rng", "save", "block", "memory")
 VARIED = ("body", "state", "system", "run")
@@ -100,8 +101,8 @@ def _load(path: Path) -> dict[str, Any]:
         raise InputError(f"{path} is not valid TOML: {error}") from None
 
 
-def read_sweep(path: Path, changes: Sequence[str] = ()) -> tuple[dict[str, Any], Path | None, Path]:
-    """The description of a sweep in a TOML file, the file of a user-defined system, and the output path of the sweep.
+def read_sweep(path: Path, changes: Sequence[str] = ()) -> tuple[dict[str, Any], Path | System | None, Path]:
+    """The description of a sweep in a TOML file, a user-defined system or its file, and the output path of the sweep.
 
     The section [sweep] is checked when the sweep begins.  Raises `InputError`.
     """
@@ -110,7 +111,7 @@ def read_sweep(path: Path, changes: Sequence[str] = ()) -> tuple[dict[str, Any],
 
 def parse_sweep(
     data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()
-) -> tuple[dict[str, Any], Path | None, Path]:
+) -> tuple[dict[str, Any], Path | System | None, Path]:
     """The sweep of a configuration that is already a dict, as by `read_sweep`."""
     faults = Faults()
     tables = _tables(shallow(data, source), (*SECTIONS, "sweep"), faults)
@@ -124,19 +125,22 @@ def parse_sweep(
     if "figure" in tables["output"]:
         faults.add("a sweep draws no figure; leave figure out of [output].")
     path = _output_path(tables["output"], "path", faults)
-    description, file = {k: dict(tables[k]) for k in ("state", "run", "sweep")}, None
+    description = {k: dict(tables[k]) for k in ("state", "run", "sweep")}
+    code: Path | System | None = None
     if "body" in tables:
         subject = _body(tables, folder, faults)
         if subject.model is not None and not faults.messages:
-            description |= _described(subject, tables, folder)
+            sections, model = _described(subject, tables, folder)
+            description |= sections
+            code = user_defined(model, description)
     else:
-        _, file, description["system"] = _system(tables["system"], folder, faults)
+        _, code, description["system"] = _system(tables["system"], folder, faults)
     faults.report(source)
-    return description, file, path
+    return description, code, path
 
 
-def _described(subject: Subject, tables: Mapping[str, Mapping[str, Any]], folder: Path) -> dict[str, Any]:
-    """The sections of a sweep that begins from a body, in the form of its system."""
+def _described(subject: Subject, tables: Mapping[str, Mapping[str, Any]], folder: Path) -> tuple[dict[str, Any], Model]:
+    """The sections of a sweep that begins from a body, in the form of its system, and the model of all lanes."""
     model, state, run = subject.model, subject.state, tables["run"]
     assert model is not None and state is not None and subject.body is not None
     if not of_scaled_system(model, tables["sweep"]):
@@ -159,7 +163,7 @@ def _described(subject: Subject, tables: Mapping[str, Mapping[str, Any]], folder
     frame = {} if model.body_frame is None else {"body": model.body_frame.table}
     start = {**state.axial, **({} if state.orientation is None else {"orientation": state.orientation})}
     system = {"name": model.system.name, **model.params}
-    return {**frame, "system": system, "state": start, "run": scaled_settings(model, run)}
+    return {**frame, "system": system, "state": start, "run": scaled_settings(model, run)}, model
 
 
 def parse(data: Mapping[str, Any], source: str = "the configuration", folder: Path = Path()) -> Config:

@@ -162,12 +162,12 @@ def sweep(
     from kreisel.sweeps.lanes import broken_lanes
     from kreisel.sweeps.sweep import carry_out, failures
 
-    description, file, path = read_sweep(config, changes or ())
-    report = carry_out(description, path, file=file, workers=workers, scheduler=scheduler, overwrite=overwrite)
+    description, source, path = read_sweep(config, changes or ())
+    report = carry_out(description, path, source=source, workers=workers, scheduler=scheduler, overwrite=overwrite)
     result = open_lanes(report.path)
     worst = {str(k): float(v.max()) for k, v in result.data_vars.items() if v.attrs.get("kind") == "drift"}
     largest = {name: output.finite(value) for name, value in worst.items() if name.endswith("_drift")}
-    lost = broken_lanes(result, file)
+    lost = broken_lanes(result, source)
     summary = {
         "archive": str(path),
         "lanes": report.lanes,

@@ -138,10 +138,9 @@ class Control:
         for name, values in self.noise.items():
             if name not in arguments:
                 raise InputError(f"noise: expected sensors of the law, {', '.join(arguments)}, got {shown(name)}.")
-            for word, meaning in ((DEVIATION, "standard deviation"), (BIAS, "bias")):
-                parameters.append(
-                    _parameter(word + name, values[word], f"{meaning} of the sensor {name}, {NOISY[name]}")
-                )
+            for word, letter, meaning in (("std", DEVIATION, "standard deviation"), ("bias", BIAS, "bias")):
+                about = f"{meaning} of the sensor {name}, {NOISY[name]}"
+                parameters.append(_parameter(letter + name, values[word], about))
         for name, value in self.limits.items():
             if name not in commands or value.shape not in ((), (commands[name],)):
                 raise InputError(
@@ -149,7 +148,7 @@ class Control:
                     f"{name}: {shown(value.tolist())}."
                 )
             most = np.broadcast_to(value, commands[name])
-            parameters.append(Parameter(LIMIT + name, "array", f"largest {name}", None, most))
+            parameters.append(Parameter(LIMIT + name, "array", f"largest {name}", None, most, rank=1))
         control = Controller(
             law=self.law,
             arguments=arguments,
@@ -231,4 +230,4 @@ def _noise(name: str, value: Any) -> dict[str, Array]:
     std, bias = (finite_floats(parts[word], NOISY[name], f"{word} of {name}") for word in ("std", "bias"))
     if (std < 0).any():
         raise InputError(f"noise: expected a standard deviation >= 0 for {name}, got {shown(std.tolist())}.")
-    return {DEVIATION: std, BIAS: bias}
+    return {"std": std, "bias": bias}

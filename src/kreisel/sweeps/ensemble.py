@@ -38,11 +38,12 @@ from kreisel.record.body_frame import BodyFrame
 from kreisel.record.contract import System
 from kreisel.record.given import axes_of
 from kreisel.record.model import Model, State
+from kreisel.record.perturbation import WITH_WHEELS
 from kreisel.record.quantities import in_base_units
 from kreisel.runs import harmonics
 from kreisel.runs.in_si import scaled, scaled_settings
 from kreisel.runs.integration import Integration
-from kreisel.runs.operations import load_system
+from kreisel.runs.operations import load_system, operations_of
 from kreisel.runs.plan import Plan
 from kreisel.runs.planning import choices, plan_of, with_choice
 from kreisel.runs.settings import Settings, with_steps
@@ -50,6 +51,7 @@ from kreisel.sweeps.design import GRIDS, Lanes, Varied
 
 TRAJECTORIES = "trajectories"
 CHOSEN = {"chosen_order": "order chosen for the tolerance", "chosen_dt": "step chosen for the tolerance"}
+CODE = ("file", "operations")  # sections with the SHA-256 of a user-defined system, or of its file
 TROUBLES = (InputError, RunError, ArithmeticError, np.linalg.LinAlgError)  # of single lanes
 FEWEST_ROWS = 32  # for a frequency
 AT_ONCE = 1 << 18  # samples in a slab of the frequency analysis
@@ -111,15 +113,18 @@ def angular_frequency(samples: Floats, spacing: float) -> Floats:
 class Sweep:
     """A sweep from its description: sections system, state, run and sweep, as plain data.
 
-    file    the Python file of a user-defined system
+    source    a user-defined system, or its Python file
     """
 
-    def __init__(self, description: Mapping[str, Any], file: Path | None = None):
+    def __init__(self, description: Mapping[str, Any], source: Path | System | None = None):
         self.description, spec = description, description["sweep"]
         base = dict(description["system"])
         body = description.get("body")
         self._body_frame = None if body is None else BodyFrame.from_table(body).of_lanes(0)
-        self.system: System = load_system(base.pop("name"), file, base, self._body_frame)
+        name = base.pop("name")
+        self.system: System = (
+            source if isinstance(source, System) else load_system(name, source, base, self._body_frame)
+        )
         if self.system.perturbation is not None and self.system.perturbation.pair is not None:
             raise InputError(
                 f"{self.system.name}: expected a system whose lanes are independent, got bodies that act on each other "
@@ -309,6 +314,16 @@ def _ready(value: Any, kind: str | None, varied: bool, lanes: int | None = None)
 # -- values of a body ----------------------------------------------------------------------------------------
 
 
+def user_defined(model: Model, sections: dict[str, Any]) -> System | None:
+    """The system of a model that is none of Kreisel's; the sections of its sweep get the SHA-256 of its functions."""
+    from kreisel.bodies import KNOWN
+
+    if model.system.name.removesuffix(WITH_WHEELS) in KNOWN:
+        return None
+    sections["operations"] = operations_of(model)
+    return model.system
+
+
 Changes = Mapping[Varied, Any]
 Bodies = Callable[[list[dict[str, Any]]], Body]  # the bodies with changed values: functions of the values by name
 
@@ -319,8 +334,10 @@ def of_scaled_system(model: Model, spec: Mapping[str, Any]) -> bool:
     return all(q.section == "system" or (q.section == "state" and q.letter in letters) for q in quantities)
 
 
-def by_lane(body: Body, x0: Any, run: Mapping[str, Any], spec: Mapping[str, Any], bodies: Bodies) -> dict[str, Any]:
-    """The sections of a sweep that begins from a body and the arguments of `body.state`, or a state."""
+def by_lane(
+    body: Body, x0: Any, run: Mapping[str, Any], spec: Mapping[str, Any], bodies: Bodies
+) -> tuple[dict[str, Any], Model]:
+    """The sections of a sweep from a body and the arguments of `body.state`, or a state; the model of all lanes."""
     run, lanes = dict(run), Lanes({}, spec, words=True)
     if run.pop("orientation", None) is not None:
         raise InputError("orientation: expected none with values of a body in SI; give the attitude to its state.")
@@ -355,7 +372,7 @@ def by_lane(body: Body, x0: Any, run: Mapping[str, Any], spec: Mapping[str, Any]
     listed |= {f"state.{letter}": value for letter, value in start.items()}
     listed |= {f"run.{name}": value for name, value in settings.items() if isinstance(value, list)}
     axes = [[axis, size, {q.name: in_base_units(v) for q, v in tables.items()}] for axis, size, tables in lanes.folded]
-    return {
+    sections = {
         **({} if model.body_frame is None else {"body": model.body_frame.table}),
         "system": {"name": model.system.name, **parameters},
         "state": {letter: value[0] for letter, value in start.items()},
@@ -367,6 +384,7 @@ def by_lane(body: Body, x0: Any, run: Mapping[str, Any], spec: Mapping[str, Any]
             "axes": axes,
         },
     }
+    return sections, model
 
 
 def _settings(model: Model, run: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -16,13 +16,14 @@ import xarray as xr
 from kreisel.errors import ConservationWarning, InputError
 from kreisel.files import read_values
 from kreisel.kernels.layout import MACHINE_EPSILON, Floats
+from kreisel.record.contract import System
 from kreisel.runs.describing import in_memory, versions
 from kreisel.runs.drift import FAR_RELATIVE, GROWN, LOOKED_AT, far, lane_scales
 from kreisel.runs.integration import Integration
 from kreisel.storage import checking
 from kreisel.storage.checking import MOST_STEPS, SAMPLES
 from kreisel.storage.opening import COMPUTED, SweepRecord
-from kreisel.sweeps.ensemble import TROUBLES, Sweep
+from kreisel.sweeps.ensemble import CODE, TROUBLES, Sweep
 from kreisel.sweeps.store import results_of
 
 MOST_BYTES = 1 << 30  # of a trajectory
@@ -30,16 +31,16 @@ BEGUN, ROWS = 4096, 64  # steps of a lane that are computed again, and their row
 SMALL, NOTHING = 1e-3, 1e-13  # least changes that count, relative to the part and to the largest part
 
 
-def broken_lanes(result: xr.Dataset, file: Path | None = None) -> list[str]:
+def broken_lanes(result: xr.Dataset, source: Path | System | None = None) -> list[str]:
     """A sentence for each lane that lost an invariant of the method, among the sixteen with the largest changes.
 
-    `file` defines a user-defined system; without it the lanes of such a system are not judged.
+    `source`: a user-defined system, or its file; without it the lanes of such a system are not judged.
     """
     changes = _changes(result)
     if not changes:
         return []
     try:
-        sweep = Sweep(SweepRecord.from_attrs(result.attrs, "The sweep").description, file)
+        sweep = Sweep(SweepRecord.from_attrs(result.attrs, "The sweep").description, source)
     except (InputError, KeyError):
         return []
     scores = []  # the largest relative change of an entry of a family in each lane; 1 for a small entry that is lost
@@ -62,9 +63,9 @@ def broken_lanes(result: xr.Dataset, file: Path | None = None) -> list[str]:
     ]
 
 
-def watched_lanes(result: xr.Dataset) -> xr.Dataset:
+def watched_lanes(result: xr.Dataset, source: System | None = None) -> xr.Dataset:
     """The sweep itself.  Warns with `ConservationWarning` if lanes are broken, see `broken_lanes`."""
-    sentences = broken_lanes(result)
+    sentences = broken_lanes(result, source)
     if sentences:
         warnings.warn(" ".join(sentences), ConservationWarning, stacklevel=4)
     return result
@@ -122,10 +123,10 @@ def one_lane(path: Path, lane: int) -> xr.Dataset:
     if not 0 <= lane < record.lanes:
         raise InputError(f"--lane: expected 0 to {record.lanes - 1} of the sweep {path}, got {lane}.")
     description = record.description
-    if description.get("file"):
+    if not description.keys().isdisjoint(CODE):
         raise InputError(
-            f"{path} is a sweep of a user-defined system, {record.system}, whose Python file no archive holds. Write "
-            "the lane as a TOML file, `kreisel run` it, and view that."
+            f"{path} is a sweep of a user-defined system, {record.system}, whose code no archive holds. Simulate the "
+            "lane by kr.simulate or `kreisel run`, and view that."
         )
     plan = Sweep(description, None).plan_of_lane(lane)
     if plan.rows * plan.first.nbytes * 4 > MOST_BYTES:
@@ -147,7 +148,7 @@ def lanes_again(run: xr.Dataset) -> list[str]:
     """
     record = SweepRecord.from_attrs(run.attrs, "The sweep")
     spec = record.description
-    if "file" in spec or json.loads(record.versions) != versions() or record.resumed is not None:
+    if not spec.keys().isdisjoint(CODE) or json.loads(record.versions) != versions() or record.resumed is not None:
         return []
     sweep = Sweep(spec)
     arrays = {str(name): v for name, v in run.variables.items() if "lane" in v.dims}

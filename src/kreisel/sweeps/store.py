@@ -13,7 +13,6 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ import numpy as np
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, on_disk
 from kreisel.files import parsed, stands
+from kreisel.record.contract import System
 from kreisel.runs.describing import body_of, dimensions, saved_times, time_attributes, versions
 from kreisel.runs.plan import Plan
 from kreisel.runs.progress import LEAST, require_room
@@ -270,7 +270,7 @@ def _trajectories(plan: Plan, total: int, width: int) -> dict[str, dict[str, Any
     return out
 
 
-def compute(part: str, file: str | None, digest: str, block: int) -> dict[str, Any]:
+def compute(part: str, source: Path | System | None, digest: str, block: int) -> dict[str, Any]:
     """Compute a block and write it.  Returns its lanes and memory.  Raises `RunError` if the store cannot be written.
 
     `digest` is the hash of the description: a worker keeps the sweep that it has read.
@@ -280,7 +280,7 @@ def compute(part: str, file: str | None, digest: str, block: int) -> dict[str, A
     store = Path(part)
     with on_disk(store, "be written", lambda: f" {LOST}"):
         archive.require_there(store)
-        sweep, group, width = _opened_sweep(part, file, digest)
+        sweep, group, width = _opened_sweep(part, source, digest)
         first, stop = block * width, min((block + 1) * width, sweep.lanes.total)
         lane_axis = {name: a.metadata.dimension_names.index("lane") for name, a in group.items()}
         out = results_of(sweep, group, lane_axis, first, stop)
@@ -310,15 +310,28 @@ def results_of(
     return out | {"message": messages, "failed": state}
 
 
-@lru_cache(4)
-def _opened_sweep(part: str, file: str | None, digest: str) -> tuple[Sweep, dict[str, Any], int]:
-    """The sweep of a store, its arrays of lanes, and the number of lanes in a block."""
+Opened = tuple[Sweep, dict[str, Any], int]
+_opened: dict[tuple[str, str], Opened] = {}  # the sweep whose blocks this process computes
+
+
+def _opened_sweep(part: str, source: Path | System | None, digest: str) -> Opened:
+    """The sweep of a store, its arrays of lanes, and the number of lanes in a block.
+
+    A worker gets a copy of a user-defined system with each block, and uses the first one.
+    """
+    opened = _opened.get((part, digest)) or _newly_opened(part, source, digest)
+    _opened.clear()
+    _opened[part, digest] = opened
+    return opened
+
+
+def _newly_opened(part: str, source: Path | System | None, digest: str) -> Opened:
     record = SweepRecord.of_store(Path(part))
     if hashlib.sha256(record.sweep.encode()).hexdigest() != digest:
         raise RunError(f"{part} is no longer the store of this sweep: another one was written there.")
     result = archive.opened_arrays(Path(part))
     arrays = {name: array for name, array in result.items() if "lane" in (array.metadata.dimension_names or ())}
-    return Sweep(record.description, Path(file) if file else None), arrays, record.block_lanes
+    return Sweep(record.description, source), arrays, record.block_lanes
 
 
 def failed_lanes(run: Any) -> Iterator[tuple[int, str]]:

@@ -18,8 +18,8 @@ from kreisel.errors import InputError, Stopped, explained, shown
 from kreisel.files import shallow
 from kreisel.process import signals_wait
 from kreisel.record.body import Body, as_body
+from kreisel.record.contract import System
 from kreisel.record.model import Model
-from kreisel.record.perturbation import WITH_WHEELS
 from kreisel.runs.in_si import scaled
 from kreisel.runs.orbits import presented
 from kreisel.runs.progress import Progress
@@ -27,7 +27,7 @@ from kreisel.runs.settings import check_model, checked_state, flag, with_steps
 from kreisel.storage.archive import one_writer, target
 from kreisel.storage.opening import SweepRecord, open_lanes
 from kreisel.sweeps.design import Design, Lanes, described
-from kreisel.sweeps.ensemble import TRAJECTORIES, Sweep, by_lane, of_scaled_system
+from kreisel.sweeps.ensemble import TRAJECTORIES, Sweep, by_lane, of_scaled_system, user_defined
 from kreisel.sweeps.grids import gridded
 from kreisel.sweeps.lanes import watched_lanes
 from kreisel.sweeps.store import Store, failed_lanes
@@ -109,12 +109,13 @@ def sweep(
     run = {"dt": dt, "every": every, "impulses": impulses, "steps": steps, "method": method, "order": order, "tol": tol}
     run |= {"project": project, "t_end": t_end, "t_start": t_start}
     if body is not None and not of_scaled_system(body.model(), spec):
-        description = by_lane(body, x0, {**run, "orientation": orientation}, spec, body._varied)
+        description, model = by_lane(body, x0, {**run, "orientation": orientation}, spec, body._varied)
     else:
-        description = _of_system(system, x0, orientation, run, spec)
+        description, model = _of_system(system, x0, orientation, run, spec)
+    source = user_defined(model, description)
     options: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "overwrite": overwrite, "progress": progress}
-    report = carry_out(description, target(path), **options)
-    return gridded(presented(watched_lanes(open_lanes(report.path))))
+    report = carry_out(description, target(path), source=source, **options)
+    return gridded(presented(watched_lanes(open_lanes(report.path), source)))
 
 
 def _grid(body: Body | None, over: Any, design: Any) -> Design:
@@ -127,39 +128,38 @@ def _grid(body: Body | None, over: Any, design: Any) -> Design:
     return Design(grid={f"{sections.get(k.partition('[')[0], 'body')}.{k}": v for k, v in over.items()})
 
 
-def _of_system(system: Any, x0: Any, orientation: Any, run: dict[str, Any], spec: dict[str, Any]) -> dict[str, Any]:
+def _of_system(
+    system: Any, x0: Any, orientation: Any, run: dict[str, Any], spec: dict[str, Any]
+) -> tuple[dict[str, Any], Model]:
+    """The sections of a sweep that begins from a model, and the model."""
     from kreisel.bodies import KNOWN
 
     model, x0, orientation, run, _ = scaled(system, x0, orientation, run)
     check_model(model)
-    known = KNOWN.get(model.system.name.removesuffix(WITH_WHEELS))
-    if known is None or (known != model.system and known.name == model.system.name):
-        raise InputError(
-            f"{model.system.name} is a user-defined system: workers need its Python file. Write a TOML file with "
-            'file = "..." in [system], and run `kreisel sweep`.'
-        )
+    if KNOWN.get(model.system.name, model.system) != model.system:
+        raise InputError(f"{model.system.name} is the name of a system of Kreisel. Choose another name for this one.")
     frame, derived = model.body_frame, Model(model.system, model.params).body_frame
     given = frame is not None and (derived is None or derived.table != frame.table)  # unless parameters give it
     state = dict(checked_state(model, x0).axial) | ({} if orientation is None else {"orientation": orientation})
     sections = {"system": {"name": model.system.name, **model.params}, "state": state, "run": run, "sweep": spec}
-    return {"body": frame.table, **sections} if frame is not None and given else sections
+    return ({"body": frame.table, **sections} if frame is not None and given else sections), model
 
 
 def carry_out(
     description: Mapping[str, Any],
     path: Path,
     *,
-    file: Path | None = None,
+    source: Path | System | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
     overwrite: bool = False,
     progress: bool | None = None,
 ) -> Report:
-    """Compute a sweep, or resume it, from its description; `file` defines a user-defined system."""
+    """Compute a sweep, or resume it, from its description; `source`: a user-defined system, or its file."""
     begun = time.perf_counter()
-    plain = _checked_description(described(shallow(description, "The description of the sweep")), file)
+    plain = _checked_description(described(shallow(description, "The description of the sweep")), source)
     check_workers(workers, scheduler)
-    store = Store(path, Sweep(plain, file))
+    store = Store(path, Sweep(plain, source))
     with one_writer(path):
         todo = store.open(overwrite)
         report = Report(path, store.sweep.lanes.total, store.blocks, store.blocks - len(todo))
@@ -169,7 +169,7 @@ def carry_out(
                 pool(workers, scheduler, progress) as hands,
                 Progress(report.lanes, progress, store.lanes_done(todo), "lanes") as bar,
             ):
-                code = str(file.absolute()) if file else None
+                code = source.absolute() if isinstance(source, Path) else source
                 for counts in computed(hands, str(store.part.absolute()), code, store.digest, todo, stop):
                     report.memory_MiB = max(report.memory_MiB, counts["memory_MiB"])
                     bar.advance(counts["lanes"])
@@ -184,7 +184,7 @@ def carry_out(
         return report
 
 
-def _checked_description(description: dict[str, Any], file: Path | None) -> dict[str, Any]:
+def _checked_description(description: dict[str, Any], source: Path | System | None) -> dict[str, Any]:
     spec = {k: v for k, v in description["sweep"].items() if v is not None}
     saved = spec.setdefault("save", [*DEFAULT_SAVE])
     if not isinstance(saved, list) or not saved or any(kind not in SAVED for kind in saved):
@@ -200,8 +200,8 @@ def _checked_description(description: dict[str, Any], file: Path | None) -> dict
             raise InputError("t_end: expected the same steps in all lanes, got a dt or steps that varies. Give steps.")
         run = {k: v for k, v in with_steps(run).items() if k not in ("asked_dt", "t_end")}
     out = {**description, "run": run, "sweep": spec}
-    if file is not None:
-        out["file"] = hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else ""
+    if isinstance(source, Path):
+        out["file"] = hashlib.sha256(source.read_bytes()).hexdigest() if source.is_file() else ""
     return out
 
 

@@ -11,11 +11,13 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
 from kreisel.errors import InputError, RunError
 from kreisel.process import Stop, signals_to
+from kreisel.record.contract import System
 from kreisel.runs.settings import within
 from kreisel.sweeps.store import LOST, compute
 
@@ -159,10 +161,10 @@ class Pool:
 
 
 def computed(
-    hands: Here | Pool, part: str, file: str | None, digest: str, todo: Sequence[int], stop: Stop
+    hands: Here | Pool, part: str, source: Path | System | None, digest: str, todo: Sequence[int], stop: Stop
 ) -> Iterator[dict[str, Any]]:
     """The counts of blocks as they are computed, see `kreisel.sweeps.store.compute`."""
-    for _, counts in hands.map(partial(compute, part, file, digest), todo, stop, "Block"):
+    for _, counts in hands.map(partial(compute, part, source, digest), todo, stop, "Block"):
         yield counts
 
 
