@@ -582,12 +582,12 @@ def _body(name: str) -> tuple[Any, Any, Any]:
 
 
 def _levels(model: Any, z: Any, lam: Any) -> tuple[Any, Any, Any]:
-    """Eigenvalues, left and right vectors as rows."""
-    record, at = model.system.pairs, np.array([lam], complex)
-    if record.levels is not None:
-        return tuple(v[0] for v in model.call(record.levels, *z, lam=at))
-    values, vectors = np.linalg.eig(model.call(record.matrix, *z, lam=at)[0].astype(complex))
-    return values, np.linalg.inv(vectors), vectors.T
+    """Eigenvalues but those at infinity, left and right vectors as rows."""
+    record, L = model.system.pairs, model.call(model.system.pairs.matrix, *z, lam=np.array([lam], complex))[0]
+    S = np.eye(len(L)) if record.metric is None else np.diag(model.call(record.metric))
+    values, left, right = scipy.linalg.eig(L.astype(complex), S, left=True)
+    left, right, values = (x.T[np.isfinite(values)] for x in (left.conj(), right, values))
+    return values, left / np.einsum("ij,jk,ik->i", left, S, right)[:, None], right
 
 
 def _at(model: Any, z: Any, lam: Any, near: Any) -> tuple[Any, Any]:

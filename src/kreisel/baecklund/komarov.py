@@ -13,18 +13,22 @@ two entries of W^T f a multiple of (1, 0): the factor W is a rotation times such
 [The pencil and the maps were derived here]
 """
 
+from functools import reduce
+
 import numpy as np
 
-from kreisel.algebra import KINDS, axial, bracket, cross, dot, hat, identity, mat, parts, vec
+from kreisel.algebra import KINDS, axial, bracket, cross, dot, hat, identity, mat, parts, sqrt, vec, where_less
 from kreisel.algebra import shifted_resolvent as resolvent
 from kreisel.algebra import together as complex_of
-from kreisel.baecklund.conjugate import HEIGHTS, longest
+from kreisel.algebra.complex import Complex
+from kreisel.baecklund.conjugate import LARGE, largest, longest, norm
 from kreisel.errors import InputError
 from kreisel.record.contract import ConjugatePairs
 
-LOW, HIGH, TRIED, CLEAR = 0.3, 12.0, 48, 1.05  # |lam| tried in units of the sizes; |mu| is larger than |M| by CLEAR
-REAL = 1e-9  # relative: rounding of imaginary mu
-SHIFTS = np.geomspace(1e-4, 1e4, 81)
+LOW, HIGH, CLEAR = 0.3, 12.0, 1.05  # |lam| tried in units of the sizes; |mu| is larger than |M| by CLEAR
+SHIFTS = np.geomspace(1e-3, 1e3, 13).tolist()
+NEAR, MOST = 1e-20, 20  # of Newton's method: a squared change, relative, after which the next one is rounding; steps
+REAL = 1e-14  # relative: the rounding of a discriminant that is 0
 THIRD = np.array([0, 0, 1], dtype=np.int8)
 BLOCKS = np.array([0, 1, 2, 5, 3, 4, 6])
 PENCIL = np.zeros((7, 7), dtype=np.int8)  # b
@@ -46,25 +50,27 @@ def newton(p, y):
     return -(((a * y + b) * y + c) * y + d) / ((3 * a * y + 2 * b) * y + c)
 
 
-def branches(curve, lam):
-    """The mu (..., 4) next to lam and -lam; in the precision of the curve."""
-    p = [np.asarray(v + 0 * lam, complex) for v in cubic(curve, lam)]
-    if float(curve[-1]):
-        companion = np.zeros((*lam.shape, 3, 3), complex)
-        companion[..., 1, 0] = companion[..., 2, 1] = 1
-        companion[..., 0, :] = np.stack([-v / p[0] for v in p[1:]], -1)
-        roots = np.linalg.eigvals(companion)
-        y = np.take_along_axis(roots, abs(roots).argsort(-1)[..., :2], -1)
-    else:
-        middle, wide = -p[2] / (2 * p[1]), np.sqrt(p[2] * p[2] - 4 * p[1] * p[3]) / (2 * p[1])
-        y = np.stack([middle + wide, middle - wide], -1)
-    lam = lam[..., None]
-    exact, y = cubic(curve, lam), y.astype(np.result_type(y, lam))
-    for _ in range(3):
-        change = newton(exact, y)
-        y = y + np.where(np.isfinite(change), change, 0)
-    mu = lam * np.sqrt(1 + y / (lam * lam))
-    return np.concatenate([mu, -mu], -1)
+def lower_roots(p):
+    """The two roots next to 0 of a recorded cubic a y^3 + b y^2 + ..., -1 unless they are real and these two.
+
+    Newton's method for the factor y^2 + 2 h y + q, from that for a = 0; a y + r is the third one.
+    """
+    a, b, c, d = p
+
+    def nearer(x):
+        h, q = x
+        r = b - 2 * a * h
+        f, g, slope = c - a * q - 2 * h * r, d - q * r, r - 2 * a * h
+        det, size = slope * r + a * a * q, h * h + abs(q)
+        first, second = (f * r - a * g) / (2 * det), (slope * g + a * q * f) / det
+        return [h + first, q + second], first * first / size + second * second / (size * size)
+
+    (h, q), change = d.graph.loop(nearer, [c / (2 * b), d / b], NEAR, MOST)
+    size, r = h * h - q, b - 2 * a * h
+    root = sqrt(where_less(0, size, size, 0))
+    roots = root - h, -root - h
+    sound = where_less(r * r, a * a * largest(*(y * y for y in roots)), -1, 1)
+    return roots, where_less(size, -REAL * (h * h + abs(q)), -1, where_less(NEAR, change, -1, sound))
 
 
 def eliminated(M, P, n, e, kappa, beta, lam, mu):
@@ -162,58 +168,59 @@ def tangent(v, z, B, beta, zeta):
     return (v2 * p - z2 * q) / (2 - (v1 * p - z1 * q) - beta * (v3 * p - z3 * q))
 
 
-def bounds(M, P, energy, *, kappa, beta, c, gamma):
-    """Bounds of |M| and |P| on the orbit, from H + s (|P|^2 - kappa |M|^2), a positive form for some s.
-
-    Raises `InputError` if there is none: kappa beta^2 >= 1.
-    """
-    square, u = beta * beta, axial(M)
-    if kappa * square >= 1:
+def bounded(*, kappa, beta):
+    """Raises `InputError` unless kappa beta^2 < 1."""
+    most = float(np.max(kappa * beta * beta))
+    if most >= 1:
         raise InputError(
-            f"maps of komarov: expected kappa beta^2 < 1, got {float(kappa * square):.3g}, for which the "
-            "motion may be unbounded. Use method='dop853'."
+            f"maps of komarov: expected kappa beta^2 < 1, got {most:.3g}, for which the motion may be unbounded. Use "
+            "method='dop853'."
         )
-    size, unit = np.sqrt(dot(P, P)), max(abs(c), square) or 1.0
-    if kappa > 0:
-        low, high = square / 2, 1 / (2 * kappa)
-        s = low + (high - low) * SHIFTS / (1 + SHIFTS)
-    else:
-        s = square / 2 + unit / (size or 1.0) * SHIFTS
-    first, third = 1 / 2 - s * kappa, 1 - s * kappa
-    det = third * s - square / 4
-    shift = (s - square / 2) * gamma / (2 * det), beta * gamma * (third - 1 / 2) / (2 * det)
-    room = energy + s * (dot(P, P) - kappa * dot(u, u)) + c * c / (4 * s)
-    room = room + gamma * (shift[0] + beta * shift[1]) / 2
-    room = np.maximum(room, 0)
-    most = np.sqrt(room * np.maximum(1 / first, s / det)) + abs(shift[0])
-    widest = np.maximum(np.maximum(1 / s, third / det), 1 / (s - square / 2))
-    far = np.sqrt(room * widest) + abs(shift[1]) + abs(c) / (2 * s)
-    return float(most.min()), float(size) if kappa == 0 else float(far.min())
+
+
+def bounds(M, P, energy, *, kappa, beta, c, gamma):
+    """Bounds of |M| and |P| on the orbit, from H + s (|P|^2 - kappa |M|^2), a positive form for some s."""
+    square, u, size = beta * beta, axial(M), norm(P)
+    unit, rate = largest(abs(c), square), largest(0, 2 * kappa / (1 - kappa * square))  # s - square/2 is below 1/rate
+    rise, first, second = largest(size / where_less(0, unit, unit, 1), rate), LARGE, LARGE
+    rise = where_less(0, rise, rise, 1)
+    for shift in SHIFTS:
+        above = 1 / (rise / shift + rate)
+        s = square / 2 + above
+        third = 1 - s * kappa
+        det = third * s - square / 4
+        m, p = above * gamma / (2 * det), beta * gamma * (third - 1 / 2) / (2 * det)
+        room = energy + s * (dot(P, P) - kappa * dot(u, u)) + c * c / (4 * s) + gamma * (m + beta * p) / 2
+        room = largest(0, room)
+        most = sqrt(room * largest(1 / (third - 1 / 2), s / det)) + abs(m)
+        far = sqrt(room * reduce(largest, (1 / s, third / det, 1 / above))) + abs(p) + abs(c) / (2 * s)
+        first, second = where_less(most, first, most, first), where_less(far, second, far, second)
+    return first, where_less(0, abs(kappa), second, size)
 
 
 def pairs_of(curve, energy, matrix):
     """The record, from the coefficients of the spectral curve, H and m of a state."""
 
-    def levels(M, P, *, kappa, beta, c, gamma, lam):
-        values = curve(M, P, kappa=kappa, beta=beta, c=c, gamma=gamma)
-        mu, (n, e) = branches(values, lam), column(M, beta=beta, c=c, gamma=gamma)
-        lam = lam[..., None] + 0 * mu
-        right, left = (
-            np.concatenate(vector(s * M, s * P, s * n, (s * e[0], s * e[1]), kappa, beta, lam, mu), -1) for s in (1, -1)
-        )
-        return mu, left / vec((left * metric(kappa=kappa, beta=beta) * right).sum(-1)), right
+    def sizes(M, P, kappa, beta, c, gamma):
+        return bounds(M, P, energy(M, P, beta=beta, c=c, gamma=gamma), kappa=kappa, beta=beta, c=c, gamma=gamma)
 
     def heights(M, P, *, kappa, beta, c, gamma):
-        constants = {"kappa": kappa, "beta": beta, "c": c, "gamma": gamma}
-        most, far = bounds(M, P, energy(M, P, beta=beta, c=c, gamma=gamma), **constants)
-        unit = max(most, abs(float(beta)) * far, np.sqrt(abs(float(kappa))) * abs(float(c))) or 1.0
-        y = np.geomspace(LOW, HIGH, TRIED) * unit
-        mu = branches(curve(M, P, **constants), 1j * y)[..., :2].astype(complex)
-        gap = (y * y)[:, None] - float(kappa * beta * beta) * mu.imag**2
-        least = np.where(gap > 0, mu.imag * (1 - float(beta * far) ** 2 / gap), 0)
-        y = y[((abs(mu.real) < REAL * y[:, None]) & (least > CLEAR * most)).all(-1)]
-        y = y[:: max(1, len(y) // HEIGHTS)]
-        return y, y
+        most, far = sizes(M, P, kappa, beta, c, gamma)
+        unit = reduce(largest, (most, abs(beta) * far, sqrt(abs(kappa)) * abs(c)))
+        unit = where_less(0, unit, unit, 1)
+        return [(0.0, 1, LOW * unit, HIGH * unit)]
+
+    def spectrum(M, P, *, kappa, beta, c, gamma, y):
+        """mu = i m for the two mu^2 next to -y^2, and a positive number if |mu| is larger than |M| is on the orbit."""
+        most, far = sizes(M, P, kappa, beta, c, gamma)
+        p = cubic(curve(M, P, kappa=kappa, beta=beta, c=c, gamma=gamma), Complex(0.0, y))
+        roots, use = lower_roots([parts(x)[0] for x in p])
+        m = [sqrt(where_less(x, y * y, y * y - x, 0)) for x in roots]
+        for x in m:
+            gap = y * y - kappa * beta * beta * x * x
+            room = where_less(0, gap, x * (1 - beta * beta * far * far / gap) - CLEAR * most, -1)
+            use = where_less(use, room, use, room)
+        return (*m, *(-x for x in m)), use
 
     def pair_of(M, P, *, kappa, beta, c, gamma, lam, mu):
         values = curve(M, P, kappa=kappa, beta=beta, c=c, gamma=gamma)
@@ -223,4 +230,4 @@ def pairs_of(curve, energy, matrix):
         L = np.asarray(lam)[..., None, None] * PENCIL + matrix(M, P, beta=beta, c=c, gamma=gamma)
         return L[..., BLOCKS[:, None], BLOCKS]
 
-    return ConjugatePairs(matrix_of, heights, projector, rates, pair_of, None, levels, metric, dimensions=(3,))
+    return ConjugatePairs(matrix_of, heights, projector, rates, pair_of, spectrum, metric, bounded, dimensions=(3,))

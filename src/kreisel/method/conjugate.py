@@ -79,6 +79,8 @@ def by_pairs(model: Model, dt: float, oriented: bool, order: int | None = None) 
     """The exact flow, or a step of an order, by conjugate pairs."""
     record = cast("ConjugatePairs", model.system.pairs)
     count, params = len(model.system.space.letters), parameter_rows(model)
+    if record.require is not None:
+        call(record.require, (), model.params)
 
     def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
         if oriented:
@@ -314,12 +316,10 @@ class Torus:
 
     def __init__(self, model: Model, z: Array, c: Array):
         self.model, self.system, self.z, self.c = model, model.system, z, c
-        self.record = cast("ConjugatePairs", self.system.pairs)
         self.room = room = _room()(model, z, c)
-        tried = np.empty(0) if self.record.levels is None else self._tried()
-        room.choose(tried, room.most)
+        room.choose(room.most)
         if room["least"][0] < CERTAIN:
-            room.choose(tried, self._rank() // 2)
+            room.choose(self._rank() // 2)
         (count,), (self.size,), self.y, self.mu = room["count"], room["size"], room["y"], room["mu"]
         self.x, self.radius, self.pairs = room["x"][::2], room["radius"], int(count)
         if not (room["heights"][0] and isfinite(self.size)):
@@ -350,13 +350,6 @@ class Torus:
                 params[p.letter], remainder = np.split(remainder, [n ** len(shape)])
                 params[p.letter] = params[p.letter].reshape(shape)[()]
         return params | (call(self.system.derive, (), params) if self.system.derive is not None else {})
-
-    def _tried(self) -> Array:
-        """Points to try: y, distances of poles, Im mu."""
-        with np.errstate(all="ignore"):
-            y, pole = (np.asarray(v, np.float64) for v in call(self.record.heights, self.state, self.constants))
-            mu = call(self.record.levels, self.state, {**self.constants, "lam": 1j * y})[0]
-        return np.concatenate([np.stack([y, pole], -1), mu.imag.astype(float)], -1)
 
     def _rank(self) -> int:
         """The rank of the bracket in units of each component: small fields count as large ones do."""

@@ -345,8 +345,7 @@ class ConjugatePairs:
     metric()                         the diagonal S (m,), maybe singular, if L q = mu S q; then Pi = q p^T, p^T S q = 1
     spectrum(*state, y)              (Im mu of some of the branches at iy, positive where they may be used), recorded;
                                      without, all eigenvalues of L, a matrix that is similar to i times a Hermitian one
-    levels(*state, lam)              (mu (..., k), left, right (..., k, m)): some of the branches and their vectors, of
-                                     arrays; then heights(*state) are arrays (y, r)
+    require()                        raises `InputError` for parameters with which the pairs are not used
     dimensions                       n
     """
 
@@ -356,8 +355,8 @@ class ConjugatePairs:
     rates: Function
     pair: Function
     spectrum: Function | None = None
-    levels: Function | None = None
     metric: Function | None = None
+    require: Function | None = None
     dimensions: tuple[int, ...] = (3, 4, 5)
 
 

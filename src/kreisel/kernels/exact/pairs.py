@@ -204,9 +204,9 @@ class Room:
     def __setitem__(self, name: str, values: Any) -> None:
         self.values[self._choice.places[name].start :][: len(values)] = values
 
-    def choose(self, tried: Floats, most: int) -> None:
-        """Write the points of `most` pairs or fewer; tried: list of `Choice`."""
-        self._choice.kernel(*self._addresses, address_of(tried), len(tried), most)
+    def choose(self, most: int) -> None:
+        """Write the points of `most` pairs or fewer."""
+        self._choice.kernel(*self._addresses, most)
 
     def follow(self, nodes: Sequence[int], narrow: int = 0, wide: int = 0) -> None:
         """Newton's steps with Gauss's nodes for each path, narrow ones in doubles."""

@@ -107,8 +107,7 @@ class Formulas:
 class Choice(Formulas):
     """Points of pairs for the flow at one state: those with the least sum |x|/radius, by the simplex method.
 
-    kernel(room, z, c, list, count, most): list (count, 2 + levels) has y, the distance of a pole and Im mu of points to
-    try, which are found if count is 0; most: of the pairs.
+    kernel(room, z, c, most): most of the pairs.
 
     The tableau has a row for each coordinate of the state; its columns are the flow, the identity, and the candidates,
     fields times the distances of branch points.  Its largest entries are eliminated up to the rank, then those that
@@ -120,17 +119,15 @@ class Choice(Formulas):
         self.begin, self.level = self._record(self._start), self._record(self._level, ("x", 3))
         self.width = (len(self.level[1]) - self.d - 2) // 4  # of a vector
         self.meet = self._record(self._meet, ("v", 8 * self.width), ("x", 4))
-        pieces, self.rows, self.levels, self.tried = [self.begin, self.level, self.meet], 2, 4, HEIGHTS
-        if self.pairs.levels is None:
-            self.heights, self.spectrum = self._record(self._heights), self._record(self._spectrum, ("x", 1))
-            pieces += self.heights, self.spectrum
-            self.rows, self.levels = len(self.heights[1]) // 4, len(self.spectrum[1]) - 1
-            self.tried = HEIGHTS if self.pairs.spectrum is None else 2 * HEIGHTS
-        self.used = self.levels if self.pairs.spectrum is self.pairs.levels is None else self.levels // 2
+        self.heights, self.spectrum = self._record(self._heights), self._record(self._spectrum, ("x", 1))
+        pieces = self.begin, self.level, self.meet, self.heights, self.spectrum
+        self.rows, self.levels = len(self.heights[1]) // 4, len(self.spectrum[1]) - 1
+        every = self.pairs.spectrum is None
+        self.tried, self.used = (HEIGHTS, self.levels) if every else (2 * HEIGHTS, self.levels // 2)
         self.room = self.rows * self.tried  # of heights
         self.columns = 1 + self.d + self.rows * HEIGHTS * self.used
         key = "choice", self.tried, *(graph.digest(outputs) for graph, outputs in pieces)
-        self.kernel = kernel(key, 6, lambda f: _Choosing(self, f).write())
+        self.kernel = kernel(key, 4, lambda f: _Choosing(self, f).write())
 
     # -- formulas ------------------------------------------------------------------------------------------
 
@@ -196,8 +193,8 @@ class _Choosing:
 
     def __init__(self, of: Choice, f: Function):
         self.of, self.f, self.d = of, f, of.d
-        out, z, c, rows, self.given, self.most = f.arguments
-        self.out, self.rows = f.doubles(out), f.doubles(rows)
+        out, z, c, self.most = f.arguments
+        self.out = f.doubles(out)
         self.memory = {"z": f.doubles(z), "c": f.doubles(c), "v": f.room(8 * of.width)}
         self.table, self.list = f.room(self.d * of.columns), f.room(of.room * (2 + of.levels))
         self.known = f.room(of.levels * (2 + 4 * of.width + self.d))  # levels of a height: mu, left, right, L' q, field
@@ -238,11 +235,7 @@ class _Choosing:
         out.put(start[d : 2 * d], self.at("units"))
         out[self.at("rate")] = start[2 * d]
         self.count[0] = self.candidates[0] = 0
-        if self.of.pairs.levels is None:
-            self.find_heights()
-        with f.loop(0, self.given * (2 + self.of.levels)) as k:
-            self.list[k] = self.rows[k]
-        self.count[0] = self.count[0] + self.given
+        self.find_heights()
         out[self.at("heights")] = self.count[0].double()
         out.put(self.list.get(2 + self.of.levels), self.at("first"))
         self.find_candidates()
