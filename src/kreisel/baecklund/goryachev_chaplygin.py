@@ -19,16 +19,18 @@ Im int_oo^l 2 du/y = 0.
 
 import numpy as np
 
-from kreisel.algebra import axial, complex_number, conjugate, dot, hat, parts, sqrt
+from kreisel.algebra import axial, complex_number, conjugate, dot, hat, parts, rounded, sqrt, where_less
+from kreisel.algebra.complex import Complex
 from kreisel.baecklund.conjugate import legendre
 from kreisel.record.contract import ExactMap
 
 REACH = 0.5  # of the distance of a branch point, for 1/l
-NODES = 20  # on [0, 1/l]: the error of the integrals is below 4^-40
-BEYOND = 16  # of the largest branch point: there the map is the identity
-STEPS, ENOUGH = 20, 1e-13  # of Newton's method; a miss of the time
+NODES = 16  # on [0, 1/l]: the error of the integrals is below 5^-32 times a bound of the integrands
+FAR = 2.0**120  # real, beyond all branch points: the identity without rounding errors; its 8th power is a double
+CLOSE, STEPS, ENOUGH = 1e-16, 20, 1e-13  # of Newton's method: a squared change, relative; steps; a miss of the time
 HALF, SHARES = legendre(NODES)
-PLACES, WEIGHTS = np.concatenate([1 - HALF, 1 + HALF, [2]]) / 2, np.concatenate([SHARES, SHARES]) / 2  # and the end
+RULE = np.stack([np.append(1 - HALF, 1 + HALF), np.append(SHARES, SHARES)], -1) / 2
+ROWS = np.stack([RULE, RULE - RULE.astype(float)], -1).astype(float).reshape(-1, 4).tolist()  # two doubles each
 
 
 def integrals(M, P, gamma):
@@ -65,28 +67,29 @@ def step(M, P, *, gamma, lam_re, lam_im, mu_re, mu_im):
 
 
 def point(M, P, *, gamma, dt):
-    """lam for one state in extended precision, z = 1/lam; None if z lies too near a branch point.
+    """lam = 1/z for a recorded state, in its digits, positive if z is right and not too near a branch point."""
+    H, G, length = integrals(M, P, gamma)
+    curve = gamma, H, G, sqrt(length)
 
-    For dt = 0 a real lam, a power of 2: the map is the identity without rounding errors.
-    """
-    H, G, square = integrals(M, P, gamma)
-    trace, ends = np.array([-2 * G, -2 * H, gamma, 1]), 2 * np.sqrt(square) * np.array([0, 1, 0, 0])
-    companions = np.zeros((2, 3, 3))
-    companions[:, 1, 0] = companions[:, 2, 1] = 1
-    companions[:, 0] = [-(trace + sign * ends)[2::-1] for sign in (-1, 1)]
-    largest = max(abs(np.linalg.eigvals(companions)).max(), np.finfo(float).tiny)
-    far = REACH / largest
-    if dt == 0:
-        return np.longdouble(2) ** np.ceil(np.log2(BEYOND * largest)) + 0j
-    z, change, miss = -0.5j * dt, np.inf, np.inf
-    for _ in range(STEPS):
-        if not abs(z) < far or abs(change) <= np.finfo(np.longdouble).eps * abs(z):
-            break
-        change, miss = _newton(z, dt, trace, ends)
-        z = z + change
-    if not abs(z) < far or miss > ENOUGH * abs(dt):
-        return None
-    return 1 / z
+    def square(z):
+        return z.re * z.re + z.im * z.im
+
+    def nearer(x):
+        z = Complex(*x)
+        change, _ = newton(z, dt, [rounded(v) for v in curve])
+        return list(parts(z + change)), square(change) / square(z)
+
+    (x, y), _ = dt.graph.loop(nearer, [0.0, -dt / 2], CLOSE, STEPS)
+    z = Complex(x + 0 * H, y + 0 * H)
+    change, miss = newton(z, dt, curve)
+    z, sound = z + change, where_less(miss, ENOUGH * abs(dt), 1.0, -1.0)
+    gamma, H, G, length = (rounded(v) for v in curve)
+    R = sqrt(square(rounded(z))) / REACH
+    for sign in (-1, 1):  # Jury's conditions for the roots of t -+ 2 |P| u, times R
+        a, b, c = gamma * R, 2 * (sign * length - H) * R * R, -2 * G * R * R * R
+        for room in (1 + b - abs(a + c), 3 - b - abs(a - 3 * c), 1 + a * c - c * c - b):
+            sound = where_less(0, room, sound, -1.0)
+    return rounded(1 / z), sound
 
 
 def level(M, P, *, gamma, lam):
@@ -96,17 +99,26 @@ def level(M, P, *, gamma, lam):
     return half * (1 + sqrt(1 - square * lam * lam / (half * half)))
 
 
-def _newton(z, dt, trace, ends):
+def integrand(x, gamma, H, G, length):
+    """2 u^3/y at u = 1/x."""
+    t, s = 1 + (gamma - (2 * H + 2 * G * x) * x) * x, 2 * length * (x * x)
+    return 2 / (sqrt(t - s) * sqrt(t + s))
+
+
+def newton(z, dt, curve):
     """The change of z by a step of Newton's method, whose Jacobian has the integrands at z, and the miss."""
-    X = z * PLACES
-    squares = [sum(c * X ** (3 - k) for k, c in enumerate(trace + sign * ends)) for sign in (-1, 1)]
-    f = 2 / (np.sqrt(squares[0]) * np.sqrt(squares[1]))
-    a, b = f[-1], X[-1] * f[-1]
-    first, second = (z * (WEIGHTS * g[:-1]).sum() for g in (f, X * f))
-    miss = (-first.imag - dt, -second.imag)
-    det = a.imag * b.real - a.real * b.imag
-    x, y = miss[0] * b.real - miss[1] * a.real, miss[1] * a.imag - miss[0] * b.imag
-    return (x + 1j * y) / det, max(abs(miss[0]), abs(miss[1]))
+    first, second = 0, 0
+    for place, after, weight, more in ROWS:
+        x = z * place + z * after
+        f = integrand(x, *curve)
+        f = f * weight + f * more
+        first, second = first + f, second + x * f
+    a = integrand(rounded(z), *map(rounded, curve))
+    b = rounded(z) * a
+    p, q = (rounded(-parts(z * total)[1] - time) for total, time in ((first, dt), (second, 0)))
+    det = a.im * b.re - a.re * b.im
+    change = Complex((p * b.re - q * a.re) / det, (q * a.im - p * b.im) / det)
+    return change, where_less(abs(p), abs(q), abs(q), abs(p))
 
 
-EXACT = ExactMap(point=point, level=level, step=step)
+EXACT = ExactMap(point=point, level=level, still=(FAR, FAR**3), step=step)

@@ -27,11 +27,11 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.reuse import cached_property
+from kreisel.algebra.reuse import Identity, cached_property, reused
 from kreisel.errors import InputError
 from kreisel.exact.quadrics import lift
 from kreisel.method.baecklund import constant_turns, stage_points
-from kreisel.method.observing import State, as_matrix, observer, scheme_of, with_lanes
+from kreisel.method.observing import State, as_matrix, observer, scheme_of
 from kreisel.method.scheme import Scheme, Steps
 from kreisel.record.calling import call
 from kreisel.record.contract import ConjugatePairs, ExactMap
@@ -53,7 +53,7 @@ MOST_COPIES = 1_000_000
 BETWEEN = 10  # steps between projections: the least interval, so that more pairs in other lanes change nothing
 BETWEEN_MAPS = 4  # of a single map, whose rounding errors in |P|^2 are 3 last places a step
 LIKE = 1e-6  # the orientation is off by 1e-16 over this ratio of two fields
-COMPILED = "kreisel.kernels.exact.pairs:Room"
+COMPILED, POINTS = "kreisel.kernels.exact.pairs:Room", "kreisel.kernels.exact.pairs:Points"
 NODES = 12  # of Gauss's rule, of a path without solving, and in a time
 RULE = np.polynomial.legendre.leggauss(NODES)
 SHARES, WEIGHTS = [*((1 + RULE[0]) / 2).tolist(), 1.0], (RULE[1] / 2).tolist()
@@ -152,14 +152,10 @@ def by_map(model: Model, dt: float, oriented: bool, order: int | None = None) ->
                 f"orientation: expected a field P that is not zero for method='exact' of {model.system.name}, got P = "
                 "0. Use method='dop853'."
             )
-        batch, lanes = _lanes(model, x0[:2])
-        try:
-            rows = _stacked(batch, [maps(model, *lane, dt, order, SHARES[-size:]) for lane in lanes])
-        except np.linalg.LinAlgError as error:
-            raise _out_of_range(model.system.name) from error
-        span, points = rows[..., 0, :], np.moveaxis(rows[..., 1:, :].reshape(*batch, 4, size, -1), -1, -2)
-        stages = {name: points[..., i, :, :] if oriented else points[..., i, :, 0] for i, name in enumerate(NUMBERS)}
-        return {}, stages | ({"span": span} if oriented else {})
+        rows = maps(model, x0[:2], dt, order, SHARES[-size:])
+        points = rows[..., 1:].reshape(*rows.shape[:-1], size, 4)
+        stages = {name: points[..., i] if oriented else points[..., 0, i] for i, name in enumerate(NUMBERS)}
+        return {}, stages | ({"span": rows[..., 0]} if oriented else {})
 
     def step(M: Array, P: Array, g: Array, *, span: Array, **constants: Array) -> State:
         def at(node: int) -> State:
@@ -194,47 +190,32 @@ def by_map(model: Model, dt: float, oriented: bool, order: int | None = None) ->
     )
 
 
-def maps(
-    model: Model,
-    state: State,
-    params: dict[str, Array],
-    dt: float,
-    order: int | None = None,
-    shares: Sequence[float] = (1.0,),
-) -> tuple[Array, Array]:
-    """The time and `NUMBERS` for shares of it (1 + 4 shares, count), of each map of a step; the same of the identity,
-    which fills shorter lanes.
+def maps(model: Model, state: State, dt: float, order: int | None, shares: Sequence[float]) -> Array:
+    """The time, and `NUMBERS` for each of some shares of it, of each map of a step (..., maps, 1 + 4 shares).
+
+    The identity fills shorter lanes.
     """
-    record = cast("ExactMap", model.system.exact_map)
-    state = tuple(np.asarray(z, np.longdouble) for z in state)
-    wide = {k: np.longdouble(v) for k, v in params.items()}
-
-    def point(time: Any) -> Any:
-        return call(record.point, state, {**wide, "dt": np.longdouble(time)})
-
-    def rows(lam: Array, time: float) -> Array:
-        numbers = _numbers(lam, call(record.level, state, {**wide, "lam": lam})).reshape(4 * len(shares), -1)
-        return np.concatenate([np.full_like(numbers[:1], time), numbers])
-
-    with np.errstate(all="ignore"):
-        identity = rows(np.repeat(point(0), len(shares)), 0.0)[:, 0]
-        if order is not None:
-            return rows(2j / fractions(dt, order), 0.0), identity
-        copies = 1
-        while copies <= MOST_COPIES:
-            time = np.longdouble(dt) / copies
-            lams = [lam for share in shares if (lam := point(time * share)) is not None]
-            if len(lams) == len(shares):
-                return rows(np.array(lams), float(time)).repeat(copies, 1), identity
-            copies *= 2
-    raise InputError(
-        f"No map was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it. Usual cause: a "
-        "step far too long, or a state that is not finite. Use a smaller dt."
-    )
-
-
-def _numbers(lam: Array, mu: Array) -> Array:
-    return np.stack([lam.real, lam.imag, mu.real, mu.imag]).astype(float)
+    find = reused((POINTS, Identity(model.system), model.n), lambda: resolve_name(POINTS)(model))
+    batch, z, c = _rows(model, state, parameter_rows(model))
+    if order is not None:
+        lam = _real(2j / fractions(dt, order)).reshape(-1, 1, 2).repeat(len(z), 1)
+        points = find(z, c, lam).swapaxes(0, 1).reshape(*batch, len(lam), 4)
+        return np.concatenate([0 * points[..., :1], points], -1)
+    copies, sound = np.ones(len(z), int), np.zeros(len(z), bool)
+    while not sound.all():
+        if copies.max() > MOST_COPIES:
+            raise InputError(
+                f"No map was found that is the flow of {model.system.name} over dt = {dt:g} or parts of it. Usual "
+                "cause: a step far too long, or a state that is not finite. Use a smaller dt."
+            )
+        points = find(z, c, np.multiply.outer(shares, dt / copies)[..., None])
+        sound = (points[..., 4] > 0).all(0)
+        copies[~sound] *= 2
+    lam, mu = cast("ExactMap", model.system.exact_map).still
+    used = (np.arange(copies.max()) < copies[:, None])[..., None]
+    numbers = np.concatenate([dt / copies[:, None], points[..., :4].swapaxes(0, 1).reshape(len(z), -1)], -1)
+    rows = np.where(used, numbers[:, None], [0.0, *(lam, 0.0, mu, 0.0) * len(shares)])
+    return rows.reshape(*batch, *rows.shape[1:])
 
 
 def fractions(dt: float, order: int) -> Array:
@@ -257,12 +238,9 @@ def constants(
 
     params: the result of `parameter_rows`
     """
-    z, c = algebra.flatten(state, model.system.space.kinds), parameter_rows(model) if params is None else params
-    batch = np.broadcast_shapes(c.shape[:-1], z.shape[:-1])
-    spread = (np.broadcast_to(x, batch + x.shape[-1:]).reshape(prod(batch), x.shape[-1]) for x in (z, c))
-    rows = [np.ascontiguousarray(x, float) for x in spread]
+    batch, z, c = _rows(model, state, parameter_rows(model) if params is None else params)
     try:
-        steps = [Torus(model, *lane).step(dt, order) for lane in zip(*rows, strict=True)]
+        steps = [Torus(model, *lane).step(dt, order) for lane in zip(z, c, strict=True)]
     except np.linalg.LinAlgError as error:
         raise _out_of_range(model.system.name) from error
     turns = np.array([turn for _, _, turn in steps])
@@ -280,6 +258,15 @@ def parameter_rows(model: Model) -> Array:
     return np.concatenate(rows, -1)
 
 
+def _rows(model: Model, state: State, c: Array) -> tuple[tuple[int, ...], Array, Array]:
+    """The shape of a batch, and state and parameters as rows (lanes, ...)."""
+    z = algebra.flatten(state, model.system.space.kinds)
+    batch = np.broadcast_shapes(c.shape[:-1], z.shape[:-1])
+    spread = (np.broadcast_to(x, batch + x.shape[-1:]).reshape(prod(batch), x.shape[-1]) for x in (z, c))
+    z, c = (np.ascontiguousarray(x, float) for x in spread)
+    return batch, z, c
+
+
 def _out_of_range(name: str) -> InputError:
     return InputError(
         f"{name}: expected products of the state and the parameters that a double can hold, got larger or smaller "
@@ -294,16 +281,6 @@ def _stacked(batch: tuple[int, ...], steps: list[tuple[Array, Array]]) -> Array:
     for row, (numbers, identity) in zip(points, steps, strict=True):
         row[:, : numbers.shape[-1]], row[:, numbers.shape[-1] :] = numbers, identity[:, None]
     return points.reshape(*batch, rows, count)
-
-
-def _lanes(model: Model, state: State) -> tuple[tuple[int, ...], list[tuple[State, dict[str, Array]]]]:
-    """The shape of a batch, and state and parameters of each lane."""
-    batch, spread = with_lanes(model, state)
-    params = {p.letter: model.params[p.letter] for p in model.system.parameters}
-    params = {k: np.broadcast_to(v, batch + v.shape[v.ndim - model.axes[k] :]) for k, v in params.items()}
-    return batch, [
-        (tuple(z[lane] for z in spread), {k: v[lane] for k, v in params.items()}) for lane in np.ndindex(batch)
-    ]
 
 
 @cache
@@ -411,7 +388,7 @@ class Torus:
         room.follow([NODES] * count, wide=1)
         carried = [self.state[i] for i in self.system.space.carried or (0,)]
         Omega = commuting(algebra.skew(np.array(room["rotation"]), self.model.n), carried)
-        return _numbers(1j * y + x, mu), algebra.coordinates(Omega)
+        return np.array([x.real, y + x.imag, mu.real, mu.imag]), algebra.coordinates(Omega)
 
     def solved(self, h: float, share: float | None = None) -> tuple[Array, Array] | None:
         """`NUMBERS` (4, count) of the pairs that are the flow over h, and the missing rotation of the body.

@@ -366,14 +366,15 @@ class ExactMap:
 
     For short times h, lam is nearly 2i/h; the logarithm of the map at such a lam is odd in 1/lam.
 
-    point(*state, dt)                          lam for the flow over dt, of one state in extended precision; None if dt
-                                               is too long
+    point(*state, dt)                          (lam for the flow over dt, positive unless dt is too long), recorded
     level(*state, lam)                         mu
+    still                                      real lam and mu of the identity, without rounding errors
     step(*state, lam_re, lam_im, mu_re, mu_im) -> state
     """
 
     point: Function
     level: Function
+    still: tuple[float, float]
     step: Function
 
 

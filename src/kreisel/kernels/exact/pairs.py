@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache, reduce
 from operator import add
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -25,7 +25,9 @@ from kreisel.graph.llvm import DOUBLE, INTEGER, Function, Integer, Lanes, Memory
 from kreisel.graph.machine import address_of, kernel
 from kreisel.kernels.exact.points import Choice, Formulas, Piece, complex_values
 from kreisel.kernels.layout import Floats
+from kreisel.kernels.steps import outputs_by_rows
 from kreisel.record.calling import call
+from kreisel.record.contract import ExactMap
 from kreisel.record.model import Model
 
 ROUNDS = 4  # of quotient and vectors at a node: an error of 0.2 of the vectors falls below 1e-10
@@ -185,6 +187,38 @@ class Paths(Formulas):
             beyond = f.builder.fsub(f.intrinsic("fabs", change), numbers[close + i])
             far[0] = f.builder.select(f.builder.fcmp_ordered("<", far[0], beyond), beyond, far[0])
         return f.builder.fcmp_ordered("<=", far[0], numbers.value_of(0.0))
+
+
+class Points(Formulas):
+    """lam and mu of the one map of a system that is the flow over a time."""
+
+    def __init__(self, model: Model):
+        super().__init__(model)
+        self.map = cast("ExactMap", self.system.exact_map)
+        letters = {"z": (self.d, False), "c": (sum(self.n**axes for axes in self.axes.values()), False)}
+        self._kernels = [
+            outputs_by_rows(*self._record(function, ("x", count)), {**letters, "x": (count, True)})
+            for count, function in enumerate((self._of_time, self._of_lam), 1)
+        ]
+
+    def _of_time(self, z: Array, known: Any, x: Array) -> list[Any]:
+        state, constants = self._known(z, known, DoubleDouble)
+        lam, sound = call(self.map.point, state, {**constants, "dt": x[0]})
+        return [*self._of_lam(z, known, algebra.parts(lam)), sound]
+
+    def _of_lam(self, z: Array, known: Any, x: Any) -> list[Any]:
+        state, constants = self._known(z, known, lambda v: v)
+        return [*x, *algebra.parts(call(self.map.level, state, {**constants, "lam": Complex(*x)}))]
+
+    def __call__(self, z: Floats, c: Floats, x: Floats) -> Floats:
+        """`NUMBERS` (rows, lanes, 4) of states and parameters (lanes, ...), for lam x (rows, lanes, 2).
+
+        For times x (rows, lanes, 1) also whether they are sound: positive if so.
+        """
+        rows, lanes, count = x.shape
+        out = np.empty((rows, lanes, 6 - count))
+        self._kernels[count - 1](*map(address_of, (z, c, x, out)), rows, lanes)
+        return out
 
 
 class Room:
