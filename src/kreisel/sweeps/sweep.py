@@ -102,9 +102,7 @@ def sweep(
     """
     flag(overwrite, "overwrite")
     body = as_body(system)
-    design = design if over is None else _grid(body, over, design)
-    if not isinstance(design, Design):
-        raise InputError(f"design: expected a kr.Design, such as kr.Design(grid={{...}}), got {shown(design)}.")
+    design = _design(body, over, design)
     spec = {**design.table, "save": save, "block": block, "memory": memory}
     run = {"dt": dt, "every": every, "impulses": impulses, "steps": steps, "method": method, "order": order, "tol": tol}
     run |= {"project": project, "t_end": t_end, "t_start": t_start}
@@ -118,7 +116,11 @@ def sweep(
     return gridded(presented(watched_lanes(open_lanes(report.path), source)))
 
 
-def _grid(body: Body | None, over: Any, design: Any) -> Design:
+def _design(body: Body | None, over: Any, design: Any) -> Design:
+    if over is None and isinstance(design, Design):
+        return design
+    if over is None:
+        raise InputError(f"design: expected a kr.Design, such as kr.Design(grid={{...}}), got {shown(design)}.")
     if body is None or design is not None or not isinstance(over, Mapping) or not all(isinstance(k, str) for k in over):
         raise InputError(
             f"over: expected a body of kr.physical, and a dict of names and values without a design, got {shown(over)}."
