@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from importlib import import_module
 from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 import xarray as xr
@@ -14,7 +15,9 @@ import kreisel as kr
 import walks
 from kreisel import algebra
 from kreisel.implicit import branch
+from kreisel.kernels.cpu import points
 from kreisel.lab import exact
+from kreisel.method import scheme
 from kreisel.method.maps import LIMIT
 from kreisel.system import REGISTRY
 from sizes import FULL
@@ -60,11 +63,11 @@ def test_the_root_of_the_trajectory_serves_all_its_steps() -> None:
     for model, (M,), largest in bodies("euler-top", 3):
         for share in (0.01, 0.5, 0.9, 0.99):
             eps = share * largest
-            known = model.call(model.map.trajectory, M, eps=eps)
+            sigma = model.call(model.map.trajectory, M, eps=eps)
             state = M
             for _ in range(5):
                 X, _ = model.call(model.map.turn, state, eps=eps)
-                again, left = model.call(model.map.turn, state, eps=eps, **known)
+                again, left = model.call(model.map.turn, state, eps=eps, sigma=sigma)
                 assert left < LIMIT**2
                 assert abs(again - X).max() < 1e-13 / (1 - share) * (1 + abs(X).max()), share
                 (state,) = model.call(model.map.move, state, again)
@@ -75,7 +78,7 @@ def test_a_root_that_is_off_belongs_to_a_body_with_other_moments(off: float) -> 
     """I + delta with delta = h <x, mu> - sigma; the defect tells a delta that counts."""
     for model, (M,), largest in bodies("euler-top", 3):
         eps = 0.5 * largest
-        sigma = model.call(model.map.trajectory, M, eps=eps)["sigma"] * (1 + off)
+        sigma = model.call(model.map.trajectory, M, eps=eps) * (1 + off)
         X, defect = model.call(model.map.turn, M, eps=eps, sigma=sigma)
         delta = eps / 2 * algebra.pairing(X, M) - sigma
         other = kr.EulerTop(J=model.params["J"] + delta / 2)
@@ -141,3 +144,30 @@ def test_an_equation_solved_to_fifty_ulps_lets_the_integrals_drift(monkeypatch: 
 
     monkeypatch.setattr(system, "turn_by_doubling", wrong)
     assert walks.troubles(close_to_the_longest_step(4, 0.9, 20_000), mean=MEAN[4])
+
+
+@pytest.mark.parametrize("share", [0.01, 0.5, 0.9])
+def test_the_root_is_that_of_the_solution_in_extended_digits_for_every_number_of_lanes(share: float) -> None:
+    """sigma = h <x, mu> with X from Moser and Veselov's matrix equation by Newton's method with 40 digits."""
+    for model, (M,), largest in bodies("euler-top", 3):
+        made = scheme(model, "veselov", share * largest, 2, False)
+        (sigma,) = made.on((M,), points).stages["sigma"]
+        J, eps = mpmath.diag(model.params["J"].tolist()), mpmath.mpf(share * largest)
+        with mpmath.workdps(40):
+            m = mpmath.matrix(M.tolist())
+
+            def skew(x: Any, y: Any, z: Any) -> Any:
+                return mpmath.matrix([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+            def residual(*x: Any, J: Any = J, m: Any = m, eps: Any = eps) -> list[Any]:
+                X = skew(*x)
+                left = 2 * (X * J + J * X) - eps * (mpmath.eye(3) - X) * m * (mpmath.eye(3) + X)
+                return [left[2, 1], left[0, 2], left[1, 0]]
+
+            start = algebra.axial(model.call(model.map.turn, M, eps=share * largest)[0])
+            x = mpmath.findroot(residual, start.tolist())
+            exact = eps / 2 * sum(a * b for a, b in zip(x, (m[2, 1], m[0, 2], m[1, 0]), strict=True))
+            assert abs(exact - sigma) < 2e-15 / (1 - share) * 2 * sum(model.params["J"])
+        for lanes in (2, 9, 64):
+            many = made.on((np.stack([M * (1 - 0.01 * k) for k in range(lanes)]),), points)
+            assert many.stages["sigma"][0] == sigma

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from functools import partial
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
 
-from kreisel.graph.llvm import Function
-from kreisel.graph.machine import Kernel, address_of, kernel
+from kreisel.graph.llvm import INDEX, Function, Memory, kind_of
+from kreisel.graph.machine import Kernel, address_of, kernel, register_width
 from kreisel.kernels.layout import Floats
 
 Link = tuple[Kernel, tuple[Any, ...]]  # a kernel and its arguments: integers, and arrays for their addresses
+
+
+MANY = 100  # entries that are summed as vectors
 
 
 class Chain:
@@ -36,11 +39,17 @@ class Chain:
                 place += count
             total[0] = 0.0
             for at in range(place, place + 2 * len(summed), 2):
-                with f.loop(0, memory[at + 1]) as i:
-                    total[0] = f.builder.fadd(total[0], f.doubles(memory[at])[i])
+                numbers, size, blocks = f.doubles(memory[at]), memory[at + 1], f.integer(0)
+                if width:
+                    blocks = size // width
+                    total[0] = f.builder.fadd(total[0], _sum(f, numbers, blocks, width))
+                with f.loop(blocks * width, size) as i:
+                    total[0] = f.builder.fadd(total[0], numbers[i])
             f.doubles(memory[place + 2 * len(summed)])[0] = total[0]
 
-        self._kernel = kernel(("chain", counts, len(summed)), 1, write)
+        # additions of four registers do not wait for each other
+        width = 4 * register_width() * any(x.size > MANY for x in summed)
+        self._kernel = kernel(("chain", counts, len(summed), width), 1, write)
 
         def called(kind: Any) -> Any:
             call = kind(None)(self._kernel.address)  # of types that are not checked
@@ -59,3 +68,12 @@ class Chain:
         """The memory (1,) of an integer argument of a link, which may be changed."""
         before = sum(1 + len(more) for _, more in self._held[0][:link])
         return self._words[before + 1 + place :][:1]
+
+
+def _sum(f: Function, numbers: Memory, blocks: Any, width: int) -> Any:
+    """The sum of vectors of numbers, and of the entries of that."""
+    total = f.variables(1, kind_of(width))[0]
+    total[0] = 0.0
+    with f.loop(0, blocks) as block:
+        total[0] = f.builder.fadd(total[0], numbers.beyond(block * width).of(kind_of(width))[0])
+    return reduce(f.builder.fadd, (f.builder.extract_element(total[0], INDEX(k)) for k in range(width)))

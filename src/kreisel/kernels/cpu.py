@@ -451,7 +451,7 @@ def _rate_of_arrays(scheme: Scheme, columns: Mapping[str, slice]) -> Callable[[f
     return rate
 
 
-# -- constants rho of trajectories, compiled for double-doubles --------------------------------------
+# -- constants rho of trajectories, compiled ---------------------------------------------------------
 
 
 MOST = 6000  # operations; of a pair of Clebsch's case, n = 5: 5200
@@ -459,41 +459,42 @@ FOLDED = (0.0, 1.0, -1.0)  # into the code of a step
 
 
 def compiled_point(scheme: Scheme, columns: Mapping[str, slice], pair: bool, width: int) -> Kernel | None:
-    """kernel(mu, z, c, out, points, lanes): mu and rho (points, lanes, 4 or 2) by mu (points, 2 or 1).
+    """kernel(mu, z, c, out, points, lanes, of_c, of_out): mu and rho (points, 4 or 2) of lanes by mu (points, 2 or 1).
 
-    None if the definition cannot be recorded, or is too long.
+    of_c, of_out: the entries of a lane.  None if the definition cannot be recorded, or is too long.
     """
 
     def make() -> tuple[Kernel | None]:
         point: Any = scheme.point
-        graph, wide = Graph(4 * MOST), np.frompyfunc(DoubleDouble, 1, 1)
+        graph, number = Graph(4 * MOST), DoubleDouble if scheme.wide else lambda x: x
+        wide: Any = np.frompyfunc(number, 1, 1)
         state, constants = recorded_arguments(scheme, graph, {"c": columns})
         mu = graph.inputs("s", 1 + pair)
-        x = Complex(*map(DoubleDouble, mu)) if pair else DoubleDouble(*mu)
+        x = Complex(*map(number, mu)) if pair else number(*mu)
         try:
             rho = point(*map(wide, state), mu=x, **{name: wide(value) for name, value in constants.items()})
-            outputs = as_operands([*mu, *(v.upper for v in ((rho.re, rho.im) if pair else (rho,)))])
+            outputs = as_operands([*mu, *map(algebra.rounded, (rho.re, rho.im) if pair else (rho,))])
         except (TypeError, AttributeError, ValueError, TooLong):  # by LAPACK
             return (None,)
         if operation_count(graph, outputs) > MOST:
             return (None,)
         count = algebra.coordinate_count(scheme.kinds, scheme.n)
-        key = "points", graph.digest(outputs), count, count_of(columns), width
-        return (kernel(key, 6, partial(_write_points, graph, outputs, (count, count_of(columns)), width)),)
+        key = "points", graph.digest(outputs), count, width
+        return (kernel(key, 8, partial(_write_points, graph, outputs, count, width)),)
 
     key = None if scheme.kernel_key is None else (compiled_point, scheme.kernel_key, pair, width)
     return reused(key, make)[0]
 
 
-def _write_points(graph: Graph, outputs: list[Operand], counts: tuple[int, int], width: int, f: Function) -> None:
+def _write_points(graph: Graph, outputs: list[Operand], count: int, width: int, f: Function) -> None:
     """All that does not depend on mu first, for each vector of lanes."""
-    (mu, z, c, out), (points, lanes) = map(f.doubles, f.arguments[:4]), f.arguments[4:]
+    (mu, z, c, out), (points, lanes, of_c, of_out) = map(f.doubles, f.arguments[:4]), f.arguments[4:]
     nodes, kind, size = graph.needed(outputs), kind_of(width), len(outputs)
     varying = depending(graph, nodes, "s".__eq__)
     f.vectors(width)
     with f.loop(0, lanes, width) as first:
         at, fixed = f.lanes(first, width, lanes), dict[int, Any]()
-        rows = {"z": Lanes(z, at, counts[0]), "c": Lanes(c, at, counts[1])}
+        rows = {"z": Lanes(z, at, count), "c": Lanes(c, at, of_c)}
 
         def load(letter: str, i: int) -> Any:
             return rows[letter][i]
@@ -503,39 +504,43 @@ def _write_points(graph: Graph, outputs: list[Operand], counts: tuple[int, int],
             values = dict(fixed)
             rows["s"] = Lanes(mu, [point] * width, size // 2)
             f.compute(graph, [i for i in nodes if i in varying], values, load, kind)
-            Lanes(out, [point * lanes + lane for lane in at], size).put([f.value(x, values, kind) for x in outputs])
+            Lanes(out.beyond(point * size), at, of_out).put([f.value(x, values, kind) for x in outputs])
 
 
 def points(scheme: Scheme, x0: tuple[Array, ...], mus: Array) -> Array | None:
     """rho (..., points) from states and orientations x0, not finite if there is none; None if it is not compiled."""
-    z = np.ascontiguousarray(algebra.flatten(x0, scheme.kinds), dtype=np.float64)
+    z = np.ascontiguousarray(algebra.flatten(scheme.reopen(x0), scheme.kinds), dtype=np.float64)
     lead, lanes = z.shape[:-1], math.prod(z.shape[:-1])
     c, columns = flat_constants(scheme, lanes)
     code = compiled_point(scheme, columns, np.iscomplexobj(mus), register_width() if lanes > 1 else 1)
     if code is None:
         return None
-    out = np.empty((len(mus), lanes, 2), mus.dtype)
-    numbers = (x.view(np.float64) for x in (mus, z, c, out))
-    code(*map(address_of, numbers), len(mus), lanes)
-    return np.moveaxis(out[..., 1].reshape(len(mus), *lead), 0, -1)
+    out = np.empty((*lead, len(mus), 2), mus.dtype)
+    numbers = [x.view(np.float64) for x in (mus, z, c, out)]
+    code(*map(address_of, numbers), len(mus), lanes, *(x.size // lanes for x in numbers[2:]))
+    return out[..., 1]
 
 
 def point_links(scheme: Scheme, engine: SteppedEngine) -> tuple[list[Link], list[Floats]] | None:
-    """The calls that put the constants of an engine's only trajectory where its steps read them, and these places.
+    """The calls that put the constants of an engine's trajectories where its steps read them, and these places.
 
     None if other constants depend on the trajectory, for code into which a rho is folded, and for code that is not
     compiled.
     """
-    rows = [(True, engine.stages[0])] if engine.stages.size else []
-    if "mu" in engine.columns:
-        start = engine.columns["mu"].start
-        rows.append((False, engine.constants[:, start : start + 2]))  # mu and, behind it, rho
-    columns, links = {name: engine.columns[name] for name in scheme.constants}, list[Link]()
-    for pair, out in rows:
-        code = compiled_point(scheme, columns, pair, 1)
-        if code is None or not {*engine.columns} - {*scheme.constants} <= {"mu", "rho"}:
+    (lanes, count), stages, columns = engine.constants.shape, engine.stages, engine.columns
+    if not {*columns} - {*scheme.constants} <= {"mu", "rho"}:
+        return None
+    rows = [(stages.ravel(), stages[0], stages[0].size)] if stages.size else []
+    if "mu" in columns:
+        if np.isin(engine.constants[:, columns["rho"]], FOLDED).any():
             return None
-        mu = out[:, : out.shape[1] // 2].copy()
-        links.append((code, (mu, engine.z, engine.constants, out, len(out), 1)))
-    places = [out.ravel() for _, out in rows]
-    return None if places[-1][-1] in FOLDED else (links, places)
+        start = columns["mu"].start  # of mu and, behind it, rho
+        rows.append((engine.constants.ravel()[start:], engine.constants[:1, start : start + 2], count))
+    links, width = list[Link](), register_width() if lanes > 1 else 1
+    for out, one, stride in rows:
+        code = compiled_point(scheme, {name: columns[name] for name in scheme.constants}, one.shape[1] == 4, width)
+        if code is None:
+            return None
+        mu = one[:, : one.shape[1] // 2].copy()
+        links.append((code, (mu, engine.z, engine.constants, out, len(one), lanes, count, stride)))
+    return links, [stages.ravel(), engine.constants.ravel()]

@@ -173,8 +173,8 @@ class Stepped:
         out = self._outside(self.scheme(c).reopen(x))
         if self.turning is not None:
             state, constants = x[: len(self.model.system.space.letters)], self._known(c)
-            made = [call(self.turning, state, {**constants, "eps": eps}) for eps in c["eps"]]
-            out |= {f"s.{name}": np.stack([values[name] for values in made]) for name in self.orbit}
+            (name,) = self.orbit
+            out[f"s.{name}"] = np.stack([call(self.turning, state, {**constants, "eps": eps}) for eps in c["eps"]])
         return out
 
     def observe(self, c: Values, s: Values) -> dict[str, Any]:

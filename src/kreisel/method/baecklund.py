@@ -18,7 +18,7 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method.observing import State, as_matrix, observer, scheme_of
-from kreisel.method.scheme import Scheme, Steps
+from kreisel.method.scheme import Points, Scheme, Steps
 from kreisel.record.calling import call
 from kreisel.record.contract import Baecklund, Frame
 from kreisel.record.model import Model
@@ -26,7 +26,6 @@ from kreisel.record.model import Model
 DIGITS = 60
 MANY = 4096  # values of a component: from here on one point after the other
 SPINS = ("spin0", "spin1")
-Points = Callable[[State, Array], Array | None]
 WHOLE_TURN = 2.0  # radians that one Cayley factor makes with tan(theta/2) of size about 1
 
 

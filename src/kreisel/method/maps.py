@@ -19,11 +19,12 @@ from typing import Any
 
 import numpy as np
 
+from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, shown
 from kreisel.method.composition import DEFECT, composed, symmetric_composition
 from kreisel.method.observing import State, observer, scheme_of, turned, turned_by_map
-from kreisel.method.scheme import Guard, JaxSteps, Orbits, Scheme, Steps
+from kreisel.method.scheme import Guard, JaxSteps, Orbits, Points, Scheme, Steps
 from kreisel.record.calling import Function, call, keywords
 from kreisel.record.contract import Frame, Map, Orbit
 from kreisel.record.model import Model
@@ -134,7 +135,7 @@ def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     phi = model.map
     gamma = symmetric_composition(order)
     count, frame = len(model.system.space.letters), model.system.frame
-    longest = dt * float(abs(gamma).max())
+    longest, constant = dt * float(abs(gamma).max()), phi.trajectory is not None and model.n == 3
 
     def stage(state: State, gs: State, eps: Array, constants: Mapping[str, Array]) -> tuple[Any, Any, Any]:
         constants = {**constants, "eps": eps}
@@ -144,15 +145,19 @@ def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         new = call(phi.step, state, constants)
         return new, (turned_by_map(phi, frame, state, new, constants, g) for g in gs), ()
 
-    def trajectory(x0: State) -> tuple[dict[str, Array], dict[str, Array]]:
+    def point(*z: Array, mu: Array, **constants: Array) -> Array:
+        return call(phi.trajectory, z[:count], {**constants, "eps": mu})
+
+    def trajectory(x0: State, points: Points | None = None) -> tuple[dict[str, Array], dict[str, Array]]:
+        sigma = None if points is None else points(x0, gamma * dt)
         with np.errstate(all="ignore"):  # `prepare` refuses states outside the domain
-            each = [model.call(phi.trajectory, *x0[:count], eps=eps) for eps in gamma * dt]
-        return {}, {name: np.stack([constants[name] for constants in each], -1) for name in each[0]}
+            if sigma is None:
+                sigma = np.stack([point(*x0, mu=eps, **model.constants) for eps in gamma * dt], -1)
+        return {}, {"sigma": sigma}
 
     def prepare(x0: State) -> State:
         stages = "" if order == 2 else f" in its longest stage (order {order})"
-        _require_below("veselov", model, x0[:count], longest, stages=stages, enough=longest)
-        return scheme.reopen(x0)
+        return scheme.reopen(_below("veselov", model, x0, longest, stages=stages, enough=longest))
 
     guard = Guard(
         "The implicit equation of the map was not solved to round-off",
@@ -171,7 +176,9 @@ def veselov(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         None if phi.turn is None else guard,
         axes={**model.axes, **dict.fromkeys(keywords(phi.turn or phi.step) - {*model.axes}, 0)},
         prepare=prepare,
-        trajectory=None if phi.trajectory is None else trajectory,
+        trajectory=trajectory if constant else None,
+        point=point if constant else None,
+        wide=False,
     )
     return scheme
 
@@ -194,8 +201,7 @@ def _stepped(name: str, model: Model, dt: float, order: int, oriented: bool, **f
     count, reopen = len(model.system.space.letters), fields.get("reopen", tuple)
 
     def prepare(x0: State) -> State:
-        _require_below(name, model, x0[:count], dt)
-        return reopen(x0)
+        return reopen(_below(name, model, x0, dt))
 
     usual: dict[str, Any] = {
         "motion": Steps(_step(model.map, model.system.frame, count)),
@@ -219,12 +225,21 @@ def _step(phi: Map, frame: Frame, count: int) -> Function:
     return step
 
 
-def _require_below(name: str, model: Model, state: State, step: float, stages: str = "", **options: float) -> None:
-    """Raises `InputError` where a step is not below the largest at which the map is known to exist."""
+def _below(name: str, model: Model, x0: State, step: float, stages: str = "", **options: float) -> State:
+    """The state and orientations, if a step is below the largest at which the map is known to exist there.
+
+    Raises `InputError` where it is not; a recorded state is NaN where that is not certain.
+    """
     if model.map.largest_step is None:
-        return
+        return x0
+    state = x0[: len(model.system.space.letters)]
+    if algebra.holds_objects(x0[0]):
+        with np.errstate(all="ignore"):
+            largest = model.call(model.map.largest_step, *state, **options)
+        return (x0[0] * algebra.where_less(step, largest, 1.0, np.nan), *x0[1:])
     largest = model.largest_step(*state, **options)
     if not step < largest:
         words = {"largest": largest, "share": largest / step, "dt": step, "stages": stages}
         sentence = BEYOND[name].format(**words, shift=SHIFT if "b" in model.params else "")
         raise InputError(f"The map of {model.system.name} {sentence}")
+    return x0

@@ -13,6 +13,7 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.record.contract import Orbit, States
 
+Points = Callable[[tuple[Array, ...], Array], Array | None]
 Components = tuple[tuple[str, str], ...]  # (letter, kind): "skew", "vector", "matrix", "quaternion"
 
 
@@ -214,8 +215,9 @@ class Scheme:
     reopen(x)               -> z         from an observed state back to the method's own variables
     trajectory(x0)          -> constants of the trajectory and of its stages, in addition to `constants` and `stages`;
                                their axes stand in `axes`.  `on(x0)` puts them in
-    point(*z0, mu=...)      -> rho, a constant of the trajectory, which engines compile for double-doubles: then it is
-                               trajectory(x0, points) with points(x0, mus) -> rho (..., points), or None
+    point(*z0, mu=...)      -> rho, a constant of the trajectory, which engines compile, if it is `wide` for
+                               double-doubles: then it is trajectory(x0, points) with points(x0, mus) -> rho
+                               (..., points), or None
     conserved(z, **consts)  -> outputs   as `observe`, in the form of an engine, for quantities that it lets drift
     held(z)                 -> arrays    constant along a trajectory, which bind an orientation to the state; or None
     between                              the most steps between two projections; 0: what their cost allows
@@ -239,6 +241,7 @@ class Scheme:
     guard: Guard | None = None
     trajectory: Callable[..., tuple[Mapping[str, Array], Mapping[str, Array]]] | None = None
     point: Callable[..., Array] | None = None
+    wide: bool = True
     recordable: bool = True  # whether motion and `observe` can be recorded, and so compiled
     basis: Mapping[str, Array] = field(default_factory=dict)  # of the trajectory, for `observe` only
     conserved: Callable[..., dict[str, Array]] | None = None

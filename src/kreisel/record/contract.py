@@ -179,7 +179,7 @@ class Map:
                              (U, V)(*state, lam, eps) with U L_(k+1) = L_k V
     turn                     (*state, eps) -> X with w = cay(X), and the square of its last correction: for implicit
                              maps, whose step is then move(*state, X, eps)
-    trajectory               (*state, eps) -> {name: number}, further arguments of `turn`, constant on a trajectory
+    trajectory               (*state, eps) -> sigma, a further argument of `turn` for n = 3, constant on a trajectory
     largest_step             (*state) -> the |eps| beyond which the map may be singular on the orbit; with an argument
                              `enough` it may return a shorter one beyond that
     regularity               (*state, eps) -> reciprocal condition number of the Legendre transform, for implicit maps

@@ -56,8 +56,8 @@ def turn(M, *, J, c, eps, sigma=None):
 
 
 def trajectory(M, *, J, eps):
-    """Further arguments of `turn`, the same for all steps: for n = 3 the root of its quartic equation."""
-    return {"sigma": quartic.root(M, J, eps)[0]} if M.shape[-1] == 3 else {}
+    """Argument of `turn` that is the same for all steps, n = 3: the root of its quartic equation."""
+    return quartic.root(M, J, eps)[0]
 
 
 def turn_by_doubling(M, J, c, eps):

@@ -137,8 +137,8 @@ class StateForms:
 
     def prepared(self, x: Floats) -> Floats:
         """States (lanes, size) in the method's variables (lanes, d)."""
-        rows: Floats = self._conversions(len(x))[0](x[None])[0]
-        return rows
+        rows = self._conversions(len(x))[0](x[None])[0]
+        return rows if is_finite(rows) else self._prepared_arrays(x)  # which states that it refuses
 
     def observed(self, rows: Floats) -> Floats:
         """Rows (rows, lanes, d) of the method's variables as states, followed by the observed quantities."""
@@ -159,14 +159,10 @@ class StateForms:
         n, scheme, plan = self.model.n, self.scheme, self.plan(self.scheme, np.zeros((lanes, 0)))
 
         def prepared(parts: tuple[Array, ...], /, **_: Array) -> dict[str, Array]:
-            return {"z": algebra.flatten(scheme.prepare(self._from_user(parts)), scheme.kinds)}
+            return {"z": self._prepared(parts)}
 
         def returned(parts: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
             return self._lines(plan.variables(parts, **constants))
-
-        def prepared_arrays(x: Floats) -> Floats:
-            with np.errstate(invalid="ignore"):  # of states that are refused afterwards
-                return np.ascontiguousarray(prepared(algebra.restore(x, self._kinds, n))["z"])
 
         def returned_arrays(z: Floats) -> Floats:
             lines = returned(algebra.restore(z, scheme.kinds, n), **scheme.constants).values()
@@ -176,9 +172,16 @@ class StateForms:
         into = None if self.model.batch else row_function(natural, prepared, lanes, ("prepare",))
         by_arrays = isinstance(scheme.motion, Flow)  # as the rows of a run
         out = None if by_arrays else row_function(scheme, returned, lanes, ("return", self.settings.observe))
-        converters: tuple[Rows, Rows] = into or prepared_arrays, out or returned_arrays
+        converters: tuple[Rows, Rows] = into or self._prepared_arrays, out or returned_arrays
         self._converters[lanes] = converters
         return converters
+
+    def _prepared(self, parts: tuple[Array, ...]) -> Array:
+        return algebra.flatten(self.scheme.prepare(self._from_user(parts)), self.scheme.kinds)
+
+    def _prepared_arrays(self, x: Floats) -> Floats:
+        with np.errstate(invalid="ignore"):  # of states that are refused afterwards
+            return np.ascontiguousarray(self._prepared(algebra.restore(x, self._kinds, self.model.n)))
 
     def _lines(self, outputs: Mapping[str, Array]) -> dict[str, Array]:
         """The state, the orientation, and the observed quantities, each as entries along the last axis."""

@@ -109,12 +109,15 @@ class Propagator:
         count = within(n, "n", 1, MOST_STEPS)
         between = None if every is None else within(every, "every", 1, count)
         stepper, given = self._with(parameters) if parameters else (self._stepper, NONE)
-        plain = type(state) is np.ndarray and state.dtype is DOUBLE and state.shape == self._shape
+        plain = type(state) is np.ndarray and state.dtype is DOUBLE and self._shape in (state.shape, state.shape[1:])
         x, batched = (state, False) if plain else self._forms.given(state)
-        if between is None and (plain or len(x) == 1):
+        if between is None and len(x):
             y = stepper.steps_at_once(x, count, time, given)
             if y is not None:
-                return y if plain else self._forms.returned(y[None], state, batched)
+                if plain and y.ndim == x.ndim:
+                    return y
+                y = y.reshape(-1, y.shape[-1])
+                return y if plain else self._forms.returned(y, state, batched)
         x, batched = self._forms.given(state) if plain else (x, batched)
         result = (
             stepper.by_a_plan(x, count, between) if self._by_plan else stepper.steps(x, count, between, time, given)

@@ -24,6 +24,7 @@ from kreisel.kernels.engines import Engine, corrections
 from kreisel.kernels.exact.jumps import FEW, TOLERANCE, Jumps
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.projection.corrections import FAR
+from kreisel.kernels.threads import LEAST_WORK
 from kreisel.method import scheme as scheme_of
 from kreisel.method.observing import COUNT, ORIENTATION
 from kreisel.method.scheme import Flow, Jump, Orbits, Scheme, Steps
@@ -70,7 +71,8 @@ class Stepper:
         self._at_rest = defaultdict[int, deque[Engine]](lambda: deque(maxlen=AT_REST))
         fixed = scheme.trajectory is None or scheme.point is not None
         plain = isinstance(scheme.motion, Steps) and fixed and model.n < LARGE
-        self._courses = list[Course]() if plain and not model.batch else None
+        several = defaultdict[int, deque[Course]](lambda: deque(maxlen=AT_REST))
+        self._courses = several if plain and not model.batch else None  # by lanes
         jump = None if scheme.orbits is None else scheme.orbits.jump
         self._jumping, self._of_top = jump is not None, isinstance(jump, Jump)
         self._jumps: dict[int, Jumps] = {}
@@ -99,13 +101,17 @@ class Stepper:
     def steps_at_once(
         self, x: Floats, count: int, time: float | None, parameters: Mapping[str, Array]
     ) -> Floats | None:
-        """The state (entries,) after `count` steps from x (size,), by one call; None if only `steps` can tell it."""
-        if self._courses is None or self.timed != (time is not None):
+        """The states after `count` steps from x (size,) or (lanes, size), by one call.
+
+        None if only `steps` can tell them, and for work of several threads.
+        """
+        lanes = len(x) if x.ndim > 1 else 1
+        if self._courses is None or self.timed != (time is not None) or (lanes > 1 and lanes * count >= LEAST_WORK):
             return None
         if self._tabled and time is not None:
             require_within(self.model, finite_number(time, "time"), time + count * self.dt)
         try:
-            course = self._courses.pop()
+            course = self._courses[lanes].pop()
         except IndexError:
             x = np.atleast_2d(x)
             require_finite(x)
@@ -120,13 +126,13 @@ class Stepper:
         if sound and course.doubtful:
             self._require_sound(course.engine, course.row)
         y = course.y.copy() if sound else None
-        self._courses.append(course)
+        self._courses[lanes].append(course)
         return y
 
     def _course(self, x: Floats, count: int) -> Course | None:
         """A new course; None without straight-line code, or if constants of the trajectory are not compiled."""
         z, scheme = self.forms.prepared(x), self.scheme
-        rows, engine = self.forms.compiled(1), self._begun(z, count, count, scheme)
+        rows, engine = self.forms.compiled(len(x)), self._begun(z, count, count, scheme)
         engines = [engine]
         if scheme.corrector is not None:
             back, ahead = (CpuEngine(scheme.by(which), z) for which in (scheme.corrector.back, scheme.corrector.out))
@@ -186,7 +192,7 @@ class Stepper:
     ) -> Engine:
         """An engine at the start z with the given parameters: an idle one, or a new one."""
         if scheme.trajectory is not None:
-            x0 = algebra.restore(z, scheme.kinds, scheme.n)
+            x0 = algebra.restore(z, scheme.kinds, scheme.n)[: len(self.forms.letters)]
             if scheme.components[0][0] not in self.forms.letters:  # other variables than those of the state
                 x0 = self.forms.components(self.forms.observed(z[None])[0, :, : self.forms.size])
             scheme = scheme.on(x0, points)
@@ -366,7 +372,7 @@ class Room(NamedTuple):
 
 
 class Course:
-    """Memory of steps of one state by engines with straight-line code, and their compiled calls from x to y.
+    """Memory of steps of lanes by engines with straight-line code, and their compiled calls from x to y.
 
     engines   the engine of the steps; with a corrector between the engines of its inverse and of itself
     points    the links that compute the constants of the trajectory, and where they put them
@@ -388,13 +394,14 @@ class Course:
     ):
         self.engines, self.engine, self._time, self.doubtful = engines, engines[len(engines) // 2], time, False
         self._projection = cast("CompiledProjection | None", self.engine.projection)
-        self.row, x, y = np.empty((1, *self.engine.z.shape)), np.empty((1, 1, size)), np.empty((1, 1, out.count))
+        lanes = len(self.engine.z)
+        self.row, x, y = (np.empty((1, lanes, count)) for count in (self.engine.z.shape[1], size, out.count))
         rows, self._held, steps = [*(engine.z for engine in engines[1:]), self.row], list[Any](), list[Link]()
         for engine, row in zip(engines, rows, strict=True):
             projection = self._projection if engine is self.engine else None
             frame, held = frame_of(engine.code, engine.z, engine.constants, engine.stages, projection, 0)
             self._held.append(held)
-            steps.append((cast("Any", engine.code.steps).kernel, (frame, row, 1, 1, 0, 0, 1)))
+            steps.append((cast("Any", engine.code.steps).kernel, (frame, row, 1, 1, 0, 0, lanes)))
         ahead = len(engines) // 2
         self._summed, self._main = [x, self.row, *points[1]], steps[ahead]
         self._links = (
@@ -402,7 +409,7 @@ class Course:
             [*steps[:ahead], *points[0]],
             [*steps[ahead:], out.link(self.row, y)],
         )
-        self.x, self.y = x.ravel(), y.ravel()
+        self.x, self.y = (x[0], y[0]) if lanes > 1 else (x[0, 0], y[0, 0])
 
     def _chain(self, links: list[Link]) -> tuple[Chain, Any]:
         chain = Chain(links, self._summed)
@@ -418,24 +425,24 @@ class Course:
         return Chain(enter, []), Chain(before, []), *self._chain(after)
 
     def run(self, x: Floats, count: int, time: float | None) -> bool:
-        """Make `count` steps from a state x (size,) at a time, in steps; whether the state is finite and guarded."""
+        """Make `count` steps from states x at a time, in steps; whether the states are finite and guarded."""
         self.x[...] = x
         projection = None if self._projection is None or count < self._projection.every else self._projection
         if projection is not None or self._time is not None:
             enter, before, chain, counted = self._apart
             enter.call()
             if self._time is not None:
-                self.engines[0].z[0, self._time] = time
+                self.engines[0].z[:, self._time] = time
             before.call()
         else:
             chain, counted = self._whole
         if projection is not None:
             projection.begin(count)
         counted[0], self.doubtful = count, False
-        sound = math.isfinite(chain(count > MANY))
+        sound = math.isfinite(chain(count * self.row.shape[1] > MANY))
         if projection is not None:
-            self.doubtful = not max(projection.worst.ravel().tolist()) <= FAR * math.sqrt(projection.every)
-        return sound and (self.guard is None or self.row.item(self.guard[0]) <= self.guard[1])
+            self.doubtful = not projection.worst.max() <= FAR * math.sqrt(projection.every)
+        return sound and (self.guard is None or bool(self.row[..., self.guard[0]].max() <= self.guard[1]))
 
 
 class Signs:
