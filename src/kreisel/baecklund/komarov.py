@@ -180,7 +180,7 @@ def bounded(*, kappa, beta):
 
 def bounds(M, P, energy, *, kappa, beta, c, gamma):
     """Bounds of |M| and |P| on the orbit, from H + s (|P|^2 - kappa |M|^2), a positive form for some s."""
-    square, u, size = beta * beta, axial(M), norm(P)
+    square, u, size, H = beta * beta, axial(M), norm(P), energy(M, P, beta=beta, c=c, gamma=gamma)
     unit, rate = largest(abs(c), square), largest(0, 2 * kappa / (1 - kappa * square))  # s - square/2 is below 1/rate
     rise, first, second = largest(size / where_less(0, unit, unit, 1), rate), LARGE, LARGE
     rise = where_less(0, rise, rise, 1)
@@ -190,7 +190,7 @@ def bounds(M, P, energy, *, kappa, beta, c, gamma):
         third = 1 - s * kappa
         det = third * s - square / 4
         m, p = above * gamma / (2 * det), beta * gamma * (third - 1 / 2) / (2 * det)
-        room = energy + s * (dot(P, P) - kappa * dot(u, u)) + c * c / (4 * s) + gamma * (m + beta * p) / 2
+        room = H + s * (dot(P, P) - kappa * dot(u, u)) + c * c / (4 * s) + gamma * (m + beta * p) / 2
         room = largest(0, room)
         most = sqrt(room * largest(1 / (third - 1 / 2), s / det)) + abs(m)
         far = sqrt(room * reduce(largest, (1 / s, third / det, 1 / above))) + abs(p) + abs(c) / (2 * s)
@@ -201,18 +201,15 @@ def bounds(M, P, energy, *, kappa, beta, c, gamma):
 def pairs_of(curve, energy, matrix):
     """The record, from the coefficients of the spectral curve, H and m of a state."""
 
-    def sizes(M, P, kappa, beta, c, gamma):
-        return bounds(M, P, energy(M, P, beta=beta, c=c, gamma=gamma), kappa=kappa, beta=beta, c=c, gamma=gamma)
-
     def heights(M, P, *, kappa, beta, c, gamma):
-        most, far = sizes(M, P, kappa, beta, c, gamma)
+        most, far = bounds(M, P, energy, kappa=kappa, beta=beta, c=c, gamma=gamma)
         unit = reduce(largest, (most, abs(beta) * far, sqrt(abs(kappa)) * abs(c)))
         unit = where_less(0, unit, unit, 1)
         return [(0.0, 1, LOW * unit, HIGH * unit)]
 
     def spectrum(M, P, *, kappa, beta, c, gamma, y):
         """mu = i m for the two mu^2 next to -y^2, and a positive number if |mu| is larger than |M| is on the orbit."""
-        most, far = sizes(M, P, kappa, beta, c, gamma)
+        most, far = bounds(M, P, energy, kappa=kappa, beta=beta, c=c, gamma=gamma)
         p = cubic(curve(M, P, kappa=kappa, beta=beta, c=c, gamma=gamma), Complex(0.0, y))
         roots, use = lower_roots([parts(x)[0] for x in p])
         m = [sqrt(where_less(x, y * y, y * y - x, 0)) for x in roots]
