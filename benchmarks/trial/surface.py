@@ -38,7 +38,7 @@ BODIES = (
     "Ensemble",
     "Binary",
 )
-INTERNAL = {"Propagator.prepared", "Propagator.returned", "Propagator.stepped", "units.size_in_si",
+INTERNAL = {"Propagator.prepared", "Propagator.returned", "Propagator.stepped",
             "kr.Control.on", "kr.Control.start", "physical.Control.on", "physical.Control.start",
             *(f"physical.{body}.{name}" for body in BODIES for name in ("forced", "shaped", "in_si"))}  # fmt: skip
 RESULTS = {"Comparison", "MethodComparison", "Lines", "Course", "Motion", "AxisStability", "FreeRotation", "Plate",

@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import kreisel as kr
 from kreisel import analysis, units
@@ -164,6 +165,27 @@ def test_a_run_in_si_and_other_units() -> None:
         units.measured(run, PLAIN.scales(), time="secondz")
     with pytest.raises(kr.InputError, match="no attribute units"):
         units.quantity(run.m.drop_attrs())
+
+
+def test_arrays_of_xarray_state_their_units() -> None:
+    """A number with the attribute `units` is a quantity: what `units.measured` returns, and what files hold."""
+    body = FreeBody((1, 2, 2.5))
+    run = kr.simulate(body, body.state((0.1, 0.2, 1)), dt=0.1, steps=4)
+    other = units.measured(run, time="ms", angular_velocity="deg/s", momentum="g cm^2/s")
+    assert abs(other.angular_velocity[0] - np.rad2deg((0.1, 0.2, 1))).max() < 1e-12
+    w = other.angular_velocity[-1]
+    for rate in (w, run.angular_velocity[-1], [w[0], w[1], w[2]]):
+        assert abs(body.state(rate).M - body.state(run.angular_velocity[-1].values).M).max() < 1e-14
+    later = kr.simulate(body, body.state(w), dt=other.time[1], steps=2, t_start=other.time[3])
+    assert abs(later.time - (0.3, 0.4, 0.5)).max() < 1e-15
+    assert abs(kr.at(body, body.state(w), other.time[:3]).time - (0, 0.1, 0.2)).max() < 1e-15
+    assert abs(body.angular_velocity(other.momentum) - run.angular_velocity).max() < 1e-14
+    assert (
+        body.inertia.tolist() == FreeBody(xr.DataArray([1e4, 2e4, 2.5e4], attrs={"units": "kg cm^2"})).inertia.tolist()
+    )
+    for units_of_it in ("m", "1/s", "furlongs"):
+        with pytest.raises(kr.InputError, match="spin"):
+            body.state(w.assign_attrs(units=units_of_it))
 
 
 def test_rates_are_those_of_steady_precession() -> None:

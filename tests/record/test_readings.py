@@ -119,3 +119,30 @@ def test_a_state_that_was_changed_is_checked_again() -> None:
             kr.simulate(top, changed(entry, value), dt=0.1, steps=1)
     moved = kr.simulate(top, changed(1, 0.5), dt=0.1, steps=9)
     assert moved.equals(kr.simulate(top, {"m": (0.1, -0.2, 0), "a": (0.6, 0.5, 0.8)}, dt=0.1, steps=9))
+
+
+def test_lanes_by_name_at_any_place() -> None:
+    """A product of arrays of xarray may have the lanes last; exp(-rate) is the decay of a momentum at rest in space."""
+    speeds = xr.DataArray([1.0, 2.0, 3.0], dims="lane")
+    products = [xr.DataArray(v, dims="axis") * speeds for v in ([0.6, 0.0, 0.8], [1.0, 2.0, 2.5])]
+    assert products[0].dims == ("axis", "lane")
+    spun, body = BODY.state(M=products[0]), kr.EulerTop(J=products[1])
+    for lane in range(3):
+        assert np.allclose(spun.axial.M[lane], np.array((0.6, 0.0, 0.8)) * (1 + lane), rtol=1e-15)
+        assert np.allclose(body.params["J"][lane], np.array((1.0, 2.0, 2.5)) * (1 + lane), rtol=1e-15)
+    assert kr.physical.FreeBody(products[1]).state(products[0]).M.shape == (3, 3, 3)
+    rates = xr.DataArray([0.1, 0.2, 0.4], dims="lane")
+    sphere, falling = kr.EulerTop(J=(1, 1, 1)), np.exp(-rates.values)[:, None] * (0.6, 0.0, 0.8)
+    for braked in (
+        kr.perturbed(sphere, damping=rates),
+        kr.perturbed(sphere, torque=lambda M, *, rate: -rate * M, params={"rate": rates}),
+    ):
+        run = kr.simulate(braked, {"M": (0.6, 0.0, 0.8)}, dt=0.05, steps=20)
+        assert np.allclose(run.M[-1], falling, rtol=0, atol=1e-8)
+    of_bodies = (
+        kr.physical.FreeBody((2, 2, 2), damping=rates),
+        kr.physical.FreeBody((2, 2, 2), torque=lambda M, *, rate: -rate * M, params={"rate": rates}),
+    )
+    for many in of_bodies:
+        run = kr.simulate(many, many.state((0.3, 0.0, 0.4)), dt=0.05, t_end=1.0)
+        assert np.allclose(run.momentum[-1], falling, rtol=0, atol=1e-8)

@@ -25,6 +25,7 @@ from kreisel.algebra.backend import (
     is_exact,
     is_known_zero,
     is_number,
+    lanes_in_front,
     log,
     loses,
     magnitude,

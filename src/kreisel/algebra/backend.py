@@ -260,7 +260,7 @@ def floats(value: Any) -> Array:
     if loses(value):
         return np.asarray(np.nan)
     try:
-        array = np.asarray(value)
+        array = np.asarray(lanes_in_front(value))
         real = array.dtype.kind in "iuf" or (
             array.dtype == object and all(is_number(v) and hasattr(v, "__float__") for v in array.flat)
         )
@@ -269,6 +269,15 @@ def floats(value: Any) -> Array:
     except (TypeError, ValueError, OverflowError):
         pass
     return np.asarray(np.nan)
+
+
+def lanes_in_front(value: Any) -> Any:
+    """Array of xarray at one time with its axis `lane` in front: products of arrays may have it elsewhere.
+
+    Any other value is unchanged.
+    """
+    dims = tuple(getattr(value, "dims", ()))
+    return value.transpose("lane", ...) if "lane" in dims[1:] and "time" not in dims else value
 
 
 def is_number(value: Any) -> bool:

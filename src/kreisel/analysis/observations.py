@@ -19,7 +19,7 @@ from kreisel.record.calling import call, keywords
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import TIME
-from kreisel.record.quantities import size_in_si
+from kreisel.record.quantities import si, stated_unit
 
 SIGMA = "sigma_"
 VELOCITY = "Omega"
@@ -273,7 +273,8 @@ def _size_of_unit(model: Model, variable: Any, name: str) -> float:
     if frame is None or letter not in (VELOCITY, *frame.units):
         return 1.0
     unit, size = ("rad/s", 1 / frame.time_unit) if letter == VELOCITY else frame.units[letter]
-    return size / size_in_si(variable.attrs.get("units"), unit, size, name)
+    stated = stated_unit(variable)
+    return size / si((1.0, stated), unit, name) if stated else 1.0
 
 
 def _values(data: Any, name: str, size: float) -> tuple[Array, Array]:

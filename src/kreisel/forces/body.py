@@ -26,7 +26,7 @@ from kreisel.record.body import as_body
 from kreisel.record.calling import Portable, keywords, naming
 from kreisel.record.checks import require_body
 from kreisel.record.contract import Frame, Parameter, System
-from kreisel.record.given import SKEW_TOLERANCE, axes_of, numbers, require_one_reading
+from kreisel.record.given import SKEW_TOLERANCE, axes_of, is_vector, numbers, require_one_reading
 from kreisel.record.model import Model
 from kreisel.record.perturbation import FIRST, PAIRS, SECOND, TIME, Force, Perturbation, together
 from kreisel.record.table import Form, form_of, packed_of
@@ -247,8 +247,9 @@ def _parameters(model: Model, params: Any) -> dict[str, Parameter]:
 
 def _kind(value: Any, n: int) -> tuple[str, Any]:
     """The kind of parameter of a value, and the value with a single axis of lanes."""
+    value = algebra.lanes_in_front(value)
     shape = np.shape(value)
-    if shape[-1:] == (n,) and len(shape) <= 2:
+    if is_vector(value, n) and len(shape) <= 2:
         return "vector", value
     return "scalar", np.reshape(value, shape[:1]) if len(shape) == 2 and shape[1] == 1 else value
 
@@ -267,7 +268,7 @@ def _matrices(model: Model, damping: Any, inertia: Any, coupling: Any) -> dict[s
         if value is not None:
             numbers(value, name)
     if damping is not None:
-        kind = "vector" if np.shape(damping)[-1:] == (3,) and model.n == 3 else "scalar"
+        kind = "vector" if is_vector(algebra.lanes_in_front(damping), 3) and model.n == 3 else "scalar"
         meaning = "rate of linear damping, M' = -damping M, of all axes or of each"
         check = _alike if kind == "vector" and model.system.frame is Frame.REST else None
         out[DAMPING] = Parameter(DAMPING, kind, meaning, check, damping, diagonal=kind == "vector")

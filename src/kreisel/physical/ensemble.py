@@ -18,6 +18,7 @@ from kreisel.physical.inertia import are_diagonals
 from kreisel.physical.measures import attitude_quaternion, in_range, si_number
 from kreisel.record.body import UPRIGHT, Body, joined
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
+from kreisel.record.given import is_vector
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scale, Scales, one_unit
 from kreisel.runs.operations import operations_of
@@ -294,6 +295,7 @@ def _each(call: Callable[..., Any], lanes: Sequence[Arguments]) -> list[Any]:
 
 def _lanes(arguments: Arguments, scalars: Sequence[str] = ()) -> list[dict[str, Any]]:
     """The arguments of each lane; none if no argument has an axis of lanes.  Raises `InputError`."""
+    arguments = {name: algebra.lanes_in_front(value) for name, value in arguments.items()}
     counts = {name: _count(name, value, scalars) for name, value in arguments.items()}
     counts = {name: count for name, count in counts.items() if count}
     if len(set(counts.values())) > 1:
@@ -311,13 +313,14 @@ def _count(name: str, value: Any, scalars: Sequence[str]) -> int:
     axes, single = _axes(value), int(name in (*VECTORS, *MATRICES) and name not in scalars)
     if not axes:
         return 0
-    count = len(value[0] if one_unit(value) else value)
+    value = value[0] if one_unit(value) else value
+    count = len(value)
     if name in MATRICES and axes > 1:
         single = 2 if axes > 2 or (count == MATRICES[name] and not (name == "inertia" and are_diagonals(value))) else 1
     elif name == "plates":
         single = PLATES
     elif name == "damping":
-        single = int(count == 3)
+        single = int(is_vector(value, 3))
     return count if axes > single else 0
 
 
@@ -339,6 +342,6 @@ def _at(value: Any, lane: int, count: int, has_lanes: bool) -> Any:
     out = dict(value)
     for name, each in value.items():
         shape = () if callable(each) else np.shape(each)
-        if shape[:1] == (count,) and (len(shape) > 1 or count != 3):  # three values are a vector
+        if shape[:1] == (count,) and (len(shape) > 1 or not is_vector(each, 3)):
             out[name] = np.reshape(each, (count, *(() if shape[1:] == (1,) else shape[1:])))[lane]
     return out

@@ -25,7 +25,7 @@ from kreisel.physical.measures import (
 )
 from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
-from kreisel.record.quantities import size_in_si
+from kreisel.record.quantities import stated_unit
 from kreisel.system import REGISTRY
 
 PIVOT = "transverse_moment not about the pivot: add mass lever^2"
@@ -152,8 +152,7 @@ class Gyroscope(Forced):
 
         An array is read as m of a state; a variable states its units.
         """
-        units, unit = getattr(m, "attrs", {}).get("units"), self.momentum_unit
-        m = si_numbers(m, "1", "m") * (size_in_si(units, "kg m^2/s", unit, "m") / unit)
+        m = si_numbers(m, "kg m^2/s", "m") / (self.momentum_unit if stated_unit(m) else 1.0)
         a = si_numbers(a, "1", "a")
         try:
             m, a = np.broadcast_arrays(m, a)

@@ -14,7 +14,7 @@ from kreisel.errors import InputError, doubt, shown
 from kreisel.record.body_frame import AXES, BODY, BodyFrame
 from kreisel.record.checks import doubtful_angle
 from kreisel.record.given import by_lane
-from kreisel.record.quantities import si, size_in_si
+from kreisel.record.quantities import si, stated_unit
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
 
@@ -125,9 +125,9 @@ def momentum_in_body(M: Any, frame: BodyFrame) -> Array:
 
     A variable states its units and axes in its attributes; an array is read as a part of a state.
     """
-    attrs, (unit, size) = getattr(M, "attrs", {}), frame.units["M"]
-    momentum = si_numbers(M, "1", "M") * size_in_si(attrs.get("units"), unit, size, "M")
-    return momentum if attrs.get(AXES) == BODY else frame.vectors(momentum)
+    unit, size = frame.units["M"]
+    momentum = si_numbers(M, unit, "M") * (1.0 if stated_unit(M) else size)
+    return momentum if getattr(M, "attrs", {}).get(AXES) == BODY else frame.vectors(momentum)
 
 
 def attitude_quaternion(value: Any, name: str) -> Array:

@@ -41,7 +41,7 @@ def numbers(value: Any, name: str) -> Array:
     if algebra.loses(value):
         raise InputError(f"{name} must be plain values, got a masked entry or a unit: {shown(value)}.")
     try:
-        array = np.asarray(value)
+        array = np.asarray(algebra.lanes_in_front(value))
     except (ValueError, TypeError):
         raise InputError(f"{name} must be an array of values, got a ragged list: {shown(value)}.") from None
     if array.dtype == object and all(isinstance(v, int | float | Decimal) for v in array.flat):  # some beyond 64 bits
@@ -68,6 +68,11 @@ def axes_of(p: Parameter, value: Array) -> int:
 def says_lanes(value: Any) -> bool:
     """Whether an array of xarray names its axis of lanes."""
     return "lane" in getattr(value, "dims", ())
+
+
+def is_vector(value: Any, n: int) -> bool:
+    """Whether the last axis of a value may be the n entries of a vector: n scalars of n lanes name their axis."""
+    return np.shape(value)[-1:] == (n,) and getattr(value, "dims", ()) != ("lane",)
 
 
 def require_one_reading(p: Parameter, value: Any, system: str, sites: Any = None) -> None:
@@ -233,7 +238,7 @@ def check_dimension(n: int, name: str) -> None:
 def shape_of(value: Any) -> tuple[int, ...]:
     """The shape of a value, () for lists without a shape, which `component` refuses."""
     try:
-        return np.shape(value)
+        return np.shape(algebra.lanes_in_front(value))
     except (TypeError, ValueError):
         return ()
 
@@ -277,7 +282,7 @@ def by_lane(check: Check[T], *values: Any, single: Callable[[Any], int]) -> T:
 def _array(value: Any) -> Array | None:
     """An array that can be cut into lanes and keeps its meaning; None for text, units, masked and ragged values."""
     try:
-        array = None if algebra.loses(value) else np.asarray(value)
+        array = None if algebra.loses(value) else np.asarray(algebra.lanes_in_front(value))
     except (TypeError, ValueError):
         return None
     return None if array is None or array.dtype.kind not in "biufO" else array

@@ -64,9 +64,10 @@ def registry() -> pint.UnitRegistry[Any]:
 def si(value: Any, unit: str, name: str) -> Any:
     """A quantity in the named SI unit; plain values are already in SI.
 
-    A string such as "3 kg", a quantity of pint, astropy or unyt, lists of these or of floats, nested like a matrix, or
-    values with one unit for all, (values, "kg cm^2").  Returns a float or an array (...).  Raises `InputError` for
-    other dimensions, unknown units, and rates in Hz or 1/s for angular velocities.
+    A string such as "3 kg", a quantity of pint, astropy or unyt, lists of these or of floats, nested like a matrix,
+    values with one unit for all, (values, "kg cm^2"), or an array of xarray with the attribute `units`.  Returns a
+    float or an array (...).  Raises `InputError` for other dimensions, unknown units, and rates in Hz or 1/s for
+    angular velocities.
     """
     for part, text in (("unit", unit), ("name", name)):
         if not isinstance(text, str):
@@ -76,6 +77,8 @@ def si(value: Any, unit: str, name: str) -> Any:
             return value.to_value(unit)
         except Exception as error:  # of its package
             raise InputError(f"{name} must have the dimension of {unit}, got {shown(value)}: {error}.") from None
+    if stated := stated_unit(value):
+        value = (algebra.lanes_in_front(value).values, stated)
     value = value.tolist() if isinstance(value, np.ndarray) and value.dtype.kind in "OU" else value
     if isinstance(value, str):
         value = parsed(registry().Quantity, value, f"{name} must be a quantity such as '1 {unit}'")
@@ -85,7 +88,7 @@ def si(value: Any, unit: str, name: str) -> Any:
         except (TypeError, ValueError, OverflowError):
             got = shown(value[0])
             raise InputError(f"{name}: expected values and one unit, (values, '{unit}'), got {got}.") from None
-        value = entries * parsed_unit(value[1], name)
+        value = entries * (1.0 if value[1] == unit else parsed_unit(value[1], name))
     elif isinstance(value, list | tuple) and _has_units(value):
         parts = [si(v, unit, name) for v in value]
         return np.array(parts) if len({np.shape(part) for part in parts}) == 1 else value
@@ -107,16 +110,6 @@ def in_base_units(values: Any) -> Any:
     return np.reshape([registry().Quantity(text).to_base_units().magnitude for text in texts.flat], texts.shape)
 
 
-def size_in_si(attribute: str | None, unit: str, size: float, name: str) -> float:
-    """The size in SI of the unit of a variable, from its attribute `units`.
-
-    Without it, or for "1": the size in the state, `size` times `unit`.  Raises `InputError` for another dimension.
-    """
-    if attribute is None or attribute == "1":
-        return size
-    return 1.0 if attribute == unit else float(si(([1.0], attribute), unit, name)[0])
-
-
 def one_unit(value: Any) -> bool:
     """Whether it is (values, unit), such as ([1, 2, 3], "cm") or (3, "cm"); "3 cm" is a single quantity."""
     if not isinstance(value, list | tuple) or len(value) != 2 or not isinstance(value[1], str):
@@ -130,7 +123,13 @@ def _has_units(value: Any, levels: int = MOST_AXES) -> bool:
     """Whether there is text or a quantity in lists within lists."""
     if isinstance(value, list | tuple) and levels:
         return any(_has_units(v, levels - 1) for v in value)
-    return isinstance(value, str) or _is_quantity(value) or hasattr(value, "to_value")
+    return isinstance(value, str) or _is_quantity(value) or hasattr(value, "to_value") or stated_unit(value) != ""
+
+
+def stated_unit(value: Any) -> str:
+    """The attribute `units` of an array of xarray; "" without it, and for "1"."""
+    unit = value.attrs.get("units", "1") if hasattr(value, "dims") else "1"
+    return unit if isinstance(unit, str) and unit != "1" else ""
 
 
 def _is_quantity(value: Any) -> bool:
