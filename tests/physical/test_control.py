@@ -274,6 +274,8 @@ MISTAKES = {
     "a limit of no command": (lambda: noisy(limits={"torque": 1}), "limits: expected a number"),
     "noise of a sensor that the law lacks": (lambda: noisy(noise={"sun": 1e-3}), "expected sensors of the law, field"),
     "a name of the body": (lambda: noisy(parameters={"gain": 1, "drag": 1}), "neither sensors nor the body"),
+    "memory with the name of a variable": (lambda: kr.Control(bdot, memory={"work": 0.0}), "no variable of a run has"),
+    "memory with the name of a velocity": (lambda: kr.Control(bdot, memory={"angular_velocity": 0.0}), "no variable"),
     "a delay": (lambda: noisy(delay=-1), "delay: expected an integer"),
     "axes of wheels": (lambda: Wheels([[1, 1, 0]]), "rows of 3 values and length 1"),
     "a step that does not divide": (lambda: stepped(noisy(), 0.3), "a step that divides the time"),
@@ -376,6 +378,23 @@ def test_a_run_continues_where_another_ended(tmp_path) -> None:
     then = {"spin": row.angular_velocity, "attitude": row.attitude}  # with another controller
     seen = kr.simulate(still, still.state(**then), dt=1.0, t_start="2 min", steps=10, progress=False).seen
     assert seen.values[1:].tolist() == [*range(120, 130)]
+
+
+def test_counts_of_samples_continue_too() -> None:
+    """Memory named as counters of the steps: the value is the number of samples, of one each second."""
+    names = ("count", "reach", "field_window")
+    law = kr.Control(
+        lambda rates, count, reach, field_window: {
+            "torque": -1e-4 * rates,
+            **{k: v + 1 for k, v in zip(names, (count, reach, field_window), strict=True)},
+        },
+        memory=dict.fromkeys(names, 0.0),
+    )
+    body = Satellite(TENSOR, orbit(), torque=lambda t: np.array([1e-6, 0, 0]) * np.sin(0.02 * t), control=law)
+    first = kr.simulate(body, body.state(SPIN), dt=0.25, t_end=10.0, every=4, progress=False)
+    later = kr.simulate(body, first.isel(time=-1), dt=0.25, t_start=10.0, t_end=20.0, every=4, progress=False)
+    for name in names:
+        assert first[name].values.tolist() == [*range(11)] and later[name].values.tolist() == [*range(10, 21)]
 
 
 def test_an_archive_that_begins_later_is_checked(tmp_path) -> None:

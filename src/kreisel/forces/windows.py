@@ -25,7 +25,7 @@ from kreisel.forces.kicks import Body, Constants, perturbation_of
 from kreisel.record.calling import call
 from kreisel.record.model import Model
 
-WINDOW, SPAN = "field_window", "_span"
+WINDOW, SPAN = "_window", "_span"
 NODES, ALWAYS = 6, -1.0
 SIZE = 1 + 3 * NODES
 KIND = f"R^{SIZE}"

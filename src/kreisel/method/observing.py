@@ -19,7 +19,7 @@ State = tuple[Array, ...]
 Observed = tuple[Callable[..., dict[str, Array]], dict[str, Outcome]]  # `observe`, and its variables
 Only = Collection[str] | None
 ORIENTATION = "g"
-COUNT, WORK, BALANCE = "count", "work", "balance"  # of driven bodies; count: of complete steps
+COUNT, WORK, BALANCE = "_count", "work", "balance"  # of driven bodies; _count: of complete steps
 
 
 def orientation_component(n: int) -> tuple[str, str]:

@@ -50,7 +50,7 @@ from kreisel.record.model import Model
 from kreisel.record.perturbation import TIME, pairs_of
 
 FOURTH = (1 / (2 - 2 ** (1 / 3)), 1 - 2 / (2 - 2 ** (1 / 3)), 1 / (2 - 2 ** (1 / 3)))  # Yoshida 1990
-REACH, STORED = "reach", "_wheels"
+REACH, STORED = "_reach", "_wheels"
 NEAR_SAMPLE = 1e-6  # of the time between two samples
 TICKS = 1024  # in dt: a constant of 1 has a separate kernel, and dt = 1 is common
 

@@ -15,13 +15,16 @@ from kreisel.algebra.gradient import traced
 from kreisel.algebra.random import GENERATOR, streams
 from kreisel.errors import InputError, explained, hint, shown
 from kreisel.forces import control as sampling
-from kreisel.forces.control import BIAS, COMMANDS, DEVIATION, LIMIT, SENSORS, WHEEL_LIMIT
-from kreisel.forces.kicks import BODY_AXES, OF_PLACE, WHEEL_AXES, WHEEL_TORQUE, WHEELS, perturbation_of
+from kreisel.forces.control import BIAS, COMMANDS, DEVIATION, LIMIT, QUEUE, SENSORS, WHEEL_LIMIT
+from kreisel.forces.kicks import BODY_AXES, HELD, OF_PLACE, WHEEL_AXES, WHEEL_TORQUE, WHEELS, perturbation_of
+from kreisel.method.observing import BALANCE, WORK
 from kreisel.physical.measures import finite_floats, si_number, si_numbers
 from kreisel.record.contract import Parameter
 from kreisel.record.model import Model
 from kreisel.record.perturbation import Controller
+from kreisel.runs.in_si import ADDED, MEANINGS
 
+OF_RUNS = {*"agmMP", *MEANINGS, *ADDED, "energy", WORK, BALANCE, QUEUE, GENERATOR}  # variables, and letters of states
 NOISY = {"rates": "rad/s", "attitude": "rad", "field": "T", "sun": "1", "position": "m", "velocity": "m/s"}
 
 
@@ -106,6 +109,8 @@ class Control:
                 raise InputError(
                     f"{name}: expected a dict with {names}, got {shown(wrong[0] if wrong else values)}.{near}"
                 )
+        if taken := [name for name in self.memory if name in OF_RUNS or name.startswith(("_", HELD))]:
+            raise InputError(f"memory: expected names that no variable of a run has, got {shown(taken[0])}. Rename it.")
         memory = {name: finite_floats(value, "1", name) for name, value in self.memory.items()}
         if any(value.ndim > 1 or not value.size for value in memory.values()):
             raise InputError(f"memory: expected values or arrays (k,), got {shown(dict(self.memory))}.")
