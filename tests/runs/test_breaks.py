@@ -271,6 +271,24 @@ def test_bad_input_is_refused(asked: dict[str, Any], message: str) -> None:
         kr.simulate(BODY, START, dt=0.1, **asked)
 
 
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"events": kr.Event(lambda x: x["M"][0])}, "the state has momentum, attitude, not 'M'"),
+        (
+            {"events": kr.Event(lambda x: x["momentum"][0], lambda x: None)},
+            r"momentum \(3,\), attitude \(4,\), got None",
+        ),
+        ({"events": kr.Event(lambda x: x["momentum"][0], lambda x: {**x, "momentum": (0, 1)})}, r"momentum \(3,\)"),
+        ({"impulses": {"time": 1, "angular_velocity": (0, 0, 1)}}, "an increment of momentum, got angular_velocity"),
+    ],
+)
+def test_a_body_in_si_names_its_variables_in_messages(asked: dict[str, Any], message: str) -> None:
+    turned = kr.physical.FreeBody([[5, 1, 0], [1, 4, 0.5], [0, 0.5, 3]], torque=lambda Omega: -0.01 * Omega)
+    with pytest.raises(kr.InputError, match=message):
+        kr.simulate(turned, turned.state((1, -2, 1.5)), dt=0.1, t_end=4.0, **asked)
+
+
 def test_methods_and_ensembles_that_do_not_suit() -> None:
     kick = {"time": 0.5, "m": (0, 0, 1)}
     for method, message in (

@@ -28,7 +28,7 @@ from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scale
 from kreisel.runs.run_record import CLOCKS, FORM, SI, RunRecord, frame_of, lanes_of
-from kreisel.runs.settings import Event, initial_orientation
+from kreisel.runs.settings import Event, NamedComponents, initial_orientation
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -442,15 +442,15 @@ def scaled_events(frame: BodyFrame, events: Any) -> Any:
     if not isinstance(several, Sequence) or not all(isinstance(each, Event) for each in several):
         return events
 
-    def of_state(function: Any) -> Any:
+    def of_state(function: Any, each: Event | None = None) -> Any:
         @wraps(function)
-        def each(state: Mapping[str, Any]) -> Any:
-            result = function(frame.components(state, True))
-            return frame.components(result, False) if isinstance(result, Mapping) else result
+        def in_words(state: Mapping[str, Any]) -> Any:
+            named = NamedComponents(frame.components(state, True))
+            return frame.components(each.acted(named), False) if each else function(named)
 
-        return each
+        return in_words
 
-    return [Event(of_state(e.quantity), e.action and of_state(e.action), e.rising) for e in several]
+    return [Event(of_state(e.quantity), e.action and of_state(e.action, e), e.rising) for e in several]
 
 
 def letters_of(model: Model, names: Any) -> Any:

@@ -403,6 +403,13 @@ def count_of_rows(steps: int, every: int) -> int:
     return 1 + steps // every + (steps % every > 0)
 
 
+class NamedComponents(dict[str, Any]):
+    """A state by name for functions of the user: a missing name is reported with the names."""
+
+    def __missing__(self, name: Any) -> Any:
+        raise LookupError(f"the state has {', '.join(self)}, not {shown(name)}")
+
+
 @explained
 @dataclass(frozen=True)
 class Event:
@@ -431,6 +438,17 @@ class Event:
 
     def __reduce__(self) -> Any:
         return _event, (Portable(self.quantity), Portable(self.action), self.rising)
+
+    def acted(self, state: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The state after the action.  Raises `InputError` for a result with other names or shapes."""
+        new = state if self.action is None else self.action(NamedComponents(state))
+        expected = {letter: np.shape(value) for letter, value in state.items()}
+        if not isinstance(new, Mapping) or {letter: np.shape(value) for letter, value in new.items()} != expected:
+            shapes = ", ".join(f"{letter} {shape}" for letter, shape in expected.items())
+            raise InputError(
+                f"kr.Event: expected an action that returns the state, a dict of {shapes}, got {shown(new)}."
+            )
+        return new
 
     @property
     def name(self) -> str:

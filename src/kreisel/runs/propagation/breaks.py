@@ -20,7 +20,7 @@ from kreisel.method.observing import COUNT, ORIENTATION, WORK
 from kreisel.method.scheme import CoupledSteps, Flow, Scheme, Steps
 from kreisel.runs.plan import BREAKS, Plan
 from kreisel.runs.propagation.stepper import AT_ZERO, Signs, Stepper, number_of
-from kreisel.runs.settings import LARGE, WHOLE
+from kreisel.runs.settings import LARGE, WHOLE, NamedComponents
 
 MOST_ROWS = 256  # steps that are made before events are checked
 MOST_IN_STEP = 1000  # events within one step
@@ -137,13 +137,8 @@ class Breaks:
     def _fire(self, i: int, z: Floats, time: float, size: float) -> Floats:
         """The state after the action of an event whose quantity has this size within the step."""
         self.fired.append((time, i))
-        state, action = self._state(z, time), self.events[i].action
-        state = {letter: np.array(value) for letter, value in state.items()}
-        new = action(state) if action else state
-        if not isinstance(new, Mapping) or set(new) != set(state):
-            raise InputError(
-                f"kr.Event: expected an action that returns the state, a dict of {', '.join(state)}, got {shown(new)}."
-            )
+        state = {letter: np.array(value) for letter, value in self._state(z, time).items()}
+        new = self.events[i].acted(state)
         z = self._changed(z, time, self._stepper.forms.given(new)[0])
         values = self._signs.begin(z, time)
         if abs(values[i]) <= AT_ZERO * size:  # still there: the side to which the motion continues
@@ -152,7 +147,7 @@ class Breaks:
 
     def _values(self, z: Floats, time: float) -> Floats:
         state = self._state(z, time) if self.events else {}
-        return np.array([number_of(event.quantity, dict(state), "kr.Event") for event in self.events])
+        return np.array([number_of(event.quantity, NamedComponents(state), "kr.Event") for event in self.events])
 
     def _state(self, z: Floats, time: float) -> dict[str, Any]:
         x = self._stepper.returned(z, time)
@@ -264,12 +259,15 @@ def _jump(stepper: Stepper, impulse: Mapping[str, Any], lanes: int) -> Floats:
     system, n = stepper.model.system, stepper.model.n
     momenta = [system.space.letters[0]] if system.space.of_body else []
     momenta += [] if system.translation is None else [k for k, kind in system.space.components if kind == "vector"]
+    words = getattr(stepper.model.body_frame, "names", {})
     out = np.zeros((lanes, stepper.forms.size))
     letters = [letter for letter in impulse if letter != "time"]
     if not letters or not set(letters) <= set(momenta):
         raise InputError(
-            f"impulses: expected an increment of {' or '.join(momenta) or 'a momentum, which this system lacks'}, got "
-            f"{shown({k: v for k, v in impulse.items() if k != 'time'})}."
+            f"impulses: expected an increment of {' or '.join(words.get(k, k) for k in momenta)}, got "
+            f"{', '.join(words.get(k, k) for k in letters) or 'none'}."
+            if momenta
+            else "impulses: expected a system with a momentum."
         )
     for letter in letters:
         value, place = np.asarray(impulse[letter], dtype=np.float64), stepper.forms.places[letter]
