@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -395,6 +396,16 @@ def test_counts_of_samples_continue_too() -> None:
     later = kr.simulate(body, first.isel(time=-1), dt=0.25, t_start=10.0, t_end=20.0, every=4, progress=False)
     for name in names:
         assert first[name].values.tolist() == [*range(11)] and later[name].values.tolist() == [*range(10, 21)]
+
+
+def test_three_lanes_of_a_parameter_are_named() -> None:
+    """A steady torque k of a sphere at rest for the time t: k t."""
+    law = kr.Control(
+        lambda *, k: {"torque": k * np.array([1, 0, 0])}, parameters={"k": xr.DataArray([1, 2, 4], dims="lane")}
+    )
+    body = kr.physical.FreeBody((1, 1, 1), control=law)
+    run = kr.simulate(body, body.state((0, 0, 0)), dt=0.5, t_end=3.0, progress=False)
+    assert np.allclose(run.momentum[-1], [(3, 0, 0), (6, 0, 0), (12, 0, 0)], rtol=1e-14)
 
 
 def test_an_archive_that_begins_later_is_checked(tmp_path) -> None:

@@ -268,7 +268,7 @@ def _matrices(model: Model, damping: Any, inertia: Any, coupling: Any) -> dict[s
         if value is not None:
             numbers(value, name)
     if damping is not None:
-        kind = "vector" if is_vector(algebra.lanes_in_front(damping), 3) and model.n == 3 else "scalar"
+        kind = "vector" if is_vector(damping, 3) and model.n == 3 else "scalar"
         meaning = "rate of linear damping, M' = -damping M, of all axes or of each"
         check = _alike if kind == "vector" and model.system.frame is Frame.REST else None
         out[DAMPING] = Parameter(DAMPING, kind, meaning, check, damping, diagonal=kind == "vector")

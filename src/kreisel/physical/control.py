@@ -20,6 +20,7 @@ from kreisel.forces.kicks import BODY_AXES, HELD, OF_PLACE, WHEEL_AXES, WHEEL_TO
 from kreisel.method.observing import BALANCE, WORK
 from kreisel.physical.measures import finite_floats, si_number, si_numbers
 from kreisel.record.contract import Parameter
+from kreisel.record.given import is_vector, shape_of
 from kreisel.record.model import Model
 from kreisel.record.perturbation import Controller
 from kreisel.runs.in_si import ADDED, MEANINGS
@@ -223,8 +224,8 @@ def at_the_start(model: Model, control: Control | None, wheels: Wheels | None, l
 
 
 def _parameter(name: str, value: Any, meaning: str) -> Parameter:
-    array = algebra.floats(value)
-    return Parameter(name, "vector" if array.shape[-1:] == (3,) and array.ndim < 3 else "scalar", meaning, None, value)
+    kind = "vector" if is_vector(value, 3) and len(shape_of(value)) < 3 else "scalar"
+    return Parameter(name, kind, meaning, None, value)
 
 
 def _noise(name: str, value: Any) -> dict[str, Array]:

@@ -72,7 +72,7 @@ def says_lanes(value: Any) -> bool:
 
 def is_vector(value: Any, n: int) -> bool:
     """Whether the last axis of a value may be the n entries of a vector: n scalars of n lanes name their axis."""
-    return np.shape(value)[-1:] == (n,) and getattr(value, "dims", ()) != ("lane",)
+    return shape_of(value)[-1:] == (n,) and getattr(value, "dims", ()) != ("lane",)
 
 
 def require_one_reading(p: Parameter, value: Any, system: str, sites: Any = None) -> None:
