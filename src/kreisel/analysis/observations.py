@@ -274,7 +274,8 @@ def _size_of_unit(model: Model, variable: Any, name: str) -> float:
         return 1.0
     unit, size = ("rad/s", 1 / frame.time_unit) if letter == VELOCITY else frame.units[letter]
     stated = stated_unit(variable)
-    return size / si((1.0, stated), unit, name) if stated else 1.0
+    ratio: float = size / si((1.0, stated), unit, name) if stated else 1.0
+    return ratio
 
 
 def _values(data: Any, name: str, size: float) -> tuple[Array, Array]:
