@@ -18,6 +18,9 @@ SHOWN = (
 FACES = ("#0072B2", "#E69F00", "#009E73")  # of Okabe and Ito
 SIDES = np.array([8.0, 4.0, 2.25]) / 8  # of the brick
 VIEW = np.array([1.0, -1.3, 0.8])
+FORWARD = VIEW / np.linalg.norm(VIEW)
+RIGHT = np.cross([0, 0, 1], FORWARD) / np.linalg.norm(np.cross([0, 0, 1], FORWARD))
+PLANE = np.stack([RIGHT, np.cross(FORWARD, RIGHT)])
 
 
 def read() -> tuple[dict[str, Any], dict[str, Any]]:
@@ -142,19 +145,15 @@ def turned(q: Any, v: Any) -> Any:
 
 def faces(q: Any, sides: Any = SIDES) -> list[tuple[Any, str, float]]:
     """The faces of a brick that are seen: corners in the picture (4, 2), colour, depth."""
-    forward = VIEW / np.linalg.norm(VIEW)
-    right = np.cross([0, 0, 1], forward)
-    right = right / np.linalg.norm(right)
-    plane = np.stack([right, np.cross(forward, right)])
-    found = []
+    found, axes = [], turned(q, np.eye(3))
     for axis in range(3):
         for side in (1, -1):
             normal = side * np.eye(3)[axis]
-            if turned(q, normal) @ forward <= 0:
+            if normal @ axes @ FORWARD <= 0:
                 continue
             u, v = np.roll(np.eye(3), -axis, 0)[1:]
             corners = np.array([normal + a * u + b * v for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]) * sides / 2
-            found.append((turned(q, corners) @ plane.T, FACES[axis], side))
+            found.append((corners @ axes @ PLANE.T, FACES[axis], side))
     return found
 
 
