@@ -27,7 +27,7 @@ def case(rng: random.Random, folder: Path) -> str:
     base = folder.parent.parent
     path = rng.choice(sorted((base / "stores" / "true").iterdir()))
     shutil.copytree(path, folder / path.name)
-    whole = base / "stores" / "whole-1.zarr"
+    whole = base / "stores" / "whole.zarr"
     places = [folder / path.name, *sorted((folder / path.name).rglob("*"))]
     chosen = rng.sample(places, rng.choice([1, 1, 3]))
     modes = [rng.choice(MODES) for _ in chosen]
@@ -35,7 +35,7 @@ def case(rng: random.Random, folder: Path) -> str:
     before = {str(p): stat.S_IMODE(p.stat().st_mode) for p in chosen}
     for place, mode in zip(chosen, modes, strict=True):
         place.chmod(mode)
-    truth = base / "stores" / f"true-{path.name}.npz"
+    truth = base / "stores" / f"{path.name}.npz"
     wrong = apart(_judged, str(folder), path.name, str(truth), before, str(whole))
     if wrong:
         raise AssertionError("; ".join(wrong))

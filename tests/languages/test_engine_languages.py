@@ -32,7 +32,7 @@ def body(name: str, angle: float = 0.5) -> list[float]:
     I, w, q = (np.array(v, dtype=float) for v in (case.inertia, case.angular_velocity, case.attitude))  # noqa: E741
     between = float(case.duration) / ROWS
     count = int(np.ceil(between * np.linalg.norm(w) / angle))
-    in_space = case.reference([0.0]).angular_velocity_space.values[0]
+    in_space = Rotation.from_quat(q, scalar_first=True).apply(w)
     entries = [I[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))]
     return [*map(float, entries), *map(float, q), *map(float, in_space), between / count, count]
 
