@@ -52,9 +52,7 @@ class Ellipsoid(Varied):
         object.__setattr__(self, "semi_axes", lengths)
         self.shaped("ellipsoid", lengths)
         convert_fields(self, positive=True, mass="kg")
-        convert_fields(self, fluid_density="kg/m^3")
-        if self.fluid_density < 0:
-            raise InputError(f"fluid_density: expected 0 or more kg/m^3, got {self.fluid_density!r}.")
+        convert_fields(self, least=0.0, fluid_density="kg/m^3")
         require_range(self, "displaced_mass", "added_masses", "added_moments", "moments")
         in_range("1/mass and 1/moment", lambda: 1 / np.concatenate([self.mass + self.added_masses, self._inertia]))
 

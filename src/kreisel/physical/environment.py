@@ -16,7 +16,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError, require_one_of, shown
-from kreisel.physical.measures import si_numbers
+from kreisel.physical.measures import direction
 
 if TYPE_CHECKING:
     from kreisel.physical.orbit import Orbit
@@ -185,10 +185,7 @@ def environment_of(body: Satellite) -> dict[str, Any]:
         _require_date(orbit, "sun='ephemeris'")
         out |= motion_of_sun(orbit.days)
     elif sun is not None:
-        direction = si_numbers(sun, "1", "sun", ((3,),))
-        if not direction.any():
-            raise InputError("sun: expected a direction, got the zero vector.")
-        out["sun"] = direction / np.linalg.norm(direction)
+        out["sun"] = direction(sun, "sun")
     return out | ({"density": body.density} if body.air is None else _air(body))
 
 

@@ -18,6 +18,7 @@ from kreisel.physical.inertia import Principal, inertia_tensor, principal
 from kreisel.physical.measures import (
     RATE,
     convert_fields,
+    direction,
     frame_of,
     in_range,
     momentum_in_body,
@@ -239,11 +240,7 @@ def _mass_moments(moments: Any, unit: float) -> Any:
 def angular_velocity_of(spin: Any, axis: Any) -> Array:
     """(..., 3) in rad/s along the body axes, from a vector, or from a rate and an axis.  Raises `InputError`."""
     if axis is not None:
-        rate, direction = si_number(spin, RATE, "spin"), si_numbers(axis, "1", "axis", ((3,),))
-        length = in_range("The length of axis", lambda: np.linalg.norm(direction))
-        if length == 0:
-            raise InputError("axis: expected a direction in the body, got the zero vector.")
-        return np.asarray(rate * direction / length)
+        return si_number(spin, RATE, "spin") * direction(axis, "axis")
     if hasattr(spin, "data_vars"):
         raise InputError(
             "spin: expected an angular velocity, got a Dataset. With row = run.isel(time=-1), pass "

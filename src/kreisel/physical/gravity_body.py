@@ -47,14 +47,11 @@ class GravityBody:
 
     def __post_init__(self) -> None:
         convert_fields(self, positive=True, mass="kg")
-        convert_fields(self, size="m", love="1", lag="s")
+        convert_fields(self, least=0.0, size="m", love="1", lag="s")
         object.__setattr__(self, "inertia", diagonal_inertia(self.inertia))
         for k in (3, 4):
             units: dict[str, Any] = {f"degree_{k}": f"kg m^{k}"}
             convert_fields(self, shapes=((2 * k + 1,),), **units)
-        for name in ("size", "love", "lag"):
-            if getattr(self, name) < 0:
-                raise InputError(f"{name}: expected a number >= 0, got {getattr(self, name):g}.")
         if self.love and not self.size:
             raise InputError("love: expected size=... too, the radius of the body that tides deform, got none.")
 

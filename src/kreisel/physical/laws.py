@@ -17,7 +17,7 @@ from kreisel.algebra.gradient import exp
 from kreisel.bodies.orbit import arcsine
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.control import Control, Wheels
-from kreisel.physical.measures import attitude_quaternion, si_number, si_numbers
+from kreisel.physical.measures import attitude_quaternion, direction, si_number, si_numbers
 
 ORBIT = "orbit"
 MU_0 = 1.25663706127e-6  # N/A^2, CODATA 2022
@@ -144,11 +144,8 @@ def sun_pointing(axis: Any, stiffness: Any, damping: Any, every: Any = 1.0, **mo
 
     stiffness, damping   N m/rad and N m s.  [Markley, Crassidis 2014, section 7.2]
     """
-    direction = si_numbers(axis, "1", "axis", ((3,),))
-    if not direction.any():
-        raise InputError("axis: expected a direction, got the zero vector.")
     parameters: dict[str, Any] = _numbers(stiffness=(stiffness, "N m/rad"), damping=(damping, "N m s"))
-    return Control(_towards_sun, every, {}, {**parameters, "axis": direction / np.linalg.norm(direction)}, **more)
+    return Control(_towards_sun, every, {}, {**parameters, "axis": direction(axis, "axis")}, **more)
 
 
 @explained

@@ -19,16 +19,17 @@ from kreisel.record.quantities import si, stated_unit
 STANDARD_GRAVITY = 9.80665  # m/s^2, the conventional value (CGPM 1901)
 
 
-def si_number(value: Any, unit: str, name: str, *, positive: bool = False) -> float:
-    """A finite float in SI, positive if requested, or a quantity with units.  Raises `InputError`.
+def si_number(value: Any, unit: str, name: str, *, positive: bool = False, least: float = -np.inf) -> float:
+    """A finite float in SI, positive or at least `least` if requested, or a quantity with units.
 
-    Warns with `InputWarning` of plain angles beyond their range.
+    Raises `InputError`.  Warns with `InputWarning` of plain angles beyond their range.
     """
     array = floats(si(value, unit, name))
-    if array.shape != () or not np.isfinite(array) or (positive and array <= 0):
+    if array.shape != () or not np.isfinite(array) or (positive and array <= 0) or array < least:
+        bound = " > 0" if positive else f" >= {least:g}" if np.isfinite(least) else ""
         raise InputError(
-            f"{name} must be a finite number{' > 0' * positive} in SI units ({unit}), or a quantity such as "
-            f"'1 {unit}', got {shown(value)}."
+            f"{name} must be a finite number{bound} in SI units ({unit}), or a quantity such as '1 {unit}', got "
+            f"{shown(value)}."
         )
     if unit == "rad" and _unitless(value):
         for sentence in doubtful_angle(array, name):
@@ -61,6 +62,15 @@ def _si_numbers(unit: str, name: str, shapes: tuple[tuple[int, ...], ...], value
     return array
 
 
+def direction(value: Any, name: str) -> Array:
+    """The unit vector (3,) along a vector.  Raises `InputError` for the zero vector."""
+    vector = si_numbers(value, "1", name, ((3,),))
+    length = in_range(f"The length of {name}", lambda: np.linalg.norm(vector))
+    if not length:
+        raise InputError(f"{name}: expected a direction, got the zero vector.")
+    return np.asarray(vector / length)
+
+
 def three(value: Any, unit: str, name: str) -> tuple[float, float, float]:
     """Three floats, in SI or with units.  Raises `InputError`."""
     array = floats(si(value, unit, name))
@@ -78,15 +88,17 @@ def finite_floats(value: Any, unit: str, name: str) -> Array:
     return array
 
 
-def convert_fields(body: Any, *, positive: bool = False, shapes: Any = None, **units: str) -> None:
-    """Fields of a frozen record, converted from quantities to floats, or arrays of these shapes, in SI.
+def convert_fields(
+    body: Any, *, shapes: Any = None, positive: bool = False, least: float = -np.inf, **units: str
+) -> None:
+    """Fields of a frozen record, converted from quantities to floats in these bounds, or arrays of these shapes, in SI.
 
     Raises `InputError`.
     """
     for name, unit in units.items():
         value = getattr(body, name)
-        value = si_numbers(value, unit, name, shapes) if shapes else si_number(value, unit, name, positive=positive)
-        object.__setattr__(body, name, value)
+        number = partial(si_number, positive=positive, least=least)
+        object.__setattr__(body, name, si_numbers(value, unit, name, shapes) if shapes else number(value, unit, name))
 
 
 def require_range(body: Any, *names: str) -> None:

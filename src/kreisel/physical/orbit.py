@@ -59,9 +59,8 @@ def _checked(primary: Any) -> Primary:
     """The primary in SI.  Raises `InputError`."""
     if not isinstance(primary, Primary):
         raise InputError(f"primary: expected kr.physical.EARTH or another Primary, got {shown(primary)}.")
-    mu, radius = si_number(primary.mu, "m^3/s^2", "mu", positive=True), si_number(primary.radius, "m", "radius")
-    if radius < 0:
-        raise InputError(f"radius of the primary: expected a number >= 0, got {radius:g}.")
+    mu = si_number(primary.mu, "m^3/s^2", "mu", positive=True)
+    radius = si_number(primary.radius, "m", "radius of the primary", least=0.0)
     field, J2 = si_number(primary.field, "T m^3", "field"), si_number(primary.J2, "1", "J2 of the primary")
     return primary._replace(mu=mu, radius=radius, field=field, J2=J2)
 

@@ -22,6 +22,7 @@ from kreisel.physical.inertia import inertia_tensor
 from kreisel.physical.measures import (
     attitude_quaternion,
     convert_fields,
+    direction,
     frame_of,
     in_range,
     si_number,
@@ -124,12 +125,7 @@ class Satellite(Forced):
         convert_fields(self, shapes=((3,),), magnetic_moment="A m^2")
         if not by_functions(self.torque):
             convert_fields(self, shapes=((3,),), torque="N m")
-        convert_fields(self, density="kg/m^3", drag="1", light="N/m^2", mirror="1", diffuse="1")
-        for name in ("density", "drag", "light", "mirror", "diffuse"):
-            if getattr(self, name) < 0:
-                raise InputError(f"{name}: expected a number >= 0, got {getattr(self, name):g}.")
-        if self.mirror + self.diffuse > 1:
-            raise InputError(f"mirror + diffuse: expected at most 1, got {self.mirror + self.diffuse:g}.")
+        convert_fields(self, least=0.0, density="kg/m^3", drag="1", light="N/m^2", mirror="1", diffuse="1")
         if not isinstance(self.plates, list | tuple):
             raise InputError(f"plates: expected a list of Plate(normal, centre, area), got {shown(self.plates)}.")
         object.__setattr__(self, "plates", tuple(_plate(p) for p in self.plates))
@@ -365,10 +361,5 @@ def _plate(value: Any) -> Plate:
     if not isinstance(value, tuple | list) or len(value) != 3:
         raise InputError(f"plates: expected Plate(normal, centre, area), got {shown(value)}.")
     normal, centre, area = value
-    size = si_number(area, "m^2", "area")
-    if size < 0:
-        raise InputError(f"area: expected a number >= 0, got {size:g}.")
-    direction = si_numbers(normal, "1", "normal", ((3,),))
-    if not direction.any():
-        raise InputError("normal: expected a direction, got the zero vector.")
-    return Plate(direction / np.linalg.norm(direction), si_numbers(centre, "m", "centre", ((3,),)), size)
+    size = si_number(area, "m^2", "area", least=0.0)
+    return Plate(direction(normal, "normal"), si_numbers(centre, "m", "centre", ((3,),)), size)

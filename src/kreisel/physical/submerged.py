@@ -79,12 +79,9 @@ class SubmergedBody(Forced):
 
     def __post_init__(self) -> None:
         convert_fields(self, positive=True, mass="kg")
-        convert_fields(self, gravity="m/s^2")
-        displaced = self.mass if self.displaced_mass is None else self.displaced_mass
-        displaced = si_number(displaced, "kg", "displaced_mass")
-        if displaced < 0 or self.gravity < 0:
-            raise InputError(f"displaced_mass, gravity: expected >= 0, got {displaced:g}, {self.gravity:g}.")
-        object.__setattr__(self, "displaced_mass", displaced)
+        if self.displaced_mass is None:
+            object.__setattr__(self, "displaced_mass", self.mass)
+        convert_fields(self, least=0.0, gravity="m/s^2", displaced_mass="kg")
         object.__setattr__(self, "inertia", FreeBody(self.inertia).inertia)
         convert_fields(self, shapes=((3,),), center_of_mass="m", center_of_buoyancy="m", current="m/s")
         for name, shapes in (("added_mass", SIX), ("linear_drag", SIX[:1]), ("quadratic_drag", SIX[:1])):
