@@ -31,16 +31,16 @@ from kreisel.algebra.random import GENERATOR, normals
 from kreisel.algebra.recorded import run
 from kreisel.errors import InputError, shown
 from kreisel.forces import kicks
-from kreisel.forces.kicks import BODY_AXES, HELD, OF_PLACE, WHEEL_AXES, WHEEL_TORQUE, WHEELS, Body, Constants
+from kreisel.forces.kicks import BODY_AXES, HELD, WHEEL_AXES, WHEEL_TORQUE, WHEELS, Body, Constants
 from kreisel.forces.records import perturbed_record
 from kreisel.record.calling import Portable
 from kreisel.record.contract import Parameter, PhaseSpace, System
 from kreisel.record.model import Model
-from kreisel.record.perturbation import WITH_WHEELS, Controller, Perturbation
+from kreisel.record.perturbation import FIELDS, WITH_WHEELS, Controller, Perturbation
 
 QUEUE, WHEEL_LIMIT = "queue", "wheel_limit"
 DEVIATION, BIAS, LIMIT = "noise_", "bias_", "limit_"
-SENSORS = {"rates": (3,), "attitude": (4,), "time": (), WHEELS: (-1,), **OF_PLACE}
+SENSORS = {"rates": (3,), "attitude": (4,), "time": (), WHEELS: (-1,), **{k: f.shape for k, f in FIELDS.items()}}
 COMMANDS = {"dipole": "A m^2", "torque": "N m", WHEEL_TORQUE: "N m", "impulse": "N m s"}
 
 WHOLE_SAMPLES = 1e-9  # relative
@@ -168,7 +168,7 @@ def _seen(
     control, own = _control(system), dict(zip(system.space.letters, body.state, strict=True))
     R, inside = kicks.to_body(constants), kicks.from_body(system, body, constants).mT
     wanted = [name for name in SENSORS if name in control.arguments]
-    placed = any(name in OF_PLACE for name in wanted if name != "field" or body.field is None)
+    placed = any(name in FIELDS for name in wanted if name != "field" or body.field is None)
     fields = kicks.surroundings(system, body, constants, axes) if placed else {}
     fields |= {} if body.field is None else {"field": body.field}
     seen = dict[str, Any]()
@@ -180,8 +180,8 @@ def _seen(
             seen[name] = algebra.quaternion_product(q, algebra.inverse_turn(constants[BODY_AXES]))
         elif name == "time":
             seen[name] = body.t * control.time
-        elif name in (WHEELS, "light"):
-            seen[name] = own[WHEELS] if name == WHEELS else fields["light"]
+        elif not SENSORS[name] or name == WHEELS:
+            seen[name] = own[WHEELS] if name == WHEELS else fields[name]
         else:
             seen[name] = algebra.act(R, algebra.act(body.g.mT, fields[name]))  # type: ignore[union-attr]
     if not control.noise:

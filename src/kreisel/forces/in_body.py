@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial, reduce
@@ -14,23 +13,20 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.recorded import run
-from kreisel.errors import InputError, hint, shown
+from kreisel.errors import InputError
 from kreisel.forces import kicks
 from kreisel.forces.kicks import COUPLING, ORIENTATION
-from kreisel.record.calling import Portable, call, keywords
+from kreisel.record.calling import Portable, arguments_of, call, keywords
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model
-from kreisel.record.perturbation import TIME, Force
+from kreisel.record.perturbation import FIELDS, TIME, Force
 
 MOTION = ("M", "Omega", "g", "t")  # momentum, angular velocity, orientation (body to space), time
-PLACE = {
-    "r": "position", "v": "velocity", "B": "field", "B_rate": "field_rate", "sun": "sun",
-    "light": "light", "density": "density",
-}  # fmt: skip
+RATE = "B_rate"  # of the field along the orbit
+PLACE = (*(each.symbol for each in FIELDS.values()), RATE)
 AXES_OF_LANES = ("body_axis_1", "body_axis_2", "body_axis_3")  # parameters: the columns of `axes`, if lanes differ
 UNIT_OF_LANES = "unit_of_momentum"
 NEAR = 1.0  # s: a difference over twice this time has the rate of the field to 1e-7
-SCALARS = ("light", "density")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +50,8 @@ class InBody:
         system, record, moving = model.system, model.system.perturbation, model.system.frame is Frame.MOVING
         names = {name for _, arguments in self.functions for name in arguments} - {*self.params}
         place = record.environment if record is not None and not names.isdisjoint(PLACE) else None
-        turned = not moving or bool({"g", *PLACE} - {*SCALARS} & names)
+        vectors = {"g", RATE, *(each.symbol for each in FIELDS.values() if each.shape)}
+        turned = not moving or bool(vectors & names)
         letters = system.space.letters if {"M", "Omega"} & names else ()
         arguments = (*letters, *(ORIENTATION,) * turned, *(TIME,) * (place is not None or "t" in names))
         constants = [*(place.parameters if place is not None else ())]
@@ -88,12 +85,11 @@ class InBody:
                 body["Omega"] = (axes @ Omega if moving else Omega @ g) / self.time
             if place is not None:
                 at = partial(run, place.function, **place.named(constants[name] for name in place.parameters))
-                result = at(body["t"])
-                if "B_rate" in names:
+                result = {FIELDS[name].symbol: value for name, value in at(body["t"]).items()}
+                if RATE in names:
                     later, earlier = (at(body["t"] + h)["field"] for h in (NEAR, -NEAR))
-                    result["field_rate"] = (later - earlier) / (2 * NEAR)
-                for name in (k for k in PLACE if k in names):
-                    body[name] = result[PLACE[name]] if name in SCALARS else result[PLACE[name]] @ g
+                    result[RATE] = (later - earlier) / (2 * NEAR)
+                body |= {k: result[k] @ g if k in vectors else result[k] for k in PLACE if k in names}
             parts = []
             for function, wanted in self.functions:
                 out = np.asarray(run(function.function, **{k: {**constants, **body}[k] for k in wanted}), dtype=object)
@@ -118,18 +114,7 @@ def in_body(kind: str, function: Any, params: Mapping[str, Any], quantities: tup
         return None
     several = function if isinstance(function, list | tuple) and function else [function]
     allowed = (*quantities, *(name for name in params if name not in (*MOTION, *PLACE)))
-    functions = []
-    for each in several:
-        try:
-            names = tuple(inspect.signature(each).parameters)
-        except (TypeError, ValueError):
-            raise InputError(f"{kind}: expected a function such as lambda Omega: ..., got {shown(each)}.") from None
-        wrong = next((name for name in (*names, *params) if name not in allowed), None)
-        if wrong is not None:
-            raise InputError(
-                f"{kind}: expected arguments among {', '.join(allowed)}, got {wrong}.{hint(wrong, allowed)} Give other "
-                "parameters as params={...}, by names that no quantity has."
-            )
-        functions.append((Portable(each), names))
+    remedy = "Give other parameters as params={...}, by names that no quantity has."
+    functions = [(Portable(each), arguments_of(each, allowed, kind, remedy)) for each in several]
     used = tuple(dict.fromkeys(name for _, names in functions for name in names if name in params))
     return InBody(kind, tuple(functions), used, **frame)

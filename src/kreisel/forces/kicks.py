@@ -24,13 +24,12 @@ from kreisel.algebra.recorded import run
 from kreisel.errors import InputError
 from kreisel.record.calling import call
 from kreisel.record.contract import Frame, System
-from kreisel.record.perturbation import FIRST, SECOND, TIME, Force, Perturbation
+from kreisel.record.perturbation import FIELDS, FIRST, SECOND, TIME, Force, Perturbation
 
 ORIENTATION = "g"
 DAMPING, INERTIA, COUPLING = "damping", "inertia", "coupling"
 WHEELS, WHEEL_AXES, WHEEL_TORQUE = "wheels", "wheel_axes", "wheel_torque"
 BODY_AXES, HELD = "body_axes", "commanded_"  # of a body with control
-OF_PLACE = {"field": (3,), "sun": (3,), "light": (), "position": (3,), "velocity": (3,)}
 DIAGONAL = 1e-12  # relative: off-diagonal entries of an inverse inertia
 DOUBLINGS, TERMS = 8, 8  # of expm1: to rounding for x from -200 to 8
 
@@ -137,11 +136,7 @@ def _load(
     function = perturbation_of(system).functions.get(kind)
     if function is None:
         return None
-    there = seen(system, body)
-    given = [there[name] for name in function.arguments]
-    tape: list[Any] = []
-    more = [(constants[name], axes[name]) for name in function.parameters]
-    result = np.asarray(_called(function, [traced(tape, x, own) for x, own in (*given, *more)]), dtype=object)
+    result = np.asarray(_recorded(function, seen(system, body), constants, axes)[0], dtype=object)
     if result.shape not in shapes:
         n = shapes[0][0]
         wanted = (
@@ -188,10 +183,17 @@ def seen_by_pair(system: System, pair: tuple[Body, Body]) -> dict[str, tuple[Any
 
 def chooses(force: Force, there: Mapping[str, tuple[Any, int]], constants: Constants, axes: Mapping[str, int]) -> bool:
     """Whether a force chooses values by comparisons; `there` has (value, axes) of its arguments."""
+    return any(isinstance(x, ChosenNumber) for x in _recorded(force, there, constants, axes)[1])
+
+
+def _recorded(
+    force: Force, there: Mapping[str, tuple[Any, int]], constants: Constants, axes: Mapping[str, int]
+) -> tuple[Any, list[Any]]:
+    """The result of a force of values that record the operations, and their tape."""
     tape: list[Any] = []
     more = [(constants[name], axes[name]) for name in force.parameters]
-    _called(force, [traced(tape, *each) for each in (*(there[name] for name in force.arguments), *more)])
-    return any(isinstance(x, ChosenNumber) for x in tape)
+    given = [traced(tape, *each) for each in (*(there[name] for name in force.arguments), *more)]
+    return _called(force, given), tape
 
 
 def _called(force: Force, numbers: Sequence[Any]) -> Any:
@@ -297,11 +299,9 @@ def surroundings(system: System, body: Body, constants: Constants, axes: Mapping
     if force is None:
         raise InputError(
             f"{system.name}: expected a law of rates, attitude, time, wheels, that commands torques, got one of "
-            f"{', '.join(OF_PLACE)}, or a dipole. Only a body on an orbit has them: kr.physical.Satellite."
+            f"{', '.join(FIELDS)}, or a dipole. Only a body on an orbit has them: kr.physical.Satellite."
         )
-    tape: list[Any] = []
-    more = force.named(traced(tape, constants[name], axes[name]) for name in force.parameters)
-    result = run(force.function, traced(tape, body.t, 0), **more)
+    result, _ = _recorded(force, {TIME: (body.t, 0)}, constants, axes)
     return {name: values_of(np.asarray(value, dtype=object), body) for name, value in result.items()}
 
 

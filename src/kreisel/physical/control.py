@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -16,17 +15,18 @@ from kreisel.algebra.random import GENERATOR, streams
 from kreisel.errors import InputError, explained, hint, shown
 from kreisel.forces import control as sampling
 from kreisel.forces.control import BIAS, COMMANDS, DEVIATION, LIMIT, QUEUE, SENSORS, WHEEL_LIMIT
-from kreisel.forces.kicks import BODY_AXES, HELD, OF_PLACE, WHEEL_AXES, WHEEL_TORQUE, WHEELS, perturbation_of
+from kreisel.forces.kicks import BODY_AXES, HELD, WHEEL_AXES, WHEEL_TORQUE, WHEELS, perturbation_of
 from kreisel.method.observing import BALANCE, WORK
 from kreisel.physical.measures import finite_floats, si_number, si_numbers
+from kreisel.record.calling import arguments_of
 from kreisel.record.contract import Parameter
 from kreisel.record.given import is_vector, shape_of
 from kreisel.record.model import Model
-from kreisel.record.perturbation import Controller
+from kreisel.record.perturbation import FIELDS, Controller
 from kreisel.runs.in_si import ADDED, MEANINGS
 
 OF_RUNS = {*"agmMP", *MEANINGS, *ADDED, "energy", WORK, BALANCE, QUEUE, GENERATOR}  # variables, and letters of states
-NOISY = {"rates": "rad/s", "attitude": "rad", "field": "T", "sun": "1", "position": "m", "velocity": "m/s"}
+NOISY = {"rates": "rad/s", "attitude": "rad", **{name: each.unit for name, each in FIELDS.items() if each.shape}}
 
 
 @explained
@@ -73,8 +73,8 @@ class Control:
 
     law        a function of sensors, memory and parameters by name, which returns a dict of commands and new memory.
                Sensors, along the body axes: rates, attitude (w, x, y, z), field (T), sun (of length 1), light (0 in the
-               shadow), time, wheels (their momenta), position, velocity.  Commands: dipole (A m^2), torque (N m),
-               wheel_torque (N m, of the motor on each wheel), impulse (N m s, at once)
+               shadow), density (of the air), time, wheels (their momenta), position, velocity.  Commands: dipole (A
+               m^2), torque (N m), wheel_torque (N m, of the motor on each wheel), impulse (N m s, at once)
     every      s between two samples: a multiple of dt
     memory     memory of the law, with the values at the start: scalars, or arrays (k,)
     parameters its further arguments: scalars, vectors (3,), or either with an axis of lanes in front
@@ -170,21 +170,9 @@ class Control:
 
     def _arguments(self, wheels: int, placed: bool) -> tuple[str, ...]:
         """The arguments of the law by name.  Raises `InputError` for others than it may have."""
-        try:
-            signature = inspect.signature(self.law)
-        except (TypeError, ValueError):
-            raise InputError(
-                f"law: expected a Python function that names its arguments, got {shown(self.law)}."
-            ) from None
-        sensors = [name for name in SENSORS if (wheels or name != WHEELS) and (placed or name not in OF_PLACE)]
-        known = [*sensors, *self.memory, *self.parameters]
-        for p in signature.parameters.values():
-            if p.kind not in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) or p.name not in known:
-                raise InputError(
-                    f"law: expected arguments among {', '.join(known)}, got {shown(p.name)}.{hint(p.name, known)} What "
-                    "the law keeps is in memory={...}, other values in parameters={...}."
-                )
-        return tuple(signature.parameters)
+        sensors = [name for name in SENSORS if (wheels or name != WHEELS) and (placed or name not in FIELDS)]
+        remedy = "What the law keeps is in memory={...}, other values in parameters={...}."
+        return arguments_of(self.law, [*sensors, *self.memory, *self.parameters], "law", remedy)
 
     def _tried(self, arguments: Sequence[str], shapes: Mapping[str, Any], lengths: dict[str, int]) -> dict[str, int]:
         """The lengths of the commands that the law returns, run twice on random values.  Raises `InputError`."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.errors import InputError, explained
+from kreisel.errors import explained
 from kreisel.physical.ensemble import Varied
 from kreisel.physical.measures import (
     RATE,

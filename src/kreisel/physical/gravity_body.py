@@ -49,9 +49,8 @@ class GravityBody:
         convert_fields(self, positive=True, mass="kg")
         convert_fields(self, least=0.0, size="m", love="1", lag="s")
         object.__setattr__(self, "inertia", diagonal_inertia(self.inertia))
-        for k in (3, 4):
-            units: dict[str, Any] = {f"degree_{k}": f"kg m^{k}"}
-            convert_fields(self, shapes=((2 * k + 1,),), **units)
+        convert_fields(self, shapes=((7,),), degree_3="kg m^3")
+        convert_fields(self, shapes=((9,),), degree_4="kg m^4")
         if self.love and not self.size:
             raise InputError("love: expected size=... too, the radius of the body that tides deform, got none.")
 

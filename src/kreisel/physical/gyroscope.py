@@ -81,8 +81,8 @@ class Gyroscope(Forced):
     gravity: float = STANDARD_GRAVITY
 
     def __post_init__(self) -> None:
-        units = {"mass": "kg", "axial_moment": MOMENT, "transverse_moment": MOMENT, "lever": "m", "gravity": "m/s^2"}
-        convert_fields(self, positive=True, **units)
+        convert_fields(self, positive=True, mass="kg", lever="m", gravity="m/s^2")
+        convert_fields(self, positive=True, axial_moment=MOMENT, transverse_moment=MOMENT)
         central = in_range("mass lever^2", lambda: self.transverse_moment - self.mass * self.lever**2)
         half = self.axial_moment / 2
         rounding = CLOSE * self.transverse_moment  # central is a difference

@@ -140,8 +140,7 @@ class Orbit:
         object.__setattr__(self, "primary", _checked(self.primary))
         object.__setattr__(self, "epoch", _date(self.epoch))
         e = si_number(self.eccentricity, "1", "eccentricity")
-        if not 0 <= e < 1:
-            raise InputError(f"eccentricity: expected an ellipse, 0 <= e < 1, got {e:g}.")
+        formulas.check_eccentricity(np.array(e), "eccentricity")
         object.__setattr__(self, "eccentricity", e)
         if true_anomaly is not None:
             self._set_mean_anomaly(si_number(true_anomaly, "rad", "true_anomaly"))

@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 
 from kreisel.algebra import Array
 from kreisel.algebra.recorded import run
-from kreisel.errors import InputError, shown
+from kreisel.errors import InputError, hint, shown
 
 Function = Callable[..., Any]
 
@@ -38,6 +38,23 @@ def keywords(function: Function) -> frozenset[str]:
         result = frozenset(p.name for p in signature.parameters.values() if p.kind is p.KEYWORD_ONLY)
         _keywords[function] = result
     return result
+
+
+def arguments_of(function: Any, known: Sequence[str], name: str, remedy: str) -> tuple[str, ...]:
+    """The arguments of a user-defined function, which are among `known`.  Raises `InputError` for others."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{name}: expected a function that names its arguments, such as lambda {known[0]}: ..., got "
+            f"{shown(function)}."
+        ) from None
+    for p in parameters:
+        if p.kind not in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) or p.name not in known:
+            raise InputError(
+                f"{name}: expected arguments among {', '.join(known)}, got {p.name}.{hint(p.name, known)} {remedy}"
+            )
+    return tuple(p.name for p in parameters)
 
 
 def naming(function: Function, *sources: Function | Iterable[str]) -> Function:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,25 @@ TIME = "t"
 WITH_WHEELS = "-with-wheels"  # ends the name of a system with wheels and no law
 PAIRS = "pairs"
 FIRST, SECOND = "1", "2"  # behind the letters of the two bodies of a pair
+
+
+class Field(NamedTuple):
+    """A quantity of the place of a satellite, in space: its name in forces, unit, shape and meaning."""
+
+    symbol: str
+    unit: str
+    shape: tuple[int, ...]
+    meaning: str
+
+
+FIELDS = {  # of `Perturbation.environment`
+    "position": Field("r", "m", (3,), "position of the satellite in space"),
+    "velocity": Field("v", "m/s", (3,), "velocity of the satellite in space"),
+    "field": Field("B", "T", (3,), "magnetic field at the satellite, in space"),
+    "sun": Field("sun", "1", (3,), "direction of the Sun in space"),
+    "light": Field("light", "1", (), "fraction of the Sun's disc that is seen from the satellite"),
+    "density": Field("density", "kg/m^3", (), "density of the air at the satellite"),
+}
 
 
 @dataclass(frozen=True)
@@ -117,7 +136,7 @@ class Perturbation:
     corners     constants -> whether forces that choose nothing have corners; else None
     pair        V of two bodies, for each row (i, j) of the parameter `pairs`: lanes are bodies that act on each other.
                 Letters of body i end in 1, those of body j in 2
-    environment the fields at the place of a satellite, in space, as a function of t by name; None for no place
+    environment `FIELDS` as functions of t, by name; None for a body without a place
     smooth      constants -> the time in which a polynomial of degree 5 follows these fields
     control     the law that commands actuators; the state then has its memory, its commands and the wheels' momenta
     inner       the order to which the map of `base` is composed for its motion in a splitting; None for the best known

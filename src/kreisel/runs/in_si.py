@@ -26,6 +26,7 @@ from kreisel.record.body import Body, as_body
 from kreisel.record.body_frame import AXES, BODY, STATE, BodyFrame, scaling
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
+from kreisel.record.perturbation import FIELDS
 from kreisel.record.quantities import Scale
 from kreisel.runs.run_record import CLOCKS, FORM, SI, RunRecord, frame_of, lanes_of
 from kreisel.runs.settings import Event, NamedComponents, initial_orientation
@@ -35,8 +36,7 @@ if TYPE_CHECKING:
 
 COMPONENT = "xyz"  # the axis of the components of vectors, which a variable may not be named after
 VELOCITY = "angular_velocity"
-OF_SATELLITES = ("position", "velocity", "field", "sun", "light", "density", "pitch", "roll", "yaw", "pointing")
-ADDED = (VELOCITY, *OF_SATELLITES)  # variables of a run in SI that follow from others
+ADDED = (VELOCITY, *FIELDS, "pitch", "roll", "yaw", "pointing")  # variables of a run in SI that follow from others
 INTERNAL = (GENERATOR, "begun")  # of controllers: coordinates of a run in SI, since nobody looks at them
 SUMMARIES = ("drift", "extremes", "frequencies")  # kinds of variables of a sweep, such as M_max
 SAME_ATTITUDE = 1e-6  # entries of a rotation matrix

@@ -17,6 +17,7 @@ from kreisel.errors import InputError, hint, require_one_of, shown
 from kreisel.files import parsed
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
+from kreisel.record.perturbation import FIELDS
 from kreisel.runs.geometry import attitude_of, axes_of_state
 from kreisel.runs.in_si import COMPONENT, in_si
 from kreisel.runs.run_record import RunRecord, lanes_of
@@ -27,15 +28,7 @@ if TYPE_CHECKING:
     from kreisel.record.perturbation import Force, Perturbation
 
 
-class Surroundings(NamedTuple):
-    """Vectors (time, [lane,] 3) in space, scalars (time, [lane]); None if the run does not state them."""
-
-    position: Array  # m
-    velocity: Array  # m/s
-    field: Array  # T
-    sun: Array | None  # unit vectors to the Sun
-    light: Array | None  # 0 in full shadow, 1 in sunlight
-    density: Array  # of the air, kg/m^3
+Surroundings = dict[str, Array]  # `FIELDS` of rows: vectors (time, [lane,] 3) in space, scalars (time, [lane])
 
 
 class Angles(NamedTuple):
@@ -74,7 +67,10 @@ def satellite_model(run: xr.Dataset) -> Model:
 
 
 def surroundings(run: xr.Dataset) -> Surroundings:
-    """Orbit and environment at each row.  Raises `InputError` for any other run than of a satellite."""
+    """Orbit and environment at each row, without `sun` and `light` if the run does not state a Sun.
+
+    Raises `InputError` for any other run than of a satellite.
+    """
     model = satellite_model(run)
     force = cast("Force", cast("Perturbation", model.system.perturbation).environment)
     parameters = {name: np.asarray(model.constants[name]) for name in force.parameters}
@@ -84,22 +80,12 @@ def surroundings(run: xr.Dataset) -> Surroundings:
         rows.append(force.function(time, **force.named(values)))
     rows = rows if model.batch else rows * run.sizes.get("lane", 1)  # lanes on one orbit
     result = {
-        name: np.stack([np.broadcast_to(row[name], (*axes, len(time))).T for row in rows], 1)
-        for name, (_, _, axes) in VARIABLES.items()
+        name: np.stack([np.broadcast_to(row[name], (*each.shape, len(time))).T for row in rows], 1)
+        for name, each in FIELDS.items()
     }
-    result = result if "lane" in run.dims else {name: value[:, 0] for name, value in result.items()}
-    sunny = bool(np.any(model.constants["pressure"]) or np.any(parameters["solar"]))
-    return Surroundings(**{**result, **({} if sunny else {"sun": None, "light": None})})
-
-
-VARIABLES: dict[str, tuple[str, str, tuple[int, ...]]] = {  # unit, meaning, axes
-    "position": ("m", "position of the satellite in space", (3,)),
-    "velocity": ("m/s", "velocity of the satellite in space", (3,)),
-    "field": ("T", "magnetic field at the satellite, in space", (3,)),
-    "sun": ("1", "direction of the Sun in space", (3,)),
-    "light": ("1", "fraction of the Sun's disc that is seen from the satellite", ()),
-    "density": ("kg/m^3", "density of the air at the satellite", ()),
-}
+    sunny = np.any(model.constants["pressure"]) or np.any(parameters["solar"])
+    result = result if sunny else {k: v for k, v in result.items() if k not in ("sun", "light")}
+    return result if "lane" in run.dims else {name: value[:, 0] for name, value in result.items()}
 
 
 def environment_of(run: xr.Dataset) -> xr.Dataset:
@@ -107,11 +93,10 @@ def environment_of(run: xr.Dataset) -> xr.Dataset:
     import xarray as xr
 
     out = xr.Dataset(coords={name: run[name] for name in ("time", "lane") if name in run.coords})
-    for name, value in surroundings(run)._asdict().items():
-        unit, meaning, axes = VARIABLES[name]
-        if value is not None:
-            lead = ("time", "lane")[: value.ndim - len(axes)]
-            out[name] = ((*lead, *("xyz",) * len(axes)), value, {"units": unit, "long_name": meaning})
+    for name, value in surroundings(run).items():
+        _, unit, shape, meaning = FIELDS[name]
+        dims = (*("time", "lane")[: value.ndim - len(shape)], *(COMPONENT,) * len(shape))
+        out[name] = dims, value, {"units": unit, "long_name": meaning}
     return out
 
 
@@ -169,8 +154,8 @@ TARGETS = ("nadir", "velocity", "sun")
 
 def directions(around: Surroundings) -> dict[str, Array]:
     """Unit vectors (time, [lane,] 3) in space to the targets that are known at each row."""
-    result = {"nadir": -around.position, "velocity": around.velocity, "sun": around.sun, "field": around.field}
-    return {k: v / np.linalg.norm(v, axis=-1, keepdims=True) for k, v in result.items() if v is not None and v.any()}
+    result = {"nadir": -around["position"]} | {k: around[k] for k in ("velocity", "sun", "field") if k in around}
+    return {k: v / np.linalg.norm(v, axis=-1, keepdims=True) for k, v in result.items() if v.any()}
 
 
 def target_of(around: Surroundings, target: Any) -> Array:
@@ -179,13 +164,13 @@ def target_of(around: Surroundings, target: Any) -> Array:
     Raises `InputError` for another target, and for the Sun if the run does not state its direction.
     """
     if not isinstance(target, str):
-        return np.broadcast_to(_direction(target, "target"), around.position.shape)
+        return np.broadcast_to(_direction(target, "target"), around["position"].shape)
     if target not in TARGETS:
         raise InputError(
             f"target: expected {', '.join(TARGETS)} or a direction in space, got {shown(target)}."
             f"{hint(target, TARGETS)}"
         )
-    if target == "sun" and around.sun is None:
+    if target == "sun" and "sun" not in around:
         raise InputError("target='sun': expected a satellite in sunlight, Satellite(light=..., sun=...), got none.")
     return directions(around)[target]
 
@@ -219,13 +204,14 @@ def angles_of(run: xr.Dataset, frame: str = "orbit", around: Surroundings | None
     require_one_of(FRAMES, frame, "angles")
     model, g = satellite_model(run), algebra.rotation_matrix(attitude_of(run))
     around = around or surroundings(run)
+    place = around["position"], around["velocity"]
     if frame == "orbit":
         body = axes_of_state(run) @ axes_of_angles(model.params["moments"])
-        return Angles(*tait_bryan(_by_lane(orbit_frame(around.position, around.velocity), g.ndim).mT @ g @ body))
+        return Angles(*tait_bryan(_by_lane(orbit_frame(*place), g.ndim).mT @ g @ body))
     if frame == "ground":
-        g = _by_lane(ground_frame(around.position), g.ndim).mT @ g
+        g = _by_lane(ground_frame(place[0]), g.ndim).mT @ g
     elif frame == "lvlh":
-        up, ahead, normal = np.moveaxis(orbit_frame(around.position, around.velocity), -1, 0)
+        up, ahead, normal = np.moveaxis(orbit_frame(*place), -1, 0)
         g = _by_lane(np.stack([ahead, -normal, -up], -1), g.ndim).mT @ g
     yaw, pitch, roll = tait_bryan(g)
     return Angles(pitch, roll, yaw)
@@ -273,18 +259,19 @@ def _of_satellite(run: xr.Dataset) -> dict[str, xr.Variable]:
     g, time, attrs, out = run.variables[ORIENTATION], run.variables["time"], dict(run.attrs), dict[str, xr.Variable]()
     lanes = {"lane": ("lane", np.asarray(run["lane"].values))} if "lane" in run.coords else {}
 
+    def rows(time: Array, **data: Any) -> xr.Dataset:
+        return xr.Dataset(data, {"time": ("time", time), **lanes}, attrs)
+
     def around(name: str, time: Array) -> Array:
-        return environment_of(xr.Dataset({}, {"time": ("time", time), **lanes}, attrs))[name].values
+        return surroundings(rows(time))[name]
 
     def angle(name: str, g: Array, time: Array) -> Array:
-        rows = xr.Dataset({ORIENTATION: (run[ORIENTATION].dims, g)}, {"time": ("time", time), **lanes}, attrs)
-        return pointing_error(rows) if name == "pointing" else getattr(angles_of(rows), name)
+        turned = rows(time, **{ORIENTATION: (run[ORIENTATION].dims, g)})
+        return pointing_error(turned) if name == "pointing" else getattr(angles_of(turned), name)
 
-    first = environment_of(xr.Dataset({}, {"time": ("time", np.asarray(time[:1].values)), **lanes}, attrs))
-    for name, value in first.data_vars.items():
-        dims = [COMPONENT if d == "xyz" else d for d in value.dims]
+    for name, value in environment_of(rows(np.asarray(time[:1].values))).data_vars.items():
         shape = len(time), *value.shape[1:]
-        out[str(name)] = lazy(dims, shape, [time], partial(around, str(name)), dict(value.attrs), 1)
+        out[str(name)] = lazy(value.dims, shape, [time], partial(around, str(name)), dict(value.attrs), 1)
     for name, meaning in ANGLES.items():
         units = {"units": "rad", "long_name": meaning}
         out[name] = lazy(g.dims[:-1], g.shape[:-1], [g, time], partial(angle, name), units, 1)

@@ -177,7 +177,7 @@ def _ccsds(rows: Rows) -> None:
         texts["types"] = "ATTITUDE_TYPE = QUATERNION\nQUATERNION_TYPE = LAST\n"
     else:
         around = surroundings(rows.run)
-        values = np.concatenate([around.position @ rows.turn.T, around.velocity @ rows.turn.T], -1) / 1000
+        values = np.concatenate([around[k] @ rows.turn.T for k in ("position", "velocity")], -1) / 1000
         texts = {"kind": "CCSDS_OEM_VERS = 2.0", "comment": "space of the run is REF_FRAME", "types": ""}
         texts["frames"] = f"REF_FRAME = {frame}"
     dates = rows.dates

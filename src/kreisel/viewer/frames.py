@@ -370,7 +370,7 @@ def panels_of(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> list[
 
 def shadows_of(run: xr.Dataset) -> list[tuple[float, float]]:
     """First and last times of the rows in each shadow, for a single satellite whose Sun is known."""
-    light, time = surroundings(run).light, np.asarray(run["time"].values, dtype=np.float64)
+    light, time = surroundings(run).get("light"), np.asarray(run["time"].values, dtype=np.float64)
     if light is None or light.ndim > 1:
         return []
     return [(float(time[first]), float(time[end - 1])) for first, end in windows(light < 0.5)]

@@ -361,19 +361,19 @@ def _packed_body(each: Shown, name: str, mesh: int | None) -> dict[str, Any]:
             {"name": "Sun" if k == "sun" else k, "colour": ARROWS[k], "to": packed(np.round(SHORT * v), "i2")}
             for k, v in each.arrows.items()
         ],
-        "place": None if each.around is None else packed(each.around.position / _reach(each.around), "f4"),
+        "place": None if each.around is None else packed(each.around["position"] / _reach(each.around), "f4"),
     }
 
 
 def _reach(around: Surroundings) -> float:
-    return float(np.linalg.norm(around.position, axis=-1).max())
+    return float(np.linalg.norm(around["position"], axis=-1).max())
 
 
 def _globe(first: Shown) -> dict[str, Any] | None:
     """The primary of a satellite: its radius in units of the largest distance, whether it is the Earth, the Sun."""
     if first.around is None or first.model is None:
         return None
-    params, sun = first.model.params, first.around.sun
+    params, sun = first.model.params, first.around.get("sun")
     return {
         "size": float(np.max(params["radius"])) / _reach(first.around) or 0.05,
         "earth": bool(np.all(abs(params["mu"] / EARTH - 1) < 1e-2)),
