@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from kreisel.errors import InputError, explained, shown
+from kreisel.record.body_frame import OF_SYSTEM
 from kreisel.record.quantities import Scale, Scales, converted, parsed_unit, registry, si
 from kreisel.runs.in_si import in_units, is_in_si
 from kreisel.runs.run_record import frame_of
@@ -49,11 +50,11 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
     longer be resumed.  Raises `InputError` for variables that have no scale or do not exist, and units of another
     dimension.
     """
-    frame = None if is_in_si(run) or not hasattr(run, "attrs") else frame_of(run)
-    if frame is not None and frame.differs:
+    frame = frame_of(run) if hasattr(run, "attrs") and not is_in_si(run) else OF_SYSTEM
+    if frame.differs:
         raise InputError("expected a run in SI, got one of bodies in different units: simulate the ensemble itself.")
-    turned = run if frame is None else in_units(run, frame)
-    if frame is not None or is_in_si(run):
+    turned = in_units(run, frame) if frame else run
+    if frame or is_in_si(run):
         units = {str(name): variable.attrs.get("units", "1") for name, variable in turned.variables.items()}
         scales = {name: Scale(unit, 1.0) for name, unit in units.items() if unit != "1"}
     scaled = isinstance(scales, Mapping) and all(isinstance(scale, Scale) for scale in scales.values())
@@ -67,7 +68,7 @@ def measured(run: xr.Dataset, scales: Scales | None = None, **wanted: str) -> xr
             there = ", ".join(k for k in scales if k in turned.variables)
             raise InputError(f"Only {there} of this run have units, got {shown(name)}.")
     kept = {k: run.attrs[k] for k in KEPT if k in run.attrs}
-    along = "; along the axes in which the body was given" if frame is not None or is_in_si(run) else ""
+    along = "; along the axes in which the body was given" if frame or is_in_si(run) else ""
     out = turned.drop_attrs().assign_attrs(kept, kreisel_measured="SI units or named ones" + along)
     for name in map(str, turned.variables):
         variable = turned[name].variable

@@ -96,7 +96,7 @@ def _alignment(run: xr.Dataset, system: Model | None) -> tuple[Array, Array]:
         up = act(g, up)
     up, axis = (
         np.reshape([geometry.to_third_axis(_snapped(v)) for v in vectors.reshape(-1, 3)], (*vectors.shape, 3))
-        for vectors in (up, act(geometry.axes_of_state(run), axis))
+        for vectors in (up, act(frame_of(run).axes, axis))
     )
     return up, axis
 
@@ -124,7 +124,7 @@ def rates(run: xr.Dataset, system: Model | None = None) -> xr.Dataset:
     """
     model = model_for(run, system)
     values, frame = _rates(model, components(run, model)), frame_of(run)
-    unit, size = ("1", 1.0) if frame is None else ("rad/s", frame.time_unit)
+    unit, size = "rad/s" if frame else "1", frame.time_unit
     dims, coords = rows_of(run)
     data = {k: (dims, v / size, {"units": unit}) for k, v in values.items()}
     data["tilt"] = dims, values["tilt"], {"units": "rad"}
@@ -287,10 +287,9 @@ def angular_velocity(run: xr.Dataset, system: Model | None = None, *, frame: str
         g = _matrices(run, model)
         omega = g.mT @ omega @ g if frame == BODY else g @ omega @ g.mT
     values, axes = (algebra.axial(omega), ("axis",)) if model.n == 3 else (omega, ("row", "column"))
-    if body_frame is not None:
-        values = (body_frame.vectors(values) if frame == BODY else values) / body_frame.time_unit
+    values = (body_frame.vectors(values) if frame == BODY else values) / body_frame.time_unit
     lead, coords = rows_of(run_of_user)
-    unit = "1" if body_frame is None else "rad/s"
+    unit = "rad/s" if body_frame else "1"
     meaning = "Omega, along the axes of the body" if frame == BODY else "omega, in space"
     return xr.DataArray(values, coords, (*lead, *axes), "angular_velocity", {"long_name": meaning, "units": unit})
 

@@ -98,9 +98,8 @@ class Fit:
         error = "" if self.sigma is None else f"; sigma = {self.sigma:.4g} from the residuals"
         at = f"; at a bound: {', '.join(self.at_bound)}, whose errors mean little" if self.at_bound else ""
         end = "" if self.converged else f"; NOT CONVERGED: {self.message}"
-        frame = self.model.body_frame
         axes = "; vectors in the body are along the axes of the state, model.body_frame.vectors(v) along those given"
-        turned = axes if frame is not None and frame.turned else ""
+        turned = axes if self.model.body_frame.turned else ""
         return f"chi^2 = {self.chi2:.6g} for {self.dof} degrees of freedom{error}{at}{turned}{end}"
 
     def __repr__(self) -> str:
@@ -167,7 +166,7 @@ def fit(
     settings: dict[str, Any] = {"method": method, "order": order}
     f = differentiable(model, **settings, orientation=attitude is not None)
     observers = tuple((name, Identity(function)) for name, function in functions.items())
-    axes = b"" if model.body_frame is None else model.body_frame.axes.tobytes()
+    axes = model.body_frame.axes.tobytes() if model.body_frame else b""
     of_variables = tuple((name, variable.attrs.get(AXES)) for name, variable in observations.variables.items())
     key = model.key, axes, of_variables, method, order, dt, observers
     predicted = _predictions(f, model, unknown, starts, seen, key)

@@ -290,7 +290,7 @@ def _in_form_of_state(system: Any, x0: Any, orientation: Any, dt: Any, every: An
     model, x0, begun, when, _ = scaled(body, x0, orientation, {"dt": dt, "every": every})
     forces = model.system.perturbation
     oriented = orientation is not None or (forces is not None and bool(forces.names(ORIENTATION)))
-    return model, x0, begun if oriented else None, when["dt"], when["every"], model.body_frame or BodyFrame()
+    return model, x0, begun if oriented else None, when["dt"], when["every"], model.body_frame
 
 
 def _rows(system: Model, x0: StateLike, orientation: OrientationLike | None) -> tuple[Array, int, bool]:

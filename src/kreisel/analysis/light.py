@@ -74,8 +74,7 @@ def light_curve(
     dims, coords = rows_of(run)
     times = np.asarray(run["time"].values, dtype=np.float64)
     if shape is None:
-        frame = frame_of(run)
-        kind, *half = frame.shape if frame is not None and frame.shape else ("",)
+        kind, *half = frame_of(run).shape or ("",)
         if kind not in ("ellipsoid", "box"):
             raise InputError(
                 "shape: expected half axes (3,) of an ellipsoid, or kr.physical.Facets, got none, and a body without a "

@@ -17,7 +17,7 @@ from kreisel.errors import InputError, explained, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.process import SPENT
 from kreisel.record.body import as_body
-from kreisel.record.body_frame import BodyFrame
+from kreisel.record.body_frame import OF_SYSTEM, BodyFrame
 from kreisel.record.contract import Map
 from kreisel.record.model import Model
 from kreisel.runs.drift import all_series
@@ -41,7 +41,7 @@ class Subject(NamedTuple):
 
     model: Model
     options: Mapping[str, Any]
-    frame: BodyFrame | None = None  # of a body
+    frame: BodyFrame = OF_SYSTEM
 
 
 @explained
@@ -101,9 +101,9 @@ def compare(
     if not listed:
         raise InputError("subjects: expected one system or more, got none.")
     frame = listed[0].frame
-    if any((each.frame is None) != (frame is None) for each in listed):
+    if any(bool(each.frame) != bool(frame) for each in listed):
         raise InputError("subjects: expected either bodies or systems, got both. Use body.model() and its units.")
-    unit, number = (1.0, finite_number) if frame is None else (frame.time_unit, partial(duration, frame))
+    unit, number = (frame.time_unit, partial(duration, frame)) if frame else (1.0, finite_number)
     dt, t_end = number(dt, "dt"), number(t_end, "t_end")
     halvings = within(halvings, "halvings", 1, 10)
     state = _common_state([each.model for each in listed], start)
@@ -151,7 +151,7 @@ def _subject(given: Any) -> Subject:
             f"subjects: expected bodies without forces that need the orientation, got {model.system.name}. Compare "
             "runs with kr.analysis.compare(run, second_run)."
         )
-    return Subject(model, options, None if body is None else model.body_frame or BodyFrame())
+    return Subject(model, options, OF_SYSTEM if body is None else model.body_frame)
 
 
 def _common_state(models: list[Model], start: Any) -> dict[str, Array]:

@@ -14,7 +14,7 @@ from kreisel.algebra import Array
 from kreisel.analysis.quantities import parse_quantity
 from kreisel.errors import InputError, hint, shown
 from kreisel.method.observing import ORIENTATION, as_matrix, functions, with_orientation
-from kreisel.record.body_frame import AXES, BODY, STATE, BodyFrame
+from kreisel.record.body_frame import AXES, BODY, OF_SYSTEM, STATE
 from kreisel.record.calling import call, keywords
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
@@ -270,7 +270,7 @@ def observed(model: Model, data: Any, dt: float, observables: Any, starts: Mappi
 def _size_of_unit(model: Model, variable: Any, name: str) -> float:
     """The system's unit in units of a variable with the attribute `units`, for bodies of `kr.physical`."""
     frame, letter = model.body_frame, parse_quantity(name)[0]
-    if frame is None or letter not in (VELOCITY, *frame.units):
+    if not frame or letter not in (VELOCITY, *frame.units):
         return 1.0
     unit, size = ("rad/s", 1 / frame.time_unit) if letter == VELOCITY else frame.units[letter]
     stated = stated_unit(variable)
@@ -356,16 +356,16 @@ def _show(model: Model, name: str, observables: dict[str, Any], axes: str | None
     table = {k: f for k, (_, f, _) in functions(model, None).items()}
     if model.system.velocity is not None:
         frame = model.body_frame
-        turned = frame is not None and frame.turned and model.system.frame is Frame.MOVING
+        turned = frame.turned and model.system.frame is Frame.MOVING
 
         def velocity(*state: Any, **constants: Any) -> Any:  # of a body along the user's axes
             omega = call(model.system.velocity, state, constants)
-            return algebra.act(frame.axes, algebra.axial(omega)) if frame is not None and turned else omega
+            return algebra.act(frame.axes, algebra.axial(omega)) if turned else omega
 
         table[VELOCITY] = velocity
     if letter in space.letters or (letter == ORIENTATION and oriented):
         along = axes == BODY if letter in space.letters else axes != STATE
-        body = model.body_frame if along and model.body_frame is not None else BodyFrame()
+        body = model.body_frame if along else OF_SYSTEM
         turn = body.attitude(np.eye(4)).T if letter == ORIENTATION else body.axes
         return lambda by, state_of, *_: (turn @ state_of[letter] if body.turned else state_of[letter])[index]
     if letter not in table:

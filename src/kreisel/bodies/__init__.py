@@ -39,7 +39,7 @@ def find(name: str) -> System:
     return system.find(name, KNOWN)
 
 
-def known_system(name: str, values: Mapping[str, Any], frame: BodyFrame | None) -> System:
+def known_system(name: str, values: Mapping[str, Any], frame: BodyFrame) -> System:
     """The system of that name and of these parameters, which state wheels if it has some.  Raises `InputError`."""
     body = find(name.removesuffix(WITH_WHEELS))
     if body.name == name:

@@ -160,7 +160,7 @@ def _described(subject: Subject, tables: Mapping[str, Mapping[str, Any]], folder
             return Ensemble(members)
 
         return by_lane(subject.body, tables["state"], run, tables["sweep"], bodies)
-    frame = {} if model.body_frame is None else {"body": model.body_frame.table}
+    frame = {"body": model.body_frame.table} if model.body_frame else {}
     start = {**state.axial, **({} if state.orientation is None else {"orientation": state.orientation})}
     system = {"name": model.system.name, **model.params}
     return {**frame, "system": system, "state": start, "run": scaled_settings(model, run)}, model
@@ -243,7 +243,7 @@ def _settings(run: Mapping[str, Any], subject: Subject, faults: Faults) -> Setti
     if "dt" not in asked:
         faults.add("[run] needs dt, a step, got nothing.")
         return None
-    if model is None or model.body_frame is not None:  # durations in the unit of the model; without one, to check them
+    if model is None or model.body_frame:  # durations in the unit of the model; without one, to check them
         usual, given = model or FreeBody((1.0, 1.0, 1.0)).in_si(), dict(asked)
         step: Any = 1.0
         for key in [k for k in ("dt", "t_end", "times", "every", "impulses") if k in asked]:

@@ -253,7 +253,7 @@ def controlled(
     """
     frame = model.body_frame
     parameters = [*parameters, *(replace(p, default=of_wheels[p.letter]) for p in OF_WHEELS if p.letter in of_wheels)]
-    if frame is not None:
+    if frame:
         control = replace(control, time=frame.time_unit, momentum=frame.size(model.system.space.letters[0]))
         more = {HELD + name: (unit, 1.0) for name, unit in COMMANDS.items() if name in control.commands}
         more |= {WHEELS: ("N m s", 1.0)} if control.wheels else {}

@@ -134,7 +134,7 @@ class Control:
         taken = (used | {*self.memory}) & {*self.parameters} | used & {*self.memory}
         if taken:
             raise InputError(f"Control: expected names that neither sensors nor the body have, got {', '.join(taken)}.")
-        record, frame = model.system.perturbation, model.body_frame
+        record = model.system.perturbation
         placed = record is not None and record.environment is not None  # a body on an orbit, in a field
         arguments = self._arguments(count, placed)
         shapes = {**SENSORS, WHEELS: (count,), **{name: value.shape for name, value in self.memory.items()}}
@@ -158,7 +158,7 @@ class Control:
         control = Controller(
             law=self.law,
             arguments=arguments,
-            every=self.every / (1.0 if frame is None else frame.time_unit),
+            every=self.every / model.body_frame.time_unit,
             memory={name: shapes[name] for name in self.memory},
             commands=commands,
             wheels=count,
@@ -194,8 +194,7 @@ class Control:
 
 def controlled_by(model: Model, control: Control | None, wheels: Wheels | None) -> Model:
     """The model with wheels and a controller.  Raises `InputError`."""
-    axes = np.eye(3) if model.body_frame is None else model.body_frame.axes
-    of_wheels = {BODY_AXES: algebra.unit_quaternion(axes)}
+    of_wheels = {BODY_AXES: model.body_frame.quaternion}
     if wheels is not None:
         of_wheels |= {WHEEL_AXES: wheels.axes, WHEEL_TORQUE: wheels.torque}
         of_wheels |= {} if wheels.limit is None else {WHEEL_LIMIT: wheels.limit}

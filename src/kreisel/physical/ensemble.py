@@ -204,7 +204,7 @@ class Ensemble(Body):
 
     def scales(self) -> Scales:
         """The units of the variables of the scaled systems.  Raises `InputError` if they differ."""
-        if self._model.body_frame is not None and self._model.body_frame.differs:
+        if self._model.body_frame.differs:
             raise InputError("scales: expected bodies with equal units, got others: many[lane].scales().")
         return self.members[0].scales()
 
@@ -213,7 +213,7 @@ class Ensemble(Body):
         for differ in (False, True):
             self.members = [body._as_lane(self.bodies, differ) for body in self.bodies]
             models = _each(lambda body: body.model(), [{"body": body} for body in self.members])
-            first, frames = models[0], [model.body_frame or BodyFrame() for model in models]
+            first, frames = models[0], [model.body_frame for model in models]
             alike = len({model.system.name for model in models}) == 1 and all(f.is_like(frames[0]) for f in frames)
             if alike and len({tuple(v.shape for v in model.params.values()) for model in models}) == 1:
                 break

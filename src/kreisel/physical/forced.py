@@ -17,7 +17,6 @@ from kreisel.physical.control import Control, Wheels, at_the_start, controlled_b
 from kreisel.physical.ensemble import Varied
 from kreisel.physical.measures import finite_floats, si_numbers
 from kreisel.record.body import started
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.checks import CLOSE
 from kreisel.record.model import Model, State
 
@@ -80,7 +79,7 @@ class Forced(Varied):
         params = {} if self.params is None else self.params
         if not isinstance(params, Mapping):
             raise InputError(f"params: expected a dict of names and values, got {shown(params)}.")
-        axes = model.body_frame or BodyFrame()
+        axes = model.body_frame
         turn, momentum = axes.axes, axes.size(model.system.space.letters[0])
         frame: dict[str, Any] = {"axes": turn, "time": axes.time_unit, "momentum": momentum}
         if self._lanes:

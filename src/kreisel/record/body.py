@@ -12,7 +12,6 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra.random import GENERATOR, streams_from
 from kreisel.errors import InputError, explained
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import Scales
 
@@ -89,7 +88,7 @@ class Body:
     def in_si(self) -> Model:
         """The model whose runs are in SI."""
         model = self.model()
-        frame = model.body_frame or BodyFrame()
+        frame = model.body_frame
         letters = (*model.system.space.letters, "g")
         return model.of_body(
             replace(

@@ -21,7 +21,7 @@ AXES, STATE, BODY = "axes", "state", "body"  # the attribute of variables with c
 
 @dataclass(frozen=True, eq=False)
 class BodyFrame:
-    """Axes and units of a body, or of a body in each lane.
+    """Axes and units of a body, or of a body in each lane; `OF_SYSTEM`, which is false, for a system without a body.
 
     axes    (3, 3), v_body = axes v_state: the columns are the axes of the state along the user's axes; (lanes, 3, 3)
     units   name -> (unit, size): the unit of the time and of variables of a run is `size` times this unit of SI; the
@@ -42,6 +42,9 @@ class BodyFrame:
     epoch: str = ""
     shape: tuple[Any, ...] = ()
     lanes: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.units)
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> BodyFrame:
@@ -161,6 +164,9 @@ class BodyFrame:
             change = self.change(str(name) if forward else new, forward)
             out[new] = value if change is None else change(np.asarray(value))
         return out
+
+
+OF_SYSTEM = BodyFrame()
 
 
 def scaling(factor: Any) -> Callable[[Array], Array] | None:

@@ -17,7 +17,7 @@ from kreisel.algebra.reuse import Identity
 from kreisel.display import show
 from kreisel.errors import InputError, hint, shown
 from kreisel.record import given
-from kreisel.record.body_frame import BodyFrame
+from kreisel.record.body_frame import OF_SYSTEM, BodyFrame
 from kreisel.record.calling import Function, call, require_names
 from kreisel.record.given import axes_of, by_lane, component, of_axial, parameter, require_on_phase_space, text_of
 from kreisel.record.table import handles
@@ -54,7 +54,7 @@ class State(Mapping[str, Array]):
     """
 
     orientation: Array | None = None
-    frame: BodyFrame | None = None  # axes and units of the body that made the state
+    frame: BodyFrame = OF_SYSTEM  # axes and units of the body that made the state
 
     def __init__(self, components: Mapping[str, Array], kinds: Mapping[str, str], system: System | None = None):
         self._components, self._kinds, self._system = dict(components), dict(kinds), system
@@ -62,7 +62,7 @@ class State(Mapping[str, Array]):
     def __reduce__(self) -> Any:  # a record may hold functions that cannot be pickled
         return _state_again, (self._components, self._kinds, self.orientation, self.frame)
 
-    def started(self, orientation: Array | None, frame: BodyFrame | None) -> State:
+    def started(self, orientation: Array | None, frame: BodyFrame) -> State:
         """The state with the orientation with which its run begins, and the axes and units of its body."""
         out = State(self._components, self._kinds, self._system)
         out.orientation, out.frame = orientation, frame
@@ -108,7 +108,7 @@ class State(Mapping[str, Array]):
         )
 
 
-def _state_again(components: Any, kinds: Any, orientation: Array | None, frame: BodyFrame | None) -> State:
+def _state_again(components: Any, kinds: Any, orientation: Array | None, frame: BodyFrame) -> State:
     return State(components, kinds).started(orientation, frame)
 
 
@@ -116,10 +116,10 @@ class Model:
     """A system with its parameters, as used by runs, laws and users.
 
     Attributes: `system` (the record), `params` (arrays by letter), `n`, and `body_frame`: axes and units of its body of
-    `kr.physical`, None for another model.  Raises `InputError` for unknown, missing or unusable parameters.
+    `kr.physical`, which are false for another model.  Raises `InputError` for unknown, missing or unusable parameters.
     """
 
-    def __init__(self, system: System, params: Mapping[str, Any], body_frame: BodyFrame | None = None):
+    def __init__(self, system: System, params: Mapping[str, Any], body_frame: BodyFrame = OF_SYSTEM):
         self.system = system
         names = [p.letter for p in system.parameters]
         for letter in params:
@@ -170,7 +170,7 @@ class Model:
                 self.constants[p.letter] = np.broadcast_to(values, (*self.batch, values.shape[-1]))
                 self.axes[p.letter] = 1
                 self._rows.append(rows)
-        if body_frame is None and system.body_frame is not None:
+        if not body_frame and system.body_frame is not None:
             body_frame = call(system.body_frame, (), self.constants)
         self.body_frame = body_frame
 
@@ -215,7 +215,7 @@ class Model:
             return self
         own = {p.letter: axes_of(p, self.params[p.letter]) for p in self.system.parameters}
         params = {k: v if v.ndim == own[k] else v[ids] for k, v in self.params.items()}
-        return Model(self.system, params, None if self.body_frame is None else self.body_frame.of_lanes(ids))
+        return Model(self.system, params, self.body_frame.of_lanes(ids))
 
     def of_body(self, frame: BodyFrame) -> Model:
         """The model, marked as belonging to a body with these axes and units."""

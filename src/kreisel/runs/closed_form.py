@@ -20,7 +20,6 @@ from kreisel.method.exact import motion_of_top
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import Jump
 from kreisel.record.body import Body, as_body
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.given import in_lane
 from kreisel.runs.describing import in_memory
 from kreisel.runs.in_si import scaled, state_of, times_of
@@ -184,7 +183,7 @@ def nutation(system: Model | Body, x0: StateLike) -> Figures:
     if body is not None:
         model = body.in_si()
         x0 = state_of(body, model, x0)[0]
-        unit = (model.body_frame or BodyFrame()).time_unit
+        unit = model.body_frame.time_unit
     check_model(model)
     if model.system.closed_form.top is None or model.n != 3:
         raise InputError(f"kr.nutation is for Lagrange tops with n = 3, got {model.system.name}, n = {model.n}.")

@@ -128,7 +128,7 @@ def parameters_of(model: Model) -> str:
 
 def body_of(model: Model) -> str | None:
     """Axes and units of the body from which a model was created, in the form that a run stores."""
-    return None if model.body_frame is None else json.dumps(model.body_frame.table)
+    return json.dumps(model.body_frame.table) if model.body_frame else None
 
 
 def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, Any]]:
@@ -139,7 +139,7 @@ def attributes(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[str, An
     out: dict[str, dict[str, Any]] = {}
     for name, outcome in plan.outcomes.items():
         out[name] = {"long_name": outcome.meaning, "kind": outcome.kind, "units": "1"}
-        out[name] |= {} if frame is None else frame.attributes(name)
+        out[name] |= frame.attributes(name) if frame else {}
         if name in scales:
             out[name] |= {"conserved": int(outcome.conserved), **scales[name]}
     return out
@@ -153,8 +153,7 @@ def saved_times(plan: Plan, first: int = 0, stop: int | None = None) -> Floats:
 
 def time_attributes(plan: Plan) -> dict[str, str]:
     """Attributes of the times of a run."""
-    frame = plan.model.body_frame
-    return {"long_name": "time", "units": "1", "axis": "T"} | ({} if frame is None else frame.attributes("time"))
+    return {"long_name": "time", "units": "1", "axis": "T"} | plan.model.body_frame.attributes("time")
 
 
 def in_memory(plan: Plan, blocks: list[dict[str, Array]], times: Floats | None = None) -> xr.Dataset:

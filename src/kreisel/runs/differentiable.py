@@ -24,7 +24,6 @@ from kreisel.method.scheme import Guard, JaxSteps, Scheme, Steps
 from kreisel.method.splitting import REACH, closed_form
 from kreisel.method.splitting import make as splitting
 from kreisel.record.body import Body, as_body
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import call
 from kreisel.record.contract import ExactMap, Frame
 from kreisel.record.model import Model, State
@@ -402,7 +401,7 @@ def _rows(
 
 def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[..., dict[str, Array]]:
     model = body.in_si()
-    frame, forces = model.body_frame or BodyFrame(), model.system.perturbation
+    frame, forces = model.body_frame, model.system.perturbation
     if orientation is None:
         orientation = forces is not None and bool(forces.names(ORIENTATION))
     begin = orientation if isinstance(orientation, bool) else oriented(model, orientation)

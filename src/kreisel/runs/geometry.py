@@ -178,7 +178,7 @@ def attitude_of(run: xr.Dataset) -> Array:
     """
     run = in_state_form(run)
     q, frame = orientation_of(run), frame_of(run)
-    if frame is None:
+    if not frame:
         return q
     q = frame.attitude(q)
     return continued(q if run[ORIENTATION].dims[0] == "time" else q[None]).reshape(q.shape)
@@ -187,12 +187,6 @@ def attitude_of(run: xr.Dataset) -> Array:
 def continued(q: Array) -> Array:
     """Unit quaternions (time, ..., 4): q or -q, the nearer to the row before; w >= 0 in the first row."""
     return algebra.continued(q * np.where(q[:1, ..., :1] < 0, -1.0, 1.0))
-
-
-def axes_of_state(run: xr.Dataset) -> Array:
-    """The axes (3, 3) of the state along the user's axes of the body, as columns; 1 for other systems."""
-    frame = frame_of(run)
-    return np.eye(3) if frame is None else frame.axes
 
 
 def velocity_of(run: xr.Dataset, model: Model) -> Array:

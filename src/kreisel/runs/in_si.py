@@ -23,7 +23,7 @@ from kreisel.errors import InputError, RunError, doubt, shown
 from kreisel.files import parsed
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
-from kreisel.record.body_frame import AXES, BODY, STATE, BodyFrame, scaling
+from kreisel.record.body_frame import AXES, BODY, OF_SYSTEM, STATE, BodyFrame, scaling
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import FIELDS
@@ -66,14 +66,14 @@ def is_in_si(run: Any) -> bool:
     return bool(getattr(run, "attrs", {}).get(FORM) == SI)
 
 
-def frame_in_si(run: Any) -> BodyFrame | None:
-    """The axes and units of a run in SI; None for others."""
-    return frame_of(run) if is_in_si(run) else None
+def frame_in_si(run: Any) -> BodyFrame:
+    """The axes and units of a run in SI; `OF_SYSTEM` for others."""
+    return frame_of(run) if is_in_si(run) else OF_SYSTEM
 
 
 def names_of_state(run: xr.Dataset) -> list[str]:
     """The names of the components of the state in a run: letters, in SI words."""
-    names, kinds = getattr(frame_in_si(run), "names", {}), RunRecord.from_attrs(run.attrs).kinds
+    names, kinds = frame_in_si(run).names, RunRecord.from_attrs(run.attrs).kinds
     return [names.get(letter, letter) for letter in kinds]
 
 
@@ -83,7 +83,7 @@ def in_cf(model: Model, name: str) -> dict[str, Any]:
     The energy of a symmetric top has none: a constant is missing in its Hamiltonian.
     """
     frame = model.body_frame
-    if frame is None or not frame.names or name not in frame.units:
+    if not frame.names or name not in frame.units:
         return {}
     if name in ENERGIES and model.system.spin is not None:
         return {}
@@ -95,14 +95,13 @@ def in_cf(model: Model, name: str) -> dict[str, Any]:
 
 def unit_of(run: xr.Dataset, letter: str) -> Any:
     """The unit of the state in which a run in SI was computed, for a variable, in SI; 1 for other runs."""
-    frame = frame_in_si(run)
-    return 1.0 if frame is None else frame.size(letter)
+    return frame_in_si(run).size(letter)
 
 
 def in_si(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     """A run of a body in SI; `model`: of a user-defined system, else that of the attributes."""
     frame = frame_of(run)
-    if frame is None or is_in_si(run):
+    if not frame or is_in_si(run):
         return run
     title = {"title": f"{frame.title}: {run.attrs['method']}"} if frame.title and "method" in run.attrs else {}
     out = _converted(run, frame, forward=True).assign_attrs({FORM: SI, **title})
@@ -140,7 +139,7 @@ def in_state_form(run: Any) -> Any:
     if not is_in_si(run):
         return run
     frame = frame_of(run)
-    if frame is None:
+    if not frame:
         raise InputError("The run is damaged: it is in SI, and lacks the attribute body that describes its units.")
     out = _converted(run, frame, forward=False).drop_vars(ADDED, errors="ignore")
     out.attrs.pop(FORM)
@@ -283,7 +282,7 @@ def scaled(system: Any, x0: Any, orientation: Any, asked: Mapping[str, Any], eve
     if body is None:
         return system, x0, orientation, asked, events
     model = body.in_si()
-    frame, (start, first) = model.body_frame or BodyFrame(), state_of(body, model, x0)
+    frame, (start, first) = model.body_frame, state_of(body, model, x0)
     if orientation is False:
         first = None
     elif orientation is not None:
@@ -303,18 +302,18 @@ TIMES = re.compile(r"\b(dt|time|t_end) (= )?\d")
 @contextmanager
 def unit_of_times(model: Any) -> Iterator[None]:
     """Errors of a run of a body state the unit of their times, which is the model's."""
-    frame = getattr(model, "body_frame", None)
+    frame = getattr(model, "body_frame", OF_SYSTEM)
     try:
         yield
     except (InputError, RunError) as error:
-        if frame is None or not frame.names or frame.time_unit == 1 or not TIMES.search(str(error)):
+        if not frame.names or frame.time_unit == 1 or not TIMES.search(str(error)):
             raise
         raise type(error)(f"{error} (Times in this message are multiples of {frame.time_unit:.6g} s.)") from error
 
 
 def _require_attitude_of_state(body: Body, model: Model, start: Any, before: Any, g: Array) -> None:
     """Raises `InputError` for an attitude that differs from the state's, if the state depends on it."""
-    names = (model.body_frame or BodyFrame()).names
+    names = model.body_frame.names
     R, far = algebra.rotation_matrix(g), 0.0
     for letter, row in (("P", R[..., 2, :]), ("a", R[..., :, 2])):
         if names.get(letter) in ("up", "axis") and letter in start:
@@ -331,7 +330,7 @@ def _require_attitude_of_state(body: Body, model: Model, start: Any, before: Any
 def oriented(model: Model, attitude: Any) -> Array:
     """The orientation of the axes of the state from the attitude of the body's axes.  Raises `InputError`."""
     g = initial_orientation(attitude, model)
-    frame = model.body_frame or BodyFrame()
+    frame = model.body_frame
     change = frame.change(ORIENTATION, False)
     return g if change is None else change(g)
 
@@ -340,7 +339,7 @@ def state_of(body: Body, model: Model, x0: Any) -> tuple[Any, Any]:
     """The start in the form of the state, and its orientation: a state, a row, or the arguments of `body.state`."""
     if hasattr(x0, "data_vars"):
         frame, expected = frame_in_si(x0), model.body_frame
-        if frame is not None and expected is not None and not frame.is_like(expected, model.system.space.letters):
+        if frame and expected and not frame.is_like(expected, model.system.space.letters):
             raise InputError(
                 "x0: expected a row of a run of this body, got one of a body whose state has other axes or units. "
                 "Usual cause: other moments of inertia. Give body.state(...) with the angular velocity and attitude "
@@ -369,7 +368,7 @@ def duration(frame: BodyFrame, value: Any, name: str) -> float:
 
 def times_of(model: Model, values: Any, name: str = "times") -> Array:
     """Times in s, or with units, in the unit of time of the state.  Raises `InputError`."""
-    return np.asarray(Scale("s", (model.body_frame or BodyFrame()).time_unit).scaled(values, name))
+    return np.asarray(Scale("s", model.body_frame.time_unit).scaled(values, name))
 
 
 NEAR = 1e-9  # relative: a duration that is a multiple of the step
@@ -393,7 +392,7 @@ def steps_in(frame: BodyFrame, value: Any, dt: float, name: str) -> Any:
 
 def scaled_settings(model: Model, asked: Mapping[str, Any]) -> dict[str, Any]:
     """The settings of a run in the units of the state, from durations in s or with units.  Raises `InputError`."""
-    frame = model.body_frame or BodyFrame()
+    frame = model.body_frame
     out = {name: value for name, value in asked.items() if value is not None}
     for name in ("t_start", "t_end", "dt"):
         if name in out:
@@ -455,7 +454,7 @@ def scaled_events(frame: BodyFrame, events: Any) -> Any:
 
 def letters_of(model: Model, names: Any) -> Any:
     """Names of unknowns, a list or a mapping, such as "momentum[0]", with the letters of the state."""
-    frame = model.body_frame or BodyFrame()
+    frame = model.body_frame
     words = frame.letters
 
     def letter(name: Any) -> Any:
@@ -486,7 +485,7 @@ def observations_of(model: Model, data: Any) -> Any:
     """
     if is_in_si(data) or not hasattr(data, "data_vars"):
         return in_state_form(data)
-    frame = model.body_frame or BodyFrame()
+    frame = model.body_frame
     words = frame.letters | {VELOCITY: "Omega"}
     renamed = {}
     for name, variable in data.variables.items():
@@ -505,7 +504,7 @@ def observations_of(model: Model, data: Any) -> Any:
 def state_quantity(run: xr.Dataset, quantity: Any) -> Any:
     """A quantity of a run in SI, "momentum[2]" or a function in SI, as a function of the components of its state."""
     frame = frame_in_si(run)
-    if frame is None or not (isinstance(quantity, str) or callable(quantity)):
+    if not frame or not (isinstance(quantity, str) or callable(quantity)):
         return quantity
     if frame.differs and "lane" in run.dims:
         raise InputError("expected the run of one body, got lanes that differ in axes or units: run.isel(lane=0).")

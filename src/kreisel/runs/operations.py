@@ -30,7 +30,7 @@ from kreisel.errors import InputError, hint, shown
 from kreisel.files import parsed
 from kreisel.graph.graph import Graph, Number, array_of
 from kreisel.method.observing import ORIENTATION
-from kreisel.record.body_frame import BodyFrame
+from kreisel.record.body_frame import OF_SYSTEM, BodyFrame
 from kreisel.record.calling import call, keywords
 from kreisel.record.contract import System
 from kreisel.record.model import Model
@@ -289,7 +289,7 @@ def _names_in(code: types.CodeType) -> list[str]:
 
 
 def load_system(
-    name: str, file: Path | None, values: Mapping[str, Any] | None = None, frame: BodyFrame | None = None
+    name: str, file: Path | None, values: Mapping[str, Any] | None = None, frame: BodyFrame = OF_SYSTEM
 ) -> System:
     """The system of that name: a known one, with these parameters, or from `file`.  Raises `InputError`."""
     from kreisel.bodies import KNOWN, known_system

@@ -18,9 +18,9 @@ from kreisel.files import parsed
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.model import Model
 from kreisel.record.perturbation import FIELDS
-from kreisel.runs.geometry import attitude_of, axes_of_state
+from kreisel.runs.geometry import attitude_of
 from kreisel.runs.in_si import COMPONENT, in_si
-from kreisel.runs.run_record import RunRecord, lanes_of
+from kreisel.runs.run_record import RunRecord, frame_of, lanes_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -137,7 +137,7 @@ def axis_of_pointing(run: xr.Dataset, axis: Any = None) -> Array:
     """
     if axis is None:
         return -np.asarray(
-            axes_of_state(run) @ axes_of_angles(satellite_model(run).params["moments"])[..., 0][..., None]
+            frame_of(run).axes @ axes_of_angles(satellite_model(run).params["moments"])[..., 0][..., None]
         )[..., 0]
     return _direction(axis, "axis")
 
@@ -206,7 +206,7 @@ def angles_of(run: xr.Dataset, frame: str = "orbit", around: Surroundings | None
     around = around or surroundings(run)
     place = around["position"], around["velocity"]
     if frame == "orbit":
-        body = axes_of_state(run) @ axes_of_angles(model.params["moments"])
+        body = frame_of(run).axes @ axes_of_angles(model.params["moments"])
         return Angles(*tait_bryan(_by_lane(orbit_frame(*place), g.ndim).mT @ g @ body))
     if frame == "ground":
         g = _by_lane(ground_frame(place[0]), g.ndim).mT @ g
@@ -241,7 +241,7 @@ ANGLES = {
 def presented(run: xr.Dataset, model: Model | None = None) -> xr.Dataset:
     """A run as its user receives it: in SI if its subject was a body, else unchanged."""
     frame = model.body_frame if model is not None else RunRecord.from_attrs(run.attrs).body_frame
-    if frame is None or not frame.names:
+    if not frame.names:
         return run
     if frame.differs and "lane" not in run.coords:  # of a sweep
         run = run.assign_coords(lane=np.arange(run.sizes["lane"]))

@@ -19,7 +19,6 @@ from kreisel.graph.recording import STRAIGHT_LINE_N, STRAIGHT_LINES
 from kreisel.kernels.cpu import CpuEngine
 from kreisel.method import find, scheme
 from kreisel.method.observing import ORIENTATION, with_lanes
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.calling import call
 from kreisel.record.model import Model, State
 from kreisel.record.table import require_within
@@ -284,7 +283,7 @@ LONG_KICK = (
 
 def warn_of(plan: Plan) -> None:
     """Warns of steps too long for the motion or its forces, of impossible moments of inertia, and of doubtful input."""
-    sentences, said = [], (plan.model.body_frame or BodyFrame()).time_text
+    sentences, said = [], plan.model.body_frame.time_text
     if plan.scheme.name not in CLOSED and "expected_error" not in plan.scheme.options:  # order="auto" has measured it
         turn = plan.dt * rate(plan)
         if turn > math.pi:
@@ -345,7 +344,7 @@ def _long_kick(plan: Plan) -> Iterator[str]:
     if plan.scheme.name != "splitting" or "expected_error" in plan.scheme.options or plan.first.size > MOST_NUMBERS:
         return
     steps, count = _steps(plan), min(TRIED, plan.steps)
-    said = (plan.model.body_frame or BodyFrame()).time_text
+    said = plan.model.body_frame.time_text
 
     def apart(h: float, count: int) -> float:
         """The largest difference of a component, relative to its largest entry in all lanes and at the start."""

@@ -13,7 +13,7 @@ import numpy as np
 from kreisel.algebra.reuse import cached_property
 from kreisel.errors import InputError, shown
 from kreisel.files import parsed
-from kreisel.record.body_frame import BodyFrame
+from kreisel.record.body_frame import OF_SYSTEM, BodyFrame
 from kreisel.record.model import Model
 from kreisel.record.perturbation import WITH_WHEELS
 from kreisel.runs.settings import count_of_rows
@@ -58,9 +58,9 @@ class Subject:
     start_sha256: str
 
     @cached_property
-    def body_frame(self) -> BodyFrame | None:
-        """Axes and units of the body from which the model was created, else None.  Raises `InputError`."""
-        return None if self.body is None else BodyFrame.from_table(_an_object(self.body, "body"))
+    def body_frame(self) -> BodyFrame:
+        """Axes and units of the body from which the model was created, else `OF_SYSTEM`.  Raises `InputError`."""
+        return OF_SYSTEM if self.body is None else BodyFrame.from_table(_an_object(self.body, "body"))
 
     @property
     def bare(self) -> str:
@@ -182,8 +182,7 @@ class Course:
 
     def step_text(self, dt: float) -> str:
         """A step in words: of a body in s."""
-        frame = self.body_frame if isinstance(self, RunRecord) else None
-        return (frame or BodyFrame()).time_text(dt)
+        return (self.body_frame if isinstance(self, RunRecord) else OF_SYSTEM).time_text(dt)
 
     @property
     def row_count(self) -> int:
@@ -228,7 +227,7 @@ class RunRecord(Course, Numerics, Subject, Heading):
         as_made(attrs)
         record = object.__new__(cls)
         record.__dict__.update((each.name, attrs[each.name]) for each in fields(cls) if each.name in attrs)
-        if attrs.get(FORM) == SI and record.body_frame is not None:
+        if attrs.get(FORM) == SI:
             unit = record.body_frame.time_unit
             record.__dict__.update((k, attrs[k] / unit) for k in CLOCKS if attrs.get(k) is not None)
         return record
@@ -312,10 +311,10 @@ def a_run(run: Any, *attributes: str, rows: bool = True) -> Any:
     return run
 
 
-def lanes_of(run: xr.Dataset, frame: BodyFrame | None) -> Any:
+def lanes_of(run: xr.Dataset, frame: BodyFrame) -> Any:
     """The numbers of the lanes of a run, (lanes,), or of its lane; the coordinate may have their names instead."""
     lanes = np.asarray(run["lane"].values)
-    if lanes.dtype.kind in "iu" or frame is None or not frame.lanes:
+    if lanes.dtype.kind in "iu" or not frame.lanes:
         return lanes
     numbers = {name: number for number, name in enumerate(frame.lanes)}
     missing = next((name for name in lanes.flat if name not in numbers), None)
@@ -328,13 +327,13 @@ def lane_names(run: xr.Dataset) -> list[str]:
     """Names of the lanes of a run; "lane 3" without others."""
     frame = RunRecord.from_attrs(run.attrs).body_frame
     lanes = lanes_of(run, frame).tolist() if "lane" in run.coords else range(run.sizes["lane"])
-    return [frame.lanes[k] if frame is not None and frame.lanes else f"lane {k}" for k in lanes]
+    return [frame.lanes[k] if frame.lanes else f"lane {k}" for k in lanes]
 
 
-def frame_of(run: xr.Dataset) -> BodyFrame | None:
-    """Axes and units of the body of a run, of its lanes; None for another run.  Raises `InputError`."""
+def frame_of(run: xr.Dataset) -> BodyFrame:
+    """Axes and units of the body of a run, of its lanes; `OF_SYSTEM` for another run.  Raises `InputError`."""
     frame = RunRecord.from_attrs(run.attrs).body_frame
-    if frame is None or not frame.differs:
+    if not frame.differs:
         return frame
     if "lane" not in run.coords:
         raise InputError(

@@ -18,7 +18,7 @@ from kreisel.errors import InputError, doubt, explained, hint, require_one_of, s
 from kreisel.kernels.engines import ENGINES
 from kreisel.method.scheme import Scheme
 from kreisel.record.body import as_body
-from kreisel.record.body_frame import AXES, BODY, BodyFrame
+from kreisel.record.body_frame import AXES, BODY, OF_SYSTEM
 from kreisel.record.calling import Portable
 from kreisel.record.contract import System
 from kreisel.record.given import by_lane
@@ -225,8 +225,8 @@ def observed(value: Any, made: Scheme) -> tuple[str, ...] | None:
 
 def checked_state(model: Model, x0: Any, time: float = 0.0) -> State:
     """The state of this system from the user's value, for a run that begins at that time.  Raises `InputError`."""
-    frame, expected = x0.frame if isinstance(x0, State) else None, model.body_frame
-    if frame is not expected and frame is not None and expected is not None and not frame.is_like(expected):
+    frame, expected = x0.frame if isinstance(x0, State) else OF_SYSTEM, model.body_frame
+    if frame and expected and frame is not expected and not frame.is_like(expected):
         raise InputError(
             "x0: expected a state of this body, got one of a body with other axes or units. Usual cause: a state that "
             "was made before the body was changed; make it again by body.state(...)."
@@ -262,7 +262,7 @@ def _warn_of_clock(model: Model, row: Any, begin: float) -> None:
     """Warns with `InputWarning` of a row of a run at another time than the start, if a force depends on the time."""
     record, time = model.system.perturbation, np.asarray(row.coords.get("time", 0.0))
     if record is not None and record.names(TIME) and time.shape == () and time != 0 and begin == 0:
-        unit = (model.body_frame or BodyFrame()).time_unit
+        unit = model.body_frame.time_unit
         doubt(
             f"x0 is the row of a run at time {float(time * unit):g}, and a force of {model.system.name} depends on the "
             "time, which begins at 0 here. To continue from there, give t_start=row.time, or lengthen the run by "
@@ -272,7 +272,7 @@ def _warn_of_clock(model: Model, row: Any, begin: float) -> None:
 
 def _require_units_of_state(model: Model, x0: Mapping[str, Any]) -> None:
     """Raises `InputError` for a row of `units.measured`, whose axes or units are not the state's."""
-    frame = model.body_frame or BodyFrame()
+    frame = model.body_frame
     for letter, value in x0.items():
         given, turned = value.attrs.get("units", "1"), frame.turned and value.attrs.get(AXES) == BODY
         if turned or (frame.units and given not in ("1", frame.attributes(letter)["units"])):

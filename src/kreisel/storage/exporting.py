@@ -224,7 +224,7 @@ def _blocks(run: xr.Dataset) -> Iterator[tuple[int, xr.Dataset]]:
 
 
 def _of_body(run: xr.Dataset) -> bool:
-    return not is_in_si(run) and RunRecord.from_attrs(run.attrs).body_frame is not None
+    return not is_in_si(run) and bool(RunRecord.from_attrs(run.attrs).body_frame)
 
 
 def _presented(run: xr.Dataset) -> xr.Dataset:

@@ -139,14 +139,14 @@ def write_message(run: xr.Dataset, out: Path, epoch: Any, labels: Mapping[str, A
     if "lane" in run.dims:
         raise InputError("expected the run of one body, got several lanes. Give run.isel(lane=0).")
     body = frame_of(run)
-    unit = 1.0 if body is None or is_in_si(run) else body.time_unit
+    unit = 1.0 if is_in_si(run) else body.time_unit
     if chosen["time_unit"] is not None:
         unit = positive_number(chosen["time_unit"], "time_unit")
     seconds = np.asarray(run["time"].values, dtype=np.float64) * unit
     if not (np.isfinite(seconds) & (abs(seconds) < LONGEST)).all():
         raise InputError(f"time_unit: expected times below {LONGEST:g} s, got {shown(float(abs(seconds).max()))}.")
-    dated = "" if body is None else body.epoch
-    start, turn = date_of(dated or epoch, "epoch"), np.eye(3)
+    dated, turn = body.epoch, np.eye(3)
+    start = date_of(dated or epoch, "epoch")
     if dated and epoch is not None and date_of(epoch, "epoch") != start:
         raise InputError(f"epoch: expected {start}, the date of the orbit, or none, got {shown(epoch)}.")
     if chosen["frame"] is None:

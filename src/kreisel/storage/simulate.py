@@ -161,7 +161,7 @@ def resume(
             return presented(open_rows(where))
         record = run_record(where if stands(where) else part_of(where))
         frame = record.body_frame
-        if frame is not None and frame.names:
+        if frame.names:
             end, events = extend, scaled_events(frame, events)
             extend = steps_in(frame, end, record.dt, "extend")
             extend -= 0 if extend is end else round((record.t_start or 0.0) / record.dt)

@@ -34,7 +34,7 @@ from kreisel.method.auto import Choice
 from kreisel.method.observing import ORIENTATION
 from kreisel.method.scheme import KINDS
 from kreisel.record.body import Body, joined
-from kreisel.record.body_frame import BodyFrame
+from kreisel.record.body_frame import OF_SYSTEM, BodyFrame
 from kreisel.record.contract import System
 from kreisel.record.given import axes_of
 from kreisel.record.model import Model, State
@@ -120,7 +120,7 @@ class Sweep:
         self.description, spec = description, description["sweep"]
         base = dict(description["system"])
         body = description.get("body")
-        self._body_frame = None if body is None else BodyFrame.from_table(body).of_lanes(0)
+        self._body_frame = OF_SYSTEM if body is None else BodyFrame.from_table(body).of_lanes(0)
         name = base.pop("name")
         self.system: System = (
             source if isinstance(source, System) else load_system(name, source, base, self._body_frame)
@@ -373,7 +373,7 @@ def by_lane(
     listed |= {f"run.{name}": value for name, value in settings.items() if isinstance(value, list)}
     axes = [[axis, size, {q.name: in_base_units(v) for q, v in tables.items()}] for axis, size, tables in lanes.folded]
     sections = {
-        **({} if model.body_frame is None else {"body": model.body_frame.table}),
+        **({"body": model.body_frame.table} if model.body_frame else {}),
         "system": {"name": model.system.name, **parameters},
         "state": {letter: value[0] for letter, value in start.items()},
         "run": {name: value[0] if isinstance(value, list) else value for name, value in settings.items()},
@@ -408,7 +408,7 @@ def _started(body: Body, x0: Any, changes: Changes) -> State:
     if not words:
         return state
     model = body.in_si()
-    frame, parts = model.body_frame or BodyFrame(), dict(state.axial)
+    frame, parts = model.body_frame, dict(state.axial)
     orientation: Any = state.orientation
     for q, value in words.items():
         letter = frame.letters.get(q.letter)

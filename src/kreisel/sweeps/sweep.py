@@ -141,10 +141,9 @@ def _of_system(
     if KNOWN.get(model.system.name, model.system) != model.system:
         raise InputError(f"{model.system.name} is the name of a system of Kreisel. Choose another name for this one.")
     frame, derived = model.body_frame, Model(model.system, model.params).body_frame
-    given = frame is not None and (derived is None or derived.table != frame.table)  # unless parameters give it
     state = dict(checked_state(model, x0).axial) | ({} if orientation is None else {"orientation": orientation})
     sections = {"system": {"name": model.system.name, **model.params}, "state": state, "run": run, "sweep": spec}
-    return ({"body": frame.table, **sections} if frame is not None and given else sections), model
+    return ({"body": frame.table, **sections} if frame.table != derived.table else sections), model
 
 
 def carry_out(

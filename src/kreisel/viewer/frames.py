@@ -326,9 +326,9 @@ class Clock(NamedTuple):
 def clock_of(run: xr.Dataset) -> Clock:
     """The unit that suits the length of a run of a body: at most 600 s, 180 min, 72 h."""
     frame, in_si = frame_of(run), run["time"].attrs.get("units") == "s"
-    if frame is None and not in_si:
+    if not frame and not in_si:
         return Clock("", 1.0)
-    second = 1.0 if in_si or frame is None else 1 / frame.time_unit
+    second = 1.0 if in_si else 1 / frame.time_unit
     ends = np.asarray(run["time"][[0, -1]].values, dtype=np.float64)
     span = float(abs(ends[1] - ends[0])) / second
     name, size, _ = next(row for row in CLOCKS if span <= row[2])
@@ -351,8 +351,7 @@ def panels_of(run: xr.Dataset, axis: Any = None, target: Any = "nadir") -> list[
     aim = target if isinstance(target, str) else brief(shown(target), LONGEST)
     subject = "axis" if axis is None else f"axis {brief(shown(axis), LONGEST)}"
     error = np.rad2deg(pointing_error(run, axis, target, around))[..., None]
-    omega = algebra.axial(velocity_of(run, model))
-    omega = omega if (frame := frame_of(run)) is None else frame.vectors(omega)  # along the user's axes
+    omega = frame_of(run).vectors(algebra.axial(velocity_of(run, model)))
     degrees = np.rad2deg(np.stack(angles, -1))
     jumps = np.concatenate([np.zeros_like(degrees[:1]), abs(np.diff(degrees, axis=0))]) > 180
     out = [

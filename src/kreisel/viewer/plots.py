@@ -17,7 +17,7 @@ from kreisel.kernels.layout import MACHINE_EPSILON
 from kreisel.method.observing import BALANCE, ORIENTATION
 from kreisel.record.contract import Frame
 from kreisel.runs.drift import all_series
-from kreisel.runs.geometry import axes_of_state, fixed_vector, model_for, require_unchanged
+from kreisel.runs.geometry import fixed_vector, model_for, require_unchanged
 from kreisel.runs.in_si import in_state_form
 from kreisel.runs.orbits import of_satellite
 from kreisel.runs.run_record import RunRecord, frame_of, lane_names
@@ -154,9 +154,7 @@ def _seen(run: xr.Dataset, letter: str, rows: int) -> np.ndarray:
     values, frame = read_values(run[letter][:rows]), frame_of(run)
     if not (abs(values) < LARGEST).all():
         raise InputError(f"expected a run whose {letter} is finite and below {LARGEST:g}, got one beyond.")
-    if frame is not None and letter in frame.along:
-        values = frame.vectors(values)
-    return values if frame is None else values * _words(run, letter).size
+    return (frame.vectors(values) if letter in frame.along else values) * _words(run, letter).size
 
 
 class Words(NamedTuple):
@@ -175,7 +173,7 @@ class Words(NamedTuple):
 
 def _words(run: xr.Dataset, letter: str) -> Words:
     frame = frame_of(run)
-    if frame is None or letter not in frame.names:
+    if letter not in frame.names:
         return Words(f"${letter}$")
     unit, size = frame.units.get(letter, ("", 1.0))
     word = frame.names[letter].replace("_", " ")
@@ -222,7 +220,7 @@ def _draw_axes(axes: Any, run: xr.Dataset, radius: float, theme: Theme) -> None:
     space = run.attrs.get("frame") == Frame.REST.value
     fixed = None if model is None else fixed_vector(model, "space" if space else "body")
     fixed = None if fixed is None or fixed.shape != (3,) or not fixed.any() else fixed / np.linalg.norm(fixed)
-    fixed = fixed if fixed is None or space else axes_of_state(run) @ fixed
+    fixed = fixed if fixed is None or space else frame_of(run).axes @ fixed
     covered = np.zeros(3) if fixed is None or space else fixed
     for number, name in enumerate("123" if run.attrs.get("frame") == Frame.MOVING.value else "xyz"):
         end = np.zeros(3)

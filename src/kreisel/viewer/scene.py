@@ -35,10 +35,10 @@ from kreisel.record.contract import Frame
 from kreisel.record.perturbation import pairs_of
 from kreisel.runs import geometry, orbits
 from kreisel.runs.drift import all_series
-from kreisel.runs.geometry import attitude_of, axes_of_state, continued, fixed_vector, model_for, require_unchanged
+from kreisel.runs.geometry import attitude_of, continued, fixed_vector, model_for, require_unchanged
 from kreisel.runs.in_si import in_state_form, unit_of
 from kreisel.runs.orbits import Surroundings, of_satellite, surroundings
-from kreisel.runs.run_record import RunRecord, lane_names
+from kreisel.runs.run_record import RunRecord, frame_of, lane_names
 from kreisel.runs.settings import within
 from kreisel.viewer import bodies
 from kreisel.viewer.bodies import Body
@@ -66,11 +66,10 @@ class Shown:
         self.run, self.record, self.joined, self._asked = run, record, joined, body
         self.model = None if record.is_own else model_for(run, None)
         self.letter, self.kinds = record.carried, record.kinds
-        names = record.body_frame.names if record.body_frame is not None else {}
-        self.word = names.get(self.letter, self.letter).replace("_", " ")  # of a run in SI
+        self.word = record.body_frame.names.get(self.letter, self.letter).replace("_", " ")  # of a run in SI
         self.space = run.attrs.get("frame") == Frame.REST.value
         self.carried = np.asarray(run[self.letter].values, dtype=np.float64).reshape(run.sizes["time"], -1)
-        self.axes = axes_of_state(run)  # everything here is along the user's axes of the body
+        self.axes = frame_of(run).axes  # everything here is along the user's axes of the body
         if not self.space and self.carried.shape[1] == 3:
             self.carried = self.carried @ self.axes.T
         self.subject = "the ellipsoid of inertia"
@@ -111,7 +110,7 @@ class Shown:
 
     def _made(self, usual: str, axis: Array, tensor: Array | None, size: float) -> Body:
         body, frame = self._asked, self.record.body_frame
-        if body is None and usual != "top" and frame is not None and frame.shape:
+        if body is None and usual != "top" and frame.shape:
             kind, *half = frame.shape
             body = bodies.of_shape(kind, np.array(half))
             self.subject = f"the {kind}" if body is not None else self.subject
@@ -120,9 +119,8 @@ class Shown:
 
     def _marked(self, tensor: Array | None) -> tuple[Array, str]:
         """The axis of the body whose tip is drawn, and its name; the axis of its known shape, if that is drawn."""
-        frame = self.record.body_frame
-        known = self._asked is None and frame is not None and frame.shape
-        return bodies.marked_axis(tensor, np.array(frame.shape[1:]) if known and frame is not None else None)
+        shape = self.record.body_frame.shape if self._asked is None else ()
+        return bodies.marked_axis(tensor, np.array(shape[1:]) if shape else None)
 
     def _path(self) -> Array | None:
         """The places of the body, if it moves through space and its rows follow each other closely enough."""

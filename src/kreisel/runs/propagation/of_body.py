@@ -12,7 +12,6 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, explained, shown
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
-from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model, State
 from kreisel.runs.in_si import duration, matrix_of, times_of
 from kreisel.runs.propagation.propagator import Crossing, Propagator, of_model
@@ -46,7 +45,7 @@ def propagator(
     model = body.in_si()
     forces = model.system.perturbation
     oriented = forces is not None and bool(forces.names(ORIENTATION)) if orientation is None else orientation
-    step = None if dt is None else duration(model.body_frame or BodyFrame(), dt, "dt")
+    step = None if dt is None else duration(model.body_frame, dt, "dt")
     return BodyPropagator(body, of_model(model, method, order, step, oriented, observe, project))
 
 
@@ -60,7 +59,7 @@ class BodyPropagator:
     """
 
     def __init__(self, body: Body, motion: Propagator):
-        frame = motion.model.body_frame or BodyFrame()
+        frame = motion.model.body_frame
         self._body, self._motion, self._frame, self._unit = body, motion, frame, frame.time_unit
         self.model, self.size, self.dt = motion.model, motion.size, motion.dt * self._unit
         self._places = {frame.names.get(k, k): (k, place) for k, place in motion.places.items()}
