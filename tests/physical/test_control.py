@@ -264,7 +264,7 @@ def forgetful(field, before):
 
 MISTAKES = {
     "no function": (lambda: kr.Control(3), "expected a function of sensors"),
-    "an unknown sensor": (lambda: noisy_law(lambda rate: {"torque": rate}), r"got 'rate'. Did you mean 'rates'"),
+    "an unknown sensor": (lambda: noisy_law(lambda rate: {"torque": rate}), r"got rate. Did you mean 'rates'"),
     "no wheels": (lambda: noisy_law(lambda wheels: {}), "expected arguments among"),
     "an unknown command": (lambda: noisy_law(lambda rates: {"moment": rates}), r"expected a dict of commands \(dipole"),
     "lost memory": (lambda: noisy_law(lambda field, b: {"dipole": b}, memory={"b": (0, 0, 0)}), "without b"),

@@ -17,7 +17,7 @@ from kreisel.forces import control as sampling
 from kreisel.forces.control import BIAS, COMMANDS, DEVIATION, LIMIT, QUEUE, SENSORS, WHEEL_LIMIT
 from kreisel.forces.kicks import BODY_AXES, HELD, WHEEL_AXES, WHEEL_TORQUE, WHEELS, perturbation_of
 from kreisel.method.observing import BALANCE, WORK
-from kreisel.physical.measures import finite_floats, si_number, si_numbers
+from kreisel.physical.measures import convert_fields, finite_floats, si_numbers
 from kreisel.record.calling import arguments_of
 from kreisel.record.contract import Parameter
 from kreisel.record.given import is_vector, shape_of
@@ -99,7 +99,7 @@ class Control:
     def __post_init__(self) -> None:
         if not callable(self.law):
             raise InputError(f"law: expected a function of sensors and memory, got {shown(self.law)}.")
-        object.__setattr__(self, "every", si_number(self.every, "s", "every", positive=True))
+        convert_fields(self, positive=True, every="s")
         for name, known in (("memory", None), ("parameters", None), ("noise", NOISY), ("limits", COMMANDS)):
             values = getattr(self, name)
             good = isinstance(values, Mapping) and all(isinstance(key, str) and key.isidentifier() for key in values)
@@ -115,12 +115,11 @@ class Control:
         memory = {name: finite_floats(value, "1", name) for name, value in self.memory.items()}
         if any(value.ndim > 1 or not value.size for value in memory.values()):
             raise InputError(f"memory: expected values or arrays (k,), got {shown(dict(self.memory))}.")
-        object.__setattr__(self, "memory", memory)
-        object.__setattr__(self, "noise", {name: _noise(name, value) for name, value in self.noise.items()})
+        noise = {name: _noise(name, value) for name, value in self.noise.items()}
         limits = {name: finite_floats(value, COMMANDS[name], f"limit of {name}") for name, value in self.limits.items()}
         if any((value < 0).any() for value in limits.values()):
             raise InputError(f"limits: expected sizes >= 0, got {shown(dict(self.limits))}.")
-        object.__setattr__(self, "limits", limits)
+        vars(self).update(memory=memory, noise=noise, limits=limits)
         for name in ("seed", "delay"):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:

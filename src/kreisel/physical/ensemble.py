@@ -111,7 +111,7 @@ class Varied(Body, metaclass=OfLanes):
 
     @cached_property
     def _body_frame(self) -> BodyFrame:
-        return self.model().body_frame or BodyFrame()
+        return self.model().body_frame
 
     _made: tuple[Any, ...] = ()  # a class, its method and the arguments, from which the body was created
 

@@ -136,12 +136,9 @@ class Orbit:
 
     def __post_init__(self, true_anomaly: Any) -> None:
         convert_fields(self, positive=True, semi_major_axis="m")
-        convert_fields(self, inclination="rad", node="rad", perigee="rad", mean_anomaly="rad")
-        object.__setattr__(self, "primary", _checked(self.primary))
-        object.__setattr__(self, "epoch", _date(self.epoch))
-        e = si_number(self.eccentricity, "1", "eccentricity")
-        formulas.check_eccentricity(np.array(e), "eccentricity")
-        object.__setattr__(self, "eccentricity", e)
+        convert_fields(self, eccentricity="1", inclination="rad", node="rad", perigee="rad", mean_anomaly="rad")
+        vars(self).update(primary=_checked(self.primary), epoch=_date(self.epoch))
+        formulas.check_eccentricity(np.array(self.eccentricity), "eccentricity")
         if true_anomaly is not None:
             self._set_mean_anomaly(si_number(true_anomaly, "rad", "true_anomaly"))
         if not isinstance(self.J2, bool):

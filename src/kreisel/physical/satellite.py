@@ -120,15 +120,15 @@ class Satellite(Forced):
         if not isinstance(self.orbit, Orbit):
             raise InputError(f"orbit: expected kr.physical.Orbit(...), got {shown(self.orbit)}.")
         inertia = inertia_tensor(self.inertia)
-        object.__setattr__(self, "inertia", inertia)
-        object.__setattr__(self, "body", FreeBody(inertia, time_unit=float(np.trace(inertia)) / 3))  # M in kg m^2/s
+        body = FreeBody(inertia, time_unit=float(np.trace(inertia)) / 3)  # M in kg m^2/s
+        vars(self).update(inertia=inertia, body=body)
         convert_fields(self, shapes=((3,),), magnetic_moment="A m^2")
         if not by_functions(self.torque):
             convert_fields(self, shapes=((3,),), torque="N m")
         convert_fields(self, least=0.0, density="kg/m^3", drag="1", light="N/m^2", mirror="1", diffuse="1")
         if not isinstance(self.plates, list | tuple):
             raise InputError(f"plates: expected a list of Plate(normal, centre, area), got {shown(self.plates)}.")
-        object.__setattr__(self, "plates", tuple(_plate(p) for p in self.plates))
+        vars(self).update(plates=tuple(_plate(p) for p in self.plates))
         self.model()
 
     @classmethod
@@ -151,10 +151,6 @@ class Satellite(Forced):
         ]
         inertia = FreeBody.box(weight, tuple(sides)).inertia
         return cls(inertia, orbit, **{"plates": tuple(plates), **more}).shaped("box", sides / 2)
-
-    @cached_property
-    def _principal_axes(self) -> Array:
-        return self.body.principal.axes
 
     def environment(self, run: xr.Dataset) -> xr.Dataset:
         """Environment of the satellite along a run, in space: vectors (time, [lane,] axis), scalars (time, [lane]).
@@ -184,7 +180,7 @@ class Satellite(Forced):
 
     @cached_property
     def _built(self) -> Model:
-        along = self._principal_axes
+        along = self.body.principal.axes
         rows = [[*(p.normal @ along), *(p.centre @ along), p.area] for p in self.plates]
         parameters = {
             "moments": self.body.principal.moments,
@@ -221,13 +217,13 @@ class Satellite(Forced):
         else:
             R = algebra.rotation_matrix(attitude_quaternion(attitude, "attitude"))
             Omega = self.orbit.rate() * self.orbit.first_frame[:, 2] @ R
-        M = in_range("The momentum", lambda: Omega @ self.inertia @ self._principal_axes)
+        M = in_range("The momentum", lambda: Omega @ self.inertia @ self.body.principal.axes)
         return self._started(self.orientation(self.pointing() if attitude is None else attitude), M=M)
 
     @cached_property
     def _axes_of_orbit(self) -> Array:
         """Up, ahead and the normal along the body axes at zero angles, as columns: right-handed."""
-        return self._principal_axes @ axes_of_angles(self.body.principal.moments)
+        return self.body.principal.axes @ axes_of_angles(self.body.principal.moments)
 
     def pointing(self, yaw: Any = 0.0, pitch: Any = 0.0, roll: Any = 0.0) -> Array:
         """The attitude at t = 0 with the axis of the least moment up and the axis of the largest along the normal.
@@ -258,7 +254,7 @@ class Satellite(Forced):
         """One of the axes of yaw, roll and pitch in the frame of the orbit's elements, at each row."""
         g = algebra.rotation_matrix(orientation_of(run))
         require_of_body(run, self.orbit.elements)
-        return np.asarray(g @ (self._principal_axes.T @ self._axes_of_orbit[:, which]))
+        return np.asarray(g @ (self.body.principal.axes.T @ self._axes_of_orbit[:, which]))
 
     def obliquity(self, run: xr.Dataset) -> Array:
         """The angle of the axis of the largest moment to the normal of the orbit, rad, at each row of a run."""
