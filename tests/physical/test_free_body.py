@@ -360,7 +360,7 @@ def test_toutatis() -> None:
         (lambda: FreeBody(MOMENTS).rotation((1, 2, 3)).flips(-1.0), "duration"),
         (lambda: FreeBody(MOMENTS).rotation((1, 2, 3)).herpolhode(math.inf), "duration"),
         (lambda: FreeBody.box(1.0, (1.0, -2.0, 3.0)), "at least 0"),
-        (lambda: FreeBody.box(1.0, (1.0, 2.0)), "three values"),
+        (lambda: FreeBody.box(1.0, (1.0, 2.0)), r"of shape \(3,\)"),
         (lambda: FreeBody(MOMENTS).dt({"s": 1}), "dt"),
         (lambda: FreeBody((1e-3, 1.0, 1.0)).stability(1e307), "range of doubles"),
         (lambda: FreeBody(MOMENTS).rotation((1e200, 0, 0)).energy, "range of doubles"),

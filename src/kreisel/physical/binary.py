@@ -19,7 +19,7 @@ from kreisel.bodies.binary import G
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.ensemble import Varied
 from kreisel.physical.gravity_body import GravityBody, diagonal_inertia
-from kreisel.physical.measures import RATE, attitude_quaternion, convert_fields, si_number, si_numbers
+from kreisel.physical.measures import attitude_quaternion, convert_fields, si_number, si_numbers
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SUN, Orbit, Primary
 from kreisel.record.model import Model, State
 from kreisel.runs.in_si import in_state_form
@@ -348,5 +348,5 @@ def _rotation(i: int, inertia: Array, spin: Any, attitude: Any, r: Array, v: Arr
         else attitude_quaternion(attitude, f"attitude{i}")
     )
     rate = np.linalg.norm(normal, axis=-1, keepdims=True) / (r * r).sum(-1, keepdims=True)
-    Omega = rate * np.array([0.0, 0.0, 1.0]) if spin is None else si_numbers(spin, RATE, f"spin{i}")
+    Omega = rate * np.array([0.0, 0.0, 1.0]) if spin is None else si_numbers(spin, "rad/s", f"spin{i}")
     return {f"L{i}": algebra.act(algebra.rotation_matrix(q), inertia * Omega), f"q{i}": q}

@@ -13,17 +13,15 @@ from kreisel.algebra import Array
 from kreisel.errors import explained
 from kreisel.physical.ensemble import Varied
 from kreisel.physical.measures import (
-    RATE,
     attitude_quaternion,
     convert_fields,
-    frame_of,
     in_range,
     require_range,
     si_number,
     si_numbers,
-    three,
 )
 from kreisel.record.body import UPRIGHT, started
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model, State
 from kreisel.system import REGISTRY
 
@@ -47,7 +45,7 @@ class Ellipsoid(Varied):
     fluid_density: float
 
     def __post_init__(self) -> None:
-        axes = three(self.semi_axes, "m", "semi_axes (a, b, c)")
+        axes = si_numbers(self.semi_axes, "m", "semi_axes (a, b, c)", ((3,),))
         lengths = tuple(si_number(a, "m", k, positive=True) for k, a in zip("abc", axes, strict=True))
         object.__setattr__(self, "semi_axes", lengths)
         self.shaped("ellipsoid", lengths)
@@ -59,7 +57,8 @@ class Ellipsoid(Varied):
     @classmethod
     def of_density(cls, semi_axes: tuple[float, float, float], density: float, fluid_density: float) -> Ellipsoid:
         """The ellipsoid from the density of the body, kg/m^3.  Raises `InputError`."""
-        axes, density = three(semi_axes, "m", "semi_axes (a, b, c)"), si_number(density, "kg/m^3", "density")
+        axes = si_numbers(semi_axes, "m", "semi_axes (a, b, c)", ((3,),))
+        density = si_number(density, "kg/m^3", "density")
         mass = in_range("The mass", lambda: density * 4 / 3 * math.pi * math.prod(axes))
         return cls(axes, mass, fluid_density)
 
@@ -112,7 +111,7 @@ class Ellipsoid(Varied):
             model = REGISTRY["kirchhoff-revolution"](a1=x, a3=z, c1=inverse_masses[0], c3=inverse_masses[2])
         else:
             model = REGISTRY["kirchhoff"](C=[[0.0, z, y], [z, 0.0, x], [y, x, 0.0]], B=-inverse_masses)
-        return model.of_body(frame_of(1.0, 1.0, P=("kg m/s", 1.0)))
+        return model.of_body(BodyFrame.in_units(1.0, 1.0, P=("kg m/s", 1.0)))
 
     def state(self, velocity: Any, angular_velocity: Any, attitude: Any = UPRIGHT) -> State:
         """The impulse of a motion, P = (mass + added mass) U and M = (I + added moment) Omega.
@@ -120,7 +119,7 @@ class Ellipsoid(Varied):
         U (..., 3) in m/s and Omega (..., 3) in rad/s along the body axes.  A run of the body begins with this
         attitude, a unit quaternion (..., 4) = (w, x, y, z).  Raises `InputError`.
         """
-        U, Omega = si_numbers(velocity, "m/s", "velocity"), si_numbers(angular_velocity, RATE, "angular_velocity")
+        U, Omega = si_numbers(velocity, "m/s", "velocity"), si_numbers(angular_velocity, "rad/s", "angular_velocity")
         P = in_range("The impulse", lambda: U * (self.mass + self.added_masses))
         M = in_range("The impulse", lambda: Omega * self._inertia)
         return started(self.model(), attitude_quaternion(attitude, "attitude"), M=algebra.hat(M), P=P)

@@ -15,19 +15,10 @@ from kreisel.errors import InputError, explained, shown
 from kreisel.physical.forced import Forced
 from kreisel.physical.free_rotation import FreeRotation, Periods, periods_of
 from kreisel.physical.inertia import Principal, inertia_tensor, principal
-from kreisel.physical.measures import (
-    RATE,
-    convert_fields,
-    direction,
-    frame_of,
-    in_range,
-    momentum_in_body,
-    si_number,
-    si_numbers,
-    three,
-)
+from kreisel.physical.measures import convert_fields, direction, in_range, momentum_in_body, si_number, si_numbers
 from kreisel.physical.shapes import read_mesh
 from kreisel.record.body import UPRIGHT
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.checks import CLOSE
 from kreisel.record.model import Model, State
 from kreisel.system import REGISTRY
@@ -74,14 +65,14 @@ class FreeBody(Forced):
     @classmethod
     def box(cls, mass: float, sides: Any, time_unit: float = 1.0, **forces: Any) -> FreeBody:
         """A homogeneous box with these sides, m.  Raises `InputError`."""
-        lengths = three(sides, "m", "sides")
-        return cls(*_homogeneous(mass, lengths, 12.0), time_unit, **forces).shaped("box", np.array(lengths) / 2)
+        lengths = si_numbers(sides, "m", "sides", ((3,),))
+        return cls(*_homogeneous(mass, lengths, 12.0), time_unit, **forces).shaped("box", lengths / 2)
 
     @classmethod
     def ellipsoid(cls, mass: float, diameters: Any, time_unit: float = 1.0, **forces: Any) -> FreeBody:
         """A homogeneous ellipsoid with these principal diameters, m.  Raises `InputError`."""
-        lengths = three(diameters, "m", "diameters")
-        return cls(*_homogeneous(mass, lengths, 20.0), time_unit, **forces).shaped("ellipsoid", np.array(lengths) / 2)
+        lengths = si_numbers(diameters, "m", "diameters", ((3,),))
+        return cls(*_homogeneous(mass, lengths, 20.0), time_unit, **forces).shaped("ellipsoid", lengths / 2)
 
     @classmethod
     def from_mesh(
@@ -124,8 +115,8 @@ class FreeBody(Forced):
         """The scaled system `EulerTop(J)`, in principal axes; a flat body, J_i = 0, moves by method="exact"."""
         J = _mass_moments(self.principal.moments, self.unit_moment)
         J[abs(J) < CLOSE] = 0
-        free = REGISTRY["euler-top"](J=J).of_body(frame_of(self.time_unit, self.momentum_unit, self.principal.axes))
-        return self.forced(free)
+        frame = BodyFrame.in_units(self.time_unit, self.momentum_unit, self.principal.axes)
+        return self.forced(REGISTRY["euler-top"](J=J).of_body(frame))
 
     def _scaled(self, parameters: dict[str, Any]) -> dict[str, Any]:
         """J for the principal moments."""
@@ -218,7 +209,7 @@ class FreeBody(Forced):
 
         About the axis 1 a disturbance goes as exp(s t), s^2 = spin^2 (I1 - I2)(I3 - I1)/(I2 I3).  Raises `InputError`.
         """
-        rate = abs(si_number(spin, RATE, "spin"))
+        rate = abs(si_number(spin, "rad/s", "spin"))
         moments, axes = self._moments("The stability"), self.principal.axes
         in_range("The growth", lambda: rate * moments.max() / moments.min())
         result = []
@@ -240,7 +231,7 @@ def _mass_moments(moments: Any, unit: float) -> Any:
 def angular_velocity_of(spin: Any, axis: Any) -> Array:
     """(..., 3) in rad/s along the body axes, from a vector, or from a rate and an axis.  Raises `InputError`."""
     if axis is not None:
-        return si_number(spin, RATE, "spin") * direction(axis, "axis")
+        return si_number(spin, "rad/s", "spin") * direction(axis, "axis")
     if hasattr(spin, "data_vars"):
         raise InputError(
             "spin: expected an angular velocity, got a Dataset. With row = run.isel(time=-1), pass "
@@ -251,13 +242,13 @@ def angular_velocity_of(spin: Any, axis: Any) -> Array:
             f"spin: expected three components along the body axes, got {shown(spin)}. Usual cause: a rate without its "
             "axis; say axis=(0, 0, 1)."
         )
-    return si_numbers(spin, RATE, "spin")
+    return si_numbers(spin, "rad/s", "spin")
 
 
-def _homogeneous(mass: Any, sizes: tuple[float, ...], part: float) -> tuple[Array, float]:
+def _homogeneous(mass: Any, sizes: Array, part: float) -> tuple[Array, float]:
     """Moments I_1 = mass (b^2 + c^2)/part, and the mass."""
     mass = si_number(mass, "kg", "mass", positive=True)
-    if min(sizes) < 0:
-        raise InputError(f"expected lengths of at least 0, got {shown(sizes)}.")
-    squares = in_range("The moments", lambda: mass * np.array(sizes) ** 2 / part)
+    if sizes.min() < 0:
+        raise InputError(f"expected lengths of at least 0, got {shown(sizes.tolist())}.")
+    squares = in_range("The moments", lambda: mass * sizes**2 / part)
     return squares.sum() - squares, mass

@@ -13,7 +13,7 @@ from kreisel.algebra import Array
 from kreisel.bodies import satellite
 from kreisel.errors import InputError, explained, shown
 from kreisel.physical.inertia import inertia_tensor, principal
-from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number, three
+from kreisel.physical.measures import convert_fields, finite_floats, in_range, si_number, si_numbers
 from kreisel.physical.shapes import solid
 
 formulas = cast("Any", satellite)  # of a page, without types
@@ -57,7 +57,7 @@ class GravityBody:
     @classmethod
     def ellipsoid(cls, mass: Any, diameters: Any, love: Any = 0.0, lag: Any = 0.0) -> GravityBody:
         """The homogeneous ellipsoid with these principal diameters, m, the body axes along them."""
-        halves = np.array(three(diameters, "m", "diameters")) / 2
+        halves = si_numbers(diameters, "m", "diameters", ((3,),)) / 2
         if not (halves > 0).all():
             raise InputError(f"diameters: expected three values > 0, got {shown(diameters)}.")
         directions, weights = _sphere()

@@ -12,17 +12,15 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError, explained
 from kreisel.physical.forced import Forced
 from kreisel.physical.measures import (
-    MOMENT,
-    RATE,
     STANDARD_GRAVITY,
     convert_fields,
     finite_floats,
-    frame_of,
     in_range,
     require_range,
     si_number,
     si_numbers,
 )
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
 from kreisel.record.quantities import stated_unit
@@ -82,7 +80,7 @@ class Gyroscope(Forced):
 
     def __post_init__(self) -> None:
         convert_fields(self, positive=True, mass="kg", lever="m", gravity="m/s^2")
-        convert_fields(self, positive=True, axial_moment=MOMENT, transverse_moment=MOMENT)
+        convert_fields(self, positive=True, axial_moment="kg m^2", transverse_moment="kg m^2")
         central = in_range("mass lever^2", lambda: self.transverse_moment - self.mass * self.lever**2)
         half = self.axial_moment / 2
         rounding = CLOSE * self.transverse_moment  # central is a difference
@@ -95,7 +93,7 @@ class Gyroscope(Forced):
     ) -> Gyroscope:
         """A flat wheel on a light axle: I1 = I3/2 + m l^2 (perpendicular axes, Steiner).  Raises `InputError`."""
         mass, lever = si_number(mass, "kg", "mass", positive=True), si_number(lever, "m", "lever", positive=True)
-        axial_moment = si_number(axial_moment, MOMENT, "axial_moment", positive=True)
+        axial_moment = si_number(axial_moment, "kg m^2", "axial_moment", positive=True)
         transverse = in_range("mass lever^2", lambda: axial_moment / 2 + mass * lever**2)
         return cls(mass, axial_moment, transverse, lever, gravity, **forces)
 
@@ -122,10 +120,8 @@ class Gyroscope(Forced):
     def model(self) -> Model:
         """The scaled system: `LagrangeTop(p=(0, 0, 1), alpha=I3/I1)`."""
         weight = self.weight_torque * self._time**2 / self.transverse_moment if self._time else 1.0
-        top = REGISTRY["lagrange-top"](p=(0.0, 0.0, weight), alpha=self.alpha).of_body(
-            frame_of(self.time_unit, self.momentum_unit, letter="m")
-        )
-        return self.forced(top)
+        frame = BodyFrame.in_units(self.time_unit, self.momentum_unit, letter="m")
+        return self.forced(REGISTRY["lagrange-top"](p=(0.0, 0.0, weight), alpha=self.alpha).of_body(frame))
 
     def state(self, tilt: Any, spin: Any, precession: Any = 0.0, nutation: Any = 0.0) -> State:
         """The scaled state at azimuth 0: a = (sin theta, 0, cos theta), m = I1 a x a' + I3 w3 a.
@@ -134,7 +130,7 @@ class Gyroscope(Forced):
         phi' and nutation theta' in rad/s: with neither, the axis is released from rest.  A list has a value for each
         lane of an ensemble.  Raises `InputError`.
         """
-        rates = {"spin": (spin, RATE), "precession": (precession, RATE), "nutation": (nutation, RATE)}
+        rates = {"spin": (spin, "rad/s"), "precession": (precession, "rad/s"), "nutation": (nutation, "rad/s")}
         theta, w, turn, nod = _lanes(tilt=(tilt, "rad"), **rates)
         sin, cos = np.sin(theta), np.cos(theta)
         a, swing = np.stack([sin, 0 * sin, cos], -1), np.stack([-turn * sin * cos, nod, turn * sin**2], -1)
@@ -168,8 +164,8 @@ class Gyroscope(Forced):
 
     def slow_precession(self, spin: Any) -> Any:
         """The textbook rate of a fast top, m g l/(I3 w3), rad/s, of each lane.  Raises `InputError` for no spin."""
-        (spin,) = _lanes(spin=(spin, RATE))
-        si_number(abs(spin).min(), RATE, "|spin|", positive=True)
+        (spin,) = _lanes(spin=(spin, "rad/s"))
+        si_number(abs(spin).min(), "rad/s", "|spin|", positive=True)
         return _plain(in_range("The precession", lambda: self.weight_torque / (self.axial_moment * spin)))
 
     def steady_precession(self, tilt: Any, spin: Any) -> tuple[Any, Any]:
@@ -178,7 +174,7 @@ class Gyroscope(Forced):
         Free of cancellation: W = 2 m g l/q and q/(2 I1 cos(theta)), where q = I3 w3 +- sqrt(discriminant) with
         the sign of w3; the fast root of a horizontal axis is at infinity.  Raises `InputError` for no real root.
         """
-        tilt, spin = _lanes(tilt=(tilt, "rad"), spin=(spin, RATE))
+        tilt, spin = _lanes(tilt=(tilt, "rad"), spin=(spin, "rad/s"))
         momentum, rise = self.axial_moment * spin, self.transverse_moment * np.cos(tilt)
         discriminant = in_range("(I3 w3)^2", lambda: momentum**2 - 4 * rise * self.weight_torque)
         q = momentum + np.copysign(np.sqrt(np.maximum(discriminant, 0.0)), momentum)
@@ -194,7 +190,7 @@ class Gyroscope(Forced):
 
     def nutation_rate(self, spin: Any) -> Any:
         """The nutation frequency of a fast top, I3 w3/I1, rad/s, of each lane."""
-        (spin,) = _lanes(spin=(spin, RATE))
+        (spin,) = _lanes(spin=(spin, "rad/s"))
         return _plain(in_range("The nutation", lambda: self.alpha * spin))
 
     @property

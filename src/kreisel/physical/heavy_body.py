@@ -14,17 +14,16 @@ from kreisel.errors import InputError, explained
 from kreisel.physical.forced import Forced
 from kreisel.physical.inertia import inertia_tensor, mass_tensor, steiner
 from kreisel.physical.measures import (
-    RATE,
     STANDARD_GRAVITY,
     attitude_quaternion,
     convert_fields,
-    frame_of,
     in_range,
     momentum_in_body,
     require_range,
     si_number,
     si_numbers,
 )
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.checks import CLOSE, require_body
 from kreisel.record.model import Model, State
 from kreisel.system import REGISTRY
@@ -107,10 +106,8 @@ class HeavyBody(Forced):
         turn, J = self._turn, self.mass_tensor / self.unit_moment
         A = self.arm / np.linalg.norm(self.arm) if self.weight_torque else np.zeros(3)
         A = A * self.weight_torque * self._time**2 / self.unit_moment if self._time else A
-        top = REGISTRY["heavy-top"](J=turn.T @ J @ turn, A=A @ turn).of_body(
-            frame_of(self.time_unit, self.momentum_unit, turn)
-        )
-        return self.forced(top)
+        frame = BodyFrame.in_units(self.time_unit, self.momentum_unit, turn)
+        return self.forced(REGISTRY["heavy-top"](J=turn.T @ J @ turn, A=A @ turn).of_body(frame))
 
     @property
     def _turn(self) -> Array:
@@ -131,7 +128,7 @@ class HeavyBody(Forced):
             attitude = attitude_quaternion(attitude, "attitude")
             up = algebra.rotation_matrix(attitude)[..., 2, :]
         up = (0.0, 0.0, 1.0) if up is None else up
-        Omega = si_numbers(angular_velocity, RATE, "angular_velocity")
+        Omega = si_numbers(angular_velocity, "rad/s", "angular_velocity")
         up = si_numbers(up, "1", "up")
         length = in_range("The length of up", lambda: np.linalg.norm(up, axis=-1, keepdims=True))
         if (length == 0).any():
@@ -147,7 +144,7 @@ class HeavyBody(Forced):
         An array is read as M of a state of this body; the variable M of a run states its units.  Raises `InputError`,
         also if a moment of inertia is 0.
         """
-        momentum = momentum_in_body(M, frame_of(self.time_unit, self.momentum_unit, self._turn))[..., None]
+        momentum = momentum_in_body(M, BodyFrame.in_units(self.time_unit, self.momentum_unit, self._turn))[..., None]
         try:
             return in_range("Omega", lambda: np.linalg.solve(self.inertia, momentum)[..., 0])
         except np.linalg.LinAlgError:

@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.physical.measures import MOMENT, in_range, si_numbers
+from kreisel.physical.measures import in_range, si_numbers
 from kreisel.record.checks import CLOSE, require_body
 
 
@@ -17,7 +17,7 @@ def inertia_tensor(value: Any, name: str = "inertia", *cause: str) -> Array:
 
     Raises `InputError` unless it is symmetric and no principal moment is above the sum of the other two.
     """
-    inertia = si_numbers(value, MOMENT, "inertia", ((3,), (3, 3)))
+    inertia = si_numbers(value, "kg m^2", "inertia", ((3,), (3, 3)))
     inertia = np.diag(inertia) if inertia.ndim == 1 else inertia
     if abs(inertia - inertia.T).max() > CLOSE * abs(inertia).max():
         raise InputError(f"inertia must be symmetric, got {inertia.tolist()}.")
@@ -33,7 +33,7 @@ def are_diagonals(value: Any) -> bool:
     a tensor (1, 1, 1) I (1, 1, 1)^T/3 = (tr I + 2 S)/3 is at most the largest moment, which is at most tr(I)/2.
     """
     try:
-        rows = si_numbers(value, MOMENT, "inertia", ((3, 3),))
+        rows = si_numbers(value, "kg m^2", "inertia", ((3, 3),))
     except InputError:
         return False
     return bool((rows >= 0).all() and (2 * rows.max(-1) <= rows.sum(-1) * (1 + CLOSE)).all())

@@ -71,15 +71,6 @@ def direction(value: Any, name: str) -> Array:
     return np.asarray(vector / length)
 
 
-def three(value: Any, unit: str, name: str) -> tuple[float, float, float]:
-    """Three floats, in SI or with units.  Raises `InputError`."""
-    array = floats(si(value, unit, name))
-    if array.shape != (3,):
-        raise InputError(f"{name} must be three values in SI units ({unit}), got {shown(value)}.")
-    a, b, c = array.tolist()
-    return a, b, c
-
-
 def finite_floats(value: Any, unit: str, name: str) -> Array:
     """Finite floats of any shape, in SI or with units.  Raises `InputError`."""
     array = floats(si(value, unit, name))
@@ -121,15 +112,6 @@ def in_range(label: str, value: Callable[[], Any]) -> Any:
             "units, got smaller or larger ones. Usual cause: a wrong unit."
         )
     return got
-
-
-MOMENT, RATE = "kg m^2", "rad/s"
-
-
-def frame_of(time: float, momentum: float, axes: Array | None = None, letter: str = "M", **more: Any) -> BodyFrame:
-    """The units of the variables of a run, s and kg m^2/s, and the axes of its state as columns along the body's."""
-    units = {"time": ("s", time), letter: ("kg m^2/s", momentum), **more, "energy": ("J", momentum / time)}
-    return BodyFrame(np.eye(3) if axes is None else axes, units)
 
 
 def momentum_in_body(M: Any, frame: BodyFrame) -> Array:

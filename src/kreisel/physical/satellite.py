@@ -19,17 +19,9 @@ from kreisel.physical import environment as earth
 from kreisel.physical.forced import Forced, by_functions
 from kreisel.physical.free_body import FreeBody, angular_velocity_of
 from kreisel.physical.inertia import inertia_tensor
-from kreisel.physical.measures import (
-    attitude_quaternion,
-    convert_fields,
-    direction,
-    frame_of,
-    in_range,
-    si_number,
-    si_numbers,
-    three,
-)
+from kreisel.physical.measures import attitude_quaternion, convert_fields, direction, in_range, si_number, si_numbers
 from kreisel.physical.orbit import ASTRONOMICAL_UNIT, SATURN, SUN, Orbit
+from kreisel.record.body_frame import BodyFrame
 from kreisel.record.model import Model, State
 from kreisel.runs.geometry import orientation_of, require_of_body
 from kreisel.runs.orbits import Angles, angles_of, axes_of_angles, environment_of
@@ -198,8 +190,8 @@ class Satellite(Forced):
         model = BODIES["satellite"](**parameters)
         date = self.orbit.epoch
         epoch = "" if date is None else date.replace(tzinfo=None).isoformat()
-        model = model.of_body(replace(frame_of(1.0, 1.0, along, work=("J", 1.0), balance=("J", 1.0)), epoch=epoch))
-        return self.forced(model, (*MOTION, *PLACE))
+        frame = BodyFrame.in_units(1.0, 1.0, along, work=("J", 1.0), balance=("J", 1.0))
+        return self.forced(model.of_body(replace(frame, epoch=epoch)), (*MOTION, *PLACE))
 
     def state(self, spin: Any = None, axis: Any = None, attitude: Any = None) -> State:
         """The state M = I Omega, kg m^2/s, along the principal axes, for an angular velocity in the body.
@@ -300,8 +292,8 @@ class Asteroid(Satellite):
     @classmethod
     def ellipsoid(cls, mass: Any, diameters: Any, orbit: Orbit) -> Asteroid:
         """The asteroid with these principal diameters, m."""
-        lengths = three(diameters, "m", "diameters")
-        return cls(FreeBody.ellipsoid(mass, lengths).inertia, orbit).shaped("ellipsoid", np.array(lengths) / 2)
+        lengths = si_numbers(diameters, "m", "diameters", ((3,),))
+        return cls(FreeBody.ellipsoid(mass, lengths).inertia, orbit).shaped("ellipsoid", lengths / 2)
 
     @classmethod
     def hyperion(cls) -> Asteroid:

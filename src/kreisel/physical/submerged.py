@@ -25,7 +25,6 @@ from kreisel.physical.measures import (
     in_range,
     si_number,
     si_numbers,
-    three,
 )
 from kreisel.record.body import UPRIGHT
 from kreisel.record.model import Model, State
@@ -96,7 +95,7 @@ class SubmergedBody(Forced):
 
         [Lamb, articles 114, 115]
         """
-        body = Ellipsoid(three(semi_axes, "m", "semi_axes"), mass, fluid_density)
+        body = Ellipsoid(si_numbers(semi_axes, "m", "semi_axes", ((3,),)), mass, fluid_density)
         added = (*body.added_masses, *body.added_moments)
         known = {"added_mass": added, "displaced_mass": body.displaced_mass, **more}
         return cls(body.mass, body.moments, **known).shaped("ellipsoid", body.semi_axes)

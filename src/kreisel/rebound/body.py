@@ -17,7 +17,7 @@ from kreisel.bodies.binary import G
 from kreisel.errors import InputError, explained, shown
 from kreisel.exact import rotor_step
 from kreisel.physical.free_body import FreeBody
-from kreisel.physical.measures import RATE, si_numbers
+from kreisel.physical.measures import si_numbers
 from kreisel.rebound.compiled import PAIR, ROTOR, Kind
 from kreisel.record.body import UPRIGHT
 
@@ -77,7 +77,7 @@ class Body:
 
     def angular_velocity(self) -> Array:
         """The angular velocity (3,).  Raises `InputError`."""
-        return si_numbers(self.spin, RATE, "spin, an angular velocity in the frame of the simulation,", ((3,),))
+        return si_numbers(self.spin, "rad/s", "spin, an angular velocity in the frame of the simulation,", ((3,),))
 
     def state(self) -> Array:
         """L and g, (7,)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -45,6 +45,12 @@ class BodyFrame:
 
     def __bool__(self) -> bool:
         return bool(self.units)
+
+    @classmethod
+    def in_units(cls, time: float, momentum: float, axes: Any = None, letter: str = "M", **more: Any) -> Self:
+        """The frame of a state with units of time and momentum, s and kg m^2/s; `more`: further units by name."""
+        units = {"time": ("s", time), letter: ("kg m^2/s", momentum), **more, "energy": ("J", momentum / time)}
+        return cls(np.eye(3) if axes is None else axes, units)
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> BodyFrame:
@@ -145,11 +151,11 @@ class BodyFrame:
         """Orientations (..., 4) of the user's axes, from orientations of the axes of the state."""
         return algebra.quaternion_product(g, algebra.inverse_turn(self.quaternion)) if self.turned else g
 
-    def change(self, letter: str, forward: bool) -> Callable[[Array], Array] | None:
-        """The change of the values of a variable to SI and the user's axes (forward), or back; None for none."""
+    def change(self, letter: str, forward: bool) -> Callable[[Array], Array]:
+        """The change of the values of a variable to SI and the user's axes (forward), or back."""
         if letter == ORIENTATION:
             back = partial(algebra.quaternion_product, b=self.quaternion)
-            return (self.attitude if forward else back) if self.turned else None
+            return (self.attitude if forward else back) if self.turned else unchanged
         size = self.size(letter) if forward else 1 / self.size(letter)
         if letter not in self.along or not self.turned:
             return scaling(size)
@@ -161,17 +167,21 @@ class BodyFrame:
         out = {}
         for name, value in values.items():
             new = (self.names if forward else self.letters).get(str(name), str(name))
-            change = self.change(str(name) if forward else new, forward)
-            out[new] = value if change is None else change(np.asarray(value))
+            out[new] = self.change(str(name) if forward else new, forward)(np.asarray(value))
         return out
 
 
 OF_SYSTEM = BodyFrame()
 
 
-def scaling(factor: Any) -> Callable[[Array], Array] | None:
-    """Multiplication by a factor; None for 1."""
-    return None if np.all(factor == 1) else lambda v: v * factor
+def unchanged(values: Array) -> Array:
+    """The change of values that have the units and axes of the result already."""
+    return values
+
+
+def scaling(factor: Any) -> Callable[[Array], Array]:
+    """Multiplication by a factor."""
+    return unchanged if np.all(factor == 1) else lambda v: v * factor
 
 
 def _size(value: Any) -> Any:

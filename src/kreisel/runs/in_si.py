@@ -23,7 +23,7 @@ from kreisel.errors import InputError, RunError, doubt, shown
 from kreisel.files import parsed
 from kreisel.method.observing import ORIENTATION
 from kreisel.record.body import Body, as_body
-from kreisel.record.body_frame import AXES, BODY, OF_SYSTEM, STATE, BodyFrame, scaling
+from kreisel.record.body_frame import AXES, BODY, OF_SYSTEM, STATE, BodyFrame, scaling, unchanged
 from kreisel.record.contract import Frame
 from kreisel.record.model import Model, State
 from kreisel.record.perturbation import FIELDS
@@ -159,8 +159,8 @@ def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
         base, _, suffix = str(name).rpartition("_") if variable.attrs.get("kind") in SUMMARIES else (str(name), "", "")
         letter, new = base if forward else names.get(base, base), names.get(base, base)
         unit, size = frame.units.get(letter, ("1", 1.0)) if suffix != "frequency" else ("rad/s", 1 / frame.time_unit)
-        change = scaling(size if forward else 1 / size) if suffix else frame.change(letter, forward)
-        out = variable.copy(deep=False) if change is None else _rows(variable.dims, [variable], change, frame.differs)
+        by = scaling(size if forward else 1 / size) if suffix else frame.change(letter, forward)
+        out = variable.copy(deep=False) if by is unchanged else _rows(variable.dims, [variable], by, frame.differs)
         out.attrs = _attributes(variable.attrs, frame, letter, new, unit, size if forward else 1 / size, forward)
         if suffix and letter in frame.along and frame.turned:
             out.attrs[AXES] = STATE  # minima and maxima along the axes given do not follow from those along others
@@ -329,10 +329,7 @@ def _require_attitude_of_state(body: Body, model: Model, start: Any, before: Any
 
 def oriented(model: Model, attitude: Any) -> Array:
     """The orientation of the axes of the state from the attitude of the body's axes.  Raises `InputError`."""
-    g = initial_orientation(attitude, model)
-    frame = model.body_frame
-    change = frame.change(ORIENTATION, False)
-    return g if change is None else change(g)
+    return model.body_frame.change(ORIENTATION, False)(initial_orientation(attitude, model))
 
 
 def state_of(body: Body, model: Model, x0: Any) -> tuple[Any, Any]:
@@ -473,8 +470,7 @@ def letters_of(model: Model, names: Any) -> Any:
 
 def matrix_of(frame: BodyFrame, letter: str, width: int, forward: bool) -> Array:
     """The matrix A (width, width) with v_SI = v_state A (forward) or back, of a component; of lanes (lanes, ...)."""
-    change = frame.change(letter, forward)
-    out = np.eye(width)[:, None] if change is None else np.asarray(change(np.eye(width)[:, None]))
+    out = np.asarray(frame.change(letter, forward)(np.eye(width)[:, None]))
     return np.moveaxis(out, 1, 0) if frame.differs else out[:, 0]
 
 
@@ -512,7 +508,7 @@ def state_quantity(run: xr.Dataset, quantity: Any) -> Any:
     changes = [frame.change(letter, True) for letter in letters]
 
     def values(state: Sequence[Array]) -> list[Array]:
-        return [v if f is None else f(np.asarray(v)) for f, v in zip(changes, state, strict=False)]
+        return [f(np.asarray(v)) for f, v in zip(changes, state, strict=False)]
 
     if callable(quantity):
         return wraps(quantity)(lambda *state: quantity(*values(state)))

@@ -415,12 +415,12 @@ def _started(body: Body, x0: Any, changes: Changes) -> State:
         if letter is None or (letter == ORIENTATION and orientation is None):
             names = (*known, *frame.letters)
             raise InputError(f"{q.name}: expected {', '.join(names)}, got {shown(q.letter)}.{hint(q.letter, names)}")
-        into, out = (frame.change(letter, forward) or np.asarray for forward in (False, True))
-        entries = _with_entry(out(orientation if letter == ORIENTATION else parts[letter]).tolist(), q, value)
+        old = np.asarray(orientation if letter == ORIENTATION else parts[letter])
+        entries = _with_entry(frame.change(letter, True)(old).tolist(), q, value)
         if letter == ORIENTATION:
             orientation = scaled(body, state, entries, {"dt": 1.0})[2]
         else:
-            parts[letter] = into(np.asarray(entries, dtype=np.float64))
+            parts[letter] = frame.change(letter, False)(np.asarray(entries, dtype=np.float64))
     return model.state(**parts).started(orientation, state.frame)
 
 
