@@ -167,23 +167,17 @@ def _seen(
     """Values of the sensors by name, and the generator after the draws of the noise."""
     control, own = _control(system), dict(zip(system.space.letters, body.state, strict=True))
     R, inside = kicks.to_body(constants), kicks.from_body(system, body, constants).mT
-    wanted = [name for name in SENSORS if name in control.arguments]
-    placed = any(name in FIELDS for name in wanted if name != "field" or body.field is None)
-    fields = kicks.surroundings(system, body, constants, axes) if placed else {}
-    fields |= {} if body.field is None else {"field": body.field}
-    seen = dict[str, Any]()
-    for name in wanted:
-        if name == "rates":
-            omega = algebra.axial(kicks.velocity(system, body.state, constants))
-            seen[name] = algebra.act(inside, omega) / control.time
-        elif name == "attitude":
-            seen[name] = algebra.quaternion_product(q, algebra.inverse_turn(constants[BODY_AXES]))
-        elif name == "time":
-            seen[name] = body.t * control.time
-        elif not SENSORS[name] or name == WHEELS:
-            seen[name] = own[WHEELS] if name == WHEELS else fields[name]
-        else:
-            seen[name] = algebra.act(R, algebra.act(body.g.mT, fields[name]))  # type: ignore[union-attr]
+    fields = {} if body.field is None else {"field": body.field}
+    if not FIELDS.keys() & control.arguments <= fields.keys():
+        fields = kicks.surroundings(system, body, constants, axes) | fields
+    seen: dict[str, Any] = {
+        "rates": algebra.act(inside, algebra.axial(kicks.velocity(system, body.state, constants))) / control.time,
+        "attitude": algebra.quaternion_product(q, algebra.inverse_turn(constants[BODY_AXES])),
+        "time": body.t * control.time,
+        WHEELS: own.get(WHEELS),
+    }
+    for name, value in fields.items():  # vectors in space
+        seen[name] = algebra.act(R, algebra.act(body.g.mT, value)) if SENSORS[name] else value  # type: ignore[union-attr]
     if not control.noise:
         return seen, None
     drawn, generator = normals(own[GENERATOR], 3 * len(control.noise))
