@@ -158,13 +158,11 @@ def write_message(run: xr.Dataset, out: Path, epoch: Any, labels: Mapping[str, A
 
 def to_j2000(date: np.datetime64) -> Array:
     """The rotation (3, 3) from the mean equator and equinox of a date to J2000."""
+    from scipy.spatial.transform import Rotation
+
     T = float((date - J2000) / np.timedelta64(1, "s")) / CENTURY
     zeta, z, theta = (float(np.radians(np.polyval(c[::-1], T) * T / 3600)) for c in PRECESSION)
-
-    def about(axis: int, angle: float) -> Array:  # components to those along axes rotated by the angle
-        return np.asarray(algebra.cayley(-np.tan(angle / 2) * algebra.hat(np.eye(3)[axis])))
-
-    return about(2, zeta) @ about(1, -theta) @ about(2, z)
+    return np.asarray(Rotation.from_euler("ZYZ", (-zeta, theta, -z)).as_matrix())
 
 
 def _ccsds(rows: Rows) -> None:
