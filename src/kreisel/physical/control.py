@@ -170,7 +170,7 @@ class Control:
     def _arguments(self, wheels: int, placed: bool) -> tuple[str, ...]:
         """The arguments of the law by name.  Raises `InputError` for others than it may have."""
         sensors = [name for name in SENSORS if (wheels or name != WHEELS) and (placed or name not in FIELDS)]
-        remedy = "What the law keeps is in memory={...}, other values in parameters={...}."
+        remedy = "Memory of the law is in memory={...}, other values are in parameters={...}."
         return arguments_of(self.law, [*sensors, *self.memory, *self.parameters], "law", remedy)
 
     def _tried(self, arguments: Sequence[str], shapes: Mapping[str, Any], lengths: dict[str, int]) -> dict[str, int]:
