@@ -61,6 +61,8 @@ UNITS = {  # text for pint: the SI unit that arguments have, the quantity of ast
     "2 h": ("s", 2 * u.h),
     "2 days": ("s", 2 * u.day),
     "40 kg cm^2": ("kg m^2", 40 * u.kg * u.cm**2),
+    "5 g cm^3": ("kg m^3", 5 * u.g * u.cm**3),
+    "5 g cm^4": ("kg m^4", 5 * u.g * u.cm**4),
     "3 mN m s": ("N m s", 3 * u.mN * u.m * u.s),
     "2 N mm": ("N m", 2 * u.N * u.mm),
     "0.1 A m^2": ("A m^2", 0.1 * u.A * u.m**2),

@@ -302,7 +302,7 @@ TIMES = re.compile(r"\b(dt|time|t_end) (= )?\d")
 @contextmanager
 def unit_of_times(model: Any) -> Iterator[None]:
     """Errors of a run of a body state the unit of their times, which is the model's."""
-    frame = getattr(model, "body_frame", OF_SYSTEM)
+    frame = model.body_frame if isinstance(model, Model) else OF_SYSTEM
     try:
         yield
     except (InputError, RunError) as error:
