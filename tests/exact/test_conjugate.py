@@ -537,3 +537,12 @@ def test_levels_that_run_in_parallel_are_not_exchanged() -> None:
     assert plan.stage_count <= 6
     end = algebra.flatten(plan.advance(*z), model.system.space.kinds)
     assert abs(end - flow_of(model, z, 0.3, digits=20).astype(float)).max() < 1e-13
+
+
+def test_projections_do_not_go_far_beyond_the_integrals() -> None:
+    """By half the mean drift, which is 5 last places for some of these states with a projection every 10 steps."""
+    draw = np.random.default_rng(1)
+    M, P = draw.normal(size=(40, 3, 3)), draw.normal(size=(40, 3))
+    model, state = kr.Komarov(kappa=-0.4, beta=0.6, gamma=0.3), {"M": algebra.axial(M - M.mT), "P": P}
+    run = kr.simulate(model, state, dt=0.25, steps=20_000, every=1000, method="exact")
+    assert kr.drift(run).ulps.max() < 4.5

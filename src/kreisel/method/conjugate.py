@@ -50,8 +50,7 @@ CLOSE = 1e-10  # a change, relative to the interval, whose square is rounding
 ENOUGH, SMALL = 1e-12, 1e-5  # a miss, relative to the move; a move, relative to the state
 TRIALS = 8  # each with more copies of the pairs
 MOST_COPIES = 1_000_000
-BETWEEN = 10  # steps between projections: the least interval, so that more pairs in other lanes change nothing
-BETWEEN_MAPS = 4  # of a single map, whose rounding errors in |P|^2 are 3 last places a step
+BETWEEN_MAPS = 4  # steps between projections of a single map, whose rounding errors in |P|^2 are 3 last places a step
 LIKE = 1e-6  # the orientation is off by 1e-16 over this ratio of two fields
 COMPILED, POINTS = "kreisel.kernels.exact.pairs:Room", "kreisel.kernels.exact.pairs:Points"
 NODES = 12  # of Gauss's rule, of a path without solving, and in a time
@@ -109,7 +108,7 @@ def by_pairs(model: Model, dt: float, oriented: bool, order: int | None = None) 
         oriented,
         axes={**model.axes, **dict.fromkeys(NUMBERS, 0), "turn0": 2, "turn1": 2},
         trajectory=trajectory,
-        between=BETWEEN,
+        between=record.between,
         **options,
     )
 

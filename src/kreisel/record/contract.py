@@ -347,6 +347,9 @@ class ConjugatePairs:
                                      without, all eigenvalues of L, a matrix that is similar to i times a Hermitian one
     require()                        raises `InputError` for parameters with which the pairs are not used
     dimensions                       n
+    between                          steps between two projections: the least interval by cost, so that more pairs in
+                                     other lanes change nothing; fewer where half the mean drift, by which a projection
+                                     goes beyond the integrals of the start, is more than 3 last places
     """
 
     matrix: Function
@@ -358,6 +361,7 @@ class ConjugatePairs:
     metric: Function | None = None
     require: Function | None = None
     dimensions: tuple[int, ...] = (3, 4, 5)
+    between: int = 10
 
 
 @dataclass(frozen=True)

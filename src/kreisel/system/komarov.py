@@ -20,6 +20,8 @@ Plus bracket, F' = {H, F}.  [Kovalevskaya 1889; Komarov 1981; Sokolov 2001; Bori
 Sokolov, Tsiganov 2003.  The Lax pair was derived here; it was not compared with theirs]
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from kreisel.algebra import axial, cross, dot, hat, identity, mat, vec
@@ -164,7 +166,7 @@ SYSTEM = System(
     **named(flow, energy, lax),
     integrals={"komarov": komarov},
     commuting=("komarov",),
-    pairs=pairs_of(curve, energy, skew_of),
+    pairs=replace(pairs_of(curve, energy, skew_of), between=4),
     n=3,
     notes="Without Sokolov's terms it is Kovalevskaya's top on e(3), Komarov's on so(4) and so(3,1); without the "
     "linear potential Sokolov's case. No explicit map is known; method='exact'.",

@@ -6,6 +6,8 @@ K = |(M_1 + i M_2)^2/2 - P_1 - i P_2|^2.  Plus bracket, F' = {H, F}.  The map is
 cay((eps/2) M) cay((eps/2) M_11), M_11 the part of M in the plane (1, 2): `kovalevskaya_gyrostat` with Q = 0, gamma = 0.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from kreisel.algebra import act, axial, cayley_act, dot, vec, wedge
@@ -85,7 +87,7 @@ SYSTEM = System(
     integrals={"kovalevskaya": kovalevskaya},
     commuting=("kovalevskaya",),
     map=MAP,
-    pairs=ONE_FIELD,
+    pairs=replace(ONE_FIELD, between=8),
     relations=(
         Relation("kovalevskaya-top", lambda M, P, g: ((M, P, 0 * P), {"n": 3}), meaning="one field of two, Q = 0"),
     ),

@@ -10,6 +10,8 @@ Plus bracket, F' = {H, F}.  [Steklov 1893; Lyapunov 1893; n dimensions: Bolsinov
 Conclusions.  The Lax pair was found from the requirement of involution; it was not compared with theirs]
 """
 
+from dataclasses import replace
+
 from kreisel.algebra import bracket, identity, mat, pairing, vec
 from kreisel.algebra.invariants import stack, trace
 from kreisel.algebra.matrices import diagonal
@@ -89,6 +91,6 @@ SYSTEM = System(
     derive=constants,
     integrals={"traces": traces},
     commuting=("traces",),
-    pairs=STEKLOV_LYAPUNOV,
+    pairs=replace(STEKLOV_LYAPUNOV, between=8),
     notes="No explicit map is known; method='exact' for n = 3 to 5.",
 )
