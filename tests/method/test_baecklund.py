@@ -16,7 +16,7 @@ from kreisel.kernels.cpu import points
 from kreisel.lab import exact
 from kreisel.lab.law import baecklund_orders
 from kreisel.method import scheme
-from kreisel.method.baecklund import pade_denominator, pade_zeros, stage_points
+from kreisel.method.baecklund import pade_denominator, pade_zeros, spin_turns, stage_points
 from kreisel.system import REGISTRY
 from support import cpu_engine
 
@@ -251,3 +251,50 @@ def test_constants_of_long_steps_are_those_by_arrays(name: str) -> None:
         by_arrays, compiled = made.on(state).stages, made.on(state, points).stages
         for key in ("rho_re", "rho_im"):
             assert abs(by_arrays[key] - compiled[key]).max() < 1e-12 * abs(by_arrays["rho_re"] + 1j).max()
+
+
+RATES = {
+    "different": (3.0, 1.3),
+    "equal": (2.0, 2.0),
+    "nearly equal": (2.0, 2.0 * (1 + 1e-9)),
+    "to the last digits": (2.0, 2.0 * (1 + 4e-16)),
+    "one small": (3.0, 1e-9),
+    "one zero": (3.0, 0.0),
+    "both zero": (0.0, 0.0),
+}
+
+
+@pytest.mark.parametrize("rates", RATES.values(), ids=RATES)
+@pytest.mark.parametrize("n", [3, 4, 5])
+def test_the_constant_rotation_of_a_body_is_the_exponential_in_extended_digits(
+    n: int, rates: tuple[float, float]
+) -> None:
+    for seed in range(5):
+        frame = np.linalg.qr(np.random.default_rng([seed, n]).normal(size=(n, n)))[0]
+        planes = sum(
+            x * (np.outer(u, v) - np.outer(v, u)) for x, u, v in zip(rates, frame[::2], frame[1::2], strict=False)
+        )
+        for dt in (1e-3, 0.9, 1.0, np.pi / 2, 7.0):  # at pi/2 a rate of 2 makes half a revolution
+            with mpmath.workdps(40):
+                one, turn = mpmath.eye(n), mpmath.eye(n)
+                for V in spin_turns(planes, dt):
+                    assert (V == -V.T).all() and abs(V).max() < 3
+                    X = mpmath.matrix(V.tolist())
+                    turn = turn * mpmath.inverse(one - X) * (one + X)
+                exact = mpmath.expm(mpmath.matrix(planes.tolist()) * mpmath.mpf(dt), method="taylor")
+                assert mpmath.mnorm(turn - exact, "f") < 4e-15 * (1 + dt * rates[0])
+
+
+@pytest.mark.parametrize("n", [3, 4, 5])
+def test_constants_of_a_spinning_top_are_the_same_for_every_number_of_lanes(n: int) -> None:
+    """Some lanes rotate by more than one factor makes, and others do not; a call may follow one of the other kind."""
+    axis = np.eye(n)[-1]
+    top = kr.LagrangeTopMoving(A=axis, alpha=0.3)
+    x = np.random.default_rng(n).normal(size=(9, n * (n - 1) // 2 + n)) * 0.5
+    p = kr.propagator(top, method="baecklund", order=4, dt=2.0)
+    rows = p.steps(x, 3)
+    assert all((p.steps(one, 3) == row).all() for one, row in zip(x, rows, strict=True))
+    assert all((p.steps(one, 3, every=3)[-1] == row).all() for one, row in zip(x, rows, strict=True))
+    made = scheme(top, "baecklund", 2.0, 4, False)
+    V1 = made.on(tuple(algebra.restore(x, top.system.space.kinds, n)), points).constants["spin1"]
+    assert 0 < np.count_nonzero(V1.any((-1, -2))) < len(x)

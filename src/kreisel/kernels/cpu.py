@@ -19,7 +19,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.algebra.reuse import reused
-from kreisel.graph.graph import Graph, Operand, TooLong, depending
+from kreisel.graph.graph import Graph, Operand, TooLong, depending, where_less
 from kreisel.graph.invariants import MOST_N, Program, cost_of, program_of, program_of_orientation, recordable
 from kreisel.graph.llvm import Function, Lanes, kind_of
 from kreisel.graph.machine import Kernel, address_of, kernel, register_width
@@ -39,7 +39,7 @@ from kreisel.kernels.projection import arrays
 from kreisel.kernels.projection.corrections import ALONE, Corrections, interval
 from kreisel.kernels.steps import FRAME, Steps, compiled_steps, outputs_by_rows
 from kreisel.kernels.threads import on_threads
-from kreisel.method.scheme import Scheme
+from kreisel.method.scheme import SPINS, Scheme
 
 if TYPE_CHECKING:
     from kreisel.kernels.large.forms import LargeForm
@@ -455,38 +455,51 @@ def _rate_of_arrays(scheme: Scheme, columns: Mapping[str, slice]) -> Callable[[f
 
 
 MOST = 6000  # operations; of a pair of Clebsch's case, n = 5: 5200
-FOLDED = (0.0, 1.0, -1.0)  # into the code of a step
 
 
-def compiled_point(scheme: Scheme, columns: Mapping[str, slice], pair: bool, width: int) -> Kernel | None:
+Folded = tuple[tuple[int, float], ...]
+
+
+def compiled_point(
+    scheme: Scheme, columns: Mapping[str, slice], name: str, pair: bool, width: int, folded: Folded = ()
+) -> Kernel | None:
     """kernel(mu, z, c, out, points, lanes, of_c, of_out): mu and rho (points, 4 or 2) of lanes by mu (points, 2 or 1).
 
-    of_c, of_out: the entries of a lane.  None if the definition cannot be recorded, or is too long.
+    name="spin": the entries of the scheme's `spin`, by mu.  of_c, of_out: the entries of a lane.  `folded`: outputs
+    whose values are in the code of the step; with others there is NaN.  None if the definition cannot be recorded, or
+    is too long.
     """
 
     def make() -> tuple[Kernel | None]:
-        point: Any = scheme.point
-        graph, number = Graph(4 * MOST), DoubleDouble if scheme.wide else lambda x: x
+        function, wanted = getattr(scheme, name), name == "point"
+        graph, number = Graph(4 * MOST), DoubleDouble if scheme.wide and wanted else lambda x: x
         wide: Any = np.frompyfunc(number, 1, 1)
         state, constants = recorded_arguments(scheme, graph, {"c": columns})
         mu = graph.inputs("s", 1 + pair)
         x = Complex(*map(number, mu)) if pair else number(*mu)
         try:
-            rho = point(*map(wide, state), mu=x, **{name: wide(value) for name, value in constants.items()})
-            outputs = as_operands([*mu, *map(algebra.rounded, (rho.re, rho.im) if pair else (rho,))])
+            rho = function(*map(wide, state), mu=x, **{name: wide(value) for name, value in constants.items()})
+            values = [*mu, *map(algebra.rounded, (rho.re, rho.im) if pair else (rho,))] if wanted else rho.ravel()
+            outputs = as_operands(_marked([*values], folded))
         except (TypeError, AttributeError, ValueError, TooLong):  # by LAPACK
             return (None,)
         if operation_count(graph, outputs) > MOST:
             return (None,)
         count = algebra.coordinate_count(scheme.kinds, scheme.n)
-        key = "points", graph.digest(outputs), count, width
-        return (kernel(key, 8, partial(_write_points, graph, outputs, count, width)),)
+        key = "points", graph.digest(outputs), count, len(mu), width
+        return (kernel(key, 8, partial(_write_points, graph, outputs, (count, len(mu)), width)),)
 
-    key = None if scheme.kernel_key is None else (compiled_point, scheme.kernel_key, pair, width)
+    key = None if scheme.kernel_key is None else (compiled_point, scheme.kernel_key, name, pair, width, folded)
     return reused(key, make)[0]
 
 
-def _write_points(graph: Graph, outputs: list[Operand], count: int, width: int, f: Function) -> None:
+def _marked(values: list[Any], folded: Folded) -> list[Any]:
+    """Values, the first of them NaN if one that is folded differs."""
+    off = sum(abs(values[j] - value) for j, value in folded)
+    return values if isinstance(off, float | int) else [values[0] + where_less(0, off, math.nan, 0.0), *values[1:]]
+
+
+def _write_points(graph: Graph, outputs: list[Operand], counts: tuple[int, int], width: int, f: Function) -> None:
     """All that does not depend on mu first, for each vector of lanes."""
     (mu, z, c, out), (points, lanes, of_c, of_out) = map(f.doubles, f.arguments[:4]), f.arguments[4:]
     nodes, kind, size = graph.needed(outputs), kind_of(width), len(outputs)
@@ -494,7 +507,7 @@ def _write_points(graph: Graph, outputs: list[Operand], count: int, width: int, 
     f.vectors(width)
     with f.loop(0, lanes, width) as first:
         at, fixed = f.lanes(first, width, lanes), dict[int, Any]()
-        rows = {"z": Lanes(z, at, count), "c": Lanes(c, at, of_c)}
+        rows = {"z": Lanes(z, at, counts[0]), "c": Lanes(c, at, of_c)}
 
         def load(letter: str, i: int) -> Any:
             return rows[letter][i]
@@ -502,45 +515,53 @@ def _write_points(graph: Graph, outputs: list[Operand], count: int, width: int, 
         f.compute(graph, [i for i in nodes if i not in varying], fixed, load, kind)
         with f.loop(0, points) as point:
             values = dict(fixed)
-            rows["s"] = Lanes(mu, [point] * width, size // 2)
+            rows["s"] = Lanes(mu, [point] * width, counts[1])
             f.compute(graph, [i for i in nodes if i in varying], values, load, kind)
             Lanes(out.beyond(point * size), at, of_out).put([f.value(x, values, kind) for x in outputs])
 
 
-def points(scheme: Scheme, x0: tuple[Array, ...], mus: Array) -> Array | None:
-    """rho (..., points) from states and orientations x0, not finite if there is none; None if it is not compiled."""
+def points(scheme: Scheme, x0: tuple[Array, ...], mus: Array, name: str = "point") -> Array | None:
+    """rho (..., points), or the rotations `spin`, from states and orientations x0, not finite if there is none.
+
+    None if they are not compiled.
+    """
     z = np.ascontiguousarray(algebra.flatten(scheme.reopen(x0), scheme.kinds), dtype=np.float64)
     lead, lanes = z.shape[:-1], math.prod(z.shape[:-1])
     c, columns = flat_constants(scheme, lanes)
-    code = compiled_point(scheme, columns, np.iscomplexobj(mus), register_width() if lanes > 1 else 1)
+    code = compiled_point(scheme, columns, name, np.iscomplexobj(mus), register_width() if lanes > 1 else 1)
     if code is None:
         return None
-    out = np.empty((*lead, len(mus), 2), mus.dtype)
+    shape = (len(mus), 2) if name == "point" else (2, scheme.n, scheme.n)
+    out = np.empty((*lead, *shape), mus.dtype)
     numbers = [x.view(np.float64) for x in (mus, z, c, out)]
     code(*map(address_of, numbers), len(mus), lanes, *(x.size // lanes for x in numbers[2:]))
-    return out[..., 1]
+    return out[..., 1] if name == "point" else out
 
 
-def point_links(scheme: Scheme, engine: SteppedEngine) -> tuple[list[Link], list[Floats]] | None:
+def point_links(scheme: Scheme, engine: SteppedEngine, dt: float) -> tuple[list[Link], list[Floats]] | None:
     """The calls that put the constants of an engine's trajectories where its steps read them, and these places.
 
-    None if other constants depend on the trajectory, for code into which a rho is folded, and for code that is not
-    compiled.
+    With a constant that differs from the one that is folded into the code of the steps, one is NaN there.  None if
+    other constants depend on the trajectory, and for code that is not compiled.
     """
     (lanes, count), stages, columns = engine.constants.shape, engine.stages, engine.columns
-    if not {*columns} - {*scheme.constants} <= {"mu", "rho"}:
+    if not {*columns} - {*scheme.constants} <= {"mu", "rho", *SPINS}:
         return None
-    rows = [(stages.ravel(), stages[0], stages[0].size)] if stages.size else []
-    if "mu" in columns:
-        if np.isin(engine.constants[:, columns["rho"]], FOLDED).any():
-            return None
-        start = columns["mu"].start  # of mu and, behind it, rho
-        rows.append((engine.constants.ravel()[start:], engine.constants[:1, start : start + 2], count))
+    half = stages.shape[2] // 2
+    rows = list[tuple[str, Floats, Floats, int, bool, Folded]]()
+    if half:
+        rows.append(("point", stages.ravel(), stages[0, :, :half], stages[0].size, half == 2, ()))
+    special, whole = special_constants(engine.constants), engine.constants.ravel()
+    for name, first, last in (("point", "mu", "rho"), ("spin", *SPINS)):  # which follow each other
+        if first in columns:
+            start, stop = columns[first].start, columns[last].stop
+            folded = tuple((j - start, value) for j, value in special.items() if start <= j < stop)
+            mu = np.array([[dt]]) if name == "spin" else engine.constants[:1, columns[first]]
+            rows.append((name, whole[start:], mu, count, False, folded))
     links, width = list[Link](), register_width() if lanes > 1 else 1
-    for out, one, stride in rows:
-        code = compiled_point(scheme, {name: columns[name] for name in scheme.constants}, one.shape[1] == 4, width)
+    for name, out, mu, stride, pair, folded in rows:
+        code = compiled_point(scheme, {key: columns[key] for key in scheme.constants}, name, pair, width, folded)
         if code is None:
             return None
-        mu = one[:, : one.shape[1] // 2].copy()
-        links.append((code, (mu, engine.z, engine.constants, out, len(one), lanes, count, stride)))
-    return links, [stages.ravel(), engine.constants.ravel()]
+        links.append((code, (mu.copy(), engine.z, engine.constants, out, len(mu), lanes, count, stride)))
+    return links, [stages.ravel(), whole]

@@ -8,6 +8,7 @@ diagonal Padé approximant.  They come in conjugate pairs in the right half plan
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from functools import cache
 from typing import Any, cast
@@ -18,14 +19,15 @@ from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.method.observing import State, as_matrix, observer, scheme_of
-from kreisel.method.scheme import Points, Scheme, Steps
+from kreisel.method.scheme import SPINS, Points, Scheme, Steps
 from kreisel.record.calling import call
 from kreisel.record.contract import Baecklund, Frame
 from kreisel.record.model import Model
 
 DIGITS = 60
+CLOSED_N = 5  # up to which a skew matrix has two rates at most
+APART, TINY = 1e-16, 1e-300  # of the squared sum of the squares of two rates; next to 0
 MANY = 4096  # values of a component: from here on one point after the other
-SPINS = ("spin0", "spin1")
 WHOLE_TURN = 2.0  # radians that one Cayley factor makes with tan(theta/2) of size about 1
 
 
@@ -92,6 +94,10 @@ class Product:
         """The constant rho of the trajectory from z, for a mu."""
         return call(self.record.point, z[: self.count], constants)
 
+    def spin(self, *z: Array, mu: Array, **constants: Array) -> Array:
+        """The rotations `SPINS` of the trajectory from z in a time mu, (2, n, n)."""
+        return np.stack(spin_turns(call(self.record.spin, z[: self.count], constants), mu), -3)
+
     def trajectory(self, x0: State, points: Points | None = None) -> tuple[dict[str, Array], dict[str, Array]]:
         """The constants of the trajectory from x0 and of its stages."""
         state = x0[: self.count]
@@ -103,7 +109,10 @@ class Product:
             stages |= {"rho_re": rho.real, "rho_im": rho.imag}
         with np.errstate(all="ignore"):  # overflow is refused
             if self.spins:
-                constants |= spin_turns(self.model, state, self.dt)
+                spins = None if points is None else points(x0, np.array([self.dt]), "spin")
+                if spins is None or not np.isfinite(spins).all():
+                    spins = self.spin(*x0, mu=self.dt, **self.model.constants)
+                constants |= {name: spins[..., i, :, :] for i, name in enumerate(SPINS)}
             if self.oriented:
                 constants |= self._orientation_turns(state, as_matrix(self.model, x0[self.count]))
         return constants, stages
@@ -206,6 +215,7 @@ def baecklund(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
         options={"order": order},
         trajectory=maps.trajectory,
         point=maps.point,
+        spin=maps.spin if maps.spins else None,
         dt_in_constants=True,
     )
 
@@ -225,8 +235,7 @@ def constant_turns(name: str, K: Array, angle: Callable[[Array], Array]) -> dict
     """V0, V1 with cay(V0) cay(V1) the rotation by angle(theta) in each plane where the skew matrix K rotates by
     theta.
     """
-    if not np.isfinite(K).all():
-        raise InputError("expected a body whose angular velocity a double can hold, got one beyond. Use other units.")
+    _require_finite(K)
     theta, U = np.linalg.eigh(-1j * K)
     turn = np.remainder(angle(theta) + np.pi, 2 * np.pi) - np.pi
     twice = abs(turn).max(initial=0) > WHOLE_TURN
@@ -234,6 +243,11 @@ def constant_turns(name: str, K: Array, angle: Callable[[Array], Array]) -> dict
     V = (U * (1j * half)[..., None, :] @ U.conj().mT).real
     V = (V - V.mT) / 2
     return {f"{name}0": V, f"{name}1": V if twice else 0 * V}
+
+
+def _require_finite(K: Array) -> None:
+    if not np.isfinite(K).all():
+        raise InputError("expected a body whose angular velocity a double can hold, got one beyond. Use other units.")
 
 
 def _turned_by_constants(g: Array, constants: dict[str, Array], remainder: bool, spins: bool) -> Array:
@@ -244,10 +258,43 @@ def _turned_by_constants(g: Array, constants: dict[str, Array], remainder: bool,
     return g
 
 
-def spin_turns(model: Model, state: State, dt: float) -> dict[str, Array]:
-    """The rotations `SPINS` of the state in a moving frame by the constant rest of the angular velocity."""
-    record = cast("Baecklund", model.system.baecklund)
-    return constant_turns("spin", model.call(record.spin, *state), lambda theta: dt * theta)
+def spin_turns(K: Array, dt: Array) -> tuple[Array, Array]:
+    """The rotations `SPINS` by dt K, as `constant_turns`; n <= 5 for any kind of number.
+
+    With S = -K^2, whose eigenvalues s1 >= s2 are the squares of the rates, and g(s) = tan(turn/2)/s^(1/2),
+    V = K (g(s1) + (g(s1) - g(s2))/(s1 - s2) (S - s1)).  Equal rates are taken apart by less than the interpolation
+    shows; their turns are wrapped together, so that the quotient stays bounded.
+    """
+    n = K.shape[-1]
+    if n > CLOSED_N:
+        V0, V1 = constant_turns("spin", K, lambda theta: dt * theta).values()
+        return V0, V1
+    total, minors = algebra.pairing(K, K), itertools.combinations(range(n), 4)
+    pfaffians = [
+        K[..., a, b] * K[..., c, d] - K[..., a, c] * K[..., b, d] + K[..., a, d] * K[..., b, c] for a, b, c, d in minors
+    ]
+    product, square = sum(x * x for x in pfaffians), total * total
+    apart = algebra.sqrt(algebra.maximum(square - 4 * product, APART * square)) if n > 3 else total
+    s1 = (total + apart) / 2 + TINY
+    s2 = product / s1
+    rates = algebra.sqrt(s1), algebra.sqrt(s2 + TINY)
+    turn1, difference = (_wrapped(dt * x, 2 * np.pi) for x in (rates[0], rates[1] - rates[0]))
+    turn2 = turn1 + difference
+    turn2 = turn2 - 2 * np.pi * algebra.nearest(turn2 / (3 * np.pi))
+    largest = algebra.maximum(abs(turn1), abs(turn2))
+    halves = [algebra.where_less(WHOLE_TURN, largest, x / 4, x / 2) for x in (turn1, turn2)]
+    g1, g2 = (np.sin(x) / np.cos(x) / rate for x, rate in zip(halves, rates, strict=True))
+    V = algebra.mat(g1) * K
+    if n > 3:
+        V = V - algebra.mat((g1 - g2) / (s1 - s2 + TINY)) * (K @ K @ K + algebra.mat(s1) * K)
+    V = (V - V.mT) / 2
+    if not algebra.holds_objects(V):
+        _require_finite(V)
+    return V, algebra.mat(algebra.where_less(WHOLE_TURN, largest, 1 + 0 * largest, 0 * largest)) * V
+
+
+def _wrapped(x: Array, period: float) -> Array:
+    return x - period * algebra.nearest(x / period)
 
 
 def turned_with_body(kinds: tuple[str, ...], state: State, constants: dict[str, Array], axis: str) -> State:

@@ -16,10 +16,10 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.method.baecklund import SPINS, pade_zeros, spin_turns, stage, stage_points, turned_with_body
+from kreisel.method.baecklund import pade_zeros, spin_turns, stage, stage_points, turned_with_body
 from kreisel.method.observing import Only, State, observer, scheme_of
 from kreisel.method.records import METHODS
-from kreisel.method.scheme import Scheme, Steps
+from kreisel.method.scheme import SPINS, Scheme, Steps
 from kreisel.record.calling import call
 from kreisel.record.model import Model
 
@@ -59,7 +59,8 @@ def exact_pair(model: Model, dt: float, oriented: bool) -> Scheme:
         numbers = {"mu_re": mu.real, "mu_im": mu.imag, "rho_re": rho.real, "rho_im": rho.imag}
         stages = {k: np.repeat(np.asarray(v, dtype=np.float64)[..., None], copies, -1) for k, v in numbers.items()}
         constants = _turn_in_space(body, state, x0[2], dt, copies, mu) if oriented else {}
-        return constants | (spin_turns(body, state, dt) if spins else {}), stages
+        turns = spin_turns(body.call(record.spin, *state), dt) if spins else ()
+        return constants | dict(zip(SPINS, turns, strict=False)), stages
 
     def step(*z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **constants: Array) -> State:
         mu, rho = algebra.complex_number(mu_re, mu_im), algebra.complex_number(rho_re, rho_im)

@@ -13,7 +13,8 @@ from kreisel.algebra import Array
 from kreisel.errors import InputError
 from kreisel.record.contract import Orbit, States
 
-Points = Callable[[tuple[Array, ...], Array], Array | None]
+SPINS = ("spin0", "spin1")
+Points = Callable[..., Array | None]
 Components = tuple[tuple[str, str], ...]  # (letter, kind): "skew", "vector", "matrix", "quaternion"
 
 
@@ -218,6 +219,7 @@ class Scheme:
     point(*z0, mu=...)      -> rho, a constant of the trajectory, which engines compile, if it is `wide` for
                                double-doubles: then it is trajectory(x0, points) with points(x0, mus) -> rho
                                (..., points), or None
+    spin(*z0, mu=dt)        -> the constants `SPINS` of the trajectory (2, n, n), compiled too: points(x0, [dt], "spin")
     conserved(z, **consts)  -> outputs   as `observe`, in the form of an engine, for quantities that it lets drift
     held(z)                 -> arrays    constant along a trajectory, which bind an orientation to the state; or None
     between                              the most steps between two projections; 0: what their cost allows
@@ -242,6 +244,7 @@ class Scheme:
     trajectory: Callable[..., tuple[Mapping[str, Array], Mapping[str, Array]]] | None = None
     point: Callable[..., Array] | None = None
     wide: bool = True
+    spin: Callable[..., Array] | None = None
     recordable: bool = True  # whether motion and `observe` can be recorded, and so compiled
     basis: Mapping[str, Array] = field(default_factory=dict)  # of the trajectory, for `observe` only
     conserved: Callable[..., dict[str, Array]] | None = None

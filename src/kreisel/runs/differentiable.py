@@ -16,11 +16,11 @@ from kreisel.errors import InputError, RunError, explained, hint, shown
 from kreisel.forces.control import require_whole_samples
 from kreisel.kernels.cpu import points as points_of
 from kreisel.method import find, scheme
-from kreisel.method.baecklund import SPINS, Product
+from kreisel.method.baecklund import Product
 from kreisel.method.conjugate import NUMBERS, fractions
 from kreisel.method.driven import zero
 from kreisel.method.observing import COUNT, ORIENTATION, as_matrix, turned, with_orientation
-from kreisel.method.scheme import Guard, JaxSteps, Scheme, Steps
+from kreisel.method.scheme import SPINS, Guard, JaxSteps, Scheme, Steps
 from kreisel.method.splitting import REACH, closed_form
 from kreisel.method.splitting import make as splitting
 from kreisel.record.body import Body, as_body

@@ -167,7 +167,7 @@ class Plan:
             return None
         if not general.trajectory:
             return lambda: True
-        links = point_links(general, engine)
+        links = point_links(general, engine, self.dt)
         if links is None:
             return None
         chain = Chain(*links)

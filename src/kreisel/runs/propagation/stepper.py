@@ -140,7 +140,7 @@ class Stepper:
         if rows is None or not all(isinstance(e, CpuEngine) and e.code.steps is not None for e in engines):
             return None
         straight = cast("list[CpuEngine]", engines)
-        points = ([], []) if scheme.point is None else point_links(scheme, cast("CpuEngine", engine))
+        points = ([], []) if scheme.point is None else point_links(scheme, cast("CpuEngine", engine), self.dt)
         if points is None or (engine.projection is not None and not cast("CpuEngine", engine).code.programs):
             return None
         course = Course(straight, *rows, self.forms.size, points, self.column_of(COUNT) if self.timed else None)
