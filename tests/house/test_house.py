@@ -166,8 +166,8 @@ FIRST_RUN = (
 
 
 def test_a_run_imports_what_it_uses() -> None:
-    """One system and one method of those that there are: no page, closed form or force beside."""
-    names = loaded(*FIRST_RUN)
+    """One system and one method of those that there are: no page, closed form or force beside, nor Dask and Pint."""
+    names = loaded(*FIRST_RUN, "import sys; assert not {'dask', 'pint'} & {*sys.modules}")
     assert len(names) <= 90, "\n".join(names)
     used = {"kreisel.system.lagrange_top", "kreisel.method.baecklund", "kreisel.baecklund.lagrange_top"}
     rooms = ("kreisel.system.", "kreisel.baecklund.", "kreisel.forces", "kreisel.exact", "kreisel.bodies.")

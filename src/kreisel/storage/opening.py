@@ -25,10 +25,10 @@ from zarr.storage import LocalStore, MemoryStore
 
 from kreisel.algebra import Array
 from kreisel.errors import InputError
-from kreisel.files import digest, parsed, read_values, replace_file
+from kreisel.files import digest, parsed, replace_file
 from kreisel.kernels.layout import Floats
 from kreisel.method.scheme import KINDS
-from kreisel.runs.describing import hash_of_start
+from kreisel.runs.describing import hash_of_start, with_indexes
 from kreisel.runs.integration import Snapshot
 from kreisel.runs.orbits import presented
 from kreisel.runs.run_record import FORMAT, RunRecord
@@ -163,9 +163,6 @@ def open_rows(path: Path, indexed: bool = True) -> xr.Dataset:
     With `indexed` the times are read, if there are fewer than ten million, so that rows can be chosen by time.  Raises
     `InputError` for anything but a Kreisel archive, and for a damaged one, here or when the damage is read.
     """
-    import pandas as pd
-    import xarray as xr
-
     record = run_record(path)
     archive.require_plain(path)
     listed = archive.listed(path)
@@ -178,13 +175,10 @@ def open_rows(path: Path, indexed: bool = True) -> xr.Dataset:
     if indexed and too_large(run):
         raise InputError(f"{path} is damaged: {'; '.join(too_large(run))}.")
     for name in ("time", "lane"):
-        known_place = name in run.dims and name in run.variables and run.sizes[name] <= MOST_INDEXED
-        if indexed and known_place and name not in run.xindexes:
+        short = name in run.dims and name in run.variables and run.sizes[name] <= MOST_INDEXED
+        if indexed and short and name not in run.xindexes:
             try:
-                values = run.variables[name]
-                index = xr.indexes.PandasIndex(pd.Index(read_values(values), name=name), name)
-                # `set_xindex` would import Dask and Pint, to ask whether coordinates are theirs
-                run = run.assign_coords(xr.Coordinates(index.create_variables({name: values}), {name: index}))
+                run = with_indexes(run, run.variables[name])
             except Exception as error:  # any exception of the libraries for a damaged chunk
                 raise InputError(f"{path} is damaged, {name} cannot be read: {error}") from error
     return ordered(run)
