@@ -5,11 +5,12 @@ Also the time of a step of the explicit maps.
 error     of the state at T = 50, relative to its largest coordinate, in 160 steps, against Taylor series in 24 digits
 ulps      the largest change of an integral at 20 rows of 10^6 steps of 1/4, and ulps_40 that of 40 random states
 a step    of the error between steps of 1/4 and 5/16 after that time, relative
-set_up    processor time of the points of a trajectory, in ms: the least of several
+set_up    processor time of the points of a trajectory, in ms, and set_up_lane of one of 64: the least of several
 ns, lane  processor time of a step of a single trajectory, and of one of 64: the least of several runs
 heyoka    where it is installed (peers.txt): to T = 1000 in steps of 1 by a propagator, one trajectory and a lane of 64,
           against heyoka at a tolerance of 1e-12, single and in its batch: processor time in ms, the points of the
-          trajectory apart (set_up); errors of both against Taylor series in 24 digits at T = 50
+          trajectory apart; errors of both against Taylor series in 24 digits at T = 50; single, batch: heyoka's time
+          over that with the points
 """
 
 from __future__ import annotations
@@ -93,10 +94,10 @@ def measured(model: Any, state: dict[str, Any]) -> dict[str, Any]:
         "ulps": short(float(kr.drift(runs[0]).ulps.max())),
         "a step": short(float(abs(ends[0] - ends[1]).max() / abs(ends[0]).max()) / LONG),
         "ulps_40": ulps_of_many(model),
-        "set_up": set_up(model, state),
+        **set_up(model, state),
         "ns": timed(model, state),
         "lane": round(timed(model, several) / LANES, 1),
-        **(against_heyoka(model, state, several, want) if find_spec("heyoka") else {}),
+        **(against_heyoka(model, state, want) if find_spec("heyoka") else {}),
     }
 
 
@@ -113,11 +114,13 @@ def ulps_of_many(model: Any) -> float:
     return short(float(kr.drift(run).ulps.max()))
 
 
-def set_up(model: Any, state: dict[str, Any]) -> float:
-    """Milliseconds for the points of a trajectory."""
+def set_up(model: Any, state: dict[str, Any]) -> dict[str, float]:
+    """Milliseconds for the points of a trajectory, and of one of 64."""
     made, z = scheme(model, "exact", 0.1, None, False), model.state(**state)
     start = tuple(z[k] for k in model.system.space.letters)
-    return short(min(least(lambda: made.on(start)) for _ in range(OFTEN)) * 1e3)
+    many = tuple(np.stack([x] * LANES) for x in start)
+    single, lanes = (min(least(lambda x=x: made.on(x)) for _ in range(n)) for x, n in ((start, OFTEN), (many, 10)))
+    return {"set_up": short(single * 1e3), "set_up_lane": short(lanes / LANES * 1e3)}
 
 
 def timed(model: Any, state: dict[str, Any], method: str = "exact", order: int | None = None) -> float:
@@ -156,10 +159,12 @@ def equations(model: Any, count: int) -> list[Any]:
     return [(x, 0.0 * names[0] + r) for x, r in zip(names, algebra.flatten(rates, system.space.kinds), strict=True)]
 
 
-def against_heyoka(model: Any, state: dict[str, Any], several: dict[str, Any], want: Any) -> dict[str, Any]:
+def against_heyoka(model: Any, state: dict[str, Any], want: Any = None) -> dict[str, Any]:
+    """Times, and errors if the exact state at T = 50 is known."""
     import heyoka as hy
 
     z = model.state(**state)
+    several = {k: np.stack([np.asarray(z[k])] * LANES) for k in z}
     start = algebra.flatten(tuple(np.asarray(z[k]) for k in model.system.space.letters), model.system.space.kinds)
     wide = hy.recommended_simd_size()
     many = np.repeat(start[:, None], wide, 1)
@@ -176,14 +181,18 @@ def against_heyoka(model: Any, state: dict[str, Any], several: dict[str, Any], w
         batch.propagate_until(end)
 
     to(50.0)
-    off = max(abs(float(x) - y) for x, y in zip(want, one.state, strict=True)) / max(map(abs, map(float, want)))
-    times = {}  # to T = 1000 without the points of the trajectory, from the difference of two lengths
-    for name, x, times_far, lanes in (("far", z, 100, 1), ("far_lane", several, 20, LANES)):
+    error = {}
+    if want is not None:
+        off = max(abs(float(x) - y) for x, y in zip(want, one.state, strict=True)) / max(map(abs, map(float, want)))
+        error["heyoka_error"] = short(off)
+    times, ratios = {}, {}  # without the points of the trajectory from the difference of two lengths
+    for name, x, times_far, lanes in (("", z, 100, 1), ("_lane", several, 20, LANES)):
         p = kr.propagator(model, dt=1.0, method="exact")
         long, short_one = (least(lambda p=p, x=x, n=n: p.steps(x, n)) for n in (FAR * times_far, FAR))
-        times[name] = (long - short_one) / (times_far - 1) / lanes
-    times |= {"heyoka": least(lambda: to(FAR)), "heyoka_lane": least(lambda: all_to(FAR)) / wide}
-    return {"heyoka_error": short(off), **{k: short(v * 1e3) for k, v in times.items()}}
+        times["far" + name] = (long - short_one) / (times_far - 1) / lanes
+        times["heyoka" + name] = least(lambda: all_to(FAR)) / wide if name else least(lambda: to(FAR))
+        ratios["batch" if name else "single"] = short(times["heyoka" + name] * lanes / short_one)
+    return error | {k: short(v * 1e3) for k, v in times.items()} | ratios
 
 
 def short(value: float) -> float:
@@ -193,14 +202,15 @@ def short(value: float) -> float:
 def main() -> None:
     arguments = parser(__doc__, "exact_pairs")
     arguments.add_argument(
-        "--points", action="store_true", help="only ulps_40 and set_up, in the results of an earlier run"
+        "--points", action="store_true", help="only set_up, single and batch, in the results of an earlier run"
     )
     options = arguments.parse_args()
     if options.points:
         results = json.loads(Path(options.output).read_text())
         for row, case in zip(results["rows"], CASES, strict=True):
-            row |= {"ulps_40": ulps_of_many(case[0]), "set_up": set_up(*case)}
-            print(row["system"], row["ulps_40"], row["set_up"], flush=True)
+            against = against_heyoka(*case) if find_spec("heyoka") else {}
+            row |= set_up(*case) | {k: against[k] for k in ("single", "batch") if k in against}
+            print(row, flush=True)
         write(results, options.output)
         return
     rows = []

@@ -260,9 +260,9 @@ def test_mutants(mutant: str, least: float, monkeypatch: pytest.MonkeyPatch) -> 
     model, state = case("clebsch")
     want = flow_of(model, parts(model, state), 1.5, digits=20)
     if mutant == "constant":
-        solved = conjugate.Torus.solved
+        points = conjugate.constants
         monkeypatch.setattr(
-            conjugate.Torus, "solved", lambda *a: (lambda p, t: (p * [[1 + 1e-12], [1], [1], [1]], t))(*solved(*a))
+            conjugate, "constants", lambda *a: (lambda p, t: (p * [[1 + 1e-12], [1], [1], [1]], t))(*points(*a))
         )
     record = model.system.pairs
     swapped = {
@@ -359,6 +359,27 @@ def test_a_lane_is_the_single_run_however_fast_the_others_are(name: str) -> None
     for lane in (0, 1):
         alone = kr.simulate(model, {k: v[lane] for k, v in both.items()}, dt=0.25, steps=20, method="exact")
         assert all((run[k].values[:, lane] == alone[k].values).all() for k in state)
+
+
+def test_points_of_a_batch_are_those_of_its_lanes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bit for bit, in blocks and on threads; also of bodies at rest, and of fields that depend on others."""
+    monkeypatch.setattr(conjugate, "BLOCK", 3)
+    monkeypatch.setattr("kreisel.kernels.exact.pairs.WORK", 1_000_000)
+    monkeypatch.setenv("KREISEL_NUM_THREADS", "2")
+    model = kr.KovalevskayaTopE3()
+    M = np.array([(0.3, 0.5, 1.1), (0, 0, 0), (0, 0, 1.5), (3, 5, 11), (1, 1, 0.5)])
+    P = np.array([(0.6, 0, 0.8), (1, 0, 0), (0.6, 0.8, 0), (6, 0, 8), (0, 1, 0.7)])
+    start = parts(model, {"M": M, "P": P})
+    points, turns = conjugate.constants(model, start, 0.5)
+    for lane in range(len(M)):
+        single, turn = conjugate.constants(model, tuple(z[lane] for z in start), 0.5)
+        count = single.shape[-1]
+        assert (points[lane, :, :count] == single).all()
+        assert (turns[lane] == turn).all()
+        assert not points[lane, 0, count:].any()
+    M[3] = 1e200
+    with pytest.raises(kr.InputError, match="products of the state"):
+        conjugate.constants(model, parts(model, {"M": M, "P": P}), 0.5)
 
 
 @pytest.mark.parametrize(

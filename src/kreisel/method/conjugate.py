@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache, reduce
-from math import acosh, ceil, isfinite, prod
+from math import prod
 from pkgutil import resolve_name
 from typing import Any, cast
 
@@ -37,22 +37,13 @@ from kreisel.record.calling import call
 from kreisel.record.contract import ConjugatePairs, ExactMap
 from kreisel.record.model import Model
 
-REACH, FARTHEST = 0.4, 0.6  # of the distance of a branch point: of an x at the start of Newton's method, and later
-MARGIN, LEAST = (
-    1.25,
-    0.25,
-)  # of a share of such a distance, before Newton's method; of the largest, for any pair
-DIGITS = 44.0  # natural logarithm of the relative error of the integrals: 11 nodes at FARTHEST
-RANK, CERTAIN = 1e-10, 1e-5  # relative: fields that depend on others, and that surely do not
-SPAN, ROUNDING = 1e-8, 1e-15  # relative: the distance of the flow from the other fields, and for a body at rest
-STEPS, MORE = (4, 1), (0, 2)  # of Newton's method, in doubles and in double-doubles; if fields are nearly dependent
-CLOSE = 1e-10  # a change, relative to the interval, whose square is rounding
-ENOUGH, SMALL = 1e-12, 1e-5  # a miss, relative to the move; a move, relative to the state
-TRIALS = 8  # each with more copies of the pairs
+RANK = 1e-10  # relative: fields that depend on others
 MOST_COPIES = 1_000_000
+FINE, DEPENDENT, BEYOND, ELSEWHERE, COPIES, MISSED = range(6)  # verdicts of compiled code on a lane
+BLOCK = 4096  # lanes at once
 BETWEEN_MAPS = 4  # steps between projections of a single map, whose rounding errors in |P|^2 are 3 last places a step
 LIKE = 1e-6  # the orientation is off by 1e-16 over this ratio of two fields
-COMPILED, POINTS = "kreisel.kernels.exact.pairs:Room", "kreisel.kernels.exact.pairs:Points"
+COMPILED = "kreisel.kernels.exact.pairs"
 NODES = 12  # of Gauss's rule, of a path without solving, and in a time
 RULE = np.polynomial.legendre.leggauss(NODES)
 SHARES, WEIGHTS = [*((1 + RULE[0]) / 2).tolist(), 1.0], (RULE[1] / 2).tolist()
@@ -194,7 +185,7 @@ def maps(model: Model, state: State, dt: float, order: int | None, shares: Seque
 
     The identity fills shorter lanes.
     """
-    find = reused((POINTS, Identity(model.system), model.n), lambda: resolve_name(POINTS)(model))
+    find = reused((maps, Identity(model.system), model.n), lambda: _kernels().Points(model))
     batch, z, c = _rows(model, state, parameter_rows(model))
     if order is not None:
         lam = _real(2j / fractions(dt, order)).reshape(-1, 1, 2).repeat(len(z), 1)
@@ -238,12 +229,14 @@ def constants(
     params: the result of `parameter_rows`
     """
     batch, z, c = _rows(model, state, parameter_rows(model) if params is None else params)
+    places = range(0, len(z), BLOCK)
     try:
-        steps = [Torus(model, *lane).step(dt, order) for lane in zip(z, c, strict=True)]
+        blocks = [Tori(model, z[k : k + BLOCK], c[k : k + BLOCK], dt, order).step() for k in places]
     except np.linalg.LinAlgError as error:
         raise _out_of_range(model.system.name) from error
-    turns = np.array([turn for _, _, turn in steps])
-    return _stacked(batch, [step[:2] for step in steps]), turns.reshape(batch + turns.shape[1:])
+    numbers, counts, turns = map(np.concatenate, zip(*blocks, strict=True))
+    points = _kernels().stages(numbers, counts)
+    return points.reshape(*batch, *points.shape[1:]), turns.reshape(*batch, turns.shape[-1])
 
 
 def parameter_rows(model: Model) -> Array:
@@ -273,144 +266,109 @@ def _out_of_range(name: str) -> InputError:
     )
 
 
-def _stacked(batch: tuple[int, ...], steps: list[tuple[Array, Array]]) -> Array:
-    """Points (..., 4, stages), the shorter lanes filled with their identities."""
-    rows, count = len(steps[0][0]), max(numbers.shape[-1] for numbers, _ in steps)
-    points = np.empty((len(steps), rows, count))
-    for row, (numbers, identity) in zip(points, steps, strict=True):
-        row[:, : numbers.shape[-1]], row[:, numbers.shape[-1] :] = numbers, identity[:, None]
-    return points.reshape(*batch, rows, count)
-
-
 @cache
-def _room() -> Any:
+def _kernels() -> Any:
     return resolve_name(COMPILED)
 
 
-class Torus:
-    """The commuting fields at one state z (d,), and points for its flow, by compiled code; c: the parameters."""
+class Tori:
+    """Commuting fields at states z (lanes, d), and pairs for their flow, by compiled code; c: the parameters.
 
-    def __init__(self, model: Model, z: Array, c: Array):
-        self.model, self.system, self.z, self.c = model, model.system, z, c
-        self.room = room = _room()(model, z, c)
-        room.choose(room.most)
-        if room["least"][0] < CERTAIN:
-            room.choose(self._rank() // 2)
-        (count,), (self.size,), self.y, self.mu = room["count"], room["size"], room["y"], room["mu"]
-        self.x, self.radius, self.pairs = room["x"][::2], room["radius"], int(count)
-        if not (room["heights"][0] and isfinite(self.size)):
-            raise _out_of_range(self.system.name)
-        if not self.size:  # at rest: the pair of any mu but an eigenvalue is the identity for x = 0
-            self.y[0], pole, *mu = room["first"]
-            self.x, self.pairs, self.mu[:2] = [0.0], 1, [0.0, 2 * max(map(abs, mu)) + pole]
-        elif not room["off"][0] <= max(SPAN * self.size, ROUNDING * room["rate"][0]):
-            raise InputError(
-                f"{self.system.name}: expected a flow that combines the flows of its Lax matrix, got another. Usual "
-                "cause: parameters that are equal, or components of the state of very different sizes. Use another "
-                "method, such as 'dop853'."
-            )
-        self.x, self.y = self.x[: self.pairs], self.y[: self.pairs]
+    Raises `InputError` for the first lane that has none.
+    """
+
+    def __init__(self, model: Model, z: Array, c: Array, dt: float, order: int | None = None):
+        self.model, self.system, self.z, self.c, self.dt, self.order = model, model.system, z, c, dt, order
+        self.rooms = rooms = _kernels().Rooms(model, z, c)
+        rooms.values[:, :2] = -1.0, dt
+        rooms.choose(order is None)
+        verdict = rooms["verdict"][:, 0]
+        if verdict.any():
+            for lane in np.flatnonzero(verdict == DEPENDENT).tolist():
+                rooms["rank"][lane] = self._rank(lane)
+                rooms.choose(order is None, lane, lane + 1)
+            for lane in np.flatnonzero(verdict).tolist():
+                raise self._refusal(lane)
 
     @cached_property
     def state(self) -> State:
         """The components."""
         return algebra.restore(self.z, self.system.space.kinds, self.model.n)
 
-    @cached_property
-    def constants(self) -> dict[str, Array]:
-        """Parameters and derived constants."""
-        params, remainder, n = {"n": np.asarray(self.model.n)}, self.c, self.model.n
+    def _of_lane(self, lane: int) -> tuple[State, dict[str, Array]]:
+        """State, parameters and derived constants."""
+        params, remainder, n = {"n": np.asarray(self.model.n)}, self.c[lane], self.model.n
         for p in self.system.parameters:
             if p.kind != "dimension":
                 shape = (n,) * self.model.axes[p.letter]
                 params[p.letter], remainder = np.split(remainder, [n ** len(shape)])
                 params[p.letter] = params[p.letter].reshape(shape)[()]
-        return params | (call(self.system.derive, (), params) if self.system.derive is not None else {})
+        derived = call(self.system.derive, (), params) if self.system.derive is not None else {}
+        return tuple(z[lane] for z in self.state), params | derived
 
-    def _rank(self) -> int:
+    def _rank(self, lane: int) -> int:
         """The rank of the bracket in units of each component: small fields count as large ones do."""
-        tensor, units = call(self.system.space.tensor, self.state, self.constants), np.array(self.room["units"])
+        tensor, units = call(self.system.space.tensor, *self._of_lane(lane)), self.rooms["units"][lane]
         return int(np.linalg.matrix_rank(tensor / units[:, None] / units, rtol=RANK))
 
-    def copies(self, dt: float) -> int:
-        """How many copies of the pairs a step needs.  Raises `InputError` for too many."""
-        far = max(abs(x * dt) / r for x, r in zip(self.x, self.radius, strict=False)) / REACH
-        if not far < MOST_COPIES:
-            raise InputError(
-                f"dt: expected at most {abs(dt) * MOST_COPIES / far:.3g}, {MOST_COPIES:,} pairs of maps of "
-                f"{self.system.name}, for method='exact', got {dt:g}. Use a smaller dt, and every=... to save as few "
-                "rows."
+    def _refusal(self, lane: int) -> InputError:
+        name, verdict = self.system.name, self.rooms["verdict"][lane]
+        if verdict == BEYOND:
+            return _out_of_range(name)
+        if verdict == ELSEWHERE:
+            return InputError(
+                f"{name}: expected a flow that combines the flows of its Lax matrix, got another. Usual cause: "
+                "parameters that are equal, or components of the state of very different sizes. Use another method, "
+                "such as 'dop853'."
             )
-        return max(1, ceil(far))
-
-    def step(self, dt: float, order: int | None = None) -> tuple[Array, Array, Array]:
-        """`NUMBERS` (4, ...) of all pairs of a step, (4,) of the identity, and the rest of the rotation, coordinates.
-
-        Each lane has its number of pairs, so that none depends on the others: the identity fills the shorter ones.
-        Raises `InputError` where no points are found.
-        """
-        identity = np.array([0.0, self.y[0], *self.mu[:2]])
-        if not any(self.x):
-            velocity = self.system.velocity
-            still = np.zeros_like(self.state[0]) if velocity is None else call(velocity, self.state, self.constants)
-            return identity[:, None], identity, dt * algebra.coordinates(still)
-        if order is not None:
-            shares = fractions(dt, order)
-            numbers, turns = zip(*(self._unsolved(share, dt / len(shares)) for share in shares), strict=True)
-            return np.concatenate(numbers, -1), identity, sum(turns)
-        copies = self.copies(dt)
-        for _ in range(TRIALS):
-            for share in (None, FARTHEST):
-                if (done := self.solved(dt / copies, share)) is not None:
-                    numbers, turn = done
-                    return np.tile(numbers, copies) if copies > 1 else numbers, identity, copies * turn
-            copies += max(1, copies // 2)
-        raise InputError(
-            f"No conjugate pairs were found that are the flow of {self.system.name} over dt = {dt:g} or parts of it. "
-            "Use another method, such as 'dop853', for this state."
+        if verdict == COPIES:
+            most = abs(self.dt) * MOST_COPIES * _kernels().REACH / self.rooms["far"][lane, 0]
+            return InputError(
+                f"dt: expected at most {most:.3g}, {MOST_COPIES:,} pairs of maps of {name}, for method='exact', got "
+                f"{self.dt:g}. Use a smaller dt, and every=... to save as few rows."
+            )
+        return InputError(
+            f"No conjugate pairs were found that are the flow of {name} over dt = {self.dt:g} or parts of it. Use "
+            "another method, such as 'dop853', for this state."
         )
 
+    def step(self) -> tuple[Array, Array, Array]:
+        """Pairs (lanes, shares, most + 1, 4), the last one the identity; how many, and copies; the missing rotation.
+
+        Each lane has its number of pairs, so that none depends on the others.
+        """
+        rooms, counts = self.rooms, self.rooms["counts"]
+        if self.order is None:
+            return rooms["numbers"].reshape(len(counts), 1, -1, 4), counts, counts[:, 1:] * rooms["rotation"]
+        shares = fractions(self.dt, self.order)
+        numbers, turns = zip(*(self._unsolved(share, self.dt / len(shares)) for share in shares), strict=True)
+        counts[:, 1] = len(shares)
+        return np.stack(numbers, 1), counts, sum(turns)
+
     def _unsolved(self, share: complex, h: float) -> tuple[Array, Array]:
-        """`NUMBERS` of the points iy + share x, and the missing rotation of the body in a time h.
+        """Points iy + share x, then the identity (lanes, most + 1, 4), and the missing rotation in a time h.
 
         The rotation by each pair is int Re Omega from i Im(iy + x) on; the remainder of the flow's rotation
         leaves the vectors and matrices that the body carries constant.
         """
-        room, count, y, x = self.room, self.pairs, np.array(self.y), share * np.array(self.x)
-        ends = []
+        rooms = self.rooms
+        y, x, mu, ends = rooms["y"].copy(), share * rooms["slope"], rooms["mu"].copy(), []
         for way in (1j * x.imag, x):
-            room["y"], room["x"], room["mu"] = y, _real(way), self.mu
-            room.follow([NODES] * count)
-            ends.append(_complex(room["end"])[:count])
-        middle, mu = ends
-        room["h"], room["y"], room["x"], room["mu"] = [h], y + x.imag, _real(x.real + 0j), _real(middle)
-        room.follow([NODES] * count, wide=1)
+            rooms["x"] = way.view(float)
+            rooms.follow()
+            ends.append(rooms["end"].copy())
+        rooms["h"], rooms["y"], rooms["x"], rooms["mu"] = h, y + x.imag, (x.real + 0j).view(float), ends[0]
+        rooms.follow(wide=1)
+        rooms["y"], rooms["mu"] = y, mu
         carried = [self.state[i] for i in self.system.space.carried or (0,)]
-        Omega = commuting(algebra.skew(np.array(room["rotation"]), self.model.n), carried)
-        return np.array([x.real, y + x.imag, mu.real, mu.imag]), algebra.coordinates(Omega)
-
-    def solved(self, h: float, share: float | None = None) -> tuple[Array, Array] | None:
-        """`NUMBERS` (4, count) of the pairs that are the flow over h, and the missing rotation of the body.
-
-        None if Newton's method leaves a share of the way to the branch points, or misses.
-        """
-        room, count = self.room, self.pairs
-        far = [abs(x * h) / r for x, r in zip(self.x, self.radius, strict=False)]
-        shares = [share or MARGIN * max(x, LEAST * max(far)) for x in far]
-        room["h"], room["x"] = [h], [v for x in self.x for v in (x * h, 0.0)]
-        for narrow, wide in (STEPS, MORE):
-            room.follow([ceil(DIGITS / 4 / acosh(1 / x)) for x in shares], narrow, wide)
-            x = room["x"][: 2 * count : 2]
-            reach = [a * r for a, r in zip(shares, self.radius, strict=False)]
-            if not all(abs(a) < b for a, b in zip(x, reach, strict=True)):
-                return None
-            if all(abs(a) <= CLOSE * b for a, b in zip(room["change"], reach, strict=False)):
-                break
-        enough = ENOUGH * max(abs(h) * self.size, SMALL)
-        if not all(abs(a) <= enough * b for a, b in zip(room["miss"], room["units"], strict=True)):
-            return None
-        mu = room["end"]
-        return np.array([x, self.y, mu[: 2 * count : 2], mu[1 : 2 * count : 2]]), np.array(room["rotation"])
+        turns = [
+            algebra.coordinates(commuting(algebra.skew(turn, self.model.n), list(z)))
+            for turn, *z in zip(rooms["rotation"], *carried, strict=True)
+        ]
+        lam, mu_at = 1j * y + x, ends[1].view(complex)
+        points = np.stack([lam.real, lam.imag, mu_at.real, mu_at.imag], -1)
+        identity = np.stack([0 * y[:, 0], y[:, 0], *mu[:, :2].T], -1)
+        return np.concatenate([points, identity[:, None]], 1), np.array(turns)
 
 
 def commuting(Omega: Array, carried: list[Array]) -> Array:
@@ -426,7 +384,3 @@ def commuting(Omega: Array, carried: list[Array]) -> Array:
 def _real(x: Array) -> Array:
     """The parts of complex values, one after another."""
     return np.ascontiguousarray(x, complex).view(float)
-
-
-def _complex(x: Array) -> Array:
-    return np.ascontiguousarray(x).view(complex)

@@ -10,10 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache, reduce
+from math import cosh
 from operator import add
 from typing import Any, cast
 
 import numpy as np
+from llvmlite import ir
 
 from kreisel import algebra
 from kreisel.algebra import Array
@@ -21,26 +23,40 @@ from kreisel.algebra.complex import Complex
 from kreisel.algebra.reuse import Identity, reused
 from kreisel.baecklund import conjugate
 from kreisel.graph.double import DoubleDouble, upper
-from kreisel.graph.llvm import DOUBLE, INTEGER, Function, Integer, Lanes, Memory, Value, kind_of
-from kreisel.graph.machine import address_of, kernel
-from kreisel.kernels.exact.points import Choice, Formulas, Piece, complex_values
+from kreisel.graph.llvm import DOUBLE, INDEX, INTEGER, Function, Integer, Lanes, Value, kind_of
+from kreisel.graph.machine import Kernel, address_of, kernel
+from kreisel.kernels.exact.points import WIDTH, Choice, Formulas, Writing, complex_values, largest
 from kreisel.kernels.layout import Floats
 from kreisel.kernels.steps import outputs_by_rows
+from kreisel.kernels.threads import on_threads
+from kreisel.method.conjugate import COPIES, FINE, MISSED, MOST_COPIES
 from kreisel.record.calling import call
 from kreisel.record.contract import ExactMap
 from kreisel.record.model import Model
 
 ROUNDS = 4  # of quotient and vectors at a node: an error of 0.2 of the vectors falls below 1e-10
 NEAR = 1e-18  # relative: a squared change of mu, after which the next one is rounding
-NODES, WIDTH = 14, 4  # of a path, at most; of vectors of nodes in double-doubles
+NODES = 14  # of a path, at most
+REACH, FARTHEST = 0.4, 0.6  # of the distance of a branch point: of an x at the start of Newton's method, and later
+MARGIN, LEAST = 1.25, 0.25  # of a share of such a distance, before Newton's method; of the largest, for any pair
+DIGITS = 44.0  # natural logarithm of the relative error of the integrals: 11 nodes at FARTHEST
+SHARES = [1 / cosh(DIGITS / (4 * k)) for k in range(1, NODES)]  # up to which 1, 2, ... nodes are enough
+STEPS, MORE = (4, 1), (0, 2)  # of Newton's method, in doubles and in double-doubles; if fields are nearly dependent
+SETTLED = 1e-10  # a change, relative to the interval, whose square is rounding
+ENOUGH, SMALL = 1e-12, 1e-5  # a miss, relative to the move; a move, relative to the state
+TRIALS = 8  # each with more copies of the pairs
+SOLVED = -1  # in place of steps in double-doubles: as many as the conditions need
+WORK = 400  # of a lane, in steps of a lane
 
 
 class Paths(Formulas):
     """The conditions of a system, for at most d/2 pairs of one state.
 
-    kernel(room, z, c, table, pairs, narrow, wide): Newton's steps in doubles, until changes are below `close`, and in
-    double-doubles, then mu at the ends of the paths.  table (rows, 4) has nodes and weights, two doubles each; a path
-    ends with a node 1.  At first a path follows the vectors from node to node; then from those stored there.
+    kernel(rooms, z, c, table, first, last, wide): of lanes whose verdict is `FINE`, Newton's steps in doubles, until
+    changes are below `close`, and in double-doubles, then mu at the ends of the paths.  table (rows, 4) has nodes and
+    weights, two doubles each; a path ends with a node 1.  At first a path follows the vectors from node to node; then
+    all nodes begin with those stored there.  If wide is `SOLVED`: trials, each with more copies of the pairs, until
+    they are the flow; else `wide` steps in double-doubles on the paths to x.
     """
 
     def __init__(self, model: Model):
@@ -48,12 +64,18 @@ class Paths(Formulas):
         sums, d, m = 2 * (self.d + self.turns), self.d, self.most
         start = self._record(self.start, ("x", 3))
         v = len(start[1])
-        follow = self._record(self.follow, ("x", 4), ("v", v))
-        add = self._record(self.add, ("x", 7), ("v", v), ("s", sums))
-        together = self._record(self.together, ("v", sums * WIDTH))
-        step = self._record(self.step, ("h", 1), ("s", sums), ("e", m * d), ("dual", m * d), ("none", m))
-        key = "pairs", *(graph.digest(outputs) for graph, outputs in (start, follow, add, together, step))
-        self.kernel = kernel(key, 7, lambda f: self._write(f, start, follow, add, together, step))
+        self.pieces = {
+            "start": start,
+            "follow": self._record(self.follow, ("x", 4), ("v", v)),
+            "add": self._record(self.add, ("x", 7), ("v", v), ("s", sums)),
+            "together": self._record(self.together, ("v", sums * WIDTH)),
+            "step": self._record(self.step, ("h", 1), ("s", sums), ("e", m * d), ("dual", m * d), ("none", m)),
+        }
+        functions = self.begin, self.plan, self.move, self.judge, self.finish
+        self.rules = {function.__name__: self._rule(function) for function in functions}
+        pieces = [*self.pieces.values(), *(piece for piece, _ in self.rules.values())]
+        key = "pairs", *(graph.digest(outputs) for graph, outputs in pieces)
+        self.kernel = kernel(key, 7, lambda f: _Solving(self, f).write())
 
     # -- formulas ------------------------------------------------------------------------------------------
 
@@ -113,80 +135,208 @@ class Paths(Formulas):
             turn = [upper(time * v - s) for v, s in zip(Omega, sums[self.d :], strict=True)]
         return [*miss, *change, *turn]
 
-    # -- code ----------------------------------------------------------------------------------------------
+    # -- trials --------------------------------------------------------------------------------------------
 
-    def _write(self, f: Function, start: Piece, follow: Piece, add: Piece, together: Piece, step: Piece) -> None:
-        room, z, c, table, pairs, narrow, wide = f.arguments
-        numbers, rows, d, width = f.doubles(room), f.doubles(table), self.d, len(start[1])
-        at = {name: place.start for name, place in self.places.items()}
-        memory = {"z": f.doubles(z), "c": f.doubles(c), "e": f.room(self.most * d)}
-        memory |= {"s": f.room(2 * (d + self.turns)), **{k: numbers.beyond(at[k]) for k in ("h", "dual", "none")}}
-        kept, (turn,) = f.room(self.most * (NODES + 2) * width), f.variables(1, INTEGER)
-        plus, times, last = f.builder.fadd, f.builder.fmul, narrow + wide
+    def begin(self, slope: Array, radius: Array, none: Array, time: Any) -> dict[str, Any]:
+        """The least number of copies."""
+        far = reduce(largest, abs(slope * time / (radius + none)))
+        copies = algebra.nearest(far / REACH + 0.5)
+        verdict = algebra.where_less(copies, MOST_COPIES, FINE, COPIES)
+        going = algebra.where_less(copies, MOST_COPIES, 1, 0)
+        new = {"far": far, "copies": largest(copies, 1), "verdict": verdict, "going": going}
+        return new | dict.fromkeys(("trial", "tight", "more"), 0)
 
-        kind = kind_of(WIDTH)
-        wide_sums = f.room(2 * (d + self.turns), kind)
+    def plan(
+        self, slope: Array, radius: Array, none: Array, time: Any, far: Any, copies: Any, tight: Any
+    ) -> dict[str, Any]:
+        """Small times, their reach, and nodes."""
+        h, radius = time / copies, radius + none
+        x, least = slope * h, LEAST * far / copies
+        shares = [algebra.where_less(0, tight, FARTHEST, MARGIN * largest(s, least)) for s in abs(x) / radius]
+        nodes = [1 + sum(algebra.where_less(most, share, 1, 0) for most in SHARES) for share in shares]
+        return {
+            "h": h,
+            "x": [part for v in x for part in (v, 0.0)],
+            "reach": [share * r + missing for share, r, missing in zip(shares, radius, none, strict=True)],
+            "nodes": nodes,
+            "row": [(k - 1) * (k + 2) / 2 for k in nodes],
+            "narrow": STEPS[0],
+            "last": sum(STEPS),
+        }
+
+    def move(self, x: Array, change: Array, close: Array) -> dict[str, Any]:
+        """x with their changes, and how many of these are not small."""
+        moving = sum(algebra.where_less(a, abs(b), 1, 0) for a, b in zip(close, change, strict=True))
+        return {"x": [part for a, b in zip(x[::2], change, strict=True) for part in (a + b, 0.0)], "moving": moving}
+
+    def judge(
+        self,
+        x: Array,
+        reach: Array,
+        change: Array,
+        miss: Array,
+        units: Array,
+        h: Any,
+        size: Any,
+        copies: Any,
+        trial: Any,
+        tight: Any,
+        more: Any,
+    ) -> dict[str, Any]:
+        """If the pairs are the flow; else more steps, or another trial."""
+        less, enough = algebra.where_less, ENOUGH * largest(abs(h) * size, SMALL)
+        outside = sum(less(abs(a), b, 0, 1) for a, b in zip(x[::2], reach, strict=True))
+        unsettled = sum(less(SETTLED * b, abs(a), 1, 0) for a, b in zip(change, reach, strict=True))
+        missed = sum(less(enough * b, abs(a), 1, 0) for a, b in zip(miss, units, strict=True))
+        again = less(outside, 1, less(0, unsettled, 1 - more, 0), 0)
+        next_trial = less(0, again, 0, less(0, outside + missed, 1, 0))
+        copies = copies + next_trial * tight * largest(1, algebra.nearest(copies / 2 - 0.25))
+        trial = trial + next_trial * tight
+        return {
+            "copies": copies,
+            "trial": trial,
+            "tight": less(0, next_trial, 1 - tight, tight),
+            "more": again,
+            "narrow": MORE[0],
+            "last": sum(MORE),
+            "going": less(trial, TRIALS, again + next_trial, 0),
+            "verdict": less(trial, TRIALS, FINE, MISSED),
+        }
+
+    def finish(self, x: Array, y: Array, end: Array, mu: Array, none: Array) -> dict[str, Any]:
+        identity = [0.0, y[0], *mu[:2]]
+        rows = zip(none, x[::2], y, end[::2], end[1::2], strict=True)
+        numbers = [
+            algebra.where_less(0, missing, a, b) for missing, *row in rows for a, b in zip(identity, row, strict=True)
+        ]
+        return {"numbers": numbers + identity}
+
+
+class _Solving(Writing):
+    """Writes the kernel of `Paths`."""
+
+    def __init__(self, of: Paths, f: Function):
+        rooms, z, c, rows, self.first, self.beyond, self.given = f.arguments
+        super().__init__(of, f, rooms)
+        self.kind, sums = kind_of(WIDTH), 2 * (of.d + of.turns)
+        self.rows, self.z, self.c = map(f.doubles, (rows, z, c))
+        self.stride = len(of.pieces["start"][1])  # of mu and vectors at a node
+        self.kept, self.turn = f.room(of.most * (NODES + 2) * self.stride), f.variables(1, INTEGER)[0]
+        self.memory = {"e": f.room(of.most * of.d), "s": f.room(sums)}
+        self.sums, self.wide_sums = f.room(of.d, self.kind), f.room(sums, self.kind)
         f.vectors(WIDTH)
 
-        def run(piece: Piece, x: Sequence[Value] = (), v: Any = None, in_lanes: bool = False) -> list[Value]:
-            numbers_kind = kind if in_lanes else DOUBLE
+    def run(self, name: str, x: Sequence[Value] = (), v: Any = None, kind: ir.Type = DOUBLE) -> list[Value]:
+        def value(letter: str, i: int) -> Value:
+            if letter in "xv":
+                return (x if letter == "x" else v)[i]
+            if kind != DOUBLE and letter == "s":
+                return self.wide_sums[i]
+            return self.f.spread(self.memory[letter][i], kind)
 
-            def value(letter: str, i: int) -> Value:
-                if letter in "xv":
-                    return (x if letter == "x" else v)[i]
-                return wide_sums[i] if in_lanes and letter == "s" else f.spread(memory[letter][i], numbers_kind)
+        graph, outputs = self.of.pieces[name]
+        return self.f.outputs(graph, outputs, value, kind)
 
-            return f.outputs(*piece, value, numbers_kind)
+    def flag(self, name: str) -> Value:
+        return self.less(self.value(0.0), self.out[self.at(name)])
 
-        memory["e"].put([0.0] * (self.most * d))
+    def write(self) -> None:
+        f, of, rooms = self.f, self.of, self.out
+        solved = self.given.compared("==", SOLVED)
+        with f.loop(self.first, self.beyond) as lane:
+            self.out = rooms.beyond(lane * of.size)
+            self.memory |= {"z": self.z.beyond(lane * of.d), "c": self.c.beyond(lane * of.constants)}
+            self.memory |= {k: self.out.beyond(self.at(k)) for k in ("h", "dual", "none")}
+            with f.where(f.builder.fcmp_ordered("==", self.out[self.at("verdict")], self.value(FINE))):
+                with f.otherwise(solved) as (trials, paths):
+                    with trials:
+                        self.apply("begin")
+                    with paths:
+                        for name, x in {"narrow": 0.0, "last": self.given.double(), "going": 1.0, "more": 1.0}.items():
+                            self.out[self.at(name)] = x
+                with f.while_(lambda: self.flag("going")):
+                    with f.where(f.builder.not_(self.flag("more"))):
+                        self.apply("plan")
+                    self.solve()
+                    self.out[self.at("going")] = 0.0
+                    with f.where(solved):
+                        self.apply("judge")
+                self.apply("finish")
+
+    def solve(self) -> None:
+        """Newton's steps, narrow ones in doubles, and mu at the ends."""
+        f, turn, d = self.f, self.turn, self.d
+        count, (narrow, last) = self.integer("count"), (self.integer(name) for name in ("narrow", "last"))
+        self.memory["e"].put([0.0] * (self.of.most * d))
         turn[0] = 0
         with f.while_(lambda: turn[0].compared("<=", last)):
-            later = turn[0].compared(">", 0)
-            final = f.builder.and_(later, turn[0].compared("==", last))
             exact = f.builder.and_(turn[0].compared(">=", narrow), turn[0].compared("<", last))
-            own = Integer(f.builder, f.builder.zext(later, INTEGER))
-            wide_sums.put([0.0] * (2 * (d + self.turns)))
-            memory["s"].put([0.0] * (2 * (d + self.turns)))
-            with f.loop(0, pairs) as p:
-                y, x, slot = numbers[p + at["y"]], numbers.get(2, p * 2 + at["x"]), p * (NODES + 2)
-                nodes, row = (f.builder.fptoui(numbers[p + at[name]], INTEGER) for name in ("nodes", "row"))
-                begin, end = f.builder.select(final, nodes, INTEGER(0)), Integer(f.builder, nodes) + 1
-                with f.where(own.compared("==", 0)):
-                    kept.put(run(start, [y, *numbers.get(2, p * 2 + at["mu"])]), slot * width)
-                with f.loop(Integer(f.builder, begin), end) as k:
-                    t, _, weight, _ = rows.get(4, (k + Integer(f.builder, row)) * 4)
-                    new = run(follow, [y, *x, t], kept.beyond((slot + k + own) * width))
-                    kept.put(new[:-d], (slot + k + 1) * width)
-                    numbers.put(new[:2], p * 2 + at["end"])
-                    memory["e"].put(new[-d:], p * d)
-                    for i, rate in enumerate(new[-d:]):
-                        memory["s"][2 * i] = plus(memory["s"][2 * i], times(times(x[0], weight), rate))
-                with f.where(exact), f.loop(0, end, WIDTH) as k:  # the end of the table has no weight
-                    lanes = f.lanes(k, WIDTH, end)
-                    vectors = Lanes(kept, [slot + lane + 1 for lane in lanes], width)
-                    node = Lanes(rows, [lane + Integer(f.builder, row) for lane in lanes], 4).get(range(4))
-                    x_wide = [*(f.spread(value, kind) for value in (y, *x)), *node]
-                    wide_sums.put(run(add, x_wide, vectors, True))
+            self.wide_sums.put([0.0] * (2 * (d + self.of.turns)))
+            self.memory["s"].put([0.0] * (2 * (d + self.of.turns)))
+            self.sums.put([0.0] * d)
+            with f.loop(0, count) as p:
+                nodes, row, slot = self.integer("nodes", p), self.integer("row", p), p * (NODES + 2)
+                path = [self.out[p + self.at("y")], *self.out.get(2, p * 2 + self.at("x"))]
+                with f.otherwise(turn[0].compared("==", 0)) as (begin, again):
+                    with begin:
+                        self.walk(p, path, slot, nodes, row)
+                    with again:
+                        first = f.builder.select(turn[0].compared("==", last), nodes.value, INTEGER(0))
+                        self.repeat(p, path, slot, nodes, row, Integer(f.builder, first))
+                with f.where(exact):
+                    self.add(path, slot, nodes, row)
             with f.where(exact):
-                memory["s"].put(run(together, v=wide_sums.of(DOUBLE)))
+                self.memory["s"].put(self.run("together", v=self.wide_sums.of(DOUBLE)))
             with f.where(turn[0].compared("<", last)):
-                numbers.put(run(step), at["miss"])
-                near = f.builder.and_(self._moved(f, numbers), turn[0].compared("<", narrow))
-                with f.where(near):
+                self.out.put(self.run("step"), self.at("miss"))
+                self.apply("move")
+                settled = f.builder.not_(self.flag("moving"))
+                with f.where(f.builder.and_(settled, turn[0].compared("<", narrow))):
                     turn[0] = narrow - 1
             turn[0] = turn[0] + 1
 
-    def _moved(self, f: Function, numbers: Memory) -> Value:
-        """Whether all changes of x, which are added, are below `close`: a bit."""
-        (far,) = f.variables(1)
-        far[0] = -np.inf
-        x, changes, close = (self.places[name].start for name in ("x", "change", "close"))
-        for i in range(self.most):
-            change = numbers[changes + i]
-            numbers[x + 2 * i] = f.builder.fadd(numbers[x + 2 * i], change)
-            beyond = f.builder.fsub(f.intrinsic("fabs", change), numbers[close + i])
-            far[0] = f.builder.select(f.builder.fcmp_ordered("<", far[0], beyond), beyond, far[0])
-        return f.builder.fcmp_ordered("<=", far[0], numbers.value_of(0.0))
+    def walk(self, p: Integer, path: list[Value], slot: Integer, nodes: Integer, row: Integer) -> None:
+        """From node to node."""
+        mu = self.out.get(2, p * 2 + self.at("mu"))
+        self.kept.put(self.run("start", [path[0], *mu]), slot * self.stride)
+        with self.f.loop(0, nodes + 1) as k:
+            t, _, weight, _ = self.rows.get(4, (k + row) * 4)
+            new = self.run("follow", [*path, t], self.kept.beyond((slot + k) * self.stride))
+            self.kept.put(new[: self.stride], (slot + k + 1) * self.stride)
+            self.put_end(p, new)
+            for i, rate in enumerate(new[self.stride :]):
+                change = self.times(self.times(path[1], weight), rate)
+                self.memory["s"][2 * i] = self.plus(self.memory["s"][2 * i], change)
+
+    def repeat(
+        self, p: Integer, path: list[Value], slot: Integer, nodes: Integer, row: Integer, first: Integer
+    ) -> None:
+        """Nodes from the first one on, each from its vectors in the step before."""
+        f, wide_path = self.f, [self.f.spread(x, self.kind) for x in path]
+        with f.loop(first, nodes + 1, WIDTH) as k:
+            lanes = f.lanes(k, WIDTH, nodes + 1)  # the end, again and again, has no weight
+            t, _, weight, _ = Lanes(self.rows, [lane + row for lane in lanes], 4).get(range(4))
+            kept = Lanes(self.kept, [slot + lane + 1 for lane in lanes], self.stride)
+            new = self.run("follow", [*wide_path, t], kept, self.kind)
+            kept.put(new[: self.stride])
+            for i, rate in enumerate(new[self.stride :]):
+                self.sums[i] = self.plus(self.sums[i], self.times(self.times(wide_path[1], weight), rate))
+            self.put_end(p, [f.builder.extract_element(x, INDEX(WIDTH - 1)) for x in new])
+        for i in range(self.d):
+            self.memory["s"][2 * i] = reduce(self.plus, self.sums.of(DOUBLE).get(WIDTH, WIDTH * i))
+
+    def put_end(self, p: Integer, new: list[Value]) -> None:
+        self.out.put(new[:2], p * 2 + self.at("end"))
+        self.memory["e"].put(new[self.stride :], p * self.d)
+
+    def add(self, path: list[Value], slot: Integer, nodes: Integer, row: Integer) -> None:
+        """The integrals in double-doubles."""
+        with self.f.loop(0, nodes, WIDTH) as k:
+            lanes = self.f.lanes(k, WIDTH, nodes + 1)  # the end of the table has no weight
+            vectors = Lanes(self.kept, [slot + lane + 1 for lane in lanes], self.stride)
+            node = Lanes(self.rows, [lane + row for lane in lanes], 4).get(range(4))
+            x = [*(self.f.spread(value, self.kind) for value in path), *node]
+            self.wide_sums.put(self.run("add", x, vectors, self.kind))
 
 
 class Points(Formulas):
@@ -195,7 +345,7 @@ class Points(Formulas):
     def __init__(self, model: Model):
         super().__init__(model)
         self.map = cast("ExactMap", self.system.exact_map)
-        letters = {"z": (self.d, False), "c": (sum(self.n**axes for axes in self.axes.values()), False)}
+        letters = {"z": (self.d, False), "c": (self.constants, False)}
         self._kernels = [
             outputs_by_rows(*self._record(function, ("x", count)), {**letters, "x": (count, True)})
             for count, function in enumerate((self._of_time, self._of_lam), 1)
@@ -221,31 +371,40 @@ class Points(Formulas):
         return out
 
 
-class Room:
-    """The row of doubles of a state z (d,) with parameters c, and the calls of the kernels that share it."""
+class Rooms:
+    """The rows of doubles of states z (lanes, d) with parameters c (lanes, count), and the kernels that share them."""
 
     def __init__(self, model: Model, z: Floats, c: Floats):
         self._choice, self._paths = reused(
-            (Room, Identity(model.system), model.n), lambda: (Choice(model), Paths(model))
+            (Rooms, Identity(model.system), model.n), lambda: (Choice(model), Paths(model))
         )
-        self.values, self._z, self._c, self.most = np.zeros(self._choice.size), z, c, self._choice.most
+        self.values, self._z, self._c = np.empty((len(z), self._choice.size)), z, c
         self._addresses = [address_of(x) for x in (self.values, z, c)]
 
-    def __getitem__(self, name: str) -> list[float]:
-        values: list[float] = self.values[self._choice.places[name]].tolist()
-        return values
+    def __getitem__(self, name: str) -> Floats:
+        return self.values[:, self._choice.places[name]]
 
     def __setitem__(self, name: str, values: Any) -> None:
-        self.values[self._choice.places[name].start :][: len(values)] = values
+        self[name][:] = values
 
-    def choose(self, most: int) -> None:
-        """Write the points of `most` pairs or fewer."""
-        self._choice.kernel(*self._addresses, most)
+    def choose(self, solved: bool, first: int = 0, last: int | None = None) -> None:
+        """Write the points of lanes, and those of a step if they are `solved`."""
 
-    def follow(self, nodes: Sequence[int], narrow: int = 0, wide: int = 0) -> None:
-        """Newton's steps with Gauss's nodes for each path, narrow ones in doubles."""
-        self["nodes"], self["row"] = nodes, [(k - 1) * (k + 2) // 2 for k in nodes]
-        self._paths.kernel(*self._addresses, address_of(gauss()), len(nodes), narrow, wide)
+        def share(a: int, b: int) -> None:
+            self._choice.kernel(*self._addresses, first + a, first + b)
+            if solved:
+                self._follow(SOLVED, first + a, first + b)
+
+        count = (len(self.values) if last is None else last) - first
+        on_threads(count, WORK * count, share)
+
+    def follow(self, wide: int = 0) -> None:
+        """The paths to x as it is, and steps in double-doubles, of all lanes."""
+        self["nodes"], self["row"] = NODES, (NODES - 1) * (NODES + 2) // 2
+        self._follow(wide, 0, len(self.values))
+
+    def _follow(self, wide: int, first: int, last: int) -> None:
+        self._paths.kernel(*self._addresses, address_of(gauss()), first, last, wide)
 
 
 @cache
@@ -257,3 +416,31 @@ def gauss() -> Floats:
         first = columns.astype(float)
         tables.append(np.stack([first, (columns - first).astype(float)], -1).swapaxes(0, 1).reshape(-1, 4))
     return np.concatenate(tables)
+
+
+def stages(numbers: Floats, counts: Floats) -> Floats:
+    """Points (lanes, 4, stages) of numbers (lanes, shares, most + 1, 4) of pairs and, behind them, the identity.
+
+    counts (lanes, 2): pairs of each share, and shares, or copies of a single one; the identity fills shorter lanes.
+    """
+    numbers, (lanes, shares, most, _) = np.ascontiguousarray(numbers), numbers.shape
+    count = max(1, int((counts[:, 0] * counts[:, 1]).max()))
+    out = np.empty((lanes, 4, count))
+    _stages(most - 1)(address_of(numbers), address_of(counts), address_of(out), shares, lanes, count)
+    return out
+
+
+@cache
+def _stages(most: int) -> Kernel:
+    def write(f: Function) -> None:
+        (numbers, counts, out), (shares, lanes, stages) = map(f.doubles, f.arguments[:3]), f.arguments[3:]
+        with f.loop(0, lanes) as lane, f.loop(0, stages) as k:
+            count, copies = (Integer(f.builder, f.builder.fptoui(x, INTEGER)) for x in counts.get(2, lane * 2))
+            length = count + (f.integer(1) - count.least(1))  # 1 at least
+            inside = k.compared("<", count * copies)
+            place = Integer(f.builder, f.builder.select(inside, (k % length).value, INTEGER(most)))
+            share = lane * shares + (k // length).least(shares - 1)
+            for j, x in enumerate(numbers.get(4, (share * (most + 1) + place) * 4)):
+                out[(lane * 4 + j) * stages + k] = x
+
+    return kernel(("stages", most), 6, write)

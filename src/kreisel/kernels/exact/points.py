@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import Any, cast
@@ -16,9 +17,10 @@ from kreisel.baecklund.conjugate import HEIGHTS
 from kreisel.graph.arranging import arranged
 from kreisel.graph.double import DoubleDouble, upper
 from kreisel.graph.graph import Graph
-from kreisel.graph.llvm import INTEGER, Function, Value
+from kreisel.graph.llvm import DOUBLE, INDEX, INTEGER, Function, Integer, Lanes, Value, constant, kind_of
 from kreisel.graph.machine import kernel
 from kreisel.graph.recording import as_operands
+from kreisel.method.conjugate import BEYOND, DEPENDENT, ELSEWHERE, FINE
 from kreisel.record.calling import call
 from kreisel.record.contract import ConjugatePairs
 from kreisel.record.model import Model
@@ -30,7 +32,14 @@ RANK = 1e-10  # relative: fields that depend on others
 SLACK = 1e-9  # of a price, beyond which a point is taken in place of another
 CHANGES = 100  # of points, for each pair: the most
 CLOSE = 1e-9  # a change of x, relative to the distance of a branch point, whose square is rounding
+WIDTH = 4  # of vectors of heights, and of nodes
 BESIDE = 1e-5  # of the distance of a pole: between two points for a derivative
+CERTAIN = 1e-5  # relative: fields that surely do not depend on others
+SPAN, ROUNDING = 1e-8, 1e-15  # relative: the distance of the flow from the other fields, and for a body at rest
+SCALARS = (
+    *("rank", "time", "verdict", "count", "copies", "heights", "size", "least", "off", "rate", "far", "h"),
+    *("narrow", "last", "trial", "tight", "more", "going", "moving"),
+)
 Recorded = Callable[..., list[Any]]
 Piece = tuple[Graph, list[Any]]
 
@@ -38,8 +47,16 @@ Piece = tuple[Graph, list[Any]]
 class Formulas:
     """The formulas of the pairs of a system, recorded, and the places in a row of doubles that kernels share.
 
-    count, y, x, radius, mu   how many pairs, lam = iy and mu there, x in a unit of small times and then of a step
-                              (complex), distances of branch points
+    verdict                   `FINE`; fields that may be `DEPENDENT`, numbers `BEYOND` doubles, a flow `ELSEWHERE`, too
+                              many `COPIES`, conditions that Newton's method `MISSED`
+    rank                      of the fields; negative if it is to be found
+    count, y, slope, radius   how many pairs, lam = iy, x in a unit of small times, distances of branch points
+    x, mu                     of a step, complex; mu at iy
+    time, copies, far         of a step; of all pairs; the largest x in a step over the radius, for small times
+    reach, narrow, last       of x; steps in doubles, and all steps of Newton's method
+    trial, tight, more        of copies; if paths end where reach begins to fail; if more steps follow
+    going, moving             if trials, or steps in doubles, continue
+    numbers                   x, y and mu of each pair, then those of the identity
     dual, none                of the fields at iy (d, most); 1 for each missing pair
     units, size, off, rate    of components; of the flow in these; of its part beyond the fields; of the rotation
     least, heights, first     the last pivot over the first; how many points were tried, and the first of them
@@ -55,13 +72,15 @@ class Formulas:
         self.d, self.turns = algebra.coordinate_count(self.kinds, self.n), self.n * (self.n - 1) // 2
         self.axes = {p.letter: model.axes[p.letter] for p in model.system.parameters if p.kind != "dimension"}
         d, most = self.d, self.d // 2
-        sizes = dict.fromkeys(("count", "heights", "size", "least", "off", "rate", "h"), 1)
-        sizes |= dict.fromkeys(("y", "radius", "none", "close", "nodes", "row"), most)
+        sizes = dict.fromkeys(SCALARS, 1)
+        sizes |= dict.fromkeys(("y", "slope", "radius", "none", "close", "nodes", "row", "reach"), most)
         sizes |= {"x": 2 * most, "mu": 2 * most, "end": 2 * most, "dual": d * most, "units": d}
+        sizes["numbers"] = 4 * (most + 1)
         sizes |= {"miss": d, "change": most, "rotation": self.turns, "first": 2 + max(self.n, 4)}
         ends = np.cumsum([0, *sizes.values()]).tolist()
         self.places = {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:], strict=False)}
-        self.size, self.most = ends[-1], most
+        self.places["counts"] = slice(self.places["count"].start, self.places["copies"].stop)
+        self.size, self.most, self.constants = ends[-1], most, sum(self.n**axes for axes in self.axes.values())
 
     def _record(self, function: Recorded, *letters: tuple[str, int]) -> Piece:
         """A function of state and constants, and of inputs of these letters, as a graph."""
@@ -72,6 +91,19 @@ class Formulas:
         known = {k: c[a:b].reshape(s)[()] for (k, s), a, b in zip(shapes.items(), ends, ends[1:], strict=False)}
         more = [graph.inputs(letter, size) for letter, size in letters]
         return arranged(graph, as_operands(function(z, known, *more)))
+
+    def _rule(self, function: Callable[..., dict[str, Any]]) -> tuple[Piece, list[slice]]:
+        """A function of places in a row, that returns new values for some, as a graph."""
+        names, changed = list(inspect.signature(function).parameters), list[slice]()
+
+        def values(_z: Array, _c: Array, *inputs: Array) -> list[Any]:
+            arguments = {k: x[0] if k in SCALARS else x for k, x in zip(names, inputs, strict=True)}
+            new = function(**arguments)
+            changed.extend(self.places[k] for k in new)
+            return [x for v in new.values() for x in (v if isinstance(v, list) else [v])]
+
+        letters = [(k, self.places[k].stop - self.places[k].start) for k in names]
+        return self._record(values, *letters), changed
 
     def _known(self, z: Array, known: dict[str, Array], kind: Any) -> tuple[tuple[Array, ...], dict[str, Array]]:
         """State and constants of a kind of number."""
@@ -107,7 +139,7 @@ class Formulas:
 class Choice(Formulas):
     """Points of pairs for the flow at one state: those with the least sum |x|/radius, by the simplex method.
 
-    kernel(room, z, c, most): most of the pairs.
+    kernel(rooms, z, c, first, last): of lanes.
 
     The tableau has a row for each coordinate of the state; its columns are the flow, the identity, and the candidates,
     fields times the distances of branch points.  Its largest entries are eliminated up to the rank, then those that
@@ -119,15 +151,17 @@ class Choice(Formulas):
         self.begin, self.level = self._record(self._start), self._record(self._level, ("x", 3))
         self.width = (len(self.level[1]) - self.d - 2) // 4  # of a vector
         self.meet = self._record(self._meet, ("v", 8 * self.width), ("x", 4))
+        self.rules = {"judge": self._rule(self._judge)}
         self.heights, self.spectrum = self._record(self._heights), self._record(self._spectrum, ("x", 1))
-        pieces = self.begin, self.level, self.meet, self.heights, self.spectrum
+        pieces = [self.begin, self.level, self.meet, self.heights, self.spectrum]
         self.rows, self.levels = len(self.heights[1]) // 4, len(self.spectrum[1]) - 1
         every = self.pairs.spectrum is None
         self.tried, self.used = (HEIGHTS, self.levels) if every else (2 * HEIGHTS, self.levels // 2)
         self.room = self.rows * self.tried  # of heights
         self.columns = 1 + self.d + self.rows * HEIGHTS * self.used
+        pieces += [piece for piece, _ in self.rules.values()]
         key = "choice", self.tried, *(graph.digest(outputs) for graph, outputs in pieces)
-        self.kernel = kernel(key, 4, lambda f: _Choosing(self, f).write())
+        self.kernel = kernel(key, 5, lambda f: _Choosing(self, f).write())
 
     # -- formulas ------------------------------------------------------------------------------------------
 
@@ -187,25 +221,20 @@ class Choice(Formulas):
         gap = (x[0] - x[2]) * (x[0] - x[2]) + (x[1] - x[3]) * (x[1] - x[3])
         return [gap / algebra.sqrt(slope.re * slope.re + slope.im * slope.im)]
 
+    def _judge(self, size: Any, off: Any, rate: Any, least: Any, rank: Any, heights: Any) -> dict[str, Any]:
+        less, room = algebra.where_less, largest(SPAN * size, ROUNDING * rate)
+        verdict = less(room, off, ELSEWHERE, less(off, np.inf, FINE, ELSEWHERE))
+        verdict = less(rank, 0, less(least, CERTAIN, DEPENDENT, verdict), verdict)
+        return {"verdict": less(0, heights, less(size, np.inf, verdict, BEYOND), BEYOND)}
 
-class _Choosing:
-    """Writes the kernel of a `Choice`."""
 
-    def __init__(self, of: Choice, f: Function):
-        self.of, self.f, self.d = of, f, of.d
-        out, z, c, self.most = f.arguments
-        self.out = f.doubles(out)
-        self.memory = {"z": f.doubles(z), "c": f.doubles(c), "v": f.room(8 * of.width)}
-        self.table, self.list = f.room(self.d * of.columns), f.room(of.room * (2 + of.levels))
-        self.known = f.room(of.levels * (2 + 4 * of.width + self.d))  # levels of a height: mu, left, right, L' q, field
-        self.chosen = f.room(of.columns * 4)  # of the candidates: y, radius, mu
-        self.basis, self.signs = f.room(self.d, INTEGER), f.room(self.d)
-        self.count, self.candidates = f.variables(2, INTEGER)
+class Writing:
+    """The code of a kernel that works on rows of lanes: `out`."""
+
+    def __init__(self, of: Any, f: Function, rooms: Integer):
+        self.of, self.f, self.d, self.out = of, f, of.d, f.doubles(rooms)
         b = f.builder
         self.plus, self.minus, self.times, self.over = b.fadd, b.fsub, b.fmul, b.fdiv
-
-    def piece(self, piece: Piece, *x: Value) -> list[Value]:
-        return self.f.outputs(*piece, lambda letter, i: x[i] if letter == "x" else self.memory[letter][i])
 
     def size(self, x: Value) -> Value:
         return self.f.intrinsic("fabs", x)
@@ -220,9 +249,58 @@ class _Choosing:
         return self.out.value_of(x)
 
     def at(self, name: str) -> int:
-        return self.of.places[name].start
+        start: int = self.of.places[name].start
+        return start
+
+    def integer(self, name: str, place: Any = 0) -> Integer:
+        return Integer(self.f.builder, self.f.builder.fptoui(self.out[place + self.at(name)], INTEGER))
+
+    def apply(self, rule: str) -> None:
+        (graph, outputs), changed = self.of.rules[rule]
+        values = self.f.outputs(graph, outputs, lambda letter, i: self.out[self.at(letter) + i])
+        for place in changed:
+            new, values = values[: place.stop - place.start], values[place.stop - place.start :]
+            self.out.put(new, place.start)
+
+
+class _Choosing(Writing):
+    """Writes the kernel of a `Choice`."""
+
+    def __init__(self, of: Choice, f: Function):
+        rooms, z, c, self.first, self.last = f.arguments
+        super().__init__(of, f, rooms)
+        self.kind = kind_of(WIDTH)  # of vectors of heights
+        self.memory = {"z": f.doubles(z), "c": f.doubles(c), "v": f.room(8 * of.width, self.kind)}
+        self.table, self.list = f.room(self.d * of.columns), f.room(of.room * (2 + of.levels))
+        # levels of heights: mu, left, right, L' q, field
+        self.known = f.room(of.levels * (2 + 4 * of.width + self.d), self.kind)
+        self.chosen = f.room(of.columns * 4)  # of the candidates: y, radius, mu
+        self.basis, self.signs = f.room(self.d, INTEGER), f.room(self.d)
+        self.count, self.candidates, self.most = f.variables(3, INTEGER)
+        f.vectors(WIDTH)
+
+    def piece(self, piece: Piece, *x: Value) -> list[Value]:
+        kind = x[0].type if x else DOUBLE
+
+        def value(letter: str, i: int) -> Value:
+            number = x[i] if letter == "x" else self.memory[letter][i]
+            return self.f.spread(number, kind) if number.type == DOUBLE else number
+
+        graph, outputs = piece
+        return self.f.outputs(graph, outputs, value, kind)
 
     def write(self) -> None:
+        of, rooms, memory = self.of, self.out, dict(self.memory)
+        with self.f.loop(self.first, self.last) as lane:
+            self.out = rooms.beyond(lane * of.size)
+            for letter, size in (("z", self.d), ("c", of.constants)):
+                self.memory[letter] = memory[letter].beyond(lane * size)
+            self.most[0] = of.most
+            with self.f.where(self.less(self.value(-1.0), self.out[self.at("rank")])):
+                self.most[0] = self.integer("rank") // 2
+            self.write_lane()
+
+    def write_lane(self) -> None:
         f, d, out = self.f, self.d, self.out
         start, large = self.piece(self.of.begin), self.value(0.0)
         with f.loop(0, d * (1 + d)) as k:
@@ -244,7 +322,7 @@ class _Choosing:
 
     def find_heights(self) -> None:
         f, stride = self.f, 2 + self.of.levels
-        rows = f.room(4 * self.of.rows)
+        rows, several = f.room(4 * self.of.rows), f.room(WIDTH)
         rows.put(self.piece(self.of.heights))
         with f.loop(0, self.of.rows) as row:
             origin, side, low, high = rows.get(4, row * 4)
@@ -253,13 +331,20 @@ class _Choosing:
                 e[0] = low
                 share = self.value(1 / (self.of.tried - 1))
                 ratio[0] = f.intrinsic("exp", self.times(f.intrinsic("log", self.over(high, low)), share))
-                with f.loop(0, self.of.tried):
-                    y = self.plus(origin, self.times(side, e[0]))
-                    *mu, use = self.piece(self.of.spectrum, y)
-                    with f.where(self.less(self.value(0.0), use)):
-                        self.list.put([y, e[0], *mu], self.count[0] * stride)
-                        self.count[0] = self.count[0] + 1
-                    e[0] = self.times(e[0], ratio[0])
+                with f.loop(0, self.of.tried, WIDTH) as k:
+                    poles = []
+                    for _ in range(WIDTH):
+                        poles.append(e[0])
+                        e[0] = self.times(e[0], ratio[0])
+                    y = [self.plus(origin, self.times(side, pole)) for pole in poles]
+                    several.put(y)
+                    *mu, use = self.piece(self.of.spectrum, several.of(self.kind)[0])
+                    for i in range(WIDTH):
+                        values = [f.builder.extract_element(x, INDEX(i)) for x in (use, *mu)]
+                        useful = self.less(self.value(0.0), values[0])
+                        with f.where(f.builder.and_(useful, (k + i).compared("<", self.of.tried))):
+                            self.list.put([y[i], poles[i], *values[1:]], self.count[0] * stride)
+                            self.count[0] = self.count[0] + 1
 
     def find_candidates(self) -> None:
         f, of, d, memory = self.f, self.of, self.d, self.memory["v"]
@@ -267,36 +352,42 @@ class _Choosing:
         size, w = 2 + 4 * of.width + d, 2 * of.width
         at[0] = 0
         with f.while_(lambda: at[0].compared("<", self.count[0])):
-            here = at[0] * (2 + of.levels)
-            y, pole = self.list.get(2, here)
+            heights = [(at[0] + step * i).least(self.count[0] - 1) for i in range(WIDTH)]
+            rows = Lanes(self.list, heights, 2 + of.levels)
+            y, pole = rows.get(range(2))
             with f.loop(0, of.levels) as k:
-                self.known.put(self.piece(of.level, y, pole, self.list[here + k + 2]), k * size)
+                self.known.put(self.piece(of.level, y, pole, rows[k + 2]), k * size)
             with f.loop(0, of.used) as k:
-                (radius,) = f.variables(1)
+                (radius,) = f.variables(1, self.kind)
                 radius[0] = self.times(pole, pole)
                 first = k * size
                 memory.put(self.known.get(w, first + 2))
                 memory.put(self.known.get(w, first + 2 + w), w)
-                with f.loop(0, of.levels) as other:
+                with f.loop(0, of.levels) as other, f.where(other.compared("!=", k)):
                     second = other * size
                     memory.put(self.known.get(w, second + 2), 2 * w)
                     memory.put(self.known.get(w, second + 2 + w), 3 * w)
                     mus = self.known.get(2, first) + self.known.get(2, second)
                     (square,) = self.piece(of.meet, *mus)
-                    nearer = f.builder.and_(self.less(square, radius[0]), other.compared("!=", k))
-                    radius[0] = f.builder.select(nearer, square, radius[0])
+                    radius[0] = f.builder.select(self.less(square, radius[0]), square, radius[0])
                 distance = f.intrinsic("sqrt", radius[0])
                 fields = self.known.get(d, first + 2 + 4 * of.width)
-                units = self.out.get(d, self.at("units"))
+                units = [f.spread(unit, self.kind) for unit in self.out.get(d, self.at("units"))]
                 column = [self.over(self.times(x, distance), u) for x, u in zip(fields, units, strict=True)]
-                total = self.times(reduce(self.plus, column), self.value(0.0))
-                sound = f.builder.fcmp_ordered("==", total, self.value(0.0))
-                n = self.candidates[0]
-                for i, x in enumerate(column):
-                    self.table[n + (i * of.columns + 1 + d)] = f.builder.select(sound, x, self.value(0.0))
-                self.chosen.put([y, distance, *self.known.get(2, first)], n * 4)
-                self.candidates[0] = n + 1
-            at[0] = at[0] + step
+                zero = constant(self.kind, 0.0)
+                sound = f.builder.fcmp_ordered("==", self.times(reduce(self.plus, column), zero), zero)
+                column = [f.builder.select(sound, x, zero) for x in column]
+                for i in range(WIDTH):
+                    values = [f.builder.extract_element(x, INDEX(i)) for x in (*column, y, distance)]
+                    values += [f.builder.extract_element(x, INDEX(i)) for x in self.known.get(2, first)]
+                    n = self.candidates[0] + k + of.used * i
+                    with f.where((at[0] + step * i).compared("<", self.count[0])):
+                        for j, x in enumerate(values[:d]):
+                            self.table[n + (j * of.columns + 1 + d)] = x
+                        self.chosen.put(values[d:], n * 4)
+            left = (self.count[0] - at[0] + step - 1) // step
+            self.candidates[0] = self.candidates[0] + left.least(WIDTH) * of.used
+            at[0] = at[0] + step * WIDTH
 
     def solve(self) -> None:
         """The basis of the tableau: its candidates, by rows."""
@@ -320,7 +411,7 @@ class _Choosing:
                     with f.where(rank[0].compared("==", 0)):
                         first[0] = best[0]
                     enough = less(self.times(first[0], self.value(RANK)), best[0])
-                    enough = f.builder.and_(enough, rank[0].compared("<", self.most))
+                    enough = f.builder.and_(enough, rank[0].compared("<", self.most[0]))
                     with f.otherwise(enough) as (more, done):
                         with more:
                             last[0], rank[0] = best[0], rank[0] + 1
@@ -377,17 +468,18 @@ class _Choosing:
         f, out, d, most = self.f, self.out, self.d, self.of.most
         (off,), (count,) = f.variables(1), f.variables(1, INTEGER)
         off[0], count[0] = 0.0, 0
+        moving = self.less(self.value(0.0), out[self.at("size")])
         with f.loop(0, d) as i:
             begin = i * self.of.columns
             x = self.table[begin]
             with f.otherwise(self.basis[i].compared("<", 0)) as (left, used):
                 with left:
                     off[0] = self.larger_of(off[0], self.size(x))
-                with used:
+                with used, f.where(moving):
                     y, radius, re, im = self.chosen.get(4, self.basis[i] * 4)
                     k = count[0]
                     out[k + self.at("y")], out[k + self.at("radius")] = y, radius
-                    out.put([self.times(x, radius), self.value(0.0)], k * 2 + self.at("x"))
+                    out[k + self.at("slope")], out[k + self.at("none")] = self.times(x, radius), 0.0
                     out.put([re, im], k * 2 + self.at("mu"))
                     out[k + self.at("close")] = self.times(radius, self.value(CLOSE))
                     for j in range(d):
@@ -398,6 +490,15 @@ class _Choosing:
         out[self.at("count")] = count[0].double()
         with f.loop(count[0], most) as k:
             out[k + self.at("none")] = 1.0
+            for name, size in (("y", 1), ("slope", 1), ("radius", 1), ("close", 1), ("dual", d)):
+                for j in range(size):
+                    out[k + (self.at(name) + most * j)] = 0.0
+        with f.where(count[0].compared("==", 0)):  # the pair of any mu but an eigenvalue is the identity for x = 0
+            y, pole, *mu = out.get(2 + self.of.levels, self.at("first"))
+            high = reduce(self.larger_of, map(self.size, mu))
+            out[self.at("y")] = y
+            out.put([self.value(0.0), self.plus(self.times(high, self.value(2.0)), pole)], self.at("mu"))
+        self.apply("judge")
 
 
 def complex_values(values: Sequence[Any]) -> Array:
