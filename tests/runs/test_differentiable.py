@@ -357,7 +357,7 @@ def test_a_loop_has_the_derivative_of_its_fixed_point() -> None:
 
 
 def test_a_map_whose_eigenvalue_needs_no_search() -> None:
-    """Goryachev-Chaplygin's top by "baecklund": lam depends only on dt, and w is a root in closed form."""
+    """Goryachev-Chaplygin's top by "baecklund": z depends only on dt, and w is a root in closed form."""
     top, M, P, h = kr.GoryachevChaplygin(gamma=0.3), np.array([0.8, 0.5, -0.6]), np.array([0.6, 0.0, 0.8]), 1e-6
     f = kr.differentiable(top, method="baecklund", order=4)
 

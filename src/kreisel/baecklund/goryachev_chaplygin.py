@@ -4,16 +4,17 @@ T(u) = [[A, B], [C, D]] [[k, -1], [-1, 0]], k = u + 2 M_3 + g, with M_+- = M_1 +
 
     A = u^2 - 2 M_3 u - M_+ M_-,  B = u P_- - P_3 M_-,  C = u P_+ - P_3 M_+,  D = -P_3^2
 
-has tr T = t(u) = u^3 + g u^2 - 2 H u - 2 G and det T = |P|^2 u^2.  For a complex l let w be the large root of
-w^2 - t w + |P|^2 u^2 at l, with the eigenvector (1, p), v the small one at l^- = conj l, with (1, l^- + m): then
-T' = (u - X) T (u - X)^-1 for the X with these vectors and the eigenvalues l, l^-.  n = m - p is real, and
+has tr T = t(u) = u^3 + g u^2 - 2 H u - 2 G and det T = |P|^2 u^2.  For a complex l = 1/z let w be the large root of
+w^2 - t w + |P|^2 u^2 at l, with the eigenvector (1, p).  That of the small root at l^- = conj l is (1, l^- + m) with
+m = 2 M_3 + g - p^-, and n = m - p is real.  T' = (u - X) T (u - X)^-1 for the X with these vectors and the eigenvalues
+l, l^-.  With f = p/z, s = 1 + n z, d = (z^- - z)/s^-, h = m M_- - P_3 and U the phase of z^3 w s^-,
 
-    beta = (l + n)/(l^- + n),  M_3' = (2 M_3 + d (m + p - g + d p))/(2 beta),  d = (l - l^-)/(l^- + n),
-    P_+' = beta (P_+ - X_21),  beta M_-' = c (X_11 M_- + X_12 P_3),  P_3' = c (X_21 M_- + X_22 P_3),
+    P_+' = P_+ - d (n f + (f - P_+)/z + z^- (1 - n d) f^2),  M_3' = M_3 + Re d f,
+    M_-' = U (M_- - d^- h),  P_3' = Re U (P_3 + d f (M_- + z^- h)).
 
-where X_11 = l + d p, X_12 = -d, X_21 = d p (l^- + m), X_22 = l^- - d p, and |c l| = 1 with c in the direction of
-w (1 + n/l^-)/(l^3 l^-).  With y^2 = t^2 - 4 |P|^2 u^2 it is the flow over h if Im int_oo^l 2 u du/y = h and
-Im int_oo^l 2 du/y = 0.
+All changes are of order z: the constants of a step are rounded alike each time, so the integrals would drift by as
+many last places a step as these terms have.  With y^2 = t^2 - 4 |P|^2 u^2 the map is the flow over h if
+Im int_oo^l 2 u du/y = h and Im int_oo^l 2 du/y = 0.
 [T: Sklyanin; the map and its conditions are Kreisel's, proved in paper/maps.tex]
 """
 
@@ -26,7 +27,6 @@ from kreisel.record.contract import ExactMap
 
 REACH = 0.5  # of the distance of a branch point, for 1/l
 NODES = 16  # on [0, 1/l]: the error of the integrals is below 5^-32 times a bound of the integrands
-FAR = 2.0**120  # real, beyond all branch points: the identity without rounding errors; its 8th power is a double
 CLOSE, STEPS, ENOUGH = 1e-16, 20, 1e-13  # of Newton's method: a squared change, relative; steps; a miss of the time
 HALF, SHARES = legendre(NODES)
 RULE = np.stack([np.append(1 - HALF, 1 + HALF), np.append(SHARES, SHARES)], -1) / 2
@@ -40,34 +40,32 @@ def integrals(M, P, gamma):
     return H, (z + gamma / 2) * (x * x + y * y) - x * P[..., 2], dot(P, P)
 
 
-def step(M, P, *, gamma, lam_re, lam_im, mu_re, mu_im):
-    (x, y, z), (first, second, P3) = ([V[..., i] for i in range(3)] for V in (axial(M), P))
-    H, G, square = integrals(M, P, gamma)
-    lam, bar, w = complex_number(lam_re, lam_im), complex_number(lam_re, -lam_im), complex_number(mu_re, mu_im)
+def step(M, P, *, gamma, z_re, z_im, w_re, w_im):
+    (x, y, m3), (first, second, P3) = ([V[..., i] for i in range(3)] for V in (axial(M), P))
+    z, bar, w, double = complex_number(z_re, z_im), complex_number(z_re, -z_im), complex_number(w_re, w_im), 2 * m3
     minus, plus, P_minus, P_plus = (complex_number(*v) for v in ((x, -y), (x, y), (first, -second), (first, second)))
-    trace = ((lam + gamma) * lam - 2 * H) * lam - 2 * G
-    w = w - ((w - trace) * w + square * lam * lam) / (2 * w - trace)  # of the very state
-    C = lam * P_plus - P3 * plus
-    p = (C * (lam + 2 * z + gamma) + P3 * P3) / (w + C)
-    A, B = (bar - 2 * z) * bar - x * x - y * y, bar * P_minus - P3 * minus
-    q = 2 * z - (B + conjugate(square * lam * lam / w)) / A  # m - gamma, which may be far smaller than gamma
-    n = parts(q - p)[0] + gamma
-    d = (lam - bar) / (bar + n)
-    beta = 1 + d  # 1 for a real lam, without rounding
-    c = w * (bar + n) / (lam * lam * lam * bar)
-    re, im = parts(c)
-    t = im / (re + sqrt(re * re + im * im))  # tan of half the phase, which is below 2.1 rad; 0 for a real lam
-    c = complex_number((1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)) / bar
-    lower = d * p * (bar + gamma + q)
-    u, v = parts(c * ((lam + d * p) * minus - d * P3) / beta)
-    third = parts((2 * z + d * (q + p + d * p)) / (2 * beta))[0]
-    first, second = parts(beta * (P_plus - lower))
-    last = parts(c * (lower * minus + (bar - d * p) * P3))[0]
-    return hat(np.stack([u, -v, third], -1)), np.stack([first, second, last], -1)
+    u, square = double + (x * x + y * y) * z, z * z
+    A, B, C, k = 1 - z * u, P_minus - z * (P3 * minus), P_plus - z * (P3 * plus), 1 + z * (double + gamma)
+    f = (C * k + square * (P3 * P3)) / (w + square * C)  # by w of the start; Newton's method makes it that of the state
+    slope = z * (2 * A * f + B - C)
+    e = (k * (u * P_plus - P3 * plus) + z * (P3 * P3 - A * f * f) + slope * P_plus) / (A * k - z * slope)
+    f = P_plus + z * e
+    p = z * f
+    n = double + gamma - 2 * parts(p)[0]
+    d = (bar - z) / (1 + n * bar)
+    h, df = (n + p) * minus - P3, d * f
+    re, im = parts((A * k - square * (B + A * f)) * (1 + n * bar))
+    t = im / (re + sqrt(re * re + im * im))  # tan of half the phase of U, which is below 2.1 rad
+    share = 2 * t / (1 + t * t)
+    turn = complex_number(-t * share, share)  # U - 1
+    first, second = parts(P_plus - (n * df + d * e + bar * ((1 - n * d) * (df * f))))
+    last = P3 + parts(turn * P3 + (1 + turn) * (df * (minus + bar * h)))[0]
+    u, v = parts(minus + (turn * minus - (1 + turn) * (conjugate(d) * h)))
+    return hat(np.stack([u, -v, m3 + parts(df)[0]], -1)), np.stack([first, second, last], -1)
 
 
 def point(M, P, *, gamma, dt):
-    """lam = 1/z for a recorded state, in its digits, positive if z is right and not too near a branch point."""
+    """z = 1/lam for a recorded state, in its digits, positive if it is right and not too near a branch point."""
     H, G, length = integrals(M, P, gamma)
     curve = gamma, H, G, sqrt(length)
 
@@ -89,14 +87,14 @@ def point(M, P, *, gamma, dt):
         a, b, c = gamma * R, 2 * (sign * length - H) * R * R, -2 * G * R * R * R
         for room in (1 + b - abs(a + c), 3 - b - abs(a - 3 * c), 1 + a * c - c * c - b):
             sound = where_less(0, room, sound, -1.0)
-    return rounded(1 / z), sound
+    return rounded(z), sound
 
 
-def level(M, P, *, gamma, lam):
-    """The large eigenvalue w at a point."""
+def level(M, P, *, gamma, z):
+    """w z^3, of the large eigenvalue w at a point."""
     H, G, square = integrals(M, P, gamma)
-    half = ((lam + gamma) * lam / 2 - H) * lam - G
-    return half * (1 + sqrt(1 - square * lam * lam / (half * half)))
+    half = (1 + z * (gamma - 2 * z * (H + G * z))) / 2
+    return half * (1 + sqrt(1 - square * (z / half * z) * (z / half * z)))
 
 
 def integrand(x, gamma, H, G, length):
@@ -121,4 +119,4 @@ def newton(z, dt, curve):
     return change, where_less(abs(p), abs(q), abs(q), abs(p))
 
 
-EXACT = ExactMap(point=point, level=level, still=(FAR, FAR**3), step=step)
+EXACT = ExactMap(point=point, level=level, step=step)

@@ -41,13 +41,12 @@ RANK = 1e-10  # relative: fields that depend on others
 MOST_COPIES = 1_000_000
 FINE, DEPENDENT, BEYOND, ELSEWHERE, COPIES, MISSED = range(6)  # verdicts of compiled code on a lane
 BLOCK = 4096  # lanes at once
-BETWEEN_MAPS = 4  # steps between projections of a single map, whose rounding errors in |P|^2 are 3 last places a step
 LIKE = 1e-6  # the orientation is off by 1e-16 over this ratio of two fields
 COMPILED = "kreisel.kernels.exact.pairs"
 NODES = 12  # of Gauss's rule, of a path without solving, and in a time
 RULE = np.polynomial.legendre.leggauss(NODES)
 SHARES, WEIGHTS = [*((1 + RULE[0]) / 2).tolist(), 1.0], (RULE[1] / 2).tolist()
-NUMBERS = ("lam_re", "lam_im", "mu_re", "mu_im")
+NUMBERS, OF_MAP = ("lam_re", "lam_im", "mu_re", "mu_im"), ("z_re", "z_im", "w_re", "w_im")
 
 
 def has_points(model: Model) -> bool:
@@ -144,12 +143,12 @@ def by_map(model: Model, dt: float, oriented: bool, order: int | None = None) ->
             )
         rows = maps(model, x0[:2], dt, order, SHARES[-size:])
         points = rows[..., 1:].reshape(*rows.shape[:-1], size, 4)
-        stages = {name: points[..., i] if oriented else points[..., 0, i] for i, name in enumerate(NUMBERS)}
+        stages = {name: points[..., i] if oriented else points[..., 0, i] for i, name in enumerate(OF_MAP)}
         return {}, stages | ({"span": rows[..., 0]} if oriented else {})
 
     def step(M: Array, P: Array, g: Array, *, span: Array, **constants: Array) -> State:
         def at(node: int) -> State:
-            numbers = {name: constants[name][..., node][()] for name in NUMBERS}
+            numbers = {name: constants[name][..., node][()] for name in OF_MAP}
             return tuple(call(record.step, (M, P), {**constants, **numbers}))
 
         def rate(M: Array, P: Array) -> Array:
@@ -173,23 +172,23 @@ def by_map(model: Model, dt: float, oriented: bool, order: int | None = None) ->
         Steps(step if oriented else record.step),
         observer(model, oriented, conserved=("casimir", "energy", *model.system.integrals)),
         oriented,
-        axes={**model.axes, **dict.fromkeys(NUMBERS, int(oriented)), "span": 0},
+        axes={**model.axes, **dict.fromkeys(OF_MAP, int(oriented)), "span": 0},
         trajectory=trajectory,
-        between=BETWEEN_MAPS,
+        between=ConjugatePairs.between,
         **options,
     )
 
 
 def maps(model: Model, state: State, dt: float, order: int | None, shares: Sequence[float]) -> Array:
-    """The time, and `NUMBERS` for each of some shares of it, of each map of a step (..., maps, 1 + 4 shares).
+    """The time, and `OF_MAP` for each of some shares of it, of each map of a step (..., maps, 1 + 4 shares).
 
     The identity fills shorter lanes.
     """
     find = reused((maps, Identity(model.system), model.n), lambda: _kernels().Points(model))
     batch, z, c = _rows(model, state, parameter_rows(model))
     if order is not None:
-        lam = _real(2j / fractions(dt, order)).reshape(-1, 1, 2).repeat(len(z), 1)
-        points = find(z, c, lam).swapaxes(0, 1).reshape(*batch, len(lam), 4)
+        inverse = _real(fractions(dt, order) / 2j).reshape(-1, 1, 2).repeat(len(z), 1)
+        points = find(z, c, inverse).swapaxes(0, 1).reshape(*batch, len(inverse), 4)
         return np.concatenate([0 * points[..., :1], points], -1)
     copies, sound = np.ones(len(z), int), np.zeros(len(z), bool)
     while not sound.all():
@@ -201,10 +200,9 @@ def maps(model: Model, state: State, dt: float, order: int | None, shares: Seque
         points = find(z, c, np.multiply.outer(shares, dt / copies)[..., None])
         sound = (points[..., 4] > 0).all(0)
         copies[~sound] *= 2
-    lam, mu = cast("ExactMap", model.system.exact_map).still
     used = (np.arange(copies.max()) < copies[:, None])[..., None]
     numbers = np.concatenate([dt / copies[:, None], points[..., :4].swapaxes(0, 1).reshape(len(z), -1)], -1)
-    rows = np.where(used, numbers[:, None], [0.0, *(lam, 0.0, mu, 0.0) * len(shares)])
+    rows = np.where(used, numbers[:, None], [0.0, *(0.0, 0.0, 1.0, 0.0) * len(shares)])
     return rows.reshape(*batch, *rows.shape[1:])
 
 

@@ -366,19 +366,17 @@ class ConjugatePairs:
 
 @dataclass(frozen=True)
 class ExactMap:
-    """A map that is the flow over a time, for constants of the trajectory: the complex values lam and mu.
+    """A map that is the flow over a time, for constants of the trajectory: the complex values z and w.
 
-    For short times h, lam is nearly 2i/h; the logarithm of the map at such a lam is odd in 1/lam.
+    For short times h, z is nearly h/2i; the logarithm of the map at such a z is odd in z.
 
-    point(*state, dt)                          (lam for the flow over dt, positive unless dt is too long), recorded
-    level(*state, lam)                         mu
-    still                                      real lam and mu of the identity, without rounding errors
-    step(*state, lam_re, lam_im, mu_re, mu_im) -> state
+    point(*state, dt)                    (z for the flow over dt, positive unless dt is too long), recorded
+    level(*state, z)                     w
+    step(*state, z_re, z_im, w_re, w_im) -> state: the same for z = 0 and w = 1
     """
 
     point: Function
     level: Function
-    still: tuple[float, float]
     step: Function
 
 

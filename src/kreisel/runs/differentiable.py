@@ -17,7 +17,7 @@ from kreisel.forces.control import require_whole_samples
 from kreisel.kernels.cpu import points as points_of
 from kreisel.method import find, scheme
 from kreisel.method.baecklund import Product
-from kreisel.method.conjugate import NUMBERS, fractions
+from kreisel.method.conjugate import OF_MAP, fractions
 from kreisel.method.driven import zero
 from kreisel.method.observing import COUNT, ORIENTATION, as_matrix, turned, with_orientation
 from kreisel.method.scheme import SPINS, Guard, JaxSteps, Scheme, Steps
@@ -270,16 +270,16 @@ def _of_baecklund(model: Model, made: Scheme) -> Callable[[Parts, Known, Any], t
 
 
 def _of_map(model: Model, made: Scheme) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
-    """lam = 2i/eps and mu of `ExactMap`, with derivatives."""
-    unit = 2j / fractions(1.0, made.options["order"])
+    """z = eps/2i and w of `ExactMap`, with derivatives."""
+    unit = fractions(1.0, made.options["order"]) / 2j
 
     def at(state: Parts, constants: Known, dt: Any) -> tuple[Known, Known]:
         from kreisel.kernels import jax_numbers as by
 
-        lam = unit / by.values(dt)
+        z = unit * by.values(dt)
         given = {k: by.values(v) for k, v in constants.items()}
-        mu = call(cast("ExactMap", model.system.exact_map).level, tuple(map(by.values, state)), {**given, "lam": lam})
-        return {}, dict(zip(NUMBERS, (lam.real, lam.imag, mu.real, mu.imag), strict=True))
+        w = call(cast("ExactMap", model.system.exact_map).level, tuple(map(by.values, state)), {**given, "z": z})
+        return {}, dict(zip(OF_MAP, (z.real, z.imag, w.real, w.imag), strict=True))
 
     return at
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.algebra import act, axial, cross, dot, hat, identity, vec, wedge
+from kreisel.algebra.invariants import stack
 from kreisel.baecklund.goryachev_chaplygin import EXACT
 from kreisel.record.contract import MOVING_SPACE, Parameter, System, named
 
@@ -47,7 +48,11 @@ SYSTEM = System(
     equations="M' = M x Omega + P x e_1,  P' = P x Omega,  Omega = (M_1, M_2, 4 M_3 + gamma)",
     source="Goryachev 1900, Chaplygin 1901; Suris 2001, Introduction",
     space=replace(
-        MOVING_SPACE, name="e*(3), <M, P> = 0", constraints={"<M, P>": lambda M, P: dot(axial(M), P)}, draw=on_leaf
+        MOVING_SPACE,
+        name="e*(3), <M, P> = 0",
+        casimirs=lambda M, P: stack([dot(P, P), dot(axial(M), P)]),  # not its square: without a gradient no projection
+        constraints={"<M, P>": lambda M, P: dot(axial(M), P)},
+        draw=on_leaf,
     ),
     parameters=(Parameter("gamma", "scalar", "the momentum of a rotor along the third axis", None, 0.0),),
     **named(flow, energy, velocity),

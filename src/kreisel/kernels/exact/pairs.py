@@ -340,7 +340,7 @@ class _Solving(Writing):
 
 
 class Points(Formulas):
-    """lam and mu of the one map of a system that is the flow over a time."""
+    """z and w of the one map of a system that is the flow over a time."""
 
     def __init__(self, model: Model):
         super().__init__(model)
@@ -348,20 +348,20 @@ class Points(Formulas):
         letters = {"z": (self.d, False), "c": (self.constants, False)}
         self._kernels = [
             outputs_by_rows(*self._record(function, ("x", count)), {**letters, "x": (count, True)})
-            for count, function in enumerate((self._of_time, self._of_lam), 1)
+            for count, function in enumerate((self._of_time, self._of_point), 1)
         ]
 
     def _of_time(self, z: Array, known: Any, x: Array) -> list[Any]:
         state, constants = self._known(z, known, DoubleDouble)
-        lam, sound = call(self.map.point, state, {**constants, "dt": x[0]})
-        return [*self._of_lam(z, known, algebra.parts(lam)), sound]
+        point, sound = call(self.map.point, state, {**constants, "dt": x[0]})
+        return [*self._of_point(z, known, algebra.parts(point)), sound]
 
-    def _of_lam(self, z: Array, known: Any, x: Any) -> list[Any]:
+    def _of_point(self, z: Array, known: Any, x: Any) -> list[Any]:
         state, constants = self._known(z, known, lambda v: v)
-        return [*x, *algebra.parts(call(self.map.level, state, {**constants, "lam": Complex(*x)}))]
+        return [*x, *algebra.parts(call(self.map.level, state, {**constants, "z": Complex(*x)}))]
 
     def __call__(self, z: Floats, c: Floats, x: Floats) -> Floats:
-        """`NUMBERS` (rows, lanes, 4) of states and parameters (lanes, ...), for lam x (rows, lanes, 2).
+        """`OF_MAP` (rows, lanes, 4) of states and parameters (lanes, ...), for points x (rows, lanes, 2).
 
         For times x (rows, lanes, 1) also whether they are sound: positive if so.
         """
