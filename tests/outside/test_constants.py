@@ -64,6 +64,7 @@ UNITS = {  # text for pint: the SI unit that arguments have, the quantity of ast
     "5 g cm^3": ("kg m^3", 5 * u.g * u.cm**3),
     "5 g cm^4": ("kg m^4", 5 * u.g * u.cm**4),
     "3 mN m s": ("N m s", 3 * u.mN * u.m * u.s),
+    "4 g m^2/s": ("kg m^2/s", 4 * u.g * u.m**2 / u.s),
     "2 N mm": ("N m", 2 * u.N * u.mm),
     "0.1 A m^2": ("A m^2", 0.1 * u.A * u.m**2),
     "30 nT m^3": ("T m^3", 30 * u.nT * u.m**3),

@@ -332,7 +332,7 @@ def test_in_a_vacuum_the_body_is_free() -> None:
     [
         (((1, 2), 1, 1), "semi_axes"),
         (((1, 2, 0), 1, 1), "c must"),
-        (((1, 2, math.nan), 1, 1), "c must"),
+        (((1, 2, math.nan), 1, 1), "must be finite"),
         (((1, 2, 3), -1, 1), "mass"),
         (((1, 2, 3), 1, -1), "fluid_density"),
         (((1, 2, 3), 1, math.inf), "fluid_density"),
