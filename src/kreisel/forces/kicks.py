@@ -192,8 +192,8 @@ def _recorded(
     """The result of a force of values that record the operations, and their tape."""
     tape: list[Any] = []
     more = [(constants[name], axes[name]) for name in force.parameters]
-    given = [traced(tape, *each) for each in (*(there[name] for name in force.arguments), *more)]
-    return _called(force, given), tape
+    values = [traced(tape, *each) for each in (*(there[name] for name in force.arguments), *more)]
+    return _called(force, values), tape
 
 
 def _called(force: Force, numbers: Sequence[Any]) -> Any:

@@ -216,7 +216,7 @@ class _Solving(Writing):
     """Writes the kernel of `Paths`."""
 
     def __init__(self, of: Paths, f: Function):
-        rooms, z, c, rows, self.first, self.beyond, self.given = f.arguments
+        rooms, z, c, rows, self.first, self.beyond, self.wide = f.arguments
         super().__init__(of, f, rooms)
         self.kind, sums = kind_of(WIDTH), 2 * (of.d + of.turns)
         self.rows, self.z, self.c = map(f.doubles, (rows, z, c))
@@ -242,7 +242,7 @@ class _Solving(Writing):
 
     def write(self) -> None:
         f, of, rooms = self.f, self.of, self.out
-        solved = self.given.compared("==", SOLVED)
+        solved = self.wide.compared("==", SOLVED)
         with f.loop(self.first, self.beyond) as lane:
             self.out = rooms.beyond(lane * of.size)
             self.memory |= {"z": self.z.beyond(lane * of.d), "c": self.c.beyond(lane * of.constants)}
@@ -252,7 +252,7 @@ class _Solving(Writing):
                     with trials:
                         self.apply("begin")
                     with paths:
-                        for name, x in {"narrow": 0.0, "last": self.given.double(), "going": 1.0, "more": 1.0}.items():
+                        for name, x in {"narrow": 0.0, "last": self.wide.double(), "going": 1.0, "more": 1.0}.items():
                             self.out[self.at(name)] = x
                 with f.while_(lambda: self.flag("going")):
                     with f.where(f.builder.not_(self.flag("more"))):

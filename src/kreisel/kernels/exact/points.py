@@ -273,7 +273,7 @@ class _Choosing(Writing):
         self.memory = {"z": f.doubles(z), "c": f.doubles(c), "v": f.room(8 * of.width, self.kind)}
         self.table, self.list = f.room(self.d * of.columns), f.room(of.room * (2 + of.levels))
         # levels of heights: mu, left, right, L' q, field
-        self.known = f.room(of.levels * (2 + 4 * of.width + self.d), self.kind)
+        self.branches = f.room(of.levels * (2 + 4 * of.width + self.d), self.kind)
         self.chosen = f.room(of.columns * 4)  # of the candidates: y, radius, mu
         self.basis, self.signs = f.room(self.d, INTEGER), f.room(self.d)
         self.count, self.candidates, self.most = f.variables(3, INTEGER)
@@ -356,22 +356,22 @@ class _Choosing(Writing):
             rows = Lanes(self.list, heights, 2 + of.levels)
             y, pole = rows.get(range(2))
             with f.loop(0, of.levels) as k:
-                self.known.put(self.piece(of.level, y, pole, rows[k + 2]), k * size)
+                self.branches.put(self.piece(of.level, y, pole, rows[k + 2]), k * size)
             with f.loop(0, of.used) as k:
                 (radius,) = f.variables(1, self.kind)
                 radius[0] = self.times(pole, pole)
                 first = k * size
-                memory.put(self.known.get(w, first + 2))
-                memory.put(self.known.get(w, first + 2 + w), w)
+                memory.put(self.branches.get(w, first + 2))
+                memory.put(self.branches.get(w, first + 2 + w), w)
                 with f.loop(0, of.levels) as other, f.where(other.compared("!=", k)):
                     second = other * size
-                    memory.put(self.known.get(w, second + 2), 2 * w)
-                    memory.put(self.known.get(w, second + 2 + w), 3 * w)
-                    mus = self.known.get(2, first) + self.known.get(2, second)
+                    memory.put(self.branches.get(w, second + 2), 2 * w)
+                    memory.put(self.branches.get(w, second + 2 + w), 3 * w)
+                    mus = self.branches.get(2, first) + self.branches.get(2, second)
                     (square,) = self.piece(of.meet, *mus)
                     radius[0] = f.builder.select(self.less(square, radius[0]), square, radius[0])
                 distance = f.intrinsic("sqrt", radius[0])
-                fields = self.known.get(d, first + 2 + 4 * of.width)
+                fields = self.branches.get(d, first + 2 + 4 * of.width)
                 units = [f.spread(unit, self.kind) for unit in self.out.get(d, self.at("units"))]
                 column = [self.over(self.times(x, distance), u) for x, u in zip(fields, units, strict=True)]
                 zero = constant(self.kind, 0.0)
@@ -379,7 +379,7 @@ class _Choosing(Writing):
                 column = [f.builder.select(sound, x, zero) for x in column]
                 for i in range(WIDTH):
                     values = [f.builder.extract_element(x, INDEX(i)) for x in (*column, y, distance)]
-                    values += [f.builder.extract_element(x, INDEX(i)) for x in self.known.get(2, first)]
+                    values += [f.builder.extract_element(x, INDEX(i)) for x in self.branches.get(2, first)]
                     n = self.candidates[0] + k + of.used * i
                     with f.where((at[0] + step * i).compared("<", self.count[0])):
                         for j, x in enumerate(values[:d]):
