@@ -71,7 +71,7 @@ def says_lanes(value: Any) -> bool:
 
 
 def is_vector(value: Any, n: int) -> bool:
-    """Whether the last axis of a value may be the n entries of a vector: n scalars of n lanes name their axis."""
+    """Whether the last axis of a value can have the n entries of a vector, not n lanes with a named dimension."""
     return shape_of(value)[-1:] == (n,) and getattr(value, "dims", ()) != ("lane",)
 
 
