@@ -52,6 +52,15 @@ def test_every_link_of_the_readme_leads_somewhere() -> None:
         assert (ROOT / link).exists(), link
 
 
+def test_every_file_that_contributors_read_of_is_there() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    names = set(re.findall(r"`((?:\w+/)+\w+\.\w+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL)))
+    assert len(names) > 15
+    roots = (ROOT, ROOT / "src" / "kreisel")
+    missing = {name for name in names if not any((root / name).is_file() for root in roots)}
+    assert missing <= {"docs/generated/done.json"}, missing  # made by `make docs`
+
+
 def test_the_readme_is_short() -> None:
     assert len(README.read_text(encoding="utf-8").splitlines()) <= 130
 
