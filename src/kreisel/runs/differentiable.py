@@ -389,7 +389,8 @@ def _rows(
         out = {k: by.values(algebra.KINDS[kind].for_user(v)) for (k, kind), v in zip(shown, x, strict=True)}
         if made.guard is None:
             return out
-        return {k: by.jnp.where(row[-1] <= made.guard.limit, v, by.jnp.nan) for k, v in out.items()}
+        valid = by.jnp.where(row[-1] <= made.guard.limit, 1.0, by.jnp.nan)  # a factor: derivatives are NaN as well
+        return {k: valid * v for k, v in out.items()}
 
     out = by.jax.vmap(shown_row)(flat)
     if not any(by.is_traced(v) for v in out.values()) and not all(np.isfinite(v).all() for v in out.values()):
