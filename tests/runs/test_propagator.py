@@ -72,7 +72,14 @@ def test_steps_are_those_of_a_run(name: str, n: int, method: str, order: int | N
         assert rows[letter].shape == run[letter].shape
         assert (rows[letter] == run[letter].values).all(), letter
     last = p.steps(start, 250)
-    assert all((last[k] == rows[k][-1]).all() for k in p.letters)
+    if (name, method) == ("lagrange-top", "exact"):  # as by `at`: other arithmetic than that of rows
+        assert all(abs(last[k] - p.at(start, 250 * dt)[k]).max() < 1e-15 for k in p.letters)
+        differences = {
+            k: min(abs(last[k] - s * rows[k][-1]).max() for s in ((1, -1) if k == "g" else (1,))) for k in p.letters
+        }
+        assert max(differences.values()) < 1e-14
+    else:
+        assert all((last[k] == rows[k][-1]).all() for k in p.letters)
     x0 = p.steps(start, 1, every=1)  # the start as it comes back, as numbers
     if n == 3:
         x = np.concatenate([x0[k][0] for k in p.letters])

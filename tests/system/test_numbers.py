@@ -9,6 +9,7 @@ import pytest
 
 from kreisel import algebra
 from kreisel.algebra import act, invariants
+from kreisel.graph.graph import Graph, evaluated
 from kreisel.lab import exact
 from kreisel.lab.exact import fraction
 from kreisel.record.calling import call, keywords
@@ -59,6 +60,27 @@ def test_kinds_of_number_agree(name: str, n: int) -> None:
             new = call(function, tuple(parts), {**converted, "eps": step_eps})
         for got, want in zip(new, reference, strict=True):
             assert np.allclose(np.asarray(got).astype(complex), want, rtol=1e-12, atol=1e-13), (kind, system.name)
+
+
+@pytest.mark.parametrize("n", [3, 4])
+def test_a_longest_step_of_recorded_values_is_not_longer(n: int) -> None:
+    """It is the one of the definition, or below by a bound that some state nearly attains."""
+    for name, system in REGISTRY.items():
+        if system.map is None or system.map.largest_step is None or system.n not in (None, n):
+            continue
+        shares, kinds = [], system.space.kinds
+        for seed in range(6):
+            draw = exact.float_random(np.random.default_rng([seed, n]))
+            model, state = exact.random_model(system, n, draw), system.space.point(n, draw)
+            z, graph = algebra.flatten(state, kinds), Graph()
+            recorded = algebra.restore(graph.inputs("z", len(z)), kinds, n)
+            with np.errstate(divide="ignore"):
+                bound = model.call(system.map.largest_step, *recorded)
+            (bound,) = evaluated(graph, [np.asarray(bound, object).item()], lambda _, i, z=z: float(z[i]))
+            largest = model.largest_step(*state)
+            shares.append(1.0 if bound == largest else bound / largest)
+        assert max(shares) < 1 + 1e-12, name
+        assert max(shares) > 0.5, name
 
 
 def test_single_precision_stays_single() -> None:

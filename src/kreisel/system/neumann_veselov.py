@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.algebra import dot, identity, sqrt, vec, wedge
+from kreisel.algebra import dot, holds_objects, identity, sqrt, vec, wedge
 from kreisel.algebra.matrices import diagonal
 from kreisel.record.contract import Map, Relation, named
 from kreisel.system import neumann
@@ -74,8 +74,11 @@ def conjugator(x, q, *, b, lam, eps):  # J + l x x1^T
 def largest_step(x, q, *, b):
     """The eps at which 1 - eps^2 B or <x1, J^-1 x>^2 vanishes first, eps^2 being 1/u for an eigenvalue u.
 
-    <x1, J^-1 x>^2 = -det [[1 - eps^2 B, x, eps^2 q], [x^T, 0, 0], [q^T, 0, 1]] / det(1 - eps^2 B).
+    <x1, J^-1 x>^2 = -det [[1 - eps^2 B, x, eps^2 q], [x^T, 0, 0], [q^T, 0, 1]] / det(1 - eps^2 B).  It is at least
+    <y, y> - eps^2 <y, y> <u, u> with <u, u> <= <q, q>/(1 - eps^2 max b): for recorded values that bound decides.
     """
+    if holds_objects(q):
+        return 1 / sqrt(np.maximum(b.max(-1), 0) + dot(q, q))
     x, q, b = (np.asarray(v, dtype=np.float64) for v in (x, q, b))
     n, lead = x.shape[-1], np.broadcast_shapes(x.shape[:-1], b.shape[:-1])
     A, slope = np.zeros((*lead, n + 2, n + 2)), np.zeros((*lead, n + 2, n + 2))

@@ -13,7 +13,21 @@ Conclusions; the map was made here]
 
 import numpy as np
 
-from kreisel.algebra import KINDS, bracket, dot, hat, identity, mat, pairing, skew, solve, vec, wedge
+from kreisel.algebra import (
+    KINDS,
+    bracket,
+    dot,
+    hat,
+    holds_objects,
+    identity,
+    mat,
+    pairing,
+    skew,
+    solve,
+    sqrt,
+    vec,
+    wedge,
+)
 from kreisel.algebra.cayley import cayley, cayley_conjugate
 from kreisel.algebra.invariants import trace_of_product
 from kreisel.algebra.skew import axial, coordinates, cross
@@ -110,8 +124,12 @@ def factors(M, G, *, X, C, h, spins, lam, eps):
 
 
 def largest_step(M, G, *, X, h):
-    """det(1 + (k eps/2) chi G) stays positive as G rotates, by its largest singular value, for smaller |eps|."""
-    return 2 / np.sqrt(h * np.sqrt(pairing(X, X)) * np.linalg.norm(G, 2, axis=(-2, -1)))
+    """det(1 + (k eps/2) chi G) stays positive as G rotates, by its largest singular value, for smaller |eps|.
+
+    For recorded values by <G, G>^(1/2), which is not less.
+    """
+    size = sqrt(pairing(G, G)) if holds_objects(G) else np.linalg.norm(G, 2, axis=(-2, -1))
+    return 2 / sqrt(h * np.sqrt(pairing(X, X)) * size)
 
 
 MAP = kicked_map(kick, turn, **named(generator, pencil, factors, largest_step), source="Kreisel")

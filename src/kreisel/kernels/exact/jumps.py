@@ -240,7 +240,7 @@ class Leap(NamedTuple):
     """Memory of a jump of one state, and the link that makes it.
 
     z      the state (1, d) at time 0
-    row    the state (1, 1, d) at `time` (1,)
+    row    the state (1, 1, d) at the product of `time` (2,)
     error  (1,), at most TOLERANCE if the row is right
     """
 
@@ -272,9 +272,9 @@ class Jumps:
 
     def single(self, d: int) -> Leap:
         """A jump of one state of d scalars."""
-        room = np.ones(3 + 2 * d)  # the first is the unit of time
+        room = np.ones(3 + 2 * d)
         link = self._jump, (room, self._constants, 0, 1, 1, 1)
-        return Leap(room[2 : 2 + d].reshape(1, d), room[2 + d : -1].reshape(1, 1, d), room[1:2], room[-1:], link)
+        return Leap(room[2 : 2 + d].reshape(1, d), room[2 + d : -1].reshape(1, 1, d), room[:2], room[-1:], link)
 
     def at(self, z: Floats, times: Floats, unit: float = 1.0) -> tuple[Floats, Array]:
         """The states (times, lanes, d) from z (lanes, d) at time 0, and which of them are right (times, lanes).

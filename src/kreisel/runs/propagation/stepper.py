@@ -95,6 +95,9 @@ class Stepper:
         back, ahead = self._back, self._out
         if parameters and self.scheme.corrector is not None:
             back, ahead = corrections(replace(self.scheme, constants={**self.scheme.constants, **parameters}))
+        jumped = None if every else self._jumped(z, np.array([count], np.float64), self.dt)
+        if jumped is not None and is_finite(jumped):
+            return self.forms.observed(jumped)[0]
         rows = self._rows(back(z[None])[0], count, every or count, self.scheme, parameters)
         return self.forms.observed(ahead(rows)) if every else self.forms.observed(ahead(rows[1:]))[0]
 
@@ -106,6 +109,9 @@ class Stepper:
         None if only `steps` can tell them, and for work of several threads.
         """
         lanes = len(x) if x.ndim > 1 else 1
+        if self._rooms is not None and lanes == 1 and time is None:
+            y = self.at_once(x, count, self.dt)
+            return y if y is None or x.ndim == 1 else y[None]
         if self._courses is None or self.timed != (time is not None) or (lanes > 1 and lanes * count >= LEAST_WORK):
             return None
         if self._tabled and time is not None:
@@ -263,7 +269,7 @@ class Stepper:
             raise RunError(f"The state is not finite{where}: its powers leave the range of doubles. Use other units.")
         return self.forms.observed(rows)
 
-    def at_once(self, x: Floats, time: float) -> Floats | None:
+    def at_once(self, x: Floats, time: float, unit: float = 1.0) -> Floats | None:
         """The state (entries,) at a time from x (size,) at time 0, by one call; None if only `at` can tell it."""
         if self._rooms is None:
             return None
@@ -279,19 +285,24 @@ class Stepper:
             chain = Chain([rows[0].link(x0, leap.z[None]), leap.link, rows[1].link(leap.row, y0)], [x0, leap.row])
             room = Room(chain, x0.ravel(), leap.time, y0.ravel(), leap.error)
         chain, entries, when, y, error = room
-        entries[...], when[0] = x, time
+        entries[...], when[...] = x, (unit, time)
         chain.call()
         right = math.isfinite(chain.total.value) and error[0] <= TOLERANCE
         out = y.copy() if right else None
         self._rooms.append(room)
         return out
 
+    def _jumped(self, z: Floats, times: Floats, unit: float = 1.0) -> Floats | None:
+        """Rows (times, lanes, d) by compiled jumps, at times in a unit; None if not all are accurate."""
+        if not self._jumping or len(times) > FEW:
+            return None
+        out, right = self._jumps_of(len(z)).at(z, times, unit)
+        return out if right.all() else None
+
     def states(self, z: Floats, times: Floats) -> Floats:
         """Rows (times, lanes, d): by compiled jumps if all are accurate, else by orbits set up for this state."""
-        out, right = None, np.array(False)
-        if self._jumping and len(times) <= FEW:
-            out, right = self._jumps_of(len(z)).at(z, times)
-        if out is None or not right.all():
+        out = self._jumped(z, times)
+        if out is None:
             from kreisel.kernels.exact.engine import ClosedForm
 
             with np.errstate(over="ignore"):
@@ -362,7 +373,10 @@ def _unfolded(scheme: Scheme, parameters: tuple[str, ...]) -> Scheme:
 
 
 class Room(NamedTuple):
-    """A compiled jump of one state, by `chain`, from the entries x to y at a time; right if the error is small."""
+    """A compiled jump of one state, by `chain`, from the entries x to y; right if the error is small.
+
+    time  its unit, and in that unit
+    """
 
     chain: Chain
     x: Floats
