@@ -135,6 +135,25 @@ def test_a_table_must_cover_the_run() -> None:
     kr.simulate(by_tables(hold=True), START, **{**RUN, "steps": 300})
 
 
+def test_a_run_to_the_last_time_of_a_table() -> None:
+    """Three steps of 0.1 end an ulp behind 0.3.  A ball has M' = tau; times that JAX traces give NaN outside."""
+    jax = pytest.importorskip("jax")
+    from kreisel.reduction import double
+
+    table = kr.Table([0.0, 0.1, 0.2, 0.3], np.outer([0.0, 0.1, 0.2, 0.3], [1.0, 0.0, 0.0]))
+    ball = kr.perturbed(kr.EulerTop(J=(1, 1, 1)), torque=lambda t, *, load: load(t), params={"load": table})
+    still = {"M": np.zeros(3)}
+    assert 3 * 0.1 > 0.3
+    assert kr.simulate(ball, still, dt=0.1, steps=3).M.values[-1] == pytest.approx([0.045, 0, 0], abs=1e-15)
+    motion = kr.differentiable(ball)
+    with double():
+        first = jax.value_and_grad(lambda t: motion(still, dt=0.1, steps=1, time=t)["M"][0])
+        assert np.allclose(first(0.2), (0.025, 0.1), rtol=1e-12)  # of t^2/2, from time to time + 0.1
+        assert np.isnan(first(0.21)).all() and np.isnan(first(-0.01)).all()
+    with pytest.raises(kr.InputError, match=r"for all times of the run, 0 to 0\.4"):
+        kr.simulate(ball, still, dt=0.1, steps=4)
+
+
 def test_a_body_in_si() -> None:
     """A measured torque about the axis of a symmetric wheel, whose unit of time is not 1 s: M = integral of it."""
     wheel = kr.physical.FreeBody((2.0, 2.0, 4.0), time_unit=0.1, torque=pushed_about, params={"motor": MOTOR})

@@ -344,6 +344,34 @@ def test_derivatives_go_through_samples():
             motion(first, dt=0.7, steps=2)
 
 
+def test_a_motion_in_jax_is_sampled_once_in_each_interval() -> None:
+    """A brake held for a second, by the steps of seven stages of the default order; a missed sample is an error."""
+    import jax
+
+    from kreisel.physical import FreeBody
+    from kreisel.reduction import double
+
+    moments, L = np.array([0.03, 0.05, 0.07]), np.array([0.03, 0.1, 0.007])
+    control = kr.Control(lambda rates, *, gain: {"torque": -gain * rates}, every=1.0, parameters={"gain": 0.02})
+    motion = kr.differentiable(body := FreeBody(moments, control=control))
+    start = body.state(L / moments)
+    for _ in range(2):
+        torque = -0.02 * L / moments
+        rate = lambda t, L, torque=torque: np.cross(L, L / moments) + torque  # noqa: E731
+        L = solve_ivp(rate, (0, 1), L, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+    assert np.asarray(motion(start, dt=0.25, steps=8)["momentum"]) == pytest.approx(L, abs=3e-8)
+    with pytest.raises(kr.InputError, match="a multiple of dt"):
+        motion(start, dt=0.25, steps=8, time=0.1)
+    with double():
+        at = jax.jit(lambda dt, time: motion(start, dt=dt, steps=8, time=time)["momentum"])
+        assert np.asarray(at(0.25, 0.0)) == pytest.approx(L, abs=3e-8)
+        assert np.isnan(at(0.3, 0.0)).all() and np.isnan(at(0.25, 0.1)).all()
+        with pytest.raises(kr.InputError, match="float32"):
+            motion({"momentum": np.float32(L), "attitude": np.eye(4)[0]}, dt=0.25, steps=8)
+    with pytest.raises(kr.InputError, match="float32"):
+        at(0.25, 0.0)
+
+
 def test_the_field_at_the_end_of_a_table_of_positions() -> None:
     """Positions of a high orbit to 100 m, 10 s apart, which windows of 600 s miss by 40 nT or more at their ends."""
     high = Orbit.circular("36000 km", epoch="2026-03-20T14:46:00")

@@ -75,6 +75,14 @@ def test_rows_are_those_of_a_run() -> None:
     assert np.allclose(many["a"][0], run.a[-1], rtol=0, atol=1e-13)
 
 
+def test_a_batch_may_be_empty() -> None:
+    f = kr.differentiable(TOP, method="suris", order=1)
+    with red.double():
+        for derivative in (lambda f: f, jax.jacfwd, jax.jacrev):
+            one = derivative(lambda s: f({**START, "m": s}, dt=0.1, steps=4)["a"])
+            assert jax.vmap(one)(jnp.zeros((0, 3))).shape == (0, *one(jnp.ones(3)).shape)
+
+
 def along(f: Any, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     """The derivative by differences of order 4."""
     h = 1e-3

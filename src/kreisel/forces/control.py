@@ -44,6 +44,7 @@ SENSORS = {"rates": (3,), "attitude": (4,), "time": (), WHEELS: (-1,), **{k: f.s
 COMMANDS = {"dipole": "A m^2", "torque": "N m", WHEEL_TORQUE: "N m", "impulse": "N m s"}
 
 WHOLE_SAMPLES = 1e-9  # relative
+ROUNDING = 1e-12  # of a start in steps
 
 State = tuple[Array, ...]
 
@@ -85,17 +86,27 @@ def require_whole_samples(model: Model, dt: float, start: float = 0.0) -> None:
         return
     every, dt = control.every * control.time, dt * control.time
     steps, count = every / dt, start * control.time / dt
-    if round(steps) < 1 or abs(steps - round(steps)) > WHOLE_SAMPLES * steps:
+    if _is_fraction(steps):
         raise InputError(
             f"dt: expected a step that divides the time between two samples of the controller, every = {every:g} s, "
             f"got dt = {dt:g} s. Usual cause: a t_end that is not a multiple of dt, for which steps are a little "
             f"shorter. Use dt = {every / max(1, round(steps)):g} s."
         )
-    if abs(count - round(count)) > WHOLE_SAMPLES * max(1.0, abs(count)):
+    if _is_fraction(count):
         raise InputError(
             f"t_start: expected a multiple of dt = {dt:g} s, at which the controller is sampled, got "
             f"{start * control.time:g}."
         )
+
+
+def samples_missed(model: Model, dt: Any, start: Any) -> Any:
+    """Whether `require_whole_samples` refuses these steps; values may be arrays of JAX."""
+    control = _sampler(model)
+    return False if control is None else _is_fraction(control.every / dt) | _is_fraction(start / dt)
+
+
+def _is_fraction(x: Any) -> Any:
+    return abs(x - round(x)) > WHOLE_SAMPLES * abs(x) + ROUNDING
 
 
 def require_no_sample(model: Model, time: float, end: float) -> None:

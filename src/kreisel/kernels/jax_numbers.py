@@ -197,7 +197,7 @@ def orbit(
 
 
 def _named(letter: str, known: Mapping[str, Any], fold: bool = True) -> tuple[dict[str, Any], list[Any]]:
-    """Inputs of a graph in place of entries, and the entries; 0, 1, -1 stay if they may `fold`, and other kinds."""
+    """Inputs of a graph in place of entries, and the entries; 0, 1, -1 and other kinds stay if they may `fold`."""
     names: dict[str, Any] = {}
     result: list[Any] = []
     graph = Graph()
@@ -210,7 +210,7 @@ def _named(letter: str, known: Mapping[str, Any], fold: bool = True) -> tuple[di
 
     for key, value in known.items():
         entries = _entries(value)
-        numeric = entries.dtype.kind in "fO"
+        numeric = not fold or entries.dtype.kind in "fO"
         names[key] = array_of([*map(named, entries.flat)]).reshape(entries.shape) if numeric else value
     return names, result
 

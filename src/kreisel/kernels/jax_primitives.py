@@ -273,8 +273,10 @@ def _batched(own: Any, lanes: int) -> Callable[..., Any]:
             return many.reshape((*many.shape[:to], size * many.shape[to + 1], *many.shape[to + 2 :]))
 
         given = [merged(x, p) if i in chosen else x for i, (x, p) in enumerate(zip(args, places, strict=True))]
+        first, place = args[chosen[0]], places[chosen[0]]
+        width = first.shape[to if place is None or place > to else to + 1]
         out = own.bind(*given, **constants)
-        return [v.reshape((*v.shape[:to], size, v.shape[to] // size, *v.shape[to + 1 :])) for v in out], [to] * len(out)
+        return [v.reshape((*v.shape[:to], size, width, *v.shape[to + 1 :])) for v in out], [to] * len(out)
 
     return rule
 

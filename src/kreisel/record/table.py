@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 HEAD = 4  # entries of `packed` before the times: times, columns (0 for scalars), derivatives, whether it holds its ends
 EVEN = 1e-9  # relative: differences of equally spaced times
+ROUNDING = 1e-14  # relative: of the ends of a run
 KINDS = ("spline", "pchip")
 EMPTY = np.zeros(HEAD)  # no table: 0 everywhere
 
@@ -318,15 +319,24 @@ def require_none(model: Model, label: str) -> None:
             )
 
 
-def require_within(model: Model, begin: float, end: float) -> None:
-    """Raises `InputError` for a table that does not hold its ends and starts or ends within a time."""
+def tables_exceeded(model: Model, begin: Any, end: Any) -> Iterator[tuple[str, Array, float, Any]]:
+    """Of tables that do not hold their ends: the name, the times, their unit over t, whether a run exceeds them.
+
+    The run lasts from `begin` to `end`, which may be arrays of JAX.  Its rounding errors do not count.
+    """
     for name, packed, unit in tables_of_time(model):
         for one in packed.reshape(-1, packed.shape[-1]):
-            t = _parts(one)[0]
-            first, last = begin * unit, end * unit
-            if not one[3] and (first < t[0] or last > t[-1]):
-                more = "a longer span of the orbit" if name == "path" else "more times"
-                raise InputError(
-                    f"{name}: expected a table for all times of the run, {first:g} to {last:g}, got one from {t[0]:g} "
-                    f"to {t[-1]:g}. Use a shorter run, {more}, or kr.Table(..., hold=True), which keeps its ends."
-                )
+            t, slack = _parts(one)[0], ROUNDING * (abs(begin) + abs(end))
+            if not one[3]:
+                yield name, t, unit, ((begin + slack) * unit < t[0]) | ((end - slack) * unit > t[-1])
+
+
+def require_within(model: Model, begin: float, end: float) -> None:
+    """Raises `InputError` for a table that does not hold its ends and starts or ends within a time."""
+    for name, t, unit, exceeded in tables_exceeded(model, begin, end):
+        if exceeded:
+            more = "a longer span of the orbit" if name == "path" else "more times"
+            raise InputError(
+                f"{name}: expected a table for all times of the run, {begin * unit:g} to {end * unit:g}, got one from "
+                f"{t[0]:g} to {t[-1]:g}. Use a shorter run, {more}, or kr.Table(..., hold=True), which keeps its ends."
+            )

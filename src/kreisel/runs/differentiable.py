@@ -13,7 +13,7 @@ import numpy as np
 from kreisel import algebra
 from kreisel.algebra import Array
 from kreisel.errors import InputError, RunError, explained, hint, shown
-from kreisel.forces.control import require_whole_samples
+from kreisel.forces.control import require_whole_samples, samples_missed
 from kreisel.kernels.cpu import points as points_of
 from kreisel.method import find, scheme
 from kreisel.method.baecklund import Product
@@ -27,7 +27,7 @@ from kreisel.record.body import Body, as_body
 from kreisel.record.calling import call
 from kreisel.record.contract import ExactMap, Frame
 from kreisel.record.model import Model, State
-from kreisel.record.table import require_within
+from kreisel.record.table import require_within, tables_exceeded
 from kreisel.runs.geometry import model_for
 from kreisel.runs.in_si import in_state_form, matrix_of, oriented
 from kreisel.runs.run_record import RunRecord
@@ -110,11 +110,14 @@ def differentiable(
         step = step_with(bool(parameters))
         with double():
             require_double(dt, time, *state.values(), *parameters.values())
-            if not by.is_traced(dt):
-                require_whole_samples(model, float(dt))
-                if not by.is_traced(time):
-                    require_within(model, float(time), float(time) + float(dt) * count)
             start = _given(by, model, state, oriented, begin)
+            if by.is_traced(dt) or by.is_traced(time):
+                lost = [beyond for *_, beyond in tables_exceeded(model, time, time + dt * count)]
+                valid = by.mixed(by.jnp.where(sum(lost, samples_missed(model, dt, time)), by.jnp.nan, 1.0))
+                start = tuple(valid * x for x in start)
+            else:
+                require_whole_samples(model, float(dt), float(time))
+                require_within(model, float(time), float(time) + float(dt) * count)
             rows = _rows(by, model, step, start, dt, time, count // between, between, parameters)
             return {k: v if every is not None else v[-1] for k, v in rows.items()}
 
@@ -418,18 +421,24 @@ def _of_body(body: Body, method: Any, order: Any, orientation: Any) -> Callable[
         return out
 
     @explained
-    def in_si(state: Mapping[str, Any], *, dt: Any, time: Any = 0.0, **others: Any) -> dict[str, Array]:
-        from kreisel.reduction.double import double
+    def in_si(
+        state: Mapping[str, Any], *, dt: Any, steps: int, every: int | None = None, time: Any = 0.0, **others: Any
+    ) -> dict[str, Array]:
+        from kreisel.kernels import jax_numbers as by
+        from kreisel.reduction.double import double, require_double
 
         unit = frame.time_unit
         with double():
+            require_double(dt, time)
             if isinstance(state, State):
                 start = {**state.axial, **({} if orientation is False else {ORIENTATION: state.orientation})}
             else:
-                start = changed(state, False)
+                start = changed({name: by.array(value, name) for name, value in state.items()}, False)
+            others = {name: by.array(value, name) for name, value in others.items()}
             others = {name: value @ frame.axes if name in along else value for name, value in others.items()}
             others = body._scaled(others)
-            return changed(motion(start, dt=dt / unit, time=time / unit, **others), True)
+            rows = motion(start, dt=dt / unit, steps=steps, every=every, time=time / unit, **others)
+            return changed(rows, True)
 
     return in_si
 
