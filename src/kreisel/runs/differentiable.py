@@ -110,14 +110,7 @@ def differentiable(
         step = step_with(bool(parameters))
         with double():
             require_double(dt, time, *state.values(), *parameters.values())
-            start = _given(by, model, state, oriented, begin)
-            if by.is_traced(dt) or by.is_traced(time):
-                lost = [beyond for *_, beyond in tables_exceeded(model, time, time + dt * count)]
-                valid = by.mixed(by.jnp.where(sum(lost, samples_missed(model, dt, time)), by.jnp.nan, 1.0))
-                start = tuple(valid * x for x in start)
-            else:
-                require_whole_samples(model, float(dt), float(time))
-                require_within(model, float(time), float(time) + float(dt) * count)
+            start = _at_times(by, model, _given(by, model, state, oriented, begin), dt, time, count)
             rows = _rows(by, model, step, start, dt, time, count // between, between, parameters)
             return {k: v if every is not None else v[-1] for k, v in rows.items()}
 
@@ -351,6 +344,18 @@ def _given(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, begi
             raise InputError(f"{letter}: expected the shape {wanted}, got {x.shape}.{fix}")
         out.append(algebra.KINDS[kind].from_user(by.numbers(x), model.n))
     return tuple(out)
+
+
+def _at_times(by: Any, model: Model, start: Parts, dt: Any, time: Any, steps: int) -> Parts:
+    """The start of steps that tables and controllers allow, else NaN if JAX traces a time, or an `InputError`."""
+    end = time + dt * steps
+    if by.is_traced(end):
+        lost = [exceeded for *_, exceeded in tables_exceeded(model, time, end)]
+        valid = by.mixed(by.jnp.where(sum(lost, samples_missed(model, dt, time)), by.jnp.nan, 1.0))
+        return tuple(valid * x for x in start)
+    require_whole_samples(model, float(dt), float(time))
+    require_within(model, float(time), float(end))
+    return start
 
 
 def attitude_near(by: Any, model: Model, x: Any, g: Any) -> Any:
