@@ -325,8 +325,8 @@ def commuting_maps(case: Case) -> Sides:
 def order(case: Case) -> Sides:
     conjugates = [(True, 2)] if case.map.to_symmetric is not None else []
     for conjugate, claimed in [(False, case.map.order), *conjugates]:
-        counts = (64, 128, 256, 512) if claimed < 3 else (8, 16, 32, 64)  # above errors of rounding
-        for slope in orders.measured_orders(case.model, case.state, conjugate, counts=counts):
+        counts, time = ((16, 32, 64, 128), 0.125) if claimed < 3 else ((8, 16, 32, 64), 0.5)  # errors above rounding
+        for slope in orders.measured_orders(case.model, case.state, conjugate, counts, time):
             yield _distance(slope, claimed), 0.0
 
 
