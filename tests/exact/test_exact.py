@@ -273,7 +273,7 @@ def test_polynomials_follow_the_motion_to_the_ends_of_the_parts(name: str) -> No
     for inside in (False, True):
         here = TopMotion(m, b, p, reach=10.0)
         assert gap(here, inside) < 1e-15
-        here.places, here.part = here.places - 2, 4 * here.part
+        here.places, here.interval = here.places - 2, 4 * here.interval
         here._places, here._leaps = {0: here._places[0]}, {}
         assert gap(here, inside) > 1e-15
 

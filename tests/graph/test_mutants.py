@@ -405,7 +405,7 @@ MUTANTS = [
     Mutant("projection", PROJECT + "correct", "fused(-self.x", "fused(self.x"),
     Mutant("projection", PROJECT + "gradients", "x[slopes + self.base + i] = 0.0", "pass"),
     Mutant("projection", PROJECT + "_solve", "factor = -(", "factor = ("),
-    Mutant("projection", PROJECT + "_solve", "each(k - 1, -1, -1)", "each(k - 1, 0, -1)"),
+    Mutant("projection", PROJECT + "_solve", "indices(k - 1, -1, -1)", "indices(k - 1, 0, -1)"),
     Mutant("projection", PROJECT + "_lack", "off, off, farthest", "off, farthest, off"),
     Mutant("the_mean", PROJECT + "_lack", "0.5 * (lack + lead) - lead", "0.5 * (lack - lead) - lead"),
     Mutant("tables", "graph.project:_Looping.only", '"=="', '"!="'),

@@ -376,7 +376,7 @@ def test_the_form_of_a_kernel_has_the_same_invariants(name: str, method: str, or
     found = Observed(plan.scheme, z)
     assert found.function is plan.scheme.conserved
     known = plan.observe(z[None])
-    inner = found.at(z[0, : found.own], 0)
+    inner = found.at(z[0, : found.size], 0)
     assert {"energy", "energy_eps"} & inner.keys() and "casimir" in inner and not np.size(inner["noether"])
     for family in inner.keys() - {"noether"}:
         value = np.ravel(known[family])

@@ -157,17 +157,17 @@ def together(re: Array, im: Array) -> Array:
     """The complex vectors re + i im; re and im may be complex too."""
     if holds_objects(re) or holds_objects(im):
 
-        def both(x: Any, y: Any) -> Any:
+        def pair(x: Any, y: Any) -> Any:
             return x + Complex(0, 1) * y if isinstance(x, Complex) or isinstance(y, Complex) else Complex(x, y)
 
-        return objects(map(both, re.flat, im.flat), re.shape)
+        return objects(map(pair, re.flat, im.flat), re.shape)
     return complex_number(re, im)
 
 
 def joined(*parts: Array) -> Array:
     """The parts along the last axis, in the library of the parts that are not NumPy's."""
-    other = next((x for x in parts if not isinstance(x, np.ndarray) and hasattr(x, "__array_namespace__")), None)
-    return np.concatenate(parts, -1) if other is None else other.__array_namespace__().concatenate(parts, -1)
+    foreign = next((x for x in parts if not isinstance(x, np.ndarray) and hasattr(x, "__array_namespace__")), None)
+    return np.concatenate(parts, -1) if foreign is None else foreign.__array_namespace__().concatenate(parts, -1)
 
 
 def log(x: Array) -> Array:
@@ -208,9 +208,9 @@ def sqrt(x: Array) -> Array:
     if isinstance(x, Complex):
         size = where_less(x.re, 0, -x.re, x.re) + sqrt(x.re * x.re + x.im * x.im)
         larger = sqrt(size / 2)
-        less = x.im / (2 * larger)
-        upright = where_less(x.im, 0, Complex(-less, -larger), Complex(less, larger))
-        return where_less(x.re, 0, upright, Complex(larger, less))
+        smaller = x.im / (2 * larger)
+        upright = where_less(x.im, 0, Complex(-smaller, -larger), Complex(smaller, larger))
+        return where_less(x.re, 0, upright, Complex(larger, smaller))
     if holds_objects(x):  # plain values may be among others
         return objects((v.sqrt() if hasattr(v, "sqrt") else np.sqrt(v) for v in x.flat), x.shape)
     if hasattr(x, "sqrt"):

@@ -47,9 +47,11 @@ SLOPES: dict[str, Callable[..., tuple[Any, ...]]] = {
 
 
 def _binary(operation: str, apply: Callable[[Any, Any], Any]) -> Callable[[TracedNumber, Any], Any]:
-    def operate(self: TracedNumber, other: Any) -> Any:
+    def operate(self: TracedNumber, operand: Any) -> Any:
         return (
-            NotImplemented if _is_array(other) else self._by(operation, apply(self.value, _value(other)), self, other)
+            NotImplemented
+            if _is_array(operand)
+            else self._by(operation, apply(self.value, _value(operand)), self, operand)
         )
 
     return operate
@@ -228,14 +230,14 @@ def value_and_jacobian(
 ) -> tuple[list[Any], list[list[Any]]]:
     """f_i and d f_i/d x_j of a function of the scalars x, each with its batch, and of constants (value, axes)."""
     tape: list[TracedNumber] = []
-    given = [TracedNumber(tape, v) for v in x]
-    known = [traced(tape, v, axes) for v, axes in constants]
-    values = function(given, *known)
-    moves = [place < len(given) for place in range(len(tape))]  # values that change with x
+    variables = [TracedNumber(tape, v) for v in x]
+    traced_constants = [traced(tape, v, axes) for v, axes in constants]
+    values = function(variables, *traced_constants)
+    moves = [place < len(variables) for place in range(len(tape))]  # values that change with x
     for node in tape:
         moves[node.place] = moves[node.place] or any(moves[parent.place] for parent, _ in node.parents)
     rows = [_swept(tape, v, moves) if isinstance(v, TracedNumber) else [] for v in values]
-    return [_value(v) for v in values], [(row + [0] * len(given))[: len(given)] for row in rows]
+    return [_value(v) for v in values], [(row + [0] * len(variables))[: len(variables)] for row in rows]
 
 
 def _swept(tape: list[TracedNumber], out: TracedNumber, moves: Sequence[bool] | None = None) -> list[Any]:
@@ -244,13 +246,13 @@ def _swept(tape: list[TracedNumber], out: TracedNumber, moves: Sequence[bool] | 
     slopes[out.place] = 1
     plain = {out.place}  # places of values that do not only go into choices
     for node in reversed(tape[: out.place + 1]):
-        here = slopes[node.place]
-        if isinstance(here, int) and here == 0:
+        adjoint = slopes[node.place]
+        if isinstance(adjoint, int) and adjoint == 0:
             continue
         free = node.place in plain
         for parent, slope in node.parents:
             if moves is None or moves[parent.place]:
-                gain = here * slope if free else where_less(abs(here), LEAST, 0, here * slope)
+                gain = adjoint * slope if free else where_less(abs(adjoint), LEAST, 0, adjoint * slope)
                 slopes[parent.place] = slopes[parent.place] + gain
                 if free and not isinstance(node, ChosenNumber):
                     plain.add(parent.place)

@@ -22,7 +22,7 @@ def repeat(
     if hasattr(first, "record_loop"):
         return first.record_loop(improve, X, small, most)
     objects = any(map(holds_objects, X))
-    recorded = [v for part in X for v in part.flat if hasattr(v, "record_loop")] if objects else []
+    recorded = [v for matrix in X for v in matrix.flat if hasattr(v, "record_loop")] if objects else []
     if recorded:
         n = first.shape[-1]
 
@@ -44,14 +44,14 @@ def repeat(
     return X, defect
 
 
-def each(body: Callable[..., Array], rows: Sequence[Sequence[float]], like: Array) -> list[Array]:
+def by_rows(body: Callable[..., Array], rows: Sequence[Sequence[float]], like: Array) -> list[Array]:
     """body(*row) for rows of constants, one after the other; `like`: an array of the kind of number.
 
     Recorded numbers may keep the rows as a table, with the same operations.
     """
     first: Any = like.flat[0] if holds_objects(like) else None
-    if hasattr(first, "record_each"):
-        return list(first.record_each(body, rows))
+    if hasattr(first, "record_rows"):
+        return list(first.record_rows(body, rows))
     return [body(*map(float, row)) for row in rows]
 
 

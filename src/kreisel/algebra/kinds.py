@@ -155,7 +155,7 @@ def slices(kinds: Sequence[str], n: int) -> list[slice]:
 
 def flatten(parts: Sequence[Array], kinds: Sequence[str]) -> Array:
     """Coordinates (..., d) of components, one after the other, with batch axes that are broadcast."""
-    flat = [KINDS[kind].pack(part) for part, kind in zip(parts, kinds, strict=True)]
+    flat = [KINDS[kind].pack(component) for component, kind in zip(parts, kinds, strict=True)]
     if all(type(x) is np.ndarray and x.shape[:-1] == flat[0].shape[:-1] for x in flat):
         return np.concatenate(flat, -1)
     library = next((x.__array_namespace__() for x in flat if not isinstance(x, np.ndarray)), np)

@@ -32,7 +32,7 @@ def entry(address: Any, row: Any, last: Any, column: int, stride: int) -> Any:
     addresses, rows, ends = np.broadcast_arrays(*(np.asarray(x, dtype=np.float64) for x in (address, row, last)))
     places = np.where(rows > 0, np.minimum(rows, ends), 0).astype(np.int64) * stride + column
     out = np.zeros(places.shape)
-    for each in np.unique(addresses[addresses != 0]):
-        chosen = addresses == each
-        out[chosen] = _ARRAYS[int(each)].ravel()[places[chosen]]
+    for start in np.unique(addresses[addresses != 0]):
+        chosen = addresses == start
+        out[chosen] = _ARRAYS[int(start)].ravel()[places[chosen]]
     return out[()]

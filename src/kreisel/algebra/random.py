@@ -72,10 +72,10 @@ def streams_from(state: list[int], count: int, first: int = 0) -> Array:
     jumps = [_power(step, 1 << STREAM, m) for step, m in matrices]
     out, parts = np.empty((count, 6)), [np.array(state[:3], dtype=object), np.array(state[3:], dtype=object)]
     ahead = [_power(jump, first, m) for jump, (_, m) in zip(jumps, matrices, strict=True)]
-    parts = [jump @ part % m for jump, part, (_, m) in zip(ahead, parts, matrices, strict=True)]
+    parts = [jump @ half % m for jump, half, (_, m) in zip(ahead, parts, matrices, strict=True)]
     for row in out:
         row[:] = np.concatenate(parts)
-        parts = [jump @ part % int(m) for jump, part, m in zip(jumps, parts, (M1, M2), strict=True)]
+        parts = [jump @ half % int(m) for jump, half, m in zip(jumps, parts, (M1, M2), strict=True)]
     return out
 
 

@@ -62,8 +62,8 @@ def _refused(operation: str, fix: str) -> Callable[..., Any]:
 
 
 def _compared(sign: str) -> Callable[[Any, Any], Any]:
-    def compare(_: Any, other: Any) -> Any:
-        if other is None or isinstance(other, str):
+    def compare(_: Any, operand: Any) -> Any:
+        if operand is None or isinstance(operand, str):
             return NotImplemented
         raise NotRecorded(f"the comparison x {sign} y", BRANCH)
 

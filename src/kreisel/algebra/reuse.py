@@ -22,19 +22,19 @@ Value = TypeVar("Value")
 class Identity:
     """An object as a part of a key, compared by identity."""
 
-    def __init__(self, what: Any):
-        self._what = what
+    def __init__(self, subject: Any):
+        self._subject = subject
 
     def __hash__(self) -> int:
-        return id(self._what)
+        return id(self._subject)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Identity) and self._what is other._what
+        return isinstance(other, Identity) and self._subject is other._subject
 
     @property
     def place(self) -> dict[str, Any] | None:
         """The dictionary for values of the object; None for a function, which cloudpickle would send with it."""
-        result = None if isinstance(self._what, FunctionType) else getattr(self._what, "__dict__", None)
+        result = None if isinstance(self._subject, FunctionType) else getattr(self._subject, "__dict__", None)
         return result if isinstance(result, dict) else None
 
 
@@ -72,8 +72,8 @@ def forget() -> None:
 
 def _place(key: Hashable) -> dict[str, Any] | None:
     """The dictionary of the first object in a key that has one."""
-    for part in key if type(key) is tuple else ():
-        place = part.place if type(part) is Identity else _place(part)
+    for entry in key if type(key) is tuple else ():
+        place = entry.place if type(entry) is Identity else _place(entry)
         if place is not None:
             return place
     return None
@@ -114,13 +114,13 @@ def reused(key: Hashable | None, make: Callable[[], Made]) -> Made:
             table.move_to_end(key)
             result: Made = table[key]
             return result
-    made = _made(make)  # outside the lock: two threads may both compute it
-    if made is not None:
+    value = _made(make)  # outside the lock: two threads may both compute it
+    if value is not None:
         with _one_at_a_time:
-            table[key] = made
+            table[key] = value
             while len(table) > MOST:
                 table.popitem(last=False)
-    return made
+    return value
 
 
 class cached_property(Generic[Value]):

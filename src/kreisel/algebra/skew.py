@@ -135,9 +135,9 @@ def pfaffians(X: Array, *vectors: Array) -> dict[tuple[int, ...], tuple[Any, ...
     """
     out: dict[tuple[int, ...], tuple[Any, ...]] = {(): (1,)}
     for count in range(1, X.shape[-1] + 1):
-        for part in combinations(range(X.shape[-1]), count):
-            columns, members = (vectors, part) if count % 2 else ((X[..., part[-1]],), part[:-1])
+        for indices in combinations(range(X.shape[-1]), count):
+            columns, members = (vectors, indices) if count % 2 else ((X[..., indices[-1]],), indices[:-1])
             minors = [out[tuple(k for k in members if k != i)][0] for i in members]
             terms = [[(-1) ** j * y[..., i][()] * minors[j] for j, i in enumerate(members)] for y in columns]
-            out[part] = tuple(sum(each[1:], each[0]) for each in terms)
+            out[indices] = tuple(sum(term[1:], term[0]) for term in terms)
     return out

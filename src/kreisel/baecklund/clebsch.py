@@ -109,14 +109,16 @@ def _coefficients(M, P, c, mu):
     n, inverse = M.shape[-1], 1 / (mu * mu)
     products: dict[tuple[int, ...], list[Any]] = {(): [1]}  # of 1 - c_i r
     sums = [[0] * n for _ in range(n + 1)]  # of powers of r, for each count of indices; r^n has prod c_i = 0
-    squares = {part: value * value for part, (value,) in pfaffians(M, P).items()}
-    for part in squares:
-        if part:
-            lower = products[part[:-1]]
-            products[part] = [x - c[..., part[-1]][()] * y for x, y in zip([*lower, 0], [0, *lower], strict=True)]
-    for part, square in squares.items():
-        others = tuple(i for i in range(n) if i not in part)
-        sums[len(part)] = [x + square * y for x, y in zip(sums[len(part)], [*products[others], *[0] * n], strict=False)]
+    squares = {indices: value * value for indices, (value,) in pfaffians(M, P).items()}
+    for indices in squares:
+        if indices:
+            lower = products[indices[:-1]]
+            products[indices] = [x - c[..., indices[-1]][()] * y for x, y in zip([*lower, 0], [0, *lower], strict=True)]
+    for indices, square in squares.items():
+        others = tuple(i for i in range(n) if i not in indices)
+        sums[len(indices)] = [
+            x + square * y for x, y in zip(sums[len(indices)], [*products[others], *[0] * n], strict=False)
+        ]
     odd, even = ([polynomial_value(column, inverse) for column in zip(*sums[k::2], strict=True)] for k in (1, 0))
     return [*(inverse * x for x in odd), *even]
 
@@ -144,13 +146,13 @@ def kick_and_turn(M, P, Q, *, c, mu):
     (u, _), (r, i) = parts(vec(mu) * Q), parts(rho)
     w = c * parts(vec(rho) * Q)[1] - act(M, parts(Q)[1])
     uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
-    both, squares = uu + ww, 2 * r * r + i * i
-    scale = 4 * r / (both * both * i * i + 4 * r * r * (uu * ww - uw * uw))
+    total, squares = uu + ww, 2 * r * r + i * i
+    scale = 4 * r / (total * total * i * i + 4 * r * r * (uu * ww - uw * uw))
     kuu = scale * (uu * i * i - 2 * uw * i * r + ww * squares)
     kww = scale * (uu * squares + 2 * uw * i * r + ww * i * i)
     kuw = scale * r * ((uu - ww) * i - 2 * uw * r)
     K = wedge(u, c * (vec(kuu) * u + vec(kuw) * w)) + wedge(w, c * (vec(kuw) * u + vec(kww) * w))
-    return K, cayley_plane(vec(-2 * r / (i * both)) * u, w, P)
+    return K, cayley_plane(vec(-2 * r / (i * total)) * u, w, P)
 
 
 def arc(M, P, Q):

@@ -60,9 +60,9 @@ def longest(columns):
     square = (re * re + im * im).sum(-2)
     u, w, size = re[..., 0], im[..., 0], square[..., :1]
     for j in range(1, columns.shape[-1]):
-        more = square[..., j : j + 1] - size
-        longer = (1 + sign(more)) / 2  # or 0
-        u, w, size = u + longer * (re[..., j] - u), w + longer * (im[..., j] - w), size + longer * more
+        excess = square[..., j : j + 1] - size
+        longer = (1 + sign(excess)) / 2  # or 0
+        u, w, size = u + longer * (re[..., j] - u), w + longer * (im[..., j] - w), size + longer * excess
     return u, w, size
 
 
@@ -94,12 +94,12 @@ def kick_and_turn(u, w, lam):
     x, y = parts(lam)
     uu, ww, uw = dot(u, u), dot(w, w), dot(u, w)
     r, p, size = uu + ww, uu - ww, x * x + y * y  # p + 2i uw = <q, q>
-    both = x / (r * r - x * x * (p * p + 4 * uw * uw) / size)
+    factor = x / (r * r - x * x * (p * p + 4 * uw * uw) / size)
     c, d = p * x + 2 * uw * y, p * y - 2 * uw * x  # of lam conj <q, q>
     c, d = x * c / size, x * d / size
     U, W = u[..., :, None] * u[..., None, :], w[..., :, None] * w[..., None, :]
-    both, S = 4 * both, u[..., :, None] * w[..., None, :]
-    B = mat(both * (r - c)) * U + mat(both * (r + c)) * W + mat(both * d) * (S + S.mT)
+    factor, S = 4 * factor, u[..., :, None] * w[..., None, :]
+    B = mat(factor * (r - c)) * U + mat(factor * (r + c)) * W + mat(factor * d) * (S + S.mT)
     return B, mat(2 * x / (y * r)) * (S - S.mT)
 
 
@@ -243,17 +243,19 @@ def under(record, letters, constants, enter=lambda *z: z, leave=lambda z: z, dim
     constants(**parameters) of the record; enter(*state) its state; leave(state or rates) back
     """
 
-    def adapted(name, more):
-        def function(*state, **known):
-            values = {**constants(**{letter: known.pop(letter) for letter in letters}), **known}
+    def adapted(name, arguments):
+        def function(*state, **keywords):
+            values = {**constants(**{letter: keywords.pop(letter) for letter in letters}), **keywords}
             result = call(getattr(record, name), enter(*state), values)
             return (leave(result[0]), result[1]) if name in ("rates", "pair") else result
 
-        names = [inspect.Parameter(k, inspect.Parameter.KEYWORD_ONLY) for k in (*letters, *more)]
+        names = [inspect.Parameter(k, inspect.Parameter.KEYWORD_ONLY) for k in (*letters, *arguments)]
         function.__dict__["__signature__"] = inspect.Signature(names)
         return function
 
-    functions = {name: adapted(name, more) for name, more in FUNCTIONS.items() if getattr(record, name) is not None}
+    functions = {
+        name: adapted(name, arguments) for name, arguments in FUNCTIONS.items() if getattr(record, name) is not None
+    }
     return replace(record, **functions, dimensions=dimensions)
 
 

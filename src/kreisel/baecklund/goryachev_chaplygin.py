@@ -106,10 +106,10 @@ def integrand(x, gamma, H, G, length):
 def newton(z, dt, curve):
     """The change of z by a step of Newton's method, whose Jacobian has the integrands at z, and the miss."""
     first, second = 0, 0
-    for place, after, weight, more in ROWS:
+    for place, after, weight, weight_low in ROWS:
         x = z * place + z * after
         f = integrand(x, *curve)
-        f = f * weight + f * more
+        f = f * weight + f * weight_low
         first, second = first + f, second + x * f
     a = integrand(rounded(z), *map(rounded, curve))
     b = rounded(z) * a

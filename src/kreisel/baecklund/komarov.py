@@ -108,8 +108,8 @@ def column(M, *, beta, c, gamma):  # n and (c, beta n)
 
 def forms(kappa, beta):
     """The diagonal of S on the two blocks."""
-    one = 1 + 0 * kappa
-    return np.stack([one, one, one, -kappa], -1), np.stack([one, one, -beta * beta], -1)
+    unit = 1 + 0 * kappa
+    return np.stack([unit, unit, unit, -kappa], -1), np.stack([unit, unit, -beta * beta], -1)
 
 
 def metric(*, kappa, beta):
@@ -127,7 +127,7 @@ def projector(M, P, *, kappa, beta, c, gamma, lam, mu):
     for s in (-1, 1):
         minors, columns = eliminated(s * M, s * P, s * n, (s * e[0], s * e[1]), kappa, beta, lam, mu)
         pairs = zip(columns, identity(2), strict=True)
-        sides.append(np.stack([np.stack([*a, sixth, *one, seventh]) for (a, sixth, seventh), one in pairs], -1))
+        sides.append(np.stack([np.stack([*a, sixth, *unit, seventh]) for (a, sixth, seventh), unit in pairs], -1))
     Pi, S = sides[1] @ minors @ sides[0].mT, metric(kappa=kappa, beta=beta)
     return Pi / (S * np.diagonal(Pi)).sum()
 
@@ -149,10 +149,10 @@ def pair(M, P, *, kappa, beta, c, gamma, curve, lam, mu):
     p, h = dot(u, A * u) - dot(w, A * w) + dot(v, B * v) - dot(z, B * z), dot(u, A * w) + dot(v, B * z)
     r, t, size = ra + rb, ra - rb, x * x + y * y
     bend = t * x / y
-    both = 8 * x / (r * r - x * x * (p * p + 4 * h * h) / size + bend * bend)
+    factor = 8 * x / (r * r - x * x * (p * p + 4 * h * h) / size + bend * bend)
     d, f = x * (p * x + 2 * h * y) / size, x * (p * y - 2 * h * x) / size  # x conj(s/lam) = d + i f, s = p + 2i h
     left, right = mat(r - d) * u[..., None] + mat(f + bend) * w[..., None], mat(f - bend) * u[..., None]
-    Q = mat(both) * (left * v[..., None, :] + (right + mat(r + d) * w[..., None]) * z[..., None, :])
+    Q = mat(factor) * (left * v[..., None, :] + (right + mat(r + d) * w[..., None]) * z[..., None, :])
     first, second = moved(Q, kappa)
     X = mat(tangent(v, z, B, beta, 4 * x * y / (r * y * y + t * x * x))) * hat(THIRD)
     return (KINDS["skew"].turned(X, M + first), KINDS["vector"].turned(X, P + second)), ()

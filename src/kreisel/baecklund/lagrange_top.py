@@ -61,8 +61,8 @@ def _products(m, a, p, mu):
         u, w = shifted_resolvent(mu, m, a), shifted_resolvent(mu, m, p + 0 * a)
         return dot(u, u), dot(u, w), dot(w, w)
     inverse, above, below = 1 / (mu * mu), [[0] * (n + 1) for _ in range(3)], [0] * (n + 1)
-    for part, values in pfaffians(m, a, p).items():
-        k, (x, y) = len(part), (values[0], values[-1])
+    for indices, values in pfaffians(m, a, p).items():
+        k, (x, y) = len(indices), (values[0], values[-1])
         if k % 2 == 0:
             below[k] = below[k] + x * x
         else:

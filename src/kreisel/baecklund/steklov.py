@@ -70,15 +70,15 @@ def pair(M, P, *, b, lam, mu, h=None):
     re = M0 + mat(z) * P - diagonal(vec(m) * c - vec(k * x))
     im = mat(x) * P - diagonal(vec(m * x) + vec(k) * c)
     if h is not None:  # h/(c + ix)
-        part = h / (c * c + vec(x * x))
-        re, im = re + hat(part * c), im - hat(vec(x) * part)
+        ratio = h / (c * c + vec(x * x))
+        re, im = re + hat(ratio * c), im - hat(vec(x) * ratio)
     u, w = eigenvector(re, im, c, x)
     uu, ww, uw, g = dot(u, u), dot(w, w), dot(u, w), dot(u, c * u) + dot(w, c * w)
     y, v = c * u - vec(x) * w, c * w + vec(x) * u
-    both = 4 * x / (g * g + 4 * x * x * (uu * ww - uw * uw))
+    factor = 4 * x / (g * g + 4 * x * x * (uu * ww - uw * uw))
     first = vec(-2 * x * ww) * y + vec(2 * x * uw + g) * v
     second = vec(-2 * x * uu) * v + vec(2 * x * uw - g) * y
-    Z = mat(both) * (u[..., :, None] * first[..., None, :] + w[..., :, None] * second[..., None, :])
+    Z = mat(factor) * (u[..., :, None] * first[..., None, :] + w[..., :, None] * second[..., None, :])
     X, K = mat(2 * x / g) * wedge(u, w), P @ Z
     turned = KINDS["skew"].turned
     moved = turned(-X, P)  # M itself where x = 0: not M0 + BP, which is rounded

@@ -111,17 +111,17 @@ class Body:
                 "the orientation, where complete periods are not left out. Use a shorter dt, kr.at, or no orientation."
             )
         maps = max(1, math.ceil(most))
-        part = time / maps
-        K = self._K * algebra.mat(part)
+        span = time / maps
+        K = self._K * algebra.mat(span)
         constants, stage = {"size": self.L, "inverse": self.inverse}, forms(K)
         if self._oriented:
             constants["still"] = 1.0 * (self.L == 0)
-            result = coefficients(self._turn(K, part))
+            result = coefficients(self._turn(K, span))
             stage |= {f"turn_{k}": v[..., 1:, :] if v.ndim > K.ndim - 1 else v[..., 1:] for k, v in result.items()}
             stage |= {f"lean_{k}": v[..., 0, :] if v.ndim > K.ndim - 1 else v[..., 0] for k, v in result.items()}
         return constants, stage, maps
 
-    def _turn(self, K: Array, part: Array) -> Array:
+    def _turn(self, K: Array, span: Array) -> Array:
         """Forms of the quaternion of a map: those of the state at half the time, taken to it by a matrix.
 
         |matrix X|^2 is the form of the denominator; the matrix is fitted to rotations along the motion.
@@ -135,25 +135,25 @@ class Body:
         middle = start + change(start, _spread(forms(K / 2)))
         middle = np.concatenate([middle, np.ones_like(middle[..., :1])], -1)
         square = (middle[..., None, :] @ length[..., None, :, :] @ middle[..., None])[..., 0, 0]
-        want = self._turns(start, K, part) * algebra.vec(np.sqrt(square))
+        want = self._turns(start, K, span) * algebra.vec(np.sqrt(square))
         inverse = np.linalg.pinv(middle.astype(float), rcond=1e-14)
         matrix = np.zeros((*K.shape[:-2], 4, 4), dtype=K.dtype)
         for _ in range(CORRECTIONS):  # corrected by the residual, in more digits than the inverse has
             matrix = matrix + inverse @ (want - middle @ matrix)
         return (matrix.mT[..., None, None] * half[..., None, :, :, :]).sum(-3)
 
-    def _turns(self, x: Array, K: Array, part: Array) -> Array:
+    def _turns(self, x: Array, K: Array, span: Array) -> Array:
         """The quaternions of a map from each x (..., SAMPLES, 3)."""
-        return self._turned(x, [_spread(k) for k in _nodes(K)], part, self.w)
+        return self._turned(x, [_spread(k) for k in _nodes(K)], span, self.w)
 
-    def _turned(self, x: Array, nodes: list[dict[str, Array]], part: Array, w: Array) -> Array:
+    def _turned(self, x: Array, nodes: list[dict[str, Array]], span: Array, w: Array) -> Array:
         """The quaternions of a map from each x (..., SAMPLES, 3), by Gauss's rule."""
         size, w, b = (v[..., None, :] for v in (algebra.vec(self.L), w, self.b))
         angle = np.zeros(x.shape[:-1], dtype=x.dtype)
         for constants, weight in zip(nodes[:-1], WEIGHT, strict=True):
             angle = angle + weight * rate(x, x + change(x, constants), size, w, b)
         remainder = -b * (size == 0)  # M = 0: the body rotates against its wheel
-        z = algebra.turn(algebra.vec(angle) * part[..., None, None] * x + remainder * part[..., None, None])
+        z = algebra.turn(algebra.vec(angle) * span[..., None, None] * x + remainder * span[..., None, None])
         return algebra.unit(algebra.quaternion_product(z, lift(x, x + change(x, nodes[-1]))))
 
     def after(self, times: list[Fraction], g: tuple[Array, ...]) -> tuple[Array, ...]:
@@ -166,9 +166,9 @@ class Body:
         left, angle, ended = remainders(start, w, b, times, self._oriented)
         time, w = np.array(left, dtype=np.longdouble), _wides(w)
         maps = max(1, math.ceil(float(np.max(self._pace * abs(time)))))
-        part = time / maps
+        span = time / maps
         _, K = curve(self.x, w, _wides(b))
-        nodes = _nodes(K * algebra.mat(part)) if g else [forms(K * algebra.mat(part))]
+        nodes = _nodes(K * algebra.mat(span)) if g else [forms(K * algebra.mat(span))]
         M = self.x + np.zeros((len(times), 1), dtype=np.longdouble)
         x = M * self.inverse
         q = algebra.turn(algebra.vec(angle) * x)
@@ -177,7 +177,7 @@ class Body:
         spread = [_spread(k) for k in nodes]
         for _ in range(maps):
             if g:
-                q = algebra.quaternion_product(q, self._turned(x[:, None], spread, part, w)[:, 0])
+                q = algebra.quaternion_product(q, self._turned(x[:, None], spread, span, w)[:, 0])
             step = change(x, nodes[-1])
             M, x = M + step * self.L, x + step
         for k in np.flatnonzero(ended):
@@ -256,17 +256,17 @@ def remainders(
     if left >= 0:
         root = ctx.sqrt(g2 / 3) * ctx.cos(ctx.atan2(ctx.sqrt(left), g3) / 3)
     else:
-        part = ctx.cbrt((abs(g3) + ctx.sqrt(-left)) / 8) * (1 if g3 >= 0 else -1)
-        root = part + g2 / (12 * part)
+        cube_root = ctx.cbrt((abs(g3) + ctx.sqrt(-left)) / 8) * (1 if g3 >= 0 else -1)
+        root = cube_root + g2 / (12 * cube_root)
     apart = ctx.sqrt(g2 - 3 * root * root) / 2 if left > 0 else 1j * ctx.sqrt(abs(3 * root * root - g2)) / 2
     period = 2 * ctx.re(ctx.elliprf(0, 1.5 * root - apart, 1.5 * root + apart))
     parts = [_without(ctx, mp_number(ctx, t), period) for t in times]
-    whole = [count for _, count in parts]
-    if oriented and any(whole):
+    counts = [count for _, count in parts]
+    if oriented and any(counts):
         fastest = max(abs(g2 / 3) ** 0.25, abs(g3) ** (1 / ctx.mpf(6)))
-        digits = TURN_DIGITS + _figures(max(abs(n) for n in whole))
+        digits = TURN_DIGITS + _figures(max(abs(n) for n in counts))
         angle = turn_of_a_period(ctx, M, w, b, fastest, period, digits)
-        none = np.array([_without(ctx, n * angle, 4 * ctx.pi)[0] for n in whole])
+        none = np.array([_without(ctx, n * angle, 4 * ctx.pi)[0] for n in counts])
     return [remainder for remainder, _ in parts], none, never
 
 

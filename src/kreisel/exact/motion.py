@@ -129,7 +129,7 @@ class TopMotion:
         steady = integrals.A > 0 and not any(algebra.cross(v, self.b).any() for v in three)
         self.apart = integrals.separatrix or steady  # without a period: it tends to a steady motion, or is one
         self.steady = steady
-        self.places, self.part = LEAST_PLACES, ctx.one
+        self.places, self.interval = LEAST_PLACES, ctx.one
         ctx.dps, self.binary = self._digits(reach), BINARY
         self.nutation = Nutation(ctx, integrals)
         self.begin()
@@ -149,7 +149,7 @@ class TopMotion:
         """Halve all parts so often; their data are kept."""
         self._places = {j << halvings: state for j, state in self._places.items()}
         self._leaps = {j << halvings: leap for j, leap in self._leaps.items()}
-        self.places, self.part = self.places + halvings, self.part / (1 << halvings)
+        self.places, self.interval = self.places + halvings, self.interval / (1 << halvings)
 
     def _digits(self, reach: float) -> int:
         """Digits for the set-up: number of periods, closeness of roots, e-foldings along a separatrix."""
@@ -201,19 +201,19 @@ class TopMotion:
             most.append((ctx.sqrt(max(w * w - along - nutation.x[0], 0)), abs(w), abs(turn * spinning)))
         rate = max(ctx.sqrt(bp), *(v for three in most for v in three)) or ctx.one
         scaled = [tuple(float(v / rate) for v in three) for three in most]
-        bounds = np.max([_majorants(m, w, other, float(bp / rate**2)) for m, w, other in scaled], 0)
+        bounds = np.max([_majorants(m, w, spin, float(bp / rate**2)) for m, w, spin in scaled], 0)
         unit = 1 / rate if self.apart else nutation.half_period
         halvings = 0
         while (h := float(unit * rate / 2**halvings)) > 1 or left_out(bounds, h) > TAIL:
             halvings += 1
         if self.apart:
-            self.part = 2 * unit / 2**halvings
+            self.interval = 2 * unit / 2**halvings
             self.settled = self._settled()
             self.places = max(LEAST_PLACES, (2 * self.settled + 1).bit_length())
         else:
             self.places = max(LEAST_PLACES, halvings)
-            self.part = 2 * unit / 2**self.places
-        spread = max(0, *(int(ctx.mag(ctx.mpf(reach) / unit)) for unit in (1, self.part)) if reach else (0,))
+            self.interval = 2 * unit / 2**self.places
+        spread = max(0, *(int(ctx.mag(ctx.mpf(reach) / unit)) for unit in (1, self.interval)) if reach else (0,))
         self.bits = 64 + PHASE_BITS + 53 + spread
         self.spin = mp_number(ctx, spin_factor * integrals.J) / ctx.sqrt(mp_number(ctx, integrals.A)) / turn
         self.sleeping = mp_number(ctx, integrals.J) / ctx.sqrt(mp_number(ctx, integrals.A)) / turn
@@ -227,7 +227,7 @@ class TopMotion:
         away, (x1, _, x3) = math.inf if self.steady else self.e_foldings(), self.nutation.x
         if not math.isfinite(away):
             return 0
-        return int(self.ctx.ceil((SETTLED + away) / (self.ctx.sqrt(x3 - x1) / 2 * self.part)))
+        return int(self.ctx.ceil((SETTLED + away) / (self.ctx.sqrt(x3 - x1) / 2 * self.interval)))
 
     # -- slow tops -----------------------------------------------------------------------------------
 
@@ -237,21 +237,21 @@ class TopMotion:
         x1, x2, x3 = nutation.x
         A, p = (ctx.sqrt(mp_number(ctx, v)) for v in (integrals.A, integrals.P2))
         c, J, E = mp_number(ctx, integrals.c) / p, mp_number(ctx, integrals.J) / A, mp_number(ctx, integrals.E)
-        one, other = ctx.zero, ctx.zero
+        plus, minus = ctx.zero, ctx.zero
         for k in range(SAMPLES):
             t = nutation.half_period * (k + ctx.mpf(1) / 2) / SAMPLES
             u = ctx.sqrt(x3 - x1) * t / 2
             x = x1 + (x2 - x1) * ctx.ellipfun("sn", u=u, m=(x2 - x1) / (x3 - x1)) ** 2
             z = (x / 2 + E) / (A * p)
-            one, other = one + (c + J) / (1 + z), other + (c - J) / (1 - z)
-        # of a rate, in rotations a period: (one + other)/2 is phi'
+            plus, minus = plus + (c + J) / (1 + z), minus + (c - J) / (1 - z)
+        # of a rate, in rotations a period: (plus + minus)/2 is phi'
         unit = nutation.half_period / (SAMPLES * 2 * ctx.pi)
-        return int(ctx.nint((one + other) * unit)), int(ctx.nint((one - other) * unit))
+        return int(ctx.nint((plus + minus) * unit)), int(ctx.nint((plus - minus) * unit))
 
     def _take_fewer_parts(self, fastest: float) -> None:
         """Leave out all complete rotations, where that makes fewer parts do; `fastest`, a rate of the equations."""
         ctx, integrals = self.ctx, self.integrals
-        before = ctx.dps, self.binary, self.nutation, self.means, self.places, self.part
+        before = ctx.dps, self.binary, self.nutation, self.means, self.places, self.interval
         lost = ORDERS * math.log10(max(10.0, fastest * float(self.nutation.half_period)))
         ctx.dps += int(lost)
         self.binary += int(lost * math.log2(10))
@@ -259,15 +259,15 @@ class TopMotion:
         self.begin()
         period, turn = 2 * self.nutation.half_period, 2 * ctx.pi
         fractions = [self.nutation.period_turn(dual) / turn for dual in (False, True)]
-        whole = self._whole_turns()
-        means = [f + ctx.nint(n - f) for f, n in zip(fractions, (whole[0], -whole[1]), strict=True)]
+        turns = self._whole_turns()
+        means = [f + ctx.nint(n - f) for f, n in zip(fractions, (turns[0], -turns[1]), strict=True)]
         self.means = [v / period for v in means]
-        self.places, self.part = PLACES, period / (1 << PLACES)
-        more = self._halvings()
-        if more is not None and PLACES + more < before[4]:
-            self.refine(more)
+        self.places, self.interval = PLACES, period / (1 << PLACES)
+        halvings = self._halvings()
+        if halvings is not None and PLACES + halvings < before[4]:
+            self.refine(halvings)
             return
-        ctx.dps, self.binary, self.nutation, self.means, self.places, self.part = before
+        ctx.dps, self.binary, self.nutation, self.means, self.places, self.interval = before
         self.begin()
 
     def _halvings(self) -> int | None:
@@ -278,11 +278,11 @@ class TopMotion:
                 result, _ = self.series(j, inside)
                 sizes = abs(np.ldexp(result.astype(np.float64), -self.binary))
                 for first, last in ((0, 3), (3, 6), (6, 10)):
-                    own = sizes[:, first:last].sum(1)
-                    worst = np.maximum(worst, own / max(own[0], np.finfo(float).tiny))
-        for more in range(12):
-            if left_out(worst, 0.5**more) < MARGIN * TAIL:
-                return more
+                    terms = sizes[:, first:last].sum(1)
+                    worst = np.maximum(worst, terms / max(terms[0], np.finfo(float).tiny))
+        for halvings in range(12):
+            if left_out(worst, 0.5**halvings) < MARGIN * TAIL:
+                return halvings
         return None
 
     # -- in extended digits --------------------------------------------------------------------------
@@ -306,7 +306,7 @@ class TopMotion:
             back = algebra.rotation_matrix(q).T
             m, b, p, q = -(back @ m), back @ p, axis, algebra.inverse_turn(q)
             turning, spinning = spinning, turning
-        half, size = self.part / 2, ctx.sqrt(algebra.dot(b, b)) or ctx.one
+        half, size = self.interval / 2, ctx.sqrt(algebra.dot(b, b)) or ctx.one
         scaled = (m * half, b / size, q, p * (half * half * size), turning * half, spinning * half)  # arrays first
         fixed = [np.array([int(ctx.ldexp(v, self.binary)) for v in w], dtype=object) for w in scaled]
         units = np.array([1 / half] * 3 + [size] * 3 + [ctx.one] * 4, dtype=object)
@@ -318,11 +318,11 @@ class TopMotion:
         If few of many parts are asked for, by one leap.
         """
         if self.places > LEAPT:
-            return self.jump(j * self.part)
+            return self.jump(j * self.interval)
         if j not in self._places:
             low, sign = j & -j, 1 if j > 0 else -1
             if low not in self._leaps:
-                self._leaps[low] = self._leap(low * self.part)
+                self._leaps[low] = self._leap(low * self.interval)
             self._places[j] = self._leapt(self._at(j - sign * low), self._leaps[low], sign)
         return self._places[j]
 
@@ -341,7 +341,7 @@ class TopMotion:
         q = algebra.quaternion_product(algebra.quaternion_product(turn, q), spin)
         R = algebra.rotation_matrix(turn)
         result = R @ algebra.axial(hat_m), R @ b, q / self.ctx.sqrt(algebra.dot(q, q))
-        m, b, q = (np.array([self.ctx.re(v) for v in part], dtype=object) for part in result)
+        m, b, q = (np.array([self.ctx.re(v) for v in vector], dtype=object) for vector in result)
         return m, b, q
 
     def _leap(self, h: MpNumber) -> Leap:
@@ -371,7 +371,7 @@ class TopMotion:
         """Whether the quaternion, freed of the mean rotations, has the other sign after a period."""
         if self.apart:
             return 0
-        before, after = (self.jump(side * self.part * (1 << (self.places - 1)))[2] for side in (-1, 1))
+        before, after = (self.jump(side * self.interval * (1 << (self.places - 1)))[2] for side in (-1, 1))
         return int(algebra.dot(before, after) < 0)
 
     def _place_of_two(self, j: int, inside: bool) -> Array:
@@ -398,11 +398,11 @@ class TopMotion:
         """
         tau, theta = (self.ctx.one, self.ctx.zero) if step is None else step
         turns = tau * self.means[0] + theta / (2 * self.ctx.pi), tau * (self.spin - self.means[1])
-        units = (tau / self.part, *(v / 2 for v in turns))  # of half the angles
+        units = (tau / self.interval, *(v / 2 for v in turns))  # of half the angles
         nutating, left, right = (int(self.ctx.floor(self.ctx.ldexp(v, self.bits))) for v in units)
         twice = self._other_sign()
         up, axis = (_unit_vector(v) for v in ((self.b, self.p) if inside else (self.p, self.b)))
-        asleep = int(self.ctx.floor(self.ctx.ldexp(self.sleeping * self.part / 2, self.bits)))
+        asleep = int(self.ctx.floor(self.ctx.ldexp(self.sleeping * self.interval / 2, self.bits)))
 
         def row(
             place: Array, left: Array, right: Array, *, up: Array, axis: Array, start: Array, **constants: Array

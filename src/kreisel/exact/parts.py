@@ -60,8 +60,8 @@ def cos_sin(half: Array) -> tuple[Array, Array]:
     """Of an angle in parts, the rest of it at most pi/512; as small changes of the first part, so rounded once."""
     cos, sin, x = half[..., 0], half[..., 1], half[..., 2]
     y = x * x
-    less, s = y * (0.5 - y * (1 / 24 - y * (1 / 720))), x * (1 - y * (1 / 6 - y * (1 / 120)))
-    return cos - (cos * less + sin * s), sin - (sin * less - cos * s)
+    versine, s = y * (0.5 - y * (1 / 24 - y * (1 / 720))), x * (1 - y * (1 / 6 - y * (1 / 120)))
+    return cos - (cos * versine + sin * s), sin - (sin * versine - cos * s)
 
 
 def from_middle(j: int, places: int) -> int:
@@ -99,15 +99,15 @@ def orbit_in_parts(
 
     def phases(M: Array, e: Array) -> Array:
         low = int(e.min(initial=0))
-        scaled, more = M << (e - low).astype(object), bits - low
+        scaled, shift = M << (e - low).astype(object), bits - low
         numbers = [scaled * rate for rate in rates]
         if settled is not None:
-            most, at = settled << more, scaled * moving
+            most, at = settled << shift, scaled * moving
             kept = np.minimum(np.maximum(at, -most), most)
             numbers = [
                 kept >> places,
                 *(v + ((at - kept) * w >> bits) for v, w in zip(numbers[1:], asleep, strict=True)),
             ]
-        return np.stack([((v >> (more - 64)) & (2**64 - 1)).astype(np.uint64) for v in numbers], -1)
+        return np.stack([((v >> (shift - 64)) & (2**64 - 1)).astype(np.uint64) for v in numbers], -1)
 
     return Orbit(phases, None if settled is not None else rates, bits, places, cache(place), row, constants)

@@ -288,8 +288,8 @@ def curve_of(x: Array, L: Array, h: Array, w: Array, b: Array, orders: int = ORD
 def motion(curve: Curve) -> Any:
     """M/L at a time in units of the step."""
     x, K = curve.x, curve.times
-    one = 1 + 0 * curve.last
-    X, column = [(x, one)], [(0 * x, one)]  # K^a X and K^a e_4
+    unit = 1 + 0 * curve.last
+    X, column = [(x, unit)], [(0 * x, unit)]  # K^a X and K^a e_4
     for _ in range(4):
         X.append(K(X[-1]))
         column.append(K(column[-1]))
@@ -327,9 +327,9 @@ def motion(curve: Curve) -> Any:
 
 
 def _sum(parts: list[tuple[Any, Four]]) -> Four:
-    (factor, (x, last)), *more = parts
+    (factor, (x, last)), *following = parts
     out = algebra.vec(factor) * x, factor * last
-    for factor, (x, last) in more:
+    for factor, (x, last) in following:
         out = out[0] + algebra.vec(factor) * x, out[1] + factor * last
     return out
 

@@ -133,9 +133,9 @@ class Rotor:
             self.K1 = ctx.pi / (2 * ctx.agm(1, self.k1_prime))
             self.quarter = (1 + self.k1) * self.K1
             self.beta = self.k1 * self.a[0] ** 2 / total**2
-            self.whole = ctx.elliprj(0, self.k1_prime**2, 1, 1 + self.beta) / 3
+            self.complete = ctx.elliprj(0, self.k1_prime**2, 1, 1 + self.beta) / 3
             ripple = 2 * a3 * self.k1 / total
-            self.slope = B * (1 + ripple * self.whole / self.K1)
+            self.slope = B * (1 + ripple * self.complete / self.K1)
             self.ripple = B * (1 + self.k1) * ripple
         self.mean = self.L / mp_number(ctx, I3) + self.lam * self.slope
 
@@ -162,12 +162,12 @@ class Rotor:
         while left_out(bounds, float(unit / 2**halvings)) > TAIL:  # at u = 0, next to the poles
             halvings += 1
         if self.separatrix:
-            self.part = 2 * unit / 2**halvings
-            self.settled = int(ctx.ceil((SETTLED + abs(self.u0)) / self.part))
+            self.interval = 2 * unit / 2**halvings
+            self.settled = int(ctx.ceil((SETTLED + abs(self.u0)) / self.interval))
             halvings = (2 * self.settled + 1).bit_length()
         self.places = max(LEAST_PLACES, halvings)
         if not self.separatrix:
-            self.part = 2 * unit / 2**self.places
+            self.interval = 2 * unit / 2**self.places
 
     def _psi(self, u: MpNumber) -> tuple[list[MpNumber], MpNumber]:
         """(cn, sn, dn) at u, and s (psi - mean t) from u = 0 on, which has the period 2 K."""
@@ -181,12 +181,12 @@ class Rotor:
         turns = ctx.nint(v / (2 * self.K1))
         v, sign = v - 2 * self.K1 * turns, -1 if int(turns) % 2 else 1
         s, c, d = (ctx.ellipfun(name, v, m=self.k1**2) for name in ("sn", "cn", "dn"))
-        both = 1 + self.k1 * s**2
-        place = [sign * c * d / both, sign * (1 + self.k1) * s / both, (1 - self.k1 * s**2) / both]
+        denominator = 1 + self.k1 * s**2
+        place = [sign * c * d / denominator, sign * (1 + self.k1) * s / denominator, (1 - self.k1 * s**2) / denominator]
         if self.start is None:
             return place, ctx.zero
         third = s**3 * ctx.elliprj(c**2, d**2, 1, 1 + self.beta * s**2) / 3
-        return place, self.ripple * (third - v / self.K1 * self.whole)
+        return place, self.ripple * (third - v / self.K1 * self.complete)
 
     # -- parts ---------------------------------------------------------------------------------------------
 
@@ -240,7 +240,7 @@ class Rotor:
             out[0, 3:] = STILL[: out.shape[1] - 3]
             return out
         j = from_middle(j, self.places)
-        out = polynomials(self._series(self.u0 + j * self.part, self.part / 2), BINARY, self.ctx)
+        out = polynomials(self._series(self.u0 + j * self.interval, self.interval / 2), BINARY, self.ctx)
         out[:, :3] = self.axes.back(out[:, :3] * np.array([float(a) for a in self.a]))
         if not j:
             out[0, :3] = self.axes.back(np.array(self.N, dtype=object)).astype(np.float64)
@@ -254,7 +254,7 @@ class Rotor:
         """The states (M,) or (M, g).  The second phase is half of psi, so that g is continuous in time."""
         self._clock()
         ctx, direction = self.ctx, 0 if self.steady else self.axes.chi * self.s
-        parts = direction * self.lam / self.part if direction else ctx.zero
+        parts = direction * self.lam / self.interval if direction else ctx.zero
         moving, turning = (int(ctx.floor(ctx.ldexp(v, self.bits))) for v in (parts, self.mean / (4 * ctx.pi)))
         return orbit_in_parts(
             self.place,

@@ -24,7 +24,7 @@ import numpy as np
 
 from kreisel import algebra
 from kreisel.algebra import Array
-from kreisel.algebra.iteration import each
+from kreisel.algebra.iteration import by_rows
 from kreisel.exact.weierstrass import series
 
 # Largest error of M/L and of g over 24 random bodies, lambda h = 1.5: 7e-16, 9e-16; 2: 6e-16, 2e-15; 2.5: 8e-15, 4e-14.
@@ -85,16 +85,16 @@ def _turn(M: Array, middle: Array, end: Array, psi: Array, share: Array, square:
 
     the area between the three is one more angle.
     """
-    both, apart, L2 = M + end, M - end, algebra.dot(M, M)
+    sum_, apart, L2 = M + end, M - end, algebra.dot(M, M)
     scalar, vector = 2 - (0.5 * share) * algebra.dot(apart, apart), algebra.vec(share) * algebra.cross(end, M)
-    real, area = scalar + share * algebra.dot(both, middle), share * algebra.dot(vector, middle)
+    real, area = scalar + share * algebra.dot(sum_, middle), share * algebra.dot(vector, middle)
     size = (real * real + area * (area * L2)) * (2 * scalar)
     unit = 1 / algebra.sqrt(size * square)  # before psi is known: processors need not wait
     real, area = unit * real, unit * area
     cos, ratio = algebra.half_turn(psi * (psi * share))
     sine = (psi * share) * ratio
     C, S = real * cos + (area * L2) * sine, real * sine - area * cos
-    return algebra.quaternion(C * scalar, algebra.vec(C) * vector + algebra.vec(S) * both)
+    return algebra.quaternion(C * scalar, algebra.vec(C) * vector + algebra.vec(S) * sum_)
 
 
 def _angle(
@@ -106,8 +106,8 @@ def _angle(
     squares = middle * middle
     bend, odd = algebra.dot(squares, 0.25 * h * h * constants["curvatures"]), h * rates
     along, Omega = algebra.vec(3 * share) * squares, (3 * inverse) * squares
-    less = (1 / 12 * L2) * (along[..., 0] * along[..., 1] * along[..., 2])
-    power = less * L2
+    cubic = (1 / 12 * L2) * (along[..., 0] * along[..., 1] * along[..., 2])
+    power = cubic * L2
 
     def mean(weight: Array, *powers: Array) -> Array:
         """L psi', the mean of the times -t and t from the middle, times a weight; `powers` of (2t/h)^2."""
@@ -117,10 +117,10 @@ def _angle(
         p, u = energy * below + algebra.dot(Omega, pairs), below + algebra.dot(along, pairs)
         v = algebra.dot(odd, y)
         t = v * root2
-        return (p * (weight * u) - power * (weight * t * algebra.dot(odd * inverse, y))) / (u * u - less * (t * v))
+        return (p * (weight * u) - power * (weight * t * algebra.dot(odd * inverse, y))) / (u * u - cubic * (t * v))
 
     places, weights = (values[nodes // 2 :] for values in np.polynomial.legendre.leggauss(nodes))
-    return _total(each(mean, [(w, x**2, x**4, x**6) for x, w in zip(places, weights, strict=True)], middle))
+    return _total(by_rows(mean, [(w, x**2, x**4, x**6) for x, w in zip(places, weights, strict=True)], middle))
 
 
 def _below(y: Array, bend: Array) -> Array:

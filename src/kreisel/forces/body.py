@@ -87,23 +87,23 @@ def perturbed(
     """
     body = _base(system)
     functions = {"potential": potential, "torque": torque, "force": force, "pair_potential": pair_potential}
-    given = {DAMPING: damping, INERTIA: inertia, COUPLING: coupling}
-    if all(value is None for value in (*functions.values(), *given.values(), pairs)) and not body.system.product:
+    matrices = {DAMPING: damping, INERTIA: inertia, COUPLING: coupling}
+    if all(value is None for value in (*functions.values(), *matrices.values(), pairs)) and not body.system.product:
         return body
     _require_base(body)
     parameters = _parameters(body, params or {})
-    record = _record(body, functions, given, parameters, inner)
+    record = _record(body, functions, matrices, parameters, inner)
     _require_suitable(body, record)
     parameters |= _matrices(body, damping, inertia, coupling)
     parameters |= parameters_of_pairs(record, pairs, parameters)
     model = _tried(body, record, list(parameters.values()), name)
-    numbers = copy.deepcopy({**given, "pairs": pairs, "params": params, "inner": inner, "name": name})
+    numbers = copy.deepcopy({**matrices, "pairs": pairs, "params": params, "inner": inner, "name": name})
     portable = {kind: Portable(function) for kind, function in functions.items()}
     return Model(_with_own_casimirs(model).remade_by(_system_again, body, portable, numbers), {}, body.body_frame)
 
 
 def _system_again(body: Model, functions: Mapping[str, Portable], numbers: Mapping[str, Any]) -> System:
-    arguments: dict[str, Any] = {kind: each.function for kind, each in functions.items()}
+    arguments: dict[str, Any] = {kind: function.function for kind, function in functions.items()}
     return perturbed(body, **arguments, **numbers).system
 
 
@@ -121,7 +121,7 @@ def _base(system: Any) -> Model:
 def _record(
     model: Model,
     functions: Mapping[str, Any],
-    given: Mapping[str, Any],
+    matrices: Mapping[str, Any],
     parameters: Mapping[str, Parameter],
     inner: Any,
 ) -> Perturbation:
@@ -144,9 +144,9 @@ def _record(
         potential=forces["potential"],
         torque=forces["torque"],
         force=forces["force"],
-        damping=given[DAMPING] is not None,
-        inertia=given[INERTIA] is not None,
-        coupling=given[COUPLING] is not None,
+        damping=matrices[DAMPING] is not None,
+        inertia=matrices[INERTIA] is not None,
+        coupling=matrices[COUPLING] is not None,
         pair=forces["pair_potential"],
         inner=_inner(model, inner),
     )
@@ -169,7 +169,7 @@ def _added(system: System, old: Perturbation, new: Perturbation) -> Perturbation
 def _require_base(model: Model) -> None:
     system = model.system
     for factor in system.product:
-        _require_base(Model(factor.system, factor.known(model.params)))
+        _require_base(Model(factor.system, factor.constants(model.params)))
     if system.flow is None or system.numbers != "any":
         raise InputError(
             f"perturbed: expected a system of Kreisel's with a map or a closed form, got {system.name}; see "
@@ -186,15 +186,15 @@ def _inner(model: Model, inner: Any) -> int | None:
     return None if inner is None else int(inner)
 
 
-def _force(function: Any, what: str, letters: tuple[str, ...], model: Model, params: Mapping[str, Parameter]) -> Force:
+def _force(function: Any, label: str, letters: tuple[str, ...], model: Model, params: Mapping[str, Parameter]) -> Force:
     """A function with the names of its arguments.  Raises `InputError`."""
     if not callable(function):
-        raise InputError(f"{what}: expected a function, such as lambda a, t, *, k: ..., got {shown(function)}.")
+        raise InputError(f"{label}: expected a function, such as lambda a, t, *, k: ..., got {shown(function)}.")
     try:
         signature = inspect.signature(function)
     except (TypeError, ValueError):
         raise InputError(
-            f"{what}: expected a Python function that names its arguments, got {shown(function)}."
+            f"{label}: expected a Python function that names its arguments, got {shown(function)}."
         ) from None
     constants = (*params, *(p.letter for p in model.system.parameters))
     arguments: list[str] = []
@@ -204,7 +204,7 @@ def _force(function: Any, what: str, letters: tuple[str, ...], model: Model, par
         names, kind = (letters, "arguments") if place else (constants, "parameters after *")
         if parameter.kind not in (PLACE, inspect.Parameter.KEYWORD_ONLY) or parameter.name not in names:
             raise InputError(
-                f"{what}: expected {kind} among {', '.join(names) or 'none'}, got {shown(parameter.name)}."
+                f"{label}: expected {kind} among {', '.join(names) or 'none'}, got {shown(parameter.name)}."
                 f"{hint(parameter.name, names)} Parameters follow * and are in params={{...}}."
             )
         (arguments if place else parameters).append(parameter.name)
@@ -393,15 +393,15 @@ def _with_own_casimirs(model: Model) -> System:
     system, space = model.system, model.system.space
     if space.casimirs is None:
         return system
-    given, parts = space.casimirs, surviving_parts(model, space.casimirs)
+    stated, parts = space.casimirs, surviving_parts(model, space.casimirs)
     if all(parts):
         return system
     chosen = np.flatnonzero(parts)
 
     def casimirs(*state: Array, **constants: Any) -> Array:
-        return given(*state, **constants)[..., chosen]
+        return stated(*state, **constants)[..., chosen]
 
-    named = naming(casimirs, tuple(keywords(given))) if len(chosen) else None
+    named = naming(casimirs, tuple(keywords(stated))) if len(chosen) else None
     return replace(system, space=replace(space, casimirs=named))
 
 
@@ -439,8 +439,10 @@ def _try(model: Model) -> set[str]:
                 chosen |= {"pair"} if kicks.chooses(record.pair, pair, values, axes) else set()
             kicks.rates(model.system, body, constants, model.axes)
             tau = kicks.torque(model.system, body, constants, model.axes)
-            there = kicks.seen(model.system, body)
-            chosen |= {k for k, force in record.functions.items() if kicks.chooses(force, there, constants, model.axes)}
+            arguments = kicks.seen(model.system, body)
+            chosen |= {
+                k for k, force in record.functions.items() if kicks.chooses(force, arguments, constants, model.axes)
+            }
     except InputError:
         raise
     except Exception as error:

@@ -129,10 +129,14 @@ def sampled(system: System, body: Body, q: Array, constants: Constants, axes: Ma
     """The state after a sample, and the work of an impulse; q the orientation as a quaternion."""
     control, new = _control(system), dict(zip(system.space.letters, body.state, strict=True))
     sensors, generator = _seen(system, body, q, constants, axes)
-    given, shapes, tape = {**sensors, **{k: new[k] for k in control.memory}}, {**SENSORS, **control.memory}, list[Any]()
+    inputs, shapes, tape = (
+        {**sensors, **{k: new[k] for k in control.memory}},
+        {**SENSORS, **control.memory},
+        list[Any](),
+    )
     arguments = {
-        name: traced(tape, given[name], len(shapes[name]))
-        if name in given
+        name: traced(tape, inputs[name], len(shapes[name]))
+        if name in inputs
         else traced(tape, constants[name], axes[name])
         for name in control.arguments
     }
@@ -176,7 +180,7 @@ def _seen(
     system: System, body: Body, q: Array, constants: Constants, axes: Mapping[str, int]
 ) -> tuple[dict[str, Any], Array | None]:
     """Values of the sensors by name, and the generator after the draws of the noise."""
-    control, own = _control(system), dict(zip(system.space.letters, body.state, strict=True))
+    control, state = _control(system), dict(zip(system.space.letters, body.state, strict=True))
     R, inside = kicks.to_body(constants), kicks.from_body(system, body, constants).mT
     fields = {} if body.field is None else {"field": body.field}
     if not FIELDS.keys() & control.arguments <= fields.keys():
@@ -185,16 +189,16 @@ def _seen(
         "rates": algebra.act(inside, algebra.axial(kicks.velocity(system, body.state, constants))) / control.time,
         "attitude": algebra.quaternion_product(q, algebra.inverse_turn(constants[BODY_AXES])),
         "time": body.t * control.time,
-        WHEELS: own.get(WHEELS),
+        WHEELS: state.get(WHEELS),
     }
     for name, value in fields.items():  # vectors in space
         seen[name] = algebra.act(R, algebra.act(body.g.mT, value)) if SENSORS[name] else value  # type: ignore[union-attr]
     if not control.noise:
         return seen, None
-    drawn, generator = normals(own[GENERATOR], 3 * len(control.noise))
+    drawn, generator = normals(state[GENERATOR], 3 * len(control.noise))
     for i, name in enumerate(control.noise):
         names = [word + name for word in (BIAS, DEVIATION)]
-        bias, deviation = (constants[each] if axes[each] else algebra.vec(constants[each]) for each in names)
+        bias, deviation = (constants[letter] if axes[letter] else algebra.vec(constants[letter]) for letter in names)
         off = bias + deviation * drawn[..., 3 * i : 3 * i + 3]
         turned = name == "attitude"
         seen[name] = algebra.quaternion_product(seen[name], algebra.turn(off)) if turned else seen[name] + off
@@ -260,10 +264,10 @@ def controlled(
     parameters = [*parameters, *(replace(p, default=of_wheels[p.letter]) for p in OF_WHEELS if p.letter in of_wheels)]
     if frame:
         control = replace(control, time=frame.time_unit, momentum=frame.size(model.system.space.letters[0]))
-        more = {HELD + name: (unit, 1.0) for name, unit in COMMANDS.items() if name in control.commands}
-        more |= {WHEELS: ("N m s", 1.0)} if control.wheels else {}
-        more |= dict.fromkeys(("work", "balance"), frame.units["energy"]) if "energy" in frame.units else {}
-        frame = replace(frame, units={**frame.units, **more})
+        units = {HELD + name: (unit, 1.0) for name, unit in COMMANDS.items() if name in control.commands}
+        units |= {WHEELS: ("N m s", 1.0)} if control.wheels else {}
+        units |= dict.fromkeys(("work", "balance"), frame.units["energy"]) if "energy" in frame.units else {}
+        frame = replace(frame, units={**frame.units, **units})
     return Model(_record(model, Portable(control.law), replace(control, law=None), parameters), {}, frame)
 
 
@@ -273,8 +277,8 @@ def _record(model: Model, law: Portable, control: Controller, parameters: Sequen
         raise InputError(
             f"wheels: expected a free body or a satellite, whose motion with wheels is known, got {system.name}."
         )
-    space, more = system.space, {letter: kind for letter, (kind, _) in components(control).items()}
-    count = algebra.coordinate_count([*more.values()], 3)
+    space, kinds = system.space, {letter: kind for letter, (kind, _) in components(control).items()}
+    count = algebra.coordinate_count([*kinds.values()], 3)
 
     def tensor(*state: Array) -> Array:
         inner = space.tensor(*state[: len(space.letters)])
@@ -282,7 +286,7 @@ def _record(model: Model, law: Portable, control: Controller, parameters: Sequen
 
     wide = PhaseSpace(
         name=f"{space.name} x R^{count}",
-        components=(*space.components, *more.items()),
+        components=(*space.components, *kinds.items()),
         tensor=tensor,
         casimirs=None,
         sign=space.sign,

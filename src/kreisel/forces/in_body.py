@@ -23,7 +23,7 @@ from kreisel.record.perturbation import FIELDS, TIME, Force
 
 MOTION = ("M", "Omega", "g", "t")  # momentum, angular velocity, orientation (body to space), time
 RATE = "B_rate"  # of the field along the orbit
-PLACE = (*(each.symbol for each in FIELDS.values()), RATE)
+PLACE = (*(field.symbol for field in FIELDS.values()), RATE)
 AXES_OF_LANES = ("body_axis_1", "body_axis_2", "body_axis_3")  # parameters: the columns of `axes`, if lanes differ
 UNIT_OF_LANES = "unit_of_momentum"
 NEAR = 1.0  # s: a difference over twice this time has the rate of the field to 1e-7
@@ -38,7 +38,7 @@ class InBody:
     time, momentum   units of the model, s and N m s
     """
 
-    what: str
+    kind: str
     functions: tuple[tuple[Portable, tuple[str, ...]], ...]
     params: tuple[str, ...]
     axes: Array | None
@@ -50,7 +50,7 @@ class InBody:
         system, record, moving = model.system, model.system.perturbation, model.system.frame is Frame.MOVING
         names = {name for _, arguments in self.functions for name in arguments} - {*self.params}
         place = record.environment if record is not None and not names.isdisjoint(PLACE) else None
-        vectors = {"g", RATE, *(each.symbol for each in FIELDS.values() if each.shape)}
+        vectors = {"g", RATE, *(field.symbol for field in FIELDS.values() if field.shape)}
         turned = not moving or bool(vectors & names)
         letters = system.space.letters if {"M", "Omega"} & names else ()
         arguments = (*letters, *(ORIENTATION,) * turned, *(TIME,) * (place is not None or "t" in names))
@@ -61,19 +61,19 @@ class InBody:
         constants += [*AXES_OF_LANES, UNIT_OF_LANES] if self.axes is None else []
 
         def force(*values: Any, **constants: Any) -> Any:
-            there = dict(zip(arguments, values, strict=True))
+            by_name = dict(zip(arguments, values, strict=True))
             axes = np.stack([constants[k] for k in AXES_OF_LANES], -1) if self.axes is None else self.axes
             momentum = constants[UNIT_OF_LANES] if self.momentum is None else self.momentum
             body = dict[str, Any]()
             if turned:
-                g = body["g"] = there[ORIENTATION] @ axes.T
-            if TIME in there:
-                body["t"] = there[TIME] * self.time
+                g = body["g"] = by_name[ORIENTATION] @ axes.T
+            if TIME in by_name:
+                body["t"] = by_name[TIME] * self.time
             if letters:
-                body["M"] = momentum * (axes @ there[letters[0]] if moving else there[letters[0]] @ g)
+                body["M"] = momentum * (axes @ by_name[letters[0]] if moving else by_name[letters[0]] @ g)
             if "Omega" in names:
                 state = tuple(
-                    algebra.hat(there[letter]) if kind == "skew" else there[letter]
+                    algebra.hat(by_name[letter]) if kind == "skew" else by_name[letter]
                     for letter, kind in system.space.components
                 )
                 velocity = (
@@ -93,7 +93,7 @@ class InBody:
             parts = []
             for function, wanted in self.functions:
                 out = np.asarray(run(function.function, **{k: {**constants, **body}[k] for k in wanted}), dtype=object)
-                if self.what == "torque":
+                if self.kind == "torque":
                     if out.shape != (3,):
                         raise InputError(
                             f"torque: expected a vector (3,) along the body axes, N m, got shape {out.shape}."
@@ -115,6 +115,6 @@ def in_body(kind: str, function: Any, params: Mapping[str, Any], quantities: tup
     several = function if isinstance(function, list | tuple) and function else [function]
     allowed = (*quantities, *(name for name in params if name not in (*MOTION, *PLACE)))
     remedy = "Give other parameters as params={...}, by names that no quantity has."
-    functions = [(Portable(each), arguments_of(each, allowed, kind, remedy)) for each in several]
+    functions = [(Portable(function), arguments_of(function, allowed, kind, remedy)) for function in several]
     used = tuple(dict.fromkeys(name for _, names in functions for name in names if name in params))
     return InBody(kind, tuple(functions), used, **frame)

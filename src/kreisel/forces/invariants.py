@@ -43,22 +43,22 @@ def conserved_totals(model: Model) -> tuple[str, ...]:
     """The names of integrals of bodies in pairs whose sum is conserved, but not the value of each body."""
     if pairs_of(model) is None:
         return ()
-    each = conserved(model)
+    single = conserved(model)
 
-    def found() -> tuple[str, ...]:
+    def names() -> tuple[str, ...]:
         return tuple(
             name
             for name, function in model.system.integrals.items()
-            if name not in each and all(_survives(_representatives(model), function, _in_sum))
+            if name not in single and all(_survives(_representatives(model), function, _in_sum))
         )
 
-    return reused((conserved_totals, model.key), found)
+    return reused((conserved_totals, model.key), names)
 
 
 def surviving_parts(model: Model, function: Function) -> list[bool]:
     """The parts of a function of the state that no force changes, in any lane."""
-    each = [_survives([one], function, list) for one in _representatives(model)]
-    return [all(part) for part in zip(*each, strict=True)]
+    survival = [_survives([representative], function, list) for representative in _representatives(model)]
+    return [all(lanes) for lanes in zip(*survival, strict=True)]
 
 
 def _representatives(model: Model) -> list[Model]:
@@ -91,7 +91,9 @@ def _any_force(kind: str, force: Force, n: int) -> Force:
     weights = np.random.default_rng(3).integers(1, 10**6, 1000).tolist()
 
     def potential(*arguments: Any) -> Any:
-        return sum(w * x for w, x in zip(weights, [x for each in arguments for x in np.ravel(each)], strict=False))
+        return sum(
+            w * x for w, x in zip(weights, [x for argument in arguments for x in np.ravel(argument)], strict=False)
+        )
 
     def load(*_: Any) -> Any:
         if kind == "force" or n == 3:
@@ -137,7 +139,7 @@ def _all_of_parts(
     points = [
         [bool(still(*slope)) for slope in body] for point in _slopes(models, function, number) for body in of(point)
     ]
-    return [all(part) for part in zip(*points, strict=True)]
+    return [all(column) for column in zip(*points, strict=True)]
 
 
 def _is_zero(slope: Any) -> bool:
@@ -168,23 +170,23 @@ def _slopes(models: list[Model], function: Function, number: Callable[[float], A
     for _ in range(POINTS):
         t = draw((1,))[0] if times is None else times
         bodies, rates, slopes = [], [], []
-        for one in (models[0], models[-1])[: 1 + in_pairs]:
+        for member in (models[0], models[-1])[: 1 + in_pairs]:
             state = space.point(n, draw)
-            slopes.append(_slopes_at(one, function, state))
+            slopes.append(_slopes_at(member, function, state))
             turn = algebra.cayley(algebra.skew(draw((n * (n - 1) // 2,)), n))
             bodies.append(Body(tuple(_at_times(z, times) for z in state), _at_times(turn, times), t))
-            rates.append(kicks.rates(one.system, bodies[-1], one.constants, one.axes)[0])
+            rates.append(kicks.rates(member.system, bodies[-1], member.constants, member.axes)[0])
         if in_pairs:
             of_pairs, axes = constants_of_pairs(model)
             mean = {k: _mean(v, rng.random(len(v)), number) for k, v in of_pairs.items()}
             pulled = kicks.pulls(model.system, (bodies[0], bodies[1]), mean, axes)[:2]
-            rates = [tuple(x + y for x, y in zip(*both, strict=True)) for both in zip(rates, pulled, strict=True)]
+            rates = [tuple(x + y for x, y in zip(*pair, strict=True)) for pair in zip(rates, pulled, strict=True)]
         flat = [algebra.flatten(rate, space.kinds) for rate in rates]
         for together in zip(*(np.atleast_2d(rate) for rate in flat), strict=True):
             if times is None or np.isfinite(np.concatenate(together)).all():  # some forces overflow at late times
                 yield [
-                    [(sum(slope * rate), max(abs(slope)) * max(abs(rate))) for slope in each]
-                    for each, rate in zip(slopes, together, strict=True)
+                    [(sum(slope * rate), max(abs(slope)) * max(abs(rate))) for slope in row]
+                    for row, rate in zip(slopes, together, strict=True)
                 ]
 
 

@@ -93,16 +93,16 @@ def pulls(
 
 
 def _value_and_slopes(
-    force: Force, kind: str, there: Mapping[str, tuple[Any, int]], constants: Constants, axes: Mapping[str, int]
+    force: Force, kind: str, arguments: Mapping[str, tuple[Any, int]], constants: Constants, axes: Mapping[str, int]
 ) -> tuple[Any, dict[str, Any]]:
-    """The value of a potential and its derivatives with respect to its arguments; `there` has (value, axes) of each."""
-    more = [(constants[name], axes[name]) for name in force.parameters]
+    """The value of a potential and its derivatives with respect to its arguments; `arguments`: (value, axes) of each."""
+    parameters = [(constants[name], axes[name]) for name in force.parameters]
 
     def of_numbers(*numbers: Any) -> Any:
         return _called(force, numbers)
 
     try:
-        value, slopes = value_and_gradient(of_numbers, [*(there[name] for name in force.arguments), *more])
+        value, slopes = value_and_gradient(of_numbers, [*(arguments[name] for name in force.arguments), *parameters])
     except InputError as error:
         raise InputError(f"{kind}: {error}") from None
     return value, dict(zip(force.arguments, slopes, strict=False))
@@ -175,30 +175,32 @@ def seen(system: System, body: Body) -> dict[str, tuple[Any, int]]:
 
 def seen_by_pair(system: System, pair: tuple[Body, Body]) -> dict[str, tuple[Any, int]]:
     """The possible arguments of a pair potential, by name: (value, its axes)."""
-    there = {TIME: (pair[0].t, 0)}
+    arguments = {TIME: (pair[0].t, 0)}
     for body, mark in zip(pair, (FIRST, SECOND), strict=True):
-        there |= {name + mark: value for name, value in seen(system, body).items() if name != TIME}
-    return there
+        arguments |= {name + mark: value for name, value in seen(system, body).items() if name != TIME}
+    return arguments
 
 
-def chooses(force: Force, there: Mapping[str, tuple[Any, int]], constants: Constants, axes: Mapping[str, int]) -> bool:
-    """Whether a force chooses values by comparisons; `there` has (value, axes) of its arguments."""
-    return any(isinstance(x, ChosenNumber) for x in _recorded(force, there, constants, axes)[1])
+def chooses(
+    force: Force, arguments: Mapping[str, tuple[Any, int]], constants: Constants, axes: Mapping[str, int]
+) -> bool:
+    """Whether a force chooses values by comparisons; `arguments` has (value, axes) of its arguments."""
+    return any(isinstance(x, ChosenNumber) for x in _recorded(force, arguments, constants, axes)[1])
 
 
 def _recorded(
-    force: Force, there: Mapping[str, tuple[Any, int]], constants: Constants, axes: Mapping[str, int]
+    force: Force, arguments: Mapping[str, tuple[Any, int]], constants: Constants, axes: Mapping[str, int]
 ) -> tuple[Any, list[Any]]:
     """The result of a force of values that record the operations, and their tape."""
     tape: list[Any] = []
-    more = [(constants[name], axes[name]) for name in force.parameters]
-    values = [traced(tape, *each) for each in (*(there[name] for name in force.arguments), *more)]
+    parameters = [(constants[name], axes[name]) for name in force.parameters]
+    values = [traced(tape, *entry) for entry in (*(arguments[name] for name in force.arguments), *parameters)]
     return _called(force, values), tape
 
 
 def _called(force: Force, numbers: Sequence[Any]) -> Any:
-    own, more = numbers[: len(force.arguments)], numbers[len(force.arguments) :]
-    return run(force.function, *own, **force.named(more))
+    arguments, parameters = numbers[: len(force.arguments)], numbers[len(force.arguments) :]
+    return run(force.function, *arguments, **force.named(parameters))
 
 
 def _back(system: System, name: str, slope: Array, body: Body) -> Array:
@@ -402,9 +404,9 @@ def kicked(
     """
 
     def without_loads(state: tuple[Array, ...]) -> tuple[tuple[Any, ...], Any]:
-        there = body._replace(state=state)
-        _, slopes = potential(system, there, constants, axes)
-        rates, power = force_of_potential(system, there, slopes, constants), slopes.get(TIME, 0)
+        moved = body._replace(state=state)
+        _, slopes = potential(system, moved, constants, axes)
+        rates, power = force_of_potential(system, moved, slopes, constants), slopes.get(TIME, 0)
         return _sum((rates, power), others(state)) if others is not None else (rates, power)
 
     def by_loads(state: tuple[Array, ...]) -> tuple[tuple[Any, ...], Any]:
@@ -421,8 +423,8 @@ def kicked(
     return new, h * (still[1] + by_loads(middle)[1])
 
 
-def _sum(one: tuple[tuple[Any, ...], Any], two: tuple[tuple[Any, ...], Any]) -> tuple[tuple[Any, ...], Any]:
-    return tuple(x + y for x, y in zip(one[0], two[0], strict=True)), one[1] + two[1]
+def _sum(first: tuple[tuple[Any, ...], Any], second: tuple[tuple[Any, ...], Any]) -> tuple[tuple[Any, ...], Any]:
+    return tuple(x + y for x, y in zip(first[0], second[0], strict=True)), first[1] + second[1]
 
 
 def changes_its_loads(system: System) -> bool:
@@ -442,11 +444,11 @@ def _by_runge_kutta(
     system: System, state: tuple[Array, ...], h: Any, rates: Callable[..., tuple[tuple[Any, ...], Any]]
 ) -> tuple[tuple[Array, ...], Any]:
     """The state after the time h, and the work, by the classical method of order 4."""
-    total, gain, there = [0 * z for z in state], 0, state
+    total, gain, point = [0 * z for z in state], 0, state
     for weight, ahead in ((1 / 6, 0.5), (1 / 3, 0.5), (1 / 3, 1.0), (1 / 6, 0.0)):
-        slopes, power = rates(there)
+        slopes, power = rates(point)
         total = [z + weight * s for z, s in zip(total, slopes, strict=True)]
-        there, gain = _after(system, state, ahead * h, slopes), gain + weight * power
+        point, gain = _after(system, state, ahead * h, slopes), gain + weight * power
     return _after(system, state, h, tuple(total)), h * gain
 
 
@@ -463,7 +465,7 @@ def decayed(
 def rubbed(system: System, state: tuple[Array, ...], h: Any, constants: Constants) -> tuple[tuple[Array, ...], Any]:
     """The state after friction for the time h, and the work."""
     function = perturbation_of(system).friction
-    return _by_runge_kutta(system, state, h, lambda there: call(function, there, constants))
+    return _by_runge_kutta(system, state, h, lambda z: call(function, z, constants))
 
 
 def expm1(x: Any) -> Any:

@@ -34,13 +34,13 @@ class Factor:
     mark: str
     names: tuple[str, ...]
 
-    def known(self, constants: Mapping[str, Any]) -> dict[str, Any]:
+    def constants(self, constants: Mapping[str, Any]) -> dict[str, Any]:
         """The constants of this body by its letters."""
         return {name: constants[name + self.mark] for name in self.names if name + self.mark in constants}
 
     def call(self, function: Any, state: State, constants: Mapping[str, Any]) -> Any:
         """A function of its record at the state of all bodies."""
-        return call(function, state[self.place], {**constants, **self.known(constants)})
+        return call(function, state[self.place], {**constants, **self.constants(constants)})
 
 
 def product(models: Sequence[Any]) -> Model:
@@ -84,13 +84,13 @@ def _record(models: Sequence[Model], factors: list[Factor]) -> System:
         return sum(f.call(f.system.energy, state, constants) for f in factors)
 
     def derive(**constants: Any) -> dict[str, Any]:
-        result = [(f, call(f.system.derive, (), f.known(constants))) for f in factors if f.system.derive]
+        result = [(f, call(f.system.derive, (), f.constants(constants))) for f in factors if f.system.derive]
         return {name + f.mark: value for f, values in result for name, value in values.items()}
 
     def check_parameters(**constants: Any) -> None:
         for f in factors:
             if f.system.checks.parameters is not None:
-                call(f.system.checks.parameters, (), f.known(constants))
+                call(f.system.checks.parameters, (), f.constants(constants))
 
     checks_of_state = {k + f.mark: check for f in factors for k, check in f.system.checks.state.items()}
     return System(
@@ -134,7 +134,7 @@ def block_diagonal(blocks: Sequence[Array]) -> Array:
     """The matrix (..., n, n) with these blocks (..., k, k) on its diagonal."""
     rows = []
     for i, block in enumerate(blocks):
-        zeros = [0 * block[..., :1] + np.zeros(each.shape[-1], dtype=int) for each in blocks]
+        zeros = [0 * block[..., :1] + np.zeros(column_block.shape[-1], dtype=int) for column_block in blocks]
         rows.append(np.concatenate([*zeros[:i], block, *zeros[i + 1 :]], -1))
     return np.concatenate(rows, -2)
 

@@ -34,10 +34,10 @@ UNKNOWN: dict[str, Any] = {
 
 def perturbed_record(record: Perturbation, axes: Mapping[str, int], **stated: Any) -> System:
     """The system of these forces; `axes` of each constant, without axes of lanes; `stated`: fields of the record."""
-    made = replace(record.base, **{**UNKNOWN, **stated}, perturbation=record)
+    system = replace(record.base, **{**UNKNOWN, **stated}, perturbation=record)
     names = (*axes, *(letter for letter in (ORIENTATION, TIME) if record.names(letter)))
-    named: dict[str, Any] = {kind: naming(f, names) for kind, f in _functions(made, axes).items()}
-    return replace(made, **named)
+    named: dict[str, Any] = {kind: naming(f, names) for kind, f in _functions(system, axes).items()}
+    return replace(system, **named)
 
 
 def in_words(record: Perturbation) -> str:

@@ -28,20 +28,20 @@ State = tuple[Array, ...]
 Turn = Callable[[State, State, Any, Constants], tuple[State, State]]
 
 
-def turns_of(model: Model, everything: bool = False) -> list[Turn]:
+def turns_of(model: Model, with_zeros: bool = False) -> list[Turn]:
     """The rotations of a perturbed body: (state, orientation, h, constants), if they have an effect in some lane.
 
-    With `everything` all are returned, since parameters may change.
+    With `with_zeros` all are returned, since parameters may change.
     """
     system, record = model.system, perturbation_of(model.system)
     out: list[Turn] = []
     if record.inertia:
         change = abs(inverse_moments(system, model.constants)).reshape(-1, 3).max(0)
-        axes = np.flatnonzero(everything | (change > SAME * (1 / model.constants[INERTIA]).max())).tolist()
+        axes = np.flatnonzero(with_zeros | (change > SAME * (1 / model.constants[INERTIA]).max())).tolist()
         out += [about_axis(system, axis) for axis in axes]
     if record.coupling:
         result = [np.asarray(weight(model.constants[COUPLING], term)) for term in range(6)]
-        out += [along_coupling(system, term) for term in range(6) if everything or result[term].any()]
+        out += [along_coupling(system, term) for term in range(6) if with_zeros or result[term].any()]
     return out
 
 

@@ -61,8 +61,8 @@ def renewed(window: Array, body: Body, model: Model, constants: Constants) -> Ar
     def computed() -> Array:
         def shifted(x: Array) -> tuple[tuple[Array], Any]:
             place = x[..., 0]
-            there = body._replace(t=(w + place) * span)
-            B = kicks.field_of(model.system, there, constants, model.axes)
+            at_node = body._replace(t=(w + place) * span)
+            B = kicks.field_of(model.system, at_node, constants, model.axes)
             return (joined(stack([place + 1 / (NODES - 1)]), x[..., 4:], B),), place * place
 
         start = joined(stack([0 * window[..., 0] - 0.5]), window[..., 1:])  # all of which leaves

@@ -163,16 +163,16 @@ def _read(step: _Step) -> list[Any]:
 
 def _with_reciprocals(steps: list[_Step]) -> list[_Step]:
     divisors = Counter(x.operands[1].at for x in steps if x.operation == ops.OVER and isinstance(x.operands[1], Number))
-    out, made = list[_Step](), set[int]()
+    out, inverted = list[_Step](), set[int]()
     for step in steps:
         x, y = step.operands if step.operation == ops.OVER else (None, None)
         if not isinstance(y, Number) or divisors[y.at] < 2:
             out.append(step)
             continue
         inverse = ("1/", y.at)
-        if y.at not in made:
+        if y.at not in inverted:
             out.append(_Step(inverse, ops.OVER, (1.0, y)))
-            made.add(y.at)
+            inverted.add(y.at)
         alone = not isinstance(x, Number) and x == 1
         out.append(_Step(step.place, SAME, (inverse,)) if alone else _Step(step.place, ops.TIMES, (x, inverse)))
     return out
@@ -194,7 +194,7 @@ class Formula:
         self.count = len(values)
 
     def __call__(self, *arguments: Any) -> list[Any]:
-        numbers = [x for each in arguments for x in np.ravel(np.asarray(each, dtype=object))]
+        numbers = [x for argument in arguments for x in np.ravel(np.asarray(argument, dtype=object))]
         return evaluated(self._graph, self._outputs, lambda _, i: numbers[i])
 
     def digest(self) -> str:
@@ -296,8 +296,8 @@ def independent(graph: Graph, nodes: Sequence[int], letters: Collection[str]) ->
         if operation == ops.IN:
             fixed = operands[0] in letters
         else:
-            whole = operation not in (ops.LOOP, ops.BRANCH, ops.RESULT, ops.VARIABLE)
-            fixed = whole and all(x.at in out for x in operands_of(graph.nodes[at]))
+            plain = operation not in (ops.LOOP, ops.BRANCH, ops.RESULT, ops.VARIABLE)
+            fixed = plain and all(x.at in out for x in operands_of(graph.nodes[at]))
         if fixed:
             out.add(at)
     return out

@@ -58,8 +58,8 @@ class DoubleDouble(Ring):
     def __abs__(self) -> DoubleDouble:
         return self.where_less(self, 0.0, -self, self)
 
-    def maximum(self, other: Any) -> DoubleDouble:
-        return self.where_less(self, other, other, self)
+    def maximum(self, operand: Any) -> DoubleDouble:
+        return self.where_less(self, operand, operand, self)
 
     def sign(self) -> Any:
         return sign(self.upper)
@@ -72,8 +72,10 @@ class DoubleDouble(Ring):
     @staticmethod
     def where_less(x: Any, y: Any, yes: Any, no: Any) -> DoubleDouble:
         """`yes` where x < y, else `no`."""
-        less, pairs = (upper(x), upper(y)), (double_double(yes), double_double(no))
-        return DoubleDouble(where_less(*less, *map(upper, pairs)), where_less(*less, *(v.lower for v in pairs)))
+        comparison, pairs = (upper(x), upper(y)), (double_double(yes), double_double(no))
+        return DoubleDouble(
+            where_less(*comparison, *map(upper, pairs)), where_less(*comparison, *(v.lower for v in pairs))
+        )
 
     def __repr__(self) -> str:
         return f"({self.upper!r} + {self.lower!r})"

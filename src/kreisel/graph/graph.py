@@ -327,14 +327,14 @@ class Number(Ring, Recorded):
     cos, __abs__ = _recording("cos", even=True), _recording(SIZE, even=True)
     sin, nearest = _recording("sin", odd=True), _recording(NEAREST, odd=True)
 
-    def maximum(self, other: Any) -> Number:
-        return self.record(MAX, self, other if isinstance(other, Number) else float(other))
+    def maximum(self, operand: Any) -> Number:
+        return self.record(MAX, self, operand if isinstance(operand, Number) else float(operand))
 
     @staticmethod
     def where_less(x: Any, y: Any, yes: Any, no: Any) -> Any:
         return where_less(x, y, yes, no)
 
-    def record_each(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
+    def record_rows(self, body: Callable[..., Any], rows: Sequence[Sequence[float]]) -> list[Any]:
         """body(*row) for rows of constants, as the graph keeps them."""
         return self.graph.for_rows(body, rows)
 

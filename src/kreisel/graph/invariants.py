@@ -287,7 +287,7 @@ def _in_runs(graph: Graph, nodes: Sequence[int]) -> tuple[list[int], np.ndarray]
     order: list[int] = []
     runs: list[tuple[int, int, int]] = []
     while len(order) < len(nodes):
-        kind = max(range(len(ready)), key=lambda what: len(ready[what]))
+        kind = max(range(len(ready)), key=lambda operation: len(ready[operation]))
         queue, start = ready[kind], len(order)
         for at in queue:  # grows
             order.append(at)
@@ -302,11 +302,11 @@ def _in_runs(graph: Graph, nodes: Sequence[int]) -> tuple[list[int], np.ndarray]
 
 def _ops(nodes: Sequence[Any], registers: Mapping[Any, int], free: int) -> np.ndarray:
     """`Program.ops`; slopes that are no register are written to the rows from `free` on."""
-    zero, one, minus = (registers[number] for number in FIRST)
+    zero, unit, minus = (registers[number] for number in FIRST)
     out = []
     for operation, *operands in nodes:
         x, y = (registers[("node", v.at) if isinstance(v, Number) else v] for v in (operands[0], operands[-1]))
-        slopes = {ops.PLUS: (one, one), ops.MINUS: (one, minus), ops.TIMES: (y, x)}.get(operation)
+        slopes = {ops.PLUS: (unit, unit), ops.MINUS: (unit, minus), ops.TIMES: (y, x)}.get(operation)
         if slopes is None:
             slopes = free, free + 1 if operation == ops.OVER else zero
             free += 2

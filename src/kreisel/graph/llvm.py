@@ -52,8 +52,8 @@ class Integer:
     def __init__(self, builder: ir.IRBuilder, value: Value):
         self.builder, self.value = builder, value
 
-    def _by(self, operation: str, other: Any, reverse: bool = False) -> Integer:
-        x, y = self.value, integer_value(other)
+    def _by(self, operation: str, operand: Any, reverse: bool = False) -> Integer:
+        x, y = self.value, integer_value(operand)
         x, y = (y, x) if reverse else (x, y)
         return Integer(self.builder, getattr(self.builder, operation)(x, y))
 
@@ -88,19 +88,19 @@ class Integer:
         """With zeros from the left."""
         return self._by("lshr", other)
 
-    def compared(self, sign: str, other: Any) -> Value:
+    def compared(self, sign: str, operand: Any) -> Value:
         """A bit: whether self < other, or another sign."""
-        return self.builder.icmp_signed(sign, self.value, integer_value(other))
+        return self.builder.icmp_signed(sign, self.value, integer_value(operand))
 
-    def below(self, other: Any) -> Integer:
+    def below(self, operand: Any) -> Integer:
         """1 where self < other, as integers without a sign, else 0."""
-        test = self.builder.icmp_unsigned("<", self.value, integer_value(other))
+        test = self.builder.icmp_unsigned("<", self.value, integer_value(operand))
         return Integer(self.builder, self.builder.zext(test, INTEGER))
 
-    def least(self, other: Any) -> Integer:
+    def least(self, operand: Any) -> Integer:
         """The smaller of two."""
-        test = self.compared("<", other)
-        return Integer(self.builder, self.builder.select(test, self.value, integer_value(other)))
+        test = self.compared("<", operand)
+        return Integer(self.builder, self.builder.select(test, self.value, integer_value(operand)))
 
     def double(self) -> Value:
         """The double next to it, a signed integer."""
@@ -354,7 +354,7 @@ class Function:
 
     def _arithmetic(self, operation: str, *x: Value) -> Value:
         kind = x[0].type
-        return self._written(f"{operation} {kind} {', '.join([each.get_reference() for each in x])}", kind)
+        return self._written(f"{operation} {kind} {', '.join([operand.get_reference() for operand in x])}", kind)
 
     def emit(self, graph: Graph, nodes: Sequence[int], values: dict[int, Value], kind: ir.Type) -> None:
         """Compute nodes, in this order, into `values`, which has the inputs among them."""
@@ -419,16 +419,16 @@ class Function:
             place = builder.fptoui(row, INTEGER)
             place = builder.add(builder.mul(place, INTEGER(stride)), INTEGER(column))
             base = builder.fptoui(address, INTEGER)
-            there = builder.add(base, builder.mul(place, INTEGER(8)))
-            there = builder.select(builder.icmp_signed("==", base, INTEGER(0)), empty, there)
-            return builder.load(builder.inttoptr(there, DOUBLE.as_pointer()), align=8)
+            location = builder.add(base, builder.mul(place, INTEGER(8)))
+            location = builder.select(builder.icmp_signed("==", base, INTEGER(0)), empty, location)
+            return builder.load(builder.inttoptr(location, DOUBLE.as_pointer()), align=8)
 
         if not isinstance(kind, ir.VectorType):
             return single(*numbers)
         out = ir.Constant(kind, ir.Undefined)
         for i in range(kind.count):
-            each = [builder.extract_element(x, INDEX(i)) for x in numbers]
-            out = builder.insert_element(out, single(*each), INDEX(i))
+            entries = [builder.extract_element(x, INDEX(i)) for x in numbers]
+            out = builder.insert_element(out, single(*entries), INDEX(i))
         return out
 
     def _operation(self, operation: str, x: list[Value]) -> Value:
@@ -440,8 +440,8 @@ class Function:
         if operation == ops.WHERE:
             return builder.select(builder.fcmp_ordered("<", *x[:2]), *x[2:])
         if operation == ops.SIGN:
-            zero, less, more = (constant(x[0].type, number) for number in (0.0, -1.0, 1.0))
-            return builder.select(builder.fcmp_ordered("<", x[0], zero), less, more)
+            zero, minus, plus = (constant(x[0].type, number) for number in (0.0, -1.0, 1.0))
+            return builder.select(builder.fcmp_ordered("<", x[0], zero), minus, plus)
         return self.intrinsic(INTRINSIC[operation], *x)
 
     def _branch(self, graph: Graph, at: int, operands: list[Any], values: dict[int, Value], kind: ir.Type) -> None:

@@ -41,8 +41,8 @@ _loaded: WeakValueDictionary[str, Kernel] = WeakValueDictionary()  # the kernels
 @cache
 def processor() -> tuple[str, str, str]:
     """Triple, name and features of the processor that code is compiled for."""
-    name, features = (os.environ.get(f"KREISEL_CPU_{what}") for what in ("NAME", "FEATURES"))
-    wrong = [each for each in (features or "").split(",") if each and each[0] not in "+-"]
+    name, features = (os.environ.get(f"KREISEL_CPU_{kind}") for kind in ("NAME", "FEATURES"))
+    wrong = [feature for feature in (features or "").split(",") if feature and feature[0] not in "+-"]
     if wrong:  # LLVM would end the process
         raise InputError(
             "KREISEL_CPU_FEATURES: expected features of a processor with + or - in front, separated by commas, such as "

@@ -72,23 +72,23 @@ class Projection:
 
     def _operations(self) -> Iterator[tuple[int, Any, Any, Any, Any]]:
         """All operations of the program: the kind, the place, the registers of the result and of both operands."""
-        for r in self.flow.each(0, self.run_count):
+        for r in self.flow.indices(0, self.run_count):
             kind, first, last = (self.runs[3 * r + i] for i in range(3))
             for place in range(len(OPERATIONS)):
                 for _ in self.flow.only(kind, place):
-                    for i in self.flow.each(first, last):
+                    for i in self.flow.indices(first, last):
                         yield place, i, self.base + i, self.ops[4 * i], self.ops[4 * i + 1]
 
     def values(self) -> None:
         """All registers, and the slopes of quotients and roots."""
-        x, low, each = self.x, self.low, self.flow.each
-        for i in each(0, self.d):
+        x, low, indices = self.x, self.low, self.flow.indices
+        for i in indices(0, self.d):
             x[i] = self.z[i]
-        for i in each(self.d, self.literal):
+        for i in indices(self.d, self.literal):
             x[i] = self.c[self.columns[i - self.d]]
-        for i in each(self.literal, self.base):
+        for i in indices(self.literal, self.base):
             x[i] = self.literals[i - self.literal]
-        for i in each(low, low + self.base):
+        for i in indices(low, low + self.base):
             x[i] = 0.0
         for kind, i, result, a, b in self._operations():
             left, right = (x[a], x[low + a]), (x[b], x[low + b])
@@ -104,7 +104,7 @@ class Projection:
     def begin(self) -> None:
         """The values of the invariants and the sizes of their terms: each sum with all its terms of one sign."""
         x, size = self.x, self.slopes
-        for i in self.flow.each(0, self.base):
+        for i in self.flow.indices(0, self.base):
             x[size + i] = abs(x[i])
         for kind, _, result, a, b in self._operations():
             left, right = x[size + a], x[size + b]
@@ -114,47 +114,47 @@ class Projection:
                 x[size + result] = left * right
             else:
                 x[size + result] = left / right if kind == DIVIDE else root(left)
-        for j in self.flow.each(0, self.k):
+        for j in self.flow.indices(0, self.k):
             for i, row in enumerate((0, self.low, size)):
                 self.targets[4 * j + i] = x[row + self.outs[j]]
 
     def gradients(self) -> None:
         """J, by a reverse sweep for each invariant."""
-        x, ops, slopes, each = self.x, self.ops, self.slopes, self.flow.each
-        for i in each(slopes, slopes + self.low):
+        x, ops, slopes, indices = self.x, self.ops, self.slopes, self.flow.indices
+        for i in indices(slopes, slopes + self.low):
             x[i] = 0.0
-        for j in each(0, self.k):
+        for j in indices(0, self.k):
             row = self.J + j * self.d
             x[slopes + self.outs[j]] = 1.0
-            for place in each(self.ends[j], self.ends[j + 1]):
+            for place in indices(self.ends[j], self.ends[j + 1]):
                 i = self.cones[place]
                 slope = x[slopes + self.base + i]
                 x[slopes + self.base + i] = 0.0
                 for side in (0, 1):
                     into = slopes + ops[4 * i + side]
                     x[into] = fused(slope, x[ops[4 * i + 2 + side]], x[into])
-            for i in each(0, self.first):
+            for i in indices(0, self.first):
                 x[row + i] = 0.0
-            for i in each(self.first, self.d):
+            for i in indices(self.first, self.d):
                 x[row + i] = x[slopes + i]
-            for i in each(slopes, slopes + self.d):
+            for i in indices(slopes, slopes + self.d):
                 x[i] = 0.0
 
     def correct(self) -> None:
         """One step of Gauss and Newton, and the lead and the farthest correction of each invariant."""
         unit = 1.0 / root(self._dot(0, 0))
-        for j in self.flow.each(0, self.k):
+        for j in self.flow.indices(0, self.k):
             self._lack(j, unit)
         self._solve()
-        for i in self.flow.each(self.first, self.d):
+        for i in self.flow.indices(self.first, self.d):
             value = self.flow.cell(self.x[i])
-            for j in self.flow.each(0, self.k):
+            for j in self.flow.indices(0, self.k):
                 value[0] = fused(-self.x[self.J + j * self.d + i], self.x[self.R + j], value[0])
             self.z[i] = value[0]
 
     def _dot(self, a: Any, b: Any) -> Any:
         total = self.flow.cell(0.0)
-        for i in self.flow.each(0, self.d):
+        for i in self.flow.indices(0, self.d):
             total[0] = fused(self.x[a + i], self.x[b + i], total[0])
         return total[0]
 
@@ -165,7 +165,7 @@ class Projection:
         total = root(fused(flat, flat, self._dot(row, row)))
         scale = where_less(0.0, total, 1.0 / total, 0.0)
         scale = where_less(total, HUGE, scale, 0.0)  # a step that is not finite is zero, too
-        for i in self.flow.each(row, row + self.d):
+        for i in self.flow.indices(row, row + self.d):
             slope = x[i]
             if isinstance(slope, Number) or slope:
                 x[i] = where_less(0.0, scale, scale * slope, 0.0)
@@ -185,22 +185,22 @@ class Projection:
 
     def _solve(self) -> None:
         """(J J^T + tau) R = lack, by elimination."""
-        x, k, G, R, each = self.x, self.k, self.G, self.R, self.flow.each
-        for j in each(0, k):
-            for q in each(j, k):
+        x, k, G, R, indices = self.x, self.k, self.G, self.R, self.flow.indices
+        for j in indices(0, k):
+            for q in indices(j, k):
                 x[G + j * k + q] = self._dot(self.J + j * self.d, self.J + q * self.d)
             x[G + j * k + j] = x[G + j * k + j] + TAU
-        for j in each(0, k):
+        for j in indices(0, k):
             pivot = 1.0 / x[G + j * k + j]
-            for q in each(j + 1, k):
+            for q in indices(j + 1, k):
                 factor = -(x[G + j * k + q] * pivot)
-                for i in each(q, k):
+                for i in indices(q, k):
                     x[G + q * k + i] = fused(factor, x[G + j * k + i], x[G + q * k + i])
                 x[R + q] = fused(factor, x[R + j], x[R + q])
             x[G + j * k + j] = pivot
-        for j in each(k - 1, -1, -1):
+        for j in indices(k - 1, -1, -1):
             total = self.flow.cell(x[R + j])
-            for q in each(j + 1, k):
+            for q in indices(j + 1, k):
                 total[0] = fused(-x[G + j * k + q], x[R + q], total[0])
             x[R + j] = total[0] * x[G + j * k + j]
 
@@ -211,7 +211,7 @@ class Projection:
 class Straight:
     """Loops that are run while operations are recorded."""
 
-    each = range
+    indices = range
 
     @staticmethod
     def only(kind: int, place: int) -> range:
@@ -300,7 +300,7 @@ class _Looping(Graph):
         """And back."""
         return self._f.value(x, self._values, self._kind)
 
-    def each(self, first: Any, last: Any, step: int = 1) -> Iterator[Integer]:
+    def indices(self, first: Any, last: Any, step: int = 1) -> Iterator[Integer]:
         """The variable of a loop: the body is run once, to be written."""
         with self._f.loop(first, last, step) as i:
             yield i

@@ -65,8 +65,8 @@ class _Thread(Function):
         if name not in TRANSCENDENTAL:
             return super().intrinsic(name, *values)
         full, kind = f"__nv_{name}{'f' if values[0].type == FLOAT else ''}", values[0].type
-        known = self.module.globals.get(full)
-        return self.builder.call(known or ir.Function(self.module, ir.FunctionType(kind, [kind]), full), values)
+        function = self.module.globals.get(full)
+        return self.builder.call(function or ir.Function(self.module, ir.FunctionType(kind, [kind]), full), values)
 
 
 @cache

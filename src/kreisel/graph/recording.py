@@ -75,7 +75,7 @@ class Recording:
     def _recorded(self, part: Part) -> tuple[Graph, list[Operand]]:
         graph = Graph(MOST if self.scheme.n > 3 else math.inf)
         letters = {letter: self.columns[letter] for letter in part.letters}
-        state, constants = recorded_arguments(self.scheme, graph, letters, part.more)
+        state, constants = recorded_arguments(self.scheme, graph, letters, part.arguments)
         return graph, list(algebra.flatten(part.function(*state, **constants), self.scheme.kinds))
 
     @property
@@ -124,13 +124,13 @@ def count_of(columns: Mapping[str, slice]) -> int:
 
 
 def recorded_arguments(
-    scheme: Scheme, graph: Graph, columns: Mapping[str, Mapping[str, slice]], more: tuple[str, ...] = ()
+    scheme: Scheme, graph: Graph, columns: Mapping[str, Mapping[str, slice]], arguments: tuple[str, ...] = ()
 ) -> tuple[tuple[Array, ...], dict[str, Array]]:
     """Recorded scalars in place of the state and of the constants, which are called by their letter.
 
-    `more`: the kinds of the arguments after the state.
+    `arguments`: the kinds of the arguments after the state.
     """
-    kinds = [*(kind for _, kind in scheme.components), *more]
+    kinds = [*(kind for _, kind in scheme.components), *arguments]
     count = algebra.coordinate_count(kinds, scheme.n)
     constants = {
         name: recorded_numbers(graph, letter, place, _shape(scheme, letter, name))
@@ -146,7 +146,7 @@ def recorded_numbers(graph: Graph, letter: str, place: slice, shape: tuple[int, 
 
 
 def _shape(scheme: Scheme, letter: str, name: str) -> tuple[int, ...]:
-    shape = np.shape(scheme.known[name] if letter == "c" else scheme.stages[name])
+    shape = np.shape(scheme.keywords[name] if letter == "c" else scheme.stages[name])
     return shape[len(shape) - scheme.axes[name] :]
 
 
@@ -163,10 +163,10 @@ def recorded_outputs(
 ) -> Outputs:
     """`function(parts, **constants)`, which returns variables by name, on recorded scalars."""
     graph = Graph()
-    parts, known = recorded_arguments(scheme, graph, {"c": constants})
+    parts, scalars = recorded_arguments(scheme, graph, {"c": constants})
     values: list[Any] = []
     places = {}
-    for name, value in function(parts, **known).items():
+    for name, value in function(parts, **scalars).items():
         array = np.asarray(value, dtype=object)
         places[name] = slice(len(values), len(values) + array.size), array.shape
         values += list(array.flat)

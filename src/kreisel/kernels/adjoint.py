@@ -98,30 +98,32 @@ class Code:
         plain = all(not part.graph.loops and not part.graph.branches for part in parts)
         return plain and all(len(part.graph.needed(part.outputs)) < MOST_NODES for part in self._parts)
 
-    def _kernel(self, write: Callable[..., None], arguments: int, derive: Callable[..., Any] | None, *more: Any) -> Any:
-        """The kernel that write(function, derivatives, *more) writes, with those that derive(part) gives."""
-        result = self._made.get((write.__name__, *more))
+    def _kernel(
+        self, write: Callable[..., None], arguments: int, derive: Callable[..., Any] | None, *options: Any
+    ) -> Any:
+        """The kernel that write(function, derivatives, *options) writes, with derivatives from derive(part)."""
+        result = self._made.get((write.__name__, *options))
         if result is None:
             parts = [Part(*arranged(*derive(part))) for part in self._parts] if derive else []
-            key = write.__name__, *more, self._key, *(part.graph.digest(part.outputs) for part in parts)
-            result = self._made[write.__name__, *more] = kernel(key, arguments, lambda f: write(f, parts, *more))
+            key = write.__name__, *options, self._key, *(part.graph.digest(part.outputs) for part in parts)
+            result = self._made[write.__name__, *options] = kernel(key, arguments, lambda f: write(f, parts, *options))
         return result
 
     def _forward(self, f: Function, _: Sequence[Part]) -> None:
-        """(z, c, s, stages, marks, count, every, part): the state at the ends of parts of every `every` steps."""
-        *start, marks, count, every, part = f.arguments
-        motion, parts = _Motion(f, self, *start), (every + (part - 1)) // part
+        """(z, c, s, stages, marks, count, every, length): the state after each `length` and `every` steps."""
+        *start, marks, count, every, length = f.arguments
+        motion, parts = _Motion(f, self, *start), (every + (length - 1)) // length
         with f.loop(0, count) as mark:
-            with f.loop(0, part.least(every - part * (mark % parts))):
+            with f.loop(0, length.least(every - length * (mark % parts))):
                 motion.through(motion.advance)
             f.doubles(marks).put(motion.state, mark * self.dim)
 
     def _pull(self, f: Function, derivatives: Sequence[Part], wide: bool) -> None:
-        """(starts of parts, c, s, stages, path, g, gc, gs, every, part): g <- J^T g, gc and gs with it if `wide`.
+        """(starts of parts, c, s, stages, path, g, gc, gs, every, length): g <- J^T g, gc and gs with it if `wide`.
 
         path (parts of all steps, d) is room.
         """
-        *start, path, g, gc, gs, every, part = f.arguments
+        *start, path, g, gc, gs, every, length = f.arguments
         d, constants, of_stage = self.sizes
         motion, per_step = _Motion(f, self, *start), start[3] + (len(self._parts) - 1)
         slopes = f.variables(d + constants * wide)
@@ -139,9 +141,9 @@ class Code:
             states.put(motion.state, (step * per_step + stage) * d)
             motion.advance(k, stage)
 
-        with f.loop((every + (part - 1)) // part - 1, -1, -1) as k:
+        with f.loop((every + (length - 1)) // length - 1, -1, -1) as k:
             motion.state = f.doubles(start[0]).get(d, k * d)
-            steps = part.least(every - part * k)
+            steps = length.least(every - length * k)
             with f.loop(0, steps) as step:
                 motion.through(forth)
             with f.loop(steps - 1, -1, -1) as step:
@@ -194,15 +196,15 @@ class Code:
 
     # -- rows of lanes -----------------------------------------------------------------------------
 
-    def marks(self, z: Floats, c: Floats, s: Floats, rows: int, every: int, part: int) -> Floats:
-        """The states (lanes, rows * parts, d) at the ends of parts of every `every` steps."""
+    def marks(self, z: Floats, c: Floats, s: Floats, rows: int, every: int, length: int) -> Floats:
+        """The states (lanes, rows * parts, d) after each `length` steps, and each `every` steps."""
         call = self._kernel(self._forward, 8, None)
-        out = np.empty((len(z), rows * -(-every // part), self.dim))
+        out = np.empty((len(z), rows * -(-every // length), self.dim))
 
         def work_on(first: int, last: int) -> None:
             for i in range(first, last):
                 start = *map(address_of, (z[i], c[i], s[i])), s.shape[1]
-                call(*start, address_of(out[i]), out.shape[1], every, part)
+                call(*start, address_of(out[i]), out.shape[1], every, length)
 
         on_threads(len(z), len(z) * rows * every, work_on)
         return out
@@ -225,21 +227,21 @@ class Code:
         return out
 
     def pulled(
-        self, z: Floats, c: Floats, s: Floats, marks: Floats, g: Floats, every: int, part: int, wide: bool
+        self, z: Floats, c: Floats, s: Floats, marks: Floats, g: Floats, every: int, length: int, wide: bool
     ) -> tuple[Floats, Floats, Floats]:
         """The slopes (lanes, k, ...) by z, c and s from those g (lanes, k, rows, d) by the rows."""
         call = self._kernel(self._pull, 10, lambda part: self._slopes(part, wide), wide)
-        parts, rows = -(-every // part), g.shape[2]
+        parts, rows = -(-every // length), g.shape[2]
         gz = np.zeros((*g.shape[:2], self.dim))
         gc, gs = np.zeros((*g.shape[:2], c.shape[1])), np.zeros((*g.shape[:2], *s.shape[1:]))
-        path = np.empty((part * (s.shape[1] + len(self._parts) - 1), self.dim))
+        path = np.empty((length * (s.shape[1] + len(self._parts) - 1), self.dim))
         for i, j in np.ndindex(*g.shape[:2]):
             starts = np.concatenate([z[i][None], marks[i]])
             constants = [*map(address_of, (c[i], s[i])), s.shape[1]]
             room = [*map(address_of, (path, gz[i, j], gc[i, j], gs[i, j]))]
             for row in range(rows - 1, -1, -1):
                 gz[i, j] += g[i, j, row]
-                call(address_of(starts[row * parts :]), *constants, *room, every, part)
+                call(address_of(starts[row * parts :]), *constants, *room, every, length)
         return gz, gc, gs
 
 
@@ -259,16 +261,16 @@ class _Motion:
     def state(self, values: Sequence[Value]) -> None:
         _put(self._room, values)
 
-    def inputs(self, stage: Integer, **more: Any) -> Callable[[str, int], Value]:
+    def inputs(self, stage: Integer, **vectors: Any) -> Callable[[str, int], Value]:
         """The entries of each letter."""
-        entries: dict[str, Any] = {"z": self.state, "c": self._c, "s": self._s.beyond(stage * self._of_stage)} | more
+        entries: dict[str, Any] = {"z": self.state, "c": self._c, "s": self._s.beyond(stage * self._of_stage)} | vectors
         return lambda letter, i: entries[letter][i]
 
-    def outputs(self, part: Part, stage: Integer, **more: Any) -> list[Value]:
+    def outputs(self, part: Part, stage: Integer, **vectors: Any) -> list[Value]:
         """Those of a graph."""
         nodes = part.graph.needed(part.outputs)
         values: dict[int, Value] = {}
-        self._f.compute(part.graph, latest(part.graph, nodes), values, self.inputs(stage, **more), DOUBLE)
+        self._f.compute(part.graph, latest(part.graph, nodes), values, self.inputs(stage, **vectors), DOUBLE)
         return [self._f.value(x, values, DOUBLE) for x in part.outputs]
 
     def advance(self, k: int, stage: Integer) -> None:

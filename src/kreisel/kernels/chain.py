@@ -28,7 +28,9 @@ class Chain:
 
     def __init__(self, links: Sequence[Link], summed: Sequence[Floats]):
         self._held, self.total = (links, summed), ctypes.c_double()  # the arrays live as long as the calls
-        calls = [(code.address, *(x if type(x) is int else address_of(x) for x in more)) for code, more in links]
+        calls = [
+            (code.address, *(x if type(x) is int else address_of(x) for x in arguments)) for code, arguments in links
+        ]
         words = [*sum(calls, ()), *(word for x in summed for word in (address_of(x), x.size))]
         self._words, counts = np.array([*words, ctypes.addressof(self.total)]), [len(words) for words in calls]
 
@@ -66,7 +68,7 @@ class Chain:
 
     def argument(self, link: int, place: int) -> Any:
         """The memory (1,) of an integer argument of a link, which may be changed."""
-        before = sum(1 + len(more) for _, more in self._held[0][:link])
+        before = sum(1 + len(arguments) for _, arguments in self._held[0][:link])
         return self._words[before + 1 + place :][:1]
 
 

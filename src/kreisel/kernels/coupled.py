@@ -226,14 +226,14 @@ def _write(f: Function, record: Recording, splits: list[Split], pull: Pull, widt
         kept = zip(splits, constants.fixed, strict=True)
         fixed.put([values[at] for split, values in kept for at in split.kept_fixed], block * starts[-1])
 
-    def part(number: int, block: Integer, stage: Any) -> None:
+    def piece(number: int, block: Integer, stage: Any) -> None:
         """A piece, of the lanes of a block."""
         at, split, constants = f.lanes(block * width, width, lanes), splits[number], constants_of(block)
         values = fixed.get(len(split.kept_fixed), block * starts[-1] + starts[number])
         constants.fixed[number] = dict(zip(split.kept_fixed, values, strict=True))
         state = Lanes(z, at, size)
         old = state.get(range(size))
-        if split.piece.part.more:
+        if split.piece.part.arguments:
             old += Lanes(forces, at, pull.forces).get(range(pull.forces))
         state.put(split.outputs(f, [(constants.at(number, stage), old)], kind, overlap=True)[0])
 
@@ -241,12 +241,12 @@ def _write(f: Function, record: Recording, splits: list[Split], pull: Pull, widt
         with f.loop(0, every):
             with f.loop(0, stages) as stage:
                 with f.loop(0, blocks) as block:
-                    part(0, block, stage)
+                    piece(0, block, stage)
                 pull.write(f, words, stage)
                 with f.loop(0, blocks) as block:
-                    part(1, block, stage)
+                    piece(1, block, stage)
             if len(splits) > 2:
                 with f.loop(0, blocks) as block:
-                    part(2, block, 0)
+                    piece(2, block, 0)
         with f.loop(0, lanes * size) as k:
             saved[row * lanes * size + k] = z[k]

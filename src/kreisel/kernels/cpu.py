@@ -105,7 +105,7 @@ def _programs(scheme: Scheme, columns: Mapping[str, slice]) -> list[Program] | N
     except TooLong:
         return None
     programs = [program, program and program_of_orientation(scheme)]
-    return [each for each in programs if each is not None]
+    return [program for program in programs if program is not None]
 
 
 class SteppedEngine:
@@ -319,11 +319,11 @@ def projection_between(engine: SteppedEngine, work: float, arrays_only: bool = F
     by_arrays = observed.function is scheme.observe
     if by_arrays and scheme.n > arrays.MOST_N:
         return None
-    short = observed.own <= 2 * scheme.n and sum(map(len, observed.members.values())) <= FEW
+    short = observed.size <= 2 * scheme.n and sum(map(len, observed.members.values())) <= FEW
     if not (by_arrays and (arrays_only or (scheme.n > MOST_N and not short))):
         if by_arrays and scheme.basis:
-            whole = replace(scheme, constants={**scheme.constants, **scheme.basis})
-            constants, columns = flat_constants(whole, len(z))
+            scheme_with_basis = replace(scheme, constants={**scheme.constants, **scheme.basis})
+            constants, columns = flat_constants(scheme_with_basis, len(z))
         program, too_long = _program_between(scheme, columns, observed)
         if program is not None:
             width, every = WIDE if len(z) > 1 else 1, interval(cost_of([program]), ALONE * work)
@@ -551,17 +551,17 @@ def point_links(scheme: Scheme, engine: SteppedEngine, dt: float) -> tuple[list[
     rows = list[tuple[str, Floats, Floats, int, bool, Folded]]()
     if half:
         rows.append(("point", stages.ravel(), stages[0, :, :half], stages[0].size, half == 2, ()))
-    special, whole = special_constants(engine.constants), engine.constants.ravel()
+    special, entries = special_constants(engine.constants), engine.constants.ravel()
     for name, first, last in (("point", "mu", "rho"), ("spin", *SPINS)):  # which follow each other
         if first in columns:
             start, stop = columns[first].start, columns[last].stop
             folded = tuple((j - start, value) for j, value in special.items() if start <= j < stop)
             mu = np.array([[dt]]) if name == "spin" else engine.constants[:1, columns[first]]
-            rows.append((name, whole[start:], mu, count, False, folded))
+            rows.append((name, entries[start:], mu, count, False, folded))
     links, width = list[Link](), register_width() if lanes > 1 else 1
     for name, out, mu, stride, pair, folded in rows:
         code = compiled_point(scheme, {key: columns[key] for key in scheme.constants}, name, pair, width, folded)
         if code is None:
             return None
         links.append((code, (mu.copy(), engine.z, engine.constants, out, len(mu), lanes, count, stride)))
-    return links, [stages.ravel(), whole]
+    return links, [stages.ravel(), entries]

@@ -42,10 +42,10 @@ class Gpu:
     def __init__(self) -> None:
         try:
             self._cupy: Any = importlib.import_module("cupy")
-            there = self._cupy.cuda.runtime.getDeviceCount() > 0
+            present = self._cupy.cuda.runtime.getDeviceCount() > 0
         except Exception:  # no package, no driver, no device: CuPy raises various errors
-            there = False
-        if not there:
+            present = False
+        if not present:
             raise InputError(
                 "engine='cuda' needs an NVIDIA GPU with its driver and the package CuPy (pip install "
                 "'kreisel[cuda]'), and none was found here. Use engine='cpu', the default."
@@ -114,7 +114,7 @@ def steps_of_a_lane(record: Recording, precision: str) -> Body:
         for split, values in zip(splits, fixed, strict=True):
             split.values(f, split.fixed, {"c": c, "s": s}, kind, values)
 
-        def part(number: int, stage: Any) -> None:
+        def piece(number: int, stage: Any) -> None:
             split, values = splits[number], dict(fixed[number])
             split.values(f, split.of_stage, {"c": c, "s": s.beyond(stage * record.count("s"))}, kind, values)
             (new,) = split.outputs(f, [(values, [memory[0] for memory in state])], kind, overlap=False)
@@ -125,11 +125,11 @@ def steps_of_a_lane(record: Recording, precision: str) -> Body:
             with f.loop(0, every):
                 if record.stages:
                     with f.loop(0, stages) as stage:
-                        part(0, stage)
+                        piece(0, stage)
                 else:
-                    part(0, 0)
+                    piece(0, 0)
                 for number in range(1, len(splits)):
-                    part(number, 0)
+                    piece(number, 0)
             saved = out.beyond(row * count)
             for i, memory in enumerate(state):
                 saved[i] = memory[0]

@@ -31,10 +31,10 @@ def _compiled_loop(
 ) -> Callable[..., Any]:
     """The loop for a step, compiled at its first call and kept for further runs; `lanes` are constants with lanes."""
 
-    def one(z: Array, constants: Mapping[str, Array]) -> Array:
+    def new_state(z: Array, constants: Mapping[str, Array]) -> Array:
         return algebra.flatten(step(*algebra.restore(z, kinds, n), **constants), kinds)
 
-    every_lane = jax.vmap(one, in_axes=(0, {k: 0 if k in lanes else None for k in names}))
+    every_lane = jax.vmap(new_state, in_axes=(0, {k: 0 if k in lanes else None for k in names}))
 
     def loop(z: Array, constants: Mapping[str, Array], rows: Array, every: Array) -> Any:
         def advance(_: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
@@ -80,14 +80,14 @@ def _projection(
     ) -> tuple[Array, Array, Array]:
         start, _, size, lead = targets.T
         J, lack = jax.jacrev(values)(z, constants), values(z, constants) - start
-        there = jnp.isfinite(J).all(-1) & jnp.isfinite(lack)
-        J, lack, lead = jnp.where(there[:, None], J, 0), jnp.where(there, lack, 0), jnp.where(there, lead, 0)
+        finite = jnp.isfinite(J).all(-1) & jnp.isfinite(lack)
+        J, lack, lead = jnp.where(finite[:, None], J, 0), jnp.where(finite, lack, 0), jnp.where(finite, lead, 0)
         scale, unit = scales(z, J, size)
         worst, lead = led(lack, lead, unit, worst)
         return gauss_newton(z, J, lack + lead, scale), worst, lead
 
-    each = {k: 0 if k in lanes else None for k in constants}
-    pair = (invariants, (0, each)), (correction, (0, each, 0, 0))
+    axes_of_constants = {k: 0 if k in lanes else None for k in constants}
+    pair = (invariants, (0, axes_of_constants)), (correction, (0, axes_of_constants, 0, 0))
     return reused(key, lambda: tuple(jax.jit(jax.vmap(function, in_axes=axes)) for function, axes in pair))
 
 

@@ -72,8 +72,8 @@ class Number(Ring, Recorded):
     def where_less(x: Any, y: Any, yes: Any, no: Any) -> Number:
         return Number(jnp.where(plain(x) < plain(y), plain(yes), plain(no)))
 
-    def maximum(self, other: Any) -> Number:
-        return Number(jnp.maximum(self.value, plain(other)))
+    def maximum(self, operand: Any) -> Number:
+        return Number(jnp.maximum(self.value, plain(operand)))
 
 
 def _is_number(x: Any) -> bool:
@@ -156,10 +156,10 @@ def half_turn(K: Any, dt: Any) -> Array:
         K = np.asarray(K, dtype=np.float64)
         if not K.any():
             return K
-    part, unit = values(K) * dt / 512, jnp.eye(K.shape[-1])
-    E = part
+    fraction, unit = values(K) * dt / 512, jnp.eye(K.shape[-1])
+    E = fraction
     for k in range(9, 1, -1):
-        E = part @ (unit + E / k) if k < 9 else part
+        E = fraction @ (unit + E / k) if k < 9 else fraction
     for _ in range(8):
         E = 2 * E + E @ E
     return linear.solve((E + 2 * unit).T, E.T).T
@@ -174,7 +174,7 @@ def orbit(
     kinds: Sequence[str],
     n: int,
     z: Array,
-    known: Mapping[str, Any],
+    constants: Mapping[str, Any],
     stages: Mapping[str, Any],
     rows: int,
     every: int,
@@ -184,19 +184,19 @@ def orbit(
     By compiled kernels; by XLA where the step has a loop or is too long for them, or JAX not on the CPU.
     The reverse sweep keeps the states at the ends of about sqrt(every) parts, and the states of one part, made again.
     """
-    names, constants = _named("c", known)
+    names, entries = _named("c", constants)
     count = max((np.shape(v)[0] for v in stages.values()), default=1)
-    each = [_named("s", {k: _entries(v)[i] for k, v in stages.items()}, fold=False) for i in range(count)]
-    stage = adjoint.recorded(take, kinds, n, {**names, **each[0][0]})
+    pairs = [_named("s", {k: _entries(v)[i] for k, v in stages.items()}, fold=False) for i in range(count)]
+    stage = adjoint.recorded(take, kinds, n, {**names, **pairs[0][0]})
     end = None if close is None else adjoint.recorded(close, kinds, n, names)
-    code = adjoint.Code(stage, end, len(constants), len(each[0][1]))
-    s = jnp.stack([values(row) for _, row in each])
+    code = adjoint.Code(stage, end, len(entries), len(pairs[0][1]))
+    s = jnp.stack([values(row) for _, row in pairs])
     if code.straight and jax.default_backend() == "cpu":
-        return jax_primitives.orbit(code, z, values(constants), s, rows, every)
-    return rows_by_xla(code, z, [plain(v) for v in constants], s, rows, every)
+        return jax_primitives.orbit(code, z, values(entries), s, rows, every)
+    return rows_by_xla(code, z, [plain(v) for v in entries], s, rows, every)
 
 
-def _named(letter: str, known: Mapping[str, Any], fold: bool = True) -> tuple[dict[str, Any], list[Any]]:
+def _named(letter: str, constants: Mapping[str, Any], fold: bool = True) -> tuple[dict[str, Any], list[Any]]:
     """Inputs of a graph in place of entries, and the entries; 0, 1, -1 and other kinds stay if they may `fold`."""
     names: dict[str, Any] = {}
     result: list[Any] = []
@@ -208,7 +208,7 @@ def _named(letter: str, known: Mapping[str, Any], fold: bool = True) -> tuple[di
         result.append(entry)
         return graph.input(letter, len(result) - 1)
 
-    for key, value in known.items():
+    for key, value in constants.items():
         entries = _entries(value)
         numeric = not fold or entries.dtype.kind in "fO"
         names[key] = array_of([*map(named, entries.flat)]).reshape(entries.shape) if numeric else value
@@ -224,14 +224,14 @@ def orbit_of_arrays(
     kinds: Sequence[str],
     n: int,
     z: Array,
-    known: Mapping[str, Any],
+    constants: Mapping[str, Any],
     rows: int,
     every: int,
 ) -> Array:
     """States (rows + 1, d) of a step of arrays of JAX."""
-    constants = {k: values(v) for k, v in known.items()}
+    arrays = {k: values(v) for k, v in constants.items()}
 
     def step(z: Array, constants: Mapping[str, Array]) -> Array:
         return algebra.flatten(take(*algebra.restore(z, kinds, n), **constants), kinds)
 
-    return iterated(step, z, constants, rows, every)
+    return iterated(step, z, arrays, rows, every)

@@ -33,7 +33,7 @@ lax = jax.lax
 
 def orbit(code: Code, z: Any, c: Any, s: Any, rows: int, every: int) -> Any:
     """Rows (rows + 1, d) at every `every` steps from z (d,), with constants c (count,) and s (stages, count)."""
-    result, _ = orbit_p.bind(z[None], c[None], s[None], code=code, rows=rows, every=every, part=every)
+    result, _ = orbit_p.bind(z[None], c[None], s[None], code=code, rows=rows, every=every, length=every)
     return jnp.concatenate([z[None], result[0]])
 
 
@@ -44,19 +44,19 @@ def _array(*shape: int) -> ShapedArray:
 # -- their values, on the host -----------------------------------------------------------------------
 
 
-def _orbit(z: Any, c: Any, s: Any, *, code: Code, rows: int, every: int, part: int) -> list[Any]:
-    marks = code.marks(z, c, s, rows, every, part)
+def _orbit(z: Any, c: Any, s: Any, *, code: Code, rows: int, every: int, length: int) -> list[Any]:
+    marks = code.marks(z, c, s, rows, every, length)
     parts = marks.shape[1] // rows
     return [marks[:, parts - 1 :: parts], marks]
 
 
-def _orbit_shapes(z: Any, c: Any, s: Any, *, rows: int, every: int, part: int, **_: Any) -> list[Any]:
+def _orbit_shapes(z: Any, c: Any, s: Any, *, rows: int, every: int, length: int, **_: Any) -> list[Any]:
     lanes, d = z.shape
-    return [_array(lanes, rows, d), _array(lanes, rows * -(-every // part), d)]
+    return [_array(lanes, rows, d), _array(lanes, rows * -(-every // length), d)]
 
 
-def _push(z: Any, c: Any, s: Any, dz: Any, *more: Any, code: Code, rows: int, every: int, **_: Any) -> list[Any]:
-    dc, ds = more or (np.empty((*dz.shape[:2], 0)), np.empty((*dz.shape[:2], s.shape[1], 0)))
+def _push(z: Any, c: Any, s: Any, dz: Any, *tangents: Any, code: Code, rows: int, every: int, **_: Any) -> list[Any]:
+    dc, ds = tangents or (np.empty((*dz.shape[:2], 0)), np.empty((*dz.shape[:2], s.shape[1], 0)))
     return [code.pushed(z, c, s, dz, dc, ds, rows, every)]
 
 
@@ -66,15 +66,15 @@ def _push_shapes(*args: Any, rows: int, **_: Any) -> list[Any]:
 
 
 def _pull(
-    z: Any, c: Any, s: Any, marks: Any, g: Any, *, code: Code, every: int, part: int, wide: bool, **_: Any
+    z: Any, c: Any, s: Any, marks: Any, g: Any, *, code: Code, every: int, length: int, wide: bool, **_: Any
 ) -> list[Any]:
-    return list(code.pulled(z, c, s, marks, g, every, part, wide))[: 3 if wide else 1]
+    return list(code.pulled(z, c, s, marks, g, every, length, wide))[: 3 if wide else 1]
 
 
 def _pull_shapes(z: Any, c: Any, s: Any, marks: Any, g: Any, *, wide: bool, **_: Any) -> list[Any]:
     lead = g.shape[:2]
-    more = [_array(*lead, c.shape[1]), _array(*lead, *s.shape[1:])] if wide else []
-    return [_array(*lead, z.shape[1]), *more]
+    shapes = [_array(*lead, c.shape[1]), _array(*lead, *s.shape[1:])] if wide else []
+    return [_array(*lead, z.shape[1]), *shapes]
 
 
 # -- the same by XLA, for loops and long steps, and for derivatives of higher order -----------------------
@@ -164,7 +164,7 @@ def _moving(code: Code, rows: int, every: int, *start: Any) -> Callable[..., Any
     return function
 
 
-def _push_by_xla(*args: Any, code: Code, rows: int, every: int, part: int, wide: bool) -> list[Any]:
+def _push_by_xla(*args: Any, code: Code, rows: int, every: int, length: int, wide: bool) -> list[Any]:
     def lane(z: Any, c: Any, s: Any, *along: Any) -> Any:
         function, at = _moving(code, rows, every, z, c, s), (z, c, s)[: len(along)]
         return jax.vmap(lambda *along: jax.jvp(function, at, along)[1])(*along)
@@ -173,7 +173,7 @@ def _push_by_xla(*args: Any, code: Code, rows: int, every: int, part: int, wide:
     return [jax.vmap(lane)(z, c, s, *along)]
 
 
-def _pull_by_xla(*args: Any, code: Code, rows: int, every: int, part: int, wide: bool) -> list[Any]:
+def _pull_by_xla(*args: Any, code: Code, rows: int, every: int, length: int, wide: bool) -> list[Any]:
     def lane(z: Any, c: Any, s: Any, g: Any) -> Any:
         at = (z, c, s) if wide else (z,)
         return jax.vmap(jax.vjp(_moving(code, rows, every, z, c, s), *at)[1])(g)
@@ -195,12 +195,12 @@ def _primitive(
         out = [Struct(v.shape, v.dtype) for v in shapes(*args, **constants)]
         return list(on_host(lambda *arrays: host(*arrays, **constants), out, *read))
 
-    made: Any = Primitive(name)
-    made.multiple_results = True
-    made.def_impl(jax.jit(function, static_argnames=("code", "rows", "every", "part", *fixed)))
-    made.def_abstract_eval(shapes)
-    mlir.register_lowering(made, mlir.lower_fun(function, multiple_results=True))
-    return made
+    primitive: Any = Primitive(name)
+    primitive.multiple_results = True
+    primitive.def_impl(jax.jit(function, static_argnames=("code", "rows", "every", "length", *fixed)))
+    primitive.def_abstract_eval(shapes)
+    mlir.register_lowering(primitive, mlir.lower_fun(function, multiple_results=True))
+    return primitive
 
 
 orbit_p = _primitive("kreisel_orbit", _orbit, _orbit_shapes)
@@ -213,7 +213,7 @@ def _is_zero(x: Any) -> bool:
 
 
 def _orbit_jvp(at: Sequence[Any], along: Sequence[Any], **constants: Any) -> Any:
-    constants["part"] = max(1, isqrt(constants["every"]))  # steps between two states that the reverse sweep keeps
+    constants["length"] = max(1, isqrt(constants["every"]))  # steps between two states that the reverse sweep keeps
     result, marks = orbit_p.bind(*at, **constants)
     wide = not (_is_zero(along[1]) and _is_zero(along[2]))
     columns = [ad.instantiate_zeros(v)[:, None] for v in along[: 3 if wide else 1]]
@@ -221,14 +221,14 @@ def _orbit_jvp(at: Sequence[Any], along: Sequence[Any], **constants: Any) -> Any
     return [result, marks], [tangent[:, 0], ad.Zero(jax.typeof(marks).to_tangent_aval())]
 
 
-def _linear_jvp(own: Any, count: int, by_xla: Callable[..., Any]) -> Callable[..., Any]:
+def _linear_jvp(primitive: Any, count: int, by_xla: Callable[..., Any]) -> Callable[..., Any]:
     """The rule of a primitive that is linear in its arguments from `count` on; `by_xla` where another moves."""
 
     def rule(at: Sequence[Any], along: Sequence[Any], **constants: Any) -> Any:
-        value = own.bind(*at, **constants)
+        value = primitive.bind(*at, **constants)
         if all(_is_zero(v) for v in along[:3]):
             moving = [ad.instantiate_zeros(v) for v in along[count:]]
-            return value, own.bind(*at[:count], *moving, **constants)
+            return value, primitive.bind(*at[:count], *moving, **constants)
         moving = [i for i, v in enumerate(along) if not _is_zero(v) and i != 3]
 
         def by_moving(*x: Any) -> list[Any]:
@@ -255,7 +255,7 @@ def _pull_transpose(slopes: Sequence[Any], *args: Any, **constants: Any) -> list
     return [None] * 4 + push_p.bind(z, c, s, marks, *columns, **constants)
 
 
-def _batched(own: Any, lanes: int) -> Callable[..., Any]:
+def _batched(primitive: Any, lanes: int) -> Callable[..., Any]:
     """More lanes where one of the first `lanes` arguments is a batch, else more columns."""
 
     def rule(args: Sequence[Any], places: Sequence[Any], **constants: Any) -> Any:
@@ -272,10 +272,10 @@ def _batched(own: Any, lanes: int) -> Callable[..., Any]:
                 many = jnp.moveaxis(x, p, to)
             return many.reshape((*many.shape[:to], size * many.shape[to + 1], *many.shape[to + 2 :]))
 
-        given = [merged(x, p) if i in chosen else x for i, (x, p) in enumerate(zip(args, places, strict=True))]
+        arguments = [merged(x, p) if i in chosen else x for i, (x, p) in enumerate(zip(args, places, strict=True))]
         first, place = args[chosen[0]], places[chosen[0]]
         width = first.shape[to if place is None or place > to else to + 1]
-        out = own.bind(*given, **constants)
+        out = primitive.bind(*arguments, **constants)
         return [v.reshape((*v.shape[:to], size, width, *v.shape[to + 1 :])) for v in out], [to] * len(out)
 
     return rule
@@ -304,8 +304,8 @@ def with_jacobian(function: Callable[..., tuple[Array, ...]]) -> Callable[..., t
         for i in moving:
             unit = tuple(jnp.asarray(float(i == j)) for j in range(len(at)))
             value, column = jax.jvp(function, at, unit)
-            part = [v * along[i] for v in column]
-            total = part if total is None else [a + b for a, b in zip(total, part, strict=True)]
+            term = [v * along[i] for v in column]
+            total = term if total is None else [a + b for a, b in zip(total, term, strict=True)]
         value = function(*at) if value is None else value
         return value, tuple(jnp.zeros_like(v) for v in value) if total is None else tuple(total)
 
@@ -320,9 +320,9 @@ def iterated(step: Callable[[Array, Any], Array], z: Array, constants: Any, rows
     def several(z: Array, constants: Any, count: int) -> Array:
         return lax.scan(lambda z, _: (once(z, constants), None), z, length=count)[0]
 
-    part = isqrt(every)
-    parts, remainder = divmod(every, part)
-    block = jax.checkpoint(lambda z, constants: several(z, constants, part), prevent_cse=False)
+    length = isqrt(every)
+    parts, remainder = divmod(every, length)
+    block = jax.checkpoint(lambda z, constants: several(z, constants, length), prevent_cse=False)
 
     def row(z: Array, _: None) -> tuple[Array, Array]:
         new, _ = lax.scan(lambda z, _: (block(z, constants), None), z, length=parts)

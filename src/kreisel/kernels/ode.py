@@ -36,7 +36,7 @@ def _together(scheme: Scheme, rate: Rate, constants: Floats) -> Callable[[float,
 
     def rates(t: float, y: Floats) -> Floats:
         z = y.reshape(lanes, -1)
-        out = np.array([rate(t, row, known) for row, known in zip(z, constants, strict=True)])
+        out = np.array([rate(t, row, entries) for row, entries in zip(z, constants, strict=True)])
         forces = pulls(z)
         of_state = forces.shape[1] - (scheme.components[-1][0] == WORK)
         out[:, :of_state] += forces[:, :of_state]
@@ -142,8 +142,8 @@ class ReferenceEngine:
                 f"or {NO_NUMBER}. Use other units."
             )
         before, count = self._counts[lane]
-        here = solver.t // self._dt
-        self._counts[lane] = here, count + 1 if here == before else 1
+        interval = solver.t // self._dt
+        self._counts[lane] = interval, count + 1 if interval == before else 1
         if self._counts[lane][1] > MOST_STEPS:
             raise RunError(
                 f"DOP853 expected to cross one dt = {self._dt:g} in {MOST_STEPS:,} internal steps, got no further "

@@ -67,9 +67,9 @@ class Split(NamedTuple):
         """How many a step has."""
         return sum(self.piece.graph.nodes[at][0] != IN for at in self.varying)
 
-    def values(self, f: Function, nodes: Sequence[int], rows: Any, kind: ir.Type, known: dict[int, Value]) -> None:
-        """Compute nodes that do not vary with the step into `known`; rows: of each letter the `Lanes`."""
-        f.compute(self.piece.graph, nodes, known, lambda letter, i: rows[letter][i], kind)
+    def values(self, f: Function, nodes: Sequence[int], rows: Any, kind: ir.Type, values: dict[int, Value]) -> None:
+        """Compute nodes that do not vary with the step into `values`; rows: of each letter the `Lanes`."""
+        f.compute(self.piece.graph, nodes, values, lambda letter, i: rows[letter][i], kind)
 
     def outputs(
         self,
@@ -83,17 +83,17 @@ class Split(NamedTuple):
 
         Operations of `together` vectors alternate.
         """
-        graph, values = self.piece.graph, [dict(known) for known, _ in vectors]
+        graph, values = self.piece.graph, [dict(fixed) for fixed, _ in vectors]
         inputs = {at: graph.nodes[at][2] for at in self.varying if graph.nodes[at][0] == IN}
-        for each, (_, state) in zip(values, vectors, strict=True):
-            each.update({at: state[index] for at, index in inputs.items()})
+        for entries, (_, state) in zip(values, vectors, strict=True):
+            entries.update({at: state[index] for at, index in inputs.items()})
         nodes = [at for at in self.varying if at not in inputs]
         nodes = latest(graph, nodes) if overlap else nodes
         for first in range(0, len(vectors), together):
             for at in nodes:
-                for each in values[first : first + together]:
-                    f.emit(graph, [at], each, kind)
-        return [[f.value(x, each, kind) for x in self.piece.outputs] for each in values]
+                for entries in values[first : first + together]:
+                    f.emit(graph, [at], entries, kind)
+        return [[f.value(x, entries, kind) for x in self.piece.outputs] for entries in values]
 
 
 class Constants:
@@ -136,7 +136,7 @@ class Constants:
         split = self._splits[number]
         if not split.kept:
             return self.fixed[number]
-        place = stage * self._stride + sum(len(each.kept) for each in self._splits[:number])
+        place = stage * self._stride + sum(len(split.kept) for split in self._splits[:number])
         return {**self.fixed[number], **dict(zip(split.kept, self._room.get(len(split.kept), place), strict=True))}
 
 
@@ -216,7 +216,7 @@ def _write(
             for k in range(vectors):
                 Lanes(rows, lanes[k], count).put([memory[0] for memory in state[k]])
 
-        def part(number: int, stage: Any) -> None:
+        def piece(number: int, stage: Any) -> None:
             old = [(constants[k].at(number, stage), [memory[0] for memory in state[k]]) for k in range(vectors)]
             after = splits[number].outputs(f, old, kind, overlap, together)
             for memories, new in zip(state, after, strict=True):
@@ -226,11 +226,11 @@ def _write(
         def step() -> None:
             if record.stages:
                 with f.loop(0, stages) as stage:
-                    part(0, stage)
+                    piece(0, stage)
             else:
-                part(0, 0)
+                piece(0, 0)
             for number in range(1, len(splits)):
-                part(number, 0)
+                piece(number, 0)
 
         load()
         (done,) = f.variables(1, ir.IntType(64))

@@ -39,4 +39,4 @@ def on_threads(count: int, work: int, do: Callable[[int, int], Result]) -> list[
     if len(parts) < 2:
         return [do(0, count)]
     with ThreadPoolExecutor(len(parts)) as pool:  # made for each call: none is left behind when a process forks
-        return list(pool.map(lambda part: do(*part), parts))
+        return list(pool.map(lambda share: do(*share), parts))

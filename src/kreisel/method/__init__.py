@@ -57,12 +57,12 @@ def scheme(model: Model, method: str | None, dt: float, order: Any, oriented: bo
     key, without_dt = (Scheme, model.key, record.name, dt, order, oriented), (model.key, record.name, order, oriented)
 
     def make() -> Scheme:
-        made = record.make(model, dt, order, oriented)
+        scheme = record.make(model, dt, order, oriented)
         return replace(
-            made,
-            held=made.held or held_by_orientation(model, made.components),
+            scheme,
+            held=scheme.held or held_by_orientation(model, scheme.components),
             definition_key=key,
-            kernel_key=without_dt if made.dt_in_constants else key,
+            kernel_key=without_dt if scheme.dt_in_constants else key,
         )
 
     return reused(key if kept else None, make)

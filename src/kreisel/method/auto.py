@@ -56,16 +56,16 @@ class Choice:
     method: str = "baecklund"
 
 
-def choose(model: Model, state: State, spacing: float, time: float, tol: Any, each: bool = False) -> list[Choice]:
+def choose(model: Model, state: State, spacing: float, time: float, tol: Any, every_lane: bool = False) -> list[Choice]:
     """For states saved every `spacing` until `time`; the error counts relative to the largest entry of the state.
 
-    The choice for the worst lane of an ensemble, or with `each` those for all lanes.  Raises `InputError` for a
+    The choice for the worst lane of an ensemble, or with `every_lane` those for all lanes.  Raises `InputError` for a
     tolerance that doubles cannot hold, and where no order gets through the pilot.
     """
     tolerance = checked_tolerance(tol)
     h, error = _pilot_steps(model, state, time)
     choices = []
-    for lane in [slice(i, i + 1) for i in range(h.shape[1])] if each else [slice(None)]:
+    for lane in [slice(i, i + 1) for i in range(h.shape[1])] if every_lane else [slice(None)]:
         best: tuple[float, Choice] | None = None
         for order, length, growth in zip(ORDERS, h[:, lane], error[:, lane], strict=True):
             step = (length * (tolerance / growth) ** (1 / order)).min()
@@ -109,11 +109,11 @@ def _pilot_steps(model: Model, state: State, time: float) -> tuple[Array, Array]
         span = np.minimum(time, TURNS / 2.0 ** np.ceil(np.log2(rate)))  # where nothing moves, `time`
         h, error = np.full((2, len(ORDERS), len(span)), np.nan)
         for length in np.unique(span[span > 0]):
-            here = np.flatnonzero(span == length)
-            few, start = model.lanes(here), tuple(part[here] for part in state)
+            lanes = np.flatnonzero(span == length)
+            few, start = model.lanes(lanes), tuple(component[lanes] for component in state)
             truth = _stepped(few, start, ORDERS[-1], length, FINEST)
             for k, order in enumerate(ORDERS):
-                h[k, here], error[k, here] = _pilot(few, start, order, length, truth)
+                h[k, lanes], error[k, lanes] = _pilot(few, start, order, length, truth)
         return h, np.maximum(error, ROUND_OFF) * SAFETY * np.maximum(time / span, 1.0)
 
 
@@ -125,7 +125,7 @@ def size(x: Array) -> Array:
 def fastest(model: Model, state: State) -> Array:
     """The largest of |omega| and sqrt(|momentum'|), of each lane: the rate that a step has to resolve."""
     turning = size(model.call(model.system.velocity, *state))
-    pull = np.max([size(part) for part in model.flow(*state)], axis=0)
+    pull = np.max([size(component) for component in model.flow(*state)], axis=0)
     return np.maximum(turning, np.sqrt(pull))
 
 
@@ -140,7 +140,7 @@ def _stepped(model: Model, state: State, order: int, span: float, count: int) ->
 def _pilot(model: Model, state: State, order: int, span: float, truth: State) -> tuple[Array, Array]:
     """Longest step of each lane, of span, span/2, ..., whose error over the pilot is small, and this error."""
     step, error = np.full((2, len(state[0])), np.nan)
-    sizes = [size(part) for part in truth]
+    sizes = [size(component) for component in truth]
     lost = ~np.isfinite(np.max(sizes, axis=0))
     for halvings in range(MOST_HALVINGS):
         coarse = ~(error < SMALL)
@@ -194,7 +194,7 @@ def rate_of(model: Model, state: State) -> float:
     """The fastest rate of the integrable part, of all lanes."""
     base, (_, lanes) = perturbation_of(model.system).base, with_lanes(model, state, (1,))
     if base.product:
-        bodies = [(f.system, f.known(model.constants), lanes[f.place]) for f in base.product]
+        bodies = [(f.system, f.constants(model.constants), lanes[f.place]) for f in base.product]
     else:
         bodies = [(base, model.constants, lanes[: len(base.space.letters)])]
     with np.errstate(all="ignore"):
@@ -205,7 +205,9 @@ def _fastest(system: System, constants: Mapping[str, Array], state: State) -> fl
     """max(|Omega|, sqrt(|Omega'|)), in any units; without Omega max |z'|/|z| over the components z."""
     rates = call(system.flow, state, constants)
     if system.velocity is None:
-        return float(max(np.nan_to_num(size(rate) / size(part)).max() for rate, part in zip(rates, state, strict=True)))
+        return float(
+            max(np.nan_to_num(size(rate) / size(component)).max() for rate, component in zip(rates, state, strict=True))
+        )
     Omega = call(system.velocity, state, constants)
     turning = float(size(Omega).max())
     ahead = AHEAD / turning if turning else 1.0
@@ -269,13 +271,13 @@ def halved(
         if wrong <= 1 or count > MOST_STEPS:
             return tried[-1], wrong <= 1
         count = math.ceil(count * min(max(1.5 * wrong ** (1 / order), SHORTER), SHORTEST))
-    best = min(tried, key=lambda one: one.expected)
+    best = min(tried, key=lambda choice: choice.expected)
     if not np.isfinite(best.expected):
         raise InputError(FAILS)
     return best, False
 
 
-def separates(one: Steps, other: Steps, choice: Choice, rate: float, spacing: float, time: float) -> bool:
+def separates(motion: Steps, neighbour: Steps, choice: Choice, rate: float, spacing: float, time: float) -> bool:
     """Whether two neighbouring orbits part far faster than in proportion to the time, as in chaos.
 
     In twice the time regular ones are found 0.4 to 9 times as far apart, chaotic ones 36 to 1e6 times, somewhere.
@@ -283,8 +285,10 @@ def separates(one: Steps, other: Steps, choice: Choice, rate: float, spacing: fl
     h = spacing / choice.steps
     count = int(min(time, LONG * PILOT / rate) / h) if 0 < rate < np.inf else 0
     apart = []
-    for part in (32, 16, 8, 4, 2, 1):
-        ends = [steps(choice.order, h, count // part) for steps in (one, other)] if count // part else [None]
+    for divisor in (32, 16, 8, 4, 2, 1):
+        ends = (
+            [steps(choice.order, h, count // divisor) for steps in (motion, neighbour)] if count // divisor else [None]
+        )
         if any(end is None for end in ends):
             continue
         apart.append(_apart(*(end.state for end in ends if end is not None)))
@@ -305,8 +309,8 @@ def witnessed(
     for _ in range(REFINED):
         h = spacing / choice.steps
         count = int(min(time, pilots * PILOT / rate) / h + WHOLE) if 0 < rate < np.inf else 0
-        both = [steps(choice.order, h / k, count * k) for k in (1, 2)] if count else []
-        ends = [end.state for end in both if end is not None]
+        results = [steps(choice.order, h / k, count * k) for k in (1, 2)] if count else []
+        ends = [end.state for end in results if end is not None]
         if len(ends) < 2:
             break
         result = margin * _apart(*ends) * max(time / (h * count), 1.0)
@@ -315,7 +319,7 @@ def witnessed(
             break
         best = min(best, result)
         choice = replace(choice, steps=int(np.ceil(choice.steps * SHORTER)))
-    return min(tried, key=lambda one: one.expected, default=choice)
+    return min(tried, key=lambda choice: choice.expected, default=choice)
 
 
 def within_reach(rate: float, time: float) -> bool:
@@ -331,20 +335,20 @@ def _truth(steps: Steps, span: float, counts: list[int]) -> tuple[State, float]:
     best: tuple[float, State] | None = None
     before: State | None = None  # of the only splitting that gets there, with longer steps
     for count in counts[len(counts) // 2 :: 2]:
-        both = [steps(order, span / count, count) for order in TRUTHS]
-        known = [result.state for result in both if result is not None]
-        others = known[:-1] or ([] if before is None else [before])
-        before = known[0] if len(known) == 1 else None
-        if known and others and (best is None or _apart(others[0], known[-1]) < best[0]):
-            best = _apart(others[0], known[-1]), known[-1]
+        results = [steps(order, span / count, count) for order in TRUTHS]
+        states = [result.state for result in results if result is not None]
+        others = states[:-1] or ([] if before is None else [before])
+        before = states[0] if len(states) == 1 else None
+        if states and others and (best is None or _apart(others[0], states[-1]) < best[0]):
+            best = _apart(others[0], states[-1]), states[-1]
     if best is None:
         raise InputError(FAILS)
     return best[1], best[0]
 
 
-def _apart(one: State, other: State) -> float:
+def _apart(state: State, reference: State) -> float:
     """The largest difference of a component of a lane, relative to its largest entry."""
     with np.errstate(all="ignore"):
-        apart = [np.where((x == y).all(-1), 0, size(x - y) / size(y)) for x, y in zip(one, other, strict=True)]
+        apart = [np.where((x == y).all(-1), 0, size(x - y) / size(y)) for x, y in zip(state, reference, strict=True)]
     result = float(np.max(apart))
     return result if np.isfinite(result) else np.inf

@@ -86,9 +86,9 @@ class Product:
         self.stages = {"mu_re": mus.real, "mu_im": mus.imag} if self.pairs else {}
         self.constants = {"mu": np.array(self.single[0])} if self.single else {}
         self.count = len(model.system.space.letters)
-        self.known = {name: _at_points(x, model.axes[name]) for name, x in model.constants.items()}
-        self.rest = model.system.frame is Frame.REST
-        self.spins = self.record.spin is not None and not self.rest
+        self.parameters = {name: _at_points(x, model.axes[name]) for name, x in model.constants.items()}
+        self.rest_frame = model.system.frame is Frame.REST
+        self.spins = self.record.spin is not None and not self.rest_frame
 
     def point(self, *z: Array, **constants: Array) -> Array:
         """The constant rho of the trajectory from z, for a mu."""
@@ -120,15 +120,15 @@ class Product:
     def pair(self, *z: Array, mu_re: Array, mu_im: Array, rho_re: Array, rho_im: Array, **constants: Array) -> State:
         """A conjugate pair of maps."""
         mu, rho = algebra.complex_number(mu_re, mu_im), algebra.complex_number(rho_re, rho_im)
-        return stage(self.record, z, self.count, {**constants, "mu": mu, "rho": rho}, True, not self.rest)
+        return stage(self.record, z, self.count, {**constants, "mu": mu, "rho": rho}, True, not self.rest_frame)
 
     def close(self, *z: Array, **constants: Array) -> State:
         """The real map and the rotations."""
-        z = stage(self.record, z, self.count, constants, False, not self.rest) if self.single else z
+        z = stage(self.record, z, self.count, constants, False, not self.rest_frame) if self.single else z
         state, g = z[: self.count], z[self.count :]
         if self.spins:
             state = turned_with_body(self.model.system.space.kinds, state, constants, self.record.axis)
-        return (*state, *(_turned_by_constants(h, constants, self.rest, self.record.spin is not None) for h in g))
+        return (*state, *(_turned_by_constants(h, constants, self.rest_frame, self.record.spin is not None) for h in g))
 
     def _rho(self, x0: State, mus: Array, points: Points | None) -> Array:
         """The constants of the trajectory (..., points): compiled, and by NumPy where that gives none."""
@@ -149,7 +149,7 @@ class Product:
         wide_state = tuple(_at_points(x, algebra.KINDS[kind].axes) for kind, x in zip(kinds, state, strict=True))
         with np.errstate(all="ignore"):
             try:
-                rho = call(self.record.point, wide_state, {**self.known, "mu": mus.astype(wide)})
+                rho = call(self.record.point, wide_state, {**self.parameters, "mu": mus.astype(wide)})
             except np.linalg.LinAlgError:  # next to values so large the others vanish
                 rho = np.array(np.nan)
         if np.isfinite(rho).all():
@@ -172,16 +172,16 @@ class Product:
         spin.
         """
 
-        def other(X: Array) -> Array:
-            return g.mT @ X @ g if self.rest else g @ X @ g.mT
+        def moved(X: Array) -> Array:
+            return g.mT @ X @ g if self.rest_frame else g @ X @ g.mT
 
         def by_maps(theta: Array) -> Array:
             return sum(np.arctan(theta / mu).real * (4 if isinstance(mu, complex) else 2) for mu in self.points)
 
-        out = constant_turns("turn", other(self.model.call(self.record.block, *state)), by_maps)
+        out = constant_turns("turn", moved(self.model.call(self.record.block, *state)), by_maps)
         if self.record.spin is not None:
             spin = self.model.call(self.record.spin, *state)
-            out |= constant_turns("body", other(spin) if self.rest else spin, lambda theta: self.dt * theta)
+            out |= constant_turns("body", moved(spin) if self.rest_frame else spin, lambda theta: self.dt * theta)
         return out
 
 

@@ -39,10 +39,10 @@ def zero(system: System, state: tuple[Array, ...]) -> Array:
     return 0 * state[0][(..., *first)]
 
 
-def power(model: Model, state: tuple[Array, ...], known: Mapping[str, Any]) -> Array:
+def power(model: Model, state: tuple[Array, ...], constants: Mapping[str, Any]) -> Array:
     """The rate of the work."""
-    body = Body(state, known.get(ORIENTATION), known.get(TIME))
-    return kicks.rates(model.system, body, known, model.axes)[1]
+    body = Body(state, constants.get(ORIENTATION), constants.get(TIME))
+    return kicks.rates(model.system, body, constants, model.axes)[1]
 
 
 def outcomes_of_work(meaning: str) -> dict[str, Outcome]:
@@ -89,8 +89,8 @@ def coupling_of(
     constants, axes = constants_of_pairs(model)
 
     def pull(*z: Array, **constants: Array) -> tuple[Array, ...]:
-        both = where(z[: len(z) // 2], constants), where(z[len(z) // 2 :], constants)
-        first, second, gain = kicks.pulls(model.system, both, constants, axes)
+        bodies = where(z[: len(z) // 2], constants), where(z[len(z) // 2 :], constants)
+        first, second, gain = kicks.pulls(model.system, bodies, constants, axes)
         return (*first, *(gain / 2,) * driven, *second, *(gain / 2,) * driven)
 
     return Coupling(
@@ -108,7 +108,7 @@ def with_totals(model: Model, outputs: Mapping[str, Array], bodies: Body) -> dic
     pairs = pairs_of(model)
     if pairs is None:
         return dict(outputs)
-    known, axes = constants_of_pairs(model)
+    constants, axes = constants_of_pairs(model)
     first, second = (
         Body(
             tuple(z[:, of] for z in bodies.state),
@@ -117,7 +117,7 @@ def with_totals(model: Model, outputs: Mapping[str, Array], bodies: Body) -> dic
         )
         for of in pairs.T
     )
-    V, _, _ = kicks.potential_of_pair(model.system, (first, second), known, axes)
+    V, _, _ = kicks.potential_of_pair(model.system, (first, second), constants, axes)
     out = dict(outputs)
     energy = out["energy"].copy()
     shares = np.broadcast_to(np.asarray(V) / 2, (len(energy), len(pairs)))

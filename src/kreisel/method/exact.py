@@ -125,9 +125,9 @@ def _gyrostat(model: Model, dt: float, oriented: bool) -> Scheme:
         if not oriented:
             for lane in np.argwhere(body.speed * dt > gyrostat.FAR):
                 (time[tuple(lane)],), _, _ = body.remainders(tuple(lane), [Fraction(dt)])
-        known, stage, maps = body.numbers(time)
+        constants, stage, maps = body.numbers(time)
         stages = {k: np.repeat(np.expand_dims(v.astype(float), time.ndim), maps, time.ndim) for k, v in stage.items()}
-        return {k: v.astype(float) for k, v in known.items()}, stages
+        return {k: v.astype(float) for k, v in constants.items()}, stages
 
     motion = Steps(gyrostat.step, iterates=Orbits(orbit))
     axes = {**model.axes, **gyrostat.AXES}
@@ -140,12 +140,12 @@ def exact(model: Model, dt: float, order: int | None, oriented: bool) -> Scheme:
     The states are those at the exact times k dt, each from the closed form: errors do not grow with time, and
     all integrals are conserved.  Systems with only Bäcklund transformations use `exact_pair`, whose error grows.
     """
-    known = model.system.closed_form
-    if known.gyrostat is not None:
+    form = model.system.closed_form
+    if form.gyrostat is not None:
         return _gyrostat(model, dt, oriented)
-    if known.moments is None and known.top is None:
+    if form.moments is None and form.top is None:
         return exact_pair(model, dt, oriented)
     observe, outcomes = observer(model, oriented)
     outcomes = {k: replace(o, conserved=o.kind in ("casimir", "integral")) for k, o in outcomes.items()}
-    motion = _top if known.moments is None else _body
+    motion = _top if form.moments is None else _body
     return scheme_of("exact", model, motion(model, oriented), (observe, outcomes), oriented)

@@ -49,7 +49,7 @@ def kahan(model: Model, dt: float, order: int, oriented: bool) -> Scheme:
     """
     energy = f"Hamiltonian H, not conserved by the map: its error is of order dt^{order}"
     observe_all, outcomes = observer(model, oriented, conserved=linear_integrals(model), meanings={"energy": energy})
-    integrals = next((known for known in KNOWN if known.applies(model)), None) if order == 2 else None
+    integrals = next((candidate for candidate in KNOWN if candidate.applies(model)), None) if order == 2 else None
 
     def stage(old: State, turned: State, eps: Array, constants: Values) -> tuple[Any, Any, Any]:
         new, pivots = advance(model, old, eps, constants)
@@ -109,8 +109,8 @@ def eliminate(matrix: list[list[Any]], right: list[Any]) -> tuple[list[Any], lis
         pivots.append(row[k])
         inverse = 1 / row[k]
         row[k + 1 :] = [inverse * v for v in row[k + 1 :]]
-        for other in rows[k + 1 :]:
-            other[k + 1 :] = [v - other[k] * w for v, w in zip(other[k + 1 :], row[k + 1 :], strict=True)]
+        for lower in rows[k + 1 :]:
+            lower[k + 1 :] = [v - lower[k] * w for v, w in zip(lower[k + 1 :], row[k + 1 :], strict=True)]
     result: list[Any] = []
     for k, row in reversed(list(enumerate(rows))):
         value = row[-1]
@@ -269,8 +269,8 @@ def lagrange_integrals(model: Model, seen: Values, dt: Any, constants: Values) -
     m, p, k = sign * algebra.axial(m), constants[name], dt * dt / 4
     u, p2 = algebra.dot(p, a), algebra.dot(p, p)
     length = algebra.dot(m, a) / (1 - k * u)
-    whole = algebra.dot(m, m) + 2 * k * algebra.dot(m, p + 0 * m) * length + k * k * p2 * length * length
-    C = (algebra.dot(a, a) + k * length * length) / (1 + k * whole)
+    square = algebra.dot(m, m) + 2 * k * algebra.dot(m, p + 0 * m) * length + k * k * p2 * length * length
+    C = (algebra.dot(a, a) + k * length * length) / (1 + k * square)
     energy = algebra.dot(m, m) / 2 + (u + k * u * u / 2) / (1 - k * k * p2 * C)
     return {"casimir_eps": np.stack([C, length * length], -1), "energy_eps": energy}
 
@@ -312,12 +312,12 @@ def clebsch_integrals(model: Model, seen: Values, dt: Any, constants: Values) ->
     work = algebra.dot(rate, cross(p, m)) / 2
     change = (work - (algebra.dot(p, p) * across + algebra.dot(p, b * p) * ahead) / 4) / (ahead * D)
     C = 1 - k * algebra.vec(J) * b
-    r, share, whole = b / C, J / (J + J1), C[..., 0] * C[..., 1] * C[..., 2]
+    r, share, det = b / C, J / (J + J1), C[..., 0] * C[..., 1] * C[..., 2]
     v = algebra.vec(share * pitch)
     n, s = m - v * p, k * algebra.vec(J + J1)
     second, third = r[..., algebra.SECOND], r[..., algebra.THIRD]
     w = second + third - r + s * second * third
-    terms = r * (2 + s * r) * (n * n + v * v * p * p) - 2 * v * w * n * p + algebra.vec(whole * share) * w * w * p * p
+    terms = r * (2 + s * r) * (n * n + v * v * p * p) - 2 * v * w * n * p + algebra.vec(det * share) * w * w * p * p
     trace, pairs = b.sum(-1), (b * b[..., algebra.SECOND]).sum(-1)
     return {
         "casimir_eps": stack([J, J * J * pitch * pitch]),
@@ -356,14 +356,14 @@ def so4_integrals(model: Model, seen: Values, dt: Any, constants: Values) -> dic
         return algebra.dot(c, t / s * a * e - s / t * d * g)
 
     def polar(x: Array, y: Array) -> Array:  # 2 Q(x, y) of the flow Q(x, x)
-        both, one, other = (call(model.system.flow, (z,), constants)[0] for z in (x + y, x, y))
-        return both - one - other
+        total, first, second = (call(model.system.flow, (z,), constants)[0] for z in (x + y, x, y))
+        return total - first - second
 
     rate = polar(M, new) / 2
-    here, ahead = form(p, M, M), form(p, M, new)
+    value, ahead = form(p, M, M), form(p, M, new)
     D, across = 1 + k * form(q, M, M), form(q, M, new)
-    change = -form(p, M, polar(M, rate)) / 2 - (here * across + form(q, M, M) * ahead) / 4
-    return {"integral_eps": stack([here / D, change / (D * (1 - k * across))])}
+    change = -form(p, M, polar(M, rate)) / 2 - (value * across + form(q, M, M) * ahead) / 4
+    return {"integral_eps": stack([value / D, change / (D * (1 - k * across))])}
 
 
 def _halves(M: Array) -> tuple[Array, Array]:

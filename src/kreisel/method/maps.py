@@ -120,7 +120,7 @@ def lagrangian(model: Model, dt: float, order: int | None, oriented: bool) -> Sc
         "The implicit equation has no solution on the branch with the continuous limit: two solutions have met, or "
         "Newton's method failed on the way",
         f"a step too long for this state. Use dt = {dt / 2:g} or less.",
-        instead=lambda z, known: singular if float(call(phi.regularity, z[:count], known)) < SINGULAR else None,
+        instead=lambda z, constants: singular if float(call(phi.regularity, z[:count], constants)) < SINGULAR else None,
     )
     motion = JaxSteps(_step(phi, model.system.frame, count))
     return _stepped("lagrangian", model, dt, phi.order, oriented, motion=motion, recordable=False, guard=lost)

@@ -152,12 +152,12 @@ def observer(
     def observe(z: tuple[Array, ...], only: Only = None, /, **constants: Array) -> dict[str, Array]:
         state, count = z[: len(space.letters)], len(space.letters)
         batch = np.ndim(state[0]) - algebra.KINDS[space.kinds[0]].axes
-        known = {k: v for k, v in constants.items() if k in model.constants or k in (ORIENTATION, TIME)}
-        user = to_user(*state, **known) if to_user is not None else state
+        arguments = {k: v for k, v in constants.items() if k in model.constants or k in (ORIENTATION, TIME)}
+        user = to_user(*state, **arguments) if to_user is not None else state
         out = dict(zip(space.letters, user, strict=True))
         for name in table if only is None else table.keys() & set(only):
             _, function, takes_own = table[name]
-            value = function(*(state if takes_own else user), **known)
+            value = function(*(state if takes_own else user), **arguments)
             if np.ndim(value) == batch + 2:  # a skew block: as an axial vector for n = 3, else by its entries
                 value = algebra.axial(value) if value.shape[-1] == 3 else algebra.coordinates(value)
             out[name] = value

@@ -211,9 +211,9 @@ def _turn_in_space(model: Model, state: State, g: Array, dt: float, copies: int,
     In the product of order 24 each pair rotates by prod cay(eps/2 block) about p; the exact pair by the difference.
     """
     record: Any = model.system.baecklund
-    one = np.zeros((*mu.shape, 4), dtype=np.longdouble)
-    one[..., 0] = 1
-    start = (*_wide(state), one)
+    unit = np.zeros((*mu.shape, 4), dtype=np.longdouble)
+    unit[..., 0] = 1
+    start = (*_wide(state), unit)
     true, points = _flown(model, start, dt / copies, mu.shape)
     pair = _pair(model, start, mu.astype(np.clongdouble)[()])
     P = state[1].astype(np.longdouble)

@@ -139,7 +139,7 @@ class Part(NamedTuple):
 
     name: str
     function: Callable[..., tuple[Array, ...]]
-    more: tuple[str, ...] = ()
+    arguments: tuple[str, ...] = ()
     staged: bool = True
 
     @property
@@ -270,7 +270,7 @@ class Scheme:
         return z[[name for name, _ in self.components].index(self.guard.component)] <= self.guard.limit
 
     @property
-    def known(self) -> dict[str, Array]:
+    def keywords(self) -> dict[str, Array]:
         """All that `observe` needs by keyword."""
         return {**self.constants, **self.basis}
 

@@ -68,7 +68,7 @@ class Splitting:
         driven.require_orientation(model, oriented)
         self.timed, self.driven = self.record.names(TIME), self.record.driven
         self.fractions = splitting(order)
-        self.part: Integrable = integrable(model)
+        self.integrable: Integrable = integrable(model)
         self.turns = turns_of(model, all_turns)
         if kicks.changes_its_loads(model.system) and order in (6, 8):
             raise InputError(
@@ -77,12 +77,12 @@ class Splitting:
                 "damping=..."
             )
         record = self.record
-        self.kicked = bool(record.functions) or record.pair is not None or self.part.left is not None
+        self.kicked = bool(record.functions) or record.pair is not None or self.integrable.left is not None
         self.kicked = self.kicked or record.control is not None
         kinds = len(self.turns) + self.kicked + record.rubbed
         self.rubs = bool(record.rubbing) and (all_turns or record.rubs(model.constants))
         self.parts = FOURTH if kinds > 1 and isinstance(order, tuple) and order[-1] > 2 else (1.0,)
-        self.everything = all_turns
+        self.with_zeros = all_turns
         self.span = None if all_turns else windows.span_of(model)  # derivatives are those of the field
         self.changed: tuple[int, ...] = ()
         if record.sampled:
@@ -98,8 +98,8 @@ class Splitting:
     @property
     def extra(self) -> dict[str, str]:
         """The values that are carried with state and orientation, and their kinds."""
-        there = {COUNT: self.timed, WORK: self.driven, REACH: self.part.reach is not None}
-        names = {name: "scalar" for name, needed in there.items() if needed}
+        needs = {COUNT: self.timed, WORK: self.driven, REACH: self.integrable.reach is not None}
+        names = {name: "scalar" for name, needed in needs.items() if needed}
         return names if self.span is None else {**names, windows.WINDOW: windows.KIND}
 
     def apart(self, z: State) -> tuple[State, State, dict[str, Array]]:
@@ -110,98 +110,101 @@ class Splitting:
     def step(self, *z: Array, _drift: Array, _kick: Array, _node: Array, **constants: Array) -> State:
         """A, then B."""
         if self.span is not None:
-            state, g, more = self.apart(z)
-            body = Body(state, None, self.time(more, _node, constants))
-            more[windows.WINDOW] = windows.renewed(more[windows.WINDOW], body, self.model, constants)
-            z = (*state, *g, *more.values())
+            state, g, carried = self.apart(z)
+            body = Body(state, None, self.time(carried, _node, constants))
+            carried[windows.WINDOW] = windows.renewed(carried[windows.WINDOW], body, self.model, constants)
+            z = (*state, *g, *carried.values())
         if self.record.sampled:
             z = self.sampled(z, constants)
         return self.kick(
             *self.drift(*z, _drift=_drift, _kick=_kick, **constants), _kick=_kick, _node=_node, **constants
         )
 
-    def body(self, state: State, g: State, more: Mapping[str, Array], node: Any, constants: Constants) -> Body:
+    def body(self, state: State, g: State, carried: Mapping[str, Array], node: Any, constants: Constants) -> Body:
         """The body at a node of the step."""
-        t = self.time(more, node, constants)
-        field = None if self.span is None else windows.field(more[windows.WINDOW], t, constants)
+        t = self.time(carried, node, constants)
+        field = None if self.span is None else windows.field(carried[windows.WINDOW], t, constants)
         return Body(state, self.turn(g), t, field)
 
     def sampled(self, z: State, constants: Constants) -> State:
         """The variables after a sample, if one is due."""
-        (state, g, more), places = self.apart(z), self.changed
+        (state, g, carried), places = self.apart(z), self.changed
         kinds = [self.model.system.space.kinds[i] for i in places]
         axes, n = self.model.axes, self.model.n
 
         def after() -> Array:
-            body = self.body(state, g, more, 0, constants)
+            body = self.body(state, g, carried, 0, constants)
             new, work = control.sampled(self.model.system, body, g[0], constants, axes)
-            return algebra.flatten((*(new[i] for i in places), more[WORK] + work), (*kinds, "scalar"))
+            return algebra.flatten((*(new[i] for i in places), carried[WORK] + work), (*kinds, "scalar"))
 
-        ratio = more[COUNT] * constants["_sample"]
+        ratio = carried[COUNT] * constants["_sample"]
         apart, near = ratio - algebra.nearest(ratio), constants["_first"] * NEAR_SAMPLE
-        before = algebra.flatten((*(state[i] for i in places), more[WORK]), (*kinds, "scalar"))
-        if self.everything:  # derivatives are those of choices, not of branches
+        before = algebra.flatten((*(state[i] for i in places), carried[WORK]), (*kinds, "scalar"))
+        if self.with_zeros:  # derivatives are those of choices, not of branches
             flat = algebra.where_less(0, near * near - apart * apart, after(), before)
         else:
             flat = algebra.if_positive(near * near - apart * apart, after, before)
         *changed, work = algebra.restore(flat, (*kinds, "scalar"), n)
         new = dict(enumerate(state)) | dict(zip(places, changed, strict=True))
-        return (*new.values(), *g, *(more | {WORK: work}).values())
+        return (*new.values(), *g, *(carried | {WORK: work}).values())
 
     def drift(self, *z: Array, _drift: Array, **constants: Array) -> State:
         """A, and the part of B before the sum over pairs, if there is one."""
-        state, g, more = self.moved(*self.apart(z), _drift, constants)
+        state, g, carried = self.moved(*self.apart(z), _drift, constants)
         if self.divided:
             state, g, work = self._before(state, g, constants["_kick"], constants)
             if self.driven:
-                more[WORK] = more[WORK] + work
-        return (*state, *g, *more.values())
+                carried[WORK] = carried[WORK] + work
+        return (*state, *g, *carried.values())
 
     def kick(self, *z: Array, _kick: Array, _node: Array, **constants: Array) -> State:
         """B, or the rest of it, with the forces of other bodies on this one behind its state."""
         size = self.count + self.oriented + len(self.extra)
-        state, g, more = self.apart(z[:size])
+        state, g, carried = self.apart(z[:size])
         pulled = (z[size : size + self.count], z[-1] if self.driven else 0) if len(z) > size else None
-        body = self.body(state, (), more, _node, constants)
+        body = self.body(state, (), carried, _node, constants)
         flow = self._rest if self.divided else self.perturbed
         state, g, work = flow(body, g, _kick, constants, pulled)
         if self.driven:
-            more[WORK] = more[WORK] + work
-        return (*state, *g, *more.values())
+            carried[WORK] = carried[WORK] + work
+        return (*state, *g, *carried.values())
 
     def where(self, z: State, constants: Constants) -> Body:
         """The body at a node of the step."""
-        state, g, more = self.apart(z)
-        return Body(state, self.turn(g), self.time(more, constants["_node"], constants))
+        state, g, carried = self.apart(z)
+        return Body(state, self.turn(g), self.time(carried, constants["_node"], constants))
 
     def turn(self, g: State) -> Array | None:
         """The orientation as a matrix."""
         return as_matrix(self.model, g[0]) if g else None
 
-    def time(self, more: Mapping[str, Array], node: Array, constants: Constants) -> Any:
+    def time(self, carried: Mapping[str, Array], node: Array, constants: Constants) -> Any:
         """The time at a node of the step."""
-        return (more[COUNT] + node) * (constants["_dt"] * TICKS) if self.timed else None
+        return (carried[COUNT] + node) * (constants["_dt"] * TICKS) if self.timed else None
 
     def close(self, *z: Array, _last: Array, _whole: Array, **constants: Array) -> State:
         """The last A, and the count of steps: 1, 0 of a corrector."""
-        state, g, more = self.apart(z)
-        state, g, more = self.moved(state, g, more, _last, {**constants, "_kicked": _whole})
+        state, g, carried = self.apart(z)
+        state, g, carried = self.moved(state, g, carried, _last, {**constants, "_kicked": _whole})
         if self.timed:
-            more[COUNT] = more[COUNT] + _whole
-        return (*state, *g, *more.values())
+            carried[COUNT] = carried[COUNT] + _whole
+        return (*state, *g, *carried.values())
 
     def moved(
-        self, state: State, g: State, more: dict[str, Array], h: Array, constants: Constants
+        self, state: State, g: State, carried: dict[str, Array], h: Array, constants: Constants
     ) -> tuple[State, State, dict[str, Array]]:
         """The integrable motion, with the momenta of wheels as the kicks before it left them."""
         h_of_wheels = kicks.momentum_of_wheels(self.model.system, state, constants)
         if h_of_wheels is not None:
             constants = {**constants, STORED: h_of_wheels}
         count = len(self.record.base.space.letters)
-        if self.part.reach is not None:
-            more = {**more, REACH: algebra.maximum(more[REACH], self.part.reach(state[:count], h, constants))}
-        moved, g = self.part.move(state[:count], g, h, constants)
-        return (*moved, *state[count:]), g, more
+        if self.integrable.reach is not None:
+            carried = {
+                **carried,
+                REACH: algebra.maximum(carried[REACH], self.integrable.reach(state[:count], h, constants)),
+            }
+        moved, g = self.integrable.move(state[:count], g, h, constants)
+        return (*moved, *state[count:]), g, carried
 
     def perturbed(
         self, body: Body, g: State, h: Array, constants: Constants, pulled: tuple[State, Any] | None
@@ -225,7 +228,7 @@ class Splitting:
     ) -> tuple[State, State, Any]:
         state, gained = body.state, 0.0
         if self.kicked:
-            left, inner = self.part.left, len(self.record.base.space.letters)
+            left, inner = self.integrable.left, len(self.record.base.space.letters)
             rates, power = pulled or ((0.0,) * self.count, 0.0)
 
             def others(state: State) -> tuple[State, Any]:  # rates that other bodies and the integrable part add
@@ -234,8 +237,8 @@ class Splitting:
                 of_part = (*left(state[:inner], constants), *(0 * z for z in state[inner:]))
                 return tuple(x + y for x, y in zip(of_part, rates, strict=True)), power
 
-            there, more = body._replace(g=self.turn(g)), None if left is None and pulled is None else others
-            state, gained = kicks.kicked(self.model.system, there, h, constants, self.model.axes, more)
+            oriented, additions = body._replace(g=self.turn(g)), None if left is None and pulled is None else others
+            state, gained = kicks.kicked(self.model.system, oriented, h, constants, self.model.axes, additions)
         for turn in self.turns[::-1]:
             state, g = turn(state, g, h / 2, constants)
         state, after = self._damped(state, h / 2, constants)
@@ -265,7 +268,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
     constants, stages = _numbers(body, body.fractions, 1.0)
     correcting = corrector(order)
     guard = Guard(
-        f"A part of the step is longer than {body.part.name} is precise for",
+        f"A part of the step is longer than {body.integrable.name} is precise for",
         "a step in which the body rotates by more than some radians, or a perturbation that sped the body up. Use a "
         "smaller dt.",
         REACH,
@@ -287,7 +290,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
         reopen=body.begin,
         options={"order": order},
         dt_in_constants=True,
-        guard=guard if body.part.reach is not None else None,
+        guard=guard if body.integrable.reach is not None else None,
         coupling=coupling,
         corrector=None
         if correcting is None
@@ -295,7 +298,7 @@ def make(model: Model, dt: float, order: Any, oriented: bool, all_turns: bool = 
     )
 
 
-def _numbers(body: Splitting, parts: Fractions, whole: float) -> Numbers:
+def _numbers(body: Splitting, parts: Fractions, count: float) -> Numbers:
     """The constants of a sequence of these parts that lasts so many steps."""
     (a, b), dt = map(np.array, parts), body.dt
     stages = {"_drift": a[:-1] * dt, "_kick": b * dt, "_node": np.cumsum(a[:-1])}
@@ -303,9 +306,9 @@ def _numbers(body: Splitting, parts: Fractions, whole: float) -> Numbers:
         stages["_first"] = np.arange(len(b)) == 0.0
     if body.divided:
         first = np.arange(len(body.parts)) == 0
-        each = {"_drift": first, "_kick": np.array(body.parts), "_node": np.ones(len(first))}
-        stages = {name: np.outer(values, each[name]).ravel() for name, values in stages.items()}
-    constants = {"_last": np.array(a[-1] * dt), "_whole": np.array(whole), "_dt": np.array(dt / TICKS)}
+        repeated = {"_drift": first, "_kick": np.array(body.parts), "_node": np.ones(len(first))}
+        stages = {name: np.outer(values, repeated[name]).ravel() for name, values in stages.items()}
+    constants = {"_last": np.array(a[-1] * dt), "_whole": np.array(count), "_dt": np.array(dt / TICKS)}
     if body.record.sampled and body.record.control is not None:
         constants["_sample"] = np.array(dt / body.record.control.every)
     if body.span is not None:
@@ -335,14 +338,14 @@ def _observer(body: Splitting, order: Any) -> Observed:
         outcomes |= {name: replace(outcomes[name], meaning=meaning) for name, meaning in meanings.items()}
 
     def observe(z: State, only: Only = None, /, **constants: Array) -> dict[str, Array]:
-        state, g, more = body.apart(z)
+        state, g, carried = body.apart(z)
         where: dict[str, Any] = {}
         if record.names(TIME):
-            where[TIME] = more[COUNT] * body.dt
+            where[TIME] = carried[COUNT] * body.dt
         if record.names(ORIENTATION):
             where[ORIENTATION] = body.turn(g)
         out = plain((*state, *g), only, **constants, **where)
-        return driven.with_work(out, more[WORK]) if body.driven else out
+        return driven.with_work(out, carried[WORK]) if body.driven else out
 
     return observe, outcomes
 
@@ -372,7 +375,7 @@ def integrable(model: Model) -> Integrable:
     if record.base.product:
         return _side_by_side(
             [
-                (factor, _integrable(factor.system, record.inner, model.n, factor.known(model.constants)))
+                (factor, _integrable(factor.system, record.inner, model.n, factor.constants(model.constants)))
                 for factor in record.base.product
             ]
         )
@@ -414,24 +417,28 @@ def _side_by_side(parts: list[tuple[Factor, Integrable]]) -> Integrable:
     """The motion of bodies of different systems, side by side."""
 
     def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
-        return tuple(z for f, part in parts for z in part.move(state[f.place], (), h, f.known(constants))[0]), g
+        return tuple(z for f, motion in parts for z in motion.move(state[f.place], (), h, f.constants(constants))[0]), g
 
     def reach(state: State, h: Any, constants: Constants) -> Any:
-        result = [part.reach(state[f.place], h, f.known(constants)) for f, part in parts if part.reach is not None]
+        result = [
+            motion.reach(state[f.place], h, f.constants(constants)) for f, motion in parts if motion.reach is not None
+        ]
         return reduce(algebra.maximum, result)
 
     def left(state: State, constants: Constants) -> State:
         return tuple(
             z
-            for f, part in parts
-            for z in (part.left(state[f.place], f.known(constants)) if part.left else [0 * x for x in state[f.place]])
+            for f, motion in parts
+            for z in (
+                motion.left(state[f.place], f.constants(constants)) if motion.left else [0 * x for x in state[f.place]]
+            )
         )
 
     return Integrable(
-        " and ".join(dict.fromkeys(part.name for _, part in parts)),
+        " and ".join(dict.fromkeys(motion.name for _, motion in parts)),
         move,
-        reach if any(part.reach for _, part in parts) else None,
-        left if any(part.left for _, part in parts) else None,
+        reach if any(motion.reach for _, motion in parts) else None,
+        left if any(motion.left for _, motion in parts) else None,
     )
 
 
@@ -441,10 +448,13 @@ def closed_form(base: System, n: int) -> Integrable | None:
     if n != 3:
         return None
     if form.moments is not None:
-        return _rotor("a free body", rotor_step, lambda known: rotor_step.constants(_moments(base, known)))
+        return _rotor("a free body", rotor_step, lambda constants: rotor_step.constants(_moments(base, constants)))
     if form.gyrostat is not None and base.space.kinds == ("skew",):
         return _rotor(
-            "a gyrostat", quadrics, lambda known: dict(zip("wb", call(form.gyrostat, (), known), strict=True)), 0
+            "a gyrostat",
+            quadrics,
+            lambda constants: dict(zip("wb", call(form.gyrostat, (), constants), strict=True)),
+            0,
         )
     return _top(base) if form.top is not None else None
 
@@ -540,11 +550,11 @@ def _composed(base: System, phi: Map, order: int) -> Integrable:
 
     def move(state: State, g: State, h: Any, constants: Constants) -> tuple[State, State]:
         for fraction in fractions:
-            more = {**constants, "eps": float(fraction) * h}
-            old = state if phi.symmetric else call(phi.from_symmetric, state, more)
-            new = call(phi.step, old, more)
-            g = tuple(observing.turned_by_map(phi, base.frame, old, new, more, h) for h in g)
-            state = new if phi.symmetric else call(phi.to_symmetric, new, more)
+            arguments = {**constants, "eps": float(fraction) * h}
+            old = state if phi.symmetric else call(phi.from_symmetric, state, arguments)
+            new = call(phi.step, old, arguments)
+            g = tuple(observing.turned_by_map(phi, base.frame, old, new, arguments, h) for h in g)
+            state = new if phi.symmetric else call(phi.to_symmetric, new, arguments)
         return tuple(state), g
 
     return Integrable("its map", move)

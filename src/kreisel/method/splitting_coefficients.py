@@ -111,8 +111,8 @@ def inverse(parts: Splitting) -> Splitting:
 def joined(*splittings: Splitting) -> Splitting:
     """One after the other; where two meet, both of their A."""
     a, b = splittings[0]
-    for one in splittings[1:]:
-        a, b = (*a[:-1], a[-1] + one.a[0], *one.a[1:]), (*b, *one.b)
+    for splitting in splittings[1:]:
+        a, b = (*a[:-1], a[-1] + splitting.a[0], *splitting.a[1:]), (*b, *splitting.b)
     return Splitting(a, b)
 
 
@@ -176,10 +176,10 @@ def ordered_sum(a: Sequence[Any], b: Sequence[Any], degrees: tuple[int, ...]) ->
     for step, weight in zip(a, b, strict=False):
         time += step
         for last in range(len(degrees), 0, -1):
-            here: Any = 1
+            term: Any = 1
             for m in range(1, last + 1):  # the last m of the factors fall on this kick
-                here = here * weight * time ** degrees[last - m] / m
-                totals[last] += totals[last - m] * here
+                term = term * weight * time ** degrees[last - m] / m
+                totals[last] += totals[last - m] * term
     return totals[-1]
 
 

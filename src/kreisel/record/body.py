@@ -38,7 +38,7 @@ class Body:
         time = getattr(lanes[0], "time_unit", natural)
         if time == natural and not differs:
             return self
-        out, declared = object.__new__(type(self)), {each.name for each in fields(self)}  # type: ignore[arg-type]
+        out, declared = object.__new__(type(self)), {field.name for field in fields(self)}  # type: ignore[arg-type]
         out.__dict__.update({k: v for k, v in self.__dict__.items() if k in declared or k == "_shape"})
         out.__dict__.update(
             {"time_unit" if "time_unit" in declared else "_time": time, "_lanes": lanes if differs else ()}

@@ -47,9 +47,9 @@ class BodyFrame:
         return bool(self.units)
 
     @classmethod
-    def in_units(cls, time: float, momentum: float, axes: Any = None, letter: str = "M", **more: Any) -> Self:
-        """The frame of a state with units of time and momentum, s and kg m^2/s; `more`: further units by name."""
-        units = {"time": ("s", time), letter: ("kg m^2/s", momentum), **more, "energy": ("J", momentum / time)}
+    def in_units(cls, time: float, momentum: float, axes: Any = None, letter: str = "M", **sizes: Any) -> Self:
+        """The frame of a state with units of time and momentum, s and kg m^2/s; `sizes`: of further units by name."""
+        units = {"time": ("s", time), letter: ("kg m^2/s", momentum), **sizes, "energy": ("J", momentum / time)}
         return cls(np.eye(3) if axes is None else axes, units)
 
     @classmethod
@@ -77,8 +77,8 @@ class BodyFrame:
         """The frame as plain data."""
         units = {k: [unit, np.asarray(size).tolist()] for k, (unit, size) in self.units.items()}
         table = {"axes": self.axes.tolist(), "along": [*self.along], "units": units}
-        more = {"epoch": self.epoch, "shape": list(self.shape), "lanes": list(self.lanes)}
-        table |= {k: v for k, v in more.items() if v}
+        entries = {"epoch": self.epoch, "shape": list(self.shape), "lanes": list(self.lanes)}
+        table |= {k: v for k, v in entries.items() if v}
         return table | ({"names": dict(self.names), "title": self.title} if self.names else {})
 
     @property

@@ -40,19 +40,19 @@ def keywords(function: Function) -> frozenset[str]:
     return result
 
 
-def arguments_of(function: Any, known: Sequence[str], name: str, remedy: str) -> tuple[str, ...]:
-    """The arguments of a user-defined function, which are among `known`.  Raises `InputError` for others."""
+def arguments_of(function: Any, names: Sequence[str], name: str, remedy: str) -> tuple[str, ...]:
+    """The arguments of a user-defined function, which are among `names`.  Raises `InputError` for others."""
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):
         raise InputError(
-            f"{name}: expected a function that names its arguments, such as lambda {known[0]}: ..., got "
+            f"{name}: expected a function that names its arguments, such as lambda {names[0]}: ..., got "
             f"{shown(function)}."
         ) from None
     for p in parameters:
-        if p.kind not in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) or p.name not in known:
+        if p.kind not in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) or p.name not in names:
             raise InputError(
-                f"{name}: expected arguments among {', '.join(known)}, got {p.name}.{hint(p.name, known)} {remedy}"
+                f"{name}: expected arguments among {', '.join(names)}, got {p.name}.{hint(p.name, names)} {remedy}"
             )
     return tuple(p.name for p in parameters)
 
@@ -60,9 +60,9 @@ def arguments_of(function: Any, known: Sequence[str], name: str, remedy: str) ->
 def naming(function: Function, *sources: Function | Iterable[str]) -> Function:
     """The function, to which `call` passes the keywords of other functions, or those named."""
     names = {name: None for source in sources for name in (keywords(source) if callable(source) else source)}
-    given = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in sorted(names)]
+    parameters = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in sorted(names)]
     state = inspect.Parameter("state", inspect.Parameter.VAR_POSITIONAL)
-    function.__dict__["__signature__"] = inspect.Signature([state, *given])
+    function.__dict__["__signature__"] = inspect.Signature([state, *parameters])
     return function
 
 

@@ -266,9 +266,9 @@ def kicked_map(kick: Function, turn: Function, **claims: Any) -> Map:
     def to_symmetric(M: Array, *carried: Array, **constants: Any) -> Any:
         return M + call(kick, carried, constants) / 2, *carried
 
-    both = {f.__name__: naming(f, kick, turn) for f in (step, inverse)}
-    alone = {f.__name__: naming(f, kick) for f in (involution, to_symmetric)}
-    return Map(**(both | alone | claims))
+    steps = {f.__name__: naming(f, kick, turn) for f in (step, inverse)}
+    kicks = {f.__name__: naming(f, kick) for f in (involution, to_symmetric)}
+    return Map(**(steps | kicks | claims))
 
 
 def implicit_map(turn: Function, move: Function, **claims: Any) -> Map:
@@ -402,8 +402,8 @@ def pullback(target: System, carry: Function) -> Callable[[Function], Function]:
 
     def pulled(function: Function) -> Function:
         def at_image(*state: Array, **constants: Any) -> Any:
-            there, params = call(carry, (*state, None), constants)
-            return call(function, there, {**constants, **params})
+            image, params = call(carry, (*state, None), constants)
+            return call(function, image, {**constants, **params})
 
         return naming(at_image, carry, keywords(function) - letters)
 

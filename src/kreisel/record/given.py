@@ -130,13 +130,13 @@ def parameter(p: Parameter, system: str, value: Any) -> Array:
     return array
 
 
-def _check_symmetric(array: Array, name: str, more: str = "") -> None:
+def _check_symmetric(array: Array, name: str, remedy: str = "") -> None:
     if array.shape[-1] != array.shape[-2]:
-        raise InputError(f"{name} must be square, got shape {array.shape}.{more}")
+        raise InputError(f"{name} must be square, got shape {array.shape}.{remedy}")
     worst = algebra.magnitude(array - array.mT)
     if worst > SKEW_TOLERANCE * algebra.magnitude(array):
         letter = name.split()[-1]
-        raise InputError(f"{name} must be symmetric; {letter} - {letter}^T is up to {worst:.3g}.{more}")
+        raise InputError(f"{name} must be symmetric; {letter} - {letter}^T is up to {worst:.3g}.{remedy}")
 
 
 def component(letter: str, kind: str, value: Any, n: int, of_bodies: bool, three_lanes: bool = False) -> Array:

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 def _check(p: Parameter, value: Array) -> None:
     if p.check is not None:
         with np.errstate(all="ignore"):
-            for each in value if p.rank is not None and value.ndim > p.rank else (value,):
-                p.check(each, p.letter)
+            for entry in value if p.rank is not None and value.ndim > p.rank else (value,):
+                p.check(entry, p.letter)
 
 
 def _single(p: Parameter, value: Array) -> int:
@@ -213,8 +213,8 @@ class Model:
         """The model of some lanes of a batch; the model itself if it has no batch axes."""
         if not self.batch:
             return self
-        own = {p.letter: axes_of(p, self.params[p.letter]) for p in self.system.parameters}
-        params = {k: v if v.ndim == own[k] else v[ids] for k, v in self.params.items()}
+        axes = {p.letter: axes_of(p, self.params[p.letter]) for p in self.system.parameters}
+        params = {k: v if v.ndim == axes[k] else v[ids] for k, v in self.params.items()}
         return Model(self.system, params, self.body_frame.of_lanes(ids))
 
     def of_body(self, frame: BodyFrame) -> Model:
@@ -222,10 +222,10 @@ class Model:
         moving = self.system.frame.value == "moving"
         shown = {k: algebra.KINDS[kind].shown(self.n).name for k, kind in self.system.space.components}
         along = [k for k, kind in shown.items() if moving and kind == "vector"]
-        made = object.__new__(Model)  # a copy by `__reduce__` would check all parameters again
-        made.__dict__.update(self.__dict__)
-        made.body_frame = replace(frame, along=along)
-        return made
+        model = object.__new__(Model)  # a copy by `__reduce__` would check all parameters again
+        model.__dict__.update(self.__dict__)
+        model.body_frame = replace(frame, along=along)
+        return model
 
     def _dimension(self) -> int:
         if self.system.n is not None:

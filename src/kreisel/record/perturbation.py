@@ -109,12 +109,14 @@ def together(*forces: Force | None) -> Force | None:
     parameters = tuple(dict.fromkeys(name for force in present for name in force.parameters))
 
     def total(*values: Any, **constants: Any) -> Any:
-        there = dict(zip(arguments, values, strict=True))
-        each = [
-            run(f.function, *(there[name] for name in f.arguments), **{name: constants[name] for name in f.parameters})
+        by_name = dict(zip(arguments, values, strict=True))
+        terms = [
+            run(
+                f.function, *(by_name[name] for name in f.arguments), **{name: constants[name] for name in f.parameters}
+            )
             for f in present
         ]
-        return sum(np.asarray(out, dtype=object)[()] for out in each)
+        return sum(np.asarray(out, dtype=object)[()] for out in terms)
 
     tables = {name: form for force in present for name, form in force.tables.items()}
     units = {name: unit for force in present for name, unit in force.units.items()}

@@ -69,9 +69,9 @@ def si(value: Any, unit: str, name: str) -> Any:
     float or an array (...).  Raises `InputError` for other dimensions, unknown units, and rates in Hz or 1/s for
     angular velocities.
     """
-    for part, text in (("unit", unit), ("name", name)):
+    for label, text in (("unit", unit), ("name", name)):
         if not isinstance(text, str):
-            raise InputError(f"{part}: expected text such as 'kg m^2' or 'inertia', got {shown(text)}.")
+            raise InputError(f"{label}: expected text such as 'kg m^2' or 'inertia', got {shown(text)}.")
     if hasattr(value, "to_value"):
         try:
             return value.to_value(unit)
@@ -91,7 +91,7 @@ def si(value: Any, unit: str, name: str) -> Any:
         value = entries * (1.0 if value[1] == unit else parsed_unit(value[1], name))
     elif isinstance(value, list | tuple) and _has_units(value):
         parts = [si(v, unit, name) for v in value]
-        return np.array(parts) if len({np.shape(part) for part in parts}) == 1 else value
+        return np.array(parts) if len({np.shape(entry) for entry in parts}) == 1 else value
     if not _is_quantity(value):
         if algebra.loses(value) or isinstance(value, complex) or getattr(value, "dtype", np.dtype(float)).kind in "cMm":
             raise InputError(f"{name} must be real values in SI units ({unit}), or a quantity, got {shown(value)}.")
@@ -154,7 +154,7 @@ def converted(value: Any, unit: str, name: str) -> Any:
     import pint
 
     target = parsed_unit(unit, name)
-    counts = ["radian" in dict((1 * each).to_root_units().unit_items()) for each in (value, target)]
+    counts = ["radian" in dict((1 * quantity).to_root_units().unit_items()) for quantity in (value, target)]
     if str(value.dimensionality) == str(target.dimensionality) == "1 / [time]" and counts[0] != counts[1]:
         raise InputError(
             f"{name} must be in {unit}, got {value:~}, which may count revolutions or radians. Usual cause: a "

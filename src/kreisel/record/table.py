@@ -112,14 +112,14 @@ class Table:
 
             derivatives = (CubicSpline if kind == "spline" else PchipInterpolator)(t, y).derivative()(t)
         several = derivatives if isinstance(derivatives, tuple) else (derivatives,)
-        each = [_floats(x, "derivatives") for x in several]
-        if len(each) > 2 or any(x.shape != y.shape for x in each):
+        orders = [_floats(x, "derivatives") for x in several]
+        if len(orders) > 2 or any(x.shape != y.shape for x in orders):
             raise InputError(
                 f"Table: expected derivatives of the shape {y.shape} of the values, or a tuple of first and second "
-                f"ones, got {', '.join(str(x.shape) for x in each) or 'none'}."
+                f"ones, got {', '.join(str(x.shape) for x in orders) or 'none'}."
             )
-        head = [len(t), y.shape[1] if y.ndim > 1 else 0, len(each), hold]
-        self.packed = np.concatenate([head, t, *(np.ravel(x) for x in (y, *each))])
+        head = [len(t), y.shape[1] if y.ndim > 1 else 0, len(orders), hold]
+        self.packed = np.concatenate([head, t, *(np.ravel(x) for x in (y, *orders))])
         self.packed.flags.writeable = False
 
     def __call__(self, time: Any, order: int = 0) -> Any:
@@ -180,19 +180,19 @@ def _spacing(t: Array) -> float:
 
 def form_of(packed: Array) -> Form:
     """The form of packed tables (..., size)."""
-    each = packed.reshape(-1, packed.shape[-1])
-    count, columns, orders = (int(x) for x in each[0, :3])
-    even = all(_spacing(_parts(one)[0]) for one in each)
-    rows = count - 1 + 2 * bool(each[:, 3].any())
+    tables = packed.reshape(-1, packed.shape[-1])
+    count, columns, orders = (int(x) for x in tables[0, :3])
+    even = all(_spacing(_parts(table)[0]) for table in tables)
+    rows = count - 1 + 2 * bool(tables[:, 3].any())
     return Form(columns, 2 * orders + 1, 0 if even else max(1, math.ceil(math.log2(rows))))
 
 
 def check(packed: Array, name: str, form: Form) -> None:
     """Raises `InputError` for anything but packed tables of this form."""
-    each = packed.reshape(-1, packed.shape[-1])
-    if each.shape[1] < HEAD or any(_size(one) != len(one) for one in each):
+    tables = packed.reshape(-1, packed.shape[-1])
+    if tables.shape[1] < HEAD or any(_size(table) != len(table) for table in tables):
         raise InputError(f"{name}: expected kr.Table(times, values), got {shown(packed)}.")
-    if each.shape[1] > HEAD and form_of(packed) != form:
+    if tables.shape[1] > HEAD and form_of(packed) != form:
         raise InputError(
             f"{name}: expected a table of the form {form}, for which its forces were recorded, got one of the form "
             f"{form_of(packed)}. Make the system anew with this table."
@@ -213,8 +213,8 @@ def _rows_of(packed: Array) -> Array:
     D, m0, m1 = np.diff(y, axis=0), h * m[:-1], h * m[1:]
     if s:
         s0, s1 = h * h * s[0][:-1], h * h * s[0][1:]
-        more = 10 * D - 6 * m0 - 4 * m1 - 1.5 * s0 + s1 / 2, -15 * D + 8 * m0 + 7 * m1 + 1.5 * s0 - s1
-        powers = [y[:-1], m0, s0 / 2, *more, 6 * D - 3 * (m0 + m1) - (s0 - s1) / 2]
+        higher = 10 * D - 6 * m0 - 4 * m1 - 1.5 * s0 + s1 / 2, -15 * D + 8 * m0 + 7 * m1 + 1.5 * s0 - s1
+        powers = [y[:-1], m0, s0 / 2, *higher, 6 * D - 3 * (m0 + m1) - (s0 - s1) / 2]
     else:
         powers = [y[:-1], m0, 3 * D - 2 * m0 - m1, m0 + m1 - 2 * D]
     rows = np.concatenate([t[:-1, None], 1 / h, np.stack(powers, -1).reshape(len(h), -1)], -1)
@@ -232,13 +232,13 @@ def handles(packed: Array) -> tuple[Array, tuple[Array, ...]]:
     A handle has the address of the rows, the last row, a time and a rate: with equally spaced times the row is the
     integer next to rate (t - time).
     """
-    each = packed.reshape(-1, packed.shape[-1])
-    out, rows = np.zeros((len(each), 4)), list[Array]()
-    for i, one in enumerate(each):
-        if one[0]:
-            t, held = _parts(one)[0], bool(one[3])
+    tables = packed.reshape(-1, packed.shape[-1])
+    out, rows = np.zeros((len(tables), 4)), list[Array]()
+    for i, table in enumerate(tables):
+        if table[0]:
+            t, held = _parts(table)[0], bool(table[3])
             h = _spacing(t) or 1.0
-            rows.append(_rows_of(one))
+            rows.append(_rows_of(table))
             out[i] = memory.address_of(rows[-1]), len(rows[-1]) - 1, t[0] + (0.5 - held) * h, 1 / h
     return out.reshape((*packed.shape[:-1], 4)), tuple(rows)
 
@@ -325,9 +325,9 @@ def tables_exceeded(model: Model, begin: Any, end: Any) -> Iterator[tuple[str, A
     The run lasts from `begin` to `end`, which may be arrays of JAX.  Its rounding errors do not count.
     """
     for name, packed, unit in tables_of_time(model):
-        for one in packed.reshape(-1, packed.shape[-1]):
-            t, slack = _parts(one)[0], ROUNDING * (abs(begin) + abs(end))
-            if not one[3]:
+        for table in packed.reshape(-1, packed.shape[-1]):
+            t, slack = _parts(table)[0], ROUNDING * (abs(begin) + abs(end))
+            if not table[3]:
                 yield name, t, unit, ((begin + slack) * unit < t[0]) | ((end - slack) * unit > t[-1])
 
 
@@ -335,8 +335,8 @@ def require_within(model: Model, begin: float, end: float) -> None:
     """Raises `InputError` for a table that does not hold its ends and starts or ends within a time."""
     for name, t, unit, exceeded in tables_exceeded(model, begin, end):
         if exceeded:
-            more = "a longer span of the orbit" if name == "path" else "more times"
+            remedy = "a longer span of the orbit" if name == "path" else "more times"
             raise InputError(
                 f"{name}: expected a table for all times of the run, {begin * unit:g} to {end * unit:g}, got one from "
-                f"{t[0]:g} to {t[-1]:g}. Use a shorter run, {more}, or kr.Table(..., hold=True), which keeps its ends."
+                f"{t[0]:g} to {t[-1]:g}. Use a shorter run, {remedy}, or kr.Table(..., hold=True), which keeps its ends."
             )

@@ -108,7 +108,9 @@ def _of_system(system: System, model: Model) -> Any:
     if KNOWN.get(system.name) is system:
         return system.name
     if system.product:
-        factors = [(factor.system, type(model)(factor.system, factor.known(model.params))) for factor in system.product]
+        factors = [
+            (factor.system, type(model)(factor.system, factor.constants(model.params))) for factor in system.product
+        ]
         return [_of_system(*factor) for factor in factors]
     record = system.perturbation
     if record is None:

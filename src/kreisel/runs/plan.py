@@ -253,7 +253,7 @@ class Plan:
         return {name: result[name] for name in self.outcomes}
 
     def _plainly(self, z: Floats) -> dict[str, Array]:
-        return self.variables(algebra.restore(z, self.kinds, self.model.n), **self.scheme.known)
+        return self.variables(algebra.restore(z, self.kinds, self.model.n), **self.scheme.keywords)
 
     def _shaped(self, z: Floats, outputs: Mapping[str, Array]) -> dict[str, Array]:
         out = {}

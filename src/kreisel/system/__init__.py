@@ -45,17 +45,17 @@ def _stated(name: str) -> System:
     return system.remade_by(find, name)
 
 
-def find(name: str, known: Mapping[str, System] | None = None) -> System:
+def find(name: str, registry: Mapping[str, System] | None = None) -> System:
     """The system of that name.  Raises `InputError` with the nearest name."""
-    known = REGISTRY if known is None else known
-    if name not in known:
-        raise InputError(f"No system is called {shown(name)}.{hint(name, known)} There are: {', '.join(known)}.")
-    return known[name]
+    registry = REGISTRY if registry is None else registry
+    if name not in registry:
+        raise InputError(f"No system is called {shown(name)}.{hint(name, registry)} There are: {', '.join(registry)}.")
+    return registry[name]
 
 
 REGISTRY = Records((page.name.replace("_", "-") for page in pkgutil.iter_modules(__path__)), _stated)
 _NAMES = {  # LagrangeTopSU2 for lagrange-top-su2
-    "".join(part.upper() if part[-1].isdigit() else part.capitalize() for part in name.split("-")): name
+    "".join(word.upper() if word[-1].isdigit() else word.capitalize() for word in name.split("-")): name
     for name in REGISTRY
 }
 NAMED = Records(_NAMES, lambda name: REGISTRY[_NAMES[name]])  # as attributes of `kreisel`

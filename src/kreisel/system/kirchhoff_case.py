@@ -55,12 +55,12 @@ SYSTEM = System(
     space=MOVING_SPACE,
     parameters=tuple(
         Parameter(letter + i, "scalar", f"coefficient of {term} in H")
-        for letter, both, third in (
+        for letter, pair, third in (
             ("a", "(M_1^2 + M_2^2)/2", "M_3^2/2"),
             ("b", "M_1 P_1 + M_2 P_2", "M_3 P_3"),
             ("c", "(P_1^2 + P_2^2)/2", "P_3^2/2"),
         )
-        for i, term in (("1", both), ("3", third))
+        for i, term in (("1", pair), ("3", third))
     ),
     **named(flow, energy, velocity, translation),
     derive=coefficients,

@@ -49,9 +49,9 @@ def lever(M, *, beta, c, gamma):  # (c, beta n, 0): dH/dP at P_3 = 0
 
 def gradients(M, P, *, beta, c, gamma):
     """dH/dM = (M_1, M_2, M_3 + n + beta P_2), dH/dP = (c, beta n, -beta^2 P_3)."""
-    u, (one, two, three), beta = axial(M), identity(3), vec(beta)
-    Omega = u + (u + vec(gamma) + beta * P[..., [0, 2, 1]]) * three
-    return Omega, vec(c) * one + beta * (u[..., [0, 2, 1]] + vec(gamma)) * two - beta * beta * P * three
+    u, (first, second, third), beta = axial(M), identity(3), vec(beta)
+    Omega = u + (u + vec(gamma) + beta * P[..., [0, 2, 1]]) * third
+    return Omega, vec(c) * first + beta * (u[..., [0, 2, 1]] + vec(gamma)) * second - beta * beta * P * third
 
 
 def flow(M, P, *, kappa, beta, c, gamma):  # M' = M x dH/dM + P x dH/dP,   P' = P x dH/dM - kappa M x dH/dP
@@ -94,8 +94,8 @@ def skew_of(M, P, *, beta, c, gamma):  # m
 def inverse(kappa, beta, lam):
     """(b - lambda S)^-1."""
     square, w = lam * lam, kappa * beta * beta
-    one, zero = 1 + 0 * kappa * lam, 0 * kappa * lam
-    x, y, z = -lam / (square - 1) * one, -one / (square - 1), -one / lam
+    ones, zero = 1 + 0 * kappa * lam, 0 * kappa * lam
+    x, y, z = -lam / (square - 1) * ones, -ones / (square - 1), -ones / lam
     scale = 1 / (w * square - 1)
     p, q, r = lam * beta * beta * scale, scale, lam * kappa * scale
     rows = np.stack([x, x, z, x, x, p, r], -1)[..., None] * identity(7)
@@ -133,11 +133,11 @@ def curve(M, P, *, kappa, beta, c, gamma):
     det(nu b + m - mu S)/mu = (u-v)^2 (u - w v) + (r - e_1 - e_2) u^2 + e_0 u + e_1 uv + e_2 v^2 + e_3 v + e_4.
     """
     first, along = (casimirs(M, P, kappa=kappa)[..., i][()] for i in (0, 1))
-    known, square = {"beta": beta, "c": c, "gamma": gamma}, beta * beta
+    constants, square = {"beta": beta, "c": c, "gamma": gamma}, beta * beta
     second, w = square * first + kappa * c * c, kappa * square
     rotor = gamma * gamma * (1 - w)
-    mixed = 2 * energy(M, P, **known) - second + rotor
-    along, K = along * along, komarov(M, P, kappa=kappa, **known)
+    mixed = 2 * energy(M, P, **constants) - second + rotor
+    along, K = along * along, komarov(M, P, kappa=kappa, **constants)
     return rotor, K, mixed, second, square * along - c * c * first, -c * c * along, w
 
 

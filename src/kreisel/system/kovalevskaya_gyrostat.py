@@ -117,8 +117,8 @@ def generator(M, P, Q, M1, P1, Q1, *, gamma, e, h, eps):
 
 def largest_step(M, P, Q):
     """det(1 - (eps^2/4) F_11) stays positive for smaller |eps|, by the largest singular value of F."""
-    p, q, both = dot(P, P), dot(Q, Q), dot(P, Q)
-    square = (p + q) / 2 + np.sqrt((p - q) * (p - q) / 4 + both * both)
+    p, q, product = dot(P, P), dot(Q, Q), dot(P, Q)
+    square = (p + q) / 2 + np.sqrt((p - q) * (p - q) / 4 + product * product)
     return 2 / np.sqrt(np.sqrt(square))
 
 
@@ -142,7 +142,7 @@ def bordered(X, F, Y):  # of size n + 2
     return blocks([[X, F], [F.mT, Y]])
 
 
-def whole(M, F, gamma):
+def enlarged(M, F, gamma):
     """M (+) N, the field -[[0, F], [F^T, 0]] and B = [[0, E], [E^T, 0]]."""
     zero, N = 0 * F, rotor(M, gamma)[..., :2, :2]
     rows = identity(M.shape[-1])[:, :2] + zero
@@ -151,14 +151,14 @@ def whole(M, F, gamma):
 
 def spectrum(M, P, Q, *, gamma, eps=0):
     """det L(lambda, mu) at 2 n - 4 points (lambda, mu): complete with the energy and a chain of the block M_22."""
-    M, F, B = whole(M, np.stack([P, Q], -1), gamma)
+    M, F, B = enlarged(M, np.stack([P, Q], -1), gamma)
     points = [(1 + j % 3, 1 + j // 3) for j in range(2 * M.shape[-1] - 8)]
     return general.values_of(M, F, general.potential(F, eps * eps * B / 4), B, eps=eps, points=points)
 
 
 def lax(M, P, Q, *, gamma, c, e, h, lam):
     """L = lambda B + M (+) N + F/lambda of size n + 2, U = lambda B + Omega (+) 0."""
-    big, F, B = whole(M, np.stack([P, Q], -1), gamma)
+    big, F, B = enlarged(M, np.stack([P, Q], -1), gamma)
     Omega, zero = velocity(M, P, Q, gamma=gamma, c=c, e=e, h=h), 0 * M[..., :, :2]
     return lam * B + big + F / lam, lam * B + bordered(Omega, zero, zero[..., :2, :])
 
@@ -171,13 +171,13 @@ def ranks(F, columns):
 
 def pencil(M, P, Q, *, gamma, lam, mu, eps, columns=2):  # of size n + 6, n + 4 in one field
     F = np.stack([P, Q], -1)
-    (M, _, B), (left, right) = whole(M, F, gamma), ranks(F, columns)
+    (M, _, B), (left, right) = enlarged(M, F, gamma), ranks(F, columns)
     return general.pencil_of(M, left, right, B, lam=lam, mu=mu, eps=eps)
 
 
 def factors(M, P, Q, *, gamma, e, h, lam, eps, columns=2):
     F = np.stack([P, Q], -1)
-    B, (left, right) = whole(M, F, gamma)[2], ranks(F, columns)
+    B, (left, right) = enlarged(M, F, gamma)[2], ranks(F, columns)
     Y = eps / 2 * rotor(kicked(M, P, Q, e, h, eps), gamma)
     back = turned(-Y, identity(M.shape[-1]) + 0 * Y)
     turns = bordered(back, 0 * F, back[..., :2, :2]), identity(2 * columns) + 0 * Y[..., :1, :1]

@@ -48,11 +48,11 @@ def kovalevskaya(M, P, Q, *, c, eps=0):
     m1, m2, d1, d2 = x - eps * z * y / 2, y + eps * z * x / 2, S[..., 2], T[..., 2]
     l1, l2, t, X = dot(M, P), dot(M, Q), S[..., 0] + T[..., 1], eps * eps * dot(M, cross(P, Q)) / 4  # X: s X
     w1, w2, v1, v2 = l1 - z * d1, l2 - z * d2, m1 - eps * eps * z * d1 / 4, m2 - eps * eps * z * d2 / 4
-    other = v1 * v1 * dot(Q, Q) - 2 * v1 * v2 * dot(P, Q) + v2 * v2 * dot(P, P)
+    cross_term = v1 * v1 * dot(Q, Q) - 2 * v1 * v2 * dot(P, Q) + v2 * v2 * dot(P, P)
     turned = d2 * d2 * S[..., 0] - d1 * d2 * (T[..., 0] + S[..., 1]) + d1 * d1 * T[..., 1]
-    remainder = w1 * w1 + w2 * w2 - l1 * l1 - l2 * l2 - other - 2 * turned - 2 * (d1 * m1 + d2 * m2) * X
-    whole = t + eps * eps * z * X / 4
-    J = z * z * (dot(M, M) + 2 * t) + whole * whole + 2 * (m1 * w1 + m2 * w2 + across(S, T))
+    remainder = w1 * w1 + w2 * w2 - l1 * l1 - l2 * l2 - cross_term - 2 * turned - 2 * (d1 * m1 + d2 * m2) * X
+    trace = t + eps * eps * z * X / 4
+    J = z * z * (dot(M, M) + 2 * t) + trace * trace + 2 * (m1 * w1 + m2 * w2 + across(S, T))
     J = J + d1 * d1 + d2 * d2 - 4 * z * X + eps * eps * remainder / 4
     return H * H - J + dot(P, P) + dot(Q, Q)
 

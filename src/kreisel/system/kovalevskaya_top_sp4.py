@@ -87,7 +87,7 @@ def kovalevskaya(M, P, *, eps=0):
     return re * re + im * im
 
 
-def whole(M, P):
+def matrices(M, P):
     """M (+) M_3 in u(2), and the field in the symmetric complex 2 x 2 matrices, as real 4 x 4 matrices."""
     m = axial(M)
     spins = sum(mat(m[..., j]) * SPIN[j] for j in range(3)) + mat(m[..., 2]) * PHASE
@@ -95,13 +95,13 @@ def whole(M, P):
 
 
 def pencil(M, P, *, lam, mu, eps):  # 8 x 8
-    M, F = whole(M, P)
+    M, F = matrices(M, P)
     return general.pencil_of(M, F, identity(4) + 0 * F, B, lam=lam, mu=mu, eps=eps)
 
 
 def factors(M, P, *, lam, eps):
     N = M + kick(P, eps=eps)
-    (big, _), F = whole(N, P), whole(M, P)[1]
+    (big, _), F = matrices(N, P), matrices(M, P)[1]
     unit = identity(4) + 0 * F
     plane = turns(N, eps)[1].mT[..., :2, :2]
     zero = 0 * plane

@@ -65,9 +65,9 @@ def unit(p, D):
     return r * x, r * y, r * z
 
 
-def gate(N, other, D, eps):
+def gate(N, neighbour, D, eps):
     """(A, B)."""
-    return unit(boosted(null(other, D), N, D, eps), D), unit(boosted(null(N, D), other, D, eps), D)
+    return unit(boosted(null(neighbour, D), N, D, eps), D), unit(boosted(null(N, D), neighbour, D, eps), D)
 
 
 def after(N, k=1):
@@ -90,16 +90,16 @@ def product(p, q, D):  # <N, N'> of null vectors
     return p[0] * q[0] + inner(p[1], q[1])
 
 
-def bond(N, other, D):
-    return product(null(N, D), null(other, D), D)
+def bond(N, neighbour, D):
+    return product(null(N, D), null(neighbour, D), D)
 
 
 def energy(Sx, Sy, Sz, Tx, Ty, Tz, *, D, eps=0):
     """H, and of the map -sum log(<p, m* q m>/8) over sites, p and q the null vectors of the neighbours of a site."""
     S, T = (Sx, Sy, Sz), (Tx, Ty, Tz)
     total = 0
-    for left, here, right, e in ((S, T, after(S), eps), (after(T, -1), S, T, -eps)):
-        ahead = boosted(null(left, D), here, D, e)
+    for left, site, right, e in ((S, T, after(S), eps), (after(T, -1), S, T, -eps)):
+        ahead = boosted(null(left, D), site, D, e)
         total = total - log(product(ahead, null(right, D), D) / 8).sum(-1)
     return total
 
@@ -107,9 +107,9 @@ def energy(Sx, Sy, Sz, Tx, Ty, Tz, *, D, eps=0):
 def field(N, before, behind, D):  # -dH/dN
     W = height(N, D)
     out = [0, 0, 0]
-    for other in (before, behind):
-        g = 2 / bond(N, other, D)
-        parts = other[0], other[1], (1 + vec(D)) * other[2] + vec(D) * N[2] * height(other, D) / W
+    for neighbour in (before, behind):
+        g = 2 / bond(N, neighbour, D)
+        parts = neighbour[0], neighbour[1], (1 + vec(D)) * neighbour[2] + vec(D) * N[2] * height(neighbour, D) / W
         out = [x + g * y for x, y in zip(out, parts, strict=True)]
     return tuple(W * x for x in out)
 

@@ -17,9 +17,9 @@ def second(M, P, *, b, nu):
 
 
 def lax(M, P, *, b, nu, lam):
-    known = {"b": steklov.matrix_b(b, nu), "s": 0 * nu, "l": 1 + 0 * nu}
-    known |= {k: v for k, v in steklov_lyapunov.coefficients(**known).items() if k != "z"}
-    return steklov_lyapunov.lax(M, hat(P), lam=lam, **known)
+    constants = {"b": steklov.matrix_b(b, nu), "s": 0 * nu, "l": 1 + 0 * nu}
+    constants |= {k: v for k, v in steklov_lyapunov.coefficients(**constants).items() if k != "z"}
+    return steklov_lyapunov.lax(M, hat(P), lam=lam, **constants)
 
 
 SYSTEM = replace(
@@ -27,7 +27,7 @@ SYSTEM = replace(
     name="lyapunov",
     title="Lyapunov's case of a body in a fluid",
     source="Lyapunov 1893; Suris 2001, Conclusions",
-    derive=steklov.other,
+    derive=steklov.lyapunov_case,
     integrals={"steklov": second},
     commuting=("steklov",),
     lax=lax,

@@ -28,9 +28,9 @@ def kick(x, q, h, *, b, eps):
 def turn(x, q, eps):
     """cay(-(eps/2) x ^ q) on both: a great circle, <x, q> = 0."""
     xx, qq = dot(x, x), dot(q, q)
-    both = eps / 2 * xx * qq
-    s = vec(eps / (1 + eps / 2 * both))
-    return x + s * (vec(xx) * q - vec(both) * x), q - s * (vec(qq) * x + vec(both) * q)
+    product = eps / 2 * xx * qq
+    s = vec(eps / (1 + eps / 2 * product))
+    return x + s * (vec(xx) * q - vec(product) * x), q - s * (vec(qq) * x + vec(product) * q)
 
 
 def step(x, q, *, b, eps):

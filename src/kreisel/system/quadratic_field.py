@@ -62,8 +62,8 @@ def factors_of(P, R, B, *, lam, eps):
 def turned(factors, first, second):
     """The factors times diag(first, -second), the inverse rotations of the two blocks of L."""
     zero = 0 * (first[..., :, :1] * second[..., :1, :])
-    both = blocks([[first, zero], [zero.mT, -second]])
-    return tuple(factor @ both for factor in factors)
+    rotation = blocks([[first, zero], [zero.mT, -second]])
+    return tuple(factor @ rotation for factor in factors)
 
 
 def values_of(M, F, X, B, *, eps, points):

@@ -47,7 +47,7 @@ def halves(M):
     return (v + w) / 2, (v - w) / 2
 
 
-def whole(p, q):
+def matrix(p, q):
     """The matrix of the vectors of its halves."""
     v, w = p + q, p - q
     x = [-v[..., 2], v[..., 1], w[..., 0], -v[..., 0], w[..., 1], w[..., 2]]
@@ -64,7 +64,7 @@ def about(M, *, u, v, eps):  # R = cay(Y)
 
 def turn(M, G, *, h, u, v, eps):
     pairs = zip(halves(M), halves(G), strict=True)
-    G = whole(*(cayley_act(-vec(h * eps) * hat(m), g) for m, g in pairs))
+    G = matrix(*(cayley_act(-vec(h * eps) * hat(m), g) for m, g in pairs))
     Y = about(M, u=u, v=v, eps=eps)
     return cayley_conjugate(-Y, M), cayley_conjugate(-Y, G)
 

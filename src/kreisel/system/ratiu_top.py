@@ -40,10 +40,10 @@ def planes(*, n, a, b, chi):
     """c_jk = 1/(J_j + J_k) and the matrix X = chi e_1 ^ e_2."""
     unit = identity(int(np.asarray(n).flat[0]))
     ends, plane = unit[0] + unit[1], wedge(unit[0], unit[1])
-    both, none = ends[:, None] * ends, (1 - ends)[:, None] * (1 - ends)
-    mixed = 1 - both - none
-    c = both * mat(1 / (2 * a)) + none * mat(1 / (2 * b)) + mixed * mat(1 / (a + b))
-    spins = both * mat(1 / (2 * a) - 1 / (a + b)) + none * mat(1 / (2 * b) - 1 / (a + b))
+    inner, none = ends[:, None] * ends, (1 - ends)[:, None] * (1 - ends)
+    mixed = 1 - inner - none
+    c = inner * mat(1 / (2 * a)) + none * mat(1 / (2 * b)) + mixed * mat(1 / (a + b))
+    spins = inner * mat(1 / (2 * a) - 1 / (a + b)) + none * mat(1 / (2 * b) - 1 / (a + b))
     return {
         "c": (1 - unit) * c,
         "X": mat(chi) * plane,

@@ -20,14 +20,14 @@ def coefficients(*, b, nu):
     return {"x": b, "y": nu * j * k, "z": nu * nu * b * (j - k) * (j - k)}
 
 
-def other(*, b, nu):
+def lyapunov_case(*, b, nu):
     """The coefficients of Lyapunov's H."""
     j, k, nu = b[..., SECOND], b[..., THIRD], vec(nu)
     return {"x": 1 + 0 * b, "y": -nu * b, "z": nu * nu * (j - k) * (j - k)}
 
 
 def lyapunov(M, P, *, b, nu):
-    return stack([kirchhoff_case.energy(M, P, **other(b=b, nu=nu))])
+    return stack([kirchhoff_case.energy(M, P, **lyapunov_case(b=b, nu=nu))])
 
 
 def matrix_b(b, nu):
@@ -37,9 +37,9 @@ def matrix_b(b, nu):
 
 def lax(M, P, *, b, nu, lam):
     """L and U of `steklov_lyapunov`, whose Steklov's H is -2 nu times this one."""
-    known = {"b": matrix_b(b, nu), "s": -1 / (2 * nu), "l": 0 * nu}
-    known |= {k: v for k, v in steklov_lyapunov.coefficients(**known).items() if k != "z"}
-    return steklov_lyapunov.lax(M, hat(P), lam=lam, **known)
+    constants = {"b": matrix_b(b, nu), "s": -1 / (2 * nu), "l": 0 * nu}
+    constants |= {k: v for k, v in steklov_lyapunov.coefficients(**constants).items() if k != "z"}
+    return steklov_lyapunov.lax(M, hat(P), lam=lam, **constants)
 
 
 SYSTEM = replace(

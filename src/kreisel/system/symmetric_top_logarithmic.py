@@ -36,7 +36,7 @@ def energy(M, P, *, A, eps=0):  # H at S = (1 + k M) P, less (k^2/2) (|A|^2 |S|^
     return pairing(M, M) / 2 + along - eps * eps * (dot(A, A) * dot(S, S) - along * along) / 8
 
 
-def whole(M, P, A):
+def enlarged(M, P, A):
     """M (+) 0, the field and B, of size n + 1."""
     return border(M, 0 * P), border(0 * M, -P), border(0 * M, A + 0 * P)
 
@@ -44,24 +44,24 @@ def whole(M, P, A):
 def spectrum(M, P, *, A, eps=0):
     """det L(lambda, mu) at n - 2 points (lambda, mu): with the energy and `noether` they are complete."""
     points = [(1 + j, 1 + j % 2) for j in range(M.shape[-1] - 2)]
-    M, F, B = whole(M, P, A)
+    M, F, B = enlarged(M, P, A)
     return general.values_of(M, F, general.potential(F, eps * eps * B / 4), B, eps=eps, points=points)
 
 
 def ranks(P):
     """V = [[P, 0], [0, 1]] and -V [[0, 1], [1, 0]], (n + 1, 2): the first times the second's transpose is the field."""
-    zero, one = 0 * P, 1 + 0 * P[..., :1]
-    first, second = np.concatenate([P, 0 * one], -1), np.concatenate([zero, one], -1)
+    zero, unit = 0 * P, 1 + 0 * P[..., :1]
+    first, second = np.concatenate([P, 0 * unit], -1), np.concatenate([zero, unit], -1)
     return np.stack([first, second], -1), -np.stack([second, first], -1)
 
 
 def pencil(M, P, *, A, lam, mu, eps):  # of size n + 3
-    (M, _, B), (left, right) = whole(M, P, A), ranks(P)
+    (M, _, B), (left, right) = enlarged(M, P, A), ranks(P)
     return general.pencil_of(M, left, right, B, lam=lam, mu=mu, eps=eps)
 
 
 def factors(M, P, *, A, lam, eps):
-    (_, _, B), (left, right) = whole(M, P, A), ranks(P)
+    (_, _, B), (left, right) = enlarged(M, P, A), ranks(P)
     unit = identity(P.shape[-1] + 1) + 0 * B
     return general.turned(general.factors_of(left, right, B, lam=lam, eps=eps), unit, unit[..., :2, :2])
 

@@ -49,12 +49,12 @@ def complete_beyond(a: Any, g: Any, p: Any, beyond: Any) -> Any:
     """`complete`; where `beyond` > 0 for a/g up to 6e13."""
     mean, total, error = complete(a, g, p)
 
-    def more() -> list[Any]:
+    def by_more_means() -> list[Any]:
         finer, sum_, left = complete(a, g, p, MEANS + 3)
         finer, sum_ = either(-beyond, finer, mean), either(-beyond, sum_, total)
         return [finer.upper, finer.lower, sum_.upper, sum_.lower, where_less(0.0, beyond, left, error)]
 
-    values = if_positive(beyond, more, [mean.upper, mean.lower, total.upper, total.lower, error])
+    values = if_positive(beyond, by_more_means, [mean.upper, mean.lower, total.upper, total.lower, error])
     return DoubleDouble(*values[:2]), DoubleDouble(*values[2:4]), values[4]
 
 
@@ -66,10 +66,10 @@ def complete(a: Any, g: Any, p: Any, steps: int = MEANS) -> Any:
     term, total = DoubleDouble(1.0), DoubleDouble(0.0)
     for _ in range(steps):
         product, square = a * g, p * p
-        both = square + product
+        sum_ = square + product
         total = total + term
-        term = term * (square - product) / (2 * both)
-        a, g, p = (a + g) / 2, sqrt(product), both / (2 * p)
+        term = term * (square - product) / (2 * sum_)
+        a, g, p = (a + g) / 2, sqrt(product), sum_ / (2 * p)
     apart = upper((a - g) / a)
     mean = (a + g) / 2
     return mean, total + 2 * term * p / (mean + p), apart * apart
@@ -111,9 +111,9 @@ def arctan_ratio(e: Any) -> Any:
     """arctan(x)/x, e = x^2: after three bisections of the angle by its series."""
     factor = 1.0
     for _ in range(3):
-        part = 1.0 + sqrt(1.0 + e)
-        factor = factor * 2.0 / part
-        e = e / (part * part)
+        denominator = 1.0 + sqrt(1.0 + e)
+        factor = factor * 2.0 / denominator
+        e = e / (denominator * denominator)
     total = 1.0 / 25.0
     for order in range(23, 1, -2):
         total = 1.0 / order - e * total
@@ -126,22 +126,22 @@ def third_kind(x: Any, y: Any, z: Any, p: Any, delta: Any, steps: int = DUPLICAT
     small_x, small_y, small_z = mean - x, mean - y, mean - z
 
     def duplicated(numbers: list[Any]) -> list[Any]:
-        x, y, z, p, mean, part, total = numbers
+        x, y, z, p, mean, power, total = numbers
         rx, ry, rz, rp = sqrt(x), sqrt(y), sqrt(z), sqrt(p)
         step = rx * ry + rx * rz + ry * rz
         d = (rp + rx) * (rp + ry) * (rp + rz)
-        total = total + part / d * arctan_ratio(delta * (part * part * part) / (d * d))
-        return [*(0.25 * (v + step) for v in (x, y, z, p, mean)), 0.25 * part, total]
+        total = total + power / d * arctan_ratio(delta * (power * power * power) / (d * d))
+        return [*(0.25 * (v + step) for v in (x, y, z, p, mean)), 0.25 * power, total]
 
-    *_, mean, part, total = repeated(duplicated, [x, y, z, p, mean, 1.0, 0.0], steps)
-    X, Y, Z = small_x * part / mean, small_y * part / mean, small_z * part / mean
+    *_, mean, power, total = repeated(duplicated, [x, y, z, p, mean, 1.0, 0.0], steps)
+    X, Y, Z = small_x * power / mean, small_y * power / mean, small_z * power / mean
     P = -0.5 * (X + Y + Z)
     E2 = X * Y + X * Z + Y * Z - 3.0 * P * P
     E3 = X * Y * Z + 2.0 * E2 * P + 4.0 * P * P * P
     E4 = (2.0 * X * Y * Z + E2 * P + 3.0 * P * P * P) * P
     E5 = X * Y * Z * P * P
     series = 1.0 - E2 * 3.0 / 14.0 + E3 / 6.0 + E2 * E2 * 9.0 / 88.0 - E4 * 3.0 / 22.0 - E2 * E3 * 9.0 / 52.0
-    return part / (mean * sqrt(mean)) * (series + E5 * 3.0 / 26.0) + 6.0 * total
+    return power / (mean * sqrt(mean)) * (series + E5 * 3.0 / 26.0) + 6.0 * total
 
 
 def cos_sin(x: Any) -> Any:
@@ -156,10 +156,10 @@ def cos_sin(x: Any) -> Any:
     return 1.0 - e * (0.5 - e * c), fma(x * e, s, x)
 
 
-def of_turns(part: Any) -> Any:
-    """Cos and sin of 2 pi part, |part| <= 1/2."""
-    quarter = nearest(4.0 * part)
-    c, s = cos_sin((part - 0.25 * quarter) * 6.283185307179586)
+def of_turns(fraction: Any) -> Any:
+    """Cos and sin of 2 pi fraction, |fraction| <= 1/2."""
+    quarter = nearest(4.0 * fraction)
+    c, s = cos_sin((fraction - 0.25 * quarter) * 6.283185307179586)
     some = abs(quarter)
     return (
         where_less(some, 0.5, c, where_less(some, 1.5, -s * quarter, -c)),

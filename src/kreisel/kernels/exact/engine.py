@@ -91,7 +91,7 @@ class ClosedForm:
             constants[name] = np.broadcast_to(array, (lanes, *array.shape[array.ndim - scheme.axes[name] :]))
         for lane in new:
             values = {name: value[lane] for name, value in constants.items()}
-            orbit = self._orbits.orbit(tuple(part[lane] for part in starts), values, self._reach)
+            orbit = self._orbits.orbit(tuple(component[lane] for component in starts), values, self._reach)
             self._known[lane] = (
                 OrbitRows(orbit, *self._kernel(orbit, kinds)) if isinstance(orbit, Orbit) else Samples(orbit, kinds)
             )
@@ -189,8 +189,8 @@ class Samples:
     def at(self, out: Floats, lane: int, M: Array, e: Array) -> None:
         """The states at the times M 2^e into out[:, lane]."""
         for first in range(0, len(out), AT_ONCE):
-            here = slice(first, first + AT_ONCE)
-            out[here, lane] = algebra.flatten(self._states(M[here], e[here]), self._kinds)
+            rows = slice(first, first + AT_ONCE)
+            out[rows, lane] = algebra.flatten(self._states(M[rows], e[rows]), self._kinds)
 
 
 class OrbitRows:
@@ -274,8 +274,8 @@ class OrbitRows:
         listed = [np.empty(0) if v is None else np.ascontiguousarray(v) for v in (phases, where)]
         arrays = [*listed, self._known, table, circle(), self._constants]
         addresses = [address_of(array) for array in arrays]
-        more = [*addresses, self.orbit.places, address_of(out), lane, out.shape[1], first, last, 0]
-        frame = np.array([*at.view(np.int64).flat, *step.view(np.int64).flat, *more])
+        words = [*addresses, self.orbit.places, address_of(out), lane, out.shape[1], first, last, 0]
+        frame = np.array([*at.view(np.int64).flat, *step.view(np.int64).flat, *words])
         self._kernel(address_of(frame))
         return int(frame[-1])
 
@@ -385,10 +385,10 @@ class _Rows:
 
         with f.while_(unfinished):
             j = (self._u[row[0]] + half) >> shift
-            with f.otherwise(self._known[j].compared("==", 0)) as (missing, there):
+            with f.otherwise(self._known[j].compared("==", 0)) as (missing, present):
                 with missing:
                     count[0], stopped[0] = row[0], 1
-                with there:
+                with present:
                     self._part[row[0]] = j
                     row[0] = row[0] + 1
 
@@ -424,10 +424,10 @@ class _Rows:
             f.emit(graph, record._nodes, inside, DOUBLE)
             for d, value in enumerate([f.value(x, inside, DOUBLE) for x in record._outputs]):
                 room[i + (record._begin + d * WIDTH)] = value
-        whole = count - count % LANES
-        with f.loop(0, whole, LANES) as i:
+        aligned = count - count % LANES
+        with f.loop(0, aligned, LANES) as i:
             self._store(start + i, i + record._begin, size)
-        with f.loop(whole, count) as i:
+        with f.loop(aligned, count) as i:
             for d in range(size):
                 self._out[self._row(start + i, size) + d] = room[i + (record._begin + d * WIDTH)]
 

@@ -102,7 +102,7 @@ class _Jumping:
         def write(row: Any, width: int) -> None:
             at = [f.integer(k) for k in f.lanes(row, width, rows)]
             when, which = [k // count for k in at], [first + k % count for k in at]
-            there = [t * lanes + lane for t, lane in zip(when, which, strict=True)]
+            places = [t * lanes + lane for t, lane in zip(when, which, strict=True)]
             self._write(
                 f,
                 Rows(
@@ -110,8 +110,8 @@ class _Jumping:
                     Lanes(f.doubles(constants), which, self._constants),
                     Lanes(numbers.beyond(1), when, 1),
                     Lanes(numbers, [f.integer(0)] * width, 0)[0],
-                    Lanes(new, there, d),
-                    Lanes(errors, there, 1),
+                    Lanes(new, places, d),
+                    Lanes(errors, places, 1),
                 ),
             )
 
@@ -171,8 +171,8 @@ class _Jumping:
             spin = array_of([cos, *(sin / algebra.sqrt(algebra.dot(b, b)) * b)])
             return algebra.quaternion_product(spin, jump.orientation(self._parts(z)[-1]))
 
-        def end(m: Array, b: Array, *more: Any) -> Array:
-            q, (axis, cos, sin) = more[:-3], more[-3:]
+        def end(m: Array, b: Array, *arguments: Any) -> Array:
+            q, (axis, cos, sin) = arguments[:-3], arguments[-3:]
             turn = array_of([cos, *(sin * axis)])
             new = [algebra.conjugated(turn, v) for v in (m, b)] + [
                 algebra.unit(algebra.quaternion_product(turn, x)) for x in q
@@ -189,21 +189,21 @@ class _Jumping:
         self._key = begin.digest(), finish.digest(), str(carried and carried.digest())
 
         def first(z: Array, c: Array, t: Any) -> list[Any]:
-            *known, above, within = begin(z, c)
-            m, b, p = (array_of([DoubleDouble(x) for x in known[k : k + 3]]) for k in (0, 3, 6))
+            *entries, above, within = begin(z, c)
+            m, b, p = (array_of([DoubleDouble(x) for x in entries[k : k + 3]]) for k in (0, 3, 6))
             maps, eps, r, unit, turn, spin, off, off_all = leap(Integrals.of(m, b, p), (above, within), t)
             error = (off_all if oriented else off) + where_less(float(MOST), maps, 1.0, 0.0)
             spin = spin - nearest(spin)
-            q = carried(z, known[3:6], *of_turns(0.5 * spin)) if carried else []
+            q = carried(z, entries[3:6], *of_turns(0.5 * spin)) if carried else []
             cos, sin = of_turns(0.5 * (turn - nearest(turn)))
-            return [error, maps, *known[:6], *q, *known[6:], eps, r, *(x * unit for x in known[6:]), cos, sin]
+            return [error, maps, *entries[:6], *q, *entries[6:], eps, r, *(x * unit for x in entries[6:]), cos, sin]
 
         return lambda f, rows: _write_maps(f, rows, self._recorded(first), mapped, finish)
 
 
-def _d_eps(m: Array, b: Array, *more: Any) -> list[Any]:
+def _d_eps(m: Array, b: Array, *arguments: Any) -> list[Any]:
     """D_eps, with the orientation, which it rotates by R_a R_b."""
-    q, (p, eps, r) = more[:-3], more[-3:]
+    q, (p, eps, r) = arguments[:-3], arguments[-3:]
     hat, new, a = darboux(algebra.hat(m), b, p, eps, r)
     turned = (algebra.unit(algebra.quaternion_product(half_turns(a, b), x)) for x in q)
     return [*algebra.axial(hat), *new, *(v for x in turned for v in x)]
@@ -228,8 +228,8 @@ def _write_maps(f: Function, rows: Rows, start: Recorded, mapped: Formula, finis
         most[0] = Integer(f.builder, f.builder.fptosi(largest, f.arguments[0].value.type))
     with f.loop(0, most[0]) as k:
         state = [room[0] for room in memory]
-        known = [*state, *p, r, maps, eps, f.spread(k.double(), kind)]
-        for room, x in zip(memory, f.outputs(graph, new, lambda _, i: known[i], kind), strict=True):
+        operands = [*state, *p, r, maps, eps, f.spread(k.double(), kind)]
+        for room, x in zip(memory, f.outputs(graph, new, lambda _, i: operands[i], kind), strict=True):
             room[0] = x
     graph = Graph()
     arguments = [*(room[0] for room in memory), *last]

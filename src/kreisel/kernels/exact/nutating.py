@@ -50,18 +50,18 @@ def leap(integrals: Integrals, alphas: Any, t: Any) -> Any:
     phase = t * above[4] * DoubleDouble(TURN[0], TURN[1])
     periods = nearest(upper(phase))
     phase = phase - periods
-    part = upper(phase)
+    fraction = upper(phase)
     h = upper(phase * (2 * DoubleDouble(PI[0], PI[1]) / above[4]))
-    count, gaps, steep = remainder(upper(E), u, shape, part, h)
+    count, gaps, steep = remainder(upper(E), u, shape, fraction, h)
     x0 = gaps[3]
     s = 1.0 / x0
     root = sqrt((gaps[0] + gaps[1]) * s * ((gaps[0] + gaps[2]) * s) * (gaps[0] * s))
     (r,) = _length()(s, root, upper(A), upper(J), upper(c), upper(E))
-    direction = where_less(part, 0.0, -1.0, where_less(0.0, part, 1.0, 0.0))
+    direction = where_less(fraction, 0.0, -1.0, where_less(0.0, fraction, 1.0, 0.0))
     eps = 2.0 * direction * sqrt(s)
 
     maps = periods, count, direction, abs(h), gaps
-    left, own = turned_by(above, maps, alphas[0], t)
+    left, excess = turned_by(above, maps, alphas[0], t)
     body = axis_of(A, -J, integrals.dual.K, shape)
     right, spun = turned_by(body, maps, alphas[1], t)
     lean = upper(J / body[1]) * sqrt(s)
@@ -75,10 +75,10 @@ def leap(integrals: Integrals, alphas: Any, t: Any) -> Any:
     far = far + where_less(0.0, upper(P2), where_less(upper(P2), LEAST_SQUARE, 1.0, 0.0), 0.0)
     least = where_less(upper(A), LEAST_SQUARE, 1.0, 0.0)
     off = lost * (1.0 + blurred(above, E, J, P2, shape, energy) + energy * energy) + (1.0 + abs(periods)) * above[7]
-    off = off + PLACE * own + far
-    more = lost * blurred(body, E, c, A, shape, energy) + (1.0 + abs(periods)) * body[7] + PLACE * spun
+    off = off + PLACE * excess + far
+    off_body = lost * blurred(body, E, c, A, shape, energy) + (1.0 + abs(periods)) * body[7] + PLACE * spun
     still = where_less(0.0, upper(A), least, 0.0)
-    return count, eps, r, above[0] / upper(above[1]), left, right, off + still, off + least + more
+    return count, eps, r, above[0] / upper(above[1]), left, right, off + still, off + least + off_body
 
 
 @cache
@@ -104,13 +104,13 @@ def turned_by(axis: Any, maps: Any, alpha: Any, t: Any) -> Any:
     periods, count, direction, h, (gap, d1, d2, x0) = maps
     inverse_turn = DoubleDouble(TURN[0], TURN[1])
     turned = periods * period * inverse_turn
-    own = (1 / (alpha + 0 * p) - 1) * c / p * t * inverse_turn
-    turned = turned - nearest(upper(turned)) + (own - nearest(upper(own)))
+    excess = (1 / (alpha + 0 * p) - 1) * c / p * t * inverse_turn
+    turned = turned - nearest(upper(turned)) + (excess - nearest(upper(excess)))
     P, lean, kappa = upper(p), upper(c) / upper(p), upper(K) / upper(p)
     third = third_kind(gap + d1, gap + d2, gap, x0 + lean * lean, kappa * kappa)
     slope = lean / sqrt(x0)
     theta = turning(P, upper(c), upper(K), h / count, third) + slope * arctan_ratio(slope * slope)
-    return (upper(turned) - count * direction * theta * TURN[0]) * heavy, abs(upper(own)) * heavy
+    return (upper(turned) - count * direction * theta * TURN[0]) * heavy, abs(upper(excess)) * heavy
 
 
 def blurred(axis: Any, E: Any, J: Any, P2: Any, shape: Any, energy: Any) -> Any:
@@ -140,8 +140,8 @@ def period_of(p: Any, c: Any, K: Any, shape: Any) -> Any:
     return mean, pi * (1.0 - over) - 2 * turning(p, c, K, pi / mean, third), upper(n), last
 
 
-def remainder(E: Any, u: Any, shape: Any, part: Any, h: Any) -> Any:
-    """In doubles, the count of the maps for the rest h of the time, `part` of a period, and x0 - x3 and the like.
+def remainder(E: Any, u: Any, shape: Any, fraction: Any, h: Any) -> Any:
+    """In doubles, the count of the maps for the remaining time h, `fraction` of a period, and x0 - x3 and the like.
 
     Last, 1 where doubles do not do: near the steady motion to which the separatrix tends.
     """
@@ -152,7 +152,7 @@ def remainder(E: Any, u: Any, shape: Any, part: Any, h: Any) -> Any:
     bottom = upper(x3)
     least = maximum(bottom + maximum(sqrt(upper(square)), LEAN * d1), LEAN * (d1 - bottom))  # of 4/eps^2
     count = maximum(nearest(0.5 + 0.5 * abs(h) * sqrt(least + 4.0 / 3.0 * E)), 1.0)
-    angle = maximum(abs(part) * PI[0] / count, LEAST_ANGLE)
+    angle = maximum(abs(fraction) * PI[0] / count, LEAST_ANGLE)
     cotangent = cs(sqrt(d1), sqrt(d2), *cos_sin(angle))
     gap = cotangent * cotangent
     return count, (gap, d1, d2, bottom + gap), where_less(STEEP * d2, scale, 1.0, 0.0)

@@ -79,14 +79,14 @@ class Paths(Formulas):
 
     # -- formulas ------------------------------------------------------------------------------------------
 
-    def start(self, z: Array, known: Any, x: Array) -> list[Any]:
+    def start(self, z: Array, inputs: Any, x: Array) -> list[Any]:
         """mu and the vectors at iy, from y and mu."""
-        state, constants = self._known(z, known, lambda v: v)
+        state, constants = self._known(z, inputs, lambda v: v)
         return [*x[1:], *self._vectors(state, constants, Complex(0.0, x[0]), Complex(*x[1:]))[0]]
 
-    def follow(self, z: Array, known: Any, x: Array, vectors: Array) -> list[Any]:
+    def follow(self, z: Array, inputs: Any, x: Array, vectors: Array) -> list[Any]:
         """mu, vectors and fields at y, x t from the vectors at a node before; x: y, x, t."""
-        state, constants = self._known(z, known, lambda v: v)
+        state, constants = self._known(z, inputs, lambda v: v)
         y, re, im, t = x
         lam = Complex(re * t, y + im * t)
 
@@ -101,28 +101,28 @@ class Paths(Formulas):
         Pi = right[:, None] * (left * (1 / (self._weighted(left, constants) * right).sum()))
         return [*new, *self._rates(state, constants, lam, Pi)[: self.d]]
 
-    def add(self, z: Array, known: Any, x: Array, vectors: Array, total: Array) -> list[Any]:
+    def add(self, z: Array, inputs: Any, x: Array, vectors: Array, total: Array) -> list[Any]:
         """The integrals of fields and Omega after a node, double-doubles; x: y, x, t, weight."""
-        state, constants = self._known(z, known, DoubleDouble)
+        state, constants = self._known(z, inputs, DoubleDouble)
         re, (t, weight) = DoubleDouble(x[1]), (DoubleDouble(*x[k : k + 2]) for k in (3, 5))
         lam = Complex(re * t, DoubleDouble(x[0]))
         mu = self._quotient(state, constants, lam, complex_values([DoubleDouble(v) for v in vectors[2:]]))
         rates = self._rates(state, constants, lam, self._of_pairs("projector", state, constants, lam, mu=mu))
         new = [DoubleDouble(*pair) + re * weight * rate for pair, rate in zip(total.reshape(-1, 2), rates, strict=True)]
-        return [part for x in new for part in (x.upper, x.lower)]
+        return [half for x in new for half in (x.upper, x.lower)]
 
-    def together(self, z: Array, known: Any, total: Array) -> list[Any]:
+    def together(self, z: Array, inputs: Any, total: Array) -> list[Any]:
         """The sums of double-doubles over lanes (..., 2, lanes)."""
         sums = [reduce(add, map(DoubleDouble, *lanes)) for lanes in total.reshape(-1, 2, WIDTH)]
-        return [part for x in sums for part in (x.upper, x.lower)]
+        return [half for x in sums for half in (x.upper, x.lower)]
 
-    def step(self, z: Array, known: Any, h: Array, total: Array, ends: Array, dual: Array, none: Array) -> list[Any]:
+    def step(self, z: Array, inputs: Any, h: Array, total: Array, ends: Array, dual: Array, none: Array) -> list[Any]:
         """Defects of the integrals, h f minus them, changes of x, and the missing rotation of the body.
 
         dual  (d, most): of the fields at the starts
         none  1 for each missing pair
         """
-        state, constants = self._known(z, known, DoubleDouble)
+        state, constants = self._known(z, inputs, DoubleDouble)
         sums, time = [DoubleDouble(*pair) for pair in total.reshape(-1, 2)], DoubleDouble(h[0])
         flow = algebra.flatten(call(self.system.flow, state, constants), self.kinds)
         miss = [upper(time * f - s) for f, s in zip(flow, sums, strict=False)]
@@ -144,7 +144,7 @@ class Paths(Formulas):
         verdict = algebra.where_less(copies, MOST_COPIES, FINE, COPIES)
         going = algebra.where_less(copies, MOST_COPIES, 1, 0)
         new = {"far": far, "copies": largest(copies, 1), "verdict": verdict, "going": going}
-        return new | dict.fromkeys(("trial", "tight", "more"), 0)
+        return new | dict.fromkeys(("trial", "tight", "repeated"), 0)
 
     def plan(
         self, slope: Array, radius: Array, none: Array, time: Any, far: Any, copies: Any, tight: Any
@@ -156,7 +156,7 @@ class Paths(Formulas):
         nodes = [1 + sum(algebra.where_less(most, share, 1, 0) for most in SHARES) for share in shares]
         return {
             "h": h,
-            "x": [part for v in x for part in (v, 0.0)],
+            "x": [half for v in x for half in (v, 0.0)],
             "reach": [share * r + missing for share, r, missing in zip(shares, radius, none, strict=True)],
             "nodes": nodes,
             "row": [(k - 1) * (k + 2) / 2 for k in nodes],
@@ -167,7 +167,7 @@ class Paths(Formulas):
     def move(self, x: Array, change: Array, close: Array) -> dict[str, Any]:
         """x with their changes, and how many of these are not small."""
         moving = sum(algebra.where_less(a, abs(b), 1, 0) for a, b in zip(close, change, strict=True))
-        return {"x": [part for a, b in zip(x[::2], change, strict=True) for part in (a + b, 0.0)], "moving": moving}
+        return {"x": [half for a, b in zip(x[::2], change, strict=True) for half in (a + b, 0.0)], "moving": moving}
 
     def judge(
         self,
@@ -181,26 +181,26 @@ class Paths(Formulas):
         copies: Any,
         trial: Any,
         tight: Any,
-        more: Any,
+        repeated: Any,
     ) -> dict[str, Any]:
         """If the pairs are the flow; else more steps, or another trial."""
-        less, enough = algebra.where_less, ENOUGH * largest(abs(h) * size, SMALL)
-        outside = sum(less(abs(a), b, 0, 1) for a, b in zip(x[::2], reach, strict=True))
-        unsettled = sum(less(SETTLED * b, abs(a), 1, 0) for a, b in zip(change, reach, strict=True))
-        missed = sum(less(enough * b, abs(a), 1, 0) for a, b in zip(miss, units, strict=True))
-        again = less(outside, 1, less(0, unsettled, 1 - more, 0), 0)
-        next_trial = less(0, again, 0, less(0, outside + missed, 1, 0))
+        select, enough = algebra.where_less, ENOUGH * largest(abs(h) * size, SMALL)
+        outside = sum(select(abs(a), b, 0, 1) for a, b in zip(x[::2], reach, strict=True))
+        unsettled = sum(select(SETTLED * b, abs(a), 1, 0) for a, b in zip(change, reach, strict=True))
+        missed = sum(select(enough * b, abs(a), 1, 0) for a, b in zip(miss, units, strict=True))
+        again = select(outside, 1, select(0, unsettled, 1 - repeated, 0), 0)
+        next_trial = select(0, again, 0, select(0, outside + missed, 1, 0))
         copies = copies + next_trial * tight * largest(1, algebra.nearest(copies / 2 - 0.25))
         trial = trial + next_trial * tight
         return {
             "copies": copies,
             "trial": trial,
-            "tight": less(0, next_trial, 1 - tight, tight),
-            "more": again,
+            "tight": select(0, next_trial, 1 - tight, tight),
+            "repeated": again,
             "narrow": MORE[0],
             "last": sum(MORE),
-            "going": less(trial, TRIALS, again + next_trial, 0),
-            "verdict": less(trial, TRIALS, FINE, MISSED),
+            "going": select(trial, TRIALS, again + next_trial, 0),
+            "verdict": select(trial, TRIALS, FINE, MISSED),
         }
 
     def finish(self, x: Array, y: Array, end: Array, mu: Array, none: Array) -> dict[str, Any]:
@@ -238,7 +238,7 @@ class _Solving(Writing):
         return self.f.outputs(graph, outputs, value, kind)
 
     def flag(self, name: str) -> Value:
-        return self.less(self.value(0.0), self.out[self.at(name)])
+        return self.is_less(self.value(0.0), self.out[self.at(name)])
 
     def write(self) -> None:
         f, of, rooms = self.f, self.of, self.out
@@ -252,10 +252,15 @@ class _Solving(Writing):
                     with trials:
                         self.apply("begin")
                     with paths:
-                        for name, x in {"narrow": 0.0, "last": self.wide.double(), "going": 1.0, "more": 1.0}.items():
+                        for name, x in {
+                            "narrow": 0.0,
+                            "last": self.wide.double(),
+                            "going": 1.0,
+                            "repeated": 1.0,
+                        }.items():
                             self.out[self.at(name)] = x
                 with f.while_(lambda: self.flag("going")):
-                    with f.where(f.builder.not_(self.flag("more"))):
+                    with f.where(f.builder.not_(self.flag("repeated"))):
                         self.apply("plan")
                     self.solve()
                     self.out[self.at("going")] = 0.0
@@ -351,13 +356,13 @@ class Points(Formulas):
             for count, function in enumerate((self._of_time, self._of_point), 1)
         ]
 
-    def _of_time(self, z: Array, known: Any, x: Array) -> list[Any]:
-        state, constants = self._known(z, known, DoubleDouble)
+    def _of_time(self, z: Array, inputs: Any, x: Array) -> list[Any]:
+        state, constants = self._known(z, inputs, DoubleDouble)
         point, sound = call(self.map.point, state, {**constants, "dt": x[0]})
-        return [*self._of_point(z, known, algebra.parts(point)), sound]
+        return [*self._of_point(z, inputs, algebra.parts(point)), sound]
 
-    def _of_point(self, z: Array, known: Any, x: Any) -> list[Any]:
-        state, constants = self._known(z, known, lambda v: v)
+    def _of_point(self, z: Array, inputs: Any, x: Any) -> list[Any]:
+        state, constants = self._known(z, inputs, lambda v: v)
         return [*x, *algebra.parts(call(self.map.level, state, {**constants, "z": Complex(*x)}))]
 
     def __call__(self, z: Floats, c: Floats, x: Floats) -> Floats:

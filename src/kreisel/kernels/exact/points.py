@@ -38,7 +38,7 @@ CERTAIN = 1e-5  # relative: fields that surely do not depend on others
 SPAN, ROUNDING = 1e-8, 1e-15  # relative: the distance of the flow from the other fields, and for a body at rest
 SCALARS = (
     *("rank", "time", "verdict", "count", "copies", "heights", "size", "least", "off", "rate", "far", "h"),
-    *("narrow", "last", "trial", "tight", "more", "going", "moving"),
+    *("narrow", "last", "trial", "tight", "repeated", "going", "moving"),
 )
 Recorded = Callable[..., list[Any]]
 Piece = tuple[Graph, list[Any]]
@@ -88,9 +88,9 @@ class Formulas:
         shapes = {k: (self.n,) * axes for k, axes in self.axes.items()}
         ends = np.cumsum([0, *(int(np.prod(s)) for s in shapes.values())]).tolist()
         z, c = graph.inputs("z", self.d), graph.inputs("c", ends[-1])
-        known = {k: c[a:b].reshape(s)[()] for (k, s), a, b in zip(shapes.items(), ends, ends[1:], strict=False)}
-        more = [graph.inputs(letter, size) for letter, size in letters]
-        return arranged(graph, as_operands(function(z, known, *more)))
+        inputs = {k: c[a:b].reshape(s)[()] for (k, s), a, b in zip(shapes.items(), ends, ends[1:], strict=False)}
+        vectors = [graph.inputs(letter, size) for letter, size in letters]
+        return arranged(graph, as_operands(function(z, inputs, *vectors)))
 
     def _rule(self, function: Callable[..., dict[str, Any]]) -> tuple[Piece, list[slice]]:
         """A function of places in a row, that returns new values for some, as a graph."""
@@ -105,35 +105,35 @@ class Formulas:
         letters = [(k, self.places[k].stop - self.places[k].start) for k in names]
         return self._record(values, *letters), changed
 
-    def _known(self, z: Array, known: dict[str, Array], kind: Any) -> tuple[tuple[Array, ...], dict[str, Array]]:
+    def _known(self, z: Array, inputs: dict[str, Array], kind: Any) -> tuple[tuple[Array, ...], dict[str, Array]]:
         """State and constants of a kind of number."""
         wide = np.frompyfunc(kind, 1, 1)
-        constants = {k: wide(v) for k, v in known.items()} | {"n": np.asarray(self.n)}
+        constants = {k: wide(v) for k, v in inputs.items()} | {"n": np.asarray(self.n)}
         if self.system.derive is not None:
             constants |= call(self.system.derive, (), constants)
         return algebra.restore(wide(z), self.kinds, self.n), constants
 
-    def _of_pairs(self, name: str, state: Any, known: Any, lam: Complex, **more: Any) -> Any:
-        return call(getattr(self.pairs, name), state, {**known, "lam": lam, **more})
+    def _of_pairs(self, name: str, state: Any, inputs: Any, lam: Complex, **variables: Any) -> Any:
+        return call(getattr(self.pairs, name), state, {**inputs, "lam": lam, **variables})
 
-    def _rates(self, state: Any, known: Any, lam: Complex, Pi: Array) -> list[Any]:
+    def _rates(self, state: Any, inputs: Any, lam: Complex, Pi: Array) -> list[Any]:
         """The real parts of the fields and of Omega."""
-        rates, Omega = self._of_pairs("rates", state, known, algebra.objects([lam], ()), Pi=Pi)
+        rates, Omega = self._of_pairs("rates", state, inputs, algebra.objects([lam], ()), Pi=Pi)
         flat = [*algebra.flatten(rates, self.kinds), *algebra.coordinates(Omega)]
         return [x.re if isinstance(x, Complex) else x for x in flat]
 
-    def _quotient(self, state: Any, known: Any, lam: Complex, vectors: Array) -> Any:
+    def _quotient(self, state: Any, inputs: Any, lam: Complex, vectors: Array) -> Any:
         left, right = vectors.reshape(2, -1)
-        size = (self._weighted(left, known) * right).sum()
-        return (left * (self._of_pairs("matrix", state, known, lam) @ right)).sum() / size
+        size = (self._weighted(left, inputs) * right).sum()
+        return (left * (self._of_pairs("matrix", state, inputs, lam) @ right)).sum() / size
 
-    def _vectors(self, state: Any, known: Any, lam: Complex, mu: Complex) -> tuple[list[Any], Array]:
+    def _vectors(self, state: Any, inputs: Any, lam: Complex, mu: Complex) -> tuple[list[Any], Array]:
         """The parts of the left and the right vector, and the projector."""
-        Pi = self._of_pairs("projector", state, known, lam, mu=mu)
+        Pi = self._of_pairs("projector", state, inputs, lam, mu=mu)
         return [x for V in (Pi.mT, Pi) for pair in zip(*columns(V)[:2], strict=True) for x in pair], Pi
 
-    def _weighted(self, vector: Array, known: Any) -> Array:
-        return vector if self.pairs.metric is None else vector * call(self.pairs.metric, (), known)
+    def _weighted(self, vector: Array, inputs: Any) -> Array:
+        return vector if self.pairs.metric is None else vector * call(self.pairs.metric, (), inputs)
 
 
 class Choice(Formulas):
@@ -165,42 +165,42 @@ class Choice(Formulas):
 
     # -- formulas ------------------------------------------------------------------------------------------
 
-    def _start(self, z: Array, known: Any) -> list[Any]:
+    def _start(self, z: Array, inputs: Any) -> list[Any]:
         """The flow in units of the components, these, and the rate of a rotation.
 
         They are sizes that components have or reach before the body rotates by about a radian: M may be far smaller
         than it soon becomes; Newton's method must not solve for its last places then.
         """
-        state, constants = self._known(z, known, lambda v: v)
+        state, constants = self._known(z, inputs, lambda v: v)
         rates, velocity = call(self.system.flow, state, constants), self.system.velocity
         turns = [y[0] if velocity is None else call(velocity, y, constants) for y in (state, rates)]
         now, later = (algebra.sqrt((turn * turn).sum()) for turn in turns)
         rate = now + algebra.sqrt(later)
         time, units = algebra.where_less(0, rate, 1 / rate, 0), []
-        for part, change in zip(state, rates, strict=True):
-            size, soon = (reduce(largest, abs(x).ravel()) for x in (part, change))
+        for component, change in zip(state, rates, strict=True):
+            size, soon = (reduce(largest, abs(x).ravel()) for x in (component, change))
             unit = largest(size, time * soon)
-            units.append(algebra.objects([algebra.where_less(0, unit, unit, 1.0)] * part.size, part.shape))
+            units.append(algebra.objects([algebra.where_less(0, unit, unit, 1.0)] * component.size, component.shape))
         units = algebra.flatten(units, self.kinds)
-        exact = algebra.flatten(call(self.system.flow, *self._known(z, known, DoubleDouble)), self.kinds)
+        exact = algebra.flatten(call(self.system.flow, *self._known(z, inputs, DoubleDouble)), self.kinds)
         return [*(upper(f) / unit for f, unit in zip(exact, units, strict=True)), *units, rate]  # 0 where terms cancel
 
-    def _heights(self, z: Array, known: Any) -> list[Any]:
-        state, constants = self._known(z, known, lambda v: v)
+    def _heights(self, z: Array, inputs: Any) -> list[Any]:
+        state, constants = self._known(z, inputs, lambda v: v)
         return [x for row in call(self.pairs.heights, state, constants) for x in row]
 
-    def _spectrum(self, z: Array, known: Any, x: Array) -> list[Any]:
+    def _spectrum(self, z: Array, inputs: Any, x: Array) -> list[Any]:
         """Im mu of the branches at iy, and a number that is positive if they may be used."""
-        state, constants = self._known(z, known, lambda v: v)
+        state, constants = self._known(z, inputs, lambda v: v)
         if self.pairs.spectrum is None:
             i = Complex(0.0, 1.0)
             return [*(-m for m in levels(i * self._of_pairs("matrix", state, constants, i * x[0]))), 1.0]
         mu, use = call(self.pairs.spectrum, state, {**constants, "y": x[0]})
         return [*mu, use]
 
-    def _level(self, z: Array, known: Any, x: Array) -> list[Any]:
+    def _level(self, z: Array, inputs: Any, x: Array) -> list[Any]:
         """mu, the left vector with <p, S q> = 1, L' q, the real field at iy; x: y, the distance of a pole, Im mu."""
-        state, constants = self._known(z, known, lambda v: v)
+        state, constants = self._known(z, inputs, lambda v: v)
         y, pole, m = x
         lam, near = Complex(0.0, y), BESIDE * pole
         vectors, _ = self._vectors(state, constants, lam, Complex(0.0, m))
@@ -213,19 +213,19 @@ class Choice(Formulas):
         rates = self._rates(state, constants, lam, Pi)[: self.d]
         return [p for v in values for p in algebra.parts(v)] + rates
 
-    def _meet(self, z: Array, known: Any, v: Array, x: Array) -> list[Any]:
+    def _meet(self, z: Array, inputs: Any, v: Array, x: Array) -> list[Any]:
         """The square of the distance at which two levels meet: (gap + t (a - b))^2 + 4 t^2 c d = 0."""
-        left, change, other, change_of_other = complex_values(v).reshape(4, -1)
-        a, b = (left * change).sum(), (other * change_of_other).sum()
-        slope = (a - b) * (a - b) + 4 * (left * change_of_other).sum() * (other * change).sum()
+        left, change, second, change_of_second = complex_values(v).reshape(4, -1)
+        a, b = (left * change).sum(), (second * change_of_second).sum()
+        slope = (a - b) * (a - b) + 4 * (left * change_of_second).sum() * (second * change).sum()
         gap = (x[0] - x[2]) * (x[0] - x[2]) + (x[1] - x[3]) * (x[1] - x[3])
         return [gap / algebra.sqrt(slope.re * slope.re + slope.im * slope.im)]
 
     def _judge(self, size: Any, off: Any, rate: Any, least: Any, rank: Any, heights: Any) -> dict[str, Any]:
-        less, room = algebra.where_less, largest(SPAN * size, ROUNDING * rate)
-        verdict = less(room, off, ELSEWHERE, less(off, np.inf, FINE, ELSEWHERE))
-        verdict = less(rank, 0, less(least, CERTAIN, DEPENDENT, verdict), verdict)
-        return {"verdict": less(0, heights, less(size, np.inf, verdict, BEYOND), BEYOND)}
+        select, room = algebra.where_less, largest(SPAN * size, ROUNDING * rate)
+        verdict = select(room, off, ELSEWHERE, select(off, np.inf, FINE, ELSEWHERE))
+        verdict = select(rank, 0, select(least, CERTAIN, DEPENDENT, verdict), verdict)
+        return {"verdict": select(0, heights, select(size, np.inf, verdict, BEYOND), BEYOND)}
 
 
 class Writing:
@@ -239,11 +239,11 @@ class Writing:
     def size(self, x: Value) -> Value:
         return self.f.intrinsic("fabs", x)
 
-    def less(self, x: Value, y: Value) -> Value:
+    def is_less(self, x: Value, y: Value) -> Value:
         return self.f.builder.fcmp_ordered("<", x, y)
 
     def larger_of(self, x: Value, y: Value) -> Value:
-        return self.f.builder.select(self.less(x, y), y, x)
+        return self.f.builder.select(self.is_less(x, y), y, x)
 
     def value(self, x: float) -> Value:
         return self.out.value_of(x)
@@ -296,7 +296,7 @@ class _Choosing(Writing):
             for letter, size in (("z", self.d), ("c", of.constants)):
                 self.memory[letter] = memory[letter].beyond(lane * size)
             self.most[0] = of.most
-            with self.f.where(self.less(self.value(-1.0), self.out[self.at("rank")])):
+            with self.f.where(self.is_less(self.value(-1.0), self.out[self.at("rank")])):
                 self.most[0] = self.integer("rank") // 2
             self.write_lane()
 
@@ -326,7 +326,7 @@ class _Choosing(Writing):
         rows.put(self.piece(self.of.heights))
         with f.loop(0, self.of.rows) as row:
             origin, side, low, high = rows.get(4, row * 4)
-            with f.where(self.less(self.value(0.0), low)):
+            with f.where(self.is_less(self.value(0.0), low)):
                 e, ratio = f.variables(2)
                 e[0] = low
                 share = self.value(1 / (self.of.tried - 1))
@@ -341,7 +341,7 @@ class _Choosing(Writing):
                     *mu, use = self.piece(self.of.spectrum, several.of(self.kind)[0])
                     for i in range(WIDTH):
                         values = [f.builder.extract_element(x, INDEX(i)) for x in (use, *mu)]
-                        useful = self.less(self.value(0.0), values[0])
+                        useful = self.is_less(self.value(0.0), values[0])
                         with f.where(f.builder.and_(useful, (k + i).compared("<", self.of.tried))):
                             self.list.put([y[i], poles[i], *values[1:]], self.count[0] * stride)
                             self.count[0] = self.count[0] + 1
@@ -363,13 +363,13 @@ class _Choosing(Writing):
                 first = k * size
                 memory.put(self.branches.get(w, first + 2))
                 memory.put(self.branches.get(w, first + 2 + w), w)
-                with f.loop(0, of.levels) as other, f.where(other.compared("!=", k)):
-                    second = other * size
+                with f.loop(0, of.levels) as partner, f.where(partner.compared("!=", k)):
+                    second = partner * size
                     memory.put(self.branches.get(w, second + 2), 2 * w)
                     memory.put(self.branches.get(w, second + 2 + w), 3 * w)
                     mus = self.branches.get(2, first) + self.branches.get(2, second)
                     (square,) = self.piece(of.meet, *mus)
-                    radius[0] = f.builder.select(self.less(square, radius[0]), square, radius[0])
+                    radius[0] = f.builder.select(self.is_less(square, radius[0]), square, radius[0])
                 distance = f.intrinsic("sqrt", radius[0])
                 fields = self.branches.get(d, first + 2 + 4 * of.width)
                 units = [f.spread(unit, self.kind) for unit in self.out.get(d, self.at("units"))]
@@ -391,7 +391,7 @@ class _Choosing(Writing):
 
     def solve(self) -> None:
         """The basis of the tableau: its candidates, by rows."""
-        f, of, d, less = self.f, self.of, self.d, self.less
+        f, of, d, is_less = self.f, self.of, self.d, self.is_less
         rank, going, steps, row, column = f.variables(5, INTEGER)
         first, last, best, sign, reach = f.variables(5)
         rank[0] = steps[0] = 0
@@ -406,21 +406,21 @@ class _Choosing(Writing):
                 with by_size:
                     with f.loop(0, d) as i, f.where(self.basis[i].compared("<", 0)), f.loop(0, candidates) as j:
                         x = self.size(self.table[i * width + j + (1 + d)])
-                        with f.where(less(best[0], x)):
+                        with f.where(is_less(best[0], x)):
                             best[0], row[0], column[0] = x, i, j
                     with f.where(rank[0].compared("==", 0)):
                         first[0] = best[0]
-                    enough = less(self.times(first[0], self.value(RANK)), best[0])
+                    enough = is_less(self.times(first[0], self.value(RANK)), best[0])
                     enough = f.builder.and_(enough, rank[0].compared("<", self.most[0]))
-                    with f.otherwise(enough) as (more, done):
-                        with more:
+                    with f.otherwise(enough) as (accepted, done):
+                        with accepted:
                             last[0], rank[0] = best[0], rank[0] + 1
                         with done:
                             row[0], going[0] = -1, 2
                 with by_price:
                     with f.loop(0, d) as i:
                         x = self.table[i * width]
-                        value = f.builder.select(less(x, self.value(0.0)), self.value(-1.0), self.value(1.0))
+                        value = f.builder.select(is_less(x, self.value(0.0)), self.value(-1.0), self.value(1.0))
                         self.signs[i] = f.builder.select(self.basis[i].compared("<", 0), self.value(0.0), value)
                     (price,) = f.variables(1)
                     with f.loop(0, candidates) as j:
@@ -428,21 +428,21 @@ class _Choosing(Writing):
                         with f.loop(0, d) as i:
                             product = self.times(self.signs[i], self.table[i * width + j + (1 + d)])
                             price[0] = self.plus(price[0], product)
-                        with f.where(less(best[0], self.size(price[0]))):
+                        with f.where(is_less(best[0], self.size(price[0]))):
                             best[0], column[0] = self.size(price[0]), j
                             sign[0] = f.builder.select(
-                                less(price[0], self.value(0.0)), self.value(-1.0), self.value(1.0)
+                                is_less(price[0], self.value(0.0)), self.value(-1.0), self.value(1.0)
                             )
                     steps[0] = steps[0] + 1
-                    useful = less(self.value(1 + SLACK), best[0])
+                    useful = is_less(self.value(1 + SLACK), best[0])
                     useful = f.builder.and_(useful, steps[0].compared("<", rank[0] * CHANGES))
                     with f.where(useful):
                         reach[0] = np.inf
                         with f.loop(0, d) as i:
                             slope = self.times(sign[0], self.table[i * width + column[0] + (1 + d)])
                             x = self.over(self.table[i * width], slope)
-                            toward = less(self.value(0.0), self.times(slope, self.signs[i]))
-                            with f.where(f.builder.and_(toward, less(x, reach[0]))):
+                            toward = is_less(self.value(0.0), self.times(slope, self.signs[i]))
+                            with f.where(f.builder.and_(toward, is_less(x, reach[0]))):
                                 reach[0], row[0] = x, i
                     with f.where(row[0].compared("<", 0)):
                         going[0] = 0
@@ -468,7 +468,7 @@ class _Choosing(Writing):
         f, out, d, most = self.f, self.out, self.d, self.of.most
         (off,), (count,) = f.variables(1), f.variables(1, INTEGER)
         off[0], count[0] = 0.0, 0
-        moving = self.less(self.value(0.0), out[self.at("size")])
+        moving = self.is_less(self.value(0.0), out[self.at("size")])
         with f.loop(0, d) as i:
             begin = i * self.of.columns
             x = self.table[begin]

@@ -146,29 +146,29 @@ def about_the_third_kind(constants: Any, chi: Any, t: Any) -> Any:
     beyond = where_less(upper(G), SMALL_MODULUS * upper(A), 1.0, 0.0)
     a, g = (A + G) / 2, sqrt(A * G)
     k1 = kappa * d / (volume * (4 * a * a))
-    both = 1 + k1 * squares[0] / (total * total)  # 1 + beta
-    mean, sum_, last = complete_beyond(a, g, a * sqrt(both), beyond)
+    beta_plus_1 = 1 + k1 * squares[0] / (total * total)  # 1 + beta
+    mean, sum_, last = complete_beyond(a, g, a * sqrt(beta_plus_1), beyond)
     inverse_turn = DoubleDouble(TURN[0], TURN[1])
     breadth = width * sign(upper(width))
     halves = t * breadth * mean * (2 * inverse_turn)  # of lambda t, in 2 K
-    whole = nearest(upper(halves))
-    part = upper(halves - whole)
-    left = upper(halves - whole - part)  # 30 roundings of u next to the separatrix
-    slope = width * d / (I3 * total) * (1 + a3 * k1 * sum_ / (total * both))
+    count = nearest(upper(halves))
+    fraction = upper(halves - count)
+    left = upper(halves - count - fraction)  # 30 roundings of u next to the separatrix
+    slope = width * d / (I3 * total) * (1 + a3 * k1 * sum_ / (total * beta_plus_1))
     turns = t * (L / I3 + slope) * (0.5 * inverse_turn)  # of a quarter of psi
     turns = upper(turns - nearest(upper(turns)))
 
     a1, a2 = _root(squares[0]), _root(squares[1])
     amplitudes = upper(a1), upper(a2), upper(a3)
-    doubles = amplitudes, upper(L), upper(a), upper(g), upper(G), upper(k1), upper(both)
+    doubles = amplitudes, upper(L), upper(a), upper(g), upper(G), upper(k1), upper(beta_plus_1)
     ratio = upper(A) / upper(a)  # 1 + k_1
     strength = upper(d) * ratio * 2.0 * upper(a3 * k1) / (upper(I3 * A) * upper(total) * upper(total))
     late = PI[0] * upper(a) * ratio / upper(mean) * left
-    third = 0.25 * PI[0] * upper(a) / upper(mean) * upper(sum_) / upper(both)  # Q at K of k_1
+    third = 0.25 * PI[0] * upper(a) / upper(mean) * upper(sum_) / upper(beta_plus_1)  # Q at K of k_1
     direction = chi * sign(upper(width))
     first = N1, N2, N3
-    cn, sn, dn, ripple = moved(doubles, first, (part * direction, late * direction), third, strength, beyond)
-    odd = whole - 2.0 * nearest(0.5 * whole)
+    cn, sn, dn, ripple = moved(doubles, first, (fraction * direction, late * direction), third, strength, beyond)
+    odd = count - 2.0 * nearest(0.5 * count)
     back = where_less(0.5, odd * odd, -1.0, 1.0)
     N1, N2, N3 = _times(a1, cn * back), _times(a2, sn * back), _times(a3, dn)
     rotation = chi * turns + 0.5 * TURN[0] * ripple
@@ -188,18 +188,18 @@ def about_the_third_kind(constants: Any, chi: Any, t: Any) -> Any:
     return N1, N2, N3, w, x, y, z, off + far + lost * remainder
 
 
-def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any) -> Any:
-    """(cn, sn, dn) at u_0 + 2 K part + late, |part| <= 1/2, and psi there less psi at u_0 and the mean, in doubles.
+def moved(constants: Any, N: Any, time: Any, count: Any, strength: Any, beyond: Any) -> Any:
+    """(cn, sn, dn) at u_0 + 2 K fraction + late, and psi there minus psi at u_0 and the mean, in doubles.
 
-    Up to the sign of cn and sn that u_0 has: N tells u_0.  By the addition theorems.  `time`: part, late.
+    Up to the sign of cn and sn that u_0 has: N tells u_0.  By the addition theorems.  `time`: fraction (<= 1/2), late.
     """
-    amplitudes, L, a, g, G, k1, both = known
-    part, late = time
+    amplitudes, L, a, g, G, k1, beta_plus_1 = constants
+    fraction, late = time
     flat = where_less(0.0, amplitudes[0], 0.0, 1.0)  # a rotation about the axis: cn = 1
     cn0, sn0, dn0 = (N[0] + flat) / (amplitudes[0] + flat), N[1] / (amplitudes[1] + flat), N[2] / amplitudes[2]
     k2, remainder = 4.0 * k1 / ((1.0 + k1) * (1.0 + k1)), G / a
 
-    least = maximum(abs(part), LEAST_PART)
+    least = maximum(abs(fraction), LEAST_PART)
     cos, sin = of_turns(0.5 * least)
     ratio = cs_beyond(a, g, cos, sin, beyond) / a
     s2 = 1.0 / (1.0 + ratio * ratio)
@@ -208,7 +208,7 @@ def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any)
     k1_prime = g / a
     dv = sqrt(c * c + k1_prime * k1_prime * s2)
     under = 1.0 + k1 * s2
-    sn1 = (1.0 + k1) * s / under * sign(part)
+    sn1 = (1.0 + k1) * s / under * sign(fraction)
     cn1, dn1 = c * dv / under, (c * c + s2 * remainder) / under
 
     below = 1.0 / (cn1 * cn1 + sn1 * sn1 * dn0 * dn0)
@@ -219,18 +219,18 @@ def moved(known: Any, N: Any, time: Any, whole: Any, strength: Any, beyond: Any)
     cn, sn = _on_circle(cn - late * dn * sn, sn + late * dn * cn)
     dn = sqrt(k_prime * k_prime + k2 * (cn * cn))
 
-    here = sign(cn0)
-    there = sign(cn * here)  # -1 in the cell next to
-    cell = 0.5 * (1.0 - there) * sign(part)
-    before, after = (sn0 * here, cn0 * here, dn0), (sn * here * there, cn * here * there, dn)
-    beta = both - 1.0
+    side = sign(cn0)
+    crossing = sign(cn * side)  # -1 in the cell next to
+    cell = 0.5 * (1.0 - crossing) * sign(fraction)
+    before, after = (sn0 * side, cn0 * side, dn0), (sn * side * crossing, cn * side * crossing, dn)
+    beta = beta_plus_1 - 1.0
     change = _third_kind(after, k1, remainder, beta) - _third_kind(before, k1, remainder, beta)
-    near = strength * (change + 2.0 * whole * (cell - part))
+    near = strength * (change + 2.0 * count * (cell - fraction))
 
     def far() -> list[Any]:
         shape = amplitudes, L, k_prime * k_prime
         change = _behind(before, shape) - _behind(after, shape)
-        ripple = change - 2.0 * _behind((1.0, 0.0, k_prime), shape) * (cell - part)
+        ripple = change - 2.0 * _behind((1.0, 0.0, k_prime), shape) * (cell - fraction)
         return [where_less(0.0, beyond, ripple, near)]
 
     return cn, sn, dn, if_positive(beyond, far, [near])[0]

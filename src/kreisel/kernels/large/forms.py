@@ -203,7 +203,7 @@ class LargeForm:
         if any(not isinstance(x, Number | float | int) for x in result.outputs):
             raise TypeError("a new state that is complex")
         result = result.arranged()
-        if any(isinstance(x, Number) and x.at not in result.fixed for each in result.solves for x in each[:2]):
+        if any(isinstance(x, Number) and x.at not in result.fixed for solve in result.solves for x in solve[:2]):
             raise TypeError("a solve with more than the momentum in its matrix that varies")
         return result
 
@@ -309,7 +309,7 @@ class LargeForm:
     def _conserved(self, observe: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, Array]]:
         """`observe` of the blocks about an axis as they are; an orientation does not count."""
 
-        def of_blocks(z: tuple[Array, ...], /, **known: Array) -> dict[str, Array]:
+        def of_blocks(z: tuple[Array, ...], /, **constants: Array) -> dict[str, Array]:
             def plain(x: Any) -> Any:
                 return x if isinstance(x, Number) else float(x)
 
@@ -317,16 +317,16 @@ class LargeForm:
                 value, h = z[int(name[1])], self.h
                 return plain(value[-1]) if name[2] == "t" else value[:h] if name[2] == "x" else value[h : 2 * h]
 
-            axis = plain(known[AXIS])
-            constants = {
+            axis = plain(constants[AXIS])
+            arguments = {
                 name: self.constant(
-                    role, axis if role == "axis" else known[name] if role == "turn" else plain(known[name])
+                    role, axis if role == "axis" else constants[name] if role == "turn" else plain(constants[name])
                 )
                 for name, (letter, role) in self.roles.items()
                 if letter == "c"
             }
             kinds = [kind for kind in self.kinds[: len(z)] if kind != "matrix"]
-            return observe(tuple(self.state(kinds, entry, known[TURN], axis, True)), **constants)
+            return observe(tuple(self.state(kinds, entry, constants[TURN], axis, True)), **arguments)
 
         return of_blocks
 

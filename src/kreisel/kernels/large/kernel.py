@@ -70,15 +70,15 @@ class Sum:
 
     def __init__(self, f: Function):
         self._f, self._parts = f, [*f.variables(1, VECTOR), *f.variables(1)]
-        for part in self._parts:
-            part[0] = 0.0
+        for register in self._parts:
+            register[0] = 0.0
 
     def add(self, x: Value) -> None:
-        part = self._parts[0 if isinstance(x.type, ir.VectorType) else 1]
-        part[0] = self._f.builder.fadd(part[0], x)
+        register = self._parts[0 if isinstance(x.type, ir.VectorType) else 1]
+        register[0] = self._f.builder.fadd(register[0], x)
 
     def value(self) -> Value:
-        vector, number = (part[0] for part in self._parts)
+        vector, number = (register[0] for register in self._parts)
         places = [self._f.builder.extract_element(vector, ir.IntType(32)(k)) for k in range(WIDTH)]
         while len(places) > 1:
             half = len(places) // 2
@@ -86,16 +86,16 @@ class Sum:
         return self._f.builder.fadd(places[0], number)
 
 
-class Known(NamedTuple):
+class Values(NamedTuple):
     """Computed values of a graph: rows of entries, and scalars."""
 
     graph: Graph
     rows: dict[int, Memory]
     numbers: dict[int, Value]
 
-    def more(self) -> Known:
-        """A copy, to which more is added."""
-        return Known(self.graph, {**self.rows}, {**self.numbers})
+    def copy(self) -> Values:
+        """A copy, to which values are added."""
+        return Values(self.graph, {**self.rows}, {**self.numbers})
 
     def bind(self, nodes: Sequence[int], rows: Mapping[str, Memory], numbers: Mapping[str, Value]) -> None:
         """Inputs by their names."""
@@ -110,7 +110,7 @@ class Known(NamedTuple):
 class _Lane:
     """The code of one lane: its state, rows of entries, and changes that wait to be made to its matrices.
 
-    known  of each piece, the values that do not vary, and entries of the state
+    values  of each piece, those that do not vary, and entries of the state
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class _Lane:
     ):
         self.f, self.form, self.pieces, self.place, self.h = f, form, pieces, place, form.h
         (self.z, self.room, self.length), self._count = memory, 0
-        self.known = [Known(piece.graph, {}, {}) for piece in pieces]
+        self.values = [Values(piece.graph, {}, {}) for piece in pieces]
         self.state = {name: self.row() for name in form.places if name[-1] in "xy"}
         self.numbers = {name: f.variables(1)[0] for name in form.places if name[-1] == "t"}
         self.waiting: dict[Any, list[Any]] = {MOMENTUM: [], **{k: [] for k in range(form.inverses)}}
@@ -173,27 +173,27 @@ class _Lane:
         entries = [name for name in constants if self.form.has_entries(name)]
         rows = {name: self.fill(self.row(), c.beyond(constants[name])) for name in entries}
         numbers = {name: c[at] for name, at in constants.items() if name not in entries}
-        for piece, known in zip(self.pieces, self.known, strict=True):
-            known.bind(piece.nodes, self.state | rows, numbers)
+        for piece, values in zip(self.pieces, self.values, strict=True):
+            values.bind(piece.nodes, self.state | rows, numbers)
             read = {x.at for at in piece.nodes if at not in piece.fixed for x in operands_of(piece.graph.nodes[at])}
             read |= {x.at for x in piece.outputs if isinstance(x, Number)}
             fixed = [at for at in sorted(piece.fixed) if piece.graph.nodes[at][0] != IN]
-            self.compute(known, fixed, keep=read.intersection(fixed))
+            self.compute(values, fixed, keep=read.intersection(fixed))
 
     # -- levels ------------------------------------------------------------------------------------
 
     def compute(
         self,
-        constants: Known,
+        constants: Values,
         nodes: Sequence[int],
         stores: Sequence[tuple[Memory, Operand]] = (),
         early: Collection[int] = (),
         keep: Collection[int] = (),
         before_last: Callable[[], None] = lambda: None,
     ) -> None:
-        """Nodes into `known`, each in the last level that is possible.
+        """Nodes into `constants`, each in the last level that is possible.
 
-        stores  are written in the last loop; `early` nodes are known before it, when `before_last` is called
+        stores  are written in the last loop; `early` nodes are computed before it, when `before_last` is called
         keep    entries that stay in their rows
         """
         graph, rows, numbers = constants
@@ -208,10 +208,15 @@ class _Lane:
                 rank[x] = max(rank.get(x, 0), rank[at] + (operation[at] in (TOTAL, *PRODUCTS)))
         for at in (at for at in nodes if operation[at] == TURNED):  # with W x in one way through W
             rank[at] = max(rank[x] for x in nodes if operation[x] in (KEPT, TURNED) and needs[x] == needs[at])
-        made = {at for at in nodes if at in entries and operation[at] not in PRODUCTS}
+        elementwise = {at for at in nodes if at in entries and operation[at] not in PRODUCTS}
         outlive = {x for at in nodes if operation[at] != TOTAL for x in needs[at] if rank[at] < rank[x]}
         outlive |= {*keep, *early, *(x.at for _, x in stores if isinstance(x, Number) and rank.get(x.at))}
-        sums = {at: rank[x] if x in made else rank[at] + 1 for at in nodes if operation[at] == TOTAL for x in needs[at]}
+        sums = {
+            at: rank[x] if x in elementwise else rank[at] + 1
+            for at in nodes
+            if operation[at] == TOTAL
+            for x in needs[at]
+        }
         totals, touched = dict[int, Sum](), set[Any]()
         for level in range(max(rank.values(), default=0), -1, -1):
             present = [at for at in nodes if rank[at] == level]
@@ -223,19 +228,19 @@ class _Lane:
                     self.f.emit(graph, [at], numbers, DOUBLE)
             if level == 0:
                 before_last()
-            loop = [at for at in present if at in made]
+            loop = [at for at in present if at in elementwise]
             targets = [(rows.setdefault(at, self.row()), Number(graph, at)) for at in loop if at in outlive]
             added = {at: Sum(self.f) for at in sums if sums[at] == level}
             self._loop(constants, loop, added, [*targets, *(stores if level == 0 else ())])
             totals |= added
 
     def _loop(
-        self, constants: Known, made: Sequence[int], sums: Mapping[int, Sum], stores: Sequence[tuple[Memory, Operand]]
+        self, constants: Values, nodes: Sequence[int], sums: Mapping[int, Sum], stores: Sequence[tuple[Memory, Operand]]
     ) -> None:
         """The loop of a level: the entries that it makes, sums of entries, and stores."""
         (graph, rows, numbers), f = constants, self.f
         summed = {at: graph.nodes[at][1] for at in sums}
-        read = [x for at in made for x in operands_of(graph.nodes[at])]
+        read = [x for at in nodes for x in operands_of(graph.nodes[at])]
         read += [*summed.values(), *(x for _, x in stores if isinstance(x, Number))]
         if not read and not stores:
             return
@@ -244,9 +249,9 @@ class _Lane:
             local = {
                 at: rows[at].beyond(k).of(VECTOR)[0] if at in rows else f.spread(numbers[at], VECTOR)
                 for at in dict.fromkeys(x.at for x in read)
-                if at not in made
+                if at not in nodes
             }
-            f.emit(graph, made, local, VECTOR)
+            f.emit(graph, nodes, local, VECTOR)
             for at, x in summed.items():
                 sums[at].add(self._within(k, local[x.at]))
             for row, value in [(row, f.value(x, local, VECTOR)) for row, x in stores]:
@@ -265,7 +270,7 @@ class _Lane:
 
     def run(self, number: int, s: Memory) -> None:
         """A step, or what closes it."""
-        piece, f, known = self.pieces[number], self.f, self.known[number].more()
+        piece, f, values = self.pieces[number], self.f, self.values[number].copy()
         graph, nodes = piece.graph, piece.nodes
         again = f.builder.append_basic_block("again")
         (attempt,) = f.variables(1, INTEGER)
@@ -273,7 +278,7 @@ class _Lane:
         f.builder.branch(again)
         f.builder.position_at_end(again)
         of_stage = {name: s[at.start] for name, at in self.place.items() if name[0] == "s"}
-        known.bind(nodes, {}, of_stage | {name: variable[0] for name, variable in self.numbers.items()})
+        values.bind(nodes, {}, of_stage | {name: variable[0] for name, variable in self.numbers.items()})
         varying = [at for at in nodes if graph.nodes[at][0] != IN and at not in piece.fixed]
         of_columns = depending(graph, nodes, lambda name: name.startswith(self.form.letter_of("matrix")))
         inner, new = [at for at in varying if at in of_columns], dict(zip(self.form.names, piece.new, strict=True))
@@ -289,36 +294,36 @@ class _Lane:
 
         def before_last() -> None:
             for solve in piece.solves:
-                residual, size = (f.value(x, known.numbers, DOUBLE) for x in (solve.residual, solve.size))
+                residual, size = (f.value(x, values.numbers, DOUBLE) for x in (solve.residual, solve.size))
                 poor = f.builder.fcmp_unordered(">", residual, f.builder.fmul(constant(DOUBLE, NEAR), size))
                 with f.where(f.builder.and_(poor, attempt[0].compared("==", 0))):
-                    for k, each in enumerate(piece.solves):
-                        self._renew(k, each, known)
+                    for k, renewed in enumerate(piece.solves):
+                        self._renew(k, renewed, values)
                     attempt[0] = 1
                     f.builder.branch(again)
             if inner:
-                self._turn_columns(known, nodes, inner, new)
+                self._turn_columns(values, nodes, inner, new)
 
         left = [at for at in varying if at not in of_columns]
-        self.compute(known, left, stores, [x.at for x in early if isinstance(x, Number)], before_last=before_last)
+        self.compute(values, left, stores, [x.at for x in early if isinstance(x, Number)], before_last=before_last)
         for target, x in scalars:
-            target[0] = f.value(x, known.numbers, DOUBLE)
+            target[0] = f.value(x, values.numbers, DOUBLE)
 
     def _turn_columns(
-        self, outer: Known, nodes: Sequence[int], inner: Sequence[int], new: Mapping[str, Operand]
+        self, outer: Values, nodes: Sequence[int], inner: Sequence[int], new: Mapping[str, Operand]
     ) -> None:
         """All vectors of an orientation, one after the other, in place."""
         letter, h, f = self.form.letter_of("matrix"), self.h, self.f
-        vectors, known = {f"{letter}{block}": self.row() for block in "xy"}, outer.more()
+        vectors, values = {f"{letter}{block}": self.row() for block in "xy"}, outer.copy()
         with f.loop(0, self.form.n) as column:
             g = self.z.beyond(column * (2 * h + 1) + self.form.places[letter].start)
             for i, row in enumerate(vectors.values()):
                 self.fill(row, g.beyond(i * h))
-            known.bind(nodes, vectors, {f"{letter}t": g[2 * h]})
-            self.compute(known, inner, [(row, new[name]) for name, row in vectors.items()])
+            values.bind(nodes, vectors, {f"{letter}t": g[2 * h]})
+            self.compute(values, inner, [(row, new[name]) for name, row in vectors.items()])
             for i, row in enumerate(vectors.values()):
                 self.copy(row, g.beyond(i * h), h)
-            g[2 * h] = f.value(new[f"{letter}t"], known.numbers, DOUBLE)
+            g[2 * h] = f.value(new[f"{letter}t"], values.numbers, DOUBLE)
 
     # -- a dense momentum M, its entries i < j, and its inverses W -----------------------------------
 
@@ -327,7 +332,7 @@ class _Lane:
             self.form.places[self.form.letter_of("skew") if name == MOMENTUM else f"inverse{name}"].start
         )
 
-    def _products(self, constants: Known, products: Sequence[int], touched: set[Any]) -> None:
+    def _products(self, constants: Values, products: Sequence[int], touched: set[Any]) -> None:
         """The products of a level, one way through each matrix, the first one with the changes that wait."""
         groups: dict[Any, tuple[list[Any], list[Any]]] = {}
         for at in products:
@@ -399,7 +404,7 @@ class _Lane:
         for scale, _, _ in changes:
             scale[0] = 0.0
 
-    def _renew(self, k: int, solve: Solve, constants: Known) -> None:
+    def _renew(self, k: int, solve: Solve, constants: Values) -> None:
         """W = (D + theta M)^-1; a state that is no longer finite is reported elsewhere.
 
         By elimination without pivoting, which is safe for a positive diagonal, as in `kreisel.algebra.solve`.

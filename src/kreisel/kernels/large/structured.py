@@ -161,8 +161,8 @@ class Vector(Linear):
             raise TypeError("a sum of entries depends on the basis")
         return total(self.entries[0])
 
-    def record_wedge(self, other: Vector) -> Matrix:
-        return Matrix(self.n).with_pair(1.0, self, other)
+    def record_wedge(self, operand: Vector) -> Matrix:
+        return Matrix(self.n).with_pair(1.0, self, operand)
 
     def record_parts(self) -> tuple[Vector, Vector | None]:
         if not any(isinstance(x, Complex) for x in self.entries):
@@ -286,16 +286,16 @@ class Matrix(Linear):
         if self.dense or key_of(self.diagonal) != 0.0 or (self.pairs and not pairs):
             raise TypeError(f"{purpose} is known for T{' + sum c s ^ t' if pairs else ''} only")
 
-    def record_pairing(self, other: Matrix) -> Entry:
+    def record_pairing(self, operand: Matrix) -> Entry:
         """<X, Y> = <T, S> + sum <u, T v> + <s, S t> + <s, u> <t, v> - <s, v> <t, u> over the pairs s, t and u, v."""
         self._require_skew("a pairing")
-        other._require_skew("a pairing")
-        out, dot = total(self.turn * other.turn), algebra.dot
-        for _, u, v in other.used():
+        operand._require_skew("a pairing")
+        out, dot = total(self.turn * operand.turn), algebra.dot
+        for _, u, v in operand.used():
             out = out + dot(u, self._turned(v))
         for _, s, t in self.used():
-            out = out + dot(s, other._turned(t))
-            for _, u, v in other.used():
+            out = out + dot(s, operand._turned(t))
+            for _, u, v in operand.used():
                 out = out + (dot(s, u) * dot(t, v) - dot(s, v) * dot(t, u))
         return out
 
@@ -369,8 +369,8 @@ class Matrix(Linear):
         """By Woodbury's formula for the last pair: y = R (v - c s <t, y> + c t <s, y>), R the inverse without it."""
         if not pairs:
             return self._unturned(v)
-        *less, (k, s, t) = pairs
-        dot, (Rv, Rs, Rt) = algebra.dot, (self._solved(x, less) for x in (v, s, t))
+        *previous, (k, s, t) = pairs
+        dot, (Rv, Rs, Rt) = algebra.dot, (self._solved(x, previous) for x in (v, s, t))
         a, b, c, d = 1 + k * dot(t, Rs), -(k * dot(t, Rt)), k * dot(s, Rs), 1 - k * dot(s, Rt)
         scale, tv, sv = 1 / (a * d - b * c), k * dot(t, Rv), k * dot(s, Rv)
         return Rv - Rs * ((d * tv - b * sv) * scale) + Rt * ((a * sv - c * tv) * scale)

@@ -79,18 +79,18 @@ class InDoubles(Corrections):
         def at(state: Floats) -> Floats:
             return np.concatenate(list(self._values(state).values()), -1)
 
-        def largest(size: Floats, other: Floats) -> Floats:
-            return np.fmax(size, np.where(np.isfinite(other), abs(other), 0))
+        def largest(size: Floats, values: Floats) -> Floats:
+            return np.fmax(size, np.where(np.isfinite(values), abs(values), 0))
 
-        here = np.concatenate(list(result.values()), -1)
-        rms, size = np.sqrt((z * z).sum(-1, keepdims=True) / z.shape[-1]), largest(0 * here, here)
+        values = np.concatenate(list(result.values()), -1)
+        rms, size = np.sqrt((z * z).sum(-1, keepdims=True) / z.shape[-1]), largest(0 * values, values)
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, z.shape[-1]))
         for sign in signs:
             size = largest(size, at(rms * sign))
         for sign in signs[: SAMPLES // 2]:  # a second difference shows the rounding of the values themselves
             close = 8 * EPS * rms * sign
-            size = largest(size, (at(z + close) + at(z - close) - 2 * here) / EPS)
-        self.targets[..., 0], self.targets[..., 2] = here, size
+            size = largest(size, (at(z + close) + at(z - close) - 2 * values) / EPS)
+        self.targets[..., 0], self.targets[..., 2] = values, size
 
     def applied(self, z: Floats) -> Floats:
         """The projected rows; as they were where they could not be."""
@@ -105,7 +105,7 @@ class InDoubles(Corrections):
 class Observed:
     """Conserved quantities of rows z (lanes, d) of a kernel, by the definitions on arrays of any kind.
 
-    own      how many entries of a row are the state's, without orientation and other variables of the kernel
+    size     how many entries of a row are the state's, without orientation and other variables of the kernel
     function the definitions: on the form of the kernel, if there are any
     members  of each family those that change with these scalars; others stay by the form of the kernel
     """
@@ -115,7 +115,7 @@ class Observed:
         self.function: Callable[..., dict[str, Array]]
         sizes = [(letter, kind, algebra.KINDS[kind].count(scheme.n)) for letter, kind in scheme.components]
         self._kinds = [kind for _, kind, _ in sizes]
-        self.own = sum(size for letter, _, size in sizes if letter in scheme.outcomes and letter != ORIENTATION)
+        self.size = sum(size for letter, _, size in sizes if letter in scheme.outcomes and letter != ORIENTATION)
         self._known = [self._constants(lane) for lane in range(len(z))]
         in_form, self.members = reused(
             None if scheme.kernel_key is None else (Observed, scheme.kernel_key), self._found
@@ -136,7 +136,7 @@ class Observed:
         axes = self.scheme.axes
         return {
             name: np.asarray(value)[lane] if np.ndim(value) > axes[name] else value
-            for name, value in self.scheme.known.items()
+            for name, value in self.scheme.keywords.items()
         }
 
     def at(self, row: Any, lane: int) -> dict[str, Array]:
@@ -146,7 +146,7 @@ class Observed:
     def _at(self, row: Any, lane: int, constants: Mapping[str, Array]) -> dict[str, Array]:
         parts: list[Array] = []
         for kind, place in zip(self._kinds, algebra.slices(self._kinds, self.scheme.n), strict=True):
-            numbers = row[place] if place.stop <= self.own else self.z[lane, place]
+            numbers = row[place] if place.stop <= self.size else self.z[lane, place]
             parts.append(algebra.KINDS[kind].unpack(numbers, self.scheme.n))
         result = self.function(tuple(parts), **constants)
         return {name: value for name, value in result.items() if self.scheme.outcomes[name].conserved}
@@ -154,12 +154,12 @@ class Observed:
     def _changing(self) -> dict[str, Array]:
         """By random scalars in place of state and constants, so that lanes do not depend on each other."""
         if self.function is self.scheme.observe:
-            return {name: np.arange(np.size(value)) for name, value in self.at(self.z[0, : self.own], 0).items()}
+            return {name: np.arange(np.size(value)) for name, value in self.at(self.z[0, : self.size], 0).items()}
         draw, out = np.random.default_rng(0), {}
-        known = {name: draw.normal(size=np.shape(value)) for name, value in self._known[0].items()}
-        here, there = (self._at(draw.normal(size=self.own), 0, known) for _ in range(2))
-        for name, value in here.items():
-            a, b = np.ravel(value), np.ravel(there[name])
+        constants = {name: draw.normal(size=np.shape(value)) for name, value in self._known[0].items()}
+        first, second = (self._at(draw.normal(size=self.size), 0, constants) for _ in range(2))
+        for name, value in first.items():
+            a, b = np.ravel(value), np.ravel(second[name])
             members = np.flatnonzero(abs(a - b) > CHANGED * np.maximum(abs(a), abs(b)))
             if len(members):
                 out[name] = members
@@ -167,9 +167,9 @@ class Observed:
 
     def together(self, z: Floats) -> dict[str, Floats]:
         """`at` of all lanes, with the first scalars of `z`, by the definitions on arrays of all lanes."""
-        rows = np.concatenate([z[:, : self.own], self.z[:, self.own :]], -1)
-        known = self.scheme.known
-        result = self.scheme.observe(algebra.restore(rows, self._kinds, self.scheme.n), **known)
+        rows = np.concatenate([z[:, : self.size], self.z[:, self.size :]], -1)
+        constants = self.scheme.keywords
+        result = self.scheme.observe(algebra.restore(rows, self._kinds, self.scheme.n), **constants)
         return {
             name: np.broadcast_to(value, (len(z), *np.shape(value)[1:])).reshape(len(z), -1)
             for name, value in result.items()
@@ -185,7 +185,7 @@ class ArrayProjection(InDoubles):
         if not observed.members:
             super().__init__((), 1, len(self._z))
             return
-        (first, state), d = self._recorded(self._z[0], 0), observed.own
+        (first, state), d = self._recorded(self._z[0], 0), observed.size
         gradient(first, state)  # operations without an adjoint fail here
         k = first.shape[0]
         work *= min(1.0, VECTORS * d / observed.scheme.n**2)
@@ -193,7 +193,7 @@ class ArrayProjection(InDoubles):
 
     def _recorded(self, row: Floats, lane: int) -> tuple[Traced, Traced]:
         """The invariants (k,) at z[lane] with the first scalars of `row`, and these scalars, traced."""
-        z = Traced(row[: self._observed.own])
+        z = Traced(row[: self._observed.size])
         result = self._observed.at(z, lane)
         members = self._observed.members.items()
         return Namespace.concatenate([np.ravel(result[name])[kept] for name, kept in members]), z
@@ -204,18 +204,18 @@ class ArrayProjection(InDoubles):
         return {name: result[name][:, kept] for name, kept in self._observed.members.items()}
 
     def _corrected(self, z: Floats) -> tuple[Floats, Floats, Floats]:
-        new, worst, d = z.copy(), self.worst.copy(), self._observed.own
+        new, worst, d = z.copy(), self.worst.copy(), self._observed.size
         start, _, size, lead = np.moveaxis(self.targets.copy(), -1, 0)
         with np.errstate(all="ignore"):
             for lane, row in enumerate(new):
                 for again in range(STEPS):
                     values, state = self._recorded(row, lane)
                     J, lack = gradient(values, state), values.value - start[lane]
-                    known = np.isfinite(J).all(-1) & np.isfinite(lack)
-                    J, lack = np.where(known[:, None], J, 0), np.where(known, lack, 0)
+                    finite = np.isfinite(J).all(-1) & np.isfinite(lack)
+                    J, lack = np.where(finite[:, None], J, 0), np.where(finite, lack, 0)
                     scale, unit = scales(row[:d], J, size[lane])
                     if not again:
-                        worst[lane], lead[lane] = led(lack, np.where(known, lead[lane], 0), unit, worst[lane])
+                        worst[lane], lead[lane] = led(lack, np.where(finite, lead[lane], 0), unit, worst[lane])
                     row[:d] = gauss_newton(row[:d], J, lack + lead[lane], scale)
         return new, worst, lead
 

@@ -167,8 +167,8 @@ class Traced(NDArrayOperatorsMixin, Recorded):
         total = self.sum(axis, keepdims)
         return total * (total.size / self.size)
 
-    def dot(self, other: Any) -> Traced:
-        return Namespace.dot(self, other)
+    def dot(self, operand: Any) -> Traced:
+        return Namespace.dot(self, operand)
 
     def ravel(self) -> Traced:
         return self.reshape((-1,))
@@ -185,14 +185,14 @@ class Traced(NDArrayOperatorsMixin, Recorded):
 
 def _concatenate(parts: Sequence[Any], axis: int = 0) -> Traced:
     """The parts one after the other along an axis."""
-    values = [_value(part) for part in parts]
+    values = [_value(array) for array in parts]
     edges = np.cumsum([value.shape[axis] for value in values])[:-1].tolist()
 
     def back(i: int) -> Back:
         return lambda g: np.split(g, edges, axis if axis < 0 else axis + 1)[i]
 
     return Traced(
-        np.concatenate(values, axis), *((part, back(i)) for i, part in enumerate(parts) if isinstance(part, Traced))
+        np.concatenate(values, axis), *((array, back(i)) for i, array in enumerate(parts) if isinstance(array, Traced))
     )
 
 

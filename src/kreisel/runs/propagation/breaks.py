@@ -305,5 +305,5 @@ def not_conserved(plan: Plan) -> frozenset[str]:
 
 def _observed(plan: Plan, z: Floats) -> dict[str, Floats]:
     parts = algebra.restore(z[None], plan.kinds, plan.model.n)
-    result = plan.scheme.observe(parts, **plan.scheme.known)
+    result = plan.scheme.observe(parts, **plan.scheme.keywords)
     return result if plan.scheme.coupling is None else plan.scheme.coupling.together(result, parts)
