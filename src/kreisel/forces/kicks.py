@@ -95,7 +95,7 @@ def pulls(
 def _value_and_slopes(
     force: Force, kind: str, arguments: Mapping[str, tuple[Any, int]], constants: Constants, axes: Mapping[str, int]
 ) -> tuple[Any, dict[str, Any]]:
-    """The value of a potential and its derivatives with respect to its arguments; `arguments`: (value, axes) of each."""
+    """The value of a potential and its derivatives with respect to its arguments; `arguments`: (value, axes)."""
     parameters = [(constants[name], axes[name]) for name in force.parameters]
 
     def of_numbers(*numbers: Any) -> Any:

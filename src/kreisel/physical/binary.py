@@ -205,11 +205,11 @@ class Binary(Varied):
 
     def _circular(self, distance: float) -> tuple[Array, Array]:
         """Position and velocity with which both bodies in their default attitudes stay at this distance."""
-        r, known = np.array([distance, 0.0, 0.0]), self.model().constants
+        r, constants = np.array([distance, 0.0, 0.0]), self.model().constants
         upright = np.array([1.0, 0.0, 0.0, 0.0])
-        values = {name: known[name] for name in formulas.LOADED}
+        values = {name: constants[name] for name in formulas.LOADED}
         _, (slope,) = value_and_gradient(lambda x: formulas.potential(x, upright, upright, **values), [(r, 1)])
-        inward = self.mu / distance**2 + slope[0] / float(known["reduced"])
+        inward = self.mu / distance**2 + slope[0] / float(constants["reduced"])
         return r, np.array([0.0, math.sqrt(max(inward * distance, 0.0)), 0.0])
 
     def _require_apart(self, r: Array, v: Array, unbound: bool) -> None:

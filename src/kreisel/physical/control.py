@@ -26,7 +26,7 @@ from kreisel.record.perturbation import FIELDS, Controller
 from kreisel.runs.in_si import ADDED, MEANINGS
 
 OF_RUNS = {*"agmMP", *MEANINGS, *ADDED, "energy", WORK, BALANCE, QUEUE, GENERATOR}  # variables, and letters of states
-NOISY = {"rates": "rad/s", "attitude": "rad", **{name: each.unit for name, each in FIELDS.items() if each.shape}}
+NOISY = {"rates": "rad/s", "attitude": "rad", **{name: field.unit for name, field in FIELDS.items() if field.shape}}
 
 
 @explained
@@ -100,13 +100,13 @@ class Control:
         if not callable(self.law):
             raise InputError(f"law: expected a function of sensors and memory, got {shown(self.law)}.")
         convert_fields(self, positive=True, every="s")
-        for name, known in (("memory", None), ("parameters", None), ("noise", NOISY), ("limits", COMMANDS)):
+        for name, allowed in (("memory", None), ("parameters", None), ("noise", NOISY), ("limits", COMMANDS)):
             values = getattr(self, name)
             good = isinstance(values, Mapping) and all(isinstance(key, str) and key.isidentifier() for key in values)
-            wrong = [key for key in values if known is not None and key not in known] if good else []
+            wrong = [key for key in values if allowed is not None and key not in allowed] if good else []
             if not good or wrong:
-                names = "user-defined names" if known is None else ", ".join(known)
-                near = hint(wrong[0], known) if wrong and known else ""
+                names = "user-defined names" if allowed is None else ", ".join(allowed)
+                near = hint(wrong[0], allowed) if wrong and allowed else ""
                 raise InputError(
                     f"{name}: expected a dict with {names}, got {shown(wrong[0] if wrong else values)}.{near}"
                 )
@@ -179,9 +179,9 @@ class Control:
         values = {name: np.asarray(rng.normal(size=shapes[name])) for name in arguments}
         for _ in range(2):
             tape: list[Any] = []
-            given = {name: traced(tape, value, value.ndim) for name, value in values.items()}
+            recorded = {name: traced(tape, value, value.ndim) for name, value in values.items()}
             with np.errstate(all="ignore"):
-                result = sampling.called(self.law, given, lengths, {name: shapes[name] for name in self.memory})
+                result = sampling.called(self.law, recorded, lengths, {name: shapes[name] for name in self.memory})
             runs.append({k: [float(getattr(v, "value", v)) for v in value.flat] for k, value in result.items()})
         if any(runs[0][name] != value for name, value in runs[1].items()):
             raise InputError(
@@ -202,8 +202,10 @@ def controlled_by(model: Model, control: Control | None, wheels: Wheels | None) 
 
 def at_the_start(model: Model, control: Control | None, wheels: Wheels | None, lanes: int) -> dict[str, Array]:
     """The components of a state in addition to the body's: 0, the momenta of the wheels, the memory of the law."""
-    more = sampling.components(cast("Controller", perturbation_of(model.system).control)) if control or wheels else {}
-    out = {letter: np.zeros(() if kind == "scalar" else int(kind[2:])) for letter, (kind, _) in more.items()}
+    components = (
+        sampling.components(cast("Controller", perturbation_of(model.system).control)) if control or wheels else {}
+    )
+    out = {letter: np.zeros(() if kind == "scalar" else int(kind[2:])) for letter, (kind, _) in components.items()}
     if control is not None and GENERATOR in out:
         out[GENERATOR] = streams(int(control.seed), lanes) if lanes > 1 else streams(int(control.seed), 1)[0]
     return out | ({} if wheels is None else {WHEELS: wheels.momenta}) | ({} if control is None else {**control.memory})

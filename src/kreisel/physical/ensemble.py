@@ -121,7 +121,9 @@ class Varied(Body, metaclass=OfLanes):
         call = getattr(owner, method) if method else owner
         usual = {name: p.default for name, p in inspect.signature(call).parameters.items() if p.default is not p.empty}
         arguments = usual | arguments
-        return Ensemble(_each(lambda each: call(**_replaced(arguments, each, "body")), [{"each": c} for c in changes]))
+        return Ensemble(
+            _each(lambda changes: call(**_replaced(arguments, changes, "body")), [{"changes": c} for c in changes])
+        )
 
 
 def _replaced(record: Any, changes: Mapping[str, Any], path: str) -> Any:
@@ -131,10 +133,10 @@ def _replaced(record: Any, changes: Mapping[str, Any], path: str) -> Any:
         first, _, remainder = name.partition(".")
         inner.setdefault(first, {})[remainder] = value
     table = dict(record) if isinstance(record, Mapping) else _table(record)
-    for name, each in inner.items():
-        if name not in table and (path != "body" or "" not in each):
+    for name, change in inner.items():
+        if name not in table and (path != "body" or "" not in change):
             raise InputError(f"{path}.{name}: expected one of {', '.join(table)}.{hint(name, table)}")
-        table[name] = each[""](table.get(name)) if "" in each else _replaced(table[name], each, f"{path}.{name}")
+        table[name] = change[""](table.get(name)) if "" in change else _replaced(table[name], change, f"{path}.{name}")
     return table if isinstance(record, Mapping) else type(record)(**table)
 
 
@@ -235,13 +237,13 @@ class Ensemble(Body):
                 )
             params[p.letter] = values[0] if unequal is None else np.stack(values)
         frame, letters = frames[0], first.system.space.letters
-        units, axes = dict(frame.units), np.stack([each.axes for each in frames])
+        units, axes = dict(frame.units), np.stack([lane_frame.axes for lane_frame in frames])
         for name, (unit, size) in frame.units.items():
-            sizes = np.array([each.size(name) for each in frames])
+            sizes = np.array([lane_frame.size(name) for lane_frame in frames])
             if (sizes != size).any():  # of vectors (lanes, 1)
                 units[name] = unit, sizes[:, None] if name in letters else sizes
         axes = axes if (axes != frame.axes).any() else frame.axes
-        epoch = frame.epoch if all(each.epoch == frame.epoch for each in frames) else ""
+        epoch = frame.epoch if all(lane_frame.epoch == frame.epoch for lane_frame in frames) else ""
         self._model = Model(first.system, params, replace(frame, axes=axes, units=units, epoch=epoch, lanes=self.names))
 
     def _doubts(self, seconds: float) -> Sequence[str]:
@@ -257,8 +259,8 @@ class Ensemble(Body):
             raise InputError(
                 f"state: expected one value for all, or one for each of {len(self)} lanes, got {len(lanes)}."
             )
-        states = _each(lambda body, each: body.state(**each), [
-            {"body": body, "each": each} for body, each in zip(self.members, lanes, strict=True)])  # fmt: skip
+        several = [{"body": body, "values": values} for body, values in zip(self.members, lanes, strict=True)]
+        states = _each(lambda body, values: body.state(**values), several)
         return joined(self._model, states)
 
     @property
@@ -299,8 +301,10 @@ def _lanes(arguments: Arguments, scalars: Sequence[str] = ()) -> list[dict[str, 
     counts = {name: _count(name, value, scalars) for name, value in arguments.items()}
     counts = {name: count for name, count in counts.items() if count}
     if len(set(counts.values())) > 1:
-        each = ", ".join(f"{count} of {name}" for name, count in counts.items())
-        raise InputError(f"expected one value for all lanes, or one for each, got values for different lanes: {each}.")
+        listed = ", ".join(f"{count} of {name}" for name, count in counts.items())
+        raise InputError(
+            f"expected one value for all lanes, or one for each, got values for different lanes: {listed}."
+        )
     return [
         {name: _at(value, lane, count, name in counts) for name, value in arguments.items()}
         for count in set(counts.values())
@@ -340,8 +344,8 @@ def _at(value: Any, lane: int, count: int, has_lanes: bool) -> Any:
     if not isinstance(value, Mapping):
         return value
     out = dict(value)
-    for name, each in value.items():
-        shape = () if callable(each) else np.shape(each)
-        if shape[:1] == (count,) and (len(shape) > 1 or not is_vector(each, 3)):
-            out[name] = np.reshape(each, (count, *(() if shape[1:] == (1,) else shape[1:])))[lane]
+    for name, entry in value.items():
+        shape = () if callable(entry) else np.shape(entry)
+        if shape[:1] == (count,) and (len(shape) > 1 or not is_vector(entry, 3)):
+            out[name] = np.reshape(entry, (count, *(() if shape[1:] == (1,) else shape[1:])))[lane]
     return out

@@ -206,9 +206,9 @@ def _air(body: Satellite) -> dict[str, Any]:
     if body.air == "harris-priester" and body.sun is None:
         _require_date(orbit, "air='harris-priester'")  # the Sun by its date
     R, f = orbit.primary.radius, orbit.primary.flattening
-    orbits = [each.orbit for each in body._lanes] or [orbit]
-    low = min(each.semi_major_axis * (1 - each.eccentricity) for each in orbits) - R
-    high = max(each.semi_major_axis * (1 + each.eccentricity) for each in orbits) - R * (1 - f)
+    orbits = [lane.orbit for lane in body._lanes] or [orbit]
+    low = min(path.semi_major_axis * (1 - path.eccentricity) for path in orbits) - R
+    high = max(path.semi_major_axis * (1 + path.eccentricity) for path in orbits) - R * (1 - f)
     return {
         "density": 1.0,
         "air": rows_between(TABLES[cast("str", body.air)], low, high),

@@ -71,9 +71,9 @@ class Forced(Varied):
     def _started(self, orientation: Array, M: Array, **components: Any) -> State:
         """The state with the momentum M (..., 3), and with wheels, memory and commands at the start."""
         model = self.model()
-        more = at_the_start(model, self.control, self.wheels, M.size // 3)
+        carried = at_the_start(model, self.control, self.wheels, M.size // 3)
         M = M if M.ndim == 1 else algebra.hat(M)  # 3 x 3 values may be one matrix or three vectors
-        return started(model, orientation, **{model.system.space.letters[0]: M}, **components, **more)
+        return started(model, orientation, **{model.system.space.letters[0]: M}, **components, **carried)
 
     def _with_functions(self, model: Model, quantities: tuple[str, ...]) -> Model:
         params = {} if self.params is None else self.params

@@ -88,8 +88,8 @@ class FreeBody(Forced):
 
         See `read_mesh`, whose result other bodies accept too.  Raises `InputError`.
         """
-        part = read_mesh(mesh, length, density, mass)
-        return cls(part.inertia, part.mass, time_unit, **forces)
+        solid = read_mesh(mesh, length, density, mass)
+        return cls(solid.inertia, solid.mass, time_unit, **forces)
 
     @cached_property
     def principal(self) -> Principal:
@@ -245,10 +245,10 @@ def angular_velocity_of(spin: Any, axis: Any) -> Array:
     return si_numbers(spin, "rad/s", "spin")
 
 
-def _homogeneous(mass: Any, sizes: Array, part: float) -> tuple[Array, float]:
-    """Moments I_1 = mass (b^2 + c^2)/part, and the mass."""
+def _homogeneous(mass: Any, sizes: Array, divisor: float) -> tuple[Array, float]:
+    """Moments I_1 = mass (b^2 + c^2)/divisor, and the mass."""
     mass = si_number(mass, "kg", "mass", positive=True)
     if sizes.min() < 0:
         raise InputError(f"expected lengths of at least 0, got {shown(sizes.tolist())}.")
-    squares = in_range("The moments", lambda: mass * sizes**2 / part)
+    squares = in_range("The moments", lambda: mass * sizes**2 / divisor)
     return squares.sum() - squares, mass

@@ -125,8 +125,8 @@ class FreeRotation:
         """The least and the largest angle between `axis` and the momentum, rad."""
         rotor = self._rotor
         if rotor.steady:
-            one, two, three = (float(v) for v in rotor.start_along)
-            angle = math.atan2(math.hypot(one, two), three)
+            x, y, z = (float(v) for v in rotor.start_along)
+            angle = math.atan2(math.hypot(x, y), z)
             return angle, angle
         a1, a2, a3 = self._amplitudes
         ends = math.atan2(abs(a1), a3), math.atan2(abs(a2), a3 * float(rotor.k_prime))
@@ -189,8 +189,8 @@ class FreeRotation:
         if rotor.steady:
             return np.tile(self.spin, (_points(points), 1))
         reach, a = math.pi / 2 if rotor.separatrix else math.pi, self._amplitudes
-        one, two, _ = (float(v) for v in rotor.start_along)
-        begin = 0.0 if rotor.separatrix else math.atan2(two * a[0], one * a[1])
+        x, y, _ = (float(v) for v in rotor.start_along)
+        begin = 0.0 if rotor.separatrix else math.atan2(y * a[0], x * a[1])
         phi = begin + rotor.axes.chi * rotor.s * np.linspace(-reach, reach, _points(points))
         cn, sn = np.cos(phi), np.sin(phi)
         sides = np.stack([cn, sn, np.hypot(cn, float(rotor.k_prime) * sn)], -1)

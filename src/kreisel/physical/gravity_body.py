@@ -78,12 +78,12 @@ class GravityBody:
         lag: Any = 0.0,
     ) -> GravityBody:
         """The homogeneous body whose closed surface is in a mesh file, as `read_mesh` has it, in its principal axes."""
-        part, triangles = solid(mesh, length, density, mass)
-        centred = triangles - part.center_of_mass
+        measures, triangles = solid(mesh, length, density, mass)
+        centred = triangles - measures.center_of_mass
         nodes, weights = _tetrahedron()
         volumes = np.linalg.det(centred) / 6
         points = nodes @ centred
-        masses = weights * (part.mass / volumes.sum() * volumes)[:, None]
+        masses = weights * (measures.mass / volumes.sum() * volumes)[:, None]
         size = float(np.sqrt((centred**2).sum(-1).max()))
         return cls._of(points.reshape(-1, 3), masses.ravel(), size, love, lag)
 

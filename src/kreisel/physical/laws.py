@@ -29,19 +29,19 @@ def _along_rate(field: Array, before: Array, begun: Array, *, gain: Any, every: 
 
 
 @explained
-def bdot(gain: Any, every: Any = 1.0, **more: Any) -> Control:
+def bdot(gain: Any, every: Any = 1.0, **options: Any) -> Control:
     """B-dot: the dipole -gain (dB/dt)/|B|^2, which brakes a tumbling satellite; only a magnetometer is needed.
 
     gain     N m s: the torque is about -gain (w - b (b.w)).  Advised: 2 n (1 + sin i) I, n the mean motion, i the
              inclination of the orbit to the magnetic equator, I the least moment of inertia
     every    s, between two samples, whose difference is dB/dt; the satellite rotates by less than pi in between
-    more     arguments of `kr.Control`: limits={"dipole": 0.2}, noise={"field": 1e-7}
+    options  arguments of `kr.Control`: limits={"dipole": 0.2}, noise={"field": 1e-7}
 
     [Stickler, Alfriend, J. Spacecraft Rockets 13 (1976) 282; gain: Avanzini, Giulietti, J. Guid. Control Dyn. 35
     (2012) 1326; Markley, Crassidis, Fundamentals of Spacecraft Attitude Determination and Control, 2014, section 7.5]
     """
     parameters = _numbers(gain=(gain, "N m s"), every=(every, "s"))
-    return Control(_along_rate, parameters["every"], {"before": np.zeros(3), "begun": 0.0}, parameters, **more)
+    return Control(_along_rate, parameters["every"], {"before": np.zeros(3), "begun": 0.0}, parameters, **options)
 
 
 def _against_rates(field: Array, rates: Array, *, gain: Any) -> dict[str, Array]:
@@ -49,12 +49,12 @@ def _against_rates(field: Array, rates: Array, *, gain: Any) -> dict[str, Array]
 
 
 @explained
-def magnetic_damping(gain: Any, every: Any = 1.0, **more: Any) -> Control:
-    """The dipole gain w x B/|B|^2, from measured rates: the torque -gain (w - b (b.w)); gain and `more` as for `bdot`.
+def magnetic_damping(gain: Any, every: Any = 1.0, **options: Any) -> Control:
+    """The dipole gain w x B/|B|^2, from measured rates: the torque -gain (w - b (b.w)); gain and options as for `bdot`.
 
     [Avanzini, Giulietti 2012]
     """
-    return Control(_against_rates, every, {}, {"gain": si_number(gain, "N m s", "gain")}, **more)
+    return Control(_against_rates, every, {}, {"gain": si_number(gain, "N m s", "gain")}, **options)
 
 
 @explained
@@ -66,7 +66,7 @@ def pointing(
     target: Any = ORBIT,
     unloading: Any = 0.0,
     every: Any = 1.0,
-    **more: Any,
+    **options: Any,
 ) -> Control:
     """Wheels that hold an attitude: the torque -stiffness a - damping (w - w_0), with a the rotation from the target.
 
@@ -75,7 +75,7 @@ def pointing(
     target     "orbit": the body axes x ahead, y against the normal of the orbit, z down; or an attitude in space,
                (w, x, y, z)
     unloading  1/s: the rate at which magnets remove momentum from the wheels, the dipole unloading h x B/|B|^2
-    more       arguments of `kr.Control`
+    options    arguments of `kr.Control`
 
     [Wie, Weiss, Arapostathis, J. Guid. Control Dyn. 12 (1989) 375; Markley, Crassidis 2014, sections 7.2 and 7.5]
     """
@@ -85,7 +85,7 @@ def pointing(
         raise InputError(f"target: expected 'orbit' or an attitude (w, x, y, z), got {shown(target)}.")
     aim = None if isinstance(target, str) else attitude_quaternion(target, "target")
     parameters = _numbers(stiffness=(stiffness, "N m/rad"), damping=(damping, "N m s"), unloading=(unloading, "1/s"))
-    return Control(_Pointing(wheels.axes, aim), every, {}, parameters, **more)
+    return Control(_Pointing(wheels.axes, aim), every, {}, parameters, **options)
 
 
 def _numbers(**values: tuple[Any, str]) -> dict[str, float]:
@@ -139,13 +139,13 @@ def _towards_sun(
 
 
 @explained
-def sun_pointing(axis: Any, stiffness: Any, damping: Any, every: Any = 1.0, **more: Any) -> Control:
+def sun_pointing(axis: Any, stiffness: Any, damping: Any, every: Any = 1.0, **options: Any) -> Control:
     """The torque stiffness axis x sun - damping w: a body axis points at the Sun; in the shadow it keeps its direction.
 
     stiffness, damping   N m/rad and N m s.  [Markley, Crassidis 2014, section 7.2]
     """
     parameters: dict[str, Any] = _numbers(stiffness=(stiffness, "N m/rad"), damping=(damping, "N m s"))
-    return Control(_towards_sun, every, {}, {**parameters, "axis": direction(axis, "axis")}, **more)
+    return Control(_towards_sun, every, {}, {**parameters, "axis": direction(axis, "axis")}, **options)
 
 
 @explained
@@ -171,8 +171,8 @@ def hysteresis_rods(
     directions = np.atleast_2d(directions) / np.linalg.norm(np.atleast_2d(directions), axis=-1, keepdims=True)
     count = len(directions)
     names = ("volume", "m^3"), ("coercivity", "A/m"), ("remanence", "T"), ("saturation", "T")
-    given = zip((volume, coercivity, remanence, saturation), names, strict=True)
-    sizes = {k: si_numbers(value, unit, k, ((), (count,))) + np.zeros(count) for value, (k, unit) in given}
+    pairs = zip((volume, coercivity, remanence, saturation), names, strict=True)
+    sizes = {k: si_numbers(value, unit, k, ((), (count,))) + np.zeros(count) for value, (k, unit) in pairs}
     for name, value in {**sizes, "saturation - remanence": sizes["saturation"] - sizes["remanence"]}.items():
         if not (value > 0).all() or not np.isfinite(directions).all():
             raise InputError(f"hysteresis_rods: expected {name} > 0 and axes with directions, got {shown(value)}.")

@@ -103,10 +103,10 @@ def in_range(label: str, value: Callable[[], Any]) -> Any:
     try:
         with np.errstate(all="ignore"):
             got = value()
-            parts = [np.asarray(part, dtype=np.float64) for part in (got if isinstance(got, tuple) else (got,))]
+            parts = [np.asarray(entry, dtype=np.float64) for entry in (got if isinstance(got, tuple) else (got,))]
     except (OverflowError, ZeroDivisionError):
         parts = [np.asarray(np.nan)]
-    if not all(np.isfinite(part).all() for part in parts):
+    if not all(np.isfinite(entry).all() for entry in parts):
         raise InputError(
             f"{label} leaves the range of doubles: expected data whose products lie between 1e-300 and 1e300 in SI "
             "units, got smaller or larger ones. Usual cause: a wrong unit."

@@ -163,12 +163,12 @@ class Orbit:
 
     @classmethod
     def circular(
-        cls, altitude: Any, inclination: Any = 0.0, node: Any = 0.0, primary: Primary = EARTH, **more: Any
+        cls, altitude: Any, inclination: Any = 0.0, node: Any = 0.0, primary: Primary = EARTH, **elements: Any
     ) -> Orbit:
-        """A circular orbit at this altitude above the surface, m; `more`: mean_anomaly, epoch, J2."""
+        """A circular orbit at this altitude above the surface, m; `elements`: mean_anomaly, epoch, J2."""
         primary = _checked(primary)
         radius = si_number(altitude, "m", "altitude") + primary.radius
-        return cls(radius, 0.0, inclination, node, 0.0, primary, **more)
+        return cls(radius, 0.0, inclination, node, 0.0, primary, **elements)
 
     @classmethod
     def from_state(cls, r: Any, v: Any, primary: Primary = EARTH, epoch: Any = None, J2: bool = False) -> Orbit:
@@ -263,8 +263,8 @@ class Orbit:
         dates, t = np.asarray([times]) if isinstance(times, str) else np.asarray(times), None
         if dates.dtype.kind in "MUO":
             with contextlib.suppress(TypeError, ValueError, AttributeError, InputError):
-                each: list[Any] = [_date(day) for day in (dates if dates.dtype.kind == "M" else dates.tolist())]
-                t, epoch = np.array([(day - each[0]).total_seconds() for day in each]), epoch or each[0]
+                days: list[Any] = [_date(day) for day in (dates if dates.dtype.kind == "M" else dates.tolist())]
+                t, epoch = np.array([(day - days[0]).total_seconds() for day in days]), epoch or days[0]
         t = finite_floats(times, "s", "times") if t is None else t
         r = si_numbers(positions, "m", "positions")
         v = None if velocities is None else si_numbers(velocities, "m/s", "velocities")

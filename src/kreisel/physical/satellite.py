@@ -125,7 +125,7 @@ class Satellite(Forced):
 
     @classmethod
     def cubesat(
-        cls, orbit: Orbit, units: float = 3, mass: Any = None, center_of_mass: Any = (0.0, 0.0, 0.0), **more: Any
+        cls, orbit: Orbit, units: float = 3, mass: Any = None, center_of_mass: Any = (0.0, 0.0, 0.0), **options: Any
     ) -> Satellite:
         """A CubeSat of `units` cubes of 10 cm, stacked along its first axis, 1.33 kg each, with the inertia of a box.
 
@@ -142,7 +142,7 @@ class Satellite(Forced):
             for sign in (1, -1)
         ]
         inertia = FreeBody.box(weight, tuple(sides)).inertia
-        return cls(inertia, orbit, **{"plates": tuple(plates), **more}).shaped("box", sides / 2)
+        return cls(inertia, orbit, **{"plates": tuple(plates), **options}).shaped("box", sides / 2)
 
     def environment(self, run: xr.Dataset) -> xr.Dataset:
         """Environment of the satellite along a run, in space: vectors (time, [lane,] axis), scalars (time, [lane]).
@@ -317,14 +317,14 @@ class Asteroid(Satellite):
         return cls((1e19, 3.09e19, 3.22e19), Orbit(2.5321 * ASTRONOMICAL_UNIT, 0.6288, primary=SUN))
 
 
-def _moments(given: Harmonics, along: Array) -> dict[str, Array]:
+def _moments(harmonics: Harmonics, along: Array) -> dict[str, Array]:
     """The parameters degree_3 and degree_4: m R^l (C_l0, C_l1, S_l1, ...), along the columns of `along`."""
-    if not isinstance(given, Harmonics) or not isinstance(given.coefficients, Mapping):
-        raise InputError(f"harmonics: expected Harmonics(mass, radius, {{(3, 0): (C, S)}}), got {shown(given)}.")
-    size = si_number(given.mass, "kg", "mass", positive=True)
-    R = si_number(given.radius, "m", "radius", positive=True)
+    if not isinstance(harmonics, Harmonics) or not isinstance(harmonics.coefficients, Mapping):
+        raise InputError(f"harmonics: expected Harmonics(mass, radius, {{(3, 0): (C, S)}}), got {shown(harmonics)}.")
+    size = si_number(harmonics.mass, "kg", "mass", positive=True)
+    R = si_number(harmonics.radius, "m", "radius", positive=True)
     coefficients = {3: np.zeros((4, 2)), 4: np.zeros((5, 2))}
-    for key, value in given.coefficients.items():
+    for key, value in harmonics.coefficients.items():
         degree, order = key if isinstance(key, tuple) and len(key) == 2 else (None, None)
         if degree not in coefficients or order not in range(degree + 1):
             raise InputError(f"harmonics: expected (l, m) with l = 3 or 4 and 0 <= m <= l, got {shown(key)}.")

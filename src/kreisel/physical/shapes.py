@@ -81,8 +81,8 @@ def solid(mesh: Any, length: Any, density: Any, mass: Any) -> tuple[Part, Array]
         else si_number(mass, "kg", "mass", positive=True)
     )
     inertia = in_range("The inertia tensor", lambda: sizes.inertia * (total / sizes.mass * unit**2))
-    part = Part(float(total), (sizes.center_mass + middle) * unit, inertia_tensor(inertia / 2 + inertia.T / 2 + 0.0))
-    return part, np.asarray(surface.triangles + middle) * unit
+    result = Part(float(total), (sizes.center_mass + middle) * unit, inertia_tensor(inertia / 2 + inertia.T / 2 + 0.0))
+    return result, np.asarray(surface.triangles + middle) * unit
 
 
 def _surface(file: Path) -> Any:
@@ -199,11 +199,11 @@ def read_robot(robot: str | os.PathLike[str], link: str | None = None) -> Part:
 
 def _links(element: ElementTree.Element, prefix: str) -> list[tuple[str, ElementTree.Element]]:
     """The links of a robot, a model or a world, by name; in nested models "model::link"."""
-    result = [(prefix + each.get("name", ""), each) for each in element.findall("link")]
+    result = [(prefix + link.get("name", ""), link) for link in element.findall("link")]
     for group in ("world", "model"):
-        for each in element.findall(group):
+        for model in element.findall(group):
             inner = prefix if group == "world" or element.tag == "sdf" else ""
-            result += _links(each, f"{inner}{each.get('name', '')}::" if group == "model" else prefix)
+            result += _links(model, f"{inner}{model.get('name', '')}::" if group == "model" else prefix)
     return result
 
 

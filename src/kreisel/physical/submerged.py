@@ -90,18 +90,18 @@ class SubmergedBody(Forced):
         self.model()
 
     @classmethod
-    def ellipsoid(cls, semi_axes: Any, mass: Any, fluid_density: Any, **more: Any) -> SubmergedBody:
+    def ellipsoid(cls, semi_axes: Any, mass: Any, fluid_density: Any, **options: Any) -> SubmergedBody:
         """An ellipsoid of constant density in a fluid, with its added masses.
 
         [Lamb, articles 114, 115]
         """
         body = Ellipsoid(si_numbers(semi_axes, "m", "semi_axes", ((3,),)), mass, fluid_density)
         added = (*body.added_masses, *body.added_moments)
-        known = {"added_mass": added, "displaced_mass": body.displaced_mass, **more}
-        return cls(body.mass, body.moments, **known).shaped("ellipsoid", body.semi_axes)
+        arguments = {"added_mass": added, "displaced_mass": body.displaced_mass, **options}
+        return cls(body.mass, body.moments, **arguments).shaped("ellipsoid", body.semi_axes)
 
     @classmethod
-    def cylinder(cls, radius: Any, length: Any, mass: Any, fluid_density: Any, **more: Any) -> SubmergedBody:
+    def cylinder(cls, radius: Any, length: Any, mass: Any, fluid_density: Any, **options: Any) -> SubmergedBody:
         """A slender round cylinder of constant density along the first axis, with the added masses of strip theory.
 
         pi rho r^2 L across it, its cube of L over 12 about the axes across, none along.  [Newman, Marine Hydrodynamics,
@@ -112,15 +112,15 @@ class SubmergedBody(Forced):
         fluid = np.pi * rho * r * r * L
         across = m * (3 * r * r + L * L) / 12
         added = (0.0, fluid, fluid, 0.0, fluid * L * L / 12, fluid * L * L / 12)
-        known = {"added_mass": added, "displaced_mass": fluid, **more}
-        return cls(m, (m * r * r / 2, across, across), **known).shaped("cylinder", (L / 2, r, r))
+        arguments = {"added_mass": added, "displaced_mass": fluid, **options}
+        return cls(m, (m * r * r / 2, across, across), **arguments).shaped("cylinder", (L / 2, r, r))
 
     @cached_property
     def mass_matrix(self) -> Array:
         """The 6 x 6 matrix of mass and added mass about O, of (U, Omega), SI."""
         S = algebra.hat(self.center_of_mass)
-        own = np.block([[self.mass * np.eye(3), -self.mass * S], [self.mass * S, self.inertia - self.mass * S @ S]])
-        return np.asarray(own + self.added_mass)
+        rigid = np.block([[self.mass * np.eye(3), -self.mass * S], [self.mass * S, self.inertia - self.mass * S @ S]])
+        return np.asarray(rigid + self.added_mass)
 
     def model(self) -> Model:
         """The system "submerged-body" with these parameters."""

@@ -34,15 +34,15 @@ Table = Mapping[str, Any]
 
 def kinds() -> dict[str, type[Body]]:
     """The classes of bodies by their names in a file."""
-    bodies = {name: each for name, each in parts().items() if isinstance(each, type) and issubclass(each, Varied)}
-    return {name: each for name, each in bodies.items() if is_dataclass(each)}
+    bodies = {name: value for name, value in parts().items() if isinstance(value, type) and issubclass(value, Varied)}
+    return {name: value for name, value in bodies.items() if is_dataclass(value)}
 
 
 def parts() -> dict[str, Callable[..., Any]]:
     """Classes and functions of `kr.physical` by their names in a file: "heavy-body", "bdot", "eddy-currents"."""
     named = {name: getattr(physical, name) for name in physical.__all__}
-    made = {name: each for name, each in named.items() if inspect.isclass(each) or inspect.isfunction(each)}
-    return {re.sub(r"(?<=[a-z])(?=[A-Z])|_", "-", name).lower(): each for name, each in made.items()}
+    callables = {name: value for name, value in named.items() if inspect.isclass(value) or inspect.isfunction(value)}
+    return {re.sub(r"(?<=[a-z])(?=[A-Z])|_", "-", name).lower(): value for name, value in callables.items()}
 
 
 @dataclass(frozen=True)
@@ -82,14 +82,14 @@ class Reader:
             return body.state(**values)
         return None
 
-    def record(self, kind: Callable[..., Any], given: Table, where: str) -> Any:
+    def record(self, kind: Callable[..., Any], arguments: Table, where: str) -> Any:
         """The record of a table; None after a mistake."""
-        before, table = len(self.faults.messages), dict(given)
-        part = self._part(kind, table, where)
-        call = self._constructor(kind, table, part, where)
+        before, table = len(self.faults.messages), dict(arguments)
+        measures = self._part(kind, table, where)
+        call = self._constructor(kind, table, measures, where)
         if call is None:
             return None
-        names = {k: v for k, v in part.items() if k in inspect.signature(call).parameters and k not in table}
+        names = {k: v for k, v in measures.items() if k in inspect.signature(call).parameters and k not in table}
         self._check_names(call, {**names, **table}, where)
         hints = {**types_of(kind), **types_of(call)}
         values = {k: self._value(v, hints.get(k), f"{where}.{k}") for k, v in table.items()}
@@ -111,12 +111,12 @@ class Reader:
                 return {}
             with self.faults.noted(f"[{where}]"):
                 path = values.pop(first)
-                part = reader(self.folder / path if isinstance(path, str) else path, **values)
-                return {**part._asdict(), "arm": part.center_of_mass}
+                measures = reader(self.folder / path if isinstance(path, str) else path, **values)
+                return {**measures._asdict(), "arm": measures.center_of_mass}
             return dict.fromkeys(("mass", "inertia", "center_of_mass", "arm"))
         return {}
 
-    def _constructor(self, kind: Any, table: dict[str, Any], part: Table, where: str) -> Callable[..., Any] | None:
+    def _constructor(self, kind: Any, table: dict[str, Any], measures: Table, where: str) -> Callable[..., Any] | None:
         """The class, or the class method that `shape` names or that the keys of a table belong to."""
         methods = _class_methods(kind)
         if "shape" in table:
@@ -126,7 +126,7 @@ class Reader:
                 got = f"{shown(shape)}.{hint(name, methods)}"
                 self.faults.add(f"[{where}] shape: expected one of {', '.join(methods)}, got {got}")
             return methods.get(name)
-        if part and ABOUT_CENTRE in methods:
+        if measures and ABOUT_CENTRE in methods:
             return methods[ABOUT_CENTRE]
         common = set(inspect.signature(kind).parameters)
         fits = {
@@ -162,7 +162,7 @@ class Reader:
         if isinstance(value, str) and "PathLike" in str(kind):
             return self.folder / value
         if records and isinstance(value, Mapping):  # of Orbit | ThirdBody, the one with most of these arguments
-            return self.record(max(records, key=lambda each: len(types_of(each).keys() & value)), value, where)
+            return self.record(max(records, key=lambda record: len(types_of(record).keys() & value)), value, where)
         if isinstance(value, list) and (records or any(isinstance(v, Mapping) for v in value)):
             record = next(iter(records), None)
             return [self._value(v, record, where) if isinstance(v, Mapping) or not records else v for v in value]
@@ -178,8 +178,8 @@ class Reader:
 
     def _quantity(self, value: Any, where: str) -> Any:
         """The value; texts that begin like a quantity must have a known unit."""
-        for each in value if isinstance(value, list) else ():
-            self._quantity(each, where)
+        for entry in value if isinstance(value, list) else ():
+            self._quantity(entry, where)
         if isinstance(value, str) and (match := QUANTITY.fullmatch(value)):
             with self.faults.noted(f"[{where}]"):
                 try:
@@ -215,7 +215,7 @@ def _type_of(call: Callable[..., Any], annotation: Any) -> Any:
 def records_of(kind: Any) -> Iterator[type[Any]]:
     """The records in a type, such as Plate in tuple[Plate, ...]."""
     if isinstance(kind, types.UnionType) or typing.get_origin(kind) is not None:
-        for each in typing.get_args(kind):
-            yield from records_of(each)
+        for argument in typing.get_args(kind):
+            yield from records_of(argument)
     elif isinstance(kind, type) and kind.__module__.startswith("kreisel."):
         yield kind

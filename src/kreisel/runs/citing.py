@@ -56,13 +56,16 @@ def cite(what: xr.Dataset | Model | System) -> str:
         record = RunRecord.from_attrs(attrs)
         references, version = record.references, record.source.removeprefix("kreisel ")
         method, order = record.method, record.order
-    known, sources = bibliography(), dict.fromkeys(re.findall(r"([A-Z][\w-]+(?:,? [A-Z][\w-]+)*) (\d{4})", references))
+    entries, sources = (
+        bibliography(),
+        dict.fromkeys(re.findall(r"([A-Z][\w-]+(?:,? [A-Z][\w-]+)*) (\d{4})", references)),
+    )
     named = {f"{name.split()[0].strip(',').lower()}{year}": f"{name} {year}" for name, year in sources}
     cited = METHODS[method].cited(order) if method in METHODS else ()
-    keys = dict.fromkeys([*(key for key in named if key in known), *cited])
-    unknown = [name for key, name in named.items() if key not in known]
+    keys = dict.fromkeys([*(key for key in named if key in entries), *cited])
+    unknown = [name for key, name in named.items() if key not in entries]
     comment = [f"% further: {', '.join(unknown)}"] if unknown else []
-    return "\n\n".join([SOFTWARE.format(version=version), *(known[key] for key in keys), *comment])
+    return "\n\n".join([SOFTWARE.format(version=version), *(entries[key] for key in keys), *comment])
 
 
 def bibliography() -> dict[str, str]:

@@ -118,11 +118,11 @@ def _plan_of_times(
     check_model(model)
     state = checked_state(model, x0)
     record, oriented = find(named(method, "method")), orientation is not None
-    made = scheme(model, record.name, dt, whole_order(order), oriented) if record.applies(model) else None
-    if made is None or made.orbits is None:
+    chosen = scheme(model, record.name, dt, whole_order(order), oriented) if record.applies(model) else None
+    if chosen is None or chosen.orbits is None:
         exact = find("exact")
-        known = exact.applies(model) and scheme(model, "exact", 1.0, None, oriented).orbits is not None
-        if record.name != "exact" and known:
+        has_flow = exact.applies(model) and scheme(model, "exact", 1.0, None, oriented).orbits is not None
+        if record.name != "exact" and has_flow:
             way = "method='exact' knows its flow: kr.at(system, x0, times)."
         else:
             exactly = has_points(model) and not (oriented and model.system.exact_map is not None)
@@ -135,8 +135,8 @@ def _plan_of_times(
             f"kr.at: no closed form of method={record.name!r} is known for {model.system.name}, n = {model.n}"
             f"{' and an orientation' * oriented}. {way}"
         )
-    settings = Settings(dt=dt, steps=0, method=method, order=order, observe=observed(observe, made))
-    return planned(model, made, settings, initial_parts(model, state, orientation), "cpu")
+    settings = Settings(dt=dt, steps=0, method=method, order=order, observe=observed(observe, chosen))
+    return planned(model, chosen, settings, initial_parts(model, state, orientation), "cpu")
 
 
 @dataclass(frozen=True)
@@ -208,8 +208,8 @@ def nutation(system: Model | Body, x0: StateLike) -> Figures:
         ) from None
 
 
-def _kind(here: TopMotion) -> str:
-    integrals = here.integrals
+def _kind(motion: TopMotion) -> str:
+    integrals = motion.integrals
     if integrals.P2 == 0:
         return "free"
     if integrals.coincident is None:
@@ -219,7 +219,7 @@ def _kind(here: TopMotion) -> str:
         return "steady"
     if x1 == x3:
         return "sleeping, critical"
-    return "falling asleep" if math.isfinite(here.e_foldings()) else "sleeping, unstable"
+    return "falling asleep" if math.isfinite(motion.e_foldings()) else "sleeping, unstable"
 
 
 def _precession(ctx: Any, integrals: Integrals) -> MpNumber:

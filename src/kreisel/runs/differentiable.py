@@ -136,33 +136,33 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
     """
     record = model.system.perturbation
     sampled = record is not None and record.control is not None and record.sampled
-    made = scheme(model, method, record.control.every if sampled else 1.0, order, oriented)  # type: ignore[union-attr]
-    if isinstance(made.motion, JaxSteps):
-        return Step(made, _linear(model, made, oriented))
-    if made.name == "exact":
-        return _closed(model, made, oriented)
-    if made.name == "baecklund" and model.system.pairs is not None and model.system.baecklund is None:
+    chosen = scheme(model, method, record.control.every if sampled else 1.0, order, oriented)  # type: ignore[union-attr]
+    if isinstance(chosen.motion, JaxSteps):
+        return Step(chosen, _linear(model, chosen, oriented))
+    if chosen.name == "exact":
+        return _closed(model, chosen, oriented)
+    if chosen.name == "baecklund" and model.system.pairs is not None and model.system.baecklund is None:
         raise InputError(
             "differentiable: expected a method whose steps need no search for branches of a spectral curve, got "
             f"method='baecklund' of {model.system.name}. Use another method: kr.methods() lists them."
         )
-    if model.n > MOST_N or not isinstance(made.motion, Steps) or made.coupling is not None:
+    if model.n > MOST_N or not isinstance(chosen.motion, Steps) or chosen.coupling is not None:
         raise InputError(
             f"differentiable: expected a method that makes steps and n of at most {MOST_N}, of a single body, got "
-            f"method={made.name!r}, {model.system.name}, n = {model.n}."
+            f"method={chosen.name!r}, {model.system.name}, n = {model.n}."
         )
-    if made.corrector is not None:
+    if chosen.corrector is not None:
         raise InputError(
-            f"differentiable: expected a method that steps the state itself, got order={made.options['order']}, whose "
-            "corrector comes before the steps and behind them. Use order=(8, 2) or (8, 6, 4)."
+            f"differentiable: expected a method that steps the state itself, got order={chosen.options['order']}, "
+            "whose corrector comes before the steps and behind them. Use order=(8, 2) or (8, 6, 4)."
         )
-    if made.name == "splitting" and (varied or sampled):
-        made = splitting(model, 1.0, made.options["order"], oriented, all_turns=True)
-    if made.name != "baecklund":
+    if chosen.name == "splitting" and (varied or sampled):
+        chosen = splitting(model, 1.0, chosen.options["order"], oriented, all_turns=True)
+    if chosen.name != "baecklund":
         ends: tuple[Any, ...] = ()
-        if made.name == "suris" and made.options["order"] == 2:
+        if chosen.name == "suris" and chosen.options["order"] == 2:
             ends = model.map.from_symmetric, model.map.to_symmetric
-        return Step(made, _linear(model, made, oriented), *ends)
+        return Step(chosen, _linear(model, chosen, oriented), *ends)
     if oriented:
         raise InputError(
             "Derivatives of the orientation: expected another method, such as 'exact' or 'suris', got "
@@ -170,7 +170,7 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
             "kr.simulate for kr.tangent, or orientation=False."
         )
     if model.system.exact_map is not None:
-        return Step(made, _of_map(model, made))
+        return Step(chosen, _of_map(model, chosen))
 
     def spun(function: Callable[..., Parts], *z: Array, **constants: Any) -> Parts:
         """The function with rotation matrices computed from their coordinates, which are fewer."""
@@ -178,64 +178,64 @@ def _step_of(model: Model, method: str | None, order: Any, oriented: bool, varie
             constants |= dict.fromkeys(SPINS, algebra.skew(constants.pop(SPIN), model.n))
         return function(*z, **constants)
 
-    motion = cast("Steps", made.motion)
+    motion = cast("Steps", chosen.motion)
     motion = Steps(partial(spun, motion.step), motion.close and partial(spun, motion.close))
-    return Step(replace(made, motion=motion), _of_baecklund(model, made))
+    return Step(replace(chosen, motion=motion), _of_baecklund(model, chosen))
 
 
-def _linear(model: Model, made: Scheme, oriented: bool) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
+def _linear(model: Model, scheme: Scheme, oriented: bool) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
     """Constants of the step and of its stages, linear in dt or independent of it: from their values at dt = 1, 2."""
-    order = made.options.get("order")
-    if made.name == "splitting":
+    order = scheme.options.get("order")
+    if scheme.name == "splitting":
         twice = splitting(model, 2.0, order, oriented, all_turns=True)
     else:
-        twice = find(made.name).make(model, 2.0, order, oriented)
+        twice = find(scheme.name).make(model, 2.0, order, oriented)
 
     def at(state: Parts, constants: Known, dt: Any) -> tuple[Known, Known]:
         def value(x: Any, y: Any) -> Any:
             rate = np.asarray(y, dtype=np.float64) - x
             return x if not rate.any() else x - rate + rate * dt
 
-        mine = {k: value(v, twice.constants[k]) for k, v in made.constants.items() if k not in model.constants}
-        return mine, {k: value(v, twice.stages[k]) for k, v in made.stages.items()}
+        mine = {k: value(v, twice.constants[k]) for k, v in scheme.constants.items() if k not in model.constants}
+        return mine, {k: value(v, twice.stages[k]) for k, v in scheme.stages.items()}
 
     return at
 
 
-def _closed(model: Model, made: Scheme, oriented: bool) -> Step:
+def _closed(model: Model, scheme: Scheme, oriented: bool) -> Step:
     """The closed form as one short step; `reach`, at most 1, is its length."""
-    part = closed_form(model.system, model.n)
-    if part is None or part.reach is None:
+    motion = closed_form(model.system, model.n)
+    if motion is None or motion.reach is None:
         raise InputError(
             "differentiable: expected the closed form of a free body or a Lagrange top, n = 3, with method='exact', "
             f"got {model.system.name}. Use another method: kr.methods() lists them."
         )
-    reach, count = part.reach, len(model.system.space.letters)
+    reach, count = motion.reach, len(model.system.space.letters)
 
     def take(*z: Array, eps: Any, **constants: Any) -> Parts:
-        state, g = part.move(z[:count], z[count:-1], eps, constants)
+        state, g = motion.move(z[:count], z[count:-1], eps, constants)
         return (*state, *g, algebra.maximum(z[-1], reach(z[:count], eps, constants)))
 
-    guard = Guard(f"A step is longer than {part.name} is precise for", "more than some radians a step.", REACH, 1.0)
+    guard = Guard(f"A step is longer than {motion.name} is precise for", "more than some radians a step.", REACH, 1.0)
     components = (*with_orientation(model, oriented), (REACH, "scalar"))
-    step = replace(made, components=components, motion=Steps(take, None), guard=guard)
-    return Step(step, lambda state, known, dt: ({"eps": dt}, {}))
+    step = replace(scheme, components=components, motion=Steps(take, None), guard=guard)
+    return Step(step, lambda state, constants, dt: ({"eps": dt}, {}))
 
 
-def _of_baecklund(model: Model, made: Scheme) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
+def _of_baecklund(model: Model, scheme: Scheme) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
     """mu = zeta/dt, rho, and the rotations of the body.
 
     rho has no derivative: the step improves it by a step of Newton's method, so only its square counts, and the
     derivatives of the step equal the derivatives with the rho of this state.  It is compiled, as in a run.
     """
-    order = made.options["order"]
+    order = scheme.options["order"]
     unit = Product(model, 1.0, order, False)
     pairs, points = len(unit.pairs), len(unit.points)
 
-    def host(dt: Array, state: list[Array], given: Known) -> Array:
-        lane, known = copy(model), {k: np.asarray(v) for k, v in given.items()}
-        lane.constants = {**model.constants, **known}
-        by_kernel = partial(points_of, replace(made, constants={**made.constants, **known}))
+    def host(dt: Array, state: list[Array], parameters: Known) -> Array:
+        lane, arrays = copy(model), {k: np.asarray(v) for k, v in parameters.items()}
+        lane.constants = {**model.constants, **arrays}
+        by_kernel = partial(points_of, replace(scheme, constants={**scheme.constants, **arrays}))
         try:
             maps = Product(lane, float(dt), order, False)
             constants, stages = maps.trajectory(tuple(map(np.asarray, state)), by_kernel)
@@ -244,11 +244,11 @@ def _of_baecklund(model: Model, made: Scheme) -> Callable[[Parts, Known, Any], t
         rho = np.append(stages["rho_re"] + 1j * stages["rho_im"] if pairs else (), constants.get("rho", ()))
         return np.concatenate([rho.real, rho.imag])
 
-    def at(state: Parts, known: Known, dt: Any) -> tuple[Known, Known]:
+    def at(state: Parts, parameters: Known, dt: Any) -> tuple[Known, Known]:
         from kreisel.kernels import jax_numbers as by
 
-        given = {k: by.values(v) for k, v in known.items()}
-        rho = by.from_host(host, 2 * points, dt, [by.values(x) for x in state], given)
+        arrays = {k: by.values(v) for k, v in parameters.items()}
+        rho = by.from_host(host, 2 * points, dt, [by.values(x) for x in state], arrays)
         constants: Known = {}
         stages: Known = {}
         if pairs:
@@ -258,23 +258,23 @@ def _of_baecklund(model: Model, made: Scheme) -> Callable[[Parts, Known, Any], t
         if unit.single:
             constants = {"mu": unit.single[0] / dt, "rho": rho[pairs]}
         if unit.spins:
-            turn = by.half_turn(call(unit.record.spin, state, known), dt)
+            turn = by.half_turn(call(unit.record.spin, state, parameters), dt)
             constants[SPIN] = algebra.coordinates(turn)
         return constants, stages
 
     return at
 
 
-def _of_map(model: Model, made: Scheme) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
+def _of_map(model: Model, scheme: Scheme) -> Callable[[Parts, Known, Any], tuple[Known, Known]]:
     """z = eps/2i and w of `ExactMap`, with derivatives."""
-    unit = fractions(1.0, made.options["order"]) / 2j
+    unit = fractions(1.0, scheme.options["order"]) / 2j
 
     def at(state: Parts, constants: Known, dt: Any) -> tuple[Known, Known]:
         from kreisel.kernels import jax_numbers as by
 
         z = unit * by.values(dt)
-        given = {k: by.values(v) for k, v in constants.items()}
-        w = call(cast("ExactMap", model.system.exact_map).level, tuple(map(by.values, state)), {**given, "z": z})
+        arrays = {k: by.values(v) for k, v in constants.items()}
+        w = call(cast("ExactMap", model.system.exact_map).level, tuple(map(by.values, state)), {**arrays, "z": z})
         return {}, dict(zip(OF_MAP, (z.real, z.imag, w.real, w.imag), strict=True))
 
     return at
@@ -291,7 +291,7 @@ def constants_of(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
     if not parameters:
         return dict(model.constants)
     stated = {p.letter: p for p in model.system.parameters if p.kind not in ("dimension", "table")}
-    known = {p.letter: model.constants[p.letter] for p in model.system.parameters}
+    constants = {p.letter: model.constants[p.letter] for p in model.system.parameters}
     for letter, value in parameters.items():
         if letter not in stated:
             raise InputError(
@@ -301,23 +301,23 @@ def constants_of(by: Any, model: Model, parameters: Mapping[str, Any]) -> Known:
         array = by.array(value, letter)
         if stated[letter].kind == "symmetric" and array.ndim == 1:
             array = array[..., None] * np.eye(model.n)
-        if array.shape != known[letter].shape:
+        if array.shape != constants[letter].shape:
             raise InputError(
-                f"{letter}: expected the shape {known[letter].shape}, got {array.shape}. For a batch use jax.vmap."
+                f"{letter}: expected the shape {constants[letter].shape}, got {array.shape}. For a batch use jax.vmap."
             )
-        known[letter] = array
-    if not any(by.is_traced(v) for v in known.values()):
+        constants[letter] = array
+    if not any(by.is_traced(v) for v in constants.values()):
         tables = {letter: model.params[letter] for letter, p in stated.items() if p.kind == "table"}
-        values = {letter: np.asarray(value) for letter, value in known.items()}
+        values = {letter: np.asarray(value) for letter, value in constants.items()}
         return dict(model.system(**{**values, **tables}).constants)
     if model.system.derive is not None:
-        given = dict(known)
-        known |= by.first_of(
-            (lambda: dict(call(model.system.derive, (), given))),
-            (lambda: dict(call(model.system.derive, (), {k: by.mixed(v) for k, v in given.items()}))),
+        underived = dict(constants)
+        constants |= by.first_of(
+            (lambda: dict(call(model.system.derive, (), underived))),
+            (lambda: dict(call(model.system.derive, (), {k: by.mixed(v) for k, v in underived.items()}))),
             f"the parameters of {model.system.name}, {', '.join(parameters)},",
         )
-    return {k: by.mixed(v) for k, v in known.items()}
+    return {k: by.mixed(v) for k, v in constants.items()}
 
 
 def _given(by: Any, model: Model, state: Mapping[str, Any], oriented: bool, begin: Array | None) -> Parts:
@@ -375,34 +375,34 @@ def _rows(
     every: int,
     parameters: Known,
 ) -> dict[str, Array]:
-    space, known = model.system.space, constants_of(by, model, parameters)
+    space, constants = model.system.space, constants_of(by, model, parameters)
     state = start[: len(space.letters)]
-    more, stages = step.constants(state, known, dt)
-    known |= {k: by.mixed(v) for k, v in more.items()}
-    made, motion, count = step.scheme, step.scheme.motion, len(space.letters)
-    shown = made.components[: len(start)]
-    z = start if step.begin is None else (*call(step.begin, state, known), *start[count:])
+    of_step, stages = step.constants(state, constants, dt)
+    constants |= {k: by.mixed(v) for k, v in of_step.items()}
+    scheme, motion, count = step.scheme, step.scheme.motion, len(space.letters)
+    shown = scheme.components[: len(start)]
+    z = start if step.begin is None else (*call(step.begin, state, constants), *start[count:])
     clock = by.mixed(by.jnp.asarray(time / dt, dtype=float)) + zero(model.system, state)
-    z = (*z, *(clock if name == COUNT else zero(model.system, state) for name, _ in made.components[len(z) :]))
-    flat = by.values(algebra.flatten(z, made.kinds))
+    z = (*z, *(clock if name == COUNT else zero(model.system, state) for name, _ in scheme.components[len(z) :]))
+    flat = by.values(algebra.flatten(z, scheme.kinds))
     if isinstance(motion, JaxSteps):
-        flat = by.orbit_of_arrays(motion.step, made.kinds, model.n, flat, known, rows, every)
+        flat = by.orbit_of_arrays(motion.step, scheme.kinds, model.n, flat, constants, rows, every)
     else:
         steps = cast("Steps", motion)
-        flat = by.orbit(steps.step, steps.close, made.kinds, model.n, flat, known, stages, rows, every)
+        flat = by.orbit(steps.step, steps.close, scheme.kinds, model.n, flat, constants, stages, rows, every)
 
     def shown_row(row: Array) -> dict[str, Array]:
-        x = algebra.restore(by.numbers(row), made.kinds, model.n)[: len(shown)]
-        x = x if step.end is None else (*call(step.end, x[:count], known), *x[count:])
+        x = algebra.restore(by.numbers(row), scheme.kinds, model.n)[: len(shown)]
+        x = x if step.end is None else (*call(step.end, x[:count], constants), *x[count:])
         out = {k: by.values(algebra.KINDS[kind].for_user(v)) for (k, kind), v in zip(shown, x, strict=True)}
-        if made.guard is None:
+        if scheme.guard is None:
             return out
-        valid = by.jnp.where(row[-1] <= made.guard.limit, 1.0, by.jnp.nan)  # a factor: derivatives are NaN as well
+        valid = by.jnp.where(row[-1] <= scheme.guard.limit, 1.0, by.jnp.nan)  # a factor: derivatives are NaN as well
         return {k: valid * v for k, v in out.items()}
 
     out = by.jax.vmap(shown_row)(flat)
     if not any(by.is_traced(v) for v in out.values()) and not all(np.isfinite(v).all() for v in out.values()):
-        guard = made.guard
+        guard = scheme.guard
         why = f"{guard.fault}. Usual cause: {guard.cause}" if guard else "Usual cause: dt too long for this state."
         raise RunError(f"{model.system.name}: the state is no longer finite. {why} kr.simulate names the step.")
     return {letter: out[letter] for letter, _ in shown}

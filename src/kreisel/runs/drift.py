@@ -102,22 +102,22 @@ def _rows(run: xr.Dataset, names: list[str], sloping: bool = True) -> dict[str, 
     for name in names:
         scan = _Scan(name, run, run.variables[name], clock, sloping)
         width, unknown = _widths(run, scan)
-        for part, label in enumerate(scan.labels):
-            lane = int(_ratio(scan.largest[:, part], width[:, part]).argmax())  # the worst
-            change, limit = float(scan.largest[lane, part]), float(width[lane, part])
-            scale = scan.step_scale[lane, part]
+        for column, label in enumerate(scan.labels):
+            lane = int(_ratio(scan.largest[:, column], width[:, column]).argmax())  # the worst
+            change, limit = float(scan.largest[lane, column]), float(width[lane, column])
+            scale = scan.step_scale[lane, column]
             off = scan.conserved and change > FAR * limit and lane not in unknown
             if off:  # dt times the largest entry of the state: about the angle of rotation in a step
                 states = in_state_form(run)
                 turn = max(_sizes(states, lane, slice(None)), default=0.0) * float(states.attrs.get("dt", 0.0))
-                off = bool(far(change, limit, scale + abs(scan.start[lane, part]), turn))
+                off = bool(far(change, limit, scale + abs(scan.start[lane, column]), turn))
             rows[label] = {
                 "kind": scan.kind,
                 "conserved": scan.conserved,
-                "start": float(scan.start[lane, part]) + 0.0,
+                "start": float(scan.start[lane, column]) + 0.0,
                 "max_change": change,
-                "ulps": float(_ratio(change, MACHINE_EPSILON * max(scan.value_scale[lane, part], scale))),
-                "slope": float(scan.slope[lane, part]),
+                "ulps": float(_ratio(change, MACHINE_EPSILON * max(scan.value_scale[lane, column], scale))),
+                "slope": float(scan.slope[lane, column]),
                 "correction": float(scan.correction),
                 "broken": off,
             }
@@ -146,7 +146,7 @@ def _widths(run: xr.Dataset, scan: _Scan) -> tuple[np.ndarray, set[int]]:
 
     def has_grown(lane: int) -> bool:
         sizes = zip(_sizes(run, lane, slice(None)), _sizes(run, lane, first), strict=True)
-        return any(whole > GROWN * begun for whole, begun in sizes)
+        return any(size > GROWN * begun for size, begun in sizes)
 
     return width, {lane for lane in lanes.tolist() if has_grown(lane)}
 
@@ -260,7 +260,7 @@ class _Scan:
         self.name, self.kind = name, str(variable.attrs["kind"])
         self.conserved = bool(variable.attrs.get("conserved", False))
         family = variable.ndim > 1 + ("lane" in variable.dims)
-        self.labels = [f"{self.name}[{part}]" for part in range(variable.shape[-1])] if family else [self.name]
+        self.labels = [f"{self.name}[{column}]" for column in range(variable.shape[-1])] if family else [self.name]
         self.shape = (variable.sizes.get("lane", 1), len(self.labels))
         lanes = run.variables["lane"].values if "lane" in run.variables else None
         scales = [scales_of_lanes(name, variable, lanes, key) for key in SCALES]
@@ -307,12 +307,12 @@ def all_series(run: xr.Dataset) -> Iterator[Series]:
         variable, many = run.variables[name], run.sizes.get("lane", 1) > 1
         begun = clock if many else _Clock(run.isel(time=slice(0, 1)))
         scan = _Scan(name, run, variable if many else variable[:1], begun, False)
-        for part, label in enumerate(scan.labels):
-            lane = int(_ratio(scan.largest[:, part], scan.width()[:, part]).argmax()) if many else 0
-            one = variable.isel(lane=lane) if "lane" in variable.dims else variable
+        for column, label in enumerate(scan.labels):
+            lane = int(_ratio(scan.largest[:, column], scan.width()[:, column]).argmax()) if many else 0
+            series = variable.isel(lane=lane) if "lane" in variable.dims else variable
             # one part at a time: an archive may be longer than memory
-            values = read_values(one[..., part] if one.ndim > 1 else one, name)
-            at = float(scan.step_scale[lane, part]), float(scan.value_scale[lane, part])
+            values = read_values(series[..., column] if series.ndim > 1 else series, name)
+            at = float(scan.step_scale[lane, column]), float(scan.value_scale[lane, column])
             yield Series(label, name, scan.kind, scan.conserved, values, *at)
 
 
@@ -320,12 +320,12 @@ def _extremes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The least and the largest along the first axis; NumPy is slow if the other axes are short."""
     if len(values) < FEW_ROWS:
         return np.minimum.reduce(values, 0), np.maximum.reduce(values, 0)
-    whole, shape = len(values) // TOGETHER * TOGETHER, values.shape[1:]
+    count, shape = len(values) // TOGETHER * TOGETHER, values.shape[1:]
     out = []
     for least in (np.minimum, np.maximum):
-        parts = [values[whole:]] if whole < len(values) else []
-        if whole:
-            wide = values[:whole].reshape(whole // TOGETHER, -1)
+        parts = [values[count:]] if count < len(values) else []
+        if count:
+            wide = values[:count].reshape(count // TOGETHER, -1)
             parts.append(least.reduce(wide, 0).reshape(TOGETHER, *shape))
         out.append(least.reduce(np.concatenate(parts), 0))
     return out[0], out[1]
@@ -374,14 +374,14 @@ def whole_run(run: xr.Dataset, name: str, lanes: np.ndarray) -> tuple[Floats, Fl
     some = run.isel(time=rows, lane=lanes) if "lane" in run.dims else run.isel(time=rows)
     try:
         model = record.model.lanes(some["lane"].values) if "lane" in run.coords else record.model
-        made = scheme(model, record.method, record.dt, record.order, ORIENTATION in run)
-        states = {k: read_values(some[k]) for k, outcome in made.outcomes.items() if outcome.kind not in KINDS}
+        chosen = scheme(model, record.method, record.dt, record.order, ORIENTATION in run)
+        states = {k: read_values(some[k]) for k, outcome in chosen.outcomes.items() if outcome.kind not in KINDS}
     except (InputError, KeyError):
         return None
-    width = algebra.coordinate_count(made.kinds, model.n)
+    width = algebra.coordinate_count(chosen.kinds, model.n)
     plan = Plan(
         model=model,
-        scheme=made,
+        scheme=chosen,
         settings=Settings(dt=record.dt, steps=len(rows)),
         first=np.zeros((len(lanes), width)),
         batched="lane" in run.dims,
@@ -418,8 +418,8 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
         largest = [np.argpartition(size, -LARGEST)[-LARGEST:] for size in sizes]
         lanes = np.unique(np.concatenate([_spread(plan.lanes, SOME_LANES), *largest]))
         model, order = plan.model.lanes(lanes), plan.scheme.options.get("order")
-        made = scheme(model, plan.scheme.name, plan.dt, order, ORIENTATION in plan.start)
-        plan = replace(plan, model=model, scheme=made, first=plan.first[lanes])
+        chosen = scheme(model, plan.scheme.name, plan.dt, order, ORIENTATION in plan.start)
+        plan = replace(plan, model=model, scheme=chosen, first=plan.first[lanes])
         first = {name: value[:, lanes] for name, value in first.items()}
     z, n = _sampled_rows(plan, first), plan.model.n
     samples = SAMPLES if n <= MANY_SAMPLES_N else max(2, 16 * SAMPLES // n)  # every coordinate counts
@@ -432,17 +432,17 @@ def roundoff_scales(plan: Plan, first: Mapping[str, Array]) -> dict[str, dict[st
         return {}
     values = values.reshape(*by.shape[:3], -1)
     up, down, a_bit_up, a_bit_down = values[:-1].reshape(4, samples, *values.shape[1:])
-    here, shape = values[-1], (-1, *values.shape[2:])
+    value, shape = values[-1], (-1, *values.shape[2:])
     squares = np.square((up - down) / (2 * NUDGE)).reshape(shape)
-    noise = (abs(a_bit_up + a_bit_down - 2 * here) / (2 * MACHINE_EPSILON)).reshape(shape)
+    noise = (abs(a_bit_up + a_bit_down - 2 * value) / (2 * MACHINE_EPSILON)).reshape(shape)
     # `mean` and `max` of arrays are in Python, and need longer than these
     felt, noise = np.sqrt(np.add.reduce(squares, 0) / len(squares)), np.maximum.reduce(noise, 0)
     for place in places.values() if n > MANY_SAMPLES_N else ():
         if place.stop - place.start == n * (n - 1) // 2:  # entries of one matrix
             noise[:, place] = noise[:, place].max(-1, keepdims=True)
-    both, scales = (felt, np.maximum(noise, np.maximum.reduce(abs(here), 0))), dict[str, dict[str, list[float]]]()
+    measured, scales = (felt, np.maximum(noise, np.maximum.reduce(abs(value), 0))), dict[str, dict[str, list[float]]]()
     for name, place in places.items():
-        result = [scale[:, place] for scale in both]
+        result = [scale[:, place] for scale in measured]
         result = [scale.max(0) if plan.batched and (many or scale.size > MOST_SCALES) else scale for scale in result]
         scales[name] = {key: scale.ravel().tolist() for key, scale in zip(SCALES, result, strict=True)}
     return scales

@@ -117,8 +117,8 @@ def example(system: System, n: int | None = None, values: Mapping[str, Any] | No
     if body is not None:
         parameters = {**body["parameters"], **(values or {})}
         first = [*body["orientation"]] if "orientation" in body else None
-        made = _planned(system(**parameters), parameters, body["state"], first, body["dt"])
-        return replace(made, meanings=body["meanings"])
+        result = _planned(system(**parameters), parameters, body["state"], first, body["dt"])
+        return replace(result, meanings=body["meanings"])
     size = n or system.n or (SITES if system.space.name.startswith("(so(3)") else 3)
     last: Exception = InputError(f"{system.name}: no example was found.")
     for parameters in itertools.islice(_parameters(system, size, values or {}), TRIED):
@@ -165,11 +165,11 @@ def rounded(x: float) -> float:
     return float(f"{digit * power:.0e}")
 
 
-def _parameters(system: System, n: int, given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def _parameters(system: System, n: int, fixed: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """Values to try, each parameter's example first."""
-    needed = [p for p in system.parameters if (p.default is None or p.kind == "dimension") and p.letter not in given]
+    needed = [p for p in system.parameters if (p.default is None or p.kind == "dimension") and p.letter not in fixed]
     for values in itertools.product(*(_values(p, n, place) for place, p in enumerate(needed))):
-        yield {**dict(zip((p.letter for p in needed), values, strict=True)), **given}
+        yield {**dict(zip((p.letter for p in needed), values, strict=True)), **fixed}
 
 
 def _values(p: Parameter, n: int, place: int) -> list[Any]:

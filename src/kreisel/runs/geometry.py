@@ -125,8 +125,8 @@ def require_of_body(run: xr.Dataset, parameters: Mapping[str, Any]) -> None:
 
 def is_upright(model: Model) -> bool:
     """Whether the system has a vertical and an axis: a top with n = 3, under gravity."""
-    other = fixed_vector(model, "space" if model.system.frame is Frame.REST else "body")
-    return model.n == 3 and other is not None and bool(other.any())
+    fixed = fixed_vector(model, "space" if model.system.frame is Frame.REST else "body")
+    return model.n == 3 and fixed is not None and bool(fixed.any())
 
 
 def vertical_and_axis(model: Model, carried: Array) -> tuple[Array, Array]:
@@ -135,15 +135,15 @@ def vertical_and_axis(model: Model, carried: Array) -> tuple[Array, Array]:
     Raises `InputError` if n is not 3 or the system has no vertical and axis: a body in a fluid, a particle.
     """
     space = model.system.frame is Frame.REST
-    other = fixed_vector(model, "space" if space else "body")
-    if model.n != 3 or other is None:
+    fixed = fixed_vector(model, "space" if space else "body")
+    if model.n != 3 or fixed is None:
         raise InputError(
             f"{model.system.name} with n = {model.n} has no vertical and axis; a top with n = 3 was expected "
             "(kr.LagrangeTop, kr.LagrangeTopMoving, kr.SymmetricTop, kr.HeavyTop)."
         )
-    if not other.any():
+    if not fixed.any():
         raise InputError("Without gravity or a lever the vertical or the axis is undefined: a parameter is 0.")
-    pair = (other, carried) if space else (carried, other)
+    pair = (fixed, carried) if space else (carried, fixed)
     with np.errstate(all="ignore"):
         up, axis = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in np.broadcast_arrays(*pair))
     if not (up.any(-1) & axis.any(-1) & np.isfinite(up).all(-1) & np.isfinite(axis).all(-1)).all():

@@ -171,15 +171,17 @@ def _converted(run: xr.Dataset, frame: BodyFrame, forward: bool) -> xr.Dataset:
         beside = forward if name in INTERNAL else name in run.coords
         (coords if beside else data)[f"{new}_{suffix}" if suffix else new] = out
     result = xr.Dataset(data, {k: v for k, v in coords.items() if k in run.xindexes}, dict(run.attrs))
-    more = {k: v for k, v in coords.items() if k not in run.xindexes}
-    result = result.assign_coords(xr.Coordinates(more, indexes={})) if more else result
+    unindexed = {k: v for k, v in coords.items() if k not in run.xindexes}
+    result = result.assign_coords(xr.Coordinates(unindexed, indexes={})) if unindexed else result
     factor, attrs = frame.time_unit if forward else 1 / frame.time_unit, run.attrs
     result.attrs |= {k: attrs[k] * factor for k in (*CLOCKS, "stopped") if attrs.get(k) is not None}
     if attrs.get("event_times") is not None:
         events = parsed(attrs["event_times"], "The attribute event_times")
         result.attrs["event_times"] = json.dumps([[time * factor, number] for time, number in events])
     if attrs.get("impulses") is not None:
-        impulses = [frame.components(each, forward) for each in parsed(attrs["impulses"], "The attribute impulses")]
+        impulses = [
+            frame.components(impulse, forward) for impulse in parsed(attrs["impulses"], "The attribute impulses")
+        ]
         result.attrs["impulses"] = json.dumps(impulses, default=np.ndarray.tolist)
     return result
 
@@ -244,7 +246,7 @@ def _model_of(run: xr.Dataset, model: Model | None) -> Model | None:
 
 
 def _of_rows(
-    run: xr.Dataset, model: Model, function: Callable[..., Array], attrs: Any, more: Any = (), axes: Any = ()
+    run: xr.Dataset, model: Model, function: Callable[..., Array], attrs: Any, variables: Any = (), axes: Any = ()
 ) -> xr.Variable:
     """A function of the components of the state and of further variables at each row, read when it is needed."""
     letters, kinds = zip(*model.system.space.components, strict=True)
@@ -253,7 +255,7 @@ def _of_rows(
         state = [algebra.KINDS[kind].from_user(v, 3) for kind, v in zip(kinds, parts, strict=False)]
         return function(state, *parts[len(kinds) :])
 
-    sources = [*(run.variables[letter] for letter in letters), *more]
+    sources = [*(run.variables[letter] for letter in letters), *variables]
     return _rows((*sources[0].dims[:-1], *axes), sources, values, bool(model.batch), attrs)
 
 
@@ -402,7 +404,7 @@ def scaled_settings(model: Model, asked: Mapping[str, Any]) -> dict[str, Any]:
         out["every"] = steps_in(frame, out["every"], out["dt"], "every")
     if out.get("impulses"):
         several = out["impulses"] if isinstance(out["impulses"], list | tuple) else [out["impulses"]]
-        out["impulses"] = [_impulse(frame, each) for each in several]
+        out["impulses"] = [_impulse(frame, impulse) for impulse in several]
     return {**asked, **out}
 
 
@@ -435,14 +437,14 @@ def _impulse(frame: BodyFrame, impulse: Any) -> Any:
 def scaled_events(frame: BodyFrame, events: Any) -> Any:
     """Events whose functions receive and return a state in SI, by names in words, for a run in units of the state."""
     several = [events] if isinstance(events, Event) else events
-    if not isinstance(several, Sequence) or not all(isinstance(each, Event) for each in several):
+    if not isinstance(several, Sequence) or not all(isinstance(event, Event) for event in several):
         return events
 
-    def of_state(function: Any, each: Event | None = None) -> Any:
+    def of_state(function: Any, event: Event | None = None) -> Any:
         @wraps(function)
         def in_words(state: Mapping[str, Any]) -> Any:
             named = NamedComponents(frame.components(state, True))
-            return frame.components(each.acted(named), False) if each else function(named)
+            return frame.components(event.acted(named), False) if event else function(named)
 
         return in_words
 
@@ -518,10 +520,10 @@ def state_quantity(run: xr.Dataset, quantity: Any) -> Any:
             f"expected a component of {', '.join(names)} such as {names[0]}[2], got {shown(quantity)}. A function of "
             "these may combine them."
         )
-    place, part = names.index(match[1]), int(match[2])
+    place, index = names.index(match[1]), int(match[2])
 
     def component(*state: Array) -> Array:
-        return np.asarray(values(state)[place][..., part])
+        return np.asarray(values(state)[place][..., index])
 
     component.__name__ = quantity
     return component

@@ -273,7 +273,7 @@ class Integration:
         step = chunk_rows(self.most)  # at once: temporary arrays stay small
         with np.errstate(all="ignore"):
             parts = [self.plan.observe(rows[first : first + step]) for first in range(0, len(rows), step)]
-        block = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        block = {name: np.concatenate([outputs[name] for outputs in parts]) for name in parts[0]}
         cause = f"{of_forces(self.plan.model)}a state so large that its powers overflow. Use smaller units."
         for name in [name for name, value in block.items() if not is_finite(value)]:
             finite = np.isfinite(block[name]).reshape((self.filled, self.plan.lanes, -1)).all(-1)

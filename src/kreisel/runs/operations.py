@@ -73,11 +73,11 @@ def events_of(plan: Plan) -> list[dict[str, Any]]:
         numbers = _numbers(graph)
         return ({name: _filled(numbers, shape) for name, shape in shapes.items()},), {}
 
-    def known(event: Event) -> dict[str, Any]:
+    def description(event: Event) -> dict[str, Any]:
         parts = [_recorded(event.quantity, state), None if event.action is None else _code(event.action)]
         return {"name": event.name, "rising": event.rising, "acts": event.action is not None, "sha256": _sha(parts)}
 
-    return [known(event) for event in plan.events]
+    return [description(event) for event in plan.events]
 
 
 def require_events(plan: Plan, expected: str | None) -> None:
@@ -85,7 +85,7 @@ def require_events(plan: Plan, expected: str | None) -> None:
     result, wanted = events_of(plan), [] if expected is None else parsed(expected, "The attribute events")
     if result == wanted:
         return
-    names = [", ".join(f"{e['name']} (rising={e['rising']})" for e in each) or "none" for each in (wanted, result)]
+    names = [", ".join(f"{e['name']} (rising={e['rising']})" for e in listed) or "none" for listed in (wanted, result)]
     got = names[1] if names[0] != names[1] else "other functions under these names"
     raise InputError(
         f"events: expected the events of the run, {shown(names[0])}, which an archive does not hold, got "
@@ -132,8 +132,8 @@ def _of_record(record: Any, model: Model) -> Iterator[tuple[str, Any]]:
             yield from ((f"{field.name}.{name}", result) for name, result in _of_record(value, model))
         elif isinstance(value, Mapping):
             for name, function in value.items():
-                for i, each in enumerate(function if isinstance(function, tuple) else (function,)):
-                    yield f"{field.name}.{name}.{i}", _recorded(each, _state_of(each, model))
+                for i, member in enumerate(function if isinstance(function, tuple) else (function,)):
+                    yield f"{field.name}.{name}.{i}", _recorded(member, _state_of(member, model))
         elif callable(value):
             yield field.name, _recorded(value, _state_of(value, model))
 
@@ -144,8 +144,8 @@ def _state_of(function: Callable[..., Any], model: Model) -> Callable[[Graph], A
     def arguments(graph: Graph) -> Any:
         numbers = _numbers(graph)
         state = tuple(_component(kind, model.n, numbers, axial=False) for kind in model.system.space.kinds)
-        known = {name: _filled(numbers, _shape(model, name)) for name in sorted(model.constants)}
-        return state, known | {name: graph.input(name, 0) for name in ("eps", "lam", "mu", "rho", TIME)}
+        constants = {name: _filled(numbers, _shape(model, name)) for name in sorted(model.constants)}
+        return state, constants | {name: graph.input(name, 0) for name in ("eps", "lam", "mu", "rho", TIME)}
 
     return arguments
 
@@ -210,8 +210,8 @@ def _recorded(function: Callable[..., Any], arguments: Callable[[Graph], Any]) -
     """The digest of the operations of a function of recorded values, or else of its code."""
     graph = Graph(most=MOST_NODES)
     try:
-        values, known = arguments(graph)
-        return graph.digest(list(_numbers_in(call(function, values, known))))
+        values, constants = arguments(graph)
+        return graph.digest(list(_numbers_in(call(function, values, constants))))
     except Exception:  # any exception of a function that does not accept recorded values
         return _code(function)
 
@@ -222,8 +222,8 @@ def _numbers_in(value: Any) -> Iterator[Any]:
             yield name
             yield from _numbers_in(value[name])
     elif isinstance(value, tuple | list):
-        for part in value:
-            yield from _numbers_in(part)
+        for entry in value:
+            yield from _numbers_in(entry)
     elif isinstance(value, Number | str):
         yield value
     else:
@@ -242,9 +242,9 @@ def _code(x: Any, seen: frozenset[int] = frozenset()) -> Any:
     if isinstance(x, np.ndarray | np.generic) and x.dtype != object:
         return x.dtype.str, x.shape, x.tobytes()
     if isinstance(x, tuple):
-        return [_code(part, seen) for part in x]
+        return [_code(entry, seen) for entry in x]
     if isinstance(x, frozenset):
-        return sorted(repr(_code(part, seen)) for part in x)
+        return sorted(repr(_code(entry, seen)) for entry in x)
     if isinstance(x, functools.partial):
         return _code((x.func, x.args, tuple(sorted(x.keywords.items()))), seen)
     if isinstance(x, types.MethodType):
@@ -259,7 +259,7 @@ def _code(x: Any, seen: frozenset[int] = frozenset()) -> Any:
         return getattr(x, "__qualname__", x.__name__)
     if dataclasses.is_dataclass(x) or callable(x):
         parts = getattr(x, "__dict__", {})
-        return type(x).__qualname__, [(name, _code(part, seen)) for name, part in sorted(parts.items())]
+        return type(x).__qualname__, [(name, _code(entry, seen)) for name, entry in sorted(parts.items())]
     return type(x).__qualname__
 
 
@@ -283,7 +283,9 @@ def _function(f: types.FunctionType, seen: frozenset[int]) -> Any:
 
 
 def _names_in(code: types.CodeType) -> list[str]:
-    inner = [name for part in code.co_consts if isinstance(part, types.CodeType) for name in _names_in(part)]
+    inner = [
+        name for constant in code.co_consts if isinstance(constant, types.CodeType) for name in _names_in(constant)
+    ]
     return [*code.co_names, *inner]
 
 
@@ -300,16 +302,17 @@ def load_system(
         return known_system(name, values or {}, frame)
     if not file.is_file():
         raise InputError(f"No file {file}, which [system] names; it is looked for next to the TOML file.")
-    own = own_systems(executed(file))
-    if name in own:
-        if own[name].name in KNOWN:
+    systems = own_systems(executed(file))
+    if name in systems:
+        if systems[name].name in KNOWN:
             raise InputError(
-                f"{file} calls its system {shown(own[name].name)}, as one of Kreisel's is called. Choose another name."
+                f"{file} calls its system {shown(systems[name].name)}, as one of Kreisel's is called. Choose "
+                "another name."
             )
-        return own[name]
+        return systems[name]
     raise InputError(
-        f"{file} defines no system called {shown(name)} at its top level.{hint(name, own)} "
-        f"There are: {', '.join(own) or 'none'}; make one with kreisel.reduction.system(name, ...) or "
+        f"{file} defines no system called {shown(name)} at its top level.{hint(name, systems)} "
+        f"There are: {', '.join(systems) or 'none'}; make one with kreisel.reduction.system(name, ...) or "
         "kr.perturbed(...)."
     )
 

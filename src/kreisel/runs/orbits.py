@@ -80,8 +80,8 @@ def surroundings(run: xr.Dataset) -> Surroundings:
         rows.append(force.function(time, **force.named(values)))
     rows = rows if model.batch else rows * run.sizes.get("lane", 1)  # lanes on one orbit
     result = {
-        name: np.stack([np.broadcast_to(row[name], (*each.shape, len(time))).T for row in rows], 1)
-        for name, each in FIELDS.items()
+        name: np.stack([np.broadcast_to(row[name], (*field.shape, len(time))).T for row in rows], 1)
+        for name, field in FIELDS.items()
     }
     sunny = np.any(model.constants["pressure"]) or np.any(parameters["solar"])
     result = result if sunny else {k: v for k, v in result.items() if k not in ("sun", "light")}

@@ -212,12 +212,12 @@ class Plan:
         LAPACK and libm compute some of them, so that their last bits depend on the processor.  A run that resumes on
         another machine reads them from its checkpoint.
         """
-        given = self.model.params
+        params = self.model.params
         return {
-            f"{part}-{name}": np.array(value, dtype=np.float64)
-            for part in COMPUTED
-            for name, value in getattr(self.scheme, part).items()
-            if name not in given or not np.array_equal(value, self.model.constants[name])
+            f"{group}-{name}": np.array(value, dtype=np.float64)
+            for group in COMPUTED
+            for name, value in getattr(self.scheme, group).items()
+            if name not in params or not np.array_equal(value, self.model.constants[name])
         }
 
     def adopt(self, computed: Mapping[str, Floats]) -> None:
@@ -225,13 +225,13 @@ class Plan:
         mine = self.computed
         if all(mine[name].tobytes() == value.tobytes() for name, value in computed.items()):
             return
-        parts: dict[str, Any] = {part: dict(getattr(self.scheme, part)) for part in COMPUTED}
+        parts: dict[str, Any] = {group: dict(getattr(self.scheme, group)) for group in COMPUTED}
         for name, value in computed.items():
-            part, letter = name.split("-", 1)
-            parts[part][letter] = value
+            group, letter = name.split("-", 1)
+            parts[group][letter] = value
         self.scheme = replace(self.scheme, **parts)
-        for made in ("engine", "compiled", "corrections"):
-            self.__dict__.pop(made, None)
+        for attribute in ("engine", "compiled", "corrections"):
+            self.__dict__.pop(attribute, None)
 
     def observe(self, z: Floats) -> dict[str, Array]:
         """Outputs of rows z (rows, lanes, d), without the lane axis if there is only one lane."""
@@ -295,20 +295,20 @@ def default(model: Model, settings: Settings) -> str:
     return default_method(model, stepped=settings.order is not None or settings.engine not in (None, "cpu"))
 
 
-def planned(model: Model, made: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
+def planned(model: Model, scheme: Scheme, settings: Settings, parts: tuple[Array, ...], engine: str | None) -> Plan:
     """The plan of a scheme from these components of the state, by the requested engine or the engine for n."""
-    general, (made, start, large) = made, _lanes(model, made, parts, engine)
+    general, (scheme, start, large) = scheme, _lanes(model, scheme, parts, engine)
     clocks = {COUNT: settings.t_start / settings.dt, TIME: settings.t_start}
-    for place, (letter, _) in enumerate(made.components if settings.t_start else ()):  # of forces that depend on time
+    for place, (letter, _) in enumerate(scheme.components if settings.t_start else ()):  # of forces that depend on time
         if letter in clocks:
             from kreisel.forces.control import require_whole_samples
 
             require_whole_samples(model, settings.dt, settings.t_start)
-            start[..., algebra.coordinate_count(made.kinds[:place], model.n)] = clocks[letter]
-    back, _ = corrections(made)
+            start[..., algebra.coordinate_count(scheme.kinds[:place], model.n)] = clocks[letter]
+    back, _ = corrections(scheme)
     return Plan(
         model=model,
-        scheme=made,
+        scheme=scheme,
         settings=settings,
         first=back(start.reshape(1, -1, start.shape[-1]))[0],
         batched=start.ndim > 1,
@@ -425,5 +425,5 @@ def _good(rows: Floats, z: Floats, holds: Callable[[Floats], Array]) -> Array | 
     of_rows, of_state = holds(rows), holds(z)
     if of_rows.all() and of_state.all():
         return None
-    both = np.concatenate([np.broadcast_to(x, (len(x), len(z), *x.shape[2:])) for x in (of_rows, of_state[None])])
-    return both.reshape((len(rows) + 1, len(z), -1)).all(-1)
+    good = np.concatenate([np.broadcast_to(x, (len(x), len(z), *x.shape[2:])) for x in (of_rows, of_state[None])])
+    return good.reshape((len(rows) + 1, len(z), -1)).all(-1)

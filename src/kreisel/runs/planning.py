@@ -94,16 +94,16 @@ def plan_of(model: Model, x0: StateLike, settings: Settings, orientation: Orient
     if settings.order == "auto":
         return _chosen(model, state, settings, orientation)
     method = settings.method or default(model, settings)
-    made = scheme(model, method, settings.dt, whole_order(settings.order), orientation is not None)
+    chosen = scheme(model, method, settings.dt, whole_order(settings.order), orientation is not None)
     if settings.tol is not None:
         from kreisel.method.reference import with_tolerance
 
         tol = finite_number(settings.tol, "tol")
         if not LEAST_TOLERANCE <= tol <= 1:
             raise InputError(f"tol: expected a relative tolerance from {LEAST_TOLERANCE:g} to 1, got {shown(tol)}.")
-        made = with_tolerance(made, tol)
-    observed(settings.observe, made)
-    return broken_by(planned(model, made, settings, initial_parts(model, state, orientation), settings.engine))
+        chosen = with_tolerance(chosen, tol)
+    observed(settings.observe, chosen)
+    return broken_by(planned(model, chosen, settings, initial_parts(model, state, orientation), settings.engine))
 
 
 def broken_by(plan: Plan, events: tuple[Event, ...] = ()) -> Plan:
@@ -122,7 +122,7 @@ def _chosen(model: Model, state: State, settings: Settings, orientation: Orienta
     """order="auto": the plan with the order and the step that reach `tol`; rows are saved at the same times."""
     from kreisel.method.auto import USUAL_TOLERANCE
 
-    (choice,) = choice_of(model, state, settings, orientation, each=False)
+    (choice,) = choice_of(model, state, settings, orientation, every_lane=False)
     plan = plan_of(model, state, with_choice(choice, settings), orientation)
     chosen = {"tol": settings.tol or USUAL_TOLERANCE, "expected_error": choice.expected}
     return replace(plan, scheme=replace(plan.scheme, options={**plan.scheme.options, **chosen}))
@@ -144,13 +144,13 @@ def choices(
     model: Model, x0: StateLike, settings: Settings, orientation: OrientationLike | None = None
 ) -> list[Choice]:
     """order="auto" for each lane of an ensemble separately.  Raises `InputError`."""
-    return choice_of(model, checked_state(model, x0), settings, orientation, each=True)
+    return choice_of(model, checked_state(model, x0), settings, orientation, every_lane=True)
 
 
 def choice_of(
-    model: Model, state: State, settings: Settings, orientation: OrientationLike | None, each: bool
+    model: Model, state: State, settings: Settings, orientation: OrientationLike | None, every_lane: bool
 ) -> list[Choice]:
-    """The choice of order="auto" from a checked state; without `each`, one choice for all lanes.
+    """The choice of order="auto" from a checked state; without `every_lane`, one choice for all lanes.
 
     Raises `InputError`, and warns with `AccuracyWarning` if the motion looks chaotic.
     """
@@ -175,9 +175,9 @@ def choice_of(
                 f"order='auto': expected a system whose maps have no constants to solve for, got {model.system.name}. "
                 "Use method='exact', the flow itself, or an order from 2 to 24."
             )
-        return auto.choose(model, parts, *when, each)
+        return auto.choose(model, parts, *when, every_lane)
     _, lanes = with_lanes(model, parts, (1,))
-    if not each or len(lanes[0]) == 1:
+    if not every_lane or len(lanes[0]) == 1:
         steps, rate = pilot(model, state, settings, orientation), auto.rate_of(model, parts)
         corners = record is not None and record.has_corners(model.constants)
         usual = settings.tol is None and record is not None and record.environment is not None
@@ -202,10 +202,12 @@ def choice_of(
         return [choice]
     out = []
     for i in range(len(lanes[0])):
-        one = {letter: part[i : i + 1] for letter, part in zip(model.system.space.letters, lanes, strict=True)}
+        start = {
+            letter: component[i : i + 1] for letter, component in zip(model.system.space.letters, lanes, strict=True)
+        }
         g = None if orientation is None else initial_orientation(orientation, model)
         g = g if g is None or g.ndim == (1 if model.n == 3 else 2) else g[i]
-        out += choice_of(model.lanes(np.array([i])), model.state(**one), settings, g, each=False)
+        out += choice_of(model.lanes(np.array([i])), model.state(**start), settings, g, every_lane=False)
     return out
 
 
@@ -228,24 +230,24 @@ def pilot(
 
     def steps(order: Any, h: float, count: int) -> Pilot | None:
         try:
-            made = scheme(model, "splitting", h, order, orientation is not None)
+            chosen = scheme(model, "splitting", h, order, orientation is not None)
         except InputError:  # an order that a force does not have
             return None
         asked = settings.but(
             dt=h, steps=count, every=count, order=order, tol=None, project=project, engine=None, times=None
         )
-        plan = planned(model, made, asked, parts, None)
+        plan = planned(model, chosen, asked, parts, None)
         out = np.empty((1, *plan.first.shape))
         plan.engine.advance(out, count)
         z = algebra.restore(plan.corrections[1](out)[0], plan.kinds, model.n)
-        if not made.guarded(z).all():
+        if not chosen.guarded(z).all():
             return None
-        own = tuple(algebra.flatten((z[i],), plan.kinds[i : i + 1]) for i in range(len(parts)))
-        if not all(np.isfinite(part).all() for part in own):
+        end = tuple(algebra.flatten((z[i],), plan.kinds[i : i + 1]) for i in range(len(parts)))
+        if not all(np.isfinite(component).all() for component in end):
             return None
-        row = 0 if made.corrector is None else made.by(made.corrector.out).stage_count
+        row = 0 if chosen.corrector is None else chosen.by(chosen.corrector.out).stage_count
         work = getattr(plan.engine, "work", 1.0)
-        return Pilot(own, made.stage_count * work, row * work)
+        return Pilot(end, chosen.stage_count * work, row * work)
 
     return steps
 
@@ -327,15 +329,15 @@ def rate(plan: Plan) -> float:
     model, system, result = plan.model, plan.model.system, [0.0]
     state = tuple(plan.start[letter] for letter in system.space.letters)
 
-    def largest(part: Array) -> float:
-        return float(np.maximum.reduce(abs(part).ravel(), initial=0.0))
+    def largest(component: Array) -> float:
+        return float(np.maximum.reduce(abs(component).ravel(), initial=0.0))
 
     with np.errstate(all="ignore"):
         if system.velocity is not None:
             result.append(largest(model.call(system.velocity, *state)))
         if system.perturbation is None and system.flow is not None:
             size = max(map(largest, state))
-            result += [largest(part) / size for part in model.flow(*state)] if size else []
+            result += [largest(component) / size for component in model.flow(*state)] if size else []
     return max(value for value in result if math.isfinite(value))
 
 
@@ -348,11 +350,11 @@ def _long_kick(plan: Plan) -> Iterator[str]:
 
     def apart(h: float, count: int) -> float:
         """The largest difference of a component, relative to its largest entry in all lanes and at the start."""
-        one, other, worst = steps(h, count), steps(h / 2, 2 * count), 0.0
-        if one is None or other is None:
+        coarse, fine, worst = steps(h, count), steps(h / 2, 2 * count), 0.0
+        if coarse is None or fine is None:
             return math.inf
         with np.errstate(all="ignore"):
-            for x, y, start in zip(one, other, plan.start.values(), strict=False):
+            for x, y, start in zip(coarse, fine, plan.start.values(), strict=False):
                 off, size = np.max(abs(x - y)), max(np.max(abs(y)), np.max(abs(start)))
                 relative = float(off / size) if off else 0.0
                 worst = max(worst, relative if math.isfinite(relative) else math.inf)

@@ -158,9 +158,9 @@ def in_order(times: Any) -> tuple[float, ...]:
     return tuple(result.tolist())
 
 
-def _checked_impulses(given: Any, end: float) -> tuple[dict[str, Any], ...]:
+def _checked_impulses(impulses: Any, end: float) -> tuple[dict[str, Any], ...]:
     """The impulses, each with its time, up to the end, and values for letters, as lists.  Raises `InputError`."""
-    several = [given] if isinstance(given, Mapping) else given
+    several = [impulses] if isinstance(impulses, Mapping) else impulses
     if isinstance(several, str | bytes) or not isinstance(several, Sequence):
         several = [None]
     out = []
@@ -168,7 +168,7 @@ def _checked_impulses(given: Any, end: float) -> tuple[dict[str, Any], ...]:
         if not isinstance(impulse, Mapping) or "time" not in impulse or not all(isinstance(k, str) for k in impulse):
             raise InputError(
                 f"impulses: expected a dict such as {{'time': 2.0, 'm': (0, 0, 0.1)}}, or a list of them, got "
-                f"{shown(impulse if impulse is not None else given)}."
+                f"{shown(impulse if impulse is not None else impulses)}."
             )
         numbers = {}
         for letter, value in impulse.items():
@@ -210,15 +210,15 @@ def _observed_names(value: Any) -> tuple[str, ...] | None:
     return tuple(value)
 
 
-def observed(value: Any, made: Scheme) -> tuple[str, ...] | None:
+def observed(value: Any, scheme: Scheme) -> tuple[str, ...] | None:
     """The names of observed quantities, checked against this method.  Raises `InputError`."""
     names = _observed_names(value)
-    known = [k for k, outcome in made.outcomes.items() if outcome.kind not in ("state", "orientation")]
+    observable = [k for k, outcome in scheme.outcomes.items() if outcome.kind not in ("state", "orientation")]
     for name in names or ():
-        if name not in known:
+        if name not in observable:
             raise InputError(
-                f"observe: expected some of {', '.join(known)}, got {shown(name)}.{hint(name, known)} The state is "
-                "always there."
+                f"observe: expected some of {', '.join(observable)}, got {shown(name)}.{hint(name, observable)} The "
+                "state is always there."
             )
     return names
 
@@ -274,8 +274,8 @@ def _require_units_of_state(model: Model, x0: Mapping[str, Any]) -> None:
     """Raises `InputError` for a row of `units.measured`, whose axes or units are not the state's."""
     frame = model.body_frame
     for letter, value in x0.items():
-        given, turned = value.attrs.get("units", "1"), frame.turned and value.attrs.get(AXES) == BODY
-        if turned or (frame.units and given not in ("1", frame.attributes(letter)["units"])):
+        unit, turned = value.attrs.get("units", "1"), frame.turned and value.attrs.get(AXES) == BODY
+        if turned or (frame.units and unit not in ("1", frame.attributes(letter)["units"])):
             raise InputError(
                 f"x0: expected {letter} in the units and along the axes of the state, got others. Usual cause: a row "
                 "of units.measured. Give a row of the run itself."
@@ -306,7 +306,7 @@ def _checked_order(value: Any) -> Any:
     """An order, a tuple of orders, "auto", or None for the default; integers of NumPy too.  Raises `InputError`."""
     if value is None or isinstance(value, str):
         return value
-    orders = [whole(v) for v in value] if isinstance(value, tuple | list) else [whole(value)]
+    orders = [as_integer(v) for v in value] if isinstance(value, tuple | list) else [as_integer(value)]
     if not orders or not all(type(order) is int for order in orders):
         raise InputError(
             "order: expected an integer, or 'auto' with method='baecklund', or some with method='splitting', got "
@@ -323,7 +323,7 @@ def whole_order(value: Any) -> Any:
     return order
 
 
-def whole(value: Any) -> Any:
+def as_integer(value: Any) -> Any:
     """An int if the value is an integer of any type, for example 1e6 or a NumPy integer; else the value itself."""
     number = value.item() if isinstance(value, np.generic | np.ndarray) and not value.ndim else value
     return int(number) if isinstance(number, float) and number.is_integer() else number
@@ -333,7 +333,7 @@ def within(value: Any, name: str, least: int = 1, most: int = MOST_STEPS) -> int
     """An integer from `least` to `most`.  Raises `InputError`."""
     if type(value) is int and least <= value <= most:
         return value
-    value = whole(value)
+    value = as_integer(value)
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         raise InputError(f"{name} must be an integer from {least:,} to {most:,}, got {shown(value)}.")
     return int(value)

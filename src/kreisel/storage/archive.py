@@ -79,8 +79,8 @@ class Root(msgspec.Struct):
 def metadata(store: Path) -> dict[str, Any]:
     """The metadata of an archive and all its arrays, as JSON.  Raises `InputError` if there are none, or damaged."""
     if not stands(store):
-        there = bool(store.name) and store.suffix != ".part" and stands(part_of(store))
-        left = f" {part_of(store)} is there: `kreisel resume {store}` resumes it." if there else ""
+        unfinished = bool(store.name) and store.suffix != ".part" and stands(part_of(store))
+        left = f" {part_of(store)} is there: `kreisel resume {store}` resumes it." if unfinished else ""
         raise InputError(f"There is no archive {store}. Run `kreisel run` first, or check the name.{left}")
     path = store / "zarr.json"
     try:
@@ -194,7 +194,7 @@ def begun(store: Path) -> bool:
     return stands(store / CHECKSUMS) and stands(store / "zarr.json")
 
 
-def whole(store: Path) -> bool:
+def is_complete(store: Path) -> bool:
     """Whether an archive is finished: it has its checksums, and no blocks are missing."""
     return begun(store) and not stands(store / BLOCKS)
 
@@ -352,8 +352,8 @@ def seal(store: Path, variables: Mapping[str, Mapping[str, Any]] | None = None, 
     """
     with edited(store) as root:
         root["attributes"].update(attrs)
-        for name, more in (variables or {}).items():
-            arrays_of(root)[name]["attributes"].update(more)
+        for name, entries in (variables or {}).items():
+            arrays_of(root)[name]["attributes"].update(entries)
     chunks = [(name, sha) for name, (sha, *_) in listed(store).items() if is_chunk(name)]
     for name, _ in chunks:
         os.stat(store / name)
@@ -390,9 +390,9 @@ def drop_blocks(store: Path, keep: int) -> None:
 
 def remove_scratch(store: Path, unlisted: bool = False) -> None:
     """Remove files that a kill left incomplete, and with `unlisted` chunks that are not listed."""
-    known = listed(store) if unlisted else {}
+    checksums = listed(store) if unlisted else {}
     for name in file_names(store):
-        if is_scratch(name) or (unlisted and is_chunk(name) and name not in known):
+        if is_scratch(name) or (unlisted and is_chunk(name) and name not in checksums):
             (store / name).unlink(missing_ok=True)
 
 
@@ -423,8 +423,8 @@ def why_not(path: Path) -> str | None:
         return "is a link"
     if not stat.S_ISDIR(kind):
         return "is not a folder"
-    here, inner = Path.cwd().resolve(), path.resolve()
-    if inner == here or inner in here.parents:
+    folder, inner = Path.cwd().resolve(), path.resolve()
+    if inner == folder or inner in folder.parents:
         return "is the working folder, or one around it"
     lists = [name for name in listed(path, strict=False) if name.endswith("/zarr.json")]
     arrays, names = {name.removesuffix("/zarr.json") for name in lists} - {"engine"}, sorted(file_names(path))

@@ -79,9 +79,9 @@ def check_rows(path: Path) -> tuple[xr.Dataset | None, list[str]]:
     sizes += opening.too_large(run)
     if sizes or "time" not in run.variables:
         return None, [*cut, *faults, *sizes]
-    unread = [each for _, _, result in blocks(run, "time", record.rows_in_block) for each in result]
-    faults += [each.sentence for each in unread]
-    run = run.drop_vars({each.name for each in unread})
+    unread = [gap for _, _, result in blocks(run, "time", record.rows_in_block) for gap in result]
+    faults += [gap.sentence for gap in unread]
+    run = run.drop_vars({gap.name for gap in unread})
     faults += [] if faults else _number_faults(run)
     few = "time" in run.coords and run.sizes["time"] <= opening.MOST_INDEXED
     return (run.set_xindex("time") if few and "time" not in run.xindexes else run), [*cut, *faults]
@@ -107,7 +107,7 @@ def check_lanes(path: Path) -> tuple[xr.Dataset | None, list[str]]:
         if state is not None and (state == MISSING).all():
             missing += 1
             continue
-        faults += [each.sentence for each in unread]
+        faults += [gap.sentence for gap in unread]
         for name, value in values.items():
             if state is None or value.dtype.kind != "f" or "lane" not in run[name].dims or name == "failed":
                 continue
@@ -174,11 +174,11 @@ def recover(path: Path, out: Path) -> tuple[int, int]:
     run = opening.open_rows(path, indexed=False) if is_cut(path, record) else opening.ordered(opened(path, listed))
     rows, keep = run.sizes.get("time", 0), np.ones(run.sizes.get("time", 0), dtype=bool)
     for _, _, unread in blocks(run, "time", record.rows_in_block):
-        for each in unread:
-            if each.axis:
-                keep[each.first : each.last + 1] = False
+        for gap in unread:
+            if gap.axis:
+                keep[gap.first : gap.last + 1] = False
             else:
-                run = run.drop_vars(each.name)  # the indices of the lanes
+                run = run.drop_vars(gap.name)  # the indices of the lanes
     if not keep.any():
         raise InputError(f"No row of {path} is complete in every variable. Run it again from its TOML file.")
     sound = run.isel(time=np.flatnonzero(keep)).load().drop_encoding()
@@ -251,8 +251,8 @@ def steps_again(run: xr.Dataset) -> list[str]:
     relative change of the start by 1e-10.  Nothing is compared if a row would need too long.
     """
     record, rows = RunRecord.from_attrs(run.attrs), run.sizes["time"]
-    each = record.every * run.sizes.get("lane", 1)
-    count = min(SAMPLES, rows - 1, MOST_STEPS // each)
+    steps_per_row = record.every * run.sizes.get("lane", 1)
+    count = min(SAMPLES, rows - 1, MOST_STEPS // steps_per_row)
     if record.is_own or count < 1 or record.recovered is not None or record.rows is not None or record.broken:
         return []
     names = [str(k) for k, v in run.data_vars.items() if v.attrs.get("kind") in ("state", "orientation")]
@@ -262,13 +262,13 @@ def steps_again(run: xr.Dataset) -> list[str]:
         steps = min((row + 1) * record.every, record.steps) - row * record.every
         saved = run[names].isel(time=slice(row, row + 2)).load()
         try:
-            here, nudged = (_next(record, saved, steps, row * record.every, nudge) for nudge in (0.0, NUDGE))
+            computed, nudged = (_next(record, saved, steps, row * record.every, nudge) for nudge in (0.0, NUDGE))
         except (InputError, RunError):
             continue  # a state at the edge of the method's domain
         for name in names:
             value = saved[name].values[1]
-            off = _difference_of_rows(here[name], value, name)
-            feels = _difference_of_rows(here[name], nudged[name], name)
+            off = _difference_of_rows(computed[name], value, name)
+            feels = _difference_of_rows(computed[name], nudged[name], name)
             size = abs(value).max()
             if off > close * size + feels / 100:
                 return [f"{name} of row {row + 1} does not follow from row {row}: it is off by {off:.2g}"]
@@ -296,9 +296,9 @@ def _next(record: RunRecord, saved: xr.Dataset, steps: int, before: int, nudge: 
     return {name: value[-1] for name, value in last.items()}
 
 
-def _difference_of_rows(one: Array, two: Array, name: str) -> float:
+def _difference_of_rows(computed: Array, saved: Array, name: str) -> float:
     """The largest difference; q and -q are the same orientation."""
-    apart = abs(one - two)
-    if name == ORIENTATION and one.shape[-1] == 4:
-        apart = np.minimum(apart.max(-1), abs(one + two).max(-1))
+    apart = abs(computed - saved)
+    if name == ORIENTATION and computed.shape[-1] == 4:
+        apart = np.minimum(apart.max(-1), abs(computed + saved).max(-1))
     return float(apart.max())

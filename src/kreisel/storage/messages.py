@@ -207,11 +207,11 @@ def date_of(epoch: Any, name: str) -> np.datetime64:
 
 
 def _now() -> str:
-    given = os.environ.get("SOURCE_DATE_EPOCH")
+    epoch = os.environ.get("SOURCE_DATE_EPOCH")
     try:
-        now = datetime.now(UTC) if given is None else datetime.fromtimestamp(int(given), UTC)
+        now = datetime.now(UTC) if epoch is None else datetime.fromtimestamp(int(epoch), UTC)
     except (ValueError, OverflowError, OSError):
-        raise InputError(f"SOURCE_DATE_EPOCH: expected seconds since 1970, got {shown(given)}.") from None
+        raise InputError(f"SOURCE_DATE_EPOCH: expected seconds since 1970, got {shown(epoch)}.") from None
     return f"{now:%Y-%m-%dT%H:%M:%S}"
 
 

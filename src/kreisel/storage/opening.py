@@ -197,7 +197,7 @@ def ordered(run: xr.Dataset) -> xr.Dataset:
 
 def is_cut(store: Path, record: RunRecord) -> bool:
     """Whether a run was interrupted, by its record and its checksums; a recovered archive counts as complete."""
-    unsealed = archive.begun(store) and not archive.whole(store)
+    unsealed = archive.begun(store) and not archive.is_complete(store)
     return record.recovered is None and (unsealed or not record.complete)
 
 
@@ -266,12 +266,12 @@ class Verified(LocalStore):
         """Compare a file with its checksum, again only if it changes."""
         path, digests = self.root / key, self._known.get(key)
         try:
-            here = os.lstat(path)
+            status = os.lstat(path)
             if digests is None:
                 raise self._damaged(f"{key} was added after the run")
-            if not stat.S_ISREG(here.st_mode):
+            if not stat.S_ISREG(status.st_mode):
                 raise self._damaged(f"{key} is not a plain file")
-            mark = (here.st_ino, here.st_size, here.st_mtime_ns)
+            mark = (status.st_ino, status.st_size, status.st_mtime_ns)
             if self._seen.get(key) == mark:
                 return
             if digest(path) not in digests:
@@ -343,8 +343,8 @@ def write_checkpoint(store: Path, point: Checkpoint) -> None:
     """Replace the checkpoint of an archive, atomically and durably."""
     snapshot, data = point.snapshot, io.BytesIO()
     arrays = {"flushed": np.asarray(snapshot.flushed), "into": np.asarray(snapshot.into), "rows": snapshot.rows}
-    for part, values in (("engine", snapshot.engine), ("start", point.start), ("outputs", point.outputs)):
-        arrays |= {f"{part}/{name}": value for name, value in values.items()}
+    for group, values in (("engine", snapshot.engine), ("start", point.start), ("outputs", point.outputs)):
+        arrays |= {f"{group}/{name}": value for name, value in values.items()}
     np.savez(data, allow_pickle=False, **arrays)
     replace_file(store / CHECKPOINT, data.getvalue(), durable=True)
 
@@ -357,8 +357,8 @@ def read_checkpoint(store: Path) -> Checkpoint:
     try:
         arrays = _arrays(path)
         engine, start, outputs = (
-            {k.split("/", 1)[1]: v for k, v in arrays.items() if k.startswith(f"{part}/")}
-            for part in ("engine", "start", "outputs")
+            {k.split("/", 1)[1]: v for k, v in arrays.items() if k.startswith(f"{group}/")}
+            for group in ("engine", "start", "outputs")
         )
         return Checkpoint(Snapshot(int(arrays["flushed"]), int(arrays["into"]), arrays["rows"], engine), start, outputs)
     except DAMAGE as error:

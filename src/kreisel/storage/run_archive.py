@@ -224,7 +224,7 @@ def _same(model: Model, record: RunRecord) -> Model:
 
 def _disk(path: Path, action: str) -> AbstractContextManager[None]:
     def kept() -> str:
-        there = (part_of(path) / CHECKPOINT).exists()
-        return f" All rows until the last checkpoint are kept: `kreisel resume {path}` resumes it." if there else ""
+        present = (part_of(path) / CHECKPOINT).exists()
+        return f" All rows until the last checkpoint are kept: `kreisel resume {path}` resumes it." if present else ""
 
     return on_disk(path, action, kept)

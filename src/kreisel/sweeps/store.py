@@ -100,7 +100,7 @@ class Store:
 
     def _fit(self) -> None:
         """Compare the metadata with their checksum; note other versions; remove files that a kill left incomplete."""
-        if archive.whole(self.part):
+        if archive.is_complete(self.part):
             return
         Verified(self.part, archive.listed(self.part)).verify("zarr.json")
         archive.remove_scratch(self.part)
@@ -188,7 +188,7 @@ class Store:
         if missing:
             raise RunError(f"{self.part} lacks {len(missing):,} blocks although they were reported as done. {LOST}")
         with on_disk(self.path, "be finished", lambda: f" {LOST}"):
-            if not archive.whole(self.part):
+            if not archive.is_complete(self.part):
                 archive.remove_scratch(self.part)
                 failed = int((open_lanes(self.part)["failed"].values == FAILED).sum())
                 archive.seal(self.part, failed_lanes=failed, complete=1)

@@ -139,7 +139,7 @@ class Breaks:
         self.fired.append((time, i))
         state = {letter: np.array(value) for letter, value in self._state(z, time).items()}
         new = self.events[i].acted(state)
-        z = self._changed(z, time, self._stepper.forms.given(new)[0])
+        z = self._changed(z, time, self._stepper.forms.rows_of(new)[0])
         values = self._signs.begin(z, time)
         if abs(values[i]) <= AT_ZERO * size:  # still there: the side to which the motion continues
             self._signs.sides[i] = 0.0
@@ -247,8 +247,8 @@ def _require_suitable(plan: Plan, scheme: Scheme) -> None:
     """Raises `InputError` for a plan whose steps cannot be broken; `scheme`: without constants of its trajectory."""
     reasons = [reason for applies, reason in OF_ONE_LENGTH if applies(scheme)]
     why = reasons[0].format(order=scheme.options.get("order"), deformed=_deformed(scheme)) if reasons else ""
-    what = "impulses" if plan.settings.impulses else "events" if plan.events else "times"
-    words = {"what": what, "why": why, "method": scheme.name, "engine": plan.where, "n": plan.model.n}
+    request = "impulses" if plan.settings.impulses else "events" if plan.events else "times"
+    words = {"what": request, "why": why, "method": scheme.name, "engine": plan.where, "n": plan.model.n}
     for holds, message in REQUIREMENTS:
         if not holds(plan, scheme):
             raise InputError(message.format(**words, large=LARGE, lanes=plan.lanes))

@@ -59,7 +59,7 @@ class StateForms:
         """The plan of `steps` steps by a scheme from rows z."""
         return Plan(self.model, scheme, self.settings.but(steps=steps, every=every), z, True, {})
 
-    def given(self, state: Any) -> tuple[Floats, bool]:
+    def rows_of(self, state: Any) -> tuple[Floats, bool]:
         """A state as rows (lanes, size), and whether it has lanes.  Raises `InputError`."""
         if type(state) is np.ndarray and state.shape == self.single and state.dtype is DOUBLE and state.flags.carray:
             if not math.isfinite(sum(state.tolist())):

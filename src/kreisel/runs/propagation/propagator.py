@@ -108,19 +108,19 @@ class Propagator:
         """
         count = within(n, "n", 1, MOST_STEPS)
         between = None if every is None else within(every, "every", 1, count)
-        stepper, given = self._with(parameters) if parameters else (self._stepper, NONE)
+        stepper, changes = self._with(parameters) if parameters else (self._stepper, NONE)
         plain = type(state) is np.ndarray and state.dtype is DOUBLE and self._shape in (state.shape, state.shape[1:])
-        x, batched = (state, False) if plain else self._forms.given(state)
+        x, batched = (state, False) if plain else self._forms.rows_of(state)
         if between is None and len(x):
-            y = stepper.steps_at_once(x, count, time, given)
+            y = stepper.steps_at_once(x, count, time, changes)
             if y is not None:
                 if plain and y.ndim == x.ndim:
                     return y
                 y = y.reshape(-1, y.shape[-1])
                 return y if plain else self._forms.returned(y, state, batched)
-        x, batched = self._forms.given(state) if plain else (x, batched)
+        x, batched = self._forms.rows_of(state) if plain else (x, batched)
         result = (
-            stepper.by_a_plan(x, count, between) if self._by_plan else stepper.steps(x, count, between, time, given)
+            stepper.by_a_plan(x, count, between) if self._by_plan else stepper.steps(x, count, between, time, changes)
         )
         return self._forms.returned(result, state, batched)
 
@@ -147,9 +147,13 @@ class Propagator:
 
     def _value(self, name: str, value: Any) -> Array:
         array, like = np.asarray(value, dtype=np.float64), np.shape(self._stepper.scheme.constants[name])
-        own = like[len(like) - self.model.axes[name] :]
-        if array.shape[array.ndim - len(own) :] != own or array.ndim > len(own) + 1 or not np.isfinite(array).all():
-            raise InputError(f"{name}: expected finite values of the shape {own}, got {shown(value)}.")
+        shape = like[len(like) - self.model.axes[name] :]
+        if (
+            array.shape[array.ndim - len(shape) :] != shape
+            or array.ndim > len(shape) + 1
+            or not np.isfinite(array).all()
+        ):
+            raise InputError(f"{name}: expected finite values of the shape {shape}, got {shown(value)}.")
         return array
 
     @explained
@@ -164,13 +168,13 @@ class Propagator:
                 "Use .steps(state, n), or kr.simulate."
             )
         plain = type(state) is np.ndarray and state.dtype is DOUBLE and state.shape == self._shape
-        x, batched = (state, False) if plain else self._forms.given(state)
+        x, batched = (state, False) if plain else self._forms.rows_of(state)
         if type(times) is float and (plain or len(x) == 1):
             y = self._stepper.at_once(x, times)
             if y is not None:
                 return y if plain else self._forms.returned(y[None], state, batched)
         wanted = wanted_times(times)
-        x, batched = self._forms.given(state) if plain else (x, batched)
+        x, batched = self._forms.rows_of(state) if plain else (x, batched)
         result = self._stepper.at(x, wanted if wanted.ndim else wanted[None])
         return self._forms.returned(result if wanted.ndim else result[0], state, batched)
 
@@ -192,14 +196,14 @@ class Propagator:
         when = np.atleast_1d(wanted)
         if (np.diff(when, prepend=now) < 0).any():
             raise InputError(f"times: expected times in order, from time = {now:g} on, got {shown(times)}.")
-        x, batched = self._forms.given(state)
+        x, batched = self._forms.rows_of(state)
         if self._stepper.is_flow:
             return self.at(state, wanted - now)
         self._require_steps("to")
-        stepper, given = self._with(parameters) if parameters else (self._stepper, NONE)
+        stepper, changes = self._with(parameters) if parameters else (self._stepper, NONE)
         z, out = self._forms.prepared(x), []
         for t in when.tolist():
-            z, now = stepper.walked(z, now, t, given), t
+            z, now = stepper.walked(z, now, t, changes), t
             out.append(stepper.returned(z, t))
         return self._forms.returned(np.array(out) if wanted.ndim else out[0], state, batched)
 
@@ -224,7 +228,7 @@ class Propagator:
                 f"until: expected a function of the state and an end from time = {begun:g} on, got {shown(quantity)}, "
                 f"{shown(end)}."
             )
-        x, batched = self._forms.given(state)
+        x, batched = self._forms.rows_of(state)
         if batched and self._stepper.scheme.coupling is None:
             raise InputError(f"until: expected one state, got {len(x)} lanes. Call it for each.")
         if not self._stepper.is_flow:
